@@ -1,0 +1,478 @@
+//! The table of genes: names, units, bounds and the mapping between bits, grid indices and values.
+//!
+//! Everything that speaks of genes reads this table: validation, decoding, Parquet columns and reports.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+/// What a gene sets (paper, section 3: the five evolved parameters).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum GeneKind {
+    /// Bins of one shape histogram over 360 degrees.
+    ShapeBins,
+    /// Bins a side of one hue × saturation histogram.
+    ColourBins,
+    /// Radius of the disk.
+    DiskRadius,
+    /// Outer radius of the ring.
+    RingRadius,
+    /// Weight of shape against colour in the set distance.
+    ShapeWeight,
+}
+
+/// What is fixed about a gene, whatever the experiment.
+#[derive(Debug)]
+pub struct GeneSpec {
+    /// Which parameter it sets.
+    pub kind: GeneKind,
+    /// Its name in TOML, on the command line, in Parquet and in reports.
+    pub name: &'static str,
+    /// Unit of its values, empty for a pure number.
+    pub unit: &'static str,
+    /// What it is, in a few words.
+    pub meaning: &'static str,
+    /// Ticks a unit: values are held as whole ticks, so that a decimal step is exact.
+    pub ticks_per_unit: u32,
+    /// Smallest and largest tick that any experiment may use.
+    pub limits: (u32, u32),
+    /// The paper's interval and step, in ticks: lowest, highest, step.
+    pub paper: (u32, u32, u32),
+}
+
+impl GeneSpec {
+    /// A value in the gene's unit from ticks: 13 000 µm are 1.3 cm, rounded once.
+    pub fn value(&self, ticks: u32) -> f64 {
+        f64::from(ticks) / f64::from(self.ticks_per_unit)
+    }
+
+    /// Ticks from a value in the gene's unit, or `None` if it is not finite, negative, too large or between ticks.
+    pub fn ticks(&self, value: f64) -> Option<u32> {
+        let ticks = value * f64::from(self.ticks_per_unit);
+        let rounded = ticks.round();
+        let on_tick = (ticks - rounded).abs() <= 1e-6 * rounded.abs().max(1.0);
+        (on_tick && rounded >= 0.0 && rounded <= f64::from(u32::MAX)).then_some(rounded as u32)
+    }
+
+    /// Whether values are whole numbers.
+    pub fn is_integer(&self) -> bool {
+        self.ticks_per_unit == 1
+    }
+}
+
+/// The genes in chromosome order (DESIGN 5.8; paper, table of parameters).
+pub const GENES: [GeneSpec; 5] = [
+    GeneSpec {
+        kind: GeneKind::ShapeBins,
+        name: "shape_bins",
+        unit: "",
+        meaning: "bins of a shape histogram over 360 degrees",
+        ticks_per_unit: 1,
+        limits: (2, 512),
+        paper: (8, 64, 1),
+    },
+    GeneSpec {
+        kind: GeneKind::ColourBins,
+        name: "m",
+        unit: "",
+        meaning: "bins a side of a hue x saturation histogram",
+        ticks_per_unit: 1,
+        limits: (1, 32),
+        paper: (3, 8, 1),
+    },
+    GeneSpec {
+        kind: GeneKind::DiskRadius,
+        name: "R1",
+        unit: "cm",
+        meaning: "radius of the disk",
+        ticks_per_unit: 10_000,
+        limits: (1, 1_000_000),
+        paper: (5_000, 20_000, 1_000),
+    },
+    GeneSpec {
+        kind: GeneKind::RingRadius,
+        name: "R2",
+        unit: "cm",
+        meaning: "outer radius of the ring",
+        ticks_per_unit: 10_000,
+        limits: (1, 1_000_000),
+        paper: (21_000, 50_000, 1_000),
+    },
+    GeneSpec {
+        kind: GeneKind::ShapeWeight,
+        name: "w",
+        unit: "",
+        meaning: "weight of shape against colour in the set distance",
+        ticks_per_unit: 1_000_000,
+        limits: (0, 1_000_000),
+        paper: (0, 1_000_000, 10_000),
+    },
+];
+
+/// The values one gene may take: `low + k * step` ticks for k in `0..count`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+pub struct Domain {
+    /// Lowest value, ticks.
+    pub low: u32,
+    /// Distance of neighbouring values, ticks; any value if `count` is 1.
+    pub step: u32,
+    /// Number of values, at least 1.
+    pub count: u32,
+}
+
+impl Domain {
+    /// A gene that always has the same value.
+    pub fn fixed(ticks: u32) -> Self {
+        Self { low: ticks, step: 1, count: 1 }
+    }
+
+    /// The highest value, ticks.
+    pub fn high(&self) -> u32 {
+        self.low + (self.count - 1) * self.step
+    }
+
+    /// Bits of the gene in a chromosome: ⌈log₂ count⌉.
+    pub fn bits(&self) -> u32 {
+        self.count.next_power_of_two().trailing_zeros()
+    }
+
+    /// Every value, in ticks, ascending.
+    pub fn values(&self) -> impl Iterator<Item = u32> + use<> {
+        let Self { low, step, count } = *self;
+        (0..count).map(move |k| low + k * step)
+    }
+}
+
+/// Why a set of domains is no gene table.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum GeneError {
+    /// A value outside what the gene can mean.
+    #[error("{gene}: value outside {low} to {high} {unit}, got {got}\nchoose values inside these limits")]
+    OutOfLimits { gene: &'static str, low: String, high: String, unit: &'static str, got: String },
+    /// No value, or so many that indices overflow.
+    #[error(
+        "{gene}: number of values outside 1 to 65536, got {got}\nchoose a larger step or a smaller interval"
+    )]
+    Count { gene: &'static str, got: u32 },
+    /// The ring could be empty or inside out.
+    #[error(
+        "R2: every value must be larger than every value of R1, got R1 up to {disk} cm and R2 from {ring} cm\nraise R2's min or lower R1's max"
+    )]
+    RingInsideDisk { disk: f64, ring: f64 },
+}
+
+/// How value indices are written as bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Encoding {
+    /// Plain binary, most significant bit first (paper).
+    #[default]
+    Binary,
+    /// Reflected Gray code, most significant bit first: neighbouring indices differ in one bit.
+    Gray,
+}
+
+/// The search space of one experiment: a domain for every gene.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct GeneTable {
+    domains: [Domain; 5],
+    colour: bool,
+}
+
+impl GeneTable {
+    /// Checks the domains, given in the order of [`GENES`]. Without colour, m is dropped and w is fixed at 1.
+    pub fn new(mut domains: [Domain; 5], colour: bool) -> Result<Self, GeneError> {
+        if !colour {
+            domains[4] = Domain::fixed(GENES[4].limits.1);
+        }
+        for (spec, domain) in GENES.iter().zip(&domains) {
+            if spec.kind == GeneKind::ColourBins && !colour {
+                continue;
+            }
+            if domain.count == 0 || domain.count > 65_536 {
+                return Err(GeneError::Count { gene: spec.name, got: domain.count });
+            }
+            let (low, high) = spec.limits;
+            let end = u64::from(domain.low) + u64::from(domain.count - 1) * u64::from(domain.step);
+            if domain.low < low || end > u64::from(high) {
+                let got = if domain.low < low { domain.low } else { u32::try_from(end).unwrap_or(u32::MAX) };
+                return Err(GeneError::OutOfLimits {
+                    gene: spec.name,
+                    low: spec.value(low).to_string(),
+                    high: spec.value(high).to_string(),
+                    unit: spec.unit,
+                    got: spec.value(got).to_string(),
+                });
+            }
+        }
+        if domains[2].high() >= domains[3].low {
+            return Err(GeneError::RingInsideDisk {
+                disk: GENES[2].value(domains[2].high()),
+                ring: GENES[3].value(domains[3].low),
+            });
+        }
+        Ok(Self { domains, colour })
+    }
+
+    /// The paper's search space: 57 · 6 · 16 · 30 · 101 descriptors.
+    pub fn paper() -> Self {
+        let domains = GENES.each_ref().map(|spec| {
+            let (low, high, step) = spec.paper;
+            Domain { low, step, count: (high - low) / step + 1 }
+        });
+        Self { domains, colour: true }
+    }
+
+    /// The one-point space of one descriptor.
+    pub fn single(parameters: &Parameters) -> Result<Self, GeneError> {
+        Self::new(
+            GENES.each_ref().map(|spec| Domain::fixed(parameters.ticks(spec.kind))),
+            parameters.has_colour(),
+        )
+    }
+
+    /// Whether descriptors of this table have a colour part.
+    pub fn has_colour(&self) -> bool {
+        self.colour
+    }
+
+    /// The gene's domain; `None` for m without colour.
+    pub fn domain(&self, kind: GeneKind) -> Option<&Domain> {
+        (self.colour || kind != GeneKind::ColourBins).then(|| &self.domains[kind as usize])
+    }
+
+    /// The genes of the chromosome in order, with their domains. Fixed genes are in it with 0 bits.
+    pub fn genes(&self) -> impl Iterator<Item = (&'static GeneSpec, &Domain)> {
+        GENES.iter().zip(&self.domains).filter(|(spec, _)| self.colour || spec.kind != GeneKind::ColourBins)
+    }
+
+    /// Bits of a chromosome.
+    pub fn bits(&self) -> usize {
+        self.genes().map(|(_, domain)| domain.bits() as usize).sum()
+    }
+
+    /// Number of different descriptors.
+    pub fn size(&self) -> u128 {
+        self.genes().map(|(_, domain)| u128::from(domain.count)).product()
+    }
+
+    /// The descriptor that a chromosome stands for; every bit string is valid.
+    ///
+    /// Genes are concatenated in table order, most significant bit first; a gene of b bits with n values whose
+    /// bits read k (after undoing Gray coding) has value index ⌊k·n/2^b⌋ (DESIGN 5.8).
+    ///
+    /// # Panics
+    /// If `chromosome` has not [`GeneTable::bits`] bits: a programming error, as chromosomes never come from outside.
+    pub fn decode(&self, chromosome: &[bool], encoding: Encoding) -> Parameters {
+        assert_eq!(chromosome.len(), self.bits(), "chromosome length");
+        let mut rest = chromosome;
+        let mut ticks = [0; 5];
+        for (spec, domain) in self.genes() {
+            let (gene, tail) = rest.split_at(domain.bits() as usize);
+            rest = tail;
+            let mut number = 0u64;
+            let mut previous = false;
+            for &bit in gene {
+                let bit = match encoding {
+                    Encoding::Binary => bit,
+                    Encoding::Gray => bit ^ previous,
+                };
+                previous = bit;
+                number = number << 1 | u64::from(bit);
+            }
+            let index = (number * u64::from(domain.count)) >> domain.bits();
+            ticks[spec.kind as usize] = domain.low + index as u32 * domain.step;
+        }
+        Parameters::from_ticks(ticks)
+    }
+}
+
+/// The five parameters of one descriptor, in exact units: equal descriptors are equal values.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Parameters {
+    /// Bins of one shape histogram over 360 degrees.
+    pub shape_bins: u32,
+    /// Bins a side of one colour histogram (m); 0 for a descriptor without colour.
+    pub colour_bins: u32,
+    /// Radius of the disk (R1), micrometres.
+    pub disk_um: u32,
+    /// Outer radius of the ring (R2), micrometres.
+    pub ring_um: u32,
+    /// Weight of shape (w), millionths.
+    pub shape_weight_ppm: u32,
+}
+
+impl Parameters {
+    /// The best chromosome that the paper reports (table 1): 60, 8, 1.3 cm, 3.6 cm, 0.67.
+    pub const PAPER_BEST: Self =
+        Self { shape_bins: 60, colour_bins: 8, disk_um: 13_000, ring_um: 36_000, shape_weight_ppm: 670_000 };
+
+    /// From ticks in the order of [`GENES`].
+    pub fn from_ticks(ticks: [u32; 5]) -> Self {
+        let [shape_bins, colour_bins, disk_um, ring_um, shape_weight_ppm] = ticks;
+        Self { shape_bins, colour_bins, disk_um, ring_um, shape_weight_ppm }
+    }
+
+    /// One parameter in ticks.
+    pub fn ticks(&self, kind: GeneKind) -> u32 {
+        match kind {
+            GeneKind::ShapeBins => self.shape_bins,
+            GeneKind::ColourBins => self.colour_bins,
+            GeneKind::DiskRadius => self.disk_um,
+            GeneKind::RingRadius => self.ring_um,
+            GeneKind::ShapeWeight => self.shape_weight_ppm,
+        }
+    }
+
+    /// One parameter in its gene's unit (centimetres for radii).
+    pub fn value(&self, kind: GeneKind) -> f64 {
+        GENES[kind as usize].value(self.ticks(kind))
+    }
+
+    /// Whether the descriptor has a colour part.
+    pub fn has_colour(&self) -> bool {
+        self.colour_bins > 0
+    }
+
+    /// Radius of the disk, metres.
+    pub fn disk_radius(&self) -> f64 {
+        f64::from(self.disk_um) / 1e6
+    }
+
+    /// Outer radius of the ring, metres.
+    pub fn ring_radius(&self) -> f64 {
+        f64::from(self.ring_um) / 1e6
+    }
+
+    /// Weight of the shape distance, 0 to 1.
+    pub fn shape_weight(&self) -> f64 {
+        f64::from(self.shape_weight_ppm) / 1e6
+    }
+
+    /// Values of one keypoint's descriptor: 2·shape_bins + 2m².
+    pub fn size(&self) -> usize {
+        2 * self.shape_bins as usize + 2 * (self.colour_bins * self.colour_bins) as usize
+    }
+}
+
+impl fmt::Display for Parameters {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut separator = "";
+        for spec in GENES.iter().filter(|spec| self.has_colour() || spec.kind != GeneKind::ColourBins) {
+            write!(f, "{separator}{}={}", spec.name, self.value(spec.kind))?;
+            if !spec.unit.is_empty() {
+                write!(f, " {}", spec.unit)?;
+            }
+            separator = " ";
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn bits_of(number: u64, width: u32) -> Vec<bool> {
+        (0..width).rev().map(|bit| number >> bit & 1 == 1).collect()
+    }
+
+    #[test]
+    fn the_papers_space_has_the_published_size_and_bits() {
+        let table = GeneTable::paper();
+        assert_eq!(table.size(), 57 * 6 * 16 * 30 * 101);
+        assert_eq!(table.genes().map(|(_, d)| d.bits()).collect::<Vec<_>>(), [6, 3, 4, 5, 7]);
+        assert_eq!(table.bits(), 25);
+    }
+
+    #[test]
+    fn each_gene_decodes_to_every_grid_value_and_nothing_else() {
+        let table = GeneTable::paper();
+        for encoding in [Encoding::Binary, Encoding::Gray] {
+            let mut offset = 0;
+            for (spec, domain) in table.genes() {
+                let width = domain.bits();
+                let mut seen = BTreeMap::new();
+                for number in 0..1u64 << width {
+                    let mut chromosome = vec![false; table.bits()];
+                    chromosome[offset..offset + width as usize].copy_from_slice(&bits_of(number, width));
+                    *seen.entry(table.decode(&chromosome, encoding).ticks(spec.kind)).or_insert(0u32) += 1;
+                }
+                assert_eq!(seen.keys().copied().collect::<Vec<_>>(), domain.values().collect::<Vec<_>>());
+                // 2^b strings over n values: each value stands for ⌊2^b/n⌋ or one more.
+                let floor = (1u32 << width) / domain.count;
+                assert!(seen.values().all(|&strings| strings == floor || strings == floor + 1));
+                offset += width as usize;
+            }
+        }
+    }
+
+    #[test]
+    fn gray_neighbours_differ_in_one_bit() {
+        let table = GeneTable::new(
+            [
+                Domain { low: 8, step: 1, count: 64 },
+                Domain::fixed(3),
+                Domain::fixed(5),
+                Domain::fixed(9),
+                Domain::fixed(0),
+            ],
+            true,
+        )
+        .unwrap();
+        let mut code_of = BTreeMap::new();
+        for number in 0..64u64 {
+            code_of.insert(table.decode(&bits_of(number, 6), Encoding::Gray).shape_bins, number);
+        }
+        let codes: Vec<u64> = code_of.into_values().collect();
+        assert_eq!(codes.len(), 64);
+        assert!(codes.windows(2).all(|pair| (pair[0] ^ pair[1]).count_ones() == 1));
+    }
+
+    #[test]
+    fn decimal_values_are_the_nearest_doubles() {
+        assert_eq!(Parameters::PAPER_BEST.value(GeneKind::DiskRadius), 1.3);
+        assert_eq!(Parameters::PAPER_BEST.disk_radius(), 0.013);
+        assert_eq!(Parameters::PAPER_BEST.shape_weight(), 0.67);
+        assert_eq!(Parameters::PAPER_BEST.size(), 248);
+        assert_eq!(GENES[2].ticks(1.3), Some(13_000));
+        assert_eq!(GENES[2].ticks(1.300_05), None);
+        assert_eq!(GENES[0].ticks(-1.0), None);
+        assert_eq!(GENES[0].ticks(f64::NAN), None);
+    }
+
+    #[test]
+    fn a_ring_that_could_lie_inside_the_disk_is_refused() {
+        let mut domains = GENES.each_ref().map(|spec| Domain::fixed(spec.paper.0));
+        domains[2] = Domain { low: 5_000, step: 1_000, count: 17 }; // up to 2.1 cm
+        let error = GeneTable::new(domains, true).unwrap_err();
+        assert_eq!(error, GeneError::RingInsideDisk { disk: 2.1, ring: 2.1 });
+    }
+
+    #[test]
+    fn without_colour_m_is_dropped_and_w_is_one() {
+        let paper = GeneTable::paper();
+        let table = GeneTable::new(paper.domains, false).unwrap();
+        assert_eq!(table.bits(), 6 + 4 + 5);
+        let parameters = table.decode(&[true; 15], Encoding::Binary);
+        assert_eq!((parameters.colour_bins, parameters.shape_weight()), (0, 1.0));
+        assert_eq!(parameters.to_string(), "shape_bins=64 R1=2 cm R2=5 cm w=1");
+    }
+
+    proptest! {
+        #[test]
+        fn any_domain_decodes_inside_itself(count in 1u32..300, step in 1u32..50, number in any::<u64>()) {
+            let domain = Domain { low: 7, step, count };
+            let table = GeneTable { domains: [domain; 5], colour: true };
+            let width = domain.bits();
+            let gene = bits_of(number & ((1 << width) - 1), width);
+            let chromosome: Vec<bool> = gene.iter().copied().cycle().take(table.bits()).collect();
+            let ticks = table.decode(&chromosome, Encoding::Gray).ticks(GeneKind::ShapeBins);
+            prop_assert!(domain.values().any(|value| value == ticks));
+        }
+    }
+}
