@@ -256,6 +256,15 @@ impl GeneTable {
         self.genes().map(|(_, domain)| u128::from(domain.count)).product()
     }
 
+    /// Whether a chromosome of this table can stand for the descriptor.
+    pub fn contains(&self, parameters: &Parameters) -> bool {
+        parameters.has_colour() == self.colour
+            && self.genes().all(|(spec, domain)| {
+                let ticks = parameters.ticks(spec.kind);
+                domain.values().any(|value| value == ticks)
+            })
+    }
+
     /// The descriptor that a chromosome stands for; every bit string is valid.
     ///
     /// Genes are concatenated in table order, most significant bit first; a gene of b bits with n values whose
@@ -471,7 +480,11 @@ mod tests {
             let width = domain.bits();
             let gene = bits_of(number & ((1 << width) - 1), width);
             let chromosome: Vec<bool> = gene.iter().copied().cycle().take(table.bits()).collect();
-            let ticks = table.decode(&chromosome, Encoding::Gray).ticks(GeneKind::ShapeBins);
+            let parameters = table.decode(&chromosome, Encoding::Gray);
+            prop_assert!(table.contains(&parameters));
+            let outside = Parameters { shape_bins: domain.high() + 1, ..parameters };
+            prop_assert!(!table.contains(&outside));
+            let ticks = parameters.ticks(GeneKind::ShapeBins);
             prop_assert!(domain.values().any(|value| value == ticks));
         }
     }

@@ -1,1 +1,42 @@
-//! x
+//! Results of a run: one table of columns, crash-safe Parquet files, reading them, and the run digest.
+//!
+//! A run writes through [`RunFolder`]; anyone reads with [`read_table`], [`read_run`] or any Parquet reader.
+//! [`verify`] recomputes the run digest from the files and names what was changed.
+//! SCHEMA.md, made from the column table, lists every column.
+
+mod columns;
+mod error;
+mod rows;
+mod tables;
+
+mod cells;
+mod derived;
+mod digest;
+mod frame;
+mod parquet;
+mod population;
+mod schema;
+
+mod file;
+mod folder;
+mod read;
+mod recorded;
+mod verify;
+
+pub use columns::{Column, ColumnKind, GeneColumn};
+pub use error::Error;
+pub use folder::RunFolder;
+pub use parquet::SCHEMA_VERSION;
+pub use population::PopulationSummary;
+pub use read::{FinishedRun, read_run, read_table};
+pub use recorded::{RecordedEvaluation, read_evaluations};
+pub use rows::{
+    Computed, Counts, EvaluationRow, GenerationRow, PredictionRow, PredictionSplit, RunRow, RunnerUp,
+    SkippedRow,
+};
+pub use schema::schema_markdown;
+pub use tables::{Table, TableName};
+pub use verify::{Problem, Verification, run_digest, verify};
+
+#[cfg(test)]
+mod tests;

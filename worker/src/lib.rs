@@ -1,1 +1,81 @@
-//! x
+//! A worker: takes evaluations from a coordinator, computes them, hands in the results.
+//!
+//! It needs nothing but the coordinator's address. It never decides anything about a run.
+
+mod backoff;
+mod blobs;
+pub mod cli;
+mod desk;
+mod session;
+mod wire;
+mod workshop;
+
+use std::future::Future;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use proto::v1::coordinator_client::CoordinatorClient;
+use proto::{MAX_MESSAGE_BYTES, WorkerId};
+use tonic::transport::Channel;
+
+use backoff::Backoff;
+use blobs::Blobs;
+use session::Session;
+use workshop::Workshop;
+
+/// Which build this is, for the record.
+pub const BUILD: &str = concat!("descry ", env!("CARGO_PKG_VERSION"));
+
+/// How a worker presents itself.
+#[derive(Clone, Debug)]
+pub struct Identity {
+    /// Label for people; made unique by the coordinator.
+    pub name: String,
+    /// Threads that evaluate.
+    pub threads: u32,
+}
+
+/// What a worker needs beside its connection.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Name and threads.
+    pub identity: Identity,
+    /// Folder in which source clouds are kept, or `None` to keep none.
+    pub cache: Option<PathBuf>,
+    /// How long the coordinator may be out of reach before the worker gives up; `None`: for ever.
+    pub patience: Option<Duration>,
+}
+
+/// Why a worker stops on its own.
+#[derive(Debug, thiserror::Error)]
+pub enum WorkerError {
+    /// The coordinator will never take this worker.
+    #[error("coordinator: this worker is refused, got {message}")]
+    Refused {
+        /// The coordinator's words.
+        message: String,
+    },
+    /// The coordinator was out of reach for longer than the worker's patience.
+    #[error("coordinator: out of reach for longer than the worker's patience, got {reason}\ncheck the address and that the coordinator runs, or raise --patience")]
+    OutOfReach {
+        /// The last error.
+        reason: String,
+    },
+    /// No threads to be had.
+    #[error("threads: cannot start them, got {0}\nlower --threads")]
+    Threads(#[from] rayon::ThreadPoolBuildError),
+}
+
+/// Works for the coordinator at the other end of `channel` until `shutdown` is ready.
+pub async fn run(channel: Channel, options: Options, shutdown: impl Future<Output = ()>) -> Result<(), WorkerError> {
+    let client = CoordinatorClient::new(channel)
+        .max_decoding_message_size(MAX_MESSAGE_BYTES)
+        .max_encoding_message_size(MAX_MESSAGE_BYTES);
+    let blobs = Blobs::new(client.clone(), options.cache);
+    let workshop = Arc::new(Workshop::new(options.identity.threads as usize, blobs)?);
+    // Identity and jitter must differ between workers started at the same instant; results rest on neither.
+    let id = WorkerId(rand::random());
+    let backoff = Backoff::new(descriptor::random::stream(rand::random(), "worker back-off", &[]));
+    Session::new(client, options.identity, id, workshop).run(options.patience, backoff, shutdown).await
+}

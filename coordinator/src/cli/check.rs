@@ -1,0 +1,52 @@
+//! `coordinator check`: what an experiment would do, without doing it.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+
+use crate::experiment::{Experiment, Overrides};
+use crate::run;
+
+/// Validate an experiment and its data; print what would be run
+///
+/// Example: coordinator check experiments/household.toml
+#[derive(Debug, Args)]
+pub struct Check {
+    /// The experiment, for example experiments/demo.toml
+    #[arg(value_name = "EXP.toml")]
+    experiment: PathBuf,
+}
+
+impl Check {
+    pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
+        let experiment = Experiment::read(&self.experiment, Overrides::default())?;
+        let dataset = run::open_data(&experiment, |line| eprintln!("{line}"))?;
+        let mut text = experiment.resolved_toml();
+        if !text.ends_with('\n') {
+            text.push('\n');
+        }
+        let splits = &dataset.splits;
+        text.push_str(&format!(
+            "\n# clouds: train1 {}, train2 {}, validation {}, test {}; skipped {}\n",
+            splits.train1.len(),
+            splits.train2.len(),
+            splits.validation.len(),
+            splits.test.len(),
+            dataset.clouds.skipped.len()
+        ));
+        text.push_str(&format!(
+            "# objects: {} instances in {} categories\n",
+            dataset.clouds.instances.len(),
+            dataset.clouds.categories.len()
+        ));
+        text.push_str(&format!("# data digest: {}\n", proto::Digest(dataset.clouds.digest)));
+        text.push_str(&format!(
+            "# search space: {} descriptors, {} bits\n",
+            experiment.genes().size(),
+            experiment.genes().bits()
+        ));
+        super::print(&text)?;
+        Ok(ExitCode::SUCCESS)
+    }
+}

@@ -1,0 +1,232 @@
+//! Why a data set cannot be used, and what to do about it.
+
+use std::fmt;
+use std::path::PathBuf;
+
+/// Where a cloud was named.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Place {
+    /// On a line of a list or manifest, counted from 1.
+    Line {
+        /// The list or manifest.
+        file: PathBuf,
+        /// Its line.
+        line: u64,
+    },
+    /// Found in the folders below the data root.
+    Found {
+        /// Relative to the root.
+        path: String,
+    },
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Line { file, line } => write!(formatter, "{}, line {line}", file.display()),
+            Self::Found { path } => write!(formatter, "{path}"),
+        }
+    }
+}
+
+/// What is wrong with a data set. The first line of the text is `where: what, got value`, the last says what to
+/// do.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DatasetError {
+    /// The root is not there, no folder or not readable.
+    #[error(
+        "dataset.root: readable folder expected, got {} ({reason})\n\
+         correct the path (relative paths start at the experiment's folder) or make the data set there",
+        .path.display()
+    )]
+    Root {
+        /// As given.
+        path: PathBuf,
+        /// The system's words.
+        reason: String,
+    },
+
+    /// A folder below the root that cannot be listed.
+    #[error("{}: readable folder expected, got {reason}\ncorrect its permissions or move it out of the data root", .path.display())]
+    Folder {
+        /// The folder.
+        path: PathBuf,
+        /// The system's words.
+        reason: String,
+    },
+
+    /// A list or manifest that is not there, not readable or no text.
+    #[error("{}: readable UTF-8 text file expected, got {reason}\ncorrect the path in [dataset], or the file", .file.display())]
+    List {
+        /// The list or manifest.
+        file: PathBuf,
+        /// The system's words.
+        reason: String,
+    },
+
+    /// A path that is absolute, goes up or leads out of the root through a symbolic link.
+    #[error(
+        "{place}: path below the data root expected, got {path} ({reason})\nname clouds relative to dataset.root, and copy what lies outside into it"
+    )]
+    LeavesRoot {
+        /// Where it is named.
+        place: Place,
+        /// As written.
+        path: String,
+        /// How it leaves.
+        reason: &'static str,
+    },
+
+    /// A listed cloud that is not there.
+    #[error(
+        "{place}: cloud file expected, got {path} ({reason})\ncorrect the line, or put the cloud below dataset.root"
+    )]
+    NotThere {
+        /// Where it is named.
+        place: Place,
+        /// As written.
+        path: String,
+        /// What is there instead.
+        reason: String,
+    },
+
+    /// A path from which the layout's labels cannot be read.
+    #[error(
+        "{place}: {expected} expected, got {path}\nmove the cloud, or set dataset.layout to what the folders are (a manifest can describe any)"
+    )]
+    NoLabel {
+        /// Where it is named.
+        place: Place,
+        /// The layout's form.
+        expected: &'static str,
+        /// As written.
+        path: String,
+    },
+
+    /// An empty field of a manifest.
+    #[error(
+        "{place}: {column} expected, got nothing\nfill the field: every cloud needs a path, a category and an instance"
+    )]
+    EmptyField {
+        /// The row.
+        place: Place,
+        /// The column.
+        column: &'static str,
+    },
+
+    /// A manifest that is no CSV with the needed columns.
+    #[error(
+        "{place}: {expected}, got {got}\nwrite a CSV with the header path,category,instance,sequence,split (the last two if wanted)"
+    )]
+    Manifest {
+        /// The row.
+        place: Place,
+        /// What must be there.
+        expected: String,
+        /// What is there.
+        got: String,
+    },
+
+    /// A listed cloud without a row in the manifest.
+    #[error("{place}: cloud of the manifest expected, got {path}\nadd a row with its category and instance to {}", .manifest.display())]
+    NotInManifest {
+        /// Where it is listed.
+        place: Place,
+        /// As written.
+        path: String,
+        /// The manifest.
+        manifest: PathBuf,
+    },
+
+    /// The same cloud twice in one list.
+    #[error("{second}: each cloud once expected, got {path} again after {first}\nremove one of the two")]
+    Twice {
+        /// As written the second time.
+        path: String,
+        /// Where first.
+        first: Place,
+        /// Where again.
+        second: Place,
+    },
+
+    /// The same cloud in two splits.
+    #[error(
+        "{second}: cloud of one split expected, got {path} in {second_split} and in {first_split} ({first})\n\
+         remove it from one of them: a query that is in its own database is always recognised"
+    )]
+    Overlap {
+        /// As written the second time.
+        path: String,
+        /// The earlier split.
+        first_split: &'static str,
+        /// Where in it.
+        first: Place,
+        /// The later split.
+        second_split: &'static str,
+        /// Where in it.
+        second: Place,
+    },
+
+    /// One instance name in two categories.
+    #[error(
+        "{}: instance of one category expected, got {instance} in {} and in {} ({})\n\
+         rename one of them or correct its category",
+        .places[1], .categories[1], .categories[0], .places[0]
+    )]
+    TwoCategories {
+        /// Its name.
+        instance: String,
+        /// The two, as met.
+        categories: Box<[String; 2]>,
+        /// A cloud of it in each.
+        places: Box<[Place; 2]>,
+    },
+
+    /// A split without a cloud.
+    #[error(
+        "split {split}: at least one usable cloud expected, got none of {listed} listed\nlist clouds for it, or look at why they are skipped"
+    )]
+    EmptySplit {
+        /// The split.
+        split: &'static str,
+        /// Clouds in it before any was skipped.
+        listed: usize,
+    },
+
+    /// A rule that cannot split these clouds.
+    #[error("dataset.splits: {expected}, got {got}\n{advice}")]
+    Rule {
+        /// What must be there.
+        expected: &'static str,
+        /// What is there.
+        got: String,
+        /// What to do.
+        advice: &'static str,
+    },
+
+    /// Clouds that cannot be read.
+    #[error(
+        "dataset: readable clouds expected, got {count} unreadable\n{}\n\
+         repair them, remove them from their lists, or set dataset.skip_unreadable = true to leave them out",
+        .first.join("\n")
+    )]
+    Unreadable {
+        /// How many.
+        count: usize,
+        /// The first of them, `path: reason` each.
+        first: Vec<String>,
+    },
+
+    /// Clouds without colour where colour is wanted.
+    #[error(
+        "dataset: clouds with an rgb or rgba field expected, got {count} without\n{}\n\
+         set descriptor.colour = false for descriptors of shape alone, or add the colours",
+        .first.join("\n")
+    )]
+    NoColour {
+        /// How many.
+        count: usize,
+        /// Paths of the first of them.
+        first: Vec<String>,
+    },
+}

@@ -1,0 +1,217 @@
+//! From folders, lists and manifests to labelled clouds.
+
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::error::{DatasetError, Place};
+use super::root::{Located, Root, read_text};
+use super::settings::Layout;
+
+/// A cloud with its labels, not yet read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Labelled {
+    pub located: Located,
+    pub category: String,
+    pub instance: String,
+    /// Name of its sequence, if the layout knows one.
+    pub sequence: Option<String>,
+    /// Name of its split, if the manifest says one.
+    pub split: Option<String>,
+    pub place: Place,
+}
+
+const UW_FORM: &str = "<category>/<instance>/<instance>_<video>_<frame>.pcd";
+const FOLDERS_FORM: &str = "<category>/<instance>/<file>";
+
+/// What a layout knows before any cloud is asked for.
+pub(super) enum Labels {
+    Uw,
+    Folders,
+    Manifest { file: PathBuf, clouds: Vec<Labelled>, by_file: HashMap<PathBuf, usize> },
+}
+
+impl Labels {
+    /// Reads the manifest, if the layout has one.
+    pub(super) fn read(layout: &Layout, root: &Root) -> Result<Self, DatasetError> {
+        Ok(match layout {
+            Layout::Uw => Self::Uw,
+            Layout::Folders => Self::Folders,
+            Layout::Manifest { file } => {
+                let clouds = read_manifest(file, root)?;
+                let mut by_file = HashMap::new();
+                for (index, cloud) in clouds.iter().enumerate() {
+                    if let Some(first) = by_file.insert(cloud.located.file.clone(), index) {
+                        return Err(DatasetError::Twice {
+                            path: cloud.located.path.clone(),
+                            first: clouds[first].place.clone(),
+                            second: cloud.place.clone(),
+                        });
+                    }
+                }
+                Self::Manifest { file: file.clone(), clouds, by_file }
+            }
+        })
+    }
+
+    /// The cloud that a list names.
+    fn label(&self, located: Located, place: Place) -> Result<Labelled, DatasetError> {
+        let form = match self {
+            Self::Uw => UW_FORM,
+            Self::Folders => FOLDERS_FORM,
+            Self::Manifest { file, clouds, by_file } => {
+                return match by_file.get(&located.file) {
+                    Some(&index) => Ok(Labelled { located, place, ..clouds[index].clone() }),
+                    None => {
+                        let (path, manifest) = (located.path, file.clone());
+                        Err(DatasetError::NotInManifest { place, path, manifest })
+                    }
+                };
+            }
+        };
+        let parts: Vec<&str> = located.path.split('/').collect();
+        let sequence = match (&parts[..], self) {
+            ([_, instance, name], Self::Uw) => uw_video(instance, name).map(Some),
+            ([_, _, _], _) => Some(None),
+            _ => None,
+        };
+        let Some(sequence) = sequence else {
+            return Err(DatasetError::NoLabel { place, expected: form, path: located.path });
+        };
+        let (category, instance) = (parts[0].to_owned(), parts[1].to_owned());
+        Ok(Labelled { located, category, instance, sequence, split: None, place })
+    }
+
+    /// The clouds of a list, in its order.
+    pub(super) fn list(&self, file: &Path, root: &Root) -> Result<Vec<Labelled>, DatasetError> {
+        let text = read_text(file)?;
+        let mut clouds = Vec::new();
+        for (index, line) in text.lines().enumerate() {
+            let line = line.trim();
+            if line.is_empty() || line.starts_with('#') {
+                continue;
+            }
+            let place = Place::Line { file: file.to_owned(), line: index as u64 + 1 };
+            clouds.push(self.label(root.locate(line, &place)?, place)?);
+        }
+        Ok(clouds)
+    }
+
+    /// Every cloud that the layout finds, by path (in a manifest, by row). In the UW layout, which has other
+    /// files beside the clouds, the paths of `.pcd` files with other names are added to `ignored`.
+    pub(super) fn all(&self, root: &Root, ignored: &mut Vec<String>) -> Result<Vec<Labelled>, DatasetError> {
+        if let Self::Manifest { clouds, .. } = self {
+            return Ok(clouds.clone());
+        }
+        let mut clouds = Vec::new();
+        for category in entries(root.path(), "")? {
+            if !root.path().join(&category).is_dir() {
+                continue;
+            }
+            for instance in entries(root.path(), &category)? {
+                if !root.path().join(&instance).is_dir() {
+                    continue;
+                }
+                for path in entries(root.path(), &instance)? {
+                    if !path.to_ascii_lowercase().ends_with(".pcd") {
+                        continue;
+                    }
+                    let place = Place::Found { path: path.clone() };
+                    match self.label(root.locate(&path, &place)?, place) {
+                        Ok(cloud) => clouds.push(cloud),
+                        Err(DatasetError::NoLabel { .. }) => ignored.push(path),
+                        Err(error) => return Err(error),
+                    }
+                }
+            }
+        }
+        Ok(clouds)
+    }
+}
+
+/// The video in the name of a UW cloud.
+fn uw_video(instance: &str, name: &str) -> Option<String> {
+    let rest = name.strip_prefix(instance)?.strip_prefix('_')?.strip_suffix(".pcd")?;
+    let (video, frame) = rest.split_once('_')?;
+    let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
+    (is_number(video) && is_number(frame)).then(|| video.to_owned())
+}
+
+/// Paths relative to the root of what a folder holds, sorted, without hidden files.
+fn entries(root: &Path, folder: &str) -> Result<Vec<String>, DatasetError> {
+    let path = root.join(folder);
+    let error = |reason: String| DatasetError::Folder { path: path.clone(), reason };
+    let mut entries = Vec::new();
+    for entry in fs::read_dir(&path).map_err(|source| error(source.to_string()))? {
+        let name = entry.map_err(|source| error(source.to_string()))?.file_name();
+        let Some(name) = name.to_str() else {
+            return Err(error(format!("a file name that is not UTF-8, {}", name.to_string_lossy())));
+        };
+        if !name.starts_with('.') {
+            entries.push(if folder.is_empty() { name.to_owned() } else { format!("{folder}/{name}") });
+        }
+    }
+    entries.sort_unstable();
+    Ok(entries)
+}
+
+/// The rows of a manifest.
+fn read_manifest(file: &Path, root: &Root) -> Result<Vec<Labelled>, DatasetError> {
+    let text = read_text(file)?;
+    let at = |line| Place::Line { file: file.to_owned(), line };
+    let broken = |error: csv::Error| DatasetError::Manifest {
+        place: at(error.position().map_or(1, csv::Position::line)),
+        expected: "CSV with the same number of fields in each row expected".to_owned(),
+        got: error.to_string(),
+    };
+    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
+    let header = reader.headers().map_err(broken)?.clone();
+    let column = |name: &'static str| -> Result<Option<usize>, DatasetError> {
+        let mut found = header.iter().enumerate().filter(|&(_, title)| title == name).map(|(index, _)| index);
+        match (found.next(), found.next()) {
+            (_, Some(_)) => Err(DatasetError::Manifest {
+                place: at(1),
+                expected: "each column once expected".to_owned(),
+                got: format!("{name} twice"),
+            }),
+            (first, None) => Ok(first),
+        }
+    };
+    let needed = |name: &'static str| {
+        column(name)?.ok_or_else(|| DatasetError::Manifest {
+            place: at(1),
+            expected: format!("column {name} expected"),
+            got: header.iter().collect::<Vec<_>>().join(","),
+        })
+    };
+    let (path, category, instance) = (needed("path")?, needed("category")?, needed("instance")?);
+    let (sequence, split) = (column("sequence")?, column("split")?);
+
+    let mut clouds = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(broken)?;
+        let place = at(record.position().map_or(1, csv::Position::line));
+        let field = |index: usize, name| match record.get(index) {
+            Some(text) if text.chars().any(char::is_control) => Err(DatasetError::Manifest {
+                place: place.clone(),
+                expected: format!("{name} without control characters expected"),
+                got: text.escape_debug().to_string(),
+            }),
+            Some(text) if !text.is_empty() => Ok(text.to_owned()),
+            _ => Err(DatasetError::EmptyField { place: place.clone(), column: name }),
+        };
+        let optional = |index: Option<usize>| {
+            index.and_then(|index| record.get(index)).filter(|text| !text.is_empty()).map(str::to_owned)
+        };
+        let path = field(path, "path")?;
+        clouds.push(Labelled {
+            category: field(category, "category")?,
+            instance: field(instance, "instance")?,
+            sequence: optional(sequence),
+            split: optional(split),
+            located: root.locate(&path, &place)?,
+            place,
+        });
+    }
+    Ok(clouds)
+}

@@ -1,0 +1,232 @@
+//! A data set: labelled clouds in splits, each read once and known to be usable.
+//!
+//! Clouds are read one a thread and not kept: what a run needs of them later, it reads again by path.
+
+mod check;
+mod error;
+mod inspect;
+mod layout;
+mod load;
+mod root;
+mod settings;
+mod split;
+
+#[cfg(test)]
+mod tests;
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use descriptor::{Preprocess, Skip};
+
+pub use error::{DatasetError, Place};
+pub use settings::{DatasetSettings, Layout, SeededSplit, SplitRule, SyntheticSettings};
+
+use check::{check_overlap, unrecognisable_warning};
+use layout::Labels;
+use load::{Numbers, load};
+use root::Root;
+
+/// Names of the splits in TOML, manifests, messages and results, in the order in which they enter the data digest.
+pub const SPLITS: [&str; 4] = ["train1", "train2", "validation", "test"];
+
+/// One usable cloud.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CloudEntry {
+    /// Relative to the data root, with `/`.
+    pub path: String,
+    /// Index into the categories.
+    pub category: u32,
+    /// Index into the instances.
+    pub instance: u32,
+    /// BLAKE3 of the file's bytes.
+    pub digest: [u8; 32],
+    /// Size of the file, bytes.
+    pub bytes: u64,
+}
+
+/// One object.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Instance {
+    /// Its name, the same in no other category.
+    pub name: String,
+    /// Index into the categories.
+    pub category: u32,
+}
+
+/// A listed cloud that takes no part.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SkippedCloud {
+    /// Relative to the data root, with `/`.
+    pub path: String,
+    /// The split that lists it.
+    pub split: &'static str,
+    /// Why.
+    pub reason: SkipReason,
+}
+
+/// Why a listed cloud takes no part.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SkipReason {
+    /// It has too few points or no keypoint with a normal (DESIGN 5.1).
+    Unusable(Skip),
+    /// It cannot be read, and `skip_unreadable` is set.
+    Unreadable(String),
+}
+
+impl fmt::Display for SkipReason {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unusable(skip) => skip.fmt(formatter),
+            Self::Unreadable(reason) => write!(formatter, "unreadable: {reason}"),
+        }
+    }
+}
+
+/// The clouds that take part, what they are, and what is to be said about them.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Clouds {
+    /// Folder that every path is relative to, without symbolic links.
+    pub root: PathBuf,
+    /// The usable clouds, split after split, each in the order of its list.
+    pub entries: Vec<CloudEntry>,
+    /// Names of the categories of all listed clouds, sorted.
+    pub categories: Vec<String>,
+    /// The instances of all listed clouds, sorted by category and name.
+    pub instances: Vec<Instance>,
+    /// Listed clouds that take no part, split after split.
+    pub skipped: Vec<SkippedCloud>,
+    /// What does not stop a run but makes its result doubtful; the last line of each says what to do.
+    pub warnings: Vec<String>,
+    /// The data digest: BLAKE3 over, for each listed cloud in order, split, category, instance and the digest of
+    /// the file's bytes (its path if they cannot be read). Clouds skipped for what they hold are part of it.
+    pub digest: [u8; 32],
+}
+
+impl Clouds {
+    /// Where the file of a cloud is.
+    pub fn file(&self, cloud: &CloudEntry) -> PathBuf {
+        self.root.join(&cloud.path)
+    }
+}
+
+/// Indices of the usable clouds of each split, in the order of its list.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Splits {
+    /// Queries of the fitness.
+    pub train1: Vec<u32>,
+    /// Database of the fitness.
+    pub train2: Vec<u32>,
+    /// Queries against train1 and train2.
+    pub validation: Vec<u32>,
+    /// Queries of the final test, against the other three.
+    pub test: Vec<u32>,
+}
+
+/// The clouds of an experiment.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Dataset {
+    /// Clouds, labels, what is skipped.
+    pub clouds: Clouds,
+    /// Which cloud is in which split.
+    pub splits: Splits,
+}
+
+impl Dataset {
+    /// Lists the clouds, reads every one of them once, and decides which take part.
+    ///
+    /// # Errors
+    /// [`DatasetError`], before any evaluation is spent. Only validation or test may be empty, and only if a
+    /// seeded rule gives it no share.
+    pub fn load(settings: &DatasetSettings, preprocess: &Preprocess) -> Result<Self, DatasetError> {
+        let root = Root::open(&settings.root)?;
+        let mut ignored = Vec::new();
+        let lists = split::split(settings, &root, &mut ignored)?;
+        let (mut clouds, indices) = load(&root, &lists, preprocess, settings.skip_unreadable)?;
+        for (split, name) in SPLITS.into_iter().enumerate() {
+            if indices[split].is_empty() && !split::may_be_empty(&settings.splits, split) {
+                return Err(DatasetError::EmptySplit { split: name, listed: lists[split].len() });
+            }
+        }
+        if let Some(first) = ignored.first() {
+            clouds.warnings.push(format!(
+                "dataset.layout: only clouds named <instance>_<video>_<frame>.pcd expected, got {} other .pcd files, \
+                 such as {first}\nthey are not used: rename them or set dataset.layout = \"folders\"",
+                ignored.len()
+            ));
+        }
+        for (query, database) in [(0, &[1][..]), (2, &[0, 1]), (3, &[0, 1, 2])] {
+            let warning = unrecognisable_warning(&clouds, &indices, query, database);
+            clouds.warnings.extend(warning);
+        }
+        let [train1, train2, validation, test] = indices;
+        Ok(Self { clouds, splits: Splits { train1, train2, validation, test } })
+    }
+}
+
+/// A cloud that is there and has labels, but is not yet read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ListedCloud {
+    /// Relative to the data root, with `/`.
+    pub path: String,
+    /// Where it is, without symbolic links.
+    pub file: PathBuf,
+    /// Index into the categories.
+    pub category: u32,
+    /// Index into the instances.
+    pub instance: u32,
+}
+
+/// Queries and a database without an experiment, not yet read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Listing {
+    /// The queries, list after list, then the database, list after list.
+    pub clouds: Vec<ListedCloud>,
+    /// How many of them are queries.
+    pub queries: usize,
+    /// Names of the categories, sorted.
+    pub categories: Vec<String>,
+    /// The instances, sorted by category and name.
+    pub instances: Vec<Instance>,
+}
+
+impl Listing {
+    /// Reads lists of queries and lists of database clouds, each taken one after the other.
+    ///
+    /// # Errors
+    /// [`DatasetError`]: as for an experiment, a cloud that is on both sides is refused.
+    pub fn load(
+        root: &Path,
+        layout: &Layout,
+        query: &[PathBuf],
+        database: &[PathBuf],
+    ) -> Result<Self, DatasetError> {
+        const SIDES: [&str; 2] = ["query", "database"];
+        let root = Root::open(root)?;
+        let labels = Labels::read(layout, &root)?;
+        let mut lists = [Vec::new(), Vec::new()];
+        for (listed, files) in lists.iter_mut().zip([query, database]) {
+            for file in files {
+                listed.extend(labels.list(file, &root)?);
+            }
+        }
+        for (side, listed) in SIDES.into_iter().zip(&lists) {
+            if listed.is_empty() {
+                return Err(DatasetError::EmptySplit { split: side, listed: 0 });
+            }
+        }
+        check_overlap(&SIDES, &lists)?;
+        let numbers = Numbers::of(lists.iter().flatten())?;
+        let clouds = lists.iter().flatten().map(|cloud| {
+            let (category, instance) = numbers.get(cloud);
+            let (path, file) = (cloud.located.path.clone(), cloud.located.file.clone());
+            ListedCloud { path, file, category, instance }
+        });
+        Ok(Self {
+            clouds: clouds.collect(),
+            queries: lists[0].len(),
+            categories: numbers.categories(),
+            instances: numbers.instances(),
+        })
+    }
+}

@@ -1,0 +1,156 @@
+//! From labelled clouds to the four splits, by lists, manifest or draw.
+
+use std::collections::BTreeMap;
+
+use descriptor::random::stream;
+use rand::RngExt;
+
+use super::SPLITS;
+use super::error::DatasetError;
+use super::layout::{Labelled, Labels};
+use super::root::Root;
+use super::settings::{DatasetSettings, SeededSplit, SplitRule};
+
+/// The clouds of the four splits, each in the order of its list; a draw keeps the order of the layout.
+///
+/// What the layout found but could not use is added to `ignored`.
+pub(super) fn split(
+    settings: &DatasetSettings,
+    root: &Root,
+    ignored: &mut Vec<String>,
+) -> Result<[Vec<Labelled>; 4], DatasetError> {
+    let labels = Labels::read(&settings.layout, root)?;
+    let splits = match &settings.splits {
+        SplitRule::Files { train1, train2, validation, test } => [
+            labels.list(train1, root)?,
+            labels.list(train2, root)?,
+            labels.list(validation, root)?,
+            labels.list(test, root)?,
+        ],
+        SplitRule::Manifest => by_column(labels.all(root, ignored)?)?,
+        SplitRule::Seeded(rule) => draw(rule, labels.all(root, ignored)?)?,
+    };
+    for (split, name) in SPLITS.into_iter().enumerate() {
+        if splits[split].is_empty() && !may_be_empty(&settings.splits, split) {
+            return Err(DatasetError::EmptySplit { split: name, listed: 0 });
+        }
+    }
+    Ok(splits)
+}
+
+/// Whether a split, by its position in [`SPLITS`], was given no share on purpose.
+pub(super) fn may_be_empty(rule: &SplitRule, split: usize) -> bool {
+    match (rule, split) {
+        (SplitRule::Seeded(rule), 2) => rule.shares[2] == 0.0,
+        (SplitRule::Seeded(rule), 3) => rule.shares[3] == 0.0 && rule.test_sequences.is_empty(),
+        _ => false,
+    }
+}
+
+/// Splits by the manifest's column `split`.
+fn by_column(clouds: Vec<Labelled>) -> Result<[Vec<Labelled>; 4], DatasetError> {
+    let mut splits = [const { Vec::new() }; 4];
+    for cloud in clouds {
+        let Some(name) = &cloud.split else { continue };
+        let Some(index) = SPLITS.iter().position(|split| split == name) else {
+            return Err(DatasetError::Manifest {
+                place: cloud.place,
+                expected: "split train1, train2, validation, test or nothing expected".to_owned(),
+                got: name.clone(),
+            });
+        };
+        splits[index].push(cloud);
+    }
+    Ok(splits)
+}
+
+/// Splits at random.
+///
+/// The clouds are put into a random order, instance by instance if stratified, and each goes to the split that
+/// is furthest behind its share. So each split is within about a cloud of its share over all and within two or
+/// three in each instance, also where an instance has few clouds.
+pub(super) fn draw(rule: &SeededSplit, clouds: Vec<Labelled>) -> Result<[Vec<Labelled>; 4], DatasetError> {
+    let [a, b, c, d] = rule.shares;
+    let left_over = 1.0 - (a + b + c + d);
+    // Decimal shares that add up to 1 may miss it by a rounding or two.
+    if !rule.shares.iter().all(|share| *share >= 0.0) || left_over < -1e-9 {
+        return Err(DatasetError::Rule {
+            expected: "shares from 0 that add up to at most 1 expected",
+            got: format!("{a} + {b} + {c} + {d}"),
+            advice: "give train1, train2, validation and test a share each; what is left is not used",
+        });
+    }
+    let shares = [a, b, c, d, if left_over > 1e-9 { left_over } else { 0.0 }];
+    let mut split_of: Vec<Option<usize>> = vec![None; clouds.len()];
+    for sequence in &rule.test_sequences {
+        let mut found = false;
+        for (split, cloud) in split_of.iter_mut().zip(&clouds) {
+            if cloud.sequence.as_ref() == Some(sequence) {
+                (*split, found) = (Some(3), true);
+            }
+        }
+        if !found {
+            return Err(DatasetError::Rule {
+                expected: "test_sequences with clouds expected",
+                got: format!("none of {} in sequence {sequence}", clouds.len()),
+                advice: "name sequences as the layout does: in `uw` the video's number, in a manifest the column",
+            });
+        }
+    }
+    if !rule.test_sequences.is_empty() && d != 0.0 {
+        return Err(DatasetError::Rule {
+            expected: "share 0 for test beside test_sequences expected",
+            got: d.to_string(),
+            advice: "test is exactly the clouds of those sequences: remove its share",
+        });
+    }
+
+    let drawn: Vec<usize> = (0..clouds.len()).filter(|&index| split_of[index].is_none()).collect();
+    let mut groups: BTreeMap<(&str, &str), Vec<usize>> = BTreeMap::new();
+    for index in drawn {
+        let cloud = &clouds[index];
+        let key = if rule.stratified { (&*cloud.category, &*cloud.instance) } else { ("", "") };
+        groups.entry(key).or_default().push(index);
+    }
+    let mut counts = [0_u32; 5];
+    for (number, group) in groups.values_mut().enumerate() {
+        // By path, so that the order of a manifest's rows changes nothing.
+        group.sort_by(|&left, &right| clouds[left].located.path.cmp(&clouds[right].located.path));
+        shuffle(group, rule.seed, number as u64);
+        for &index in group.iter() {
+            let split = furthest_behind(&shares, &counts);
+            counts[split] += 1;
+            split_of[index] = Some(split);
+        }
+    }
+    let mut splits = [const { Vec::new() }; 4];
+    for (cloud, split) in clouds.into_iter().zip(split_of) {
+        if let Some(split) = split.and_then(|split| splits.get_mut(split)) {
+            split.push(cloud);
+        }
+    }
+    Ok(splits)
+}
+
+/// Fisher and Yates: every order is equally likely.
+fn shuffle(group: &mut [usize], seed: u64, number: u64) {
+    let mut rng = stream(seed, "split", &[number]);
+    for last in (1..group.len()).rev() {
+        let other = rng.random_range(0..=last as u64);
+        group.swap(last, other as usize);
+    }
+}
+
+/// The index whose count is furthest below its share of all counts after one more, the lowest on ties; never
+/// one without a share.
+fn furthest_behind(shares: &[f64; 5], counts: &[u32; 5]) -> usize {
+    let total = f64::from(counts.iter().sum::<u32>() + 1);
+    let behind = |index: usize| shares[index] * total - f64::from(counts[index]);
+    let mut best = 4;
+    for index in (0..5).rev().filter(|&index| shares[index] > 0.0) {
+        if shares[best] == 0.0 || behind(index) >= behind(best) {
+            best = index;
+        }
+    }
+    best
+}

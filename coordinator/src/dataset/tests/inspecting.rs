@@ -1,0 +1,111 @@
+//! What reading the clouds finds: skipped ones, copies, and units that cannot be right.
+
+use descriptor::pcd::{self, DataEncoding};
+use descriptor::{Cloud, Preprocess, Skip, Unit};
+use expect_test::expect;
+
+use super::super::{Dataset, SkipReason, SkippedCloud};
+use super::{Fixture, lengths, patch};
+
+#[test]
+fn clouds_without_enough_points_or_normals_are_skipped_by_name_and_reason() {
+    let fixture = Fixture::new();
+    let few =
+        Cloud { points: vec![[f32::NAN; 3]; 400], colours: Some(vec![[0; 3]; 400]), viewpoint: [0.0; 3] };
+    // 5 cm apart: no point has another within 1 cm.
+    let sparse = patch(0.05, 1);
+    fixture.write("ball/ball_1/ball_1_1_1.pcd", pcd::write(&few, DataEncoding::Ascii));
+    fixture.write("cup/cup_1/cup_1_1_4.pcd", pcd::write(&sparse, DataEncoding::Ascii));
+    let dataset = fixture.load().unwrap();
+    let skipped = |path: &str, split, skip| SkippedCloud {
+        path: path.to_owned(),
+        split,
+        reason: SkipReason::Unusable(skip),
+    };
+    let expected = [
+        skipped("ball/ball_1/ball_1_1_1.pcd", "train1", Skip::TooFewPoints { least: 10, points: 0 }),
+        skipped("cup/cup_1/cup_1_1_4.pcd", "test", Skip::NoKeypointWithNormal { keypoints: 400 }),
+    ];
+    assert_eq!(dataset.clouds.skipped, expected);
+    assert_eq!(lengths(&dataset), [3, 4, 4, 3]);
+    assert_eq!(dataset.clouds.entries.len(), 14);
+    assert_ne!(dataset.clouds.digest, Fixture::new().load().unwrap().clouds.digest);
+}
+
+#[test]
+fn unreadable_clouds_are_skipped_only_if_told_so() {
+    let fixture = Fixture::new();
+    fixture.write("cup/cup_1/cup_1_1_2.pcd", "no cloud\n");
+    assert!(fixture.load().is_err());
+    let settings = super::DatasetSettings { skip_unreadable: true, ..fixture.settings() };
+    let dataset = Dataset::load(&settings, &Preprocess::default()).unwrap();
+    assert_eq!(dataset.clouds.skipped.len(), 1);
+    assert_eq!(dataset.clouds.skipped[0].path, "cup/cup_1/cup_1_1_2.pcd");
+    expect![
+        "unreadable: pcd header: line 1: one of VERSION, FIELDS, SIZE, TYPE, COUNT, WIDTH, HEIGHT, VIEWPOINT, POINTS, DATA expected, got no"
+    ]
+    .assert_eq(&dataset.clouds.skipped[0].reason.to_string());
+}
+
+#[test]
+fn a_query_whose_object_is_not_in_the_database_is_warned_of() {
+    let mut fixture = Fixture::new();
+    fixture.cloud("cup/cup_9/cup_9_1_1.pcd");
+    fixture.append("train1.txt", "cup/cup_9/cup_9_1_1.pcd\n");
+    fixture.cloud("cup/cup_8/cup_8_1_1.pcd");
+    fixture.cloud("cup/cup_8/cup_8_1_2.pcd");
+    fixture.append("validation.txt", "cup/cup_8/cup_8_1_1.pcd\ncup/cup_8/cup_8_1_2.pcd\n");
+    // In the final test both are in the database.
+    fixture.cloud("cup/cup_8/cup_8_1_3.pcd");
+    fixture.append("test.txt", "cup/cup_8/cup_8_1_3.pcd\n");
+    expect![[r#"
+        split train1: queries of objects with a cloud in train2 expected, got 1 of an object without (cup_9)
+        they can never be recognised: list clouds of these objects in the database, or leave the queries out
+        split validation: queries of objects with a cloud in train1 + train2 expected, got 2 of an object without (cup_8)
+        they can never be recognised: list clouds of these objects in the database, or leave the queries out"#]]
+    .assert_eq(&fixture.load().unwrap().clouds.warnings.join("\n"));
+}
+
+#[test]
+fn copies_in_different_splits_are_warned_of() {
+    let fixture = Fixture::new();
+    let bytes = std::fs::read(fixture.root().join("ball/ball_1/ball_1_1_1.pcd")).unwrap();
+    fixture.write("ball/ball_1/ball_1_1_4.pcd", &bytes);
+    expect![[r#"
+        splits: clouds that differ expected, got 1 with the bytes of a cloud of another split, such as ball/ball_1/ball_1_1_4.pcd of ball/ball_1/ball_1_1_1.pcd
+        such a query is always recognised: remove the copies"#]]
+    .assert_eq(&fixture.load().unwrap().clouds.warnings.join("\n"));
+}
+
+/// The warnings about clouds whose points are `spacing` units apart.
+fn spacing_warnings(spacing: f32, unit: Unit) -> String {
+    let fixture = Fixture::new();
+    for (tone, split) in (0..).zip(["train1", "train2", "validation", "test"]) {
+        let list = std::fs::read_to_string(fixture.root().join(format!("{split}.txt"))).unwrap();
+        for (index, path) in (0..).zip(list.lines()) {
+            fixture.write(path, pcd::write(&patch(spacing, 10 * tone + index), DataEncoding::Binary));
+        }
+    }
+    // A grid and a radius so large that every cloud is usable, whatever its unit is taken for.
+    let preprocess =
+        Preprocess { leaf_um: 1_000_000, normal_radius_um: 2_000_000_000, unit, ..Preprocess::default() };
+    Dataset::load(&fixture.settings(), &preprocess).unwrap().clouds.warnings.join("\n")
+}
+
+#[test]
+fn a_point_spacing_that_no_sensor_has_names_the_likely_unit() {
+    assert_eq!(spacing_warnings(0.0015, Unit::Metre), "");
+    assert_eq!(spacing_warnings(1.5, Unit::Millimetre), "");
+    expect![[r#"
+        dataset.unit: median point spacing of 0.05 mm to 5 cm expected, got 1.5e3 mm with unit "m"
+        the clouds are probably in another unit: set dataset.unit = "mm""#]]
+    .assert_eq(&spacing_warnings(1.5, Unit::Metre));
+    expect![[r#"
+        dataset.unit: median point spacing of 0.05 mm to 5 cm expected, got 1.5e-3 mm with unit "mm"
+        the clouds are probably in another unit: set dataset.unit = "m""#]]
+    .assert_eq(&spacing_warnings(0.0015, Unit::Millimetre));
+    expect![[r#"
+        dataset.unit: median point spacing of 0.05 mm to 5 cm expected, got 1.5e-2 mm with unit "m"
+        convert the clouds to metres or millimetres and set dataset.unit"#]]
+    .assert_eq(&spacing_warnings(0.000_015, Unit::Metre));
+}

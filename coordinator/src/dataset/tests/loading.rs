@@ -1,0 +1,177 @@
+//! What a good data set loads as.
+
+use std::fs;
+
+use descriptor::Preprocess;
+
+use super::super::{Dataset, DatasetError, Instance, Layout, Listing, SPLITS, SplitRule, Splits};
+use super::{Fixture, lengths, shared};
+
+fn paths<'a>(dataset: &'a Dataset, split: &[u32]) -> Vec<&'a str> {
+    split.iter().map(|&index| &*dataset.clouds.entries[index as usize].path).collect()
+}
+
+#[test]
+fn clouds_get_the_labels_of_their_folders_and_the_order_of_their_lists() {
+    let fixture = Fixture::new();
+    // Lists in another order than folders, with comments, blank lines, CRLF and a byte order mark.
+    let list = "\u{feff}# mine\r\n\r\ncup/cup_2/cup_2_1_1.pcd\r\n  ./ball//ball_1/ball_1_1_1.pcd  \r\n";
+    fixture.write("train1.txt", list);
+    let dataset = fixture.load().unwrap();
+    assert_eq!(dataset.clouds.categories, ["ball", "cup"]);
+    let instance = |name: &str, category| Instance { name: name.to_owned(), category };
+    let instances =
+        [instance("ball_1", 0), instance("ball_2", 0), instance("cup_1", 1), instance("cup_2", 1)];
+    assert_eq!(dataset.clouds.instances, instances);
+    assert_eq!(
+        paths(&dataset, &dataset.splits.train1),
+        ["cup/cup_2/cup_2_1_1.pcd", "ball/ball_1/ball_1_1_1.pcd"]
+    );
+    let expected = Splits {
+        train1: vec![0, 1],
+        train2: vec![2, 3, 4, 5],
+        validation: vec![6, 7, 8, 9],
+        test: vec![10, 11, 12, 13],
+    };
+    assert_eq!(dataset.splits, expected);
+    for cloud in &dataset.clouds.entries {
+        let bytes = fs::read(dataset.clouds.root.join(&cloud.path)).unwrap();
+        assert_eq!(cloud.digest, *blake3::hash(&bytes).as_bytes());
+        assert_eq!(cloud.bytes, bytes.len() as u64);
+        let instance = &dataset.clouds.instances[cloud.instance as usize];
+        assert_eq!(cloud.category, instance.category);
+        let folder = format!("{}/{}/", dataset.clouds.categories[cloud.category as usize], instance.name);
+        assert!(cloud.path.starts_with(&folder));
+    }
+    assert_eq!((dataset.clouds.skipped.len(), dataset.clouds.warnings.len()), (0, 0));
+}
+
+#[test]
+fn a_manifest_gives_labels_and_splits() {
+    let mut fixture = Fixture::empty();
+    let mut rows = "split,path,note,category,instance\n".to_owned();
+    for (split, name) in [("train1", "a"), ("train2", "b"), ("validation", "c"), ("test", "d"), ("", "e")] {
+        fixture.cloud(&format!("{name}.pcd"));
+        rows += &format!("{split}, {name}.pcd ,\"x, y\",fruit,pear\n");
+    }
+    fixture.write("clouds.csv", &rows);
+    let dataset = Dataset::load(&fixture.manifest_settings(), &Preprocess::default()).unwrap();
+    assert_eq!(dataset.clouds.entries.len(), 4);
+    assert_eq!(paths(&dataset, &dataset.splits.validation), ["c.pcd"]);
+    assert_eq!(dataset.clouds.categories, ["fruit"]);
+    assert_eq!(dataset.clouds.instances[0].name, "pear");
+
+    // Lists may choose the splits, with the manifest's labels.
+    let mut settings = fixture.manifest_settings();
+    for (split, name) in [("train1", "e"), ("train2", "d"), ("validation", "c"), ("test", "b")] {
+        fixture.write(&format!("{split}.txt"), format!("{name}.pcd\n"));
+    }
+    settings.splits = fixture.settings().splits;
+    let dataset = Dataset::load(&settings, &Preprocess::default()).unwrap();
+    assert_eq!(paths(&dataset, &dataset.splits.train1), ["e.pcd"]);
+    assert_eq!(dataset.clouds.entries[0].instance, 0);
+}
+
+#[test]
+fn the_data_digest_changes_with_bytes_labels_and_lines_and_with_nothing_else() {
+    let digest = |change: &dyn Fn(&mut Fixture)| {
+        let mut fixture = Fixture::new();
+        change(&mut fixture);
+        let settings = super::DatasetSettings { layout: Layout::Folders, ..fixture.settings() };
+        Dataset::load(&settings, &Preprocess::default()).unwrap().clouds.digest
+    };
+    let base = digest(&|_| {});
+    assert_eq!(base, digest(&|fixture| fixture.append("train1.txt", "# a comment\n")));
+    assert_eq!(base, digest(&|fixture| fixture.cloud("ball/ball_1/unlisted.pcd")));
+    assert_eq!(
+        base,
+        digest(&|fixture| {
+            let folder = fixture.root().join("cup/cup_1");
+            fs::rename(folder.join("cup_1_1_1.pcd"), folder.join("other name.pcd")).unwrap();
+            let list = fs::read_to_string(fixture.root().join("train1.txt")).unwrap();
+            fixture.write("train1.txt", list.replace("cup_1_1_1", "other name"));
+        })
+    );
+    let relabel = |fixture: &mut Fixture, from: &str, to: &str| {
+        fs::create_dir_all(fixture.root().join(to).parent().unwrap()).unwrap();
+        fs::rename(fixture.root().join(from), fixture.root().join(to)).unwrap();
+        for split in SPLITS {
+            let name = format!("{split}.txt");
+            let list = fs::read_to_string(fixture.root().join(&name)).unwrap();
+            fixture.write(&name, list.replace(&format!("{from}/"), &format!("{to}/")));
+        }
+    };
+    let changed = [
+        digest(&|fixture| {
+            let mut bytes = fs::read(fixture.root().join("ball/ball_1/ball_1_1_4.pcd")).unwrap();
+            *bytes.last_mut().unwrap() ^= 1;
+            fixture.write("ball/ball_1/ball_1_1_4.pcd", bytes);
+        }),
+        digest(&|fixture| {
+            let list = fs::read_to_string(fixture.root().join("test.txt")).unwrap();
+            fixture.write("test.txt", list.lines().rev().collect::<Vec<_>>().join("\n"));
+        }),
+        digest(&|fixture| {
+            let list = fs::read_to_string(fixture.root().join("test.txt")).unwrap();
+            fixture.write("test.txt", list.lines().skip(1).collect::<Vec<_>>().join("\n"));
+        }),
+        digest(&|fixture| {
+            fs::rename(fixture.root().join("train1.txt"), fixture.root().join("kept.txt")).unwrap();
+            fs::rename(fixture.root().join("train2.txt"), fixture.root().join("train1.txt")).unwrap();
+            fs::rename(fixture.root().join("kept.txt"), fixture.root().join("train2.txt")).unwrap();
+        }),
+        digest(&|fixture| relabel(fixture, "ball", "sphere")),
+        digest(&|fixture| relabel(fixture, "ball/ball_1", "ball/ball_3")),
+        digest(&|fixture| relabel(fixture, "ball/ball_1", "cup/ball_1")),
+    ];
+    for (index, digest) in changed.iter().enumerate() {
+        assert!(*digest != base && !changed[..index].contains(digest), "change {index}");
+    }
+}
+
+#[test]
+fn queries_and_a_database_are_listed_without_an_experiment() {
+    let fixture = Fixture::new();
+    let list = |name: &str| fixture.root().join(name);
+    let load = |query: &[&str], database: &[&str]| {
+        let lists = |names: &[&str]| names.iter().map(|name| list(name)).collect::<Vec<_>>();
+        Listing::load(fixture.root(), &Layout::Uw, &lists(query), &lists(database))
+    };
+    let listing = load(&["test.txt", "train1.txt"], &["train2.txt"]).unwrap();
+    assert_eq!((listing.clouds.len(), listing.queries), (12, 8));
+    for (index, path, category, instance) in [
+        (0, "ball/ball_1/ball_1_1_4.pcd", 0, 0),
+        (5, "ball/ball_2/ball_2_1_1.pcd", 0, 1),
+        (11, "cup/cup_2/cup_2_1_2.pcd", 1, 3),
+    ] {
+        let cloud = &listing.clouds[index];
+        assert_eq!((&*cloud.path, cloud.category, cloud.instance), (path, category, instance));
+        assert_eq!(cloud.file, fs::canonicalize(list(path)).unwrap());
+    }
+    assert_eq!(listing.categories, ["ball", "cup"]);
+    assert_eq!(listing.instances[3].name, "cup_2");
+
+    let error = load(&["test.txt"], &["train2.txt", "test.txt"]).unwrap_err();
+    assert!(matches!(error, DatasetError::Overlap { first_split: "query", second_split: "database", .. }));
+    let error = load(&["test.txt"], &[]).unwrap_err();
+    assert_eq!(error, DatasetError::EmptySplit { split: "database", listed: 0 });
+}
+
+#[test]
+fn the_benchmark_loads_whole() {
+    let Some(root) = shared("data/household-rgbd") else { return };
+    let list = |name: &str| root.join(name);
+    let mut settings = Fixture::empty().settings();
+    settings.splits = SplitRule::Files {
+        train1: list("train1.txt"),
+        train2: list("train2.txt"),
+        validation: list("validation.txt"),
+        test: list("test.txt"),
+    };
+    settings.root = root.clone();
+    let dataset = Dataset::load(&settings, &Preprocess::default()).unwrap();
+    assert_eq!(lengths(&dataset), [352, 352, 239, 475]);
+    assert_eq!((dataset.clouds.categories.len(), dataset.clouds.instances.len()), (10, 48));
+    assert_eq!(dataset.clouds.skipped, []);
+    assert_eq!(dataset.clouds.warnings, Vec::<String>::new());
+}

@@ -1,0 +1,255 @@
+//! Settings of the genetic algorithm and of its stop rule, with the paper's values as defaults.
+
+use descriptor::Encoding;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+/// The largest population: with counts below 2³² every sum of selection weights then fits 64 bits.
+pub const MAX_POPULATION: u32 = 65_536;
+
+/// How correct counts become selection weights (DESIGN 5.9).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Scaling {
+    /// The counts themselves (paper).
+    #[default]
+    None,
+    /// Goldberg's linear scaling: the mean stays, the best expects twice the mean.
+    Linear,
+    /// The rank, from 1 for the worst; equal counts share their mean rank.
+    Rank,
+}
+
+/// How generations are made (DESIGN 5.8 and 5.9).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GaSettings {
+    /// Individuals a generation, 2 to [`MAX_POPULATION`]. Default 10 (paper).
+    pub population: u32,
+    /// Best individuals copied unmutated, fewer than `population`. Default 1 (paper).
+    pub elite: u32,
+    /// Scaling of fitness before the roulette. Default none (paper).
+    pub scaling: Scaling,
+    /// Probability that uniform crossover swaps a bit, 0 to 1. Default 0.5 (paper).
+    pub crossover_rate: f64,
+    /// Probability p(1) that in-order mutation flips a bit between its points, 0 to 1. Default 0.40 (paper).
+    pub mutation_rate: f64,
+    /// Factor r of p(g + 1) = p(g)·r, 0 to 1. Default 0.97 (the paper lowers the rate but gives no factor).
+    pub mutation_decay: f64,
+    /// How value indices are written as bits. Default binary (paper).
+    pub encoding: Encoding,
+}
+
+impl Default for GaSettings {
+    fn default() -> Self {
+        Self {
+            population: 10,
+            elite: 1,
+            scaling: Scaling::None,
+            crossover_rate: 0.5,
+            mutation_rate: 0.40,
+            mutation_decay: 0.97,
+            encoding: Encoding::Binary,
+        }
+    }
+}
+
+impl GaSettings {
+    /// The settings themselves if they make an algorithm, else the first of them that does not.
+    pub fn validate(self) -> Result<Self, SettingsError> {
+        if !(2..=MAX_POPULATION).contains(&self.population) {
+            return Err(SettingsError::Population { got: self.population });
+        }
+        if self.elite >= self.population {
+            return Err(SettingsError::Elite { got: self.elite, population: self.population });
+        }
+        for (key, got) in [
+            ("ga.crossover_rate", self.crossover_rate),
+            ("ga.mutation_rate", self.mutation_rate),
+            ("ga.mutation_decay", self.mutation_decay),
+        ] {
+            // The range holds neither NaN nor an infinity.
+            if !(0.0..=1.0).contains(&got) {
+                return Err(SettingsError::Rate { key, got });
+            }
+        }
+        Ok(self)
+    }
+
+    /// p(g) = `mutation_rate`·`mutation_decay`^(g − 1), generations counted from 1 (DESIGN 5.9).
+    ///
+    /// It is the rate of the generation that is left: the children of generation g are mutated with p(g), so the
+    /// first mutation, which leads from the random generation 1 to generation 2, uses `mutation_rate` itself.
+    pub fn mutation_rate(&self, generation: u32) -> f64 {
+        // One multiplication after the other: a power function may round differently on another platform.
+        (1..generation).fold(self.mutation_rate, |rate, _| rate * self.mutation_decay)
+    }
+}
+
+/// When a run ends (DESIGN 5.10).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StopSettings {
+    /// Stop when the best individual names every training query correctly. Default true (paper).
+    pub perfect: bool,
+    /// Stop when validation errors have risen this many generations in a row, at least 1; `None`: never for this
+    /// reason. Default 1 (paper).
+    pub validation_patience: Option<u32>,
+    /// Stop after this many generations without a strictly better training fitness, at least 1; `None`: never for
+    /// this reason. Default 40 (paper).
+    pub stagnation: Option<u32>,
+    /// Stop after this many generations, at least 1. Default 200 (paper).
+    pub generations: u32,
+}
+
+impl Default for StopSettings {
+    fn default() -> Self {
+        Self { perfect: true, validation_patience: Some(1), stagnation: Some(40), generations: 200 }
+    }
+}
+
+impl StopSettings {
+    /// The settings themselves if they make a stop rule, else the first of them that does not.
+    pub fn validate(self) -> Result<Self, SettingsError> {
+        for (key, got) in [
+            ("stop.validation_patience", self.validation_patience),
+            ("stop.stagnation", self.stagnation),
+            ("stop.generations", Some(self.generations)),
+        ] {
+            if got == Some(0) {
+                return Err(SettingsError::Generations { key });
+            }
+        }
+        Ok(self)
+    }
+}
+
+/// Why settings make no genetic algorithm or no stop rule.
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+pub enum SettingsError {
+    /// Too few individuals to choose between, or more than the sums allow.
+    #[error(
+        "ga.population: not between 2 and 65536, got {got}\nset it to the individuals a generation, such as 10"
+    )]
+    Population { got: u32 },
+    /// No room left for children.
+    #[error(
+        "ga.elite: not below ga.population = {population}, got {got}\nset it to the individuals copied unchanged, such as 1"
+    )]
+    Elite { got: u32, population: u32 },
+    /// A probability or factor outside its range.
+    #[error("{key}: not between 0 and 1, got {got}\nset it to a probability or factor in this range")]
+    Rate { key: &'static str, got: f64 },
+    /// A number of generations that could never pass.
+    #[error("{key}: not at least 1, got 0\nset it to a number of generations from 1")]
+    Generations { key: &'static str },
+}
+
+#[cfg(test)]
+mod tests {
+    use expect_test::expect;
+
+    use super::*;
+
+    const GA: fn() -> GaSettings = GaSettings::default;
+    const STOP: fn() -> StopSettings = StopSettings::default;
+
+    #[test]
+    fn defaults_are_the_papers_and_valid() {
+        let ga = GA().validate().unwrap();
+        assert_eq!((ga.population, ga.elite, ga.scaling), (10, 1, Scaling::None));
+        assert_eq!((ga.crossover_rate, ga.mutation_rate, ga.mutation_decay), (0.5, 0.40, 0.97));
+        assert_eq!(ga.encoding, Encoding::Binary);
+        let stop = STOP().validate().unwrap();
+        assert_eq!(
+            (stop.perfect, stop.validation_patience, stop.stagnation, stop.generations),
+            (true, Some(1), Some(40), 200)
+        );
+    }
+
+    #[test]
+    fn the_extremes_of_every_setting_are_valid() {
+        for population in [2, MAX_POPULATION] {
+            for elite in [0, population - 1] {
+                for rate in [0.0, 1.0] {
+                    let (crossover_rate, mutation_rate, mutation_decay) = (rate, rate, rate);
+                    let ga = GaSettings {
+                        population,
+                        elite,
+                        crossover_rate,
+                        mutation_rate,
+                        mutation_decay,
+                        ..GA()
+                    };
+                    assert_eq!(ga.validate(), Ok(ga));
+                }
+            }
+        }
+        let stop =
+            StopSettings { perfect: false, validation_patience: None, stagnation: None, generations: 1 };
+        assert_eq!(stop.validate(), Ok(stop));
+    }
+
+    #[test]
+    fn what_lies_outside_is_refused_by_name() {
+        for population in [0, 1, MAX_POPULATION + 1] {
+            let error = GaSettings { population, elite: 0, ..GA() }.validate().unwrap_err();
+            assert_eq!(error, SettingsError::Population { got: population });
+        }
+        for elite in [10, 11] {
+            let error = GaSettings { elite, ..GA() }.validate().unwrap_err();
+            assert_eq!(error, SettingsError::Elite { got: elite, population: 10 });
+        }
+        for got in [-0.1, 1.000_001, f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            for (key, ga) in [
+                ("ga.crossover_rate", GaSettings { crossover_rate: got, ..GA() }),
+                ("ga.mutation_rate", GaSettings { mutation_rate: got, ..GA() }),
+                ("ga.mutation_decay", GaSettings { mutation_decay: got, ..GA() }),
+            ] {
+                let error = ga.validate().unwrap_err();
+                assert!(matches!(error, SettingsError::Rate { key: k, .. } if k == key), "{error}");
+            }
+        }
+        for (key, stop) in [
+            ("stop.validation_patience", StopSettings { validation_patience: Some(0), ..STOP() }),
+            ("stop.stagnation", StopSettings { stagnation: Some(0), ..STOP() }),
+            ("stop.generations", StopSettings { generations: 0, ..STOP() }),
+        ] {
+            assert_eq!(stop.validate(), Err(SettingsError::Generations { key }));
+        }
+    }
+
+    #[test]
+    fn messages_name_place_value_and_remedy() {
+        let errors = [
+            SettingsError::Population { got: 1 },
+            SettingsError::Elite { got: 10, population: 10 },
+            SettingsError::Rate { key: "ga.mutation_rate", got: 1.5 },
+            SettingsError::Generations { key: "stop.stagnation" },
+        ];
+        expect![[r#"
+            ga.population: not between 2 and 65536, got 1
+            set it to the individuals a generation, such as 10
+            ga.elite: not below ga.population = 10, got 10
+            set it to the individuals copied unchanged, such as 1
+            ga.mutation_rate: not between 0 and 1, got 1.5
+            set it to a probability or factor in this range
+            stop.stagnation: not at least 1, got 0
+            set it to a number of generations from 1"#]]
+        .assert_eq(&errors.map(|error| error.to_string()).join("\n"));
+    }
+
+    #[test]
+    fn the_mutation_rate_falls_by_repeated_multiplication() {
+        let ga = GA();
+        assert_eq!(ga.mutation_rate(1), 0.40);
+        assert_eq!(ga.mutation_rate(2), 0.40 * 0.97);
+        let mut product = 0.40;
+        for generation in 1..=200 {
+            assert_eq!(ga.mutation_rate(generation).to_bits(), f64::to_bits(product));
+            product *= 0.97;
+        }
+        // 0.40·0.97^199, from 40-digit decimal arithmetic.
+        assert!((ga.mutation_rate(200) / 9.324_705_195_858_878e-4 - 1.0).abs() < 1e-13);
+        assert_eq!(GaSettings { mutation_decay: 1.0, ..ga }.mutation_rate(200), 0.40);
+        assert_eq!(GaSettings { mutation_decay: 0.0, ..ga }.mutation_rate(2), 0.0);
+    }
+}

@@ -1,0 +1,273 @@
+//! The stop rule: looks at one generation after the other and says when and why the run ends (DESIGN 5.10).
+
+use std::fmt;
+
+use super::settings::StopSettings;
+
+/// Why a run ended, in order of precedence: if several hold after one generation, the first is the reason.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum StopReason {
+    /// The best individual names every training query correctly.
+    Perfect,
+    /// The validation error count rose as often in a row as the patience allows.
+    Validation,
+    /// No strictly better training fitness for the allowed number of generations.
+    Stagnation,
+    /// The allowed number of generations is done.
+    Generations,
+}
+
+impl StopReason {
+    /// Every reason, in order of precedence.
+    pub const ALL: [Self; 4] = [Self::Perfect, Self::Validation, Self::Stagnation, Self::Generations];
+
+    /// Its name in Parquet and JSON.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Perfect => "perfect",
+            Self::Validation => "validation",
+            Self::Stagnation => "stagnation",
+            Self::Generations => "generations",
+        }
+    }
+}
+
+impl fmt::Display for StopReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Perfect => "every training query was named correctly",
+            Self::Validation => "validation errors rose",
+            Self::Stagnation => "the training fitness no longer improved",
+            Self::Generations => "the last generation was reached",
+        })
+    }
+}
+
+/// The stop rule with what it remembers of the generations seen.
+#[derive(Clone, Debug)]
+pub struct StopRule {
+    settings: StopSettings,
+    generations: u32,
+    best_correct: Option<u32>,
+    generations_without_improvement: u32,
+    previous_validation_errors: Option<u32>,
+    validation_rises: u32,
+}
+
+impl StopRule {
+    /// Before the first generation.
+    pub fn new(settings: StopSettings) -> Self {
+        Self {
+            settings,
+            generations: 0,
+            best_correct: None,
+            generations_without_improvement: 0,
+            previous_validation_errors: None,
+            validation_rises: 0,
+        }
+    }
+
+    /// Takes the next generation and says whether the run ends with it.
+    ///
+    /// `best_correct` is the correct count of the generation's best out of `queries` training queries, and
+    /// `validation_errors` its error count on the validation set, `None` without validation. Validation *rises* when
+    /// the error count exceeds the previous generation's; an equal or lower count ends a series of rises.
+    pub fn observe(
+        &mut self,
+        best_correct: u32,
+        queries: u32,
+        validation_errors: Option<u32>,
+    ) -> Option<StopReason> {
+        self.generations = self.generations.saturating_add(1);
+        if self.best_correct.is_none_or(|best| best_correct > best) {
+            self.best_correct = Some(best_correct);
+            self.generations_without_improvement = 0;
+        } else {
+            self.generations_without_improvement = self.generations_without_improvement.saturating_add(1);
+        }
+        let rises = matches!(
+            (self.previous_validation_errors, validation_errors),
+            (Some(previous), Some(now)) if now > previous
+        );
+        self.validation_rises = if rises { self.validation_rises.saturating_add(1) } else { 0 };
+        self.previous_validation_errors = validation_errors;
+
+        let reached = |count: u32, limit: Option<u32>| limit.is_some_and(|limit| count >= limit);
+        let holds = |reason: &StopReason| match reason {
+            // Without queries nothing was named, correctly or not.
+            StopReason::Perfect => self.settings.perfect && queries > 0 && best_correct >= queries,
+            StopReason::Validation => reached(self.validation_rises, self.settings.validation_patience),
+            StopReason::Stagnation => reached(self.generations_without_improvement, self.settings.stagnation),
+            StopReason::Generations => self.generations >= self.settings.generations,
+        };
+        StopReason::ALL.into_iter().find(holds)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use expect_test::expect;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    const NEVER: StopSettings =
+        StopSettings { perfect: false, validation_patience: None, stagnation: None, generations: u32::MAX };
+
+    /// Runs (correct, validation errors) of 10 queries to the stop: its generation and reason.
+    fn check(
+        settings: StopSettings,
+        generations: &[(u32, Option<u32>)],
+        expected: Option<(usize, StopReason)>,
+    ) {
+        let mut rule = StopRule::new(settings);
+        let stop = generations.iter().enumerate().find_map(|(index, &(correct, errors))| {
+            rule.observe(correct, 10, errors).map(|reason| (index + 1, reason))
+        });
+        assert_eq!(stop, expected, "{settings:?} {generations:?}");
+    }
+
+    fn without_validation(correct: &[u32]) -> Vec<(u32, Option<u32>)> {
+        correct.iter().map(|&correct| (correct, None)).collect()
+    }
+
+    fn with_errors(errors: &[u32]) -> Vec<(u32, Option<u32>)> {
+        errors.iter().map(|&errors| (5, Some(errors))).collect()
+    }
+
+    #[test]
+    fn perfect_is_all_queries_and_not_one_less() {
+        let settings = StopSettings { perfect: true, ..NEVER };
+        check(settings, &without_validation(&[8, 9, 10, 10]), Some((3, StopReason::Perfect)));
+        check(settings, &without_validation(&[10]), Some((1, StopReason::Perfect)));
+        check(settings, &without_validation(&[9, 9, 9]), None);
+        check(NEVER, &without_validation(&[10, 10]), None);
+        assert_eq!(StopRule::new(settings).observe(0, 0, None), None);
+    }
+
+    #[test]
+    fn validation_rises_over_the_previous_generation_not_over_the_lowest() {
+        let settings = StopSettings { validation_patience: Some(1), ..NEVER };
+        check(settings, &with_errors(&[4, 5]), Some((2, StopReason::Validation)));
+        check(settings, &with_errors(&[4, 4, 3, 3, 2]), None);
+        check(settings, &with_errors(&[9, 2, 3]), Some((3, StopReason::Validation)));
+        check(settings, &with_errors(&[7]), None);
+        check(settings, &without_validation(&[5, 5, 5]), None);
+        check(NEVER, &with_errors(&[1, 2, 3, 4]), None);
+    }
+
+    #[test]
+    fn patience_counts_rises_in_a_row() {
+        let settings = StopSettings { validation_patience: Some(3), ..NEVER };
+        check(settings, &with_errors(&[1, 2, 3, 4]), Some((4, StopReason::Validation)));
+        check(settings, &with_errors(&[1, 2, 3, 3, 4, 5]), None);
+        check(settings, &with_errors(&[1, 2, 3, 3, 4, 5, 6]), Some((7, StopReason::Validation)));
+        check(settings, &with_errors(&[1, 2, 3, 0, 4, 5]), None);
+    }
+
+    #[test]
+    fn stagnation_counts_generations_without_a_strictly_better_fitness() {
+        let settings = StopSettings { stagnation: Some(3), ..NEVER };
+        check(settings, &without_validation(&[5, 5, 5, 5]), Some((4, StopReason::Stagnation)));
+        check(settings, &without_validation(&[5, 5, 5, 6, 6, 6]), None);
+        check(settings, &without_validation(&[5, 5, 5, 6, 6, 6, 6]), Some((7, StopReason::Stagnation)));
+        // Falling and rising back below the best is no improvement.
+        check(settings, &without_validation(&[5, 3, 4, 5]), Some((4, StopReason::Stagnation)));
+        check(NEVER, &without_validation(&[5; 100]), None);
+        let paper = StopSettings::default();
+        check(paper, &without_validation(&[5; 60]), Some((41, StopReason::Stagnation)));
+    }
+
+    #[test]
+    fn generations_count_from_the_random_population() {
+        check(
+            StopSettings { generations: 1, ..NEVER },
+            &without_validation(&[1]),
+            Some((1, StopReason::Generations)),
+        );
+        let paper = StopSettings { stagnation: None, ..StopSettings::default() };
+        check(paper, &without_validation(&[5; 300]), Some((200, StopReason::Generations)));
+    }
+
+    #[test]
+    fn of_two_reasons_in_one_generation_the_first_in_order_counts() {
+        // After these four generations every reason that is switched on holds for the first time: fitness is as good
+        // as possible from the start, errors rise once, three generations pass without improvement, four in all.
+        // Perfection alone holds from the first, so it is given queries to reach at the fourth.
+        let enabled = |on: &[StopReason]| StopSettings {
+            perfect: on.contains(&StopReason::Perfect),
+            validation_patience: on.contains(&StopReason::Validation).then_some(1),
+            stagnation: on.contains(&StopReason::Stagnation).then_some(3),
+            generations: if on.contains(&StopReason::Generations) { 4 } else { u32::MAX },
+        };
+        let run = |settings| {
+            let mut rule = StopRule::new(settings);
+            let mut reasons = Vec::new();
+            for (queries, errors) in [(11, 4), (11, 4), (11, 4), (10, 5)] {
+                reasons.push(rule.observe(10, queries, Some(errors)));
+            }
+            reasons
+        };
+        for (i, &first) in StopReason::ALL.iter().enumerate() {
+            assert_eq!(run(enabled(&[first])), [None, None, None, Some(first)]);
+            for &second in &StopReason::ALL[i + 1..] {
+                assert_eq!(run(enabled(&[first, second])), [None, None, None, Some(first)]);
+            }
+        }
+        assert_eq!(run(enabled(&StopReason::ALL)), [None, None, None, Some(StopReason::Perfect)]);
+    }
+
+    #[test]
+    fn names_and_sentences() {
+        let text = StopReason::ALL.map(|reason| format!("{}: {reason}\n", reason.as_str())).concat();
+        expect![[r#"
+            perfect: every training query was named correctly
+            validation: validation errors rose
+            stagnation: the training fitness no longer improved
+            generations: the last generation was reached
+        "#]]
+        .assert_eq(&text);
+    }
+
+    proptest! {
+        #[test]
+        fn the_rule_is_its_definition_over_the_whole_history(
+            generations in prop::collection::vec((0u32..=10, prop::option::weighted(0.9, 0u32..6)), 1..40),
+            perfect in any::<bool>(),
+            validation_patience in prop::option::of(1u32..4),
+            stagnation in prop::option::of(1u32..8),
+            limit in 1u32..50,
+        ) {
+            let settings = StopSettings { perfect, validation_patience, stagnation, generations: limit };
+            let mut rule = StopRule::new(settings);
+            for end in 1..=generations.len() {
+                let history = &generations[..end];
+                let (correct, errors) = history[end - 1];
+                let rises = |g: usize| {
+                    g > 0 && matches!((history[g - 1].1, history[g].1), (Some(a), Some(b)) if b > a)
+                };
+                let risen = |patience: u32| {
+                    let patience = patience as usize;
+                    end >= patience && (end - patience..end).all(rises)
+                };
+                let stagnant = |limit: u32| {
+                    let limit = limit as usize;
+                    end > limit && {
+                        let (before, after) = history.split_at(end - limit);
+                        after.iter().map(|g| g.0).max() <= before.iter().map(|g| g.0).max()
+                    }
+                };
+                let expected = if perfect && correct == 10 {
+                    Some(StopReason::Perfect)
+                } else if validation_patience.is_some_and(risen) {
+                    Some(StopReason::Validation)
+                } else if stagnation.is_some_and(stagnant) {
+                    Some(StopReason::Stagnation)
+                } else {
+                    (end as u32 >= limit).then_some(StopReason::Generations)
+                };
+                prop_assert_eq!(rule.observe(correct, 10, errors), expected);
+            }
+        }
+    }
+}

@@ -1,0 +1,131 @@
+//! Values that may be written in more than one form: number or word, number or interval, word or table.
+//!
+//! Serde's untagged enums would do, but lose the place of a mistake and what was expected there.
+
+use std::fmt;
+use std::marker::PhantomData;
+
+use schemars::JsonSchema;
+use serde::de::value::MapAccessDeserializer;
+use serde::de::{Deserializer, Error, IntoDeserializer, MapAccess, Unexpected, Visitor};
+use serde::{Deserialize, Serialize};
+
+use super::raw::{RawInterval, RawSplitTable, RawSplitWord};
+
+/// A fixed value, or an interval.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
+#[serde(untagged, rename = "gene")]
+pub(super) enum RawGene {
+    Fixed(f64),
+    Interval(RawInterval),
+}
+
+/// Which cloud is in which split: the manifest's column, lists, or a random draw.
+#[derive(Debug, Serialize, JsonSchema)]
+#[serde(untagged, rename = "splits")]
+pub(super) enum RawSplits {
+    Word(RawSplitWord),
+    Table(Box<RawSplitTable>),
+}
+
+/// A whole number or a word.
+#[derive(Clone, Copy, Debug, Serialize, JsonSchema)]
+#[serde(untagged)]
+#[schemars(rename = "number_or_{W}")]
+pub(super) enum NumberOr<W> {
+    Number(u32),
+    Word(W),
+}
+
+/// The one word that may stand for a number.
+pub(super) trait Word: Default {
+    /// The word as written.
+    const TEXT: &'static str;
+}
+
+impl<'de, W: Word> Deserialize<'de> for NumberOr<W> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct NumberOrVisitor<W>(PhantomData<W>);
+        impl<W: Word> Visitor<'_> for NumberOrVisitor<W> {
+            type Value = NumberOr<W>;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, "a whole number from 0 to {} or \"{}\"", u32::MAX, W::TEXT)
+            }
+
+            fn visit_u64<E: Error>(self, number: u64) -> Result<Self::Value, E> {
+                u32::try_from(number)
+                    .map(NumberOr::Number)
+                    .map_err(|_| E::invalid_value(Unexpected::Unsigned(number), &self))
+            }
+
+            fn visit_i64<E: Error>(self, number: i64) -> Result<Self::Value, E> {
+                u32::try_from(number)
+                    .map(NumberOr::Number)
+                    .map_err(|_| E::invalid_value(Unexpected::Signed(number), &self))
+            }
+
+            fn visit_str<E: Error>(self, word: &str) -> Result<Self::Value, E> {
+                if word == W::TEXT {
+                    Ok(NumberOr::Word(W::default()))
+                } else {
+                    Err(E::invalid_value(Unexpected::Str(word), &self))
+                }
+            }
+        }
+        deserializer.deserialize_any(NumberOrVisitor(PhantomData))
+    }
+}
+
+impl<'de> Deserialize<'de> for RawGene {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct GeneVisitor;
+        impl<'de> Visitor<'de> for GeneVisitor {
+            type Value = RawGene;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a number, or a table such as { min = 1, max = 2, step = 1 }")
+            }
+
+            fn visit_f64<E: Error>(self, value: f64) -> Result<Self::Value, E> {
+                Ok(RawGene::Fixed(value))
+            }
+
+            fn visit_i64<E: Error>(self, value: i64) -> Result<Self::Value, E> {
+                Ok(RawGene::Fixed(value as f64))
+            }
+
+            fn visit_u64<E: Error>(self, value: u64) -> Result<Self::Value, E> {
+                Ok(RawGene::Fixed(value as f64))
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
+                RawInterval::deserialize(MapAccessDeserializer::new(map)).map(RawGene::Interval)
+            }
+        }
+        deserializer.deserialize_any(GeneVisitor)
+    }
+}
+
+impl<'de> Deserialize<'de> for RawSplits {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct SplitsVisitor;
+        impl<'de> Visitor<'de> for SplitsVisitor {
+            type Value = RawSplits;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("\"manifest\", or a table of lists, or a table with `seeded`")
+            }
+
+            fn visit_str<E: Error>(self, word: &str) -> Result<Self::Value, E> {
+                RawSplitWord::deserialize(word.into_deserializer()).map(RawSplits::Word)
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
+                RawSplitTable::deserialize(MapAccessDeserializer::new(map))
+                    .map(|table| RawSplits::Table(Box::new(table)))
+            }
+        }
+        deserializer.deserialize_any(SplitsVisitor)
+    }
+}

@@ -1,0 +1,256 @@
+//! The experiment file: read, checked key by key, and written out again with every default filled in.
+//!
+//! Two steps: text → `raw` (keys and types, by serde) → [`Experiment`] (meaning, by `validate`). Everything else in
+//! the program sees only an [`Experiment`], which is valid by construction.
+
+mod error;
+mod forms;
+mod paths;
+mod raw;
+mod resolved;
+mod suggest;
+mod syntax;
+mod validate;
+mod validate_dataset;
+mod validate_genes;
+
+#[cfg(test)]
+mod tests;
+
+use std::fs::File;
+use std::io::Read;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::time::Duration;
+
+use descriptor::{GeneTable, Preprocess};
+
+use crate::dataset::DatasetSettings;
+use crate::evolution::{GaSettings, StopSettings};
+pub use error::ExperimentError;
+use error::Fault;
+pub use suggest::nearest_name;
+
+/// Bytes of the largest file that is read.
+const MAX_BYTES: u64 = 1 << 20;
+
+/// Largest seed: TOML's integers end there.
+pub const MAX_SEED: u64 = i64::MAX as u64;
+
+/// Most workers inside one coordinator.
+pub const MAX_LOCAL_WORKERS: u32 = 1024;
+
+/// Where run folders are made if the experiment names no place, relative to the current folder.
+pub const DEFAULT_RESULTS_DIR: &str = "results/runs";
+
+/// One experiment: valid, complete, and independent of how it was written.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Experiment {
+    /// The file it was read from, as named by the user.
+    path: PathBuf,
+    name: String,
+    seed: u64,
+    dataset: DatasetSettings,
+    preprocess: Preprocess,
+    genes: GeneTable,
+    ga: GaSettings,
+    stop: StopSettings,
+    coordinator: CoordinatorSettings,
+    /// `None`: [`DEFAULT_RESULTS_DIR`], which no path relative to the file could name.
+    results_dir: Option<PathBuf>,
+}
+
+/// Settings of the command line that replace those of the file.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Overrides {
+    /// Replaces `seed`.
+    pub seed: Option<u64>,
+    /// Replaces `coordinator.listen`.
+    pub listen: Option<SocketAddr>,
+    /// Replaces `coordinator.local_workers`.
+    pub local_workers: Option<LocalWorkers>,
+}
+
+/// How work is shared out. Nothing here changes a result.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CoordinatorSettings {
+    /// Where workers on other machines are awaited; `None`: nobody asked for an address.
+    pub listen: Option<SocketAddr>,
+    /// Workers inside the coordinator.
+    pub local_workers: LocalWorkers,
+    /// A worker that has not polled for this long is given up.
+    pub lease: Duration,
+    /// Failures after which a job stops the run, at least 1.
+    pub max_attempts: u32,
+    /// How long the run waits for another worker after it lost the last one.
+    pub worker_grace: Duration,
+}
+
+/// How many workers run inside the coordinator.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LocalWorkers {
+    /// One on all cores.
+    Auto,
+    /// This many sharing the cores, at most [`MAX_LOCAL_WORKERS`]; 0 leaves all work to other machines.
+    Count(u32),
+}
+
+impl FromStr for LocalWorkers {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        if text == "auto" {
+            return Ok(Self::Auto);
+        }
+        match text.parse() {
+            Ok(count) if count <= MAX_LOCAL_WORKERS => Ok(Self::Count(count)),
+            _ => Err(format!(
+                "not `auto` or a number from 0 to {MAX_LOCAL_WORKERS}, got {text:?}\nwrite auto for one on all cores"
+            )),
+        }
+    }
+}
+
+impl Experiment {
+    /// Reads and checks an experiment file of at most 1 MiB. Nothing but the file and environment variables named
+    /// in its paths is looked at: whether the clouds exist is found out by whoever reads them.
+    pub fn read(path: &Path, overrides: Overrides) -> Result<Self, ExperimentError> {
+        let text = read_bounded(path).map_err(|fault| fault.in_file(path))?;
+        Self::parse(&text, path, overrides, &|name| std::env::var(name))
+    }
+
+    fn parse(
+        text: &str,
+        path: &Path,
+        overrides: Overrides,
+        lookup: paths::Lookup<'_>,
+    ) -> Result<Self, ExperimentError> {
+        syntax::parse(text)
+            .and_then(|raw| validate::experiment(raw, path, overrides, lookup))
+            .map_err(|fault| fault.in_file(path))
+    }
+
+    /// The file it was read from, as named by the user.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Its name: 1 to 64 of a-z, 0-9, - and _, not beginning with -.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Seed of everything random in the search, at most [`MAX_SEED`].
+    pub fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// Which clouds; all paths are usable from the current folder.
+    pub fn dataset(&self) -> &DatasetSettings {
+        &self.dataset
+    }
+
+    /// What is computed once for each cloud.
+    pub fn preprocess(&self) -> &Preprocess {
+        &self.preprocess
+    }
+
+    /// The search space.
+    pub fn genes(&self) -> &GeneTable {
+        &self.genes
+    }
+
+    /// The genetic algorithm.
+    pub fn ga(&self) -> &GaSettings {
+        &self.ga
+    }
+
+    /// When the search ends.
+    pub fn stop(&self) -> &StopSettings {
+        &self.stop
+    }
+
+    /// How work is shared out.
+    pub fn coordinator(&self) -> &CoordinatorSettings {
+        &self.coordinator
+    }
+
+    /// The folder that run folders are made in, usable from the current folder.
+    pub fn results_dir(&self) -> &Path {
+        self.results_dir.as_deref().unwrap_or(Path::new(DEFAULT_RESULTS_DIR))
+    }
+
+    /// The whole experiment as TOML, with every default filled in and variables expanded. Read again from the same
+    /// folder it gives an equal experiment.
+    pub fn resolved_toml(&self) -> String {
+        resolved::resolved_toml(self)
+    }
+
+    /// As [`Experiment::resolved_toml`], with absolute paths: the record of a run, which [`Experiment::from_record`]
+    /// reads wherever the run folder has gone.
+    pub fn record_toml(&self) -> String {
+        let absolute = |path: &Path| std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+        let mut record = self.clone();
+        record.path = PathBuf::new();
+        record.dataset.map_paths(absolute);
+        record.results_dir = self.results_dir.as_deref().map(absolute);
+        record.resolved_toml()
+    }
+
+    /// The experiment of a run's record; `data` is another place of its data root, if that has moved. `origin` names
+    /// the record in messages.
+    pub fn from_record(text: &str, origin: &Path, data: Option<&Path>) -> Result<Self, ExperimentError> {
+        let mut experiment = Self::parse(text, origin, Overrides::default(), &|name| std::env::var(name))?;
+        if let Some(data) = data {
+            let old = experiment.dataset.root.clone();
+            experiment.dataset.map_paths(|path| match path.strip_prefix(&old) {
+                Ok(below) => data.join(below),
+                Err(_) => path.to_owned(),
+            });
+        }
+        Ok(experiment)
+    }
+
+    /// The part of the experiment that determines the search, as canonical text (DESIGN 4): dataset labels,
+    /// preprocess, genes, ga, stop and seed; no name, path, address or worker setting. Equal for equal meaning,
+    /// however it was written.
+    pub fn search_toml(&self) -> String {
+        resolved::search_toml(self)
+    }
+
+    /// `<name>-<12 hex digits of BLAKE3 of search_toml>`: the same command finds its run again (DESIGN 7).
+    ///
+    /// Two data sets may share a folder name, as paths are not part of it: compare data digests before resuming.
+    pub fn run_folder_name(&self) -> String {
+        let digest = blake3::hash(self.search_toml().as_bytes()).to_hex();
+        format!("{}-{}", self.name, &digest[..12])
+    }
+}
+
+/// JSON Schema (2020-12) of the experiment file, for editors.
+pub fn json_schema() -> serde_json::Value {
+    schemars::schema_for!(raw::RawExperiment).to_value()
+}
+
+fn read_bounded(path: &Path) -> Result<String, Fault> {
+    let unreadable = |error: std::io::Error| {
+        Fault::new("file", format!("not readable, got {error}"), "name an experiment file (.toml)")
+    };
+    let mut bytes = Vec::new();
+    File::open(path).and_then(|file| file.take(MAX_BYTES + 1).read_to_end(&mut bytes)).map_err(unreadable)?;
+    if bytes.len() as u64 > MAX_BYTES {
+        return Err(Fault::new(
+            "file",
+            format!("larger than {MAX_BYTES} bytes, got {} or more", bytes.len()),
+            "name an experiment file (.toml)",
+        ));
+    }
+    String::from_utf8(bytes).map_err(|error| {
+        Fault::new(
+            "file",
+            format!("not UTF-8, got another byte at offset {}", error.utf8_error().valid_up_to()),
+            "save it as UTF-8",
+        )
+    })
+}

@@ -1,0 +1,473 @@
+//! The experiment file as written: every key, its type and its default. Meaning is checked in `validate`.
+//!
+//! The doc comments are the descriptions of the JSON Schema, so they speak to the author of an experiment.
+
+use descriptor::Preprocess;
+use descriptor::synth::SynthSettings;
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use super::forms::{NumberOr, RawGene, RawSplits, Word};
+use crate::evolution::{GaSettings, Scaling, StopSettings};
+
+/// A Descry experiment: which clouds, which descriptors, how to search and when to stop.
+#[derive(Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, rename = "experiment")]
+pub(super) struct RawExperiment {
+    /// Version of this format. Always 1.
+    #[schemars(range(min = 1, max = 1))]
+    pub version: u32,
+    /// Name of the run's folder: letters a-z, digits, - and _. Default: the name of the file without `.toml`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "String", regex(pattern = "^[a-z0-9_][a-z0-9_-]*$"), example = &"household")]
+    pub name: Option<String>,
+    /// Seed of everything random in the search. Same file, seed and clouds: same results, bit for bit.
+    #[serde(default = "one")]
+    #[schemars(range(min = 0, max = 9_223_372_036_854_775_807_i64))]
+    pub seed: u64,
+    pub dataset: RawDataset,
+    #[serde(default)]
+    pub preprocess: RawPreprocess,
+    #[serde(default)]
+    pub descriptor: RawDescriptor,
+    #[serde(default)]
+    pub ga: RawGa,
+    #[serde(default)]
+    pub stop: RawStop,
+    #[serde(default)]
+    pub coordinator: RawCoordinator,
+    #[serde(default)]
+    pub results: RawResults,
+}
+
+fn one() -> u64 {
+    1
+}
+
+/// The clouds, their labels and their splits.
+///
+/// In every path ${VAR} and ${VAR:-default} stand for environment variables, and a relative path is relative to
+/// the folder of the experiment file.
+#[derive(Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, rename = "dataset")]
+pub(super) struct RawDataset {
+    /// Folder that holds the clouds.
+    #[schemars(example = &"${UW_RGBD:-../../rgbd-dataset}")]
+    pub root: String,
+    /// How the labels of a cloud are found.
+    #[serde(default)]
+    pub layout: RawLayout,
+    /// CSV with the columns path (relative to root), category, instance and, if wanted, sequence and split. Only
+    /// for layout = "manifest".
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "String", example = &"clouds.csv")]
+    pub manifest: Option<String>,
+    /// Unit of length in the clouds.
+    #[serde(default)]
+    pub unit: RawUnit,
+    /// Count and report unreadable clouds, instead of stopping at the first before the search.
+    #[serde(default)]
+    pub skip_unreadable: bool,
+    /// Which cloud is in which split. Default: the lists train1.txt, train2.txt, validation.txt and test.txt in
+    /// root; for layout = "manifest" the manifest's column.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "RawSplits")]
+    pub splits: Option<RawSplits>,
+    /// Make the clouds, with their lists, in root before the run. Only for layout = "uw".
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "RawSynthetic")]
+    pub synthetic: Option<RawSynthetic>,
+}
+
+/// How the labels of a cloud are found.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "lowercase", rename = "layout")]
+pub(super) enum RawLayout {
+    /// UW RGB-D: category/instance/instance_video_frame.pcd.
+    #[default]
+    Uw,
+    /// category/instance/any-name.pcd.
+    Folders,
+    /// As a CSV says.
+    Manifest,
+}
+
+/// Unit of length in the clouds.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "lowercase", rename = "unit")]
+pub(super) enum RawUnit {
+    /// Metres.
+    #[default]
+    M,
+    /// Millimetres.
+    Mm,
+}
+
+/// Splits by one word.
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "lowercase", rename = "split_word")]
+pub(super) enum RawSplitWord {
+    /// The column `split` of the manifest.
+    Manifest,
+}
+
+/// Splits by lists (one path a line, relative to root) or, with `seeded`, by a random draw.
+#[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default, rename = "split_table")]
+pub(super) struct RawSplitTable {
+    /// List of the queries of the fitness; a relative path is relative to root. Default: train1.txt
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "String", example = &"train1.txt")]
+    pub train1: Option<String>,
+    /// List of the database of the fitness. Default: train2.txt
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "String", example = &"train2.txt")]
+    pub train2: Option<String>,
+    /// List of the queries against train1 and train2 that may stop the search. Default: validation.txt
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "String", example = &"validation.txt")]
+    pub validation: Option<String>,
+    /// List of the queries of the final test, against the other three. Default: test.txt
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "String", example = &"test.txt")]
+    pub test: Option<String>,
+    /// Draw the splits instead of reading lists.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "RawSeeded")]
+    pub seeded: Option<RawSeeded>,
+}
+
+/// A random draw of the splits from all clouds. Shares are of the clouds that are drawn from; what is left over
+/// is not used.
+#[derive(Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default, rename = "seeded")]
+pub(super) struct RawSeeded {
+    /// Seed of the draw; the run's own seed has no part in it.
+    #[schemars(range(min = 0, max = 9_223_372_036_854_775_807_i64))]
+    pub seed: u64,
+    /// Share of train1.
+    #[schemars(range(min = 0, max = 1))]
+    pub train1: f64,
+    /// Share of train2.
+    #[schemars(range(min = 0, max = 1))]
+    pub train2: f64,
+    /// Share of validation.
+    #[schemars(range(min = 0, max = 1))]
+    pub validation: f64,
+    /// Share of test. Default: what the other three leave, or 0 with test_sequences.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "f64", range(min = 0, max = 1))]
+    pub test: Option<f64>,
+    /// Draw within each instance, so that each has its share in each split.
+    pub stratified: bool,
+    /// Sequences whose clouds are the test split (in the UW layout: numbers of videos); the other clouds are
+    /// drawn for the other splits.
+    #[schemars(example = example_sequences())]
+    pub test_sequences: Vec<String>,
+}
+
+fn example_sequences() -> [&'static str; 1] {
+    ["2"]
+}
+
+impl Default for RawSeeded {
+    fn default() -> Self {
+        Self {
+            seed: 1,
+            train1: 0.25,
+            train2: 0.25,
+            validation: 0.17,
+            test: None,
+            stratified: true,
+            test_sequences: Vec::new(),
+        }
+    }
+}
+
+/// Synthetic clouds: views of made-up household objects by a virtual depth camera.
+#[derive(Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default, rename = "synthetic")]
+pub(super) struct RawSynthetic {
+    /// Number of objects (instances).
+    #[schemars(range(min = 2, max = 1000))]
+    pub objects: u32,
+    /// Views of each object.
+    #[schemars(range(min = 4, max = 1000))]
+    pub views: u32,
+    /// Seed of shapes, colours and views.
+    #[schemars(range(min = 0, max = 9_223_372_036_854_775_807_i64))]
+    pub seed: u64,
+}
+
+impl Default for RawSynthetic {
+    fn default() -> Self {
+        let made = SynthSettings::default();
+        Self { objects: made.objects(), views: made.views(), seed: made.seed() }
+    }
+}
+
+/// What is computed once for each cloud, whatever the descriptor.
+#[derive(Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default, rename = "preprocess")]
+pub(super) struct RawPreprocess {
+    /// Edge of the voxels whose centroids are the keypoints, centimetres.
+    #[schemars(range(min = 0.01, max = 100.0))]
+    pub leaf_cm: f64,
+    /// Radius of the neighbourhoods that normals are fitted to, centimetres.
+    #[schemars(range(min = 0.01, max = 100.0))]
+    pub normal_radius_cm: f64,
+    /// A cloud with fewer usable points is skipped and reported.
+    #[schemars(range(min = 1, max = 1_000_000))]
+    pub min_points: u32,
+}
+
+impl Default for RawPreprocess {
+    fn default() -> Self {
+        let paper = Preprocess::default();
+        Self {
+            leaf_cm: f64::from(paper.leaf_um) / 1e4,
+            normal_radius_cm: f64::from(paper.normal_radius_um) / 1e4,
+            min_points: paper.min_points,
+        }
+    }
+}
+
+/// The family of descriptors that is searched.
+#[derive(Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default, rename = "descriptor")]
+pub(super) struct RawDescriptor {
+    /// Use colour. Set it to false for clouds without: gene m is then dropped and w fixed at 1.
+    pub colour: bool,
+    pub genes: RawGenes,
+}
+
+impl Default for RawDescriptor {
+    fn default() -> Self {
+        Self { colour: true, genes: RawGenes::default() }
+    }
+}
+
+/// The genes: each a fixed value or an interval with a step. What is not written is the paper's.
+#[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default, rename = "genes")]
+pub(super) struct RawGenes {
+    /// Bins of a shape histogram over 360 degrees. Default: 8 to 64.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "RawGene")]
+    pub shape_bins: Option<RawGene>,
+    /// Bins a side of a hue x saturation histogram. Default: 3 to 8.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "RawGene")]
+    pub m: Option<RawGene>,
+    /// Radius of the disk, centimetres. Default: 0.5 to 2.0 in steps of 0.1.
+    #[serde(rename = "R1", skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "RawGene")]
+    pub disk: Option<RawGene>,
+    /// Outer radius of the ring, centimetres; always larger than R1. Default: 2.1 to 5.0 in steps of 0.1.
+    #[serde(rename = "R2", skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "RawGene")]
+    pub ring: Option<RawGene>,
+    /// Weight of shape against colour in the set distance. Default: 0 to 1 in steps of 0.01.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "RawGene")]
+    pub w: Option<RawGene>,
+}
+
+/// The values min, min + step, … max. What is not written is the paper's.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default, rename = "interval")]
+pub(super) struct RawInterval {
+    /// Smallest value.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "f64")]
+    pub min: Option<f64>,
+    /// Largest value: min plus a whole number of steps.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "f64")]
+    pub max: Option<f64>,
+    /// Distance of neighbouring values.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "f64")]
+    pub step: Option<f64>,
+}
+
+/// The genetic algorithm.
+#[derive(Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default, rename = "ga")]
+pub(super) struct RawGa {
+    /// Individuals a generation.
+    #[schemars(range(min = 2, max = 65_536))]
+    pub population: u32,
+    /// Best individuals that are copied unchanged; fewer than population.
+    pub elite: u32,
+    /// How parents are chosen.
+    pub selection: RawSelection,
+    /// How fitness becomes selection weight: "none" is the fitness itself, "linear" lets the best expect twice the
+    /// mean, "rank" goes by rank alone.
+    pub scaling: Scaling,
+    /// How two parents make two children.
+    pub crossover: RawCrossover,
+    /// Probability that a bit is exchanged.
+    #[schemars(range(min = 0, max = 1))]
+    pub crossover_rate: f64,
+    /// How children are changed.
+    pub mutation: RawMutation,
+    /// Probability that a bit between the two points flips, in the first generation.
+    #[schemars(range(min = 0, max = 1))]
+    pub mutation_rate: f64,
+    /// Factor on that probability from each generation to the next.
+    #[schemars(range(min = 0, max = 1))]
+    pub mutation_decay: f64,
+    /// How gene values are written as bits.
+    pub encoding: RawEncoding,
+}
+
+impl Default for RawGa {
+    fn default() -> Self {
+        let ga = GaSettings::default();
+        Self {
+            population: ga.population,
+            elite: ga.elite,
+            selection: RawSelection::Roulette,
+            scaling: ga.scaling,
+            crossover: RawCrossover::Uniform,
+            crossover_rate: ga.crossover_rate,
+            mutation: RawMutation::InOrder,
+            mutation_rate: ga.mutation_rate,
+            mutation_decay: ga.mutation_decay,
+            encoding: ga.encoding.into(),
+        }
+    }
+}
+
+/// How parents are chosen.
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "lowercase", rename = "selection")]
+pub(super) enum RawSelection {
+    /// In proportion to their weight, with replacement.
+    Roulette,
+}
+
+/// How two parents make two children.
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "lowercase", rename = "crossover")]
+pub(super) enum RawCrossover {
+    /// Each bit is exchanged with the same probability.
+    Uniform,
+}
+
+/// How children are changed.
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "kebab-case", rename = "mutation")]
+pub(super) enum RawMutation {
+    /// Bits between two random points flip with some probability.
+    InOrder,
+}
+
+/// How gene values are written as bits.
+#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "lowercase", rename = "encoding")]
+pub(super) enum RawEncoding {
+    /// Plain binary.
+    Binary,
+    /// Gray code: neighbouring values differ in one bit.
+    Gray,
+}
+
+/// When the search ends: at the first of these.
+#[derive(Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default, rename = "stop")]
+pub(super) struct RawStop {
+    /// After this many generations.
+    #[schemars(range(min = 1))]
+    pub generations: u32,
+    /// After this many generations without a better training fitness, or "off".
+    pub stagnation: NumberOr<RawOff>,
+    /// When the validation error has risen this many generations in a row, or "off".
+    pub validation_patience: NumberOr<RawOff>,
+    /// When every training query is recognised.
+    pub perfect: bool,
+}
+
+impl Default for RawStop {
+    fn default() -> Self {
+        let stop = StopSettings::default();
+        let times = |limit: Option<u32>| limit.map_or(NumberOr::Word(RawOff::Off), NumberOr::Number);
+        Self {
+            generations: stop.generations,
+            stagnation: times(stop.stagnation),
+            validation_patience: times(stop.validation_patience),
+            perfect: stop.perfect,
+        }
+    }
+}
+
+/// Never for this reason.
+#[derive(Clone, Copy, Debug, Default, Serialize, JsonSchema)]
+#[serde(rename_all = "lowercase", rename = "off")]
+pub(super) enum RawOff {
+    /// Never for this reason.
+    #[default]
+    Off,
+}
+
+impl Word for RawOff {
+    const TEXT: &'static str = "off";
+}
+
+/// How work is shared out. Nothing here changes a result.
+#[derive(Debug, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default, rename = "coordinator")]
+pub(super) struct RawCoordinator {
+    /// Address and port that other workers are awaited at. Default: 127.0.0.1:7700 (this machine), if it is free.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "String", example = &"127.0.0.1:7700")]
+    pub listen: Option<String>,
+    /// Workers inside the coordinator: "auto" is one on all cores, a number shares the cores out, 0 leaves all work
+    /// to workers that join.
+    pub local_workers: NumberOr<RawAuto>,
+    /// A worker that was not heard of for this long is given up, and its jobs go to others.
+    #[schemars(range(min = 2, max = 3600))]
+    pub lease_seconds: u32,
+    /// A job that failed this many times stops the run.
+    #[schemars(range(min = 1, max = 100))]
+    pub max_attempts: u32,
+    /// How long the run waits for another worker after it lost the last one.
+    #[schemars(range(min = 0, max = 604_800))]
+    pub worker_grace_seconds: u32,
+}
+
+impl Default for RawCoordinator {
+    fn default() -> Self {
+        Self {
+            listen: None,
+            local_workers: NumberOr::Word(RawAuto::Auto),
+            lease_seconds: 30,
+            max_attempts: 3,
+            worker_grace_seconds: 300,
+        }
+    }
+}
+
+/// One on all cores.
+#[derive(Clone, Copy, Debug, Default, Serialize, JsonSchema)]
+#[serde(rename_all = "lowercase", rename = "auto")]
+pub(super) enum RawAuto {
+    /// One on all cores.
+    #[default]
+    Auto,
+}
+
+impl Word for RawAuto {
+    const TEXT: &'static str = "auto";
+}
+
+/// Where results go.
+#[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default, rename = "results")]
+pub(super) struct RawResults {
+    /// Folder that the run's own folder is made in. Default: results/runs in the current folder.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "String", example = &"../results/runs")]
+    pub dir: Option<String>,
+}

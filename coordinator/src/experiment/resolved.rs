@@ -1,0 +1,224 @@
+//! The experiment written out again: everything for the record, or only what determines the search.
+
+use std::fmt::{Display, Write};
+use std::path::Path;
+
+use descriptor::preprocess::Unit;
+use descriptor::{Encoding, GeneSpec};
+
+use super::{DEFAULT_RESULTS_DIR, Experiment, LocalWorkers};
+use crate::dataset::{Layout, SeededSplit, SplitRule};
+use crate::evolution::Scaling;
+
+/// Every key; see [`Experiment::resolved_toml`].
+pub(super) fn resolved_toml(experiment: &Experiment) -> String {
+    let mut toml = Toml::default();
+    toml.key("version", 1);
+    toml.key("name", quoted(&experiment.name));
+    toml.key("seed", experiment.seed);
+    let folder = experiment.path.parent().unwrap_or(Path::new(""));
+    let dataset = &experiment.dataset;
+    toml.section("dataset");
+    toml.key("root", path(&dataset.root, folder));
+    if let Layout::Manifest { file } = &dataset.layout {
+        toml.key("manifest", path(file, folder));
+    }
+    dataset_labels(&mut toml, experiment);
+    match &dataset.splits {
+        SplitRule::Manifest => toml.key("splits", quoted("manifest")),
+        SplitRule::Files { train1, train2, validation, test } => {
+            toml.section("dataset.splits");
+            for (key, list) in
+                [("train1", train1), ("train2", train2), ("validation", validation), ("test", test)]
+            {
+                toml.key(key, path(list, &dataset.root));
+            }
+        }
+        SplitRule::Seeded(seeded) => seeded_split(&mut toml, seeded),
+    }
+    search_sections(&mut toml, experiment);
+
+    let coordinator = &experiment.coordinator;
+    toml.section("coordinator");
+    match coordinator.listen {
+        Some(listen) => toml.key("listen", quoted(&listen.to_string())),
+        None => toml.comment("listen is not set: 127.0.0.1:7700 if it is free"),
+    }
+    match coordinator.local_workers {
+        LocalWorkers::Auto => toml.key("local_workers", quoted("auto")),
+        LocalWorkers::Count(count) => toml.key("local_workers", count),
+    }
+    toml.key("lease_seconds", coordinator.lease.as_secs());
+    toml.key("max_attempts", coordinator.max_attempts);
+    toml.key("worker_grace_seconds", coordinator.worker_grace.as_secs());
+    toml.section("results");
+    match &experiment.results_dir {
+        Some(dir) => toml.key("dir", path(dir, folder)),
+        None => toml.comment(&format!("dir is not set: {DEFAULT_RESULTS_DIR} in the current folder")),
+    }
+    toml.text
+}
+
+/// What determines the search; see [`Experiment::search_toml`]. Its bytes are hashed: whatever is changed here
+/// changes the digest of every run.
+pub(super) fn search_toml(experiment: &Experiment) -> String {
+    let mut toml = Toml::default();
+    toml.key("version", 1);
+    toml.key("seed", experiment.seed);
+    toml.section("dataset");
+    dataset_labels(&mut toml, experiment);
+    match &experiment.dataset.splits {
+        // Lists are paths; what they say is covered by the data digest.
+        SplitRule::Files { .. } => toml.key("splits", quoted("lists")),
+        SplitRule::Manifest => toml.key("splits", quoted("manifest")),
+        SplitRule::Seeded(seeded) => seeded_split(&mut toml, seeded),
+    }
+    search_sections(&mut toml, experiment);
+    toml.text
+}
+
+/// The keys of `[dataset]` that are no paths.
+fn dataset_labels(toml: &mut Toml, experiment: &Experiment) {
+    let dataset = &experiment.dataset;
+    let layout = match dataset.layout {
+        Layout::Uw => "uw",
+        Layout::Folders => "folders",
+        Layout::Manifest { .. } => "manifest",
+    };
+    toml.key("layout", quoted(layout));
+    let unit = match experiment.preprocess.unit {
+        Unit::Metre => "m",
+        Unit::Millimetre => "mm",
+    };
+    toml.key("unit", quoted(unit));
+    toml.key("skip_unreadable", dataset.skip_unreadable);
+}
+
+fn seeded_split(toml: &mut Toml, seeded: &SeededSplit) {
+    toml.section("dataset.splits.seeded");
+    toml.key("seed", seeded.seed);
+    for (key, share) in ["train1", "train2", "validation", "test"].iter().zip(seeded.shares) {
+        toml.key(key, float(share));
+    }
+    toml.key("stratified", seeded.stratified);
+    let sequences: Vec<String> = seeded.test_sequences.iter().map(|sequence| quoted(sequence)).collect();
+    toml.key("test_sequences", format!("[{}]", sequences.join(", ")));
+}
+
+/// The sections that are equal in both texts.
+fn search_sections(toml: &mut Toml, experiment: &Experiment) {
+    if let Some(synthetic) = &experiment.dataset.synthetic {
+        toml.section("dataset.synthetic");
+        toml.key("objects", synthetic.objects);
+        toml.key("views", synthetic.views);
+        toml.key("seed", synthetic.seed);
+    }
+    let preprocess = &experiment.preprocess;
+    toml.section("preprocess");
+    toml.key("leaf_cm", float(f64::from(preprocess.leaf_um) / 1e4));
+    toml.key("normal_radius_cm", float(f64::from(preprocess.normal_radius_um) / 1e4));
+    toml.key("min_points", preprocess.min_points);
+    toml.section("descriptor");
+    toml.key("colour", preprocess.colour);
+    toml.section("descriptor.genes");
+    for (spec, domain) in experiment.genes.genes() {
+        let low = gene_value(spec, domain.low);
+        if domain.count == 1 {
+            toml.key(spec.name, low);
+        } else {
+            let (high, step) = (gene_value(spec, domain.high()), gene_value(spec, domain.step));
+            toml.key(spec.name, format!("{{ min = {low}, max = {high}, step = {step} }}"));
+        }
+    }
+    let ga = &experiment.ga;
+    toml.section("ga");
+    toml.key("population", ga.population);
+    toml.key("elite", ga.elite);
+    toml.key("selection", quoted("roulette"));
+    let scaling = match ga.scaling {
+        Scaling::None => "none",
+        Scaling::Linear => "linear",
+        Scaling::Rank => "rank",
+    };
+    toml.key("scaling", quoted(scaling));
+    toml.key("crossover", quoted("uniform"));
+    toml.key("crossover_rate", float(ga.crossover_rate));
+    toml.key("mutation", quoted("in-order"));
+    toml.key("mutation_rate", float(ga.mutation_rate));
+    toml.key("mutation_decay", float(ga.mutation_decay));
+    let encoding = match ga.encoding {
+        Encoding::Binary => "binary",
+        Encoding::Gray => "gray",
+    };
+    toml.key("encoding", quoted(encoding));
+    let stop = &experiment.stop;
+    toml.section("stop");
+    toml.key("generations", stop.generations);
+    toml.key("stagnation", limit(stop.stagnation));
+    toml.key("validation_patience", limit(stop.validation_patience));
+    toml.key("perfect", stop.perfect);
+}
+
+fn limit(limit: Option<u32>) -> String {
+    limit.map_or_else(|| quoted("off"), |times| times.to_string())
+}
+
+fn gene_value(spec: &GeneSpec, ticks: u32) -> String {
+    if spec.is_integer() { ticks.to_string() } else { float(spec.value(ticks)) }
+}
+
+/// The shortest decimal that reads back as the same number, never with an exponent, always with a point.
+fn float(value: f64) -> String {
+    let text = value.to_string();
+    if text.contains('.') { text } else { text + ".0" }
+}
+
+/// A path below `base` relative to it, another as it is: what its reader will join with `base` again.
+fn path(path: &Path, base: &Path) -> String {
+    let text = path.strip_prefix(base).unwrap_or(path).to_string_lossy();
+    match text.as_ref() {
+        "" => quoted("."),
+        // A folder that is really called ~.
+        home if home == "~" || home.starts_with("~/") => quoted(&format!("./{home}")),
+        other => quoted(other),
+    }
+}
+
+/// A basic string of TOML.
+fn quoted(text: &str) -> String {
+    let mut quoted = String::from("\"");
+    for c in text.chars() {
+        match c {
+            '"' | '\\' => quoted.extend(['\\', c]),
+            c if c.is_control() => quoted.push_str(&format!("\\u{:04X}", u32::from(c))),
+            c => quoted.push(c),
+        }
+    }
+    quoted + "\""
+}
+
+/// TOML under construction: one key a line, a blank line before each section. Written by hand because its bytes
+/// are hashed and must not follow the taste of a library's next version.
+#[derive(Default)]
+struct Toml {
+    text: String,
+}
+
+impl Toml {
+    fn section(&mut self, name: &str) {
+        self.line(format_args!("\n[{name}]"));
+    }
+
+    fn key(&mut self, key: &str, value: impl Display) {
+        self.line(format_args!("{key} = {value}"));
+    }
+
+    fn comment(&mut self, text: &str) {
+        self.line(format_args!("# {text}"));
+    }
+
+    fn line(&mut self, line: std::fmt::Arguments<'_>) {
+        // Writing to a String cannot fail.
+        let _ = writeln!(self.text, "{line}");
+    }
+}

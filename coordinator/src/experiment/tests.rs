@@ -1,0 +1,307 @@
+//! Tests of the experiment file as a whole: files that ship, samples that stay readable, the schema.
+
+mod messages;
+mod texts;
+mod values;
+
+use std::collections::BTreeSet;
+use std::env::VarError;
+use std::net::SocketAddr;
+use std::path::Path;
+use std::time::Duration;
+
+use descriptor::{Encoding, GENES, GeneTable, Preprocess, Unit};
+use expect_test::expect;
+
+use super::*;
+use crate::dataset::{Layout, SplitRule};
+use crate::evolution::Scaling;
+
+const DEMO: &str = include_str!("../../../experiments/demo.toml");
+const PAPER: &str = include_str!("../../../experiments/paper.toml");
+const HOUSEHOLD: &str = include_str!("../../../experiments/household.toml");
+const SAMPLE: &str = include_str!("../../testdata/experiment-v1.toml");
+const SAMPLE_SYNTHETIC: &str = include_str!("../../testdata/experiment-v1-synthetic.toml");
+
+/// The smallest experiment.
+const LEAST: &str = "version = 1\ndataset.root = 'clouds'\n";
+
+fn no_variables(_: &str) -> Result<String, VarError> {
+    Err(VarError::NotPresent)
+}
+
+/// Reads a text as the file `exp/x.toml`, with no variable set.
+fn parse(text: &str) -> Result<Experiment, ExperimentError> {
+    Experiment::parse(text, Path::new("exp/x.toml"), Overrides::default(), &no_variables)
+}
+
+#[test]
+fn what_is_not_written_is_the_papers() {
+    let experiment = parse(LEAST).unwrap();
+    assert_eq!((experiment.name(), experiment.seed()), ("x", 1));
+    assert_eq!(experiment.genes(), &GeneTable::paper());
+    assert_eq!(experiment.preprocess(), &Preprocess::default());
+    assert_eq!(experiment.ga(), &GaSettings::default());
+    assert_eq!(experiment.stop(), &StopSettings::default());
+    assert_eq!(experiment.dataset().root, Path::new("exp/clouds"));
+    assert_eq!(experiment.dataset().layout, Layout::Uw);
+    let SplitRule::Files { train1, .. } = &experiment.dataset().splits else { panic!("lists") };
+    assert_eq!(train1, Path::new("exp/clouds/train1.txt"));
+    assert_eq!(experiment.results_dir(), Path::new("results/runs"));
+}
+
+#[test]
+fn shipped_experiments_are_the_papers_search() {
+    for (name, text, stops_by_validation) in
+        [("demo", DEMO, false), ("paper", PAPER, true), ("household", HOUSEHOLD, false)]
+    {
+        let path = Path::new("experiments").join(name).with_extension("toml");
+        let experiment = Experiment::parse(text, &path, Overrides::default(), &no_variables).unwrap();
+        assert_eq!(experiment.name(), name);
+        assert_eq!(experiment.genes(), &GeneTable::paper());
+        assert_eq!(experiment.preprocess(), &Preprocess::default());
+        assert_eq!(experiment.ga(), &GaSettings::default());
+        assert_eq!(experiment.stop().validation_patience.is_some(), stops_by_validation);
+        assert_eq!(experiment.dataset().synthetic.is_some(), name == "demo");
+    }
+    let paper = parse(PAPER).unwrap();
+    assert_eq!(paper.stop(), &StopSettings::default());
+    assert_eq!(paper.dataset().root, Path::new("exp/../../rgbd-dataset"));
+    let SplitRule::Seeded(splits) = &paper.dataset().splits else { panic!("a draw") };
+    let clouds = splits.shares.map(|share| (share * 943.0).round());
+    assert_eq!(clouds, [352.0, 352.0, 239.0, 0.0]);
+    let household = parse(HOUSEHOLD).unwrap();
+    assert_eq!(household.dataset().root, Path::new("exp/../../shared/data/household-rgbd"));
+}
+
+#[test]
+fn the_first_version_of_the_file_stays_readable() {
+    let lookup = |name: &str| match name {
+        "CLOUDS" => Ok("/data".to_owned()),
+        _ => Err(VarError::NotPresent),
+    };
+    let sample = Experiment::parse(SAMPLE, Path::new("exp/old.toml"), Overrides::default(), &lookup).unwrap();
+    assert_eq!((sample.name(), sample.seed()), ("sample", 7));
+    assert_eq!(sample.path(), Path::new("exp/old.toml"));
+    let dataset = sample.dataset();
+    assert_eq!(dataset.root, Path::new("/data/all"));
+    assert_eq!(dataset.layout, Layout::Manifest { file: "exp/clouds.csv".into() });
+    let list = |name: &str| Path::new("/data/all/lists").join(name);
+    assert_eq!(
+        dataset.splits,
+        SplitRule::Files {
+            train1: list("train1.txt"),
+            train2: list("train2.txt"),
+            validation: list("validation.txt"),
+            test: list("test.txt"),
+        }
+    );
+    assert!(dataset.skip_unreadable && dataset.synthetic.is_none());
+    let preprocess = Preprocess {
+        leaf_um: 15_000,
+        normal_radius_um: 8_000,
+        min_points: 20,
+        colour: true,
+        unit: Unit::Millimetre,
+    };
+    assert_eq!(sample.preprocess(), &preprocess);
+    let values: Vec<Vec<f64>> = sample
+        .genes()
+        .genes()
+        .map(|(spec, domain)| domain.values().map(|ticks| spec.value(ticks)).collect())
+        .collect();
+    let expected: [&[f64]; 5] = [
+        &[10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 55.0, 60.0],
+        &[8.0],
+        &[0.5, 0.75, 1.0, 1.25, 1.5],
+        &[2.0, 2.5, 3.0, 3.5, 4.0, 4.5, 5.0],
+        &[0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9],
+    ];
+    assert_eq!(values, expected);
+    let ga = GaSettings {
+        population: 20,
+        elite: 2,
+        scaling: Scaling::Rank,
+        crossover_rate: 0.6,
+        mutation_rate: 0.3,
+        mutation_decay: 0.95,
+        encoding: Encoding::Gray,
+    };
+    assert_eq!(sample.ga(), &ga);
+    let stop =
+        StopSettings { generations: 100, stagnation: Some(25), validation_patience: None, perfect: false };
+    assert_eq!(sample.stop(), &stop);
+    let coordinator = CoordinatorSettings {
+        listen: Some(SocketAddr::from(([127, 0, 0, 1], 7701))),
+        local_workers: LocalWorkers::Count(2),
+        lease: Duration::from_secs(20),
+        max_attempts: 5,
+        worker_grace: Duration::from_secs(60),
+    };
+    assert_eq!(sample.coordinator(), &coordinator);
+    assert_eq!(sample.results_dir(), Path::new("exp/out"));
+
+    let synthetic = parse(SAMPLE_SYNTHETIC).unwrap();
+    assert_eq!(synthetic.stop().stagnation, None);
+    assert_eq!(synthetic.coordinator().local_workers, LocalWorkers::Auto);
+    let made = synthetic.dataset().synthetic.unwrap();
+    assert_eq!((made.objects, made.views, made.seed), (6, 8, 3));
+    let SplitRule::Seeded(splits) = &synthetic.dataset().splits else { panic!("a draw") };
+    assert_eq!((splits.seed, splits.shares, splits.stratified), (2, [0.4, 0.3, 0.3, 0.0], false));
+    assert_eq!(splits.test_sequences, ["2", "4"]);
+}
+
+/// Every dotted key of a table.
+fn keys_of(value: &toml::Table, prefix: &str, keys: &mut BTreeSet<String>) {
+    for (key, value) in value {
+        let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+        match value {
+            toml::Value::Table(table) if !path.starts_with("descriptor.genes.") => {
+                keys_of(table, &path, keys);
+            }
+            _ => {
+                keys.insert(path);
+            }
+        }
+    }
+}
+
+/// Every dotted key that the schema knows; `sections` collects those that are tables.
+fn schema_keys(
+    root: &serde_json::Value,
+    node: &serde_json::Value,
+    prefix: &str,
+    keys: &mut BTreeSet<String>,
+    sections: &mut BTreeSet<String>,
+) {
+    if let Some(reference) = node["$ref"].as_str() {
+        schema_keys(root, root.pointer(&reference[1..]).unwrap(), prefix, keys, sections);
+    }
+    for form in node["anyOf"].as_array().into_iter().flatten() {
+        schema_keys(root, form, prefix, keys, sections);
+    }
+    let Some(properties) = node["properties"].as_object() else {
+        if !prefix.is_empty() && node.get("$ref").is_none() && node.get("anyOf").is_none() {
+            keys.insert(prefix.to_owned());
+        }
+        return;
+    };
+    assert_eq!(node["additionalProperties"], false, "{prefix}");
+    sections.insert(prefix.to_owned());
+    for (key, property) in properties {
+        let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
+        if path.starts_with("descriptor.genes.") {
+            keys.insert(path);
+        } else {
+            schema_keys(root, property, &path, keys, sections);
+        }
+    }
+}
+
+#[test]
+fn the_samples_use_every_key_of_the_schema_and_no_other() {
+    let mut sampled = BTreeSet::new();
+    for sample in [SAMPLE, SAMPLE_SYNTHETIC] {
+        keys_of(&sample.parse().unwrap(), "", &mut sampled);
+    }
+    let schema = json_schema();
+    let (mut known, mut sections) = (BTreeSet::new(), BTreeSet::new());
+    schema_keys(&schema, &schema, "", &mut known, &mut sections);
+    assert!(sections.remove(""));
+    assert_eq!(sections, syntax::SECTIONS.map(str::to_owned).into());
+    // It may also be one word, "manifest".
+    assert!(known.remove("dataset.splits"));
+    assert_eq!(sampled, known);
+    for spec in &GENES {
+        assert!(known.contains(&format!("descriptor.genes.{}", spec.name)));
+    }
+}
+
+#[test]
+fn the_schema_describes_keys_and_gives_defaults() {
+    let schema = json_schema();
+    assert_eq!(schema["required"], serde_json::json!(["version", "dataset"]));
+    let ga = &schema["$defs"]["ga"]["properties"];
+    expect![[r#"
+        {
+          "type": "integer",
+          "format": "uint32",
+          "minimum": 2,
+          "description": "Individuals a generation.",
+          "maximum": 65536,
+          "default": 10
+        }"#]]
+    .assert_eq(&serde_json::to_string_pretty(&ga["population"]).unwrap());
+    expect![[r##"
+        {
+          "$ref": "#/$defs/Scaling",
+          "description": "How fitness becomes selection weight: \"none\" is the fitness itself, \"linear\" lets the best expect twice the\nmean, \"rank\" goes by rank alone.",
+          "default": "none"
+        }"##]].assert_eq(&serde_json::to_string_pretty(&ga["scaling"]).unwrap());
+    expect![[r##"
+        {
+          "$ref": "#/$defs/number_or_off",
+          "description": "When the validation error has risen this many generations in a row, or \"off\".",
+          "default": 1
+        }"##]]
+    .assert_eq(
+        &serde_json::to_string_pretty(&schema["$defs"]["stop"]["properties"]["validation_patience"]).unwrap(),
+    );
+    expect![[r##"
+        {
+          "anyOf": [
+            {
+              "type": "number",
+              "format": "double"
+            },
+            {
+              "$ref": "#/$defs/interval"
+            }
+          ],
+          "description": "A fixed value, or an interval."
+        }"##]]
+    .assert_eq(&serde_json::to_string_pretty(&schema["$defs"]["gene"]).unwrap());
+    expect![[r#"
+        {
+          "type": "string",
+          "description": "Folder that holds the clouds.",
+          "examples": [
+            "${UW_RGBD:-../../rgbd-dataset}"
+          ]
+        }"#]]
+    .assert_eq(&serde_json::to_string_pretty(&schema["$defs"]["dataset"]["properties"]["root"]).unwrap());
+    // TOML has no null: an editor must not offer one.
+    assert!(!schema.to_string().contains("null"));
+}
+
+#[test]
+fn the_command_line_goes_before_the_file() {
+    let overrides = Overrides {
+        seed: Some(9),
+        listen: Some(SocketAddr::from(([0, 0, 0, 0], 1))),
+        local_workers: Some("4".parse().unwrap()),
+    };
+    let experiment = Experiment::parse(SAMPLE, Path::new("x.toml"), overrides, &no_variables).unwrap();
+    assert_eq!(experiment.seed(), 9);
+    assert_eq!(experiment.coordinator().listen, overrides.listen);
+    assert_eq!(experiment.coordinator().local_workers, LocalWorkers::Count(4));
+    assert_eq!("auto".parse(), Ok(LocalWorkers::Auto));
+    for wrong in ["", "Auto", "-1", "1025", "2.5"] {
+        assert!(wrong.parse::<LocalWorkers>().unwrap_err().contains(&format!("got {wrong:?}\n")));
+    }
+}
+
+#[test]
+fn the_seed_and_the_name_make_another_folder_and_the_place_does_not() {
+    let folder = |text: &str, path: &str| {
+        Experiment::parse(text, Path::new(path), Overrides::default(), &no_variables)
+            .unwrap()
+            .run_folder_name()
+    };
+    let least = folder(LEAST, "a/x.toml");
+    assert!(least.starts_with("x-") && least.len() == 2 + 12);
+    assert!(least[2..].bytes().all(|c| c.is_ascii_digit() || (b'a'..=b'f').contains(&c)));
+    assert_eq!(least, folder(LEAST, "b/x.toml"));
+    assert_eq!(least[2..], folder(LEAST, "y.toml")[2..]);
+    assert_ne!(least[2..], folder(&format!("{LEAST}seed = 2"), "x.toml")[2..]);
+}

@@ -1,0 +1,196 @@
+//! From keys to meaning: the bounds of every setting. Data set and genes have files of their own.
+
+use std::net::SocketAddr;
+use std::path::Path;
+use std::time::Duration;
+
+use descriptor::preprocess::Unit;
+use descriptor::{Encoding, GENES, GeneKind, Preprocess};
+
+use super::error::Fault;
+use super::forms::NumberOr;
+use super::paths::{self, Lookup};
+use super::raw::{
+    RawCoordinator, RawEncoding, RawExperiment, RawGa, RawOff, RawPreprocess, RawStop, RawUnit,
+};
+use super::validate_dataset::dataset;
+use super::validate_genes::genes;
+use super::{CoordinatorSettings, Experiment, LocalWorkers, MAX_LOCAL_WORKERS, MAX_SEED, Overrides};
+use crate::evolution::{GaSettings, StopSettings};
+
+/// Checks the meaning of every key; the first mistake in the order of the file's sections is reported.
+pub(super) fn experiment(
+    raw: RawExperiment,
+    path: &Path,
+    overrides: Overrides,
+    lookup: Lookup<'_>,
+) -> Result<Experiment, Fault> {
+    let folder = path.parent().unwrap_or(Path::new(""));
+    let colour = raw.descriptor.colour;
+    let stop = stop(&raw.stop)?;
+    let results_dir =
+        raw.results.dir.map(|dir| paths::resolve("results.dir", &dir, folder, lookup)).transpose()?;
+    Ok(Experiment {
+        path: path.to_owned(),
+        name: name(raw.name, path)?,
+        seed: match overrides.seed {
+            Some(seed) => checked_seed("--seed", seed)?,
+            None => checked_seed("seed", raw.seed)?,
+        },
+        preprocess: preprocess(&raw.preprocess, raw.dataset.unit, colour)?,
+        dataset: dataset(raw.dataset, &stop, folder, lookup)?,
+        genes: genes(&raw.descriptor)?,
+        ga: ga(&raw.ga)?,
+        stop,
+        coordinator: coordinator(&raw.coordinator, overrides)?,
+        results_dir,
+    })
+}
+
+fn name(given: Option<String>, path: &Path) -> Result<String, Fault> {
+    let name = given.unwrap_or_else(|| path.file_stem().unwrap_or_default().to_string_lossy().into_owned());
+    let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_';
+    // It becomes the name of a folder: no separator, no leading dot, nothing that looks like an option.
+    if name.is_empty() || name.len() > 64 || name.starts_with('-') || !name.chars().all(allowed) {
+        let better: String =
+            name.to_lowercase().chars().map(|c| if allowed(c) { c } else { '-' }).take(64).collect();
+        let better = better.trim_matches('-');
+        return Err(Fault::new(
+            "name",
+            format!("not 1 to 64 letters a-z, digits, - and _, beginning without -, got {name:?}"),
+            format!("write `name = \"{}\"`", if better.is_empty() { "experiment" } else { better }),
+        ));
+    }
+    Ok(name)
+}
+
+pub(super) fn checked_seed(place: &str, seed: u64) -> Result<u64, Fault> {
+    if seed > MAX_SEED {
+        return Err(Fault::new(
+            place,
+            format!("not between 0 and {MAX_SEED}, got {seed}"),
+            "choose a smaller number: integers of TOML end there",
+        ));
+    }
+    Ok(seed)
+}
+
+fn preprocess(raw: &RawPreprocess, unit: RawUnit, colour: bool) -> Result<Preprocess, Fault> {
+    if !(1..=1_000_000).contains(&raw.min_points) {
+        return Err(Fault::new(
+            "preprocess.min_points",
+            format!("not between 1 and 1000000, got {}", raw.min_points),
+            "write a number of points such as 10",
+        ));
+    }
+    Ok(Preprocess {
+        leaf_um: length_um("preprocess.leaf_cm", raw.leaf_cm)?,
+        normal_radius_um: length_um("preprocess.normal_radius_cm", raw.normal_radius_cm)?,
+        min_points: raw.min_points,
+        colour,
+        unit: match unit {
+            RawUnit::M => Unit::Metre,
+            RawUnit::Mm => Unit::Millimetre,
+        },
+    })
+}
+
+/// Whole micrometres from centimetres between 0.01 and 100.
+fn length_um(place: &str, cm: f64) -> Result<u32, Fault> {
+    match GENES[GeneKind::DiskRadius as usize].ticks(cm) {
+        Some(um) if (100..=1_000_000).contains(&um) => Ok(um),
+        _ => Err(Fault::new(
+            place,
+            format!("not between 0.01 and 100 cm with at most four decimals, got {cm}"),
+            "write a length in centimetres, such as 2.0",
+        )),
+    }
+}
+
+fn ga(raw: &RawGa) -> Result<GaSettings, Fault> {
+    GaSettings {
+        population: raw.population,
+        elite: raw.elite,
+        scaling: raw.scaling,
+        // Adding 0 turns the rate -0 into 0: they mean the same and must read the same.
+        crossover_rate: raw.crossover_rate + 0.0,
+        mutation_rate: raw.mutation_rate + 0.0,
+        mutation_decay: raw.mutation_decay + 0.0,
+        encoding: match raw.encoding {
+            RawEncoding::Binary => Encoding::Binary,
+            RawEncoding::Gray => Encoding::Gray,
+        },
+    }
+    .validate()
+    .map_err(|error| Fault::from_message("", &error.to_string()))
+}
+
+impl From<Encoding> for RawEncoding {
+    fn from(encoding: Encoding) -> Self {
+        match encoding {
+            Encoding::Binary => Self::Binary,
+            Encoding::Gray => Self::Gray,
+        }
+    }
+}
+
+fn stop(raw: &RawStop) -> Result<StopSettings, Fault> {
+    let limit = |limit: NumberOr<RawOff>| match limit {
+        NumberOr::Number(times) => Some(times),
+        NumberOr::Word(RawOff::Off) => None,
+    };
+    StopSettings {
+        perfect: raw.perfect,
+        validation_patience: limit(raw.validation_patience),
+        stagnation: limit(raw.stagnation),
+        generations: raw.generations,
+    }
+    .validate()
+    .map_err(|error| Fault::from_message("", &error.to_string()))
+}
+
+fn coordinator(raw: &RawCoordinator, overrides: Overrides) -> Result<CoordinatorSettings, Fault> {
+    let between = |key: &str, got: u32, low: u32, high: u32, unit: &str| {
+        if (low..=high).contains(&got) {
+            return Ok(got);
+        }
+        Err(Fault::new(
+            format!("coordinator.{key}"),
+            format!("not between {low} and {high} {unit}, got {got}"),
+            "choose a number inside these limits",
+        ))
+    };
+    let listen = match &raw.listen {
+        Some(text) => Some(text.parse::<SocketAddr>().map_err(|_| {
+            Fault::new(
+                "coordinator.listen",
+                format!("not an IP address and port, got {text:?}"),
+                "write an address such as \"127.0.0.1:7700\", or \"0.0.0.0:7700\" for every network",
+            )
+        })?),
+        None => None,
+    };
+    let local_workers = match raw.local_workers {
+        NumberOr::Word(_) => LocalWorkers::Auto,
+        NumberOr::Number(count) => {
+            LocalWorkers::Count(between("local_workers", count, 0, MAX_LOCAL_WORKERS, "workers")?)
+        }
+    };
+    Ok(CoordinatorSettings {
+        listen: overrides.listen.or(listen),
+        local_workers: overrides.local_workers.unwrap_or(local_workers),
+        lease: seconds(between("lease_seconds", raw.lease_seconds, 2, 3600, "seconds")?),
+        max_attempts: between("max_attempts", raw.max_attempts, 1, 100, "attempts")?,
+        worker_grace: seconds(between(
+            "worker_grace_seconds",
+            raw.worker_grace_seconds,
+            0,
+            604_800,
+            "seconds",
+        )?),
+    })
+}
+
+fn seconds(seconds: u32) -> Duration {
+    Duration::from_secs(u64::from(seconds))
+}

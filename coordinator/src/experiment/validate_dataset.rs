@@ -1,0 +1,189 @@
+//! The meaning of `[dataset]`: paths, layout, splits and synthetic clouds that fit together.
+
+use std::path::Path;
+
+use descriptor::synth::SynthSettings;
+
+use super::error::Fault;
+use super::forms::RawSplits;
+use super::paths::{self, Lookup};
+use super::raw::{RawDataset, RawLayout, RawSeeded, RawSplitTable, RawSplitWord, RawSynthetic, RawUnit};
+use super::validate::checked_seed;
+use crate::dataset::{DatasetSettings, Layout, SeededSplit, SplitRule, SyntheticSettings};
+use crate::evolution::StopSettings;
+
+/// Checks `[dataset]`. Paths are expanded and joined, not looked at.
+pub(super) fn dataset(
+    raw: RawDataset,
+    stop: &StopSettings,
+    folder: &Path,
+    lookup: Lookup<'_>,
+) -> Result<DatasetSettings, Fault> {
+    let root = paths::resolve("dataset.root", &raw.root, folder, lookup)?;
+    let layout = match (raw.layout, raw.manifest) {
+        (RawLayout::Uw, None) => Layout::Uw,
+        (RawLayout::Folders, None) => Layout::Folders,
+        (RawLayout::Manifest, Some(file)) => {
+            Layout::Manifest { file: paths::resolve("dataset.manifest", &file, folder, lookup)? }
+        }
+        (RawLayout::Manifest, None) => {
+            return Err(Fault::new(
+                "dataset.manifest",
+                "required key missing for layout = \"manifest\", got none",
+                "add `manifest = \"clouds.csv\"`",
+            ));
+        }
+        (RawLayout::Uw | RawLayout::Folders, Some(file)) => {
+            return Err(Fault::new(
+                "dataset.manifest",
+                format!("not used by this layout, got {file:?}"),
+                "remove it, or write `layout = \"manifest\"`",
+            ));
+        }
+    };
+    let splits = match raw.splits {
+        Some(RawSplits::Word(RawSplitWord::Manifest)) => SplitRule::Manifest,
+        Some(RawSplits::Table(table)) => split_table(*table, &layout, stop, &root, lookup)?,
+        None if matches!(layout, Layout::Manifest { .. }) => SplitRule::Manifest,
+        None => split_table(RawSplitTable::default(), &layout, stop, &root, lookup)?,
+    };
+    if splits == SplitRule::Manifest && !matches!(layout, Layout::Manifest { .. }) {
+        return Err(Fault::new(
+            "dataset.splits",
+            "there is no manifest in this layout, got \"manifest\"",
+            "write `layout = \"manifest\"`, or name lists or a seeded draw in [dataset.splits]",
+        ));
+    }
+    let synthetic =
+        raw.synthetic.map(|synthetic| checked_synthetic(&synthetic, &layout, raw.unit)).transpose()?;
+    Ok(DatasetSettings { root, layout, splits, skip_unreadable: raw.skip_unreadable, synthetic })
+}
+
+fn split_table(
+    raw: RawSplitTable,
+    layout: &Layout,
+    stop: &StopSettings,
+    root: &Path,
+    lookup: Lookup<'_>,
+) -> Result<SplitRule, Fault> {
+    if let Some(seeded) = raw.seeded {
+        let lists = [&raw.train1, &raw.train2, &raw.validation, &raw.test];
+        for (key, list) in ["train1", "train2", "validation", "test"].iter().zip(lists) {
+            if let Some(list) = list {
+                return Err(Fault::new(
+                    format!("dataset.splits.{key}"),
+                    format!("a list beside a seeded draw, got {list:?}"),
+                    "remove the list, or remove `seeded`",
+                ));
+            }
+        }
+        return seeded_split(seeded, layout, stop).map(SplitRule::Seeded);
+    }
+    let list = |key: &str, given: Option<String>| {
+        let list = given.unwrap_or_else(|| format!("{key}.txt"));
+        paths::resolve(&format!("dataset.splits.{key}"), &list, root, lookup)
+    };
+    Ok(SplitRule::Files {
+        train1: list("train1", raw.train1)?,
+        train2: list("train2", raw.train2)?,
+        validation: list("validation", raw.validation)?,
+        test: list("test", raw.test)?,
+    })
+}
+
+fn seeded_split(raw: RawSeeded, layout: &Layout, stop: &StopSettings) -> Result<SeededSplit, Fault> {
+    const WHOLE: u32 = 1_000_000;
+    let place = |key: &str| format!("dataset.splits.seeded.{key}");
+    // In whole millionths, so that shares add up exactly.
+    let share = |key: &str, value: f64| {
+        let parts = (value * f64::from(WHOLE)).round();
+        if !(0.0..=f64::from(WHOLE)).contains(&parts) || (value - parts / f64::from(WHOLE)).abs() > 1e-9 {
+            return Err(Fault::new(
+                place(key),
+                format!("not between 0 and 1 with at most six decimals, got {value}"),
+                "write a share of all clouds, such as 0.25",
+            ));
+        }
+        Ok(parts as u32)
+    };
+    let needed = [
+        ("train1", raw.train1, true),
+        ("train2", raw.train2, true),
+        ("validation", raw.validation, stop.validation_patience.is_some()),
+    ];
+    let mut parts = [0; 4];
+    for (part, (key, value, needed)) in parts.iter_mut().zip(needed) {
+        *part = share(key, value)?;
+        if needed && *part == 0 {
+            return Err(Fault::new(
+                place(key),
+                "a split without clouds, got 0",
+                "write a share above 0 (validation may be 0 if stop.validation_patience is \"off\")",
+            ));
+        }
+    }
+    let drawn: u32 = parts.iter().sum();
+    parts[3] = match raw.test {
+        Some(test) => share("test", test)?,
+        None if raw.test_sequences.is_empty() => WHOLE.saturating_sub(drawn),
+        None => 0,
+    };
+    if drawn + parts[3] > WHOLE {
+        return Err(Fault::new(
+            "dataset.splits.seeded",
+            format!("shares add up to more than 1, got {}", f64::from(drawn + parts[3]) / f64::from(WHOLE)),
+            "lower train1, train2, validation or test",
+        ));
+    }
+    if parts[3] > 0 && !raw.test_sequences.is_empty() {
+        return Err(Fault::new(
+            place("test"),
+            format!("a share beside test_sequences, got {}", f64::from(parts[3]) / f64::from(WHOLE)),
+            "remove it: the test split is exactly the clouds of these sequences",
+        ));
+    }
+    if parts[3] == 0 && raw.test_sequences.is_empty() {
+        return Err(Fault::new(
+            place("test"),
+            "a split without clouds, got 0",
+            "write a share above 0 and lower the others, or name test_sequences",
+        ));
+    }
+    if !raw.test_sequences.is_empty() && *layout == Layout::Folders {
+        return Err(Fault::new(
+            place("test_sequences"),
+            format!("layout \"folders\" has no sequences, got {:?}", raw.test_sequences),
+            "remove them, or use layout \"uw\" or \"manifest\"",
+        ));
+    }
+    let mut test_sequences = raw.test_sequences;
+    test_sequences.sort();
+    test_sequences.dedup();
+    Ok(SeededSplit {
+        seed: checked_seed(&place("seed"), raw.seed)?,
+        shares: parts.map(|part| f64::from(part) / f64::from(WHOLE)),
+        stratified: raw.stratified,
+        test_sequences,
+    })
+}
+
+fn checked_synthetic(raw: &RawSynthetic, layout: &Layout, unit: RawUnit) -> Result<SyntheticSettings, Fault> {
+    if *layout != Layout::Uw {
+        return Err(Fault::new(
+            "dataset.layout",
+            "synthetic clouds are laid out as \"uw\", got another layout",
+            "write `layout = \"uw\"` or remove [dataset.synthetic]",
+        ));
+    }
+    if matches!(unit, RawUnit::Mm) {
+        return Err(Fault::new(
+            "dataset.unit",
+            "synthetic clouds are in metres, got \"mm\"",
+            "write `unit = \"m\"` or remove [dataset.synthetic]",
+        ));
+    }
+    let seed = checked_seed("dataset.synthetic.seed", raw.seed)?;
+    SynthSettings::new(raw.objects, raw.views, seed)
+        .map_err(|error| Fault::from_message("dataset.synthetic.", &error.to_string()))?;
+    Ok(SyntheticSettings { objects: raw.objects, views: raw.views, seed })
+}

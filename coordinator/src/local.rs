@@ -1,0 +1,77 @@
+//! Workers inside the coordinator's process: the same client as remote ones, over memory instead of a network.
+
+use std::num::NonZeroUsize;
+use std::thread::available_parallelism;
+
+use tokio::sync::watch;
+use tokio::task::JoinSet;
+use worker::{Identity, Options};
+
+use crate::experiment::LocalWorkers;
+use crate::server::Servers;
+
+/// Threads of each in-process worker: the cores are shared out, and each worker has at least one.
+pub fn threads(workers: LocalWorkers) -> Vec<u32> {
+    let cores = available_parallelism().map_or(1, NonZeroUsize::get) as u32;
+    let count = match workers {
+        LocalWorkers::Auto => 1,
+        LocalWorkers::Count(count) => count,
+    };
+    (0..count).map(|index| (cores / count + u32::from(index < cores % count)).max(1)).collect()
+}
+
+/// The running in-process workers.
+pub struct Crew {
+    stop: watch::Sender<bool>,
+    tasks: JoinSet<()>,
+}
+
+impl Crew {
+    /// Starts a worker for each entry of `threads`.
+    pub fn start(servers: &mut Servers, threads: &[u32]) -> Self {
+        let stop = watch::Sender::new(false);
+        let mut tasks = JoinSet::new();
+        for &threads in threads {
+            let channel = servers.connect_in_process();
+            let mut stopped = stop.subscribe();
+            tasks.spawn(async move {
+                let options = Options {
+                    identity: Identity { name: "local".to_owned(), threads },
+                    // The files are on this machine: a copy of them would serve nobody.
+                    cache: None,
+                    patience: None,
+                };
+                let stop = async move {
+                    let _ = stopped.wait_for(|stop| *stop).await; // the sender is gone: stop as well
+                };
+                if let Err(error) = worker::run(channel, options, stop).await {
+                    tracing::error!("in-process worker: {error}");
+                }
+            });
+        }
+        Self { stop, tasks }
+    }
+
+    /// Lets every worker say goodbye.
+    pub async fn stop(mut self) {
+        self.stop.send_replace(true);
+        while self.tasks.join_next().await.is_some() {}
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cores_are_shared_out_and_nobody_is_left_without() {
+        let cores = available_parallelism().unwrap().get() as u32;
+        assert_eq!(threads(LocalWorkers::Auto), [cores]);
+        assert!(threads(LocalWorkers::Count(0)).is_empty());
+        for count in 1..=9 {
+            let shares = threads(LocalWorkers::Count(count));
+            assert_eq!(shares.len() as u32, count);
+            assert_eq!(shares.iter().sum::<u32>(), cores.max(count));
+        }
+    }
+}

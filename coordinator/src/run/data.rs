@@ -1,0 +1,106 @@
+//! The data set of an experiment: made first if it is synthetic, then loaded and checked.
+
+use std::path::{Path, PathBuf};
+use std::{fs, io};
+
+use descriptor::pcd::{self, DataEncoding};
+use descriptor::synth::{self, SynthError, SynthSettings};
+use descriptor::{QuantiseError, Quantiser};
+use rayon::prelude::*;
+
+use crate::dataset::{Dataset, DatasetError, SyntheticSettings};
+use crate::experiment::Experiment;
+
+/// File that says how a synthetic data set was made.
+const STAMP: &str = "synthetic.toml";
+
+/// Why a data set is not there.
+#[derive(Debug, thiserror::Error)]
+pub enum DataError {
+    /// It cannot be loaded.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// The search space is too fine.
+    #[error("descriptor.genes: {0}")]
+    Genes(#[from] QuantiseError),
+    /// The settings of a synthetic data set.
+    #[error(transparent)]
+    Settings(#[from] SynthError),
+    /// A file of a synthetic data set.
+    #[error("{path}: cannot be written, got {source}\ncheck permissions and free space, or choose another folder")]
+    Write {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The folder holds something else.
+    #[error("{folder}: must be a new folder or a data set made with the same settings, got another one\nchoose another folder, or remove this one")]
+    Occupied {
+        /// Which folder.
+        folder: PathBuf,
+    },
+}
+
+/// Makes the data set if it is synthetic and not there yet, and loads it.
+pub fn open_data(experiment: &Experiment, say: impl Fn(&str)) -> Result<Dataset, DataError> {
+    // A search space that cannot be quantised would fail in every evaluation: say so before anything is read.
+    Quantiser::new(experiment.genes())?;
+    let settings = experiment.dataset();
+    if let Some(synthetic) = &settings.synthetic
+        && write_synthetic(&settings.root, synthetic)?
+    {
+        say(&format!("made {} synthetic clouds in {}", synthetic.objects * synthetic.views, settings.root.display()));
+    }
+    let dataset = Dataset::load(settings, experiment.preprocess())?;
+    for warning in &dataset.clouds.warnings {
+        say(&format!("warning: {warning}"));
+    }
+    for skipped in &dataset.clouds.skipped {
+        say(&format!("skipped {} ({}): {}", skipped.path, skipped.split, skipped.reason));
+    }
+    Ok(dataset)
+}
+
+/// Writes a synthetic data set, whole or not at all; `false` if it was there already.
+pub fn write_synthetic(folder: &Path, settings: &SyntheticSettings) -> Result<bool, DataError> {
+    let SyntheticSettings { objects, views, seed } = *settings;
+    let settings = SynthSettings::new(objects, views, seed)?;
+    let version = synth::GENERATOR_VERSION;
+    let stamp = format!("version = {version}\nobjects = {objects}\nviews = {views}\nseed = {seed}\n");
+    if fs::read_to_string(folder.join(STAMP)).is_ok_and(|held| held == stamp) {
+        return Ok(false);
+    }
+    let failed = |path: &Path, source| DataError::Write { path: path.to_owned(), source };
+    let occupied = fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some());
+    if occupied || folder.is_file() {
+        return Err(DataError::Occupied { folder: folder.to_owned() });
+    }
+
+    // Made beside its place and moved there, so that an interrupted start leaves nothing half-made behind.
+    let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    fs::create_dir_all(parent).map_err(|source| failed(parent, source))?;
+    let making = tempfile::Builder::new().prefix(".making-").tempdir_in(parent);
+    let making = making.map_err(|source| failed(parent, source))?;
+    let write = |name: &str, bytes: &[u8]| {
+        let path = making.path().join(name);
+        let within = path.parent().unwrap_or(making.path());
+        fs::create_dir_all(within).and_then(|()| fs::write(&path, bytes)).map_err(|source| failed(&path, source))
+    };
+    synth::catalogue(&settings).par_iter().try_for_each(|object| {
+        (0..views).try_for_each(|view| {
+            let cloud = synth::render(&settings, object, view);
+            write(&object.path(view), &pcd::write(&cloud, DataEncoding::BinaryCompressed))
+        })
+    })?;
+    let splits = synth::splits(&settings);
+    let lists =
+        [("train1", &splits.train1), ("train2", &splits.train2), ("validation", &splits.validation), ("test", &splits.test)];
+    for (name, paths) in lists {
+        write(&format!("{name}.txt"), format!("{}\n", paths.join("\n")).as_bytes())?;
+    }
+    write(STAMP, stamp.as_bytes())?;
+    let _ = fs::remove_dir(folder); // an empty one may stand there
+    fs::rename(making.path(), folder).map_err(|source| failed(folder, source))?;
+    Ok(true)
+}

@@ -1,0 +1,285 @@
+//! One run from an experiment to its results: data, workers, search, final test, tables.
+
+mod data;
+pub mod progress;
+mod rows;
+mod search;
+mod splits;
+pub mod summary;
+mod workplace;
+
+use std::net::{Ipv4Addr, SocketAddr};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant, SystemTime};
+use std::{fs, io, io::Write as _};
+
+use results::{PredictionSplit, RunFolder, RunRow};
+
+use crate::cluster::ClusterError;
+use crate::dataset::{Dataset, DatasetError};
+use crate::evaluation::EvaluationResult;
+use crate::evolution::SettingsError;
+use crate::experiment::Experiment;
+use crate::server::ServerError;
+
+pub use data::{DataError, open_data, write_synthetic};
+use progress::Progress;
+use search::{Found, Search};
+use splits::Matching;
+use summary::Summary;
+pub use workplace::Workplace;
+
+/// Where workers are awaited unless the experiment or the command line says otherwise.
+pub const DEFAULT_LISTEN: SocketAddr = SocketAddr::new(std::net::IpAddr::V4(Ipv4Addr::LOCALHOST), 7700);
+
+/// File in a run folder that says which search it holds.
+const SEARCH_FILE: &str = "search.toml";
+
+/// How a run is started, beside its experiment.
+#[derive(Clone, Debug, Default)]
+pub struct RunOptions {
+    /// The run folder; by default it is named after the search, below the experiment's results folder.
+    pub out: Option<PathBuf>,
+    /// Begin another run although the folder holds a finished one.
+    pub fresh: bool,
+    /// Accept unencrypted connections from other machines.
+    pub insecure: bool,
+}
+
+/// Why a run has no result.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The clouds are not to be had.
+    #[error(transparent)]
+    Data(#[from] DataError),
+    /// The data set is not fit for a run.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// The genetic algorithm's settings.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// Nobody can connect.
+    #[error(transparent)]
+    Server(#[from] ServerError),
+    /// Evaluations stopped for good.
+    #[error(transparent)]
+    Cluster(#[from] ClusterError),
+    /// The run folder.
+    #[error(transparent)]
+    Results(#[from] results::Error),
+    /// A file of the run folder that is no table.
+    #[error("{path}: cannot be used, got {source}\ncheck permissions and free space, or choose another --out")]
+    File {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The folder belongs to something else.
+    #[error("--out {folder}: holds another search, got these differences\n{difference}\nchoose another --out, or remove the folder")]
+    OtherSearch {
+        /// The folder.
+        folder: PathBuf,
+        /// Lines that differ.
+        difference: String,
+    },
+    /// Nothing would ever be computed.
+    #[error("validation: stop.validation_patience needs validation clouds, got none that is usable\nset stop.validation_patience = \"off\" or give the validation split some clouds")]
+    NoValidation,
+}
+
+/// Runs an experiment to its stop reason; a finished run is only shown again.
+pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summary, RunError> {
+    let (started, started_at) = (Instant::now(), SystemTime::now());
+    let out = match &options.out {
+        Some(out) => out.clone(),
+        None => default_out(experiment, options.fresh),
+    };
+    let mut folder = RunFolder::create(&out, &rows::gene_columns())?;
+    claim(&out, &experiment.search_toml())?;
+    if folder.is_finished() {
+        if !options.fresh {
+            eprintln!("{}: this run is finished; --fresh starts another", out.display());
+            return finished(&out);
+        }
+        folder.discard()?;
+    } else if folder.generations() > 0 {
+        eprintln!("{}: unfinished, begins again with generation 1", out.display());
+        folder.discard()?;
+    }
+
+    let mut progress = Progress::new(experiment.stop().generations);
+    let dataset = open_data(experiment, |line| progress.say(line))?;
+    if experiment.stop().validation_patience.is_some() && dataset.splits.validation.is_empty() {
+        return Err(RunError::NoValidation);
+    }
+    let mut workplace = Workplace::new(experiment, &dataset);
+    let local_workers = workplace.staff(experiment.coordinator().local_workers);
+    listen(&mut workplace, experiment.coordinator().listen, local_workers > 0, options.insecure, &progress).await?;
+    let waiting = |waited: Duration| progress.say(&format!("no worker yet after {} min", waited.as_secs() / 60));
+    workplace.cluster.wait_for_worker(waiting).await;
+
+    progress.search_starts();
+    let found = Search::new(experiment, &workplace, &mut progress).run(&mut folder).await?;
+    let finals = Finals::evaluate(&dataset, &workplace, &found, &mut progress).await?;
+    workplace.close().await;
+    progress.finish();
+
+    folder.write_skipped(&rows::skipped(&dataset))?;
+    for (split, matching, result) in [
+        (PredictionSplit::Validation, Matching::Validation, &finals.validation),
+        (PredictionSplit::Test, Matching::Test, &finals.test),
+    ] {
+        if let Some(result) = result {
+            folder.write_predictions(split, &rows::predictions(&dataset, matching, result))?;
+        }
+    }
+    let row = RunRow {
+        name: experiment.name().to_owned(),
+        search_config: experiment.search_toml(),
+        resolved_toml: experiment.record_toml(),
+        seed: experiment.seed(),
+        data_digest: proto::Digest(dataset.clouds.digest).to_string(),
+        evaluation_version: descriptor::EVALUATION_VERSION,
+        program_version: env!("CARGO_PKG_VERSION").to_owned(),
+        build: worker::BUILD.to_owned(),
+        host: hostname::get().map_or_else(|_| "unknown".to_owned(), |name| name.to_string_lossy().into_owned()),
+        started_at,
+        finished_at: SystemTime::now(),
+        seconds: started.elapsed().as_secs_f64(),
+        stop_reason: found.stop_reason.as_str().to_owned(),
+        generations: found.generations,
+        evaluations_computed: found.computed,
+        evaluations_remembered: found.remembered,
+        winner_generation: found.winner.generation,
+        winner_individual: found.winner.individual,
+        best_chromosome: found.individual.bit_string(),
+        best_genes: rows::gene_values(&found.individual.parameters),
+        train: found.train,
+        validation: finals.validation.as_ref().map(rows::counts),
+        test: finals.test.as_ref().map(rows::counts),
+    };
+    let run_digest = folder.write_run(&row)?.to_hex().to_string();
+    Ok(Summary { run: row, run_digest, out })
+}
+
+/// The winner on the sets that had no part in the search.
+struct Finals {
+    validation: Option<EvaluationResult>,
+    test: Option<EvaluationResult>,
+}
+
+impl Finals {
+    async fn evaluate(
+        dataset: &Dataset,
+        workplace: &Workplace<'_>,
+        found: &Found,
+        progress: &mut Progress,
+    ) -> Result<Self, RunError> {
+        let Workplace { cluster, splits, .. } = workplace;
+        splits.publish_test(&cluster.blobs);
+        let wanted: Vec<Matching> = [Matching::Validation, Matching::Test]
+            .into_iter()
+            .filter(|matching| !matching.query_clouds(dataset).is_empty())
+            .collect();
+        let evaluation = |matching: &Matching| splits.evaluation(found.winner.parameters, *matching, true);
+        let evaluations = wanted.iter().map(evaluation).collect();
+        let finished = cluster.evaluate(evaluations, |news| progress.news(news)).await?;
+        let mut this = Self { validation: None, test: None };
+        for (matching, finished) in wanted.into_iter().zip(finished) {
+            match matching {
+                Matching::Test => this.test = Some(finished.result),
+                Matching::Validation | Matching::Train => this.validation = Some(finished.result),
+            }
+        }
+        Ok(this)
+    }
+}
+
+/// The summary of a finished run.
+pub fn finished(out: &Path) -> Result<Summary, RunError> {
+    let results::FinishedRun { row: run, run_digest, .. } = results::read_run(out)?;
+    Ok(Summary { run, run_digest, out: out.to_owned() })
+}
+
+/// The folder that the same command finds again; with `fresh` the first one beside it that is not there.
+fn default_out(experiment: &Experiment, fresh: bool) -> PathBuf {
+    let base = experiment.results_dir().join(experiment.run_folder_name());
+    if !fresh || !base.exists() {
+        return base;
+    }
+    let numbered = |number: u32| experiment.results_dir().join(format!("{}-{number}", experiment.run_folder_name()));
+    (2..).map(numbered).find(|folder| !folder.exists()).unwrap_or(base)
+}
+
+/// Marks the folder as this search's, and refuses one that holds another.
+fn claim(folder: &Path, search: &str) -> Result<(), RunError> {
+    let path = folder.join(SEARCH_FILE);
+    let failed = |source| RunError::File { path: path.clone(), source };
+    match fs::read_to_string(&path) {
+        Ok(held) if held == search => Ok(()),
+        Ok(held) => {
+            let difference = difference(&held, search);
+            Err(RunError::OtherSearch { folder: folder.to_owned(), difference })
+        }
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            let mut file = tempfile::NamedTempFile::new_in(folder).map_err(failed)?;
+            file.write_all(search.as_bytes()).map_err(failed)?;
+            file.persist(&path).map_err(|error| failed(error.error))?;
+            Ok(())
+        }
+        Err(error) => Err(failed(error)),
+    }
+}
+
+/// Lines of one text that are not in the other, marked - and +.
+fn difference(old: &str, new: &str) -> String {
+    let only = |a: &str, b: &str, mark: char| {
+        let other: Vec<&str> = b.lines().collect();
+        a.lines().filter(|line| !other.contains(line)).map(|line| format!("  {mark} {line}")).collect::<Vec<_>>()
+    };
+    let mut lines = only(old, new, '-');
+    lines.extend(only(new, old, '+'));
+    lines.join("\n")
+}
+
+/// Opens the port. The default port is a convenience: if it is taken, a run with workers of its own goes on.
+async fn listen(
+    workplace: &mut Workplace<'_>,
+    wanted: Option<SocketAddr>,
+    has_local_workers: bool,
+    insecure: bool,
+    progress: &Progress,
+) -> Result<(), RunError> {
+    match workplace.listen(wanted.unwrap_or(DEFAULT_LISTEN), insecure).await {
+        Ok(address) => {
+            if !address.ip().is_loopback() {
+                progress.say("warning: --insecure: whoever reaches this port can read the clouds and send results");
+            }
+            progress.say(&format!("workers may join with: worker --coordinator http://{address}"));
+            Ok(())
+        }
+        Err(ServerError::PortInUse { address }) if wanted.is_none() && has_local_workers => {
+            progress.say(&format!(
+                "port {} is in use, so that no remote worker can join; --listen chooses another",
+                address.port()
+            ));
+            Ok(())
+        }
+        Err(error) => Err(error.into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_is_claimed_once_and_refused_to_another_search() {
+        let folder = tempfile::tempdir().unwrap();
+        claim(folder.path(), "seed = 1\n[ga]\npopulation = 10\n").unwrap();
+        claim(folder.path(), "seed = 1\n[ga]\npopulation = 10\n").unwrap();
+        let error = claim(folder.path(), "seed = 2\n[ga]\npopulation = 10\n").unwrap_err().to_string();
+        assert!(error.contains("  - seed = 1\n  + seed = 2"), "{error}");
+    }
+}

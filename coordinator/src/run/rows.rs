@@ -1,0 +1,107 @@
+//! From what a run knows to the rows of its tables.
+
+use std::collections::BTreeMap;
+
+use descriptor::{GENES, GeneKind, GeneTable, Parameters};
+use results::{Computed, Counts, EvaluationRow, GeneColumn, PredictionRow, RunnerUp, SkippedRow};
+
+use crate::dataset::Dataset;
+use crate::evaluation::EvaluationResult;
+use crate::evolution::Individual;
+use crate::run::splits::Matching;
+use crate::scheduler::Finished;
+
+/// The gene columns of every table that has them.
+pub fn gene_columns() -> Vec<GeneColumn> {
+    let column = |spec: &descriptor::GeneSpec| GeneColumn {
+        name: spec.name.to_owned(),
+        unit: spec.unit.to_owned(),
+        integer: spec.is_integer(),
+        meaning: spec.meaning.to_owned(),
+    };
+    GENES.iter().map(column).collect()
+}
+
+/// Values in the genes' units; m is absent without colour.
+pub fn gene_values(parameters: &Parameters) -> Vec<Option<f64>> {
+    let absent = |kind| kind == GeneKind::ColourBins && !parameters.has_colour();
+    GENES.iter().map(|spec| (!absent(spec.kind)).then(|| parameters.value(spec.kind))).collect()
+}
+
+/// The counts of a result.
+pub fn counts(result: &EvaluationResult) -> Counts {
+    Counts {
+        object_correct: result.object_correct,
+        category_correct: result.category_correct,
+        queries: result.queries,
+    }
+}
+
+/// A generation's individuals; `computed` names those whose descriptor was new.
+pub fn evaluations(
+    generation: u32,
+    population: &[Individual],
+    counts: &[Counts],
+    computed: &BTreeMap<usize, Finished>,
+) -> Vec<EvaluationRow> {
+    let row = |(index, (individual, counts)): (usize, (&Individual, &Counts))| EvaluationRow {
+        generation,
+        individual: index as u32,
+        chromosome: individual.bit_string(),
+        genes: gene_values(&individual.parameters),
+        counts: *counts,
+        parents: individual.parents,
+        elite: individual.elite,
+        computed: computed.get(&index).map(|finished| Computed {
+            worker: finished.worker.clone(),
+            attempt: finished.attempt,
+            queued_seconds: finished.queued.as_secs_f64(),
+            run_seconds: finished.run_seconds,
+        }),
+    };
+    population.iter().zip(counts).enumerate().map(row).collect()
+}
+
+/// The winner's answers to the queries of one matching.
+pub fn predictions(dataset: &Dataset, matching: Matching, result: &EvaluationResult) -> Vec<PredictionRow> {
+    let database = matching.database_clouds(dataset);
+    let cloud = |index: u32| &dataset.clouds.entries[database[index as usize] as usize];
+    let instance = |index: u32| &dataset.clouds.instances[index as usize].name;
+    let category = |index: u32| &dataset.clouds.categories[index as usize];
+    let queries = matching.query_clouds(dataset).iter().map(|&index| &dataset.clouds.entries[index as usize]);
+    queries
+        .zip(&result.matches)
+        .zip(0..)
+        .map(|((query, found), number)| {
+            let nearest = cloud(found.nearest);
+            PredictionRow {
+                query: number,
+                cloud: query.path.clone(),
+                instance: instance(query.instance).clone(),
+                category: category(query.category).clone(),
+                nearest_cloud: nearest.path.clone(),
+                predicted_instance: instance(nearest.instance).clone(),
+                predicted_category: category(nearest.category).clone(),
+                distance: found.distance,
+                runner_up: found
+                    .runner_up
+                    .map(|(index, distance)| RunnerUp { cloud: cloud(index).path.clone(), distance }),
+            }
+        })
+        .collect()
+}
+
+/// Clouds that took no part.
+pub fn skipped(dataset: &Dataset) -> Vec<SkippedRow> {
+    let row = |skipped: &crate::dataset::SkippedCloud| SkippedRow {
+        split: skipped.split.to_owned(),
+        cloud: skipped.path.clone(),
+        reason: skipped.reason.to_string(),
+    };
+    dataset.clouds.skipped.iter().map(row).collect()
+}
+
+/// Genes by name with their values and units, for people and for JSON.
+pub fn named_values(genes: &GeneTable, parameters: &Parameters) -> Vec<(&'static descriptor::GeneSpec, f64)> {
+    genes.genes().map(|(spec, _)| (spec, parameters.value(spec.kind))).collect()
+}

@@ -1,0 +1,171 @@
+//! The search: generation after generation until the stop rule says why it ends.
+
+use std::collections::BTreeMap;
+use std::time::Instant;
+
+use descriptor::Parameters;
+use results::{Counts, RunFolder};
+
+use crate::evolution::{Evolution, GenerationBest, Individual, StopReason, StopRule, Winner, selection};
+use crate::experiment::Experiment;
+use crate::run::{RunError, Workplace};
+use crate::run::progress::{GenerationReport, Progress};
+use crate::run::rows;
+use crate::run::splits::Matching;
+use crate::scheduler::Finished;
+
+/// What a search found.
+pub struct Found {
+    /// Why it ended.
+    pub stop_reason: StopReason,
+    /// Number of generations.
+    pub generations: u32,
+    /// Where the winner stood.
+    pub winner: GenerationBest,
+    /// The winner.
+    pub individual: Individual,
+    /// The winner on the training set.
+    pub train: Counts,
+    /// Individuals that a worker evaluated.
+    pub computed: u64,
+    /// Individuals whose descriptor had been evaluated before.
+    pub remembered: u64,
+}
+
+/// One search under way.
+pub struct Search<'a> {
+    experiment: &'a Experiment,
+    workplace: &'a Workplace<'a>,
+    progress: &'a mut Progress,
+    /// Counts by descriptor: nothing is evaluated twice.
+    train: BTreeMap<Parameters, Counts>,
+    validation: BTreeMap<Parameters, Counts>,
+    computed: u64,
+    remembered: u64,
+}
+
+impl<'a> Search<'a> {
+    /// A search that has not begun.
+    pub fn new(
+        experiment: &'a Experiment,
+        workplace: &'a Workplace<'a>,
+        progress: &'a mut Progress,
+    ) -> Self {
+        let (train, validation) = (BTreeMap::new(), BTreeMap::new());
+        Self { experiment, workplace, progress, train, validation, computed: 0, remembered: 0 }
+    }
+
+    /// Evolves until the stop rule ends it, and writes every generation to the run folder.
+    pub async fn run(mut self, folder: &mut RunFolder) -> Result<Found, RunError> {
+        let settings = self.experiment;
+        let mut evolution = Evolution::new(settings.genes().clone(), *settings.ga(), settings.seed())?;
+        let mut stop = StopRule::new(*settings.stop());
+        let mut winner = Winner::default();
+        let mut leader = None;
+        let mut best_so_far = 0.0f64;
+        loop {
+            let started = Instant::now();
+            let generation = evolution.generation();
+            self.progress.generation_starts(generation);
+            let population = evolution.population().to_vec();
+            let computed = self.evaluate_new(&population).await?;
+            let counts: Vec<Counts> = population.iter().map(|one| self.train[&one.parameters]).collect();
+            let correct: Vec<u32> = counts.iter().map(|counts| counts.object_correct).collect();
+
+            let best = selection::best(&correct).unwrap_or(0) as usize;
+            let validation = self.validate(population[best].parameters).await?;
+            let candidate = GenerationBest {
+                generation,
+                individual: best as u32,
+                parameters: population[best].parameters,
+                correct: correct[best],
+                validation_errors: validation.map(|counts| counts.queries - counts.object_correct),
+            };
+            if winner.observe(candidate) {
+                leader = Some((candidate, population[best].clone(), counts[best]));
+            }
+            best_so_far = best_so_far.max(counts[best].fitness());
+            let reason = stop.observe(correct[best], counts[best].queries, candidate.validation_errors);
+
+            let individuals = rows::evaluations(generation, &population, &counts, &computed);
+            folder.write_generation(
+                &individuals,
+                &results::GenerationRow {
+                    generation,
+                    best_so_far_fitness: best_so_far,
+                    validation,
+                    mutation_rate: evolution.mutation_rate(),
+                    seconds: started.elapsed().as_secs_f64(),
+                },
+            )?;
+            self.progress.generation_done(&GenerationReport {
+                generation,
+                counts: &counts,
+                best: &population[best].parameters,
+                improved: candidate.generation == winner.get().map_or(0, |winner| winner.generation),
+                validation,
+                computed: self.computed,
+                remembered: self.remembered,
+            });
+
+            if let Some(stop_reason) = reason
+                && let Some((winner, individual, train)) = leader
+            {
+                let (computed, remembered) = (self.computed, self.remembered);
+                return Ok(Found {
+                    stop_reason,
+                    generations: generation,
+                    winner,
+                    individual,
+                    train,
+                    computed,
+                    remembered,
+                });
+            }
+            evolution.tell(&correct);
+        }
+    }
+
+    /// Evaluates the descriptors that are new and returns, for the first individual with each of them, who computed
+    /// it.
+    async fn evaluate_new(
+        &mut self,
+        population: &[Individual],
+    ) -> Result<BTreeMap<usize, Finished>, RunError> {
+        let mut new: Vec<(usize, Parameters)> = Vec::new();
+        for (index, individual) in population.iter().enumerate() {
+            let parameters = individual.parameters;
+            if !self.train.contains_key(&parameters) && new.iter().all(|(_, known)| *known != parameters) {
+                new.push((index, parameters));
+            }
+        }
+        self.computed += new.len() as u64;
+        self.remembered += (population.len() - new.len()) as u64;
+        let evaluations =
+            new.iter().map(|(_, parameters)| self.workplace.splits.evaluation(*parameters, Matching::Train, false));
+        let progress = &mut *self.progress;
+        let finished = self.workplace.cluster.evaluate(evaluations.collect(), |news| progress.news(news)).await?;
+        for ((_, parameters), finished) in new.iter().zip(&finished) {
+            self.train.insert(*parameters, rows::counts(&finished.result));
+        }
+        Ok(new.into_iter().map(|(index, _)| index).zip(finished).collect())
+    }
+
+    /// Counts of the generation's best on the validation set, unless the stop rule does without.
+    async fn validate(&mut self, parameters: Parameters) -> Result<Option<Counts>, RunError> {
+        if self.experiment.stop().validation_patience.is_none() {
+            return Ok(None);
+        }
+        if let Some(known) = self.validation.get(&parameters) {
+            return Ok(Some(*known));
+        }
+        let evaluation = self.workplace.splits.evaluation(parameters, Matching::Validation, false);
+        let progress = &mut *self.progress;
+        let finished = self.workplace.cluster.evaluate(vec![evaluation], |news| progress.news(news)).await?;
+        let counts = finished.first().map(|finished| rows::counts(&finished.result));
+        if let Some(counts) = counts {
+            self.validation.insert(parameters, counts);
+        }
+        Ok(counts)
+    }
+}

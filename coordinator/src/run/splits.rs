@@ -1,0 +1,98 @@
+//! The splits of a run as workers see them: manifests by digest, and what the coordinator needs to read answers.
+
+use descriptor::Parameters;
+use prost::Message as _;
+use proto::Digest;
+
+use crate::blobs::BlobStore;
+use crate::dataset::{Dataset, SPLITS, Splits};
+use crate::evaluation::Evaluation;
+use crate::wire;
+
+/// Position of the test split in [`SPLITS`].
+const TEST: usize = 3;
+
+/// Which splits are matched with which (DESIGN 5.7).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Matching {
+    /// train1 against train2: the fitness.
+    Train,
+    /// validation against both training sets.
+    Validation,
+    /// test against all others.
+    Test,
+}
+
+impl Matching {
+    /// Positions in [`SPLITS`] of the queries and of the database's parts.
+    fn splits(self) -> (usize, &'static [usize]) {
+        match self {
+            Self::Train => (0, &[1]),
+            Self::Validation => (2, &[0, 1]),
+            Self::Test => (TEST, &[0, 1, 2]),
+        }
+    }
+
+    /// The queries, as indices into the data set's clouds, in the order in which matches are listed.
+    pub fn query_clouds(self, dataset: &Dataset) -> &[u32] {
+        clouds_of(dataset, self.splits().0)
+    }
+
+    /// The database, as indices into the data set's clouds, in the order in which matches number it.
+    pub fn database_clouds(self, dataset: &Dataset) -> Vec<u32> {
+        self.splits().1.iter().flat_map(|&split| clouds_of(dataset, split)).copied().collect()
+    }
+}
+
+fn clouds_of(dataset: &Dataset, split: usize) -> &[u32] {
+    let Splits { train1, train2, validation, test } = &dataset.splits;
+    [train1, train2, validation, test][split]
+}
+
+/// The manifests of a data set.
+pub struct SplitBlobs<'a> {
+    dataset: &'a Dataset,
+    manifests: [Digest; SPLITS.len()],
+}
+
+impl<'a> SplitBlobs<'a> {
+    /// Makes the manifests and releases everything but the test set, which no worker sees before the search is over.
+    pub fn publish(dataset: &'a Dataset, blobs: &BlobStore) -> Self {
+        let manifests = std::array::from_fn(|split| {
+            let released = split != TEST;
+            if released { publish(dataset, split, blobs) } else { Digest::of(&manifest(dataset, split)) }
+        });
+        Self { dataset, manifests }
+    }
+
+    /// Releases the test set.
+    pub fn publish_test(&self, blobs: &BlobStore) {
+        publish(self.dataset, TEST, blobs);
+    }
+
+    /// The evaluation of one descriptor.
+    pub fn evaluation(&self, parameters: Parameters, matching: Matching, want_matches: bool) -> Evaluation {
+        let (query, database) = matching.splits();
+        Evaluation {
+            parameters,
+            query: vec![self.manifests[query]],
+            database: database.iter().map(|&split| self.manifests[split]).collect(),
+            queries: matching.query_clouds(self.dataset).len() as u32,
+            database_clouds: matching.database_clouds(self.dataset).len() as u32,
+            want_matches,
+        }
+    }
+}
+
+fn manifest(dataset: &Dataset, split: usize) -> Vec<u8> {
+    let clouds = clouds_of(dataset, split).iter().map(|&index| &dataset.clouds.entries[index as usize]);
+    wire::manifest(SPLITS[split], clouds).encode_to_vec()
+}
+
+fn publish(dataset: &Dataset, split: usize, blobs: &BlobStore) -> Digest {
+    for &index in clouds_of(dataset, split) {
+        let cloud = &dataset.clouds.entries[index as usize];
+        blobs.publish_file(Digest(cloud.digest), dataset.clouds.file(cloud));
+    }
+    blobs.publish_bytes(manifest(dataset, split))
+}

@@ -1,0 +1,113 @@
+//! The end of a run, for people and as JSON.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use descriptor::GENES;
+use results::{Counts, RunRow};
+use serde_json::{Map, Value, json};
+
+use crate::run::progress::{clock, percent};
+
+/// What a finished run amounts to; made from the row of table `run`, so that it can be shown again at any time.
+#[derive(Clone, Debug)]
+pub struct Summary {
+    /// The row.
+    pub run: RunRow,
+    /// Digest over everything that determines and makes up the result.
+    pub run_digest: String,
+    /// The run folder.
+    pub out: PathBuf,
+}
+
+impl Summary {
+    /// The result table.
+    pub fn text(&self) -> String {
+        let run = &self.run;
+        let mut text = String::new();
+        let mut row = |label: &str, value: String| {
+            let _ = writeln!(text, "{label:<14}{value}"); // writing to a String cannot fail
+        };
+        row("experiment", format!("{}, seed {}", run.name, run.seed));
+        row("stopped", format!("after generation {}: {}", run.generations, run.stop_reason));
+        row("winner", format!("generation {}, individual {}", run.winner_generation, run.winner_individual));
+        for (spec, value) in GENES.iter().zip(&run.best_genes) {
+            if let Some(value) = value {
+                row("", format!("{:<12}{:<8}{}", spec.name, format!("{value} {}", spec.unit), spec.meaning));
+            }
+        }
+        row("", format!("{:<22}{:<22}{}", "object error", "category error", "clouds"));
+        for (split, counts) in self.errors() {
+            let Some(counts) = counts else {
+                row(split, "not measured".to_owned());
+                continue;
+            };
+            let error = |share: f64, correct: u32| format!("{} ({})", percent(share), counts.queries - correct);
+            row(
+                split,
+                format!(
+                    "{:<22}{:<22}{}",
+                    error(counts.object_error(), counts.object_correct),
+                    error(counts.category_error(), counts.category_correct),
+                    counts.queries
+                ),
+            );
+        }
+        row(
+            "evaluations",
+            format!("{} computed, {} remembered", run.evaluations_computed, run.evaluations_remembered),
+        );
+        row("time", clock(Duration::from_secs_f64(run.seconds.max(0.0))));
+        row("run digest", self.run_digest.clone());
+        row("results", self.out.display().to_string());
+        text
+    }
+
+    /// The same as one JSON object; errors are fractions.
+    pub fn json(&self) -> Value {
+        let run = &self.run;
+        let best: Map<String, Value> = GENES
+            .iter()
+            .zip(&run.best_genes)
+            .filter_map(|(spec, value)| {
+                let value = (*value)?;
+                let number = if spec.is_integer() { json!(value as u32) } else { json!(value) };
+                Some((spec.name.to_owned(), number))
+            })
+            .collect();
+        let object = |counts: Option<Counts>| counts.map(|counts| counts.object_error());
+        let category = |counts: Option<Counts>| counts.map(|counts| counts.category_error());
+        json!({
+            "name": run.name,
+            "seed": run.seed,
+            "best": best,
+            "train_error": object(Some(run.train)),
+            "train_category_error": category(Some(run.train)),
+            "validation_error": object(run.validation),
+            "validation_category_error": category(run.validation),
+            "test_object_error": object(run.test),
+            "test_category_error": category(run.test),
+            "train_queries": run.train.queries,
+            "validation_queries": run.validation.map(|counts| counts.queries),
+            "test_queries": run.test.map(|counts| counts.queries),
+            "evaluations_computed": run.evaluations_computed,
+            "evaluations_remembered": run.evaluations_remembered,
+            "generations": run.generations,
+            "winner_generation": run.winner_generation,
+            "stop_reason": run.stop_reason,
+            "seconds": run.seconds,
+            "data_digest": run.data_digest,
+            "run_digest": self.run_digest,
+            "out": path_text(&self.out),
+        })
+    }
+
+    fn errors(&self) -> [(&'static str, Option<Counts>); 3] {
+        [("train", Some(self.run.train)), ("validation", self.run.validation), ("test", self.run.test)]
+    }
+}
+
+fn path_text(path: &Path) -> String {
+    path.display().to_string()
+}

@@ -1,0 +1,323 @@
+//! The scheduler's promises: every job is answered once, whatever happens to workers and messages.
+
+use std::collections::BTreeSet;
+
+use descriptor::Parameters;
+use proptest::prelude::*;
+
+use super::*;
+
+const LIMITS: Limits = Limits {
+    lease: Duration::from_secs(30),
+    max_failures: 3,
+    worker_grace: Duration::from_secs(300),
+    max_workers: 4,
+};
+
+fn evaluation() -> Arc<Evaluation> {
+    Arc::new(Evaluation {
+        parameters: Parameters::PAPER_BEST,
+        query: vec![],
+        database: vec![],
+        queries: 10,
+        database_clouds: 10,
+        want_matches: false,
+    })
+}
+
+fn good() -> Result<EvaluationResult, String> {
+    Ok(EvaluationResult { queries: 10, object_correct: 4, category_correct: 6, matches: vec![] })
+}
+
+fn worker(number: u8) -> WorkerId {
+    WorkerId([number; 16])
+}
+
+/// A scheduler with a clock that only tests move, and a sequence number for each poll.
+struct Bench {
+    scheduler: Scheduler,
+    now: Instant,
+    sequence: u64,
+}
+
+impl Bench {
+    fn new(workers: u8) -> Self {
+        let mut bench = Self { scheduler: Scheduler::new(LIMITS), now: Instant::now(), sequence: 0 };
+        for number in 1..=workers {
+            bench.join(number);
+        }
+        bench
+    }
+
+    fn join(&mut self, number: u8) -> Option<String> {
+        let introduction = Introduction { name: "host".to_owned(), threads: 2, build: "test".to_owned() };
+        self.scheduler.register(worker(number), introduction, self.now)
+    }
+
+    fn submit(&mut self) -> JobId {
+        self.scheduler.submit(evaluation(), self.now)
+    }
+
+    fn try_poll(&mut self, number: u8, poll: Poll) -> Result<Answer, PollRefusal> {
+        self.sequence += 1;
+        self.scheduler.poll(worker(number), Poll { sequence: self.sequence, ..poll }, self.now)
+    }
+
+    fn poll(&mut self, number: u8, held: &[Lease], wanted: usize) -> Answer {
+        self.try_poll(number, Poll { held: held.to_vec(), wanted, ..Poll::default() }).unwrap()
+    }
+
+    fn take(&mut self, number: u8) -> Lease {
+        self.poll(number, &[], 1).jobs[0].0
+    }
+
+    fn report(&mut self, number: u8, lease: Lease, outcome: Result<EvaluationResult, String>) -> Answer {
+        let finished = vec![Report { lease, run_seconds: 0.5, outcome }];
+        self.try_poll(number, Poll { finished, ..Poll::default() }).unwrap()
+    }
+
+    fn pass(&mut self, seconds: u64) {
+        self.now += Duration::from_secs(seconds);
+        self.scheduler.expire(self.now);
+    }
+}
+
+#[test]
+fn a_job_is_leased_once_and_its_answer_acknowledged() {
+    let mut bench = Bench::new(2);
+    let job = bench.submit();
+    let lease = bench.take(1);
+    assert_eq!(lease, Lease { job, attempt: 1 });
+    assert!(bench.poll(2, &[], 5).jobs.is_empty());
+    bench.pass(2);
+    assert_eq!(bench.report(1, lease, good()).acknowledged, [lease]);
+    let finished = bench.scheduler.drain_finished();
+    assert_eq!(finished.len(), 1);
+    assert_eq!((finished[0].job, finished[0].worker.as_str(), finished[0].attempt), (job, "host", 1));
+    assert_eq!(finished[0].queued, Duration::ZERO);
+    // The same report again, because the acknowledgement was lost: acknowledged, not counted twice.
+    assert_eq!(bench.report(1, lease, good()).acknowledged, [lease]);
+    assert!(bench.scheduler.drain_finished().is_empty());
+}
+
+#[test]
+fn labels_are_unique_and_kept_by_a_worker_that_returns() {
+    let mut bench = Bench::new(2);
+    let labels = |bench: &Bench| bench.scheduler.workers().into_iter().map(|w| w.label).collect::<Vec<_>>();
+    assert_eq!(labels(&bench), ["host", "host-2"]);
+    bench.pass(31);
+    assert!(labels(&bench).is_empty());
+    assert_eq!(bench.join(2).as_deref(), Some("host-2"));
+    assert_eq!(bench.join(3).as_deref(), Some("host-3"));
+}
+
+#[test]
+fn the_jobs_of_a_silent_worker_go_to_another_and_a_late_answer_still_counts() {
+    let mut bench = Bench::new(1);
+    let job = bench.submit();
+    let lost = bench.take(1);
+    bench.pass(31);
+    assert_eq!(bench.scheduler.drain_farewells()[0].reason, Farewell::LOST);
+    bench.join(2);
+    let again = bench.take(2);
+    assert_eq!(again, Lease { job, attempt: 2 });
+    // The first worker was only cut off: it registers again and hands in its answer.
+    bench.join(1);
+    assert_eq!(bench.report(1, lost, good()).acknowledged, [lost]);
+    assert_eq!(bench.scheduler.drain_finished()[0].attempt, 1);
+    // The second worker learns that its lease is void, and its answer changes nothing.
+    assert_eq!(bench.poll(2, &[again], 0).revoked, [again]);
+    assert_eq!(bench.report(2, again, good()).acknowledged, [again]);
+    assert!(bench.scheduler.drain_finished().is_empty());
+}
+
+#[test]
+fn a_returning_worker_keeps_a_job_that_nobody_else_has_begun() {
+    let mut bench = Bench::new(1);
+    bench.submit();
+    let lease = bench.take(1);
+    bench.pass(31);
+    bench.join(1);
+    let answer = bench.poll(1, &[lease], 1);
+    assert!(answer.revoked.is_empty() && answer.jobs.is_empty());
+    bench.join(2);
+    assert!(bench.poll(2, &[], 1).jobs.is_empty());
+    bench.report(1, lease, good());
+    assert_eq!(bench.scheduler.drain_finished().len(), 1);
+}
+
+#[test]
+fn a_lease_whose_reply_was_lost_is_given_out_again_at_once() {
+    let mut bench = Bench::new(2);
+    let job = bench.submit();
+    bench.take(1); // the reply never arrives: the next poll does not list it
+    assert!(bench.poll(1, &[], 0).jobs.is_empty());
+    assert_eq!(bench.take(2), Lease { job, attempt: 2 });
+}
+
+#[test]
+fn a_worker_that_leaves_hands_its_leases_back_without_a_failure() {
+    let mut bench = Bench::new(2);
+    for _ in 0..LIMITS.max_failures + 1 {
+        bench.submit();
+    }
+    let job = bench.take(1).job;
+    bench.try_poll(1, Poll { leaving: true, ..Poll::default() }).unwrap();
+    assert_eq!(bench.try_poll(1, Poll::default()).unwrap_err(), PollRefusal::UnknownWorker);
+    assert_eq!(bench.scheduler.drain_farewells()[0].reason, Farewell::LEFT);
+    assert_eq!(bench.take(2).job, job);
+    assert_eq!(bench.scheduler.failed(), None);
+}
+
+#[test]
+fn a_duplicated_or_delayed_poll_changes_nothing() {
+    let mut bench = Bench::new(1);
+    bench.submit();
+    let lease = bench.take(1);
+    let late = Poll { sequence: bench.sequence, held: vec![], wanted: 1, ..Poll::default() };
+    assert_eq!(bench.scheduler.poll(worker(1), late, bench.now).unwrap_err(), PollRefusal::Stale);
+    let stale = bench.scheduler.lease_later(worker(1), bench.sequence - 1, 1, bench.now);
+    assert_eq!(stale.unwrap_err(), PollRefusal::Stale);
+    assert!(bench.poll(1, &[lease], 0).revoked.is_empty());
+}
+
+#[test]
+fn a_failed_job_goes_to_another_worker_and_ends_after_the_limit() {
+    let mut bench = Bench::new(2);
+    let job = bench.submit();
+    let lease = bench.take(1);
+    bench.report(1, lease, Err("panic: index out of bounds".to_owned()));
+    assert!(bench.poll(1, &[], 1).jobs.is_empty(), "not where it failed, while another worker is there");
+    let lease = bench.take(2);
+    assert_eq!((lease.job, lease.attempt), (job, 2));
+    // An answer that cannot be one is a failure, too.
+    bench.report(2, lease, good().map(|result| EvaluationResult { queries: 11, ..result }));
+    assert_eq!(bench.scheduler.failed(), None);
+    let lease = bench.take(1); // it failed everywhere: anyone may try again
+    bench.report(1, lease, Err("panic: index out of bounds".to_owned()));
+    let failed = bench.scheduler.failed().unwrap();
+    assert_eq!(
+        failed.failures,
+        ["host: panic: index out of bounds", "host-2: queries: must be 10, got 11", "host: panic: index out of bounds"]
+    );
+}
+
+#[test]
+fn a_failure_on_a_lease_that_was_given_up_is_not_counted_twice() {
+    let mut bench = Bench::new(1);
+    bench.submit();
+    let lost = bench.take(1);
+    bench.pass(31); // counted here
+    bench.join(1);
+    bench.join(2);
+    let again = bench.take(2);
+    bench.report(1, lost, Err("late".to_owned()));
+    assert_eq!(bench.poll(2, &[again], 0).revoked, []);
+    bench.report(2, again, Err("second".to_owned()));
+    assert_eq!(bench.scheduler.failed(), None, "two failures of three");
+}
+
+#[test]
+fn answers_to_attempts_that_were_never_handed_out_are_ignored() {
+    let mut bench = Bench::new(1);
+    let job = bench.submit();
+    for attempt in [0, 1, 7] {
+        bench.report(1, Lease { job, attempt }, good());
+    }
+    assert!(bench.scheduler.drain_finished().is_empty());
+    assert_eq!(bench.take(1), Lease { job, attempt: 1 });
+}
+
+#[test]
+fn losing_the_last_worker_starts_a_grace_and_never_having_had_one_does_not() {
+    let mut bench = Bench::new(0);
+    bench.pass(100_000);
+    assert_eq!(bench.scheduler.staffing(bench.now), Staffing::NotYet);
+    bench.join(1);
+    assert_eq!(bench.scheduler.staffing(bench.now), Staffing::Staffed);
+    bench.pass(31);
+    bench.pass(100);
+    assert_eq!(bench.scheduler.staffing(bench.now), Staffing::Lost(Duration::from_secs(100)));
+    bench.pass(201);
+    assert_eq!(bench.scheduler.staffing(bench.now), Staffing::GraceOver);
+    bench.join(2);
+    assert_eq!(bench.scheduler.staffing(bench.now), Staffing::Staffed);
+}
+
+#[test]
+fn registrations_are_bounded() {
+    let mut bench = Bench::new(4);
+    assert_eq!(bench.join(5), None);
+    assert_eq!(bench.join(4).as_deref(), Some("host-4"));
+}
+
+#[derive(Clone, Debug)]
+enum Event {
+    Poll { worker: u8, forget: bool, deliver: bool, wanted: usize },
+    Silence,
+    Join(u8),
+    Leave(u8),
+}
+
+fn event() -> impl Strategy<Value = Event> {
+    prop_oneof![
+        8 => (1..4u8, any::<bool>(), any::<bool>(), 0..3usize)
+            .prop_map(|(worker, forget, deliver, wanted)| Event::Poll { worker, forget, deliver, wanted }),
+        1 => Just(Event::Silence),
+        2 => (1..4u8).prop_map(Event::Join),
+        1 => (1..4u8).prop_map(Event::Leave),
+    ]
+}
+
+proptest! {
+    /// Lost replies, silence, departures and returns in any order: each job is answered exactly once.
+    #[test]
+    fn every_job_is_answered_exactly_once(events in prop::collection::vec(event(), 1..200)) {
+        let limits = Limits { max_failures: u32::MAX, ..LIMITS };
+        let mut bench = Bench::new(3);
+        bench.scheduler.limits = limits;
+        let jobs: BTreeSet<JobId> = (0..8).map(|_| bench.submit()).collect();
+        let mut held: [Vec<Lease>; 4] = Default::default();
+        let mut answered = Vec::new();
+        // After the random part, worker 1 alone finishes what is left.
+        let cleanup = (0..40).flat_map(|_| [
+            Event::Join(1),
+            Event::Silence,
+            Event::Join(1),
+            Event::Poll { worker: 1, forget: false, deliver: true, wanted: 1 },
+        ]);
+        for event in events.into_iter().chain(cleanup) {
+            match event {
+                Event::Poll { worker, forget, deliver, wanted } => {
+                    let mine = &mut held[worker as usize];
+                    let finished = if deliver { mine.pop() } else { None };
+                    let reports = finished
+                        .iter()
+                        .map(|lease| Report { lease: *lease, run_seconds: 0.0, outcome: good() })
+                        .collect();
+                    let poll = Poll { held: mine.clone(), finished: reports, wanted, ..Poll::default() };
+                    if let Ok(answer) = bench.try_poll(worker, poll) {
+                        let mine = &mut held[worker as usize];
+                        mine.retain(|lease| !answer.revoked.contains(lease));
+                        if !forget {
+                            mine.extend(answer.jobs.iter().map(|(lease, _)| *lease));
+                        }
+                    }
+                }
+                Event::Silence => bench.pass(31),
+                Event::Join(worker) => { bench.join(worker); }
+                Event::Leave(worker) => {
+                    let _ = bench.try_poll(worker, Poll { leaving: true, ..Poll::default() });
+                    held[worker as usize].clear();
+                }
+            }
+            answered.extend(bench.scheduler.drain_finished().into_iter().map(|finished| finished.job));
+            for lease in bench.scheduler.workers.values().flat_map(|worker| worker.leases.keys()) {
+                prop_assert!(!bench.scheduler.waiting.contains(lease), "leased and waiting at once");
+            }
+        }
+        let unique: BTreeSet<JobId> = answered.iter().copied().collect();
+        prop_assert_eq!(answered.len(), unique.len());
+        prop_assert_eq!(unique, jobs);
+    }
+}

@@ -1,0 +1,140 @@
+//! Where workers connect: a TCP listener for remote ones, memory for those in this process.
+
+use std::io;
+use std::net::SocketAddr;
+use std::sync::Arc;
+
+use hyper_util::rt::TokioIo;
+use proto::v1;
+use tokio::io::DuplexStream;
+use tokio::net::TcpListener;
+use tokio::sync::{mpsc, watch};
+use tokio::task::JoinSet;
+use tokio_stream::StreamExt as _;
+use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
+use tonic::transport::{Channel, Endpoint, Server, server::Router};
+use tower::service_fn;
+
+use crate::cluster::Cluster;
+use crate::service::Service;
+
+/// Bytes on their way between the two ends of an in-process connection.
+const PIPE_BYTES: usize = 256 << 10;
+
+/// Why nobody can connect.
+#[derive(Debug, thiserror::Error)]
+pub enum ServerError {
+    /// The port is taken.
+    #[error("--listen {address}: the port is in use\nstop the program that uses it, or choose another port")]
+    PortInUse {
+        /// The wanted address.
+        address: SocketAddr,
+    },
+    /// Any other reason.
+    #[error("--listen {address}: cannot listen there, got {source}\nchoose an address of this machine")]
+    Listen {
+        /// The wanted address.
+        address: SocketAddr,
+        /// Why.
+        source: io::Error,
+    },
+    /// Plain text must not leave the machine by accident.
+    #[error("--listen {address}: connections from other machines are not encrypted, got no --insecure\nadd --insecure inside a trusted network, or listen on 127.0.0.1 and use an SSH tunnel")]
+    NotLoopback {
+        /// The wanted address.
+        address: SocketAddr,
+    },
+}
+
+/// Binds the address for remote workers.
+pub async fn bind(address: SocketAddr, insecure: bool) -> Result<TcpListener, ServerError> {
+    if !address.ip().is_loopback() && !insecure {
+        return Err(ServerError::NotLoopback { address });
+    }
+    TcpListener::bind(address).await.map_err(|source| match source.kind() {
+        io::ErrorKind::AddrInUse => ServerError::PortInUse { address },
+        _ => ServerError::Listen { address, source },
+    })
+}
+
+/// The running servers of one run; they stop when this is dropped.
+pub struct Servers {
+    cluster: Arc<Cluster>,
+    preparation: v1::Preparation,
+    stop: watch::Sender<bool>,
+    tasks: JoinSet<()>,
+}
+
+impl Servers {
+    /// No server yet.
+    pub fn new(cluster: Arc<Cluster>, preparation: v1::Preparation) -> Self {
+        Self { cluster, preparation, stop: watch::Sender::new(false), tasks: JoinSet::new() }
+    }
+
+    /// Serves remote workers, health probes and reflection.
+    pub async fn serve_tcp(&mut self, listener: TcpListener) {
+        let (health, health_service) = tonic_health::server::health_reporter();
+        health.set_serving::<proto::v1::coordinator_server::CoordinatorServer<Service>>().await;
+        let reflection = tonic_reflection::server::Builder::configure()
+            .register_encoded_file_descriptor_set(proto::FILE_DESCRIPTOR_SET)
+            .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
+            .build_v1();
+        let mut router = self.router().add_service(health_service);
+        match reflection {
+            Ok(service) => router = router.add_service(service),
+            Err(error) => tracing::warn!("gRPC reflection is off, got {error}"),
+        }
+        let incoming = TcpListenerStream::new(listener).map(|connection| {
+            connection.inspect(|stream| {
+                let _ = stream.set_nodelay(true); // only latency is at stake
+            })
+        });
+        self.spawn(async move |stop| router.serve_with_incoming_shutdown(incoming, stop).await);
+    }
+
+    /// A channel to this coordinator that stays inside the process.
+    pub fn connect_in_process(&mut self) -> Channel {
+        let (sender, receiver) = mpsc::channel::<io::Result<DuplexStream>>(4);
+        let router = self.router();
+        let incoming = ReceiverStream::new(receiver);
+        self.spawn(async move |stop| router.serve_with_incoming_shutdown(incoming, stop).await);
+        Endpoint::from_static("http://in-process").connect_with_connector_lazy(service_fn(move |_| {
+            let sender = sender.clone();
+            async move {
+                let (near, far) = tokio::io::duplex(PIPE_BYTES);
+                let gone = |_| io::Error::new(io::ErrorKind::ConnectionRefused, "the coordinator has stopped");
+                sender.send(Ok(far)).await.map_err(gone)?;
+                Ok::<_, io::Error>(TokioIo::new(near))
+            }
+        }))
+    }
+
+    fn router(&self) -> Router {
+        let service = Service::server(Arc::clone(&self.cluster), self.preparation.clone());
+        Server::builder().tcp_nodelay(true).add_service(service)
+    }
+
+    fn spawn<F>(&mut self, serve: impl FnOnce(StopSignal) -> F)
+    where
+        F: Future<Output = Result<(), tonic::transport::Error>> + Send + 'static,
+    {
+        let mut stop = self.stop.subscribe();
+        let signal: StopSignal = Box::pin(async move {
+            let _ = stop.wait_for(|stop| *stop).await; // an error means the sender is gone: stop as well
+        });
+        let server = serve(signal);
+        self.tasks.spawn(async move {
+            if let Err(error) = server.await {
+                tracing::error!("server: stopped, got {error}");
+            }
+        });
+    }
+}
+
+type StopSignal = std::pin::Pin<Box<dyn Future<Output = ()> + Send>>;
+
+impl Drop for Servers {
+    fn drop(&mut self) {
+        self.stop.send_replace(true);
+    }
+}

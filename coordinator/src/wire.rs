@@ -1,0 +1,137 @@
+//! From wire types to the coordinator's own and back: the only file here that knows both.
+
+use descriptor::{GENES, Preprocess, Unit};
+use proto::{Digest, Lease, MAX_POLL_ITEMS, SessionId, WorkerId, v1};
+use tonic::Status;
+
+use crate::dataset::CloudEntry;
+use crate::evaluation::{Evaluation, EvaluationResult, Match};
+use crate::scheduler::{Answer, Poll, Report};
+
+/// What every job of a run has in common.
+pub fn preparation(preprocess: &Preprocess, genes: &descriptor::GeneTable) -> v1::Preparation {
+    let unit = match preprocess.unit {
+        Unit::Metre => v1::LengthUnit::Metre,
+        Unit::Millimetre => v1::LengthUnit::Millimetre,
+    };
+    let domains = GENES.iter().map(|spec| {
+        let domain = genes.domain(spec.kind).copied().unwrap_or(descriptor::genes::Domain::fixed(0));
+        v1::Domain { low: domain.low, step: domain.step, count: domain.count }
+    });
+    v1::Preparation {
+        leaf_um: preprocess.leaf_um,
+        normal_radius_um: preprocess.normal_radius_um,
+        min_points: preprocess.min_points,
+        colour: preprocess.colour,
+        unit: unit.into(),
+        domains: domains.collect(),
+    }
+}
+
+/// The blob that lists one split's clouds.
+pub fn manifest<'a>(split: &str, clouds: impl Iterator<Item = &'a CloudEntry>) -> v1::SplitManifest {
+    let listed = clouds.map(|cloud| v1::ManifestCloud {
+        digest: cloud.digest.to_vec(),
+        bytes: cloud.bytes,
+        category: cloud.category,
+        instance: cloud.instance,
+        path: cloud.path.clone(),
+    });
+    v1::SplitManifest { split: split.to_owned(), clouds: listed.collect() }
+}
+
+fn job(lease: Lease, evaluation: &Evaluation, preparation: &v1::Preparation) -> v1::Job {
+    let p = evaluation.parameters;
+    v1::Job {
+        lease: Some(lease.into()),
+        evaluation: Some(v1::Evaluation {
+            preparation: Some(preparation.clone()),
+            parameters: Some(v1::Parameters {
+                shape_bins: p.shape_bins,
+                colour_bins: p.colour_bins,
+                disk_um: p.disk_um,
+                ring_um: p.ring_um,
+                shape_weight_ppm: p.shape_weight_ppm,
+            }),
+            query: evaluation.query.iter().map(|digest| digest.to_vec()).collect(),
+            database: evaluation.database.iter().map(|digest| digest.to_vec()).collect(),
+            want_matches: evaluation.want_matches,
+        }),
+    }
+}
+
+/// A reply to a poll.
+pub fn reply(answer: Answer, preparation: &v1::Preparation) -> v1::PollReply {
+    v1::PollReply {
+        acknowledged: answer.acknowledged.into_iter().map(Into::into).collect(),
+        revoked: answer.revoked.into_iter().map(Into::into).collect(),
+        jobs: answer.jobs.iter().map(|(lease, evaluation)| job(*lease, evaluation, preparation)).collect(),
+    }
+}
+
+/// An id from the wire.
+pub fn id<T: for<'a> TryFrom<&'a [u8], Error = proto::InvalidId>>(bytes: &[u8]) -> Result<T, Status> {
+    T::try_from(bytes).map_err(|error| Status::invalid_argument(error.to_string()))
+}
+
+/// Who polls in which session, and what it says.
+pub fn poll(request: v1::PollRequest) -> Result<(WorkerId, SessionId, Poll), Status> {
+    let worker = id(&request.worker_id)?;
+    let session = id(&request.session_id)?;
+    for (what, items) in [("held", request.held.len()), ("finished", request.finished.len())] {
+        if items > MAX_POLL_ITEMS {
+            return Err(Status::invalid_argument(format!("{what}: at most {MAX_POLL_ITEMS} items, got {items}")));
+        }
+    }
+    let poll = Poll {
+        sequence: request.sequence,
+        held: request.held.into_iter().map(Into::into).collect(),
+        finished: request.finished.into_iter().map(report).collect::<Result<_, _>>()?,
+        wanted: (request.wanted as usize).min(MAX_POLL_ITEMS),
+        leaving: request.leaving,
+    };
+    Ok((worker, session, poll))
+}
+
+fn report(report: v1::JobReport) -> Result<Report, Status> {
+    let lease = report.lease.ok_or_else(|| Status::invalid_argument("report: lease is missing"))?.into();
+    let run_seconds = report.run_seconds;
+    let run_seconds = if run_seconds.is_finite() && run_seconds >= 0.0 { run_seconds } else { 0.0 };
+    let outcome = match report.outcome {
+        Some(v1::job_report::Outcome::Result(result)) => self::result(result),
+        Some(v1::job_report::Outcome::Failure(failure)) => {
+            let kind = match failure.reason() {
+                v1::FailureReason::Unspecified => "failed",
+                v1::FailureReason::Data => "data",
+                v1::FailureReason::Panic => "panic",
+                v1::FailureReason::InvalidJob => "invalid job",
+                v1::FailureReason::Cloud => "cloud",
+            };
+            Err(format!("{kind}: {}", proto::truncate(&failure.message, proto::MAX_TEXT_BYTES)))
+        }
+        None => Err("the report has no outcome".to_owned()),
+    };
+    Ok(Report { lease, run_seconds, outcome })
+}
+
+fn result(result: v1::EvaluationResult) -> Result<EvaluationResult, String> {
+    let matches = result.matches.into_iter().map(|found| {
+        let runner_up = match (found.runner_up, found.runner_up_distance) {
+            (Some(index), Some(distance)) => Some((index, distance)),
+            (None, None) => None,
+            _ => return Err("match: runner-up must have both index and distance".to_owned()),
+        };
+        Ok(Match { nearest: found.nearest, distance: found.distance, runner_up })
+    });
+    Ok(EvaluationResult {
+        queries: result.queries,
+        object_correct: result.object_correct,
+        category_correct: result.category_correct,
+        matches: matches.collect::<Result<_, _>>()?,
+    })
+}
+
+/// The digest a blob is asked for by.
+pub fn blob_digest(request: &v1::FetchBlobRequest) -> Result<Digest, Status> {
+    id(&request.digest)
+}

@@ -1,0 +1,115 @@
+//! Digests of everything computed from a cloud: they change only together with [`EVALUATION_VERSION`].
+
+use blake3::Hasher;
+
+use crate::histogram::{colour_rows, shape_rows};
+use crate::prepare::{Normals, keypoints};
+use crate::summary::{Part, summarise};
+use crate::testing::sheet;
+use crate::{
+    EVALUATION_VERSION, GeneTable, Label, Parameters, PreparedCloud, Preprocess, Quantiser, recognise,
+};
+
+/// The version that the digests below belong to.
+const GOLDEN_VERSION: u32 = 1;
+
+const GOLDEN: [(&str, &str); 6] = [
+    ("keypoints", "9a16bc93bd6992a3"),
+    ("normals", "6b3b8c5aa34e423c"),
+    ("histograms", "e8822038ab7f19b0"),
+    ("summaries", "cb76f194d0916bca"),
+    ("distances", "486a5ca654da9e7e"),
+    ("matches", "6bd1c07f4b4fb567"),
+];
+
+fn floats<'a>(hasher: &mut Hasher, values: impl IntoIterator<Item = &'a f32>) {
+    for value in values {
+        hasher.update(&value.to_bits().to_le_bytes());
+    }
+}
+
+fn part(hasher: &mut Hasher, part: &Part) {
+    floats(hasher, &part.centroid);
+    floats(hasher, &part.deviation);
+}
+
+/// Digests of all stages over twelve clouds and three descriptors.
+fn digests() -> [String; 6] {
+    let mut hashers: [Hasher; 6] = Default::default();
+    let [keypoint_bits, normal_bits, histogram_bits, summary_bits, distance_bits, match_bits] = &mut hashers;
+    let preprocess = Preprocess::default();
+    let quantiser = Quantiser::new(&GeneTable::paper()).unwrap();
+    let mut prepared = Vec::new();
+    for seed in 0..12 {
+        let cloud = sheet(seed, 350 + 40 * seed as usize);
+        let keypoints = keypoints(&cloud, &preprocess).unwrap();
+        let normals = Normals::new(&cloud, &keypoints, &preprocess).unwrap();
+        floats(keypoint_bits, keypoints.points.iter().flatten());
+        keypoint_bits.update(keypoints.colours.as_ref().unwrap().as_flattened());
+        for normal in normals.cloud.iter().chain(&normals.keypoints) {
+            normal_bits.update(&[u8::from(normal.is_some())]);
+            floats(normal_bits, normal.iter().flatten());
+        }
+        prepared.push(PreparedCloud::describe(&cloud, &keypoints, &normals, &quantiser).unwrap());
+    }
+    let labels: Vec<Label> = (0..8).map(|index| Label { category: index / 4, instance: index / 2 }).collect();
+    for parameters in [
+        Parameters::PAPER_BEST,
+        Parameters {
+            shape_bins: 8,
+            colour_bins: 3,
+            disk_um: 5_000,
+            ring_um: 50_000,
+            shape_weight_ppm: 110_000,
+        },
+        Parameters {
+            shape_bins: 33,
+            colour_bins: 5,
+            disk_um: 20_000,
+            ring_um: 21_000,
+            shape_weight_ppm: 1_000_000,
+        },
+    ] {
+        let binning = quantiser.binning(&parameters).unwrap();
+        for cloud in &prepared {
+            floats(histogram_bits, &shape_rows(cloud, &binning));
+            floats(histogram_bits, &colour_rows(cloud, &binning));
+        }
+        let summaries = summarise(&prepared, &binning);
+        for summary in &summaries {
+            part(summary_bits, &summary.shape);
+            part(summary_bits, &summary.colour);
+            for other in &summaries {
+                let distance = summary.distance(other, parameters.shape_weight());
+                distance_bits.update(&distance.to_bits().to_le_bytes());
+            }
+        }
+        let (database, queries) = summaries.split_at(labels.len());
+        for found in recognise(queries, database, &labels, parameters.shape_weight()).unwrap() {
+            for hit in [Some(found.nearest), found.runner_up].into_iter().flatten() {
+                match_bits.update(&hit.index.to_le_bytes());
+                match_bits.update(&hit.distance.to_bits().to_le_bytes());
+            }
+        }
+    }
+    hashers.map(|hasher| hasher.finalize().to_hex()[..16].to_owned())
+}
+
+#[test]
+fn outputs_are_those_of_the_evaluation_version() {
+    assert_eq!(
+        EVALUATION_VERSION,
+        GOLDEN_VERSION,
+        "the evaluation version was raised: set GOLDEN_VERSION and replace the digests by {:#?}",
+        digests()
+    );
+    for ((stage, expected), found) in GOLDEN.into_iter().zip(digests()) {
+        assert_eq!(
+            found,
+            expected,
+            "{stage}: outputs changed. If that is meant, raise EVALUATION_VERSION: results of both must never mix.\n\
+             All digests: {:#?}",
+            digests()
+        );
+    }
+}

@@ -1,0 +1,140 @@
+//! Recognition: the nearest database cloud names a query's object and category (DESIGN 5.7).
+
+use rayon::prelude::*;
+
+use crate::distance::DistanceMatrix;
+use crate::summary::{Summary, weighted};
+
+/// What a cloud shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Label {
+    /// Class of the object.
+    pub category: u32,
+    /// The object; unique over all categories.
+    pub instance: u32,
+}
+
+/// A database cloud and its set distance to a query.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Hit {
+    /// Index in the database.
+    pub index: u32,
+    /// Set distance.
+    pub distance: f64,
+}
+
+/// What one query was recognised as. Of equal distances the lowest index counts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Match {
+    /// The nearest cloud.
+    pub nearest: Hit,
+    /// The nearest cloud of another object than the nearest cloud's; `None` if the database shows one object only.
+    pub runner_up: Option<Hit>,
+}
+
+/// Why nothing could be recognised.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum RecogniseError {
+    /// There is nothing to match with.
+    #[error("database: no cloud to match with, got 0\nadd clouds, or find out why all of them were skipped")]
+    EmptyDatabase,
+}
+
+/// Matches every query with a database whose clouds show `labels`, by the current rayon pool.
+///
+/// # Errors
+/// [`RecogniseError::EmptyDatabase`] if there are queries but no cloud to match with.
+///
+/// # Panics
+/// If there is not one label for each cloud of the database: a programming error.
+pub fn recognise(
+    queries: &[Summary],
+    database: &[Summary],
+    labels: &[Label],
+    shape_weight: f64,
+) -> Result<Vec<Match>, RecogniseError> {
+    assert_eq!(database.len(), labels.len(), "one label for each cloud of the database");
+    queries
+        .par_iter()
+        .map(|query| {
+            nearest(database.iter().map(|entry| query.distance(entry, shape_weight)), labels)
+                .ok_or(RecogniseError::EmptyDatabase)
+        })
+        .collect()
+}
+
+/// As [`recognise`], from kept distances of shape and colour: equal matches, bit for bit.
+///
+/// # Errors
+/// [`RecogniseError::EmptyDatabase`] if there are queries but no cloud to match with.
+///
+/// # Panics
+/// If the matrices and the labels differ in size: a programming error.
+pub fn recognise_from(
+    queries: usize,
+    shape: &DistanceMatrix,
+    colour: &DistanceMatrix,
+    labels: &[Label],
+    shape_weight: f64,
+) -> Result<Vec<Match>, RecogniseError> {
+    assert_eq!(shape.columns(), labels.len(), "one label for each cloud of the database");
+    assert_eq!(colour.columns(), labels.len(), "one label for each cloud of the database");
+    (0..queries)
+        .into_par_iter()
+        .map(|query| {
+            let parts = shape.row(query).iter().zip(colour.row(query));
+            nearest(parts.map(|(&shape, &colour)| weighted(shape, colour, shape_weight)), labels)
+                .ok_or(RecogniseError::EmptyDatabase)
+        })
+        .collect()
+}
+
+/// The nearest cloud and the nearest of another object, in one pass; `None` without clouds.
+fn nearest(distances: impl Iterator<Item = f64>, labels: &[Label]) -> Option<Match> {
+    let mut found: Option<Match> = None;
+    for ((distance, label), index) in distances.zip(labels).zip(0u32..) {
+        let hit = Hit { index, distance };
+        let Some(best) = &mut found else {
+            found = Some(Match { nearest: hit, runner_up: None });
+            continue;
+        };
+        let same_object = labels[best.nearest.index as usize].instance == label.instance;
+        if distance.total_cmp(&best.nearest.distance).is_lt() {
+            // What was nearest so far beats any runner-up seen so far, if it shows another object.
+            if !same_object {
+                best.runner_up = Some(best.nearest);
+            }
+            best.nearest = hit;
+        } else if !same_object
+            && best.runner_up.is_none_or(|second| distance.total_cmp(&second.distance).is_lt())
+        {
+            best.runner_up = Some(hit);
+        }
+    }
+    found
+}
+
+/// How many queries were recognised.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Correct {
+    /// Queries in all.
+    pub queries: usize,
+    /// Queries whose nearest cloud shows the same object.
+    pub object: usize,
+    /// Queries whose nearest cloud shows an object of the same category.
+    pub category: usize,
+}
+
+impl Correct {
+    /// Counts the matches of queries that show `queries` with a database that shows `database`.
+    pub fn count(matches: &[Match], queries: &[Label], database: &[Label]) -> Self {
+        assert_eq!(matches.len(), queries.len(), "one label for each query");
+        let mut correct = Self { queries: queries.len(), ..Self::default() };
+        for (found, query) in matches.iter().zip(queries) {
+            let named = database[found.nearest.index as usize];
+            correct.object += usize::from(named.instance == query.instance);
+            correct.category += usize::from(named.category == query.category);
+        }
+        correct
+    }
+}

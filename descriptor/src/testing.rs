@@ -1,0 +1,37 @@
+//! Small clouds for tests, from integers and arithmetic only, so that every target makes the same bits.
+
+use rand::{Rng, RngExt};
+
+use crate::Cloud;
+use crate::random::stream;
+
+/// A number in [0, 1) that f32 holds exactly.
+pub(crate) fn unit(rng: &mut impl Rng) -> f32 {
+    (rng.random::<u32>() >> 8) as f32 / 16_777_216.0
+}
+
+/// A point in the cube [0, side)³.
+pub(crate) fn in_cube(rng: &mut impl Rng, side: f32) -> [f32; 3] {
+    [unit(rng) * side, unit(rng) * side, unit(rng) * side]
+}
+
+/// A bent, rough, coloured sheet of about 12 × 12 cm, 60 cm before the camera, some points of it repeated.
+pub(crate) fn sheet(seed: u64, points: usize) -> Cloud {
+    let mut rng = stream(seed, "test sheet", &[]);
+    let bend = unit(&mut rng) * 8.0;
+    let mut cloud = Cloud { colours: Some(Vec::new()), viewpoint: [0.01, -0.02, 0.0], ..Cloud::default() };
+    let mut colours = Vec::new();
+    for index in 0..points {
+        let (u, v) = (unit(&mut rng) * 0.12 - 0.06, unit(&mut rng) * 0.12 - 0.06);
+        let point = if index % 17 == 16 {
+            cloud.points[index / 2]
+        } else {
+            [u, v, 0.6 + bend * (u * u - 0.5 * u * v) + 0.0008 * unit(&mut rng)]
+        };
+        cloud.points.push(point);
+        let hue = if u * v > 0.0 { [200u8, 60, 30] } else { [40, 90, 180] };
+        colours.push(hue.map(|channel| channel + (rng.random::<u32>() % 50) as u8));
+    }
+    cloud.colours = Some(colours);
+    cloud
+}

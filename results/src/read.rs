@@ -1,0 +1,151 @@
+//! Reading a run folder: whole tables as polars frames, and the run's row as a struct.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use polars::prelude::*;
+
+use crate::cells::Cells;
+use crate::columns::GeneColumn;
+use crate::error::Error;
+use crate::file::names;
+use crate::parquet::{self, TableFile};
+use crate::rows::RunRow;
+use crate::tables::TableName;
+
+/// Name of a generation's file in its table's folder.
+pub(crate) fn generation_file(generation: u32) -> String {
+    format!("generation-{generation:05}.parquet")
+}
+
+/// The table's files, generations in order. Files that are being written are not among them.
+pub(crate) fn table_files(run: &Path, table: TableName) -> Result<Vec<PathBuf>, Error> {
+    let folder = run.join(table.as_str());
+    let names = names(&folder)?;
+    let files = names.iter().filter(|name| name.ends_with(".parquet") && !name.starts_with('.'));
+    Ok(files.map(|name| folder.join(name)).collect())
+}
+
+pub(crate) fn read_file(file: &Path, table: TableName) -> Result<TableFile, Error> {
+    let bytes = fs::read(file).map_err(|source| Error::io(file, "read this file", source))?;
+    parquet::decode(bytes, table, file)
+}
+
+/// A table of a run folder, all its files as one frame, generations in order.
+///
+/// Columns come in the order of the column table. Those that an older file lacks are null; unknown ones follow, null
+/// where a file does not have them. Every file's checksum is verified. Works on runs that are not finished.
+pub fn read_table(run: impl AsRef<Path>, table: TableName) -> Result<DataFrame, Error> {
+    let run = run.as_ref();
+    let mut files = Vec::new();
+    for file in table_files(run, table)? {
+        files.push((read_file(&file, table)?.frame, file));
+    }
+    concatenate(files)?.ok_or(Error::NoFiles { folder: run.join(table.as_str()), table })
+}
+
+/// One frame below the other; columns as they first occur, null where a frame does not have them.
+fn concatenate(files: Vec<(DataFrame, PathBuf)>) -> Result<Option<DataFrame>, Error> {
+    let mut schema = Schema::default();
+    for (frame, file) in &files {
+        for cell in frame.columns() {
+            match schema.get(cell.name()) {
+                None => {
+                    schema.insert(cell.name().clone(), cell.dtype().clone());
+                }
+                Some(data_type) if data_type == cell.dtype() => {}
+                Some(data_type) => {
+                    return Err(Error::Column {
+                        file: file.clone(),
+                        column: cell.name().to_string(),
+                        expected: format!("{data_type} as in the files before it"),
+                        got: cell.dtype().to_string(),
+                    });
+                }
+            }
+        }
+    }
+    let mut whole: Option<DataFrame> = None;
+    for (frame, _) in files {
+        let columns = schema.iter().map(|(name, data_type)| match frame.column(name) {
+            Ok(cell) => cell.clone(),
+            Err(_) => Column::full_null(name.clone(), frame.height(), data_type),
+        });
+        let frame = DataFrame::new(frame.height(), columns.collect())?;
+        match &mut whole {
+            None => whole = Some(frame),
+            Some(whole) => {
+                whole.vstack_mut_owned(frame)?;
+            }
+        }
+    }
+    Ok(whole)
+}
+
+/// A finished run's row.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FinishedRun {
+    /// What was written at its end.
+    pub row: RunRow,
+    /// The genes, in the order of [`RunRow::best_genes`].
+    pub genes: Vec<GeneColumn>,
+    /// The run digest as recorded, hexadecimal.
+    pub run_digest: String,
+}
+
+/// Reads a finished run's row. Fails with [`Error::Unfinished`] if the run has not ended.
+pub fn read_run(run: impl AsRef<Path>) -> Result<FinishedRun, Error> {
+    let file = run_file(run.as_ref())?;
+    finished(&read_file(&file, TableName::Run)?, &file)
+}
+
+/// The file of the run's row.
+pub(crate) fn run_file(run: &Path) -> Result<PathBuf, Error> {
+    let mut files = table_files(run, TableName::Run)?;
+    let first = files.pop().ok_or_else(|| Error::Unfinished(run.to_owned()))?;
+    match files.pop() {
+        None => Ok(first),
+        Some(_) => Err(Error::Damaged { file: first, what: "a run has one file of table run".to_owned() }),
+    }
+}
+
+pub(crate) fn finished(content: &TableFile, file: &Path) -> Result<FinishedRun, Error> {
+    let TableFile { table, frame } = content;
+    if frame.height() != 1 {
+        let what = format!("a run has one row, got {}", frame.height());
+        return Err(Error::Damaged { file: file.to_owned(), what });
+    }
+    let genes: Vec<GeneColumn> =
+        table.columns.iter().filter_map(|column| GeneColumn::of(column, "best_")).collect();
+    let cells = Cells { frame, row: 0 };
+    let mut best_genes = Vec::new();
+    for column in table.columns.iter().filter(|column| column.gene) {
+        best_genes.push(cells.number(&column.name)?);
+    }
+    let row = RunRow {
+        name: cells.need("name", Cells::text)?,
+        search_config: cells.need("search_config", Cells::text)?,
+        resolved_toml: cells.need("resolved_toml", Cells::text)?,
+        seed: cells.need("seed", Cells::u64)?,
+        data_digest: cells.need("data_digest", Cells::text)?,
+        evaluation_version: cells.need("evaluation_version", Cells::u32)?,
+        program_version: cells.need("program_version", Cells::text)?,
+        build: cells.need("build", Cells::text)?,
+        host: cells.need("host", Cells::text)?,
+        started_at: cells.need("started_at", Cells::time)?,
+        finished_at: cells.need("finished_at", Cells::time)?,
+        seconds: cells.need("seconds", Cells::number)?,
+        stop_reason: cells.need("stop_reason", Cells::text)?,
+        generations: cells.need("generations", Cells::u32)?,
+        evaluations_computed: cells.need("evaluations_computed", Cells::u64)?,
+        evaluations_remembered: cells.need("evaluations_remembered", Cells::u64)?,
+        winner_generation: cells.need("winner_generation", Cells::u32)?,
+        winner_individual: cells.need("winner_individual", Cells::u32)?,
+        best_chromosome: cells.need("best_chromosome", Cells::text)?,
+        best_genes,
+        train: cells.need("train_", Cells::counts)?,
+        validation: cells.counts("validation_")?,
+        test: cells.counts("test_")?,
+    };
+    Ok(FinishedRun { row, genes, run_digest: cells.need("run_digest", Cells::text)? })
+}

@@ -1,0 +1,266 @@
+//! The one table of columns: every table of a run folder, from which files, checks and SCHEMA.md are made.
+
+use std::collections::BTreeSet;
+use std::fmt;
+
+use crate::columns::ColumnKind::{Bool, F64, Text, Timestamp, U32, U64};
+use crate::columns::{Column, GeneColumn};
+use crate::error::Error;
+
+/// The tables of a run folder. A table's files lie in the folder of its name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum TableName {
+    /// A row an individual and generation.
+    Evaluations,
+    /// A row a generation.
+    Generations,
+    /// A row a query of validation and test.
+    Predictions,
+    /// A row a cloud that took no part.
+    Skipped,
+    /// One row: the run itself.
+    Run,
+}
+
+impl TableName {
+    /// Every table.
+    pub const ALL: [Self; 5] =
+        [Self::Evaluations, Self::Generations, Self::Predictions, Self::Skipped, Self::Run];
+
+    /// Its name: the folder's name and the value of `descry.table` in the files.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Evaluations => "evaluations",
+            Self::Generations => "generations",
+            Self::Predictions => "predictions",
+            Self::Skipped => "skipped",
+            Self::Run => "run",
+        }
+    }
+
+    /// What stands before a gene's name in this table's columns; `None` if the table has no genes.
+    pub(crate) fn gene_prefix(self) -> Option<&'static str> {
+        match self {
+            Self::Evaluations => Some(""),
+            Self::Run => Some("best_"),
+            Self::Generations | Self::Predictions | Self::Skipped => None,
+        }
+    }
+}
+
+impl fmt::Display for TableName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
+}
+
+/// A table: what a row is and which columns it has, in order.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Table {
+    /// Which table.
+    pub name: TableName,
+    /// What a row stands for.
+    pub meaning: &'static str,
+    /// Names of the columns that identify a row and give the order of rows.
+    pub key: &'static [&'static str],
+    /// The columns in file order.
+    pub columns: Vec<Column>,
+}
+
+impl Table {
+    /// The table of an experiment with these genes. Fails if a gene's name is empty, occurs twice or is that of a
+    /// fixed column.
+    pub fn new(name: TableName, genes: &[GeneColumn]) -> Result<Self, Error> {
+        let (meaning, key, columns): (_, &'static [&'static str], _) = match name {
+            TableName::Evaluations => {
+                ("an individual of a generation", &["generation", "individual"], evaluations(genes))
+            }
+            TableName::Generations => ("a generation", &["generation"], generations()),
+            TableName::Predictions => {
+                ("a query cloud of the winner's validation or final test", &["split", "query"], predictions())
+            }
+            TableName::Skipped => ("a cloud that took no part", &["split", "cloud"], skipped()),
+            TableName::Run => ("the run; the table has one row, written last", &["name"], run(genes)),
+        };
+        let mut seen = BTreeSet::new();
+        for column in &columns {
+            let gene = column.name.strip_prefix(name.gene_prefix().unwrap_or_default());
+            if !seen.insert(column.name.as_str()) || gene.is_none_or(str::is_empty) && column.gene {
+                return Err(Error::GeneName { name: column.name.clone() });
+            }
+        }
+        Ok(Self { name, meaning, key, columns })
+    }
+
+    /// The column of that name.
+    pub fn column(&self, name: &str) -> Option<&Column> {
+        self.columns.iter().find(|column| column.name == name)
+    }
+}
+
+/// `object`, `category` and `queries` counts with their errors, as `<prefix>object_correct` and so on.
+fn counts(prefix: &str, of: &str) -> [Column; 5] {
+    let column = |name: &str, kind, unit: &str, meaning: String| {
+        Column::new(&format!("{prefix}{name}"), kind, unit, &meaning)
+    };
+    [
+        column("object_correct", U32, "clouds", format!("{of} whose nearest cloud is of the same object")),
+        column(
+            "category_correct",
+            U32,
+            "clouds",
+            format!("{of} whose nearest cloud is of the same category"),
+        ),
+        column("queries", U32, "clouds", format!("{of} that took part: the denominator")),
+        column("object_error", F64, "share", format!("1 - {prefix}object_correct / {prefix}queries")),
+        column("category_error", F64, "share", format!("1 - {prefix}category_correct / {prefix}queries")),
+    ]
+}
+
+fn evaluations(genes: &[GeneColumn]) -> Vec<Column> {
+    let mut columns = vec![
+        Column::new("generation", U32, "", "generation, from 1").in_digest(),
+        Column::new("individual", U32, "", "index in the generation, from 0").in_digest(),
+        Column::new("chromosome", Text, "bits", "the bit string, genes in table order").in_digest(),
+    ];
+    columns.extend(genes.iter().map(|gene| gene.column("").in_digest()));
+    columns.push(Column::new("fitness", F64, "share", "object_correct / queries"));
+    let [object_correct, category_correct, queries, object_error, category_error] =
+        counts("", "first training set's clouds");
+    columns.extend([
+        object_correct.in_digest(),
+        category_correct.in_digest(),
+        queries,
+        object_error,
+        category_error,
+        Column::new(
+            "parent_a",
+            U32,
+            "",
+            "first parent's index in the previous generation; null in generation 1",
+        )
+        .nullable()
+        .in_digest(),
+        Column::new("parent_b", U32, "", "second parent's index; null in generation 1 and for an elite")
+            .nullable()
+            .in_digest(),
+        Column::new("elite", Bool, "", "copied unmutated from the previous generation"),
+        Column::new("remembered", Bool, "", "taken from an earlier evaluation instead of computed"),
+        Column::new("worker", Text, "", "name of the worker; null if remembered").nullable(),
+        Column::new("attempt", U32, "", "attempt that gave the result, from 1; null if remembered")
+            .nullable(),
+        Column::new("queued_seconds", F64, "s", "wait for a worker; null if remembered").nullable(),
+        Column::new("run_seconds", F64, "s", "time on the worker; null if remembered").nullable(),
+    ]);
+    columns
+}
+
+fn generations() -> Vec<Column> {
+    let mut columns = vec![
+        Column::new("generation", U32, "", "generation, from 1").in_digest(),
+        Column::new("best_individual", U32, "", "index of the best, the lowest on ties"),
+        Column::new("best_object_correct", U32, "clouds", "its object_correct"),
+        Column::new("queries", U32, "clouds", "first training set's clouds that took part"),
+        Column::new("best_fitness", F64, "share", "highest fitness of the generation"),
+        Column::new("mean_fitness", F64, "share", "mean fitness of the generation"),
+        Column::new("worst_fitness", F64, "share", "lowest fitness of the generation"),
+        Column::new(
+            "best_so_far_fitness",
+            F64,
+            "share",
+            "highest fitness of this and all earlier generations",
+        ),
+    ];
+    let [object_correct, category_correct, queries, object_error, category_error] =
+        counts("validation_", "validation clouds");
+    columns.extend([
+        object_correct.nullable().in_digest(),
+        category_correct.nullable().in_digest(),
+        queries.nullable().in_digest(),
+        object_error.nullable(),
+        category_error.nullable(),
+        Column::new(
+            "mutation_rate",
+            F64,
+            "",
+            "probability of a flip per bit between the two mutation points",
+        )
+        .in_digest(),
+        Column::new("diversity", F64, "share", "mean pairwise Hamming distance of chromosomes, per bit"),
+        Column::new("evaluations_computed", U32, "", "individuals evaluated by a worker"),
+        Column::new("evaluations_remembered", U32, "", "individuals whose result was known already"),
+        Column::new("seconds", F64, "s", "wall time of the generation"),
+        Column::new("rows_digest", Text, "", "BLAKE3 of the generation's cells that the run digest covers"),
+    ]);
+    columns
+}
+
+fn predictions() -> Vec<Column> {
+    [
+        Column::new("split", Text, "", "validation or test"),
+        Column::new("query", U32, "", "index of the query in its split, from 0"),
+        Column::new("cloud", Text, "", "the query's path below the data root"),
+        Column::new("instance", Text, "", "the query's object"),
+        Column::new("category", Text, "", "the query's category"),
+        Column::new("nearest_cloud", Text, "", "path of the database cloud with the smallest set distance"),
+        Column::new("predicted_instance", Text, "", "object of the nearest cloud"),
+        Column::new("predicted_category", Text, "", "category of the nearest cloud"),
+        Column::new("distance", F64, "", "set distance to the nearest cloud"),
+        Column::new("runner_up_cloud", Text, "", "nearest cloud of another object than the predicted one")
+            .nullable(),
+        Column::new("runner_up_distance", F64, "", "set distance to it").nullable(),
+        Column::new("correct_object", Bool, "", "predicted_instance is instance"),
+        Column::new("correct_category", Bool, "", "predicted_category is category"),
+    ]
+    .into_iter()
+    .map(Column::in_digest)
+    .collect()
+}
+
+fn skipped() -> Vec<Column> {
+    vec![
+        Column::new("split", Text, "", "split that lists the cloud"),
+        Column::new("cloud", Text, "", "path below the data root"),
+        Column::new("reason", Text, "", "why it took no part"),
+    ]
+}
+
+fn run(genes: &[GeneColumn]) -> Vec<Column> {
+    let mut columns = vec![
+        Column::new("name", Text, "", "name of the experiment"),
+        Column::new("search_config", Text, "TOML", "what determines the result, in canonical form")
+            .in_digest(),
+        Column::new("resolved_toml", Text, "TOML", "the whole resolved experiment"),
+        Column::new("seed", U64, "", "seed of every random stream").in_digest(),
+        Column::new("data_digest", Text, "", "BLAKE3 over splits, labels and content of the clouds")
+            .in_digest(),
+        Column::new(
+            "evaluation_version",
+            U32,
+            "",
+            "version of the method: equal versions give equal results",
+        ),
+        Column::new("program_version", Text, "", "version of the coordinator"),
+        Column::new("build", Text, "", "build of the coordinator"),
+        Column::new("host", Text, "", "machine of the coordinator"),
+        Column::new("started_at", Timestamp, "UTC", "start of the run"),
+        Column::new("finished_at", Timestamp, "UTC", "end of the run"),
+        Column::new("seconds", F64, "s", "wall time at work, over all starts of the run"),
+        Column::new("stop_reason", Text, "", "why evolution stopped").in_digest(),
+        Column::new("generations", U32, "", "number of generations"),
+        Column::new("evaluations_computed", U64, "", "individuals evaluated by a worker"),
+        Column::new("evaluations_remembered", U64, "", "individuals whose result was known already"),
+        Column::new("winner_generation", U32, "", "generation of the winner"),
+        Column::new("winner_individual", U32, "", "its index in that generation"),
+        Column::new("best_chromosome", Text, "bits", "its bit string"),
+    ];
+    columns.extend(genes.iter().map(|gene| gene.column("best_")));
+    columns.extend(counts("train_", "first training set's clouds"));
+    columns.extend(counts("validation_", "validation clouds").map(Column::nullable));
+    columns.extend(counts("test_", "test clouds").map(Column::nullable));
+    columns.extend([
+        Column::new("predictions_digest", Text, "", "BLAKE3 of the predictions"),
+        Column::new("run_digest", Text, "", "BLAKE3 of everything that the columns marked `digest` say"),
+    ]);
+    columns
+}

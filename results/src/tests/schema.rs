@@ -1,0 +1,94 @@
+//! The column table against the row structs and against SCHEMA.md.
+
+use expect_test::{expect, expect_file};
+
+use super::fixture;
+use crate::*;
+
+#[test]
+fn the_schema_document_is_that_of_the_column_table() {
+    expect_file!["../../SCHEMA.md"].assert_eq(&schema_markdown().unwrap());
+}
+
+/// Each row struct gives exactly the table's columns, in its order, of its kinds, with nulls only where allowed.
+#[test]
+fn row_structs_and_column_table_do_not_drift_apart() {
+    let genes = fixture::genes();
+    let population = fixture::population(2);
+    let summary = PopulationSummary::of(&population).unwrap();
+    let test = PredictionSplit::Test;
+    let frames = [
+        (TableName::Evaluations, crate::frame::evaluations(&genes, &population)),
+        (TableName::Generations, crate::frame::generation(&fixture::generation(2), &summary)),
+        (TableName::Predictions, crate::frame::predictions(test, &fixture::predictions(test))),
+        (TableName::Skipped, crate::frame::skipped(&fixture::skipped())),
+        (TableName::Run, crate::frame::run(&genes, &fixture::run())),
+    ];
+    assert_eq!(frames.each_ref().map(|(name, _)| *name), TableName::ALL);
+    for (name, frame) in frames {
+        let (table, frame) = (Table::new(name, &genes).unwrap(), frame.unwrap());
+        let expected: Vec<_> =
+            table.columns.iter().map(|column| (column.name.clone(), column.kind.data_type())).collect();
+        let got: Vec<_> =
+            frame.columns().iter().map(|cell| (cell.name().to_string(), cell.dtype().clone())).collect();
+        assert_eq!(expected, got, "{name}");
+        for column in table.columns.iter().filter(|column| !column.nullable) {
+            assert_eq!(frame.column(&column.name).unwrap().null_count(), 0, "{name}.{}", column.name);
+        }
+        assert!(
+            table.key.iter().all(|key| table.column(key).is_some_and(|column| !column.nullable)),
+            "{name}"
+        );
+    }
+}
+
+/// DESIGN 4 lists what the run digest covers; this is that list.
+#[test]
+fn the_digest_covers_the_listed_columns_and_no_other() {
+    let genes = fixture::genes();
+    let mut covered = String::new();
+    for name in TableName::ALL {
+        let table = Table::new(name, &genes).unwrap();
+        let names: Vec<_> = table
+            .columns
+            .iter()
+            .filter(|column| column.in_digest)
+            .map(|column| column.name.as_str())
+            .collect();
+        covered += &format!("{name}: {}\n", names.join(" "));
+    }
+    expect![[r#"
+        evaluations: generation individual chromosome shape_bins m R1 w object_correct category_correct parent_a parent_b
+        generations: generation validation_object_correct validation_category_correct validation_queries mutation_rate
+        predictions: split query cloud instance category nearest_cloud predicted_instance predicted_category distance runner_up_cloud runner_up_distance correct_object correct_category
+        skipped: 
+        run: search_config seed data_digest stop_reason
+    "#]]
+    .assert_eq(&covered);
+}
+
+#[test]
+fn a_gene_that_cannot_be_a_column_is_refused() {
+    let mut genes = fixture::genes();
+    let mut refused = String::new();
+    for name in ["fitness", "chromosome", "R1", ""] {
+        genes[0].name = name.to_owned();
+        let folder = tempfile::tempdir().unwrap();
+        refused += &format!("{}\n\n", RunFolder::create(folder.path(), &genes).unwrap_err());
+    }
+    expect![[r#"
+        gene: name must not be empty, occur twice or be that of another column, got "fitness"
+        rename the gene
+
+        gene: name must not be empty, occur twice or be that of another column, got "chromosome"
+        rename the gene
+
+        gene: name must not be empty, occur twice or be that of another column, got "R1"
+        rename the gene
+
+        gene: name must not be empty, occur twice or be that of another column, got ""
+        rename the gene
+
+    "#]]
+    .assert_eq(&refused);
+}

@@ -1,0 +1,242 @@
+//! What users get wrong, and what they are told: where, what, got value, and on the next line what to do.
+
+use std::fs;
+use std::net::TcpListener;
+use std::path::Path;
+
+use crate::experiments::{Experiment, clouds};
+use crate::process::{Finished, run};
+
+/// The error's own lines.
+fn message(finished: &Finished) -> &str {
+    let start = finished.stderr.find("error: ").unwrap_or_else(|| panic!("{finished}"));
+    finished.stderr[start..].trim_end()
+}
+
+/// An error that says `parts`, in two lines or more.
+#[track_caller]
+fn check(finished: Finished, parts: &[&str]) {
+    let finished = finished.expect_error();
+    let message = message(&finished);
+    for part in parts {
+        assert!(message.contains(part), "no `{part}` in: {finished}");
+    }
+    assert!(message.lines().count() >= 2, "no advice: {finished}");
+}
+
+#[track_caller]
+fn check_toml(toml: &str, parts: &[&str]) {
+    let root = clouds().display().to_string();
+    let experiment = Experiment::with(&toml.replace("ROOT", &root));
+    check(run("coordinator", ["check", &experiment.path("exp.toml")]), parts);
+}
+
+/// Every kind of mistake in an experiment; each message's whole text is pinned beside the code that makes it.
+#[test]
+fn experiments() {
+    let dataset = "[dataset]\nroot = \"ROOT\"\n";
+    for (toml, parts) in [
+        ("version = 1\nsead = 1\n[dataset]\nroot = \"ROOT\"\n", &["sead", "seed"][..]),
+        ("version = 1\n[dataset]\nroot = 5\n", &["dataset.root", "5"]),
+        ("[dataset]\nroot = \"ROOT\"\n", &["version"]),
+        ("version = 2\n[dataset]\nroot = \"ROOT\"\n", &["version", "2"]),
+        ("version = 1\n[dataset\n", &["line 2"]),
+        ("version = 1\n[dataset]\nroot = \"ROOT/nowhere\"\n", &["dataset.root", "nowhere"]),
+        ("version = 1\n[dataset]\nroot = \"${DESCRY_NO_SUCH_VARIABLE}\"\n", &["DESCRY_NO_SUCH_VARIABLE"]),
+    ] {
+        check_toml(toml, parts);
+    }
+    for (section, parts) in [
+        ("[ga]\npopulation = 0\n", &["ga.population", "got 0"][..]),
+        ("[ga]\npopulation = 1\n", &["ga.population", "got 1"]),
+        ("[ga]\nelite = 10\n", &["ga.elite", "got 10"]),
+        ("[descriptor.genes]\nR1 = { min = 2.0, max = 0.5, step = 0.1 }\n", &["R1"]),
+        ("[descriptor.genes]\nR1 = { min = 0.5, max = 2.5, step = 0.1 }\n", &["R2", "2.5"]),
+        ("[descriptor.genes]\nshape_bins = { min = 8, max = 8, step = 0 }\n", &["shape_bins", "step"]),
+        ("[descriptor.genes]\nR3 = 1\n", &["R3", "R1"]),
+        ("[descriptor.genes]\nm = { min = 1, max = 32, step = 1 }\n", &["m:", "65536"]),
+        ("[stop]\ngenerations = 0\n", &["stop.generations", "got 0"]),
+    ] {
+        check_toml(&format!("version = 1\n{dataset}{section}"), parts);
+    }
+}
+
+/// A data set of one object too few lines to be useful, in which one thing is spoiled.
+struct Spoiled {
+    experiment: Experiment,
+}
+
+impl Spoiled {
+    fn new() -> Self {
+        let experiment = Experiment::with("version = 1\n[dataset]\nroot = \"data\"\n");
+        let data = experiment.path("data");
+        run("coordinator", ["synth", &data, "--objects", "2", "--views", "6"]).expect_success();
+        Self { experiment }
+    }
+
+    fn list(&self, name: &str) -> std::path::PathBuf {
+        self.experiment.folder().join("data").join(name)
+    }
+
+    /// The first cloud of a list.
+    fn cloud(&self, list: &str) -> std::path::PathBuf {
+        let text = fs::read_to_string(self.list(list)).unwrap();
+        self.experiment.folder().join("data").join(text.lines().next().unwrap())
+    }
+
+    #[track_caller]
+    fn check(&self, parts: &[&str]) {
+        check(run("coordinator", ["check", &self.experiment.path("exp.toml")]), parts);
+        // A run says the same and spends no evaluation on it.
+        let finished = self.experiment.run("out", &[]).expect_error();
+        assert!(!finished.stderr.contains("generation 1"), "{finished}");
+    }
+}
+
+#[test]
+fn split_lists() {
+    for (line, parts) in [
+        ("mug/mug_1/mug_1_1_99.pcd", &["mug_1_1_99.pcd", "train1.txt"][..]),
+        ("../outside.pcd", &["../outside.pcd", "train1.txt"]),
+        ("/etc/passwd", &["/etc/passwd", "train1.txt"]),
+        ("lonely_1_1.pcd", &["lonely_1_1.pcd", "train1.txt"]),
+    ] {
+        let data = Spoiled::new();
+        let list = data.list("train1.txt");
+        let text = fs::read_to_string(&list).unwrap();
+        fs::write(&list, format!("{text}{line}\n")).unwrap();
+        data.check(parts);
+    }
+
+    let data = Spoiled::new();
+    let query = fs::read_to_string(data.list("train1.txt")).unwrap();
+    let database = fs::read_to_string(data.list("train2.txt")).unwrap();
+    let both = query.lines().next().unwrap();
+    fs::write(data.list("train2.txt"), format!("{database}{both}\n")).unwrap();
+    data.check(&[both, "train1", "train2"]);
+
+    let data = Spoiled::new();
+    fs::write(data.list("test.txt"), "# nothing\n").unwrap();
+    data.check(&["test"]);
+}
+
+fn pcd(header: &str, data: &[u8]) -> Vec<u8> {
+    [header.as_bytes(), data].concat()
+}
+
+#[test]
+fn clouds_that_cannot_be_read_name_themselves_before_anything_is_spent() {
+    let header = |width: &str, fields: &str, encoding: &str| {
+        let names = fields.split(' ').count();
+        let (size, kind, count) = (" 4".repeat(names), " F".repeat(names), " 1".repeat(names));
+        format!(
+            "VERSION .7\nFIELDS {fields}\nSIZE{size}\nTYPE{kind}\nCOUNT{count}\nWIDTH {width}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {width}\nDATA {encoding}\n"
+        )
+    };
+    let rgb = "x y z rgb";
+    for (content, parts) in [
+        (pcd(&header("4", rgb, "binary"), &[0; 40]), &["pcd"][..]),
+        (pcd(&header("99999999999999999999", rgb, "binary"), &[]), &["WIDTH"]),
+        (pcd(&header("4000000000", rgb, "binary"), &[0; 64]), &["pcd"]),
+        (pcd(&header("4", rgb, "binary_compressed"), &[8, 0, 0, 0, 64, 0, 0, 0, 255, 255, 255, 255, 255, 255, 255, 255]), &["pcd"]),
+        (pcd(&header("1", "x y z", "ascii"), b"0 0 1\n"), &["colour"]),
+        (b"not a cloud".to_vec(), &["pcd"]),
+        (Vec::new(), &["pcd"]),
+    ] {
+        let data = Spoiled::new();
+        let cloud = data.cloud("validation.txt");
+        fs::write(&cloud, content).unwrap();
+        let name = cloud.file_name().unwrap().to_str().unwrap();
+        data.check(&[&[name], parts].concat());
+    }
+}
+
+#[test]
+fn an_unreadable_cloud_is_a_counted_skip_if_the_experiment_says_so() {
+    let data = Spoiled::new();
+    let cloud = data.cloud("train1.txt");
+    fs::write(&cloud, "not a cloud").unwrap();
+    let toml = data.experiment.path("exp.toml");
+    fs::write(&toml, "version = 1\n[dataset]\nroot = \"data\"\nskip_unreadable = true\n").unwrap();
+    let finished = run("coordinator", ["check", &toml]).expect_success();
+    assert!(finished.stdout.contains("skipped 1"), "{finished}");
+    assert!(finished.stderr.contains(cloud.file_name().unwrap().to_str().unwrap()), "{finished}");
+}
+
+#[test]
+fn clouds_without_usable_points_are_skipped_and_named() {
+    let header = |points: usize| {
+        format!(
+            "VERSION .7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH {points}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {points}\nDATA ascii\n"
+        )
+    };
+    let lonely: String = (0..12).map(|i| format!("{i} 0 1 0\n")).collect();
+    for (content, reason) in [
+        (header(0), "fewer than 10 usable points, got 0"),
+        (format!("{}{}", header(12), "nan nan nan 0\n".repeat(12)), "fewer than 10 usable points, got 0"),
+        (format!("{}{lonely}", header(12)), "no keypoint with a normal"),
+    ] {
+        let data = Spoiled::new();
+        fs::write(data.cloud("test.txt"), content).unwrap();
+        let finished = run("coordinator", ["check", &data.experiment.path("exp.toml")]).expect_success();
+        assert!(finished.stdout.contains("skipped 1"), "{finished}");
+        assert!(finished.stderr.contains(reason), "{reason}: {finished}");
+    }
+}
+
+#[test]
+fn ports_and_addresses() {
+    let experiment = Experiment::new("");
+    let taken = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = taken.local_addr().unwrap().to_string();
+    let run_with = |more: &[&str]| {
+        let mut args = vec!["run".to_owned(), experiment.path("exp.toml"), "--out".to_owned(), experiment.path("out")];
+        args.extend(more.iter().map(|&arg| arg.to_owned()));
+        run("coordinator", args)
+    };
+    check(run_with(&["--listen", &address]), &["the port is in use", &address]);
+    check(run_with(&["--listen", "0.0.0.0:0"]), &["--insecure"]);
+    run_with(&["--listen", "nowhere"]).expect_error();
+}
+
+#[test]
+fn result_folders() {
+    let experiment = Experiment::new("");
+    // A file where the folder should be; for root, permissions forbid nothing.
+    fs::write(experiment.folder().join("file"), "").unwrap();
+    check(experiment.run("file", &[]), &["file"]);
+    check(experiment.run("file/below", &[]), &["file"]);
+    if Path::new("/dev/full").exists() {
+        fs::create_dir(experiment.folder().join("full")).unwrap();
+        std::os::unix::fs::symlink("/dev/full", experiment.folder().join("full/search.toml")).unwrap();
+        experiment.run("full", &[]).expect_error();
+    }
+}
+
+#[test]
+fn unknown_options_and_genes_name_the_nearest() {
+    let finished = run("coordinator", ["run", "exp.toml", "--sed", "1"]).expect_error();
+    assert!(finished.stderr.contains("--seed"), "{finished}");
+    let finished = run("coordinator", ["chek", "exp.toml"]).expect_error();
+    assert!(finished.stderr.contains("check"), "{finished}");
+    let finished = run("worker", ["--coordinator", "http://127.0.0.1:1", "--thread", "1"]).expect_error();
+    assert!(finished.stderr.contains("--threads"), "{finished}");
+    let data = clouds().display().to_string();
+    let evaluate = |set: &str| {
+        run(
+            "coordinator",
+            ["evaluate", "--data", &data, "--query", "test.txt", "--database", "train1.txt", "--set", set],
+        )
+    };
+    check(evaluate("shape_bin=9"), &["shape_bin", "did you mean `shape_bins`"]);
+    check(evaluate("R1=wide"), &["R1", "wide"]);
+    check(evaluate("R1=9"), &["R2"]);
+    check(evaluate("m=3.5"), &["m", "3.5"]);
+    check(evaluate("m"), &["gene=value"]);
+}
+
+#[test]
+fn verify_refuses_what_is_no_finished_run() {
+    let experiment = Experiment::new("");
+    check(run("coordinator", ["verify", &experiment.path("nowhere")]), &["nowhere"]);
+}

@@ -1,0 +1,136 @@
+//! One digest, whatever the workers do.
+
+use serde_json::Value;
+
+use crate::experiments::{Experiment, summary};
+use crate::process::{Finished, Running, run};
+
+/// Long enough that workers can come and go while it runs, short enough to run several times.
+const SEARCH: &str = "[ga]\npopulation = 8\n[stop]\ngenerations = 25\nvalidation_patience = \"off\"\n\
+    [coordinator]\nlease_seconds = 2\n";
+
+fn digest(finished: &Finished) -> Value {
+    summary(finished)["run_digest"].clone()
+}
+
+/// The address in the line that tells workers how to join.
+fn address(coordinator: &mut Running) -> String {
+    let line = coordinator.wait_for("workers may join with");
+    line.rsplit(' ').next().unwrap().to_owned()
+}
+
+fn worker(experiment: &Experiment, name: &str, address: &str, cache: &str) -> Running {
+    let cache = experiment.path(cache);
+    let args = ["--coordinator", address, "--name", name, "--threads", "1", "--cache", &cache];
+    Running::start(experiment.folder(), name, "worker", args)
+}
+
+#[test]
+fn the_digest_is_the_same_with_one_worker_with_four_and_with_workers_that_die_and_join_late() {
+    let experiment = Experiment::new(SEARCH);
+    let one = experiment.run("one", &["--local-workers", "1"]).expect_success();
+    let four = experiment.run("four", &["--local-workers", "4"]).expect_success();
+    assert_eq!(digest(&four), digest(&one));
+
+    // The victim works alone, so that it is sure to be killed with work in hand or about to get some.
+    let args = experiment.run_args("processes", &["--local-workers", "0"]);
+    let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
+    let address = address(&mut coordinator);
+    let mut victim = worker(&experiment, "victim", &address, "cold-cache");
+    coordinator.wait_for("generation 2/25");
+    victim.signal("KILL");
+    let killed = victim.wait();
+    assert!(!killed.status.success());
+    assert!(!coordinator.log().contains("generation 25/25"), "the fault came too late:\n{}", coordinator.log());
+    // Nobody is left: the run goes on only once its jobs have been taken from the dead worker.
+    coordinator.wait_for("worker victim: lost");
+    let mut second = worker(&experiment, "second", &address, "cold-cache");
+    coordinator.wait_for("generation 5/25");
+    let mut late = worker(&experiment, "late", &address, "late-cache");
+    late.wait_for("joined as late");
+    let finished = coordinator.wait().expect_success();
+    assert_eq!(digest(&finished), digest(&one));
+    for (running, name) in [(&mut second, "second"), (&mut late, "late")] {
+        // The coordinator is gone: workers wait for the next one, and stop when they are told to.
+        running.signal("TERM");
+        let stopped = running.wait().expect_success();
+        assert!(stopped.stderr.contains(&format!("joined as {name}")), "{stopped}");
+    }
+
+    // Again, with what the workers kept of the first time.
+    let args = experiment.run_args("warm", &["--local-workers", "0"]);
+    let mut coordinator = Running::start(experiment.folder(), "warm", "coordinator", args);
+    let address = self::address(&mut coordinator);
+    let mut warm = worker(&experiment, "warm-worker", &address, "cold-cache");
+    let finished = coordinator.wait().expect_success();
+    assert_eq!(digest(&finished), digest(&one));
+    warm.signal("TERM");
+    warm.wait().expect_success();
+}
+
+#[test]
+fn a_worker_that_is_told_to_stop_hands_its_jobs_back_and_the_run_goes_on_at_once() {
+    let experiment = Experiment::new(SEARCH);
+    let args = experiment.run_args("out", &["--local-workers", "0"]);
+    let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
+    let address = address(&mut coordinator);
+    let mut first = worker(&experiment, "first", &address, "cache");
+    coordinator.wait_for("generation 2/25");
+    first.signal("TERM");
+    let left = first.wait().expect_success();
+    assert!(left.stderr.contains("left"), "{left}");
+    coordinator.wait_for("worker first: left");
+    let _second = worker(&experiment, "second", &address, "cache");
+    let finished = coordinator.wait().expect_success();
+    assert!(!finished.stderr.contains("lost"), "{finished}");
+    let alone = experiment.run("alone", &[]).expect_success();
+    assert_eq!(digest(&finished), digest(&alone));
+}
+
+#[test]
+fn a_worker_waits_for_a_coordinator_that_is_not_there_yet() {
+    let experiment = Experiment::new(SEARCH);
+    // A port that was free a moment ago.
+    let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
+    let address = format!("127.0.0.1:{port}");
+    let mut early = worker(&experiment, "early", &address, "cache");
+    early.wait_for("out of reach");
+    let args = [
+        "run".to_owned(),
+        experiment.path("exp.toml"),
+        "--out".to_owned(),
+        experiment.path("out"),
+        "--json".to_owned(),
+        "--local-workers".to_owned(),
+        "0".to_owned(),
+        "--listen".to_owned(),
+        address,
+    ];
+    run("coordinator", args).expect_success();
+    early.signal("TERM");
+    early.wait().expect_success();
+}
+
+#[test]
+fn seed_and_labels_change_the_digest_and_names_and_paths_do_not() {
+    let experiment = Experiment::new("[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n");
+    let base = digest(&experiment.run("a", &[]).expect_success());
+    assert_ne!(base, digest(&experiment.run("seed", &["--seed", "6"]).expect_success()));
+
+    // The same clouds elsewhere under another experiment's name: the same rows. One line of a split gone: others.
+    let copy = Experiment::with("");
+    let data = copy.path("elsewhere");
+    let args = ["synth", &data, "--objects", "6", "--views", "12", "--seed", "3"];
+    run("coordinator", args).expect_success();
+    let toml = std::fs::read_to_string(experiment.path("exp.toml")).unwrap();
+    let root = crate::experiments::clouds().display().to_string();
+    let moved = toml.replace(&root, "elsewhere").replace("name = \"short\"", "name = \"moved\"");
+    std::fs::write(copy.path("exp.toml"), moved).unwrap();
+    assert_eq!(base, digest(&copy.run("out", &[]).expect_success()));
+
+    let list = std::path::Path::new(&data).join("test.txt");
+    let text = std::fs::read_to_string(&list).unwrap();
+    let (_, shorter) = text.split_once('\n').unwrap();
+    std::fs::write(&list, shorter).unwrap();
+    assert_ne!(base, digest(&copy.run("shorter", &[]).expect_success()));
+}

@@ -1,0 +1,89 @@
+//! Small experiments on synthetic clouds, each in a folder of its own.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use serde_json::Value;
+use tempfile::TempDir;
+
+use crate::process::{Finished, run};
+
+/// The root of this repository.
+pub fn repository() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap()
+}
+
+/// The folder of benchmark data beside the repository, or `None` if it is not there and need not be.
+pub fn shared() -> Option<PathBuf> {
+    let folder = std::env::var_os("DESCRY_SHARED").map_or_else(|| repository().join("../shared"), PathBuf::from);
+    if folder.is_dir() {
+        return Some(folder);
+    }
+    let required = std::env::var_os("DESCRY_REQUIRE_SHARED").is_some_and(|value| value == "1");
+    assert!(!required, "no benchmark data in {}", folder.display());
+    eprintln!("SKIPPED: no benchmark data in {}", folder.display());
+    None
+}
+
+/// A synthetic data set that all tests read: made once.
+pub fn clouds() -> &'static Path {
+    static DATA: OnceLock<TempDir> = OnceLock::new();
+    let folder = DATA.get_or_init(|| {
+        let folder = TempDir::new().unwrap();
+        let data = folder.path().join("data").display().to_string();
+        run("coordinator", ["synth", &data, "--objects", "6", "--views", "12", "--seed", "3"]).expect_success();
+        folder
+    });
+    static ROOT: OnceLock<PathBuf> = OnceLock::new();
+    ROOT.get_or_init(|| folder.path().join("data"))
+}
+
+/// An experiment in a folder of its own.
+pub struct Experiment {
+    folder: TempDir,
+}
+
+impl Experiment {
+    /// A short search on [`clouds`]; `more` is appended to the TOML.
+    pub fn new(more: &str) -> Self {
+        let root = clouds().display();
+        Self::with(&format!("version = 1\nname = \"short\"\nseed = 5\n[dataset]\nroot = \"{root}\"\n{more}"))
+    }
+
+    /// Any TOML.
+    pub fn with(toml: &str) -> Self {
+        let folder = TempDir::new().unwrap();
+        fs::write(folder.path().join("exp.toml"), toml).unwrap();
+        Self { folder }
+    }
+
+    /// The folder.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// A path in the folder, as an argument.
+    pub fn path(&self, name: &str) -> String {
+        self.folder().join(name).display().to_string()
+    }
+
+    /// Arguments of `run` into the run folder `out` of this folder, on a free port.
+    pub fn run_args(&self, out: &str, more: &[&str]) -> Vec<String> {
+        let mut args = vec!["run".to_owned(), self.path("exp.toml"), "--out".to_owned(), self.path(out)];
+        args.extend(["--listen", "127.0.0.1:0", "--json"].map(str::to_owned));
+        args.extend(more.iter().map(|&arg| arg.to_owned()));
+        args
+    }
+
+    /// Runs it to its end.
+    pub fn run(&self, out: &str, more: &[&str]) -> Finished {
+        run("coordinator", self.run_args(out, more))
+    }
+}
+
+/// The summary that `--json` printed.
+#[track_caller]
+pub fn summary(finished: &Finished) -> Value {
+    serde_json::from_str(&finished.stdout).unwrap_or_else(|error| panic!("{error}: {finished}"))
+}

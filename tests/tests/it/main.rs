@@ -1,0 +1,19 @@
+//! One binary of end-to-end tests, so that the workspace is linked once.
+//!
+//! - `process`: the harness: programs, their logs, waiting for states
+//! - `experiments`: small experiments on synthetic clouds
+//! - `programs`: every command as a user runs it
+//! - `bad_input`: what users get wrong, and what they are told
+//! - `determinism`: one digest, whatever the workers do
+//! - `protocol`: the coordinator's port as a client sees it
+//! - `parity`: agreement with PCL on its reference values
+//! - `repository`: the rules of this repository
+
+mod bad_input;
+mod determinism;
+mod experiments;
+mod parity;
+mod process;
+mod programs;
+mod protocol;
+mod repository;

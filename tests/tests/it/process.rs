@@ -1,0 +1,152 @@
+//! The harness: starts programs, waits for states, shows every log when something fails.
+
+use std::ffi::OsStr;
+use std::fs::{self, File};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Output, Stdio};
+use std::thread;
+use std::time::{Duration, Instant};
+
+/// Longer than anything here takes on a slow machine; a test that runs into it has failed.
+const PATIENCE: Duration = Duration::from_secs(120);
+/// How often a state is looked at.
+const GLANCE: Duration = Duration::from_millis(20);
+
+/// A program of this workspace with its arguments.
+pub fn program(name: &str) -> Command {
+    let path = match name {
+        "coordinator" => env!("CARGO_BIN_EXE_test-coordinator"),
+        "worker" => env!("CARGO_BIN_EXE_test-worker"),
+        _ => panic!("no program {name}"),
+    };
+    let mut command = Command::new(path);
+    command.env_remove("DESCRY_COORDINATOR").env_remove("DESCRY_LOG").stdin(Stdio::null());
+    command
+}
+
+/// A program that was run to its end.
+pub struct Finished {
+    command: String,
+    /// Its exit status.
+    pub status: ExitStatus,
+    /// Its standard output.
+    pub stdout: String,
+    /// Its standard error.
+    pub stderr: String,
+}
+
+impl Finished {
+    /// Fails the test with everything there is to see, unless the program succeeded.
+    #[track_caller]
+    pub fn expect_success(self) -> Self {
+        assert!(self.status.success(), "{self}");
+        self
+    }
+
+    /// Fails the test unless the program failed as programs should: with an error message, not a panic.
+    #[track_caller]
+    pub fn expect_error(self) -> Self {
+        assert!(!self.status.success(), "{self}");
+        assert!(self.status.code().is_some_and(|code| code != 101), "{self}");
+        assert!(!self.stderr.contains("panicked"), "{self}");
+        self
+    }
+}
+
+impl std::fmt::Display for Finished {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { command, status, stdout, stderr } = self;
+        write!(f, "{command}\n{status}\n--- stdout\n{stdout}\n--- stderr\n{stderr}")
+    }
+}
+
+/// Runs a program to its end.
+pub fn run<A: AsRef<OsStr>>(name: &str, args: impl IntoIterator<Item = A>) -> Finished {
+    let mut command = program(name);
+    command.args(args);
+    finish(&mut command)
+}
+
+/// Runs a prepared program to its end.
+pub fn finish(command: &mut Command) -> Finished {
+    let Output { status, stdout, stderr } = command.output().unwrap();
+    Finished {
+        command: format!("{command:?}"),
+        status,
+        stdout: String::from_utf8_lossy(&stdout).into_owned(),
+        stderr: String::from_utf8_lossy(&stderr).into_owned(),
+    }
+}
+
+/// A program that runs beside the test; killed when dropped.
+pub struct Running {
+    name: String,
+    child: Child,
+    stdout: PathBuf,
+    stderr: PathBuf,
+}
+
+impl Running {
+    /// Starts a program whose output goes to files in `folder`.
+    pub fn start<A: AsRef<OsStr>>(
+        folder: &Path,
+        name: &str,
+        program_name: &str,
+        args: impl IntoIterator<Item = A>,
+    ) -> Self {
+        let stdout = folder.join(format!("{name}.out"));
+        let stderr = folder.join(format!("{name}.err"));
+        let mut command = program(program_name);
+        command.args(args).stdout(File::create(&stdout).unwrap()).stderr(File::create(&stderr).unwrap());
+        Self { name: name.to_owned(), child: command.spawn().unwrap(), stdout, stderr }
+    }
+
+    /// What it has written to standard error so far.
+    pub fn log(&self) -> String {
+        fs::read_to_string(&self.stderr).unwrap()
+    }
+
+    /// Waits until a line of its log contains `text`, and returns that line.
+    #[track_caller]
+    pub fn wait_for(&mut self, text: &str) -> String {
+        let begun = Instant::now();
+        loop {
+            let log = self.log();
+            if let Some(line) = log.lines().find(|line| line.contains(text)) {
+                return line.to_owned();
+            }
+            let ended = self.child.try_wait().unwrap();
+            assert!(ended.is_none(), "{}: ended with {ended:?} before `{text}`\n{log}", self.name);
+            assert!(begun.elapsed() < PATIENCE, "{}: no `{text}` in time\n{log}", self.name);
+            thread::sleep(GLANCE);
+        }
+    }
+
+    /// Waits until it ends.
+    #[track_caller]
+    pub fn wait(&mut self) -> Finished {
+        let begun = Instant::now();
+        loop {
+            if let Some(status) = self.child.try_wait().unwrap() {
+                let stdout = fs::read_to_string(&self.stdout).unwrap();
+                return Finished { command: self.name.clone(), status, stdout, stderr: self.log() };
+            }
+            assert!(begun.elapsed() < PATIENCE, "{}: did not end in time\n{}", self.name, self.log());
+            thread::sleep(GLANCE);
+        }
+    }
+
+    /// Sends a signal by name, such as `KILL`.
+    pub fn signal(&self, signal: &str) {
+        let status = Command::new("kill").arg(format!("-{signal}")).arg(self.child.id().to_string()).status();
+        assert!(status.unwrap().success(), "{}: kill -{signal}", self.name);
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // Already gone is as good as killed.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}

@@ -1,0 +1,171 @@
+//! The coordinator's port as a client sees it: health, reflection, refusals, nonsense.
+
+use proto::v1::coordinator_client::CoordinatorClient;
+use proto::{Digest, v1};
+use tokio_stream::StreamExt as _;
+use tonic::Code;
+use tonic::transport::Channel;
+use tonic_health::pb::HealthCheckRequest;
+use tonic_health::pb::health_check_response::ServingStatus;
+use tonic_health::pb::health_client::HealthClient;
+use tonic_reflection::pb::v1::server_reflection_client::ServerReflectionClient;
+use tonic_reflection::pb::v1::server_reflection_request::MessageRequest;
+use tonic_reflection::pb::v1::server_reflection_response::MessageResponse;
+use tonic_reflection::pb::v1::{ListServiceResponse, ServerReflectionRequest};
+
+use crate::experiments::{Experiment, clouds};
+use crate::process::{Running, program};
+
+/// A coordinator that waits for workers, and a connection to it.
+async fn coordinator(experiment: &Experiment) -> (Running, String, Channel) {
+    let args = experiment.run_args("out", &["--local-workers", "0"]);
+    let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
+    let line = coordinator.wait_for("workers may join with");
+    let address = line.rsplit(' ').next().unwrap().to_owned();
+    let channel = Channel::from_shared(address.clone()).unwrap().connect().await.unwrap();
+    (coordinator, address, channel)
+}
+
+fn introduction() -> v1::RegisterRequest {
+    v1::RegisterRequest {
+        protocol_major: proto::PROTOCOL_MAJOR,
+        protocol_minor: proto::PROTOCOL_MINOR,
+        evaluation_version: descriptor::EVALUATION_VERSION,
+        worker_id: vec![7; 16],
+        name: "stranger".to_owned(),
+        threads: 1,
+        build: "test".to_owned(),
+    }
+}
+
+async fn refusal(
+    client: &mut CoordinatorClient<Channel>,
+    spoil: impl FnOnce(&mut v1::RegisterRequest),
+) -> v1::Refused {
+    let mut request = introduction();
+    spoil(&mut request);
+    match client.register(request).await.unwrap().into_inner().outcome.unwrap() {
+        v1::register_reply::Outcome::Refused(refused) => refused,
+        v1::register_reply::Outcome::Accepted(accepted) => panic!("{accepted:?}"),
+    }
+}
+
+#[tokio::test]
+async fn health_probes_and_reflection_work() {
+    let experiment = Experiment::new("");
+    let (_coordinator, _, channel) = coordinator(&experiment).await;
+    let mut health = HealthClient::new(channel.clone());
+    for service in ["", "descry.v1.Coordinator"] {
+        let request = HealthCheckRequest { service: service.to_owned() };
+        let reply = health.check(request).await.unwrap().into_inner();
+        assert_eq!(reply.status(), ServingStatus::Serving, "{service}");
+    }
+    let request = ServerReflectionRequest {
+        host: String::new(),
+        message_request: Some(MessageRequest::ListServices(String::new())),
+    };
+    let mut reflection = ServerReflectionClient::new(channel);
+    let replies = reflection.server_reflection_info(tokio_stream::iter([request])).await.unwrap();
+    let reply = replies.into_inner().next().await.unwrap().unwrap();
+    let Some(MessageResponse::ListServicesResponse(ListServiceResponse { service })) = reply.message_response else {
+        panic!("no list of services");
+    };
+    assert!(service.iter().any(|service| service.name == "descry.v1.Coordinator"));
+}
+
+#[tokio::test]
+async fn other_versions_are_refused_and_told_what_to_do() {
+    let experiment = Experiment::new("");
+    let (_coordinator, _, channel) = coordinator(&experiment).await;
+    let mut client = CoordinatorClient::new(channel);
+    let refused = refusal(&mut client, |request| request.protocol_major += 1).await;
+    assert_eq!(refused.reason(), v1::RefusalReason::ProtocolVersion);
+    assert!(refused.message.contains("must be 1, got 2\ninstall"), "{}", refused.message);
+    let refused = refusal(&mut client, |request| request.evaluation_version += 1).await;
+    assert_eq!(refused.reason(), v1::RefusalReason::EvaluationVersion);
+    assert!(refused.message.contains("evaluation version"), "{}", refused.message);
+    let refused = refusal(&mut client, |request| request.name = "a\nb".to_owned()).await;
+    assert_eq!(refused.reason(), v1::RefusalReason::InvalidRequest);
+}
+
+#[tokio::test]
+async fn nonsense_gets_an_error_and_the_run_goes_on() {
+    let experiment = Experiment::new("[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n");
+    let (mut coordinator, address, channel) = coordinator(&experiment).await;
+    let mut client = CoordinatorClient::new(channel);
+
+    let accepted = match client.register(introduction()).await.unwrap().into_inner().outcome.unwrap() {
+        v1::register_reply::Outcome::Accepted(accepted) => accepted,
+        v1::register_reply::Outcome::Refused(refused) => panic!("{refused:?}"),
+    };
+    assert_eq!(accepted.name, "stranger");
+    let poll = v1::PollRequest {
+        worker_id: vec![7; 16],
+        session_id: accepted.session_id.clone(),
+        sequence: 1,
+        ..Default::default()
+    };
+    let nonsense: [(Code, fn(&mut v1::PollRequest)); 6] = [
+        (Code::InvalidArgument, |poll| poll.worker_id.clear()),
+        (Code::InvalidArgument, |poll| poll.session_id.push(0)),
+        (Code::NotFound, |poll| poll.worker_id = vec![8; 16]),
+        (Code::NotFound, |poll| poll.session_id = vec![0; 16]),
+        (Code::InvalidArgument, |poll| poll.finished = vec![v1::JobReport::default()]),
+        (Code::InvalidArgument, |poll| poll.held = vec![v1::Lease::default(); 1000]),
+    ];
+    for (code, spoil) in nonsense {
+        let mut spoiled = poll.clone();
+        spoil(&mut spoiled);
+        assert_eq!(client.poll(spoiled.clone()).await.unwrap_err().code(), code, "{spoiled:?}");
+    }
+
+    // Invented results are acknowledged, so that they stop coming, and not used.
+    let result = v1::EvaluationResult { queries: 1, object_correct: 1, category_correct: 1, matches: vec![] };
+    let report = v1::JobReport {
+        lease: Some(v1::Lease { job: 1, attempt: 99 }),
+        run_seconds: f64::NAN,
+        outcome: Some(v1::job_report::Outcome::Result(result)),
+    };
+    let reply = client.poll(v1::PollRequest { finished: vec![report], ..poll.clone() }).await.unwrap().into_inner();
+    assert_eq!(reply.acknowledged, [v1::Lease { job: 1, attempt: 99 }]);
+
+    // Blobs: only by the digests of this run's data, and the test set not before the search is over.
+    let mut fetch = async |digest: Vec<u8>| match client.fetch_blob(v1::FetchBlobRequest { digest }).await {
+        Ok(stream) => {
+            let mut bytes = Vec::new();
+            let mut stream = stream.into_inner();
+            while let Some(chunk) = stream.next().await {
+                bytes.extend(chunk.unwrap().data);
+            }
+            Ok(bytes)
+        }
+        Err(status) => Err(status.code()),
+    };
+    assert_eq!(fetch(b"../../etc/passwd".to_vec()).await, Err(Code::InvalidArgument));
+    assert_eq!(fetch(vec![0; 32]).await, Err(Code::NotFound));
+    let listed = |list: &str| {
+        let list = std::fs::read_to_string(clouds().join(list)).unwrap();
+        std::fs::read(clouds().join(list.lines().next().unwrap())).unwrap()
+    };
+    let (training, test) = (listed("train1.txt"), listed("test.txt"));
+    assert_eq!(fetch(Digest::of(&training).to_vec()).await, Ok(training));
+    assert_eq!(fetch(Digest::of(&test).to_vec()).await, Err(Code::NotFound));
+
+    client.poll(v1::PollRequest { sequence: 2, leaving: true, ..poll }).await.unwrap();
+    let worker = ["--coordinator", &address, "--cache", &experiment.path("cache")];
+    let _worker = Running::start(experiment.folder(), "worker", "worker", worker);
+    coordinator.wait().expect_success();
+}
+
+#[test]
+fn a_worker_says_what_is_wrong_with_its_address() {
+    for (address, message) in [
+        ("http://", "must be an address"),
+        ("https://192.0.2.7:7700", "not supported yet"),
+        ("ht tp://x", "must be an address"),
+    ] {
+        let mut command = program("worker");
+        let finished = crate::process::finish(command.args(["--coordinator", address])).expect_error();
+        assert!(finished.stderr.contains(message), "{address}: {finished}");
+    }
+}

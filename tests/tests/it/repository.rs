@@ -1,0 +1,179 @@
+//! The rules of this repository, as tests that name the file and the rule.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs;
+use std::process::Command;
+
+use serde_json::Value;
+use toml::Table;
+
+use crate::experiments::repository;
+
+/// Which crate of the workspace may depend on which (DESIGN 2).
+const MAY_DEPEND_ON: [(&str, &[&str]); 6] = [
+    ("proto", &[]),
+    ("descriptor", &[]),
+    ("results", &[]),
+    ("worker", &["proto", "descriptor"]),
+    ("coordinator", &["proto", "descriptor", "results", "worker"]),
+    ("tests", &["proto", "descriptor", "results", "worker", "coordinator"]),
+];
+
+fn read(path: &str) -> String {
+    fs::read_to_string(repository().join(path)).unwrap_or_else(|error| panic!("{path}: {error}"))
+}
+
+fn cargo(args: &[&str]) -> String {
+    let output = Command::new(env!("CARGO")).args(args).args(["--offline", "--locked"]).current_dir(repository()).output();
+    let output = output.unwrap();
+    assert!(output.status.success(), "cargo {args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Every Rust source that git tracks or would.
+fn sources() -> Vec<String> {
+    let output = Command::new("git")
+        .args(["ls-files", "--cached", "--others", "--exclude-standard", "*.rs"])
+        .current_dir(repository())
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "git ls-files: {}", String::from_utf8_lossy(&output.stderr));
+    let files: Vec<String> = String::from_utf8(output.stdout).unwrap().lines().map(str::to_owned).collect();
+    assert!(files.len() > 50, "only {} sources found", files.len());
+    files.into_iter().filter(|file| repository().join(file).exists()).collect()
+}
+
+fn manifest(path: &str) -> Table {
+    read(path).parse().unwrap_or_else(|error| panic!("{path}: {error}"))
+}
+
+fn members() -> Vec<String> {
+    let members = manifest("Cargo.toml")["workspace"]["members"].clone();
+    members.as_array().unwrap().iter().map(|member| member.as_str().unwrap().to_owned()).collect()
+}
+
+#[test]
+fn sources_say_what_they_are_for_and_stay_short() {
+    for file in sources() {
+        let text = read(&file);
+        assert!(text.starts_with("//! "), "{file}: the first line must be `//!` and say what the file is for");
+        let lines = text.lines().count();
+        assert!(lines <= 600, "{file}: at most 600 lines, got {lines}: split it");
+        assert!(!text.contains(concat!("#[", "ignore")), "{file}: no ignored tests: fix or remove the test");
+        assert!(!text.contains(concat!("#[should_", "panic")), "{file}: no should_panic: return an error");
+    }
+}
+
+#[test]
+fn architecture_md_names_every_crate_and_no_other() {
+    let text = read("ARCHITECTURE.md");
+    let named: BTreeSet<&str> = text
+        .lines()
+        .filter_map(|line| line.strip_prefix("### `")?.strip_suffix("/`"))
+        .collect();
+    let members = members();
+    let members: BTreeSet<&str> = members.iter().map(String::as_str).collect();
+    assert_eq!(named, members, "ARCHITECTURE.md has one section `### `name/`` for each crate");
+}
+
+#[test]
+fn crates_depend_only_downwards() {
+    let members: BTreeSet<String> = members().into_iter().collect();
+    assert_eq!(members, MAY_DEPEND_ON.iter().map(|(name, _)| (*name).to_owned()).collect());
+    for (name, allowed) in MAY_DEPEND_ON {
+        let manifest = manifest(&format!("{name}/Cargo.toml"));
+        assert_eq!(manifest["package"]["name"].as_str(), Some(name), "folder name = crate name");
+        for section in ["dependencies", "dev-dependencies", "build-dependencies"] {
+            let Some(dependencies) = manifest.get(section) else { continue };
+            for (dependency, value) in dependencies.as_table().unwrap() {
+                assert_eq!(
+                    value.as_table().map(|table| table.iter().map(|(key, _)| key.as_str()).collect::<Vec<_>>()),
+                    Some(vec!["workspace"]),
+                    "{name}: {dependency}: version and features belong into [workspace.dependencies]"
+                );
+                if members.contains(dependency) {
+                    assert!(allowed.contains(&dependency.as_str()), "{name} must not depend on {dependency}");
+                }
+            }
+        }
+        assert_eq!(manifest["lints"]["workspace"].as_bool(), Some(true), "{name}: lints.workspace = true");
+    }
+}
+
+/// Names of the packages that a crate links, tests aside.
+fn linked(package: &str) -> BTreeSet<String> {
+    let tree = cargo(&["tree", "-p", package, "-e", "normal", "--prefix", "none", "-f", "{p}"]);
+    tree.lines().filter_map(|line| line.split(' ').next()).map(str::to_owned).collect()
+}
+
+#[test]
+fn workers_link_no_polars_and_nobody_links_an_http_client_or_a_second_tls() {
+    let worker = linked("worker");
+    assert!(worker.contains("kiddo") && worker.contains("tonic"));
+    assert!(!worker.iter().any(|name| name.starts_with("polars")), "worker must not link polars");
+    let descriptor = linked("descriptor");
+    for impure in ["tokio", "tonic", "prost", "polars"] {
+        assert!(!descriptor.contains(impure), "descriptor must not link {impure}");
+    }
+    let coordinator = linked("coordinator");
+    for unwanted in ["reqwest", "aws-lc-rs", "aws-lc-sys", "openssl", "native-tls"] {
+        assert!(!coordinator.contains(unwanted), "nothing may link {unwanted}");
+    }
+}
+
+/// Features of every package that `cargo run` builds, as the two commands of the README resolve them.
+#[test]
+fn run_and_test_resolve_the_same_features() {
+    let resolved = |edges: &str| -> BTreeMap<String, String> {
+        let tree = cargo(&["tree", "--workspace", "-e", edges, "--prefix", "none", "-f", "{p}|{f}"]);
+        tree.lines()
+            .filter_map(|line| line.trim_end_matches(" (*)").split_once('|'))
+            .map(|(package, features)| (package.to_owned(), features.to_owned()))
+            .collect()
+    };
+    let run = resolved("normal,build");
+    let test = resolved("normal,build,dev");
+    assert!(run.len() > 200, "only {} packages", run.len());
+    for (package, features) in &run {
+        assert_eq!(Some(features), test.get(package), "{package}: features differ between run and test");
+    }
+}
+
+#[test]
+fn the_readme_has_the_commands_that_ci_runs() {
+    let (readme, ci) = (read("README.md"), read(".ci/run"));
+    let demo = "cargo run --release --bin coordinator -- run experiments/demo.toml";
+    for command in [demo, "cargo test --release --workspace"] {
+        assert!(readme.lines().any(|line| line.trim() == command), "README.md: no line `{command}`");
+        assert!(ci.contains(command), ".ci/run: does not run `{command}`");
+    }
+}
+
+#[test]
+fn documents_name_no_machine_and_committed_files_are_small() {
+    let output = Command::new("git").args(["ls-files"]).current_dir(repository()).output().unwrap();
+    for file in String::from_utf8(output.stdout).unwrap().lines() {
+        let path = repository().join(file);
+        let Ok(metadata) = fs::metadata(&path) else { continue };
+        assert!(metadata.len() < 1 << 20, "{file}: over 1 MiB");
+        let Ok(text) = fs::read_to_string(&path) else { continue };
+        for machine in [concat!("/wo", "rk/"), concat!("/ro", "ot/"), concat!("/ho", "me/")] {
+            assert!(!text.contains(machine), "{file}: names a path of one machine, {machine}");
+        }
+    }
+}
+
+#[test]
+fn cargo_metadata_has_no_duplicate_binary_names() {
+    let metadata: Value = serde_json::from_str(&cargo(&["metadata", "--no-deps", "--format-version", "1"])).unwrap();
+    let mut names = BTreeSet::new();
+    for package in metadata["packages"].as_array().unwrap() {
+        for target in package["targets"].as_array().unwrap() {
+            if target["kind"][0] == "bin" {
+                let name = target["name"].as_str().unwrap();
+                assert!(names.insert(name.to_owned()), "two programs are called {name}: `--bin {name}` is ambiguous");
+            }
+        }
+    }
+    assert!(names.contains("coordinator") && names.contains("worker"));
+}

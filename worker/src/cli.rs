@@ -1,0 +1,126 @@
+//! The `worker` program: options, connection, signals.
+
+use std::future::Future;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use anyhow::Context as _;
+use clap::Parser;
+use tonic::transport::Endpoint;
+
+use crate::{Identity, Options};
+
+/// Computes evaluations for a coordinator. May join and leave at any time.
+///
+/// Example: worker --coordinator http://gpu-host:7700
+#[derive(Debug, Parser)]
+#[command(name = "worker", version, about, long_about)]
+pub struct Cli {
+    /// Address of the coordinator, for example http://192.0.2.7:7700
+    #[arg(long, env = "DESCRY_COORDINATOR", value_name = "URL")]
+    coordinator: String,
+    /// Threads that evaluate, for example 8; all cores by default
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    threads: Option<u32>,
+    /// Label in progress and results, for example lab-pc-3; the host's name by default
+    #[arg(long, value_name = "NAME")]
+    name: Option<String>,
+    /// Folder that keeps the clouds this worker has fetched, for example /scratch/descry
+    #[arg(long, value_name = "DIR")]
+    cache: Option<PathBuf>,
+    /// Seconds for which the coordinator may be out of reach before the worker gives up, for example 600; by
+    /// default it waits for ever
+    #[arg(long, value_name = "SECONDS")]
+    patience: Option<u64>,
+}
+
+/// Runs the program until it is told to stop; an error goes to standard error.
+pub fn main(cli: Cli) -> ExitCode {
+    match run(cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(cli: Cli) -> anyhow::Result<()> {
+    tracing_subscriber::fmt()
+        .with_env_filter(
+            tracing_subscriber::EnvFilter::try_from_env("DESCRY_LOG").unwrap_or_else(|_| "info".into()),
+        )
+        .with_writer(std::io::stderr)
+        .with_target(false)
+        .init();
+    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
+    let done = runtime.block_on(serve(cli));
+    // A job in hand is abandoned: its lease was handed back.
+    runtime.shutdown_background();
+    done
+}
+
+async fn serve(cli: Cli) -> anyhow::Result<()> {
+    let threads = match cli.threads {
+        Some(threads) => threads,
+        None => std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32),
+    };
+    let name = match cli.name {
+        Some(name) => name,
+        None => hostname::get().map_or_else(|_| "worker".to_owned(), |name| name.to_string_lossy().into_owned()),
+    };
+    anyhow::ensure!(
+        name.len() <= proto::MAX_NAME_BYTES,
+        "--name: at most {} bytes, got {}\nchoose a shorter name",
+        proto::MAX_NAME_BYTES,
+        name.len()
+    );
+    let channel = endpoint(&cli.coordinator)?.connect_lazy();
+    let options = Options {
+        identity: Identity { name, threads },
+        cache: Some(cli.cache.unwrap_or_else(default_cache)),
+        patience: cli.patience.map(Duration::from_secs),
+    };
+    crate::run(channel, options, stop_signal()?).await?;
+    Ok(())
+}
+
+/// The connection's settings; also accepts an address without `http://`.
+fn endpoint(address: &str) -> anyhow::Result<Endpoint> {
+    let url = if address.contains("://") { address.to_owned() } else { format!("http://{address}") };
+    let example = || format!("--coordinator: must be an address, got {address}\nwrite it like http://192.0.2.7:7700");
+    anyhow::ensure!(
+        !url.starts_with("https://"),
+        "--coordinator: encrypted connections are not supported yet, got {address}\nuse http:// inside a trusted network"
+    );
+    let endpoint = Endpoint::from_shared(url).with_context(example)?;
+    anyhow::ensure!(endpoint.uri().host().is_some_and(|host| !host.is_empty()), example());
+    Ok(endpoint
+        .connect_timeout(Duration::from_secs(5))
+        // A cable that was pulled gives no error: ask the other side whether it is still there.
+        .http2_keep_alive_interval(Duration::from_secs(10))
+        .keep_alive_timeout(Duration::from_secs(10))
+        .keep_alive_while_idle(true)
+        .tcp_nodelay(true))
+}
+
+/// `$XDG_CACHE_HOME/descry/blobs`, else `~/.cache/descry/blobs`, else a folder for temporary files.
+fn default_cache() -> PathBuf {
+    let base = std::env::var_os("XDG_CACHE_HOME").filter(|dir| !dir.is_empty()).map(PathBuf::from);
+    let home = || std::env::home_dir().map(|home| home.join(".cache"));
+    base.or_else(home).unwrap_or_else(std::env::temp_dir).join("descry").join("blobs")
+}
+
+/// Ready when the process gets SIGTERM or Ctrl-C.
+fn stop_signal() -> anyhow::Result<impl Future<Output = ()>> {
+    use tokio::signal::unix::{SignalKind, signal};
+    let mut terminate = signal(SignalKind::terminate()).context("cannot listen for SIGTERM")?;
+    let mut interrupt = signal(SignalKind::interrupt()).context("cannot listen for Ctrl-C")?;
+    Ok(async move {
+        tokio::select! {
+            _ = terminate.recv() => {}
+            _ = interrupt.recv() => {}
+        }
+    })
+}

@@ -1,0 +1,253 @@
+//! A worker's conversation with its coordinator: register, poll, work, come back after an interruption.
+
+use std::future::Future;
+use std::pin::Pin;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use proto::v1::coordinator_client::CoordinatorClient;
+use proto::{Lease, SessionId, WorkerId, v1};
+use tokio::sync::mpsc;
+use tonic::transport::Channel;
+use tonic::{Code, Request, Status};
+
+use crate::backoff::Backoff;
+use crate::desk::Desk;
+use crate::wire::{self, Failure};
+use crate::workshop::Workshop;
+use crate::{Identity, WorkerError};
+
+/// A call that takes this much longer than the coordinator may hold it back is given up.
+const CALL_MARGIN: Duration = Duration::from_secs(10);
+/// Saying goodbye must not keep a process alive that was asked to stop.
+const GOODBYE: Duration = Duration::from_secs(5);
+
+/// Why a session ended.
+enum End {
+    /// The worker was asked to stop and has said goodbye.
+    Left,
+    /// The coordinator does not know this worker (any more).
+    Unknown,
+    /// The coordinator is out of reach.
+    Lost(Status),
+    /// The coordinator will never take this worker.
+    Refused(String),
+}
+
+/// One worker.
+pub struct Session {
+    client: CoordinatorClient<Channel>,
+    identity: Identity,
+    id: WorkerId,
+    workshop: Arc<Workshop>,
+    desk: Desk,
+    sequence: u64,
+    current: Option<SessionId>,
+    done_sender: mpsc::UnboundedSender<(Lease, v1::JobReport)>,
+    done: mpsc::UnboundedReceiver<(Lease, v1::JobReport)>,
+}
+
+impl Session {
+    /// A worker that has not talked to anybody yet.
+    pub fn new(
+        client: CoordinatorClient<Channel>,
+        identity: Identity,
+        id: WorkerId,
+        workshop: Arc<Workshop>,
+    ) -> Self {
+        // At most one job is in hand, so the queue holds at most a few stale reports.
+        let (done_sender, done) = mpsc::unbounded_channel();
+        Self { client, identity, id, workshop, desk: Desk::new(1), sequence: 0, current: None, done_sender, done }
+    }
+
+    /// Works until `shutdown` is ready, the coordinator refuses this worker, or it has been out of reach for
+    /// longer than `patience`.
+    pub async fn run(
+        mut self,
+        patience: Option<Duration>,
+        mut backoff: Backoff,
+        shutdown: impl Future<Output = ()>,
+    ) -> Result<(), WorkerError> {
+        tokio::pin!(shutdown);
+        let mut last_contact = Instant::now();
+        loop {
+            match self.converse(shutdown.as_mut(), &mut backoff, &mut last_contact).await {
+                End::Left => return Ok(()),
+                End::Refused(message) => return Err(WorkerError::Refused { message }),
+                End::Unknown => tracing::info!("the coordinator does not know this worker, registering again"),
+                End::Lost(status) => {
+                    if patience.is_some_and(|patience| last_contact.elapsed() > patience) {
+                        return Err(WorkerError::OutOfReach { reason: reason(&status) });
+                    }
+                    let pause = backoff.next_pause();
+                    if backoff.is_first() {
+                        tracing::warn!("coordinator out of reach: {}, trying again", reason(&status));
+                    }
+                    tokio::select! {
+                        () = &mut shutdown => return Ok(()),
+                        () = tokio::time::sleep(pause) => {}
+                    }
+                }
+            }
+        }
+    }
+
+    async fn converse<S: Future<Output = ()>>(
+        &mut self,
+        mut shutdown: Pin<&mut S>,
+        backoff: &mut Backoff,
+        last_contact: &mut Instant,
+    ) -> End {
+        let accepted = tokio::select! {
+            () = &mut shutdown => return End::Left,
+            registered = self.register() => match registered {
+                Ok(accepted) => accepted,
+                Err(end) => return end,
+            },
+        };
+        let heartbeat = Duration::from_millis(accepted.heartbeat_milliseconds.max(1).into());
+        let timeout = Duration::from_millis(accepted.hold_milliseconds.into()) + CALL_MARGIN;
+
+        loop {
+            self.start_next();
+            let request = self.request(false);
+            let reply = poll(self.client.clone(), request, timeout);
+            tokio::select! {
+                biased;
+                () = &mut shutdown => {
+                    self.leave().await;
+                    return End::Left;
+                }
+                Some((lease, report)) = self.done.recv() => {
+                    // The poll under way is dropped; should its reply carry jobs, the next poll does not list
+                    // them and they are handed out again.
+                    self.desk.finish(lease, report);
+                    continue;
+                }
+                reply = reply => match reply {
+                    Ok(reply) => {
+                        *last_contact = Instant::now();
+                        backoff.reset();
+                        self.desk.absorb(reply);
+                    }
+                    Err(status) if status.code() == Code::NotFound => return End::Unknown,
+                    Err(status) => return End::Lost(status),
+                },
+            }
+            self.start_next();
+            if self.desk.wanted() == 0 && self.desk.finished().is_empty() {
+                // Busy: the next poll is due when a job is done, or as a heartbeat.
+                tokio::select! {
+                    () = &mut shutdown => {
+                        self.leave().await;
+                        return End::Left;
+                    }
+                    Some((lease, report)) = self.done.recv() => self.desk.finish(lease, report),
+                    () = tokio::time::sleep(heartbeat) => {}
+                }
+            }
+        }
+    }
+
+    async fn register(&mut self) -> Result<v1::Accepted, End> {
+        let mut request = Request::new(v1::RegisterRequest {
+            protocol_major: proto::PROTOCOL_MAJOR,
+            protocol_minor: proto::PROTOCOL_MINOR,
+            evaluation_version: descriptor::EVALUATION_VERSION,
+            worker_id: self.id.to_vec(),
+            name: self.identity.name.clone(),
+            threads: self.identity.threads,
+            build: crate::BUILD.to_owned(),
+        });
+        request.set_timeout(CALL_MARGIN);
+        let reply = self.client.register(request).await.map_err(End::Lost)?.into_inner();
+        let accepted = match reply.outcome {
+            Some(v1::register_reply::Outcome::Accepted(accepted)) => accepted,
+            Some(v1::register_reply::Outcome::Refused(refused)) => return Err(End::Refused(refused.message)),
+            None => return Err(End::Lost(Status::internal("the reply to the registration is empty"))),
+        };
+        let session = SessionId::try_from(&accepted.session_id[..])
+            .map_err(|error| End::Lost(Status::internal(error.to_string())))?;
+        if self.current != Some(session) {
+            self.desk.clear();
+            self.current = Some(session);
+            tracing::info!("joined as {}", accepted.name);
+        }
+        Ok(accepted)
+    }
+
+    fn request(&mut self, leaving: bool) -> v1::PollRequest {
+        self.sequence += 1;
+        v1::PollRequest {
+            worker_id: self.id.to_vec(),
+            session_id: self.current.map_or_else(Vec::new, SessionId::to_vec),
+            sequence: self.sequence,
+            held: if leaving { vec![] } else { self.desk.held().into_iter().map(Into::into).collect() },
+            finished: self.desk.finished(),
+            wanted: if leaving { 0 } else { self.desk.wanted() as u32 },
+            leaving,
+        }
+    }
+
+    /// Hands back every lease and hands in every report.
+    async fn leave(&mut self) {
+        while let Ok((lease, report)) = self.done.try_recv() {
+            self.desk.finish(lease, report);
+        }
+        let request = self.request(true);
+        match poll(self.client.clone(), request, GOODBYE).await {
+            Ok(_) => tracing::info!("left"),
+            Err(status) => tracing::warn!("left without goodbye: {}", reason(&status)),
+        }
+    }
+
+    /// Starts the next job if none is in hand.
+    fn start_next(&mut self) {
+        let Some((lease, job)) = self.desk.start() else { return };
+        let workshop = Arc::clone(&self.workshop);
+        let sender = self.done_sender.clone();
+        tokio::spawn(async move {
+            let started = Instant::now();
+            let outcome = match wire::evaluation(job) {
+                Ok(evaluation) => match tokio::spawn(workshop.evaluate(evaluation)).await {
+                    Ok(outcome) => outcome.map_err(Failure::from),
+                    Err(error) => Err(Failure::Panic(panic_message(error))),
+                },
+                Err(error) => Err(Failure::from(error)),
+            };
+            if let Err(failure) = &outcome {
+                tracing::error!("job {}: {failure}", lease.job);
+            }
+            let report = wire::report(lease, started.elapsed().as_secs_f64(), outcome);
+            let _ = sender.send((lease, report)); // nobody listens any more only when the worker has stopped
+        });
+    }
+}
+
+async fn poll(
+    mut client: CoordinatorClient<Channel>,
+    request: v1::PollRequest,
+    timeout: Duration,
+) -> Result<v1::PollReply, Status> {
+    let mut request = Request::new(request);
+    request.set_timeout(timeout);
+    client.poll(request).await.map(tonic::Response::into_inner)
+}
+
+/// The innermost cause says most: "connection refused" rather than "transport error".
+fn reason(status: &Status) -> String {
+    let mut innermost: &dyn std::error::Error = status;
+    while let Some(source) = innermost.source() {
+        innermost = source;
+    }
+    if std::ptr::eq(innermost, status as &dyn std::error::Error) {
+        return status.message().to_owned();
+    }
+    innermost.to_string()
+}
+
+fn panic_message(error: tokio::task::JoinError) -> String {
+    let Ok(panic) = error.try_into_panic() else { return "the task was cancelled".to_owned() };
+    let text = panic.downcast_ref::<&str>().map(|text| (*text).to_owned());
+    text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_else(|| "no message".to_owned())
+}
