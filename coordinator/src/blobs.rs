@@ -22,7 +22,9 @@ pub enum BlobError {
         source: io::Error,
     },
     /// The file is not the one the run started with.
-    #[error("{0}: has changed since the run started\nleave a data set alone while a run uses it, and start the run again")]
+    #[error(
+        "{0}: has changed since the run started\nleave a data set alone while a run uses it, and start the run again"
+    )]
     Changed(PathBuf),
 }
 

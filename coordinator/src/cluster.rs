@@ -23,7 +23,9 @@ pub enum ClusterError {
     #[error("evaluation of {parameters}: failed {count} times, got\n  {failures}\nlook at the workers' logs; coordinator.max_failures sets the limit", parameters = .0.evaluation.parameters, count = .0.failures.len(), failures = .0.failures.join("\n  "))]
     JobFailed(JobFailed),
     /// No worker is left, and none came back.
-    #[error("workers: the last one was lost {seconds} s ago and none has joined since\nstart workers, then run the same command again")]
+    #[error(
+        "workers: the last one was lost {seconds} s ago and none has joined since\nstart workers, then run the same command again"
+    )]
     NoWorkers {
         /// Since when.
         seconds: u64,

@@ -7,8 +7,8 @@ use std::time::{Duration, Instant};
 
 use descriptor::prepare::{Normals, keypoints};
 use descriptor::{
-    Binning, Correct, GeneTable, Label, Match, Parameters, PrepareError, PreparedCloud, Preprocess, Quantiser, Summary, pcd,
-    recognise,
+    Binning, Correct, GeneTable, Label, Match, Parameters, PrepareError, PreparedCloud, Preprocess,
+    Quantiser, Summary, pcd, recognise,
 };
 use rayon::prelude::*;
 
@@ -93,7 +93,9 @@ pub enum EvaluateError {
         what: String,
     },
     /// All queries or the whole database were skipped.
-    #[error("{which}: no usable cloud, got {skipped} skipped ones\nlook at the reasons, or choose other lists")]
+    #[error(
+        "{which}: no usable cloud, got {skipped} skipped ones\nlook at the reasons, or choose other lists"
+    )]
     Empty {
         /// Which side.
         which: &'static str,
@@ -130,8 +132,11 @@ fn evaluate_here(request: &Request) -> Result<Report, EvaluateError> {
     let listing = Listing::load(&request.root, &request.layout, &request.query, &request.database)?;
     let quantiser = Quantiser::new(&GeneTable::single(&request.parameters)?)?;
     let binning = quantiser.binning(&request.parameters)?;
-    let described: Vec<(Option<Described>, Option<String>, Seconds)> =
-        listing.clouds.par_iter().map(|cloud| describe(&cloud.path, &cloud.file, request, &quantiser, &binning)).collect::<Result<_, _>>()?;
+    let described: Vec<(Option<Described>, Option<String>, Seconds)> = listing
+        .clouds
+        .par_iter()
+        .map(|cloud| describe(&cloud.path, &cloud.file, request, &quantiser, &binning))
+        .collect::<Result<_, _>>()?;
 
     let mut seconds = Seconds::default();
     let mut skipped = Vec::new();
@@ -154,14 +159,19 @@ fn evaluate_here(request: &Request) -> Result<Report, EvaluateError> {
         }
     }
     let matching = Instant::now();
-    let matches =
-        recognise(&query.summaries, &database.summaries, &database.labels, request.parameters.shape_weight())?;
+    let matches = recognise(
+        &query.summaries,
+        &database.summaries,
+        &database.labels,
+        request.parameters.shape_weight(),
+    )?;
     let correct = Correct::count(&matches, &query.labels, &database.labels);
     seconds.matching = matching.elapsed();
     seconds.total = started.elapsed();
-    let named = query.paths.iter().zip(&matches).map(|(path, found)| {
-        (path.clone(), database.paths[found.nearest.index as usize].clone(), *found)
-    });
+    let named =
+        query.paths.iter().zip(&matches).map(|(path, found)| {
+            (path.clone(), database.paths[found.nearest.index as usize].clone(), *found)
+        });
     Ok(Report {
         correct,
         database: database.summaries.len(),

@@ -92,8 +92,12 @@ mod tests {
             want_matches: true,
         };
         let found = Match { nearest: 2, distance: 0.5, runner_up: Some((0, 0.75)) };
-        let good =
-            EvaluationResult { queries: 2, object_correct: 1, category_correct: 2, matches: vec![found, found] };
+        let good = EvaluationResult {
+            queries: 2,
+            object_correct: 1,
+            category_correct: 2,
+            matches: vec![found, found],
+        };
         assert_eq!(evaluation.check(&good), Ok(()));
         let bad: [fn(&mut EvaluationResult); 8] = [
             |result| result.queries = 3,

@@ -39,7 +39,9 @@ pub enum ServerError {
         source: io::Error,
     },
     /// Plain text must not leave the machine by accident.
-    #[error("--listen {address}: connections from other machines are not encrypted, got no --insecure\nadd --insecure inside a trusted network, or listen on 127.0.0.1 and use an SSH tunnel")]
+    #[error(
+        "--listen {address}: connections from other machines are not encrypted, got no --insecure\nadd --insecure inside a trusted network, or listen on 127.0.0.1 and use an SSH tunnel"
+    )]
     NotLoopback {
         /// The wanted address.
         address: SocketAddr,
@@ -102,7 +104,8 @@ impl Servers {
             let sender = sender.clone();
             async move {
                 let (near, far) = tokio::io::duplex(PIPE_BYTES);
-                let gone = |_| io::Error::new(io::ErrorKind::ConnectionRefused, "the coordinator has stopped");
+                let gone =
+                    |_| io::Error::new(io::ErrorKind::ConnectionRefused, "the coordinator has stopped");
                 sender.send(Ok(far)).await.map_err(gone)?;
                 Ok::<_, io::Error>(TokioIo::new(near))
             }

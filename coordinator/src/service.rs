@@ -81,7 +81,9 @@ impl Coordinator for Service {
             heartbeat_milliseconds: self.cluster.heartbeat().as_millis() as u32,
             hold_milliseconds: self.cluster.hold().as_millis() as u32,
         };
-        Ok(Response::new(v1::RegisterReply { outcome: Some(v1::register_reply::Outcome::Accepted(accepted)) }))
+        Ok(Response::new(v1::RegisterReply {
+            outcome: Some(v1::register_reply::Outcome::Accepted(accepted)),
+        }))
     }
 
     async fn poll(&self, request: Request<v1::PollRequest>) -> Result<Response<v1::PollReply>, Status> {
@@ -105,10 +107,11 @@ impl Coordinator for Service {
         let digest = wire::blob_digest(&request.into_inner())?;
         let cluster = Arc::clone(&self.cluster);
         let read = tokio::task::spawn_blocking(move || cluster.blobs.read(digest)).await;
-        let bytes = read.map_err(|error| Status::internal(error.to_string()))?.map_err(|error| match error {
-            BlobError::Unknown(_) => Status::not_found(error.to_string()),
-            BlobError::Read { .. } | BlobError::Changed(_) => Status::data_loss(error.to_string()),
-        })?;
+        let bytes =
+            read.map_err(|error| Status::internal(error.to_string()))?.map_err(|error| match error {
+                BlobError::Unknown(_) => Status::not_found(error.to_string()),
+                BlobError::Read { .. } | BlobError::Changed(_) => Status::data_loss(error.to_string()),
+            })?;
         // Pieces are cut when they are sent: a slow reader holds one blob, not two.
         let pieces = (0..bytes.len()).step_by(BLOB_CHUNK_BYTES).map(move |start| {
             let end = bytes.len().min(start + BLOB_CHUNK_BYTES);

@@ -58,7 +58,11 @@ impl fmt::Display for Verdict {
             writeln!(f, "{problem}")?;
         }
         let verdict = if self.is_sound() { "sound" } else { "NOT sound" };
-        writeln!(f, "{verdict}: run digest {}, {} fitness values recomputed", self.run_digest, self.recomputed)
+        writeln!(
+            f,
+            "{verdict}: run digest {}, {} fitness values recomputed",
+            self.run_digest, self.recomputed
+        )
     }
 }
 

@@ -80,7 +80,9 @@ pub fn poll(request: v1::PollRequest) -> Result<(WorkerId, SessionId, Poll), Sta
     let session = id(&request.session_id)?;
     for (what, items) in [("held", request.held.len()), ("finished", request.finished.len())] {
         if items > MAX_POLL_ITEMS {
-            return Err(Status::invalid_argument(format!("{what}: at most {MAX_POLL_ITEMS} items, got {items}")));
+            return Err(Status::invalid_argument(format!(
+                "{what}: at most {MAX_POLL_ITEMS} items, got {items}"
+            )));
         }
     }
     let poll = Poll {

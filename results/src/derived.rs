@@ -63,14 +63,12 @@ impl Check<'_> {
     }
 
     fn counts(&mut self, prefix: &str, expected: Counts, got: Option<Counts>) {
-        let columns: [(&str, fn(&Counts) -> u32); 3] = [
-            ("object_correct", |counts| counts.object_correct),
-            ("category_correct", |counts| counts.category_correct),
-            ("queries", |counts| counts.queries),
-        ];
-        for (column, of) in columns {
-            self.equal(&format!("{prefix}{column}"), Some(of(&expected)), got.as_ref().map(of));
-        }
+        let mut column = |name: &str, of: fn(&Counts) -> u32| {
+            self.equal(&format!("{prefix}{name}"), Some(of(&expected)), got.as_ref().map(of));
+        };
+        column("object_correct", |counts| counts.object_correct);
+        column("category_correct", |counts| counts.category_correct);
+        column("queries", |counts| counts.queries);
     }
 }
 

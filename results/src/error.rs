@@ -21,7 +21,7 @@ pub enum Error {
     #[error("{}: disk is full, got: {source}\nfree some space and start the run again: it lost nothing that was acknowledged", .file.display())]
     DiskFull { file: PathBuf, source: io::Error },
     /// Any other failure of the file system.
-    #[error("{}: cannot {doing}, got: {source}\ncheck the disk and start again", .path.display())]
+    #[error("{}: cannot {doing}, got: {source}\ncheck that it is there and that the disk works", .path.display())]
     Io { path: PathBuf, doing: &'static str, source: io::Error },
     /// Writing into a run that has ended.
     #[error("{}: run is finished and its results do not change\nchoose another folder or discard the run first", .0.display())]

@@ -63,7 +63,10 @@ impl Blobs {
         if let Some(folder) = &self.folder
             && let Err(error) = store(folder, digest, &bytes)
         {
-            tracing::warn!("cache {}: cannot keep a blob, got {error}\nfree some space or choose another --cache", folder.display());
+            tracing::warn!(
+                "cache {}: cannot keep a blob, got {error}\nfree some space or choose another --cache",
+                folder.display()
+            );
         }
         Ok(bytes)
     }

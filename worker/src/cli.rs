@@ -68,7 +68,9 @@ async fn serve(cli: Cli) -> anyhow::Result<()> {
     };
     let name = match cli.name {
         Some(name) => name,
-        None => hostname::get().map_or_else(|_| "worker".to_owned(), |name| name.to_string_lossy().into_owned()),
+        None => {
+            hostname::get().map_or_else(|_| "worker".to_owned(), |name| name.to_string_lossy().into_owned())
+        }
     };
     anyhow::ensure!(
         name.len() <= proto::MAX_NAME_BYTES,
@@ -89,7 +91,8 @@ async fn serve(cli: Cli) -> anyhow::Result<()> {
 /// The connection's settings; also accepts an address without `http://`.
 fn endpoint(address: &str) -> anyhow::Result<Endpoint> {
     let url = if address.contains("://") { address.to_owned() } else { format!("http://{address}") };
-    let example = || format!("--coordinator: must be an address, got {address}\nwrite it like http://192.0.2.7:7700");
+    let example =
+        || format!("--coordinator: must be an address, got {address}\nwrite it like http://192.0.2.7:7700");
     anyhow::ensure!(
         !url.starts_with("https://"),
         "--coordinator: encrypted connections are not supported yet, got {address}\nuse http:// inside a trusted network"

@@ -57,7 +57,9 @@ pub enum WorkerError {
         message: String,
     },
     /// The coordinator was out of reach for longer than the worker's patience.
-    #[error("coordinator: out of reach for longer than the worker's patience, got {reason}\ncheck the address and that the coordinator runs, or raise --patience")]
+    #[error(
+        "coordinator: out of reach for longer than the worker's patience, got {reason}\ncheck the address and that the coordinator runs, or raise --patience"
+    )]
     OutOfReach {
         /// The last error.
         reason: String,
@@ -68,7 +70,11 @@ pub enum WorkerError {
 }
 
 /// Works for the coordinator at the other end of `channel` until `shutdown` is ready.
-pub async fn run(channel: Channel, options: Options, shutdown: impl Future<Output = ()>) -> Result<(), WorkerError> {
+pub async fn run(
+    channel: Channel,
+    options: Options,
+    shutdown: impl Future<Output = ()>,
+) -> Result<(), WorkerError> {
     let client = CoordinatorClient::new(channel)
         .max_decoding_message_size(MAX_MESSAGE_BYTES)
         .max_encoding_message_size(MAX_MESSAGE_BYTES);

@@ -57,7 +57,17 @@ impl Session {
     ) -> Self {
         // At most one job is in hand, so the queue holds at most a few stale reports.
         let (done_sender, done) = mpsc::unbounded_channel();
-        Self { client, identity, id, workshop, desk: Desk::new(1), sequence: 0, current: None, done_sender, done }
+        Self {
+            client,
+            identity,
+            id,
+            workshop,
+            desk: Desk::new(1),
+            sequence: 0,
+            current: None,
+            done_sender,
+            done,
+        }
     }
 
     /// Works until `shutdown` is ready, the coordinator refuses this worker, or it has been out of reach for
@@ -74,7 +84,9 @@ impl Session {
             match self.converse(shutdown.as_mut(), &mut backoff, &mut last_contact).await {
                 End::Left => return Ok(()),
                 End::Refused(message) => return Err(WorkerError::Refused { message }),
-                End::Unknown => tracing::info!("the coordinator does not know this worker, registering again"),
+                End::Unknown => {
+                    tracing::info!("the coordinator does not know this worker, registering again")
+                }
                 End::Lost(status) => {
                     if patience.is_some_and(|patience| last_contact.elapsed() > patience) {
                         return Err(WorkerError::OutOfReach { reason: reason(&status) });

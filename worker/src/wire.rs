@@ -58,7 +58,9 @@ fn preparation(wire: &v1::Preparation) -> Result<Preparation, InvalidJob> {
 }
 
 fn digests(wire: &[Vec<u8>]) -> Result<Vec<Digest>, InvalidJob> {
-    wire.iter().map(|bytes| Digest::try_from(&bytes[..]).map_err(|error| invalid(error.to_string()))).collect()
+    wire.iter()
+        .map(|bytes| Digest::try_from(&bytes[..]).map_err(|error| invalid(error.to_string())))
+        .collect()
 }
 
 /// A report of what came of a job.
@@ -107,7 +109,9 @@ impl Failure {
         match self {
             Self::Invalid(_)
             | Self::Evaluation(
-                EvaluationError::Manifest { .. } | EvaluationError::Quantise(_) | EvaluationError::Recognise(_),
+                EvaluationError::Manifest { .. }
+                | EvaluationError::Quantise(_)
+                | EvaluationError::Recognise(_),
             ) => v1::FailureReason::InvalidJob,
             Self::Evaluation(EvaluationError::Blob(_)) => v1::FailureReason::Data,
             Self::Evaluation(EvaluationError::Cloud { .. }) => v1::FailureReason::Cloud,

@@ -102,8 +102,10 @@ impl Shelf {
     /// The prepared clouds of a list, in its order.
     fn take(&self, listed: &[Listed]) -> Result<Vec<Arc<PreparedCloud>>, EvaluationError> {
         let clouds = self.clouds();
-        let missing =
-            |cloud: &Listed| EvaluationError::Cloud { path: cloud.path.clone(), what: "was not prepared".to_owned() };
+        let missing = |cloud: &Listed| EvaluationError::Cloud {
+            path: cloud.path.clone(),
+            what: "was not prepared".to_owned(),
+        };
         listed.iter().map(|cloud| clouds.get(&cloud.digest).cloned().ok_or_else(|| missing(cloud))).collect()
     }
 }
@@ -156,7 +158,8 @@ impl Workshop {
         for &digest in manifests {
             let bytes = self.blobs.get(digest).await?;
             let broken = |what: String| EvaluationError::Manifest { digest, what };
-            let manifest = v1::SplitManifest::decode(&bytes[..]).map_err(|error| broken(error.to_string()))?;
+            let manifest =
+                v1::SplitManifest::decode(&bytes[..]).map_err(|error| broken(error.to_string()))?;
             for cloud in manifest.clouds {
                 listed.push(Listed {
                     digest: Digest::try_from(&cloud.digest[..]).map_err(|error| broken(error.to_string()))?,
@@ -181,7 +184,8 @@ impl Workshop {
         }
         let missing: Vec<&Listed> = missing.into_values().collect();
         for batch in missing.chunks(BATCH) {
-            let bytes = futures_util::future::try_join_all(batch.iter().map(|c| self.blobs.get(c.digest))).await?;
+            let bytes =
+                futures_util::future::try_join_all(batch.iter().map(|c| self.blobs.get(c.digest))).await?;
             let sources: Vec<(Digest, String, Vec<u8>)> =
                 batch.iter().zip(bytes).map(|(c, bytes)| (c.digest, c.path.clone(), bytes)).collect();
             let (pool, shelf) = (Arc::clone(&self.pool), Arc::clone(shelf));

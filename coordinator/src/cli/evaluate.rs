@@ -122,20 +122,24 @@ fn parameters(set: &[String], colour: bool) -> anyhow::Result<Parameters> {
     let best = Parameters::PAPER_BEST;
     let mut ticks = GENES.each_ref().map(|spec| best.ticks(spec.kind));
     for assignment in set {
-        let (name, value) = assignment
-            .split_once('=')
-            .with_context(|| format!("--set: must be gene=value, got {assignment}\nwrite for example R1=1.3"))?;
+        let (name, value) = assignment.split_once('=').with_context(|| {
+            format!("--set: must be gene=value, got {assignment}\nwrite for example R1=1.3")
+        })?;
         let spec = GENES.iter().find(|spec| spec.name.eq_ignore_ascii_case(name)).with_context(|| {
             let names = GENES.each_ref().map(|spec| spec.name);
-            let near = nearest_name(name, &names).map_or(String::new(), |near| format!("did you mean {near}? "));
+            let near =
+                nearest_name(name, &names).map_or(String::new(), |near| format!("did you mean {near}? "));
             format!("--set: unknown gene, got {name}\n{near}genes are {}", names.join(", "))
         })?;
-        let number: f64 = value
-            .parse()
-            .with_context(|| format!("--set {name}: must be a number, got {value}\nwrite for example R1=1.3"))?;
+        let number: f64 = value.parse().with_context(|| {
+            format!("--set {name}: must be a number, got {value}\nwrite for example R1=1.3")
+        })?;
         ticks[spec.kind as usize] = spec.ticks(number).with_context(|| {
             let finest = spec.value(1);
-            format!("--set {name}: must be a multiple of {finest} {}, got {value}\nround the value", spec.unit)
+            format!(
+                "--set {name}: must be a multiple of {finest} {}, got {value}\nround the value",
+                spec.unit
+            )
         })?;
     }
     if !colour {

@@ -25,7 +25,8 @@ pub struct Verify {
 
 impl Verify {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
-        let verdict = super::block_on(async { Ok(verify::verify(&self.run, self.sample, self.data).await?) })?;
+        let verdict =
+            super::block_on(async { Ok(verify::verify(&self.run, self.sample, self.data).await?) })?;
         super::print(&verdict.to_string())?;
         Ok(if verdict.is_sound() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
     }

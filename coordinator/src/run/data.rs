@@ -27,7 +27,9 @@ pub enum DataError {
     #[error(transparent)]
     Settings(#[from] SynthError),
     /// A file of a synthetic data set.
-    #[error("{path}: cannot be written, got {source}\ncheck permissions and free space, or choose another folder")]
+    #[error(
+        "{path}: cannot be written, got {source}\ncheck permissions and free space, or choose another folder"
+    )]
     Write {
         /// Which file.
         path: PathBuf,
@@ -35,7 +37,9 @@ pub enum DataError {
         source: io::Error,
     },
     /// The folder holds something else.
-    #[error("{folder}: must be a new folder or a data set made with the same settings, got another one\nchoose another folder, or remove this one")]
+    #[error(
+        "{folder}: must be a new folder or a data set made with the same settings, got another one\nchoose another folder, or remove this one"
+    )]
     Occupied {
         /// Which folder.
         folder: PathBuf,
@@ -50,7 +54,11 @@ pub fn open_data(experiment: &Experiment, say: impl Fn(&str)) -> Result<Dataset,
     if let Some(synthetic) = &settings.synthetic
         && write_synthetic(&settings.root, synthetic)?
     {
-        say(&format!("made {} synthetic clouds in {}", synthetic.objects * synthetic.views, settings.root.display()));
+        say(&format!(
+            "made {} synthetic clouds in {}",
+            synthetic.objects * synthetic.views,
+            settings.root.display()
+        ));
     }
     let dataset = Dataset::load(settings, experiment.preprocess())?;
     for warning in &dataset.clouds.warnings {
@@ -85,7 +93,9 @@ pub fn write_synthetic(folder: &Path, settings: &SyntheticSettings) -> Result<bo
     let write = |name: &str, bytes: &[u8]| {
         let path = making.path().join(name);
         let within = path.parent().unwrap_or(making.path());
-        fs::create_dir_all(within).and_then(|()| fs::write(&path, bytes)).map_err(|source| failed(&path, source))
+        fs::create_dir_all(within)
+            .and_then(|()| fs::write(&path, bytes))
+            .map_err(|source| failed(&path, source))
     };
     synth::catalogue(&settings).par_iter().try_for_each(|object| {
         (0..views).try_for_each(|view| {
@@ -94,8 +104,12 @@ pub fn write_synthetic(folder: &Path, settings: &SyntheticSettings) -> Result<bo
         })
     })?;
     let splits = synth::splits(&settings);
-    let lists =
-        [("train1", &splits.train1), ("train2", &splits.train2), ("validation", &splits.validation), ("test", &splits.test)];
+    let lists = [
+        ("train1", &splits.train1),
+        ("train2", &splits.train2),
+        ("validation", &splits.validation),
+        ("test", &splits.test),
+    ];
     for (name, paths) in lists {
         write(&format!("{name}.txt"), format!("{}\n", paths.join("\n")).as_bytes())?;
     }

@@ -68,7 +68,9 @@ pub enum RunError {
     #[error(transparent)]
     Results(#[from] results::Error),
     /// A file of the run folder that is no table.
-    #[error("{path}: cannot be used, got {source}\ncheck permissions and free space, or choose another --out")]
+    #[error(
+        "{path}: cannot be used, got {source}\ncheck permissions and free space, or choose another --out"
+    )]
     File {
         /// Which file.
         path: PathBuf,
@@ -76,7 +78,9 @@ pub enum RunError {
         source: io::Error,
     },
     /// The folder belongs to something else.
-    #[error("--out {folder}: holds another search, got these differences\n{difference}\nchoose another --out, or remove the folder")]
+    #[error(
+        "--out {folder}: holds another search, got these differences\n{difference}\nchoose another --out, or remove the folder"
+    )]
     OtherSearch {
         /// The folder.
         folder: PathBuf,
@@ -84,7 +88,9 @@ pub enum RunError {
         difference: String,
     },
     /// Nothing would ever be computed.
-    #[error("validation: stop.validation_patience needs validation clouds, got none that is usable\nset stop.validation_patience = \"off\" or give the validation split some clouds")]
+    #[error(
+        "validation: stop.validation_patience needs validation clouds, got none that is usable\nset stop.validation_patience = \"off\" or give the validation split some clouds"
+    )]
     NoValidation,
 }
 
@@ -115,8 +121,10 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     }
     let mut workplace = Workplace::new(experiment, &dataset);
     let local_workers = workplace.staff(experiment.coordinator().local_workers);
-    listen(&mut workplace, experiment.coordinator().listen, local_workers > 0, options.insecure, &progress).await?;
-    let waiting = |waited: Duration| progress.say(&format!("no worker yet after {} min", waited.as_secs() / 60));
+    listen(&mut workplace, experiment.coordinator().listen, local_workers > 0, options.insecure, &progress)
+        .await?;
+    let waiting =
+        |waited: Duration| progress.say(&format!("no worker yet after {} min", waited.as_secs() / 60));
     workplace.cluster.wait_for_worker(waiting).await;
 
     progress.search_starts();
@@ -143,7 +151,8 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
         evaluation_version: descriptor::EVALUATION_VERSION,
         program_version: env!("CARGO_PKG_VERSION").to_owned(),
         build: worker::BUILD.to_owned(),
-        host: hostname::get().map_or_else(|_| "unknown".to_owned(), |name| name.to_string_lossy().into_owned()),
+        host: hostname::get()
+            .map_or_else(|_| "unknown".to_owned(), |name| name.to_string_lossy().into_owned()),
         started_at,
         finished_at: SystemTime::now(),
         seconds: started.elapsed().as_secs_f64(),
@@ -208,7 +217,8 @@ fn default_out(experiment: &Experiment, fresh: bool) -> PathBuf {
     if !fresh || !base.exists() {
         return base;
     }
-    let numbered = |number: u32| experiment.results_dir().join(format!("{}-{number}", experiment.run_folder_name()));
+    let numbered =
+        |number: u32| experiment.results_dir().join(format!("{}-{number}", experiment.run_folder_name()));
     (2..).map(numbered).find(|folder| !folder.exists()).unwrap_or(base)
 }
 
@@ -236,7 +246,10 @@ fn claim(folder: &Path, search: &str) -> Result<(), RunError> {
 fn difference(old: &str, new: &str) -> String {
     let only = |a: &str, b: &str, mark: char| {
         let other: Vec<&str> = b.lines().collect();
-        a.lines().filter(|line| !other.contains(line)).map(|line| format!("  {mark} {line}")).collect::<Vec<_>>()
+        a.lines()
+            .filter(|line| !other.contains(line))
+            .map(|line| format!("  {mark} {line}"))
+            .collect::<Vec<_>>()
     };
     let mut lines = only(old, new, '-');
     lines.extend(only(new, old, '+'));
@@ -254,7 +267,9 @@ async fn listen(
     match workplace.listen(wanted.unwrap_or(DEFAULT_LISTEN), insecure).await {
         Ok(address) => {
             if !address.ip().is_loopback() {
-                progress.say("warning: --insecure: whoever reaches this port can read the clouds and send results");
+                progress.say(
+                    "warning: --insecure: whoever reaches this port can read the clouds and send results",
+                );
             }
             progress.say(&format!("workers may join with: worker --coordinator http://{address}"));
             Ok(())

@@ -95,7 +95,12 @@ impl Progress {
                 bar.set_position(report.generation.into());
                 self.redraw();
                 if report.improved {
-                    self.say(&format!("generation {}: {} with {}", report.generation, self.last_error(report), report.best));
+                    self.say(&format!(
+                        "generation {}: {} with {}",
+                        report.generation,
+                        self.last_error(report),
+                        report.best
+                    ));
                 }
             }
             None => eprintln!("generation {}/{}: {}", report.generation, self.generations, self.last),
@@ -130,7 +135,10 @@ impl Progress {
             report.remembered,
             self.workers,
             self.finished as f64 / elapsed.as_secs_f64().max(1e-3),
-            clock(elapsed.mul_f64(f64::from(self.generations - report.generation) / f64::from(report.generation))),
+            clock(
+                elapsed
+                    .mul_f64(f64::from(self.generations - report.generation) / f64::from(report.generation))
+            ),
         )
     }
 

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use descriptor::{GENES, GeneKind, GeneTable, Parameters};
+use descriptor::{GENES, GeneKind, Parameters};
 use results::{Computed, Counts, EvaluationRow, GeneColumn, PredictionRow, RunnerUp, SkippedRow};
 
 use crate::dataset::Dataset;
@@ -99,9 +99,4 @@ pub fn skipped(dataset: &Dataset) -> Vec<SkippedRow> {
         reason: skipped.reason.to_string(),
     };
     dataset.clouds.skipped.iter().map(row).collect()
-}
-
-/// Genes by name with their values and units, for people and for JSON.
-pub fn named_values(genes: &GeneTable, parameters: &Parameters) -> Vec<(&'static descriptor::GeneSpec, f64)> {
-    genes.genes().map(|(spec, _)| (spec, parameters.value(spec.kind))).collect()
 }

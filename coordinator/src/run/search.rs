@@ -8,10 +8,10 @@ use results::{Counts, RunFolder};
 
 use crate::evolution::{Evolution, GenerationBest, Individual, StopReason, StopRule, Winner, selection};
 use crate::experiment::Experiment;
-use crate::run::{RunError, Workplace};
 use crate::run::progress::{GenerationReport, Progress};
 use crate::run::rows;
 use crate::run::splits::Matching;
+use crate::run::{RunError, Workplace};
 use crate::scheduler::Finished;
 
 /// What a search found.
@@ -46,11 +46,7 @@ pub struct Search<'a> {
 
 impl<'a> Search<'a> {
     /// A search that has not begun.
-    pub fn new(
-        experiment: &'a Experiment,
-        workplace: &'a Workplace<'a>,
-        progress: &'a mut Progress,
-    ) -> Self {
+    pub fn new(experiment: &'a Experiment, workplace: &'a Workplace<'a>, progress: &'a mut Progress) -> Self {
         let (train, validation) = (BTreeMap::new(), BTreeMap::new());
         Self { experiment, workplace, progress, train, validation, computed: 0, remembered: 0 }
     }
@@ -141,10 +137,12 @@ impl<'a> Search<'a> {
         }
         self.computed += new.len() as u64;
         self.remembered += (population.len() - new.len()) as u64;
-        let evaluations =
-            new.iter().map(|(_, parameters)| self.workplace.splits.evaluation(*parameters, Matching::Train, false));
+        let evaluations = new
+            .iter()
+            .map(|(_, parameters)| self.workplace.splits.evaluation(*parameters, Matching::Train, false));
         let progress = &mut *self.progress;
-        let finished = self.workplace.cluster.evaluate(evaluations.collect(), |news| progress.news(news)).await?;
+        let finished =
+            self.workplace.cluster.evaluate(evaluations.collect(), |news| progress.news(news)).await?;
         for ((_, parameters), finished) in new.iter().zip(&finished) {
             self.train.insert(*parameters, rows::counts(&finished.result));
         }

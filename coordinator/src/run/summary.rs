@@ -8,6 +8,7 @@ use descriptor::GENES;
 use results::{Counts, RunRow};
 use serde_json::{Map, Value, json};
 
+use crate::evolution::StopReason;
 use crate::run::progress::{clock, percent};
 
 /// What a finished run amounts to; made from the row of table `run`, so that it can be shown again at any time.
@@ -30,7 +31,10 @@ impl Summary {
             let _ = writeln!(text, "{label:<14}{value}"); // writing to a String cannot fail
         };
         row("experiment", format!("{}, seed {}", run.name, run.seed));
-        row("stopped", format!("after generation {}: {}", run.generations, run.stop_reason));
+        let known = StopReason::ALL.into_iter().find(|reason| reason.as_str() == run.stop_reason);
+        let reason =
+            known.map_or_else(|| run.stop_reason.clone(), |reason| format!("{reason} ({})", run.stop_reason));
+        row("stopped", format!("after generation {}: {reason}", run.generations));
         row("winner", format!("generation {}, individual {}", run.winner_generation, run.winner_individual));
         for (spec, value) in GENES.iter().zip(&run.best_genes) {
             if let Some(value) = value {
@@ -43,7 +47,8 @@ impl Summary {
                 row(split, "not measured".to_owned());
                 continue;
             };
-            let error = |share: f64, correct: u32| format!("{} ({})", percent(share), counts.queries - correct);
+            let error =
+                |share: f64, correct: u32| format!("{} ({})", percent(share), counts.queries - correct);
             row(
                 split,
                 format!(

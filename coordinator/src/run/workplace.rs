@@ -62,7 +62,8 @@ impl<'a> Workplace<'a> {
 
     /// Training counts of some descriptors, in their order.
     pub async fn train_counts(&self, parameters: &[Parameters]) -> Result<Vec<Counts>, ClusterError> {
-        let evaluation = |parameters: &Parameters| self.splits.evaluation(*parameters, Matching::Train, false);
+        let evaluation =
+            |parameters: &Parameters| self.splits.evaluation(*parameters, Matching::Train, false);
         let finished = self.cluster.evaluate(parameters.iter().map(evaluation).collect(), |_| {}).await?;
         Ok(finished.iter().map(|finished| rows::counts(&finished.result)).collect())
     }

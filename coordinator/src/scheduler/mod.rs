@@ -341,7 +341,9 @@ impl Scheduler {
         let mut leased = Vec::new();
         while leased.len() < wanted {
             let Some(job_id) = self.waiting.iter().copied().find(|job| self.may_try(id, *job)) else { break };
-            let (Some(job), Some(worker)) = (self.jobs.get_mut(&job_id), self.workers.get_mut(&id)) else { break };
+            let (Some(job), Some(worker)) = (self.jobs.get_mut(&job_id), self.workers.get_mut(&id)) else {
+                break;
+            };
             job.attempts += 1;
             job.lease = Some((id, job.attempts, now));
             worker.leases.insert(job_id, job.attempts);
@@ -353,7 +355,8 @@ impl Scheduler {
 
     /// A job that failed on a worker goes to another one, as long as there is one on which it has not failed.
     fn may_try(&self, id: WorkerId, job: JobId) -> bool {
-        let failed_on = |worker: WorkerId| self.jobs[&job].failures.iter().any(|(failed, _)| *failed == worker);
+        let failed_on =
+            |worker: WorkerId| self.jobs[&job].failures.iter().any(|(failed, _)| *failed == worker);
         !failed_on(id) || self.workers.keys().all(|worker| failed_on(*worker))
     }
 

@@ -198,7 +198,11 @@ fn a_failed_job_goes_to_another_worker_and_ends_after_the_limit() {
     let failed = bench.scheduler.failed().unwrap();
     assert_eq!(
         failed.failures,
-        ["host: panic: index out of bounds", "host-2: queries: must be 10, got 11", "host: panic: index out of bounds"]
+        [
+            "host: panic: index out of bounds",
+            "host-2: queries: must be 10, got 11",
+            "host: panic: index out of bounds"
+        ]
     );
 }
 

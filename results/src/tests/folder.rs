@@ -79,6 +79,36 @@ fn what_is_written_is_read_back() {
 }
 
 #[test]
+fn evaluations_are_read_back_for_those_who_compute_them_again() {
+    let folder = tempdir().unwrap();
+    fixture::write(folder.path());
+    let written = (1..=2).flat_map(population).map(|row| RecordedEvaluation {
+        generation: row.generation,
+        individual: row.individual,
+        genes: row.genes,
+        counts: row.counts,
+    });
+    assert_eq!(read_evaluations(folder.path()).unwrap(), written.collect::<Vec<_>>());
+}
+
+/// The query that the README shows.
+#[test]
+fn a_table_answers_lazy_queries() -> Result<(), Error> {
+    use polars::prelude::*;
+    let folder = tempdir().unwrap();
+    fixture::write(folder.path());
+    let best = read_table(folder.path(), TableName::Evaluations)?
+        .lazy()
+        .sort(["object_correct"], SortMultipleOptions::default().with_order_descending(true))
+        .select([col("chromosome"), col("object_error")])
+        .limit(10)
+        .collect()?;
+    assert_eq!(best.shape(), (6, 2));
+    assert_eq!(best.column("chromosome")?.str()?.get(0), Some(fixture::run().best_chromosome.as_str()));
+    Ok(())
+}
+
+#[test]
 fn shares_are_derived_from_counts() {
     let folder = tempdir().unwrap();
     fixture::write(folder.path());

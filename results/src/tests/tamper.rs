@@ -208,7 +208,7 @@ fn verification_names_the_generation_and_the_table() {
         run, row 0: test_object_error: expected 0.0, got 0.3333333333333333
         # run.generations
         FOLDER/evaluations/generation-00003.parquet: cannot read this file, got: No such file or directory (os error 2)
-        check the disk and start again"#]].assert_eq(&report.join("\n"));
+        check that it is there and that the disk works"#]].assert_eq(&report.join("\n"));
 }
 
 #[test]
@@ -230,7 +230,7 @@ fn verification_reports_damaged_missing_and_surplus_files() {
         FOLDER/evaluations/generation-00001.parquet: file is damaged or was changed: it does not begin and end as Parquet does
         restore it from a copy, or run the experiment again
         FOLDER/generations/generation-00002.parquet: cannot read this file, got: No such file or directory (os error 2)
-        check the disk and start again
+        check that it is there and that the disk works
         FOLDER/skipped/skipped.parquet: file is damaged or was changed: it does not begin and end as Parquet does
         restore it from a copy, or run the experiment again"#]].assert_eq(&problems);
     assert!(run_digest(folder.path()).is_err());

@@ -138,7 +138,13 @@ fn clouds_that_cannot_be_read_name_themselves_before_anything_is_spent() {
         (pcd(&header("4", rgb, "binary"), &[0; 40]), &["pcd"][..]),
         (pcd(&header("99999999999999999999", rgb, "binary"), &[]), &["WIDTH"]),
         (pcd(&header("4000000000", rgb, "binary"), &[0; 64]), &["pcd"]),
-        (pcd(&header("4", rgb, "binary_compressed"), &[8, 0, 0, 0, 64, 0, 0, 0, 255, 255, 255, 255, 255, 255, 255, 255]), &["pcd"]),
+        (
+            pcd(
+                &header("4", rgb, "binary_compressed"),
+                &[8, 0, 0, 0, 64, 0, 0, 0, 255, 255, 255, 255, 255, 255, 255, 255],
+            ),
+            &["pcd"],
+        ),
         (pcd(&header("1", "x y z", "ascii"), b"0 0 1\n"), &["colour"]),
         (b"not a cloud".to_vec(), &["pcd"]),
         (Vec::new(), &["pcd"]),
@@ -190,7 +196,8 @@ fn ports_and_addresses() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = taken.local_addr().unwrap().to_string();
     let run_with = |more: &[&str]| {
-        let mut args = vec!["run".to_owned(), experiment.path("exp.toml"), "--out".to_owned(), experiment.path("out")];
+        let mut args =
+            vec!["run".to_owned(), experiment.path("exp.toml"), "--out".to_owned(), experiment.path("out")];
         args.extend(more.iter().map(|&arg| arg.to_owned()));
         run("coordinator", args)
     };

@@ -41,7 +41,11 @@ fn the_digest_is_the_same_with_one_worker_with_four_and_with_workers_that_die_an
     victim.signal("KILL");
     let killed = victim.wait();
     assert!(!killed.status.success());
-    assert!(!coordinator.log().contains("generation 25/25"), "the fault came too late:\n{}", coordinator.log());
+    assert!(
+        !coordinator.log().contains("generation 25/25"),
+        "the fault came too late:\n{}",
+        coordinator.log()
+    );
     // Nobody is left: the run goes on only once its jobs have been taken from the dead worker.
     coordinator.wait_for("worker victim: lost");
     let mut second = worker(&experiment, "second", &address, "cold-cache");
@@ -113,7 +117,8 @@ fn a_worker_waits_for_a_coordinator_that_is_not_there_yet() {
 
 #[test]
 fn seed_and_labels_change_the_digest_and_names_and_paths_do_not() {
-    let experiment = Experiment::new("[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n");
+    let experiment =
+        Experiment::new("[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n");
     let base = digest(&experiment.run("a", &[]).expect_success());
     assert_ne!(base, digest(&experiment.run("seed", &["--seed", "6"]).expect_success()));
 

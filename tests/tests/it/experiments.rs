@@ -16,7 +16,8 @@ pub fn repository() -> &'static Path {
 
 /// The folder of benchmark data beside the repository, or `None` if it is not there and need not be.
 pub fn shared() -> Option<PathBuf> {
-    let folder = std::env::var_os("DESCRY_SHARED").map_or_else(|| repository().join("../shared"), PathBuf::from);
+    let folder =
+        std::env::var_os("DESCRY_SHARED").map_or_else(|| repository().join("../shared"), PathBuf::from);
     if folder.is_dir() {
         return Some(folder);
     }
@@ -32,7 +33,8 @@ pub fn clouds() -> &'static Path {
     let folder = DATA.get_or_init(|| {
         let folder = TempDir::new().unwrap();
         let data = folder.path().join("data").display().to_string();
-        run("coordinator", ["synth", &data, "--objects", "6", "--views", "12", "--seed", "3"]).expect_success();
+        run("coordinator", ["synth", &data, "--objects", "6", "--views", "12", "--seed", "3"])
+            .expect_success();
         folder
     });
     static ROOT: OnceLock<PathBuf> = OnceLock::new();

@@ -80,7 +80,10 @@ fn a_tampered_cell_is_found() {
     bytes[middle] ^= 1;
     fs::write(&file, bytes).unwrap();
     let verified = run("coordinator", ["verify", &experiment.path("out")]).expect_error();
-    assert!(verified.stdout.contains("NOT sound") && verified.stdout.contains("generation-00002"), "{verified}");
+    assert!(
+        verified.stdout.contains("NOT sound") && verified.stdout.contains("generation-00002"),
+        "{verified}"
+    );
 }
 
 #[test]
@@ -88,15 +91,28 @@ fn a_run_shows_a_table_for_people() {
     let experiment = Experiment::new(SHORT);
     let args = experiment.run_args("out", &[]);
     let finished = run("coordinator", args.iter().filter(|arg| *arg != "--json")).expect_success();
-    for part in ["stopped", "winner", "shape_bins", "R1", "cm", "object error", "train", "validation", "test", "run digest"] {
+    for part in [
+        "stopped",
+        "winner",
+        "shape_bins",
+        "R1",
+        "cm",
+        "object error",
+        "train",
+        "validation",
+        "test",
+        "run digest",
+    ] {
         assert!(finished.stdout.contains(part), "{part}: {finished}");
     }
 }
 
 #[test]
 fn an_interrupted_run_begins_again_and_gives_the_same() {
-    let experiment = Experiment::new("[ga]\npopulation = 6\n[stop]\ngenerations = 30\nvalidation_patience = \"off\"\n");
-    let mut running = Running::start(experiment.folder(), "first", "coordinator", experiment.run_args("out", &[]));
+    let experiment =
+        Experiment::new("[ga]\npopulation = 6\n[stop]\ngenerations = 30\nvalidation_patience = \"off\"\n");
+    let mut running =
+        Running::start(experiment.folder(), "first", "coordinator", experiment.run_args("out", &[]));
     running.wait_for("generation 2/30");
     // While it runs, nobody else may write into its folder.
     let second = experiment.run("out", &[]).expect_error();
@@ -175,7 +191,8 @@ fn synth_writes_the_same_bytes_for_the_same_seed() {
     let experiment = Experiment::with("");
     let digest = |name: &str, seed: &str| {
         let folder = experiment.path(name);
-        run("coordinator", ["synth", &folder, "--objects", "2", "--views", "4", "--seed", seed]).expect_success();
+        run("coordinator", ["synth", &folder, "--objects", "2", "--views", "4", "--seed", seed])
+            .expect_success();
         let mut hasher = blake3::Hasher::new();
         let lists = ["train1", "train2", "validation", "test"];
         for list in lists {
@@ -191,7 +208,8 @@ fn synth_writes_the_same_bytes_for_the_same_seed() {
     assert_ne!(first, digest("c", "2"));
     // Made again: nothing to do. Made otherwise into the same place: refused.
     let folder = experiment.path("a");
-    let again = run("coordinator", ["synth", &folder, "--objects", "2", "--views", "4", "--seed", "1"]).expect_success();
+    let again = run("coordinator", ["synth", &folder, "--objects", "2", "--views", "4", "--seed", "1"])
+        .expect_success();
     assert!(again.stdout.contains("holds this data set already"), "{again}");
     let other = run("coordinator", ["synth", &folder, "--objects", "3", "--views", "4"]).expect_error();
     assert!(other.stderr.contains("got another one"), "{other}");
@@ -214,7 +232,8 @@ fn every_option_has_help_with_an_example() {
             let mut help = program(program_name);
             let finished = finish(help.args(*command).arg("--help").env("COLUMNS", "400")).expect_success();
             assert!(finished.stdout.contains("Example: "), "{finished}");
-            let options: Vec<&str> = finished.stdout.split("\n  ").filter(|part| part.contains("--")).collect();
+            let options: Vec<&str> =
+                finished.stdout.split("\n  ").filter(|part| part.contains("--")).collect();
             let mut lines = finished.stdout.lines().peekable();
             while let Some(line) = lines.next() {
                 let is_option = line.trim_start().starts_with("--");

@@ -67,7 +67,8 @@ async fn health_probes_and_reflection_work() {
     let mut reflection = ServerReflectionClient::new(channel);
     let replies = reflection.server_reflection_info(tokio_stream::iter([request])).await.unwrap();
     let reply = replies.into_inner().next().await.unwrap().unwrap();
-    let Some(MessageResponse::ListServicesResponse(ListServiceResponse { service })) = reply.message_response else {
+    let Some(MessageResponse::ListServicesResponse(ListServiceResponse { service })) = reply.message_response
+    else {
         panic!("no list of services");
     };
     assert!(service.iter().any(|service| service.name == "descry.v1.Coordinator"));
@@ -90,7 +91,8 @@ async fn other_versions_are_refused_and_told_what_to_do() {
 
 #[tokio::test]
 async fn nonsense_gets_an_error_and_the_run_goes_on() {
-    let experiment = Experiment::new("[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n");
+    let experiment =
+        Experiment::new("[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n");
     let (mut coordinator, address, channel) = coordinator(&experiment).await;
     let mut client = CoordinatorClient::new(channel);
 
@@ -126,7 +128,8 @@ async fn nonsense_gets_an_error_and_the_run_goes_on() {
         run_seconds: f64::NAN,
         outcome: Some(v1::job_report::Outcome::Result(result)),
     };
-    let reply = client.poll(v1::PollRequest { finished: vec![report], ..poll.clone() }).await.unwrap().into_inner();
+    let reply =
+        client.poll(v1::PollRequest { finished: vec![report], ..poll.clone() }).await.unwrap().into_inner();
     assert_eq!(reply.acknowledged, [v1::Lease { job: 1, attempt: 99 }]);
 
     // Blobs: only by the digests of this run's data, and the test set not before the search is over.

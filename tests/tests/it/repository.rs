@@ -24,7 +24,11 @@ fn read(path: &str) -> String {
 }
 
 fn cargo(args: &[&str]) -> String {
-    let output = Command::new(env!("CARGO")).args(args).args(["--offline", "--locked"]).current_dir(repository()).output();
+    let output = Command::new(env!("CARGO"))
+        .args(args)
+        .args(["--offline", "--locked"])
+        .current_dir(repository())
+        .output();
     let output = output.unwrap();
     assert!(output.status.success(), "cargo {args:?}: {}", String::from_utf8_lossy(&output.stderr));
     String::from_utf8(output.stdout).unwrap()
@@ -56,7 +60,10 @@ fn members() -> Vec<String> {
 fn sources_say_what_they_are_for_and_stay_short() {
     for file in sources() {
         let text = read(&file);
-        assert!(text.starts_with("//! "), "{file}: the first line must be `//!` and say what the file is for");
+        assert!(
+            text.starts_with("//! "),
+            "{file}: the first line must be `//!` and say what the file is for"
+        );
         let lines = text.lines().count();
         assert!(lines <= 600, "{file}: at most 600 lines, got {lines}: split it");
         assert!(!text.contains(concat!("#[", "ignore")), "{file}: no ignored tests: fix or remove the test");
@@ -67,10 +74,8 @@ fn sources_say_what_they_are_for_and_stay_short() {
 #[test]
 fn architecture_md_names_every_crate_and_no_other() {
     let text = read("ARCHITECTURE.md");
-    let named: BTreeSet<&str> = text
-        .lines()
-        .filter_map(|line| line.strip_prefix("### `")?.strip_suffix("/`"))
-        .collect();
+    let named: BTreeSet<&str> =
+        text.lines().filter_map(|line| line.strip_prefix("### `")?.strip_suffix("/`")).collect();
     let members = members();
     let members: BTreeSet<&str> = members.iter().map(String::as_str).collect();
     assert_eq!(named, members, "ARCHITECTURE.md has one section `### `name/`` for each crate");
@@ -87,7 +92,9 @@ fn crates_depend_only_downwards() {
             let Some(dependencies) = manifest.get(section) else { continue };
             for (dependency, value) in dependencies.as_table().unwrap() {
                 assert_eq!(
-                    value.as_table().map(|table| table.iter().map(|(key, _)| key.as_str()).collect::<Vec<_>>()),
+                    value
+                        .as_table()
+                        .map(|table| table.iter().map(|(key, _)| key.as_str()).collect::<Vec<_>>()),
                     Some(vec!["workspace"]),
                     "{name}: {dependency}: version and features belong into [workspace.dependencies]"
                 );
@@ -165,13 +172,17 @@ fn documents_name_no_machine_and_committed_files_are_small() {
 
 #[test]
 fn cargo_metadata_has_no_duplicate_binary_names() {
-    let metadata: Value = serde_json::from_str(&cargo(&["metadata", "--no-deps", "--format-version", "1"])).unwrap();
+    let metadata: Value =
+        serde_json::from_str(&cargo(&["metadata", "--no-deps", "--format-version", "1"])).unwrap();
     let mut names = BTreeSet::new();
     for package in metadata["packages"].as_array().unwrap() {
         for target in package["targets"].as_array().unwrap() {
             if target["kind"][0] == "bin" {
                 let name = target["name"].as_str().unwrap();
-                assert!(names.insert(name.to_owned()), "two programs are called {name}: `--bin {name}` is ambiguous");
+                assert!(
+                    names.insert(name.to_owned()),
+                    "two programs are called {name}: `--bin {name}` is ambiguous"
+                );
             }
         }
     }
