@@ -10,7 +10,7 @@ use serde_json::json;
 
 use crate::dataset::Layout;
 use crate::evaluate::{Report, Request, evaluate};
-use crate::experiment::nearest_name;
+use crate::experiment::name_advice;
 use crate::run::progress::percent;
 
 /// Evaluate one descriptor on lists of clouds
@@ -127,9 +127,7 @@ fn parameters(set: &[String], colour: bool) -> anyhow::Result<Parameters> {
         })?;
         let spec = GENES.iter().find(|spec| spec.name.eq_ignore_ascii_case(name)).with_context(|| {
             let names = GENES.each_ref().map(|spec| spec.name);
-            let near =
-                nearest_name(name, &names).map_or(String::new(), |near| format!("did you mean {near}? "));
-            format!("--set: unknown gene, got {name}\n{near}genes are {}", names.join(", "))
+            format!("--set: unknown gene, got {name}\n{}", name_advice(name, &names, "genes are"))
         })?;
         let number: f64 = value.parse().with_context(|| {
             format!("--set {name}: must be a number, got {value}\nwrite for example R1=1.3")

@@ -30,7 +30,7 @@ use crate::dataset::DatasetSettings;
 use crate::evolution::{GaSettings, StopSettings};
 pub use error::ExperimentError;
 use error::Fault;
-pub use suggest::nearest_name;
+pub(crate) use suggest::advice as name_advice;
 
 /// Bytes of the largest file that is read.
 const MAX_BYTES: u64 = 1 << 20;

@@ -27,7 +27,7 @@ pub fn nearest_name<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
 }
 
 /// A second line for a message about an unknown word: the nearest known one, then all of them.
-pub(super) fn advice(word: &str, known: &[&str], meaning_of_list: &str) -> String {
+pub(crate) fn advice(word: &str, known: &[&str], meaning_of_list: &str) -> String {
     let list = known.join(", ");
     match nearest_name(word, known) {
         Some(nearest) => format!("did you mean `{nearest}`? {meaning_of_list}: {list}"),

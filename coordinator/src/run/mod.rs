@@ -11,7 +11,7 @@ mod workplace;
 use std::net::{Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
-use std::{fs, io, io::Write as _};
+use std::{fs, io, io::Read as _, io::Write as _};
 
 use results::{PredictionSplit, RunFolder, RunRow};
 
@@ -226,7 +226,7 @@ fn default_out(experiment: &Experiment, fresh: bool) -> PathBuf {
 fn claim(folder: &Path, search: &str) -> Result<(), RunError> {
     let path = folder.join(SEARCH_FILE);
     let failed = |source| RunError::File { path: path.clone(), source };
-    match fs::read_to_string(&path) {
+    match read_bounded(&path) {
         Ok(held) if held == search => Ok(()),
         Ok(held) => {
             let difference = difference(&held, search);
@@ -240,6 +240,13 @@ fn claim(folder: &Path, search: &str) -> Result<(), RunError> {
         }
         Err(error) => Err(failed(error)),
     }
+}
+
+/// A text of at most 1 MiB, as every search is; what is longer is cut, and so differs from all of them.
+fn read_bounded(path: &Path) -> io::Result<String> {
+    let mut bytes = Vec::new();
+    fs::File::open(path)?.take(1 << 20).read_to_end(&mut bytes)?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
 /// Lines of one text that are not in the other, marked - and +.

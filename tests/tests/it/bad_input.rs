@@ -2,10 +2,9 @@
 
 use std::fs;
 use std::net::TcpListener;
-use std::path::Path;
 
 use crate::experiments::{Experiment, clouds};
-use crate::process::{Finished, run};
+use crate::process::{Finished, finish, program, run};
 
 /// The error's own lines.
 fn message(finished: &Finished) -> &str {
@@ -213,11 +212,31 @@ fn result_folders() {
     fs::write(experiment.folder().join("file"), "").unwrap();
     check(experiment.run("file", &[]), &["file"]);
     check(experiment.run("file/below", &[]), &["file"]);
-    if Path::new("/dev/full").exists() {
-        fs::create_dir(experiment.folder().join("full")).unwrap();
-        std::os::unix::fs::symlink("/dev/full", experiment.folder().join("full/search.toml")).unwrap();
-        experiment.run("full", &[]).expect_error();
-    }
+    // Endless nonsense where the search should be.
+    fs::create_dir(experiment.folder().join("full")).unwrap();
+    std::os::unix::fs::symlink("/dev/zero", experiment.folder().join("full/search.toml")).unwrap();
+    check(experiment.run("full", &[]), &["holds another search"]);
+}
+
+/// A limit on the size of files stands in for a disk that is full: the write fails in the middle of a table.
+#[test]
+fn a_disk_that_fills_up_stops_the_run_with_a_message_and_leaves_only_whole_tables() {
+    let experiment =
+        Experiment::new("[ga]\npopulation = 6\n[stop]\ngenerations = 4\nvalidation_patience = \"off\"\n");
+    let mut limited = std::process::Command::new("sh");
+    limited.args(["-c", "trap '' XFSZ; ulimit -f 4; exec \"$@\"", "sh"]);
+    limited.arg(program("coordinator").get_program()).args(experiment.run_args("out", &[]));
+    let finished = finish(&mut limited).expect_error();
+    let message = message(&finished);
+    assert!(message.contains("evaluations") && message.lines().count() >= 2, "{finished}");
+    let tables = experiment.folder().join("out/evaluations");
+    let visible = fs::read_dir(tables).unwrap().filter(|entry| {
+        let name = entry.as_ref().unwrap().file_name();
+        !name.to_string_lossy().starts_with('.')
+    });
+    assert_eq!(visible.count(), 0);
+    // With space again, the same command ends as if nothing had happened.
+    experiment.run("out", &[]).expect_success();
 }
 
 #[test]
