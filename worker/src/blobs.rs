@@ -1,12 +1,14 @@
-//! Blobs by digest: from memory's side of the network, or from the local cache folder.
+//! Blobs by digest: from the coordinator, or from the local cache folder.
 
 use std::fs;
-use std::io::{self, Write as _};
+use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use proto::v1::coordinator_client::CoordinatorClient;
 use proto::{Digest, MAX_BLOB_BYTES, v1};
 use tokio::sync::Semaphore;
+use tokio::task::spawn_blocking;
 use tonic::transport::Channel;
 
 /// Why a blob is not to be had.
@@ -28,6 +30,12 @@ pub enum BlobError {
         /// The digest of the bytes that came.
         got: Digest,
     },
+    /// The worker is about to stop.
+    #[error("blob {digest}: not read, the worker is stopping")]
+    Stopping {
+        /// Which blob.
+        digest: Digest,
+    },
     /// More bytes than any blob may have.
     #[error("blob {digest}: at most {MAX_BLOB_BYTES} bytes, got more")]
     TooLarge {
@@ -45,41 +53,40 @@ pub struct Blobs {
     client: CoordinatorClient<Channel>,
     folder: Option<PathBuf>,
     streams: Semaphore,
+    /// Whether it has been said that the folder cannot be written: once is enough.
+    warned: AtomicBool,
 }
 
 impl Blobs {
     /// Blobs from `client`, kept in `folder`.
     pub fn new(client: CoordinatorClient<Channel>, folder: Option<PathBuf>) -> Self {
-        Self { client, folder, streams: Semaphore::new(STREAMS) }
+        Self { client, folder, streams: Semaphore::new(STREAMS), warned: AtomicBool::new(false) }
     }
 
     /// The bytes with this digest. A damaged cache entry is dropped and fetched again; a cache folder that cannot
     /// be written costs a warning, not the job.
     pub async fn get(&self, digest: Digest) -> Result<Vec<u8>, BlobError> {
-        if let Some(bytes) = self.read_cached(digest) {
+        let Some(folder) = self.folder.clone() else { return self.fetch(digest).await };
+        // A slow disk must not hold up the polls that tell the coordinator this worker is alive.
+        let path = entry(&folder, digest);
+        if let Ok(Some(bytes)) = spawn_blocking(move || read_cached(&path, digest)).await {
             return Ok(bytes);
         }
         let bytes = self.fetch(digest).await?;
-        if let Some(folder) = &self.folder
-            && let Err(error) = store(folder, digest, &bytes)
+        let kept = spawn_blocking(move || {
+            let stored = store(&folder, digest, &bytes);
+            (bytes, stored.map_err(|error| (folder, error)))
+        });
+        let (bytes, stored) = kept.await.map_err(|_| BlobError::Stopping { digest })?;
+        if let Err((folder, error)) = stored
+            && !self.warned.swap(true, Ordering::Relaxed)
         {
             tracing::warn!(
-                "cache {}: cannot keep a blob, got {error}\nfree some space or choose another --cache",
+                "cache {}: cannot keep clouds, got {error}\nfree some space or choose another --cache",
                 folder.display()
             );
         }
         Ok(bytes)
-    }
-
-    fn read_cached(&self, digest: Digest) -> Option<Vec<u8>> {
-        let path = entry(self.folder.as_deref()?, digest);
-        let bytes = fs::read(&path).ok()?;
-        if Digest::of(&bytes) == digest {
-            return Some(bytes);
-        }
-        tracing::warn!("cache {}: entry is damaged, fetching it again", path.display());
-        let _ = fs::remove_file(&path); // if it stays, it is found damaged again
-        None
     }
 
     async fn fetch(&self, digest: Digest) -> Result<Vec<u8>, BlobError> {
@@ -97,6 +104,18 @@ impl Blobs {
         let got = Digest::of(&bytes);
         if got == digest { Ok(bytes) } else { Err(BlobError::Mismatch { digest, got }) }
     }
+}
+
+fn read_cached(path: &Path, digest: Digest) -> Option<Vec<u8>> {
+    let file = fs::File::open(path).ok()?;
+    let mut bytes = Vec::new();
+    file.take(MAX_BLOB_BYTES + 1).read_to_end(&mut bytes).ok()?;
+    if Digest::of(&bytes) == digest {
+        return Some(bytes);
+    }
+    tracing::warn!("cache {}: entry is damaged, fetching it again", path.display());
+    let _ = fs::remove_file(path); // if it stays, it is found damaged again
+    None
 }
 
 /// Spread over folders of two hex digits, as a folder of a quarter million entries is slow to list.

@@ -34,6 +34,14 @@ enum End {
     Refused(String),
 }
 
+/// A job that is done. The session is part of it: another coordinator numbers its jobs from 1 again, and would take
+/// an answer to somebody else's question for one to its own.
+struct Done {
+    session: Option<SessionId>,
+    lease: Lease,
+    report: v1::JobReport,
+}
+
 /// One worker.
 pub struct Session {
     client: CoordinatorClient<Channel>,
@@ -43,8 +51,8 @@ pub struct Session {
     desk: Desk,
     sequence: u64,
     current: Option<SessionId>,
-    done_sender: mpsc::UnboundedSender<(Lease, v1::JobReport)>,
-    done: mpsc::UnboundedReceiver<(Lease, v1::JobReport)>,
+    done_sender: mpsc::UnboundedSender<Done>,
+    done: mpsc::UnboundedReceiver<Done>,
 }
 
 impl Session {
@@ -130,10 +138,10 @@ impl Session {
                     self.leave().await;
                     return End::Left;
                 }
-                Some((lease, report)) = self.done.recv() => {
+                Some(done) = self.done.recv() => {
                     // The poll under way is dropped; should its reply carry jobs, the next poll does not list
                     // them and they are handed out again.
-                    self.desk.finish(lease, report);
+                    self.put_down(done);
                     continue;
                 }
                 reply = reply => match reply {
@@ -154,7 +162,7 @@ impl Session {
                         self.leave().await;
                         return End::Left;
                     }
-                    Some((lease, report)) = self.done.recv() => self.desk.finish(lease, report),
+                    Some(done) = self.done.recv() => self.put_down(done),
                     () = tokio::time::sleep(heartbeat) => {}
                 }
             }
@@ -203,8 +211,8 @@ impl Session {
 
     /// Hands back every lease and hands in every report.
     async fn leave(&mut self) {
-        while let Ok((lease, report)) = self.done.try_recv() {
-            self.desk.finish(lease, report);
+        while let Ok(done) = self.done.try_recv() {
+            self.put_down(done);
         }
         let request = self.request(true);
         match poll(self.client.clone(), request, GOODBYE).await {
@@ -213,9 +221,17 @@ impl Session {
         }
     }
 
+    /// The job in hand is done, unless it was another coordinator's.
+    fn put_down(&mut self, done: Done) {
+        if done.session == self.current {
+            self.desk.finish(done.lease, done.report);
+        }
+    }
+
     /// Starts the next job if none is in hand.
     fn start_next(&mut self) {
         let Some((lease, job)) = self.desk.start() else { return };
+        let session = self.current;
         let workshop = Arc::clone(&self.workshop);
         let sender = self.done_sender.clone();
         tokio::spawn(async move {
@@ -231,7 +247,7 @@ impl Session {
                 tracing::error!("job {}: {failure}", lease.job);
             }
             let report = wire::report(lease, started.elapsed().as_secs_f64(), outcome);
-            let _ = sender.send((lease, report)); // nobody listens any more only when the worker has stopped
+            let _ = sender.send(Done { session, lease, report }); // nobody listens any more only when the worker has stopped
         });
     }
 }

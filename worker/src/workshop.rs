@@ -1,6 +1,6 @@
 //! Evaluations: from a job's description to its result, on a pool of threads, with prepared clouds kept in memory.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use descriptor::{
@@ -177,7 +177,7 @@ impl Workshop {
         shelf: &Arc<Shelf>,
         wanted: impl Iterator<Item = &Listed>,
     ) -> Result<(), EvaluationError> {
-        let mut missing: HashMap<Digest, &Listed> = HashMap::new();
+        let mut missing: BTreeMap<Digest, &Listed> = BTreeMap::new();
         {
             let clouds = shelf.clouds();
             missing.extend(wanted.filter(|c| !clouds.contains_key(&c.digest)).map(|c| (c.digest, c)));

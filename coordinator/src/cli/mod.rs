@@ -63,7 +63,7 @@ fn block_on<T>(work: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<
     let done = runtime.block_on(async {
         tokio::select! {
             done = work => done,
-            _ = tokio::signal::ctrl_c() => Err(anyhow::anyhow!("interrupted")),
+            _ = tokio::signal::ctrl_c() => Err(anyhow::anyhow!("interrupted\nrun the same command to begin again")),
         }
     });
     runtime.shutdown_background(); // an evaluation under way in this process is abandoned

@@ -76,7 +76,8 @@ pub fn write_synthetic(folder: &Path, settings: &SyntheticSettings) -> Result<bo
     let settings = SynthSettings::new(objects, views, seed)?;
     let version = synth::GENERATOR_VERSION;
     let stamp = format!("version = {version}\nobjects = {objects}\nviews = {views}\nseed = {seed}\n");
-    if fs::read_to_string(folder.join(STAMP)).is_ok_and(|held| held == stamp) {
+    let is_there = || fs::read_to_string(folder.join(STAMP)).is_ok_and(|held| held == stamp);
+    if is_there() {
         return Ok(false);
     }
     let failed = |path: &Path, source| DataError::Write { path: path.to_owned(), source };
@@ -115,6 +116,10 @@ pub fn write_synthetic(folder: &Path, settings: &SyntheticSettings) -> Result<bo
     }
     write(STAMP, stamp.as_bytes())?;
     let _ = fs::remove_dir(folder); // an empty one may stand there
-    fs::rename(making.path(), folder).map_err(|source| failed(folder, source))?;
-    Ok(true)
+    match fs::rename(making.path(), folder) {
+        Ok(()) => Ok(true),
+        // Another run has made the same data set in the meantime.
+        Err(_) if is_there() => Ok(false),
+        Err(source) => Err(failed(folder, source)),
+    }
 }

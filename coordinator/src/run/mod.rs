@@ -87,6 +87,18 @@ pub enum RunError {
         /// Lines that differ.
         difference: String,
     },
+    /// The same search has run on other clouds.
+    #[error(
+        "{folder}: is the finished run of other clouds, got data digest {now} instead of {then}\nstart another with --fresh, or choose another --out"
+    )]
+    OtherData {
+        /// The folder.
+        folder: PathBuf,
+        /// Data digest of the finished run.
+        then: String,
+        /// Data digest of the clouds as they are.
+        now: String,
+    },
     /// Nothing would ever be computed.
     #[error(
         "validation: stop.validation_patience needs validation clouds, got none that is usable\nset stop.validation_patience = \"off\" or give the validation split some clouds"
@@ -101,21 +113,21 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
         Some(out) => out.clone(),
         None => default_out(experiment, options.fresh),
     };
+    let mut progress = Progress::new(experiment.stop().generations);
+    // The data first: what is wrong with it leaves no run folder behind.
+    let dataset = open_data(experiment, |line| progress.say(line))?;
     let mut folder = RunFolder::create(&out, &rows::gene_columns())?;
     claim(&out, &experiment.search_toml())?;
     if folder.is_finished() {
         if !options.fresh {
-            eprintln!("{}: this run is finished; --fresh starts another", out.display());
-            return finished(&out);
+            progress.finish();
+            return finished(&out, &dataset);
         }
         folder.discard()?;
     } else if folder.generations() > 0 {
-        eprintln!("{}: unfinished, begins again with generation 1", out.display());
+        progress.say(&format!("{}: unfinished, begins again with generation 1", out.display()));
         folder.discard()?;
     }
-
-    let mut progress = Progress::new(experiment.stop().generations);
-    let dataset = open_data(experiment, |line| progress.say(line))?;
     if experiment.stop().validation_patience.is_some() && dataset.splits.validation.is_empty() {
         return Err(RunError::NoValidation);
     }
@@ -147,7 +159,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
         search_config: experiment.search_toml(),
         resolved_toml: experiment.record_toml(),
         seed: experiment.seed(),
-        data_digest: proto::Digest(dataset.clouds.digest).to_string(),
+        data_digest: data_digest(&dataset),
         evaluation_version: descriptor::EVALUATION_VERSION,
         program_version: env!("CARGO_PKG_VERSION").to_owned(),
         build: worker::BUILD.to_owned(),
@@ -205,10 +217,19 @@ impl Finals {
     }
 }
 
-/// The summary of a finished run.
-pub fn finished(out: &Path) -> Result<Summary, RunError> {
+/// The summary of a finished run, if the data is still what it was computed from.
+fn finished(out: &Path, dataset: &Dataset) -> Result<Summary, RunError> {
     let results::FinishedRun { row: run, run_digest, .. } = results::read_run(out)?;
+    let now = data_digest(dataset);
+    if run.data_digest != now {
+        return Err(RunError::OtherData { folder: out.to_owned(), then: run.data_digest, now });
+    }
+    eprintln!("{}: this run is finished; --fresh starts another", out.display());
     Ok(Summary { run, run_digest, out: out.to_owned() })
+}
+
+fn data_digest(dataset: &Dataset) -> String {
+    proto::Digest(dataset.clouds.digest).to_string()
 }
 
 /// The folder that the same command finds again; with `fresh` the first one beside it that is not there.

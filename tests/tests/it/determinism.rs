@@ -138,4 +138,8 @@ fn seed_and_labels_change_the_digest_and_names_and_paths_do_not() {
     let (_, shorter) = text.split_once('\n').unwrap();
     std::fs::write(&list, shorter).unwrap();
     assert_ne!(base, digest(&copy.run("shorter", &[]).expect_success()));
+    // The finished run of the longer list is not passed off as one of the shorter.
+    let stale = copy.run("out", &[]).expect_error();
+    assert!(stale.stderr.contains("finished run of other clouds"), "{stale}");
+    assert_ne!(base, digest(&copy.run("out", &["--fresh"]).expect_success()));
 }

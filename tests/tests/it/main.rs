@@ -9,6 +9,11 @@
 //! - `parity`: agreement with PCL on its reference values
 //! - `repository`: the rules of this repository
 
+#![expect(
+    clippy::unwrap_used,
+    reason = "a test that cannot go on has failed; helpers of tests are no tests to clippy"
+)]
+
 mod bad_input;
 mod determinism;
 mod experiments;

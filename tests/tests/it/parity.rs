@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::io::Read;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use descriptor::histogram::{colour_rows, shape_rows};
 use descriptor::neighbours::RadiusSearch;
@@ -14,6 +14,8 @@ use descriptor::{
 use flate2::read::GzDecoder;
 use rayon::prelude::*;
 
+use crate::experiments::shared;
+
 /// Clouds with recorded keypoints and histograms, below the shared folder's `data`.
 const CLOUDS: [&str; 6] = [
     "household-rgbd/apple/apple_2/apple_2_1_5.pcd",
@@ -23,22 +25,6 @@ const CLOUDS: [&str; 6] = [
     "household-rgbd/orange/orange_1/orange_1_4_3.pcd",
     "uw/banana/banana_1/banana_1_1_1.pcd",
 ];
-
-/// The folder of data sets and references, or `None`, said aloud, if this machine has none.
-fn shared() -> Option<PathBuf> {
-    let folder = std::env::var_os("DESCRY_SHARED")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared"), PathBuf::from);
-    if folder.join("reference/pcl-1.13").is_dir() {
-        return Some(folder);
-    }
-    assert!(
-        std::env::var_os("DESCRY_REQUIRE_SHARED").is_none_or(|required| required != "1"),
-        "no reference data in {}\nset DESCRY_SHARED",
-        folder.display()
-    );
-    eprintln!("SKIPPED: no reference data in {}; set DESCRY_SHARED", folder.display());
-    None
-}
 
 fn cloud(path: &Path) -> Cloud {
     let bytes = fs::read(path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));

@@ -107,7 +107,8 @@ async fn nonsense_gets_an_error_and_the_run_goes_on() {
         sequence: 1,
         ..Default::default()
     };
-    let nonsense: [(Code, fn(&mut v1::PollRequest)); 6] = [
+    type Spoil = fn(&mut v1::PollRequest);
+    let nonsense: [(Code, Spoil); 6] = [
         (Code::InvalidArgument, |poll| poll.worker_id.clear()),
         (Code::InvalidArgument, |poll| poll.session_id.push(0)),
         (Code::NotFound, |poll| poll.worker_id = vec![8; 16]),
