@@ -102,7 +102,7 @@ pub const GENES: [GeneSpec; 5] = [
         kind: GeneKind::ShapeWeight,
         name: "w",
         unit: "",
-        meaning: "weight of shape against colour in the set distance",
+        meaning: "weight of shape against colour",
         ticks_per_unit: 1_000_000,
         limits: (0, 1_000_000),
         paper: (0, 1_000_000, 10_000),

@@ -21,8 +21,6 @@ pub struct GenerationReport<'a> {
     pub improved: bool,
     /// Counts of the best on the validation set, if measured.
     pub validation: Option<Counts>,
-    /// Evaluations by workers since the run began.
-    pub computed: u64,
     /// Evaluations that were known already.
     pub remembered: u64,
 }
@@ -34,10 +32,13 @@ pub struct Progress {
     generations: u32,
     started: Instant,
     generation: u32,
-    last: String,
+    /// Errors of the last complete generation.
+    errors: String,
     workers: usize,
-    /// Evaluations finished since the run began, validation included.
+    /// Evaluations finished by workers since the run began, validation included.
     finished: u64,
+    /// Individuals whose descriptor was known already.
+    remembered: u64,
 }
 
 impl Progress {
@@ -45,13 +46,15 @@ impl Progress {
     pub fn new(generations: u32) -> Self {
         let bar = (std::io::stderr().is_terminal() && std::io::stdout().is_terminal()).then(|| {
             let bar = ProgressBar::new(generations.into());
-            let style = ProgressStyle::with_template("{spinner} {bar:20} {wide_msg}");
+            // Two lines that fit 80 columns.
+            let style = ProgressStyle::with_template("{spinner} {bar:10} {prefix}\n  {wide_msg}");
             bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+            bar.set_prefix("reading the clouds");
             bar.enable_steady_tick(Duration::from_millis(200));
             bar
         });
-        let last = String::new();
-        Self { bar, generations, started: Instant::now(), generation: 0, last, workers: 0, finished: 0 }
+        let (started, errors) = (Instant::now(), "describing the clouds".to_owned());
+        Self { bar, generations, started, generation: 0, errors, workers: 0, finished: 0, remembered: 0 }
     }
 
     /// A line that stays.
@@ -89,21 +92,25 @@ impl Progress {
 
     /// A generation is complete.
     pub fn generation_done(&mut self, report: &GenerationReport<'_>) {
-        self.last = self.line(report);
+        let best = best_error(report.counts);
+        let mean = report.counts.iter().map(Counts::object_error).sum::<f64>() / report.counts.len() as f64;
+        let validation = report.validation.map_or("off".to_owned(), |counts| percent(counts.object_error()));
+        self.errors = format!("best {} mean {} validation {validation}", percent(best), percent(mean));
+        self.remembered = report.remembered;
         match &self.bar {
             Some(bar) => {
                 bar.set_position(report.generation.into());
                 self.redraw();
                 if report.improved {
                     self.say(&format!(
-                        "generation {}: {} with {}",
+                        "generation {}: error {} with {}",
                         report.generation,
-                        self.last_error(report),
+                        percent(best),
                         report.best
                     ));
                 }
             }
-            None => eprintln!("generation {}/{}: {}", report.generation, self.generations, self.last),
+            None => eprintln!("{}: {} | {}", self.place(), self.errors, self.work()),
         }
     }
 
@@ -114,37 +121,30 @@ impl Progress {
         }
     }
 
-    fn last_error(&self, report: &GenerationReport<'_>) -> String {
-        let best = best_error(report.counts);
-        match report.validation {
-            Some(counts) => format!("error {}, validation {}", percent(best), percent(counts.object_error())),
-            None => format!("error {}", percent(best)),
-        }
+    fn place(&self) -> String {
+        format!("generation {}/{}", self.generation, self.generations)
     }
 
-    fn line(&self, report: &GenerationReport<'_>) -> String {
+    /// What has been done, by whom, how fast, and how long the rest takes if no stop rule ends it earlier.
+    fn work(&self) -> String {
         let elapsed = self.started.elapsed();
-        let mean = report.counts.iter().map(Counts::object_error).sum::<f64>() / report.counts.len() as f64;
-        let validation = report.validation.map_or("off".to_owned(), |counts| percent(counts.object_error()));
+        let rate = self.finished as f64 / elapsed.as_secs_f64().max(1e-3);
+        let rest =
+            f64::from(self.generations.saturating_sub(self.generation)) / f64::from(self.generation.max(1));
         format!(
-            "best {} mean {} validation {} | {} evaluated, {} remembered | {} workers, {:.1}/s | at most {} left",
-            percent(best_error(report.counts)),
-            percent(mean),
-            validation,
-            report.computed,
-            report.remembered,
+            "{} evaluated, {} remembered | {} {}, {rate:.1}/s | at most {} left",
+            self.finished,
+            self.remembered,
             self.workers,
-            self.finished as f64 / elapsed.as_secs_f64().max(1e-3),
-            clock(
-                elapsed
-                    .mul_f64(f64::from(self.generations - report.generation) / f64::from(report.generation))
-            ),
+            if self.workers == 1 { "worker" } else { "workers" },
+            clock(elapsed.mul_f64(rest)),
         )
     }
 
     fn redraw(&self) {
         if let Some(bar) = &self.bar {
-            bar.set_message(format!("generation {}/{}: {}", self.generation, self.generations, self.last));
+            bar.set_prefix(format!("{}: {}", self.place(), self.errors));
+            bar.set_message(self.work());
         }
     }
 }

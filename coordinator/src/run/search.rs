@@ -100,7 +100,6 @@ impl<'a> Search<'a> {
                 best: &population[best].parameters,
                 improved: candidate.generation == winner.get().map_or(0, |winner| winner.generation),
                 validation,
-                computed: self.computed,
                 remembered: self.remembered,
             });
 
