@@ -9,8 +9,8 @@ use tokio::sync::Notify;
 use crate::blobs::BlobStore;
 use crate::evaluation::Evaluation;
 use crate::scheduler::{
-    Answer, Farewell, Finished, Introduction, JobFailed, Limits, Poll, PollRefusal, Scheduler, Staffing,
-    WorkerSummary,
+    Answer, Arrival, Farewell, Finished, Introduction, JobFailed, Limits, Poll, PollRefusal, Scheduler,
+    Staffing,
 };
 
 /// How often silence is looked for.
@@ -20,7 +20,7 @@ const TICK: Duration = Duration::from_millis(500);
 #[derive(Debug, thiserror::Error)]
 pub enum ClusterError {
     /// A job failed as often as the limit allows.
-    #[error("evaluation of {parameters}: failed {count} times, got\n  {failures}\nlook at the workers' logs; coordinator.max_failures sets the limit", parameters = .0.evaluation.parameters, count = .0.failures.len(), failures = .0.failures.join("\n  "))]
+    #[error("evaluation of {parameters}: failed {count} times, got\n  {failures}\nlook at the workers' logs; coordinator.max_failures and coordinator.job_seconds set the limits", parameters = .0.evaluation.parameters, count = .0.failures.len(), failures = first_lines(&.0.failures))]
     JobFailed(JobFailed),
     /// No worker is left, and none came back.
     #[error(
@@ -30,6 +30,12 @@ pub enum ClusterError {
         /// Since when.
         seconds: u64,
     },
+}
+
+/// What failed, a line each: advice given to one machine is not repeated for all.
+fn first_lines(failures: &[String]) -> String {
+    let lines: Vec<&str> = failures.iter().filter_map(|failure| failure.lines().next()).collect();
+    lines.join("\n  ")
 }
 
 /// Scheduler, blobs and the signals between those who use them.
@@ -80,13 +86,17 @@ impl Cluster {
     pub async fn poll(&self, id: WorkerId, poll: Poll) -> Result<Answer, PollRefusal> {
         let (sequence, wanted, leaving) = (poll.sequence, poll.wanted, poll.leaving);
         let reports = !poll.finished.is_empty();
-        let mut answer = {
+        let (mut answer, waiting) = {
             let mut scheduler = self.scheduler();
-            scheduler.poll(id, poll, Instant::now())?
+            let answer = scheduler.poll(id, poll, Instant::now())?;
+            (answer, scheduler.has_waiting())
         };
         if reports || leaving {
             self.news.notify_one();
-            self.work.notify_waiters(); // a failure or a goodbye puts jobs back into the queue
+        }
+        if waiting {
+            // A failure, a goodbye or a lost reply has put jobs back that this worker did not take.
+            self.work.notify_waiters();
         }
         let empty = answer.jobs.is_empty() && answer.acknowledged.is_empty() && answer.revoked.is_empty();
         if empty && wanted > 0 && !leaving {
@@ -176,7 +186,8 @@ impl Cluster {
             failed: scheduler.failed().cloned(),
             farewells,
             staffing: scheduler.staffing(now),
-            workers: scheduler.workers(),
+            arrivals: scheduler.drain_arrivals(),
+            workers: scheduler.worker_count(),
         }
     }
 
@@ -193,8 +204,10 @@ pub struct ClusterNews {
     pub finished: Vec<Finished>,
     /// Workers that went.
     pub farewells: Vec<Farewell>,
-    /// Workers that are there.
-    pub workers: Vec<WorkerSummary>,
+    /// Workers that came.
+    pub arrivals: Vec<Arrival>,
+    /// How many workers are there.
+    pub workers: usize,
     staffing: Staffing,
     failed: Option<JobFailed>,
 }

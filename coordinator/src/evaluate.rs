@@ -1,6 +1,5 @@
 //! One descriptor on given lists, in this process, with the time that each stage takes.
 
-use std::fs;
 use std::ops::AddAssign;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
@@ -12,7 +11,7 @@ use descriptor::{
 };
 use rayon::prelude::*;
 
-use crate::dataset::{DatasetError, Layout, Listing};
+use crate::dataset::{DatasetError, Layout, Listing, read_file};
 
 /// What to evaluate.
 #[derive(Clone, Debug)]
@@ -139,15 +138,18 @@ fn evaluate_here(request: &Request) -> Result<Report, EvaluateError> {
         .collect::<Result<_, _>>()?;
 
     let mut seconds = Seconds::default();
-    let mut skipped = Vec::new();
+    let mut skipped: Vec<(String, String)> = Vec::new();
     let mut total_keypoints = 0;
     let mut sides: [Side; 2] = Default::default();
     for (index, (cloud, (described, reason, time))) in listing.clouds.iter().zip(described).enumerate() {
         seconds += time;
-        skipped.extend(reason.map(|reason| (cloud.path.clone(), reason)));
+        let side = &mut sides[usize::from(index >= listing.queries)];
+        if let Some(reason) = reason {
+            skipped.push((cloud.path.clone(), reason));
+            side.skipped += 1;
+        }
         let Some(described) = described else { continue };
         total_keypoints += described.keypoints;
-        let side = &mut sides[usize::from(index >= listing.queries)];
         side.summaries.push(described.summary);
         side.labels.push(Label { category: cloud.category, instance: cloud.instance });
         side.paths.push(cloud.path.clone());
@@ -155,7 +157,7 @@ fn evaluate_here(request: &Request) -> Result<Report, EvaluateError> {
     let [query, database] = sides;
     for (which, side) in [("--query", &query), ("--database", &database)] {
         if side.summaries.is_empty() {
-            return Err(EvaluateError::Empty { which, skipped: skipped.len() });
+            return Err(EvaluateError::Empty { which, skipped: side.skipped });
         }
     }
     let matching = Instant::now();
@@ -187,6 +189,7 @@ struct Side {
     summaries: Vec<Summary>,
     labels: Vec<Label>,
     paths: Vec<String>,
+    skipped: usize,
 }
 
 /// One cloud through all stages; a skip is no error.
@@ -200,7 +203,7 @@ fn describe(
     let failed = |what: String| EvaluateError::Cloud { path: path.to_owned(), what };
     let mut seconds = Seconds::default();
     let clock = Instant::now();
-    let bytes = fs::read(file).map_err(|error| failed(format!("cannot be read, got {error}")))?;
+    let bytes = read_file(file).map_err(|reason| failed(format!("cannot be read, got {reason}")))?;
     let cloud = pcd::read(&bytes).map_err(|error| failed(error.to_string()))?;
     let cloud = cloud.in_metres(request.preprocess.unit.metres());
     seconds.read = clock.elapsed();

@@ -4,8 +4,8 @@ use std::num::NonZeroUsize;
 use std::thread::available_parallelism;
 
 use tokio::sync::watch;
-use tokio::task::JoinSet;
-use worker::{Identity, Options};
+use tokio::task::{JoinError, JoinSet};
+use worker::{Identity, Options, WorkerError};
 
 use crate::experiment::LocalWorkers;
 use crate::server::Servers;
@@ -20,10 +20,21 @@ pub fn threads(workers: LocalWorkers) -> Vec<u32> {
     (0..count).map(|index| (cores / count + u32::from(index < cores % count)).max(1)).collect()
 }
 
+/// Why an in-process worker ended that was not told to.
+#[derive(Debug, thiserror::Error)]
+pub enum CrewError {
+    /// It gave up.
+    #[error("in-process worker: {0}")]
+    Worker(#[from] WorkerError),
+    /// It panicked.
+    #[error("in-process worker: panicked, got {0}\nplease report this with the log above")]
+    Panic(#[from] JoinError),
+}
+
 /// The running in-process workers.
 pub struct Crew {
     stop: watch::Sender<bool>,
-    tasks: JoinSet<()>,
+    tasks: JoinSet<Result<(), WorkerError>>,
 }
 
 impl Crew {
@@ -44,12 +55,26 @@ impl Crew {
                 let stop = async move {
                     let _ = stopped.wait_for(|stop| *stop).await; // the sender is gone: stop as well
                 };
-                if let Err(error) = worker::run(channel, options, stop).await {
-                    tracing::error!("in-process worker: {error}");
-                }
+                worker::run(channel, options, stop).await
             });
         }
         Self { stop, tasks }
+    }
+
+    /// Does `work`, unless a worker ends before it is done: waiting for its results would have no end.
+    pub async fn during<T, E: From<CrewError>>(
+        &mut self,
+        work: impl Future<Output = Result<T, E>>,
+    ) -> Result<T, E> {
+        tokio::select! {
+            done = work => done,
+            Some(ended) = self.tasks.join_next() => {
+                let ended = ended.map_err(CrewError::from)?;
+                ended.map_err(CrewError::from)?;
+                // Only `stop` lets a worker end well, and nobody can call it meanwhile.
+                std::future::pending().await
+            }
+        }
     }
 
     /// Lets every worker say goodbye.

@@ -3,12 +3,13 @@
 use std::io;
 use std::net::SocketAddr;
 use std::sync::Arc;
+use std::time::Duration;
 
 use hyper_util::rt::TokioIo;
 use proto::v1;
 use tokio::io::DuplexStream;
 use tokio::net::TcpListener;
-use tokio::sync::{mpsc, watch};
+use tokio::sync::mpsc;
 use tokio::task::JoinSet;
 use tokio_stream::StreamExt as _;
 use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
@@ -20,6 +21,13 @@ use crate::service::Service;
 
 /// Bytes on their way between the two ends of an in-process connection.
 const PIPE_BYTES: usize = 256 << 10;
+
+/// Calls that one connection may have open: a worker's poll and its blobs are far fewer.
+const MAX_STREAMS: u32 = 64;
+/// How often a silent connection is asked whether it is still there.
+const KEEPALIVE: Duration = Duration::from_secs(20);
+/// Pause after a connection that could not be accepted.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
 
 /// Why nobody can connect.
 #[derive(Debug, thiserror::Error)]
@@ -59,18 +67,17 @@ pub async fn bind(address: SocketAddr, insecure: bool) -> Result<TcpListener, Se
     })
 }
 
-/// The running servers of one run; they stop when this is dropped.
+/// The running servers of one run; they end when this is dropped.
 pub struct Servers {
     cluster: Arc<Cluster>,
     preparation: v1::Preparation,
-    stop: watch::Sender<bool>,
     tasks: JoinSet<()>,
 }
 
 impl Servers {
     /// No server yet.
     pub fn new(cluster: Arc<Cluster>, preparation: v1::Preparation) -> Self {
-        Self { cluster, preparation, stop: watch::Sender::new(false), tasks: JoinSet::new() }
+        Self { cluster, preparation, tasks: JoinSet::new() }
     }
 
     /// Serves remote workers, health probes and reflection.
@@ -86,12 +93,20 @@ impl Servers {
             Ok(service) => router = router.add_service(service),
             Err(error) => tracing::warn!("gRPC reflection is off, got {error}"),
         }
-        let incoming = TcpListenerStream::new(listener).map(|connection| {
-            connection.inspect(|stream| {
-                let _ = stream.set_nodelay(true); // only latency is at stake
-            })
+        let incoming = TcpListenerStream::new(listener).then(|connection| async {
+            match &connection {
+                Ok(stream) => {
+                    let _ = stream.set_nodelay(true); // only latency is at stake
+                }
+                Err(error) => {
+                    // Out of file descriptors, most likely: trying again at once would only burn a core.
+                    tracing::warn!("cannot accept a connection, got {error}");
+                    tokio::time::sleep(ACCEPT_PAUSE).await;
+                }
+            }
+            connection
         });
-        self.spawn(async move |stop| router.serve_with_incoming_shutdown(incoming, stop).await);
+        self.spawn(router.serve_with_incoming(incoming));
     }
 
     /// A channel to this coordinator that stays inside the process.
@@ -99,7 +114,7 @@ impl Servers {
         let (sender, receiver) = mpsc::channel::<io::Result<DuplexStream>>(4);
         let router = self.router();
         let incoming = ReceiverStream::new(receiver);
-        self.spawn(async move |stop| router.serve_with_incoming_shutdown(incoming, stop).await);
+        self.spawn(router.serve_with_incoming(incoming));
         Endpoint::from_static("http://in-process").connect_with_connector_lazy(service_fn(move |_| {
             let sender = sender.clone();
             async move {
@@ -114,30 +129,20 @@ impl Servers {
 
     fn router(&self) -> Router {
         let service = Service::server(Arc::clone(&self.cluster), self.preparation.clone());
-        Server::builder().tcp_nodelay(true).add_service(service)
+        Server::builder()
+            .tcp_nodelay(true)
+            .max_concurrent_streams(MAX_STREAMS)
+            // A worker whose machine was switched off says nothing: ask, or its connection stays for ever.
+            .http2_keepalive_interval(Some(KEEPALIVE))
+            .http2_keepalive_timeout(Some(KEEPALIVE))
+            .add_service(service)
     }
 
-    fn spawn<F>(&mut self, serve: impl FnOnce(StopSignal) -> F)
-    where
-        F: Future<Output = Result<(), tonic::transport::Error>> + Send + 'static,
-    {
-        let mut stop = self.stop.subscribe();
-        let signal: StopSignal = Box::pin(async move {
-            let _ = stop.wait_for(|stop| *stop).await; // an error means the sender is gone: stop as well
-        });
-        let server = serve(signal);
+    fn spawn(&mut self, server: impl Future<Output = Result<(), tonic::transport::Error>> + Send + 'static) {
         self.tasks.spawn(async move {
             if let Err(error) = server.await {
                 tracing::error!("server: stopped, got {error}");
             }
         });
-    }
-}
-
-type StopSignal = std::pin::Pin<Box<dyn Future<Output = ()> + Send>>;
-
-impl Drop for Servers {
-    fn drop(&mut self) {
-        self.stop.send_replace(true);
     }
 }

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use proto::v1::coordinator_server::{Coordinator, CoordinatorServer};
 use proto::{BLOB_CHUNK_BYTES, MAX_MESSAGE_BYTES, MAX_NAME_BYTES, PROTOCOL_MAJOR, v1};
+use tokio::sync::Semaphore;
 use tokio_stream::Stream;
 use tonic::{Request, Response, Status};
 
@@ -12,16 +13,21 @@ use crate::cluster::Cluster;
 use crate::scheduler::{Introduction, PollRefusal};
 use crate::wire;
 
+/// See [`Service::blobs`].
+const BLOBS_AT_ONCE: usize = 64;
+
 /// Answers workers on behalf of one run.
 pub struct Service {
     cluster: Arc<Cluster>,
     preparation: v1::Preparation,
+    /// Blobs in memory at once, over all connections: who does not read what it asked for must not fill it.
+    blobs: Arc<Semaphore>,
 }
 
 impl Service {
     /// The service, ready to be added to a server.
     pub fn server(cluster: Arc<Cluster>, preparation: v1::Preparation) -> CoordinatorServer<Self> {
-        CoordinatorServer::new(Self { cluster, preparation })
+        CoordinatorServer::new(Self { cluster, preparation, blobs: Arc::new(Semaphore::new(BLOBS_AT_ONCE)) })
             .max_decoding_message_size(MAX_MESSAGE_BYTES)
             .max_encoding_message_size(MAX_MESSAGE_BYTES)
     }
@@ -105,6 +111,8 @@ impl Coordinator for Service {
         request: Request<v1::FetchBlobRequest>,
     ) -> Result<Response<Self::FetchBlobStream>, Status> {
         let digest = wire::blob_digest(&request.into_inner())?;
+        let permit = Arc::clone(&self.blobs).acquire_owned().await;
+        let permit = permit.map_err(|error| Status::internal(error.to_string()))?;
         let cluster = Arc::clone(&self.cluster);
         let read = tokio::task::spawn_blocking(move || cluster.blobs.read(digest)).await;
         let bytes =
@@ -114,6 +122,7 @@ impl Coordinator for Service {
             })?;
         // Pieces are cut when they are sent: a slow reader holds one blob, not two.
         let pieces = (0..bytes.len()).step_by(BLOB_CHUNK_BYTES).map(move |start| {
+            let _held_until_sent = &permit;
             let end = bytes.len().min(start + BLOB_CHUNK_BYTES);
             Ok(v1::BlobChunk { data: bytes[start..end].to_vec() })
         });

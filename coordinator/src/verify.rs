@@ -23,6 +23,9 @@ pub enum VerifyError {
     /// Data or evaluation.
     #[error(transparent)]
     Run(#[from] RunError),
+    /// There is no such folder.
+    #[error("{0}: no such run folder\nname the folder that the run's summary calls results")]
+    NoFolder(PathBuf),
     /// Other numbers are to be expected.
     #[error(
         "{run}: evaluation version must be {expected}, got {got}\nverify it with the release that made it, or look at the digest only with --sample 0"
@@ -68,6 +71,9 @@ impl fmt::Display for Verdict {
 
 /// Recomputes the digests of a finished run, and `sample` of its fitness values if the files are sound.
 pub async fn verify(run: &Path, sample: u32, data: Option<PathBuf>) -> Result<Verdict, VerifyError> {
+    if !run.is_dir() {
+        return Err(VerifyError::NoFolder(run.to_owned()));
+    }
     let verification = results::verify(run)?;
     let mut verdict = Verdict {
         run_digest: verification.recorded_run_digest.clone(),
@@ -98,10 +104,11 @@ pub async fn verify(run: &Path, sample: u32, data: Option<PathBuf>) -> Result<Ve
         verdict.problems.push("evaluations: gene values: must lie on the genes' grids".to_owned());
         return Ok(verdict);
     };
+    eprintln!("recomputing {} fitness values", parameters.len());
     let mut workplace = Workplace::new(&experiment, &dataset);
-    workplace.staff(LocalWorkers::Auto);
-    let counts = workplace.train_counts(&parameters).await.map_err(RunError::from)?;
-    workplace.close().await;
+    let mut crew = workplace.staff(LocalWorkers::Auto);
+    let counts = crew.during(async { Ok::<_, RunError>(workplace.train_counts(&parameters).await?) }).await?;
+    crew.stop().await;
     verdict.recomputed = counts.len();
     for (row, counts) in chosen.iter().zip(&counts) {
         if row.counts != *counts {

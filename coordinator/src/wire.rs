@@ -109,7 +109,10 @@ fn report(report: v1::JobReport) -> Result<Report, Status> {
                 v1::FailureReason::InvalidJob => "invalid job",
                 v1::FailureReason::Cloud => "cloud",
             };
-            Err(format!("{kind}: {}", proto::truncate(&failure.message, proto::MAX_TEXT_BYTES)))
+            // It goes to a terminal: no control characters but line ends.
+            let message = proto::truncate(&failure.message, proto::MAX_TEXT_BYTES);
+            let message: String = message.chars().filter(|c| *c == '\n' || !c.is_control()).collect();
+            Err(format!("{kind}: {message}"))
         }
         None => Err("the report has no outcome".to_owned()),
     };

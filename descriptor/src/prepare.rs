@@ -24,7 +24,9 @@ pub enum PrepareError {
     #[error(transparent)]
     Skip(#[from] Skip),
     /// Colour is wanted and the cloud has none.
-    #[error("cloud: no colours where colour is wanted\nset colour = false, or use clouds with an rgb field")]
+    #[error(
+        "cloud: no colours where colour is wanted\nuse clouds with an rgb field, or do without colour (descriptor.colour = false, --no-colour)"
+    )]
     NoColours,
     /// There is not one colour for each point.
     #[error(

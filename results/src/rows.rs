@@ -79,7 +79,7 @@ pub struct GenerationRow {
     pub best_so_far_fitness: f64,
     /// Outcome of the generation's best on validation, if it was measured.
     pub validation: Option<Counts>,
-    /// Probability of a flip per bit between the two mutation points, for the step that made this generation.
+    /// Probability of a flip per bit between the two mutation points, for the children of this generation.
     pub mutation_rate: f64,
     /// Wall time, seconds.
     pub seconds: f64,

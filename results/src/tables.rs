@@ -183,7 +183,7 @@ fn generations() -> Vec<Column> {
             "mutation_rate",
             F64,
             "",
-            "probability of a flip per bit between the two mutation points",
+            "probability of a flip per bit between the two mutation points, for this generation's children",
         )
         .in_digest(),
         Column::new("diversity", F64, "share", "mean pairwise Hamming distance of chromosomes, per bit"),

@@ -31,6 +31,11 @@ impl Backoff {
         Duration::from_millis(half + self.rng.random_range(0..=half))
     }
 
+    /// Failures since the last success.
+    pub fn failures(&self) -> u32 {
+        self.failures
+    }
+
     /// Whether the last pause was the first since the last success.
     pub fn is_first(&self) -> bool {
         self.failures == 1

@@ -3,13 +3,16 @@
 use std::fs;
 use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use proto::v1::coordinator_client::CoordinatorClient;
 use proto::{Digest, MAX_BLOB_BYTES, v1};
 use tokio::sync::Semaphore;
 use tokio::task::spawn_blocking;
+use tonic::Code;
 use tonic::transport::Channel;
+
+use crate::backoff::Backoff;
 
 /// Why a blob is not to be had.
 #[derive(Debug, thiserror::Error)]
@@ -47,12 +50,17 @@ pub enum BlobError {
 /// Streams open at once: enough to hide the network's delay, few enough to leave room for polls.
 const STREAMS: usize = 16;
 
+/// Times a blob is asked for again before its job fails: about ten seconds in all.
+const RETRIES: u32 = 6;
+
 /// The coordinator's blobs, with a cache folder before them if there is one.
 #[derive(Debug)]
 pub struct Blobs {
     client: CoordinatorClient<Channel>,
     folder: Option<PathBuf>,
     streams: Semaphore,
+    /// Blobs that came over the network.
+    fetched: AtomicU64,
     /// Whether it has been said that the folder cannot be written: once is enough.
     warned: AtomicBool,
 }
@@ -60,7 +68,18 @@ pub struct Blobs {
 impl Blobs {
     /// Blobs from `client`, kept in `folder`.
     pub fn new(client: CoordinatorClient<Channel>, folder: Option<PathBuf>) -> Self {
-        Self { client, folder, streams: Semaphore::new(STREAMS), warned: AtomicBool::new(false) }
+        Self {
+            client,
+            folder,
+            streams: Semaphore::new(STREAMS),
+            fetched: AtomicU64::new(0),
+            warned: AtomicBool::new(false),
+        }
+    }
+
+    /// Blobs that came over the network so far, and not from the folder.
+    pub fn fetched(&self) -> u64 {
+        self.fetched.load(Ordering::Relaxed)
     }
 
     /// The bytes with this digest. A damaged cache entry is dropped and fetched again; a cache folder that cannot
@@ -89,8 +108,30 @@ impl Blobs {
         Ok(bytes)
     }
 
+    /// Tries again after faults of the network, which are no faults of the job.
     async fn fetch(&self, digest: Digest) -> Result<Vec<u8>, BlobError> {
         let _permit = self.streams.acquire().await;
+        let mut backoff = Backoff::new(descriptor::random::stream(rand::random(), "blob back-off", &[]));
+        loop {
+            match self.fetch_once(digest).await {
+                Err(BlobError::Fetch { status, .. })
+                    if backoff.failures() < RETRIES
+                        && !matches!(
+                            status.code(),
+                            Code::NotFound | Code::DataLoss | Code::InvalidArgument
+                        ) =>
+                {
+                    tokio::time::sleep(backoff.next_pause()).await;
+                }
+                fetched => {
+                    self.fetched.fetch_add(1, Ordering::Relaxed);
+                    return fetched;
+                }
+            }
+        }
+    }
+
+    async fn fetch_once(&self, digest: Digest) -> Result<Vec<u8>, BlobError> {
         let failed = |status| BlobError::Fetch { digest, status };
         let request = v1::FetchBlobRequest { digest: digest.to_vec() };
         let mut stream = self.client.clone().fetch_blob(request).await.map_err(failed)?.into_inner();

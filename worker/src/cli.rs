@@ -1,15 +1,19 @@
 //! The `worker` program: options, connection, signals.
 
 use std::future::Future;
+use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
 use anyhow::Context as _;
 use clap::Parser;
-use tonic::transport::Endpoint;
+use tonic::transport::{Endpoint, Uri};
 
 use crate::{Identity, Options};
+
+/// The coordinator's port unless an address names another.
+const DEFAULT_PORT: u16 = 7700;
 
 /// Computes evaluations for a coordinator. May join and leave at any time.
 ///
@@ -40,7 +44,7 @@ pub fn main(cli: Cli) -> ExitCode {
     match run(cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            eprintln!("error: {error}");
             ExitCode::FAILURE
         }
     }
@@ -52,6 +56,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
             tracing_subscriber::EnvFilter::try_from_env("DESCRY_LOG").unwrap_or_else(|_| "info".into()),
         )
         .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
         .init();
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
@@ -78,7 +83,15 @@ async fn serve(cli: Cli) -> anyhow::Result<()> {
         proto::MAX_NAME_BYTES,
         name.len()
     );
-    let channel = endpoint(&cli.coordinator)?.connect_lazy();
+    let endpoint = endpoint(&cli.coordinator)?;
+    if !is_loopback(endpoint.uri().host().unwrap_or_default()) {
+        tracing::warn!("the connection is not encrypted: use it inside a trusted network only");
+    }
+    tracing::info!(
+        "looking for the coordinator at {}",
+        endpoint.uri().authority().map_or("", |host| host.as_str())
+    );
+    let channel = endpoint.connect_lazy();
     let options = Options {
         identity: Identity { name, threads },
         cache: Some(cli.cache.unwrap_or_else(default_cache)),
@@ -88,24 +101,48 @@ async fn serve(cli: Cli) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The connection's settings; also accepts an address without `http://`.
+/// The connection's settings. Also accepts an address without `http://`, and adds the usual port.
 fn endpoint(address: &str) -> anyhow::Result<Endpoint> {
+    let wrong = |what: &str| {
+        anyhow::anyhow!("--coordinator: {what}, got {address}\nwrite it like http://192.0.2.7:{DEFAULT_PORT}")
+    };
     let url = if address.contains("://") { address.to_owned() } else { format!("http://{address}") };
-    let example =
-        || format!("--coordinator: must be an address, got {address}\nwrite it like http://192.0.2.7:7700");
-    anyhow::ensure!(
-        !url.starts_with("https://"),
-        "--coordinator: encrypted connections are not supported yet, got {address}\nuse http:// inside a trusted network"
-    );
-    let endpoint = Endpoint::from_shared(url).with_context(example)?;
-    anyhow::ensure!(endpoint.uri().host().is_some_and(|host| !host.is_empty()), example());
+    let uri: Uri = url.parse().map_err(|_| wrong("must be an address"))?;
+    match uri.scheme_str() {
+        Some("http") => {}
+        Some("https") => return Err(wrong("encrypted connections are not supported yet")),
+        _ => return Err(wrong("must begin with http://")),
+    }
+    let Some(authority) = uri.authority().filter(|authority| !authority.host().is_empty()) else {
+        return Err(wrong("must name a host"));
+    };
+    if uri.query().is_some() || !matches!(uri.path(), "" | "/") {
+        return Err(wrong("must be a host and a port only"));
+    }
+    // What follows the host must be a port or nothing; the parser lets more pass.
+    let port = authority.as_str().rsplit('@').next().and_then(|text| text.strip_prefix(authority.host()));
+    let port = match port {
+        Some("") => DEFAULT_PORT,
+        Some(port) => match port.strip_prefix(':').map(str::parse) {
+            Some(Ok(port)) if port > 0 => port,
+            _ => return Err(wrong("port must be a number from 1 to 65535")),
+        },
+        None => return Err(wrong("must be a host and a port only")),
+    };
+    let endpoint = Endpoint::from_shared(format!("http://{}:{port}", authority.host()));
     Ok(endpoint
+        .map_err(|_| wrong("must be an address"))?
         .connect_timeout(Duration::from_secs(5))
         // A cable that was pulled gives no error: ask the other side whether it is still there.
         .http2_keep_alive_interval(Duration::from_secs(10))
         .keep_alive_timeout(Duration::from_secs(10))
         .keep_alive_while_idle(true)
         .tcp_nodelay(true))
+}
+
+fn is_loopback(host: &str) -> bool {
+    let address = host.trim_start_matches('[').trim_end_matches(']');
+    host == "localhost" || address.parse::<std::net::IpAddr>().is_ok_and(|address| address.is_loopback())
 }
 
 /// `$XDG_CACHE_HOME/descry/blobs`, else `~/.cache/descry/blobs`, else a folder for temporary files.
@@ -126,4 +163,51 @@ fn stop_signal() -> anyhow::Result<impl Future<Output = ()>> {
             _ = interrupt.recv() => {}
         }
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn addresses_are_hosts_and_ports() {
+        for (address, expected) in [
+            ("http://192.0.2.7:7701", "http://192.0.2.7:7701/"),
+            ("gpu-host", "http://gpu-host:7700/"),
+            ("http://gpu-host/", "http://gpu-host:7700/"),
+            ("[::1]:80", "http://[::1]:80/"),
+        ] {
+            assert_eq!(endpoint(address).unwrap().uri().to_string(), expected);
+        }
+        for address in [
+            "",
+            "http://",
+            "ht tp://x",
+            "ftp://x",
+            "https://x",
+            "x:99999",
+            "x:port",
+            "x:0",
+            "x:",
+            "http://x/path",
+            "http://x?y",
+            "user@x:1@y",
+        ] {
+            let error = endpoint(address).map(|endpoint| endpoint.uri().clone()).unwrap_err().to_string();
+            assert!(
+                error.starts_with("--coordinator: ") && error.contains("\nwrite it like"),
+                "{address}: {error}"
+            );
+        }
+    }
+
+    #[test]
+    fn this_machine_is_told_from_others() {
+        for host in ["127.0.0.1", "localhost", "[::1]", "127.8.8.8"] {
+            assert!(is_loopback(host), "{host}");
+        }
+        for host in ["192.0.2.7", "gpu-host", "[2001:db8::1]", "127.0.0.1.example"] {
+            assert!(!is_loopback(host), "{host}");
+        }
+    }
 }

@@ -10,7 +10,9 @@ pub struct Desk {
     /// Jobs taken ahead, so that the next one can start while the last report is under way.
     ahead: usize,
     queue: VecDeque<(Lease, v1::Job)>,
-    running: Option<Lease>,
+    /// The job in hand; without its lease once that was revoked: nobody wants its result any more, but the threads
+    /// are busy until it ends.
+    running: Option<Option<Lease>>,
     finished: Vec<(Lease, v1::JobReport)>,
 }
 
@@ -22,7 +24,7 @@ impl Desk {
 
     /// Every lease held: in hand or queued.
     pub fn held(&self) -> Vec<Lease> {
-        self.running.into_iter().chain(self.queue.iter().map(|(lease, _)| *lease)).collect()
+        self.running.flatten().into_iter().chain(self.queue.iter().map(|(lease, _)| *lease)).collect()
     }
 
     /// Reports not acknowledged yet.
@@ -30,9 +32,9 @@ impl Desk {
         self.finished.iter().map(|(_, report)| report.clone()).collect()
     }
 
-    /// How many more jobs this desk takes now.
+    /// How many more jobs this desk takes now; none while it works on one that nobody wants.
     pub fn wanted(&self) -> usize {
-        (1 + self.ahead).saturating_sub(self.held().len())
+        if self.running == Some(None) { 0 } else { (1 + self.ahead).saturating_sub(self.held().len()) }
     }
 
     /// Takes in a reply: drops what is acknowledged or revoked, queues what is new.
@@ -41,6 +43,9 @@ impl Desk {
         self.finished.retain(|(lease, _)| !acknowledged.contains(lease));
         let revoked: Vec<Lease> = reply.revoked.into_iter().map(Lease::from).collect();
         self.queue.retain(|(lease, _)| !revoked.contains(lease));
+        if let Some(running) = &mut self.running {
+            *running = running.filter(|lease| !revoked.contains(lease));
+        }
         for job in reply.jobs {
             // A job without a lease cannot be reported: it is as good as not sent.
             let Some(lease) = job.lease.map(Lease::from) else { continue };
@@ -56,23 +61,23 @@ impl Desk {
             return None;
         }
         let next = self.queue.pop_front()?;
-        self.running = Some(next.0);
+        self.running = Some(Some(next.0));
         Some(next)
     }
 
-    /// The job in hand is done.
-    pub fn finish(&mut self, lease: Lease, report: v1::JobReport) {
-        if self.running == Some(lease) {
-            self.running = None;
+    /// The job in hand is done; its report is kept, unless its lease was revoked.
+    pub fn finish(&mut self, report: v1::JobReport) {
+        if let Some(Some(lease)) = self.running.take() {
             self.finished.push((lease, report));
         }
     }
 
-    /// Forgets everything but the job in hand, whose report will be dropped: another coordinator knows none of it.
+    /// Forgets every lease and report: another coordinator knows none of them, and numbers its jobs from 1 again. The
+    /// job in hand goes on until it ends, for nobody.
     pub fn clear(&mut self) {
         self.queue.clear();
         self.finished.clear();
-        self.running = None;
+        self.running = self.running.map(|_| None);
     }
 }
 
@@ -100,7 +105,7 @@ mod tests {
         assert_eq!(desk.start().unwrap().0, lease(1));
         assert!(desk.start().is_none());
         assert_eq!(desk.held(), [lease(1), lease(2)]);
-        desk.finish(lease(1), v1::JobReport::default());
+        desk.finish(v1::JobReport::default());
         assert_eq!(desk.wanted(), 1);
         assert_eq!(desk.start().unwrap().0, lease(2));
     }
@@ -110,7 +115,7 @@ mod tests {
         let mut desk = Desk::new(0);
         desk.absorb(reply(&[1]));
         desk.start();
-        desk.finish(lease(1), v1::JobReport::default());
+        desk.finish(v1::JobReport::default());
         desk.absorb(v1::PollReply::default());
         assert_eq!(desk.finished().len(), 1);
         desk.absorb(v1::PollReply { acknowledged: vec![lease(1).into()], ..Default::default() });
@@ -126,12 +131,23 @@ mod tests {
     }
 
     #[test]
-    fn the_report_of_a_cleared_job_is_dropped() {
-        let mut desk = Desk::new(1);
-        desk.absorb(reply(&[1]));
-        desk.start();
-        desk.clear();
-        desk.finish(lease(1), v1::JobReport::default());
-        assert!(desk.finished().is_empty() && desk.held().is_empty());
+    fn a_job_in_hand_that_nobody_wants_is_not_held_and_blocks_the_desk_until_it_ends() {
+        let revoke = |desk: &mut Desk| {
+            desk.absorb(v1::PollReply { revoked: vec![lease(1).into()], ..Default::default() });
+        };
+        for drop_it in [revoke, Desk::clear] {
+            let mut desk = Desk::new(1);
+            desk.absorb(reply(&[1]));
+            desk.start();
+            drop_it(&mut desk);
+            assert!(desk.held().is_empty());
+            assert_eq!(desk.wanted(), 0);
+            // The same numbers again, from another coordinator, are another job.
+            desk.absorb(reply(&[1]));
+            assert!(desk.start().is_none());
+            desk.finish(v1::JobReport::default());
+            assert!(desk.finished().is_empty());
+            assert_eq!(desk.start().unwrap().0, lease(1));
+        }
     }
 }

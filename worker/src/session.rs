@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use proto::v1::coordinator_client::CoordinatorClient;
-use proto::{Lease, SessionId, WorkerId, v1};
+use proto::{SessionId, WorkerId, v1};
 use tokio::sync::mpsc;
 use tonic::transport::Channel;
 use tonic::{Code, Request, Status};
@@ -34,14 +34,6 @@ enum End {
     Refused(String),
 }
 
-/// A job that is done. The session is part of it: another coordinator numbers its jobs from 1 again, and would take
-/// an answer to somebody else's question for one to its own.
-struct Done {
-    session: Option<SessionId>,
-    lease: Lease,
-    report: v1::JobReport,
-}
-
 /// One worker.
 pub struct Session {
     client: CoordinatorClient<Channel>,
@@ -51,8 +43,8 @@ pub struct Session {
     desk: Desk,
     sequence: u64,
     current: Option<SessionId>,
-    done_sender: mpsc::UnboundedSender<Done>,
-    done: mpsc::UnboundedReceiver<Done>,
+    done_sender: mpsc::UnboundedSender<v1::JobReport>,
+    done: mpsc::UnboundedReceiver<v1::JobReport>,
 }
 
 impl Session {
@@ -141,7 +133,7 @@ impl Session {
                 Some(done) = self.done.recv() => {
                     // The poll under way is dropped; should its reply carry jobs, the next poll does not list
                     // them and they are handed out again.
-                    self.put_down(done);
+                    self.desk.finish(done);
                     continue;
                 }
                 reply = reply => match reply {
@@ -151,6 +143,10 @@ impl Session {
                         self.desk.absorb(reply);
                     }
                     Err(status) if status.code() == Code::NotFound => return End::Unknown,
+                    // The same call again would get the same answer.
+                    Err(status) if matches!(status.code(), Code::InvalidArgument | Code::OutOfRange) => {
+                        return End::Refused(status.message().to_owned());
+                    }
                     Err(status) => return End::Lost(status),
                 },
             }
@@ -162,7 +158,7 @@ impl Session {
                         self.leave().await;
                         return End::Left;
                     }
-                    Some(done) = self.done.recv() => self.put_down(done),
+                    Some(done) = self.done.recv() => self.desk.finish(done),
                     () = tokio::time::sleep(heartbeat) => {}
                 }
             }
@@ -212,7 +208,7 @@ impl Session {
     /// Hands back every lease and hands in every report.
     async fn leave(&mut self) {
         while let Ok(done) = self.done.try_recv() {
-            self.put_down(done);
+            self.desk.finish(done);
         }
         let request = self.request(true);
         match poll(self.client.clone(), request, GOODBYE).await {
@@ -221,17 +217,9 @@ impl Session {
         }
     }
 
-    /// The job in hand is done, unless it was another coordinator's.
-    fn put_down(&mut self, done: Done) {
-        if done.session == self.current {
-            self.desk.finish(done.lease, done.report);
-        }
-    }
-
     /// Starts the next job if none is in hand.
     fn start_next(&mut self) {
         let Some((lease, job)) = self.desk.start() else { return };
-        let session = self.current;
         let workshop = Arc::clone(&self.workshop);
         let sender = self.done_sender.clone();
         tokio::spawn(async move {
@@ -247,7 +235,7 @@ impl Session {
                 tracing::error!("job {}: {failure}", lease.job);
             }
             let report = wire::report(lease, started.elapsed().as_secs_f64(), outcome);
-            let _ = sender.send(Done { session, lease, report }); // nobody listens any more only when the worker has stopped
+            let _ = sender.send(report); // nobody listens any more only when the worker has stopped
         });
     }
 }

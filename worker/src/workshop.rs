@@ -183,6 +183,7 @@ impl Workshop {
             missing.extend(wanted.filter(|c| !clouds.contains_key(&c.digest)).map(|c| (c.digest, c)));
         }
         let missing: Vec<&Listed> = missing.into_values().collect();
+        let fetched_before = self.blobs.fetched();
         for batch in missing.chunks(BATCH) {
             let bytes =
                 futures_util::future::try_join_all(batch.iter().map(|c| self.blobs.get(c.digest))).await?;
@@ -190,6 +191,10 @@ impl Workshop {
                 batch.iter().zip(bytes).map(|(c, bytes)| (c.digest, c.path.clone(), bytes)).collect();
             let (pool, shelf) = (Arc::clone(&self.pool), Arc::clone(shelf));
             compute(move || pool.install(|| prepare_batch(&shelf, sources))).await?;
+        }
+        if !missing.is_empty() {
+            let fetched = self.blobs.fetched() - fetched_before;
+            tracing::info!("prepared {} clouds, {fetched} of them fetched", missing.len());
         }
         Ok(())
     }

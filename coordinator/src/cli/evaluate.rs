@@ -5,13 +5,14 @@ use std::process::ExitCode;
 
 use anyhow::Context as _;
 use clap::Args;
-use descriptor::{GENES, GeneTable, Parameters, Preprocess, Unit};
+use descriptor::{GENES, GeneKind, GeneTable, Parameters, Preprocess, Unit};
 use serde_json::json;
 
 use crate::dataset::Layout;
 use crate::evaluate::{Report, Request, evaluate};
 use crate::experiment::name_advice;
 use crate::run::progress::percent;
+use crate::run::{rows, summary};
 
 /// Evaluate one descriptor on lists of clouds
 ///
@@ -104,8 +105,12 @@ impl Evaluate {
                 .iter()
                 .map(|(query, nearest, found)| format!("{query} {nearest} {}\n", found.nearest.distance))
                 .collect();
-            std::fs::write(file, lines)
-                .with_context(|| format!("--nearest {}: cannot be written", file.display()))?;
+            std::fs::write(file, lines).map_err(|error| {
+                anyhow::anyhow!(
+                    "--nearest {}: cannot be written, got {error}\nchoose another file",
+                    file.display()
+                )
+            })?;
         }
         let text = if self.json { json(&parameters, &report) } else { text(&parameters, &report) };
         super::print(&text)?;
@@ -121,6 +126,7 @@ fn list_file(root: &Path, list: &Path) -> PathBuf {
 fn parameters(set: &[String], colour: bool) -> anyhow::Result<Parameters> {
     let best = Parameters::PAPER_BEST;
     let mut ticks = GENES.each_ref().map(|spec| best.ticks(spec.kind));
+    let mut seen: Vec<&str> = Vec::new();
     for assignment in set {
         let (name, value) = assignment.split_once('=').with_context(|| {
             format!("--set: must be gene=value, got {assignment}\nwrite for example R1=1.3")
@@ -132,6 +138,22 @@ fn parameters(set: &[String], colour: bool) -> anyhow::Result<Parameters> {
         let number: f64 = value.parse().with_context(|| {
             format!("--set {name}: must be a number, got {value}\nwrite for example R1=1.3")
         })?;
+        anyhow::ensure!(
+            !seen.contains(&spec.name),
+            "--set {name}: given twice, got {value}\nset each gene once"
+        );
+        seen.push(spec.name);
+        let is_of_colour = matches!(spec.kind, GeneKind::ColourBins | GeneKind::ShapeWeight);
+        anyhow::ensure!(
+            colour || !is_of_colour,
+            "--set {name}: has no meaning without colour, got {value}\nleave it out, or leave out --no-colour"
+        );
+        let (low, high) = (spec.value(spec.limits.0), spec.value(spec.limits.1));
+        anyhow::ensure!(
+            number >= low && number <= high,
+            "--set {name}: must be from {low} to {high} {}, got {value}\nchoose a value inside these limits",
+            spec.unit
+        );
         ticks[spec.kind as usize] = spec.ticks(number).with_context(|| {
             let finest = spec.value(1);
             format!(
@@ -141,19 +163,18 @@ fn parameters(set: &[String], colour: bool) -> anyhow::Result<Parameters> {
         })?;
     }
     if !colour {
-        ticks[1] = 0;
-        ticks[4] = GENES[4].limits.1;
+        ticks[GeneKind::ColourBins as usize] = 0;
+        ticks[GeneKind::ShapeWeight as usize] = GENES[GeneKind::ShapeWeight as usize].limits.1;
     }
     let parameters = Parameters::from_ticks(ticks);
-    GeneTable::single(&parameters).context("--set")?;
+    GeneTable::single(&parameters).map_err(|error| anyhow::anyhow!("--set: {error}"))?;
     Ok(parameters)
 }
 
 fn json(parameters: &Parameters, report: &Report) -> String {
     let Report { correct, seconds, .. } = report;
     let error = |right: usize| (correct.queries - right) as f64 / correct.queries as f64;
-    let genes: serde_json::Map<_, _> =
-        GENES.iter().map(|spec| (spec.name.to_owned(), json!(parameters.value(spec.kind)))).collect();
+    let genes = summary::genes_json(&rows::gene_values(parameters));
     let skipped: Vec<_> =
         report.skipped.iter().map(|(path, reason)| json!({ "path": path, "reason": reason })).collect();
     let value = json!({

@@ -7,6 +7,7 @@ mod schema;
 mod synth;
 mod verify;
 
+use std::io::IsTerminal as _;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
@@ -38,6 +39,7 @@ pub fn main(cli: Cli) -> ExitCode {
             tracing_subscriber::EnvFilter::try_from_env("DESCRY_LOG").unwrap_or_else(|_| "warn".into()),
         )
         .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
         .init();
     let done = match cli.command {
@@ -51,21 +53,27 @@ pub fn main(cli: Cli) -> ExitCode {
     match done {
         Ok(code) => code,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            eprintln!("error: {error}");
             ExitCode::FAILURE
         }
     }
 }
 
+/// Exit code of a program that Ctrl-C has ended, as shells have it.
+const INTERRUPTED: i32 = 130;
+
 /// Runs a command's asynchronous part. Evaluations have threads of their own.
 fn block_on<T>(work: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
-    let done = runtime.block_on(async {
-        tokio::select! {
-            done = work => done,
-            _ = tokio::signal::ctrl_c() => Err(anyhow::anyhow!("interrupted\nrun the same command to begin again")),
+    // In a task of its own, because reading a large data set keeps this thread busy. What is visible in a run folder
+    // is whole at any time, so there is nothing to clean up.
+    runtime.spawn(async {
+        if tokio::signal::ctrl_c().await.is_ok() {
+            eprintln!("\nerror: interrupted\nrun the same command to begin again");
+            std::process::exit(INTERRUPTED);
         }
     });
+    let done = runtime.block_on(work);
     runtime.shutdown_background(); // an evaluation under way in this process is abandoned
     done
 }

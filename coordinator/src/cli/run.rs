@@ -34,8 +34,7 @@ pub struct Run {
     /// Print the summary as one JSON object on standard output, for example for jq
     #[arg(long)]
     json: bool,
-    /// Begin another run although this one is finished, for example after an update: beside it in the default place,
-    /// in its place with --out
+    /// Begin another run beside the one that is there, for example after an update
     #[arg(long)]
     fresh: bool,
     /// Accept unencrypted connections from other machines, for example inside a trusted network

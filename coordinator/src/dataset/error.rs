@@ -3,6 +3,8 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use super::Clouds;
+
 /// Where a cloud was named.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Place {
@@ -183,14 +185,14 @@ pub enum DatasetError {
     },
 
     /// A split without a cloud.
-    #[error(
-        "split {split}: at least one usable cloud expected, got none of {listed} listed\nlist clouds for it, or look at why they are skipped"
-    )]
+    #[error("split {split}: at least one usable cloud expected, got none of {listed} listed\n{advice}")]
     EmptySplit {
         /// The split.
         split: &'static str,
         /// Clouds in it before any was skipped.
         listed: usize,
+        /// What to do, and why clouds were skipped.
+        advice: String,
     },
 
     /// A rule that cannot split these clouds.
@@ -229,4 +231,30 @@ pub enum DatasetError {
         /// Paths of the first of them.
         first: Vec<String>,
     },
+}
+
+/// Skipped clouds named in a message; the others are only counted.
+const NAMED_SKIPS: usize = 5;
+
+impl DatasetError {
+    /// No cloud is assigned to a split.
+    pub(super) fn no_cloud(split: &'static str) -> Self {
+        Self::EmptySplit { split, listed: 0, advice: "assign clouds to it".to_owned() }
+    }
+
+    /// Every cloud of a split was skipped: says why, and what the whole set looks like.
+    pub(super) fn all_skipped(split: &'static str, listed: usize, clouds: &Clouds) -> Self {
+        let mut advice = "list other clouds, or mend these:".to_owned();
+        let skipped: Vec<_> = clouds.skipped.iter().filter(|skipped| skipped.split == split).collect();
+        for skipped in skipped.iter().take(NAMED_SKIPS) {
+            advice += &format!("\n  {}: {}", skipped.path, skipped.reason);
+        }
+        if skipped.len() > NAMED_SKIPS {
+            advice += &format!("\n  and {} more", skipped.len() - NAMED_SKIPS);
+        }
+        for warning in &clouds.warnings {
+            advice += &format!("\n{warning}");
+        }
+        Self::EmptySplit { split, listed, advice }
+    }
 }

@@ -26,6 +26,7 @@ use check::{check_overlap, unrecognisable_warning};
 use layout::Labels;
 use load::{Numbers, load};
 use root::Root;
+pub(crate) use root::read_file;
 
 /// Names of the splits in TOML, manifests, messages and results, in the order in which they enter the data digest.
 pub const SPLITS: [&str; 4] = ["train1", "train2", "validation", "test"];
@@ -145,7 +146,7 @@ impl Dataset {
         let (mut clouds, indices) = load(&root, &lists, preprocess, settings.skip_unreadable)?;
         for (split, name) in SPLITS.into_iter().enumerate() {
             if indices[split].is_empty() && !split::may_be_empty(&settings.splits, split) {
-                return Err(DatasetError::EmptySplit { split: name, listed: lists[split].len() });
+                return Err(DatasetError::all_skipped(name, lists[split].len(), &clouds));
             }
         }
         if let Some(first) = ignored.first() {
@@ -212,7 +213,7 @@ impl Listing {
         }
         for (side, listed) in SIDES.into_iter().zip(&lists) {
             if listed.is_empty() {
-                return Err(DatasetError::EmptySplit { split: side, listed: 0 });
+                return Err(DatasetError::no_cloud(side));
             }
         }
         check_overlap(&SIDES, &lists)?;

@@ -71,7 +71,7 @@ impl Root {
 }
 
 /// All bytes of a file of bounded size, or why not.
-pub(super) fn read_file(file: &Path) -> Result<Vec<u8>, String> {
+pub(crate) fn read_file(file: &Path) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::new();
     let opened = File::open(file).map_err(|error| error.to_string())?;
     let length = opened.metadata().map_err(|error| error.to_string())?.len();

@@ -32,7 +32,7 @@ pub(super) fn split(
     };
     for (split, name) in SPLITS.into_iter().enumerate() {
         if splits[split].is_empty() && !may_be_empty(&settings.splits, split) {
-            return Err(DatasetError::EmptySplit { split: name, listed: 0 });
+            return Err(DatasetError::no_cloud(name));
         }
     }
     Ok(splits)

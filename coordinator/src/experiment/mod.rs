@@ -81,8 +81,10 @@ pub struct CoordinatorSettings {
     pub local_workers: LocalWorkers,
     /// A worker that has not polled for this long is given up.
     pub lease: Duration,
+    /// A job without a result for this long is given to another worker, too.
+    pub job: Duration,
     /// Failures after which a job stops the run, at least 1.
-    pub max_attempts: u32,
+    pub max_failures: u32,
     /// How long the run waits for another worker after it lost the last one.
     pub worker_grace: Duration,
 }

@@ -429,9 +429,12 @@ pub(super) struct RawCoordinator {
     /// A worker that was not heard of for this long is given up, and its jobs go to others.
     #[schemars(range(min = 2, max = 3600))]
     pub lease_seconds: u32,
-    /// A job that failed this many times stops the run.
+    /// A job without a result for this long is given to another worker, too, and counts as failed once.
+    #[schemars(range(min = 1, max = 604_800))]
+    pub job_seconds: u32,
+    /// A job that failed this many times stops the run. Workers that are lost do not count.
     #[schemars(range(min = 1, max = 100))]
-    pub max_attempts: u32,
+    pub max_failures: u32,
     /// How long the run waits for another worker after it lost the last one.
     #[schemars(range(min = 0, max = 604_800))]
     pub worker_grace_seconds: u32,
@@ -443,7 +446,8 @@ impl Default for RawCoordinator {
             listen: None,
             local_workers: NumberOr::Word(RawAuto::Auto),
             lease_seconds: 30,
-            max_attempts: 3,
+            job_seconds: 3600,
+            max_failures: 3,
             worker_grace_seconds: 300,
         }
     }

@@ -49,7 +49,8 @@ pub(super) fn resolved_toml(experiment: &Experiment) -> String {
         LocalWorkers::Count(count) => toml.key("local_workers", count),
     }
     toml.key("lease_seconds", coordinator.lease.as_secs());
-    toml.key("max_attempts", coordinator.max_attempts);
+    toml.key("job_seconds", coordinator.job.as_secs());
+    toml.key("max_failures", coordinator.max_failures);
     toml.key("worker_grace_seconds", coordinator.worker_grace.as_secs());
     toml.section("results");
     match &experiment.results_dir {

@@ -135,7 +135,8 @@ fn the_first_version_of_the_file_stays_readable() {
         listen: Some(SocketAddr::from(([127, 0, 0, 1], 7701))),
         local_workers: LocalWorkers::Count(2),
         lease: Duration::from_secs(20),
-        max_attempts: 5,
+        job: Duration::from_secs(900),
+        max_failures: 5,
         worker_grace: Duration::from_secs(60),
     };
     assert_eq!(sample.coordinator(), &coordinator);

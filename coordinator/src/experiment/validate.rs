@@ -180,7 +180,8 @@ fn coordinator(raw: &RawCoordinator, overrides: Overrides) -> Result<Coordinator
         listen: overrides.listen.or(listen),
         local_workers: overrides.local_workers.unwrap_or(local_workers),
         lease: seconds(between("lease_seconds", raw.lease_seconds, 2, 3600, "seconds")?),
-        max_attempts: between("max_attempts", raw.max_attempts, 1, 100, "attempts")?,
+        job: seconds(between("job_seconds", raw.job_seconds, 1, 604_800, "seconds")?),
+        max_failures: between("max_failures", raw.max_failures, 1, 100, "failures")?,
         worker_grace: seconds(between(
             "worker_grace_seconds",
             raw.worker_grace_seconds,

@@ -78,12 +78,17 @@ impl Progress {
 
     /// Workers came or went, evaluations were finished.
     pub fn news(&mut self, news: &ClusterNews) {
+        for arrival in &news.arrivals {
+            let (threads, build) = (arrival.introduction.threads, &arrival.introduction.build);
+            self.say(&format!("worker {}: joined, {threads} threads, {build}", arrival.label));
+        }
         for farewell in &news.farewells {
             let leases = farewell.leases;
-            self.say(&format!("worker {}: {}, {leases} leases handed back", farewell.label, farewell.reason));
+            let leases = if leases == 1 { "1 lease".to_owned() } else { format!("{leases} leases") };
+            self.say(&format!("worker {}: {}, {leases} handed back", farewell.label, farewell.reason));
         }
-        let changed = self.workers != news.workers.len() || !news.finished.is_empty();
-        self.workers = news.workers.len();
+        let changed = self.workers != news.workers || !news.finished.is_empty();
+        self.workers = news.workers;
         self.finished += news.finished.len() as u64;
         if changed {
             self.redraw();

@@ -37,6 +37,20 @@ pub fn counts(result: &EvaluationResult) -> Counts {
     }
 }
 
+/// The counts of a result whose matches are known, from the matches: what the table of predictions shows.
+pub fn recount(dataset: &Dataset, matching: Matching, result: &EvaluationResult) -> Counts {
+    let database = matching.database_clouds(dataset);
+    let entries = &dataset.clouds.entries;
+    let queries = matching.query_clouds(dataset).iter().map(|&index| &entries[index as usize]);
+    let mut counts = Counts { object_correct: 0, category_correct: 0, queries: result.queries };
+    for (query, found) in queries.zip(&result.matches) {
+        let nearest = &entries[database[found.nearest as usize] as usize];
+        counts.object_correct += u32::from(nearest.instance == query.instance);
+        counts.category_correct += u32::from(nearest.category == query.category);
+    }
+    counts
+}
+
 /// A generation's individuals; `computed` names those whose descriptor was new.
 pub fn evaluations(
     generation: u32,

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use descriptor::GENES;
+use descriptor::{GENES, GeneSpec};
 use results::{Counts, RunRow};
 use serde_json::{Map, Value, json};
 
@@ -18,6 +18,8 @@ pub struct Summary {
     pub run: RunRow,
     /// Digest over everything that determines and makes up the result.
     pub run_digest: String,
+    /// Clouds that took no part.
+    pub skipped: usize,
     /// The run folder.
     pub out: PathBuf,
 }
@@ -32,8 +34,7 @@ impl Summary {
         };
         row("experiment", format!("{}, seed {}", run.name, run.seed));
         let known = StopReason::ALL.into_iter().find(|reason| reason.as_str() == run.stop_reason);
-        let reason =
-            known.map_or_else(|| run.stop_reason.clone(), |reason| format!("{reason} ({})", run.stop_reason));
+        let reason = known.map_or_else(|| run.stop_reason.clone(), |reason| reason.to_string());
         row("stopped", format!("after generation {}: {reason}", run.generations));
         row("winner", format!("generation {}, individual {}", run.winner_generation, run.winner_individual));
         for (spec, value) in GENES.iter().zip(&run.best_genes) {
@@ -59,6 +60,9 @@ impl Summary {
                 ),
             );
         }
+        if self.skipped > 0 {
+            row("skipped", format!("{} clouds, see table skipped", self.skipped));
+        }
         row(
             "evaluations",
             format!("{} computed, {} remembered", run.evaluations_computed, run.evaluations_remembered),
@@ -72,21 +76,12 @@ impl Summary {
     /// The same as one JSON object; errors are fractions.
     pub fn json(&self) -> Value {
         let run = &self.run;
-        let best: Map<String, Value> = GENES
-            .iter()
-            .zip(&run.best_genes)
-            .filter_map(|(spec, value)| {
-                let value = (*value)?;
-                let number = if spec.is_integer() { json!(value as u32) } else { json!(value) };
-                Some((spec.name.to_owned(), number))
-            })
-            .collect();
         let object = |counts: Option<Counts>| counts.map(|counts| counts.object_error());
         let category = |counts: Option<Counts>| counts.map(|counts| counts.category_error());
         json!({
             "name": run.name,
             "seed": run.seed,
-            "best": best,
+            "best": genes_json(&run.best_genes),
             "train_error": object(Some(run.train)),
             "train_category_error": category(Some(run.train)),
             "validation_error": object(run.validation),
@@ -102,6 +97,7 @@ impl Summary {
             "winner_generation": run.winner_generation,
             "stop_reason": run.stop_reason,
             "seconds": run.seconds,
+            "skipped": self.skipped,
             "data_digest": run.data_digest,
             "run_digest": self.run_digest,
             "out": path_text(&self.out),
@@ -111,6 +107,14 @@ impl Summary {
     fn errors(&self) -> [(&'static str, Option<Counts>); 3] {
         [("train", Some(self.run.train)), ("validation", self.run.validation), ("test", self.run.test)]
     }
+}
+
+/// Gene values by name; genes that are not used are left out.
+pub fn genes_json(values: &[Option<f64>]) -> Map<String, Value> {
+    let number =
+        |spec: &GeneSpec, value: f64| if spec.is_integer() { json!(value as u32) } else { json!(value) };
+    let genes = GENES.iter().zip(values);
+    genes.filter_map(|(spec, value)| Some((spec.name.to_owned(), number(spec, (*value)?)))).collect()
 }
 
 fn path_text(path: &Path) -> String {

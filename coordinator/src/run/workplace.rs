@@ -1,10 +1,10 @@
 //! Where a run's evaluations happen: a cluster with the data set released to it, and whoever works there.
 
-use std::net::SocketAddr;
 use std::sync::Arc;
 
 use descriptor::Parameters;
 use results::Counts;
+use tokio::net::TcpListener;
 
 use crate::cluster::{Cluster, ClusterError};
 use crate::dataset::Dataset;
@@ -13,11 +13,15 @@ use crate::local::{self, Crew};
 use crate::run::rows;
 use crate::run::splits::{Matching, SplitBlobs};
 use crate::scheduler::Limits;
-use crate::server::{self, ServerError, Servers};
+use crate::server::Servers;
 use crate::wire;
 
 /// Workers beyond which registration is refused.
 const MAX_WORKERS: usize = 10_000;
+
+/// Workers that one job may take with it: many machines may go for reasons of their own, but a job that brings down
+/// each worker it is given to must end some time.
+const MAX_LOSSES: u32 = 50;
 
 /// A cluster, its data and its doors.
 pub struct Workplace<'a> {
@@ -26,7 +30,6 @@ pub struct Workplace<'a> {
     /// The data set as workers see it.
     pub splits: SplitBlobs<'a>,
     servers: Servers,
-    crew: Option<Crew>,
 }
 
 impl<'a> Workplace<'a> {
@@ -35,29 +38,26 @@ impl<'a> Workplace<'a> {
         let settings = experiment.coordinator();
         let cluster = Cluster::new(Limits {
             lease: settings.lease,
-            max_failures: settings.max_attempts,
+            job: settings.job,
+            max_failures: settings.max_failures,
+            max_losses: MAX_LOSSES,
             worker_grace: settings.worker_grace,
             max_workers: MAX_WORKERS,
         });
         let splits = SplitBlobs::publish(dataset, &cluster.blobs);
         let preparation = wire::preparation(experiment.preprocess(), experiment.genes());
         let servers = Servers::new(Arc::clone(&cluster), preparation);
-        Self { cluster, splits, servers, crew: None }
+        Self { cluster, splits, servers }
     }
 
-    /// Starts in-process workers; returns how many.
-    pub fn staff(&mut self, workers: LocalWorkers) -> usize {
-        let threads = local::threads(workers);
-        self.crew = Some(Crew::start(&mut self.servers, &threads));
-        threads.len()
+    /// Starts in-process workers.
+    pub fn staff(&mut self, workers: LocalWorkers) -> Crew {
+        Crew::start(&mut self.servers, &local::threads(workers))
     }
 
-    /// Lets remote workers in; returns the address they find.
-    pub async fn listen(&mut self, address: SocketAddr, insecure: bool) -> Result<SocketAddr, ServerError> {
-        let listener = server::bind(address, insecure).await?;
-        let address = listener.local_addr().unwrap_or(address);
+    /// Lets remote workers in.
+    pub async fn open(&mut self, listener: TcpListener) {
         self.servers.serve_tcp(listener).await;
-        Ok(address)
     }
 
     /// Training counts of some descriptors, in their order.
@@ -66,12 +66,5 @@ impl<'a> Workplace<'a> {
             |parameters: &Parameters| self.splits.evaluation(*parameters, Matching::Train, false);
         let finished = self.cluster.evaluate(parameters.iter().map(evaluation).collect(), |_| {}).await?;
         Ok(finished.iter().map(|finished| rows::counts(&finished.result)).collect())
-    }
-
-    /// Lets the in-process workers say goodbye.
-    pub async fn close(mut self) {
-        if let Some(crew) = self.crew.take() {
-            crew.stop().await;
-        }
     }
 }

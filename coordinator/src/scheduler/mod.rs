@@ -12,15 +12,19 @@ use proto::{JobId, Lease, WorkerId};
 
 use crate::evaluation::{Evaluation, EvaluationResult};
 use worker::Worker;
-pub use worker::{Farewell, Introduction, WorkerSummary};
+pub use worker::{Arrival, Farewell, Introduction};
 
 /// Bounds that the experiment sets.
 #[derive(Clone, Copy, Debug)]
 pub struct Limits {
     /// A worker that has not polled for this long is given up, and its leases with it.
     pub lease: Duration,
-    /// Failures (reports of failure and lost workers) after which a job stops the run.
+    /// A lease without a result for this long counts as a failure, and its job is given to another worker, too.
+    pub job: Duration,
+    /// Failures after which a job stops the run.
     pub max_failures: u32,
+    /// Workers lost with a job in hand after which that job stops the run.
+    pub max_losses: u32,
     /// How long a run waits for another worker after it lost the last one.
     pub worker_grace: Duration,
     /// Registered workers beyond which registration is refused.
@@ -84,7 +88,7 @@ pub struct Finished {
     pub worker: String,
     /// Which attempt it was.
     pub attempt: u32,
-    /// From submission to the answer's lease.
+    /// From submission to the lease of the attempt that gave the answer.
     pub queued: Duration,
     /// Seconds on the worker's clock.
     pub run_seconds: f64,
@@ -115,10 +119,23 @@ pub enum Staffing {
 struct Job {
     evaluation: Arc<Evaluation>,
     submitted: Instant,
-    attempts: u32,
-    /// Who works on it now, on which attempt, since when.
-    lease: Option<(WorkerId, u32, Instant)>,
+    /// Who works on it now, on which attempt.
+    lease: Option<(WorkerId, u32)>,
+    /// When each attempt was handed out.
+    handed_out: Vec<Instant>,
     failures: Vec<(WorkerId, String)>,
+    losses: Vec<String>,
+}
+
+impl Job {
+    /// Whether this attempt was ever handed out.
+    fn has_attempt(&self, attempt: u32) -> bool {
+        (1..=self.handed_out.len()).contains(&(attempt as usize))
+    }
+
+    fn failed_on(&self, worker: WorkerId) -> bool {
+        self.failures.iter().any(|(failed, _)| *failed == worker)
+    }
 }
 
 /// All workers and all unfinished jobs of one run.
@@ -132,8 +149,12 @@ pub struct Scheduler {
     finished: Vec<Finished>,
     failed: Option<JobFailed>,
     farewells: Vec<Farewell>,
-    /// Every label ever given, so that none names two workers and a returning worker keeps its own.
+    arrivals: Vec<Arrival>,
+    /// Labels of those who are here and of those who have finished a job: none names two workers in the results,
+    /// and a worker that returns keeps its own.
     labels: BTreeMap<WorkerId, String>,
+    used_labels: BTreeSet<String>,
+    last_look: Option<Instant>,
     alone_since: Option<Instant>,
 }
 
@@ -149,7 +170,10 @@ impl Scheduler {
             finished: Vec::new(),
             failed: None,
             farewells: Vec::new(),
+            arrivals: Vec::new(),
             labels: BTreeMap::new(),
+            used_labels: BTreeSet::new(),
+            last_look: None,
             alone_since: None,
         }
     }
@@ -158,7 +182,8 @@ impl Scheduler {
     pub fn submit(&mut self, evaluation: Arc<Evaluation>, now: Instant) -> JobId {
         let id = JobId(self.next_job);
         self.next_job += 1;
-        let job = Job { evaluation, submitted: now, attempts: 0, lease: None, failures: Vec::new() };
+        let (handed_out, failures, losses) = (Vec::new(), Vec::new(), Vec::new());
+        let job = Job { evaluation, submitted: now, lease: None, handed_out, failures, losses };
         self.jobs.insert(id, job);
         self.waiting.insert(id);
         id
@@ -175,10 +200,12 @@ impl Scheduler {
         }
         let label = match self.labels.get(&id) {
             Some(label) => label.clone(),
-            None => worker::unique_label(&introduction.name, self.labels.values().map(String::as_str)),
+            None => worker::unique_label(&introduction.name, &self.used_labels),
         };
         self.labels.insert(id, label.clone());
-        self.workers.insert(id, Worker::new(label.clone(), introduction, now));
+        self.used_labels.insert(label.clone());
+        self.workers.insert(id, Worker::new(label.clone(), now));
+        self.arrivals.push(Arrival { label: label.clone(), introduction });
         self.alone_since = None;
         Some(label)
     }
@@ -195,7 +222,7 @@ impl Scheduler {
         let mut answer = Answer::default();
         for report in poll.finished {
             answer.acknowledged.push(report.lease);
-            self.accept(id, report);
+            self.accept(id, report, now);
         }
         self.reconcile(id, &poll.held, now, &mut answer.revoked);
         if poll.leaving {
@@ -222,13 +249,36 @@ impl Scheduler {
         Ok(self.lease_jobs(id, wanted, now))
     }
 
-    /// Gives up the workers that have been silent for longer than a lease lasts.
+    /// Gives up the workers that have been silent for longer than a lease lasts, and the leases that have gone on for
+    /// longer than any job may.
+    ///
+    /// To be called often. After a pause between two calls of more than half a lease it was the coordinator that did
+    /// not listen (it was stopped, or its machine slept), so no worker is blamed for that time.
     pub fn expire(&mut self, now: Instant) {
+        let pause = self.last_look.map_or(Duration::ZERO, |last| now.saturating_duration_since(last));
+        self.last_look = Some(now);
+        if pause > self.limits.lease / 2 {
+            for worker in self.workers.values_mut() {
+                worker.forgive(pause, now);
+            }
+        }
         let silent = |worker: &Worker| now.saturating_duration_since(worker.last_seen) > self.limits.lease;
         let lost: Vec<WorkerId> =
             self.workers.iter().filter(|(_, worker)| silent(worker)).map(|(id, _)| *id).collect();
         for id in lost {
             self.remove_worker(id, Farewell::LOST, now);
+        }
+        let late: Vec<(JobId, WorkerId)> = self
+            .workers
+            .iter()
+            .filter_map(|(id, worker)| worker.in_hand().map(|(job, since)| (job, *id, since)))
+            .filter(|(_, _, since)| now.saturating_duration_since(*since) > self.limits.job)
+            .map(|(job, holder, _)| (job, holder))
+            .collect();
+        for (job, holder) in late {
+            self.release(job, now);
+            let failure = format!("{}: no result within {} s", self.label(holder), self.limits.job.as_secs());
+            self.count_failure(job, holder, failure);
         }
     }
 
@@ -259,31 +309,38 @@ impl Scheduler {
         self.failed.as_ref()
     }
 
-    /// The workers that are there, by label.
-    pub fn workers(&self) -> Vec<WorkerSummary> {
-        let mut all: Vec<WorkerSummary> = self.workers.values().map(Worker::summary).collect();
-        all.sort_by(|a, b| a.label.cmp(&b.label));
-        all
+    /// Workers that came since the last call.
+    pub fn drain_arrivals(&mut self) -> Vec<Arrival> {
+        std::mem::take(&mut self.arrivals)
+    }
+
+    /// How many workers there are.
+    pub fn worker_count(&self) -> usize {
+        self.workers.len()
+    }
+
+    /// Whether a job waits for somebody to take it.
+    pub fn has_waiting(&self) -> bool {
+        !self.waiting.is_empty()
     }
 
     /// Takes one report; the first valid answer to a job counts, from whichever lease.
-    fn accept(&mut self, id: WorkerId, report: Report) {
+    fn accept(&mut self, id: WorkerId, report: Report, now: Instant) {
         let Lease { job: job_id, attempt } = report.lease;
         let Some(job) = self.jobs.get(&job_id) else {
             return; // answered before, by this worker or another
         };
         // An attempt that was never handed out is an invention.
-        let known = (1..=job.attempts).contains(&attempt);
+        let known = job.has_attempt(attempt);
         let outcome = report.outcome.and_then(|result| job.evaluation.check(&result).map(|()| result));
         let label = self.label(id);
         match outcome {
             Ok(result) if known => {
                 let Some(job) = self.jobs.remove(&job_id) else { return };
                 self.waiting.remove(&job_id);
-                let mut leased = job.submitted;
-                if let Some((holder, _, since)) = job.lease {
-                    leased = since;
-                    self.forget_lease(holder, job_id);
+                let leased = job.handed_out.get(attempt as usize - 1).copied().unwrap_or(job.submitted);
+                if let Some((holder, _)) = job.lease {
+                    self.forget_lease(holder, job_id, now);
                 }
                 if let Some(worker) = self.workers.get_mut(&id) {
                     worker.finished += 1;
@@ -300,8 +357,8 @@ impl Scheduler {
             Ok(_) => {}
             Err(reason) => {
                 // A failure on a lease that was given up has been counted when it was.
-                if job.lease.is_some_and(|(holder, current, _)| (holder, current) == (id, attempt)) {
-                    self.release(job_id);
+                if job.lease == Some((id, attempt)) {
+                    self.release(job_id, now);
                     self.count_failure(job_id, id, format!("{label}: {reason}"));
                 }
             }
@@ -311,10 +368,10 @@ impl Scheduler {
     /// Brings the leases on our books in line with those the worker says it holds.
     fn reconcile(&mut self, id: WorkerId, held: &[Lease], now: Instant, revoked: &mut Vec<Lease>) {
         let booked: Vec<(JobId, u32)> =
-            self.workers.get(&id).map_or_else(Vec::new, |w| w.leases.iter().map(|(j, a)| (*j, *a)).collect());
+            self.workers.get(&id).map_or_else(Vec::new, |worker| worker.leases().to_vec());
         for (job, attempt) in booked {
             if !held.contains(&Lease { job, attempt }) {
-                self.release(job); // the reply that carried it was lost
+                self.release(job, now); // the reply that carried it was lost
             }
         }
         for &lease in held {
@@ -323,13 +380,13 @@ impl Scheduler {
                 continue;
             };
             match job.lease {
-                Some((holder, attempt, _)) if (holder, attempt) == (id, lease.attempt) => {}
+                Some(current) if current == (id, lease.attempt) => {}
                 // Given up while the worker was out of reach, and nobody else has begun: it may go on.
-                None if (1..=job.attempts).contains(&lease.attempt) => {
-                    job.lease = Some((id, lease.attempt, now));
+                None if job.has_attempt(lease.attempt) && !job.failed_on(id) => {
+                    job.lease = Some((id, lease.attempt));
                     self.waiting.remove(&lease.job);
                     if let Some(worker) = self.workers.get_mut(&id) {
-                        worker.leases.insert(lease.job, lease.attempt);
+                        worker.take(lease.job, lease.attempt, now);
                     }
                 }
                 _ => revoked.push(lease),
@@ -340,54 +397,72 @@ impl Scheduler {
     fn lease_jobs(&mut self, id: WorkerId, wanted: usize, now: Instant) -> Vec<(Lease, Arc<Evaluation>)> {
         let mut leased = Vec::new();
         while leased.len() < wanted {
+            // A job taken ahead waits behind another: as long as a worker has none at all, it is better off there.
+            let (mut holds_one, mut idle) = (false, 0);
+            for (other, worker) in &self.workers {
+                if *other == id {
+                    holds_one = !worker.leases().is_empty();
+                } else if worker.leases().is_empty() {
+                    idle += 1;
+                }
+            }
+            if holds_one && self.waiting.len() <= idle {
+                break;
+            }
             let Some(job_id) = self.waiting.iter().copied().find(|job| self.may_try(id, *job)) else { break };
             let (Some(job), Some(worker)) = (self.jobs.get_mut(&job_id), self.workers.get_mut(&id)) else {
                 break;
             };
-            job.attempts += 1;
-            job.lease = Some((id, job.attempts, now));
-            worker.leases.insert(job_id, job.attempts);
+            job.handed_out.push(now);
+            let attempt = job.handed_out.len() as u32;
+            job.lease = Some((id, attempt));
+            worker.take(job_id, attempt, now);
             self.waiting.remove(&job_id);
-            leased.push((Lease { job: job_id, attempt: job.attempts }, Arc::clone(&job.evaluation)));
+            leased.push((Lease { job: job_id, attempt }, Arc::clone(&job.evaluation)));
         }
         leased
     }
 
     /// A job that failed on a worker goes to another one, as long as there is one on which it has not failed.
     fn may_try(&self, id: WorkerId, job: JobId) -> bool {
-        let failed_on =
-            |worker: WorkerId| self.jobs[&job].failures.iter().any(|(failed, _)| *failed == worker);
-        !failed_on(id) || self.workers.keys().all(|worker| failed_on(*worker))
+        let job = &self.jobs[&job];
+        !job.failed_on(id) || self.workers.keys().all(|worker| job.failed_on(*worker))
     }
 
     /// The one place where a worker goes, whoever noticed: its leases go back to the queue, and losing the last
     /// worker starts the grace.
     fn remove_worker(&mut self, id: WorkerId, reason: &'static str, now: Instant) {
         let Some(worker) = self.workers.remove(&id) else { return };
-        for &job in worker.leases.keys() {
-            self.release(job);
+        for &(job, _) in worker.leases() {
+            self.release(job, now);
             if reason == Farewell::LOST {
-                self.count_failure(job, id, format!("{}: {reason}", worker.label));
+                self.count_loss(job, format!("{}: {reason}", worker.label));
             }
         }
         if self.workers.is_empty() {
             self.alone_since = Some(now);
         }
-        self.farewells.push(Farewell { label: worker.label, reason, leases: worker.leases.len() });
+        if worker.finished == 0 {
+            // It is in no result: strangers that come and go must not fill the memory with their names.
+            self.labels.remove(&id);
+            self.used_labels.remove(&worker.label);
+        }
+        let leases = worker.leases().len();
+        self.farewells.push(Farewell { label: worker.label, reason, leases });
     }
 
     /// Ends a job's lease and queues it again.
-    fn release(&mut self, job_id: JobId) {
+    fn release(&mut self, job_id: JobId, now: Instant) {
         let Some(job) = self.jobs.get_mut(&job_id) else { return };
-        if let Some((holder, _, _)) = job.lease.take() {
+        if let Some((holder, _)) = job.lease.take() {
             self.waiting.insert(job_id);
-            self.forget_lease(holder, job_id);
+            self.forget_lease(holder, job_id, now);
         }
     }
 
-    fn forget_lease(&mut self, holder: WorkerId, job: JobId) {
+    fn forget_lease(&mut self, holder: WorkerId, job: JobId, now: Instant) {
         if let Some(worker) = self.workers.get_mut(&holder) {
-            worker.leases.remove(&job);
+            worker.put_down(job, now);
         }
     }
 
@@ -397,6 +472,16 @@ impl Scheduler {
         if job.failures.len() >= self.limits.max_failures as usize && self.failed.is_none() {
             let failures = job.failures.iter().map(|(_, failure)| failure.clone()).collect();
             self.failed = Some(JobFailed { evaluation: Arc::clone(&job.evaluation), failures });
+        }
+    }
+
+    /// A worker went with the job in hand: no fault of the job's, until it has happened too often.
+    fn count_loss(&mut self, job_id: JobId, loss: String) {
+        let Some(job) = self.jobs.get_mut(&job_id) else { return };
+        job.losses.push(loss);
+        if job.losses.len() >= self.limits.max_losses as usize && self.failed.is_none() {
+            let (evaluation, failures) = (Arc::clone(&job.evaluation), job.losses.clone());
+            self.failed = Some(JobFailed { evaluation, failures });
         }
     }
 

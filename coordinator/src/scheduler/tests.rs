@@ -9,7 +9,9 @@ use super::*;
 
 const LIMITS: Limits = Limits {
     lease: Duration::from_secs(30),
+    job: Duration::from_secs(600),
     max_failures: 3,
+    max_losses: 5,
     worker_grace: Duration::from_secs(300),
     max_workers: 4,
 };
@@ -77,8 +79,14 @@ impl Bench {
     }
 
     fn pass(&mut self, seconds: u64) {
-        self.now += Duration::from_secs(seconds);
-        self.scheduler.expire(self.now);
+        for _ in 0..seconds {
+            self.now += Duration::from_secs(1);
+            self.scheduler.expire(self.now);
+        }
+    }
+
+    fn labels(&self) -> Vec<&str> {
+        self.scheduler.workers.values().map(|worker| worker.label.as_str()).collect()
     }
 }
 
@@ -103,12 +111,17 @@ fn a_job_is_leased_once_and_its_answer_acknowledged() {
 #[test]
 fn labels_are_unique_and_kept_by_a_worker_that_returns() {
     let mut bench = Bench::new(2);
-    let labels = |bench: &Bench| bench.scheduler.workers().into_iter().map(|w| w.label).collect::<Vec<_>>();
-    assert_eq!(labels(&bench), ["host", "host-2"]);
+    assert_eq!(bench.labels(), ["host", "host-2"]);
+    bench.submit();
+    let lease = bench.take(2);
+    bench.report(2, lease, good());
     bench.pass(31);
-    assert!(labels(&bench).is_empty());
+    assert!(bench.labels().is_empty());
+    // The first has left no trace in the results: its label is free again. The second's is not.
+    assert_eq!(bench.join(3).as_deref(), Some("host"));
     assert_eq!(bench.join(2).as_deref(), Some("host-2"));
-    assert_eq!(bench.join(3).as_deref(), Some("host-3"));
+    assert_eq!(bench.join(4).as_deref(), Some("host-3"));
+    assert_eq!(bench.scheduler.drain_arrivals().len(), 5);
 }
 
 #[test]
@@ -207,18 +220,57 @@ fn a_failed_job_goes_to_another_worker_and_ends_after_the_limit() {
 }
 
 #[test]
-fn a_failure_on_a_lease_that_was_given_up_is_not_counted_twice() {
+fn a_failure_on_a_lease_that_was_given_up_is_not_counted() {
     let mut bench = Bench::new(1);
     bench.submit();
     let lost = bench.take(1);
-    bench.pass(31); // counted here
+    bench.pass(31);
     bench.join(1);
     bench.join(2);
     let again = bench.take(2);
     bench.report(1, lost, Err("late".to_owned()));
     assert_eq!(bench.poll(2, &[again], 0).revoked, []);
-    bench.report(2, again, Err("second".to_owned()));
+    bench.report(2, again, Err("first".to_owned()));
+    let third = bench.take(1);
+    bench.report(1, third, Err("second".to_owned()));
     assert_eq!(bench.scheduler.failed(), None, "two failures of three");
+    let fourth = bench.take(2);
+    bench.report(2, fourth, Err("third".to_owned()));
+    assert_eq!(bench.scheduler.failed().unwrap().failures.len(), 3);
+}
+
+#[test]
+fn lost_workers_are_no_failures_of_their_jobs_until_there_are_very_many() {
+    let mut bench = Bench::new(0);
+    bench.submit();
+    for number in 1..=LIMITS.max_losses as u8 {
+        assert_eq!(bench.scheduler.failed(), None, "after {} losses", number - 1);
+        bench.join(number);
+        bench.take(number);
+        bench.pass(31);
+    }
+    assert_eq!(bench.scheduler.failed().unwrap().failures.len(), LIMITS.max_losses as usize);
+}
+
+#[test]
+fn a_job_that_hangs_on_a_living_worker_goes_to_another_and_either_answer_counts() {
+    let mut bench = Bench::new(2);
+    let job = bench.submit();
+    let hanging = bench.take(1);
+    for _ in 0..21 {
+        bench.pass(29);
+        assert!(bench.scheduler.drain_farewells().is_empty(), "both workers poll");
+        bench.poll(1, &[hanging], 1);
+        let later = bench.poll(2, &[], 1);
+        if let Some((lease, _)) = later.jobs.first() {
+            assert_eq!(*lease, Lease { job, attempt: 2 });
+            assert_eq!(bench.poll(1, &[hanging], 1).revoked, [hanging], "it is not given back to who hangs");
+            bench.report(1, hanging, good());
+            assert_eq!(bench.scheduler.drain_finished()[0].attempt, 1);
+            return;
+        }
+    }
+    panic!("the job was never given to another worker");
 }
 
 #[test]
@@ -235,7 +287,7 @@ fn answers_to_attempts_that_were_never_handed_out_are_ignored() {
 #[test]
 fn losing_the_last_worker_starts_a_grace_and_never_having_had_one_does_not() {
     let mut bench = Bench::new(0);
-    bench.pass(100_000);
+    bench.pass(1_000);
     assert_eq!(bench.scheduler.staffing(bench.now), Staffing::NotYet);
     bench.join(1);
     assert_eq!(bench.scheduler.staffing(bench.now), Staffing::Staffed);
@@ -246,6 +298,59 @@ fn losing_the_last_worker_starts_a_grace_and_never_having_had_one_does_not() {
     assert_eq!(bench.scheduler.staffing(bench.now), Staffing::GraceOver);
     bench.join(2);
     assert_eq!(bench.scheduler.staffing(bench.now), Staffing::Staffed);
+}
+
+#[test]
+fn nobody_takes_a_job_ahead_while_another_has_none() {
+    let mut bench = Bench::new(2);
+    for _ in 0..2 {
+        bench.submit();
+    }
+    let first = bench.poll(1, &[], 2).jobs;
+    assert_eq!(first.len(), 1);
+    assert_eq!(bench.poll(2, &[], 2).jobs.len(), 1);
+    for _ in 0..2 {
+        bench.submit();
+    }
+    // Now both have one, and may take the next ahead.
+    assert_eq!(bench.poll(1, &[first[0].0], 1).jobs.len(), 1);
+}
+
+#[test]
+fn a_pause_of_the_coordinator_is_not_held_against_its_workers() {
+    let mut bench = Bench::new(1);
+    bench.submit();
+    let lease = bench.take(1);
+    bench.pass(20);
+    bench.now += Duration::from_secs(100_000);
+    bench.scheduler.expire(bench.now);
+    assert_eq!(bench.labels(), ["host"]);
+    assert!(bench.poll(1, &[lease], 0).revoked.is_empty());
+    bench.pass(31);
+    assert!(bench.labels().is_empty(), "silence while the coordinator listens counts");
+}
+
+#[test]
+fn time_in_the_queue_does_not_count_against_a_job() {
+    let mut bench = Bench::new(1);
+    for _ in 0..2 {
+        bench.submit();
+    }
+    let jobs = bench.poll(1, &[], 2).jobs;
+    let (first, second) = (jobs[0].0, jobs[1].0);
+    let work = |bench: &mut Bench, held: &[Lease], seconds: u64| {
+        for _ in 0..seconds / 20 {
+            bench.pass(20);
+            bench.poll(1, held, 0);
+        }
+    };
+    work(&mut bench, &[first, second], 500);
+    bench.report(1, first, good());
+    bench.poll(1, &[second], 0);
+    work(&mut bench, &[second], 500);
+    assert!(bench.poll(1, &[second], 0).revoked.is_empty());
+    bench.report(1, second, good());
+    assert_eq!(bench.scheduler.drain_finished().len(), 2);
 }
 
 #[test]
@@ -316,8 +421,8 @@ proptest! {
                 }
             }
             answered.extend(bench.scheduler.drain_finished().into_iter().map(|finished| finished.job));
-            for lease in bench.scheduler.workers.values().flat_map(|worker| worker.leases.keys()) {
-                prop_assert!(!bench.scheduler.waiting.contains(lease), "leased and waiting at once");
+            for (job, _) in bench.scheduler.workers.values().flat_map(|worker| worker.leases()) {
+                prop_assert!(!bench.scheduler.waiting.contains(job), "leased and waiting at once");
             }
         }
         let unique: BTreeSet<JobId> = answered.iter().copied().collect();

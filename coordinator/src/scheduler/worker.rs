@@ -1,7 +1,7 @@
 //! What the scheduler knows of one worker.
 
-use std::collections::BTreeMap;
-use std::time::Instant;
+use std::collections::BTreeSet;
+use std::time::{Duration, Instant};
 
 use proto::JobId;
 
@@ -34,52 +34,66 @@ impl Farewell {
     pub const LOST: &'static str = "lost: no sign of life within the lease";
 }
 
-/// A worker as progress shows it.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct WorkerSummary {
+/// A worker that came.
+#[derive(Clone, Debug)]
+pub struct Arrival {
     /// Its unique label.
     pub label: String,
-    /// Threads that evaluate.
-    pub threads: u32,
-    /// Which build it is.
-    pub build: String,
-    /// Leases it holds.
-    pub leases: usize,
-    /// Jobs it finished first.
-    pub finished: u64,
+    /// How it introduced itself.
+    pub introduction: Introduction,
 }
 
 pub(super) struct Worker {
     pub(super) label: String,
-    pub(super) introduction: Introduction,
     pub(super) last_seen: Instant,
     pub(super) sequence: u64,
-    pub(super) leases: BTreeMap<JobId, u32>,
     pub(super) finished: u64,
+    /// Jobs and attempts in the order in which it took them, which is the order in which it works on them.
+    leases: Vec<(JobId, u32)>,
+    /// Since when the first lease has been the first: a job taken ahead is not worked on yet.
+    first_since: Instant,
 }
 
 impl Worker {
-    pub(super) fn new(label: String, introduction: Introduction, now: Instant) -> Self {
-        Self { label, introduction, last_seen: now, sequence: 0, leases: BTreeMap::new(), finished: 0 }
+    pub(super) fn new(label: String, now: Instant) -> Self {
+        Self { label, last_seen: now, sequence: 0, finished: 0, leases: Vec::new(), first_since: now }
     }
 
-    pub(super) fn summary(&self) -> WorkerSummary {
-        WorkerSummary {
-            label: self.label.clone(),
-            threads: self.introduction.threads,
-            build: self.introduction.build.clone(),
-            leases: self.leases.len(),
-            finished: self.finished,
+    pub(super) fn leases(&self) -> &[(JobId, u32)] {
+        &self.leases
+    }
+
+    /// The job it works on, and since when.
+    pub(super) fn in_hand(&self) -> Option<(JobId, Instant)> {
+        self.leases.first().map(|(job, _)| (*job, self.first_since))
+    }
+
+    pub(super) fn take(&mut self, job: JobId, attempt: u32, now: Instant) {
+        if self.leases.is_empty() {
+            self.first_since = now;
         }
+        self.leases.push((job, attempt));
+    }
+
+    pub(super) fn put_down(&mut self, job: JobId, now: Instant) {
+        if self.leases.first().is_some_and(|(first, _)| *first == job) {
+            self.first_since = now;
+        }
+        self.leases.retain(|(other, _)| *other != job);
+    }
+
+    /// Takes a pause of the coordinator's out of every reckoning.
+    pub(super) fn forgive(&mut self, pause: Duration, now: Instant) {
+        self.last_seen = (self.last_seen + pause).min(now);
+        self.first_since = (self.first_since + pause).min(now);
     }
 }
 
 /// `name`, or `name-2`, `name-3`, … if that is taken.
-pub(super) fn unique_label<'a>(name: &str, taken: impl Iterator<Item = &'a str> + Clone) -> String {
+pub(super) fn unique_label(name: &str, taken: &BTreeSet<String>) -> String {
     let name = if name.is_empty() { "worker" } else { name };
-    let free = |label: &str| taken.clone().all(|other| other != label);
-    if free(name) {
+    if !taken.contains(name) {
         return name.to_owned();
     }
-    (2u64..).map(|number| format!("{name}-{number}")).find(|label| free(label)).unwrap_or_default()
+    (2u64..).map(|number| format!("{name}-{number}")).find(|label| !taken.contains(label)).unwrap_or_default()
 }

@@ -3,7 +3,7 @@
 use std::fs;
 use std::net::TcpListener;
 
-use crate::experiments::{Experiment, clouds};
+use crate::experiments::{Experiment, clouds, summary};
 use crate::process::{Finished, finish, program, run};
 
 /// The error's own lines.
@@ -186,6 +186,18 @@ fn clouds_without_usable_points_are_skipped_and_named() {
         let finished = run("coordinator", ["check", &data.experiment.path("exp.toml")]).expect_success();
         assert!(finished.stdout.contains("skipped 1"), "{finished}");
         assert!(finished.stderr.contains(reason), "{reason}: {finished}");
+
+        let toml = data.experiment.path("exp.toml");
+        let short = "[ga]\npopulation = 2\n[stop]\ngenerations = 1\nvalidation_patience = \"off\"\n";
+        fs::write(&toml, fs::read_to_string(&toml).unwrap() + short).unwrap();
+        let summary = summary(&data.experiment.run("out", &[]).expect_success());
+        let listed = fs::read_to_string(data.list("test.txt")).unwrap().lines().count() as u64;
+        assert_eq!(
+            (summary["skipped"].as_u64(), summary["test_queries"].as_u64()),
+            (Some(1), Some(listed - 1))
+        );
+        let table = results::read_table(data.experiment.path("out"), results::TableName::Skipped).unwrap();
+        assert_eq!(table.shape().0, 1);
     }
 }
 
@@ -202,7 +214,8 @@ fn ports_and_addresses() {
     };
     check(run_with(&["--listen", &address]), &["the port is in use", &address]);
     check(run_with(&["--listen", "0.0.0.0:0"]), &["--insecure"]);
-    run_with(&["--listen", "nowhere"]).expect_error();
+    let finished = run_with(&["--listen", "nowhere"]).expect_error();
+    assert!(finished.stderr.contains("nowhere") && finished.stderr.contains("--listen"), "{finished}");
 }
 
 #[test]

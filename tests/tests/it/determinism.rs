@@ -1,13 +1,19 @@
 //! One digest, whatever the workers do.
 
+use std::collections::BTreeSet;
+
 use serde_json::Value;
 
 use crate::experiments::{Experiment, summary};
 use crate::process::{Finished, Running, run};
 
 /// Long enough that workers can come and go while it runs, short enough to run several times.
-const SEARCH: &str = "[ga]\npopulation = 8\n[stop]\ngenerations = 25\nvalidation_patience = \"off\"\n\
-    [coordinator]\nlease_seconds = 2\n";
+const SEARCH: &str = "[ga]\npopulation = 8\n[stop]\ngenerations = 60\nstagnation = \"off\"\n\
+    validation_patience = \"off\"\n[coordinator]\nlease_seconds = 2\n";
+
+/// Digest of a tiny search on the clouds of [`clouds`](crate::experiments::clouds). If it changes, say why in
+/// CHANGELOG.md: everybody's digests change with it.
+const GOLDEN: &str = "6096228ec714c2e5de58a83a47f701fe701449c91dbd032216ede9f830f76bf1";
 
 fn digest(finished: &Finished) -> Value {
     summary(finished)["run_digest"].clone()
@@ -20,9 +26,20 @@ fn address(coordinator: &mut Running) -> String {
 }
 
 fn worker(experiment: &Experiment, name: &str, address: &str, cache: &str) -> Running {
+    worker_with(experiment, name, address, cache, "1")
+}
+
+fn worker_with(experiment: &Experiment, name: &str, address: &str, cache: &str, threads: &str) -> Running {
     let cache = experiment.path(cache);
-    let args = ["--coordinator", address, "--name", name, "--threads", "1", "--cache", &cache];
+    let args = ["--coordinator", address, "--name", name, "--threads", threads, "--cache", &cache];
     Running::start(experiment.folder(), name, "worker", args)
+}
+
+/// Who computed evaluations of a run.
+fn workers_of(experiment: &Experiment, out: &str) -> BTreeSet<String> {
+    let frame = results::read_table(experiment.path(out), results::TableName::Evaluations).unwrap();
+    let workers = frame.column("worker").unwrap().str().unwrap().clone();
+    workers.iter().flatten().map(str::to_owned).collect()
 }
 
 #[test]
@@ -37,29 +54,34 @@ fn the_digest_is_the_same_with_one_worker_with_four_and_with_workers_that_die_an
     let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
     let address = address(&mut coordinator);
     let mut victim = worker(&experiment, "victim", &address, "cold-cache");
-    coordinator.wait_for("generation 2/25");
+    coordinator.wait_for("generation 2/60");
     victim.signal("KILL");
     let killed = victim.wait();
     assert!(!killed.status.success());
     assert!(
-        !coordinator.log().contains("generation 25/25"),
+        !coordinator.log().contains("generation 60/60"),
         "the fault came too late:\n{}",
         coordinator.log()
     );
     // Nobody is left: the run goes on only once its jobs have been taken from the dead worker.
     coordinator.wait_for("worker victim: lost");
-    let mut second = worker(&experiment, "second", &address, "cold-cache");
-    coordinator.wait_for("generation 5/25");
+    let mut second = worker_with(&experiment, "second", &address, "cold-cache", "4");
+    coordinator.wait_for("generation 5/60");
     let mut late = worker(&experiment, "late", &address, "late-cache");
     late.wait_for("joined as late");
+    assert!(
+        !coordinator.log().contains("generation 60/60"),
+        "the fault came too late:\n{}",
+        coordinator.log()
+    );
+    second.signal("TERM");
+    second.wait().expect_success();
     let finished = coordinator.wait().expect_success();
     assert_eq!(digest(&finished), digest(&one));
-    for (running, name) in [(&mut second, "second"), (&mut late, "late")] {
-        // The coordinator is gone: workers wait for the next one, and stop when they are told to.
-        running.signal("TERM");
-        let stopped = running.wait().expect_success();
-        assert!(stopped.stderr.contains(&format!("joined as {name}")), "{stopped}");
-    }
+    assert_eq!(workers_of(&experiment, "processes"), ["late", "second", "victim"].map(str::to_owned).into());
+    // The coordinator is gone: a worker waits for the next one, and stops when it is told to.
+    late.signal("TERM");
+    late.wait().expect_success();
 
     // Again, with what the workers kept of the first time.
     let args = experiment.run_args("warm", &["--local-workers", "0"]);
@@ -69,7 +91,8 @@ fn the_digest_is_the_same_with_one_worker_with_four_and_with_workers_that_die_an
     let finished = coordinator.wait().expect_success();
     assert_eq!(digest(&finished), digest(&one));
     warm.signal("TERM");
-    warm.wait().expect_success();
+    let warm = warm.wait().expect_success();
+    assert!(warm.stderr.contains(" clouds, 0 of them fetched"), "the cache was not used: {warm}");
 }
 
 #[test]
@@ -79,7 +102,7 @@ fn a_worker_that_is_told_to_stop_hands_its_jobs_back_and_the_run_goes_on_at_once
     let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
     let address = address(&mut coordinator);
     let mut first = worker(&experiment, "first", &address, "cache");
-    coordinator.wait_for("generation 2/25");
+    coordinator.wait_for("generation 2/60");
     first.signal("TERM");
     let left = first.wait().expect_success();
     assert!(left.stderr.contains("left"), "{left}");
@@ -110,9 +133,14 @@ fn a_worker_waits_for_a_coordinator_that_is_not_there_yet() {
         "--listen".to_owned(),
         address,
     ];
-    run("coordinator", args).expect_success();
+    let first = run("coordinator", &args).expect_success();
+    // Another coordinator at the same address numbers its jobs from 1 again: the worker starts afresh with it.
+    let second = run("coordinator", args.iter().cloned().chain(["--fresh".to_owned()])).expect_success();
+    assert_eq!(digest(&first), digest(&second));
+    assert_ne!(summary(&first)["out"], summary(&second)["out"]);
     early.signal("TERM");
-    early.wait().expect_success();
+    let early = early.wait().expect_success();
+    assert_eq!(early.stderr.matches("joined as early").count(), 2, "{early}");
 }
 
 #[test]
@@ -120,6 +148,7 @@ fn seed_and_labels_change_the_digest_and_names_and_paths_do_not() {
     let experiment =
         Experiment::new("[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n");
     let base = digest(&experiment.run("a", &[]).expect_success());
+    assert_eq!(base, GOLDEN);
     assert_ne!(base, digest(&experiment.run("seed", &["--seed", "6"]).expect_success()));
 
     // The same clouds elsewhere under another experiment's name: the same rows. One line of a split gone: others.

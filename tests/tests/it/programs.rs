@@ -87,6 +87,35 @@ fn a_tampered_cell_is_found() {
 }
 
 #[test]
+fn verification_notices_other_data() {
+    let experiment = Experiment::with(&format!("version = 1\n[dataset]\nroot = \"data\"\n{SHORT}"));
+    let data = experiment.path("data");
+    run("coordinator", ["synth", &data, "--objects", "2", "--views", "6"]).expect_success();
+    experiment.run("out", &[]).expect_success();
+    run("coordinator", ["verify", &experiment.path("out")]).expect_success();
+    // The data set may move.
+    let moved = experiment.path("moved");
+    fs::rename(&data, &moved).unwrap();
+    run("coordinator", ["verify", &experiment.path("out"), "--data", &moved]).expect_success();
+    let list = fs::read_to_string(Path::new(&moved).join("test.txt")).unwrap();
+    let cloud = Path::new(&moved).join(list.lines().next().unwrap());
+    let other = Path::new(&moved).join(list.lines().next_back().unwrap());
+    fs::copy(other, cloud).unwrap();
+    let verified = run("coordinator", ["verify", &experiment.path("out"), "--data", &moved]).expect_error();
+    assert!(verified.stdout.contains("data: digest: expected"), "{verified}");
+}
+
+#[test]
+fn a_taken_default_port_does_not_stop_a_run_with_workers_of_its_own() {
+    // Taken by this test or by somebody else: both will do.
+    let _taken = std::net::TcpListener::bind(coordinator::run::DEFAULT_LISTEN);
+    let experiment = Experiment::new(SHORT);
+    let args = ["run", &experiment.path("exp.toml"), "--out", &experiment.path("out")];
+    let finished = run("coordinator", args).expect_success();
+    assert!(finished.stderr.contains("port 7700 is in use"), "{finished}");
+}
+
+#[test]
 fn a_run_shows_a_table_for_people() {
     let experiment = Experiment::new(SHORT);
     let args = experiment.run_args("out", &[]);
@@ -119,6 +148,13 @@ fn an_interrupted_run_begins_again_and_gives_the_same() {
     assert!(second.stderr.contains("in use"), "{second}");
     running.signal("KILL");
     assert!(!running.wait().status.success());
+
+    let mut running =
+        Running::start(experiment.folder(), "again", "coordinator", experiment.run_args("out", &[]));
+    running.wait_for("generation 2/30");
+    running.signal("INT");
+    let interrupted = running.wait().expect_error();
+    assert!(interrupted.stderr.contains("error: interrupted"), "{interrupted}");
 
     let resumed = experiment.run("out", &[]).expect_success();
     assert!(resumed.stderr.contains("unfinished, begins again"), "{resumed}");

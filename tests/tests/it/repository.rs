@@ -156,9 +156,18 @@ fn the_readme_has_the_commands_that_ci_runs() {
 }
 
 #[test]
+fn the_readmes_rust_example_is_the_one_that_is_compiled() {
+    let example = read("results/examples/best_fitness.rs");
+    let (_, code) = example.split_once('\n').unwrap();
+    assert!(read("README.md").contains(&format!("```rust\n{code}```")), "README.md: the example has changed");
+}
+
+#[test]
 fn documents_name_no_machine_and_committed_files_are_small() {
     let output = Command::new("git").args(["ls-files"]).current_dir(repository()).output().unwrap();
-    for file in String::from_utf8(output.stdout).unwrap().lines() {
+    let files = String::from_utf8(output.stdout).unwrap();
+    assert!(files.lines().count() > 50, "git ls-files: {}", String::from_utf8_lossy(&output.stderr));
+    for file in files.lines() {
         let path = repository().join(file);
         let Ok(metadata) = fs::metadata(&path) else { continue };
         assert!(metadata.len() < 1 << 20, "{file}: over 1 MiB");

@@ -213,7 +213,7 @@ fn splits_without_a_cloud() {
         |fixture| fixture.write("validation.txt", "# nothing yet\n"),
         expect![[r#"
             split validation: at least one usable cloud expected, got none of 0 listed
-            list clouds for it, or look at why they are skipped"#]],
+            assign clouds to it"#]],
     );
     check(
         |fixture| {
@@ -224,7 +224,11 @@ fn splits_without_a_cloud() {
         },
         expect![[r#"
             split train2: at least one usable cloud expected, got none of 4 listed
-            list clouds for it, or look at why they are skipped"#]],
+            list other clouds, or mend these:
+              ball/ball_1/ball_1_1_2.pcd: fewer than 10 usable points, got 0
+              ball/ball_2/ball_2_1_2.pcd: fewer than 10 usable points, got 0
+              cup/cup_1/cup_1_1_2.pcd: fewer than 10 usable points, got 0
+              cup/cup_2/cup_2_1_2.pcd: fewer than 10 usable points, got 0"#]],
     );
 }
 

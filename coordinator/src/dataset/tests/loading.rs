@@ -154,7 +154,7 @@ fn queries_and_a_database_are_listed_without_an_experiment() {
     let error = load(&["test.txt"], &["train2.txt", "test.txt"]).unwrap_err();
     assert!(matches!(error, DatasetError::Overlap { first_split: "query", second_split: "database", .. }));
     let error = load(&["test.txt"], &[]).unwrap_err();
-    assert_eq!(error, DatasetError::EmptySplit { split: "database", listed: 0 });
+    assert_eq!(error, DatasetError::no_cloud("database"));
 }
 
 #[test]

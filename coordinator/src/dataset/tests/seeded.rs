@@ -143,7 +143,7 @@ fn a_split_may_be_empty_only_if_it_was_given_no_share() {
     let dataset = Dataset::load(&settings, &Preprocess::default()).unwrap();
     assert_eq!(lengths(&dataset), [3, 3, 0, 0]);
     let error = drawn(&fixture, rule(0, [0.495, 0.495, 0.0, 0.01])).unwrap_err();
-    assert_eq!(error, DatasetError::EmptySplit { split: "test", listed: 0 });
+    assert_eq!(error, DatasetError::no_cloud("test"));
 }
 
 #[test]

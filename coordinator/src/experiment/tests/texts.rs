@@ -78,7 +78,8 @@ const IRRELEVANT: &[(&str, &str, &[&str])] = &[
     ("coordinator", "listen", &["", "'127.0.0.1:7700'", "'[::1]:0'"]),
     ("coordinator", "local_workers", &["", "0", "3", "'auto'"]),
     ("coordinator", "lease_seconds", &["", "10"]),
-    ("coordinator", "max_attempts", &["", "1"]),
+    ("coordinator", "job_seconds", &["", "60"]),
+    ("coordinator", "max_failures", &["", "1"]),
     ("coordinator", "worker_grace_seconds", &["", "0"]),
     ("results", "dir", &["", "'out'", "'/out'"]),
 ];
@@ -312,7 +313,8 @@ fn the_resolved_text_has_every_default() {
         # listen is not set: 127.0.0.1:7700 if it is free
         local_workers = "auto"
         lease_seconds = 30
-        max_attempts = 3
+        job_seconds = 3600
+        max_failures = 3
         worker_grace_seconds = 300
 
         [results]
@@ -377,7 +379,8 @@ fn the_resolved_text_has_every_default() {
         listen = "127.0.0.1:7701"
         local_workers = 2
         lease_seconds = 20
-        max_attempts = 5
+        job_seconds = 900
+        max_failures = 5
         worker_grace_seconds = 60
 
         [results]

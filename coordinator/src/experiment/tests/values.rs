@@ -266,7 +266,7 @@ fn genes() {
               choose the outer radius of the ring inside these limits
             descriptor.genes.w = 1.01
               descriptor.genes.w: not between 0 and 1, got 1.01
-              choose the weight of shape against colour in the set distance inside these limits
+              choose the weight of shape against colour inside these limits
             descriptor.genes.w = { step = 0.000001 }
               descriptor.genes.w: number of values outside 1 to 65536, got 1000001
               choose a larger step or a smaller interval
@@ -329,7 +329,8 @@ fn coordinator_and_results() {
             "coordinator.listen = 'localhost'",
             "coordinator.local_workers = 1025",
             "coordinator.lease_seconds = 1",
-            "coordinator.max_attempts = 0",
+            "coordinator.job_seconds = 0",
+            "coordinator.max_failures = 0",
             "coordinator.worker_grace_seconds = 604801",
             "results.dir = ''",
             "results.dir = '~/runs'",
@@ -344,8 +345,11 @@ fn coordinator_and_results() {
             coordinator.lease_seconds = 1
               coordinator.lease_seconds: not between 2 and 3600 seconds, got 1
               choose a number inside these limits
-            coordinator.max_attempts = 0
-              coordinator.max_attempts: not between 1 and 100 attempts, got 0
+            coordinator.job_seconds = 0
+              coordinator.job_seconds: not between 1 and 604800 seconds, got 0
+              choose a number inside these limits
+            coordinator.max_failures = 0
+              coordinator.max_failures: not between 1 and 100 failures, got 0
               choose a number inside these limits
             coordinator.worker_grace_seconds = 604801
               coordinator.worker_grace_seconds: not between 0 and 604800 seconds, got 604801
