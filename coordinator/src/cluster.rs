@@ -164,7 +164,8 @@ impl Cluster {
     pub async fn wait_for_worker(&self, mut still_waiting: impl FnMut(Duration)) {
         let begun = Instant::now();
         let mut next = Duration::from_secs(60);
-        while self.look().staffing != Staffing::Staffed {
+        // Without draining what happened: that is for whoever watches the evaluations.
+        while self.scheduler().staffing(Instant::now()) != Staffing::Staffed {
             if begun.elapsed() >= next {
                 still_waiting(begun.elapsed());
                 next += Duration::from_secs(60);

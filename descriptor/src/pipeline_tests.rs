@@ -85,7 +85,7 @@ fn clouds_that_cannot_be_used_are_refused() {
         &cloud,
         &expect![[r#"
             cloud: no colours where colour is wanted
-            set colour = false, or use clouds with an rgb field"#]],
+            use clouds with an rgb field, or do without colour (descriptor.colour = false, --no-colour)"#]],
     );
     let uncoloured = Preprocess { colour: false, ..Preprocess::default() };
     assert_eq!(PreparedCloud::new(&cloud, &uncoloured, &paper()), Err(PrepareError::NoColours));

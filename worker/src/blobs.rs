@@ -59,6 +59,7 @@ pub struct Blobs {
     client: CoordinatorClient<Channel>,
     folder: Option<PathBuf>,
     streams: Semaphore,
+    retries: u32,
     /// Blobs that came over the network.
     fetched: AtomicU64,
     /// Whether it has been said that the folder cannot be written: once is enough.
@@ -72,6 +73,7 @@ impl Blobs {
             client,
             folder,
             streams: Semaphore::new(STREAMS),
+            retries: RETRIES,
             fetched: AtomicU64::new(0),
             warned: AtomicBool::new(false),
         }
@@ -115,7 +117,7 @@ impl Blobs {
         loop {
             match self.fetch_once(digest).await {
                 Err(BlobError::Fetch { status, .. })
-                    if backoff.failures() < RETRIES
+                    if backoff.failures() < self.retries
                         && !matches!(
                             status.code(),
                             Code::NotFound | Code::DataLoss | Code::InvalidArgument
@@ -185,7 +187,7 @@ mod tests {
     fn blobs(folder: &Path) -> Blobs {
         // Nobody listens there: what the test reads must come from the folder.
         let channel = Endpoint::from_static("http://127.0.0.1:1").connect_lazy();
-        Blobs::new(CoordinatorClient::new(channel), Some(folder.to_owned()))
+        Blobs { retries: 0, ..Blobs::new(CoordinatorClient::new(channel), Some(folder.to_owned())) }
     }
 
     #[tokio::test]

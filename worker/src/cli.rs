@@ -113,15 +113,15 @@ fn endpoint(address: &str) -> anyhow::Result<Endpoint> {
         Some("https") => return Err(wrong("encrypted connections are not supported yet")),
         _ => return Err(wrong("must begin with http://")),
     }
-    let Some(authority) = uri.authority().filter(|authority| !authority.host().is_empty()) else {
+    let authority = uri.authority().filter(|authority| !authority.host().is_empty());
+    let Some(authority) = authority.filter(|authority| !authority.as_str().contains('@')) else {
         return Err(wrong("must name a host"));
     };
     if uri.query().is_some() || !matches!(uri.path(), "" | "/") {
         return Err(wrong("must be a host and a port only"));
     }
     // What follows the host must be a port or nothing; the parser lets more pass.
-    let port = authority.as_str().rsplit('@').next().and_then(|text| text.strip_prefix(authority.host()));
-    let port = match port {
+    let port = match authority.as_str().strip_prefix(authority.host()) {
         Some("") => DEFAULT_PORT,
         Some(port) => match port.strip_prefix(':').map(str::parse) {
             Some(Ok(port)) if port > 0 => port,

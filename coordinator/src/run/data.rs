@@ -57,7 +57,7 @@ pub fn open_data(experiment: &Experiment, say: impl Fn(&str)) -> Result<Dataset,
         say(&format!(
             "made {} synthetic clouds in {}",
             synthetic.objects * synthetic.views,
-            settings.root.display()
+            shown(&settings.root)
         ));
     }
     let dataset = Dataset::load(settings, experiment.preprocess())?;
@@ -68,6 +68,13 @@ pub fn open_data(experiment: &Experiment, say: impl Fn(&str)) -> Result<Dataset,
         say(&format!("skipped {} ({}): {}", skipped.path, skipped.split, skipped.reason));
     }
     Ok(dataset)
+}
+
+/// A path as people read it: without detours, from the current folder if it lies below it.
+fn shown(path: &Path) -> String {
+    let real = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+    let here = Path::new(".").canonicalize().unwrap_or_default();
+    real.strip_prefix(&here).unwrap_or(&real).display().to_string()
 }
 
 /// Writes a synthetic data set, whole or not at all; `false` if it was there already.

@@ -6,6 +6,7 @@
 //! - `bad_input`: what users get wrong, and what they are told
 //! - `determinism`: one digest, whatever the workers do
 //! - `protocol`: the coordinator's port as a client sees it
+//! - `impostors`: peers that are not what they seem
 //! - `parity`: agreement with PCL on its reference values
 //! - `repository`: the rules of this repository
 
@@ -17,6 +18,7 @@
 mod bad_input;
 mod determinism;
 mod experiments;
+mod impostors;
 mod parity;
 mod process;
 mod programs;

@@ -163,6 +163,17 @@ fn the_readmes_rust_example_is_the_one_that_is_compiled() {
 }
 
 #[test]
+fn the_readmes_experiment_is_valid() {
+    let readme = read("README.md");
+    let (_, rest) = readme.split_once("```toml\n").unwrap();
+    let (toml, _) = rest.split_once("```").unwrap();
+    let experiment = crate::experiments::Experiment::with(toml);
+    let path = experiment.path("exp.toml");
+    let read = coordinator::experiment::Experiment::read(path.as_ref(), Default::default());
+    assert!(read.is_ok(), "README.md: {}", read.unwrap_err());
+}
+
+#[test]
 fn documents_name_no_machine_and_committed_files_are_small() {
     let output = Command::new("git").args(["ls-files"]).current_dir(repository()).output().unwrap();
     let files = String::from_utf8(output.stdout).unwrap();
