@@ -172,6 +172,22 @@ fn check_prints_the_resolved_experiment_its_clouds_and_the_search_space() {
 }
 
 #[test]
+fn the_demo_leaves_room_to_improve_and_evolution_uses_it() {
+    let experiment = Experiment::with("");
+    let demo = repository().join("experiments/demo.toml").display().to_string();
+    let args = ["run", &demo, "--out", &experiment.path("demo"), "--listen", "127.0.0.1:0", "--json"];
+    let finished = run("coordinator", args).expect_success();
+    let first = results::read_evaluations(experiment.path("demo")).unwrap();
+    // The first generation is random descriptors.
+    let random: Vec<f64> =
+        first.iter().filter(|row| row.generation == 1).map(|row| row.counts.object_error()).collect();
+    let mean = random.iter().sum::<f64>() / random.len() as f64;
+    let best = random.iter().copied().fold(f64::INFINITY, f64::min);
+    let winner = summary(&finished)["train_error"].as_f64().unwrap();
+    assert!(winner < best && winner < 0.75 * mean, "winner {winner}, random best {best} and mean {mean}");
+}
+
+#[test]
 fn every_ready_made_experiment_is_valid() {
     let mut found = 0;
     for entry in fs::read_dir(repository().join("experiments")).unwrap() {
