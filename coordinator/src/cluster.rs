@@ -126,7 +126,7 @@ impl Cluster {
     }
 
     /// Submits evaluations and waits for all of them; results are in the order of submission, whatever the order
-    /// of arrival. `watch` is called after every piece of news with the number of results so far.
+    /// of arrival. `watch` is shown every piece of news.
     pub async fn evaluate(
         &self,
         evaluations: Vec<Evaluation>,

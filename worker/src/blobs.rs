@@ -125,10 +125,11 @@ impl Blobs {
                 {
                     tokio::time::sleep(backoff.next_pause()).await;
                 }
-                fetched => {
+                Ok(bytes) => {
                     self.fetched.fetch_add(1, Ordering::Relaxed);
-                    return fetched;
+                    return Ok(bytes);
                 }
+                Err(error) => return Err(error),
             }
         }
     }

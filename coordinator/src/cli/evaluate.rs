@@ -32,7 +32,7 @@ pub struct Evaluate {
     /// A gene's value, for example R1=1.3; repeatable. The others keep the values of the paper's best descriptor
     #[arg(long, value_name = "gene=value")]
     set: Vec<String>,
-    /// Threads, for example 1; all cores by default
+    /// Threads, for example 1; all cores by default. Seconds of a stage are added up over clouds and threads
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
     /// Edge of a keypoint voxel in centimetres, for example 2

@@ -77,7 +77,8 @@ impl<'a> Search<'a> {
                 correct: correct[best],
                 validation_errors: validation.map(|counts| counts.queries - counts.object_correct),
             };
-            if winner.observe(candidate) {
+            let improved = winner.observe(candidate);
+            if improved {
                 leader = Some((candidate, population[best].clone(), counts[best]));
             }
             best_so_far = best_so_far.max(counts[best].fitness());
@@ -98,7 +99,7 @@ impl<'a> Search<'a> {
                 generation,
                 counts: &counts,
                 best: &population[best].parameters,
-                improved: candidate.generation == winner.get().map_or(0, |winner| winner.generation),
+                improved,
                 validation,
                 remembered: self.remembered,
             });

@@ -60,7 +60,7 @@ fn experiments() {
     }
 }
 
-/// A data set of one object too few lines to be useful, in which one thing is spoiled.
+/// A small data set of its own, in which a test spoils one thing.
 struct Spoiled {
     experiment: Experiment,
 }
