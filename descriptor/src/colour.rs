@@ -150,7 +150,7 @@ mod tests {
             for binning in &binnings {
                 let m = binning.parameters().colour_bins;
                 assert_eq!(
-                    usize::from(binning.colour[class]),
+                    binning.colour.get(class as u16),
                     oracle::colour_bin(colour, m),
                     "{colour:?}, {m}"
                 );

@@ -1,49 +1,46 @@
 //! χ² distance of histograms, and matrices of it.
 
+use pulp::NullaryFnOnce;
 use rayon::prelude::*;
 
-use crate::summary::Part;
+use crate::summary::Parts;
+use crate::wide::widest;
 
-/// Independent sums of a χ² distance: value i goes to sum i mod `LANES`.
-const LANES: usize = 16;
+/// Clouds of a database that are compared with a query at once.
+pub(crate) const LANES: usize = 16;
+
+/// Sums a + b below this count as this, so that two of them can be multiplied; what it changes in a term is less.
+const LEAST: f32 = 1e-18;
 
 /// χ² distance Σ (a − b)² / (2(a + b)) of two histograms of equal length; a term with a + b = 0 is 0 (DESIGN 5.7).
 ///
-/// Terms and sums are f32: twice as many fit a register as f64, and matching is mostly divisions. The terms are added
-/// in sixteen sums, and those pairwise, whatever the target, so the result is the same on all of them.
+/// In f32, in the order of the bins, two terms (of bins 2i and 2i + 1) over one denominator: matching is mostly
+/// divisions.
 ///
 /// # Panics
 /// If the lengths differ: a programming error.
 pub fn chi_squared(a: &[f32], b: &[f32]) -> f32 {
     assert_eq!(a.len(), b.len(), "histograms of different descriptors");
-    let mut sums = [0.0f32; LANES];
-    let (a, a_rest) = a.as_chunks::<LANES>();
-    let (b, b_rest) = b.as_chunks::<LANES>();
-    for (a, b) in a.iter().zip(b) {
-        for lane in 0..LANES {
-            sums[lane] += term(a[lane], b[lane]);
-        }
+    let (a, a_last) = a.as_chunks::<2>();
+    let (b, b_last) = b.as_chunks::<2>();
+    let pairs = a.iter().zip(b).fold(0.0, |sum, (&a, &b)| sum + two_terms(a, b));
+    match (a_last, b_last) {
+        ([a], [b]) => 0.5 * (pairs + two_terms([*a, 0.0], [*b, 0.0])),
+        _ => 0.5 * pairs,
     }
-    for (sum, (&a, &b)) in sums.iter_mut().zip(a_rest.iter().zip(b_rest)) {
-        *sum += term(a, b);
-    }
-    let mut width = LANES / 2;
-    while width > 0 {
-        for lane in 0..width {
-            sums[lane] += sums[lane + width];
-        }
-        width /= 2;
-    }
-    sums[0]
 }
 
-/// One term. Where a + b = 0 it divides 0 by the smallest normal number, which saves a branch.
+/// Twice the terms of two bins.
 #[inline(always)]
-fn term(a: f32, b: f32) -> f32 {
-    let difference = a - b;
-    let twice = 2.0 * (a + b);
-    let divisor = if twice > f32::MIN_POSITIVE { twice } else { f32::MIN_POSITIVE };
-    difference * difference / divisor
+fn two_terms(a: [f32; 2], b: [f32; 2]) -> f32 {
+    let (x, y) = (a[0] - b[0], a[1] - b[1]);
+    let (s, t) = (at_least(a[0] + b[0]), at_least(a[1] + b[1]));
+    (x * x * t + y * y * s) / (s * t)
+}
+
+#[inline(always)]
+fn at_least(sum: f32) -> f32 {
+    if sum > LEAST { sum } else { LEAST }
 }
 
 /// Distances of every query (row) to every cloud of the database (column).
@@ -53,17 +50,100 @@ pub struct DistanceMatrix {
     values: Vec<f32>,
 }
 
+/// A database turned so that a bin of [`LANES`] clouds lies in one vector.
+pub(crate) struct Turned {
+    /// Pairs of bins of one cloud.
+    pairs: usize,
+    /// Block after block of [`LANES`] clouds (the last filled up with zeros), in each pair after pair of bins: those
+    /// of the centroids, then those of the deviations.
+    blocks: Vec<[[f32; LANES]; 2]>,
+}
+
+impl Turned {
+    /// Turns the parts of a database.
+    pub(crate) fn new(database: &Parts) -> Self {
+        let pairs = 2 * database.bins().div_ceil(2);
+        let mut blocks = vec![[[0.0; LANES]; 2]; database.clouds().div_ceil(LANES) * pairs];
+        for cloud in 0..database.clouds() {
+            let block = &mut blocks[cloud / LANES * pairs..][..pairs];
+            let (centroids, deviations) = block.split_at_mut(pairs / 2);
+            for (half, values) in [centroids, deviations].into_iter().zip(database.get(cloud)) {
+                for (bin, &value) in values.iter().enumerate() {
+                    half[bin / 2][bin % 2][cloud % LANES] = value;
+                }
+            }
+        }
+        Self { pairs, blocks }
+    }
+
+    /// One query's distances to every cloud; `row` has room for the whole blocks.
+    pub(crate) fn distances(&self, [centroid, deviation]: [&[f32]; 2], row: &mut [[f32; LANES]]) {
+        if self.pairs == 0 {
+            row.fill([0.0; LANES]);
+            return;
+        }
+        widest(Distances { pairs: self.pairs / 2, blocks: &self.blocks, centroid, deviation, row });
+    }
+}
+
+/// The kernel of [`Turned::distances`]: each lane is [`chi_squared`] of centroids plus that of deviations.
+struct Distances<'a> {
+    pairs: usize,
+    blocks: &'a [[[f32; LANES]; 2]],
+    centroid: &'a [f32],
+    deviation: &'a [f32],
+    row: &'a mut [[f32; LANES]],
+}
+
+impl NullaryFnOnce for Distances<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        for (block, row) in self.blocks.chunks_exact(2 * self.pairs).zip(self.row) {
+            let (centroids, deviations) = block.split_at(self.pairs);
+            let centroids = lanes(self.centroid, centroids);
+            let deviations = lanes(self.deviation, deviations);
+            for lane in 0..LANES {
+                row[lane] = 0.5 * centroids[lane] + 0.5 * deviations[lane];
+            }
+        }
+    }
+}
+
+/// Twice the χ² distances of one histogram to those of a block.
+#[inline(always)]
+fn lanes(query: &[f32], block: &[[[f32; LANES]; 2]]) -> [f32; LANES] {
+    let mut sums = [0.0f32; LANES];
+    let (pairs, last) = query.as_chunks::<2>();
+    let last = last.first().map(|&last| [last, 0.0]);
+    for (a, b) in pairs.iter().chain(&last).zip(block) {
+        for lane in 0..LANES {
+            sums[lane] += two_terms(*a, [b[0][lane], b[1][lane]]);
+        }
+    }
+    sums
+}
+
 impl DistanceMatrix {
     /// The distances of one part of the descriptor, computed by the current rayon pool.
-    pub fn new(queries: &[&Part], database: &[&Part]) -> Self {
-        let columns = database.len();
-        let mut values = vec![0.0; queries.len() * columns];
-        if columns > 0 {
-            values.par_chunks_exact_mut(columns).zip(queries).for_each(|(row, query)| {
-                for (value, entry) in row.iter_mut().zip(database) {
-                    *value = query.distance(entry);
-                }
-            });
+    ///
+    /// # Panics
+    /// If queries and database are of different descriptors: a programming error.
+    pub fn new(queries: &Parts, database: &Parts) -> Self {
+        let (rows, columns) = (queries.clouds(), database.clouds());
+        let mut values = vec![0.0; rows * columns];
+        if rows > 0 && columns > 0 {
+            assert_eq!(queries.bins(), database.bins(), "parts of different descriptors");
+            let turned = Turned::new(database);
+            let blocks = columns.div_ceil(LANES);
+            values.par_chunks_exact_mut(columns).enumerate().for_each_init(
+                || vec![[0.0; LANES]; blocks],
+                |row, (query, values)| {
+                    turned.distances(queries.get(query), row);
+                    values.copy_from_slice(&row.as_flattened()[..columns]);
+                },
+            );
         }
         Self { columns, values }
     }
@@ -89,6 +169,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::summary::Part;
 
     fn plain(a: &[f32], b: &[f32]) -> f64 {
         let pairs = a.iter().zip(b).map(|(&a, &b)| (f64::from(a), f64::from(b)));
@@ -124,13 +205,13 @@ mod tests {
         let part = |values: [f32; 2]| Part { centroid: values.to_vec(), deviation: vec![0.0, values[0]] };
         let (queries, database) =
             ([part([0.1, 0.9]), part([0.4, 0.6])], [part([1.0, 0.0]), part([0.4, 0.6]), part([0.0, 1.0])]);
-        let matrix = DistanceMatrix::new(&queries.each_ref(), &database.each_ref());
+        let matrix = DistanceMatrix::new(&queries.iter().collect(), &database.iter().collect());
         for (row, query) in queries.iter().enumerate() {
             let expected: Vec<f32> = database.iter().map(|entry| query.distance(entry)).collect();
             assert_eq!(matrix.row(row), expected);
         }
         assert_eq!(matrix.row(1)[1], 0.0);
-        let empty = DistanceMatrix::new(&queries.each_ref(), &[]);
+        let empty = DistanceMatrix::new(&queries.iter().collect(), &Parts::default());
         assert_eq!((empty.columns(), empty.row(1)), (0, [].as_slice()));
     }
 }

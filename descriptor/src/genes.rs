@@ -294,6 +294,26 @@ impl GeneTable {
         }
         Parameters::from_ticks(ticks)
     }
+
+    /// A chromosome that [`GeneTable::decode`] turns into the descriptor, `None` if there is none. Of several it is
+    /// the one whose genes, read as numbers, are the lowest.
+    pub fn encode(&self, parameters: &Parameters, encoding: Encoding) -> Option<Vec<bool>> {
+        if !self.contains(parameters) {
+            return None;
+        }
+        let mut chromosome = Vec::with_capacity(self.bits());
+        for (spec, domain) in self.genes() {
+            let index = u64::from((parameters.ticks(spec.kind) - domain.low) / domain.step.max(1));
+            // The lowest k with ⌊k·n/2^b⌋ = index.
+            let number = (index << domain.bits()).div_ceil(u64::from(domain.count));
+            let code = match encoding {
+                Encoding::Binary => number,
+                Encoding::Gray => number ^ number >> 1,
+            };
+            chromosome.extend((0..domain.bits()).rev().map(|bit| code >> bit & 1 == 1));
+        }
+        Some(chromosome)
+    }
 }
 
 /// The five parameters of one descriptor, in exact units: equal descriptors are equal values.
@@ -443,6 +463,21 @@ mod tests {
     }
 
     #[test]
+    fn of_all_chromosomes_of_a_descriptor_the_lowest_is_made() {
+        let table = GeneTable::paper();
+        let mut lowest = BTreeMap::new();
+        for number in 0..64u64 {
+            let mut chromosome = vec![false; table.bits()];
+            chromosome[..6].copy_from_slice(&bits_of(number, 6));
+            lowest.entry(table.decode(&chromosome, Encoding::Binary)).or_insert(chromosome);
+        }
+        assert_eq!(lowest.len(), 57);
+        for (parameters, chromosome) in lowest {
+            assert_eq!(table.encode(&parameters, Encoding::Binary), Some(chromosome));
+        }
+    }
+
+    #[test]
     fn decimal_values_are_the_nearest_doubles() {
         assert_eq!(Parameters::PAPER_BEST.value(GeneKind::DiskRadius), 1.3);
         assert_eq!(Parameters::PAPER_BEST.disk_radius(), 0.013);
@@ -482,8 +517,13 @@ mod tests {
             let chromosome: Vec<bool> = gene.iter().copied().cycle().take(table.bits()).collect();
             let parameters = table.decode(&chromosome, Encoding::Gray);
             prop_assert!(table.contains(&parameters));
+            for encoding in [Encoding::Binary, Encoding::Gray] {
+                let chromosome = table.encode(&parameters, encoding).unwrap();
+                prop_assert_eq!(table.decode(&chromosome, encoding), parameters);
+            }
             let outside = Parameters { shape_bins: domain.high() + 1, ..parameters };
             prop_assert!(!table.contains(&outside));
+            prop_assert_eq!(table.encode(&outside, Encoding::Binary), None);
             let ticks = parameters.ticks(GeneKind::ShapeBins);
             prop_assert!(domain.values().any(|value| value == ticks));
         }

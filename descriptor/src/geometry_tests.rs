@@ -7,11 +7,17 @@ use rand::RngExt;
 use crate::eigen::smallest_eigenvector;
 use crate::keypoints::Keypoints;
 use crate::neighbours::{RadiusSearch, floor_f32};
-use crate::normals::normals;
+use crate::normals::{Normal, normals};
 use crate::prepare::PrepareError;
 use crate::random::stream;
 use crate::testing::{in_cube, sheet, unit};
 use crate::{Cloud, oracle};
+
+/// Normals of a cloud's own points.
+fn fit(points: &[[f32; 3]], radius: f64, viewpoint: [f32; 3]) -> Vec<Normal> {
+    let [normals] = normals(points, [points], radius, viewpoint).unwrap();
+    normals
+}
 
 /// Compares the search with brute force for every point and some others as queries.
 fn check_search(points: &[[f32; 3]], radius: f64) {
@@ -198,8 +204,8 @@ proptest! {
         let moved: Vec<[f32; 3]> = cloud.points.iter().copied().map(place).collect();
         // The sheet is rough by 0.8 mm: a 2 cm neighbourhood is flat against f32's rounding of the moved points.
         let radius = 0.02;
-        let before = normals(&RadiusSearch::new(&cloud.points).unwrap(), &cloud.points, radius, cloud.viewpoint);
-        let after = normals(&RadiusSearch::new(&moved).unwrap(), &moved, radius, place(cloud.viewpoint));
+        let before = fit(&cloud.points, radius, cloud.viewpoint);
+        let after = fit(&moved, radius, place(cloud.viewpoint));
         let mut compared = 0;
         for (index, (before, after)) in before.iter().zip(&after).enumerate() {
             // A neighbour on the very edge may be lost to rounding; then the two planes are of different points.
@@ -258,11 +264,12 @@ fn eigenvector_of_degenerate_matrices_is_a_unit_eigenvector() {
 fn normals_are_brute_forces() {
     for (seed, radius) in [(1, 0.005), (2, 0.02), (3, 0.05)] {
         let cloud = sheet(seed, 500);
-        let search = RadiusSearch::new(&cloud.points).unwrap();
         let keypoints = Keypoints::new(&cloud, 0.02).unwrap();
         let mut missing = 0;
-        for queries in [&cloud.points, &keypoints.points] {
-            for (query, found) in queries.iter().zip(normals(&search, queries, radius, cloud.viewpoint)) {
+        let queries = [cloud.points.as_slice(), &keypoints.points];
+        let found = normals(&cloud.points, queries, radius, cloud.viewpoint).unwrap();
+        for (queries, found) in queries.into_iter().zip(found) {
+            for (query, found) in queries.iter().zip(found) {
                 let expected = oracle::normal(&cloud.points, *query, radius, cloud.viewpoint);
                 assert_eq!(found.is_some(), expected.is_some());
                 let (Some(found), Some(expected)) = (found, expected) else {
@@ -286,12 +293,78 @@ fn normals_of_a_plane_face_the_viewpoint() {
     points.push([9.0, 9.0, 9.0]); // alone
     points.extend([[7.0, 7.0, 7.0], [7.0, 7.0, 7.0]]); // two
     points.extend([[5.0, 5.0, 5.0]; 3]); // three equal points: any plane, but a normal
-    let search = RadiusSearch::new(&points).unwrap();
     for (viewpoint, z) in [([0.0, 0.0, 0.0], -1.0), ([0.0, 0.0, 1.0], 1.0)] {
-        let found = normals(&search, &points, 0.01, viewpoint);
+        let found = fit(&points, 0.01, viewpoint);
         assert!(found[..400].iter().all(|normal| *normal == Some([0.0, 0.0, z])), "{:?}", found[0]);
         assert_eq!(found[400..403], [None; 3]);
         let length: f32 = found[403].unwrap().iter().map(|component| component * component).sum();
         assert!((length - 1.0).abs() < 1e-6);
+    }
+}
+
+/// Points on a line, exactly or nearly: the normal may be any, but not along the line.
+#[test]
+fn normals_of_a_line_are_across_it() {
+    let mut rng = stream(1, "lines", &[]);
+    for case in 0..400 {
+        let direction = Vector3::from(in_cube(&mut rng, 2.0).map(f64::from)) - Vector3::new(1.0, 1.0, 1.0);
+        if direction.norm() < 0.1 {
+            continue;
+        }
+        let direction = direction.normalize();
+        let rough = [0.0, 1e-7, 1e-6][case % 3];
+        let count = 3 + case % 28;
+        let points: Vec<[f32; 3]> = (0..count)
+            .map(|_| {
+                let along = direction * (f64::from(unit(&mut rng)) - 0.5) * 0.009;
+                let off = Vector3::from(in_cube(&mut rng, 1.0).map(f64::from)) * rough;
+                (along + off + Vector3::new(0.1, -0.2, 0.8)).cast::<f32>().into()
+            })
+            .collect();
+        for normal in fit(&points, 0.01, [0.0; 3]).into_iter().flatten() {
+            let along: f64 = normal.iter().zip(direction.iter()).map(|(&n, d)| f64::from(n) * d).sum();
+            assert!(along.abs() < 0.05, "case {case}: {normal:?} along {direction:?}: {along}");
+        }
+    }
+}
+
+/// A small patch beside the query, which is none of its points.
+#[test]
+fn normals_of_a_patch_far_from_the_query_are_brute_forces() {
+    let mut rng = stream(1, "patches", &[]);
+    for size in [0.002, 0.0002, 0.00005] {
+        let points: Vec<[f32; 3]> = (0..12)
+            .map(|_| {
+                let [x, y, z] = in_cube(&mut rng, size);
+                [0.1 + x, -0.2 + y, 0.8 + 0.1 * z]
+            })
+            .collect();
+        let query = [0.1, -0.2, 0.8 - 0.0095];
+        let [found] = normals(&points, [&[query]], 0.01, [0.0; 3]).unwrap();
+        let expected = oracle::normal(&points, query, 0.01, [0.0; 3]).unwrap();
+        let is_close = |(&found, expected): (&f32, f64)| (f64::from(found) - expected).abs() < 3e-5;
+        let found = found[0].unwrap();
+        assert!(
+            found.iter().zip(expected).all(is_close),
+            "patch of {size} m: {found:?}, expected {expected:?}"
+        );
+    }
+}
+
+#[test]
+fn one_stray_point_far_away_changes_no_normal() {
+    let cloud = sheet(4, 500);
+    let before = fit(&cloud.points, 0.01, cloud.viewpoint);
+    for far in [3.0f32, 300.0, 1e6] {
+        let mut points = cloud.points.clone();
+        points.push([far, -far, far]);
+        let after = fit(&points, 0.01, cloud.viewpoint);
+        assert_eq!(after.last(), Some(&None));
+        for (before, after) in before.iter().zip(&after) {
+            assert_eq!(before.is_some(), after.is_some());
+            let cosine = |a: [f32; 3], b: [f32; 3]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f32>();
+            // Other cubes, another order of the sums.
+            assert!(before.zip(*after).is_none_or(|(a, b)| cosine(a, b) > 1.0 - 1e-6));
+        }
     }
 }

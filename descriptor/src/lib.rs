@@ -5,9 +5,13 @@
 pub mod angle;
 pub mod cloud;
 pub mod colour;
+mod cubes;
+mod describe;
 pub mod distance;
 pub mod eigen;
+pub mod encoding;
 pub mod genes;
+pub mod grid;
 pub mod histogram;
 pub mod keypoints;
 pub mod neighbours;
@@ -21,6 +25,7 @@ pub mod recognise;
 mod steps;
 pub mod summary;
 pub mod synth;
+mod wide;
 
 #[cfg(test)]
 mod geometry_tests;
@@ -40,8 +45,8 @@ pub use prepare::{PrepareError, PreparedCloud, Skip};
 pub use preprocess::{Preprocess, Unit};
 pub use quantise::{Binning, QuantiseError, Quantiser};
 pub use recognise::{Correct, Label, Match, recognise};
-pub use summary::{Summary, summarise};
+pub use summary::{Parts, Summary, summarise};
 
 /// Version of everything that is computed from a cloud. It is raised whenever any output changes by a bit: workers
 /// of another version are refused, and results of another version are not reused.
-pub const EVALUATION_VERSION: u32 = 1;
+pub const EVALUATION_VERSION: u32 = 2;

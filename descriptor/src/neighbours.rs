@@ -64,11 +64,10 @@ impl<'a> RadiusSearch<'a> {
 
     /// All points with d² ≤ radius² (compared in f64), nearest first, ties by index.
     pub fn within(&self, query: [f32; 3], radius: f64) -> Vec<Neighbour> {
-        let mut candidates = Candidates::default();
+        let mut candidates = Vec::new();
         self.candidates(query, radius, &mut candidates);
         let limit = floor_f32(radius * radius);
         let mut found: Vec<Neighbour> = candidates
-            .indices
             .iter()
             .map(|&index| Neighbour { d2: squared_distance(self.points[index as usize], query), index })
             .filter(|neighbour| neighbour.d2 <= limit)
@@ -79,59 +78,22 @@ impl<'a> RadiusSearch<'a> {
 
     /// Number of points with d² ≤ radius², counted up to `enough`.
     pub fn count_within(&self, query: [f32; 3], radius: f64, enough: usize) -> usize {
-        let mut candidates = Candidates::default();
+        let mut candidates = Vec::new();
         self.candidates(query, radius, &mut candidates);
         let limit = floor_f32(radius * radius);
         let is_near = |&&index: &&u32| squared_distance(self.points[index as usize], query) <= limit;
-        candidates.indices.iter().filter(is_near).take(enough).count()
+        candidates.iter().filter(is_near).take(enough).count()
     }
 
-    /// Every point that could be within `radius` of `centre`, and some more, ascending by index.
-    pub(crate) fn candidates(&self, centre: [f32; 3], radius: f64, found: &mut Candidates) {
-        found.indices.clear();
+    /// Every point that could be within `radius` of `centre`, and some more, in any order.
+    fn candidates(&self, centre: [f32; 3], radius: f64, found: &mut Vec<u32>) {
         // The tree's own rounding is below one part in a million of d².
         let limit = (radius * radius * 1.000_1) as f32;
         if limit.is_finite() {
-            let indices = &mut found.indices;
-            self.tree
-                .query(&centre)
-                .within::<SquaredEuclidean<f32>>(limit)
-                .unsorted()
-                .visit(|candidate| indices.push(candidate.item));
-            found.sort(self.points.len());
+            let query = self.tree.query(&centre).within::<SquaredEuclidean<f32>>(limit);
+            query.unsorted().visit(|candidate| found.push(candidate.item));
         } else {
-            found.indices.extend((0u32..).take(self.points.len()));
-        }
-    }
-}
-
-/// Buffers of a search, kept between searches.
-#[derive(Default)]
-pub(crate) struct Candidates {
-    /// Indices of points, ascending.
-    pub(crate) indices: Vec<u32>,
-    marks: Vec<u64>,
-}
-
-impl Candidates {
-    /// Sorts distinct indices below `universe`: through a bit set, which takes a few operations an index where
-    /// comparing takes dozens, unless the indices are so few that walking the set would cost more.
-    fn sort(&mut self, universe: usize) {
-        let words = universe.div_ceil(64);
-        if self.indices.len() < words / 4 {
-            self.indices.sort_unstable();
-            return;
-        }
-        self.marks.resize(words, 0);
-        for &index in &self.indices {
-            self.marks[index as usize / 64] |= 1 << (index % 64);
-        }
-        self.indices.clear();
-        for (word, base) in self.marks.iter_mut().zip((0u32..).step_by(64)) {
-            while *word != 0 {
-                self.indices.push(base + word.trailing_zeros());
-                *word &= *word - 1;
-            }
+            found.extend((0u32..).take(self.points.len()));
         }
     }
 }

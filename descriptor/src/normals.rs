@@ -1,154 +1,165 @@
 //! Surface normals: a plane fitted to the neighbourhood, turned towards the viewpoint (DESIGN 5.3).
 
-use crate::eigen::smallest_eigenvector;
-use crate::neighbours::{Candidates, RadiusSearch, floor_f32};
+use pulp::NullaryFnOnce;
+
+use crate::cubes::Cubes;
+use crate::eigen::{LANES, smallest_eigenvector, smallest_eigenvectors};
+use crate::neighbours::{floor_f32, squared_distance};
+use crate::prepare::PrepareError;
+use crate::wide::widest;
 
 /// Neighbours without which no plane is fitted.
 pub const MIN_NEIGHBOURS: usize = 3;
 
+/// What must be left of the sum of squared offsets when their mean is taken off: with less, the sums' rounding counts.
+const LEAST_SPREAD: f64 = 0.01;
+
 /// A unit normal; `None` for a query with fewer than [`MIN_NEIGHBOURS`] neighbours.
 pub type Normal = Option<[f32; 3]>;
 
-/// The normal of every query, fitted to all points of `search` within `radius` metres of it.
+/// The normals of a cloud's points and of other places (its keypoints), each fitted to all points within `radius`
+/// metres.
 ///
-/// The normal is the eigenvector of the smallest eigenvalue of the neighbours' covariance, computed in f64 from
-/// offsets to the query summed in ascending order of the points' indices, and turned so that it does not point away
-/// from `viewpoint` (PCL: `NormalEstimation`, `flipNormalTowardsViewpoint`).
-pub fn normals(
-    search: &RadiusSearch<'_>,
-    queries: &[[f32; 3]],
+/// The normal is the eigenvector of the smallest eigenvalue of the neighbours' covariance, turned so that it does not
+/// point away from `viewpoint` (PCL: `NormalEstimation`, `flipNormalTowardsViewpoint`). The covariance comes from
+/// offsets to the query and their products, summed in the order of [`Cubes`] in f32, as PCL's
+/// (`computeMeanAndCovarianceMatrix`); where the rounding of these sums would turn the plane, because neighbours lie
+/// nearly in a line or close together and far from the query, once more in f64. What follows is f64.
+///
+/// # Errors
+/// [`PrepareError::TooManyPoints`] if the points cannot be counted in 32 bits.
+pub fn normals<const N: usize>(
+    points: &[[f32; 3]],
+    queries: [&[[f32; 3]]; N],
     radius: f64,
     viewpoint: [f32; 3],
-) -> Vec<Normal> {
+) -> Result<[Vec<Normal>; N], PrepareError> {
+    let most_queries = queries.iter().map(|queries| queries.len()).max().unwrap_or(0);
+    let cubes = Cubes::new(points, radius, most_queries)?;
+    Ok(queries.map(|queries| fit(&cubes, queries, floor_f32(radius * radius), viewpoint)))
+}
+
+/// `limit` is the largest d² of a neighbour.
+fn fit(cubes: &Cubes, queries: &[[f32; 3]], limit: f32, viewpoint: [f32; 3]) -> Vec<Normal> {
     let mut normals = vec![None; queries.len()];
-    let mut candidates = Candidates::default();
-    let mut patch = Patch::default();
-    for group in groups(queries, radius).chunk_by(|a, b| a.0 == b.0) {
-        let members = || group.iter().map(|&(_, index)| index as usize);
-        let (centre, reach) = enclosing_ball(members().map(|member| queries[member]));
-        search.candidates(centre, radius + reach, &mut candidates);
-        patch.gather(search.points(), &candidates.indices);
-        for member in members() {
-            let query = queries[member];
-            patch.select(query, radius);
-            if patch.selected.len() >= MIN_NEIGHBOURS {
-                let normal = smallest_eigenvector(patch.covariance(query));
-                normals[member] = Some(towards(normal, query, viewpoint));
+    let mut candidates: Vec<[f32; 3]> = Vec::new();
+    for group in cubes.groups(queries) {
+        let Some(&first) = group.first() else { continue };
+        candidates.clear();
+        cubes.near(queries[first as usize], &mut candidates);
+        for members in group.chunks(LANES) {
+            // Lanes without a query repeat the first one.
+            let mut lanes = [[0.0f32; LANES]; 3];
+            for lane in 0..LANES {
+                let query = queries[*members.get(lane).unwrap_or(&members[0]) as usize];
+                for axis in 0..3 {
+                    lanes[axis][lane] = query[axis];
+                }
+            }
+            let planes = widest(Fit { queries: &lanes, candidates: &candidates, limit });
+            for (lane, &member) in members.iter().enumerate() {
+                if (planes.count[lane] as usize) < MIN_NEIGHBOURS {
+                    continue;
+                }
+                let query = queries[member as usize];
+                let normal = planes.normals.map(|values| values[lane]);
+                let normal = if normal[0].is_nan() { fit_exactly(&candidates, query, limit) } else { normal };
+                normals[member as usize] = Some(towards(normal, query, viewpoint));
             }
         }
     }
     normals
 }
 
-/// Queries sorted by cube of edge `edge`, as (cube, index): close queries share one search.
-///
-/// Which queries share a search changes no result, only time; so cubes far from the first corner may be merged.
-fn groups(queries: &[[f32; 3]], edge: f64) -> Vec<(u64, u32)> {
-    const SIDE: f64 = (1u32 << 21) as f64;
-    let mut corner = [f64::INFINITY; 3];
-    for query in queries {
-        for (corner, &coordinate) in corner.iter_mut().zip(query) {
-            *corner = corner.min(f64::from(coordinate));
-        }
+/// The normal of one query, from sums in f64.
+fn fit_exactly(candidates: &[[f32; 3]], query: [f32; 3], limit: f32) -> [f64; 3] {
+    let mut n = 0.0f64;
+    let [mut sx, mut sy, mut sz] = [0.0f64; 3];
+    let [mut sxx, mut sxy, mut sxz, mut syy, mut syz, mut szz] = [0.0f64; 6];
+    for &point in candidates.iter().filter(|&&point| squared_distance(point, query) <= limit) {
+        let [x, y, z] = [0, 1, 2].map(|axis| f64::from(point[axis]) - f64::from(query[axis]));
+        n += 1.0;
+        (sx, sy, sz) = (sx + x, sy + y, sz + z);
+        (sxx, sxy, sxz) = (sxx + x * x, sxy + x * y, sxz + x * z);
+        (syy, syz, szz) = (syy + y * y, syz + y * z, szz + z * z);
     }
-    let cube = |query: &[f32; 3]| {
-        query.iter().zip(corner).fold(0u64, |cube, (&coordinate, corner)| {
-            cube << 21 | ((f64::from(coordinate) - corner) / edge).min(SIDE - 1.0) as u64
-        })
-    };
-    let mut groups: Vec<(u64, u32)> = queries.iter().map(cube).zip(0u32..).collect();
-    groups.sort_unstable();
-    groups
+    smallest_eigenvector([
+        n * sxx - sx * sx,
+        n * sxy - sx * sy,
+        n * sxz - sx * sz,
+        n * syy - sy * sy,
+        n * syz - sy * sz,
+        n * szz - sz * sz,
+    ])
 }
 
-/// Centre of the bounding box of some points, and the largest distance of a point from it.
-fn enclosing_ball(points: impl Iterator<Item = [f32; 3]> + Clone) -> ([f32; 3], f64) {
-    let mut low = [f32::INFINITY; 3];
-    let mut high = [f32::NEG_INFINITY; 3];
-    for point in points.clone() {
-        for axis in 0..3 {
-            low[axis] = low[axis].min(point[axis]);
-            high[axis] = high[axis].max(point[axis]);
-        }
-    }
-    let centre = [0, 1, 2].map(|axis| 0.5 * low[axis] + 0.5 * high[axis]);
-    let mut reach2 = 0.0f64;
-    for point in points {
-        let [dx, dy, dz] = [0, 1, 2].map(|axis| f64::from(point[axis]) - f64::from(centre[axis]));
-        reach2 = reach2.max(dx * dx + dy * dy + dz * dz);
-    }
-    (centre, reach2.sqrt())
+/// What is fitted in each lane.
+struct Planes {
+    /// Number of neighbours.
+    count: [u32; LANES],
+    /// x, y, z; see [`smallest_eigenvectors`].
+    normals: [[f64; LANES]; 3],
 }
 
-/// The candidates of one group of queries, coordinate by coordinate.
-#[derive(Default)]
-struct Patch {
-    x: Vec<f32>,
-    y: Vec<f32>,
-    z: Vec<f32>,
-    d2: Vec<f32>,
-    /// Positions in the patch of the current query's neighbours, ascending.
-    selected: Vec<u32>,
+/// The kernel of [`fit`].
+struct Fit<'a> {
+    /// x, y, z.
+    queries: &'a [[f32; LANES]; 3],
+    candidates: &'a [[f32; 3]],
+    /// Largest d² of a neighbour.
+    limit: f32,
 }
 
-impl Patch {
-    fn gather(&mut self, points: &[[f32; 3]], indices: &[u32]) {
-        let column = |axis: usize| indices.iter().map(move |&index| points[index as usize][axis]);
-        self.x.clear();
-        self.x.extend(column(0));
-        self.y.clear();
-        self.y.extend(column(1));
-        self.z.clear();
-        self.z.extend(column(2));
-    }
+impl NullaryFnOnce for Fit<'_> {
+    type Output = Planes;
 
-    /// Selects the neighbours of a query. Both loops are free of branches: about half of the candidates are
-    /// neighbours, in no pattern that a processor could predict.
-    fn select(&mut self, query: [f32; 3], radius: f64) {
-        let limit = floor_f32(radius * radius);
-        self.d2.clear();
-        self.d2.extend(self.x.iter().zip(&self.y).zip(&self.z).map(|((&x, &y), &z)| {
-            let [dx, dy, dz] = [x - query[0], y - query[1], z - query[2]];
-            dx * dx + dy * dy + dz * dz
-        }));
-        self.selected.resize(self.d2.len(), 0);
-        let mut count = 0;
-        for (&d2, position) in self.d2.iter().zip(0u32..) {
-            self.selected[count] = position;
-            count += usize::from(d2 <= limit);
+    #[inline(always)]
+    fn call(self) -> Planes {
+        let [qx, qy, qz] = self.queries;
+        let mut count = [0u32; LANES];
+        let [mut sx, mut sy, mut sz] = [[0.0f32; LANES]; 3];
+        let [mut sxx, mut sxy, mut sxz, mut syy, mut syz, mut szz] = [[0.0f32; LANES]; 6];
+        for &[px, py, pz] in self.candidates {
+            for lane in 0..LANES {
+                let (x, y, z) = (px - qx[lane], py - qy[lane], pz - qz[lane]);
+                let d2 = x * x + y * y + z * z;
+                // Adding zero leaves a sum as it is: a candidate that is no neighbour might as well not be there.
+                // By bits, as a select of floats would be taken for a branch.
+                let mask = if d2 <= self.limit { u32::MAX } else { 0 };
+                let only = |value: f32| f32::from_bits(value.to_bits() & mask);
+                let (x, y, z) = (only(x), only(y), only(z));
+                count[lane] += mask & 1;
+                sx[lane] += x;
+                sy[lane] += y;
+                sz[lane] += z;
+                sxx[lane] += x * x;
+                sxy[lane] += x * y;
+                sxz[lane] += x * z;
+                syy[lane] += y * y;
+                syz[lane] += y * z;
+                szz[lane] += z * z;
+            }
         }
-        self.selected.truncate(count);
-    }
-
-    /// Covariance of the selected points times their number squared, as [`smallest_eigenvector`] takes it.
-    fn covariance(&self, query: [f32; 3]) -> [f64; 6] {
-        let [qx, qy, qz] = query.map(f64::from);
-        let [mut sx, mut sy, mut sz] = [0.0f64; 3];
-        let [mut xx, mut xy, mut xz, mut yy, mut yz, mut zz] = [0.0f64; 6];
-        for &position in &self.selected {
-            let position = position as usize;
-            let x = f64::from(self.x[position]) - qx;
-            let y = f64::from(self.y[position]) - qy;
-            let z = f64::from(self.z[position]) - qz;
-            sx += x;
-            sy += y;
-            sz += z;
-            xx += x * x;
-            xy += x * y;
-            xz += x * z;
-            yy += y * y;
-            yz += y * z;
-            zz += z * z;
+        let mut covariance = [[0.0f64; LANES]; 6];
+        let mut is_spread = [false; LANES];
+        for lane in 0..LANES {
+            let n = f64::from(count[lane]);
+            let [x, y, z] = [sx[lane], sy[lane], sz[lane]].map(f64::from);
+            let [xx, yy, zz] = [sxx[lane], syy[lane], szz[lane]].map(|sum| n * f64::from(sum));
+            covariance[0][lane] = xx - x * x;
+            covariance[1][lane] = n * f64::from(sxy[lane]) - x * y;
+            covariance[2][lane] = n * f64::from(sxz[lane]) - x * z;
+            covariance[3][lane] = yy - y * y;
+            covariance[4][lane] = n * f64::from(syz[lane]) - y * z;
+            covariance[5][lane] = zz - z * z;
+            let trace = covariance[0][lane] + covariance[3][lane] + covariance[5][lane];
+            is_spread[lane] = trace > LEAST_SPREAD * (xx + yy + zz);
         }
-        let n = self.selected.len() as f64;
-        [
-            n * xx - sx * sx,
-            n * xy - sx * sy,
-            n * xz - sx * sz,
-            n * yy - sy * sy,
-            n * yz - sy * sz,
-            n * zz - sz * sz,
-        ]
+        let mut normals = smallest_eigenvectors(&covariance);
+        for lane in 0..LANES {
+            normals[0][lane] = if is_spread[lane] { normals[0][lane] } else { f64::NAN };
+        }
+        Planes { count, normals }
     }
 }
 

@@ -120,11 +120,15 @@ fn check_rows(cloud: &Cloud, quantiser: &Quantiser, parameters: &Parameters) {
     let normals = Normals::new(cloud, &keypoints, &preprocess).unwrap();
     let prepared = PreparedCloud::describe(cloud, &keypoints, &normals, quantiser).unwrap();
     assert_eq!(prepared, PreparedCloud::new(cloud, &preprocess, quantiser).unwrap());
+    let sorted = PreparedCloud::describe_sorted(cloud, &keypoints, &normals, quantiser, 0).unwrap();
     let binning = quantiser.binning(parameters).unwrap();
     let (shape, colour) = oracle::rows(cloud, &keypoints, &normals.cloud, &normals.keypoints, parameters);
-    assert_eq!(shape_rows(&prepared, &binning), shape, "shape, {parameters}");
-    assert_eq!(colour_rows(&prepared, &binning), colour, "colour, {parameters}");
-    assert!(prepared.bytes() > 4 * prepared.records());
+    for prepared in [&prepared, &sorted] {
+        assert_eq!(shape_rows(prepared, &binning), shape, "shape, {parameters}");
+        assert_eq!(colour_rows(prepared, &binning), colour, "colour, {parameters}");
+    }
+    let halves = if quantiser.has_colour() { 2 } else { 1 };
+    assert!(prepared.bytes() > 2 * halves * prepared.records());
 }
 
 proptest! {
@@ -233,12 +237,8 @@ fn recognition_is_brute_force_with_ties_to_the_lowest_index() {
             queries.iter().map(|query| plain_match(query, &database, &labels, 0.7)).collect();
         assert_eq!(matches, expected);
 
-        let parts = |summaries: &[Summary], part: fn(&Summary) -> &Part| -> Vec<Part> {
-            summaries.iter().map(|summary| part(summary).clone()).collect()
-        };
         let matrix = |part: fn(&Summary) -> &Part| {
-            let (queries, database) = (parts(&queries, part), parts(&database, part));
-            DistanceMatrix::new(&queries.iter().collect::<Vec<_>>(), &database.iter().collect::<Vec<_>>())
+            DistanceMatrix::new(&queries.iter().map(part).collect(), &database.iter().map(part).collect())
         };
         let (shape, colour) = (matrix(|summary| &summary.shape), matrix(|summary| &summary.colour));
         assert_eq!(recognise_from(queries.len(), &shape, &colour, &labels, 0.7).unwrap(), matches);

@@ -1,7 +1,9 @@
 //! A cloud made ready for any descriptor of a gene table: keypoints, normals, and quantised neighbours (DESIGN 6).
 
+use std::ops::Range;
+
 use crate::keypoints::Keypoints;
-use crate::neighbours::{Candidates, RadiusSearch, squared_distance};
+use crate::neighbours::RadiusSearch;
 use crate::normals::{MIN_NEIGHBOURS, Normal, normals};
 use crate::quantise::Quantiser;
 use crate::{Cloud, Preprocess};
@@ -61,33 +63,27 @@ pub fn keypoints(cloud: &Cloud, preprocess: &Preprocess) -> Result<Keypoints, Pr
     Keypoints::new(cloud, preprocess.leaf())
 }
 
-/// Normals of a cloud and of its keypoints, with the index they were found by.
-pub struct Normals<'a> {
+/// Normals of a cloud and of its keypoints.
+pub struct Normals {
     /// One for each point of the cloud.
     pub cloud: Vec<Normal>,
     /// One for each keypoint; at least one is there.
     pub keypoints: Vec<Normal>,
-    search: RadiusSearch<'a>,
 }
 
-impl<'a> Normals<'a> {
+impl Normals {
     /// The stage `normals`: fits normals to a cloud in metres and to its keypoints.
     ///
     /// # Errors
-    /// [`Skip::NoKeypointWithNormal`].
-    pub fn new(
-        cloud: &'a Cloud,
-        keypoints: &Keypoints,
-        preprocess: &Preprocess,
-    ) -> Result<Self, PrepareError> {
-        let search = RadiusSearch::new(&cloud.points)?;
-        let radius = preprocess.normal_radius();
-        let of_keypoints = normals(&search, &keypoints.points, radius, cloud.viewpoint);
+    /// [`Skip::NoKeypointWithNormal`], or too many points.
+    pub fn new(cloud: &Cloud, keypoints: &Keypoints, preprocess: &Preprocess) -> Result<Self, PrepareError> {
+        let queries = [cloud.points.as_slice(), &keypoints.points];
+        let [cloud, of_keypoints] =
+            normals(&cloud.points, queries, preprocess.normal_radius(), cloud.viewpoint)?;
         if of_keypoints.iter().all(Option::is_none) {
             return Err(Skip::NoKeypointWithNormal { keypoints: keypoints.len() }.into());
         }
-        let of_cloud = normals(&search, &cloud.points, radius, cloud.viewpoint);
-        Ok(Self { cloud: of_cloud, keypoints: of_keypoints, search })
+        Ok(Self { cloud, keypoints: of_keypoints })
     }
 }
 
@@ -109,24 +105,22 @@ pub fn usable(cloud: &Cloud, preprocess: &Preprocess) -> Result<(), PrepareError
     }
 }
 
-/// One neighbour of a keypoint: the classes of its angle to the keypoint's normal and of its colour.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Record {
-    pub(crate) angle: u16,
-    pub(crate) colour: u16,
-}
-
 /// The keypoints of one cloud that have a normal, each with its neighbours that have one, quantised.
+///
+/// A neighbour's record is the class of its angle to the keypoint's normal and the class of its colour: four bytes,
+/// kept apart, as shape needs only the one and colour only the other. Records lie keypoint after keypoint, in each
+/// from the innermost shell outwards; their order in a shell means nothing.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PreparedCloud {
-    /// Keypoint after keypoint, in each from the innermost shell outwards, in a shell by index of the neighbour.
-    records: Vec<Record>,
+    pub(crate) angles: Vec<u16>,
+    /// Empty if the quantiser has no colour.
+    pub(crate) colours: Vec<u16>,
     /// Where each keypoint's records begin, and where the last one's end.
-    starts: Vec<usize>,
+    pub(crate) starts: Vec<usize>,
     /// For every keypoint and every radius of the quantiser: how many of its records lie within.
-    within: Vec<u32>,
-    radii: usize,
-    digest: [u8; 32],
+    pub(crate) within: Vec<u32>,
+    pub(crate) radii: usize,
+    pub(crate) digest: [u8; 32],
 }
 
 impl PreparedCloud {
@@ -141,71 +135,6 @@ impl PreparedCloud {
         Self::describe(&cloud, &keypoints, &normals, quantiser)
     }
 
-    /// The stage `describe`: finds and quantises the neighbours of each keypoint, for a cloud in metres.
-    ///
-    /// # Errors
-    /// [`PrepareError::NoColours`] if the quantiser has colour and the cloud has not.
-    pub fn describe(
-        cloud: &Cloud,
-        keypoints: &Keypoints,
-        normals: &Normals<'_>,
-        quantiser: &Quantiser,
-    ) -> Result<Self, PrepareError> {
-        let colours: Vec<u16> = match (&cloud.colours, quantiser.has_colour()) {
-            (Some(colours), true) => colours.iter().map(|&colour| quantiser.colour_class(colour)).collect(),
-            (None, true) => return Err(PrepareError::NoColours),
-            (_, false) => vec![0; cloud.len()],
-        };
-        let radii = quantiser.radii();
-        let mut prepared = Self {
-            records: Vec::new(),
-            starts: vec![0],
-            within: Vec::new(),
-            radii,
-            digest: quantiser.digest(),
-        };
-        let mut candidates = Candidates::default();
-        let mut found: Vec<(usize, Record)> = Vec::new();
-        let mut places = vec![0usize; radii];
-        for (&keypoint, normal) in keypoints.points.iter().zip(&normals.keypoints) {
-            let Some(axis) = *normal else { continue };
-            normals.search.candidates(keypoint, quantiser.reach(), &mut candidates);
-            found.clear();
-            for &index in &candidates.indices {
-                let index = index as usize;
-                let d2 = squared_distance(cloud.points[index], keypoint);
-                let Some(normal) = normals.cloud[index] else { continue };
-                if d2 <= quantiser.reach2() {
-                    let cosine = axis[0] * normal[0] + axis[1] * normal[1] + axis[2] * normal[2];
-                    let record = Record { angle: quantiser.angle_class(cosine), colour: colours[index] };
-                    found.push((quantiser.shell(d2), record));
-                }
-            }
-
-            // Counting sort by shell; stable, so ascending by index within one.
-            places.fill(0);
-            for &(shell, _) in &found {
-                places[shell] += 1;
-            }
-            let start = prepared.records.len();
-            let mut total = 0;
-            for place in &mut places {
-                let count = *place;
-                *place = start + total;
-                total += count;
-                prepared.within.push(total as u32);
-            }
-            prepared.records.resize(start + total, Record::default());
-            for &(shell, record) in &found {
-                prepared.records[places[shell]] = record;
-                places[shell] += 1;
-            }
-            prepared.starts.push(prepared.records.len());
-        }
-        prepared.records.shrink_to_fit();
-        Ok(prepared)
-    }
-
     /// Number of keypoints with a normal, at least 1.
     pub fn keypoints(&self) -> usize {
         self.starts.len() - 1
@@ -213,13 +142,14 @@ impl PreparedCloud {
 
     /// Number of records over all keypoints.
     pub fn records(&self) -> usize {
-        self.records.len()
+        self.angles.len()
     }
 
     /// Memory that the cloud takes, bytes.
     pub fn bytes(&self) -> usize {
         size_of::<Self>()
-            + size_of_val(self.records.as_slice())
+            + size_of_val(self.angles.as_slice())
+            + size_of_val(self.colours.as_slice())
             + size_of_val(self.starts.as_slice())
             + size_of_val(self.within.as_slice())
     }
@@ -229,11 +159,12 @@ impl PreparedCloud {
         &self.digest
     }
 
-    /// A keypoint's records in the disk and in the ring, given the positions of R1 and R2 among the radii.
-    pub(crate) fn regions(&self, keypoint: usize, disk: usize, ring: usize) -> [&[Record]; 2] {
-        let records = &self.records[self.starts[keypoint]..self.starts[keypoint + 1]];
+    /// Where a keypoint's records in the disk and in the ring lie, given the positions of R1 and R2 among the radii.
+    #[inline]
+    pub(crate) fn regions(&self, keypoint: usize, disk: usize, ring: usize) -> [Range<usize>; 2] {
+        let start = self.starts[keypoint];
         let within = &self.within[keypoint * self.radii..(keypoint + 1) * self.radii];
-        let (disk, ring) = (within[disk] as usize, within[ring] as usize);
-        [&records[..disk], &records[disk..ring]]
+        let (disk, ring) = (start + within[disk] as usize, start + within[ring] as usize);
+        [start..disk, disk..ring]
     }
 }

@@ -6,7 +6,7 @@
 use crate::angle::{self, Turn};
 use crate::colour::{Channel, HueSaturation};
 use crate::neighbours::floor_f32;
-use crate::steps::Steps;
+use crate::steps::{Slicer, Steps};
 use crate::{GeneKind, GeneTable, Parameters};
 
 /// Most radii in one table: each costs four bytes a keypoint.
@@ -94,6 +94,11 @@ impl Quantiser {
         })
     }
 
+    /// The gene table that it was made for.
+    pub fn table(&self) -> &GeneTable {
+        &self.table
+    }
+
     /// Whether records carry colours.
     pub fn has_colour(&self) -> bool {
         self.table.has_colour()
@@ -114,19 +119,41 @@ impl Quantiser {
         self.radius_steps.last().unwrap_or(0.0)
     }
 
+    /// Numbers of angle classes and of colour classes.
+    pub(crate) fn classes(&self) -> [usize; 2] {
+        let colours = (self.hue_bounds.len() + 1) * (self.saturation_bounds.len() + 1);
+        [self.angle_bounds.len() + 1, if self.has_colour() { colours } else { 0 }]
+    }
+
     /// Number of radii.
     pub(crate) fn radii(&self) -> usize {
         self.radius_steps.len()
     }
 
-    /// Number of radii R with d² > R²: the shell that a neighbour lies in.
+    /// Number of radii R with d² > R²: the shell that a neighbour lies in; `slice` is that of d².
     #[inline]
-    pub(crate) fn shell(&self, d2: f32) -> usize {
-        self.radius_steps.below(d2)
+    pub(crate) fn shell_in(&self, slice: u16, d2: f32) -> usize {
+        self.radius_steps.below_in(slice, d2)
+    }
+
+    /// Finds the slice of a d².
+    pub(crate) fn shell_slicer(&self) -> Slicer {
+        self.radius_steps.slicer()
+    }
+
+    /// Class of the angle between two unit normals, from its cosine; `slice` is that of the negative cosine.
+    #[inline]
+    pub(crate) fn angle_class_in(&self, slice: u16, cosine: f32) -> u16 {
+        self.angle_steps.below_in(slice, -cosine) as u16
+    }
+
+    /// Finds the slice of a negative cosine.
+    pub(crate) fn angle_slicer(&self) -> Slicer {
+        self.angle_steps.slicer()
     }
 
     /// Class of the angle between two unit normals, from its cosine.
-    #[inline]
+    #[cfg(test)]
     pub(crate) fn angle_class(&self, cosine: f32) -> u16 {
         self.angle_steps.below(-cosine) as u16
     }
@@ -167,12 +194,32 @@ impl Quantiser {
         let colour_bin = |hue: u16| saturations.iter().map(move |saturation| m as u16 * hue + saturation);
         Ok(Binning {
             parameters: *parameters,
-            shape: angle::bin_of_class(&self.angle_bounds, parameters.shape_bins),
-            colour: hues.iter().flat_map(|&hue| colour_bin(hue)).collect(),
+            shape: BinOfClass::new(angle::bin_of_class(&self.angle_bounds, parameters.shape_bins)),
+            colour: BinOfClass::new(hues.iter().flat_map(|&hue| colour_bin(hue))),
             disk: position(parameters.disk_um),
             ring: position(parameters.ring_um),
             digest: self.digest,
         })
+    }
+}
+
+/// The bin of every class, with an entry for every number that a record can hold: no look-up can be out of bounds.
+#[derive(Clone, Debug)]
+pub(crate) struct BinOfClass(Box<[u16; CLASSES]>);
+
+/// Numbers that half a record can hold.
+const CLASSES: usize = 1 << 16;
+
+impl BinOfClass {
+    fn new(bins: impl IntoIterator<Item = u16>) -> Self {
+        let mut table = Box::new([0; CLASSES]);
+        table.iter_mut().zip(bins).for_each(|(entry, bin)| *entry = bin);
+        Self(table)
+    }
+
+    #[inline(always)]
+    pub(crate) fn get(&self, class: u16) -> usize {
+        usize::from(self.0[usize::from(class)])
     }
 }
 
@@ -181,9 +228,9 @@ impl Quantiser {
 pub struct Binning {
     pub(crate) parameters: Parameters,
     /// Shape bin of every angle class.
-    pub(crate) shape: Vec<u16>,
+    pub(crate) shape: BinOfClass,
     /// Colour bin of every colour class.
-    pub(crate) colour: Vec<u16>,
+    pub(crate) colour: BinOfClass,
     /// Position of R1 and R2 among the quantiser's radii.
     pub(crate) disk: usize,
     pub(crate) ring: usize,
@@ -191,6 +238,17 @@ pub struct Binning {
 }
 
 impl Binning {
+    /// Bins of a shape histogram that an angle can fall into: angles end at 180 of the 360 degrees (paper, eq. 2).
+    pub(crate) fn shape_bins(&self) -> usize {
+        (self.parameters.shape_bins as usize - 1) / 2 + 1
+    }
+
+    /// Bins of a colour histogram, m².
+    pub(crate) fn colour_bins(&self) -> usize {
+        let m = self.parameters.colour_bins as usize;
+        m * m
+    }
+
     /// The descriptor that is binned for.
     pub fn parameters(&self) -> &Parameters {
         &self.parameters

@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use crate::distance::DistanceMatrix;
-use crate::summary::{Summary, weighted};
+use crate::summary::{Part, Summary, weighted};
 
 /// What a cloud shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -53,14 +53,11 @@ pub fn recognise(
     labels: &[Label],
     shape_weight: f64,
 ) -> Result<Vec<Match>, RecogniseError> {
-    assert_eq!(database.len(), labels.len(), "one label for each cloud of the database");
-    queries
-        .par_iter()
-        .map(|query| {
-            nearest(database.iter().map(|entry| query.distance(entry, shape_weight)), labels)
-                .ok_or(RecogniseError::EmptyDatabase)
-        })
-        .collect()
+    let matrix = |part: fn(&Summary) -> &Part| {
+        DistanceMatrix::new(&queries.iter().map(part).collect(), &database.iter().map(part).collect())
+    };
+    let (shape, colour) = (matrix(|summary| &summary.shape), matrix(|summary| &summary.colour));
+    recognise_from(queries.len(), &shape, &colour, labels, shape_weight)
 }
 
 /// As [`recognise`], from kept distances of shape and colour: equal matches, bit for bit.

@@ -9,8 +9,27 @@ pub(crate) struct Steps {
     thresholds: Vec<f32>,
     /// For every slice the number of thresholds in the slices before it.
     before: Vec<u32>,
+    slicer: Slicer,
+}
+
+/// Which slice of the thresholds' range a value lies in.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Slicer {
     low: f32,
     slices_per_unit: f32,
+}
+
+impl Slicer {
+    /// The slice; never decreases with its argument, however it rounds.
+    #[inline(always)]
+    pub(crate) fn slice(self, value: f32) -> u16 {
+        // The comparisons map what is below the range to 0; above it, the last slice takes all.
+        let slice = (value - self.low) * self.slices_per_unit;
+        let slice = if slice > 0.0 { slice } else { 0.0 };
+        let slice = if slice < (BUCKETS - 1) as f32 { slice } else { (BUCKETS - 1) as f32 };
+        // Adding 2²³ leaves the nearest whole number in the lowest bits; a cast would ask about NaN and overflow.
+        (slice + 8_388_608.0).to_bits() as u16
+    }
 }
 
 impl Steps {
@@ -21,10 +40,13 @@ impl Steps {
             _ => (0.0, 0.0),
         };
         let slices_per_unit = if high > low { BUCKETS as f32 / (high - low) } else { 0.0 };
-        let mut steps = Self { thresholds, before: vec![0; BUCKETS], low, slices_per_unit };
+        let slicer = Slicer { low, slices_per_unit };
+        let mut steps = Self { thresholds, before: vec![0; BUCKETS], slicer };
         let mut position = 0;
         for slice in 0..BUCKETS {
-            while position < steps.thresholds.len() && steps.slice(steps.thresholds[position]) < slice {
+            while position < steps.thresholds.len()
+                && usize::from(slicer.slice(steps.thresholds[position])) < slice
+            {
                 position += 1;
             }
             steps.before[slice] = position as u32;
@@ -33,16 +55,27 @@ impl Steps {
     }
 
     /// Number of thresholds below `value`.
-    ///
-    /// Exact for every value: [`Steps::slice`] never decreases with its argument, however it rounds, so thresholds of
-    /// earlier slices are below the value and those of later slices are not; the rest is compared.
-    #[inline]
+    #[cfg(test)]
     pub(crate) fn below(&self, value: f32) -> usize {
-        let mut count = self.before[self.slice(value)] as usize;
+        self.below_in(self.slicer.slice(value), value)
+    }
+
+    /// Number of thresholds below `value`, which lies in `slice`.
+    ///
+    /// Exact for every value: as slices never decrease, thresholds of earlier slices are below the value and those of
+    /// later slices are not; the rest is compared.
+    #[inline]
+    pub(crate) fn below_in(&self, slice: u16, value: f32) -> usize {
+        let mut count = self.before[usize::from(slice)] as usize;
         while self.thresholds.get(count).is_some_and(|&threshold| threshold < value) {
             count += 1;
         }
         count
+    }
+
+    /// Finds slices.
+    pub(crate) fn slicer(&self) -> Slicer {
+        self.slicer
     }
 
     /// Number of thresholds.
@@ -53,12 +86,6 @@ impl Steps {
     /// The largest threshold.
     pub(crate) fn last(&self) -> Option<f32> {
         self.thresholds.last().copied()
-    }
-
-    #[inline]
-    fn slice(&self, value: f32) -> usize {
-        // The cast maps what is below the range to 0; above it, the last slice takes all.
-        (((value - self.low) * self.slices_per_unit) as i32).clamp(0, BUCKETS as i32 - 1) as usize
     }
 }
 

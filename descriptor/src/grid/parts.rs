@@ -1,0 +1,186 @@
+//! One cloud under every shape_bins and every m of a cell.
+
+use std::ops::Range;
+
+use pulp::NullaryFnOnce;
+
+use super::Cell;
+use crate::prepare::PreparedCloud;
+use crate::quantise::Binning;
+use crate::summary::{Part, Summarise};
+use crate::wide::widest;
+
+/// One cloud under all descriptors of a cell.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CellParts {
+    /// One a value of shape_bins.
+    pub(super) shape: Vec<Part>,
+    /// One a value of m.
+    pub(super) colour: Vec<Part>,
+}
+
+impl CellParts {
+    /// Memory that the parts take, bytes.
+    pub fn bytes(&self) -> usize {
+        let parts = || self.shape.iter().chain(&self.colour);
+        let values: usize = parts().map(|part| part.centroid.len() + part.deviation.len()).sum();
+        size_of::<Self>() + parts().count() * size_of::<Part>() + values * size_of::<f32>()
+    }
+}
+
+impl Cell {
+    /// A cloud's parts for every value of shape_bins and of m: each as [`crate::Summary`] has it.
+    ///
+    /// # Panics
+    /// If cloud and cell come from different quantisers: a programming error.
+    pub fn parts(&self, cloud: &PreparedCloud) -> CellParts {
+        assert_eq!(*cloud.digest(), self.shape[0].digest, "cloud and cell of different quantisers");
+        let (disk, ring) = (self.shape[0].disk, self.shape[0].ring);
+        let regions = (0..cloud.keypoints()).map(|keypoint| cloud.regions(keypoint, disk, ring));
+        let regions: Vec<[Range<usize>; 2]> = regions.collect();
+        let [angle_classes, colour_classes] = self.classes;
+        CellParts {
+            shape: widest(Shapes {
+                angles: &cloud.angles,
+                classes: angle_classes,
+                regions: &regions,
+                binnings: &self.shape,
+            }),
+            colour: widest(Colours {
+                colours: &cloud.colours,
+                classes: colour_classes,
+                regions: &regions,
+                binnings: &self.colour,
+            }),
+        }
+    }
+}
+
+/// Rows of one descriptor under construction: as `histogram` makes them.
+struct Rows {
+    bins: usize,
+    values: Vec<f32>,
+}
+
+impl Rows {
+    fn new(bins: usize, keypoints: usize) -> Self {
+        Self { bins, values: vec![0.0; keypoints * 2 * bins] }
+    }
+
+    /// The histogram of a keypoint's disk (0) or ring (1).
+    #[inline(always)]
+    fn region(&mut self, keypoint: usize, region: usize) -> &mut [f32] {
+        &mut self.values[(2 * keypoint + region) * self.bins..][..self.bins]
+    }
+
+    #[inline(always)]
+    fn summarise(&self) -> Part {
+        if self.bins == 0 {
+            return Part::default();
+        }
+        Summarise { rows: &self.values, width: 2 * self.bins }.call()
+    }
+}
+
+/// Shape: every bin is a run of angle classes, so its count is the difference of two sums over classes.
+struct Shapes<'a> {
+    angles: &'a [u16],
+    classes: usize,
+    regions: &'a [[Range<usize>; 2]],
+    binnings: &'a [Binning],
+}
+
+impl NullaryFnOnce for Shapes<'_> {
+    type Output = Vec<Part>;
+
+    #[inline(always)]
+    fn call(self) -> Vec<Part> {
+        // The first class of each bin and the end of the last, for all descriptors one after the other.
+        let edges: Vec<Vec<usize>> =
+            self.binnings.iter().map(|binning| edges(binning, self.classes)).collect();
+        let mut rows: Vec<Rows> =
+            self.binnings.iter().map(|binning| Rows::new(binning.shape_bins(), self.regions.len())).collect();
+        let mut counts = vec![0u32; self.classes];
+        // Neighbours in the classes before each class.
+        let mut before = vec![0u32; self.classes + 1];
+        for (keypoint, regions) in self.regions.iter().enumerate() {
+            for (region, records) in regions.iter().enumerate() {
+                if records.is_empty() {
+                    continue;
+                }
+                counts.fill(0);
+                for &class in &self.angles[records.clone()] {
+                    counts[usize::from(class)] += 1;
+                }
+                let mut sum = 0;
+                for (before, &count) in before[1..].iter_mut().zip(&counts) {
+                    sum += count;
+                    *before = sum;
+                }
+                let total = records.len() as f32;
+                for (rows, edges) in rows.iter_mut().zip(&edges) {
+                    let shares = rows.region(keypoint, region).iter_mut();
+                    for (share, bin) in shares.zip(edges.windows(2)) {
+                        *share = (before[bin[1]] - before[bin[0]]) as f32 / total;
+                    }
+                }
+            }
+        }
+        rows.iter().map(Rows::summarise).collect()
+    }
+}
+
+/// The first class of every bin, and the number of classes.
+fn edges(binning: &Binning, classes: usize) -> Vec<usize> {
+    let bin = |class: &usize| binning.shape.get(*class as u16);
+    let all: Vec<usize> = (0..classes).collect();
+    (0..binning.shape_bins()).map(|k| all.partition_point(|class| bin(class) < k)).chain([classes]).collect()
+}
+
+/// Colour: the classes that occur are few, and each descriptor adds their counts up anew.
+struct Colours<'a> {
+    colours: &'a [u16],
+    classes: usize,
+    regions: &'a [[Range<usize>; 2]],
+    binnings: &'a [Binning],
+}
+
+impl NullaryFnOnce for Colours<'_> {
+    type Output = Vec<Part>;
+
+    #[inline(always)]
+    fn call(self) -> Vec<Part> {
+        let mut rows: Vec<Rows> = self
+            .binnings
+            .iter()
+            .map(|binning| Rows::new(binning.colour_bins(), self.regions.len()))
+            .collect();
+        let mut counts = vec![0u32; self.classes];
+        let mut present: Vec<(u16, u32)> = Vec::new();
+        let mut bins = vec![0u32; rows.iter().map(|rows| rows.bins).max().unwrap_or(0)];
+        for (keypoint, regions) in self.regions.iter().enumerate() {
+            for (region, records) in regions.iter().enumerate() {
+                // Without colour there is nothing to count.
+                if records.is_empty() || self.classes == 0 {
+                    continue;
+                }
+                for &class in &self.colours[records.clone()] {
+                    counts[usize::from(class)] += 1;
+                }
+                present.clear();
+                let of_class = (0u16..).zip(&mut counts).filter(|(_, count)| **count > 0);
+                present.extend(of_class.map(|(class, count)| (class, std::mem::take(count))));
+                let total = records.len() as f32;
+                for (rows, binning) in rows.iter_mut().zip(self.binnings) {
+                    for &(class, count) in &present {
+                        bins[binning.colour.get(class)] += count;
+                    }
+                    for (share, bin) in rows.region(keypoint, region).iter_mut().zip(&mut bins) {
+                        *share = std::mem::take(bin) as f32 / total;
+                    }
+                }
+            }
+        }
+        rows.iter().map(Rows::summarise).collect()
+    }
+}
