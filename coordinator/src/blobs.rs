@@ -53,6 +53,11 @@ impl BlobStore {
         self.insert(digest, Source::File(path));
     }
 
+    /// Whether workers may have this blob.
+    pub fn is_released(&self, digest: Digest) -> bool {
+        self.sources.read().unwrap_or_else(PoisonError::into_inner).contains_key(&digest)
+    }
+
     /// The bytes of a released blob; a file is compared with its digest again.
     pub fn read(&self, digest: Digest) -> Result<Vec<u8>, BlobError> {
         let source = self.sources.read().unwrap_or_else(PoisonError::into_inner).get(&digest).cloned();

@@ -7,11 +7,12 @@ use proto::{JobId, Lease, SessionId, WorkerId};
 use tokio::sync::Notify;
 
 use crate::blobs::BlobStore;
-use crate::evaluation::Evaluation;
+use crate::evaluation::{Evaluation, EvaluationResult};
 use crate::scheduler::{
     Answer, Arrival, Farewell, Finished, Introduction, JobFailed, Limits, Poll, PollRefusal, Scheduler,
     Staffing,
 };
+use crate::task::{GridCell, Task, TaskResult};
 
 /// How often silence is looked for.
 const TICK: Duration = Duration::from_millis(500);
@@ -20,7 +21,7 @@ const TICK: Duration = Duration::from_millis(500);
 #[derive(Debug, thiserror::Error)]
 pub enum ClusterError {
     /// A job failed as often as the limit allows.
-    #[error("evaluation of {parameters}: failed {count} times, got\n  {failures}\nlook at the workers' logs; coordinator.max_failures and coordinator.job_seconds set the limits", parameters = .0.evaluation.parameters, count = .0.failures.len(), failures = first_lines(&.0.failures))]
+    #[error("{task}: failed {count} times, got\n  {failures}\nlook at the workers' logs; coordinator.max_failures and coordinator.job_seconds set the limits", task = .0.task, count = .0.failures.len(), failures = first_lines(&.0.failures))]
     JobFailed(JobFailed),
     /// No worker is left, and none came back.
     #[error(
@@ -110,7 +111,7 @@ impl Cluster {
         id: WorkerId,
         sequence: u64,
         wanted: usize,
-    ) -> Result<Vec<(Lease, Arc<Evaluation>)>, PollRefusal> {
+    ) -> Result<Vec<(Lease, Arc<Task>)>, PollRefusal> {
         let deadline = tokio::time::Instant::now() + self.hold();
         loop {
             let mut work = std::pin::pin!(self.work.notified());
@@ -131,30 +132,67 @@ impl Cluster {
         &self,
         evaluations: Vec<Evaluation>,
         mut watch: impl FnMut(&ClusterNews),
-    ) -> Result<Vec<Finished>, ClusterError> {
+    ) -> Result<Vec<Finished<EvaluationResult>>, ClusterError> {
+        let mut results: Vec<Option<Finished<EvaluationResult>>> = evaluations.iter().map(|_| None).collect();
+        let tasks = evaluations.into_iter().map(Task::Evaluation);
+        self.perform(tasks, |news, finished| {
+            for (place, Finished { job, result, worker, attempt, queued, run_seconds }) in finished {
+                if let TaskResult::Evaluation(result) = result {
+                    results[place] = Some(Finished { job, result, worker, attempt, queued, run_seconds });
+                }
+            }
+            watch(news);
+            Ok::<_, ClusterError>(())
+        })
+        .await?;
+        Ok(results.into_iter().flatten().collect())
+    }
+
+    /// Submits cells of the grid and waits for all of them. `take` is given every piece of news, with the counts of
+    /// the cells that were finished, numbered in the order of submission; its error ends the waiting.
+    pub async fn evaluate_cells<E: From<ClusterError>>(
+        &self,
+        cells: Vec<GridCell>,
+        mut take: impl FnMut(&ClusterNews, Vec<(usize, Vec<u32>)>) -> Result<(), E>,
+    ) -> Result<(), E> {
+        self.perform(cells.into_iter().map(Task::GridCell), |news, finished| {
+            let counts = finished.into_iter().filter_map(|(place, finished)| match finished.result {
+                TaskResult::GridCell(counts) => Some((place, counts)),
+                TaskResult::Evaluation(_) => None, // `Task::check` lets none pass
+            });
+            take(news, counts.collect())
+        })
+        .await
+    }
+
+    /// Submits tasks and waits for all of them. `take` is given every piece of news, with the tasks that were
+    /// finished, numbered in the order of submission; its error ends the waiting.
+    async fn perform<E: From<ClusterError>>(
+        &self,
+        tasks: impl Iterator<Item = Task>,
+        mut take: impl FnMut(&ClusterNews, Vec<(usize, Finished)>) -> Result<(), E>,
+    ) -> Result<(), E> {
         let jobs: Vec<JobId> = {
             let mut scheduler = self.scheduler();
             let now = Instant::now();
-            evaluations.into_iter().map(|evaluation| scheduler.submit(Arc::new(evaluation), now)).collect()
+            tasks.map(|task| scheduler.submit(Arc::new(task), now)).collect()
         };
         self.work.notify_waiters();
-        let mut results: Vec<Option<Finished>> = jobs.iter().map(|_| None).collect();
+        let mut missing = jobs.len();
         loop {
-            let news = self.look();
-            for finished in &news.finished {
-                if let Ok(place) = jobs.binary_search(&finished.job) {
-                    results[place] = Some(finished.clone());
-                }
-            }
-            watch(&news);
+            let (news, finished) = self.look();
+            let numbered = |finished: Finished| Some((jobs.binary_search(&finished.job).ok()?, finished));
+            let finished: Vec<(usize, Finished)> = finished.into_iter().filter_map(numbered).collect();
+            missing -= finished.len();
+            take(&news, finished)?;
             if let Some(failed) = news.failed {
-                return Err(ClusterError::JobFailed(failed));
+                return Err(ClusterError::JobFailed(failed).into());
             }
-            if results.iter().all(Option::is_some) {
-                return Ok(results.into_iter().flatten().collect());
+            if missing == 0 {
+                return Ok(());
             }
             if news.staffing == Staffing::GraceOver {
-                return Err(ClusterError::NoWorkers { seconds: self.limits.worker_grace.as_secs() });
+                return Err(ClusterError::NoWorkers { seconds: self.limits.worker_grace.as_secs() }.into());
             }
             let _ = tokio::time::timeout(TICK, self.news.notified()).await; // the tick expires leases
         }
@@ -174,7 +212,7 @@ impl Cluster {
         }
     }
 
-    fn look(&self) -> ClusterNews {
+    fn look(&self) -> (ClusterNews, Vec<Finished>) {
         let mut scheduler = self.scheduler();
         let now = Instant::now();
         scheduler.expire(now);
@@ -182,14 +220,16 @@ impl Cluster {
         if !farewells.is_empty() {
             self.work.notify_waiters();
         }
-        ClusterNews {
-            finished: scheduler.drain_finished(),
+        let finished = scheduler.drain_finished();
+        let news = ClusterNews {
+            finished: finished.len(),
             failed: scheduler.failed().cloned(),
             farewells,
             staffing: scheduler.staffing(now),
             arrivals: scheduler.drain_arrivals(),
             workers: scheduler.worker_count(),
-        }
+        };
+        (news, finished)
     }
 
     fn scheduler(&self) -> MutexGuard<'_, Scheduler> {
@@ -201,8 +241,8 @@ impl Cluster {
 /// What happened since the last look.
 #[derive(Debug)]
 pub struct ClusterNews {
-    /// Evaluations that were finished.
-    pub finished: Vec<Finished>,
+    /// How many tasks were finished.
+    pub finished: usize,
     /// Workers that went.
     pub farewells: Vec<Farewell>,
     /// Workers that came.
@@ -211,4 +251,70 @@ pub struct ClusterNews {
     pub workers: usize,
     staffing: Staffing,
     failed: Option<JobFailed>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scheduler::Report;
+
+    const LIMITS: Limits = Limits {
+        lease: Duration::from_secs(30),
+        job: Duration::from_secs(600),
+        max_failures: 2,
+        max_losses: 5,
+        worker_grace: Duration::from_secs(300),
+        max_workers: 4,
+    };
+
+    fn cell(disk_um: u32) -> GridCell {
+        GridCell { disk_um, ring_um: 21_000, query: vec![], database: vec![], queries: 9, descriptors: 2 }
+    }
+
+    /// A worker that gives each cell the counts that `answer` has for its R1.
+    async fn work(cluster: &Cluster, answer: impl Fn(u32) -> Vec<u32>) {
+        let id = WorkerId([1; 16]);
+        let introduction = Introduction { name: "one".to_owned(), threads: 1, build: "test".to_owned() };
+        cluster.register(id, introduction);
+        let mut finished: Vec<Report> = Vec::new();
+        for sequence in 1.. {
+            let reports = std::mem::take(&mut finished);
+            let poll = Poll { sequence, finished: reports, wanted: 2, ..Poll::default() };
+            for (lease, task) in cluster.poll(id, poll).await.unwrap().jobs.into_iter().rev() {
+                let Task::GridCell(cell) = &*task else { panic!("{task}") };
+                let outcome = Ok(TaskResult::GridCell(answer(cell.disk_um)));
+                finished.push(Report { lease, run_seconds: 0.1, outcome });
+            }
+            tokio::task::yield_now().await; // an answer that is there at once would leave nobody else a turn
+        }
+    }
+
+    async fn evaluate(answer: impl Fn(u32) -> Vec<u32>) -> Result<Vec<(usize, Vec<u32>)>, ClusterError> {
+        let cluster = Cluster::new(LIMITS);
+        let mut all = Vec::new();
+        let evaluation = cluster.evaluate_cells([5_000, 6_000, 7_000].map(cell).to_vec(), |_, finished| {
+            all.extend(finished);
+            Ok(())
+        });
+        tokio::select! {
+            done = evaluation => done?,
+            () = work(&cluster, answer) => {}
+        }
+        all.sort();
+        Ok(all)
+    }
+
+    #[tokio::test]
+    async fn cells_are_given_with_their_place_whatever_the_order_of_arrival() {
+        let counts = evaluate(|disk_um| vec![disk_um / 1000, 0]).await.unwrap();
+        assert_eq!(counts, [(0, vec![5, 0]), (1, vec![6, 0]), (2, vec![7, 0])]);
+    }
+
+    #[tokio::test]
+    async fn a_cell_that_is_never_answered_well_is_named() {
+        let failed = evaluate(|disk_um| vec![disk_um / 1000; if disk_um == 6_000 { 3 } else { 2 }]).await;
+        let message = failed.unwrap_err().to_string();
+        assert!(message.starts_with("grid cell of R1=0.6 cm R2=2.1 cm: failed 2 times, got\n"), "{message}");
+        assert!(message.contains("one: counts: must be 2, got 3"), "{message}");
+    }
 }

@@ -1,8 +1,9 @@
-//! A coordinator: reads an experiment, evolves descriptors, hands evaluations to workers, writes the results.
+//! A coordinator: reads an experiment, searches for descriptors, hands tasks to workers, writes the results.
 
 pub mod cli;
 pub mod dataset;
 pub mod evolution;
+pub mod exhaust;
 pub mod experiment;
 pub mod run;
 pub mod scheduler;
@@ -12,7 +13,11 @@ mod cluster;
 mod evaluate;
 mod evaluation;
 mod local;
+mod memory;
+mod prepared;
 mod server;
 mod service;
+mod storage;
+mod task;
 mod verify;
 mod wire;

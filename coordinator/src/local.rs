@@ -1,11 +1,13 @@
 //! Workers inside the coordinator's process: the same client as remote ones, over memory instead of a network.
 
 use std::num::NonZeroUsize;
+use std::sync::Arc;
 use std::thread::available_parallelism;
 
 use tokio::sync::watch;
 use tokio::task::{JoinError, JoinSet};
-use worker::{Identity, Options, WorkerError};
+use worker::store::Store;
+use worker::{Identity, Options, Size, WorkerError};
 
 use crate::experiment::LocalWorkers;
 use crate::server::Servers;
@@ -38,18 +40,22 @@ pub struct Crew {
 }
 
 impl Crew {
-    /// Starts a worker for each entry of `threads`.
-    pub fn start(servers: &mut Servers, threads: &[u32]) -> Self {
+    /// Starts a worker for each entry of `threads`. They share the store, and `memory` in equal parts.
+    pub fn start(servers: &mut Servers, threads: &[u32], store: &Arc<Store>, memory: Size) -> Self {
+        let memory = Size::from_bytes(memory.bytes() / threads.len().max(1) as u64);
         let stop = watch::Sender::new(false);
         let mut tasks = JoinSet::new();
         for &threads in threads {
             let channel = servers.connect_in_process();
+            let store = Arc::clone(store);
             let mut stopped = stop.subscribe();
             tasks.spawn(async move {
                 let options = Options {
                     identity: Identity { name: "local".to_owned(), threads },
+                    store,
+                    memory,
                     // The files are on this machine: a copy of them would serve nobody.
-                    cache: None,
+                    source_blobs: false,
                     patience: None,
                 };
                 let stop = async move {

@@ -17,6 +17,7 @@ use tonic::transport::{Channel, Endpoint, Server, server::Router};
 use tower::service_fn;
 
 use crate::cluster::Cluster;
+use crate::prepared::PreparedClouds;
 use crate::service::Service;
 
 /// Bytes on their way between the two ends of an in-process connection.
@@ -71,13 +72,14 @@ pub async fn bind(address: SocketAddr, insecure: bool) -> Result<TcpListener, Se
 pub struct Servers {
     cluster: Arc<Cluster>,
     preparation: v1::Preparation,
+    prepared: Arc<PreparedClouds>,
     tasks: JoinSet<()>,
 }
 
 impl Servers {
     /// No server yet.
-    pub fn new(cluster: Arc<Cluster>, preparation: v1::Preparation) -> Self {
-        Self { cluster, preparation, tasks: JoinSet::new() }
+    pub fn new(cluster: Arc<Cluster>, preparation: v1::Preparation, prepared: PreparedClouds) -> Self {
+        Self { cluster, preparation, prepared: Arc::new(prepared), tasks: JoinSet::new() }
     }
 
     /// Serves remote workers, health probes and reflection.
@@ -128,7 +130,8 @@ impl Servers {
     }
 
     fn router(&self) -> Router {
-        let service = Service::server(Arc::clone(&self.cluster), self.preparation.clone());
+        let service =
+            Service::server(Arc::clone(&self.cluster), self.preparation.clone(), Arc::clone(&self.prepared));
         Server::builder()
             .tcp_nodelay(true)
             .max_concurrent_streams(MAX_STREAMS)

@@ -10,6 +10,7 @@ use tonic::{Request, Response, Status};
 
 use crate::blobs::BlobError;
 use crate::cluster::Cluster;
+use crate::prepared::PreparedClouds;
 use crate::scheduler::{Introduction, PollRefusal};
 use crate::wire;
 
@@ -20,16 +21,44 @@ const BLOBS_AT_ONCE: usize = 64;
 pub struct Service {
     cluster: Arc<Cluster>,
     preparation: v1::Preparation,
-    /// Blobs in memory at once, over all connections: who does not read what it asked for must not fill it.
+    prepared: Arc<PreparedClouds>,
+    /// Blobs and entries in memory at once, over all connections: who does not read what it asked for must not fill it.
     blobs: Arc<Semaphore>,
 }
 
 impl Service {
     /// The service, ready to be added to a server.
-    pub fn server(cluster: Arc<Cluster>, preparation: v1::Preparation) -> CoordinatorServer<Self> {
-        CoordinatorServer::new(Self { cluster, preparation, blobs: Arc::new(Semaphore::new(BLOBS_AT_ONCE)) })
+    pub fn server(
+        cluster: Arc<Cluster>,
+        preparation: v1::Preparation,
+        prepared: Arc<PreparedClouds>,
+    ) -> CoordinatorServer<Self> {
+        let blobs = Arc::new(Semaphore::new(BLOBS_AT_ONCE));
+        CoordinatorServer::new(Self { cluster, preparation, prepared, blobs })
             .max_decoding_message_size(MAX_MESSAGE_BYTES)
             .max_encoding_message_size(MAX_MESSAGE_BYTES)
+    }
+}
+
+type Chunks = std::pin::Pin<Box<dyn Stream<Item = Result<v1::BlobChunk, Status>> + Send>>;
+
+impl Service {
+    /// Sends the bytes that `read` gives, when there is room for them.
+    async fn send(
+        &self,
+        read: impl FnOnce() -> Result<Vec<u8>, Status> + Send + 'static,
+    ) -> Result<Response<Chunks>, Status> {
+        let permit = Arc::clone(&self.blobs).acquire_owned().await;
+        let permit = permit.map_err(|error| Status::internal(error.to_string()))?;
+        let read = tokio::task::spawn_blocking(read).await;
+        let bytes = read.map_err(|error| Status::internal(error.to_string()))??;
+        // Pieces are cut when they are sent: a slow reader holds one blob, not two.
+        let pieces = (0..bytes.len()).step_by(BLOB_CHUNK_BYTES).map(move |start| {
+            let _held_until_sent = &permit;
+            let end = bytes.len().min(start + BLOB_CHUNK_BYTES);
+            Ok(v1::BlobChunk { data: bytes[start..end].to_vec() })
+        });
+        Ok(Response::new(Box::pin(tokio_stream::iter(pieces))))
     }
 }
 
@@ -104,28 +133,39 @@ impl Coordinator for Service {
         }
     }
 
-    type FetchBlobStream = std::pin::Pin<Box<dyn Stream<Item = Result<v1::BlobChunk, Status>> + Send>>;
+    type FetchBlobStream = Chunks;
 
     async fn fetch_blob(
         &self,
         request: Request<v1::FetchBlobRequest>,
     ) -> Result<Response<Self::FetchBlobStream>, Status> {
         let digest = wire::blob_digest(&request.into_inner())?;
-        let permit = Arc::clone(&self.blobs).acquire_owned().await;
-        let permit = permit.map_err(|error| Status::internal(error.to_string()))?;
         let cluster = Arc::clone(&self.cluster);
-        let read = tokio::task::spawn_blocking(move || cluster.blobs.read(digest)).await;
-        let bytes =
-            read.map_err(|error| Status::internal(error.to_string()))?.map_err(|error| match error {
+        let read = move || {
+            cluster.blobs.read(digest).map_err(|error| match error {
                 BlobError::Unknown(_) => Status::not_found(error.to_string()),
                 BlobError::Read { .. } | BlobError::Changed(_) => Status::data_loss(error.to_string()),
-            })?;
-        // Pieces are cut when they are sent: a slow reader holds one blob, not two.
-        let pieces = (0..bytes.len()).step_by(BLOB_CHUNK_BYTES).map(move |start| {
-            let _held_until_sent = &permit;
-            let end = bytes.len().min(start + BLOB_CHUNK_BYTES);
-            Ok(v1::BlobChunk { data: bytes[start..end].to_vec() })
-        });
-        Ok(Response::new(Box::pin(tokio_stream::iter(pieces))))
+            })
+        };
+        self.send(read).await
+    }
+
+    type FetchDerivedStream = Chunks;
+
+    async fn fetch_derived(
+        &self,
+        request: Request<v1::FetchDerivedRequest>,
+    ) -> Result<Response<Self::FetchDerivedStream>, Status> {
+        let request = request.into_inner();
+        let (kind, key) = wire::derived_key(&request)?;
+        let (kind, cluster, prepared) =
+            (kind.to_owned(), Arc::clone(&self.cluster), Arc::clone(&self.prepared));
+        let read = move || {
+            let entry = prepared.read(&kind, key, &cluster.blobs);
+            entry.ok_or_else(|| {
+                Status::not_found(format!("derived entry {key}: this coordinator has none of this name"))
+            })
+        };
+        self.send(read).await
     }
 }

@@ -3,13 +3,17 @@
 
 use std::fmt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
-use descriptor::{GENES, Parameters, random};
+use descriptor::random;
 use rand::RngExt as _;
 use results::RecordedEvaluation;
+use worker::Storage;
+use worker::store::Store;
 
+use crate::dataset::Wanted;
 use crate::experiment::{Experiment, ExperimentError, LocalWorkers};
-use crate::run::{RunError, Workplace, open_data};
+use crate::run::{DataError, RunError, Workplace, open_data, rows};
 
 /// Why a run cannot be verified.
 #[derive(Debug, thiserror::Error)]
@@ -69,8 +73,14 @@ impl fmt::Display for Verdict {
     }
 }
 
-/// Recomputes the digests of a finished run, and `sample` of its fitness values if the files are sound.
-pub async fn verify(run: &Path, sample: u32, data: Option<PathBuf>) -> Result<Verdict, VerifyError> {
+/// Recomputes the digests of a finished run, and `sample` of its fitness values if the files are sound. Clouds may
+/// come prepared from the cache, but no count does.
+pub async fn verify(
+    run: &Path,
+    sample: u32,
+    data: Option<PathBuf>,
+    storage: &Storage,
+) -> Result<Verdict, VerifyError> {
     if !run.is_dir() {
         return Err(VerifyError::NoFolder(run.to_owned()));
     }
@@ -91,8 +101,10 @@ pub async fn verify(run: &Path, sample: u32, data: Option<PathBuf>) -> Result<Ve
             got: recorded.row.evaluation_version,
         });
     }
+    let store = Arc::new(Store::open(storage, "verify"));
     let experiment = Experiment::from_record(&recorded.row.resolved_toml, run, data.as_deref())?;
-    let dataset = open_data(&experiment, |line| eprintln!("{line}")).map_err(RunError::from)?;
+    let dataset = open_data(&experiment, Wanted::All, Some(&store), |line| eprintln!("{line}"))
+        .map_err(RunError::from)?;
     let digest = proto::Digest(dataset.clouds.digest).to_string();
     if digest != recorded.row.data_digest {
         verdict.problems.push(format!("data: digest: expected {}, got {digest}", recorded.row.data_digest));
@@ -100,12 +112,14 @@ pub async fn verify(run: &Path, sample: u32, data: Option<PathBuf>) -> Result<Ve
     }
 
     let chosen = choose(results::read_evaluations(run)?, sample, &verdict.run_digest);
-    let Some(parameters) = chosen.iter().map(|row| parameters(&row.genes)).collect::<Option<Vec<_>>>() else {
+    let Some(parameters) = chosen.iter().map(|row| rows::parameters(&row.genes)).collect::<Option<Vec<_>>>()
+    else {
         verdict.problems.push("evaluations: gene values: must lie on the genes' grids".to_owned());
         return Ok(verdict);
     };
     eprintln!("recomputing {} fitness values", parameters.len());
-    let mut workplace = Workplace::new(&experiment, &dataset);
+    let mut workplace = Workplace::new(&experiment, &dataset, store, storage.memory)
+        .map_err(|error| RunError::from(DataError::from(error)))?;
     let mut crew = workplace.staff(LocalWorkers::Auto);
     let counts = crew.during(async { Ok::<_, RunError>(workplace.train_counts(&parameters).await?) }).await?;
     crew.stop().await;
@@ -113,8 +127,14 @@ pub async fn verify(run: &Path, sample: u32, data: Option<PathBuf>) -> Result<Ve
     for (row, counts) in chosen.iter().zip(&counts) {
         if row.counts != *counts {
             verdict.problems.push(format!(
-                "evaluations, generation {}, individual {}: expected {:?}, got {:?}",
-                row.generation, row.individual, counts, row.counts
+                "evaluations, generation {}, individual {}: expected {} objects and {} categories of {}, got {} and {}",
+                row.generation,
+                row.individual,
+                counts.object_correct,
+                counts.category_correct,
+                counts.queries,
+                row.counts.object_correct,
+                row.counts.category_correct
             ));
         }
     }
@@ -131,16 +151,4 @@ fn choose(mut rows: Vec<RecordedEvaluation>, sample: u32, run_digest: &str) -> V
     }
     rows.truncate(wanted);
     rows
-}
-
-/// The descriptor of recorded gene values.
-fn parameters(genes: &[Option<f64>]) -> Option<Parameters> {
-    let mut ticks = [0; GENES.len()];
-    for ((spec, value), ticks) in GENES.iter().zip(genes).zip(&mut ticks) {
-        *ticks = match value {
-            Some(value) => spec.ticks(*value)?,
-            None => 0,
-        };
-    }
-    Some(Parameters::from_ticks(ticks))
 }

@@ -7,6 +7,7 @@ use tonic::Status;
 use crate::dataset::CloudEntry;
 use crate::evaluation::{Evaluation, EvaluationResult, Match};
 use crate::scheduler::{Answer, Poll, Report};
+use crate::task::{GridCell, Task, TaskResult};
 
 /// What every job of a run has in common.
 pub fn preparation(preprocess: &Preprocess, genes: &descriptor::GeneTable) -> v1::Preparation {
@@ -40,24 +41,43 @@ pub fn manifest<'a>(split: &str, clouds: impl Iterator<Item = &'a CloudEntry>) -
     v1::SplitManifest { split: split.to_owned(), clouds: listed.collect() }
 }
 
-fn job(lease: Lease, evaluation: &Evaluation, preparation: &v1::Preparation) -> v1::Job {
+fn job(lease: Lease, task: &Task, preparation: &v1::Preparation) -> v1::Job {
+    let (evaluation, grid_cell) = match task {
+        Task::Evaluation(evaluation) => (Some(self::evaluation(evaluation, preparation)), None),
+        Task::GridCell(cell) => (None, Some(grid_cell(cell, preparation))),
+    };
+    v1::Job { lease: Some(lease.into()), evaluation, grid_cell }
+}
+
+fn evaluation(evaluation: &Evaluation, preparation: &v1::Preparation) -> v1::Evaluation {
     let p = evaluation.parameters;
-    v1::Job {
-        lease: Some(lease.into()),
-        evaluation: Some(v1::Evaluation {
-            preparation: Some(preparation.clone()),
-            parameters: Some(v1::Parameters {
-                shape_bins: p.shape_bins,
-                colour_bins: p.colour_bins,
-                disk_um: p.disk_um,
-                ring_um: p.ring_um,
-                shape_weight_ppm: p.shape_weight_ppm,
-            }),
-            query: evaluation.query.iter().map(|digest| digest.to_vec()).collect(),
-            database: evaluation.database.iter().map(|digest| digest.to_vec()).collect(),
-            want_matches: evaluation.want_matches,
+    v1::Evaluation {
+        preparation: Some(preparation.clone()),
+        parameters: Some(v1::Parameters {
+            shape_bins: p.shape_bins,
+            colour_bins: p.colour_bins,
+            disk_um: p.disk_um,
+            ring_um: p.ring_um,
+            shape_weight_ppm: p.shape_weight_ppm,
         }),
+        query: digests(&evaluation.query),
+        database: digests(&evaluation.database),
+        want_matches: evaluation.want_matches,
     }
+}
+
+fn grid_cell(cell: &GridCell, preparation: &v1::Preparation) -> v1::GridCell {
+    v1::GridCell {
+        preparation: Some(preparation.clone()),
+        disk_um: cell.disk_um,
+        ring_um: cell.ring_um,
+        query: digests(&cell.query),
+        database: digests(&cell.database),
+    }
+}
+
+fn digests(digests: &[Digest]) -> Vec<Vec<u8>> {
+    digests.iter().map(|digest| digest.to_vec()).collect()
 }
 
 /// A reply to a poll.
@@ -65,7 +85,7 @@ pub fn reply(answer: Answer, preparation: &v1::Preparation) -> v1::PollReply {
     v1::PollReply {
         acknowledged: answer.acknowledged.into_iter().map(Into::into).collect(),
         revoked: answer.revoked.into_iter().map(Into::into).collect(),
-        jobs: answer.jobs.iter().map(|(lease, evaluation)| job(*lease, evaluation, preparation)).collect(),
+        jobs: answer.jobs.iter().map(|(lease, task)| job(*lease, task, preparation)).collect(),
     }
 }
 
@@ -100,7 +120,8 @@ fn report(report: v1::JobReport) -> Result<Report, Status> {
     let run_seconds = report.run_seconds;
     let run_seconds = if run_seconds.is_finite() && run_seconds >= 0.0 { run_seconds } else { 0.0 };
     let outcome = match report.outcome {
-        Some(v1::job_report::Outcome::Result(result)) => self::result(result),
+        Some(v1::job_report::Outcome::Result(result)) => self::result(result).map(TaskResult::Evaluation),
+        Some(v1::job_report::Outcome::GridCell(result)) => Ok(TaskResult::GridCell(result.object_correct)),
         Some(v1::job_report::Outcome::Failure(failure)) => {
             let kind = match failure.reason() {
                 v1::FailureReason::Unspecified => "failed",
@@ -134,6 +155,11 @@ fn result(result: v1::EvaluationResult) -> Result<EvaluationResult, String> {
         category_correct: result.category_correct,
         matches: matches.collect::<Result<_, _>>()?,
     })
+}
+
+/// Kind and key of a derived entry that is asked for.
+pub fn derived_key(request: &v1::FetchDerivedRequest) -> Result<(&str, Digest), Status> {
+    Ok((&request.kind, id(&request.key)?))
 }
 
 /// The digest a blob is asked for by.

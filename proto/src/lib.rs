@@ -18,7 +18,7 @@ pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "
 /// Must be equal on both sides.
 pub const PROTOCOL_MAJOR: u32 = 1;
 /// Grows when the protocol grows; never compared.
-pub const PROTOCOL_MINOR: u32 = 0;
+pub const PROTOCOL_MINOR: u32 = 1;
 
 /// The largest message either side accepts, bytes: some 300 000 matches of one final test.
 pub const MAX_MESSAGE_BYTES: usize = 16 << 20;
@@ -32,6 +32,9 @@ pub const MAX_NAME_BYTES: usize = 64;
 pub const MAX_TEXT_BYTES: usize = 1024;
 /// The most leases, reports or wanted jobs in one poll.
 pub const MAX_POLL_ITEMS: usize = 256;
+
+/// The most descriptors in one grid cell: their counts travel in one message.
+pub const MAX_CELL: u64 = 1 << 20;
 
 /// The start of `text` that fits into `bytes`, cut between characters.
 pub fn truncate(text: &str, bytes: usize) -> &str {

@@ -205,6 +205,7 @@ pub(crate) fn run(
     for prefix in ["train_", "validation_", "test_"] {
         check.errors(cells, prefix)?;
     }
+    check.equal("regret", row.regret(), cells.number("regret")?);
     if !(1..=row.generations).contains(&row.winner_generation) {
         check.equal("winner_generation", None, Some(row.winner_generation));
     }

@@ -42,6 +42,9 @@ pub enum Error {
         "gene: name must not be empty, occur twice or be that of another column, got {name:?}\nrename the gene"
     )]
     GeneName { name: String },
+    /// Reading the end of a grid that is not whole.
+    #[error("{}: grid is not whole, got no grid/grid.parquet\nstart the exhaustive search again to finish it", .0.display())]
+    UnfinishedGrid(PathBuf),
     /// A table without any file.
     #[error("{}: no Parquet file of table {table}\ncheck that this is a run folder, and that the run got that far", .folder.display())]
     NoFiles { folder: PathBuf, table: TableName },
@@ -66,6 +69,18 @@ pub enum Error {
 }
 
 impl Error {
+    /// Whether the file's content is at fault, so that writing it anew would help.
+    pub fn is_damage(&self) -> bool {
+        matches!(
+            self,
+            Self::Damaged { .. }
+                | Self::Foreign { .. }
+                | Self::WrongTable { .. }
+                | Self::Column { .. }
+                | Self::GeneName { .. }
+        )
+    }
+
     /// Names a failed operation on `path`, keeping a full disk apart.
     pub(crate) fn io(path: &Path, doing: &'static str, source: io::Error) -> Self {
         match source.kind() {

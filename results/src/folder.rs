@@ -53,28 +53,7 @@ impl RunFolder {
     /// columns. A finished run can be opened: see [`RunFolder::is_finished`] and [`RunFolder::discard`].
     pub fn create(folder: impl AsRef<Path>, genes: &[GeneColumn]) -> Result<Self, Error> {
         let folder = folder.as_ref();
-        for table in TableName::ALL {
-            Table::new(table, genes)?;
-        }
-        fs::create_dir_all(folder).map_err(|source| opening(folder, source))?;
-        let lock = folder.join(LOCK);
-        let lock = File::options()
-            .create(true)
-            .truncate(false)
-            .write(true)
-            .open(lock)
-            .map_err(|source| opening(folder, source))?;
-        match lock.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => return Err(Error::InUse(folder.to_owned())),
-            Err(TryLockError::Error(source)) => return Err(Error::io(folder, "lock this folder", source)),
-        }
-        for table in TableName::ALL {
-            let table = folder.join(table.as_str());
-            fs::create_dir_all(&table).map_err(|source| opening(&table, source))?;
-            remove(&table, is_temporary)?;
-        }
-        sync_folder(folder)?;
+        let lock = open_tables(folder, &TableName::RUN, genes)?;
         let mut this = Self { folder: folder.to_owned(), genes: genes.to_vec(), generations: 0, _lock: lock };
         while this.file(TableName::Generations, &generation_file(this.generations + 1)).exists() {
             this.generations += 1;
@@ -197,6 +176,33 @@ impl RunFolder {
     }
 }
 
+/// Makes a folder with these tables, locks it, and removes what was left half written. The lock lasts as long as the
+/// file that is returned.
+pub(crate) fn open_tables(folder: &Path, tables: &[TableName], genes: &[GeneColumn]) -> Result<File, Error> {
+    for &table in tables {
+        Table::new(table, genes)?;
+    }
+    fs::create_dir_all(folder).map_err(|source| opening(folder, source))?;
+    let lock = File::options()
+        .create(true)
+        .truncate(false)
+        .write(true)
+        .open(folder.join(LOCK))
+        .map_err(|source| opening(folder, source))?;
+    match lock.try_lock() {
+        Ok(()) => {}
+        Err(TryLockError::WouldBlock) => return Err(Error::InUse(folder.to_owned())),
+        Err(TryLockError::Error(source)) => return Err(Error::io(folder, "lock this folder", source)),
+    }
+    for table in tables {
+        let table = folder.join(table.as_str());
+        fs::create_dir_all(&table).map_err(|source| opening(&table, source))?;
+        remove(&table, is_temporary)?;
+    }
+    sync_folder(folder)?;
+    Ok(lock)
+}
+
 /// Whether this type writes a file of that name into the table's folder.
 fn is_ours(table: TableName, name: &str) -> bool {
     match table {
@@ -209,6 +215,12 @@ fn is_ours(table: TableName, name: &str) -> bool {
         }
         TableName::Skipped => name == SKIPPED_FILE,
         TableName::Run => name == RUN_FILE,
+        TableName::Cells
+        | TableName::Best
+        | TableName::Marginals
+        | TableName::Landscapes
+        | TableName::Counts
+        | TableName::Grid => false,
     }
 }
 

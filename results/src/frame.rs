@@ -10,9 +10,9 @@ use crate::population::PopulationSummary;
 use crate::rows::{Counts, EvaluationRow, GenerationRow, PredictionRow, PredictionSplit, RunRow, SkippedRow};
 use crate::tables::{Table, TableName};
 
-type Cell = polars::prelude::Column;
+pub(crate) type Cell = polars::prelude::Column;
 
-fn cells<T, Item>(name: &str, values: impl Iterator<Item = Item>) -> Cell
+pub(crate) fn cells<T, Item>(name: &str, values: impl Iterator<Item = Item>) -> Cell
 where
     Vec<Item>: AsRef<T>,
     T: ?Sized,
@@ -22,11 +22,11 @@ where
 }
 
 /// A frame from one closure a column: `height` rows, one cell each.
-fn assemble(height: usize, columns: Vec<Cell>) -> Result<DataFrame, Error> {
+pub(crate) fn assemble(height: usize, columns: Vec<Cell>) -> Result<DataFrame, Error> {
     Ok(DataFrame::new(height, columns)?)
 }
 
-fn gene_cells(genes: &[GeneColumn], prefix: &str, rows: &[&[Option<f64>]]) -> Vec<Cell> {
+pub(crate) fn gene_cells(genes: &[GeneColumn], prefix: &str, rows: &[&[Option<f64>]]) -> Vec<Cell> {
     let column = |(index, gene): (usize, &GeneColumn)| {
         let name = format!("{prefix}{}", gene.name);
         let values = rows.iter().map(|row| row.get(index).copied().flatten());
@@ -165,10 +165,12 @@ pub(crate) fn run(genes: &[GeneColumn], row: &RunRow) -> Result<DataFrame, Error
             check_counts(TableName::Run, 0, prefix, counts)?;
         }
     }
-    let time = |name: &str, at| {
-        let milliseconds = Int64Chunked::from_slice(name.into(), &[milliseconds(at)]);
-        milliseconds.into_datetime(TimeUnit::Milliseconds, None).into_column()
-    };
+    if let Some(best) = row.grid_best_object_correct
+        && !(row.train.object_correct..=row.train.queries).contains(&best)
+    {
+        let expected = format!("{} to {}", row.train.object_correct, row.train.queries);
+        return Err(refuse(TableName::Run, 0, "grid_best_object_correct", expected, best));
+    }
     let mut columns = vec![
         text("name", &row.name),
         text("search_config", &row.search_config),
@@ -195,7 +197,15 @@ pub(crate) fn run(genes: &[GeneColumn], row: &RunRow) -> Result<DataFrame, Error
     columns.extend(counts_cells("validation_", &[row.validation]));
     columns.extend(counts_cells("test_", &[row.test]));
     columns.extend([text("predictions_digest", ""), text("run_digest", "")]);
+    columns.push(cells("grid_best_object_correct", [row.grid_best_object_correct].into_iter()));
+    columns.push(cells("regret", [row.regret()].into_iter()));
     assemble(1, columns)
+}
+
+/// One cell of time.
+pub(crate) fn time(name: &str, at: SystemTime) -> Cell {
+    let milliseconds = Int64Chunked::from_slice(name.into(), &[milliseconds(at)]);
+    milliseconds.into_datetime(TimeUnit::Milliseconds, None).into_column()
 }
 
 /// Milliseconds since the Unix epoch, negative before it.
@@ -207,7 +217,7 @@ fn milliseconds(at: SystemTime) -> i64 {
     }
 }
 
-fn refuse(
+pub(crate) fn refuse(
     table: TableName,
     row: usize,
     column: &str,
@@ -244,7 +254,7 @@ fn check_evaluations(genes: &[GeneColumn], rows: &[EvaluationRow]) -> Result<(),
     Ok(())
 }
 
-fn check_genes(
+pub(crate) fn check_genes(
     table: TableName,
     row: usize,
     genes: &[GeneColumn],

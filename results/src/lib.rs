@@ -1,6 +1,6 @@
-//! Results of a run: one table of columns, crash-safe Parquet files, reading them, and the run digest.
+//! Results of runs and grids: one table of columns, crash-safe Parquet files, reading them, and the run digest.
 //!
-//! A run writes through [`RunFolder`]; anyone reads with [`read_table`], [`read_run`] or any Parquet reader.
+//! A run writes through [`RunFolder`], an exhaustive search through [`GridFolder`]; anyone reads with [`read_table`], [`read_run`] or any Parquet reader.
 //! [`verify`] recomputes the run digest from the files and names what was changed.
 //! SCHEMA.md, made from the column table, lists every column.
 
@@ -19,6 +19,7 @@ mod schema;
 
 mod file;
 mod folder;
+mod grid;
 mod read;
 mod recorded;
 mod verify;
@@ -26,6 +27,10 @@ mod verify;
 pub use columns::{Column, ColumnKind, GeneColumn};
 pub use error::Error;
 pub use folder::RunFolder;
+pub use grid::{
+    BestRow, CellPoints, CountRow, FinishedGrid, GridFolder, GridRow, GridTables, LandscapeRow, MarginalRow,
+    read_grid,
+};
 pub use parquet::SCHEMA_VERSION;
 pub use population::PopulationSummary;
 pub use read::{FinishedRun, read_run, read_table};

@@ -146,6 +146,7 @@ pub(crate) fn finished(content: &TableFile, file: &Path) -> Result<FinishedRun, 
         train: cells.need("train_", Cells::counts)?,
         validation: cells.counts("validation_")?,
         test: cells.counts("test_")?,
+        grid_best_object_correct: cells.u32("grid_best_object_correct")?,
     };
     Ok(FinishedRun { row, genes, run_digest: cells.need("run_digest", Cells::text)? })
 }

@@ -199,4 +199,14 @@ pub struct RunRow {
     pub validation: Option<Counts>,
     /// The winner on test, if there is a test split.
     pub test: Option<Counts>,
+    /// Correct answers of the best descriptor of the whole search space on the first training set, if known.
+    pub grid_best_object_correct: Option<u32>,
+}
+
+impl RunRow {
+    /// How far the winner's training fitness is below that of the best descriptor there is, if that is known.
+    pub fn regret(&self) -> Option<f64> {
+        let missed = self.grid_best_object_correct?.saturating_sub(self.train.object_correct);
+        Some(share(missed, self.train.queries))
+    }
 }

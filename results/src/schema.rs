@@ -17,21 +17,21 @@ pub fn schema_markdown() -> Result<String, Error> {
             .to_owned(),
     };
     let mut text = format!(
-        "# Schema of a run folder, version {SCHEMA_VERSION}\n\n\
+        "# Schema of run and grid folders, version {SCHEMA_VERSION}\n\n\
          Made from `results/src/tables.rs` by `results::schema_markdown`; a test keeps it so.\n\n\
          Columns are only added, never renamed or retyped, and those added later may be null. *null* marks columns \
          whose cells may be null, *digest* those that the run digest covers.\n",
     );
-    for name in TableName::ALL {
+    for name in TableName::RUN.into_iter().chain(TableName::GRID) {
         let table = Table::new(name, std::slice::from_ref(&gene))?;
         let key: Vec<String> = table.key.iter().map(|column| format!("`{column}`")).collect();
+        let key = if key.is_empty() { "the genes".to_owned() } else { key.join(", ") };
         // Writing into a String cannot fail.
         let _ = write!(
             text,
             "\n## {name}\n\nA row is {}. Key: {}.\n\n\
              | column | kind | unit | null | digest | meaning |\n|---|---|---|---|---|---|\n",
-            table.meaning,
-            key.join(", "),
+            table.meaning, key,
         );
         for column in &table.columns {
             let Column { name, unit, meaning, .. } = column;

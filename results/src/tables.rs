@@ -1,4 +1,4 @@
-//! The one table of columns: every table of a run folder, from which files, checks and SCHEMA.md are made.
+//! The one table of columns: every table of a run or grid folder, from which files, checks and SCHEMA.md are made.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -7,7 +7,7 @@ use crate::columns::ColumnKind::{Bool, F64, Text, Timestamp, U32, U64};
 use crate::columns::{Column, GeneColumn};
 use crate::error::Error;
 
-/// The tables of a run folder. A table's files lie in the folder of its name.
+/// The tables of run folders and of grid folders. A table's files lie in the folder of its name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum TableName {
     /// A row an individual and generation.
@@ -20,12 +20,27 @@ pub enum TableName {
     Skipped,
     /// One row: the run itself.
     Run,
+    /// A row a descriptor of one cell of the grid.
+    Cells,
+    /// A row each for the best descriptors of the grid.
+    Best,
+    /// A row a gene and value.
+    Marginals,
+    /// A row a pair of genes and their values.
+    Landscapes,
+    /// A row a number of correct answers that occurs in the grid.
+    Counts,
+    /// One row: the grid itself.
+    Grid,
 }
 
 impl TableName {
-    /// Every table.
-    pub const ALL: [Self; 5] =
+    /// The tables of a run folder.
+    pub const RUN: [Self; 5] =
         [Self::Evaluations, Self::Generations, Self::Predictions, Self::Skipped, Self::Run];
+    /// The tables of a grid folder.
+    pub const GRID: [Self; 6] =
+        [Self::Cells, Self::Best, Self::Marginals, Self::Landscapes, Self::Counts, Self::Grid];
 
     /// Its name: the folder's name and the value of `descry.table` in the files.
     pub fn as_str(self) -> &'static str {
@@ -35,15 +50,26 @@ impl TableName {
             Self::Predictions => "predictions",
             Self::Skipped => "skipped",
             Self::Run => "run",
+            Self::Cells => "cells",
+            Self::Best => "best",
+            Self::Marginals => "marginals",
+            Self::Landscapes => "landscapes",
+            Self::Counts => "counts",
+            Self::Grid => "grid",
         }
     }
 
     /// What stands before a gene's name in this table's columns; `None` if the table has no genes.
     pub(crate) fn gene_prefix(self) -> Option<&'static str> {
         match self {
-            Self::Evaluations => Some(""),
-            Self::Run => Some("best_"),
-            Self::Generations | Self::Predictions | Self::Skipped => None,
+            Self::Evaluations | Self::Cells | Self::Best => Some(""),
+            Self::Run | Self::Grid => Some("best_"),
+            Self::Generations
+            | Self::Predictions
+            | Self::Skipped
+            | Self::Marginals
+            | Self::Landscapes
+            | Self::Counts => None,
         }
     }
 }
@@ -81,6 +107,22 @@ impl Table {
             }
             TableName::Skipped => ("a cloud that took no part", &["split", "cloud"], skipped()),
             TableName::Run => ("the run; the table has one row, written last", &["name"], run(genes)),
+            TableName::Cells => ("a descriptor; a file has those of one R1 and one R2", &[], cells(genes)),
+            TableName::Best => {
+                ("one of the best descriptors, ties in the order of the genes", &["rank"], best(genes))
+            }
+            TableName::Marginals => {
+                ("all descriptors with one value of one gene", &["gene", "value"], marginals())
+            }
+            TableName::Landscapes => (
+                "all descriptors with one value of each of two genes",
+                &["gene_a", "value_a", "gene_b", "value_b"],
+                landscapes(),
+            ),
+            TableName::Counts => {
+                ("all descriptors with one number of correct answers", &["object_correct"], histogram())
+            }
+            TableName::Grid => ("the grid; the table has one row, written last", &["grid_key"], grid(genes)),
         };
         let mut seen = BTreeSet::new();
         for column in &columns {
@@ -261,6 +303,133 @@ fn run(genes: &[GeneColumn]) -> Vec<Column> {
     columns.extend([
         Column::new("predictions_digest", Text, "", "BLAKE3 of the predictions"),
         Column::new("run_digest", Text, "", "BLAKE3 of everything that the columns marked `digest` say"),
+        Column::new(
+            "grid_best_object_correct",
+            U32,
+            "clouds",
+            "object_correct of the best descriptor of the whole search space; null if it was not known at the end of \
+             the run",
+        )
+        .nullable(),
+        Column::new(
+            "regret",
+            F64,
+            "share",
+            "(grid_best_object_correct - train_object_correct) / train_queries; null as that",
+        )
+        .nullable(),
+    ]);
+    columns
+}
+
+/// Number of correct answers of the first training set, and the error that follows from it.
+fn object_correct(prefix: &str, which: &str) -> [Column; 2] {
+    let (correct, error) = (format!("{prefix}object_correct"), format!("{prefix}object_error"));
+    [
+        Column::new(&correct, U32, "clouds", &format!("{which} number of queries of the same object")),
+        Column::new(&error, F64, "share", &format!("1 - {correct} / queries")),
+    ]
+}
+
+fn mean_object_correct(prefix: &str) -> [Column; 2] {
+    let (correct, error) = (format!("{prefix}_object_correct"), format!("{prefix}_object_error"));
+    [
+        Column::new(&correct, F64, "clouds", &format!("{prefix} number of queries of the same object")),
+        Column::new(&error, F64, "share", &format!("1 - {correct} / queries")),
+    ]
+}
+
+fn descriptors() -> Column {
+    Column::new("descriptors", U64, "", "how many they are")
+}
+
+fn cells(genes: &[GeneColumn]) -> Vec<Column> {
+    let mut columns: Vec<Column> = genes.iter().map(|gene| gene.column("")).collect();
+    let meaning = "first training set's clouds whose nearest cloud is of the same object";
+    columns.push(Column::new("object_correct", U32, "clouds", meaning));
+    columns
+}
+
+fn best(genes: &[GeneColumn]) -> Vec<Column> {
+    let mut columns = vec![Column::new("rank", U32, "", "place among all descriptors, from 1")];
+    columns.extend(genes.iter().map(|gene| gene.column("")));
+    let [object_correct, _, queries, object_error, _] = counts("", "first training set's clouds");
+    columns.extend([
+        object_correct,
+        queries,
+        Column::new("fitness", F64, "share", "object_correct / queries"),
+        object_error,
+    ]);
+    columns
+}
+
+fn marginals() -> Vec<Column> {
+    let mut columns = vec![
+        Column::new("gene", Text, "", "name of the gene"),
+        Column::new("value", F64, "the gene's", "value of the gene"),
+        descriptors(),
+    ];
+    columns.extend(object_correct("best_", "highest"));
+    columns.extend(mean_object_correct("mean"));
+    columns.extend(mean_object_correct("median"));
+    columns.extend(object_correct("worst_", "lowest"));
+    columns
+}
+
+fn landscapes() -> Vec<Column> {
+    let mut columns = vec![
+        Column::new("gene_a", Text, "", "name of one gene"),
+        Column::new("value_a", F64, "the gene's", "its value"),
+        Column::new("gene_b", Text, "", "name of a later gene"),
+        Column::new("value_b", F64, "the gene's", "its value"),
+        descriptors(),
+    ];
+    columns.extend(object_correct("best_", "highest"));
+    columns.extend(mean_object_correct("mean"));
+    columns
+}
+
+fn histogram() -> Vec<Column> {
+    let mut columns = object_correct("", "the").to_vec();
+    columns.push(descriptors());
+    columns
+}
+
+fn grid(genes: &[GeneColumn]) -> Vec<Column> {
+    let mut columns = vec![
+        Column::new("name", Text, "", "name of the experiment"),
+        Column::new("grid_key", Text, "", "BLAKE3 of search_space"),
+        Column::new(
+            "search_space",
+            Text,
+            "TOML",
+            "what determines the counts: evaluation version, training clouds, preprocessing and genes",
+        ),
+        Column::new(
+            "train_digest",
+            Text,
+            "",
+            "BLAKE3 over labels and content of the usable clouds of both training sets",
+        ),
+        Column::new(
+            "evaluation_version",
+            U32,
+            "",
+            "version of the method: equal versions give equal results",
+        ),
+        Column::new("cells", U32, "", "pairs of R1 and R2"),
+        Column::new("descriptors", U64, "", "size of the search space"),
+        Column::new("queries", U32, "clouds", "first training set's clouds that took part"),
+        Column::new("optimal_descriptors", U64, "", "how many are as good as the best"),
+    ];
+    columns.extend(genes.iter().map(|gene| gene.column("best_")));
+    columns.extend(object_correct("best_", "highest"));
+    columns.extend([
+        Column::new("grid_digest", Text, "", "BLAKE3 over the counts of all cells, R1 and R2 ascending"),
+        Column::new("cells_computed", U32, "", "cells evaluated since the last start"),
+        Column::new("cells_found", U32, "", "cells that were evaluated before it"),
+        Column::new("seconds", F64, "s", "wall time since the last start"),
+        Column::new("finished_at", Timestamp, "UTC", "end of the last cell's evaluation"),
     ]);
     columns
 }

@@ -1,18 +1,17 @@
-//! Blobs by digest: from the coordinator, or from the local cache folder.
+//! What the coordinator gives: blobs by digest, kept in the cache folder, and entries of its own store.
 
-use std::fs;
-use std::io::{self, Read as _, Write as _};
-use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use proto::v1::coordinator_client::CoordinatorClient;
 use proto::{Digest, MAX_BLOB_BYTES, v1};
 use tokio::sync::Semaphore;
 use tokio::task::spawn_blocking;
-use tonic::Code;
 use tonic::transport::Channel;
+use tonic::{Code, Status, Streaming};
 
 use crate::backoff::Backoff;
+use crate::store::{MAX_ENTRY_BYTES, Store};
 
 /// Why a blob is not to be had.
 #[derive(Debug, thiserror::Error)]
@@ -23,7 +22,7 @@ pub enum BlobError {
         /// Which blob.
         digest: Digest,
         /// The answer.
-        status: tonic::Status,
+        status: Status,
     },
     /// What came is not what was asked for.
     #[error("blob {digest}: bytes must match the digest, got {got}")]
@@ -53,61 +52,61 @@ const STREAMS: usize = 16;
 /// Times a blob is asked for again before its job fails: about ten seconds in all.
 const RETRIES: u32 = 6;
 
-/// The coordinator's blobs, with a cache folder before them if there is one.
+/// The coordinator's blobs and entries.
 #[derive(Debug)]
 pub struct Blobs {
     client: CoordinatorClient<Channel>,
-    folder: Option<PathBuf>,
+    /// Where copies of blobs are kept; `None` for a worker inside the coordinator's process, which has them all, and
+    /// whose store is the coordinator's.
+    copies: Option<Arc<Store>>,
     streams: Semaphore,
     retries: u32,
     /// Blobs that came over the network.
     fetched: AtomicU64,
-    /// Whether it has been said that the folder cannot be written: once is enough.
-    warned: AtomicBool,
 }
 
 impl Blobs {
-    /// Blobs from `client`, kept in `folder`.
-    pub fn new(client: CoordinatorClient<Channel>, folder: Option<PathBuf>) -> Self {
+    /// Blobs from `client`, with copies kept in `copies`.
+    pub fn new(client: CoordinatorClient<Channel>, copies: Option<Arc<Store>>) -> Self {
         Self {
             client,
-            folder,
+            copies,
             streams: Semaphore::new(STREAMS),
             retries: RETRIES,
             fetched: AtomicU64::new(0),
-            warned: AtomicBool::new(false),
         }
     }
 
-    /// Blobs that came over the network so far, and not from the folder.
+    /// Blobs that came over the network so far, and not from the disk.
     pub fn fetched(&self) -> u64 {
         self.fetched.load(Ordering::Relaxed)
     }
 
-    /// The bytes with this digest. A damaged cache entry is dropped and fetched again; a cache folder that cannot
-    /// be written costs a warning, not the job.
+    /// The bytes with this digest. A damaged copy is dropped and fetched again; a disk that cannot be written costs
+    /// a warning, not the job.
     pub async fn get(&self, digest: Digest) -> Result<Vec<u8>, BlobError> {
-        let Some(folder) = self.folder.clone() else { return self.fetch(digest).await };
+        let Some(store) = self.copies.clone() else { return self.fetch(digest).await };
         // A slow disk must not hold up the polls that tell the coordinator this worker is alive.
-        let path = entry(&folder, digest);
-        if let Ok(Some(bytes)) = spawn_blocking(move || read_cached(&path, digest)).await {
+        if let Ok(Some(bytes)) = spawn_blocking(move || store.blob(digest)).await {
             return Ok(bytes);
         }
         let bytes = self.fetch(digest).await?;
+        let Some(store) = self.copies.clone() else { return Ok(bytes) };
         let kept = spawn_blocking(move || {
-            let stored = store(&folder, digest, &bytes);
-            (bytes, stored.map_err(|error| (folder, error)))
+            store.put_blob(digest, &bytes);
+            bytes
         });
-        let (bytes, stored) = kept.await.map_err(|_| BlobError::Stopping { digest })?;
-        if let Err((folder, error)) = stored
-            && !self.warned.swap(true, Ordering::Relaxed)
-        {
-            tracing::warn!(
-                "cache {}: cannot keep clouds, got {error}\nfree some space or choose another --cache",
-                folder.display()
-            );
-        }
-        Ok(bytes)
+        kept.await.map_err(|_| BlobError::Stopping { digest })
+    }
+
+    /// An entry of the coordinator's store, unchecked; `None` if it has none or is this process, if nothing is kept
+    /// here, or for whatever else goes wrong: a cloud can be prepared here just as well.
+    pub async fn derived(&self, kind: &str, key: Digest) -> Option<Vec<u8>> {
+        self.copies.as_ref().filter(|store| store.is_kept())?;
+        let _permit = self.streams.acquire().await;
+        let request = v1::FetchDerivedRequest { kind: kind.to_owned(), key: key.to_vec() };
+        let stream = self.client.clone().fetch_derived(request).await.ok()?.into_inner();
+        collect(stream, MAX_ENTRY_BYTES).await.ok()?
     }
 
     /// Tries again after faults of the network, which are no faults of the job.
@@ -137,73 +136,22 @@ impl Blobs {
     async fn fetch_once(&self, digest: Digest) -> Result<Vec<u8>, BlobError> {
         let failed = |status| BlobError::Fetch { digest, status };
         let request = v1::FetchBlobRequest { digest: digest.to_vec() };
-        let mut stream = self.client.clone().fetch_blob(request).await.map_err(failed)?.into_inner();
-        let mut bytes = Vec::new();
-        while let Some(chunk) = stream.message().await.map_err(failed)? {
-            if (bytes.len() + chunk.data.len()) as u64 > MAX_BLOB_BYTES {
-                return Err(BlobError::TooLarge { digest });
-            }
-            bytes.extend_from_slice(&chunk.data);
-        }
+        let stream = self.client.clone().fetch_blob(request).await.map_err(failed)?.into_inner();
+        let bytes = collect(stream, MAX_BLOB_BYTES).await.map_err(failed)?;
+        let bytes = bytes.ok_or(BlobError::TooLarge { digest })?;
         let got = Digest::of(&bytes);
         if got == digest { Ok(bytes) } else { Err(BlobError::Mismatch { digest, got }) }
     }
 }
 
-fn read_cached(path: &Path, digest: Digest) -> Option<Vec<u8>> {
-    let file = fs::File::open(path).ok()?;
+/// All bytes of a stream; `None` if there are more than `most`.
+async fn collect(mut stream: Streaming<v1::BlobChunk>, most: u64) -> Result<Option<Vec<u8>>, Status> {
     let mut bytes = Vec::new();
-    file.take(MAX_BLOB_BYTES + 1).read_to_end(&mut bytes).ok()?;
-    if Digest::of(&bytes) == digest {
-        return Some(bytes);
-    }
-    tracing::warn!("cache {}: entry is damaged, fetching it again", path.display());
-    let _ = fs::remove_file(path); // if it stays, it is found damaged again
-    None
-}
-
-/// Spread over folders of two hex digits, as a folder of a quarter million entries is slow to list.
-fn entry(folder: &Path, digest: Digest) -> PathBuf {
-    let name = digest.to_string();
-    folder.join(&name[..2]).join(name)
-}
-
-/// Whole or not at all: another worker may share the folder, and this one may be killed while it writes.
-fn store(folder: &Path, digest: Digest, bytes: &[u8]) -> io::Result<()> {
-    let path = entry(folder, digest);
-    let parent = path.parent().unwrap_or(folder);
-    fs::create_dir_all(parent)?;
-    let mut file = tempfile::NamedTempFile::new_in(parent)?;
-    file.write_all(bytes)?;
-    file.persist(&path)?;
-    Ok(())
-}
-
-#[cfg(test)]
-mod tests {
-    use tonic::transport::Endpoint;
-
-    use super::*;
-
-    fn blobs(folder: &Path) -> Blobs {
-        // Nobody listens there: what the test reads must come from the folder.
-        let channel = Endpoint::from_static("http://127.0.0.1:1").connect_lazy();
-        Blobs { retries: 0, ..Blobs::new(CoordinatorClient::new(channel), Some(folder.to_owned())) }
-    }
-
-    #[tokio::test]
-    async fn a_cached_blob_is_read_and_a_damaged_one_is_dropped() {
-        let folder = tempfile::tempdir().unwrap();
-        let digest = Digest::of(b"cloud");
-        store(folder.path(), digest, b"cloud").unwrap();
-        let blobs = blobs(folder.path());
-        assert_eq!(blobs.get(digest).await.unwrap(), b"cloud");
-
-        let path = entry(folder.path(), digest);
-        for damage in [&b"clo"[..], b"clouD", b""] {
-            fs::write(&path, damage).unwrap();
-            assert!(matches!(blobs.get(digest).await, Err(BlobError::Fetch { .. })));
-            assert!(!path.exists());
+    while let Some(chunk) = stream.message().await? {
+        if (bytes.len() + chunk.data.len()) as u64 > most {
+            return Ok(None);
         }
+        bytes.extend_from_slice(&chunk.data);
     }
+    Ok(Some(bytes))
 }

@@ -2,15 +2,16 @@
 
 use std::future::Future;
 use std::io::IsTerminal as _;
-use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
 use clap::Parser;
 use tonic::transport::{Endpoint, Uri};
 
-use crate::{Identity, Options};
+use crate::store::Store;
+use crate::{Identity, Options, StorageArgs};
 
 /// The coordinator's port unless an address names another.
 const DEFAULT_PORT: u16 = 7700;
@@ -30,13 +31,12 @@ pub struct Cli {
     /// Label in progress and results, for example lab-pc-3; the host's name by default
     #[arg(long, value_name = "NAME")]
     name: Option<String>,
-    /// Folder that keeps the clouds this worker has fetched, for example /scratch/descry
-    #[arg(long, value_name = "DIR")]
-    cache: Option<PathBuf>,
     /// Seconds for which the coordinator may be out of reach before the worker gives up, for example 600; by
     /// default it waits for ever
     #[arg(long, value_name = "SECONDS")]
     patience: Option<u64>,
+    #[command(flatten)]
+    storage: StorageArgs,
 }
 
 /// Runs the program until it is told to stop; an error goes to standard error.
@@ -92,9 +92,13 @@ async fn serve(cli: Cli) -> anyhow::Result<()> {
         endpoint.uri().authority().map_or("", |host| host.as_str())
     );
     let channel = endpoint.connect_lazy();
+    let storage = cli.storage.resolve();
+    tracing::info!("memory for clouds: {} (--memory)", storage.memory);
     let options = Options {
+        store: Arc::new(Store::open(&storage, &name)),
         identity: Identity { name, threads },
-        cache: Some(cli.cache.unwrap_or_else(default_cache)),
+        memory: storage.memory,
+        source_blobs: true,
         patience: cli.patience.map(Duration::from_secs),
     };
     crate::run(channel, options, stop_signal()?).await?;
@@ -143,13 +147,6 @@ fn endpoint(address: &str) -> anyhow::Result<Endpoint> {
 fn is_loopback(host: &str) -> bool {
     let address = host.trim_start_matches('[').trim_end_matches(']');
     host == "localhost" || address.parse::<std::net::IpAddr>().is_ok_and(|address| address.is_loopback())
-}
-
-/// `$XDG_CACHE_HOME/descry/blobs`, else `~/.cache/descry/blobs`, else a folder for temporary files.
-fn default_cache() -> PathBuf {
-    let base = std::env::var_os("XDG_CACHE_HOME").filter(|dir| !dir.is_empty()).map(PathBuf::from);
-    let home = || std::env::home_dir().map(|home| home.join(".cache"));
-    base.or_else(home).unwrap_or_else(std::env::temp_dir).join("descry").join("blobs")
 }
 
 /// Ready when the process gets SIGTERM or Ctrl-C.

@@ -92,7 +92,7 @@ mod tests {
     }
 
     fn reply(jobs: &[u64]) -> v1::PollReply {
-        let job = |job: &u64| v1::Job { lease: Some(lease(*job).into()), evaluation: None };
+        let job = |job: &u64| v1::Job { lease: Some(lease(*job).into()), evaluation: None, grid_cell: None };
         v1::PollReply { jobs: jobs.iter().map(job).collect(), ..Default::default() }
     }
 

@@ -7,11 +7,16 @@ mod blobs;
 pub mod cli;
 mod desk;
 mod session;
+mod size;
+mod storage;
+pub mod store;
 mod wire;
 mod workshop;
 
+#[cfg(test)]
+mod log_capture;
+
 use std::future::Future;
-use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -22,6 +27,9 @@ use tonic::transport::Channel;
 use backoff::Backoff;
 use blobs::Blobs;
 use session::Session;
+pub use size::{InvalidSize, Size};
+pub use storage::{Storage, StorageArgs};
+use store::Store;
 use workshop::Workshop;
 
 /// Which build this is, for the record.
@@ -41,8 +49,13 @@ pub struct Identity {
 pub struct Options {
     /// Name and threads.
     pub identity: Identity,
-    /// Folder in which source clouds are kept, or `None` to keep none.
-    pub cache: Option<PathBuf>,
+    /// Where derived entries are kept; one for all workers of a process, so that they share the work.
+    pub store: Arc<Store>,
+    /// Memory for prepared clouds and what is computed from them: this worker's own.
+    pub memory: Size,
+    /// Whether copies of source clouds are kept in the store and the coordinator is asked for its derived entries.
+    /// Not for workers inside the coordinator's process: both are on the same disk.
+    pub source_blobs: bool,
     /// How long the coordinator may be out of reach before the worker gives up; `None`: for ever.
     pub patience: Option<Duration>,
 }
@@ -78,10 +91,11 @@ pub async fn run(
     let client = CoordinatorClient::new(channel)
         .max_decoding_message_size(MAX_MESSAGE_BYTES)
         .max_encoding_message_size(MAX_MESSAGE_BYTES);
-    let blobs = Blobs::new(client.clone(), options.cache);
-    let workshop = Arc::new(Workshop::new(options.identity.threads as usize, blobs)?);
+    let Options { identity, store, memory, source_blobs, patience } = options;
+    let blobs = Blobs::new(client.clone(), source_blobs.then(|| Arc::clone(&store)));
+    let workshop = Arc::new(Workshop::new(identity.threads as usize, memory, blobs, store)?);
     // Identity and jitter must differ between workers started at the same instant; results rest on neither.
     let id = WorkerId(rand::random());
     let backoff = Backoff::new(descriptor::random::stream(rand::random(), "worker back-off", &[]));
-    Session::new(client, options.identity, id, workshop).run(options.patience, backoff, shutdown).await
+    Session::new(client, identity, id, workshop).run(patience, backoff, shutdown).await
 }

@@ -187,6 +187,7 @@ impl Session {
         if self.current != Some(session) {
             self.desk.clear();
             self.current = Some(session);
+            self.workshop.name_run(session.to_string());
             tracing::info!("joined as {}", accepted.name);
         }
         Ok(accepted)
@@ -224,8 +225,8 @@ impl Session {
         let sender = self.done_sender.clone();
         tokio::spawn(async move {
             let started = Instant::now();
-            let outcome = match wire::evaluation(job) {
-                Ok(evaluation) => match tokio::spawn(workshop.evaluate(evaluation)).await {
+            let outcome = match wire::task(job) {
+                Ok(task) => match tokio::spawn(workshop.carry_out(task)).await {
                     Ok(outcome) => outcome.map_err(Failure::from),
                     Err(error) => Err(Failure::Panic(panic_message(error))),
                 },

@@ -1,10 +1,10 @@
 //! From wire types to the worker's own and back: the only file here that knows both.
 
 use descriptor::genes::Domain;
-use descriptor::{GENES, GeneTable, Parameters, Preprocess, Unit};
-use proto::{Digest, v1};
+use descriptor::{GENES, GeneKind, GeneTable, Parameters, Preprocess, Unit};
+use proto::{Digest, MAX_CELL, v1};
 
-use crate::workshop::{Evaluation, EvaluationError, Outcome, Preparation};
+use crate::workshop::{Evaluation, EvaluationError, GridCell, Outcome, Preparation, Splits, Task};
 
 /// A job that does not make sense.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -18,25 +18,52 @@ fn invalid(what: impl Into<String>) -> InvalidJob {
 }
 
 /// What a job asks for, checked.
-pub fn evaluation(job: v1::Job) -> Result<Evaluation, InvalidJob> {
-    let evaluation = job.evaluation.ok_or_else(|| invalid("evaluation is missing"))?;
-    let preparation = preparation(&evaluation.preparation.ok_or_else(|| invalid("preparation is missing"))?)?;
-    let p = evaluation.parameters.ok_or_else(|| invalid("parameters are missing"))?;
+pub fn task(job: v1::Job) -> Result<Task, InvalidJob> {
+    match (job.evaluation, job.grid_cell) {
+        (Some(wire), None) => evaluation(wire).map(Task::Evaluation),
+        (None, Some(wire)) => grid_cell(wire).map(Task::GridCell),
+        (None, None) => Err(invalid("evaluation or grid_cell must be set")),
+        (Some(_), Some(_)) => Err(invalid("only one of evaluation and grid_cell must be set")),
+    }
+}
+
+fn evaluation(wire: v1::Evaluation) -> Result<Evaluation, InvalidJob> {
+    let preparation = preparation(wire.preparation)?;
+    let p = wire.parameters.ok_or_else(|| invalid("parameters are missing"))?;
     let parameters =
         Parameters::from_ticks([p.shape_bins, p.colour_bins, p.disk_um, p.ring_um, p.shape_weight_ppm]);
     if !preparation.genes.contains(&parameters) {
         return Err(invalid(format!("parameters must lie in the search space, got {parameters}")));
     }
-    Ok(Evaluation {
-        preparation,
-        parameters,
-        query: digests(&evaluation.query)?,
-        database: digests(&evaluation.database)?,
-        want_matches: evaluation.want_matches,
-    })
+    let splits = splits(&wire.query, &wire.database)?;
+    Ok(Evaluation { preparation, parameters, splits, want_matches: wire.want_matches })
 }
 
-fn preparation(wire: &v1::Preparation) -> Result<Preparation, InvalidJob> {
+fn grid_cell(wire: v1::GridCell) -> Result<GridCell, InvalidJob> {
+    let preparation = preparation(wire.preparation)?;
+    let genes = &preparation.genes;
+    for (kind, um) in [(GeneKind::DiskRadius, wire.disk_um), (GeneKind::RingRadius, wire.ring_um)] {
+        if !genes.domain(kind).is_some_and(|domain| domain.values().any(|value| value == um)) {
+            let name = GENES[kind as usize].name;
+            return Err(invalid(format!("{name} must lie in the search space, got {um} um")));
+        }
+    }
+    let count = |kind| genes.domain(kind).map_or(1, |domain| u64::from(domain.count));
+    // Three counts of at most 65536 each.
+    let descriptors = count(GeneKind::ShapeBins) * count(GeneKind::ColourBins) * count(GeneKind::ShapeWeight);
+    if descriptors > MAX_CELL {
+        return Err(invalid(format!("a grid cell has at most {MAX_CELL} descriptors, got {descriptors}")));
+    }
+    let splits = splits(&wire.query, &wire.database)?;
+    Ok(GridCell { preparation, disk_um: wire.disk_um, ring_um: wire.ring_um, splits })
+}
+
+fn splits(query: &[Vec<u8>], database: &[Vec<u8>]) -> Result<Splits, InvalidJob> {
+    Ok(Splits { query: digests(query)?, database: digests(database)? })
+}
+
+fn preparation(wire: Option<v1::Preparation>) -> Result<Preparation, InvalidJob> {
+    let wire = wire.ok_or_else(|| invalid("preparation is missing"))?;
     let unit = match wire.unit() {
         v1::LengthUnit::Metre => Unit::Metre,
         v1::LengthUnit::Millimetre => Unit::Millimetre,
@@ -67,7 +94,8 @@ fn digests(wire: &[Vec<u8>]) -> Result<Vec<Digest>, InvalidJob> {
 pub fn report(lease: proto::Lease, run_seconds: f64, outcome: Result<Outcome, Failure>) -> v1::JobReport {
     use v1::job_report::Outcome as Wire;
     let outcome = match outcome {
-        Ok(outcome) => Wire::Result(v1::EvaluationResult {
+        Ok(Outcome::GridCell(object_correct)) => Wire::GridCell(v1::GridCellResult { object_correct }),
+        Ok(Outcome::Evaluation(outcome)) => Wire::Result(v1::EvaluationResult {
             queries: outcome.correct.queries as u32,
             object_correct: outcome.correct.object as u32,
             category_correct: outcome.correct.category as u32,
@@ -117,5 +145,84 @@ impl Failure {
             Self::Evaluation(EvaluationError::Cloud { .. }) => v1::FailureReason::Cloud,
             Self::Panic(_) => v1::FailureReason::Panic,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn preparation() -> v1::Preparation {
+        let domain = |gene: &descriptor::GeneSpec| {
+            let (low, high, step) = gene.paper;
+            v1::Domain { low, step, count: (high - low) / step + 1 }
+        };
+        v1::Preparation {
+            leaf_um: 20_000,
+            normal_radius_um: 10_000,
+            min_points: 10,
+            colour: true,
+            unit: v1::LengthUnit::Metre.into(),
+            domains: GENES.iter().map(domain).collect(),
+        }
+    }
+
+    fn cell() -> v1::GridCell {
+        let preparation = Some(preparation());
+        let (query, database) = (vec![vec![1; 32]], vec![vec![2; 32]]);
+        v1::GridCell { preparation, disk_um: 13_000, ring_um: 36_000, query, database }
+    }
+
+    fn evaluation() -> v1::Evaluation {
+        let p = Parameters::PAPER_BEST;
+        let parameters = v1::Parameters {
+            shape_bins: p.shape_bins,
+            colour_bins: p.colour_bins,
+            disk_um: p.disk_um,
+            ring_um: p.ring_um,
+            shape_weight_ppm: p.shape_weight_ppm,
+        };
+        let (query, database) = (vec![vec![1; 32]], vec![vec![2; 32]]);
+        let preparation = Some(preparation());
+        v1::Evaluation { preparation, parameters: Some(parameters), query, database, want_matches: false }
+    }
+
+    fn job(evaluation: Option<v1::Evaluation>, grid_cell: Option<v1::GridCell>) -> v1::Job {
+        v1::Job { lease: None, evaluation, grid_cell }
+    }
+
+    #[test]
+    fn a_job_is_one_task() {
+        let evaluated = task(job(Some(evaluation()), None)).unwrap();
+        assert!(matches!(evaluated, Task::Evaluation(found) if found.parameters == Parameters::PAPER_BEST));
+        let counted = task(job(None, Some(cell()))).unwrap();
+        assert!(
+            matches!(counted, Task::GridCell(found) if (found.disk_um, found.ring_um) == (13_000, 36_000))
+        );
+        task(job(None, None)).unwrap_err();
+        task(job(Some(evaluation()), Some(cell()))).unwrap_err();
+    }
+
+    #[test]
+    fn cells_outside_the_search_space_are_refused() {
+        let refused = |change: fn(&mut v1::GridCell)| {
+            let mut cell = cell();
+            change(&mut cell);
+            task(job(None, Some(cell))).unwrap_err().to_string()
+        };
+        assert!(refused(|cell| cell.preparation = None).contains("preparation is missing"));
+        assert!(
+            refused(|cell| cell.disk_um = 13_500).contains("R1 must lie in the search space, got 13500 um")
+        );
+        assert!(
+            refused(|cell| cell.ring_um = 60_000).contains("R2 must lie in the search space, got 60000 um")
+        );
+        assert!(refused(|cell| cell.query[0].truncate(31)).contains("digest"));
+        let too_many = refused(|cell| {
+            let domains = &mut cell.preparation.as_mut().unwrap().domains;
+            domains[0] = v1::Domain { low: 2, step: 1, count: 511 };
+            domains[4] = v1::Domain { low: 0, step: 1, count: 65_536 };
+        });
+        assert!(too_many.contains("at most 1048576 descriptors, got 200933376"), "{too_many}");
     }
 }

@@ -5,6 +5,9 @@ use std::process::ExitCode;
 
 use clap::Args;
 
+use crate::dataset::Wanted;
+use crate::evolution::Method;
+use crate::exhaust::grid::Grid;
 use crate::experiment::{Experiment, Overrides};
 use crate::run;
 
@@ -21,7 +24,7 @@ pub struct Check {
 impl Check {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let experiment = Experiment::read(&self.experiment, Overrides::default())?;
-        let dataset = run::open_data(&experiment, |line| eprintln!("{line}"))?;
+        let dataset = run::open_data(&experiment, Wanted::All, None, |line| eprintln!("{line}"))?;
         let mut text = experiment.resolved_toml();
         if !text.ends_with('\n') {
             text.push('\n');
@@ -46,7 +49,26 @@ impl Check {
             experiment.genes().size(),
             experiment.genes().bits()
         ));
+        text.push_str(&format!("# search: {}\n", search(&experiment)?));
         super::print(&text)?;
         Ok(ExitCode::SUCCESS)
     }
+}
+
+/// The method and what it evaluates.
+fn search(experiment: &Experiment) -> anyhow::Result<String> {
+    let (population, generations) = (experiment.ga().population, experiment.stop().generations);
+    let most = u64::from(population) * u64::from(generations);
+    Ok(match experiment.method() {
+        Method::Ga => {
+            format!("ga, at most {most} individuals in {generations} generations of {population}")
+        }
+        Method::Random => {
+            format!("random, at most {most} individuals in {generations} generations of {population}")
+        }
+        Method::Exhaustive => {
+            let grid = Grid::new(experiment.genes())?;
+            format!("exhaustive, all {} descriptors in {} grid cells", grid.descriptors(), grid.cells())
+        }
+    })
 }

@@ -2,6 +2,7 @@
 
 mod check;
 mod evaluate;
+mod exhaust;
 mod run;
 mod schema;
 mod synth;
@@ -27,6 +28,7 @@ enum Command {
     Run(run::Run),
     Check(check::Check),
     Evaluate(evaluate::Evaluate),
+    Exhaust(exhaust::Exhaust),
     Synth(synth::Synth),
     Verify(verify::Verify),
     Schema(schema::Schema),
@@ -46,6 +48,7 @@ pub fn main(cli: Cli) -> ExitCode {
         Command::Run(command) => command.execute(),
         Command::Check(command) => command.execute(),
         Command::Evaluate(command) => command.execute(),
+        Command::Exhaust(command) => command.execute(),
         Command::Synth(command) => command.execute(),
         Command::Verify(command) => command.execute(),
         Command::Schema(command) => command.execute(),

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
+use worker::StorageArgs;
 
 use crate::experiment::{Experiment, LocalWorkers, Overrides};
 use crate::run::{self, RunOptions};
@@ -40,13 +41,20 @@ pub struct Run {
     /// Accept unencrypted connections from other machines, for example inside a trusted network
     #[arg(long)]
     insecure: bool,
+    #[command(flatten)]
+    storage: StorageArgs,
 }
 
 impl Run {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let overrides = Overrides { seed: self.seed, listen: self.listen, local_workers: self.local_workers };
         let experiment = Experiment::read(&self.experiment, overrides)?;
-        let options = RunOptions { out: self.out, fresh: self.fresh, insecure: self.insecure };
+        let options = RunOptions {
+            out: self.out,
+            fresh: self.fresh,
+            insecure: self.insecure,
+            storage: self.storage.resolve(),
+        };
         let summary = super::block_on(async { Ok(run::run(&experiment, &options).await?) })?;
         if self.json {
             super::print(&format!("{}\n", summary.json()))?;

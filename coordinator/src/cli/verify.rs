@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
+use worker::StorageArgs;
 
 use crate::verify;
 
@@ -21,12 +22,15 @@ pub struct Verify {
     /// Another place of the data set, for example /data/rgbd; by default the one the run used
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
+    #[command(flatten)]
+    storage: StorageArgs,
 }
 
 impl Verify {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
-        let verdict =
-            super::block_on(async { Ok(verify::verify(&self.run, self.sample, self.data).await?) })?;
+        let storage = self.storage.resolve();
+        let verify = verify::verify(&self.run, self.sample, self.data, &storage);
+        let verdict = super::block_on(async { Ok(verify.await?) })?;
         super::print(&verdict.to_string())?;
         Ok(if verdict.is_sound() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
     }

@@ -3,9 +3,11 @@
 use descriptor::prepare::usable;
 use descriptor::{Cloud, PrepareError, Preprocess, Skip, Unit, pcd};
 use rayon::prelude::*;
+use worker::store::Store;
 
+use super::findings::{Finding, Findings, Spacing};
 use super::layout::Labelled;
-use super::root::read_file;
+use super::root::{Root, read_file};
 
 /// Clouds whose point spacing is looked at.
 const SPACING_CLOUDS: usize = 20;
@@ -22,8 +24,8 @@ pub(super) struct Inspected {
     /// BLAKE3 of the file's bytes and their number; `None` if they could not be read.
     pub file: Option<([u8; 32], u64)>,
     pub state: State,
-    /// Median distance from a point to its nearest neighbour, metres; only where asked for.
-    spacing: Option<f64>,
+    /// Measured only where asked for.
+    spacing: Spacing,
 }
 
 /// Whether a cloud takes part.
@@ -35,25 +37,67 @@ pub(super) enum State {
     NoColour,
 }
 
-/// Reads the clouds in parallel, one a thread in memory; results are in the order given.
-pub(super) fn inspect(clouds: &[&Labelled], preprocess: &Preprocess) -> Vec<Inspected> {
-    let every = clouds.len().div_ceil(SPACING_CLOUDS).max(1);
-    clouds
-        .par_iter()
-        .enumerate()
-        .map(|(index, cloud)| inspect_one(cloud, preprocess, index % every == 0))
-        .collect()
+impl Inspected {
+    /// What the next start need not find out again.
+    fn finding(&self) -> Option<([u8; 32], Finding)> {
+        let usable = match self.state {
+            State::Usable => Ok(()),
+            State::Skipped(skip) => Err(skip),
+            State::Unreadable(_) | State::NoColour => return None,
+        };
+        let (digest, _) = self.file?;
+        Some((digest, Finding { usable, spacing: self.spacing }))
+    }
 }
 
-fn inspect_one(listed: &Labelled, preprocess: &Preprocess, wants_spacing: bool) -> Inspected {
+/// Reads the clouds in parallel, one a thread in memory; results are in the order given. Files with the bytes of an
+/// earlier start are read, but not looked into.
+pub(super) fn inspect(
+    clouds: &[&Labelled],
+    root: &Root,
+    preprocess: &Preprocess,
+    store: Option<&Store>,
+) -> Vec<Inspected> {
+    let every = clouds.len().div_ceil(SPACING_CLOUDS).max(1);
+    let mut known = store.map(|store| Findings::read(store, root.path(), preprocess)).unwrap_or_default();
+    let inspected: Vec<Inspected> = clouds
+        .par_iter()
+        .enumerate()
+        .map(|(index, cloud)| inspect_one(cloud, preprocess, index % every == 0, &known))
+        .collect();
+    if let Some(store) = store
+        && known.learn(inspected.iter().filter_map(Inspected::finding))
+    {
+        known.write(store, root.path(), preprocess);
+    }
+    inspected
+}
+
+fn inspect_one(
+    listed: &Labelled,
+    preprocess: &Preprocess,
+    wants_spacing: bool,
+    known: &Findings,
+) -> Inspected {
+    let unreadable = |file, reason| {
+        let (state, spacing) = (State::Unreadable(reason), Spacing::NotMeasured);
+        Inspected { file, state, spacing }
+    };
     let bytes = match read_file(&listed.located.file) {
         Ok(bytes) => bytes,
-        Err(reason) => return Inspected { file: None, state: State::Unreadable(reason), spacing: None },
+        Err(reason) => return unreadable(None, reason),
     };
-    let file = Some((*blake3::hash(&bytes).as_bytes(), bytes.len() as u64));
+    let digest = *blake3::hash(&bytes).as_bytes();
+    let file = Some((digest, bytes.len() as u64));
+    if let Some(Finding { usable, spacing }) = known.get(&digest)
+        && !(wants_spacing && *spacing == Spacing::NotMeasured)
+    {
+        let spacing = if wants_spacing { *spacing } else { Spacing::NotMeasured };
+        return Inspected { file, state: usable.map_or_else(State::Skipped, |()| State::Usable), spacing };
+    }
     let cloud = match pcd::read(&bytes) {
         Ok(cloud) => cloud,
-        Err(error) => return Inspected { file, state: State::Unreadable(first_line(&error)), spacing: None },
+        Err(error) => return unreadable(file, first_line(&error)),
     };
     let state = match usable(&cloud, preprocess) {
         Ok(()) => State::Usable,
@@ -61,7 +105,8 @@ fn inspect_one(listed: &Labelled, preprocess: &Preprocess, wants_spacing: bool) 
         Err(PrepareError::NoColours) => State::NoColour,
         Err(error) => State::Unreadable(first_line(&error)),
     };
-    let spacing = if wants_spacing { median_spacing(&preprocess.in_metres(&cloud)) } else { None };
+    let spacing =
+        if wants_spacing { median_spacing(&preprocess.in_metres(&cloud)) } else { Spacing::NotMeasured };
     Inspected { file, state, spacing }
 }
 
@@ -71,7 +116,7 @@ fn first_line(error: &impl std::fmt::Display) -> String {
 }
 
 /// Median, over points spread through the cloud, of the distance to the nearest other position.
-fn median_spacing(cloud: &Cloud) -> Option<f64> {
+fn median_spacing(cloud: &Cloud) -> Spacing {
     let points = &cloud.points;
     let wanted = SPACING_POINTS.min((SPACING_DISTANCES / points.len().max(1)).max(1));
     let every = points.len().div_ceil(wanted).max(1);
@@ -82,7 +127,8 @@ fn median_spacing(cloud: &Cloud) -> Option<f64> {
         });
         squared.filter(|&d2| d2 > 0.0).min_by(f64::total_cmp).map(f64::sqrt)
     };
-    median(points.iter().step_by(every).filter_map(nearest).collect())
+    let nearest = points.iter().step_by(every).filter_map(nearest);
+    median(nearest.collect()).map_or(Spacing::None, Spacing::Metres)
 }
 
 /// The lower median.
@@ -93,7 +139,11 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
 
 /// A warning if the median point spacing of the clouds is implausible, naming the likely remedy.
 pub(super) fn spacing_warning(inspected: &[Inspected], unit: Unit) -> Option<String> {
-    let spacing = median(inspected.iter().filter_map(|cloud| cloud.spacing).collect())?;
+    let metres = |cloud: &Inspected| match cloud.spacing {
+        Spacing::Metres(metres) => Some(metres),
+        Spacing::NotMeasured | Spacing::None => None,
+    };
+    let spacing = median(inspected.iter().filter_map(metres).collect())?;
     if PLAUSIBLE_SPACING.contains(&spacing) {
         return None;
     }

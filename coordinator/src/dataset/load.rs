@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 
 use descriptor::Preprocess;
+use worker::store::Store;
 
 use super::check::{check_labels, check_overlap, equal_bytes_warning};
 use super::error::DatasetError;
@@ -61,11 +62,12 @@ pub(super) fn load(
     lists: &[Vec<Labelled>; 4],
     preprocess: &Preprocess,
     skip_unreadable: bool,
+    store: Option<&Store>,
 ) -> Result<(Clouds, [Vec<u32>; 4]), DatasetError> {
     check_overlap(&SPLITS, lists)?;
     let numbers = Numbers::of(lists.iter().flatten())?;
     let listed: Vec<&Labelled> = lists.iter().flatten().collect();
-    let inspected = inspect(&listed, preprocess);
+    let inspected = inspect(&listed, root, preprocess, store);
     refuse(&listed, &inspected, skip_unreadable)?;
 
     let mut clouds = Clouds {

@@ -4,6 +4,7 @@
 
 mod check;
 mod error;
+mod findings;
 mod inspect;
 mod layout;
 mod load;
@@ -18,6 +19,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use descriptor::{Preprocess, Skip};
+use worker::store::Store;
 
 pub use error::{DatasetError, Place};
 pub use settings::{DatasetSettings, Layout, SeededSplit, SplitRule, SyntheticSettings};
@@ -133,18 +135,43 @@ pub struct Dataset {
     pub splits: Splits,
 }
 
+/// Which splits are loaded; the others are taken for empty, and nothing of them is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wanted {
+    /// All of them.
+    All,
+    /// Both training sets.
+    Training,
+}
+
+impl Wanted {
+    /// How many of [`SPLITS`], from the first.
+    fn count(self) -> usize {
+        match self {
+            Self::All => SPLITS.len(),
+            Self::Training => 2,
+        }
+    }
+}
+
 impl Dataset {
-    /// Lists the clouds, reads every one of them once, and decides which take part.
+    /// Lists the clouds, reads every one of them once, and decides which take part. What `store` knows of files with
+    /// the same bytes is not found out again; the result is the same without it.
     ///
     /// # Errors
-    /// [`DatasetError`], before any evaluation is spent. Only validation or test may be empty, and only if a
-    /// seeded rule gives it no share.
-    pub fn load(settings: &DatasetSettings, preprocess: &Preprocess) -> Result<Self, DatasetError> {
+    /// [`DatasetError`], before any evaluation is spent. Of the splits that are wanted only validation or test may be
+    /// empty, and only if a seeded rule gives it no share.
+    pub fn load(
+        settings: &DatasetSettings,
+        preprocess: &Preprocess,
+        wanted: Wanted,
+        store: Option<&Store>,
+    ) -> Result<Self, DatasetError> {
         let root = Root::open(&settings.root)?;
         let mut ignored = Vec::new();
-        let lists = split::split(settings, &root, &mut ignored)?;
-        let (mut clouds, indices) = load(&root, &lists, preprocess, settings.skip_unreadable)?;
-        for (split, name) in SPLITS.into_iter().enumerate() {
+        let lists = split::split(settings, &root, wanted, &mut ignored)?;
+        let (mut clouds, indices) = load(&root, &lists, preprocess, settings.skip_unreadable, store)?;
+        for (split, name) in SPLITS.into_iter().enumerate().take(wanted.count()) {
             if indices[split].is_empty() && !split::may_be_empty(&settings.splits, split) {
                 return Err(DatasetError::all_skipped(name, lists[split].len(), &clouds));
             }

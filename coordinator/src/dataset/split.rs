@@ -5,32 +5,36 @@ use std::collections::BTreeMap;
 use descriptor::random::stream;
 use rand::RngExt;
 
-use super::SPLITS;
 use super::error::DatasetError;
 use super::layout::{Labelled, Labels};
 use super::root::Root;
 use super::settings::{DatasetSettings, SeededSplit, SplitRule};
+use super::{SPLITS, Wanted};
 
-/// The clouds of the four splits, each in the order of its list; a draw keeps the order of the layout.
+/// The clouds of the splits that are wanted, each in the order of its list; a draw keeps the order of the layout.
 ///
 /// What the layout found but could not use is added to `ignored`.
 pub(super) fn split(
     settings: &DatasetSettings,
     root: &Root,
+    wanted: Wanted,
     ignored: &mut Vec<String>,
 ) -> Result<[Vec<Labelled>; 4], DatasetError> {
     let labels = Labels::read(&settings.layout, root)?;
-    let splits = match &settings.splits {
-        SplitRule::Files { train1, train2, validation, test } => [
-            labels.list(train1, root)?,
-            labels.list(train2, root)?,
-            labels.list(validation, root)?,
-            labels.list(test, root)?,
-        ],
+    let mut splits = match &settings.splits {
+        SplitRule::Files { train1, train2, validation, test } => {
+            let mut splits = [const { Vec::new() }; 4];
+            let files = [train1, train2, validation, test];
+            for (split, file) in splits.iter_mut().zip(files).take(wanted.count()) {
+                *split = labels.list(file, root)?;
+            }
+            splits
+        }
         SplitRule::Manifest => by_column(labels.all(root, ignored)?)?,
         SplitRule::Seeded(rule) => draw(rule, labels.all(root, ignored)?)?,
     };
-    for (split, name) in SPLITS.into_iter().enumerate() {
+    splits[wanted.count()..].fill_with(Vec::new);
+    for (split, name) in SPLITS.into_iter().enumerate().take(wanted.count()) {
         if splits[split].is_empty() && !may_be_empty(&settings.splits, split) {
             return Err(DatasetError::no_cloud(name));
         }

@@ -30,6 +30,16 @@ impl Individual {
         Self { chromosome, parameters, parents, elite: false }
     }
 
+    /// The individual that stands for a descriptor of the table, without parents.
+    ///
+    /// # Panics
+    /// If the descriptor is not of the table: a programming error.
+    pub fn of(parameters: &Parameters, genes: &GeneTable, encoding: Encoding) -> Self {
+        let chromosome = genes.encode(parameters, encoding);
+        assert!(chromosome.is_some(), "descriptor of the gene table");
+        Self::new(chromosome.unwrap_or_default(), [None, None], genes, encoding)
+    }
+
     /// The copy of this individual, number `index` of its generation, in the elite of the next.
     pub(super) fn copied_from(&self, index: u32) -> Self {
         Self { parents: [Some(index), None], elite: true, ..self.clone() }

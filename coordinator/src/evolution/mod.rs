@@ -6,6 +6,7 @@
 pub mod crossover;
 pub mod individual;
 pub mod mutation;
+pub mod random_search;
 pub mod selection;
 pub mod settings;
 pub mod stop;
@@ -14,7 +15,8 @@ pub mod winner;
 use descriptor::{GeneTable, random};
 
 pub use individual::Individual;
-pub use settings::{GaSettings, Scaling, SettingsError, StopSettings};
+pub use random_search::RandomSearch;
+pub use settings::{GaSettings, Method, Scaling, SettingsError, StopSettings};
 pub use stop::{StopReason, StopRule};
 pub use winner::{GenerationBest, Winner};
 

@@ -7,6 +7,19 @@ use serde::{Deserialize, Serialize};
 /// The largest population: with counts below 2³² every sum of selection weights then fits 64 bits.
 pub const MAX_POPULATION: u32 = 65_536;
 
+/// How descriptors to evaluate are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// The genetic algorithm (paper).
+    #[default]
+    Ga,
+    /// Independent random chromosomes, as many a generation as the genetic algorithm has.
+    Random,
+    /// Every descriptor of the search space.
+    Exhaustive,
+}
+
 /// How correct counts become selection weights (DESIGN 5.9).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]

@@ -15,11 +15,14 @@ pub enum StopReason {
     Stagnation,
     /// The allowed number of generations is done.
     Generations,
+    /// Every descriptor of the search space was evaluated: the end of an exhaustive search, whatever the rule.
+    Exhaustive,
 }
 
 impl StopReason {
-    /// Every reason, in order of precedence.
-    pub const ALL: [Self; 4] = [Self::Perfect, Self::Validation, Self::Stagnation, Self::Generations];
+    /// Every reason; those of the stop rule first, in order of precedence.
+    pub const ALL: [Self; 5] =
+        [Self::Perfect, Self::Validation, Self::Stagnation, Self::Generations, Self::Exhaustive];
 
     /// Its name in Parquet and JSON.
     pub fn as_str(self) -> &'static str {
@@ -28,6 +31,7 @@ impl StopReason {
             Self::Validation => "validation",
             Self::Stagnation => "stagnation",
             Self::Generations => "generations",
+            Self::Exhaustive => "exhaustive",
         }
     }
 }
@@ -39,6 +43,7 @@ impl fmt::Display for StopReason {
             Self::Validation => "validation errors rose",
             Self::Stagnation => "the training fitness no longer improved",
             Self::Generations => "the last generation was reached",
+            Self::Exhaustive => "the whole grid was evaluated",
         })
     }
 }
@@ -99,6 +104,7 @@ impl StopRule {
             StopReason::Validation => reached(self.validation_rises, self.settings.validation_patience),
             StopReason::Stagnation => reached(self.generations_without_improvement, self.settings.stagnation),
             StopReason::Generations => self.generations >= self.settings.generations,
+            StopReason::Exhaustive => false,
         };
         StopReason::ALL.into_iter().find(holds)
     }
@@ -208,9 +214,10 @@ mod tests {
             }
             reasons
         };
-        for (i, &first) in StopReason::ALL.iter().enumerate() {
+        let rule = &StopReason::ALL[..4];
+        for (i, &first) in rule.iter().enumerate() {
             assert_eq!(run(enabled(&[first])), [None, None, None, Some(first)]);
-            for &second in &StopReason::ALL[i + 1..] {
+            for &second in &rule[i + 1..] {
                 assert_eq!(run(enabled(&[first, second])), [None, None, None, Some(first)]);
             }
         }
@@ -225,6 +232,7 @@ mod tests {
             validation: validation errors rose
             stagnation: the training fitness no longer improved
             generations: the last generation was reached
+            exhaustive: the whole grid was evaluated
         "#]]
         .assert_eq(&text);
     }

@@ -27,7 +27,7 @@ use std::time::Duration;
 use descriptor::{GeneTable, Preprocess};
 
 use crate::dataset::DatasetSettings;
-use crate::evolution::{GaSettings, StopSettings};
+use crate::evolution::{GaSettings, Method, StopSettings};
 pub use error::ExperimentError;
 use error::Fault;
 pub(crate) use suggest::advice as name_advice;
@@ -54,6 +54,7 @@ pub struct Experiment {
     dataset: DatasetSettings,
     preprocess: Preprocess,
     genes: GeneTable,
+    method: Method,
     ga: GaSettings,
     stop: StopSettings,
     coordinator: CoordinatorSettings,
@@ -163,6 +164,11 @@ impl Experiment {
         &self.genes
     }
 
+    /// How the best descriptor is searched for.
+    pub fn method(&self) -> Method {
+        self.method
+    }
+
     /// The genetic algorithm.
     pub fn ga(&self) -> &GaSettings {
         &self.ga
@@ -215,10 +221,16 @@ impl Experiment {
     }
 
     /// The part of the experiment that determines the search, as canonical text (DESIGN 4): dataset labels,
-    /// preprocess, genes, ga, stop and seed; no name, path, address or worker setting. Equal for equal meaning,
+    /// preprocess, genes, method, ga, stop and seed; no name, path, address or worker setting. Equal for equal meaning,
     /// however it was written.
     pub fn search_toml(&self) -> String {
         resolved::search_toml(self)
+    }
+
+    /// The part of the experiment that determines the value of every descriptor on given clouds, as canonical text:
+    /// unit, preprocess and genes.
+    pub fn space_toml(&self) -> String {
+        resolved::space_toml(self)
     }
 
     /// `<name>-<12 hex digits of BLAKE3 of search_toml>`: the same command finds its run again (DESIGN 7).

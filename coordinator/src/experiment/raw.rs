@@ -8,7 +8,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::forms::{NumberOr, RawGene, RawSplits, Word};
-use crate::evolution::{GaSettings, Scaling, StopSettings};
+use crate::evolution::{GaSettings, Method, Scaling, StopSettings};
 
 /// A Descry experiment: which clouds, which descriptors, how to search and when to stop.
 #[derive(Debug, Deserialize, Serialize, JsonSchema)]
@@ -30,6 +30,8 @@ pub(super) struct RawExperiment {
     pub preprocess: RawPreprocess,
     #[serde(default)]
     pub descriptor: RawDescriptor,
+    #[serde(default)]
+    pub search: RawSearch,
     #[serde(default)]
     pub ga: RawGa,
     #[serde(default)]
@@ -291,7 +293,16 @@ pub(super) struct RawInterval {
     pub step: Option<f64>,
 }
 
-/// The genetic algorithm.
+/// How the best descriptor is searched for.
+#[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default, rename = "search")]
+pub(super) struct RawSearch {
+    /// "ga" is the genetic algorithm, "random" draws the same number of random individuals instead, and
+    /// "exhaustive" evaluates every descriptor.
+    pub method: Method,
+}
+
+/// The genetic algorithm; random search uses population and encoding.
 #[derive(Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "ga")]
 pub(super) struct RawGa {

@@ -8,7 +8,7 @@ use descriptor::{Encoding, GeneSpec};
 
 use super::{DEFAULT_RESULTS_DIR, Experiment, LocalWorkers};
 use crate::dataset::{Layout, SeededSplit, SplitRule};
-use crate::evolution::Scaling;
+use crate::evolution::{Method, Scaling};
 
 /// Every key; see [`Experiment::resolved_toml`].
 pub(super) fn resolved_toml(experiment: &Experiment) -> String {
@@ -78,6 +78,21 @@ pub(super) fn search_toml(experiment: &Experiment) -> String {
     toml.text
 }
 
+/// What determines the value of every descriptor; see [`Experiment::space_toml`]. Its bytes are hashed, too.
+pub(super) fn space_toml(experiment: &Experiment) -> String {
+    let mut toml = Toml::default();
+    toml.key("unit", quoted(unit(experiment)));
+    space_sections(&mut toml, experiment);
+    toml.text
+}
+
+fn unit(experiment: &Experiment) -> &'static str {
+    match experiment.preprocess.unit {
+        Unit::Metre => "m",
+        Unit::Millimetre => "mm",
+    }
+}
+
 /// The keys of `[dataset]` that are no paths.
 fn dataset_labels(toml: &mut Toml, experiment: &Experiment) {
     let dataset = &experiment.dataset;
@@ -87,11 +102,7 @@ fn dataset_labels(toml: &mut Toml, experiment: &Experiment) {
         Layout::Manifest { .. } => "manifest",
     };
     toml.key("layout", quoted(layout));
-    let unit = match experiment.preprocess.unit {
-        Unit::Metre => "m",
-        Unit::Millimetre => "mm",
-    };
-    toml.key("unit", quoted(unit));
+    toml.key("unit", quoted(unit(experiment)));
     toml.key("skip_unreadable", dataset.skip_unreadable);
 }
 
@@ -114,23 +125,14 @@ fn search_sections(toml: &mut Toml, experiment: &Experiment) {
         toml.key("views", synthetic.views);
         toml.key("seed", synthetic.seed);
     }
-    let preprocess = &experiment.preprocess;
-    toml.section("preprocess");
-    toml.key("leaf_cm", float(f64::from(preprocess.leaf_um) / 1e4));
-    toml.key("normal_radius_cm", float(f64::from(preprocess.normal_radius_um) / 1e4));
-    toml.key("min_points", preprocess.min_points);
-    toml.section("descriptor");
-    toml.key("colour", preprocess.colour);
-    toml.section("descriptor.genes");
-    for (spec, domain) in experiment.genes.genes() {
-        let low = gene_value(spec, domain.low);
-        if domain.count == 1 {
-            toml.key(spec.name, low);
-        } else {
-            let (high, step) = (gene_value(spec, domain.high()), gene_value(spec, domain.step));
-            toml.key(spec.name, format!("{{ min = {low}, max = {high}, step = {step} }}"));
-        }
-    }
+    space_sections(toml, experiment);
+    toml.section("search");
+    let method = match experiment.method {
+        Method::Ga => "ga",
+        Method::Random => "random",
+        Method::Exhaustive => "exhaustive",
+    };
+    toml.key("method", quoted(method));
     let ga = &experiment.ga;
     toml.section("ga");
     toml.key("population", ga.population);
@@ -158,6 +160,27 @@ fn search_sections(toml: &mut Toml, experiment: &Experiment) {
     toml.key("stagnation", limit(stop.stagnation));
     toml.key("validation_patience", limit(stop.validation_patience));
     toml.key("perfect", stop.perfect);
+}
+
+/// The sections that say which descriptors there are and what is computed once for each cloud.
+fn space_sections(toml: &mut Toml, experiment: &Experiment) {
+    let preprocess = &experiment.preprocess;
+    toml.section("preprocess");
+    toml.key("leaf_cm", float(f64::from(preprocess.leaf_um) / 1e4));
+    toml.key("normal_radius_cm", float(f64::from(preprocess.normal_radius_um) / 1e4));
+    toml.key("min_points", preprocess.min_points);
+    toml.section("descriptor");
+    toml.key("colour", preprocess.colour);
+    toml.section("descriptor.genes");
+    for (spec, domain) in experiment.genes.genes() {
+        let low = gene_value(spec, domain.low);
+        if domain.count == 1 {
+            toml.key(spec.name, low);
+        } else {
+            let (high, step) = (gene_value(spec, domain.high()), gene_value(spec, domain.step));
+            toml.key(spec.name, format!("{{ min = {low}, max = {high}, step = {step} }}"));
+        }
+    }
 }
 
 fn limit(limit: Option<u32>) -> String {

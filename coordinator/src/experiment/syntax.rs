@@ -19,7 +19,7 @@ const TABLE_ADVICE: &str = "write a section [name] or { key = value, … }";
 const EXCERPT: usize = 60;
 
 /// Every section. Serde would also read one from a list, by position.
-pub(super) const SECTIONS: [&str; 11] = [
+pub(super) const SECTIONS: [&str; 12] = [
     "dataset",
     "dataset.splits",
     "dataset.splits.seeded",
@@ -27,6 +27,7 @@ pub(super) const SECTIONS: [&str; 11] = [
     "preprocess",
     "descriptor",
     "descriptor.genes",
+    "search",
     "ga",
     "stop",
     "coordinator",

@@ -97,6 +97,7 @@ fn the_first_version_of_the_file_stays_readable() {
         }
     );
     assert!(dataset.skip_unreadable && dataset.synthetic.is_none());
+    assert_eq!(sample.method(), Method::Random);
     let preprocess = Preprocess {
         leaf_um: 15_000,
         normal_radius_um: 8_000,

@@ -40,6 +40,7 @@ pub(super) fn experiment(
         preprocess: preprocess(&raw.preprocess, raw.dataset.unit, colour)?,
         dataset: dataset(raw.dataset, &stop, folder, lookup)?,
         genes: genes(&raw.descriptor)?,
+        method: raw.search.method,
         ga: ga(&raw.ga)?,
         stop,
         coordinator: coordinator(&raw.coordinator, overrides)?,

@@ -7,8 +7,9 @@ use descriptor::pcd::{self, DataEncoding};
 use descriptor::synth::{self, SynthError, SynthSettings};
 use descriptor::{QuantiseError, Quantiser};
 use rayon::prelude::*;
+use worker::store::Store;
 
-use crate::dataset::{Dataset, DatasetError, SyntheticSettings};
+use crate::dataset::{Dataset, DatasetError, SyntheticSettings, Wanted};
 use crate::experiment::Experiment;
 
 /// File that says how a synthetic data set was made.
@@ -49,8 +50,13 @@ pub enum DataError {
     },
 }
 
-/// Makes the data set if it is synthetic and not there yet, and loads it.
-pub fn open_data(experiment: &Experiment, say: impl Fn(&str)) -> Result<Dataset, DataError> {
+/// Makes the data set if it is synthetic and not there yet, and loads what is wanted of it ([`Dataset::load`]).
+pub fn open_data(
+    experiment: &Experiment,
+    wanted: Wanted,
+    store: Option<&Store>,
+    say: impl Fn(&str),
+) -> Result<Dataset, DataError> {
     // A search space that cannot be quantised would fail in every evaluation: say so before anything is read.
     Quantiser::new(experiment.genes())?;
     let settings = experiment.dataset();
@@ -63,7 +69,7 @@ pub fn open_data(experiment: &Experiment, say: impl Fn(&str)) -> Result<Dataset,
             shown(&settings.root)
         ));
     }
-    let dataset = Dataset::load(settings, experiment.preprocess())?;
+    let dataset = Dataset::load(settings, experiment.preprocess(), wanted, store)?;
     for warning in &dataset.clouds.warnings {
         say(&format!("warning: {warning}"));
     }

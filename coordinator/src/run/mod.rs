@@ -1,32 +1,42 @@
 //! One run from an experiment to its results: data, workers, search, final test, tables.
 
 mod data;
+pub mod place;
 pub mod progress;
 pub mod rows;
 mod search;
+mod source;
 mod splits;
 pub mod summary;
 mod workplace;
 
+use std::io;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant, SystemTime};
-use std::{fs, io, io::Read as _, io::Write as _};
+use std::sync::Arc;
+use std::time::{Instant, SystemTime};
 
-use results::{PredictionSplit, RunFolder, RunRow};
+use results::{Counts, PredictionSplit, RunFolder, RunRow};
 use tokio::net::TcpListener;
+use worker::Storage;
+use worker::store::Store;
 
 use crate::cluster::ClusterError;
-use crate::dataset::{Dataset, DatasetError};
+use crate::dataset::{Dataset, DatasetError, Wanted};
 use crate::evaluation::EvaluationResult;
-use crate::evolution::SettingsError;
+use crate::evolution::{Evolution, Individual, Method, RandomSearch, SettingsError};
+use crate::exhaust::grid::{Grid, GridError};
+use crate::exhaust::{best_of_all, known_optimum};
 use crate::experiment::{Experiment, LocalWorkers};
 use crate::local::CrewError;
+use crate::memory::Known;
 use crate::server::{self, ServerError};
 
 pub use data::{DataError, open_data, write_synthetic};
+use place::{beside, claim, difference, refuse_another};
 use progress::Progress;
 use search::{Found, Search};
+use source::Source;
 use splits::Matching;
 use summary::Summary;
 pub use workplace::Workplace;
@@ -34,11 +44,8 @@ pub use workplace::Workplace;
 /// Where workers are awaited unless the experiment or the command line says otherwise.
 pub const DEFAULT_LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 7700);
 
-/// File in a run folder that says which search it holds.
-const SEARCH_FILE: &str = "search.toml";
-
 /// How a run is started, beside its experiment.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct RunOptions {
     /// The run folder; by default it is named after the search, below the experiment's results folder.
     pub out: Option<PathBuf>,
@@ -46,6 +53,8 @@ pub struct RunOptions {
     pub fresh: bool,
     /// Accept unencrypted connections from other machines.
     pub insecure: bool,
+    /// Where what runs find out is kept, and memory for the workers of this process.
+    pub storage: Storage,
 }
 
 /// Why a run has no result.
@@ -60,6 +69,9 @@ pub enum RunError {
     /// The genetic algorithm's settings.
     #[error(transparent)]
     Settings(#[from] SettingsError),
+    /// The search space cannot be evaluated exhaustively.
+    #[error(transparent)]
+    Grid(#[from] GridError),
     /// Nobody can connect.
     #[error(transparent)]
     Server(#[from] ServerError),
@@ -115,6 +127,20 @@ pub enum RunError {
         /// Its evaluation version.
         then: u32,
     },
+    /// A count of an earlier run is not what this one finds.
+    #[error(
+        "remembered counts: {parameters}: {matching}: must be what was computed now, {computed}, got {remembered}\nrun again with --no-cache, and remove derived/remembered-counts from the cache: another run has kept wrong counts there"
+    )]
+    Contradiction {
+        /// The winner.
+        parameters: descriptor::Parameters,
+        /// Which counts.
+        matching: &'static str,
+        /// Recognised objects and categories.
+        computed: String,
+        /// The same, as they were remembered.
+        remembered: String,
+    },
     /// Nothing would ever be computed.
     #[error(
         "validation: stop.validation_patience needs validation clouds, got none that is usable\nset stop.validation_patience = \"off\" or give the validation split some clouds"
@@ -125,24 +151,33 @@ pub enum RunError {
 /// Runs an experiment to its stop reason; a finished run is only shown again.
 pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summary, RunError> {
     let (started, started_at) = (Instant::now(), SystemTime::now());
-    let out = place(experiment, options);
-    if let Some(summary) = already_finished(&out, experiment)? {
+    let store = Arc::new(Store::open(&options.storage, &host()));
+    let base = options.out.clone();
+    let base = base.unwrap_or_else(|| experiment.results_dir().join(experiment.run_folder_name()));
+    let out = if options.fresh { beside(&base) } else { base };
+    if let Some(summary) = already_finished(&out, experiment, &store)? {
         return Ok(summary);
     }
     let mut progress = Progress::new(experiment.stop().generations);
-    // First what may be wrong with port and data: then no folder is made and nothing in one is touched.
+    // First what may be wrong with search space, port and data: then no folder is made and nothing in one is touched.
+    if experiment.method() == Method::Exhaustive {
+        Grid::new(experiment.genes())?;
+    }
     let local_workers = experiment.coordinator().local_workers;
     let can_do_alone = local_workers != LocalWorkers::Count(0);
     let listener = listen(experiment.coordinator().listen, can_do_alone, options.insecure, &progress).await?;
-    let dataset = open_data(experiment, |line| progress.say(line))?;
+    let dataset = open_data(experiment, Wanted::All, Some(&store), |line| progress.say(line))?;
     if experiment.stop().validation_patience.is_some() && dataset.splits.validation.is_empty() {
         return Err(RunError::NoValidation);
     }
+    let mut workplace = Workplace::new(experiment, &dataset, Arc::clone(&store), options.storage.memory)
+        .map_err(DataError::from)?;
+    refuse_another(&out, &experiment.search_toml())?;
     let mut folder = RunFolder::create(&out, &rows::gene_columns())?;
     claim(&out, &experiment.search_toml())?;
     // Another process may have finished it since.
     if folder.is_finished()
-        && let Some(summary) = already_finished(&out, experiment)?
+        && let Some(summary) = already_finished(&out, experiment, &store)?
     {
         return Ok(summary);
     }
@@ -151,20 +186,22 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     }
     folder.discard()?; // also what a run left that was killed before its first generation was whole
 
-    let mut workplace = Workplace::new(experiment, &dataset);
     if let Some(listener) = listener {
         workplace.open(listener).await;
     }
+    let memory = |matching| workplace.splits.memory(&store, experiment.preprocess(), matching);
+    let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
+    let known = Known { train: train_memory.recall(), validation: validation_memory.recall() };
     let mut crew = workplace.staff(local_workers);
     if !can_do_alone {
         progress.say("waiting for a worker");
     }
     let search = async {
-        let waiting =
-            |waited: Duration| progress.say(&format!("no worker yet after {} min", waited.as_secs() / 60));
-        workplace.cluster.wait_for_worker(waiting).await;
+        progress.wait_for_worker(&workplace.cluster).await;
+        let source = source(experiment, &dataset, &workplace, &mut progress).await?;
         progress.search_starts();
-        let found = Search::new(experiment, &workplace, &mut progress).run(&mut folder).await?;
+        let search = Search::new(experiment, &workplace, &mut progress, known);
+        let found = search.run(source, &mut folder).await?;
         let finals = Finals::evaluate(&dataset, &workplace, &found, &mut progress).await?;
         Ok::<_, RunError>((found, finals))
     };
@@ -181,7 +218,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
             folder.write_predictions(split, &rows::predictions(&dataset, matching, result))?;
         }
     }
-    let row = RunRow {
+    let mut row = RunRow {
         name: experiment.name().to_owned(),
         search_config: experiment.search_toml(),
         resolved_toml: experiment.record_toml(),
@@ -208,12 +245,49 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
             .as_ref()
             .map(|result| rows::recount(&dataset, Matching::Validation, result)),
         test: finals.test.as_ref().map(|result| rows::recount(&dataset, Matching::Test, result)),
+        grid_best_object_correct: None,
     };
+    compare_with_optimum(&mut row, experiment, &dataset, &store);
     let run_digest = folder.write_run(&row)?.to_hex().to_string();
-    Ok(Summary { run: row, run_digest, skipped: dataset.clouds.skipped.len(), out })
+    // Not before the run is finished: what a failed one computed is in doubt.
+    train_memory.keep(&found.known.train);
+    validation_memory.keep(&found.known.validation);
+    let (skipped, descriptors) = (dataset.clouds.skipped.len(), experiment.genes().size());
+    Ok(Summary { run: row, run_digest, skipped, descriptors, out })
 }
 
-/// The winner on the sets that had no part in the search.
+/// The experiment's method, ready for the first generation.
+async fn source(
+    experiment: &Experiment,
+    dataset: &Dataset,
+    workplace: &Workplace<'_>,
+    progress: &mut Progress,
+) -> Result<Source, RunError> {
+    let (genes, ga, seed) = (experiment.genes(), *experiment.ga(), experiment.seed());
+    Ok(match experiment.method() {
+        Method::Ga => Source::Ga(Evolution::new(genes.clone(), ga, seed)?),
+        Method::Random => Source::Random(RandomSearch::new(genes.clone(), ga, seed)?),
+        Method::Exhaustive => {
+            let best = best_of_all(experiment, dataset, workplace, progress).await?;
+            Source::Grid([Individual::of(&best.parameters, genes, ga.encoding)])
+        }
+    })
+}
+
+/// Notes how good the best descriptor there is would have been, if that is known.
+fn compare_with_optimum(run: &mut RunRow, experiment: &Experiment, dataset: &Dataset, store: &Store) {
+    let best = known_optimum(experiment, dataset, store).map(|optimum| optimum.object_correct);
+    // What the run has beaten is no optimum: a cache entry that lies.
+    if let Some(best) = best.filter(|&best| best < run.train.object_correct) {
+        eprintln!(
+            "warning: grid: the optimum that is known recognises {best} clouds, fewer than the winner\nevaluate the grid again: coordinator exhaust --fresh"
+        );
+    }
+    run.grid_best_object_correct = best.filter(|&best| best >= run.train.object_correct);
+}
+
+/// The winner on the sets that had no part in the search; and on the training sets once more, so that no winner rests
+/// on counts that another run has left.
 struct Finals {
     validation: Option<EvaluationResult>,
     test: Option<EvaluationResult>,
@@ -233,18 +307,41 @@ impl Finals {
             has_queries.then(|| splits.evaluation(found.winner.parameters, matching, true))
         });
         let measured = wanted.each_ref().map(Option::is_some);
-        let evaluations = wanted.into_iter().flatten().collect();
-        let finished = cluster.evaluate(evaluations, |news| progress.news(news)).await?;
+        let training = splits.evaluation(found.winner.parameters, Matching::Train, false);
+        let evaluations = wanted.into_iter().flatten().chain([training]).collect();
+        let mut finished = cluster.evaluate(evaluations, |news| progress.news(news)).await?;
+        if let Some(training) = finished.pop() {
+            agree("training", found, &found.train, &rows::counts(&training.result))?;
+        }
         let mut results = finished.into_iter().map(|finished| finished.result);
         let [validation, test] = measured.map(|measured| if measured { results.next() } else { None });
+        let known = found.known.validation.get(&found.winner.parameters);
+        if let (Some(known), Some(validation)) = (known, &validation) {
+            agree("validation", found, known, &rows::counts(validation))?;
+        }
         Ok(Self { validation, test })
     }
 }
 
+/// Refuses a winner whose counts, as the search took them, are not those that were just computed.
+fn agree(matching: &'static str, found: &Found, held: &Counts, computed: &Counts) -> Result<(), RunError> {
+    if held == computed {
+        return Ok(());
+    }
+    let said = |counts: &Counts| {
+        format!(
+            "{} objects and {} categories of {}",
+            counts.object_correct, counts.category_correct, counts.queries
+        )
+    };
+    let parameters = found.winner.parameters;
+    Err(RunError::Contradiction { parameters, matching, computed: said(computed), remembered: said(held) })
+}
+
 /// The summary of a run folder that is finished, unless it is one of another search, of other clouds or of a program
 /// that computes other numbers.
-fn already_finished(out: &Path, experiment: &Experiment) -> Result<Option<Summary>, RunError> {
-    let results::FinishedRun { row: run, run_digest, .. } = match results::read_run(out) {
+fn already_finished(out: &Path, experiment: &Experiment, store: &Store) -> Result<Option<Summary>, RunError> {
+    let results::FinishedRun { row: mut run, run_digest, .. } = match results::read_run(out) {
         Ok(finished) => finished,
         Err(results::Error::Unfinished(_)) => return Ok(None),
         Err(error) => return Err(error.into()),
@@ -259,9 +356,12 @@ fn already_finished(out: &Path, experiment: &Experiment) -> Result<Option<Summar
         return Err(RunError::OtherVersion { folder, then: run.evaluation_version });
     }
     // The data may be gone by now; if it is there, it must be the same.
-    match Dataset::load(experiment.dataset(), experiment.preprocess()) {
+    match Dataset::load(experiment.dataset(), experiment.preprocess(), Wanted::All, Some(store)) {
         Ok(dataset) if data_digest(&dataset) != run.data_digest => {
             return Err(RunError::OtherData { folder, then: run.data_digest, now: data_digest(&dataset) });
+        }
+        Ok(dataset) if run.grid_best_object_correct.is_none() => {
+            compare_with_optimum(&mut run, experiment, &dataset, store);
         }
         Ok(_) => {}
         Err(error) => {
@@ -271,10 +371,12 @@ fn already_finished(out: &Path, experiment: &Experiment) -> Result<Option<Summar
     }
     eprintln!("{}: this run is finished; --fresh starts another", out.display());
     let skipped = results::read_table(out, results::TableName::Skipped)?.shape().0;
-    Ok(Some(Summary { run, run_digest, skipped, out: folder }))
+    let descriptors = experiment.genes().size();
+    Ok(Some(Summary { run, run_digest, skipped, descriptors, out: folder }))
 }
 
-fn host() -> String {
+/// This machine's name.
+pub fn host() -> String {
     hostname::get().map_or_else(|_| "unknown".to_owned(), |name| name.to_string_lossy().into_owned())
 }
 
@@ -289,65 +391,8 @@ fn data_digest(dataset: &Dataset) -> String {
     proto::Digest(dataset.clouds.digest).to_string()
 }
 
-/// The folder that the same command finds again; with `fresh` the first one beside it that is not there, as no
-/// finished run is ever removed.
-fn place(experiment: &Experiment, options: &RunOptions) -> PathBuf {
-    let default = || experiment.results_dir().join(experiment.run_folder_name());
-    let base = options.out.clone().unwrap_or_else(default);
-    if !options.fresh || !base.exists() {
-        return base;
-    }
-    let numbered = |number: u32| {
-        let mut name = base.as_os_str().to_owned();
-        name.push(format!("-{number}"));
-        PathBuf::from(name)
-    };
-    (2..).map(numbered).find(|folder| !folder.exists()).unwrap_or(base)
-}
-
-/// Marks the folder as this search's, and refuses one that holds another.
-fn claim(folder: &Path, search: &str) -> Result<(), RunError> {
-    let path = folder.join(SEARCH_FILE);
-    let failed = |source| RunError::File { path: path.clone(), source };
-    match read_bounded(&path) {
-        Ok(held) if held == search => Ok(()),
-        Ok(held) => {
-            let difference = difference(&held, search);
-            Err(RunError::OtherSearch { folder: folder.to_owned(), difference })
-        }
-        Err(error) if error.kind() == io::ErrorKind::NotFound => {
-            let mut file = tempfile::NamedTempFile::new_in(folder).map_err(failed)?;
-            file.write_all(search.as_bytes()).and_then(|()| file.as_file().sync_all()).map_err(failed)?;
-            file.persist(&path).map_err(|error| failed(error.error))?;
-            Ok(())
-        }
-        Err(error) => Err(failed(error)),
-    }
-}
-
-/// A text of at most 1 MiB, as every search is; what is longer is cut, and so differs from all of them.
-fn read_bounded(path: &Path) -> io::Result<String> {
-    let mut bytes = Vec::new();
-    fs::File::open(path)?.take(1 << 20).read_to_end(&mut bytes)?;
-    Ok(String::from_utf8_lossy(&bytes).into_owned())
-}
-
-/// Lines of one text that are not in the other, marked - and +.
-fn difference(old: &str, new: &str) -> String {
-    let only = |a: &str, b: &str, mark: char| {
-        let other: Vec<&str> = b.lines().collect();
-        a.lines()
-            .filter(|line| !other.contains(line))
-            .map(|line| format!("  {mark} {line}"))
-            .collect::<Vec<_>>()
-    };
-    let mut lines = only(old, new, '-');
-    lines.extend(only(new, old, '+'));
-    lines.join("\n")
-}
-
 /// Opens the port. The default port is a convenience: if it is taken, a run with workers of its own goes on.
-async fn listen(
+pub async fn listen(
     wanted: Option<SocketAddr>,
     can_do_alone: bool,
     insecure: bool,
@@ -372,18 +417,4 @@ async fn listen(
     let host = if address.ip().is_unspecified() { host() } else { format_ip(address.ip()) };
     progress.say(&format!("workers may join with: worker --coordinator http://{host}:{}", address.port()));
     Ok(Some(listener))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_folder_is_claimed_once_and_refused_to_another_search() {
-        let folder = tempfile::tempdir().unwrap();
-        claim(folder.path(), "seed = 1\n[ga]\npopulation = 10\n").unwrap();
-        claim(folder.path(), "seed = 1\n[ga]\npopulation = 10\n").unwrap();
-        let error = claim(folder.path(), "seed = 2\n[ga]\npopulation = 10\n").unwrap_err().to_string();
-        assert!(error.contains("  - seed = 1\n  + seed = 2"), "{error}");
-    }
 }

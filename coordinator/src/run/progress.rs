@@ -7,7 +7,7 @@ use descriptor::Parameters;
 use indicatif::{ProgressBar, ProgressStyle};
 use results::Counts;
 
-use crate::cluster::ClusterNews;
+use crate::cluster::{Cluster, ClusterNews};
 
 /// What there is to say at the end of a generation.
 pub struct GenerationReport<'a> {
@@ -25,11 +25,36 @@ pub struct GenerationReport<'a> {
     pub remembered: u64,
 }
 
+/// What there is to say of an exhaustive search.
+#[derive(Clone, Copy, Debug)]
+pub struct CellReport {
+    /// Cells that are done, those that were there already among them.
+    pub done: usize,
+    /// Cells of the grid.
+    pub cells: usize,
+    /// Cells that were computed since [`Progress::cells_start`].
+    pub computed: usize,
+    /// Descriptors of a cell.
+    pub cell_len: usize,
+    /// Training queries.
+    pub queries: u32,
+    /// The best descriptor so far with its count of correct answers.
+    pub best: Option<(u32, Parameters)>,
+}
+
+impl CellReport {
+    fn percent_done(&self) -> usize {
+        100 * self.done / self.cells
+    }
+}
+
 /// The display of one run.
 pub struct Progress {
     /// `None` where standard error is no terminal.
     bar: Option<ProgressBar>,
     generations: u32,
+    /// Set while a grid is evaluated.
+    cells: Option<CellReport>,
     started: Instant,
     generation: u32,
     /// Errors of the last complete generation.
@@ -54,7 +79,17 @@ impl Progress {
             bar
         });
         let (started, errors) = (Instant::now(), "describing the clouds".to_owned());
-        Self { bar, generations, started, generation: 0, errors, workers: 0, finished: 0, remembered: 0 }
+        Self {
+            bar,
+            generations,
+            cells: None,
+            started,
+            generation: 0,
+            errors,
+            workers: 0,
+            finished: 0,
+            remembered: 0,
+        }
     }
 
     /// A line that stays.
@@ -65,9 +100,65 @@ impl Progress {
         }
     }
 
+    /// Waits until there is a worker, and says each minute that there is none.
+    pub async fn wait_for_worker(&self, cluster: &Cluster) {
+        let waiting =
+            |waited: Duration| self.say(&format!("no worker yet after {} min", waited.as_secs() / 60));
+        cluster.wait_for_worker(waiting).await;
+    }
+
     /// Rates are counted from now: what came before was no evaluation.
     pub fn search_starts(&mut self) {
         self.started = Instant::now();
+        self.cells = None;
+        self.finished = 0;
+        if let Some(bar) = &self.bar {
+            bar.set_length(self.generations.into());
+        }
+    }
+
+    /// The evaluation of a grid begins; rates are counted from now.
+    pub fn cells_start(&mut self, report: &CellReport) {
+        self.started = Instant::now();
+        self.cells = Some(*report);
+        if let Some(bar) = &self.bar {
+            bar.set_length(report.cells as u64);
+            bar.set_position(report.done as u64);
+        }
+        self.redraw();
+    }
+
+    /// A cell of the grid is done. Where there is no live line, one is written for each per cent of the grid.
+    pub fn cell_done(&mut self, report: &CellReport) {
+        let before = self.cells.replace(*report).map_or(0, |before| before.percent_done());
+        match &self.bar {
+            Some(bar) => {
+                bar.set_position(report.done as u64);
+                self.redraw();
+            }
+            None if report.percent_done() > before => {
+                eprintln!("{}", self.cells_line(report).join(" | "));
+            }
+            None => {}
+        }
+    }
+
+    /// How far a grid is, and how fast.
+    fn cells_line(&self, report: &CellReport) -> [String; 2] {
+        let elapsed = self.started.elapsed();
+        let rate = (report.computed * report.cell_len) as f64 / elapsed.as_secs_f64().max(1e-3);
+        let rest = (report.cells - report.done) as f64 / report.computed.max(1) as f64;
+        let best = report.best.map_or_else(String::new, |(correct, parameters)| {
+            let error = f64::from(report.queries - correct) / f64::from(report.queries);
+            format!(": best {} with {parameters}", percent(error))
+        });
+        let (workers, left) = (self.workers(), clock(elapsed.mul_f64(rest)));
+        let place = format!("cell {}/{}{best}", report.done, report.cells);
+        [place, format!("{workers}, {rate:.0} descriptors/s | about {left} left")]
+    }
+
+    fn workers(&self) -> String {
+        format!("{} {}", self.workers, if self.workers == 1 { "worker" } else { "workers" })
     }
 
     /// A generation begins.
@@ -87,9 +178,9 @@ impl Progress {
             let leases = if leases == 1 { "1 lease".to_owned() } else { format!("{leases} leases") };
             self.say(&format!("worker {}: {}, {leases} handed back", farewell.label, farewell.reason));
         }
-        let changed = self.workers != news.workers || !news.finished.is_empty();
+        let changed = self.workers != news.workers || news.finished > 0;
         self.workers = news.workers;
-        self.finished += news.finished.len() as u64;
+        self.finished += news.finished as u64;
         if changed {
             self.redraw();
         }
@@ -137,19 +228,22 @@ impl Progress {
         let rest =
             f64::from(self.generations.saturating_sub(self.generation)) / f64::from(self.generation.max(1));
         format!(
-            "{} evaluated, {} remembered | {} {}, {rate:.1}/s | at most {} left",
+            "{} evaluated, {} remembered | {}, {rate:.1}/s | at most {} left",
             self.finished,
             self.remembered,
-            self.workers,
-            if self.workers == 1 { "worker" } else { "workers" },
+            self.workers(),
             clock(elapsed.mul_f64(rest)),
         )
     }
 
     fn redraw(&self) {
         if let Some(bar) = &self.bar {
-            bar.set_prefix(format!("{}: {}", self.place(), self.errors));
-            bar.set_message(self.work());
+            let [prefix, message] = match &self.cells {
+                Some(report) => self.cells_line(report),
+                None => [format!("{}: {}", self.place(), self.errors), self.work()],
+            };
+            bar.set_prefix(prefix);
+            bar.set_message(message);
         }
     }
 }

@@ -28,6 +28,18 @@ pub fn gene_values(parameters: &Parameters) -> Vec<Option<f64>> {
     GENES.iter().map(|spec| (!absent(spec.kind)).then(|| parameters.value(spec.kind))).collect()
 }
 
+/// The descriptor of gene values; `None` if one lies on none of its gene's ticks.
+pub fn parameters(values: &[Option<f64>]) -> Option<Parameters> {
+    let mut ticks = [0; GENES.len()];
+    for ((spec, value), ticks) in GENES.iter().zip(values).zip(&mut ticks) {
+        *ticks = match value {
+            Some(value) => spec.ticks(*value)?,
+            None => 0,
+        };
+    }
+    Some(Parameters::from_ticks(ticks))
+}
+
 /// The counts of a result.
 pub fn counts(result: &EvaluationResult) -> Counts {
     Counts {
@@ -56,7 +68,7 @@ pub fn evaluations(
     generation: u32,
     population: &[Individual],
     counts: &[Counts],
-    computed: &BTreeMap<usize, Finished>,
+    computed: &BTreeMap<usize, Finished<EvaluationResult>>,
 ) -> Vec<EvaluationRow> {
     let row = |(index, (individual, counts)): (usize, (&Individual, &Counts))| EvaluationRow {
         generation,

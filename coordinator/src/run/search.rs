@@ -1,4 +1,4 @@
-//! The search: generation after generation until the stop rule says why it ends.
+//! The search: generation after generation, whatever makes them, until there is a reason to stop.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -6,10 +6,13 @@ use std::time::Instant;
 use descriptor::Parameters;
 use results::{Counts, RunFolder};
 
-use crate::evolution::{Evolution, GenerationBest, Individual, StopReason, StopRule, Winner, selection};
+use crate::evaluation::EvaluationResult;
+use crate::evolution::{GenerationBest, Individual, StopReason, StopRule, Winner, selection};
 use crate::experiment::Experiment;
+use crate::memory::Known;
 use crate::run::progress::{GenerationReport, Progress};
 use crate::run::rows;
+use crate::run::source::Source;
 use crate::run::splits::Matching;
 use crate::run::{RunError, Workplace};
 use crate::scheduler::Finished;
@@ -30,6 +33,8 @@ pub struct Found {
     pub computed: u64,
     /// Individuals whose descriptor had been evaluated before.
     pub remembered: u64,
+    /// All counts that the search has seen.
+    pub known: Known,
 }
 
 /// One search under way.
@@ -37,35 +42,37 @@ pub struct Search<'a> {
     experiment: &'a Experiment,
     workplace: &'a Workplace<'a>,
     progress: &'a mut Progress,
-    /// Counts by descriptor: nothing is evaluated twice.
-    train: BTreeMap<Parameters, Counts>,
-    validation: BTreeMap<Parameters, Counts>,
+    /// Nothing is evaluated twice.
+    known: Known,
     computed: u64,
     remembered: u64,
 }
 
 impl<'a> Search<'a> {
-    /// A search that has not begun.
-    pub fn new(experiment: &'a Experiment, workplace: &'a Workplace<'a>, progress: &'a mut Progress) -> Self {
-        let (train, validation) = (BTreeMap::new(), BTreeMap::new());
-        Self { experiment, workplace, progress, train, validation, computed: 0, remembered: 0 }
+    /// A search that has not begun; what is `known` from earlier runs is not evaluated again.
+    pub fn new(
+        experiment: &'a Experiment,
+        workplace: &'a Workplace<'a>,
+        progress: &'a mut Progress,
+        known: Known,
+    ) -> Self {
+        Self { experiment, workplace, progress, known, computed: 0, remembered: 0 }
     }
 
-    /// Evolves until the stop rule ends it, and writes every generation to the run folder.
-    pub async fn run(mut self, folder: &mut RunFolder) -> Result<Found, RunError> {
-        let settings = self.experiment;
-        let mut evolution = Evolution::new(settings.genes().clone(), *settings.ga(), settings.seed())?;
-        let mut stop = StopRule::new(*settings.stop());
+    /// Takes generations from `source` until the stop rule ends it, and writes each to the run folder.
+    pub async fn run(mut self, mut source: Source, folder: &mut RunFolder) -> Result<Found, RunError> {
+        let mut stop = StopRule::new(*self.experiment.stop());
         let mut winner = Winner::default();
         let mut leader = None;
         let mut best_so_far = 0.0f64;
         loop {
             let started = Instant::now();
-            let generation = evolution.generation();
+            let generation = source.generation();
             self.progress.generation_starts(generation);
-            let population = evolution.population().to_vec();
+            let population = source.population().to_vec();
             let computed = self.evaluate_new(&population).await?;
-            let counts: Vec<Counts> = population.iter().map(|one| self.train[&one.parameters]).collect();
+            let counts: Vec<Counts> =
+                population.iter().map(|one| self.known.train[&one.parameters]).collect();
             let correct: Vec<u32> = counts.iter().map(|counts| counts.object_correct).collect();
 
             let best = selection::best(&correct).unwrap_or(0) as usize;
@@ -82,7 +89,11 @@ impl<'a> Search<'a> {
                 leader = Some((candidate, population[best].clone(), counts[best]));
             }
             best_so_far = best_so_far.max(counts[best].fitness());
-            let reason = stop.observe(correct[best], counts[best].queries, candidate.validation_errors);
+            let reason = if source.is_exhausted() {
+                Some(StopReason::Exhaustive)
+            } else {
+                stop.observe(correct[best], counts[best].queries, candidate.validation_errors)
+            };
 
             let individuals = rows::evaluations(generation, &population, &counts, &computed);
             folder.write_generation(
@@ -91,7 +102,7 @@ impl<'a> Search<'a> {
                     generation,
                     best_so_far_fitness: best_so_far,
                     validation,
-                    mutation_rate: evolution.mutation_rate(),
+                    mutation_rate: source.mutation_rate(),
                     seconds: started.elapsed().as_secs_f64(),
                 },
             )?;
@@ -116,9 +127,10 @@ impl<'a> Search<'a> {
                     train,
                     computed,
                     remembered,
+                    known: self.known,
                 });
             }
-            evolution.tell(&correct);
+            source.tell(&correct);
         }
     }
 
@@ -127,11 +139,13 @@ impl<'a> Search<'a> {
     async fn evaluate_new(
         &mut self,
         population: &[Individual],
-    ) -> Result<BTreeMap<usize, Finished>, RunError> {
+    ) -> Result<BTreeMap<usize, Finished<EvaluationResult>>, RunError> {
         let mut new: Vec<(usize, Parameters)> = Vec::new();
         for (index, individual) in population.iter().enumerate() {
             let parameters = individual.parameters;
-            if !self.train.contains_key(&parameters) && new.iter().all(|(_, known)| *known != parameters) {
+            if !self.known.train.contains_key(&parameters)
+                && new.iter().all(|(_, known)| *known != parameters)
+            {
                 new.push((index, parameters));
             }
         }
@@ -144,7 +158,7 @@ impl<'a> Search<'a> {
         let finished =
             self.workplace.cluster.evaluate(evaluations.collect(), |news| progress.news(news)).await?;
         for ((_, parameters), finished) in new.iter().zip(&finished) {
-            self.train.insert(*parameters, rows::counts(&finished.result));
+            self.known.train.insert(*parameters, rows::counts(&finished.result));
         }
         Ok(new.into_iter().map(|(index, _)| index).zip(finished).collect())
     }
@@ -154,7 +168,7 @@ impl<'a> Search<'a> {
         if self.experiment.stop().validation_patience.is_none() {
             return Ok(None);
         }
-        if let Some(known) = self.validation.get(&parameters) {
+        if let Some(known) = self.known.validation.get(&parameters) {
             return Ok(Some(*known));
         }
         let evaluation = self.workplace.splits.evaluation(parameters, Matching::Validation, false);
@@ -162,7 +176,7 @@ impl<'a> Search<'a> {
         let finished = self.workplace.cluster.evaluate(vec![evaluation], |news| progress.news(news)).await?;
         let counts = finished.first().map(|finished| rows::counts(&finished.result));
         if let Some(counts) = counts {
-            self.validation.insert(parameters, counts);
+            self.known.validation.insert(parameters, counts);
         }
         Ok(counts)
     }

@@ -1,12 +1,15 @@
 //! The splits of a run as workers see them: manifests by digest, and what the coordinator needs to read answers.
 
-use descriptor::Parameters;
+use descriptor::{Parameters, Preprocess};
 use prost::Message as _;
 use proto::Digest;
+use worker::store::Store;
 
 use crate::blobs::BlobStore;
 use crate::dataset::{Dataset, SPLITS, Splits};
 use crate::evaluation::Evaluation;
+use crate::memory::Memory;
+use crate::task::GridCell;
 use crate::wire;
 
 /// Position of the test split in [`SPLITS`].
@@ -68,6 +71,25 @@ impl<'a> SplitBlobs<'a> {
     /// Releases the test set.
     pub fn publish_test(&self, blobs: &BlobStore) {
         publish(self.dataset, TEST, blobs);
+    }
+
+    /// Where counts of a matching are remembered.
+    pub fn memory<'s>(&self, store: &'s Store, preprocess: &Preprocess, matching: Matching) -> Memory<'s> {
+        // The place is the same for every descriptor.
+        Memory::new(store, preprocess, &self.evaluation(Parameters::PAPER_BEST, matching, false))
+    }
+
+    /// The evaluation on the training sets of all `descriptors` descriptors with one R1 and one R2, micrometres.
+    pub fn grid_cell(&self, (disk_um, ring_um): (u32, u32), descriptors: usize) -> GridCell {
+        let (query, database) = Matching::Train.splits();
+        GridCell {
+            disk_um,
+            ring_um,
+            query: vec![self.manifests[query]],
+            database: database.iter().map(|&split| self.manifests[split]).collect(),
+            queries: Matching::Train.query_clouds(self.dataset).len() as u32,
+            descriptors,
+        }
     }
 
     /// The evaluation of one descriptor.

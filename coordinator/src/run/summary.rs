@@ -20,6 +20,8 @@ pub struct Summary {
     pub run_digest: String,
     /// Clouds that took no part.
     pub skipped: usize,
+    /// Size of the search space.
+    pub descriptors: u128,
     /// The run folder.
     pub out: PathBuf,
 }
@@ -48,8 +50,9 @@ impl Summary {
                 row(split, "not measured".to_owned());
                 continue;
             };
-            let error =
-                |share: f64, correct: u32| format!("{} ({})", percent(share), counts.queries - correct);
+            let error = |share: f64, correct: u32| {
+                format!("{} ({})", percent(share), counts.queries.saturating_sub(correct))
+            };
             row(
                 split,
                 format!(
@@ -60,6 +63,20 @@ impl Summary {
                 ),
             );
         }
+        if let Some((best, regret)) = run.grid_best_object_correct.zip(run.regret()) {
+            let queries = run.train.queries;
+            row(
+                "regret",
+                format!(
+                    "{} ({} of {queries}): the best of all {} descriptors has {} ({})",
+                    percent(regret),
+                    best.saturating_sub(run.train.object_correct),
+                    self.descriptors,
+                    percent(f64::from(queries.saturating_sub(best)) / f64::from(queries)),
+                    queries.saturating_sub(best),
+                ),
+            );
+        }
         if self.skipped > 0 {
             row("skipped", format!("{} clouds, see table skipped", self.skipped));
         }
@@ -67,7 +84,7 @@ impl Summary {
             "evaluations",
             format!("{} computed, {} remembered", run.evaluations_computed, run.evaluations_remembered),
         );
-        row("time", clock(Duration::from_secs_f64(run.seconds.max(0.0))));
+        row("time", clock(Duration::try_from_secs_f64(run.seconds).unwrap_or_default()));
         row("run digest", self.run_digest.clone());
         row("results", self.out.display().to_string());
         text
@@ -88,6 +105,8 @@ impl Summary {
             "validation_category_error": category(run.validation),
             "test_object_error": object(run.test),
             "test_category_error": category(run.test),
+            "regret": run.regret(),
+            "grid_best_object_correct": run.grid_best_object_correct,
             "train_queries": run.train.queries,
             "validation_queries": run.validation.map(|counts| counts.queries),
             "test_queries": run.test.map(|counts| counts.queries),

@@ -2,14 +2,17 @@
 
 use std::sync::Arc;
 
-use descriptor::Parameters;
+use descriptor::{Parameters, QuantiseError, Quantiser};
 use results::Counts;
 use tokio::net::TcpListener;
+use worker::Size;
+use worker::store::Store;
 
 use crate::cluster::{Cluster, ClusterError};
 use crate::dataset::Dataset;
 use crate::experiment::{Experiment, LocalWorkers};
 use crate::local::{self, Crew};
+use crate::prepared::PreparedClouds;
 use crate::run::rows;
 use crate::run::splits::{Matching, SplitBlobs};
 use crate::scheduler::Limits;
@@ -30,11 +33,22 @@ pub struct Workplace<'a> {
     /// The data set as workers see it.
     pub splits: SplitBlobs<'a>,
     servers: Servers,
+    /// Where derived data is kept.
+    pub store: Arc<Store>,
+    memory: Size,
 }
 
 impl<'a> Workplace<'a> {
-    /// A workplace that nobody has come to yet.
-    pub fn new(experiment: &Experiment, dataset: &'a Dataset) -> Self {
+    /// A workplace that nobody has come to yet. Workers of this process share the store, and `memory` in equal parts.
+    ///
+    /// # Errors
+    /// If the search space is too fine.
+    pub fn new(
+        experiment: &Experiment,
+        dataset: &'a Dataset,
+        store: Arc<Store>,
+        memory: Size,
+    ) -> Result<Self, QuantiseError> {
         let settings = experiment.coordinator();
         let cluster = Cluster::new(Limits {
             lease: settings.lease,
@@ -46,13 +60,16 @@ impl<'a> Workplace<'a> {
         });
         let splits = SplitBlobs::publish(dataset, &cluster.blobs);
         let preparation = wire::preparation(experiment.preprocess(), experiment.genes());
-        let servers = Servers::new(Arc::clone(&cluster), preparation);
-        Self { cluster, splits, servers }
+        let quantiser = Quantiser::new(experiment.genes())?;
+        let entries = &dataset.clouds.entries;
+        let prepared = PreparedClouds::new(Arc::clone(&store), experiment.preprocess(), &quantiser, entries);
+        let servers = Servers::new(Arc::clone(&cluster), preparation, prepared);
+        Ok(Self { cluster, splits, servers, store, memory })
     }
 
     /// Starts in-process workers.
     pub fn staff(&mut self, workers: LocalWorkers) -> Crew {
-        Crew::start(&mut self.servers, &local::threads(workers))
+        Crew::start(&mut self.servers, &local::threads(workers), &self.store, self.memory)
     }
 
     /// Lets remote workers in.

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use proto::{JobId, Lease, WorkerId};
 
-use crate::evaluation::{Evaluation, EvaluationResult};
+use crate::task::{Task, TaskResult};
 use worker::Worker;
 pub use worker::{Arrival, Farewell, Introduction};
 
@@ -54,7 +54,7 @@ pub struct Report {
     /// Seconds on the worker's clock.
     pub run_seconds: f64,
     /// The answer, or why there is none.
-    pub outcome: Result<EvaluationResult, String>,
+    pub outcome: Result<TaskResult, String>,
 }
 
 /// What a poll is answered with.
@@ -65,7 +65,7 @@ pub struct Answer {
     /// Leases that are no longer wanted.
     pub revoked: Vec<Lease>,
     /// New leases.
-    pub jobs: Vec<(Lease, Arc<Evaluation>)>,
+    pub jobs: Vec<(Lease, Arc<Task>)>,
 }
 
 /// Why a poll is not answered.
@@ -79,11 +79,11 @@ pub enum PollRefusal {
 
 /// A job that is done.
 #[derive(Clone, Debug)]
-pub struct Finished {
+pub struct Finished<R = TaskResult> {
     /// Which job.
     pub job: JobId,
     /// The first valid answer.
-    pub result: EvaluationResult,
+    pub result: R,
     /// Label of the worker that gave it.
     pub worker: String,
     /// Which attempt it was.
@@ -98,7 +98,7 @@ pub struct Finished {
 #[derive(Clone, Debug, PartialEq)]
 pub struct JobFailed {
     /// What was asked.
-    pub evaluation: Arc<Evaluation>,
+    pub task: Arc<Task>,
     /// `worker: reason` of every failure, oldest first.
     pub failures: Vec<String>,
 }
@@ -117,7 +117,7 @@ pub enum Staffing {
 }
 
 struct Job {
-    evaluation: Arc<Evaluation>,
+    task: Arc<Task>,
     submitted: Instant,
     /// Who works on it now, on which attempt.
     lease: Option<(WorkerId, u32)>,
@@ -179,11 +179,11 @@ impl Scheduler {
     }
 
     /// Adds a job; jobs are handed out in the order of submission.
-    pub fn submit(&mut self, evaluation: Arc<Evaluation>, now: Instant) -> JobId {
+    pub fn submit(&mut self, task: Arc<Task>, now: Instant) -> JobId {
         let id = JobId(self.next_job);
         self.next_job += 1;
         let (handed_out, failures, losses) = (Vec::new(), Vec::new(), Vec::new());
-        let job = Job { evaluation, submitted: now, lease: None, handed_out, failures, losses };
+        let job = Job { task, submitted: now, lease: None, handed_out, failures, losses };
         self.jobs.insert(id, job);
         self.waiting.insert(id);
         id
@@ -240,7 +240,7 @@ impl Scheduler {
         sequence: u64,
         wanted: usize,
         now: Instant,
-    ) -> Result<Vec<(Lease, Arc<Evaluation>)>, PollRefusal> {
+    ) -> Result<Vec<(Lease, Arc<Task>)>, PollRefusal> {
         let worker = self.workers.get_mut(&id).ok_or(PollRefusal::UnknownWorker)?;
         if worker.sequence != sequence {
             return Err(PollRefusal::Stale);
@@ -332,7 +332,7 @@ impl Scheduler {
         };
         // An attempt that was never handed out is an invention.
         let known = job.has_attempt(attempt);
-        let outcome = report.outcome.and_then(|result| job.evaluation.check(&result).map(|()| result));
+        let outcome = report.outcome.and_then(|result| job.task.check(&result).map(|()| result));
         let label = self.label(id);
         match outcome {
             Ok(result) if known => {
@@ -394,7 +394,7 @@ impl Scheduler {
         }
     }
 
-    fn lease_jobs(&mut self, id: WorkerId, wanted: usize, now: Instant) -> Vec<(Lease, Arc<Evaluation>)> {
+    fn lease_jobs(&mut self, id: WorkerId, wanted: usize, now: Instant) -> Vec<(Lease, Arc<Task>)> {
         let mut leased = Vec::new();
         while leased.len() < wanted {
             // A job taken ahead waits behind another: as long as a worker has none at all, it is better off there.
@@ -418,7 +418,7 @@ impl Scheduler {
             job.lease = Some((id, attempt));
             worker.take(job_id, attempt, now);
             self.waiting.remove(&job_id);
-            leased.push((Lease { job: job_id, attempt }, Arc::clone(&job.evaluation)));
+            leased.push((Lease { job: job_id, attempt }, Arc::clone(&job.task)));
         }
         leased
     }
@@ -471,7 +471,7 @@ impl Scheduler {
         job.failures.push((id, failure));
         if job.failures.len() >= self.limits.max_failures as usize && self.failed.is_none() {
             let failures = job.failures.iter().map(|(_, failure)| failure.clone()).collect();
-            self.failed = Some(JobFailed { evaluation: Arc::clone(&job.evaluation), failures });
+            self.failed = Some(JobFailed { task: Arc::clone(&job.task), failures });
         }
     }
 
@@ -480,8 +480,8 @@ impl Scheduler {
         let Some(job) = self.jobs.get_mut(&job_id) else { return };
         job.losses.push(loss);
         if job.losses.len() >= self.limits.max_losses as usize && self.failed.is_none() {
-            let (evaluation, failures) = (Arc::clone(&job.evaluation), job.losses.clone());
-            self.failed = Some(JobFailed { evaluation, failures });
+            let (task, failures) = (Arc::clone(&job.task), job.losses.clone());
+            self.failed = Some(JobFailed { task, failures });
         }
     }
 

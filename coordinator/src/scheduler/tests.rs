@@ -6,6 +6,7 @@ use descriptor::Parameters;
 use proptest::prelude::*;
 
 use super::*;
+use crate::evaluation::{Evaluation, EvaluationResult};
 
 const LIMITS: Limits = Limits {
     lease: Duration::from_secs(30),
@@ -16,19 +17,28 @@ const LIMITS: Limits = Limits {
     max_workers: 4,
 };
 
-fn evaluation() -> Arc<Evaluation> {
-    Arc::new(Evaluation {
+fn evaluation() -> Arc<Task> {
+    Arc::new(Task::Evaluation(Evaluation {
         parameters: Parameters::PAPER_BEST,
         query: vec![],
         database: vec![],
         queries: 10,
         database_clouds: 10,
         want_matches: false,
-    })
+    }))
 }
 
-fn good() -> Result<EvaluationResult, String> {
-    Ok(EvaluationResult { queries: 10, object_correct: 4, category_correct: 6, matches: vec![] })
+fn result(queries: u32) -> Result<TaskResult, String> {
+    Ok(TaskResult::Evaluation(EvaluationResult {
+        queries,
+        object_correct: 4,
+        category_correct: 6,
+        matches: vec![],
+    }))
+}
+
+fn good() -> Result<TaskResult, String> {
+    result(10)
 }
 
 fn worker(number: u8) -> WorkerId {
@@ -73,7 +83,7 @@ impl Bench {
         self.poll(number, &[], 1).jobs[0].0
     }
 
-    fn report(&mut self, number: u8, lease: Lease, outcome: Result<EvaluationResult, String>) -> Answer {
+    fn report(&mut self, number: u8, lease: Lease, outcome: Result<TaskResult, String>) -> Answer {
         let finished = vec![Report { lease, run_seconds: 0.5, outcome }];
         self.try_poll(number, Poll { finished, ..Poll::default() }).unwrap()
     }
@@ -204,7 +214,7 @@ fn a_failed_job_goes_to_another_worker_and_ends_after_the_limit() {
     let lease = bench.take(2);
     assert_eq!((lease.job, lease.attempt), (job, 2));
     // An answer that cannot be one is a failure, too.
-    bench.report(2, lease, good().map(|result| EvaluationResult { queries: 11, ..result }));
+    bench.report(2, lease, result(11));
     assert_eq!(bench.scheduler.failed(), None);
     let lease = bench.take(1); // it failed everywhere: anyone may try again
     bench.report(1, lease, Err("panic: index out of bounds".to_owned()));

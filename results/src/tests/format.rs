@@ -227,11 +227,12 @@ fn a_table_without_files_is_named() {
 #[test]
 fn the_version_1_sample_is_read() {
     let sample = Path::new(env!("CARGO_MANIFEST_DIR")).join("testdata/v1");
-    for (table, rows) in TableName::ALL.into_iter().zip([6, 2, 5, 1, 1]) {
+    for (table, rows) in TableName::RUN.into_iter().zip([6, 2, 5, 1, 1]) {
         assert_eq!(read_table(&sample, table).unwrap().height(), rows, "{table}");
     }
     let finished = read_run(&sample).unwrap();
-    assert_eq!(finished.row, fixture::run());
+    // Files from before a column was added have nothing in it.
+    assert_eq!(finished.row, crate::RunRow { grid_best_object_correct: None, ..fixture::run() });
     assert_eq!(finished.genes, genes());
     expect!["7d784a968f4c23c5dc3f396a9a261004fb9cd09c306d20cf2051c768def48b59"]
         .assert_eq(&finished.run_digest);

@@ -3,5 +3,6 @@
 mod fixture;
 mod folder;
 mod format;
+mod grid;
 mod schema;
 mod tamper;

@@ -202,6 +202,17 @@ fn clouds_without_usable_points_are_skipped_and_named() {
 }
 
 #[test]
+fn a_search_space_that_is_too_fine_leaves_no_folder() {
+    let experiment = Experiment::new("[descriptor.genes]\nm = { min = 1, max = 32, step = 1 }\n");
+    for command in ["run", "exhaust"] {
+        let mut args = experiment.run_args(command, &[]);
+        command.clone_into(&mut args[0]);
+        check(run("coordinator", args), &["m:", "65536"]);
+        assert!(!experiment.folder().join(command).exists(), "{command}");
+    }
+}
+
+#[test]
 fn ports_and_addresses() {
     let experiment = Experiment::new("");
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();

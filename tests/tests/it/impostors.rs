@@ -123,6 +123,12 @@ impl Coordinator for Refuser {
     async fn fetch_blob(&self, _: Request<v1::FetchBlobRequest>) -> Result<Response<Blobs>, Status> {
         Err(Status::new(Code::NotFound, "nothing here"))
     }
+
+    type FetchDerivedStream = Blobs;
+
+    async fn fetch_derived(&self, _: Request<v1::FetchDerivedRequest>) -> Result<Response<Blobs>, Status> {
+        Err(Status::new(Code::NotFound, "nothing here"))
+    }
 }
 
 #[tokio::test(flavor = "multi_thread")]

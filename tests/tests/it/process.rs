@@ -4,8 +4,12 @@ use std::ffi::OsStr;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
+
+use tempfile::TempDir;
 
 /// Longer than anything here takes on a slow machine; a test that runs into it has failed.
 const PATIENCE: Duration = Duration::from_secs(120);
@@ -20,8 +24,26 @@ pub fn program(name: &str) -> Command {
         _ => panic!("no program {name}"),
     };
     let mut command = Command::new(path);
-    command.env_remove("DESCRY_COORDINATOR").env_remove("DESCRY_LOG").stdin(Stdio::null());
+    for variable in [
+        "DESCRY_COORDINATOR",
+        "DESCRY_LOG",
+        "DESCRY_CACHE",
+        "DESCRY_CACHE_SIZE",
+        "DESCRY_MEMORY",
+        "DESCRY_SHARED_CACHE",
+    ] {
+        command.env_remove(variable);
+    }
+    command.env("XDG_CACHE_HOME", unused_cache()).stdin(Stdio::null());
     command
+}
+
+/// A cache for one program: what tests want to be remembered, they keep in a cache that they name with `--cache`.
+fn unused_cache() -> PathBuf {
+    static CACHES: OnceLock<TempDir> = OnceLock::new();
+    static USED: AtomicU32 = AtomicU32::new(0);
+    let caches = CACHES.get_or_init(|| TempDir::new().unwrap());
+    caches.path().join(USED.fetch_add(1, Ordering::Relaxed).to_string())
 }
 
 /// A program that was run to its end.

@@ -6,7 +6,7 @@ use descriptor::pcd::{self, DataEncoding};
 use descriptor::{Cloud, Preprocess};
 use expect_test::{Expect, expect};
 
-use super::super::{Dataset, DatasetError, DatasetSettings, Layout};
+use super::super::{Dataset, DatasetError, DatasetSettings, Layout, Wanted};
 use super::{Fixture, patch};
 
 /// Loads the usual fixture after a change to it.
@@ -22,7 +22,8 @@ fn check_manifest(rows: &str, expected: Expect) {
         fixture.cloud(&format!("{name}.pcd"));
     }
     fixture.write("clouds.csv", rows);
-    let error = Dataset::load(&fixture.manifest_settings(), &Preprocess::default()).unwrap_err();
+    let error =
+        Dataset::load(&fixture.manifest_settings(), &Preprocess::default(), Wanted::All, None).unwrap_err();
     expected.assert_eq(&fixture.text(&error));
 }
 
@@ -44,7 +45,9 @@ fn roots_that_are_no_folders() {
         ),
     ] {
         let settings = DatasetSettings { root: fixture.root().join(root), ..fixture.settings() };
-        expected.assert_eq(&fixture.text(&Dataset::load(&settings, &Preprocess::default()).unwrap_err()));
+        expected.assert_eq(
+            &fixture.text(&Dataset::load(&settings, &Preprocess::default(), Wanted::All, None).unwrap_err()),
+        );
     }
 }
 
@@ -281,7 +284,10 @@ fn clouds_that_cannot_be_read_or_have_no_colour() {
     let mut fixture = Fixture::new();
     all(&mut fixture, &pcd::write(&Cloud { colours: None, ..patch(0.002, 0) }, DataEncoding::Binary));
     let colourless = Preprocess { colour: false, ..Preprocess::default() };
-    assert_eq!(Dataset::load(&fixture.settings(), &colourless).unwrap().clouds.entries.len(), 16);
+    assert_eq!(
+        Dataset::load(&fixture.settings(), &colourless, Wanted::All, None).unwrap().clouds.entries.len(),
+        16
+    );
 }
 
 #[test]
@@ -345,7 +351,7 @@ fn a_listed_cloud_that_the_manifest_does_not_know() {
     fixture.write("clouds.csv", "path,category,instance\nball/ball_1/ball_1_1_1.pcd,ball,ball_1\n");
     let layout = Layout::Manifest { file: fixture.root().join("clouds.csv") };
     let settings = DatasetSettings { layout, ..fixture.settings() };
-    let error = Dataset::load(&settings, &Preprocess::default()).unwrap_err();
+    let error = Dataset::load(&settings, &Preprocess::default(), Wanted::All, None).unwrap_err();
     expect![[r#"
         train1.txt, line 2: cloud of the manifest expected, got ball/ball_2/ball_2_1_1.pcd
         add a row with its category and instance to clouds.csv"#]]

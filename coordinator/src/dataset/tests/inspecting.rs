@@ -4,7 +4,7 @@ use descriptor::pcd::{self, DataEncoding};
 use descriptor::{Cloud, Preprocess, Skip, Unit};
 use expect_test::expect;
 
-use super::super::{Dataset, SkipReason, SkippedCloud};
+use super::super::{Dataset, SkipReason, SkippedCloud, Wanted};
 use super::{Fixture, lengths, patch};
 
 #[test]
@@ -38,7 +38,7 @@ fn unreadable_clouds_are_skipped_only_if_told_so() {
     fixture.write("cup/cup_1/cup_1_1_2.pcd", "no cloud\n");
     assert!(fixture.load().is_err());
     let settings = super::DatasetSettings { skip_unreadable: true, ..fixture.settings() };
-    let dataset = Dataset::load(&settings, &Preprocess::default()).unwrap();
+    let dataset = Dataset::load(&settings, &Preprocess::default(), Wanted::All, None).unwrap();
     assert_eq!(dataset.clouds.skipped.len(), 1);
     assert_eq!(dataset.clouds.skipped[0].path, "cup/cup_1/cup_1_1_2.pcd");
     expect![
@@ -89,7 +89,7 @@ fn spacing_warnings(spacing: f32, unit: Unit) -> String {
     // A grid and a radius so large that every cloud is usable, whatever its unit is taken for.
     let preprocess =
         Preprocess { leaf_um: 1_000_000, normal_radius_um: 2_000_000_000, unit, ..Preprocess::default() };
-    Dataset::load(&fixture.settings(), &preprocess).unwrap().clouds.warnings.join("\n")
+    Dataset::load(&fixture.settings(), &preprocess, Wanted::All, None).unwrap().clouds.warnings.join("\n")
 }
 
 #[test]

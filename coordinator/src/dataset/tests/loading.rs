@@ -4,7 +4,7 @@ use std::fs;
 
 use descriptor::Preprocess;
 
-use super::super::{Dataset, DatasetError, Instance, Layout, Listing, SPLITS, SplitRule, Splits};
+use super::super::{Dataset, DatasetError, Instance, Layout, Listing, SPLITS, SplitRule, Splits, Wanted};
 use super::{Fixture, lengths, shared};
 
 fn paths<'a>(dataset: &'a Dataset, split: &[u32]) -> Vec<&'a str> {
@@ -55,7 +55,8 @@ fn a_manifest_gives_labels_and_splits() {
         rows += &format!("{split}, {name}.pcd ,\"x, y\",fruit,pear\n");
     }
     fixture.write("clouds.csv", &rows);
-    let dataset = Dataset::load(&fixture.manifest_settings(), &Preprocess::default()).unwrap();
+    let dataset =
+        Dataset::load(&fixture.manifest_settings(), &Preprocess::default(), Wanted::All, None).unwrap();
     assert_eq!(dataset.clouds.entries.len(), 4);
     assert_eq!(paths(&dataset, &dataset.splits.validation), ["c.pcd"]);
     assert_eq!(dataset.clouds.categories, ["fruit"]);
@@ -67,7 +68,7 @@ fn a_manifest_gives_labels_and_splits() {
         fixture.write(&format!("{split}.txt"), format!("{name}.pcd\n"));
     }
     settings.splits = fixture.settings().splits;
-    let dataset = Dataset::load(&settings, &Preprocess::default()).unwrap();
+    let dataset = Dataset::load(&settings, &Preprocess::default(), Wanted::All, None).unwrap();
     assert_eq!(paths(&dataset, &dataset.splits.train1), ["e.pcd"]);
     assert_eq!(dataset.clouds.entries[0].instance, 0);
 }
@@ -78,7 +79,7 @@ fn the_data_digest_changes_with_bytes_labels_and_lines_and_with_nothing_else() {
         let mut fixture = Fixture::new();
         change(&mut fixture);
         let settings = super::DatasetSettings { layout: Layout::Folders, ..fixture.settings() };
-        Dataset::load(&settings, &Preprocess::default()).unwrap().clouds.digest
+        Dataset::load(&settings, &Preprocess::default(), Wanted::All, None).unwrap().clouds.digest
     };
     let base = digest(&|_| {});
     assert_eq!(base, digest(&|fixture| fixture.append("train1.txt", "# a comment\n")));
@@ -169,7 +170,7 @@ fn the_benchmark_loads_whole() {
         test: list("test.txt"),
     };
     settings.root = root.clone();
-    let dataset = Dataset::load(&settings, &Preprocess::default()).unwrap();
+    let dataset = Dataset::load(&settings, &Preprocess::default(), Wanted::All, None).unwrap();
     assert_eq!(lengths(&dataset), [352, 352, 239, 475]);
     assert_eq!((dataset.clouds.categories.len(), dataset.clouds.instances.len()), (10, 48));
     assert_eq!(dataset.clouds.skipped, []);

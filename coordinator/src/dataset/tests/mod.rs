@@ -3,6 +3,7 @@
 mod errors;
 mod inspecting;
 mod loading;
+mod remembering;
 mod seeded;
 
 use std::fs;
@@ -12,7 +13,7 @@ use descriptor::pcd::{self, DataEncoding};
 use descriptor::{Cloud, Preprocess};
 use tempfile::TempDir;
 
-use super::{Dataset, DatasetError, DatasetSettings, Layout, SplitRule, Splits};
+use super::{Dataset, DatasetError, DatasetSettings, Layout, SplitRule, Splits, Wanted};
 
 /// A patch of 20 × 20 points, `spacing` apart, 0.5 m in front of the camera; `tone` tells clouds apart.
 fn patch(spacing: f32, tone: u8) -> Cloud {
@@ -90,7 +91,7 @@ impl Fixture {
     }
 
     fn load(&self) -> Result<Dataset, DatasetError> {
-        Dataset::load(&self.settings(), &Preprocess::default())
+        Dataset::load(&self.settings(), &Preprocess::default(), Wanted::All, None)
     }
 
     /// An error's text without the folder's own name.

@@ -8,7 +8,7 @@ use expect_test::{Expect, expect};
 use super::super::layout::{Labelled, Labels};
 use super::super::root::Root;
 use super::super::split::{draw, split};
-use super::super::{Dataset, DatasetError, DatasetSettings, Layout, SeededSplit, SplitRule};
+use super::super::{Dataset, DatasetError, DatasetSettings, Layout, SeededSplit, SplitRule, Wanted};
 use super::{Fixture, lengths};
 
 /// Instance number `i` has 2 videos of 3 + i clouds.
@@ -37,7 +37,7 @@ fn found(fixture: &Fixture) -> Vec<Labelled> {
 
 fn drawn(fixture: &Fixture, rule: SeededSplit) -> Result<[Vec<Labelled>; 4], DatasetError> {
     let settings = DatasetSettings { splits: SplitRule::Seeded(rule), ..fixture.settings() };
-    split(&settings, &Root::open(fixture.root()).unwrap(), &mut Vec::new())
+    split(&settings, &Root::open(fixture.root()).unwrap(), Wanted::All, &mut Vec::new())
 }
 
 fn paths(splits: &[Vec<Labelled>; 4]) -> [Vec<&str>; 4] {
@@ -91,7 +91,8 @@ fn a_draw_repeats_with_its_seed_and_ignores_the_order_of_a_manifest() {
     fixture.write("clouds.csv", format!("path,category,instance\n{}\n", rows.join("\n")));
     let splits = SplitRule::Seeded(rule(1, [0.25; 4]));
     let settings = DatasetSettings { splits, ..fixture.manifest_settings() };
-    let by_manifest = split(&settings, &Root::open(fixture.root()).unwrap(), &mut Vec::new()).unwrap();
+    let by_manifest =
+        split(&settings, &Root::open(fixture.root()).unwrap(), Wanted::All, &mut Vec::new()).unwrap();
     let sorted = |splits: &[Vec<Labelled>; 4]| {
         paths(splits).map(|paths| paths.into_iter().map(str::to_owned).collect::<BTreeSet<_>>())
     };
@@ -140,7 +141,7 @@ fn a_split_may_be_empty_only_if_it_was_given_no_share() {
     }
     let splits = SplitRule::Seeded(rule(0, [0.5, 0.5, 0.0, 0.0]));
     let settings = DatasetSettings { splits, layout: Layout::Folders, ..fixture.settings() };
-    let dataset = Dataset::load(&settings, &Preprocess::default()).unwrap();
+    let dataset = Dataset::load(&settings, &Preprocess::default(), Wanted::All, None).unwrap();
     assert_eq!(lengths(&dataset), [3, 3, 0, 0]);
     let error = drawn(&fixture, rule(0, [0.495, 0.495, 0.0, 0.01])).unwrap_err();
     assert_eq!(error, DatasetError::no_cloud("test"));
@@ -152,8 +153,13 @@ fn clouds_with_other_names_are_left_out_of_a_uw_draw_with_a_warning() {
     fixture.cloud("formats/ascii/cup_1_1_1.pcd");
     fixture.write("cup/cup_1/cup_1_1_1_depth.png", "");
     let splits = SplitRule::Seeded(rule(0, [0.25; 4]));
-    let dataset =
-        Dataset::load(&DatasetSettings { splits, ..fixture.settings() }, &Preprocess::default()).unwrap();
+    let dataset = Dataset::load(
+        &DatasetSettings { splits, ..fixture.settings() },
+        &Preprocess::default(),
+        Wanted::All,
+        None,
+    )
+    .unwrap();
     assert_eq!(dataset.clouds.entries.len(), 16);
     expect![[r#"
         dataset.layout: only clouds named <instance>_<video>_<frame>.pcd expected, got 1 other .pcd files, such as formats/ascii/cup_1_1_1.pcd

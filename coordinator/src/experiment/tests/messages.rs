@@ -148,7 +148,7 @@ fn keys() {
               did you mean `population`? known keys here: population, elite, selection, scaling, crossover, crossover_rate, mutation, mutation_rate, mutation_decay, encoding
             sede = 1
               top level: unknown key, got `sede`
-              did you mean `seed`? known keys here: version, name, seed, dataset, preprocess, descriptor, ga, stop, coordinator, results
+              did you mean `seed`? known keys here: version, name, seed, dataset, preprocess, descriptor, search, ga, stop, coordinator, results
             [descriptor.genes]\nr1 = 1.0
               descriptor.genes: unknown key, got `r1`
               did you mean `R1`? known keys here: shape_bins, m, R1, R2, w
@@ -157,7 +157,7 @@ fn keys() {
               did you mean `min`? known keys here: min, max, step
             temperature = 1
               top level: unknown key, got `temperature`
-              known keys here: version, name, seed, dataset, preprocess, descriptor, ga, stop, coordinator, results
+              known keys here: version, name, seed, dataset, preprocess, descriptor, search, ga, stop, coordinator, results
             ga.\"odd `key`, expected `x`\" = 1
               ga: unknown key, got `odd `key`, expected `x``
               known keys here: population, elite, selection, scaling, crossover, crossover_rate, mutation, mutation_rate, mutation_decay, encoding
@@ -193,6 +193,7 @@ fn types() {
             "seed = -1",
             "ga.scaling = \"lineer\"",
             "ga.scaling = 1",
+            "search.method = \"sweep\"",
             "ga.selection = \"tournament\"",
             "stop.validation_patience = \"of\"",
             "stop.validation_patience = -1",
@@ -263,6 +264,9 @@ fn types() {
             ga.scaling = 1
               ga.scaling: expected a word, got 1
               write a word in quotes
+            search.method = \"sweep\"
+              search.method: unknown word, got "sweep"
+              known words here: ga, random, exhaustive
             ga.selection = \"tournament\"
               ga.selection: unknown word, got "tournament"
               known words here: roulette

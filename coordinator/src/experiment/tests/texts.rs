@@ -291,6 +291,9 @@ fn the_resolved_text_has_every_default() {
         R2 = { min = 2.1, max = 5.0, step = 0.1 }
         w = { min = 0.0, max = 1.0, step = 0.01 }
 
+        [search]
+        method = "ga"
+
         [ga]
         population = 10
         elite = 1
@@ -356,6 +359,9 @@ fn the_resolved_text_has_every_default() {
         R1 = { min = 0.5, max = 1.5, step = 0.25 }
         R2 = { min = 2.0, max = 5.0, step = 0.5 }
         w = { min = 0.1, max = 0.9, step = 0.1 }
+
+        [search]
+        method = "random"
 
         [ga]
         population = 20
@@ -431,6 +437,9 @@ fn the_search_text_is_pinned() {
         R2 = { min = 2.1, max = 5.0, step = 0.1 }
         w = { min = 0.0, max = 1.0, step = 0.01 }
 
+        [search]
+        method = "ga"
+
         [ga]
         population = 10
         elite = 1
@@ -453,5 +462,5 @@ fn the_search_text_is_pinned() {
     let household =
         Experiment::parse(HOUSEHOLD, Path::new("household.toml"), Overrides::default(), &no_variables)
             .unwrap();
-    expect!["household-cce285cfd9c1"].assert_eq(&household.run_folder_name());
+    expect!["household-b50d1935cfb3"].assert_eq(&household.run_folder_name());
 }

@@ -1,0 +1,64 @@
+//! `coordinator exhaust`: every descriptor of the search space, on the training clouds.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use worker::StorageArgs;
+
+use crate::exhaust;
+use crate::experiment::{Experiment, LocalWorkers, Overrides};
+use crate::run::RunOptions;
+
+/// Evaluate every descriptor of an experiment's search space on the training clouds; workers may join at any time
+///
+/// Killed, the same command goes on with the cells that are missing. Later runs on the same training clouds report how
+/// far they are from the best. Neither validation nor test clouds are read.
+///
+/// Example: coordinator exhaust experiments/household.toml
+#[derive(Debug, Args)]
+pub struct Exhaust {
+    /// The experiment, for example experiments/household.toml
+    #[arg(value_name = "EXP.toml")]
+    experiment: PathBuf,
+    /// Grid folder, for example results/runs/grid; by default named after experiment, search space and clouds
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+    /// Where workers are awaited, for example 0.0.0.0:7700 (other machines) or 127.0.0.1:0 (any free port); by
+    /// default 127.0.0.1:7700
+    #[arg(long, value_name = "ADDR")]
+    listen: Option<SocketAddr>,
+    /// Workers inside this process: auto (one on all cores), a number that shares the cores, or 0 to wait for
+    /// `worker`s, for example 0
+    #[arg(long, value_name = "auto|N")]
+    local_workers: Option<LocalWorkers>,
+    /// Print the summary as one JSON object on standard output, for example for jq
+    #[arg(long)]
+    json: bool,
+    /// Evaluate the grid anew beside the one that is there, for example to compare both. Each use starts another grid: a
+    /// killed one goes on with --out and its folder instead
+    #[arg(long)]
+    fresh: bool,
+    /// Accept unencrypted connections from other machines, for example inside a trusted network
+    #[arg(long)]
+    insecure: bool,
+    #[command(flatten)]
+    storage: StorageArgs,
+}
+
+impl Exhaust {
+    pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
+        let overrides = Overrides { seed: None, listen: self.listen, local_workers: self.local_workers };
+        let experiment = Experiment::read(&self.experiment, overrides)?;
+        let storage = self.storage.resolve();
+        let options = RunOptions { out: self.out, fresh: self.fresh, insecure: self.insecure, storage };
+        let summary = super::block_on(async { Ok(exhaust::exhaust(&experiment, &options).await?) })?;
+        if self.json {
+            super::print(&format!("{}\n", summary.json()))?;
+        } else {
+            super::print(&summary.text())?;
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}

@@ -1,0 +1,124 @@
+//! The evaluation of a whole grid: cells that are there are read, the others computed by the workers.
+
+use std::time::{Instant, SystemTime};
+
+use descriptor::EVALUATION_VERSION;
+use results::{CellPoints, FinishedGrid, GridFolder, GridRow, GridTables, read_grid};
+
+use super::landscape::Landscape;
+use super::question::Question;
+use crate::run::progress::{CellReport, Progress};
+use crate::run::{RunError, Workplace};
+
+/// One exhaustive search under way.
+pub struct Sweep<'a> {
+    /// What is asked.
+    pub question: &'a Question,
+    /// Name of the experiment.
+    pub name: &'a str,
+    /// Where the cells are kept.
+    pub folder: &'a GridFolder,
+    /// Who computes them.
+    pub workplace: &'a Workplace<'a>,
+}
+
+impl Sweep<'_> {
+    /// Evaluates the cells that the folder lacks, and writes the tables over all of them.
+    pub async fn run(self, progress: &mut Progress) -> Result<FinishedGrid, RunError> {
+        let started = Instant::now();
+        let Self { question, folder, .. } = self;
+        let grid = &question.grid;
+        let mut landscape = Landscape::new(grid, question.queries);
+        let mut missing = Vec::new();
+        for cell in 0..grid.cells() {
+            match self.read(cell, progress)? {
+                Some(counts) => landscape.add(cell, &counts),
+                None => missing.push(cell),
+            }
+        }
+        let found = grid.cells() - missing.len();
+        if found > 0 {
+            progress.say(&format!("{found} of {} cells are there already", grid.cells()));
+        }
+
+        let splits = &self.workplace.splits;
+        let tasks = missing.iter().map(|&cell| splits.grid_cell(grid.radii(cell), grid.cell_len())).collect();
+        let mut report = CellReport {
+            done: found,
+            cells: grid.cells(),
+            computed: 0,
+            cell_len: grid.cell_len(),
+            queries: question.queries,
+            best: None,
+        };
+        progress.cells_start(&report);
+        let take = |news: &_, finished: Vec<(usize, Vec<u32>)>| {
+            progress.news(news);
+            for (place, counts) in finished {
+                let cell = missing[place];
+                landscape.add(cell, &counts);
+                // Written before the next is waited for: a killed search loses at most what comes in at once.
+                folder.write_cell(&question.cell_name(cell), &question.points(cell, counts))?;
+                report.done += 1;
+                report.computed += 1;
+                report.best = landscape.leader();
+                progress.cell_done(&report);
+            }
+            Ok::<_, RunError>(())
+        };
+        self.workplace.cluster.evaluate_cells(tasks, take).await?;
+        self.finish(&landscape, found, started)?;
+        Ok(read_grid(folder.path())?)
+    }
+
+    /// The counts of a cell that is there and sound.
+    fn read(&self, cell: usize, progress: &Progress) -> Result<Option<Vec<u32>>, RunError> {
+        let name = self.question.cell_name(cell);
+        let counts = |points: CellPoints| self.question.counts(cell, points);
+        let what = match self.folder.read_cell(&name) {
+            Ok(None) => return Ok(None),
+            Ok(Some(points)) => match counts(points) {
+                Some(counts) => return Ok(Some(counts)),
+                None => "it holds other descriptors".to_owned(),
+            },
+            Err(error) if error.is_damage() => {
+                error.to_string().lines().next().unwrap_or_default().to_owned()
+            }
+            Err(error) => return Err(error.into()),
+        };
+        progress.say(&format!("warning: cell {name} is computed again: {what}"));
+        Ok(None)
+    }
+
+    fn finish(&self, landscape: &Landscape<'_>, found: usize, started: Instant) -> Result<(), RunError> {
+        let Question { grid, queries, train_digest, text, key } = self.question;
+        let best = landscape.best();
+        // Both are there: every gene has a value, and all cells have come.
+        let (Some(first), Some(digest)) = (best.first().cloned(), landscape.digest()) else { return Ok(()) };
+        let grid = GridRow {
+            name: self.name.to_owned(),
+            grid_key: key.to_string(),
+            search_space: text.clone(),
+            train_digest: train_digest.clone(),
+            evaluation_version: EVALUATION_VERSION,
+            cells: grid.cells() as u32,
+            descriptors: grid.descriptors(),
+            queries: *queries,
+            optimal_descriptors: landscape.optimal_descriptors(),
+            best: first,
+            grid_digest: digest.to_hex().to_string(),
+            cells_computed: (grid.cells() - found) as u32,
+            cells_found: found as u32,
+            seconds: started.elapsed().as_secs_f64(),
+            finished_at: SystemTime::now(),
+        };
+        self.folder.write_tables(&GridTables {
+            grid,
+            best,
+            marginals: landscape.marginals(),
+            landscapes: landscape.landscapes(),
+            counts: landscape.counts(),
+        })?;
+        Ok(())
+    }
+}

@@ -1,0 +1,159 @@
+//! What finished runs have computed, kept from run to run: counts by descriptor, for one matching of one data set.
+//!
+//! Counts are exact for every gene table, so that searches of different spaces, seeds and methods share them.
+
+mod records;
+
+use std::collections::BTreeMap;
+
+use descriptor::{Parameters, Preprocess};
+use proto::Digest;
+use results::Counts;
+use worker::store::Store;
+
+use crate::evaluation::Evaluation;
+use crate::storage;
+
+/// Kind of the entries in the store.
+const KIND: &str = "remembered counts";
+
+/// Counts by descriptor.
+pub type Remembered = BTreeMap<Parameters, Counts>;
+
+/// What is remembered of a run's two matchings.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Known {
+    /// train1 against train2.
+    pub train: Remembered,
+    /// validation against both training sets.
+    pub validation: Remembered,
+}
+
+/// The place in the store of the counts of one matching on one data set.
+pub struct Memory<'a> {
+    store: &'a Store,
+    key: Digest,
+    queries: u32,
+}
+
+impl<'a> Memory<'a> {
+    /// The place for evaluations like this one, whatever their descriptor.
+    pub fn new(store: &'a Store, preprocess: &Preprocess, evaluation: &Evaluation) -> Self {
+        // Two lists: the same manifests on other sides are another matching.
+        let list = |manifests: &[Digest]| manifests.iter().flat_map(|digest| digest.0).collect::<Vec<u8>>();
+        let inputs = [list(&evaluation.query), list(&evaluation.database)];
+        let key = storage::key(KIND, preprocess, &inputs.each_ref().map(Vec::as_slice));
+        Self { store, key, queries: evaluation.queries }
+    }
+
+    /// What is remembered; nothing if there is any doubt.
+    pub fn recall(&self) -> Remembered {
+        let Some(payload) = self.store.get_own(KIND, self.key) else { return Remembered::new() };
+        records::decode(&payload, self.queries).unwrap_or_else(|what| {
+            tracing::warn!("cache: {KIND} {} are not used, got {what}", self.key);
+            Remembered::new()
+        })
+    }
+
+    /// Adds the counts of a finished run. Of two runs that end at the same moment, one may overwrite what the other
+    /// has just added: that is computed once more.
+    pub fn keep(&self, found: &Remembered) {
+        let mut known = self.recall();
+        if merge(&mut known, found) {
+            records::truncate(&mut known);
+            self.store.put_own(KIND, self.key, &records::encode(&known, self.queries));
+        }
+    }
+}
+
+/// Adds counts and returns whether anything changed. Where two runs disagree, one of them was computed wrongly:
+/// neither is kept.
+fn merge(known: &mut Remembered, found: &Remembered) -> bool {
+    let mut changed = false;
+    for (parameters, counts) in found {
+        match known.insert(*parameters, *counts) {
+            Some(before) if before == *counts => {}
+            Some(before) => {
+                tracing::warn!(
+                    "cache: {KIND}: {parameters}: {} of {} recognised before, got {}\none of the two runs is wrong: check them with `coordinator verify`",
+                    before.object_correct,
+                    before.queries,
+                    counts.object_correct
+                );
+                known.remove(parameters);
+                changed = true;
+            }
+            None => changed = true,
+        }
+    }
+    changed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn evaluation(query: &[u8], database: &[u8]) -> Evaluation {
+        let digests = |bytes: &[u8]| bytes.iter().map(|&byte| Digest([byte; 32])).collect();
+        Evaluation {
+            parameters: Parameters::PAPER_BEST,
+            query: digests(query),
+            database: digests(database),
+            queries: 10,
+            database_clouds: 20,
+            want_matches: false,
+        }
+    }
+
+    fn counts(object_correct: u32) -> Counts {
+        Counts { object_correct, category_correct: 9, queries: 10 }
+    }
+
+    fn remembered(descriptors: &[(u32, u32)]) -> Remembered {
+        let one = |&(shape_bins, correct): &(u32, u32)| {
+            (Parameters { shape_bins, ..Parameters::PAPER_BEST }, counts(correct))
+        };
+        descriptors.iter().map(one).collect()
+    }
+
+    #[test]
+    fn a_run_remembers_what_earlier_ones_on_the_same_clouds_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = storage::store_in(folder.path());
+        let preprocess = Preprocess::default();
+        let memory = |evaluation: &Evaluation| Memory::new(&store, &preprocess, evaluation);
+        let here = memory(&evaluation(&[1], &[2]));
+        assert_eq!(here.recall(), Remembered::new());
+        here.keep(&remembered(&[(8, 3), (9, 4)]));
+        here.keep(&remembered(&[(9, 4), (10, 5)]));
+        assert_eq!(here.recall(), remembered(&[(8, 3), (9, 4), (10, 5)]));
+
+        let other = Parameters { shape_bins: 11, ..Parameters::PAPER_BEST };
+        let asked = Evaluation { parameters: other, want_matches: true, ..evaluation(&[1], &[2]) };
+        assert_eq!(memory(&asked).recall(), here.recall());
+        for elsewhere in [evaluation(&[2], &[1]), evaluation(&[1, 2], &[]), evaluation(&[1], &[2, 3])] {
+            assert_eq!(memory(&elsewhere).recall(), Remembered::new());
+        }
+        let coarser = Preprocess { leaf_um: 30_000, ..preprocess };
+        assert_eq!(Memory::new(&store, &coarser, &evaluation(&[1], &[2])).recall(), Remembered::new());
+    }
+
+    #[test]
+    fn what_two_runs_disagree_on_is_forgotten() {
+        let mut known = remembered(&[(8, 3), (9, 4)]);
+        assert!(!merge(&mut known, &remembered(&[(8, 3)])));
+        assert!(merge(&mut known, &remembered(&[(9, 5)])));
+        assert_eq!(known, remembered(&[(8, 3)]));
+    }
+
+    #[test]
+    fn a_payload_that_makes_no_sense_is_forgotten_and_replaced() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = storage::store_in(folder.path());
+        let memory = Memory::new(&store, &Preprocess::default(), &evaluation(&[1], &[2]));
+        store.put(KIND, memory.key, b"counts?");
+        assert_eq!(memory.recall(), Remembered::new());
+        memory.keep(&remembered(&[(8, 3)]));
+        assert_eq!(memory.recall(), remembered(&[(8, 3)]));
+    }
+}

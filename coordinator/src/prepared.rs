@@ -1,0 +1,84 @@
+//! The prepared clouds that a run gives to its workers, as entries of the coordinator's own store.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use descriptor::{Preprocess, Quantiser};
+use proto::Digest;
+use worker::store::{PREPARED_CLOUD, Store, prepared_cloud_key};
+
+use crate::blobs::BlobStore;
+use crate::dataset::CloudEntry;
+
+/// Which entries of the store are of this run's clouds. Keys from the wire are only looked up among these.
+pub struct PreparedClouds {
+    store: Arc<Store>,
+    /// Digest of the source file by key of the entry.
+    sources: HashMap<Digest, Digest>,
+}
+
+impl PreparedClouds {
+    /// Those that the store has, or will have when a worker of this process has made them, of `clouds`.
+    pub fn new(
+        store: Arc<Store>,
+        preprocess: &Preprocess,
+        quantiser: &Quantiser,
+        clouds: &[CloudEntry],
+    ) -> Self {
+        let source = |cloud: &CloudEntry| {
+            let digest = Digest(cloud.digest);
+            (prepared_cloud_key(preprocess, quantiser, digest), digest)
+        };
+        Self { store, sources: clouds.iter().map(source).collect() }
+    }
+
+    /// An entry, if there is one and its source cloud is released: no worker gets a test cloud in another form before
+    /// the search is over.
+    pub fn read(&self, kind: &str, key: Digest, blobs: &BlobStore) -> Option<Vec<u8>> {
+        let source = self.sources.get(&key).filter(|_| kind == PREPARED_CLOUD)?;
+        if blobs.is_released(*source) { self.store.entry(PREPARED_CLOUD, key) } else { None }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use descriptor::GeneTable;
+
+    use super::*;
+    use crate::storage::store_in;
+
+    #[test]
+    fn only_prepared_clouds_whose_source_is_released_are_given() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Arc::new(store_in(folder.path()));
+        let quantiser = Quantiser::new(&GeneTable::paper()).unwrap();
+        let preprocess = Preprocess::default();
+        let cloud = |source: Digest| {
+            let path = "a/a_1/a_1_1_1.pcd".to_owned();
+            CloudEntry { path, category: 0, instance: 0, digest: source.0, bytes: 5 }
+        };
+        let key = |source| prepared_cloud_key(&preprocess, &quantiser, source);
+        let blobs = BlobStore::default();
+        let train = blobs.publish_bytes(b"train".to_vec());
+        let [test, foreign] = [Digest::of(b"test"), Digest::of(b"foreign")];
+        blobs.publish_bytes(b"foreign".to_vec());
+        for source in [train, test, foreign] {
+            store.put(PREPARED_CLOUD, key(source), b"prepared");
+        }
+        store.put("remembered counts", key(train), b"counts");
+        let clouds = [cloud(train), cloud(test)];
+        let prepared = PreparedClouds::new(Arc::clone(&store), &preprocess, &quantiser, &clouds);
+
+        assert_eq!(
+            prepared.read(PREPARED_CLOUD, key(train), &blobs),
+            store.entry(PREPARED_CLOUD, key(train))
+        );
+        assert!(prepared.read(PREPARED_CLOUD, key(train), &blobs).is_some());
+        assert_eq!(prepared.read("remembered counts", key(train), &blobs), None);
+        assert_eq!(prepared.read(PREPARED_CLOUD, train, &blobs), None);
+        assert_eq!(prepared.read(PREPARED_CLOUD, key(foreign), &blobs), None, "of another data set");
+        assert_eq!(prepared.read(PREPARED_CLOUD, key(test), &blobs), None, "not released yet");
+        blobs.publish_bytes(b"test".to_vec());
+        assert!(prepared.read(PREPARED_CLOUD, key(test), &blobs).is_some());
+    }
+}

@@ -1,0 +1,92 @@
+//! The folder of a search: found again by the same command, claimed once, refused to any other search.
+
+use std::path::{Path, PathBuf};
+use std::{fs, io, io::Read as _, io::Write as _};
+
+use crate::run::RunError;
+
+/// File in a run or grid folder that says which search it holds.
+const SEARCH_FILE: &str = "search.toml";
+
+/// The first folder beside `base`, or itself, that is not there: no finished search is ever removed.
+pub fn beside(base: &Path) -> PathBuf {
+    if !base.exists() {
+        return base.to_owned();
+    }
+    let numbered = |number: u32| {
+        let mut name = base.as_os_str().to_owned();
+        name.push(format!("-{number}"));
+        PathBuf::from(name)
+    };
+    (2..).map(numbered).find(|folder| !folder.exists()).unwrap_or_else(|| base.to_owned())
+}
+
+/// Refuses a folder that holds another search, before anything is made in it.
+pub fn refuse_another(folder: &Path, search: &str) -> Result<(), RunError> {
+    match read_bounded(&folder.join(SEARCH_FILE)) {
+        Ok(held) if held != search => {
+            let difference = difference(&held, search);
+            Err(RunError::OtherSearch { folder: folder.to_owned(), difference })
+        }
+        _ => Ok(()), // whatever else is wrong with it shows when the folder is opened and claimed
+    }
+}
+
+/// Marks the folder as this search's, and refuses one that holds another.
+pub fn claim(folder: &Path, search: &str) -> Result<(), RunError> {
+    let path = folder.join(SEARCH_FILE);
+    let failed = |source| RunError::File { path: path.clone(), source };
+    match read_bounded(&path) {
+        Ok(held) if held == search => Ok(()),
+        Ok(held) => {
+            let difference = difference(&held, search);
+            Err(RunError::OtherSearch { folder: folder.to_owned(), difference })
+        }
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            let mut file = tempfile::NamedTempFile::new_in(folder).map_err(failed)?;
+            file.write_all(search.as_bytes()).and_then(|()| file.as_file().sync_all()).map_err(failed)?;
+            file.persist(&path).map_err(|error| failed(error.error))?;
+            Ok(())
+        }
+        Err(error) => Err(failed(error)),
+    }
+}
+
+/// A text of at most 1 MiB, as every search is; what is longer is cut, and so differs from all of them.
+fn read_bounded(path: &Path) -> io::Result<String> {
+    let mut bytes = Vec::new();
+    fs::File::open(path)?.take(1 << 20).read_to_end(&mut bytes)?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+/// Lines of one text that are not in the other, marked - and +.
+pub fn difference(old: &str, new: &str) -> String {
+    let only = |a: &str, b: &str, mark: char| {
+        let other: Vec<&str> = b.lines().collect();
+        a.lines()
+            .filter(|line| !other.contains(line))
+            .map(|line| format!("  {mark} {line}"))
+            .collect::<Vec<_>>()
+    };
+    let mut lines = only(old, new, '-');
+    lines.extend(only(new, old, '+'));
+    lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_is_claimed_once_and_refused_to_another_search() {
+        let folder = tempfile::tempdir().unwrap();
+        claim(folder.path(), "seed = 1\n[ga]\npopulation = 10\n").unwrap();
+        claim(folder.path(), "seed = 1\n[ga]\npopulation = 10\n").unwrap();
+        refuse_another(folder.path(), "seed = 1\n[ga]\npopulation = 10\n").unwrap();
+        for refuse in [claim, refuse_another] {
+            let error = refuse(folder.path(), "seed = 2\n[ga]\npopulation = 10\n").unwrap_err().to_string();
+            assert!(error.contains("  - seed = 1\n  + seed = 2"), "{error}");
+        }
+        refuse_another(&folder.path().join("none"), "seed = 2").unwrap();
+    }
+}

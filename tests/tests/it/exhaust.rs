@@ -1,0 +1,217 @@
+//! The exhaustive search: the same grid whatever happens to coordinator, workers and files, and what runs make of it.
+
+use std::fs;
+use std::path::Path;
+
+use results::TableName;
+use serde_json::Value;
+
+use crate::experiments::{Experiment, clouds, summary};
+use crate::process::{Finished, Running, run};
+
+/// Nine cells of 20 descriptors.
+const SMALL: &str = "[results]\ndir = \"runs\"\n[descriptor.genes]\nshape_bins = { min = 8, max = 20, step = 12 }\n\
+    m = { min = 3, max = 4, step = 1 }\nR1 = { min = 0.5, max = 1.0, step = 0.25 }\n\
+    R2 = { min = 2.1, max = 3.1, step = 0.5 }\nw = { min = 0.0, max = 1.0, step = 0.25 }\n";
+
+fn args(experiment: &Experiment, out: Option<&str>, more: &[&str]) -> Vec<String> {
+    let mut args = vec!["exhaust".to_owned(), experiment.path("exp.toml")];
+    if let Some(out) = out {
+        args.extend(["--out".to_owned(), experiment.path(out)]);
+    }
+    args.extend(["--listen", "127.0.0.1:0", "--json"].map(str::to_owned));
+    args.extend(more.iter().map(|&arg| arg.to_owned()));
+    args
+}
+
+fn exhaust(experiment: &Experiment, out: &str, more: &[&str]) -> Finished {
+    run("coordinator", args(experiment, Some(out), more))
+}
+
+fn number(summary: &Value, key: &str) -> u64 {
+    summary[key].as_u64().unwrap_or_else(|| panic!("{key}: {summary}"))
+}
+
+#[test]
+fn the_grid_is_the_same_with_one_worker_with_four_and_after_a_kill() {
+    // Many cells, so that the kill comes in the middle.
+    let experiment = Experiment::new(
+        "[descriptor.genes]\nshape_bins = { min = 8, max = 64, step = 28 }\nm = { min = 3, max = 4, step = 1 }\n\
+         w = { min = 0.0, max = 1.0, step = 0.5 }\n",
+    );
+    let one = summary(&exhaust(&experiment, "one", &["--local-workers", "1"]).expect_success());
+    assert_eq!((number(&one, "cells"), number(&one, "descriptors")), (480, 480 * 3 * 2 * 3));
+    let four = summary(&exhaust(&experiment, "four", &["--local-workers", "4"]).expect_success());
+    assert_eq!(four["grid_digest"], one["grid_digest"]);
+
+    let arguments = args(&experiment, Some("killed"), &["--local-workers", "1"]);
+    let mut killed = Running::start(experiment.folder(), "killed", "coordinator", &arguments);
+    killed.wait_for("cell 5/480");
+    killed.signal("KILL");
+    assert!(!killed.wait().status.success());
+    assert!(!killed.log().contains("cell 480/480"), "the fault came too late:\n{}", killed.log());
+    let again = run("coordinator", &arguments).expect_success();
+    let resumed = summary(&again);
+    assert!(number(&resumed, "cells_found") >= 5, "{again}");
+    assert_eq!(number(&resumed, "cells_found") + number(&resumed, "cells_computed"), 480);
+    assert_eq!(resumed["grid_digest"], one["grid_digest"]);
+    for table in TableName::GRID.into_iter().filter(|table| *table != TableName::Grid) {
+        let read = |out: &str| results::read_table(experiment.path(out), table).unwrap();
+        assert!(read("killed").equals_missing(&read("one")), "{table}");
+    }
+}
+
+#[test]
+fn a_damaged_cell_is_computed_again_and_a_finished_grid_is_shown_again() {
+    let experiment = Experiment::new(SMALL);
+    let whole = summary(&exhaust(&experiment, "out", &[]).expect_success());
+    let again = exhaust(&experiment, "out", &[]).expect_success();
+    assert!(again.stderr.contains("this grid is finished"), "{again}");
+    assert_eq!(summary(&again), whole);
+
+    let folder = Path::new(&experiment.path("out")).to_owned();
+    fs::remove_file(folder.join("grid/grid.parquet")).unwrap();
+    let cells = folder.join("cells");
+    // One flipped, one cut, one under another's name, one gone.
+    let flipped = cells.join("cell-5000-21000.parquet");
+    let mut bytes = fs::read(&flipped).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(&flipped, &bytes).unwrap();
+    fs::write(cells.join("cell-5000-26000.parquet"), &bytes[..middle]).unwrap();
+    fs::copy(cells.join("cell-10000-31000.parquet"), cells.join("cell-7500-21000.parquet")).unwrap();
+    fs::remove_file(cells.join("cell-7500-26000.parquet")).unwrap();
+    let repaired = exhaust(&experiment, "out", &[]).expect_success();
+    assert_eq!(repaired.stderr.matches("is computed again").count(), 3, "{repaired}");
+    let repaired = summary(&repaired);
+    assert_eq!((number(&repaired, "cells_computed"), number(&repaired, "cells_found")), (4, 5));
+    assert_eq!(repaired["grid_digest"], whole["grid_digest"]);
+}
+
+#[test]
+fn a_finished_grid_that_was_damaged_is_made_whole_again() {
+    let experiment = Experiment::new(SMALL);
+    let whole = summary(&exhaust(&experiment, "out", &[]).expect_success());
+    let folder = Path::new(&experiment.path("out")).to_owned();
+
+    fs::remove_file(folder.join("cells/cell-5000-21000.parquet")).unwrap();
+    let repaired = exhaust(&experiment, "out", &[]).expect_success();
+    assert!(repaired.stderr.contains("1 cells of the finished grid are gone"), "{repaired}");
+    let repaired = summary(&repaired);
+    assert_eq!((number(&repaired, "cells_computed"), number(&repaired, "cells_found")), (1, 8));
+    assert_eq!(repaired["grid_digest"], whole["grid_digest"]);
+
+    let best = folder.join("best/best.parquet");
+    let bytes = fs::read(&best).unwrap();
+    fs::write(&best, [bytes.as_slice(), b"x"].concat()).unwrap();
+    let repaired = summary(&exhaust(&experiment, "out", &[]).expect_success());
+    assert_eq!((number(&repaired, "cells_computed"), number(&repaired, "cells_found")), (0, 9));
+    assert_eq!(repaired["grid_digest"], whole["grid_digest"]);
+    assert_eq!(fs::read(&best).unwrap(), bytes);
+}
+
+#[test]
+fn another_grid_and_a_run_are_refused_in_a_grids_folder() {
+    let experiment = Experiment::new(SMALL);
+    exhaust(&experiment, "out", &[]).expect_success();
+    let toml = fs::read_to_string(experiment.path("exp.toml")).unwrap();
+    fs::write(experiment.path("exp.toml"), toml.replace("max = 20", "max = 32")).unwrap();
+    let refused = exhaust(&experiment, "out", &[]).expect_error();
+    assert!(refused.stderr.contains("  - shape_bins = { min = 8, max = 20, step = 12 }"), "{refused}");
+    let refused = experiment.run("out", &[]).expect_error();
+    assert!(refused.stderr.contains("holds another search"), "{refused}");
+    let toml = toml.replace("max = 20, step = 12", "max = 64, step = 1");
+    let toml = toml.replace("w = { min = 0.0, max = 1.0, step = 0.25 }", "w = { step = 0.00002 }");
+    fs::write(experiment.path("exp.toml"), toml).unwrap();
+    let refused = exhaust(&experiment, "large", &[]).expect_error();
+    assert!(refused.stderr.contains("grid must have at most"), "{refused}");
+    assert!(!Path::new(&experiment.path("large")).exists());
+}
+
+#[test]
+fn counts_are_those_of_the_evaluator() {
+    let experiment = Experiment::new(SMALL);
+    exhaust(&experiment, "out", &[]).expect_success();
+    let cells = results::read_table(experiment.path("out"), TableName::Cells).unwrap();
+    assert_eq!(cells.height(), 9 * 20);
+    let genes = ["shape_bins", "m", "R1", "R2", "w"];
+    for row in (0..cells.height()).step_by(7) {
+        let mut args = vec!["evaluate".to_owned(), "--json".to_owned()];
+        args.extend(["--data".to_owned(), clouds().display().to_string()]);
+        args.extend(["--query", "train1.txt", "--database", "train2.txt"].map(str::to_owned));
+        for gene in genes {
+            let value = cells.column(gene).unwrap().get(row).unwrap();
+            args.extend(["--set".to_owned(), format!("{gene}={value}")]);
+        }
+        let evaluated = summary(&run("coordinator", &args).expect_success());
+        let expected = number(&evaluated, "queries") - number(&evaluated, "object_wrong");
+        let count = cells.column("object_correct").unwrap().u32().unwrap().get(row).unwrap();
+        assert_eq!(u64::from(count), expected, "{args:?}");
+    }
+}
+
+#[test]
+fn the_test_split_is_not_needed() {
+    let experiment =
+        Experiment::with(&format!("version = 1\nname = \"untested\"\n[dataset]\nroot = \"data\"\n{SMALL}"));
+    let data = experiment.path("data");
+    run("coordinator", ["synth", &data, "--objects", "4", "--views", "8", "--seed", "2"]).expect_success();
+    let before = summary(&exhaust(&experiment, "before", &[]).expect_success());
+    for split in ["test.txt", "validation.txt"] {
+        let list = Path::new(&data).join(split);
+        for cloud in fs::read_to_string(&list).unwrap().lines() {
+            fs::remove_file(Path::new(&data).join(cloud)).unwrap();
+        }
+        fs::remove_file(list).unwrap();
+    }
+    let after = summary(&exhaust(&experiment, "after", &[]).expect_success());
+    assert_eq!(after["grid_key"], before["grid_key"]);
+    assert_eq!(after["grid_digest"], before["grid_digest"]);
+    experiment.run("run", &[]).expect_error();
+}
+
+#[test]
+fn runs_report_their_regret_once_the_grid_is_known() {
+    // A space of its own: what other tests know of theirs is of no use here.
+    let space = SMALL.replace("max = 20, step = 12", "max = 22, step = 14");
+    let experiment = Experiment::new(&format!(
+        "{space}[ga]\npopulation = 4\n[stop]\ngenerations = 3\nvalidation_patience = \"off\"\n"
+    ));
+    let first = summary(&experiment.run("ga", &["--seed", "6"]).expect_success());
+    assert_eq!(first["regret"], Value::Null);
+    let grid = summary(&run("coordinator", args(&experiment, None, &[])).expect_success());
+    assert!(grid["out"].as_str().unwrap().contains("/runs/short-grid-"), "{grid}");
+
+    let best = number(&grid, "best_object_correct");
+    let regret = |run: &Value| {
+        let wrong = run["train_error"].as_f64().unwrap() * run["train_queries"].as_f64().unwrap();
+        (wrong - (number(&grid, "queries") - best) as f64) / run["train_queries"].as_f64().unwrap()
+    };
+    for (out, seed) in [("ga", "6"), ("other", "7")] {
+        let run = summary(&experiment.run(out, &["--seed", seed]).expect_success());
+        assert_eq!(number(&run, "grid_best_object_correct"), best);
+        assert!((run["regret"].as_f64().unwrap() - regret(&run)).abs() < 1e-9, "{run}");
+    }
+    run("coordinator", ["verify", &experiment.path("other"), "--sample", "2"]).expect_success();
+    let text = run(
+        "coordinator",
+        ["run", &experiment.path("exp.toml"), "--out", &experiment.path("other"), "--seed", "7"],
+    );
+    assert!(text.expect_success().stdout.contains("the best of all 180 descriptors has"));
+
+    let toml = fs::read_to_string(experiment.path("exp.toml")).unwrap();
+    let with = |method: &str| {
+        fs::write(experiment.path("exp.toml"), format!("{toml}[search]\nmethod = \"{method}\"\n")).unwrap();
+        summary(&experiment.run(method, &[]).expect_success())
+    };
+    let all = with("exhaustive");
+    assert_eq!((&all["stop_reason"], number(&all, "generations")), (&"exhaustive".into(), 1));
+    assert_eq!((&all["best"], all["regret"].as_f64()), (&grid["best"], Some(0.0)));
+    assert!(all["test_object_error"].is_number(), "{all}");
+
+    let random = with("random");
+    assert_eq!(number(&random, "grid_best_object_correct"), best);
+    let frame = results::read_table(experiment.path("random"), TableName::Evaluations).unwrap();
+    assert_eq!(frame.column("parent_a").unwrap().null_count(), 12);
+    run("coordinator", ["verify", &experiment.path("random"), "--sample", "2"]).expect_success();
+}

@@ -1,0 +1,193 @@
+//! What is kept from run to run saves time and changes nothing else.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use proto::Digest;
+use serde_json::Value;
+use worker::store::Store;
+use worker::{Size, Storage};
+
+use crate::experiments::{Experiment, summary};
+use crate::process::{Finished, Running, run};
+
+/// Comes back to some descriptors, and validates.
+const SEARCH: &str = "[ga]\npopulation = 8\n[stop]\ngenerations = 12\nstagnation = \"off\"\n\
+    validation_patience = 10\n";
+
+/// Digest and numbers of computed and remembered evaluations.
+#[track_caller]
+fn outcome(finished: &Finished) -> (Value, u64, u64) {
+    let summary = summary(finished);
+    let count = |name: &str| summary[name].as_u64().unwrap();
+    (summary["run_digest"].clone(), count("evaluations_computed"), count("evaluations_remembered"))
+}
+
+/// Number of different descriptors in a run's evaluations, and of those that a worker computed.
+fn evaluations(experiment: &Experiment, out: &str) -> (usize, usize) {
+    let path = experiment.path(out);
+    let rows = results::read_evaluations(&path).unwrap();
+    let different: BTreeSet<String> = rows.iter().map(|row| format!("{:?}", row.genes)).collect();
+    let frame = results::read_table(path, results::TableName::Evaluations).unwrap();
+    (different.len(), frame.height() - frame.column("worker").unwrap().null_count())
+}
+
+#[test]
+fn a_second_run_computes_no_evaluation_and_has_the_same_digest() {
+    let experiment = Experiment::new(SEARCH);
+    let cache = experiment.path("cache");
+    let cold = experiment.run("cold", &["--cache", &cache]).expect_success();
+    let (digest, computed, remembered) = outcome(&cold);
+    assert_eq!(computed + remembered, 96);
+    // Nothing is computed twice, and no request is made while an equal one is under way.
+    assert_eq!(evaluations(&experiment, "cold"), (computed as usize, computed as usize));
+
+    let warm = experiment.run("warm", &["--cache", &cache]).expect_success();
+    assert_eq!(outcome(&warm), (digest.clone(), 0, 96));
+    assert_eq!(evaluations(&experiment, "warm"), (computed as usize, 0));
+    let fresh = experiment.run("cold", &["--cache", &cache, "--fresh"]).expect_success();
+    assert_eq!(outcome(&fresh), (digest.clone(), 0, 96));
+    let without = experiment.run("without", &["--no-cache"]).expect_success();
+    assert_eq!(outcome(&without), (digest, computed, remembered));
+    let warm = run("coordinator", ["verify", &experiment.path("warm")]).expect_success();
+    assert!(warm.stdout.contains("10 fitness values recomputed"), "{warm}");
+}
+
+#[test]
+fn a_run_that_was_killed_is_not_remembered() {
+    let experiment = Experiment::new(&SEARCH.replace("generations = 12", "generations = 60"));
+    let cache = experiment.path("cache");
+    let args = experiment.run_args("killed", &["--cache", &cache]);
+    let mut killed = Running::start(experiment.folder(), "killed", "coordinator", args);
+    killed.wait_for("generation 3/60");
+    killed.signal("KILL");
+    assert!(!killed.wait().status.success());
+    let after = experiment.run("after", &["--cache", &cache]).expect_success();
+    let (_, computed, _) = outcome(&after);
+    assert_eq!(evaluations(&experiment, "after"), (computed as usize, computed as usize));
+}
+
+/// Every file below a folder.
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let (mut files, mut folders) = (Vec::new(), vec![folder.to_owned()]);
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() { folders.push(path) } else { files.push(path) }
+        }
+    }
+    files
+}
+
+fn warnings(finished: &Finished) -> usize {
+    finished.stderr.matches("WARN").count()
+}
+
+#[test]
+fn damaged_entries_of_every_kind_are_made_again_with_a_warning_each() {
+    let experiment = Experiment::new(SEARCH);
+    let cache = experiment.path("cache");
+    let cold = experiment.run("cold", &["--cache", &cache]).expect_success();
+    let entries = files(cache.as_ref());
+    for kind in ["inspection", "remembered-counts", "prepared-cloud"] {
+        assert!(entries.iter().any(|path| path.display().to_string().contains(kind)), "{kind}: {entries:?}");
+    }
+    for path in &entries {
+        let mut bytes = fs::read(path).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 1;
+        fs::write(path, bytes).unwrap();
+    }
+    let damaged = experiment.run("damaged", &["--cache", &cache]).expect_success();
+    assert_eq!(outcome(&damaged), outcome(&cold));
+    assert_eq!(warnings(&damaged), entries.len(), "{damaged}");
+    let repaired = experiment.run("repaired", &["--cache", &cache]).expect_success();
+    assert_eq!(outcome(&repaired).1, 0);
+    assert_eq!((outcome(&repaired).0, warnings(&repaired)), (outcome(&cold).0, 0), "{repaired}");
+}
+
+#[test]
+fn a_cache_that_cannot_be_written_costs_one_warning() {
+    let experiment = Experiment::new(SEARCH);
+    let plain = experiment.run("plain", &["--no-cache"]).expect_success();
+    assert_eq!(warnings(&plain), 0, "{plain}");
+    // A file where the folder should be: nothing can be made below it, whoever runs this.
+    let blocked = experiment.run("blocked", &["--cache", &experiment.path("exp.toml")]).expect_success();
+    assert_eq!(outcome(&blocked), outcome(&plain));
+    assert_eq!(warnings(&blocked), 1, "{blocked}");
+    assert!(blocked.stderr.contains("cannot keep entries"), "{blocked}");
+}
+
+#[test]
+fn limits_on_disk_and_memory_change_no_result() {
+    let experiment = Experiment::new(SEARCH);
+    let plain = experiment.run("plain", &["--no-cache"]).expect_success();
+    for (out, limit) in [("disk", ["--cache-size", "1MiB"]), ("memory", ["--memory", "1MiB"])] {
+        // One each: what the first remembers, the second would not compute.
+        let cache = experiment.path(&format!("{out}-cache"));
+        let limited = experiment.run(out, &["--cache", &cache, limit[0], limit[1]]).expect_success();
+        assert_eq!(outcome(&limited), outcome(&plain));
+        let bytes: u64 = files(cache.as_ref()).iter().map(|path| path.metadata().unwrap().len()).sum();
+        assert!(out != "disk" || bytes <= 1 << 20, "{bytes}");
+    }
+}
+
+#[test]
+fn a_worker_elsewhere_gets_prepared_clouds_instead_of_preparing_them() {
+    let experiment = Experiment::new(SEARCH);
+    let cache = experiment.path("cache");
+    experiment.run("first", &["--cache", &cache]).expect_success();
+    let args = experiment.run_args("second", &["--cache", &cache, "--seed", "6", "--local-workers", "0"]);
+    let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
+    let line = coordinator.wait_for("workers may join with");
+    let address = line.rsplit(' ').next().unwrap();
+    let mut worker =
+        Running::start(experiment.folder(), "worker", "worker", ["--coordinator", address, "--threads", "1"]);
+    let second = coordinator.wait().expect_success();
+    worker.signal("TERM");
+    let worker = worker.wait().expect_success();
+    assert!(worker.stderr.contains("prepared 0 and loaded "), "{worker}");
+    assert_eq!(worker.stderr.matches("prepared ").count(), worker.stderr.matches("prepared 0 ").count());
+    let plain = experiment.run("plain", &["--no-cache", "--seed", "6"]).expect_success();
+    assert_eq!(outcome(&second).0, outcome(&plain).0);
+}
+
+/// Raises the object count of every remembered record to its category count or to all queries, and keeps the entries
+/// again as the store itself does.
+fn improve_remembered_counts(cache: &str) -> usize {
+    let size = Size::from_bytes(1 << 30);
+    let storage = Storage { cache: Some(cache.into()), cache_size: size, ..Storage::in_memory(size) };
+    let store = Store::open(&storage, "liar");
+    let folder = Path::new(cache).join("derived/remembered-counts");
+    let mut improved = 0;
+    for file in files(&folder) {
+        let name = file.file_name().unwrap().to_str().unwrap();
+        let bytes: Vec<u8> =
+            (0..32).map(|byte| u8::from_str_radix(&name[2 * byte..2 * byte + 2], 16).unwrap()).collect();
+        let key = Digest::try_from(&bytes[..]).unwrap();
+        let mut payload = store.get_own("remembered counts", key).unwrap();
+        // Magic (8 bytes) and queries (4); in a record of 28 bytes the counts are the last two numbers.
+        let queries: [u8; 4] = payload[8..12].try_into().unwrap();
+        for record in payload[12..].chunks_exact_mut(28) {
+            record[20..24].copy_from_slice(&queries);
+            record[24..28].copy_from_slice(&queries);
+            improved += 1;
+        }
+        store.put_own("remembered counts", key, &payload);
+    }
+    improved
+}
+
+#[test]
+fn a_winner_that_rests_on_wrong_remembered_counts_is_refused() {
+    let experiment = Experiment::new(SEARCH);
+    let cache = experiment.path("cache");
+    experiment.run("honest", &["--cache", &cache]).expect_success();
+    assert!(improve_remembered_counts(&cache) > 20);
+    let refused = experiment.run("misled", &["--cache", &cache]).expect_error();
+    assert!(refused.stderr.contains("error: remembered counts: shape_bins="), "{refused}");
+    assert!(refused.stderr.contains("\nrun again with --no-cache, and remove"), "{refused}");
+    assert!(!Path::new(&experiment.path("misled")).join("run/run.parquet").exists());
+    experiment.run("misled", &["--no-cache"]).expect_success();
+}

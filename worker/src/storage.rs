@@ -1,0 +1,172 @@
+//! What a program may use of the disk and of memory: options shared by the worker and the coordinator.
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use crate::size::Size;
+
+/// Room for the cache folder unless an option says otherwise.
+const DEFAULT_CACHE_SIZE: &str = "20GiB";
+/// Memory where the machine does not tell how much it has: half of 4 GiB.
+const FALLBACK_MEMORY: Size = Size::from_bytes(2 << 30);
+
+/// Options for the cache and for memory. None of them changes a result.
+#[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Cache and memory")]
+pub struct StorageArgs {
+    /// Folder that keeps clouds and what was computed from them, for example /scratch/descry; ~/.cache/descry by
+    /// default
+    #[arg(long, env = "DESCRY_CACHE", value_name = "DIR")]
+    cache: Option<PathBuf>,
+    /// Keep nothing on disk and use nothing that is kept there, the shared folder included, for example to measure
+    #[arg(long)]
+    no_cache: bool,
+    /// Most that the cache folder may hold, for example 500MiB; what was used least recently goes first
+    #[arg(long, env = "DESCRY_CACHE_SIZE", value_name = "SIZE", default_value = DEFAULT_CACHE_SIZE)]
+    cache_size: Size,
+    /// Memory for prepared clouds and what is computed from them, for example 600MiB; half of what is available by
+    /// default. Clouds that do not fit are read from the cache each time. Workers that share a machine should each be
+    /// given their part
+    #[arg(long, env = "DESCRY_MEMORY", value_name = "SIZE")]
+    memory: Option<Size>,
+    /// Folder that several machines share, for example file:///mnt/descry: what one has prepared serves all
+    #[arg(long, env = "DESCRY_SHARED_CACHE", value_name = "URL", value_parser = shared_folder)]
+    shared: Option<PathBuf>,
+}
+
+/// What [`StorageArgs`] come to on this machine.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Storage {
+    /// The cache folder, if anything is kept.
+    pub cache: Option<PathBuf>,
+    /// Most bytes in the cache folder.
+    pub cache_size: Size,
+    /// Memory for prepared clouds and what is computed from them.
+    pub memory: Size,
+    /// The folder that machines share, if there is one.
+    pub shared: Option<PathBuf>,
+}
+
+impl StorageArgs {
+    /// The settings with all defaults filled in.
+    pub fn resolve(&self) -> Storage {
+        let cache = (!self.no_cache).then(|| self.cache.clone().unwrap_or_else(default_cache));
+        Storage {
+            cache,
+            cache_size: self.cache_size,
+            memory: self.memory.unwrap_or_else(default_memory),
+            shared: self.shared.clone().filter(|_| !self.no_cache),
+        }
+    }
+}
+
+impl Storage {
+    /// Nothing on disk, and this much memory.
+    pub fn in_memory(memory: Size) -> Self {
+        Self { cache: None, cache_size: Size::from_bytes(0), memory, shared: None }
+    }
+}
+
+/// `$XDG_CACHE_HOME/descry`, else `~/.cache/descry`, else a folder for temporary files.
+fn default_cache() -> PathBuf {
+    let base = std::env::var_os("XDG_CACHE_HOME").filter(|dir| !dir.is_empty()).map(PathBuf::from);
+    let home = || std::env::home_dir().map(|home| home.join(".cache"));
+    base.or_else(home).unwrap_or_else(std::env::temp_dir).join("descry")
+}
+
+fn shared_folder(url: &str) -> Result<PathBuf, String> {
+    let wrong = |what: &str| format!("shared folder: {what}, got {url}\nwrite it like file:///mnt/descry");
+    let path = url.strip_prefix("file://").ok_or_else(|| wrong("must begin with file://"))?;
+    // A percent sign could be meant as an escape or as itself; neither is guessed.
+    if path.contains(['%', '?', '#', '\0']) {
+        return Err(wrong("must be a plain path without %, ? and #"));
+    }
+    let path = Path::new(path);
+    if path.is_absolute() {
+        Ok(path.to_owned())
+    } else {
+        Err(wrong("must be an absolute path on this machine"))
+    }
+}
+
+/// Half of what this process may still use: of the machine, and of a container that grants less.
+fn default_memory() -> Size {
+    let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
+    let available = available_memory(&read("/proc/meminfo"));
+    let granted = granted_memory(&read("/sys/fs/cgroup/memory.max"));
+    let least = available.into_iter().chain(granted).min();
+    least.map_or(FALLBACK_MEMORY, |bytes| Size::from_bytes(bytes / 2))
+}
+
+/// Bytes that a control group grants; `None` for `max`, which is no limit.
+fn granted_memory(memory_max: &str) -> Option<u64> {
+    memory_max.trim().parse().ok()
+}
+
+/// Bytes that programs can still use, or all there are on kernels that do not tell.
+fn available_memory(meminfo: &str) -> Option<u64> {
+    let kibibytes = |name: &str| -> Option<u64> {
+        let line = meminfo.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(':'))?;
+        line.trim().strip_suffix("kB")?.trim().parse().ok()
+    };
+    kibibytes("MemAvailable").or_else(|| kibibytes("MemTotal"))?.checked_mul(1 << 10)
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser as _;
+
+    use super::*;
+
+    #[derive(clap::Parser)]
+    struct Program {
+        #[command(flatten)]
+        storage: StorageArgs,
+    }
+
+    fn resolve(args: &[&str]) -> Storage {
+        let args = ["program"].iter().chain(args);
+        Program::try_parse_from(args).map_err(|error| error.to_string()).unwrap().storage.resolve()
+    }
+
+    #[test]
+    fn options_are_resolved() {
+        let args = ["--cache", "/c", "--cache-size", "1MiB", "--memory", "2GiB", "--shared", "file:///mnt/d"];
+        let storage = resolve(&args);
+        assert_eq!(storage.cache.as_deref(), Some(Path::new("/c")));
+        assert_eq!((storage.cache_size.bytes(), storage.memory.bytes()), (1 << 20, 2 << 30));
+        assert_eq!(storage.shared.as_deref(), Some(Path::new("/mnt/d")));
+        let nothing = resolve(&[&args[..], &["--no-cache"]].concat());
+        assert_eq!(nothing, Storage { cache: None, shared: None, ..storage });
+    }
+
+    #[test]
+    fn only_absolute_paths_are_shared_folders() {
+        assert_eq!(shared_folder("file:///mnt/descry"), Ok(PathBuf::from("/mnt/descry")));
+        for url in ["/mnt/descry", "file://mnt", "s3://bucket", "http://x/y", "file:///a%20b", "file://", ""]
+        {
+            let message = shared_folder(url).unwrap_err();
+            assert!(message.starts_with("shared folder: "), "{message}");
+            assert!(message.ends_with(&format!("got {url}\nwrite it like file:///mnt/descry")), "{message}");
+        }
+    }
+
+    #[test]
+    fn a_control_group_grants_a_number_or_everything() {
+        assert_eq!(granted_memory("1073741824\n"), Some(1 << 30));
+        for text in ["max\n", "", "-1\n"] {
+            assert_eq!(granted_memory(text), None, "{text}");
+        }
+    }
+
+    #[test]
+    fn available_memory_is_preferred_to_all_memory() {
+        let both = "MemTotal:  8 kB\nMemFree:  1 kB\nMemAvailable:    4 kB\n";
+        assert_eq!(available_memory(both), Some(4 << 10));
+        assert_eq!(available_memory("MemTotal:       8 kB\n"), Some(8 << 10));
+        for text in ["", "MemTotal: kB", "MemTotal: x kB", "MemTotal: 18446744073709551615 kB"] {
+            assert_eq!(available_memory(text), None, "{text}");
+        }
+    }
+}

@@ -1,0 +1,247 @@
+//! Evaluations: from a job's description to its result, on a pool of threads. What does not depend on the genes that
+//! changed is not computed again.
+
+mod computing;
+mod lru;
+mod manifest;
+mod matching;
+mod reuse;
+mod shelf;
+mod supply;
+mod work;
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use descriptor::grid::Cell;
+use descriptor::recognise::{RecogniseError, recognise_from};
+use descriptor::{Correct, GeneTable, Match, Parameters, Preprocess, QuantiseError};
+use proto::Digest;
+
+pub use computing::Computing;
+pub use work::Work;
+
+use crate::blobs::{BlobError, Blobs};
+use crate::size::Size;
+use crate::store::Store;
+use lru::Lru;
+use manifest::{Manifest, labels};
+use shelf::Shelf;
+use supply::Supply;
+
+/// Memory for split manifests, which are small and wanted by every job, bytes.
+const MANIFESTS: usize = 8 << 20;
+
+/// What is computed once for all parameters of a run.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Preparation {
+    /// Keypoints and normals.
+    pub preprocess: Preprocess,
+    /// The search space: how finely neighbours are recorded.
+    pub genes: GeneTable,
+}
+
+/// What a job asks for.
+#[derive(Clone, Debug)]
+pub enum Task {
+    /// One descriptor.
+    Evaluation(Evaluation),
+    /// All descriptors with one R1 and one R2.
+    GridCell(GridCell),
+}
+
+/// Splits to match with each other.
+#[derive(Clone, Debug)]
+pub struct Splits {
+    /// Split manifests of the queries, in order.
+    pub query: Vec<Digest>,
+    /// Split manifests of the database, in order.
+    pub database: Vec<Digest>,
+}
+
+/// One descriptor to be evaluated.
+#[derive(Clone, Debug)]
+pub struct Evaluation {
+    /// How clouds are prepared.
+    pub preparation: Preparation,
+    /// The descriptor, one of the preparation's search space.
+    pub parameters: Parameters,
+    /// What is matched with what.
+    pub splits: Splits,
+    /// Whether each query's match is wanted, or only the counts.
+    pub want_matches: bool,
+}
+
+/// One cell of the exhaustive search.
+#[derive(Clone, Debug)]
+pub struct GridCell {
+    /// How clouds are prepared.
+    pub preparation: Preparation,
+    /// R1, micrometres.
+    pub disk_um: u32,
+    /// R2, micrometres.
+    pub ring_um: u32,
+    /// What is matched with what.
+    pub splits: Splits,
+}
+
+/// What comes of a task.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Outcome {
+    /// Of an evaluation.
+    Evaluation(Recognition),
+    /// Of a grid cell: recognised queries (object), in the order of [`Cell::object_correct`].
+    GridCell(Vec<u32>),
+}
+
+/// What an evaluation gives.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recognition {
+    /// How many queries were recognised.
+    pub correct: Correct,
+    /// One a query if they were wanted.
+    pub matches: Vec<Match>,
+}
+
+/// Why an evaluation has no result.
+#[derive(Debug, thiserror::Error)]
+pub enum EvaluationError {
+    /// A blob is not to be had.
+    #[error(transparent)]
+    Blob(#[from] BlobError),
+    /// A split manifest is no manifest.
+    #[error("split manifest {digest}: {what}")]
+    Manifest {
+        /// Which blob.
+        digest: Digest,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// The search space cannot be quantised, or the parameters are not of it.
+    #[error(transparent)]
+    Quantise(#[from] QuantiseError),
+    /// There is nothing to match with.
+    #[error(transparent)]
+    Recognise(#[from] RecogniseError),
+    /// A cloud that the coordinator listed cannot be described.
+    #[error("{path}: {what}")]
+    Cloud {
+        /// Its path in the data set.
+        path: String,
+        /// What is wrong with it.
+        what: String,
+    },
+}
+
+/// Carries out tasks, one at a time, each on all threads of its pool.
+pub struct Workshop {
+    computing: Computing,
+    store: Arc<Store>,
+    supply: Supply,
+    memory: Size,
+    manifests: Mutex<Lru<Digest, Arc<Manifest>>>,
+    shelf: Mutex<Option<Arc<Shelf>>>,
+}
+
+impl Workshop {
+    /// A workshop with `threads` threads that gets its data from `store` and `blobs`, and keeps up to `memory` of it.
+    ///
+    /// # Errors
+    /// If the threads cannot be started.
+    pub fn new(
+        threads: usize,
+        memory: Size,
+        blobs: Blobs,
+        store: Arc<Store>,
+    ) -> Result<Self, rayon::ThreadPoolBuildError> {
+        let computing = Computing::new(threads)?;
+        Ok(Self {
+            supply: Supply::new(blobs, Arc::clone(&store), computing.clone()),
+            computing,
+            store,
+            memory,
+            manifests: Mutex::new(Lru::new(MANIFESTS)),
+            shelf: Mutex::new(None),
+        })
+    }
+
+    /// What was done so far.
+    pub fn work(&self) -> Work {
+        *self.supply.work()
+    }
+
+    /// From here on, what is kept on disk is noted as made for this run.
+    pub fn name_run(&self, run: String) {
+        self.store.name_run(run);
+    }
+
+    /// Fetches what is missing and computes.
+    pub async fn carry_out(self: Arc<Self>, task: Task) -> Result<Outcome, EvaluationError> {
+        let outcome = match task {
+            Task::Evaluation(evaluation) => self.evaluate(&evaluation).await.map(Outcome::Evaluation),
+            Task::GridCell(cell) => self.count_cell(&cell).await.map(Outcome::GridCell),
+        };
+        tracing::debug!("work so far: {:?}", self.work());
+        outcome
+    }
+
+    async fn evaluate(&self, evaluation: &Evaluation) -> Result<Recognition, EvaluationError> {
+        let shelf = self.shelf(&evaluation.preparation)?;
+        let query = self.manifests(&evaluation.splits.query).await?;
+        let database = self.manifests(&evaluation.splits.database).await?;
+        let [shape, colour] = self.distances(&shelf, &evaluation.parameters, &query, &database).await?;
+        let (queries, database) = (labels(&query), labels(&database));
+        let weight = evaluation.parameters.shape_weight();
+        let want_matches = evaluation.want_matches;
+        let recognise = move || {
+            let matches = recognise_from(queries.len(), &shape, &colour, &database, weight)?;
+            let correct = Correct::count(&matches, &queries, &database);
+            Ok(Recognition { correct, matches: if want_matches { matches } else { Vec::new() } })
+        };
+        self.computing.run(recognise).await
+    }
+
+    async fn count_cell(&self, task: &GridCell) -> Result<Vec<u32>, EvaluationError> {
+        let shelf = self.shelf(&task.preparation)?;
+        let cell = Arc::new(Cell::new(&shelf.quantiser, task.disk_um, task.ring_um)?);
+        let query = self.manifests(&task.splits.query).await?;
+        let database = self.manifests(&task.splits.database).await?;
+        let queries = self.cell_parts(&shelf, &cell, &query).await?;
+        let entries = self.cell_parts(&shelf, &cell, &database).await?;
+        self.supply.work().cells += 1;
+        let labels = [labels(&query), labels(&database)];
+        let count = move || cell.object_correct(&queries, &labels[0], &entries, &labels[1]);
+        Ok(self.computing.run(count).await?)
+    }
+
+    /// The shelf for a preparation. Only the last one is kept: a run has one, and memory is for its clouds.
+    fn shelf(&self, preparation: &Preparation) -> Result<Arc<Shelf>, QuantiseError> {
+        let mut current = self.shelf.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(shelf) = current.as_ref().filter(|shelf| shelf.preparation() == preparation) {
+            return Ok(Arc::clone(shelf));
+        }
+        let shelf = Arc::new(Shelf::new(preparation, self.memory)?);
+        *current = Some(Arc::clone(&shelf));
+        Ok(shelf)
+    }
+
+    async fn manifests(&self, digests: &[Digest]) -> Result<Vec<Arc<Manifest>>, EvaluationError> {
+        let known = || self.manifests.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut manifests = Vec::new();
+        for &digest in digests {
+            let kept = known().get(&digest);
+            manifests.push(match kept {
+                Some(manifest) => manifest,
+                None => {
+                    let bytes = self.supply.blobs.get(digest).await?;
+                    let manifest = Arc::new(Manifest::decode(digest, &bytes)?);
+                    known().insert(digest, Arc::clone(&manifest), manifest.bytes());
+                    manifest
+                }
+            });
+        }
+        Ok(manifests)
+    }
+}
+
+#[cfg(test)]
+mod tests;

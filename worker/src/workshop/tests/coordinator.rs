@@ -1,0 +1,118 @@
+//! A coordinator that has some synthetic clouds, and hands out blobs and entries only.
+
+use std::collections::HashMap;
+use std::net::SocketAddr;
+use std::sync::{Arc, LazyLock, Mutex};
+
+use descriptor::pcd::{self, DataEncoding};
+use descriptor::synth::{SynthSettings, catalogue, render};
+use prost::Message as _;
+use proto::v1::coordinator_client::CoordinatorClient;
+use proto::v1::coordinator_server::{Coordinator, CoordinatorServer};
+use proto::{Digest, v1};
+use tonic::transport::server::TcpIncoming;
+use tonic::transport::{Channel, Endpoint, Server};
+use tonic::{Request, Response, Status};
+
+/// Objects of the data set, each with two views a split.
+const OBJECTS: u32 = 3;
+/// Clouds in each of the three splits.
+pub const SPLIT: u64 = 2 * OBJECTS as u64;
+/// Clouds in all.
+pub const CLOUDS: u64 = 3 * SPLIT;
+
+/// Blobs and entries.
+#[derive(Clone, Default)]
+pub struct Archive {
+    /// Blobs by digest.
+    pub blobs: HashMap<Vec<u8>, Vec<u8>>,
+    /// Entries by key.
+    pub derived: Arc<Mutex<HashMap<Vec<u8>, Vec<u8>>>>,
+    /// Manifests of train1, train2 and validation.
+    pub splits: Vec<Digest>,
+}
+
+impl Archive {
+    /// Three splits of synthetic clouds, and no entries.
+    pub fn new() -> Self {
+        Self { derived: Arc::default(), ..SYNTHETIC.clone() }
+    }
+
+    fn synthetic() -> Self {
+        let settings = SynthSettings::new(OBJECTS, 6, 7).unwrap();
+        let mut archive = Self::default();
+        let objects = catalogue(&settings);
+        for first in [0, 2, 4] {
+            let views = objects.iter().flat_map(|object| [(object, first), (object, first + 1)]);
+            let clouds = views.map(|(object, view)| {
+                let bytes = pcd::write(&render(&settings, object, view), DataEncoding::Binary);
+                v1::ManifestCloud {
+                    bytes: bytes.len() as u64,
+                    digest: archive.add(bytes).to_vec(),
+                    category: object.index % 2,
+                    instance: object.index,
+                    path: object.path(view),
+                }
+            });
+            let clouds = clouds.collect();
+            let manifest = v1::SplitManifest { split: first.to_string(), clouds }.encode_to_vec();
+            let manifest = archive.add(manifest);
+            archive.splits.push(manifest);
+        }
+        archive
+    }
+
+    /// Adds a blob.
+    pub fn add(&mut self, bytes: Vec<u8>) -> Digest {
+        let digest = Digest::of(&bytes);
+        self.blobs.insert(digest.to_vec(), bytes);
+        digest
+    }
+
+    /// Serves it until the test ends.
+    pub fn serve(self) -> CoordinatorClient<Channel> {
+        let incoming = TcpIncoming::bind(SocketAddr::from(([127, 0, 0, 1], 0))).unwrap();
+        let address = incoming.local_addr().unwrap();
+        tokio::spawn(
+            Server::builder().add_service(CoordinatorServer::new(self)).serve_with_incoming(incoming),
+        );
+        let endpoint = Endpoint::from_shared(format!("http://{address}")).unwrap();
+        CoordinatorClient::new(endpoint.connect_lazy())
+    }
+}
+
+static SYNTHETIC: LazyLock<Archive> = LazyLock::new(Archive::synthetic);
+
+type Chunks = futures_util::stream::Iter<std::vec::IntoIter<Result<v1::BlobChunk, Status>>>;
+
+fn chunks(bytes: Option<&Vec<u8>>) -> Result<Response<Chunks>, Status> {
+    let bytes = bytes.ok_or_else(|| Status::not_found("not here"))?;
+    let chunk = |data: &[u8]| Ok(v1::BlobChunk { data: data.to_vec() });
+    let chunks: Vec<_> = bytes.chunks(proto::BLOB_CHUNK_BYTES).map(chunk).collect();
+    Ok(Response::new(futures_util::stream::iter(chunks)))
+}
+
+#[tonic::async_trait]
+impl Coordinator for Archive {
+    type FetchBlobStream = Chunks;
+    type FetchDerivedStream = Chunks;
+
+    async fn register(&self, _: Request<v1::RegisterRequest>) -> Result<Response<v1::RegisterReply>, Status> {
+        Err(Status::unimplemented("nobody registers here"))
+    }
+
+    async fn poll(&self, _: Request<v1::PollRequest>) -> Result<Response<v1::PollReply>, Status> {
+        Err(Status::unimplemented("nobody polls here"))
+    }
+
+    async fn fetch_blob(&self, request: Request<v1::FetchBlobRequest>) -> Result<Response<Chunks>, Status> {
+        chunks(self.blobs.get(&request.into_inner().digest))
+    }
+
+    async fn fetch_derived(
+        &self,
+        request: Request<v1::FetchDerivedRequest>,
+    ) -> Result<Response<Chunks>, Status> {
+        chunks(self.derived.lock().unwrap().get(&request.into_inner().key))
+    }
+}
