@@ -1,0 +1,95 @@
+//! `cargo bench`: what Descry costs beside the same work done with PCL, measured side by side in one run.
+//!
+//! - `table`: samples, rows and how they are printed
+//! - `household`: the benchmark data and the experiment on it
+//! - `programs`: the programs of this workspace, with their wall time and memory
+//! - `peer`: the PCL harness
+//! - `prepared`: clouds in memory, evaluated as a worker does it
+//! - `cold`, `warm`, `runs`, `exhaust`: rows of the table
+//! - `scaling`: how cost grows with the number of clouds
+
+#![expect(
+    clippy::unwrap_used,
+    reason = "a benchmark that cannot go on has failed; there is nobody to recover for"
+)]
+
+mod cold;
+mod exhaust;
+mod household;
+mod peer;
+mod prepared;
+mod programs;
+mod runs;
+mod scaling;
+mod table;
+mod warm;
+
+use clap::Parser;
+
+use household::Household;
+use peer::Peer;
+use table::Table;
+
+/// Rows of the table, in its order.
+const ROWS: [&str; 7] = ["cold", "warm", "weight", "run", "worker", "memory", "second"];
+
+/// Speed of Descry beside PCL's.
+///
+/// Example: cargo bench -- warm weight
+#[derive(Debug, Parser)]
+struct Options {
+    /// Rows to measure, for example warm; all by default
+    #[arg(value_name = "ROW", value_parser = ROWS)]
+    rows: Vec<String>,
+    /// One repetition instead of several of what takes long
+    #[arg(long)]
+    quick: bool,
+    /// Measure only how cost grows with the number of clouds, on synthetic ones
+    #[arg(long, conflicts_with_all = ["rows", "exhaust"])]
+    scaling: bool,
+    /// Measure only the exhaustive search of the whole grid, which takes minutes
+    #[arg(long, conflicts_with = "rows")]
+    exhaust: bool,
+    /// Given by cargo
+    #[arg(long, hide = true)]
+    bench: bool,
+}
+
+/// What every row needs.
+struct Bench {
+    /// Rows that are wanted.
+    rows: Vec<String>,
+    /// Repetitions of what takes long.
+    repetitions: usize,
+    household: Household,
+    peer: Peer,
+    table: Table,
+}
+
+impl Bench {
+    fn wants(&self, rows: &[&str]) -> bool {
+        rows.iter().any(|row| self.rows.iter().any(|wanted| wanted == row))
+    }
+}
+
+fn main() {
+    let options = Options::parse();
+    let repetitions = if options.quick { 1 } else { 3 };
+    println!("{}", programs::machine());
+    if options.scaling {
+        scaling::measure(repetitions);
+        return;
+    }
+    let rows = if options.rows.is_empty() { ROWS.map(str::to_owned).to_vec() } else { options.rows };
+    let household = Household::find();
+    let peer = Peer::find(&household);
+    let mut bench = Bench { rows, repetitions, household, peer, table: Table::default() };
+    if options.exhaust {
+        exhaust::measure(&mut bench);
+    } else {
+        cold::measure(&mut bench);
+        warm::measure(&mut bench);
+        runs::measure(&mut bench);
+    }
+    println!("\n{}", bench.table);
+}
