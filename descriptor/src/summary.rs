@@ -42,7 +42,8 @@ impl Part {
 /// One cloud under one descriptor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Summary {
-    /// Of the shape histograms, disk and ring, without the bins beyond 180 degrees, which are empty by definition. Depends on shape_bins, R1 and R2.
+    /// Of the shape histograms, disk and ring, without the bins beyond 180 degrees, which are empty by definition.
+    /// Depends on shape_bins, R1 and R2.
     pub shape: Part,
     /// Of the colour histograms, disk and ring: 2m² values. Depends on m, R1 and R2; empty without colour.
     pub colour: Part,
