@@ -82,14 +82,18 @@ const MAX_BINS: usize = 1024;
 /// and half of the neighbours on a smooth surface fall into the same bin.
 const TABLES: usize = 4;
 
+/// Entries of a table: a few more than bins, as equal places of tables 4096 bytes apart pass for the same address until
+/// late, and their counts wait for each other.
+const TABLE: usize = MAX_BINS + 16;
+
 /// One histogram under construction.
 struct Counts {
-    tables: [[u32; MAX_BINS + 16]; TABLES],
+    tables: [[u32; TABLE]; TABLES],
 }
 
 impl Default for Counts {
     fn default() -> Self {
-        Self { tables: [[0; MAX_BINS + 16]; TABLES] }
+        Self { tables: [[0; TABLE]; TABLES] }
     }
 }
 

@@ -172,16 +172,6 @@ impl Parts {
         self.values.extend_from_slice(&other.values);
     }
 
-    /// The first `count` clouds and the others.
-    ///
-    /// # Panics
-    /// If there are fewer: a programming error.
-    pub fn split(&self, count: usize) -> [Self; 2] {
-        let (first, rest) = self.values.split_at(count * self.width);
-        let parts = |clouds, values: &[f32]| Self { width: self.width, clouds, values: values.to_vec() };
-        [parts(count, first), parts(self.clouds - count, rest)]
-    }
-
     /// Number of clouds.
     pub fn clouds(&self) -> usize {
         self.clouds

@@ -73,7 +73,7 @@ impl Workshop {
         matrix
     }
 
-    /// The wanted parts of a split; those that are not kept are counted, both in one pass if both are missing.
+    /// The wanted parts of a split; those that are not kept are counted.
     async fn parts(
         &self,
         shelf: &Arc<Shelf>,
