@@ -1,11 +1,16 @@
-//! The blobs a run gives to its workers: split manifests and the clouds they list, by digest and nothing else.
+//! The blobs a run gives to its workers: split manifests, the clouds they list and descriptions of shards, by digest
+//! and nothing else.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::{PoisonError, RwLock};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::{fs, io};
 
 use proto::Digest;
+use worker::Lru;
+
+/// Memory for descriptions, bytes; what was used least recently goes first, and is made again where it is needed.
+const DESCRIPTIONS: usize = 256 << 20;
 
 /// Why a blob is not given.
 #[derive(Debug, thiserror::Error)]
@@ -35,9 +40,16 @@ enum Source {
 }
 
 /// What workers may fetch. Paths come from the coordinator's own lists, never from a request.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct BlobStore {
     sources: RwLock<HashMap<Digest, Source>>,
+    descriptions: Mutex<Lru<Digest, Arc<[u8]>>>,
+}
+
+impl Default for BlobStore {
+    fn default() -> Self {
+        Self { sources: RwLock::default(), descriptions: Mutex::new(Lru::new(DESCRIPTIONS)) }
+    }
 }
 
 impl BlobStore {
@@ -53,6 +65,11 @@ impl BlobStore {
         self.insert(digest, Source::File(path));
     }
 
+    /// Releases the description of a shard, as long as there is room for it.
+    pub fn publish_description(&self, digest: Digest, parts: &Arc<[u8]>) {
+        self.descriptions().insert(digest, Arc::clone(parts), parts.len());
+    }
+
     /// Whether workers may have this blob.
     pub fn is_released(&self, digest: Digest) -> bool {
         self.sources.read().unwrap_or_else(PoisonError::into_inner).contains_key(&digest)
@@ -62,10 +79,17 @@ impl BlobStore {
     pub fn read(&self, digest: Digest) -> Result<Vec<u8>, BlobError> {
         let source = self.sources.read().unwrap_or_else(PoisonError::into_inner).get(&digest).cloned();
         match source {
-            None => Err(BlobError::Unknown(digest)),
+            None => match self.descriptions().get(&digest) {
+                Some(parts) => Ok(parts.to_vec()),
+                None => Err(BlobError::Unknown(digest)),
+            },
             Some(Source::Bytes(bytes)) => Ok(bytes),
             Some(Source::File(path)) => read_file(&path, digest),
         }
+    }
+
+    fn descriptions(&self) -> MutexGuard<'_, Lru<Digest, Arc<[u8]>>> {
+        self.descriptions.lock().unwrap_or_else(PoisonError::into_inner) // values are inserted whole
     }
 
     fn insert(&self, digest: Digest, source: Source) {
@@ -98,5 +122,9 @@ mod tests {
         assert!(matches!(store.read(digest), Err(BlobError::Read { .. })));
         let manifest = store.publish_bytes(b"list".to_vec());
         assert_eq!(store.read(manifest).unwrap(), b"list");
+
+        let parts: Arc<[u8]> = b"parts".as_slice().into();
+        store.publish_description(Digest::of(&parts), &parts);
+        assert_eq!(store.read(Digest::of(&parts)).unwrap(), b"parts");
     }
 }

@@ -1,17 +1,30 @@
 //! One descriptor on given lists, in this process, with the time that each stage takes.
 
 use std::ops::AddAssign;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use descriptor::fixed::FixedError;
+use descriptor::keypoints::Keypoints;
 use descriptor::prepare::{Normals, keypoints};
+use descriptor::recognise::{RecogniseError, recognise_by};
+use descriptor::summary::Parts;
 use descriptor::{
-    Binning, Correct, GeneTable, Label, Match, Parameters, PrepareError, PreparedCloud, Preprocess,
-    Quantiser, Summary, pcd, recognise,
+    Cloud, Correct, DistanceMatrix, FixedDescriptor, GeneTable, Label, Match, Parameters, PrepareError,
+    PreparedCloud, Preprocess, Quantiser, SetDistance, Summary, pcd, recognise,
 };
 use rayon::prelude::*;
 
 use crate::dataset::{DatasetError, Layout, Listing, read_file};
+
+/// A descriptor, and how clouds are compared by it.
+#[derive(Clone, Copy, Debug)]
+pub enum Descriptor {
+    /// The paper's, compared by χ².
+    DiskRing(Parameters),
+    /// One without genes.
+    Fixed(FixedDescriptor, SetDistance),
+}
 
 /// What to evaluate.
 #[derive(Clone, Debug)]
@@ -27,7 +40,7 @@ pub struct Request {
     /// Keypoints and normals.
     pub preprocess: Preprocess,
     /// The descriptor.
-    pub parameters: Parameters,
+    pub descriptor: Descriptor,
     /// Threads; stages are timed on each of them and added up.
     pub threads: usize,
 }
@@ -69,7 +82,7 @@ pub struct Report {
     pub database: usize,
     /// Skipped clouds: path and reason.
     pub skipped: Vec<(String, String)>,
-    /// Keypoints with a normal, over all clouds.
+    /// Keypoints that are described, over all clouds.
     pub keypoints: usize,
     /// Time per stage.
     pub seconds: Seconds,
@@ -109,50 +122,87 @@ pub enum EvaluateError {
     Quantise(#[from] descriptor::QuantiseError),
     /// Nothing to match with.
     #[error(transparent)]
-    Recognise(#[from] descriptor::recognise::RecogniseError),
+    Recognise(#[from] RecogniseError),
     /// No threads to be had.
     #[error("--threads: cannot start them, got {0}\nlower --threads")]
     Threads(#[from] rayon::ThreadPoolBuildError),
 }
 
-struct Described {
-    summary: Summary,
+/// What matching needs of a cloud, and how many of its keypoints it is made of.
+struct Described<S> {
+    summary: S,
     keypoints: usize,
 }
 
 /// Evaluates one descriptor.
 pub fn evaluate(request: &Request) -> Result<Report, EvaluateError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(request.threads).build()?;
-    pool.install(|| evaluate_here(request))
+    pool.install(|| match &request.descriptor {
+        Descriptor::DiskRing(parameters) => evaluate_disk_ring(request, parameters),
+        Descriptor::Fixed(descriptor, distance) => evaluate_fixed(request, *descriptor, *distance),
+    })
 }
 
-fn evaluate_here(request: &Request) -> Result<Report, EvaluateError> {
+fn evaluate_disk_ring(request: &Request, parameters: &Parameters) -> Result<Report, EvaluateError> {
+    let quantiser = Quantiser::new(&GeneTable::single(parameters)?)?;
+    let binning = quantiser.binning(parameters)?;
+    let describe = |cloud: &Cloud, keypoints: &Keypoints, normals: &Normals| {
+        let prepared = PreparedCloud::describe(cloud, keypoints, normals, &quantiser)?;
+        Ok(Described { summary: Summary::new(&prepared, &binning), keypoints: prepared.keypoints() })
+    };
+    evaluate_by(request, describe, |queries, database, labels| {
+        recognise(queries, database, labels, parameters.shape_weight())
+    })
+}
+
+fn evaluate_fixed(
+    request: &Request,
+    descriptor: FixedDescriptor,
+    distance: SetDistance,
+) -> Result<Report, EvaluateError> {
+    let describe = |cloud: &Cloud, keypoints: &Keypoints, normals: &Normals| {
+        let histograms = descriptor.describe(cloud, keypoints, normals)?;
+        Ok(Described { summary: histograms.summary(), keypoints: histograms.rows().len() })
+    };
+    evaluate_by(request, describe, |queries, database, labels| {
+        let [queries, database] = [queries, database].map(|parts| parts.iter().collect::<Parts>());
+        recognise_by(queries.clouds(), &DistanceMatrix::by(distance, &queries, &database), labels)
+    })
+}
+
+/// From the lists to the report, by any descriptor.
+fn evaluate_by<S: Send>(
+    request: &Request,
+    describe: impl Fn(&Cloud, &Keypoints, &Normals) -> Result<Described<S>, FixedError> + Sync,
+    recognise: impl FnOnce(&[S], &[S], &[Label]) -> Result<Vec<Match>, RecogniseError>,
+) -> Result<Report, EvaluateError> {
     let started = Instant::now();
     let listing = Listing::load(&request.root, &request.layout, &request.query, &request.database)?;
-    let quantiser = Quantiser::new(&GeneTable::single(&request.parameters)?)?;
-    let binning = quantiser.binning(&request.parameters)?;
-    let described: Vec<(Option<Described>, Option<String>, Seconds)> = listing
+    let described: Vec<(Result<Described<S>, String>, Seconds)> = listing
         .clouds
         .par_iter()
-        .map(|cloud| describe(&cloud.path, &cloud.file, request, &quantiser, &binning))
+        .map(|cloud| describe_file(&cloud.path, &cloud.file, &request.preprocess, &describe))
         .collect::<Result<_, _>>()?;
 
     let mut seconds = Seconds::default();
     let mut skipped: Vec<(String, String)> = Vec::new();
     let mut total_keypoints = 0;
-    let mut sides: [Side; 2] = Default::default();
-    for (index, (cloud, (described, reason, time))) in listing.clouds.iter().zip(described).enumerate() {
+    let mut sides = [Side::new(), Side::new()];
+    for (index, (cloud, (described, time))) in listing.clouds.iter().zip(described).enumerate() {
         seconds += time;
         let side = &mut sides[usize::from(index >= listing.queries)];
-        if let Some(reason) = reason {
-            skipped.push((cloud.path.clone(), reason));
-            side.skipped += 1;
+        match described {
+            Ok(Described { summary, keypoints }) => {
+                total_keypoints += keypoints;
+                side.summaries.push(summary);
+                side.labels.push(Label { category: cloud.category, instance: cloud.instance });
+                side.paths.push(cloud.path.clone());
+            }
+            Err(reason) => {
+                skipped.push((cloud.path.clone(), reason));
+                side.skipped += 1;
+            }
         }
-        let Some(described) = described else { continue };
-        total_keypoints += described.keypoints;
-        side.summaries.push(described.summary);
-        side.labels.push(Label { category: cloud.category, instance: cloud.instance });
-        side.paths.push(cloud.path.clone());
     }
     let [query, database] = sides;
     for (which, side) in [("--query", &query), ("--database", &database)] {
@@ -161,12 +211,7 @@ fn evaluate_here(request: &Request) -> Result<Report, EvaluateError> {
         }
     }
     let matching = Instant::now();
-    let matches = recognise(
-        &query.summaries,
-        &database.summaries,
-        &database.labels,
-        request.parameters.shape_weight(),
-    )?;
+    let matches = recognise(&query.summaries, &database.summaries, &database.labels)?;
     let correct = Correct::count(&matches, &query.labels, &database.labels);
     seconds.matching = matching.elapsed();
     seconds.total = started.elapsed();
@@ -184,46 +229,54 @@ fn evaluate_here(request: &Request) -> Result<Report, EvaluateError> {
     })
 }
 
-#[derive(Default)]
-struct Side {
-    summaries: Vec<Summary>,
+/// Queries, or the database.
+struct Side<S> {
+    summaries: Vec<S>,
     labels: Vec<Label>,
     paths: Vec<String>,
     skipped: usize,
 }
 
-/// One cloud through all stages; a skip is no error.
-fn describe(
+impl<S> Side<S> {
+    fn new() -> Self {
+        Self { summaries: Vec::new(), labels: Vec::new(), paths: Vec::new(), skipped: 0 }
+    }
+}
+
+/// One cloud through all stages: described, or why it is skipped.
+fn describe_file<S>(
     path: &str,
-    file: &std::path::Path,
-    request: &Request,
-    quantiser: &Quantiser,
-    binning: &Binning,
-) -> Result<(Option<Described>, Option<String>, Seconds), EvaluateError> {
+    file: &Path,
+    preprocess: &Preprocess,
+    describe: impl Fn(&Cloud, &Keypoints, &Normals) -> Result<Described<S>, FixedError>,
+) -> Result<(Result<Described<S>, String>, Seconds), EvaluateError> {
     let failed = |what: String| EvaluateError::Cloud { path: path.to_owned(), what };
     let mut seconds = Seconds::default();
     let clock = Instant::now();
     let bytes = read_file(file).map_err(|reason| failed(format!("cannot be read, got {reason}")))?;
     let cloud = pcd::read(&bytes).map_err(|error| failed(error.to_string()))?;
-    let cloud = cloud.in_metres(request.preprocess.unit.metres());
+    let cloud = cloud.in_metres(preprocess.unit.metres());
     seconds.read = clock.elapsed();
 
-    let mut stages = || -> Result<Described, PrepareError> {
+    let mut stages = || -> Result<Described<S>, FixedError> {
         let clock = Instant::now();
-        let keypoints = keypoints(&cloud, &request.preprocess)?;
+        let keypoints = keypoints(&cloud, preprocess)?;
         seconds.keypoints = clock.elapsed();
         let clock = Instant::now();
-        let normals = Normals::new(&cloud, &keypoints, &request.preprocess)?;
+        let normals = Normals::new(&cloud, &keypoints, preprocess)?;
         seconds.normals = clock.elapsed();
         let clock = Instant::now();
-        let prepared = PreparedCloud::describe(&cloud, &keypoints, &normals, quantiser)?;
-        let summary = Summary::new(&prepared, binning);
+        let described = describe(&cloud, &keypoints, &normals)?;
         seconds.describe = clock.elapsed();
-        Ok(Described { summary, keypoints: prepared.keypoints() })
+        Ok(described)
     };
     match stages() {
-        Ok(described) => Ok((Some(described), None, seconds)),
-        Err(PrepareError::Skip(skip)) => Ok((None, Some(skip.to_string()), seconds)),
+        Ok(described) => Ok((Ok(described), seconds)),
+        Err(FixedError::Prepare(PrepareError::Skip(skip))) => Ok((Err(skip.to_string()), seconds)),
+        Err(nothing @ FixedError::NothingDescribed { .. }) => {
+            let reason = nothing.to_string();
+            Ok((Err(reason.lines().next().unwrap_or_default().to_owned()), seconds))
+        }
         Err(error) => Err(failed(error.to_string())),
     }
 }

@@ -44,6 +44,15 @@ pub struct Match {
     pub runner_up: Option<(u32, f64)>,
 }
 
+#[cfg(test)]
+impl Evaluation {
+    /// For tests: counts of the paper's best descriptor on so many queries and database clouds, of no split in particular.
+    pub fn sample(queries: u32, database_clouds: u32) -> Self {
+        let (query, database, want_matches) = (vec![], vec![], false);
+        Self { parameters: Parameters::PAPER_BEST, query, database, queries, database_clouds, want_matches }
+    }
+}
+
 impl Evaluation {
     /// Refuses an answer that cannot be one to this evaluation: wrong numbers of clouds, impossible counts,
     /// indices out of range, distances that are no distances.
@@ -83,14 +92,7 @@ mod tests {
 
     #[test]
     fn impossible_answers_are_refused() {
-        let evaluation = Evaluation {
-            parameters: Parameters::PAPER_BEST,
-            query: vec![],
-            database: vec![],
-            queries: 2,
-            database_clouds: 3,
-            want_matches: true,
-        };
+        let evaluation = Evaluation { want_matches: true, ..Evaluation::sample(2, 3) };
         let found = Match { nearest: 2, distance: 0.5, runner_up: Some((0, 0.75)) };
         let good = EvaluationResult {
             queries: 2,

@@ -1,23 +1,35 @@
 //! A coordinator: reads an experiment, searches for descriptors, hands tasks to workers, writes the results.
 
+pub mod certs;
 pub mod cli;
 pub mod dataset;
 pub mod evolution;
 pub mod exhaust;
 pub mod experiment;
+#[doc(hidden)]
+pub mod hostile;
 pub mod run;
 pub mod scheduler;
 
+mod assembly;
 mod blobs;
+mod book;
+mod chronicle;
 mod cluster;
+mod door;
 mod evaluate;
 mod evaluation;
+mod journal;
+mod ledger;
 mod local;
 mod memory;
+mod pieces;
 mod prepared;
 mod server;
 mod service;
+mod shard;
 mod storage;
+mod sweep;
 mod task;
 mod verify;
 mod wire;

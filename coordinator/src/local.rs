@@ -7,7 +7,7 @@ use std::thread::available_parallelism;
 use tokio::sync::watch;
 use tokio::task::{JoinError, JoinSet};
 use worker::store::Store;
-use worker::{Identity, Options, Size, WorkerError};
+use worker::{Credentials, Identity, Link, Options, Size, WorkerError};
 
 use crate::experiment::LocalWorkers;
 use crate::server::Servers;
@@ -46,7 +46,7 @@ impl Crew {
         let stop = watch::Sender::new(false);
         let mut tasks = JoinSet::new();
         for &threads in threads {
-            let channel = servers.connect_in_process();
+            let link = Link::new(servers.connect_in_process(), Credentials::default());
             let store = Arc::clone(store);
             let mut stopped = stop.subscribe();
             tasks.spawn(async move {
@@ -61,7 +61,7 @@ impl Crew {
                 let stop = async move {
                     let _ = stopped.wait_for(|stop| *stop).await; // the sender is gone: stop as well
                 };
-                worker::run(channel, options, stop).await
+                worker::run(link, options, stop).await
             });
         }
         Self { stop, tasks }
@@ -72,14 +72,20 @@ impl Crew {
         &mut self,
         work: impl Future<Output = Result<T, E>>,
     ) -> Result<T, E> {
+        let ended = async {
+            while let Some(ended) = self.tasks.join_next().await {
+                match ended.map_err(CrewError::from)? {
+                    // It was wrong, and others can go on. If there are none, the grace for the last worker ends the run.
+                    Err(error @ WorkerError::Refused { .. }) => tracing::error!("in-process worker: {error}"),
+                    ended => ended.map_err(CrewError::from)?,
+                }
+            }
+            // Only `stop` lets a worker end well, and nobody can call it meanwhile.
+            std::future::pending::<Result<T, E>>().await
+        };
         tokio::select! {
             done = work => done,
-            Some(ended) = self.tasks.join_next() => {
-                let ended = ended.map_err(CrewError::from)?;
-                ended.map_err(CrewError::from)?;
-                // Only `stop` lets a worker end well, and nobody can call it meanwhile.
-                std::future::pending().await
-            }
+            failed = ended => failed,
         }
     }
 

@@ -1,22 +1,21 @@
-//! Where workers connect: a TCP listener for remote ones, memory for those in this process.
+//! Where workers connect: through the door for remote ones, over memory for those in this process.
 
 use std::io;
-use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
 use hyper_util::rt::TokioIo;
 use proto::v1;
+use proto::v1::coordinator_server::CoordinatorServer;
 use tokio::io::DuplexStream;
-use tokio::net::TcpListener;
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
-use tokio_stream::StreamExt as _;
-use tokio_stream::wrappers::{ReceiverStream, TcpListenerStream};
-use tonic::transport::{Channel, Endpoint, Server, server::Router};
+use tokio_stream::wrappers::ReceiverStream;
+use tonic::transport::{Channel, Endpoint, Server};
 use tower::service_fn;
 
 use crate::cluster::Cluster;
+use crate::door::{Admission, Door, Guard};
 use crate::prepared::PreparedClouds;
 use crate::service::Service;
 
@@ -27,47 +26,6 @@ const PIPE_BYTES: usize = 256 << 10;
 const MAX_STREAMS: u32 = 64;
 /// How often a silent connection is asked whether it is still there.
 const KEEPALIVE: Duration = Duration::from_secs(20);
-/// Pause after a connection that could not be accepted.
-const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
-
-/// Why nobody can connect.
-#[derive(Debug, thiserror::Error)]
-pub enum ServerError {
-    /// The port is taken.
-    #[error("--listen {address}: the port is in use\nstop the program that uses it, or choose another port")]
-    PortInUse {
-        /// The wanted address.
-        address: SocketAddr,
-    },
-    /// Any other reason.
-    #[error("--listen {address}: cannot listen there, got {source}\nchoose an address of this machine")]
-    Listen {
-        /// The wanted address.
-        address: SocketAddr,
-        /// Why.
-        source: io::Error,
-    },
-    /// Plain text must not leave the machine by accident.
-    #[error(
-        "--listen {address}: connections from other machines are not encrypted, got no --insecure\nadd --insecure inside a trusted network, or listen on 127.0.0.1 and use an SSH tunnel"
-    )]
-    NotLoopback {
-        /// The wanted address.
-        address: SocketAddr,
-    },
-}
-
-/// Binds the address for remote workers.
-pub async fn bind(address: SocketAddr, insecure: bool) -> Result<TcpListener, ServerError> {
-    if !address.ip().is_loopback() && !insecure {
-        return Err(ServerError::NotLoopback { address });
-    }
-    TcpListener::bind(address).await.map_err(|source| match source.kind() {
-        io::ErrorKind::AddrInUse => ServerError::PortInUse { address },
-        _ => ServerError::Listen { address, source },
-    })
-}
-
 /// The running servers of one run; they end when this is dropped.
 pub struct Servers {
     cluster: Arc<Cluster>,
@@ -83,38 +41,27 @@ impl Servers {
     }
 
     /// Serves remote workers, health probes and reflection.
-    pub async fn serve_tcp(&mut self, listener: TcpListener) {
+    pub async fn serve(&mut self, door: Door) {
         let (health, health_service) = tonic_health::server::health_reporter();
         health.set_serving::<proto::v1::coordinator_server::CoordinatorServer<Service>>().await;
         let reflection = tonic_reflection::server::Builder::configure()
             .register_encoded_file_descriptor_set(proto::FILE_DESCRIPTOR_SET)
             .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
             .build_v1();
-        let mut router = self.router().add_service(health_service);
+        let mut router = server().layer(Guard).add_service(self.service(false)).add_service(health_service);
         match reflection {
             Ok(service) => router = router.add_service(service),
             Err(error) => tracing::warn!("gRPC reflection is off, got {error}"),
         }
-        let incoming = TcpListenerStream::new(listener).then(|connection| async {
-            match &connection {
-                Ok(stream) => {
-                    let _ = stream.set_nodelay(true); // only latency is at stake
-                }
-                Err(error) => {
-                    // Out of file descriptors, most likely: trying again at once would only burn a core.
-                    tracing::warn!("cannot accept a connection, got {error}");
-                    tokio::time::sleep(ACCEPT_PAUSE).await;
-                }
-            }
-            connection
-        });
-        self.spawn(router.serve_with_incoming(incoming));
+        let Admission { connections, tend } = door.admit(Arc::clone(&self.cluster));
+        self.tasks.spawn(tend);
+        self.spawn(router.serve_with_incoming(ReceiverStream::new(connections)));
     }
 
     /// A channel to this coordinator that stays inside the process.
     pub fn connect_in_process(&mut self) -> Channel {
         let (sender, receiver) = mpsc::channel::<io::Result<DuplexStream>>(4);
-        let router = self.router();
+        let router = server().add_service(self.service(true));
         let incoming = ReceiverStream::new(receiver);
         self.spawn(router.serve_with_incoming(incoming));
         Endpoint::from_static("http://in-process").connect_with_connector_lazy(service_fn(move |_| {
@@ -129,16 +76,9 @@ impl Servers {
         }))
     }
 
-    fn router(&self) -> Router {
-        let service =
-            Service::server(Arc::clone(&self.cluster), self.preparation.clone(), Arc::clone(&self.prepared));
-        Server::builder()
-            .tcp_nodelay(true)
-            .max_concurrent_streams(MAX_STREAMS)
-            // A worker whose machine was switched off says nothing: ask, or its connection stays for ever.
-            .http2_keepalive_interval(Some(KEEPALIVE))
-            .http2_keepalive_timeout(Some(KEEPALIVE))
-            .add_service(service)
+    fn service(&self, in_process: bool) -> CoordinatorServer<Service> {
+        let (cluster, prepared) = (Arc::clone(&self.cluster), Arc::clone(&self.prepared));
+        Service::server(cluster, self.preparation.clone(), prepared, in_process)
     }
 
     fn spawn(&mut self, server: impl Future<Output = Result<(), tonic::transport::Error>> + Send + 'static) {
@@ -148,4 +88,12 @@ impl Servers {
             }
         });
     }
+}
+
+fn server() -> Server {
+    Server::builder()
+        .max_concurrent_streams(MAX_STREAMS)
+        // A worker whose machine was switched off says nothing: ask, or its connection stays for ever.
+        .http2_keepalive_interval(Some(KEEPALIVE))
+        .http2_keepalive_timeout(Some(KEEPALIVE))
 }

@@ -3,19 +3,23 @@
 use std::sync::Arc;
 
 use proto::v1::coordinator_server::{Coordinator, CoordinatorServer};
-use proto::{BLOB_CHUNK_BYTES, MAX_MESSAGE_BYTES, MAX_NAME_BYTES, PROTOCOL_MAJOR, v1};
+use proto::{LEAST_PROTOCOL_MINOR, MAX_MESSAGE_BYTES, MAX_NAME_BYTES, PROTOCOL_MAJOR, WorkerId, v1};
 use tokio::sync::Semaphore;
-use tokio_stream::Stream;
 use tonic::{Request, Response, Status};
 
 use crate::blobs::BlobError;
 use crate::cluster::Cluster;
+use crate::door::Guest;
+use crate::pieces::Pieces;
 use crate::prepared::PreparedClouds;
-use crate::scheduler::{Introduction, PollRefusal};
+use crate::scheduler::{Introduction, PollRefusal, RegisterRefusal};
 use crate::wire;
 
 /// See [`Service::blobs`].
 const BLOBS_AT_ONCE: usize = 64;
+
+/// What a worker is told that was wrong.
+const QUARANTINED: &str = "answers: two other workers contradict one that this worker gave, so that none of its answers counts any more\ncheck this machine's memory and clock rate, and start the worker again";
 
 /// Answers workers on behalf of one run.
 pub struct Service {
@@ -24,6 +28,8 @@ pub struct Service {
     prepared: Arc<PreparedClouds>,
     /// Blobs and entries in memory at once, over all connections: who does not read what it asked for must not fill it.
     blobs: Arc<Semaphore>,
+    /// Whether it serves workers of this process.
+    in_process: bool,
 }
 
 impl Service {
@@ -32,34 +38,43 @@ impl Service {
         cluster: Arc<Cluster>,
         preparation: v1::Preparation,
         prepared: Arc<PreparedClouds>,
+        in_process: bool,
     ) -> CoordinatorServer<Self> {
         let blobs = Arc::new(Semaphore::new(BLOBS_AT_ONCE));
-        CoordinatorServer::new(Self { cluster, preparation, prepared, blobs })
+        CoordinatorServer::new(Self { cluster, preparation, prepared, blobs, in_process })
             .max_decoding_message_size(MAX_MESSAGE_BYTES)
             .max_encoding_message_size(MAX_MESSAGE_BYTES)
     }
 }
 
-type Chunks = std::pin::Pin<Box<dyn Stream<Item = Result<v1::BlobChunk, Status>> + Send>>;
-
 impl Service {
     /// Sends the bytes that `read` gives, when there is room for them.
     async fn send(
         &self,
+        guest: Option<Arc<Guest>>,
         read: impl FnOnce() -> Result<Vec<u8>, Status> + Send + 'static,
-    ) -> Result<Response<Chunks>, Status> {
-        let permit = Arc::clone(&self.blobs).acquire_owned().await;
-        let permit = permit.map_err(|error| Status::internal(error.to_string()))?;
+    ) -> Result<Response<Pieces>, Status> {
+        // First its own place: a guest that does not read must not take those of all others.
+        let own = match guest {
+            Some(guest) => guest.blob_place().await,
+            None => None,
+        };
+        let place = Arc::clone(&self.blobs).acquire_owned().await;
+        let place = place.map_err(|error| Status::internal(error.to_string()))?;
         let read = tokio::task::spawn_blocking(read).await;
         let bytes = read.map_err(|error| Status::internal(error.to_string()))??;
-        // Pieces are cut when they are sent: a slow reader holds one blob, not two.
-        let pieces = (0..bytes.len()).step_by(BLOB_CHUNK_BYTES).map(move |start| {
-            let _held_until_sent = &permit;
-            let end = bytes.len().min(start + BLOB_CHUNK_BYTES);
-            Ok(v1::BlobChunk { data: bytes[start..end].to_vec() })
-        });
-        Ok(Response::new(Box::pin(tokio_stream::iter(pieces))))
+        Ok(Response::new(Pieces::of(bytes, (own, place))))
     }
+}
+
+/// Who calls; nobody the door knows of for workers in this process.
+fn guest<T>(request: &Request<T>) -> Option<Arc<Guest>> {
+    request.extensions().get().cloned()
+}
+
+/// Notes which worker speaks over which connection, so that both can be shown out.
+fn note(guest: Option<Arc<Guest>>, worker: WorkerId) -> Result<(), Status> {
+    guest.map_or(Ok(()), |guest| guest.note(worker))
 }
 
 fn refused(reason: v1::RefusalReason, message: String) -> Response<v1::RegisterReply> {
@@ -73,6 +88,7 @@ impl Coordinator for Service {
         &self,
         request: Request<v1::RegisterRequest>,
     ) -> Result<Response<v1::RegisterReply>, Status> {
+        let guest = guest(&request);
         let request = request.into_inner();
         if request.protocol_major != PROTOCOL_MAJOR {
             return Ok(refused(
@@ -80,6 +96,16 @@ impl Coordinator for Service {
                 format!(
                     "protocol version: must be {PROTOCOL_MAJOR}, got {}\ninstall the coordinator's release ({}) on this worker",
                     request.protocol_major,
+                    worker::BUILD
+                ),
+            ));
+        }
+        if request.protocol_minor < LEAST_PROTOCOL_MINOR {
+            return Ok(refused(
+                v1::RefusalReason::ProtocolVersion,
+                format!(
+                    "protocol version: must be {PROTOCOL_MAJOR}.{LEAST_PROTOCOL_MINOR} or later, got {PROTOCOL_MAJOR}.{}\ninstall the coordinator's release ({}) on this worker: an older one cannot describe shards",
+                    request.protocol_minor,
                     worker::BUILD
                 ),
             ));
@@ -96,19 +122,33 @@ impl Coordinator for Service {
             ));
         }
         let id = wire::id(&request.worker_id)?;
-        if request.name.len() > MAX_NAME_BYTES || request.name.chars().any(char::is_control) {
+        let unprintable = |text: &str| text.chars().any(char::is_control);
+        if request.name.len() > MAX_NAME_BYTES || unprintable(&request.name) || unprintable(&request.build) {
             return Ok(refused(
                 v1::RefusalReason::InvalidRequest,
-                format!("name: must be printable and at most {MAX_NAME_BYTES} bytes\nchoose another --name"),
+                format!(
+                    "name and build: must be printable, and the name at most {MAX_NAME_BYTES} bytes\nchoose another --name"
+                ),
             ));
         }
+        let credential = guest.as_ref().and_then(|guest| guest.credential());
+        note(guest, id)?;
         let introduction = Introduction {
             name: request.name,
             threads: request.threads,
             build: proto::truncate(&request.build, MAX_NAME_BYTES).to_owned(),
+            credential,
         };
-        let Some(name) = self.cluster.register(id, introduction) else {
-            return Err(Status::resource_exhausted("this coordinator has as many workers as it can take"));
+        let name = match self.cluster.register(id, introduction, self.in_process) {
+            Ok(name) => name,
+            Err(RegisterRefusal::Full) => {
+                return Err(Status::resource_exhausted(
+                    "this coordinator has as many workers as it can take",
+                ));
+            }
+            Err(RegisterRefusal::Quarantined) => {
+                return Ok(refused(v1::RefusalReason::Quarantined, QUARANTINED.to_owned()));
+            }
         };
         let accepted = v1::Accepted {
             name,
@@ -122,24 +162,29 @@ impl Coordinator for Service {
     }
 
     async fn poll(&self, request: Request<v1::PollRequest>) -> Result<Response<v1::PollReply>, Status> {
+        let guest = guest(&request);
         let (worker, session, poll) = wire::poll(request.into_inner())?;
         if session != self.cluster.session {
-            return Err(Status::not_found("this coordinator was started anew: register again"));
+            return Err(Status::not_found("another run: register again"));
         }
+        note(guest, worker)?;
         match self.cluster.poll(worker, poll).await {
             Ok(answer) => Ok(Response::new(wire::reply(answer, &self.preparation))),
             Err(PollRefusal::UnknownWorker) => Err(Status::not_found("unknown worker: register again")),
+            Err(PollRefusal::Quarantined) => Err(Status::failed_precondition(QUARANTINED)),
             Err(PollRefusal::Stale) => Err(Status::aborted("a newer poll of this worker was seen")),
         }
     }
 
-    type FetchBlobStream = Chunks;
+    type FetchBlobStream = Pieces;
 
     async fn fetch_blob(
         &self,
         request: Request<v1::FetchBlobRequest>,
     ) -> Result<Response<Self::FetchBlobStream>, Status> {
+        let guest = guest(&request);
         let digest = wire::blob_digest(&request.into_inner())?;
+        self.cluster.begun().await; // what is not released by then is told so
         let cluster = Arc::clone(&self.cluster);
         let read = move || {
             cluster.blobs.read(digest).map_err(|error| match error {
@@ -147,17 +192,19 @@ impl Coordinator for Service {
                 BlobError::Read { .. } | BlobError::Changed(_) => Status::data_loss(error.to_string()),
             })
         };
-        self.send(read).await
+        self.send(guest, read).await
     }
 
-    type FetchDerivedStream = Chunks;
+    type FetchDerivedStream = Pieces;
 
     async fn fetch_derived(
         &self,
         request: Request<v1::FetchDerivedRequest>,
     ) -> Result<Response<Self::FetchDerivedStream>, Status> {
+        let guest = guest(&request);
         let request = request.into_inner();
         let (kind, key) = wire::derived_key(&request)?;
+        self.cluster.begun().await;
         let (kind, cluster, prepared) =
             (kind.to_owned(), Arc::clone(&self.cluster), Arc::clone(&self.prepared));
         let read = move || {
@@ -166,6 +213,6 @@ impl Coordinator for Service {
                 Status::not_found(format!("derived entry {key}: this coordinator has none of this name"))
             })
         };
-        self.send(read).await
+        self.send(guest, read).await
     }
 }

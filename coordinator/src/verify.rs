@@ -12,7 +12,7 @@ use worker::Storage;
 use worker::store::Store;
 
 use crate::dataset::Wanted;
-use crate::experiment::{Experiment, ExperimentError, LocalWorkers};
+use crate::experiment::{Experiment, ExperimentError, LocalWorkers, Overrides};
 use crate::run::{DataError, RunError, Workplace, open_data, rows};
 
 /// Why a run cannot be verified.
@@ -102,7 +102,8 @@ pub async fn verify(
         });
     }
     let store = Arc::new(Store::open(storage, "verify"));
-    let experiment = Experiment::from_record(&recorded.row.resolved_toml, run, data.as_deref())?;
+    let record = &recorded.row.resolved_toml;
+    let experiment = Experiment::from_record(record, run, data.as_deref(), Overrides::default())?;
     let dataset = open_data(&experiment, Wanted::All, Some(&store), |line| eprintln!("{line}"))
         .map_err(RunError::from)?;
     let digest = proto::Digest(dataset.clouds.digest).to_string();

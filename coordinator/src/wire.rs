@@ -1,12 +1,16 @@
 //! From wire types to the coordinator's own and back: the only file here that knows both.
 
-use descriptor::{GENES, Preprocess, Unit};
+use std::ops::Range;
+
+use descriptor::{GENES, Label, Parameters, Preprocess, Unit};
+use prost::Message as _;
 use proto::{Digest, Lease, MAX_POLL_ITEMS, SessionId, WorkerId, v1};
 use tonic::Status;
 
 use crate::dataset::CloudEntry;
 use crate::evaluation::{Evaluation, EvaluationResult, Match};
 use crate::scheduler::{Answer, Poll, Report};
+use crate::shard::{Described, Description, Tile};
 use crate::task::{GridCell, Task, TaskResult};
 
 /// What every job of a run has in common.
@@ -41,25 +45,70 @@ pub fn manifest<'a>(split: &str, clouds: impl Iterator<Item = &'a CloudEntry>) -
     v1::SplitManifest { split: split.to_owned(), clouds: listed.collect() }
 }
 
+/// Clouds as split manifests list them, one manifest after the other.
+#[derive(Default)]
+pub struct Listing(Vec<v1::ManifestCloud>);
+
+impl Listing {
+    /// Adds the clouds of a manifest; `None` if it is none.
+    pub fn append(&mut self, manifest: &[u8]) -> Option<()> {
+        self.0.extend(v1::SplitManifest::decode(manifest).ok()?.clouds);
+        Some(())
+    }
+
+    /// What the clouds show.
+    pub fn labels(&self) -> Vec<Label> {
+        let label = |cloud: &v1::ManifestCloud| Label { category: cloud.category, instance: cloud.instance };
+        self.0.iter().map(label).collect()
+    }
+
+    /// The manifest of some of the clouds.
+    pub fn manifest(&self, clouds: Range<usize>) -> Vec<u8> {
+        v1::SplitManifest { split: String::new(), clouds: self.0[clouds].to_vec() }.encode_to_vec()
+    }
+}
+
 fn job(lease: Lease, task: &Task, preparation: &v1::Preparation) -> v1::Job {
-    let (evaluation, grid_cell) = match task {
-        Task::Evaluation(evaluation) => (Some(self::evaluation(evaluation, preparation)), None),
-        Task::GridCell(cell) => (None, Some(grid_cell(cell, preparation))),
-    };
-    v1::Job { lease: Some(lease.into()), evaluation, grid_cell }
+    let mut job = v1::Job { lease: Some(lease.into()), ..v1::Job::default() };
+    match task {
+        Task::Evaluation(evaluation) => job.evaluation = Some(self::evaluation(evaluation, preparation)),
+        Task::GridCell(cell) => job.grid_cell = Some(grid_cell(cell, preparation)),
+        Task::Description(shard) => job.description = Some(description(shard, preparation)),
+        Task::Tile(tile) => job.tile = Some(self::tile(tile, preparation)),
+    }
+    job
+}
+
+fn description(shard: &Description, preparation: &v1::Preparation) -> v1::Description {
+    v1::Description {
+        preparation: Some(preparation.clone()),
+        parameters: Some(parameters(&shard.parameters)),
+        manifest: shard.manifest.to_vec(),
+    }
+}
+
+fn tile(tile: &Tile, preparation: &v1::Preparation) -> v1::Tile {
+    v1::Tile {
+        evaluation: Some(evaluation(&tile.evaluation, preparation)),
+        query_parts: digests(&tile.query_parts),
+        database_parts: digests(&tile.database_parts),
+    }
+}
+
+fn parameters(p: &Parameters) -> v1::Parameters {
+    v1::Parameters {
+        shape_bins: p.shape_bins,
+        colour_bins: p.colour_bins,
+        disk_um: p.disk_um,
+        ring_um: p.ring_um,
+        shape_weight_ppm: p.shape_weight_ppm,
+    }
 }
 
 fn evaluation(evaluation: &Evaluation, preparation: &v1::Preparation) -> v1::Evaluation {
-    let p = evaluation.parameters;
     v1::Evaluation {
         preparation: Some(preparation.clone()),
-        parameters: Some(v1::Parameters {
-            shape_bins: p.shape_bins,
-            colour_bins: p.colour_bins,
-            disk_um: p.disk_um,
-            ring_um: p.ring_um,
-            shape_weight_ppm: p.shape_weight_ppm,
-        }),
+        parameters: Some(parameters(&evaluation.parameters)),
         query: digests(&evaluation.query),
         database: digests(&evaluation.database),
         want_matches: evaluation.want_matches,
@@ -122,6 +171,9 @@ fn report(report: v1::JobReport) -> Result<Report, Status> {
     let outcome = match report.outcome {
         Some(v1::job_report::Outcome::Result(result)) => self::result(result).map(TaskResult::Evaluation),
         Some(v1::job_report::Outcome::GridCell(result)) => Ok(TaskResult::GridCell(result.object_correct)),
+        Some(v1::job_report::Outcome::Description(result)) => {
+            Ok(TaskResult::Description(Described::new(result.parts)))
+        }
         Some(v1::job_report::Outcome::Failure(failure)) => {
             let kind = match failure.reason() {
                 v1::FailureReason::Unspecified => "failed",
@@ -129,6 +181,7 @@ fn report(report: v1::JobReport) -> Result<Report, Status> {
                 v1::FailureReason::Panic => "panic",
                 v1::FailureReason::InvalidJob => "invalid job",
                 v1::FailureReason::Cloud => "cloud",
+                v1::FailureReason::Description => "description",
             };
             // It goes to a terminal: no control characters but line ends.
             let message = proto::truncate(&failure.message, proto::MAX_TEXT_BYTES);

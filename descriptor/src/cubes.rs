@@ -1,7 +1,7 @@
 //! A cloud sorted into cubes: what lies near a cube is a few runs of points that follow one another.
 //!
 //! Serves the fit of normals, where every point asks for its neighbours within the same small radius: the points of a
-//! cube ask together, and a list of some hundred candidates is gone through with vectors faster than a tree answers.
+//! row of cubes ask together, and some hundred candidates are gone through with vectors faster than a tree answers.
 
 use std::ops::Range;
 
@@ -20,8 +20,8 @@ type Cube = u64;
 pub(crate) struct Cubes {
     corner: [f64; 3],
     per_metre: f64,
-    /// Indices of the points, in this order.
-    order: Vec<u32>,
+    /// Where each point is, ascending.
+    places: Vec<Place>,
     /// The points, in this order.
     points: Vec<[f32; 3]>,
     /// Where each occupied cube begins in `points`, by cube; ends with the number of points.
@@ -32,15 +32,14 @@ pub(crate) struct Cubes {
 }
 
 impl Cubes {
-    /// Sorts points into cubes at least as wide as `radius` metres, for lists of up to `most_queries` queries.
+    /// Sorts points into cubes at least as wide as `radius` metres, with room for the indices of `others` places.
     ///
     /// # Errors
-    /// [`PrepareError::TooManyPoints`] if points or queries cannot be counted in 32 bits.
-    pub(crate) fn new(points: &[[f32; 3]], radius: f64, most_queries: usize) -> Result<Self, PrepareError> {
-        let too_many = |points| move |_| PrepareError::TooManyPoints { points };
-        let count = u32::try_from(points.len()).map_err(too_many(points.len()))?;
-        let most = count.max(u32::try_from(most_queries).map_err(too_many(most_queries))?);
-        let index_bits = u32::BITS - most.leading_zeros();
+    /// [`PrepareError::TooManyPoints`] if points and other places cannot be counted in 32 bits.
+    pub(crate) fn new(points: &[[f32; 3]], radius: f64, others: usize) -> Result<Self, PrepareError> {
+        let all = points.len() + others;
+        let all = u32::try_from(all).map_err(|_| PrepareError::TooManyPoints { points: all })?;
+        let index_bits = u32::BITS - all.leading_zeros();
         let axis_bits = (Place::BITS - index_bits) / 3;
         let mut corner = [f64::INFINITY; 3];
         let mut extent = 0.0f64;
@@ -51,77 +50,97 @@ impl Cubes {
         }
         // Wide clouds get wider cubes: neighbours lie in adjacent cubes all the same.
         let per_metre = 1.0 / (radius * MARGIN).max(extent / (side(axis_bits) - 1.0));
-        let (order, sorted, starts) = (Vec::new(), Vec::new(), Vec::new());
-        let mut cubes = Self { corner, per_metre, order, points: sorted, starts, index_bits, axis_bits };
-        let places = cubes.sort(points);
-        cubes.order = places.iter().map(|&place| cubes.index(place)).collect();
-        cubes.points = cubes.order.iter().map(|&index| points[index as usize]).collect();
-        for (&place, position) in places.iter().zip(0u32..) {
+        let (places, sorted, starts) = (Vec::new(), Vec::new(), Vec::new());
+        let mut cubes = Self { corner, per_metre, places, points: sorted, starts, index_bits, axis_bits };
+        cubes.places = cubes.places_of(points, 0);
+        cubes.places.sort_unstable();
+        cubes.points = cubes.order().map(|index| points[index as usize]).collect();
+        for (&place, position) in cubes.places.iter().zip(0u32..) {
             let cube = cubes.cube(place);
             if cubes.starts.last().is_none_or(|&(last, _)| last != cube) {
                 cubes.starts.push((cube, position));
             }
         }
-        cubes.starts.push((Cube::MAX, count));
+        cubes.starts.push((Cube::MAX, cubes.places.len() as u32));
         Ok(cubes)
     }
 
     /// Indices of the points, cube by cube: neighbours in the list are neighbours in space.
-    pub(crate) fn order(&self) -> &[u32] {
-        &self.order
+    pub(crate) fn order(&self) -> impl Iterator<Item = u32> {
+        self.places.iter().map(|&place| self.index(place))
     }
 
-    /// Queries by pair of cubes along x, as indices of `queries`; those outside the cloud's bounds count to the cubes
-    /// at its edge.
-    pub(crate) fn groups(&self, queries: &[[f32; 3]]) -> Vec<Vec<u32>> {
-        let places = self.sort(queries);
-        let groups = places.chunk_by(|&a, &b| self.cube(a) >> 1 == self.cube(b) >> 1);
-        groups.map(|group| group.iter().map(|&place| self.index(place)).collect()).collect()
+    /// The points, in this order.
+    pub(crate) fn points(&self) -> &[[f32; 3]] {
+        &self.points
     }
 
-    /// Adds every point that can lie within the radius of a query of the same pair of cubes as `query`, and some more,
-    /// in the order of the cubes.
-    pub(crate) fn near(&self, query: [f32; 3], found: &mut Vec<[f32; 3]>) {
-        let [x, y, z] = self.cell(query);
-        let last_cell = side(self.axis_bits) as u64 - 1;
-        let adjacent = |cell: u64| cell.saturating_sub(1)..=(cell + 1).min(last_cell);
-        let (first, last) = (*adjacent(x & !1).start(), *adjacent(x | 1).end());
-        for z in adjacent(z) {
-            for y in adjacent(y) {
-                found.extend_from_slice(
-                    &self.points[self.run(self.pack([first, y, z]), self.pack([last, y, z]))],
-                );
+    /// Goes through the points and `others`, up to `most` at a time that follow one another in a row of cubes along x.
+    /// They are given by index, that of the others after the points'; those outside the cloud's bounds count to the
+    /// cubes at its edge.
+    pub(crate) fn batches(&self, others: &[[f32; 3]], most: usize, mut take: impl FnMut(&[u32])) {
+        let mut places = self.places.clone();
+        places.extend(self.places_of(others, self.places.len() as u32));
+        places.sort(); // which makes use of what is sorted already
+        let mut batch = Vec::with_capacity(most);
+        for row in places.chunk_by(|&a, &b| self.row(a) == self.row(b)) {
+            for places in row.chunks(most) {
+                batch.clear();
+                batch.extend(places.iter().map(|&place| self.index(place)));
+                take(&batch);
             }
         }
     }
 
-    /// Positions in `points` of the cubes from `first` to `last`.
+    /// Positions in `points` of all that can lie within the radius of a query of a batch that begins with `first` and
+    /// ends with `last`, and of some more; ascending.
+    pub(crate) fn near(&self, first: [f32; 3], last: [f32; 3]) -> [Range<usize>; 9] {
+        let ([first, y, z], [last, ..]) = (self.cell(first), self.cell(last));
+        let last_cell = side(self.axis_bits) as u64 - 1;
+        let adjacent = |cell: u64| cell.saturating_sub(1)..=(cell + 1).min(last_cell);
+        let (first, last) = (*adjacent(first).start(), *adjacent(last).end());
+        let rows = adjacent(z).flat_map(|z| adjacent(y).map(move |y| (y, z)));
+        let mut runs = [const { 0..0 }; 9];
+        for (run, (y, z)) in runs.iter_mut().zip(rows) {
+            *run = self.run(self.pack([first, y, z]), self.pack([last, y, z]));
+        }
+        runs
+    }
+
+    /// Positions in `points` of the cubes from `first` to `last`, which are few.
     fn run(&self, first: Cube, last: Cube) -> Range<usize> {
         let begin = self.starts.partition_point(|&(cube, _)| cube < first);
-        let length = self.starts[begin..].partition_point(|&(cube, _)| cube <= last);
+        let length = self.starts[begin..].iter().take_while(|&&(cube, _)| cube <= last).count();
+        // The end of the list is beyond every cube.
         self.starts[begin].1 as usize..self.starts[begin + length].1 as usize
     }
 
-    fn sort(&self, points: &[[f32; 3]]) -> Vec<Place> {
+    /// Where these points are, whose indices begin with `first`.
+    fn places_of(&self, points: &[[f32; 3]], first: u32) -> Vec<Place> {
         let place = |(point, index): (&[f32; 3], u32)| {
             self.pack(self.cell(*point)) << self.index_bits | Place::from(index)
         };
-        let mut places: Vec<Place> = points.iter().zip(0u32..).map(place).collect();
-        places.sort_unstable();
-        places
+        points.iter().zip(first..).map(place).collect()
     }
 
     /// Indices of a point's cube. They never decrease with a coordinate, so what is nearer than a cube's width in
     /// space is at most one cube apart.
     fn cell(&self, point: [f32; 3]) -> [u64; 3] {
-        [0, 1, 2].map(|axis| {
+        let last = side(self.axis_bits) - 1.0;
+        let cell = |axis: usize| {
             let cell = (f64::from(point[axis]) - self.corner[axis]) * self.per_metre;
-            cell.min(side(self.axis_bits) - 1.0) as u64 // what is negative becomes 0
-        })
+            cell.min(last) as u64 // what is negative becomes 0
+        };
+        [cell(0), cell(1), cell(2)]
     }
 
     fn pack(&self, [x, y, z]: [u64; 3]) -> Cube {
         (z << self.axis_bits | y) << self.axis_bits | x
+    }
+
+    /// The row of cubes along x, that is z and y.
+    fn row(&self, place: Place) -> Cube {
+        self.cube(place) >> self.axis_bits
     }
 
     fn cube(&self, place: Place) -> Cube {

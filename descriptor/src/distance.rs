@@ -1,4 +1,6 @@
-//! χ² distance of histograms, and matrices of it.
+//! χ² and L1 distances of histograms, and matrices of them.
+
+use std::marker::PhantomData;
 
 use pulp::NullaryFnOnce;
 use rayon::prelude::*;
@@ -12,6 +14,34 @@ pub(crate) const LANES: usize = 16;
 /// Sums a + b below this count as this, so that two of them can be multiplied; what it changes in a term is less.
 const LEAST: f32 = 1e-18;
 
+/// How the centroids of two clouds are compared, and, added to that, their deviations.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum SetDistance {
+    /// [`chi_squared`], the paper's.
+    #[default]
+    ChiSquared,
+    /// [`l1`].
+    L1,
+}
+
+impl SetDistance {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::ChiSquared, Self::L1];
+
+    /// Its name in files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::ChiSquared => "chi2",
+            Self::L1 => "l1",
+        }
+    }
+
+    /// The set distance of that name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|distance| distance.name() == name)
+    }
+}
+
 /// χ² distance Σ (a − b)² / (2(a + b)) of two histograms of equal length; a term with a + b = 0 is 0 (DESIGN 5.7).
 ///
 /// In f32, in the order of the bins, two terms (of bins 2i and 2i + 1) over one denominator: matching is mostly
@@ -20,27 +50,64 @@ const LEAST: f32 = 1e-18;
 /// # Panics
 /// If the lengths differ: a programming error.
 pub fn chi_squared(a: &[f32], b: &[f32]) -> f32 {
-    assert_eq!(a.len(), b.len(), "histograms of different descriptors");
-    let (a, a_last) = a.as_chunks::<2>();
-    let (b, b_last) = b.as_chunks::<2>();
-    let pairs = a.iter().zip(b).fold(0.0, |sum, (&a, &b)| sum + two_terms(a, b));
-    match (a_last, b_last) {
-        ([a], [b]) => 0.5 * (pairs + two_terms([*a, 0.0], [*b, 0.0])),
-        _ => 0.5 * pairs,
-    }
+    sum_of::<ChiSquared>(a, b)
 }
 
-/// Twice the terms of two bins.
-#[inline(always)]
-fn two_terms(a: [f32; 2], b: [f32; 2]) -> f32 {
-    let (x, y) = (a[0] - b[0], a[1] - b[1]);
-    let (s, t) = (at_least(a[0] + b[0]), at_least(a[1] + b[1]));
-    (x * x * t + y * y * s) / (s * t)
+/// L1 distance Σ |a − b| of two histograms of equal length, in f32, in the order of the bins, two at once.
+///
+/// # Panics
+/// If the lengths differ: a programming error.
+pub fn l1(a: &[f32], b: &[f32]) -> f32 {
+    sum_of::<L1>(a, b)
+}
+
+/// What a distance is the sum of.
+trait Terms {
+    /// What the sum is multiplied by.
+    const FACTOR: f32;
+
+    /// The terms of two bins.
+    fn of_two(a: [f32; 2], b: [f32; 2]) -> f32;
+}
+
+struct ChiSquared;
+
+impl Terms for ChiSquared {
+    const FACTOR: f32 = 0.5;
+
+    #[inline(always)]
+    fn of_two(a: [f32; 2], b: [f32; 2]) -> f32 {
+        let (x, y) = (a[0] - b[0], a[1] - b[1]);
+        let (s, t) = (at_least(a[0] + b[0]), at_least(a[1] + b[1]));
+        (x * x * t + y * y * s) / (s * t)
+    }
 }
 
 #[inline(always)]
 fn at_least(sum: f32) -> f32 {
     if sum > LEAST { sum } else { LEAST }
+}
+
+struct L1;
+
+impl Terms for L1 {
+    const FACTOR: f32 = 1.0;
+
+    #[inline(always)]
+    fn of_two(a: [f32; 2], b: [f32; 2]) -> f32 {
+        (a[0] - b[0]).abs() + (a[1] - b[1]).abs()
+    }
+}
+
+fn sum_of<T: Terms>(a: &[f32], b: &[f32]) -> f32 {
+    assert_eq!(a.len(), b.len(), "histograms of different descriptors");
+    let (a, a_last) = a.as_chunks::<2>();
+    let (b, b_last) = b.as_chunks::<2>();
+    let pairs = a.iter().zip(b).fold(0.0, |sum, (&a, &b)| sum + T::of_two(a, b));
+    match (a_last, b_last) {
+        ([a], [b]) => T::FACTOR * (pairs + T::of_two([*a, 0.0], [*b, 0.0])),
+        _ => T::FACTOR * pairs,
+    }
 }
 
 /// Distances of every query (row) to every cloud of the database (column).
@@ -76,61 +143,79 @@ impl Turned {
         Self { pairs, blocks }
     }
 
-    /// One query's distances to every cloud; `row` has room for the whole blocks.
-    pub(crate) fn distances(&self, [centroid, deviation]: [&[f32]; 2], row: &mut [[f32; LANES]]) {
+    /// One query's χ² distances to every cloud; `row` has room for the whole blocks.
+    pub(crate) fn distances(&self, query: [&[f32]; 2], row: &mut [[f32; LANES]]) {
+        self.distances_by::<ChiSquared>(query, row);
+    }
+
+    fn distances_by<T: Terms>(&self, [centroid, deviation]: [&[f32]; 2], row: &mut [[f32; LANES]]) {
         if self.pairs == 0 {
             row.fill([0.0; LANES]);
             return;
         }
-        widest(Distances { pairs: self.pairs / 2, blocks: &self.blocks, centroid, deviation, row });
+        let (pairs, blocks, terms) = (self.pairs / 2, self.blocks.as_slice(), PhantomData::<T>);
+        widest(Distances { pairs, blocks, centroid, deviation, row, terms });
     }
 }
 
-/// The kernel of [`Turned::distances`]: each lane is [`chi_squared`] of centroids plus that of deviations.
-struct Distances<'a> {
+/// The kernel of [`Turned::distances_by`]: each lane is the distance of centroids plus that of deviations.
+struct Distances<'a, T> {
     pairs: usize,
     blocks: &'a [[[f32; LANES]; 2]],
     centroid: &'a [f32],
     deviation: &'a [f32],
     row: &'a mut [[f32; LANES]],
+    terms: PhantomData<T>,
 }
 
-impl NullaryFnOnce for Distances<'_> {
+impl<T: Terms> NullaryFnOnce for Distances<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
         for (block, row) in self.blocks.chunks_exact(2 * self.pairs).zip(self.row) {
             let (centroids, deviations) = block.split_at(self.pairs);
-            let centroids = lanes(self.centroid, centroids);
-            let deviations = lanes(self.deviation, deviations);
+            let centroids = lanes::<T>(self.centroid, centroids);
+            let deviations = lanes::<T>(self.deviation, deviations);
             for lane in 0..LANES {
-                row[lane] = 0.5 * centroids[lane] + 0.5 * deviations[lane];
+                row[lane] = T::FACTOR * centroids[lane] + T::FACTOR * deviations[lane];
             }
         }
     }
 }
 
-/// Twice the χ² distances of one histogram to those of a block.
+/// Sums of the terms of one histogram and those of a block.
 #[inline(always)]
-fn lanes(query: &[f32], block: &[[[f32; LANES]; 2]]) -> [f32; LANES] {
+fn lanes<T: Terms>(query: &[f32], block: &[[[f32; LANES]; 2]]) -> [f32; LANES] {
     let mut sums = [0.0f32; LANES];
     let (pairs, last) = query.as_chunks::<2>();
     let last = last.first().map(|&last| [last, 0.0]);
     for (a, b) in pairs.iter().chain(&last).zip(block) {
         for lane in 0..LANES {
-            sums[lane] += two_terms(*a, [b[0][lane], b[1][lane]]);
+            sums[lane] += T::of_two(*a, [b[0][lane], b[1][lane]]);
         }
     }
     sums
 }
 
 impl DistanceMatrix {
-    /// The distances of one part of the descriptor, computed by the current rayon pool.
+    /// The χ² distances of one part of the descriptor, computed by the current rayon pool.
     ///
     /// # Panics
     /// If queries and database are of different descriptors: a programming error.
     pub fn new(queries: &Parts, database: &Parts) -> Self {
+        Self::of_terms::<ChiSquared>(queries, database)
+    }
+
+    /// As [`DistanceMatrix::new`], with either set distance.
+    pub fn by(distance: SetDistance, queries: &Parts, database: &Parts) -> Self {
+        match distance {
+            SetDistance::ChiSquared => Self::of_terms::<ChiSquared>(queries, database),
+            SetDistance::L1 => Self::of_terms::<L1>(queries, database),
+        }
+    }
+
+    fn of_terms<T: Terms>(queries: &Parts, database: &Parts) -> Self {
         let (rows, columns) = (queries.clouds(), database.clouds());
         let mut values = vec![0.0; rows * columns];
         if rows > 0 && columns > 0 {
@@ -140,7 +225,7 @@ impl DistanceMatrix {
             values.par_chunks_exact_mut(columns).enumerate().for_each_init(
                 || vec![[0.0; LANES]; blocks],
                 |row, (query, values)| {
-                    turned.distances(queries.get(query), row);
+                    turned.distances_by::<T>(queries.get(query), row);
                     values.copy_from_slice(&row.as_flattened()[..columns]);
                 },
             );
@@ -201,6 +286,12 @@ mod tests {
     }
 
     #[test]
+    fn absolute_differences_add_up() {
+        assert_eq!(l1(&[0.5, 0.25, 1.0], &[0.25, 0.5, 0.0]), 1.5);
+        assert_eq!(l1(&[], &[]), 0.0);
+    }
+
+    #[test]
     fn the_matrix_holds_every_pair() {
         let part = |values: [f32; 2]| Part { centroid: values.to_vec(), deviation: vec![0.0, values[0]] };
         let (queries, database) =
@@ -211,6 +302,15 @@ mod tests {
             assert_eq!(matrix.row(row), expected);
         }
         assert_eq!(matrix.row(1)[1], 0.0);
+        for distance in SetDistance::ALL {
+            let matrix = DistanceMatrix::by(distance, &queries.iter().collect(), &database.iter().collect());
+            for (row, query) in queries.iter().enumerate() {
+                let expected: Vec<f32> =
+                    database.iter().map(|entry| query.distance_by(distance, entry)).collect();
+                assert_eq!(matrix.row(row), expected, "{distance:?}");
+            }
+            assert_eq!(SetDistance::named(distance.name()), Some(distance));
+        }
         let empty = DistanceMatrix::new(&queries.iter().collect(), &Parts::default());
         assert_eq!((empty.columns(), empty.row(1)), (0, [].as_slice()));
     }

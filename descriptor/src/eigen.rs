@@ -87,7 +87,28 @@ const LEFT: f64 = 1e-28;
 /// given as `[xx, xy, xz, yy, yz, zz]`; of equal eigenvalues the first in the order of the axes. Its sign is
 /// arbitrary but fixed. Cyclic Jacobi (Golub & Van Loan, Matrix Computations, 8.5): rotations in the planes xy, xz,
 /// yz in turn, until hardly anything is left beside the diagonal.
-pub fn smallest_eigenvector([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> [f64; 3] {
+pub fn smallest_eigenvector(matrix: [f64; 6]) -> [f64; 3] {
+    let (values, rows) = diagonalise(matrix);
+    let mut smallest = 0;
+    for axis in 1..3 {
+        if values[axis] < values[smallest] {
+            smallest = axis;
+        }
+    }
+    unit(rows[smallest])
+}
+
+/// Unit eigenvectors of the smallest and of the largest eigenvalue of a matrix as [`smallest_eigenvector`] takes it, at
+/// right angles even where eigenvalues are equal; of either sign.
+pub fn extreme_eigenvectors(matrix: [f64; 6]) -> [[f64; 3]; 2] {
+    let (values, rows) = diagonalise(matrix);
+    let mut order = [0, 1, 2];
+    order.sort_by(|&a, &b| values[a].total_cmp(&values[b]));
+    [unit(rows[order[0]]), unit(rows[order[2]])]
+}
+
+/// Eigenvalues, and in the same order eigenvectors of about unit length.
+fn diagonalise([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> ([f64; 3], [[f64; 3]; 3]) {
     // The upper triangle; the rest is never read.
     let mut matrix = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
     // Row i turns into the eigenvector of the i-th diagonal entry.
@@ -103,13 +124,10 @@ pub fn smallest_eigenvector([xx, xy, xz, yy, yz, zz]: [f64; 6]) -> [f64; 3] {
         rotate(&mut matrix, &mut rows, (0, 2), (0, 1), (1, 2));
         rotate(&mut matrix, &mut rows, (1, 2), (0, 1), (0, 2));
     }
-    let mut smallest = 0;
-    for axis in 1..3 {
-        if matrix[axis][axis] < matrix[smallest][smallest] {
-            smallest = axis;
-        }
-    }
-    let [x, y, z] = rows[smallest];
+    ([matrix[0][0], matrix[1][1], matrix[2][2]], rows)
+}
+
+fn unit([x, y, z]: [f64; 3]) -> [f64; 3] {
     let length = (x * x + y * y + z * z).sqrt();
     [x / length, y / length, z / length]
 }

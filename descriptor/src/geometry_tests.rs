@@ -15,7 +15,7 @@ use crate::{Cloud, oracle};
 
 /// Normals of a cloud's own points.
 fn fit(points: &[[f32; 3]], radius: f64, viewpoint: [f32; 3]) -> Vec<Normal> {
-    let [normals] = normals(points, [points], radius, viewpoint).unwrap();
+    let [normals, _] = normals(points, &[], radius, viewpoint).unwrap();
     normals
 }
 
@@ -267,7 +267,7 @@ fn normals_are_brute_forces() {
         let keypoints = Keypoints::new(&cloud, 0.02).unwrap();
         let mut missing = 0;
         let queries = [cloud.points.as_slice(), &keypoints.points];
-        let found = normals(&cloud.points, queries, radius, cloud.viewpoint).unwrap();
+        let found = normals(&cloud.points, &keypoints.points, radius, cloud.viewpoint).unwrap();
         for (queries, found) in queries.into_iter().zip(found) {
             for (query, found) in queries.iter().zip(found) {
                 let expected = oracle::normal(&cloud.points, *query, radius, cloud.viewpoint);
@@ -340,7 +340,7 @@ fn normals_of_a_patch_far_from_the_query_are_brute_forces() {
             })
             .collect();
         let query = [0.1, -0.2, 0.8 - 0.0095];
-        let [found] = normals(&points, [&[query]], 0.01, [0.0; 3]).unwrap();
+        let [_, found] = normals(&points, &[query], 0.01, [0.0; 3]).unwrap();
         let expected = oracle::normal(&points, query, 0.01, [0.0; 3]).unwrap();
         let is_close = |(&found, expected): (&f32, f64)| (f64::from(found) - expected).abs() < 3e-5;
         let found = found[0].unwrap();

@@ -22,17 +22,17 @@ impl Keypoints {
     /// [`PrepareError::CellRange`] if a cell's index does not fit 32 bits.
     pub fn new(cloud: &Cloud, leaf: f32) -> Result<Self, PrepareError> {
         let per_metre = 1.0 / leaf;
-        let mut cells = Vec::with_capacity(cloud.len());
-        for (point, index) in cloud.points.iter().zip(0u32..) {
-            let [x, y, z] = *point;
-            cells.push(([cell(z, per_metre)?, cell(y, per_metre)?, cell(x, per_metre)?], index));
+        let mut places: Vec<Place> = Vec::with_capacity(cloud.len());
+        for (&[x, y, z], index) in cloud.points.iter().zip(0u32..) {
+            let [x, y, z] = [cell(x, per_metre)?, cell(y, per_metre)?, cell(z, per_metre)?];
+            places.push([z, y, x, index].into_iter().fold(0, |place, part| place << 32 | Place::from(part)));
         }
-        cells.sort_unstable();
+        places.sort_unstable();
 
         let mut keypoints = Self { points: Vec::new(), colours: cloud.colours.as_ref().map(|_| Vec::new()) };
-        for voxel in cells.chunk_by(|a, b| a.0 == b.0) {
+        for voxel in places.chunk_by(|a, b| a >> 32 == b >> 32) {
             let count = voxel.len() as f64;
-            let members = || voxel.iter().map(|&(_, index)| index as usize);
+            let members = || voxel.iter().map(|&place| place as u32 as usize);
             let mut sum = [0.0f64; 3];
             for member in members() {
                 for (sum, &coordinate) in sum.iter_mut().zip(&cloud.points[member]) {
@@ -64,12 +64,15 @@ impl Keypoints {
     }
 }
 
-/// Index of the voxel along one axis.
-fn cell(coordinate: f32, per_metre: f32) -> Result<i32, PrepareError> {
+/// A voxel and the index of a point in it, in one number to sort by: z, y, x, index.
+type Place = u128;
+
+/// Index of the voxel along one axis, counted from the lowest that there can be.
+fn cell(coordinate: f32, per_metre: f32) -> Result<u32, PrepareError> {
     let cell = (coordinate * per_metre).floor();
     // Both bounds are exact in f32; NaN and infinities fail the test as well.
     if (-2_147_483_648.0..2_147_483_648.0).contains(&cell) {
-        Ok(cell as i32)
+        Ok((cell as i32).wrapping_sub(i32::MIN) as u32)
     } else {
         Err(PrepareError::CellRange { coordinate, leaf: 1.0 / per_metre })
     }

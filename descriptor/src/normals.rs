@@ -1,5 +1,8 @@
 //! Surface normals: a plane fitted to the neighbourhood, turned towards the viewpoint (DESIGN 5.3).
 
+use std::array;
+use std::ops::Range;
+
 use pulp::NullaryFnOnce;
 
 use crate::cubes::Cubes;
@@ -17,7 +20,7 @@ const LEAST_SPREAD: f64 = 0.01;
 /// A unit normal; `None` for a query with fewer than [`MIN_NEIGHBOURS`] neighbours.
 pub type Normal = Option<[f32; 3]>;
 
-/// The normals of a cloud's points and of other places (its keypoints), each fitted to all points within `radius`
+/// The normals of a cloud's points and those of other places (its keypoints), each fitted to all points within `radius`
 /// metres.
 ///
 /// The normal is the eigenvector of the smallest eigenvalue of the neighbours' covariance, turned so that it does not
@@ -27,87 +30,102 @@ pub type Normal = Option<[f32; 3]>;
 /// nearly in a line or close together and far from the query, once more in f64. What follows is f64.
 ///
 /// # Errors
-/// [`PrepareError::TooManyPoints`] if the points cannot be counted in 32 bits.
-pub fn normals<const N: usize>(
+/// [`PrepareError::TooManyPoints`] if points and other places cannot be counted in 32 bits.
+pub fn normals(
     points: &[[f32; 3]],
-    queries: [&[[f32; 3]]; N],
+    others: &[[f32; 3]],
     radius: f64,
     viewpoint: [f32; 3],
-) -> Result<[Vec<Normal>; N], PrepareError> {
-    let most_queries = queries.iter().map(|queries| queries.len()).max().unwrap_or(0);
-    let cubes = Cubes::new(points, radius, most_queries)?;
-    Ok(queries.map(|queries| fit(&cubes, queries, floor_f32(radius * radius), viewpoint)))
-}
-
-/// `limit` is the largest d² of a neighbour.
-fn fit(cubes: &Cubes, queries: &[[f32; 3]], limit: f32, viewpoint: [f32; 3]) -> Vec<Normal> {
-    let mut normals = vec![None; queries.len()];
-    let mut candidates: Vec<[f32; 3]> = Vec::new();
-    for group in cubes.groups(queries) {
-        let Some(&first) = group.first() else { continue };
-        candidates.clear();
-        cubes.near(queries[first as usize], &mut candidates);
-        for members in group.chunks(LANES) {
-            // Lanes without a query repeat the first one.
-            let mut lanes = [[0.0f32; LANES]; 3];
-            for lane in 0..LANES {
-                let query = queries[*members.get(lane).unwrap_or(&members[0]) as usize];
-                for axis in 0..3 {
-                    lanes[axis][lane] = query[axis];
-                }
+) -> Result<[Vec<Normal>; 2], PrepareError> {
+    let cubes = Cubes::new(points, radius, others.len())?;
+    let limit = floor_f32(radius * radius);
+    let mut of_points = vec![None; points.len()];
+    let mut of_others = vec![None; others.len()];
+    // All at once: lanes that the points leave empty are filled with other places.
+    cubes.batches(others, LANES, |batch| {
+        let query = |index: u32| {
+            let index = index as usize;
+            points.get(index).copied().unwrap_or_else(|| others[index - points.len()])
+        };
+        let (Some(&first), Some(&last)) = (batch.first(), batch.last()) else { return };
+        let runs = cubes.near(query(first), query(last));
+        let near = Near { points: cubes.points(), runs: &runs, limit };
+        // Lanes without a query repeat the first one.
+        let lanes: [[f32; 3]; LANES] = array::from_fn(|lane| query(*batch.get(lane).unwrap_or(&first)));
+        let queries = [0, 1, 2].map(|axis| lanes.map(|query| query[axis]));
+        let planes = widest(Fit { queries: &queries, viewpoint, near });
+        for (lane, &index) in batch.iter().enumerate() {
+            if (planes.count[lane] as usize) < MIN_NEIGHBOURS {
+                continue;
             }
-            let planes = widest(Fit { queries: &lanes, candidates: &candidates, limit });
-            for (lane, &member) in members.iter().enumerate() {
-                if (planes.count[lane] as usize) < MIN_NEIGHBOURS {
-                    continue;
-                }
-                let query = queries[member as usize];
-                let normal = planes.normals.map(|values| values[lane]);
-                let normal = if normal[0].is_nan() { fit_exactly(&candidates, query, limit) } else { normal };
-                normals[member as usize] = Some(towards(normal, query, viewpoint));
+            let normal = planes.normals.map(|values| values[lane]);
+            let normal = if normal[0].is_nan() { near.fit_exactly(lanes[lane], viewpoint) } else { normal };
+            let index = index as usize;
+            match of_points.get_mut(index) {
+                Some(place) => *place = Some(normal),
+                None => of_others[index - points.len()] = Some(normal),
             }
         }
-    }
-    normals
+    });
+    Ok([of_points, of_others])
 }
 
-/// The normal of one query, from sums in f64.
-fn fit_exactly(candidates: &[[f32; 3]], query: [f32; 3], limit: f32) -> [f64; 3] {
-    let mut n = 0.0f64;
-    let [mut sx, mut sy, mut sz] = [0.0f64; 3];
-    let [mut sxx, mut sxy, mut sxz, mut syy, mut syz, mut szz] = [0.0f64; 6];
-    for &point in candidates.iter().filter(|&&point| squared_distance(point, query) <= limit) {
-        let [x, y, z] = [0, 1, 2].map(|axis| f64::from(point[axis]) - f64::from(query[axis]));
-        n += 1.0;
-        (sx, sy, sz) = (sx + x, sy + y, sz + z);
-        (sxx, sxy, sxz) = (sxx + x * x, sxy + x * y, sxz + x * z);
-        (syy, syz, szz) = (syy + y * y, syz + y * z, szz + z * z);
+/// Where the neighbours of some queries are.
+#[derive(Clone, Copy)]
+struct Near<'a> {
+    points: &'a [[f32; 3]],
+    /// Positions in `points`; neighbours are not elsewhere.
+    runs: &'a [Range<usize>],
+    /// Largest d² of a neighbour.
+    limit: f32,
+}
+
+impl Near<'_> {
+    /// Every point that may be a neighbour, run by run.
+    #[inline(always)]
+    fn candidates(&self) -> impl Iterator<Item = &[[f32; 3]]> {
+        self.runs.iter().map(|run| &self.points[run.clone()])
     }
-    smallest_eigenvector([
-        n * sxx - sx * sx,
-        n * sxy - sx * sy,
-        n * sxz - sx * sz,
-        n * syy - sy * sy,
-        n * syz - sy * sz,
-        n * szz - sz * sz,
-    ])
+
+    /// The normal of one query, from sums in f64.
+    fn fit_exactly(&self, query: [f32; 3], viewpoint: [f32; 3]) -> [f32; 3] {
+        let mut n = 0.0f64;
+        let [mut sx, mut sy, mut sz] = [0.0f64; 3];
+        let [mut sxx, mut sxy, mut sxz, mut syy, mut syz, mut szz] = [0.0f64; 6];
+        let is_neighbour = |&&point: &&[f32; 3]| squared_distance(point, query) <= self.limit;
+        for &point in self.candidates().flatten().filter(is_neighbour) {
+            let [x, y, z] = [0, 1, 2].map(|axis| f64::from(point[axis]) - f64::from(query[axis]));
+            n += 1.0;
+            (sx, sy, sz) = (sx + x, sy + y, sz + z);
+            (sxx, sxy, sxz) = (sxx + x * x, sxy + x * y, sxz + x * z);
+            (syy, syz, szz) = (syy + y * y, syz + y * z, szz + z * z);
+        }
+        let normal = smallest_eigenvector([
+            n * sxx - sx * sx,
+            n * sxy - sx * sy,
+            n * sxz - sx * sz,
+            n * syy - sy * sy,
+            n * syz - sy * sz,
+            n * szz - sz * sz,
+        ]);
+        towards(normal, query, viewpoint)
+    }
 }
 
 /// What is fitted in each lane.
 struct Planes {
     /// Number of neighbours.
     count: [u32; LANES],
-    /// x, y, z; see [`smallest_eigenvectors`].
-    normals: [[f64; LANES]; 3],
+    /// x, y, z; NaN where f32 sums are not good enough.
+    normals: [[f32; LANES]; 3],
 }
 
-/// The kernel of [`fit`].
+/// The kernel of [`normals`].
 struct Fit<'a> {
     /// x, y, z.
     queries: &'a [[f32; LANES]; 3],
-    candidates: &'a [[f32; 3]],
-    /// Largest d² of a neighbour.
-    limit: f32,
+    viewpoint: [f32; 3],
+    near: Near<'a>,
 }
 
 impl NullaryFnOnce for Fit<'_> {
@@ -119,25 +137,28 @@ impl NullaryFnOnce for Fit<'_> {
         let mut count = [0u32; LANES];
         let [mut sx, mut sy, mut sz] = [[0.0f32; LANES]; 3];
         let [mut sxx, mut sxy, mut sxz, mut syy, mut syz, mut szz] = [[0.0f32; LANES]; 6];
-        for &[px, py, pz] in self.candidates {
-            for lane in 0..LANES {
-                let (x, y, z) = (px - qx[lane], py - qy[lane], pz - qz[lane]);
-                let d2 = x * x + y * y + z * z;
-                // Adding zero leaves a sum as it is: a candidate that is no neighbour might as well not be there.
-                // By bits, as a select of floats would be taken for a branch.
-                let mask = if d2 <= self.limit { u32::MAX } else { 0 };
-                let only = |value: f32| f32::from_bits(value.to_bits() & mask);
-                let (x, y, z) = (only(x), only(y), only(z));
-                count[lane] += mask & 1;
-                sx[lane] += x;
-                sy[lane] += y;
-                sz[lane] += z;
-                sxx[lane] += x * x;
-                sxy[lane] += x * y;
-                sxz[lane] += x * z;
-                syy[lane] += y * y;
-                syz[lane] += y * z;
-                szz[lane] += z * z;
+        let limit = self.near.limit;
+        for run in self.near.candidates() {
+            for &[px, py, pz] in run {
+                for lane in 0..LANES {
+                    let (x, y, z) = (px - qx[lane], py - qy[lane], pz - qz[lane]);
+                    let d2 = x * x + y * y + z * z;
+                    // Adding zero leaves a sum as it is: a candidate that is no neighbour might as well not be there.
+                    // By bits, as a select of floats would be taken for a branch.
+                    let mask = if d2 <= limit { u32::MAX } else { 0 };
+                    let only = |value: f32| f32::from_bits(value.to_bits() & mask);
+                    let (x, y, z) = (only(x), only(y), only(z));
+                    count[lane] += mask & 1;
+                    sx[lane] += x;
+                    sy[lane] += y;
+                    sz[lane] += z;
+                    sxx[lane] += x * x;
+                    sxy[lane] += x * y;
+                    sxz[lane] += x * z;
+                    syy[lane] += y * y;
+                    syz[lane] += y * z;
+                    szz[lane] += z * z;
+                }
             }
         }
         let mut covariance = [[0.0f64; LANES]; 6];
@@ -155,17 +176,22 @@ impl NullaryFnOnce for Fit<'_> {
             let trace = covariance[0][lane] + covariance[3][lane] + covariance[5][lane];
             is_spread[lane] = trace > LEAST_SPREAD * (xx + yy + zz);
         }
-        let mut normals = smallest_eigenvectors(&covariance);
+        let [x, y, z] = smallest_eigenvectors(&covariance);
+        let mut normals = [[0.0f32; LANES]; 3];
         for lane in 0..LANES {
-            normals[0][lane] = if is_spread[lane] { normals[0][lane] } else { f64::NAN };
+            let normal = if is_spread[lane] { [x[lane], y[lane], z[lane]] } else { [f64::NAN; 3] };
+            let normal = towards(normal, [qx[lane], qy[lane], qz[lane]], self.viewpoint);
+            (normals[0][lane], normals[1][lane], normals[2][lane]) = (normal[0], normal[1], normal[2]);
         }
         Planes { count, normals }
     }
 }
 
 /// The normal or its opposite, whichever does not point away from the viewpoint.
-fn towards(normal: [f64; 3], point: [f32; 3], viewpoint: [f32; 3]) -> [f32; 3] {
-    let [dx, dy, dz] = [0, 1, 2].map(|axis| f64::from(viewpoint[axis]) - f64::from(point[axis]));
-    let away = dx * normal[0] + dy * normal[1] + dz * normal[2] < 0.0;
-    normal.map(|component| (if away { -component } else { component }) as f32)
+#[inline(always)]
+fn towards([x, y, z]: [f64; 3], point: [f32; 3], viewpoint: [f32; 3]) -> [f32; 3] {
+    let to_viewpoint = |axis: usize| f64::from(viewpoint[axis]) - f64::from(point[axis]);
+    let away = to_viewpoint(0) * x + to_viewpoint(1) * y + to_viewpoint(2) * z < 0.0;
+    let turned = |component: f64| (if away { -component } else { component }) as f32;
+    [turned(x), turned(y), turned(z)]
 }

@@ -154,6 +154,18 @@ fn one_descriptor_alone_and_one_without_colour_are_the_definition() {
 }
 
 #[test]
+fn tables_of_few_radii_and_of_many_are_the_definition() {
+    let cloud = sheet(4, 600);
+    for disks in 1..=6 {
+        let mut domains = GENES.each_ref().map(|spec| Domain::fixed(Parameters::PAPER_BEST.ticks(spec.kind)));
+        domains[crate::GeneKind::DiskRadius as usize] = Domain { low: 9_000, step: 2_000, count: disks };
+        let quantiser = Quantiser::new(&GeneTable::new(domains, true).unwrap()).unwrap();
+        let disk_um = 9_000 + 2_000 * (disks - 1);
+        check_rows(&cloud, &quantiser, &Parameters { disk_um, ..Parameters::PAPER_BEST });
+    }
+}
+
+#[test]
 fn millimetres_are_metres() {
     let mut cloud = sheet(5, 500);
     // Coordinates whose thousandfold and back are exact enough to stay in their voxel.

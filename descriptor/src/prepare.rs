@@ -77,9 +77,8 @@ impl Normals {
     /// # Errors
     /// [`Skip::NoKeypointWithNormal`], or too many points.
     pub fn new(cloud: &Cloud, keypoints: &Keypoints, preprocess: &Preprocess) -> Result<Self, PrepareError> {
-        let queries = [cloud.points.as_slice(), &keypoints.points];
         let [cloud, of_keypoints] =
-            normals(&cloud.points, queries, preprocess.normal_radius(), cloud.viewpoint)?;
+            normals(&cloud.points, &keypoints.points, preprocess.normal_radius(), cloud.viewpoint)?;
         if of_keypoints.iter().all(Option::is_none) {
             return Err(Skip::NoKeypointWithNormal { keypoints: keypoints.len() }.into());
         }

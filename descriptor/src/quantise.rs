@@ -130,15 +130,15 @@ impl Quantiser {
         self.radius_steps.len()
     }
 
-    /// Number of radii R with d² > R²: the shell that a neighbour lies in; `slice` is that of d².
-    #[inline]
-    pub(crate) fn shell_in(&self, slice: u16, d2: f32) -> usize {
-        self.radius_steps.below_in(slice, d2)
+    /// For every radius, ascending, the largest d² of a neighbour within it, square metres.
+    pub(crate) fn squared_radii(&self) -> &[f32] {
+        self.radius_steps.thresholds()
     }
 
-    /// Finds the slice of a d².
-    pub(crate) fn shell_slicer(&self) -> Slicer {
-        self.radius_steps.slicer()
+    /// Number of radii R with d² > R²: the shell that a neighbour lies in.
+    #[inline]
+    pub(crate) fn shell(&self, d2: f32) -> usize {
+        self.radius_steps.below(d2)
     }
 
     /// Class of the angle between two unit normals, from its cosine; `slice` is that of the negative cosine.

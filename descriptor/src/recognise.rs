@@ -76,14 +76,37 @@ pub fn recognise_from(
 ) -> Result<Vec<Match>, RecogniseError> {
     assert_eq!(shape.columns(), labels.len(), "one label for each cloud of the database");
     assert_eq!(colour.columns(), labels.len(), "one label for each cloud of the database");
-    (0..queries)
-        .into_par_iter()
-        .map(|query| {
-            let parts = shape.row(query).iter().zip(colour.row(query));
-            nearest(parts.map(|(&shape, &colour)| weighted(shape, colour, shape_weight)), labels)
-                .ok_or(RecogniseError::EmptyDatabase)
-        })
-        .collect()
+    let distances = |query| {
+        let parts = shape.row(query).iter().zip(colour.row(query));
+        parts.map(|(&shape, &colour)| weighted(shape, colour, shape_weight))
+    };
+    matches(queries, distances, labels)
+}
+
+/// As [`recognise_from`], for a descriptor of one part.
+///
+/// # Errors
+/// [`RecogniseError::EmptyDatabase`] if there are queries but no cloud to match with.
+///
+/// # Panics
+/// If the matrix and the labels differ in size: a programming error.
+pub fn recognise_by(
+    queries: usize,
+    distances: &DistanceMatrix,
+    labels: &[Label],
+) -> Result<Vec<Match>, RecogniseError> {
+    assert_eq!(distances.columns(), labels.len(), "one label for each cloud of the database");
+    matches(queries, |query| distances.row(query).iter().map(|&distance| f64::from(distance)), labels)
+}
+
+/// Matches every query, by the current rayon pool.
+fn matches<I: Iterator<Item = f64>>(
+    queries: usize,
+    distances: impl Fn(usize) -> I + Sync,
+    labels: &[Label],
+) -> Result<Vec<Match>, RecogniseError> {
+    let found = |query| nearest(distances(query), labels).ok_or(RecogniseError::EmptyDatabase);
+    (0..queries).into_par_iter().map(found).collect()
 }
 
 /// The nearest cloud and the nearest of another object, in one pass; `None` without clouds.
@@ -125,10 +148,19 @@ pub struct Correct {
 impl Correct {
     /// Counts the matches of queries that show `queries` with a database that shows `database`.
     pub fn count(matches: &[Match], queries: &[Label], database: &[Label]) -> Self {
-        assert_eq!(matches.len(), queries.len(), "one label for each query");
+        Self::of_nearest(matches.iter().map(|found| found.nearest.index), queries, database)
+    }
+
+    /// As [`Correct::count`], from the index of each query's nearest cloud.
+    pub fn of_nearest(
+        nearest: impl ExactSizeIterator<Item = u32>,
+        queries: &[Label],
+        database: &[Label],
+    ) -> Self {
+        assert_eq!(nearest.len(), queries.len(), "one label for each query");
         let mut correct = Self { queries: queries.len(), ..Self::default() };
-        for (found, query) in matches.iter().zip(queries) {
-            let named = database[found.nearest.index as usize];
+        for (index, query) in nearest.zip(queries) {
+            let named = database[index as usize];
             correct.object += usize::from(named.instance == query.instance);
             correct.category += usize::from(named.category == query.category);
         }

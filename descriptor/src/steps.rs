@@ -55,7 +55,7 @@ impl Steps {
     }
 
     /// Number of thresholds below `value`.
-    #[cfg(test)]
+    #[inline]
     pub(crate) fn below(&self, value: f32) -> usize {
         self.below_in(self.slicer.slice(value), value)
     }
@@ -71,6 +71,11 @@ impl Steps {
             count += 1;
         }
         count
+    }
+
+    /// The thresholds, ascending.
+    pub(crate) fn thresholds(&self) -> &[f32] {
+        &self.thresholds
     }
 
     /// Finds slices.

@@ -5,7 +5,7 @@ use std::borrow::Borrow;
 use pulp::NullaryFnOnce;
 use rayon::prelude::*;
 
-use crate::distance::chi_squared;
+use crate::distance::{SetDistance, chi_squared, l1};
 use crate::histogram::Half;
 use crate::prepare::PreparedCloud;
 use crate::quantise::Binning;
@@ -35,7 +35,16 @@ impl Part {
 
     /// χ² distance of the centroids plus that of the deviations.
     pub fn distance(&self, other: &Self) -> f32 {
-        chi_squared(&self.centroid, &other.centroid) + chi_squared(&self.deviation, &other.deviation)
+        self.distance_by(SetDistance::ChiSquared, other)
+    }
+
+    /// Distance of the centroids plus that of the deviations.
+    pub fn distance_by(&self, distance: SetDistance, other: &Self) -> f32 {
+        let of_two = match distance {
+            SetDistance::ChiSquared => chi_squared,
+            SetDistance::L1 => l1,
+        };
+        of_two(&self.centroid, &other.centroid) + of_two(&self.deviation, &other.deviation)
     }
 }
 
@@ -131,9 +140,9 @@ pub fn summarise<C: Borrow<PreparedCloud> + Sync>(clouds: &[C], binning: &Binnin
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Parts {
     /// Values of one cloud: half of them its centroid, half its deviation.
-    width: usize,
-    clouds: usize,
-    values: Vec<f32>,
+    pub(crate) width: usize,
+    pub(crate) clouds: usize,
+    pub(crate) values: Vec<f32>,
 }
 
 impl Parts {

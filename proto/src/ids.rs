@@ -6,6 +6,7 @@
 //! ```
 
 use std::fmt;
+use std::str::FromStr;
 
 /// An id on the wire that has the wrong length.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -42,7 +43,7 @@ macro_rules! byte_id {
 
         impl fmt::Display for $name {
             fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+                f.write_str(&hex(&self.0))
             }
         }
 
@@ -61,7 +62,7 @@ byte_id!(
     "worker_id"
 );
 byte_id!(
-    /// One start of a coordinator.
+    /// One run of a coordinator, through all its starts.
     SessionId,
     16,
     "session_id"
@@ -73,6 +74,44 @@ byte_id!(
     "digest"
 );
 
+byte_id!(
+    /// SHA-256 of a certificate's DER, as `openssl x509 -fingerprint -sha256` shows it.
+    Fingerprint,
+    32,
+    "fingerprint"
+);
+
+/// A text that is no fingerprint.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("fingerprint: must be 64 hex digits\ncopy it again, whole")]
+pub struct InvalidFingerprint;
+
+impl FromStr for Fingerprint {
+    type Err = InvalidFingerprint;
+
+    /// Colons between the digits do not matter, nor does the case.
+    fn from_str(text: &str) -> Result<Self, InvalidFingerprint> {
+        parse_hex(&text.replace(':', "")).map(Self).ok_or(InvalidFingerprint)
+    }
+}
+
+/// Two lower-case hex digits a byte.
+pub(crate) fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// The bytes of exactly two hex digits each.
+pub(crate) fn parse_hex<const N: usize>(text: &str) -> Option<[u8; N]> {
+    if text.len() != 2 * N || !text.bytes().all(|digit| digit.is_ascii_hexdigit()) {
+        return None;
+    }
+    let mut bytes = [0; N];
+    for (index, byte) in bytes.iter_mut().enumerate() {
+        *byte = u8::from_str_radix(&text[2 * index..2 * index + 2], 16).ok()?;
+    }
+    Some(bytes)
+}
+
 impl Digest {
     /// The digest of `bytes`.
     pub fn of(bytes: &[u8]) -> Self {
@@ -80,7 +119,7 @@ impl Digest {
     }
 }
 
-/// A job of one session.
+/// A job of one session: named by what it asks, and so the same in every start of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct JobId(pub u64);
 

@@ -3,8 +3,10 @@
 //! `descry/v1/coordinator.proto` is the manual.
 
 mod ids;
+mod join;
 
-pub use ids::{Digest, InvalidId, JobId, Lease, SessionId, WorkerId};
+pub use ids::{Digest, Fingerprint, InvalidFingerprint, InvalidId, JobId, Lease, SessionId, WorkerId};
+pub use join::{DEFAULT_PORT, InvalidJoinAddress, InvalidToken, JoinAddress, Token, Trust};
 
 /// Messages, client and server of `descry.v1`.
 pub mod v1 {
@@ -17,8 +19,10 @@ pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "
 
 /// Must be equal on both sides.
 pub const PROTOCOL_MAJOR: u32 = 1;
-/// Grows when the protocol grows; never compared.
-pub const PROTOCOL_MINOR: u32 = 1;
+/// Grows when the protocol grows.
+pub const PROTOCOL_MINOR: u32 = 2;
+/// The least that a worker must know: descriptions and tiles.
+pub const LEAST_PROTOCOL_MINOR: u32 = 2;
 
 /// The largest message either side accepts, bytes: some 300 000 matches of one final test.
 pub const MAX_MESSAGE_BYTES: usize = 16 << 20;
@@ -32,6 +36,9 @@ pub const MAX_NAME_BYTES: usize = 64;
 pub const MAX_TEXT_BYTES: usize = 1024;
 /// The most leases, reports or wanted jobs in one poll.
 pub const MAX_POLL_ITEMS: usize = 256;
+
+/// The longest description of a shard, bytes: several of them fit into one poll.
+pub const MAX_DESCRIPTION_BYTES: u64 = 2 << 20;
 
 /// The most descriptors in one grid cell: their counts travel in one message.
 pub const MAX_CELL: u64 = 1 << 20;

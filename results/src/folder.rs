@@ -14,6 +14,7 @@ use crate::file::{is_temporary, names, sync_folder, write_whole};
 use crate::frame;
 use crate::parquet;
 use crate::population::PopulationSummary;
+use crate::proceedings::{self, Proceedings};
 use crate::read::generation_file;
 use crate::rows::{EvaluationRow, GenerationRow, PredictionRow, PredictionSplit, RunRow, SkippedRow};
 use crate::tables::{Table, TableName};
@@ -24,18 +25,21 @@ const RUN_FILE: &str = "run.parquet";
 const SKIPPED_FILE: &str = "skipped.parquet";
 
 /// Order in which tables vanish when a run is discarded: what says "whole" first, what it speaks of after it.
-const DISCARD_ORDER: [TableName; 5] = [
+const DISCARD_ORDER: [TableName; 8] = [
     TableName::Run,
     TableName::Generations,
     TableName::Evaluations,
     TableName::Predictions,
     TableName::Skipped,
+    TableName::Workers,
+    TableName::Attempts,
+    TableName::Events,
 ];
 
 /// A run folder that this process writes to. No other process can open it while this value lives.
 ///
 /// Files become visible only whole, in this order: a generation's `evaluations`, its row of `generations`; at the
-/// end `predictions`, `skipped`, and last `run/run.parquet`, which marks the run as finished. A folder whose
+/// end `predictions`, `skipped`, `workers`, `attempts`, `events`, and last `run/run.parquet`, which marks the run as finished. A folder whose
 /// process was killed at any point can be opened again; what is visible in it is sound.
 #[derive(Debug)]
 pub struct RunFolder {
@@ -110,6 +114,37 @@ impl RunFolder {
         Ok(rows_digest)
     }
 
+    /// Whether the generation that is there in this place is this one, in everything that the run digest covers.
+    ///
+    /// # Errors
+    /// As [`RunFolder::write_generation`]; one that is there and cannot be read is not this one.
+    pub fn has(&self, individuals: &[EvaluationRow], row: &GenerationRow) -> Result<bool, Error> {
+        let evaluations = self.table(TableName::Evaluations)?;
+        let generations = self.table(TableName::Generations)?;
+        let frame = frame::evaluations(&self.genes, individuals)?;
+        let Some(summary) = PopulationSummary::of(individuals) else { return Ok(false) };
+        let expected = digest::generation_rows(
+            (&evaluations, &frame),
+            (&generations, &frame::generation(row, &summary)?),
+        )?;
+        Ok(Parts::generation(&self.folder, row.generation).is_ok_and(|found| found == expected))
+    }
+
+    /// Removes every generation after the first `kept`, the last one first.
+    pub fn truncate(&mut self, kept: u32) -> Result<(), Error> {
+        self.refuse_if_finished()?;
+        while self.generations > kept {
+            let name = generation_file(self.generations);
+            for table in [TableName::Generations, TableName::Evaluations] {
+                let folder = self.folder.join(table.as_str());
+                remove(&folder, |other| other == name)?;
+                sync_folder(&folder)?;
+            }
+            self.generations -= 1;
+        }
+        Ok(())
+    }
+
     /// Writes the winner's predictions of one split, in query order.
     pub fn write_predictions(&self, split: PredictionSplit, rows: &[PredictionRow]) -> Result<(), Error> {
         self.refuse_if_finished()?;
@@ -121,6 +156,20 @@ impl RunFolder {
     pub fn write_skipped(&self, rows: &[SkippedRow]) -> Result<(), Error> {
         self.refuse_if_finished()?;
         self.write(&self.table(TableName::Skipped)?, frame::skipped(rows)?, SKIPPED_FILE)
+    }
+
+    /// Writes what happened beside the results; also if nothing did, so that readers find the tables.
+    pub fn write_proceedings(&self, proceedings: &Proceedings) -> Result<(), Error> {
+        self.refuse_if_finished()?;
+        let Proceedings { workers, attempts, events } = proceedings;
+        for (name, frame) in [
+            (TableName::Workers, proceedings::workers(workers)?),
+            (TableName::Attempts, proceedings::attempts(attempts)?),
+            (TableName::Events, proceedings::events(events)?),
+        ] {
+            self.write(&self.table(name)?, frame, &format!("{name}.parquet"))?;
+        }
+        Ok(())
     }
 
     /// Computes the run digest from the files as written, writes the run's row and with it finishes the run.
@@ -214,6 +263,9 @@ fn is_ours(table: TableName, name: &str) -> bool {
             PredictionSplit::ALL.iter().any(|split| name.strip_suffix(".parquet") == Some(split.as_str()))
         }
         TableName::Skipped => name == SKIPPED_FILE,
+        TableName::Workers | TableName::Attempts | TableName::Events => {
+            name.strip_suffix(".parquet") == Some(table.as_str())
+        }
         TableName::Run => name == RUN_FILE,
         TableName::Cells
         | TableName::Best

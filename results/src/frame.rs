@@ -209,7 +209,7 @@ pub(crate) fn time(name: &str, at: SystemTime) -> Cell {
 }
 
 /// Milliseconds since the Unix epoch, negative before it.
-fn milliseconds(at: SystemTime) -> i64 {
+pub(crate) fn milliseconds(at: SystemTime) -> i64 {
     let whole = |span: Duration| i64::try_from(span.as_millis()).unwrap_or(i64::MAX);
     match at.duration_since(SystemTime::UNIX_EPOCH) {
         Ok(after) => whole(after),

@@ -15,6 +15,7 @@ mod digest;
 mod frame;
 mod parquet;
 mod population;
+mod proceedings;
 mod schema;
 
 mod file;
@@ -23,6 +24,8 @@ mod grid;
 mod read;
 mod recorded;
 mod verify;
+
+mod statistics;
 
 pub use columns::{Column, ColumnKind, GeneColumn};
 pub use error::Error;
@@ -33,6 +36,7 @@ pub use grid::{
 };
 pub use parquet::SCHEMA_VERSION;
 pub use population::PopulationSummary;
+pub use proceedings::{AttemptRow, EventRow, Proceedings, WorkerRow};
 pub use read::{FinishedRun, read_run, read_table};
 pub use recorded::{RecordedEvaluation, read_evaluations};
 pub use rows::{
@@ -40,6 +44,7 @@ pub use rows::{
     SkippedRow,
 };
 pub use schema::schema_markdown;
+pub use statistics::wilson;
 pub use tables::{Table, TableName};
 pub use verify::{Problem, Verification, run_digest, verify};
 

@@ -18,6 +18,12 @@ pub enum TableName {
     Predictions,
     /// A row a cloud that took no part.
     Skipped,
+    /// A row a worker, each time that it joined.
+    Workers,
+    /// A row an attempt that has ended.
+    Attempts,
+    /// A row a thing that happened and is worth telling.
+    Events,
     /// One row: the run itself.
     Run,
     /// A row a descriptor of one cell of the grid.
@@ -36,8 +42,16 @@ pub enum TableName {
 
 impl TableName {
     /// The tables of a run folder.
-    pub const RUN: [Self; 5] =
-        [Self::Evaluations, Self::Generations, Self::Predictions, Self::Skipped, Self::Run];
+    pub const RUN: [Self; 8] = [
+        Self::Evaluations,
+        Self::Generations,
+        Self::Predictions,
+        Self::Skipped,
+        Self::Workers,
+        Self::Attempts,
+        Self::Events,
+        Self::Run,
+    ];
     /// The tables of a grid folder.
     pub const GRID: [Self; 6] =
         [Self::Cells, Self::Best, Self::Marginals, Self::Landscapes, Self::Counts, Self::Grid];
@@ -49,6 +63,9 @@ impl TableName {
             Self::Generations => "generations",
             Self::Predictions => "predictions",
             Self::Skipped => "skipped",
+            Self::Workers => "workers",
+            Self::Attempts => "attempts",
+            Self::Events => "events",
             Self::Run => "run",
             Self::Cells => "cells",
             Self::Best => "best",
@@ -67,6 +84,9 @@ impl TableName {
             Self::Generations
             | Self::Predictions
             | Self::Skipped
+            | Self::Workers
+            | Self::Attempts
+            | Self::Events
             | Self::Marginals
             | Self::Landscapes
             | Self::Counts => None,
@@ -106,6 +126,15 @@ impl Table {
                 ("a query cloud of the winner's validation or final test", &["split", "query"], predictions())
             }
             TableName::Skipped => ("a cloud that took no part", &["split", "cloud"], skipped()),
+            TableName::Workers => {
+                ("a worker, from when it joined to when it went", &["worker", "joined_at"], workers())
+            }
+            TableName::Attempts => (
+                "an attempt at a job that has ended; a late answer to it makes a second row",
+                &["job", "attempt", "ended_at"],
+                attempts(),
+            ),
+            TableName::Events => ("something worth telling that happened", &["at"], events()),
             TableName::Run => ("the run; the table has one row, written last", &["name"], run(genes)),
             TableName::Cells => ("a descriptor; a file has those of one R1 and one R2", &[], cells(genes)),
             TableName::Best => {
@@ -188,11 +217,19 @@ fn evaluations(genes: &[GeneColumn]) -> Vec<Column> {
             .in_digest(),
         Column::new("elite", Bool, "", "copied unmutated from the previous generation"),
         Column::new("remembered", Bool, "", "taken from an earlier evaluation instead of computed"),
-        Column::new("worker", Text, "", "name of the worker; null if remembered").nullable(),
-        Column::new("attempt", U32, "", "attempt that gave the result, from 1; null if remembered")
+        Column::new("worker", Text, "", "name of the worker, or `N workers` of pieces; null if remembered")
             .nullable(),
-        Column::new("queued_seconds", F64, "s", "wait for a worker; null if remembered").nullable(),
-        Column::new("run_seconds", F64, "s", "time on the worker; null if remembered").nullable(),
+        Column::new(
+            "attempt",
+            U32,
+            "",
+            "attempt that gave the result, from 1, the last of pieces; null as that",
+        )
+        .nullable(),
+        Column::new("queued_seconds", F64, "s", "wait for a worker, of the first of pieces; null as that")
+            .nullable(),
+        Column::new("run_seconds", F64, "s", "time on the worker, the sum of pieces; null as that")
+            .nullable(),
     ]);
     columns
 }
@@ -264,6 +301,60 @@ fn skipped() -> Vec<Column> {
         Column::new("split", Text, "", "split that lists the cloud"),
         Column::new("cloud", Text, "", "path below the data root"),
         Column::new("reason", Text, "", "why it took no part"),
+    ]
+}
+
+fn workers() -> Vec<Column> {
+    vec![
+        Column::new("worker", Text, "", "unique name of the worker"),
+        Column::new("id", Text, "", "random id that it made when it started, hexadecimal"),
+        Column::new("threads", U32, "", "threads that evaluate"),
+        Column::new("build", Text, "", "build of the worker"),
+        Column::new(
+            "credential",
+            Text,
+            "",
+            "token, or certificate and fingerprint; null where nothing is asked for",
+        )
+        .nullable(),
+        Column::new("joined_at", Timestamp, "UTC", "when it registered"),
+        Column::new("gone_at", Timestamp, "UTC", "when it went; null if it was there to the end").nullable(),
+        Column::new(
+            "departure",
+            Text,
+            "",
+            "left, lost, quarantined, denied or ended (with the coordinator's process); null as that",
+        )
+        .nullable(),
+        Column::new("leases", U32, "", "jobs it had in hand when it went; null as that").nullable(),
+        Column::new("answers", U64, "", "valid answers it had given when it went; null as that").nullable(),
+    ]
+}
+
+fn attempts() -> Vec<Column> {
+    let ends = "answered (first), agreed or disagreed (with an earlier answer), late (after it was given up), failed, \
+                overdue, undelivered, revoked, left, lost, quarantined, denied or dropped (the run ended)";
+    vec![
+        Column::new("job", U64, "", "number of the job"),
+        Column::new("attempt", U32, "", "attempt at it, from 1"),
+        Column::new("worker", Text, "", "name of the worker"),
+        Column::new("task", Text, "", "what was asked"),
+        Column::new("handed_out_at", Timestamp, "UTC", "when the worker got it"),
+        Column::new("ended_at", Timestamp, "UTC", "when it ended"),
+        Column::new("end", Text, "", ends),
+        Column::new("reason", Text, "", "what more there is to say of the end").nullable(),
+        Column::new("run_seconds", F64, "s", "time on the worker, if it reported").nullable(),
+    ]
+}
+
+fn events() -> Vec<Column> {
+    let kinds = "lost, quarantined, denied, disagreement, undecided, rewind, unaudited, starving or omitted (rows that had no room)";
+    vec![
+        Column::new("at", Timestamp, "UTC", "when"),
+        Column::new("event", Text, "", kinds),
+        Column::new("worker", Text, "", "whom it is about").nullable(),
+        Column::new("generation", U32, "", "generation that the run went back to").nullable(),
+        Column::new("message", Text, "", "what happened, for people"),
     ]
 }
 
@@ -347,6 +438,8 @@ fn cells(genes: &[GeneColumn]) -> Vec<Column> {
     let mut columns: Vec<Column> = genes.iter().map(|gene| gene.column("")).collect();
     let meaning = "first training set's clouds whose nearest cloud is of the same object";
     columns.push(Column::new("object_correct", U32, "clouds", meaning));
+    let meaning = "id of the worker that counted them, hexadecimal; null if not known";
+    columns.push(Column::new("worker_id", Text, "", meaning).nullable());
     columns
 }
 

@@ -225,12 +225,17 @@ pub(crate) struct Parts {
 }
 
 impl Parts {
+    /// The digest of one generation's rows, from its files.
+    pub(crate) fn generation(run: &Path, generation: u32) -> Result<Hash, Error> {
+        let (evaluations, row) = read_generation(run, generation)?;
+        digest::generation_rows(evaluations.rows(), row.rows())
+    }
+
     /// Computes them from the files of a folder, one generation in memory at a time.
     pub(crate) fn read(run: &Path, generations: u32) -> Result<Self, Error> {
         let mut digests = Vec::new();
         for generation in 1..=generations {
-            let (evaluations, row) = read_generation(run, generation)?;
-            digests.push(digest::generation_rows(evaluations.rows(), row.rows())?);
+            digests.push(Self::generation(run, generation)?);
         }
         let mut files = Vec::new();
         for file in table_files(run, TableName::Predictions)? {

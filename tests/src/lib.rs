@@ -1,1 +1,11 @@
-//! End-to-end tests: see `tests/it`. The library is empty; the binaries are what the tests start.
+//! What tests, benchmarks and programs that are started by hand share.
+//!
+//! - `process`: the harness: programs, their logs, waiting for states
+//! - `experiments`: small experiments on synthetic clouds
+//! - `readers`: every reader of bytes from outside, for the fuzz drivers
+
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+
+pub mod experiments;
+pub mod process;
+pub mod readers;

@@ -7,10 +7,10 @@ use proto::v1::coordinator_client::CoordinatorClient;
 use proto::{Digest, MAX_BLOB_BYTES, v1};
 use tokio::sync::Semaphore;
 use tokio::task::spawn_blocking;
-use tonic::transport::Channel;
 use tonic::{Code, Status, Streaming};
 
 use crate::backoff::Backoff;
+use crate::link::Link;
 use crate::store::{MAX_ENTRY_BYTES, Store};
 
 /// Why a blob is not to be had.
@@ -55,7 +55,7 @@ const RETRIES: u32 = 6;
 /// The coordinator's blobs and entries.
 #[derive(Debug)]
 pub struct Blobs {
-    client: CoordinatorClient<Channel>,
+    client: CoordinatorClient<Link>,
     /// Where copies of blobs are kept; `None` for a worker inside the coordinator's process, which has them all, and
     /// whose store is the coordinator's.
     copies: Option<Arc<Store>>,
@@ -67,7 +67,7 @@ pub struct Blobs {
 
 impl Blobs {
     /// Blobs from `client`, with copies kept in `copies`.
-    pub fn new(client: CoordinatorClient<Channel>, copies: Option<Arc<Store>>) -> Self {
+    pub fn new(client: CoordinatorClient<Link>, copies: Option<Arc<Store>>) -> Self {
         Self {
             client,
             copies,
@@ -97,6 +97,12 @@ impl Blobs {
             bytes
         });
         kept.await.map_err(|_| BlobError::Stopping { digest })
+    }
+
+    /// The bytes with this digest, if the coordinator gives them; nothing of them is kept on the disk. `None` for
+    /// whatever goes wrong: what is asked for can be made here just as well.
+    pub async fn given(&self, digest: Digest) -> Option<Vec<u8>> {
+        self.fetch(digest).await.ok()
     }
 
     /// An entry of the coordinator's store, unchecked; `None` if it has none or is this process, if nothing is kept

@@ -1,20 +1,45 @@
 //! The `worker` program: options, connection, signals.
 
+use std::convert::Infallible;
+use std::fmt;
+use std::fs::File;
 use std::future::Future;
-use std::io::IsTerminal as _;
+use std::io::{IsTerminal as _, Read as _};
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::str::FromStr;
 use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
 use clap::Parser;
-use tonic::transport::{Endpoint, Uri};
+use proto::JoinAddress;
 
 use crate::store::Store;
-use crate::{Identity, Options, StorageArgs};
+use crate::{Identity, Options, StorageArgs, link};
 
-/// The coordinator's port unless an address names another.
-const DEFAULT_PORT: u16 = 7700;
+/// Where `--tls` has an address, too.
+const JOIN_FILE: &str = "join";
+/// The longest address that is read from a file, bytes.
+const MAX_ADDRESS_BYTES: u64 = 4096;
+
+/// An address as it was given, perhaps with a token: no debug output shows it.
+#[derive(Clone)]
+struct Address(String);
+
+impl FromStr for Address {
+    type Err = Infallible;
+
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        Ok(Self(text.to_owned()))
+    }
+}
+
+impl fmt::Debug for Address {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Address(…)")
+    }
+}
 
 /// Computes evaluations for a coordinator. May join and leave at any time.
 ///
@@ -22,9 +47,17 @@ const DEFAULT_PORT: u16 = 7700;
 #[derive(Debug, Parser)]
 #[command(name = "worker", version, about, long_about)]
 pub struct Cli {
-    /// Address of the coordinator, for example http://192.0.2.7:7700
-    #[arg(long, env = "DESCRY_COORDINATOR", value_name = "URL")]
-    coordinator: String,
+    /// Address of the coordinator, for example http://192.0.2.7:7700; one with a token belongs into the environment or
+    /// a file, because every user of a machine can read the arguments of its programs
+    #[arg(long, env = "DESCRY_COORDINATOR", hide_env_values = true, value_name = "URL")]
+    coordinator: Option<Address>,
+    /// File that holds the address of the coordinator, for example join
+    #[arg(long, value_name = "FILE")]
+    coordinator_file: Option<PathBuf>,
+    /// Folder with the certificate that lets this worker in, as `coordinator certs --worker NAME` makes it, for example
+    /// lab-pc-3; the address may be in it, too
+    #[arg(long, value_name = "DIR")]
+    tls: Option<PathBuf>,
     /// Threads that evaluate, for example 8; all cores by default
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     threads: Option<u32>,
@@ -71,8 +104,8 @@ async fn serve(cli: Cli) -> anyhow::Result<()> {
         Some(threads) => threads,
         None => std::thread::available_parallelism().map_or(1, |cores| cores.get() as u32),
     };
-    let name = match cli.name {
-        Some(name) => name,
+    let name = match &cli.name {
+        Some(name) => name.clone(),
         None => {
             hostname::get().map_or_else(|_| "worker".to_owned(), |name| name.to_string_lossy().into_owned())
         }
@@ -83,15 +116,10 @@ async fn serve(cli: Cli) -> anyhow::Result<()> {
         proto::MAX_NAME_BYTES,
         name.len()
     );
-    let endpoint = endpoint(&cli.coordinator)?;
-    if !is_loopback(endpoint.uri().host().unwrap_or_default()) {
-        tracing::warn!("the connection is not encrypted: use it inside a trusted network only");
-    }
-    tracing::info!(
-        "looking for the coordinator at {}",
-        endpoint.uri().authority().map_or("", |host| host.as_str())
-    );
-    let channel = endpoint.connect_lazy();
+    let address = join_address(&cli)?;
+    warn_of(&address);
+    tracing::info!("looking for the coordinator at {address}");
+    let link = link(&address, cli.tls.as_deref())?;
     let storage = cli.storage.resolve();
     tracing::info!("memory for clouds: {} (--memory)", storage.memory);
     let options = Options {
@@ -101,52 +129,51 @@ async fn serve(cli: Cli) -> anyhow::Result<()> {
         source_blobs: true,
         patience: cli.patience.map(Duration::from_secs),
     };
-    crate::run(channel, options, stop_signal()?).await?;
+    crate::run(link, options, stop_signal()?).await?;
     Ok(())
 }
 
-/// The connection's settings. Also accepts an address without `http://`, and adds the usual port.
-fn endpoint(address: &str) -> anyhow::Result<Endpoint> {
-    let wrong = |what: &str| {
-        anyhow::anyhow!("--coordinator: {what}, got {address}\nwrite it like http://192.0.2.7:{DEFAULT_PORT}")
+/// The join address, from the first of `--coordinator-file`, `--coordinator` and the folder of `--tls`.
+fn join_address(cli: &Cli) -> anyhow::Result<JoinAddress> {
+    let join = cli.tls.as_ref().map(|folder| folder.join(JOIN_FILE));
+    let address: JoinAddress = match (&cli.coordinator_file, &cli.coordinator, join) {
+        (Some(file), _, _) => read_address(file)?.parse()?,
+        (None, Some(Address(address)), _) => address.parse()?,
+        (None, None, Some(file)) => read_address(&file)?.parse()?,
+        (None, None, None) => anyhow::bail!(
+            "--coordinator: which one, got no address\ngive its address, or a file that holds it with --coordinator-file"
+        ),
     };
-    let url = if address.contains("://") { address.to_owned() } else { format!("http://{address}") };
-    let uri: Uri = url.parse().map_err(|_| wrong("must be an address"))?;
-    match uri.scheme_str() {
-        Some("http") => {}
-        Some("https") => return Err(wrong("encrypted connections are not supported yet")),
-        _ => return Err(wrong("must begin with http://")),
+    anyhow::ensure!(
+        cli.tls.is_none() || address.trust.is_some(),
+        "--tls: needs an encrypted connection, got {address}\nuse a join address that begins with https://"
+    );
+    Ok(address)
+}
+
+/// The first line of a small file.
+fn read_address(file: &Path) -> anyhow::Result<String> {
+    let advice = "copy the join address that `coordinator certs` has made there";
+    let mut text = String::new();
+    let read = File::open(file).and_then(|file| file.take(MAX_ADDRESS_BYTES).read_to_string(&mut text));
+    read.map_err(|error| anyhow::anyhow!("{}: cannot be read, got {error}\n{advice}", file.display()))?;
+    Ok(text.lines().next().unwrap_or_default().trim().to_owned())
+}
+
+/// Says what an operator may have overlooked.
+fn warn_of(address: &JoinAddress) {
+    if address.trust.is_none() && !is_loopback(&address.host) {
+        tracing::warn!("the connection is not encrypted: use it inside a trusted network only");
     }
-    let authority = uri.authority().filter(|authority| !authority.host().is_empty());
-    let Some(authority) = authority.filter(|authority| !authority.as_str().contains('@')) else {
-        return Err(wrong("must name a host"));
-    };
-    if uri.query().is_some() || !matches!(uri.path(), "" | "/") {
-        return Err(wrong("must be a host and a port only"));
+    if std::env::args_os().any(|argument| argument.to_string_lossy().contains("token=")) {
+        tracing::warn!(
+            "every user of this machine can read the token in the list of processes: give the address with --coordinator-file or DESCRY_COORDINATOR"
+        );
     }
-    // What follows the host must be a port or nothing; the parser lets more pass.
-    let port = match authority.as_str().strip_prefix(authority.host()) {
-        Some("") => DEFAULT_PORT,
-        Some(port) => match port.strip_prefix(':').map(str::parse) {
-            Some(Ok(port)) if port > 0 => port,
-            _ => return Err(wrong("port must be a number from 1 to 65535")),
-        },
-        None => return Err(wrong("must be a host and a port only")),
-    };
-    let endpoint = Endpoint::from_shared(format!("http://{}:{port}", authority.host()));
-    Ok(endpoint
-        .map_err(|_| wrong("must be an address"))?
-        .connect_timeout(Duration::from_secs(5))
-        // A cable that was pulled gives no error: ask the other side whether it is still there.
-        .http2_keep_alive_interval(Duration::from_secs(10))
-        .keep_alive_timeout(Duration::from_secs(10))
-        .keep_alive_while_idle(true)
-        .tcp_nodelay(true))
 }
 
 fn is_loopback(host: &str) -> bool {
-    let address = host.trim_start_matches('[').trim_end_matches(']');
-    host == "localhost" || address.parse::<std::net::IpAddr>().is_ok_and(|address| address.is_loopback())
+    host == "localhost" || host.parse::<std::net::IpAddr>().is_ok_and(|address| address.is_loopback())
 }
 
 /// Ready when the process gets SIGTERM or Ctrl-C.
@@ -167,43 +194,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn addresses_are_hosts_and_ports() {
-        for (address, expected) in [
-            ("http://192.0.2.7:7701", "http://192.0.2.7:7701/"),
-            ("gpu-host", "http://gpu-host:7700/"),
-            ("http://gpu-host/", "http://gpu-host:7700/"),
-            ("[::1]:80", "http://[::1]:80/"),
-        ] {
-            assert_eq!(endpoint(address).unwrap().uri().to_string(), expected);
-        }
-        for address in [
-            "",
-            "http://",
-            "ht tp://x",
-            "ftp://x",
-            "https://x",
-            "x:99999",
-            "x:port",
-            "x:0",
-            "x:",
-            "http://x/path",
-            "http://x?y",
-            "user@x:1@y",
-        ] {
-            let error = endpoint(address).map(|endpoint| endpoint.uri().clone()).unwrap_err().to_string();
-            assert!(
-                error.starts_with("--coordinator: ") && error.contains("\nwrite it like"),
-                "{address}: {error}"
-            );
-        }
-    }
-
-    #[test]
     fn this_machine_is_told_from_others() {
-        for host in ["127.0.0.1", "localhost", "[::1]", "127.8.8.8"] {
+        for host in ["127.0.0.1", "localhost", "::1", "127.8.8.8"] {
             assert!(is_loopback(host), "{host}");
         }
-        for host in ["192.0.2.7", "gpu-host", "[2001:db8::1]", "127.0.0.1.example"] {
+        for host in ["192.0.2.7", "gpu-host", "2001:db8::1", "127.0.0.1.example"] {
             assert!(!is_loopback(host), "{host}");
         }
     }

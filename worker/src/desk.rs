@@ -2,7 +2,14 @@
 
 use std::collections::VecDeque;
 
-use proto::{Lease, v1};
+use prost::Message as _;
+use proto::{Lease, MAX_MESSAGE_BYTES, v1};
+
+/// Reports that go with one poll, …
+const MOST_REPORTS: usize = 64;
+/// … and their bytes, unless one alone is larger. While there are more, because they are acknowledged late, no further
+/// job is taken: what waits must not grow beyond what a message holds.
+const MOST_REPORT_BYTES: usize = MAX_MESSAGE_BYTES / 2;
 
 /// What one worker holds, without IO.
 #[derive(Debug)]
@@ -13,7 +20,8 @@ pub struct Desk {
     /// The job in hand; without its lease once that was revoked: nobody wants its result any more, but the threads
     /// are busy until it ends.
     running: Option<Option<Lease>>,
-    finished: Vec<(Lease, v1::JobReport)>,
+    /// With their bytes, oldest first.
+    finished: Vec<(Lease, v1::JobReport, usize)>,
 }
 
 impl Desk {
@@ -22,25 +30,50 @@ impl Desk {
         Self { ahead, queue: VecDeque::new(), running: None, finished: Vec::new() }
     }
 
-    /// Every lease held: in hand or queued.
+    /// Every lease held: in hand, queued, or with a report that has to wait for its turn.
     pub fn held(&self) -> Vec<Lease> {
-        self.running.flatten().into_iter().chain(self.queue.iter().map(|(lease, _)| *lease)).collect()
+        let waiting = self.finished.iter().skip(self.handed_in()).map(|(lease, ..)| *lease);
+        self.at_work().chain(waiting).collect()
     }
 
-    /// Reports not acknowledged yet.
+    /// The oldest reports that are not acknowledged yet, as many as go with one poll.
     pub fn finished(&self) -> Vec<v1::JobReport> {
-        self.finished.iter().map(|(_, report)| report.clone()).collect()
+        self.finished.iter().take(self.handed_in()).map(|(_, report, _)| report.clone()).collect()
     }
 
-    /// How many more jobs this desk takes now; none while it works on one that nobody wants.
+    /// How many more jobs this desk takes now; none while it works on one that nobody wants, or has reports that wait for
+    /// their turn.
     pub fn wanted(&self) -> usize {
-        if self.running == Some(None) { 0 } else { (1 + self.ahead).saturating_sub(self.held().len()) }
+        let is_full = self.running == Some(None) || self.handed_in() < self.finished.len();
+        if is_full { 0 } else { (1 + self.ahead).saturating_sub(self.at_work().count()) }
+    }
+
+    /// Whether nothing is left to do but to hand in reports that have to wait for their turn.
+    pub fn only_reports(&self) -> bool {
+        self.at_work().next().is_none() && self.handed_in() < self.finished.len()
+    }
+
+    /// Leases in hand or queued.
+    fn at_work(&self) -> impl Iterator<Item = Lease> {
+        self.running.flatten().into_iter().chain(self.queue.iter().map(|(lease, _)| *lease))
+    }
+
+    /// How many reports go with one poll.
+    fn handed_in(&self) -> usize {
+        let mut room = MOST_REPORT_BYTES;
+        let fits = |(_, _, bytes): &&(Lease, v1::JobReport, usize)| {
+            let left = room.checked_sub(*bytes);
+            room = left.unwrap_or(0);
+            left.is_some()
+        };
+        let fitting = self.finished.iter().take(MOST_REPORTS).take_while(fits).count();
+        fitting.max(self.finished.len().min(1))
     }
 
     /// Takes in a reply: drops what is acknowledged or revoked, queues what is new.
     pub fn absorb(&mut self, reply: v1::PollReply) {
         let acknowledged: Vec<Lease> = reply.acknowledged.into_iter().map(Lease::from).collect();
-        self.finished.retain(|(lease, _)| !acknowledged.contains(lease));
+        self.finished.retain(|(lease, ..)| !acknowledged.contains(lease));
         let revoked: Vec<Lease> = reply.revoked.into_iter().map(Lease::from).collect();
         self.queue.retain(|(lease, _)| !revoked.contains(lease));
         if let Some(running) = &mut self.running {
@@ -68,12 +101,12 @@ impl Desk {
     /// The job in hand is done; its report is kept, unless its lease was revoked.
     pub fn finish(&mut self, report: v1::JobReport) {
         if let Some(Some(lease)) = self.running.take() {
-            self.finished.push((lease, report));
+            let bytes = report.encoded_len();
+            self.finished.push((lease, report, bytes));
         }
     }
 
-    /// Forgets every lease and report: another coordinator knows none of them, and numbers its jobs from 1 again. The
-    /// job in hand goes on until it ends, for nobody.
+    /// Forgets every lease and report: another run knows none of them. The job in hand goes on until it ends, for nobody.
     pub fn clear(&mut self) {
         self.queue.clear();
         self.finished.clear();
@@ -92,7 +125,7 @@ mod tests {
     }
 
     fn reply(jobs: &[u64]) -> v1::PollReply {
-        let job = |job: &u64| v1::Job { lease: Some(lease(*job).into()), evaluation: None, grid_cell: None };
+        let job = |job: &u64| v1::Job { lease: Some(lease(*job).into()), ..v1::Job::default() };
         v1::PollReply { jobs: jobs.iter().map(job).collect(), ..Default::default() }
     }
 
@@ -120,6 +153,38 @@ mod tests {
         assert_eq!(desk.finished().len(), 1);
         desk.absorb(v1::PollReply { acknowledged: vec![lease(1).into()], ..Default::default() });
         assert!(desk.finished().is_empty());
+    }
+
+    /// A desk with so many reports of so many bytes each, of which none is acknowledged.
+    fn unacknowledged(reports: u64, bytes: usize) -> Desk {
+        let mut desk = Desk::new(1);
+        for job in 1..=reports {
+            desk.absorb(reply(&[job]));
+            desk.start();
+            let result = v1::DescriptionResult { parts: vec![0; bytes] };
+            let outcome = Some(v1::job_report::Outcome::Description(result));
+            desk.finish(v1::JobReport { outcome, ..Default::default() });
+        }
+        desk
+    }
+
+    #[test]
+    fn a_coordinator_that_acknowledges_late_is_given_no_more_than_it_can_read() {
+        let mut desk = unacknowledged(300, 10);
+        assert_eq!((desk.finished().len(), desk.wanted()), (MOST_REPORTS, 0));
+        // What waits is held, or it would be handed out again.
+        let waiting: Vec<Lease> = (MOST_REPORTS as u64 + 1..=300).map(lease).collect();
+        assert_eq!(desk.held(), waiting);
+        assert!(desk.only_reports());
+        let acknowledged = (1..=250).map(|job| lease(job).into()).collect();
+        desk.absorb(v1::PollReply { acknowledged, ..Default::default() });
+        assert_eq!((desk.finished().len(), desk.wanted(), desk.held()), (50, 2, vec![]));
+        assert!(!desk.only_reports());
+
+        let large = unacknowledged(5, MOST_REPORT_BYTES / 3);
+        assert_eq!((large.finished().len(), large.wanted()), (2, 0));
+        let largest = unacknowledged(2, 2 * MOST_REPORT_BYTES);
+        assert_eq!((largest.finished().len(), largest.wanted()), (1, 0));
     }
 
     #[test]

@@ -6,10 +6,14 @@ mod backoff;
 mod blobs;
 pub mod cli;
 mod desk;
+#[doc(hidden)]
+pub mod hostile;
+mod link;
 mod session;
 mod size;
 mod storage;
 pub mod store;
+pub mod tls;
 mod wire;
 mod workshop;
 
@@ -22,14 +26,15 @@ use std::time::Duration;
 
 use proto::v1::coordinator_client::CoordinatorClient;
 use proto::{MAX_MESSAGE_BYTES, WorkerId};
-use tonic::transport::Channel;
 
 use backoff::Backoff;
 use blobs::Blobs;
+pub use link::{Credentials, Link, link};
 use session::Session;
 pub use size::{InvalidSize, Size};
 pub use storage::{Storage, StorageArgs};
 use store::Store;
+pub use workshop::Lru;
 use workshop::Workshop;
 
 /// Which build this is, for the record.
@@ -82,13 +87,13 @@ pub enum WorkerError {
     Threads(#[from] rayon::ThreadPoolBuildError),
 }
 
-/// Works for the coordinator at the other end of `channel` until `shutdown` is ready.
+/// Works for the coordinator at the other end of `link` until `shutdown` is ready.
 pub async fn run(
-    channel: Channel,
+    link: Link,
     options: Options,
     shutdown: impl Future<Output = ()>,
 ) -> Result<(), WorkerError> {
-    let client = CoordinatorClient::new(channel)
+    let client = CoordinatorClient::new(link)
         .max_decoding_message_size(MAX_MESSAGE_BYTES)
         .max_encoding_message_size(MAX_MESSAGE_BYTES);
     let Options { identity, store, memory, source_blobs, patience } = options;

@@ -1,6 +1,7 @@
 //! A worker's conversation with its coordinator: register, poll, work, come back after an interruption.
 
 use std::future::Future;
+use std::io;
 use std::pin::Pin;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -8,15 +9,17 @@ use std::time::{Duration, Instant};
 use proto::v1::coordinator_client::CoordinatorClient;
 use proto::{SessionId, WorkerId, v1};
 use tokio::sync::mpsc;
-use tonic::transport::Channel;
 use tonic::{Code, Request, Status};
 
 use crate::backoff::Backoff;
 use crate::desk::Desk;
+use crate::link::{Link, hopeless};
 use crate::wire::{self, Failure};
 use crate::workshop::Workshop;
 use crate::{Identity, WorkerError};
 
+/// Until reports that are not acknowledged yet are handed in again, when they keep a worker from taking a job.
+const REPORTS_PAUSE: Duration = Duration::from_millis(50);
 /// A call that takes this much longer than the coordinator may hold it back is given up.
 const CALL_MARGIN: Duration = Duration::from_secs(10);
 /// Saying goodbye must not keep a process alive that was asked to stop.
@@ -36,7 +39,7 @@ enum End {
 
 /// One worker.
 pub struct Session {
-    client: CoordinatorClient<Channel>,
+    client: CoordinatorClient<Link>,
     identity: Identity,
     id: WorkerId,
     workshop: Arc<Workshop>,
@@ -50,7 +53,7 @@ pub struct Session {
 impl Session {
     /// A worker that has not talked to anybody yet.
     pub fn new(
-        client: CoordinatorClient<Channel>,
+        client: CoordinatorClient<Link>,
         identity: Identity,
         id: WorkerId,
         workshop: Arc<Workshop>,
@@ -97,6 +100,7 @@ impl Session {
                     }
                     tokio::select! {
                         () = &mut shutdown => return Ok(()),
+                        () = self.work_on() => {}
                         () = tokio::time::sleep(pause) => {}
                     }
                 }
@@ -143,24 +147,33 @@ impl Session {
                         self.desk.absorb(reply);
                     }
                     Err(status) if status.code() == Code::NotFound => return End::Unknown,
-                    // The same call again would get the same answer.
-                    Err(status) if matches!(status.code(), Code::InvalidArgument | Code::OutOfRange) => {
-                        return End::Refused(status.message().to_owned());
-                    }
-                    Err(status) => return End::Lost(status),
+                    Err(status) => return failed(status),
                 },
             }
             self.start_next();
-            if self.desk.wanted() == 0 && self.desk.finished().is_empty() {
-                // Busy: the next poll is due when a job is done, or as a heartbeat.
+            if self.desk.wanted() == 0 {
+                // Busy: the next poll is due when a job is done, or as a heartbeat. Reports that were handed in and are
+                // not acknowledged yet go with it; where there is nothing else to do, they wait for a slow disk.
+                let pause = if self.desk.only_reports() { REPORTS_PAUSE } else { heartbeat };
                 tokio::select! {
                     () = &mut shutdown => {
                         self.leave().await;
                         return End::Left;
                     }
                     Some(done) = self.done.recv() => self.desk.finish(done),
-                    () = tokio::time::sleep(heartbeat) => {}
+                    () = tokio::time::sleep(pause) => {}
                 }
+            }
+        }
+    }
+
+    /// Does the jobs that are on the desk, for ever: a coordinator that is started again takes their reports.
+    async fn work_on(&mut self) {
+        loop {
+            self.start_next();
+            match self.done.recv().await {
+                Some(done) => self.desk.finish(done),
+                None => std::future::pending().await, // this session holds a sender
             }
         }
     }
@@ -176,7 +189,7 @@ impl Session {
             build: crate::BUILD.to_owned(),
         });
         request.set_timeout(CALL_MARGIN);
-        let reply = self.client.register(request).await.map_err(End::Lost)?.into_inner();
+        let reply = self.client.register(request).await.map_err(failed)?.into_inner();
         let accepted = match reply.outcome {
             Some(v1::register_reply::Outcome::Accepted(accepted)) => accepted,
             Some(v1::register_reply::Outcome::Refused(refused)) => return Err(End::Refused(refused.message)),
@@ -221,6 +234,7 @@ impl Session {
     /// Starts the next job if none is in hand.
     fn start_next(&mut self) {
         let Some((lease, job)) = self.desk.start() else { return };
+        tracing::debug!("job {}, attempt {}: begun", lease.job, lease.attempt);
         let workshop = Arc::clone(&self.workshop);
         let sender = self.done_sender.clone();
         tokio::spawn(async move {
@@ -241,8 +255,13 @@ impl Session {
     }
 }
 
+/// What a call that failed means for the session.
+fn failed(status: Status) -> End {
+    hopeless(&status).map_or(End::Lost(status), End::Refused)
+}
+
 async fn poll(
-    mut client: CoordinatorClient<Channel>,
+    mut client: CoordinatorClient<Link>,
     request: v1::PollRequest,
     timeout: Duration,
 ) -> Result<v1::PollReply, Status> {
@@ -259,6 +278,11 @@ fn reason(status: &Status) -> String {
     }
     if std::ptr::eq(innermost, status as &dyn std::error::Error) {
         return status.message().to_owned();
+    }
+    // Of a coordinator that was killed rustls says at length that it did not say goodbye.
+    let ended = |error: &io::Error| error.kind() == io::ErrorKind::UnexpectedEof;
+    if innermost.downcast_ref().is_some_and(ended) {
+        return "the connection was closed".to_owned();
     }
     innermost.to_string()
 }

@@ -4,7 +4,9 @@ use descriptor::genes::Domain;
 use descriptor::{GENES, GeneKind, GeneTable, Parameters, Preprocess, Unit};
 use proto::{Digest, MAX_CELL, v1};
 
-use crate::workshop::{Evaluation, EvaluationError, GridCell, Outcome, Preparation, Splits, Task};
+use crate::workshop::{
+    Description, Evaluation, EvaluationError, GridCell, Outcome, Preparation, Splits, Task, Tile,
+};
 
 /// A job that does not make sense.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -19,24 +21,46 @@ fn invalid(what: impl Into<String>) -> InvalidJob {
 
 /// What a job asks for, checked.
 pub fn task(job: v1::Job) -> Result<Task, InvalidJob> {
-    match (job.evaluation, job.grid_cell) {
-        (Some(wire), None) => evaluation(wire).map(Task::Evaluation),
-        (None, Some(wire)) => grid_cell(wire).map(Task::GridCell),
-        (None, None) => Err(invalid("evaluation or grid_cell must be set")),
-        (Some(_), Some(_)) => Err(invalid("only one of evaluation and grid_cell must be set")),
+    match (job.evaluation, job.grid_cell, job.description, job.tile) {
+        (Some(wire), None, None, None) => evaluation(wire).map(Task::Evaluation),
+        (None, Some(wire), None, None) => grid_cell(wire).map(Task::GridCell),
+        (None, None, Some(wire), None) => description(wire).map(Task::Description),
+        (None, None, None, Some(wire)) => tile(wire).map(Task::Tile),
+        _ => Err(invalid("one of evaluation, grid_cell, description and tile must be set")),
     }
+}
+
+fn description(wire: v1::Description) -> Result<Description, InvalidJob> {
+    let preparation = preparation(wire.preparation)?;
+    let parameters = parameters(wire.parameters, &preparation)?;
+    Ok(Description { preparation, parameters, manifest: digest(&wire.manifest)? })
+}
+
+fn tile(wire: v1::Tile) -> Result<Tile, InvalidJob> {
+    let evaluation = evaluation(wire.evaluation.ok_or_else(|| invalid("evaluation is missing"))?)?;
+    let descriptions = splits(&wire.query_parts, &wire.database_parts)?;
+    let lengths = |splits: &Splits| [splits.query.len(), splits.database.len()];
+    if lengths(&descriptions) != lengths(&evaluation.splits) {
+        return Err(invalid("a tile must name a description for each of its shards"));
+    }
+    Ok(Tile { evaluation, descriptions })
 }
 
 fn evaluation(wire: v1::Evaluation) -> Result<Evaluation, InvalidJob> {
     let preparation = preparation(wire.preparation)?;
-    let p = wire.parameters.ok_or_else(|| invalid("parameters are missing"))?;
+    let parameters = parameters(wire.parameters, &preparation)?;
+    let splits = splits(&wire.query, &wire.database)?;
+    Ok(Evaluation { preparation, parameters, splits, want_matches: wire.want_matches })
+}
+
+fn parameters(wire: Option<v1::Parameters>, preparation: &Preparation) -> Result<Parameters, InvalidJob> {
+    let p = wire.ok_or_else(|| invalid("parameters are missing"))?;
     let parameters =
         Parameters::from_ticks([p.shape_bins, p.colour_bins, p.disk_um, p.ring_um, p.shape_weight_ppm]);
     if !preparation.genes.contains(&parameters) {
         return Err(invalid(format!("parameters must lie in the search space, got {parameters}")));
     }
-    let splits = splits(&wire.query, &wire.database)?;
-    Ok(Evaluation { preparation, parameters, splits, want_matches: wire.want_matches })
+    Ok(parameters)
 }
 
 fn grid_cell(wire: v1::GridCell) -> Result<GridCell, InvalidJob> {
@@ -85,9 +109,11 @@ fn preparation(wire: Option<v1::Preparation>) -> Result<Preparation, InvalidJob>
 }
 
 fn digests(wire: &[Vec<u8>]) -> Result<Vec<Digest>, InvalidJob> {
-    wire.iter()
-        .map(|bytes| Digest::try_from(&bytes[..]).map_err(|error| invalid(error.to_string())))
-        .collect()
+    wire.iter().map(|bytes| digest(bytes)).collect()
+}
+
+fn digest(wire: &[u8]) -> Result<Digest, InvalidJob> {
+    Digest::try_from(wire).map_err(|error| invalid(error.to_string()))
 }
 
 /// A report of what came of a job.
@@ -95,6 +121,7 @@ pub fn report(lease: proto::Lease, run_seconds: f64, outcome: Result<Outcome, Fa
     use v1::job_report::Outcome as Wire;
     let outcome = match outcome {
         Ok(Outcome::GridCell(object_correct)) => Wire::GridCell(v1::GridCellResult { object_correct }),
+        Ok(Outcome::Description(parts)) => Wire::Description(v1::DescriptionResult { parts }),
         Ok(Outcome::Evaluation(outcome)) => Wire::Result(v1::EvaluationResult {
             queries: outcome.correct.queries as u32,
             object_correct: outcome.correct.object as u32,
@@ -139,10 +166,14 @@ impl Failure {
             | Self::Evaluation(
                 EvaluationError::Manifest { .. }
                 | EvaluationError::Quantise(_)
-                | EvaluationError::Recognise(_),
+                | EvaluationError::Recognise(_)
+                | EvaluationError::TooLarge { .. },
             ) => v1::FailureReason::InvalidJob,
             Self::Evaluation(EvaluationError::Blob(_)) => v1::FailureReason::Data,
             Self::Evaluation(EvaluationError::Cloud { .. }) => v1::FailureReason::Cloud,
+            Self::Evaluation(EvaluationError::Description { .. } | EvaluationError::Undecodable(_)) => {
+                v1::FailureReason::Description
+            }
             Self::Panic(_) => v1::FailureReason::Panic,
         }
     }
@@ -188,7 +219,31 @@ mod tests {
     }
 
     fn job(evaluation: Option<v1::Evaluation>, grid_cell: Option<v1::GridCell>) -> v1::Job {
-        v1::Job { lease: None, evaluation, grid_cell }
+        v1::Job { evaluation, grid_cell, ..v1::Job::default() }
+    }
+
+    fn pieces(description: Option<v1::Description>, tile: Option<v1::Tile>) -> v1::Job {
+        v1::Job { description, tile, ..v1::Job::default() }
+    }
+
+    #[test]
+    fn a_tile_names_a_description_for_each_of_its_shards() {
+        let v1::Evaluation { preparation, parameters, .. } = evaluation();
+        let description = v1::Description { preparation, parameters, manifest: vec![3; 32] };
+        let described = task(pieces(Some(description.clone()), None)).unwrap();
+        assert!(matches!(described, Task::Description(found) if found.manifest == Digest([3; 32])));
+        let tile = v1::Tile {
+            evaluation: Some(evaluation()),
+            query_parts: vec![vec![4; 32]],
+            database_parts: vec![vec![5; 32]],
+        };
+        let matched = task(pieces(None, Some(tile.clone()))).unwrap();
+        assert!(matches!(matched, Task::Tile(found) if found.descriptions.database == [Digest([5; 32])]));
+        task(pieces(Some(description.clone()), Some(tile.clone()))).unwrap_err();
+        task(pieces(None, Some(v1::Tile { evaluation: None, ..tile.clone() }))).unwrap_err();
+        task(pieces(None, Some(v1::Tile { query_parts: vec![], ..tile.clone() }))).unwrap_err();
+        task(pieces(None, Some(v1::Tile { database_parts: vec![vec![5; 31]], ..tile }))).unwrap_err();
+        task(pieces(Some(v1::Description { manifest: vec![], ..description }), None)).unwrap_err();
     }
 
     #[test]

@@ -8,7 +8,7 @@ use clap::Args;
 use crate::dataset::Wanted;
 use crate::evolution::Method;
 use crate::exhaust::grid::Grid;
-use crate::experiment::{Experiment, Overrides};
+use crate::experiment::{Experiment, Member, Overrides, Plan};
 use crate::run;
 
 /// Validate an experiment and its data; print what would be run
@@ -23,9 +23,10 @@ pub struct Check {
 
 impl Check {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
-        let experiment = Experiment::read(&self.experiment, Overrides::default())?;
-        let dataset = run::open_data(&experiment, Wanted::All, None, |line| eprintln!("{line}"))?;
-        let mut text = experiment.resolved_toml();
+        let plan = Plan::read(&self.experiment, Overrides::default())?;
+        let experiment = plan.base();
+        let dataset = run::open_data(experiment, Wanted::All, None, |line| eprintln!("{line}"))?;
+        let mut text = plan.resolved_toml();
         if !text.ends_with('\n') {
             text.push('\n');
         }
@@ -49,7 +50,14 @@ impl Check {
             experiment.genes().size(),
             experiment.genes().bits()
         ));
-        text.push_str(&format!("# search: {}\n", search(&experiment)?));
+        match &plan {
+            Plan::Run(experiment) => text.push_str(&format!("# search: {}\n", search(experiment)?)),
+            Plan::Sweep(sweep) => {
+                for Member { name, experiment } in sweep.members() {
+                    text.push_str(&format!("# search of {name}: {}\n", search(&experiment)?));
+                }
+            }
+        }
         super::print(&text)?;
         Ok(ExitCode::SUCCESS)
     }

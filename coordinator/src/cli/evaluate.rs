@@ -5,14 +5,19 @@ use std::process::ExitCode;
 
 use anyhow::Context as _;
 use clap::Args;
-use descriptor::{GENES, GeneKind, GeneTable, Parameters, Preprocess, Unit};
+use descriptor::{
+    FixedDescriptor, FixedKind, GENES, GeneKind, GeneTable, Parameters, Preprocess, SetDistance, Unit,
+};
 use serde_json::json;
 
 use crate::dataset::Layout;
-use crate::evaluate::{Report, Request, evaluate};
+use crate::evaluate::{Descriptor, Report, Request, evaluate};
 use crate::experiment::name_advice;
 use crate::run::progress::percent;
 use crate::run::{rows, summary};
+
+/// Name of the paper's descriptor on the command line.
+const DISK_RING: &str = "disk-ring";
 
 /// Evaluate one descriptor on lists of clouds
 ///
@@ -29,9 +34,18 @@ pub struct Evaluate {
     /// List of database clouds, for example train1.txt; repeatable
     #[arg(long, value_name = "LIST", required = true, num_args = 1..)]
     database: Vec<PathBuf>,
+    /// The paper's descriptor, or one that it is compared with, as PCL computes it, for example shotcolor
+    #[arg(long, value_name = "NAME", default_value = DISK_RING, value_parser = [DISK_RING, "pfhrgb", "shotcolor"])]
+    descriptor: String,
     /// A gene's value, for example R1=1.3; repeatable. The others keep the values of the paper's best descriptor
     #[arg(long, value_name = "gene=value")]
     set: Vec<String>,
+    /// Radius of the region of pfhrgb and shotcolor in centimetres, for example 5
+    #[arg(long, value_name = "CM", default_value_t = 5.0)]
+    radius_cm: f64,
+    /// How pfhrgb and shotcolor compare the centroids and deviations of two clouds, for example l1
+    #[arg(long, value_name = "NAME", default_value = "chi2", value_parser = ["chi2", "l1"])]
+    distance: String,
     /// Threads, for example 1; all cores by default. Seconds of a stage are added up over clouds and threads
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
@@ -68,7 +82,6 @@ fn unit(text: &str) -> Result<Unit, String> {
 
 impl Evaluate {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
-        let parameters = parameters(&self.set, !self.no_colour)?;
         let micrometres = |what: &str, cm: f64| {
             let um = cm * 10_000.0;
             anyhow::ensure!(
@@ -84,6 +97,7 @@ impl Evaluate {
             unit: self.unit,
             ..Preprocess::default()
         };
+        let descriptor = self.descriptor(micrometres("--radius-cm", self.radius_cm)?)?;
         let place = |lists: &[PathBuf]| lists.iter().map(|list| list_file(&self.data, list)).collect();
         let threads = self.threads.map_or_else(
             || std::thread::available_parallelism().map_or(1, std::num::NonZeroUsize::get),
@@ -95,7 +109,7 @@ impl Evaluate {
             query: place(&self.query),
             database: place(&self.database),
             preprocess,
-            parameters,
+            descriptor,
             threads,
         };
         let report = evaluate(&request)?;
@@ -112,9 +126,27 @@ impl Evaluate {
                 )
             })?;
         }
-        let text = if self.json { json(&parameters, &report) } else { text(&parameters, &report) };
+        let text = if self.json { json(&descriptor, &report) } else { text(&descriptor, &report) };
         super::print(&text)?;
         Ok(ExitCode::SUCCESS)
+    }
+
+    fn descriptor(&self, radius_um: u32) -> anyhow::Result<Descriptor> {
+        let fixed = FixedKind::named(&self.descriptor).zip(SetDistance::named(&self.distance));
+        let Some((kind, distance)) = fixed else {
+            return Ok(Descriptor::DiskRing(parameters(&self.set, !self.no_colour)?));
+        };
+        let name = &self.descriptor;
+        anyhow::ensure!(
+            self.set.is_empty(),
+            "--set: {name} has no genes, got {}\nleave it out, or choose --descriptor {DISK_RING}",
+            self.set.join(" ")
+        );
+        anyhow::ensure!(
+            !self.no_colour,
+            "--no-colour: {name} needs colours, got none\nleave it out, or choose --descriptor {DISK_RING}"
+        );
+        Ok(Descriptor::Fixed(FixedDescriptor { kind, radius_um }, distance))
     }
 }
 
@@ -171,14 +203,23 @@ fn parameters(set: &[String], colour: bool) -> anyhow::Result<Parameters> {
     Ok(parameters)
 }
 
-fn json(parameters: &Parameters, report: &Report) -> String {
+fn json(descriptor: &Descriptor, report: &Report) -> String {
     let Report { correct, seconds, .. } = report;
     let error = |right: usize| (correct.queries - right) as f64 / correct.queries as f64;
-    let genes = summary::genes_json(&rows::gene_values(parameters));
+    let told = match descriptor {
+        Descriptor::DiskRing(parameters) => {
+            serde_json::Value::Object(summary::genes_json(&rows::gene_values(parameters)))
+        }
+        Descriptor::Fixed(fixed, distance) => json!({
+            "name": fixed.kind.name(),
+            "radius_cm": fixed.radius() * 100.0,
+            "distance": distance.name(),
+        }),
+    };
     let skipped: Vec<_> =
         report.skipped.iter().map(|(path, reason)| json!({ "path": path, "reason": reason })).collect();
     let value = json!({
-        "descriptor": genes,
+        "descriptor": told,
         "object_error": error(correct.object),
         "category_error": error(correct.category),
         "object_wrong": correct.queries - correct.object,
@@ -199,12 +240,22 @@ fn json(parameters: &Parameters, report: &Report) -> String {
     format!("{value}\n")
 }
 
-fn text(parameters: &Parameters, report: &Report) -> String {
+fn text(descriptor: &Descriptor, report: &Report) -> String {
     let Report { correct, seconds, .. } = report;
     let share = |part: usize| percent(part as f64 / correct.queries as f64);
     let (object, category) = (correct.queries - correct.object, correct.queries - correct.category);
+    let told = match descriptor {
+        Descriptor::DiskRing(parameters) => format!("{parameters} ({} values)", parameters.size()),
+        Descriptor::Fixed(fixed, distance) => format!(
+            "{} radius={} cm ({} values), by {}",
+            fixed.kind.name(),
+            fixed.radius() * 100.0,
+            fixed.kind.size(),
+            distance.name()
+        ),
+    };
     let mut lines = vec![
-        format!("descriptor      {parameters} ({} values)", parameters.size()),
+        format!("descriptor      {told}"),
         format!("object error    {} ({object} of {})", share(object), correct.queries),
         format!("category error  {} ({category} of {})", share(category), correct.queries),
         format!(

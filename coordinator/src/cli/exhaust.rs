@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use clap::Args;
 use worker::StorageArgs;
 
+use crate::door::Protection;
 use crate::exhaust;
 use crate::experiment::{Experiment, LocalWorkers, Overrides};
 use crate::run::RunOptions;
@@ -40,9 +41,8 @@ pub struct Exhaust {
     /// killed one goes on with --out and its folder instead
     #[arg(long)]
     fresh: bool,
-    /// Accept unencrypted connections from other machines, for example inside a trusted network
-    #[arg(long)]
-    insecure: bool,
+    #[command(flatten)]
+    protection: Protection,
     #[command(flatten)]
     storage: StorageArgs,
 }
@@ -52,8 +52,11 @@ impl Exhaust {
         let overrides = Overrides { seed: None, listen: self.listen, local_workers: self.local_workers };
         let experiment = Experiment::read(&self.experiment, overrides)?;
         let storage = self.storage.resolve();
-        let options = RunOptions { out: self.out, fresh: self.fresh, insecure: self.insecure, storage };
-        let summary = super::block_on(async { Ok(exhaust::exhaust(&experiment, &options).await?) })?;
+        let options = RunOptions { out: self.out, fresh: self.fresh, protection: self.protection, storage };
+        let summary = super::block_on(
+            "run the same command to go on; with --fresh, name its folder with --out instead",
+            async { Ok(exhaust::exhaust(&experiment, &options).await?) },
+        )?;
         if self.json {
             super::print(&format!("{}\n", summary.json()))?;
         } else {

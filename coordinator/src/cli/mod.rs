@@ -1,10 +1,13 @@
 //! The `coordinator` program: one command a file.
 
+mod certs;
 mod check;
 mod evaluate;
 mod exhaust;
+mod resume;
 mod run;
 mod schema;
+mod split;
 mod synth;
 mod verify;
 
@@ -12,6 +15,9 @@ use std::io::IsTerminal as _;
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
+
+use crate::cluster::ClusterError;
+use crate::run::RunError;
 
 /// Evolves 3D point-cloud descriptors, on this machine and on as many others as join.
 ///
@@ -26,9 +32,12 @@ pub struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     Run(run::Run),
+    Resume(resume::Resume),
     Check(check::Check),
+    Certs(certs::Certs),
     Evaluate(evaluate::Evaluate),
     Exhaust(exhaust::Exhaust),
+    Split(split::Split),
     Synth(synth::Synth),
     Verify(verify::Verify),
     Schema(schema::Schema),
@@ -46,9 +55,12 @@ pub fn main(cli: Cli) -> ExitCode {
         .init();
     let done = match cli.command {
         Command::Run(command) => command.execute(),
+        Command::Resume(command) => command.execute(),
         Command::Check(command) => command.execute(),
+        Command::Certs(command) => command.execute(),
         Command::Evaluate(command) => command.execute(),
         Command::Exhaust(command) => command.execute(),
+        Command::Split(command) => command.execute(),
         Command::Synth(command) => command.execute(),
         Command::Verify(command) => command.execute(),
         Command::Schema(command) => command.execute(),
@@ -57,28 +69,53 @@ pub fn main(cli: Cli) -> ExitCode {
         Ok(code) => code,
         Err(error) => {
             eprintln!("error: {error}");
-            ExitCode::FAILURE
+            exit_code(&error)
         }
     }
 }
 
-/// Exit code of a program that Ctrl-C has ended, as shells have it.
-const INTERRUPTED: i32 = 130;
+/// Scripts tell by it what stopped a run; the help of `run` lists them.
+fn exit_code(error: &anyhow::Error) -> ExitCode {
+    match error.downcast_ref() {
+        Some(RunError::Cluster(ClusterError::NoWorkers { .. })) => ExitCode::from(3),
+        Some(RunError::Cluster(ClusterError::JobFailed(_))) => ExitCode::from(4),
+        Some(RunError::Deadline { .. }) => ExitCode::from(5),
+        Some(RunError::Cluster(ClusterError::Undecided { .. })) => ExitCode::from(6),
+        _ => ExitCode::FAILURE,
+    }
+}
 
-/// Runs a command's asynchronous part. Evaluations have threads of their own.
-fn block_on<T>(work: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {
+/// Runs a command's asynchronous part; `advice` says how to go on after an interruption. Evaluations have threads of
+/// their own.
+fn block_on<T>(advice: &str, work: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
+    let advice = advice.to_owned();
     // In a task of its own, because reading a large data set keeps this thread busy. What is visible in a run folder
     // is whole at any time, so there is nothing to clean up.
-    runtime.spawn(async {
-        if tokio::signal::ctrl_c().await.is_ok() {
-            eprintln!("\nerror: interrupted\nrun the same command to begin again");
-            std::process::exit(INTERRUPTED);
+    runtime.spawn(async move {
+        if let Ok(code) = interruption().await {
+            eprintln!("\nerror: interrupted\n{advice}");
+            std::process::exit(code);
         }
     });
     let done = runtime.block_on(work);
     runtime.shutdown_background(); // an evaluation under way in this process is abandoned
     done
+}
+
+/// Waits for Ctrl-C or SIGTERM; gives the exit code that shells have for it.
+#[cfg(unix)]
+async fn interruption() -> std::io::Result<i32> {
+    let mut terminate = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate())?;
+    tokio::select! {
+        interrupt = tokio::signal::ctrl_c() => interrupt.map(|()| 130),
+        _ = terminate.recv() => Ok(143),
+    }
+}
+
+#[cfg(not(unix))]
+async fn interruption() -> std::io::Result<i32> {
+    tokio::signal::ctrl_c().await.map(|()| 130)
 }
 
 /// Writes data to standard output; a reader that has seen enough is no error.

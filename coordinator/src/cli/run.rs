@@ -7,10 +7,20 @@ use std::process::ExitCode;
 use clap::Args;
 use worker::StorageArgs;
 
-use crate::experiment::{Experiment, LocalWorkers, Overrides};
+use crate::door::Protection;
+use crate::experiment::{LocalWorkers, Overrides, Plan};
 use crate::run::{self, RunOptions};
+use crate::sweep;
 
 /// Run an experiment; workers may join at any time
+///
+/// With a section [sweep] in the experiment, all its runs go on at the same time.
+///
+/// Killed, the same command goes on with the evaluation at which it was killed; so does `coordinator resume DIR`.
+///
+/// Exit codes: 0 finished; 1 bad input or another error; 2 usage; 3 no worker left within the grace; 4 a job failed for
+/// good; 5 the deadline was reached; 6 two workers differ and no third came to decide; 130 or 143 interrupted. After all of
+/// them the same command goes on.
 ///
 /// Example: coordinator run experiments/demo.toml
 #[derive(Debug, Args)]
@@ -18,9 +28,23 @@ pub struct Run {
     /// The experiment, for example experiments/demo.toml
     #[arg(value_name = "EXP.toml")]
     experiment: PathBuf,
-    /// Run folder, for example results/runs/first; by default named after experiment and search settings
+    /// Run folder (of a sweep, the folder for its run folders), for example results/runs/first; by default named after experiment and search settings
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Replaces the experiment's seed, for example 7
+    #[arg(long, value_name = "N")]
+    seed: Option<u64>,
+    /// Begin another run beside the one that is there, for example after an update. Each use begins another run: a
+    /// killed one goes on with `coordinator resume` instead
+    #[arg(long)]
+    fresh: bool,
+    #[command(flatten)]
+    manner: Manner,
+}
+
+/// How a run is carried out, which changes none of its results.
+#[derive(Debug, Args)]
+pub struct Manner {
     /// Where workers are awaited, for example 0.0.0.0:7700 (other machines) or 127.0.0.1:0 (any free port); by
     /// default 127.0.0.1:7700
     #[arg(long, value_name = "ADDR")]
@@ -29,38 +53,52 @@ pub struct Run {
     /// `worker`s, for example 0
     #[arg(long, value_name = "auto|N")]
     local_workers: Option<LocalWorkers>,
-    /// Replaces the experiment's seed, for example 7
-    #[arg(long, value_name = "N")]
-    seed: Option<u64>,
-    /// Print the summary as one JSON object on standard output, for example for jq
+    /// Print the summary as one JSON object (of a sweep, one a line for each run) on standard output, for example for jq
     #[arg(long)]
     json: bool,
-    /// Begin another run beside the one that is there, for example after an update
-    #[arg(long)]
-    fresh: bool,
-    /// Accept unencrypted connections from other machines, for example inside a trusted network
-    #[arg(long)]
-    insecure: bool,
+    #[command(flatten)]
+    protection: Protection,
     #[command(flatten)]
     storage: StorageArgs,
 }
 
 impl Run {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
-        let overrides = Overrides { seed: self.seed, listen: self.listen, local_workers: self.local_workers };
-        let experiment = Experiment::read(&self.experiment, overrides)?;
-        let options = RunOptions {
-            out: self.out,
-            fresh: self.fresh,
-            insecure: self.insecure,
-            storage: self.storage.resolve(),
+        let plan = Plan::read(&self.experiment, self.manner.overrides(self.seed))?;
+        let out = match &plan {
+            Plan::Run(experiment) => run::folder(experiment, self.out, self.fresh),
+            Plan::Sweep(sweep) => sweep::folder(sweep, self.out, self.fresh),
         };
-        let summary = super::block_on(async { Ok(run::run(&experiment, &options).await?) })?;
-        if self.json {
-            super::print(&format!("{}\n", summary.json()))?;
-        } else {
-            super::print(&summary.text())?;
-        }
+        self.manner.execute(&plan, out)
+    }
+}
+
+impl Manner {
+    pub(super) fn overrides(&self, seed: Option<u64>) -> Overrides {
+        Overrides { seed, listen: self.listen, local_workers: self.local_workers }
+    }
+
+    /// Runs an experiment or a sweep in a folder and shows the result.
+    pub(super) fn execute(self, plan: &Plan, out: PathBuf) -> anyhow::Result<ExitCode> {
+        let advice = format!(
+            "go on: the same command again, or coordinator resume {} with the same options",
+            out.display()
+        );
+        let storage = self.storage.resolve();
+        let options = RunOptions { out: Some(out), fresh: false, protection: self.protection, storage };
+        let [json, text] = super::block_on(&advice, async {
+            Ok(match plan {
+                Plan::Run(experiment) => {
+                    let summary = run::run(experiment, &options).await?;
+                    [format!("{}\n", summary.json()), summary.text()]
+                }
+                Plan::Sweep(sweep) => {
+                    let summary = sweep::sweep(sweep, &options).await?;
+                    [summary.json(), summary.text()]
+                }
+            })
+        })?;
+        super::print(if self.json { &json } else { &text })?;
         Ok(ExitCode::SUCCESS)
     }
 }

@@ -6,14 +6,14 @@ use std::process::ExitCode;
 use clap::Args;
 use worker::StorageArgs;
 
-use crate::verify;
+use crate::{sweep, verify};
 
 /// Recompute the digest of a finished run and a sample of its fitness values
 ///
 /// Example: coordinator verify results/runs/demo-0123456789ab --sample 20
 #[derive(Debug, Args)]
 pub struct Verify {
-    /// The run folder, for example results/runs/demo-0123456789ab
+    /// The folder of a run or a sweep, for example results/runs/demo-0123456789ab
     #[arg(value_name = "RUN")]
     run: PathBuf,
     /// How many fitness values to compute again, for example 20; 0 looks at the digest only
@@ -29,9 +29,15 @@ pub struct Verify {
 impl Verify {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let storage = self.storage.resolve();
-        let verify = verify::verify(&self.run, self.sample, self.data, &storage);
-        let verdict = super::block_on(async { Ok(verify.await?) })?;
-        super::print(&verdict.to_string())?;
-        Ok(if verdict.is_sound() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+        let mut sound = true;
+        for (member, folder) in sweep::run_folders(&self.run)? {
+            let verify = verify::verify(&folder, self.sample, self.data.clone(), &storage);
+            let verdict =
+                super::block_on("run the same command to begin again", async { Ok(verify.await?) })?;
+            sound &= verdict.is_sound();
+            let title = if member.is_empty() { member } else { format!("{member}\n") };
+            super::print(&format!("{title}{verdict}"))?;
+        }
+        Ok(if sound { ExitCode::SUCCESS } else { ExitCode::FAILURE })
     }
 }

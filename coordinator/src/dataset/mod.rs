@@ -8,6 +8,7 @@ mod findings;
 mod inspect;
 mod layout;
 mod load;
+mod protocol;
 mod root;
 mod settings;
 mod split;
@@ -22,6 +23,7 @@ use descriptor::{Preprocess, Skip};
 use worker::store::Store;
 
 pub use error::{DatasetError, Place};
+pub use protocol::{Fold, Folds, Protocol};
 pub use settings::{DatasetSettings, Layout, SeededSplit, SplitRule, SyntheticSettings};
 
 use check::{check_overlap, unrecognisable_warning};

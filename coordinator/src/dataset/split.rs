@@ -68,10 +68,7 @@ fn by_column(clouds: Vec<Labelled>) -> Result<[Vec<Labelled>; 4], DatasetError> 
     Ok(splits)
 }
 
-/// Splits at random.
-///
-/// The clouds are put into a random order, instance by instance if stratified, and each goes to the split that
-/// is furthest behind its share. So each split is within about a cloud of its share over all and within two or
+/// Splits at random: see [`deal`]. Each split is within about a cloud of its share over all and within two or
 /// three in each instance, also where an instance has few clouds.
 pub(super) fn draw(rule: &SeededSplit, clouds: Vec<Labelled>) -> Result<[Vec<Labelled>; 4], DatasetError> {
     let [a, b, c, d] = rule.shares;
@@ -85,12 +82,12 @@ pub(super) fn draw(rule: &SeededSplit, clouds: Vec<Labelled>) -> Result<[Vec<Lab
         });
     }
     let shares = [a, b, c, d, if left_over > 1e-9 { left_over } else { 0.0 }];
-    let mut split_of: Vec<Option<usize>> = vec![None; clouds.len()];
+    let mut held_out = vec![false; clouds.len()];
     for sequence in &rule.test_sequences {
         let mut found = false;
-        for (split, cloud) in split_of.iter_mut().zip(&clouds) {
+        for (held_out, cloud) in held_out.iter_mut().zip(&clouds) {
             if cloud.sequence.as_ref() == Some(sequence) {
-                (*split, found) = (Some(3), true);
+                (*held_out, found) = (true, true);
             }
         }
         if !found {
@@ -109,26 +106,12 @@ pub(super) fn draw(rule: &SeededSplit, clouds: Vec<Labelled>) -> Result<[Vec<Lab
         });
     }
 
-    let drawn: Vec<usize> = (0..clouds.len()).filter(|&index| split_of[index].is_none()).collect();
-    let mut groups: BTreeMap<(&str, &str), Vec<usize>> = BTreeMap::new();
-    for index in drawn {
-        let cloud = &clouds[index];
-        let key = if rule.stratified { (&*cloud.category, &*cloud.instance) } else { ("", "") };
-        groups.entry(key).or_default().push(index);
-    }
-    let mut counts = [0_u32; 5];
-    for (number, group) in groups.values_mut().enumerate() {
-        // By path, so that the order of a manifest's rows changes nothing.
-        group.sort_by(|&left, &right| clouds[left].located.path.cmp(&clouds[right].located.path));
-        shuffle(group, rule.seed, number as u64);
-        for &index in group.iter() {
-            let split = furthest_behind(&shares, &counts);
-            counts[split] += 1;
-            split_of[index] = Some(split);
-        }
-    }
+    let drawn: Vec<&Labelled> =
+        clouds.iter().zip(&held_out).filter(|(_, held_out)| !**held_out).map(|(cloud, _)| cloud).collect();
+    let mut dealt = deal(&drawn, &shares, rule.stratified, rule.seed).into_iter();
     let mut splits = [const { Vec::new() }; 4];
-    for (cloud, split) in clouds.into_iter().zip(split_of) {
+    for (cloud, held_out) in clouds.into_iter().zip(held_out) {
+        let split = if held_out { Some(3) } else { dealt.next() };
         if let Some(split) = split.and_then(|split| splits.get_mut(split)) {
             split.push(cloud);
         }
@@ -136,9 +119,40 @@ pub(super) fn draw(rule: &SeededSplit, clouds: Vec<Labelled>) -> Result<[Vec<Lab
     Ok(splits)
 }
 
+/// Deals clouds out to as many parts as there are shares; gives the part of each cloud.
+///
+/// They are put into a random order, instance by instance if stratified, and each goes to the part that is furthest
+/// behind its share.
+pub(super) fn deal(
+    clouds: &[impl std::borrow::Borrow<Labelled>],
+    shares: &[f64],
+    stratified: bool,
+    seed: u64,
+) -> Vec<usize> {
+    let mut groups: BTreeMap<(&str, &str), Vec<usize>> = BTreeMap::new();
+    for (index, cloud) in clouds.iter().enumerate() {
+        let cloud = cloud.borrow();
+        let key = if stratified { (&*cloud.category, &*cloud.instance) } else { ("", "") };
+        groups.entry(key).or_default().push(index);
+    }
+    let (mut part_of, mut counts) = (vec![0; clouds.len()], vec![0_u32; shares.len()]);
+    for (number, group) in groups.values_mut().enumerate() {
+        // By path, so that the order of a manifest's rows changes nothing.
+        let path = |index: usize| &clouds[index].borrow().located.path;
+        group.sort_by(|&left, &right| path(left).cmp(path(right)));
+        shuffle(group, seed, "split", number as u64);
+        for &index in group.iter() {
+            let part = furthest_behind(shares, &counts);
+            counts[part] += 1;
+            part_of[index] = part;
+        }
+    }
+    part_of
+}
+
 /// Fisher and Yates: every order is equally likely.
-fn shuffle(group: &mut [usize], seed: u64, number: u64) {
-    let mut rng = stream(seed, "split", &[number]);
+pub(super) fn shuffle<T>(group: &mut [T], seed: u64, purpose: &str, number: u64) {
+    let mut rng = stream(seed, purpose, &[number]);
     for last in (1..group.len()).rev() {
         let other = rng.random_range(0..=last as u64);
         group.swap(last, other as usize);
@@ -147,11 +161,11 @@ fn shuffle(group: &mut [usize], seed: u64, number: u64) {
 
 /// The index whose count is furthest below its share of all counts after one more, the lowest on ties; never
 /// one without a share.
-fn furthest_behind(shares: &[f64; 5], counts: &[u32; 5]) -> usize {
+fn furthest_behind(shares: &[f64], counts: &[u32]) -> usize {
     let total = f64::from(counts.iter().sum::<u32>() + 1);
     let behind = |index: usize| shares[index] * total - f64::from(counts[index]);
-    let mut best = 4;
-    for index in (0..5).rev().filter(|&index| shares[index] > 0.0) {
+    let mut best = shares.len() - 1;
+    for index in (0..shares.len()).rev().filter(|&index| shares[index] > 0.0) {
         if shares[best] == 0.0 || behind(index) >= behind(best) {
             best = index;
         }

@@ -1,15 +1,16 @@
 //! The exhaustive search: the training fitness of every descriptor of a search space, and what it is good for.
 //!
-//! `grid` and `landscape` decide without IO; `sweep` drives the workers and the folder. A run of method "exhaustive"
+//! `grid`, `landscape` and `cells` decide without IO; `survey` drives the workers and the folder. A run of method "exhaustive"
 //! and the command `exhaust` share the grid's folder: `<results folder>/<name>-grid-<key>`.
 
 pub mod grid;
 pub mod landscape;
 pub mod summary;
 
+mod cells;
 mod optimum;
 mod question;
-mod sweep;
+mod survey;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -17,6 +18,7 @@ use std::sync::Arc;
 use results::{FinishedGrid, GridFolder};
 use worker::store::Store;
 
+use crate::cluster::Client;
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{Experiment, LocalWorkers};
 use crate::run::place::{beside, claim, difference, refuse_another};
@@ -25,7 +27,7 @@ use crate::run::{DataError, RunError, RunOptions, Workplace, host, listen, open_
 pub use optimum::Optimum;
 use question::Question;
 use summary::GridSummary;
-use sweep::Sweep;
+use survey::Survey;
 
 /// Evaluates every descriptor of an experiment's search space on its training clouds; a finished grid is only shown
 /// again. The other two splits are neither read nor given to workers.
@@ -43,23 +45,24 @@ pub async fn exhaust(experiment: &Experiment, options: &RunOptions) -> Result<Gr
         keep(&question, &finished, &out, &store)?;
         return Ok(GridSummary { grid: finished, out });
     }
-    let listener = listen(experiment.coordinator().listen, can_do_alone, options.insecure, &progress).await?;
+    let door = listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
     // Before a folder is made: the search space may be too fine.
     let mut workplace = Workplace::new(experiment, &dataset, Arc::clone(&store), options.storage.memory)
         .map_err(DataError::from)?;
     let folder = open_folder(&out, &question)?;
-    if let Some(listener) = listener {
-        workplace.open(listener).await;
+    if let Some(door) = door {
+        workplace.open(door).await;
     }
+    let mut client = workplace.cluster.client();
     let mut crew = workplace.staff(local_workers);
     if !can_do_alone {
         progress.say("waiting for a worker");
     }
-    let sweep =
-        Sweep { question: &question, name: experiment.name(), folder: &folder, workplace: &workplace };
+    let survey =
+        Survey { question: &question, name: experiment.name(), folder: &folder, workplace: &workplace };
     let search = async {
-        progress.wait_for_worker(&workplace.cluster).await;
-        sweep.run(&mut progress).await
+        progress.wait_for_worker(&client).await;
+        survey.run(&mut client, &mut progress).await
     };
     let grid = crew.during(search).await?;
     crew.stop().await;
@@ -74,6 +77,7 @@ pub async fn best_of_all(
     experiment: &Experiment,
     dataset: &Dataset,
     workplace: &Workplace<'_>,
+    client: &mut Client,
     progress: &mut Progress,
 ) -> Result<Optimum, RunError> {
     let question = Question::new(experiment, dataset)?;
@@ -83,8 +87,8 @@ pub async fn best_of_all(
         None => {
             progress.say(&format!("evaluating the whole grid in {}", out.display()));
             let folder = open_folder(&out, &question)?;
-            let sweep = Sweep { question: &question, name: experiment.name(), folder: &folder, workplace };
-            sweep.run(progress).await?
+            let survey = Survey { question: &question, name: experiment.name(), folder: &folder, workplace };
+            survey.run(client, progress).await?
         }
     };
     keep(&question, &grid, &out, &workplace.store)

@@ -54,22 +54,22 @@ impl Question {
         format!("{disk}-{ring}")
     }
 
-    /// A cell's rows.
-    pub fn points(&self, cell: usize, object_correct: Vec<u32>) -> CellPoints {
+    /// A cell's rows, as this worker counted them.
+    pub fn points(&self, cell: usize, object_correct: Vec<u32>, worker_id: Option<String>) -> CellPoints {
         let mut genes = vec![Vec::with_capacity(object_correct.len()); descriptor::GENES.len()];
         for place in self.grid.places(cell) {
             for (column, value) in genes.iter_mut().zip(rows::gene_values(&self.grid.descriptor(place))) {
                 column.push(value);
             }
         }
-        CellPoints { genes, object_correct }
+        CellPoints { genes, object_correct, worker_id }
     }
 
     /// The counts of a cell's rows as they were read, if they are those of this cell.
     pub fn counts(&self, cell: usize, points: CellPoints) -> Option<Vec<u32>> {
         let in_range = points.object_correct.iter().all(|&count| count <= self.queries);
-        let CellPoints { genes, object_correct } = points;
-        let expected = self.points(cell, object_correct);
+        let CellPoints { genes, object_correct, worker_id } = points;
+        let expected = self.points(cell, object_correct, worker_id);
         (in_range && expected.object_correct.len() == self.grid.cell_len() && expected.genes == genes)
             .then_some(expected.object_correct)
     }

@@ -42,6 +42,11 @@ impl Fault {
         Self::new(format!("{section}{place}"), what, advice)
     }
 
+    /// The same, found in a part of the file that stands for the whole.
+    pub(super) fn within(self, place: &str) -> Self {
+        Self { place: format!("{place}.{}", self.place), ..self }
+    }
+
     pub(super) fn in_file(self, path: &Path) -> ExperimentError {
         let Self { place, what, advice } = self;
         ExperimentError { path: path.to_owned(), place, what, advice }

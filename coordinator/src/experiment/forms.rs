@@ -6,8 +6,8 @@ use std::fmt;
 use std::marker::PhantomData;
 
 use schemars::JsonSchema;
-use serde::de::value::MapAccessDeserializer;
-use serde::de::{Deserializer, Error, IntoDeserializer, MapAccess, Unexpected, Visitor};
+use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
+use serde::de::{Deserializer, Error, IntoDeserializer, MapAccess, SeqAccess, Unexpected, Visitor};
 use serde::{Deserialize, Serialize};
 
 use super::raw::{RawInterval, RawSplitTable, RawSplitWord};
@@ -26,6 +26,14 @@ pub(super) enum RawGene {
 pub(super) enum RawSplits {
     Word(RawSplitWord),
     Table(Box<RawSplitTable>),
+}
+
+/// Seeds: all between two of them, or a list.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+#[serde(untagged, rename = "seeds")]
+pub(super) enum RawSeeds {
+    Range(String),
+    List(Vec<u64>),
 }
 
 /// A whole number or a word.
@@ -74,6 +82,28 @@ impl<'de, W: Word> Deserialize<'de> for NumberOr<W> {
             }
         }
         deserializer.deserialize_any(NumberOrVisitor(PhantomData))
+    }
+}
+
+impl<'de> Deserialize<'de> for RawSeeds {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct SeedsVisitor;
+        impl<'de> Visitor<'de> for SeedsVisitor {
+            type Value = RawSeeds;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("two seeds such as \"1..20\", or a list of seeds")
+            }
+
+            fn visit_str<E: Error>(self, text: &str) -> Result<Self::Value, E> {
+                Ok(RawSeeds::Range(text.to_owned()))
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<Self::Value, A::Error> {
+                Vec::deserialize(SeqAccessDeserializer::new(seq)).map(RawSeeds::List)
+            }
+        }
+        deserializer.deserialize_any(SeedsVisitor)
     }
 }
 

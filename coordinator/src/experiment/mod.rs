@@ -9,6 +9,7 @@ mod paths;
 mod raw;
 mod resolved;
 mod suggest;
+mod sweep;
 mod syntax;
 mod validate;
 mod validate_dataset;
@@ -26,11 +27,13 @@ use std::time::Duration;
 
 use descriptor::{GeneTable, Preprocess};
 
+use crate::assembly::Pieces;
 use crate::dataset::DatasetSettings;
 use crate::evolution::{GaSettings, Method, StopSettings};
 pub use error::ExperimentError;
 use error::Fault;
 pub(crate) use suggest::advice as name_advice;
+pub use sweep::{MAX_MEMBERS, Member, Plan, Sweep};
 
 /// Bytes of the largest file that is read.
 const MAX_BYTES: u64 = 1 << 20;
@@ -74,7 +77,7 @@ pub struct Overrides {
 }
 
 /// How work is shared out. Nothing here changes a result.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CoordinatorSettings {
     /// Where workers on other machines are awaited; `None`: nobody asked for an address.
     pub listen: Option<SocketAddr>,
@@ -88,6 +91,12 @@ pub struct CoordinatorSettings {
     pub max_failures: u32,
     /// How long the run waits for another worker after it lost the last one.
     pub worker_grace: Duration,
+    /// How long the search may take in one start of the run; `None`: for ever.
+    pub deadline: Option<Duration>,
+    /// Share of the evaluations that two workers have to agree on, 0 to 1.
+    pub audit: f64,
+    /// Into how many pieces an evaluation is cut.
+    pub pieces: Pieces,
 }
 
 /// How many workers run inside the coordinator.
@@ -208,8 +217,13 @@ impl Experiment {
 
     /// The experiment of a run's record; `data` is another place of its data root, if that has moved. `origin` names
     /// the record in messages.
-    pub fn from_record(text: &str, origin: &Path, data: Option<&Path>) -> Result<Self, ExperimentError> {
-        let mut experiment = Self::parse(text, origin, Overrides::default(), &|name| std::env::var(name))?;
+    pub fn from_record(
+        text: &str,
+        origin: &Path,
+        data: Option<&Path>,
+        overrides: Overrides,
+    ) -> Result<Self, ExperimentError> {
+        let mut experiment = Self::parse(text, origin, overrides, &|name| std::env::var(name))?;
         if let Some(data) = data {
             let old = experiment.dataset.root.clone();
             experiment.dataset.map_paths(|path| match path.strip_prefix(&old) {

@@ -2,12 +2,14 @@
 //!
 //! The doc comments are the descriptions of the JSON Schema, so they speak to the author of an experiment.
 
+use std::collections::BTreeMap;
+
 use descriptor::Preprocess;
 use descriptor::synth::SynthSettings;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::forms::{NumberOr, RawGene, RawSplits, Word};
+use super::forms::{NumberOr, RawGene, RawSeeds, RawSplits, Word};
 use crate::evolution::{GaSettings, Method, Scaling, StopSettings};
 
 /// A Descry experiment: which clouds, which descriptors, how to search and when to stop.
@@ -40,6 +42,9 @@ pub(super) struct RawExperiment {
     pub coordinator: RawCoordinator,
     #[serde(default)]
     pub results: RawResults,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "RawSweep")]
+    pub sweep: Option<RawSweep>,
 }
 
 fn one() -> u64 {
@@ -449,6 +454,16 @@ pub(super) struct RawCoordinator {
     /// How long the run waits for another worker after it lost the last one.
     #[schemars(range(min = 0, max = 604_800))]
     pub worker_grace_seconds: u32,
+    /// Seconds that the search may take in one start, or "off": then it stops, and the same command goes on with it,
+    /// as long again.
+    pub deadline_seconds: NumberOr<RawOff>,
+    /// Share of the evaluations that a second worker computes, too, when there is one: their answers must be equal. 1
+    /// is all of them, and then no worker that errs or deceives can change a result.
+    #[schemars(range(min = 0.0, max = 1.0))]
+    pub audit: f64,
+    /// Into how many shards and tiles an evaluation is cut that few workers would be busy with: "auto" is as many as
+    /// there are workers for and as are worth while, a number from 1 (never cut) to 4096 is for tests and experts.
+    pub pieces: NumberOr<RawFitting>,
 }
 
 impl Default for RawCoordinator {
@@ -460,6 +475,9 @@ impl Default for RawCoordinator {
             job_seconds: 3600,
             max_failures: 3,
             worker_grace_seconds: 300,
+            deadline_seconds: NumberOr::Word(RawOff::Off),
+            audit: 0.01,
+            pieces: NumberOr::Word(RawFitting::Auto),
         }
     }
 }
@@ -477,6 +495,19 @@ impl Word for RawAuto {
     const TEXT: &'static str = "auto";
 }
 
+/// As many as are worth while.
+#[derive(Clone, Copy, Debug, Default, Serialize, JsonSchema)]
+#[serde(rename_all = "lowercase", rename = "fitting")]
+pub(super) enum RawFitting {
+    /// As many as are worth while.
+    #[default]
+    Auto,
+}
+
+impl Word for RawFitting {
+    const TEXT: &'static str = "auto";
+}
+
 /// Where results go.
 #[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "results")]
@@ -485,4 +516,26 @@ pub(super) struct RawResults {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "String", example = &"../results/runs")]
     pub dir: Option<String>,
+}
+
+/// Several runs at once, which share the workers: one for each seed, each variant, or each variant with each seed.
+#[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default, rename = "sweep")]
+pub(super) struct RawSweep {
+    /// Seeds: "1..20" is all from 1 to 20, [1, 5, 9] is these. Default: the experiment's own seed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "RawSeeds", example = &"1..20")]
+    pub seeds: Option<RawSeeds>,
+    /// Variants by name (letters a-z, digits, - and _), each with those keys of [search], [ga] and [stop] that differ
+    /// from the experiment's.
+    pub variants: BTreeMap<String, RawVariant>,
+}
+
+/// How one variant searches. What is not written is the experiment's.
+#[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default, rename = "variant")]
+pub(super) struct RawVariant {
+    pub search: RawSearch,
+    pub ga: RawGa,
+    pub stop: RawStop,
 }

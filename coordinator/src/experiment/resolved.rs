@@ -7,6 +7,7 @@ use descriptor::preprocess::Unit;
 use descriptor::{Encoding, GeneSpec};
 
 use super::{DEFAULT_RESULTS_DIR, Experiment, LocalWorkers};
+use crate::assembly::Pieces;
 use crate::dataset::{Layout, SeededSplit, SplitRule};
 use crate::evolution::{Method, Scaling};
 
@@ -52,6 +53,15 @@ pub(super) fn resolved_toml(experiment: &Experiment) -> String {
     toml.key("job_seconds", coordinator.job.as_secs());
     toml.key("max_failures", coordinator.max_failures);
     toml.key("worker_grace_seconds", coordinator.worker_grace.as_secs());
+    match coordinator.deadline {
+        Some(deadline) => toml.key("deadline_seconds", deadline.as_secs()),
+        None => toml.key("deadline_seconds", quoted("off")),
+    }
+    toml.key("audit", float(coordinator.audit));
+    match coordinator.pieces {
+        Pieces::Auto => toml.key("pieces", quoted("auto")),
+        Pieces::Fixed(count) => toml.key("pieces", count),
+    }
     toml.section("results");
     match &experiment.results_dir {
         Some(dir) => toml.key("dir", path(dir, folder)),
@@ -126,7 +136,26 @@ fn search_sections(toml: &mut Toml, experiment: &Experiment) {
         toml.key("seed", synthetic.seed);
     }
     space_sections(toml, experiment);
-    toml.section("search");
+    method_sections(toml, "", experiment);
+}
+
+/// The part of a sweep, below the experiment that its runs are variants of; see [`Sweep`](super::Sweep).
+pub(super) fn sweep_section(seeds: Option<&[u64]>, variants: &[(String, Experiment)]) -> String {
+    let mut toml = Toml::default();
+    toml.section("sweep");
+    if let Some(seeds) = seeds {
+        let seeds: Vec<String> = seeds.iter().map(u64::to_string).collect();
+        toml.key("seeds", format!("[{}]", seeds.join(", ")));
+    }
+    for (name, experiment) in variants {
+        method_sections(&mut toml, &format!("sweep.variants.{name}."), experiment);
+    }
+    toml.text
+}
+
+/// The sections that say how is searched, and when the search ends, below `parent`.
+fn method_sections(toml: &mut Toml, parent: &str, experiment: &Experiment) {
+    toml.section(&format!("{parent}search"));
     let method = match experiment.method {
         Method::Ga => "ga",
         Method::Random => "random",
@@ -134,7 +163,7 @@ fn search_sections(toml: &mut Toml, experiment: &Experiment) {
     };
     toml.key("method", quoted(method));
     let ga = &experiment.ga;
-    toml.section("ga");
+    toml.section(&format!("{parent}ga"));
     toml.key("population", ga.population);
     toml.key("elite", ga.elite);
     toml.key("selection", quoted("roulette"));
@@ -155,7 +184,7 @@ fn search_sections(toml: &mut Toml, experiment: &Experiment) {
     };
     toml.key("encoding", quoted(encoding));
     let stop = &experiment.stop;
-    toml.section("stop");
+    toml.section(&format!("{parent}stop"));
     toml.key("generations", stop.generations);
     toml.key("stagnation", limit(stop.stagnation));
     toml.key("validation_patience", limit(stop.validation_patience));

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use serde::Deserialize;
 use toml::Spanned;
-use toml::de::{DeTable, DeValue, Deserializer, Error};
+use toml::de::{DeString, DeTable, DeValue, Deserializer, Error};
 
 use super::error::{Fault, shortened};
 use super::raw::RawExperiment;
@@ -19,7 +19,7 @@ const TABLE_ADVICE: &str = "write a section [name] or { key = value, … }";
 const EXCERPT: usize = 60;
 
 /// Every section. Serde would also read one from a list, by position.
-pub(super) const SECTIONS: [&str; 12] = [
+pub(super) const SECTIONS: [&str; 13] = [
     "dataset",
     "dataset.splits",
     "dataset.splits.seeded",
@@ -32,6 +32,7 @@ pub(super) const SECTIONS: [&str; 12] = [
     "stop",
     "coordinator",
     "results",
+    "sweep",
 ];
 
 /// Reads the text of an experiment file.
@@ -42,6 +43,40 @@ pub(super) fn parse(text: &str) -> Result<RawExperiment, Fault> {
     check_sections(text, root.get_ref())?;
     RawExperiment::deserialize(Deserializer::from(root.clone()))
         .map_err(|error| key_fault(text, root.get_ref(), &error))
+}
+
+/// The experiment as each variant of its sweep has it, by name, of a text that [`parse`] can read.
+pub(super) fn parse_variants(text: &str) -> Result<Vec<(String, RawExperiment)>, Fault> {
+    let mut root = DeTable::parse(text).map_err(|error| syntax_fault(text, &error))?;
+    let sweep = root.get_mut().remove("sweep").map(Spanned::into_inner);
+    let Some(DeValue::Table(mut sweep)) = sweep else { return Ok(Vec::new()) };
+    let variants = sweep.remove("variants").map(Spanned::into_inner);
+    let Some(DeValue::Table(variants)) = variants else { return Ok(Vec::new()) };
+    let experiment = |(name, variant): (Spanned<DeString<'_>>, Spanned<DeValue<'_>>)| {
+        let mut merged = root.clone();
+        if let DeValue::Table(sections) = variant.into_inner() {
+            for (section, settings) in sections {
+                merge(merged.get_mut(), section, settings);
+            }
+        }
+        let raw = RawExperiment::deserialize(Deserializer::from(merged.clone()))
+            .map_err(|error| key_fault(text, merged.get_ref(), &error))?;
+        Ok((name.into_inner().into_owned(), raw))
+    };
+    variants.into_iter().map(experiment).collect()
+}
+
+/// Replaces the keys of a section by those that `settings` has.
+fn merge<'t>(root: &mut DeTable<'t>, section: Spanned<DeString<'t>>, settings: Spanned<DeValue<'t>>) {
+    match (root.get_mut(section.get_ref().as_ref()).map(Spanned::get_mut), settings.get_ref()) {
+        (Some(DeValue::Table(there)), DeValue::Table(settings)) => {
+            for (key, value) in settings {
+                there.remove(key.get_ref().as_ref());
+                there.insert(key.clone(), value.clone());
+            }
+        }
+        _ => drop(root.insert(section, settings)),
+    }
 }
 
 fn check_version(text: &str, root: &DeTable<'_>) -> Result<(), Fault> {

@@ -22,6 +22,7 @@ const PAPER: &str = include_str!("../../../experiments/paper.toml");
 const HOUSEHOLD: &str = include_str!("../../../experiments/household.toml");
 const SAMPLE: &str = include_str!("../../testdata/experiment-v1.toml");
 const SAMPLE_SYNTHETIC: &str = include_str!("../../testdata/experiment-v1-synthetic.toml");
+const SAMPLE_SWEEP: &str = include_str!("../../testdata/experiment-v1-sweep.toml");
 
 /// The smallest experiment.
 const LEAST: &str = "version = 1\ndataset.root = 'clouds'\n";
@@ -139,6 +140,9 @@ fn the_first_version_of_the_file_stays_readable() {
         job: Duration::from_secs(900),
         max_failures: 5,
         worker_grace: Duration::from_secs(60),
+        deadline: Some(Duration::from_secs(86_400)),
+        audit: 0.25,
+        pieces: Pieces::Fixed(8.try_into().unwrap()),
     };
     assert_eq!(sample.coordinator(), &coordinator);
     assert_eq!(sample.results_dir(), Path::new("exp/out"));
@@ -158,7 +162,9 @@ fn keys_of(value: &toml::Table, prefix: &str, keys: &mut BTreeSet<String>) {
     for (key, value) in value {
         let path = if prefix.is_empty() { key.clone() } else { format!("{prefix}.{key}") };
         match value {
-            toml::Value::Table(table) if !path.starts_with("descriptor.genes.") => {
+            toml::Value::Table(table)
+                if !path.starts_with("descriptor.genes.") && path != "sweep.variants" =>
+            {
                 keys_of(table, &path, keys);
             }
             _ => {
@@ -203,7 +209,7 @@ fn schema_keys(
 #[test]
 fn the_samples_use_every_key_of_the_schema_and_no_other() {
     let mut sampled = BTreeSet::new();
-    for sample in [SAMPLE, SAMPLE_SYNTHETIC] {
+    for sample in [SAMPLE, SAMPLE_SYNTHETIC, SAMPLE_SWEEP] {
         keys_of(&sample.parse().unwrap(), "", &mut sampled);
     }
     let schema = json_schema();
@@ -306,4 +312,44 @@ fn the_seed_and_the_name_make_another_folder_and_the_place_does_not() {
     assert_eq!(least, folder(LEAST, "b/x.toml"));
     assert_eq!(least[2..], folder(LEAST, "y.toml")[2..]);
     assert_ne!(least[2..], folder(&format!("{LEAST}seed = 2"), "x.toml")[2..]);
+}
+
+#[test]
+fn a_sweep_is_each_variant_with_each_seed_and_reads_back_as_the_same() {
+    let path = Path::new("exp/x.toml");
+    let read = |text: &str| Plan::parse(text, path, Overrides::default(), &no_variables).unwrap();
+    let Plan::Sweep(sweep) = read(SAMPLE_SWEEP) else { panic!("one run") };
+    let members = sweep.members();
+    let shown: Vec<_> = members
+        .iter()
+        .map(|Member { name, experiment }| {
+            let (ga, stop) = (experiment.ga(), experiment.stop());
+            (name.as_str(), experiment.seed(), ga.population, ga.elite, stop.generations)
+        })
+        .collect();
+    let (whole, small) = ((10, 2, 200), (6, 2, 9));
+    let member = |name, seed, (population, elite, generations)| (name, seed, population, elite, generations);
+    assert_eq!(
+        shown,
+        [
+            member("blind-seed-3", 3, whole),
+            member("blind-seed-4", 4, whole),
+            member("blind-seed-5", 5, whole),
+            member("small-seed-3", 3, small),
+            member("small-seed-4", 4, small),
+            member("small-seed-5", 5, small),
+        ]
+    );
+    assert_eq!(
+        [members[0].experiment.method(), members[3].experiment.method()],
+        [Method::Random, Method::Ga]
+    );
+    // Neither how it is written nor the seed that no run has makes another sweep.
+    let other =
+        SAMPLE_SWEEP.replace("\"3..5\"", "[3, 4, 5]").replace("version = 1\n", "version = 1\nseed = 9\n");
+    let Plan::Sweep(other) = read(&other) else { panic!("one run") };
+    assert_eq!((other.search_toml(), other.folder_name()), (sweep.search_toml(), sweep.folder_name()));
+    let Plan::Sweep(again) = read(&Plan::Sweep(sweep.clone()).resolved_toml()) else { panic!("one run") };
+    assert_eq!(again.members(), members);
+    assert_ne!(read(&SAMPLE_SWEEP.replace("3..5", "3..6")), Plan::Sweep(sweep));
 }

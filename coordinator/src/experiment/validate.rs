@@ -1,6 +1,7 @@
 //! From keys to meaning: the bounds of every setting. Data set and genes have files of their own.
 
 use std::net::SocketAddr;
+use std::num::NonZeroU32;
 use std::path::Path;
 use std::time::Duration;
 
@@ -16,6 +17,7 @@ use super::raw::{
 use super::validate_dataset::dataset;
 use super::validate_genes::genes;
 use super::{CoordinatorSettings, Experiment, LocalWorkers, MAX_LOCAL_WORKERS, MAX_SEED, Overrides};
+use crate::assembly::{MAX_PIECES, Pieces};
 use crate::evolution::{GaSettings, StopSettings};
 
 /// Checks the meaning of every key; the first mistake in the order of the file's sections is reported.
@@ -50,19 +52,29 @@ pub(super) fn experiment(
 
 fn name(given: Option<String>, path: &Path) -> Result<String, Fault> {
     let name = given.unwrap_or_else(|| path.file_stem().unwrap_or_default().to_string_lossy().into_owned());
+    checked_name("name", &name)?;
+    Ok(name)
+}
+
+/// Refuses a name that is not fit for a folder.
+pub(super) fn checked_name(place: &str, name: &str) -> Result<(), Fault> {
     let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_';
     // It becomes the name of a folder: no separator, no leading dot, nothing that looks like an option.
     if name.is_empty() || name.len() > 64 || name.starts_with('-') || !name.chars().all(allowed) {
         let better: String =
             name.to_lowercase().chars().map(|c| if allowed(c) { c } else { '-' }).take(64).collect();
         let better = better.trim_matches('-');
+        let better = if better.is_empty() { "experiment" } else { better };
         return Err(Fault::new(
-            "name",
+            place,
             format!("not 1 to 64 letters a-z, digits, - and _, beginning without -, got {name:?}"),
-            format!("write `name = \"{}\"`", if better.is_empty() { "experiment" } else { better }),
+            match place {
+                "name" => format!("write `name = \"{better}\"`"),
+                _ => format!("call it `{better}`"),
+            },
         ));
     }
-    Ok(name)
+    Ok(())
 }
 
 pub(super) fn checked_seed(place: &str, seed: u64) -> Result<u64, Fault> {
@@ -190,7 +202,32 @@ fn coordinator(raw: &RawCoordinator, overrides: Overrides) -> Result<Coordinator
             604_800,
             "seconds",
         )?),
+        deadline: match raw.deadline_seconds {
+            NumberOr::Word(RawOff::Off) => None,
+            NumberOr::Number(limit) => {
+                Some(seconds(between("deadline_seconds", limit, 1, 31_536_000, "seconds")?))
+            }
+        },
+        audit: share("coordinator.audit", raw.audit)?,
+        pieces: match raw.pieces {
+            NumberOr::Word(_) => Pieces::Auto,
+            NumberOr::Number(count) => {
+                let count = between("pieces", count, 1, MAX_PIECES, "pieces")?;
+                NonZeroU32::new(count).map_or(Pieces::Auto, Pieces::Fixed)
+            }
+        },
     })
+}
+
+fn share(key: &str, got: f64) -> Result<f64, Fault> {
+    if (0.0..=1.0).contains(&got) {
+        return Ok(got + 0.0); // -0 is 0
+    }
+    Err(Fault::new(
+        key,
+        format!("not between 0 and 1, got {got}"),
+        "choose a share: 0.01 is one in a hundred",
+    ))
 }
 
 fn seconds(seconds: u32) -> Duration {

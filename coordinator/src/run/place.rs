@@ -3,10 +3,22 @@
 use std::path::{Path, PathBuf};
 use std::{fs, io, io::Read as _, io::Write as _};
 
+use crate::experiment::Experiment;
 use crate::run::RunError;
 
 /// File in a run or grid folder that says which search it holds.
 const SEARCH_FILE: &str = "search.toml";
+
+/// The folder of an experiment's run: `out`, or one that the same search finds again; `fresh`: one that is not there.
+pub fn folder(experiment: &Experiment, out: Option<PathBuf>, fresh: bool) -> PathBuf {
+    chosen(experiment.results_dir(), &experiment.run_folder_name(), out, fresh)
+}
+
+/// `out`, or a folder of this name in `parent`; `fresh`: one that is not there.
+pub fn chosen(parent: &Path, name: &str, out: Option<PathBuf>, fresh: bool) -> PathBuf {
+    let base = out.unwrap_or_else(|| parent.join(name));
+    if fresh { beside(&base) } else { base }
+}
 
 /// The first folder beside `base`, or itself, that is not there: no finished search is ever removed.
 pub fn beside(base: &Path) -> PathBuf {
@@ -42,18 +54,21 @@ pub fn claim(folder: &Path, search: &str) -> Result<(), RunError> {
             let difference = difference(&held, search);
             Err(RunError::OtherSearch { folder: folder.to_owned(), difference })
         }
-        Err(error) if error.kind() == io::ErrorKind::NotFound => {
-            let mut file = tempfile::NamedTempFile::new_in(folder).map_err(failed)?;
-            file.write_all(search.as_bytes()).and_then(|()| file.as_file().sync_all()).map_err(failed)?;
-            file.persist(&path).map_err(|error| failed(error.error))?;
-            Ok(())
-        }
+        Err(error) if error.kind() == io::ErrorKind::NotFound => write_whole(&path, search).map_err(failed),
         Err(error) => Err(failed(error)),
     }
 }
 
-/// A text of at most 1 MiB, as every search is; what is longer is cut, and so differs from all of them.
-fn read_bounded(path: &Path) -> io::Result<String> {
+/// Writes a file whole or not at all.
+pub fn write_whole(path: &Path, text: &str) -> io::Result<()> {
+    let folder = path.parent().unwrap_or(Path::new("."));
+    let mut file = tempfile::NamedTempFile::new_in(folder)?;
+    file.write_all(text.as_bytes()).and_then(|()| file.as_file().sync_all())?;
+    file.persist(path).map(drop).map_err(|error| error.error)
+}
+
+/// A text of at most 1 MiB, as every search and every record is; what is longer is cut, and so differs from all of them.
+pub fn read_bounded(path: &Path) -> io::Result<String> {
     let mut bytes = Vec::new();
     fs::File::open(path)?.take(1 << 20).read_to_end(&mut bytes)?;
     Ok(String::from_utf8_lossy(&bytes).into_owned())

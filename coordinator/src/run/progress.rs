@@ -1,13 +1,15 @@
 //! What a run shows while it works: a live line on a terminal, plain lines elsewhere, always on standard error.
 
 use std::io::IsTerminal as _;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use descriptor::Parameters;
 use indicatif::{ProgressBar, ProgressStyle};
 use results::Counts;
 
-use crate::cluster::{Cluster, ClusterNews};
+use crate::cluster::{Client, ClusterNews};
+use crate::run::tally::Tally;
 
 /// What there is to say at the end of a generation.
 pub struct GenerationReport<'a> {
@@ -57,6 +59,8 @@ pub struct Progress {
     cells: Option<CellReport>,
     started: Instant,
     generation: u32,
+    /// Generations that earlier starts had written: they say nothing of how long the rest will take.
+    found: u32,
     /// Errors of the last complete generation.
     errors: String,
     workers: usize,
@@ -64,6 +68,8 @@ pub struct Progress {
     finished: u64,
     /// Individuals whose descriptor was known already.
     remembered: u64,
+    /// Of a run of a sweep: its name, and what all of them have done.
+    member: Option<(String, Arc<Tally>)>,
 }
 
 impl Progress {
@@ -85,15 +91,43 @@ impl Progress {
             cells: None,
             started,
             generation: 0,
+            found: 0,
             errors,
             workers: 0,
             finished: 0,
             remembered: 0,
+            member: None,
+        }
+    }
+
+    /// The display of one run of a sweep: its lines carry its name, the live line is that of all.
+    pub fn of_member(&self, name: &str, generations: u32, tally: &Arc<Tally>) -> Self {
+        let (bar, member) = (self.bar.clone(), Some((name.to_owned(), Arc::clone(tally))));
+        Self {
+            bar,
+            generations,
+            cells: None,
+            started: Instant::now(),
+            generation: 0,
+            found: 0,
+            errors: String::new(),
+            workers: 0,
+            finished: 0,
+            remembered: 0,
+            member,
         }
     }
 
     /// A line that stays.
     pub fn say(&self, line: &str) {
+        self.print(&format!("{}{line}", self.label()));
+    }
+
+    fn label(&self) -> String {
+        self.member.as_ref().map_or_else(String::new, |(name, _)| format!("{name}: "))
+    }
+
+    fn print(&self, line: &str) {
         match &self.bar {
             Some(bar) => bar.suspend(|| eprintln!("{line}")),
             None => eprintln!("{line}"),
@@ -101,18 +135,19 @@ impl Progress {
     }
 
     /// Waits until there is a worker, and says each minute that there is none.
-    pub async fn wait_for_worker(&self, cluster: &Cluster) {
+    pub async fn wait_for_worker(&self, client: &Client) {
         let waiting =
             |waited: Duration| self.say(&format!("no worker yet after {} min", waited.as_secs() / 60));
-        cluster.wait_for_worker(waiting).await;
+        client.wait_for_worker(waiting).await;
     }
 
-    /// Rates are counted from now: what came before was no evaluation.
-    pub fn search_starts(&mut self) {
+    /// Rates are counted from now: what came before was no evaluation. `found` generations are there already.
+    pub fn search_starts(&mut self, found: u32) {
         self.started = Instant::now();
+        self.found = found;
         self.cells = None;
         self.finished = 0;
-        if let Some(bar) = &self.bar {
+        if let (Some(bar), None) = (&self.bar, &self.member) {
             bar.set_length(self.generations.into());
         }
     }
@@ -169,18 +204,15 @@ impl Progress {
 
     /// Workers came or went, evaluations were finished.
     pub fn news(&mut self, news: &ClusterNews) {
-        for arrival in &news.arrivals {
-            let (threads, build) = (arrival.introduction.threads, &arrival.introduction.build);
-            self.say(&format!("worker {}: joined, {threads} threads, {build}", arrival.label));
-        }
-        for farewell in &news.farewells {
-            let leases = farewell.leases;
-            let leases = if leases == 1 { "1 lease".to_owned() } else { format!("{leases} leases") };
-            self.say(&format!("worker {}: {}, {leases} handed back", farewell.label, farewell.reason));
+        for event in news.events.iter().filter(|event| event.what.is_news()) {
+            self.print(&event.what.to_string()); // of a sweep, whoever hears of it says it for all
         }
         let changed = self.workers != news.workers || news.finished > 0;
         self.workers = news.workers;
         self.finished += news.finished as u64;
+        if let Some((_, tally)) = &self.member {
+            tally.evaluated(news.finished as u64, news.workers);
+        }
         if changed {
             self.redraw();
         }
@@ -193,9 +225,13 @@ impl Progress {
         let validation = report.validation.map_or("off".to_owned(), |counts| percent(counts.object_error()));
         self.errors = format!("best {} mean {} validation {validation}", percent(best), percent(mean));
         self.remembered = report.remembered;
+        let done = match &self.member {
+            Some((_, tally)) => tally.generation_done(),
+            None => report.generation.into(),
+        };
         match &self.bar {
             Some(bar) => {
-                bar.set_position(report.generation.into());
+                bar.set_position(done);
                 self.redraw();
                 if report.improved {
                     self.say(&format!(
@@ -206,7 +242,7 @@ impl Progress {
                     ));
                 }
             }
-            None => eprintln!("{}: {} | {}", self.place(), self.errors, self.work()),
+            None => eprintln!("{}{}: {} | {}", self.label(), self.place(), self.errors, self.work()),
         }
     }
 
@@ -225,8 +261,8 @@ impl Progress {
     fn work(&self) -> String {
         let elapsed = self.started.elapsed();
         let rate = self.finished as f64 / elapsed.as_secs_f64().max(1e-3);
-        let rest =
-            f64::from(self.generations.saturating_sub(self.generation)) / f64::from(self.generation.max(1));
+        let done = self.generation.saturating_sub(self.found).max(1);
+        let rest = f64::from(self.generations.saturating_sub(self.generation)) / f64::from(done);
         format!(
             "{} evaluated, {} remembered | {}, {rate:.1}/s | at most {} left",
             self.finished,
@@ -238,9 +274,10 @@ impl Progress {
 
     fn redraw(&self) {
         if let Some(bar) = &self.bar {
-            let [prefix, message] = match &self.cells {
-                Some(report) => self.cells_line(report),
-                None => [format!("{}: {}", self.place(), self.errors), self.work()],
+            let [prefix, message] = match (&self.cells, &self.member) {
+                (Some(report), _) => self.cells_line(report),
+                (None, Some((_, tally))) => tally.lines(),
+                (None, None) => [format!("{}: {}", self.place(), self.errors), self.work()],
             };
             bar.set_prefix(prefix);
             bar.set_message(message);

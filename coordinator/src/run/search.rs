@@ -1,11 +1,13 @@
 //! The search: generation after generation, whatever makes them, until there is a reason to stop.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 use std::time::Instant;
 
 use descriptor::Parameters;
 use results::{Counts, RunFolder};
 
+use crate::cluster::Client;
 use crate::evaluation::EvaluationResult;
 use crate::evolution::{GenerationBest, Individual, StopReason, StopRule, Winner, selection};
 use crate::experiment::Experiment;
@@ -16,6 +18,7 @@ use crate::run::source::Source;
 use crate::run::splits::Matching;
 use crate::run::{RunError, Workplace};
 use crate::scheduler::Finished;
+use crate::task::Task;
 
 /// What a search found.
 pub struct Found {
@@ -41,26 +44,55 @@ pub struct Found {
 pub struct Search<'a> {
     experiment: &'a Experiment,
     workplace: &'a Workplace<'a>,
+    client: &'a mut Client,
     progress: &'a mut Progress,
     /// Nothing is evaluated twice.
     known: Known,
+    /// In which generation each descriptor was first evaluated.
+    born: BTreeMap<Parameters, u32>,
     computed: u64,
     remembered: u64,
 }
 
 impl<'a> Search<'a> {
-    /// A search that has not begun; what is `known` from earlier runs is not evaluated again.
+    /// A search that has not begun; what is `known` from earlier runs is not evaluated again. What an earlier start of
+    /// this run has evaluated stays its own, whatever other runs have found out since.
     pub fn new(
         experiment: &'a Experiment,
         workplace: &'a Workplace<'a>,
+        client: &'a mut Client,
         progress: &'a mut Progress,
-        known: Known,
+        mut known: Known,
     ) -> Self {
-        Self { experiment, workplace, progress, known, computed: 0, remembered: 0 }
+        let Workplace { cluster, splits, .. } = workplace;
+        if cluster.has_past() {
+            for (matching, known) in
+                [(Matching::Train, &mut known.train), (Matching::Validation, &mut known.validation)]
+            {
+                let is_own = |parameters| cluster.recalls(splits.evaluation(parameters, matching, false));
+                known.retain(|parameters, _| !is_own(*parameters));
+            }
+        }
+        let born = BTreeMap::new();
+        Self { experiment, workplace, client, progress, known, born, computed: 0, remembered: 0 }
+    }
+
+    /// Who asks for the search, and the display of the run.
+    pub fn parties(&mut self) -> (&mut Client, &mut Progress) {
+        (self.client, self.progress)
+    }
+
+    /// Notes to which generation the corrected answers take the run back.
+    pub fn note_rewind(&self, tasks: &[Arc<Task>]) {
+        let born = tasks.iter().filter_map(|task| self.born.get(task.parameters()?));
+        let generation = born.min().copied().unwrap_or(1);
+        let why = format!("{} answers of a worker that was wrong are corrected", tasks.len());
+        self.progress.say(&format!("back to generation {generation}: {why}"));
+        self.client.note_rewind(generation, why);
     }
 
     /// Takes generations from `source` until the stop rule ends it, and writes each to the run folder.
-    pub async fn run(mut self, mut source: Source, folder: &mut RunFolder) -> Result<Found, RunError> {
+    pub async fn run(&mut self, mut source: Source, folder: &mut RunFolder) -> Result<Found, RunError> {
         let mut stop = StopRule::new(*self.experiment.stop());
         let mut winner = Winner::default();
         let mut leader = None;
@@ -70,7 +102,7 @@ impl<'a> Search<'a> {
             let generation = source.generation();
             self.progress.generation_starts(generation);
             let population = source.population().to_vec();
-            let computed = self.evaluate_new(&population).await?;
+            let computed = self.evaluate_new(generation, &population).await?;
             let counts: Vec<Counts> =
                 population.iter().map(|one| self.known.train[&one.parameters]).collect();
             let correct: Vec<u32> = counts.iter().map(|counts| counts.object_correct).collect();
@@ -96,24 +128,34 @@ impl<'a> Search<'a> {
             };
 
             let individuals = rows::evaluations(generation, &population, &counts, &computed);
-            folder.write_generation(
-                &individuals,
-                &results::GenerationRow {
-                    generation,
-                    best_so_far_fitness: best_so_far,
-                    validation,
-                    mutation_rate: source.mutation_rate(),
-                    seconds: started.elapsed().as_secs_f64(),
-                },
-            )?;
-            self.progress.generation_done(&GenerationReport {
+            let row = results::GenerationRow {
                 generation,
-                counts: &counts,
-                best: &population[best].parameters,
-                improved,
+                best_so_far_fitness: best_so_far,
                 validation,
-                remembered: self.remembered,
-            });
+                mutation_rate: source.mutation_rate(),
+                seconds: started.elapsed().as_secs_f64(),
+            };
+            // What an earlier start has written stays as it is, with the time that it took; unless it rests on answers
+            // that were found to be wrong since.
+            if generation <= folder.generations() && !folder.has(&individuals, &row)? {
+                self.progress.say(&format!(
+                    "generation {generation}: is not what was written before, got other counts"
+                ));
+                folder.truncate(generation - 1)?;
+            }
+            if generation > folder.generations() {
+                // No table says who computed what before the journal does.
+                self.workplace.cluster.flush().await?;
+                folder.write_generation(&individuals, &row)?;
+                self.progress.generation_done(&GenerationReport {
+                    generation,
+                    counts: &counts,
+                    best: &population[best].parameters,
+                    improved,
+                    validation,
+                    remembered: self.remembered,
+                });
+            }
 
             if let Some(stop_reason) = reason
                 && let Some((winner, individual, train)) = leader
@@ -127,7 +169,7 @@ impl<'a> Search<'a> {
                     train,
                     computed,
                     remembered,
-                    known: self.known,
+                    known: std::mem::take(&mut self.known),
                 });
             }
             source.tell(&correct);
@@ -138,25 +180,23 @@ impl<'a> Search<'a> {
     /// it.
     async fn evaluate_new(
         &mut self,
+        generation: u32,
         population: &[Individual],
     ) -> Result<BTreeMap<usize, Finished<EvaluationResult>>, RunError> {
-        let mut new: Vec<(usize, Parameters)> = Vec::new();
-        for (index, individual) in population.iter().enumerate() {
-            let parameters = individual.parameters;
-            if !self.known.train.contains_key(&parameters)
-                && new.iter().all(|(_, known)| *known != parameters)
-            {
-                new.push((index, parameters));
+        let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
+        for (index, Individual { parameters, .. }) in population.iter().enumerate() {
+            if !self.known.train.contains_key(parameters) && seen.insert(*parameters) {
+                new.push((index, *parameters));
             }
         }
+        self.born.extend(new.iter().map(|(_, parameters)| (*parameters, generation)));
         self.computed += new.len() as u64;
         self.remembered += (population.len() - new.len()) as u64;
         let evaluations = new
             .iter()
             .map(|(_, parameters)| self.workplace.splits.evaluation(*parameters, Matching::Train, false));
         let progress = &mut *self.progress;
-        let finished =
-            self.workplace.cluster.evaluate(evaluations.collect(), |news| progress.news(news)).await?;
+        let finished = self.client.evaluate(evaluations.collect(), |news| progress.news(news)).await?;
         for ((_, parameters), finished) in new.iter().zip(&finished) {
             self.known.train.insert(*parameters, rows::counts(&finished.result));
         }
@@ -173,7 +213,7 @@ impl<'a> Search<'a> {
         }
         let evaluation = self.workplace.splits.evaluation(parameters, Matching::Validation, false);
         let progress = &mut *self.progress;
-        let finished = self.workplace.cluster.evaluate(vec![evaluation], |news| progress.news(news)).await?;
+        let finished = self.client.evaluate(vec![evaluation], |news| progress.news(news)).await?;
         let counts = finished.first().map(|finished| rows::counts(&finished.result));
         if let Some(counts) = counts {
             self.known.validation.insert(parameters, counts);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use descriptor::{GENES, GeneSpec};
-use results::{Counts, RunRow};
+use results::{Counts, RunRow, wilson};
 use serde_json::{Map, Value, json};
 
 use crate::evolution::StopReason;
@@ -44,24 +44,24 @@ impl Summary {
                 row("", format!("{:<12}{:<8}{}", spec.name, format!("{value} {}", spec.unit), spec.meaning));
             }
         }
-        row("", format!("{:<22}{:<22}{}", "object error", "category error", "clouds"));
+        let title = [("object error", "95 %"), ("category error", "95 %")];
+        let title = title.map(|(error, interval)| format!("{error:<16}{interval:<16}")).concat();
+        row("", format!("{title}clouds"));
         for (split, counts) in self.errors() {
             let Some(counts) = counts else {
                 row(split, "not measured".to_owned());
                 continue;
             };
             let error = |share: f64, correct: u32| {
-                format!("{} ({})", percent(share), counts.queries.saturating_sub(correct))
+                let wrong = counts.queries.saturating_sub(correct);
+                let [low, high] = wilson(wrong, counts.queries).map(|end| 100.0 * end);
+                let (error, interval) =
+                    (format!("{} ({wrong})", percent(share)), format!("{low:.1} - {high:.1} %"));
+                format!("{error:<16}{interval:<16}")
             };
-            row(
-                split,
-                format!(
-                    "{:<22}{:<22}{}",
-                    error(counts.object_error(), counts.object_correct),
-                    error(counts.category_error(), counts.category_correct),
-                    counts.queries
-                ),
-            );
+            let object = error(counts.object_error(), counts.object_correct);
+            let category = error(counts.category_error(), counts.category_correct);
+            row(split, format!("{object}{category}{}", counts.queries));
         }
         if let Some((best, regret)) = run.grid_best_object_correct.zip(run.regret()) {
             let queries = run.train.queries;
@@ -90,20 +90,26 @@ impl Summary {
         text
     }
 
-    /// The same as one JSON object; errors are fractions.
+    /// The same as one JSON object; errors are fractions, with their 95 % intervals.
     pub fn json(&self) -> Value {
         let run = &self.run;
         let object = |counts: Option<Counts>| counts.map(|counts| counts.object_error());
         let category = |counts: Option<Counts>| counts.map(|counts| counts.category_error());
+        let interval = |counts: Option<Counts>| {
+            counts.map(|counts| wilson(counts.queries.saturating_sub(counts.object_correct), counts.queries))
+        };
         json!({
             "name": run.name,
             "seed": run.seed,
             "best": genes_json(&run.best_genes),
             "train_error": object(Some(run.train)),
+            "train_error_interval": interval(Some(run.train)),
             "train_category_error": category(Some(run.train)),
             "validation_error": object(run.validation),
+            "validation_error_interval": interval(run.validation),
             "validation_category_error": category(run.validation),
             "test_object_error": object(run.test),
+            "test_object_error_interval": interval(run.test),
             "test_category_error": category(run.test),
             "regret": run.regret(),
             "grid_best_object_correct": run.grid_best_object_correct,

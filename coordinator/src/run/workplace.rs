@@ -3,19 +3,21 @@
 use std::sync::Arc;
 
 use descriptor::{Parameters, QuantiseError, Quantiser};
+use proto::SessionId;
 use results::Counts;
-use tokio::net::TcpListener;
 use worker::Size;
 use worker::store::Store;
 
 use crate::cluster::{Cluster, ClusterError};
 use crate::dataset::Dataset;
+use crate::door::Door;
 use crate::experiment::{Experiment, LocalWorkers};
+use crate::journal::{Journal, Recorded};
 use crate::local::{self, Crew};
 use crate::prepared::PreparedClouds;
 use crate::run::rows;
 use crate::run::splits::{Matching, SplitBlobs};
-use crate::scheduler::Limits;
+use crate::scheduler::{Audit, Limits};
 use crate::server::Servers;
 use crate::wire;
 
@@ -25,6 +27,19 @@ const MAX_WORKERS: usize = 10_000;
 /// Workers that one job may take with it: many machines may go for reasons of their own, but a job that brings down
 /// each worker it is given to must end some time.
 const MAX_LOSSES: u32 = 50;
+
+fn limits(experiment: &Experiment) -> Limits {
+    let settings = experiment.coordinator();
+    Limits {
+        lease: settings.lease,
+        job: settings.job,
+        max_failures: settings.max_failures,
+        max_losses: MAX_LOSSES,
+        worker_grace: settings.worker_grace,
+        max_workers: MAX_WORKERS,
+        audit: Audit { share: settings.audit, seed: experiment.seed() },
+    }
+}
 
 /// A cluster, its data and its doors.
 pub struct Workplace<'a> {
@@ -39,7 +54,8 @@ pub struct Workplace<'a> {
 }
 
 impl<'a> Workplace<'a> {
-    /// A workplace that nobody has come to yet. Workers of this process share the store, and `memory` in equal parts.
+    /// A workplace that nobody has come to yet and that keeps nothing. Workers of this process share the store, and
+    /// `memory` in equal parts.
     ///
     /// # Errors
     /// If the search space is too fine.
@@ -49,15 +65,32 @@ impl<'a> Workplace<'a> {
         store: Arc<Store>,
         memory: Size,
     ) -> Result<Self, QuantiseError> {
-        let settings = experiment.coordinator();
-        let cluster = Cluster::new(Limits {
-            lease: settings.lease,
-            job: settings.job,
-            max_failures: settings.max_failures,
-            max_losses: MAX_LOSSES,
-            worker_grace: settings.worker_grace,
-            max_workers: MAX_WORKERS,
-        });
+        Self::with(Cluster::new(limits(experiment)), experiment, dataset, store, memory)
+    }
+
+    /// The workplace of a run with a journal: it goes on where earlier starts ended.
+    ///
+    /// # Errors
+    /// If the search space is too fine.
+    pub fn with_journal(
+        (session, journal, recorded): (SessionId, Journal, Recorded),
+        experiment: &Experiment,
+        dataset: &'a Dataset,
+        store: Arc<Store>,
+        memory: Size,
+    ) -> Result<Self, QuantiseError> {
+        let cluster = Cluster::with_journal(limits(experiment), session, journal, recorded);
+        Self::with(cluster, experiment, dataset, store, memory)
+    }
+
+    fn with(
+        cluster: Arc<Cluster>,
+        experiment: &Experiment,
+        dataset: &'a Dataset,
+        store: Arc<Store>,
+        memory: Size,
+    ) -> Result<Self, QuantiseError> {
+        cluster.set_pieces(experiment.coordinator().pieces);
         let splits = SplitBlobs::publish(dataset, &cluster.blobs);
         let preparation = wire::preparation(experiment.preprocess(), experiment.genes());
         let quantiser = Quantiser::new(experiment.genes())?;
@@ -73,15 +106,16 @@ impl<'a> Workplace<'a> {
     }
 
     /// Lets remote workers in.
-    pub async fn open(&mut self, listener: TcpListener) {
-        self.servers.serve_tcp(listener).await;
+    pub async fn open(&mut self, door: Door) {
+        self.servers.serve(door).await;
     }
 
     /// Training counts of some descriptors, in their order.
     pub async fn train_counts(&self, parameters: &[Parameters]) -> Result<Vec<Counts>, ClusterError> {
         let evaluation =
             |parameters: &Parameters| self.splits.evaluation(*parameters, Matching::Train, false);
-        let finished = self.cluster.evaluate(parameters.iter().map(evaluation).collect(), |_| {}).await?;
+        let finished =
+            self.cluster.client().evaluate(parameters.iter().map(evaluation).collect(), |_| {}).await?;
         Ok(finished.iter().map(|finished| rows::counts(&finished.result)).collect())
     }
 }

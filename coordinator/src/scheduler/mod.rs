@@ -2,6 +2,16 @@
 //!
 //! Nothing here does IO or waits. The service feeds polls in, the run driver submits jobs and drains outcomes.
 
+mod audit;
+mod event;
+mod job;
+mod leases;
+mod messages;
+mod queue;
+mod restore;
+mod run_times;
+mod turns;
+mod verdict;
 mod worker;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -10,9 +20,22 @@ use std::time::{Duration, Instant};
 
 use proto::{JobId, Lease, WorkerId};
 
-use crate::task::{Task, TaskResult};
-use worker::Worker;
-pub use worker::{Arrival, Farewell, Introduction};
+use crate::task::Task;
+pub use audit::Audit;
+use event::Events;
+pub use event::{Attempt, AttemptEnd, Departure, Event, What};
+use job::Job;
+pub use messages::{Answer, Finished, JobFailed, Poll, PollRefusal, RegisterRefusal, Report, Staffing};
+use queue::Queue;
+use run_times::RunTimes;
+pub use turns::ClientId;
+pub use worker::Introduction;
+use worker::{Acquaintance, Worker};
+
+/// Workers that have nothing to do for so long are reported, …
+const STARVING_AFTER: Duration = Duration::from_secs(10);
+/// … and again after so long.
+const STARVING_AGAIN: Duration = Duration::from_secs(120);
 
 /// Bounds that the experiment sets.
 #[derive(Clone, Copy, Debug)]
@@ -25,137 +48,57 @@ pub struct Limits {
     pub max_failures: u32,
     /// Workers lost with a job in hand after which that job stops the run.
     pub max_losses: u32,
-    /// How long a run waits for another worker after it lost the last one.
+    /// How long a run waits for another worker after it lost the last one, or one more is needed to decide.
     pub worker_grace: Duration,
     /// Registered workers beyond which registration is refused.
     pub max_workers: usize,
+    /// Which evaluations two workers have to agree on.
+    pub audit: Audit,
 }
 
-/// What one worker says in one poll.
-#[derive(Debug, Default)]
-pub struct Poll {
-    /// Grows with each poll of a worker.
-    pub sequence: u64,
-    /// Every lease the worker holds.
-    pub held: Vec<Lease>,
-    /// Finished and not acknowledged.
-    pub finished: Vec<Report>,
-    /// How many more jobs the worker would take.
-    pub wanted: usize,
-    /// The worker is about to stop.
-    pub leaving: bool,
-}
-
-/// A finished lease.
-#[derive(Clone, Debug)]
-pub struct Report {
-    /// Which lease.
-    pub lease: Lease,
-    /// Seconds on the worker's clock.
-    pub run_seconds: f64,
-    /// The answer, or why there is none.
-    pub outcome: Result<TaskResult, String>,
-}
-
-/// What a poll is answered with.
-#[derive(Debug, Default)]
-pub struct Answer {
-    /// Reports that need not be sent again.
-    pub acknowledged: Vec<Lease>,
-    /// Leases that are no longer wanted.
-    pub revoked: Vec<Lease>,
-    /// New leases.
-    pub jobs: Vec<(Lease, Arc<Task>)>,
-}
-
-/// Why a poll is not answered.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum PollRefusal {
-    /// The worker has to register first.
-    UnknownWorker,
-    /// A newer poll of the same worker was seen.
-    Stale,
-}
-
-/// A job that is done.
-#[derive(Clone, Debug)]
-pub struct Finished<R = TaskResult> {
-    /// Which job.
-    pub job: JobId,
-    /// The first valid answer.
-    pub result: R,
-    /// Label of the worker that gave it.
-    pub worker: String,
-    /// Which attempt it was.
-    pub attempt: u32,
-    /// From submission to the lease of the attempt that gave the answer.
-    pub queued: Duration,
-    /// Seconds on the worker's clock.
-    pub run_seconds: f64,
-}
-
-/// A job that failed as often as the limit allows.
-#[derive(Clone, Debug, PartialEq)]
-pub struct JobFailed {
-    /// What was asked.
-    pub task: Arc<Task>,
-    /// `worker: reason` of every failure, oldest first.
-    pub failures: Vec<String>,
-}
-
-/// Whether anybody is there to work.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Staffing {
-    /// At least one worker.
-    Staffed,
-    /// No worker has joined yet.
-    NotYet,
-    /// The last worker was lost this long ago, and there is still time for another to join.
-    Lost(Duration),
-    /// The grace after the loss of the last worker is over.
-    GraceOver,
-}
-
-struct Job {
-    task: Arc<Task>,
-    submitted: Instant,
-    /// Who works on it now, on which attempt.
-    lease: Option<(WorkerId, u32)>,
-    /// When each attempt was handed out.
-    handed_out: Vec<Instant>,
-    failures: Vec<(WorkerId, String)>,
-    losses: Vec<String>,
-}
-
-impl Job {
-    /// Whether this attempt was ever handed out.
-    fn has_attempt(&self, attempt: u32) -> bool {
-        (1..=self.handed_out.len()).contains(&(attempt as usize))
-    }
-
-    fn failed_on(&self, worker: WorkerId) -> bool {
-        self.failures.iter().any(|(failed, _)| *failed == worker)
-    }
+#[cfg(test)]
+impl Limits {
+    /// For tests.
+    pub const SAMPLE: Self = Self {
+        lease: Duration::from_secs(30),
+        job: Duration::from_secs(600),
+        max_failures: 2,
+        max_losses: 5,
+        worker_grace: Duration::from_secs(300),
+        max_workers: 4,
+        audit: Audit::NONE,
+    };
 }
 
 /// All workers and all unfinished jobs of one run.
 pub struct Scheduler {
     limits: Limits,
     workers: BTreeMap<WorkerId, Worker>,
+    /// How many workers have no lease.
+    idle: usize,
     jobs: BTreeMap<JobId, Job>,
-    /// Jobs without a lease; lowest id first.
-    waiting: BTreeSet<JobId>,
-    next_job: u64,
+    queue: Queue,
+    /// Jobs whose answers differ and are not decided.
+    disputed: BTreeSet<JobId>,
+    /// Workers that gave a wrong answer: they get no more jobs, and none of their answers counts.
+    quarantined: BTreeSet<WorkerId>,
+    run_times: RunTimes,
     finished: Vec<Finished>,
     failed: Option<JobFailed>,
-    farewells: Vec<Farewell>,
-    arrivals: Vec<Arrival>,
-    /// Labels of those who are here and of those who have finished a job: none names two workers in the results,
-    /// and a worker that returns keeps its own.
-    labels: BTreeMap<WorkerId, String>,
+    events: Events,
+    /// Those who are here and those who have answered a job: no label names two workers in the results, and a worker
+    /// that returns keeps its own.
+    known: BTreeMap<WorkerId, Acquaintance>,
     used_labels: BTreeSet<String>,
     last_look: Option<Instant>,
     alone_since: Option<Instant>,
+    undecided_since: Option<Instant>,
+    starving_since: Option<Instant>,
+    /// Whether it was said that audits wait for another worker.
+    unaudited: bool,
+    /// Leases that an earlier start handed out, by job, for jobs that have not been submitted again yet; `None` if there
+    /// was no earlier start.
+    earlier: Option<BTreeMap<JobId, Vec<(WorkerId, u32)>>>,
 }
 
 impl Scheduler {
@@ -164,55 +107,84 @@ impl Scheduler {
         Self {
             limits,
             workers: BTreeMap::new(),
+            idle: 0,
             jobs: BTreeMap::new(),
-            waiting: BTreeSet::new(),
-            next_job: 1,
+            queue: Queue::default(),
+            disputed: BTreeSet::new(),
+            quarantined: BTreeSet::new(),
+            run_times: RunTimes::default(),
             finished: Vec::new(),
             failed: None,
-            farewells: Vec::new(),
-            arrivals: Vec::new(),
-            labels: BTreeMap::new(),
+            events: Events::default(),
+            known: BTreeMap::new(),
             used_labels: BTreeSet::new(),
             last_look: None,
             alone_since: None,
+            undecided_since: None,
+            starving_since: None,
+            unaudited: false,
+            earlier: None,
         }
     }
 
-    /// Adds a job; jobs are handed out in the order of submission.
-    pub fn submit(&mut self, task: Arc<Task>, now: Instant) -> JobId {
-        let id = JobId(self.next_job);
-        self.next_job += 1;
-        let (handed_out, failures, losses) = (Vec::new(), Vec::new(), Vec::new());
-        let job = Job { task, submitted: now, lease: None, handed_out, failures, losses };
+    /// Adds a job under its name ([`Names`](crate::task::Names)). Clients take turns; the jobs of one are handed out in
+    /// the order of submission. A job that a worker was given by an earlier start is still its own.
+    pub fn submit(&mut self, id: JobId, task: Arc<Task>, client: ClientId, now: Instant) {
+        self.abandon(id, now); // of the same name before the run began again
+        let audited = self.limits.audit.covers(&task);
+        let mut job = Job::new(task, self.queue.place(client), audited, now);
+        let lease = self.restore_attempts(id, &mut job, now);
         self.jobs.insert(id, job);
-        self.waiting.insert(id);
-        id
+        match lease {
+            Some((holder, attempt)) => self.book_lease(id, holder, attempt, now),
+            None => self.refile(id),
+        }
     }
 
-    /// Introduces a worker, or welcomes one back, and returns its unique label; `None` if there are too many.
-    pub fn register(&mut self, id: WorkerId, introduction: Introduction, now: Instant) -> Option<String> {
+    /// Another client asks for a job that is there: it is handed out as early as for the one that waits less.
+    pub fn share(&mut self, id: JobId, client: ClientId) {
+        let place = self.queue.place(client);
+        let Some(job) = self.jobs.get_mut(&id).filter(|job| place < job.place) else { return };
+        self.queue.set_waiting(job.place, id, false);
+        job.place = place;
+        self.refile(id);
+    }
+
+    /// A client will submit no more jobs.
+    pub fn forget_client(&mut self, client: ClientId) {
+        self.queue.forget_client(client);
+    }
+
+    /// Introduces a worker, or welcomes one back, and returns its unique label.
+    pub fn register(
+        &mut self,
+        id: WorkerId,
+        introduction: Introduction,
+        now: Instant,
+    ) -> Result<String, RegisterRefusal> {
         if let Some(worker) = self.workers.get_mut(&id) {
             worker.last_seen = now;
-            return Some(worker.label.clone());
+            return Ok(self.label(id));
+        }
+        if self.quarantined.contains(&id) {
+            return Err(RegisterRefusal::Quarantined);
         }
         if self.workers.len() >= self.limits.max_workers {
-            return None;
+            return Err(RegisterRefusal::Full);
         }
-        let label = match self.labels.get(&id) {
-            Some(label) => label.clone(),
-            None => worker::unique_label(&introduction.name, &self.used_labels),
-        };
-        self.labels.insert(id, label.clone());
-        self.used_labels.insert(label.clone());
-        self.workers.insert(id, Worker::new(label.clone(), now));
-        self.arrivals.push(Arrival { label: label.clone(), introduction });
+        let (name, used) = (&introduction.name, &mut self.used_labels);
+        let acquaintance = self.known.entry(id).or_insert_with(|| Acquaintance::new(name, used));
+        let label = acquaintance.label.clone();
+        self.workers.insert(id, Worker::new(now));
+        self.idle += 1;
+        self.events.add(now, What::Joined { worker: label.clone(), id, introduction });
         self.alone_since = None;
-        Some(label)
+        Ok(label)
     }
 
     /// One poll: heartbeat, finished work, request for more.
     pub fn poll(&mut self, id: WorkerId, poll: Poll, now: Instant) -> Result<Answer, PollRefusal> {
-        let worker = self.workers.get_mut(&id).ok_or(PollRefusal::UnknownWorker)?;
+        let worker = self.workers.get_mut(&id).ok_or(self.quarantined.contains(&id)).map_err(unknown)?;
         if poll.sequence <= worker.sequence {
             return Err(PollRefusal::Stale);
         }
@@ -221,14 +193,25 @@ impl Scheduler {
 
         let mut answer = Answer::default();
         for report in poll.finished {
-            answer.acknowledged.push(report.lease);
+            let lease = report.lease;
             self.accept(id, report, now);
+            // A vote counts when the answer is delivered. Until then nothing is kept of it but here.
+            let is_open = |job: &Job| !job.delivered && job.answered_by(id);
+            if !self.jobs.get(&lease.job).is_some_and(is_open) {
+                answer.acknowledged.push(lease);
+            }
         }
-        self.reconcile(id, &poll.held, now, &mut answer.revoked);
+        if self.quarantined.contains(&id) {
+            return Err(PollRefusal::Quarantined);
+        }
+        answer.revoked = self.reconcile(id, &poll.held, now);
         if poll.leaving {
-            self.remove_worker(id, Farewell::LEFT, now);
+            self.remove_worker(id, Departure::Left, now);
         } else {
             answer.jobs = self.lease_jobs(id, poll.wanted, now);
+        }
+        if !answer.is_empty() {
+            self.queue.set_hungry(id, None); // it hears back at once, and will ask again
         }
         Ok(answer)
     }
@@ -241,7 +224,7 @@ impl Scheduler {
         wanted: usize,
         now: Instant,
     ) -> Result<Vec<(Lease, Arc<Task>)>, PollRefusal> {
-        let worker = self.workers.get_mut(&id).ok_or(PollRefusal::UnknownWorker)?;
+        let worker = self.workers.get_mut(&id).ok_or(self.quarantined.contains(&id)).map_err(unknown)?;
         if worker.sequence != sequence {
             return Err(PollRefusal::Stale);
         }
@@ -250,7 +233,7 @@ impl Scheduler {
     }
 
     /// Gives up the workers that have been silent for longer than a lease lasts, and the leases that have gone on for
-    /// longer than any job may.
+    /// longer than any job may; notices when work cannot go on.
     ///
     /// To be called often. After a pause between two calls of more than half a lease it was the coordinator that did
     /// not listen (it was stopped, or its machine slept), so no worker is blamed for that time.
@@ -261,36 +244,34 @@ impl Scheduler {
             for worker in self.workers.values_mut() {
                 worker.forgive(pause, now);
             }
+            self.refile_all();
         }
         let silent = |worker: &Worker| now.saturating_duration_since(worker.last_seen) > self.limits.lease;
         let lost: Vec<WorkerId> =
             self.workers.iter().filter(|(_, worker)| silent(worker)).map(|(id, _)| *id).collect();
         for id in lost {
-            self.remove_worker(id, Farewell::LOST, now);
+            self.remove_worker(id, Departure::Lost, now);
         }
-        let late: Vec<(JobId, WorkerId)> = self
-            .workers
-            .iter()
-            .filter_map(|(id, worker)| worker.in_hand().map(|(job, since)| (job, *id, since)))
-            .filter(|(_, _, since)| now.saturating_duration_since(*since) > self.limits.job)
-            .map(|(job, holder, _)| (job, holder))
-            .collect();
-        for (job, holder) in late {
-            self.release(job, now);
-            let failure = format!("{}: no result within {} s", self.label(holder), self.limits.job.as_secs());
-            self.count_failure(job, holder, failure);
-        }
+        self.expire_leases(now);
+        self.queue.forget_calls();
+        self.notice_undecided(now);
+        self.notice_starving(now);
     }
 
-    /// Whether anybody is there to work.
+    /// Shows out a worker that is on the deny list: its leases are free at once.
+    pub fn deny(&mut self, id: WorkerId, now: Instant) {
+        self.remove_worker(id, Departure::Denied, now);
+    }
+
+    /// Whether anybody is there to work, and to decide.
     pub fn staffing(&self, now: Instant) -> Staffing {
-        match self.alone_since {
+        let grace_over = |since: Instant| now.saturating_duration_since(since) > self.limits.worker_grace;
+        match (self.alone_since, self.undecided_since) {
+            (_, Some(since)) if grace_over(since) => Staffing::Undecided,
             _ if !self.workers.is_empty() => Staffing::Staffed,
-            None => Staffing::NotYet,
-            Some(since) => {
-                let alone = now.saturating_duration_since(since);
-                if alone > self.limits.worker_grace { Staffing::GraceOver } else { Staffing::Lost(alone) }
-            }
+            (None, _) => Staffing::NotYet,
+            (Some(since), _) if grace_over(since) => Staffing::GraceOver,
+            (Some(since), _) => Staffing::Lost(now.saturating_duration_since(since)),
         }
     }
 
@@ -299,9 +280,9 @@ impl Scheduler {
         std::mem::take(&mut self.finished)
     }
 
-    /// Workers that went since the last call.
-    pub fn drain_farewells(&mut self) -> Vec<Farewell> {
-        std::mem::take(&mut self.farewells)
+    /// What happened since the last call.
+    pub fn drain_events(&mut self) -> Vec<Event> {
+        self.events.drain()
     }
 
     /// The first job that failed for good, if any.
@@ -309,186 +290,144 @@ impl Scheduler {
         self.failed.as_ref()
     }
 
-    /// Workers that came since the last call.
-    pub fn drain_arrivals(&mut self) -> Vec<Arrival> {
-        std::mem::take(&mut self.arrivals)
-    }
-
     /// How many workers there are.
     pub fn worker_count(&self) -> usize {
         self.workers.len()
     }
 
-    /// Whether a job waits for somebody to take it.
-    pub fn has_waiting(&self) -> bool {
-        !self.waiting.is_empty()
+    /// The worker that results name like this: no two are named alike.
+    pub fn id_of(&self, label: &str) -> Option<WorkerId> {
+        self.known.iter().find(|(_, known)| known.label == label).map(|(id, _)| *id)
     }
 
-    /// Takes one report; the first valid answer to a job counts, from whichever lease.
-    fn accept(&mut self, id: WorkerId, report: Report, now: Instant) {
-        let Lease { job: job_id, attempt } = report.lease;
-        let Some(job) = self.jobs.get(&job_id) else {
-            return; // answered before, by this worker or another
-        };
-        // An attempt that was never handed out is an invention.
-        let known = job.has_attempt(attempt);
-        let outcome = report.outcome.and_then(|result| job.task.check(&result).map(|()| result));
-        let label = self.label(id);
-        match outcome {
-            Ok(result) if known => {
-                let Some(job) = self.jobs.remove(&job_id) else { return };
-                self.waiting.remove(&job_id);
-                let leased = job.handed_out.get(attempt as usize - 1).copied().unwrap_or(job.submitted);
-                if let Some((holder, _)) = job.lease {
-                    self.forget_lease(holder, job_id, now);
+    /// How many jobs have no answer.
+    pub fn open_jobs(&self) -> usize {
+        self.jobs.values().filter(|job| !job.delivered).count()
+    }
+
+    /// Whether an earlier start has handed out this job, and this one has not asked for it yet.
+    pub fn was_handed_out(&self, job: JobId) -> bool {
+        self.earlier.as_ref().is_some_and(|earlier| earlier.contains_key(&job))
+    }
+
+    /// Whether this worker is registered.
+    pub fn knows(&self, id: WorkerId) -> bool {
+        self.workers.contains_key(&id)
+    }
+
+    /// Whether an answer that was given out is still in doubt, and somebody may remove the doubt: two workers differ,
+    /// or it was to be audited when there was one worker only, and there is another now.
+    pub fn in_doubt(&self) -> bool {
+        let doubtful =
+            |job: &Job| job.delivered && job.needs() > 0 && (job.is_disputed() || self.somebody_else(job));
+        self.jobs.values().any(doubtful)
+    }
+
+    /// Ends all leases, because the run ends.
+    pub fn close(&mut self, now: Instant) {
+        let leases =
+            self.jobs.iter().flat_map(|(id, job)| job.leases.iter().map(|(holder, _)| (*id, *holder)));
+        for (job, holder) in leases.collect::<Vec<_>>() {
+            self.end_lease(job, holder, AttemptEnd::Dropped, None, now);
+        }
+        self.jobs.clear();
+        self.disputed.clear();
+        self.queue = Queue::default();
+    }
+
+    /// Workers whose last poll had an empty answer and for whom there is a job by now, idle ones first, and no more of them than
+    /// there are jobs. Each should ask for it soon by [`Scheduler::lease_later`].
+    pub fn call(&mut self, now: Instant) -> Vec<WorkerId> {
+        let mut calls = self.queue.calls(now);
+        let mut called = Vec::new();
+        if calls > 0 {
+            for (busy, id) in self.queue.hungry() {
+                // The others are as busy, and as little allowed to take a job ahead.
+                if calls == 0 || busy && self.queue.waiting() <= self.idle {
+                    break;
                 }
-                if let Some(worker) = self.workers.get_mut(&id) {
-                    worker.finished += 1;
-                }
-                self.finished.push(Finished {
-                    job: job_id,
-                    result,
-                    worker: label,
-                    attempt,
-                    queued: leased.saturating_duration_since(job.submitted),
-                    run_seconds: report.run_seconds,
-                });
-            }
-            Ok(_) => {}
-            Err(reason) => {
-                // A failure on a lease that was given up has been counted when it was.
-                if job.lease == Some((id, attempt)) {
-                    self.release(job_id, now);
-                    self.count_failure(job_id, id, format!("{label}: {reason}"));
+                if self.next_job(id, now).is_some() {
+                    called.push(id);
+                    calls -= 1;
                 }
             }
         }
-    }
-
-    /// Brings the leases on our books in line with those the worker says it holds.
-    fn reconcile(&mut self, id: WorkerId, held: &[Lease], now: Instant, revoked: &mut Vec<Lease>) {
-        let booked: Vec<(JobId, u32)> =
-            self.workers.get(&id).map_or_else(Vec::new, |worker| worker.leases().to_vec());
-        for (job, attempt) in booked {
-            if !held.contains(&Lease { job, attempt }) {
-                self.release(job, now); // the reply that carried it was lost
-            }
+        for id in &called {
+            self.queue.call(*id);
         }
-        for &lease in held {
-            let Some(job) = self.jobs.get_mut(&lease.job) else {
-                revoked.push(lease);
-                continue;
-            };
-            match job.lease {
-                Some(current) if current == (id, lease.attempt) => {}
-                // Given up while the worker was out of reach, and nobody else has begun: it may go on.
-                None if job.has_attempt(lease.attempt) && !job.failed_on(id) => {
-                    job.lease = Some((id, lease.attempt));
-                    self.waiting.remove(&lease.job);
-                    if let Some(worker) = self.workers.get_mut(&id) {
-                        worker.take(lease.job, lease.attempt, now);
-                    }
-                }
-                _ => revoked.push(lease),
-            }
-        }
-    }
-
-    fn lease_jobs(&mut self, id: WorkerId, wanted: usize, now: Instant) -> Vec<(Lease, Arc<Task>)> {
-        let mut leased = Vec::new();
-        while leased.len() < wanted {
-            // A job taken ahead waits behind another: as long as a worker has none at all, it is better off there.
-            let (mut holds_one, mut idle) = (false, 0);
-            for (other, worker) in &self.workers {
-                if *other == id {
-                    holds_one = !worker.leases().is_empty();
-                } else if worker.leases().is_empty() {
-                    idle += 1;
-                }
-            }
-            if holds_one && self.waiting.len() <= idle {
-                break;
-            }
-            let Some(job_id) = self.waiting.iter().copied().find(|job| self.may_try(id, *job)) else { break };
-            let (Some(job), Some(worker)) = (self.jobs.get_mut(&job_id), self.workers.get_mut(&id)) else {
-                break;
-            };
-            job.handed_out.push(now);
-            let attempt = job.handed_out.len() as u32;
-            job.lease = Some((id, attempt));
-            worker.take(job_id, attempt, now);
-            self.waiting.remove(&job_id);
-            leased.push((Lease { job: job_id, attempt }, Arc::clone(&job.task)));
-        }
-        leased
-    }
-
-    /// A job that failed on a worker goes to another one, as long as there is one on which it has not failed.
-    fn may_try(&self, id: WorkerId, job: JobId) -> bool {
-        let job = &self.jobs[&job];
-        !job.failed_on(id) || self.workers.keys().all(|worker| job.failed_on(*worker))
+        called
     }
 
     /// The one place where a worker goes, whoever noticed: its leases go back to the queue, and losing the last
     /// worker starts the grace.
-    fn remove_worker(&mut self, id: WorkerId, reason: &'static str, now: Instant) {
-        let Some(worker) = self.workers.remove(&id) else { return };
-        for &(job, _) in worker.leases() {
-            self.release(job, now);
-            if reason == Farewell::LOST {
-                self.count_loss(job, format!("{}: {reason}", worker.label));
+    fn remove_worker(&mut self, id: WorkerId, why: Departure, now: Instant) {
+        let Some(worker) = self.workers.get(&id) else { return };
+        let (label, leases) = (self.label(id), worker.leases().to_vec());
+        for &(job, _) in &leases {
+            self.release(job, id, AttemptEnd::Gone(why), now);
+            if why == Departure::Lost {
+                self.count_loss(job, format!("{label}: lost: {}", why.reason()));
             }
         }
+        self.workers.remove(&id);
+        self.idle -= 1;
+        self.queue.forget_worker(id);
         if self.workers.is_empty() {
             self.alone_since = Some(now);
         }
-        if worker.finished == 0 {
+        self.note_departure(id, why, leases.len(), now);
+        if self.known.get(&id).is_some_and(|known| known.answers == 0) {
             // It is in no result: strangers that come and go must not fill the memory with their names.
-            self.labels.remove(&id);
-            self.used_labels.remove(&worker.label);
+            self.known.remove(&id);
+            self.used_labels.remove(&label);
         }
-        let leases = worker.leases().len();
-        self.farewells.push(Farewell { label: worker.label, reason, leases });
+        self.settle_for_want_of_others(now);
     }
 
-    /// Ends a job's lease and queues it again.
-    fn release(&mut self, job_id: JobId, now: Instant) {
-        let Some(job) = self.jobs.get_mut(&job_id) else { return };
-        if let Some((holder, _)) = job.lease.take() {
-            self.waiting.insert(job_id);
-            self.forget_lease(holder, job_id, now);
-        }
+    fn note_departure(&mut self, id: WorkerId, why: Departure, leases: usize, now: Instant) {
+        let answers = self.known.get(&id).map_or(0, |known| known.answers);
+        self.events.add(now, What::Gone { worker: self.label(id), id, why, leases, answers });
     }
 
-    fn forget_lease(&mut self, holder: WorkerId, job: JobId, now: Instant) {
-        if let Some(worker) = self.workers.get_mut(&holder) {
-            worker.put_down(job, now);
-        }
-    }
-
-    fn count_failure(&mut self, job_id: JobId, id: WorkerId, failure: String) {
-        let Some(job) = self.jobs.get_mut(&job_id) else { return };
-        job.failures.push((id, failure));
-        if job.failures.len() >= self.limits.max_failures as usize && self.failed.is_none() {
-            let failures = job.failures.iter().map(|(_, failure)| failure.clone()).collect();
-            self.failed = Some(JobFailed { task: Arc::clone(&job.task), failures });
+    fn notice_undecided(&mut self, now: Instant) {
+        let undecided = self.disputed.iter().map(|id| &self.jobs[id]).find(|job| !self.somebody_else(job));
+        match (undecided, self.undecided_since) {
+            (Some(job), None) => {
+                self.events.add(now, What::Undecided { task: Arc::clone(&job.task) });
+                self.undecided_since = Some(now);
+            }
+            (Some(_), Some(_)) => {}
+            (None, _) => self.undecided_since = None,
         }
     }
 
-    /// A worker went with the job in hand: no fault of the job's, until it has happened too often.
-    fn count_loss(&mut self, job_id: JobId, loss: String) {
-        let Some(job) = self.jobs.get_mut(&job_id) else { return };
-        job.losses.push(loss);
-        if job.losses.len() >= self.limits.max_losses as usize && self.failed.is_none() {
-            let (task, failures) = (Arc::clone(&job.task), job.losses.clone());
-            self.failed = Some(JobFailed { task, failures });
+    fn notice_starving(&mut self, now: Instant) {
+        let idle = || self.queue.hungry().take_while(|(busy, _)| !busy).count();
+        let unfinished = || self.jobs.values().filter(|job| !job.delivered).count();
+        let waiting = self.queue.waiting() > 0;
+        let (idle, unfinished) = if waiting { (0, 0) } else { (idle(), unfinished()) };
+        if idle == 0 || unfinished == 0 {
+            self.starving_since = None;
+            return;
+        }
+        let since = *self.starving_since.get_or_insert(now);
+        if now.saturating_duration_since(since) > STARVING_AFTER {
+            self.events.add(now, What::Starving { idle, unfinished });
+            self.starving_since = Some(now + (STARVING_AGAIN - STARVING_AFTER));
         }
     }
 
     fn label(&self, id: WorkerId) -> String {
-        self.labels.get(&id).cloned().unwrap_or_else(|| id.to_string())
+        self.known.get(&id).map_or_else(|| id.to_string(), |known| known.label.clone())
     }
 }
 
+/// What to tell a worker that is not registered.
+fn unknown(quarantined: bool) -> PollRefusal {
+    if quarantined { PollRefusal::Quarantined } else { PollRefusal::UnknownWorker }
+}
+
+#[cfg(test)]
+mod simulation;
 #[cfg(test)]
 mod tests;

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use proto::JobId;
 
 /// How a worker introduces itself.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Introduction {
     /// The name its operator gave it.
     pub name: String,
@@ -14,40 +14,21 @@ pub struct Introduction {
     pub threads: u32,
     /// Which build it is.
     pub build: String,
+    /// What it showed at the door: `token`, or `certificate` and its fingerprint; `None` where nothing is asked for.
+    pub credential: Option<String>,
 }
 
-/// A worker that went.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Farewell {
-    /// Its label.
-    pub label: String,
-    /// [`Farewell::LEFT`] or [`Farewell::LOST`].
-    pub reason: &'static str,
-    /// Leases that went back to the queue.
-    pub leases: usize,
-}
-
-impl Farewell {
-    /// It said goodbye.
-    pub const LEFT: &'static str = "left";
-    /// It fell silent for longer than a lease lasts.
-    pub const LOST: &'static str = "lost: no sign of life within the lease";
-}
-
-/// A worker that came.
-#[derive(Clone, Debug)]
-pub struct Arrival {
-    /// Its unique label.
-    pub label: String,
-    /// How it introduced itself.
-    pub introduction: Introduction,
+#[cfg(test)]
+impl Introduction {
+    /// For tests: a worker of that name, let in without a credential.
+    pub fn sample(name: &str) -> Self {
+        Self { name: name.to_owned(), threads: 1, build: "test".to_owned(), credential: None }
+    }
 }
 
 pub(super) struct Worker {
-    pub(super) label: String,
     pub(super) last_seen: Instant,
     pub(super) sequence: u64,
-    pub(super) finished: u64,
     /// Jobs and attempts in the order in which it took them, which is the order in which it works on them.
     leases: Vec<(JobId, u32)>,
     /// Since when the first lease has been the first: a job taken ahead is not worked on yet.
@@ -55,17 +36,26 @@ pub(super) struct Worker {
 }
 
 impl Worker {
-    pub(super) fn new(label: String, now: Instant) -> Self {
-        Self { label, last_seen: now, sequence: 0, finished: 0, leases: Vec::new(), first_since: now }
+    pub(super) fn new(now: Instant) -> Self {
+        Self { last_seen: now, sequence: 0, leases: Vec::new(), first_since: now }
     }
 
     pub(super) fn leases(&self) -> &[(JobId, u32)] {
         &self.leases
     }
 
+    pub(super) fn is_idle(&self) -> bool {
+        self.leases.is_empty()
+    }
+
     /// The job it works on, and since when.
     pub(super) fn in_hand(&self) -> Option<(JobId, Instant)> {
         self.leases.first().map(|(job, _)| (*job, self.first_since))
+    }
+
+    /// Since when it works on this job; `None` while that waits behind another.
+    pub(super) fn works_on(&self, job: JobId) -> Option<Instant> {
+        self.in_hand().and_then(|(first, since)| (first == job).then_some(since))
     }
 
     pub(super) fn take(&mut self, job: JobId, attempt: u32, now: Instant) {
@@ -89,8 +79,24 @@ impl Worker {
     }
 }
 
+/// What is remembered of a worker that may be gone.
+pub(super) struct Acquaintance {
+    pub(super) label: String,
+    /// Valid answers to jobs that were open.
+    pub(super) answers: u64,
+}
+
+impl Acquaintance {
+    /// Somebody new; the label is taken from those that are left.
+    pub(super) fn new(name: &str, used_labels: &mut BTreeSet<String>) -> Self {
+        let label = unique_label(name, used_labels);
+        used_labels.insert(label.clone());
+        Self { label, answers: 0 }
+    }
+}
+
 /// `name`, or `name-2`, `name-3`, … if that is taken.
-pub(super) fn unique_label(name: &str, taken: &BTreeSet<String>) -> String {
+fn unique_label(name: &str, taken: &BTreeSet<String>) -> String {
     let name = if name.is_empty() { "worker" } else { name };
     if !taken.contains(name) {
         return name.to_owned();

@@ -27,6 +27,7 @@ pub(crate) fn cell(genes: &[GeneColumn], points: &CellPoints) -> Result<DataFram
         });
     }
     columns.push(cells("object_correct", points.object_correct.iter().copied()));
+    columns.push(cells("worker_id", std::iter::repeat_n(points.worker_id.as_deref(), height)));
     assemble(height, columns)
 }
 

@@ -53,6 +53,17 @@ impl GridFolder {
         self.write(TableName::Cells, &cell_file(name), frame::cell(&self.genes, points)?)
     }
 
+    /// Removes the cell of that name, if there is one.
+    pub fn remove_cell(&self, name: &str) -> Result<(), Error> {
+        let file = self.folder.join(TableName::Cells.as_str()).join(cell_file(name));
+        match std::fs::remove_file(&file) {
+            Err(source) if source.kind() != std::io::ErrorKind::NotFound => {
+                Err(Error::io(&file, "remove this file", source))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Whether the grid folder `folder` has a file for the cell of that name.
     pub fn has_cell(folder: impl AsRef<Path>, name: &str) -> bool {
         folder.as_ref().join(TableName::Cells.as_str()).join(cell_file(name)).is_file()
@@ -75,7 +86,8 @@ impl GridFolder {
             genes.push((0..frame.height()).map(cell).collect::<Result<_, _>>()?);
         }
         let object_correct = frame.column("object_correct")?.u32()?.iter().flatten().collect();
-        Ok(Some(CellPoints { genes, object_correct }))
+        let worker_id = if frame.height() > 0 { Cells { frame, row: 0 }.text("worker_id")? } else { None };
+        Ok(Some(CellPoints { genes, object_correct, worker_id }))
     }
 
     /// Writes the tables over all cells, the grid's row last, and with it finishes the grid.

@@ -9,6 +9,8 @@ pub struct CellPoints {
     pub genes: Vec<Vec<Option<f64>>>,
     /// Queries of the first training set that each descriptor answers with the right object.
     pub object_correct: Vec<u32>,
+    /// Id of the worker that counted, hexadecimal; `None` if it is not known.
+    pub worker_id: Option<String>,
 }
 
 /// One of the best descriptors; its rank is its place in the list.

@@ -88,6 +88,49 @@ pub fn skipped() -> Vec<SkippedRow> {
     }]
 }
 
+/// One that was lost, one that stayed, and what became of the first one's job.
+pub fn proceedings() -> Proceedings {
+    let at =
+        |milliseconds: u64| SystemTime::UNIX_EPOCH + Duration::from_millis(1_700_000_000_000 + milliseconds);
+    let worker = |name: &str, departure: Option<&str>| WorkerRow {
+        worker: name.to_owned(),
+        id: "0a".repeat(16),
+        threads: 2,
+        build: "release".to_owned(),
+        credential: departure.map(|_| "token".to_owned()),
+        joined_at: at(200),
+        gone_at: departure.map(|_| at(3_000)),
+        departure: departure.map(str::to_owned),
+        leases: departure.map(|_| 1),
+        answers: departure.map(|_| 3),
+    };
+    let attempt = |attempt, worker: &str, end: &str, reason: Option<&str>| AttemptRow {
+        job: u64::MAX,
+        attempt,
+        worker: worker.to_owned(),
+        task: "evaluation of a descriptor".to_owned(),
+        handed_out_at: at(300),
+        ended_at: at(3_000),
+        end: end.to_owned(),
+        reason: reason.map(str::to_owned),
+        run_seconds: reason.is_none().then_some(0.25),
+    };
+    Proceedings {
+        workers: vec![worker("first", Some("lost")), worker("second", None)],
+        attempts: vec![
+            attempt(1, "first", "lost", Some("no sign of life within the lease")),
+            attempt(2, "second", "answered", None),
+        ],
+        events: vec![EventRow {
+            at: at(3_000),
+            event: "lost".to_owned(),
+            worker: Some("first".to_owned()),
+            generation: None,
+            message: "no sign of life within the lease".to_owned(),
+        }],
+    }
+}
+
 /// Generation 2, whose individuals have 6, 8 and 5 of 9 right: individual 1 wins.
 pub fn run() -> RunRow {
     let winner = individual(2, 1);
@@ -130,5 +173,6 @@ pub fn write(folder: &Path) -> String {
         out.write_predictions(split, &predictions(split)).unwrap();
     }
     out.write_skipped(&skipped()).unwrap();
+    out.write_proceedings(&proceedings()).unwrap();
     out.write_run(&run()).unwrap().to_string()
 }

@@ -74,6 +74,15 @@ fn what_is_written_is_read_back() {
     let skipped = read_table(folder.path(), TableName::Skipped).unwrap();
     assert!(skipped.equals_missing(&crate::frame::skipped(&fixture::skipped()).unwrap()));
 
+    let Proceedings { workers, attempts, events } = fixture::proceedings();
+    for (name, expected) in [
+        (TableName::Workers, crate::proceedings::workers(&workers)),
+        (TableName::Attempts, crate::proceedings::attempts(&attempts)),
+        (TableName::Events, crate::proceedings::events(&events)),
+    ] {
+        assert!(read_table(folder.path(), name).unwrap().equals_missing(&expected.unwrap()), "{name}");
+    }
+
     let finished = read_run(folder.path()).unwrap();
     assert_eq!(finished, FinishedRun { row: fixture::run(), genes: genes(), run_digest: digest });
 }
@@ -124,7 +133,15 @@ fn tables_without_rows_are_still_tables() {
     let out = open(&folder);
     out.write_skipped(&[]).unwrap();
     out.write_predictions(PredictionSplit::Test, &[]).unwrap();
-    for name in [TableName::Skipped, TableName::Predictions] {
+    out.write_proceedings(&Proceedings::default()).unwrap();
+    let empty = [
+        TableName::Skipped,
+        TableName::Predictions,
+        TableName::Workers,
+        TableName::Attempts,
+        TableName::Events,
+    ];
+    for name in empty {
         let frame = read_table(folder.path(), name).unwrap();
         assert_eq!((frame.height(), frame.width()), (0, Table::new(name, &[]).unwrap().columns.len()));
     }
@@ -149,14 +166,17 @@ fn every_file_has_its_place() {
     fixture::write(folder.path());
     expect![[r#"
         .lock
+        attempts/attempts.parquet
         evaluations/generation-00001.parquet
         evaluations/generation-00002.parquet
+        events/events.parquet
         generations/generation-00001.parquet
         generations/generation-00002.parquet
         predictions/test.parquet
         predictions/validation.parquet
         run/run.parquet
-        skipped/skipped.parquet"#]]
+        skipped/skipped.parquet
+        workers/workers.parquet"#]]
     .assert_eq(&files(folder.path()).join("\n"));
 }
 

@@ -19,6 +19,7 @@ fn points() -> CellPoints {
             column([0.0, 0.25, 0.0, 0.25]),
         ],
         object_correct: vec![3, 9, 0, 9],
+        worker_id: Some("07".repeat(16)),
     }
 }
 

@@ -22,6 +22,9 @@ fn row_structs_and_column_table_do_not_drift_apart() {
         (TableName::Generations, crate::frame::generation(&fixture::generation(2), &summary)),
         (TableName::Predictions, crate::frame::predictions(test, &fixture::predictions(test))),
         (TableName::Skipped, crate::frame::skipped(&fixture::skipped())),
+        (TableName::Workers, crate::proceedings::workers(&fixture::proceedings().workers)),
+        (TableName::Attempts, crate::proceedings::attempts(&fixture::proceedings().attempts)),
+        (TableName::Events, crate::proceedings::events(&fixture::proceedings().events)),
         (TableName::Run, crate::frame::run(&genes, &fixture::run())),
     ];
     assert_eq!(frames.each_ref().map(|(name, _)| *name), TableName::RUN);
@@ -62,6 +65,9 @@ fn the_digest_covers_the_listed_columns_and_no_other() {
         generations: generation validation_object_correct validation_category_correct validation_queries mutation_rate
         predictions: split query cloud instance category nearest_cloud predicted_instance predicted_category distance runner_up_cloud runner_up_distance correct_object correct_category
         skipped: 
+        workers: 
+        attempts: 
+        events: 
         run: search_config seed data_digest stop_reason
         cells: 
         best: 

@@ -136,11 +136,25 @@ fn verification_notices_every_changed_cell_but_those_that_nothing_else_tells() {
     });
     let names: Vec<String> = unnoticed.into_keys().collect();
     expect![[r#"
+        attempts.attempt
+        attempts.end
+        attempts.ended_at
+        attempts.handed_out_at
+        attempts.job
+        attempts.reason
+        attempts.run_seconds
+        attempts.task
+        attempts.worker
         evaluations.attempt
         evaluations.elite
         evaluations.queued_seconds
         evaluations.run_seconds
         evaluations.worker
+        events.at
+        events.event
+        events.generation
+        events.message
+        events.worker
         generations.seconds
         run.build
         run.evaluation_version
@@ -153,7 +167,17 @@ fn verification_notices_every_changed_cell_but_those_that_nothing_else_tells() {
         run.started_at
         skipped.cloud
         skipped.reason
-        skipped.split"#]]
+        skipped.split
+        workers.answers
+        workers.build
+        workers.credential
+        workers.departure
+        workers.gone_at
+        workers.id
+        workers.joined_at
+        workers.leases
+        workers.threads
+        workers.worker"#]]
     .assert_eq(&names.join("\n"));
 }
 

@@ -10,19 +10,16 @@ use crate::table::{Row, Samples, time};
 /// Stages in the report of `coordinator evaluate`.
 const STAGES: [&str; 5] = ["read", "keypoints", "normals", "describe", "match"];
 
-/// Queries and database of the test.
-const TEST: [&[&str]; 2] = [&["test.txt"], &["train1.txt", "train2.txt", "validation.txt"]];
-
 /// Measures the row if it is wanted.
 pub fn measure(bench: &mut Bench) {
     if !bench.wants(&["cold"]) {
         return;
     }
-    evaluate(bench, TEST); // files into the system's cache
+    evaluate(bench, Work::Test.lists()); // files into the system's cache
     let mut reports = Vec::new();
     for _ in 0..bench.repetitions {
         bench.peer.run(Work::Test);
-        reports.push(evaluate(bench, TEST));
+        reports.push(evaluate(bench, Work::Test.lists()));
     }
     let wrong = &reports[0]["object_wrong"];
     assert!(

@@ -5,8 +5,10 @@
 //! - `programs`: the programs of this workspace, with their wall time and memory
 //! - `peer`: the PCL harness
 //! - `prepared`: clouds in memory, evaluated as a worker does it
-//! - `cold`, `warm`, `runs`, `exhaust`: rows of the table
+//! - `cold`, `fixed`, `warm`, `runs`, `exhaust`: rows of the table
 //! - `scaling`: how cost grows with the number of clouds
+//! - `load`: how many workers one coordinator keeps busy
+//! - `soak`: run after run while programs are killed and stopped, for ten minutes
 
 #![expect(
     clippy::unwrap_used,
@@ -15,12 +17,15 @@
 
 mod cold;
 mod exhaust;
+mod fixed;
 mod household;
+mod load;
 mod peer;
 mod prepared;
 mod programs;
 mod runs;
 mod scaling;
+mod soak;
 mod table;
 mod warm;
 
@@ -31,7 +36,8 @@ use peer::Peer;
 use table::Table;
 
 /// Rows of the table, in its order.
-const ROWS: [&str; 7] = ["cold", "warm", "weight", "run", "worker", "memory", "second"];
+const ROWS: [&str; 9] =
+    ["cold", "shotcolor", "pfhrgb", "warm", "weight", "run", "worker", "memory", "second"];
 
 /// Speed of Descry beside PCL's.
 ///
@@ -50,6 +56,21 @@ struct Options {
     /// Measure only the exhaustive search of the whole grid, which takes minutes
     #[arg(long, conflicts_with = "rows")]
     exhaust: bool,
+    /// Measure only how many workers one coordinator keeps busy, with workers that only wait: all rows, or those with so
+    /// many workers
+    #[arg(long, value_name = "WORKERS", num_args = 0.., conflicts_with_all = ["rows", "exhaust", "scaling"])]
+    load: Option<Vec<u32>>,
+    /// Measure nothing: run after run for so many seconds, 600 by default, while coordinator and workers are killed and
+    /// stopped at random, and every run digest is compared
+    #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "600")]
+    #[arg(conflicts_with_all = ["rows", "exhaust", "scaling", "load", "pieces"])]
+    soak: Option<u64>,
+    /// Other faults of the soak at other times
+    #[arg(long, value_name = "N", default_value_t = 1, requires = "soak")]
+    seed: u64,
+    /// Measure only what cutting evaluations into pieces gives, with workers that only wait
+    #[arg(long, conflicts_with_all = ["rows", "exhaust", "scaling", "load"])]
+    pieces: bool,
     /// Given by cargo
     #[arg(long, hide = true)]
     bench: bool,
@@ -80,6 +101,18 @@ fn main() {
         scaling::measure(repetitions);
         return;
     }
+    if options.pieces {
+        load::measure_pieces();
+        return;
+    }
+    if let Some(workers) = options.load {
+        load::measure(&workers, repetitions);
+        return;
+    }
+    if let Some(seconds) = options.soak {
+        soak::soak(seconds, options.seed);
+        return;
+    }
     let rows = if options.rows.is_empty() { ROWS.map(str::to_owned).to_vec() } else { options.rows };
     let household = Household::find();
     let peer = Peer::find(&household);
@@ -88,6 +121,7 @@ fn main() {
         exhaust::measure(&mut bench);
     } else {
         cold::measure(&mut bench);
+        fixed::measure(&mut bench);
         warm::measure(&mut bench);
         runs::measure(&mut bench);
     }

@@ -28,6 +28,7 @@ struct Stages {
 /// Runs of the harness on one pair of splits.
 #[derive(Debug)]
 struct Matching {
+    method: &'static str,
     database: PathBuf,
     queries: PathBuf,
     clouds: usize,
@@ -41,6 +42,34 @@ pub enum Work {
     Test,
     /// Training set 1 with training set 2.
     Fitness,
+    /// The same clouds as [`Work::Test`], with PCL's SHOTCOLOR.
+    ShotColor,
+    /// Twenty clouds, with PFHRGB as fast as the harness has it.
+    PfhRgb,
+}
+
+impl Work {
+    const ALL: [Self; 4] = [Self::Test, Self::Fitness, Self::ShotColor, Self::PfhRgb];
+
+    /// The harness's name of the descriptor.
+    fn method(self) -> &'static str {
+        match self {
+            Self::Test | Self::Fitness => "ours",
+            Self::ShotColor => "shotcolor",
+            Self::PfhRgb => "pfhfast",
+        }
+    }
+
+    /// Lists of queries and database, below the clouds' folder.
+    pub fn lists(self) -> [&'static [&'static str]; 2] {
+        match self {
+            Self::Test | Self::ShotColor => [&["test.txt"], &["train1.txt", "train2.txt", "validation.txt"]],
+            Self::Fitness => [&["train1.txt"], &["train2.txt"]],
+            Self::PfhRgb => {
+                [&["../../peers/pcl/twenty-queries.txt"], &["../../peers/pcl/twenty-database.txt"]]
+            }
+        }
+    }
 }
 
 /// The harness, if it is installed, with all it measured so far.
@@ -48,7 +77,7 @@ pub enum Work {
 pub struct Peer {
     program: Option<PathBuf>,
     root: PathBuf,
-    matchings: [Matching; 2],
+    matchings: [Matching; 4],
     /// Holds the lists.
     _folder: TempDir,
 }
@@ -62,21 +91,19 @@ impl Peer {
             None => println!("{ADVICE}"),
         }
         let folder = TempDir::new().unwrap();
-        let matching = |name: &str, database: &[&str], queries: &[&str]| {
+        let matching = |work: Work| {
             let list = |side: &str, lists: &[&str]| {
                 let (path, paths) =
-                    (folder.path().join(format!("{name}-{side}.txt")), household.listed(lists));
+                    (folder.path().join(format!("{work:?}-{side}.txt")), household.listed(lists));
                 fs::write(&path, paths.join("\n") + "\n").unwrap();
                 (path, paths.len())
             };
-            let ((database, entries), (queries, queried)) =
-                (list("database", database), list("queries", queries));
-            Matching { database, queries, clouds: entries + queried, runs: Vec::new() }
+            let [queries, database] = work.lists();
+            let ((queries, queried), (database, entries)) =
+                (list("queries", queries), list("database", database));
+            Matching { method: work.method(), database, queries, clouds: entries + queried, runs: Vec::new() }
         };
-        let matchings = [
-            matching("test", &["train1.txt", "train2.txt", "validation.txt"], &["test.txt"]),
-            matching("fitness", &["train2.txt"], &["train1.txt"]),
-        ];
+        let matchings = Work::ALL.map(matching);
         Self { program, root: household.root.clone(), matchings, _folder: folder }
     }
 
@@ -87,7 +114,7 @@ impl Peer {
         let output = Command::new(program)
             .arg(&self.root)
             .args([&matching.database, &matching.queries])
-            .arg("ours")
+            .arg(matching.method)
             .output()
             .unwrap_or_else(|error| panic!("{}: {error}", program.display()));
         let text = String::from_utf8_lossy(&output.stdout);

@@ -9,24 +9,10 @@ use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
+pub use tests::process::program;
 
 /// How often a program's memory and end are looked at: short against all that is measured this way.
 const GLANCE: Duration = Duration::from_millis(5);
-
-/// A program of this workspace, untouched by the settings of whoever measures.
-pub fn program(name: &str) -> Command {
-    let path = match name {
-        "coordinator" => env!("CARGO_BIN_EXE_test-coordinator"),
-        "worker" => env!("CARGO_BIN_EXE_test-worker"),
-        _ => panic!("no program {name}"),
-    };
-    let mut command = Command::new(path);
-    let settings = ["COORDINATOR", "LOG", "CACHE", "CACHE_SIZE", "MEMORY", "SHARED_CACHE"];
-    for variable in settings {
-        command.env_remove(format!("DESCRY_{variable}"));
-    }
-    command
-}
 
 /// Lines of a program's log with the seconds from its start to each.
 type Log = Arc<Mutex<Vec<(f64, String)>>>;
@@ -40,6 +26,8 @@ pub struct Finished {
     pub peak: u64,
     /// Its standard output.
     pub stdout: String,
+    /// Lines of its log.
+    pub log: Vec<String>,
 }
 
 impl Finished {
@@ -106,7 +94,13 @@ impl Running {
         self.stderr.take().unwrap().join().unwrap();
         assert!(status.success(), "{}: {status}\n{}", self.command, self.text());
         let stdout = self.stdout.take().unwrap().join().unwrap();
-        Finished { seconds, peak: self.peak, stdout }
+        let log = std::mem::take(&mut *self.log.lock().unwrap());
+        Finished { seconds, peak: self.peak, stdout, log: log.into_iter().map(|(_, line)| line).collect() }
+    }
+
+    /// Its number.
+    pub fn process(&self) -> u32 {
+        self.child.id()
     }
 
     /// Largest resident memory so far, bytes.
@@ -144,7 +138,7 @@ pub fn run<A: AsRef<OsStr>>(name: &str, args: impl IntoIterator<Item = A>) -> Fi
 }
 
 /// Largest resident memory of a process so far, bytes; `None` once it has ended, and where there is no /proc.
-fn peak(process: u32) -> Option<u64> {
+pub fn peak(process: u32) -> Option<u64> {
     let status = fs::read_to_string(format!("/proc/{process}/status")).ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
     let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;

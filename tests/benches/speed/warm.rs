@@ -103,7 +103,7 @@ fn measure_weights(pair: &Pair, correct: Correct, times: &mut Samples) {
 
 /// The library's counts are those of the program, which prepares the clouds for this one descriptor only.
 fn check_with_program(bench: &Bench, correct: Correct) {
-    let report = cold::evaluate(bench, [&["train1.txt"], &["train2.txt"]]);
+    let report = cold::evaluate(bench, Work::Fitness.lists());
     let wrong = ["object_wrong", "category_wrong"].map(|count| report[count].as_u64());
     let expected = [correct.object, correct.category].map(|right| Some((correct.queries - right) as u64));
     assert_eq!(wrong, expected, "warm: differs from coordinator evaluate");

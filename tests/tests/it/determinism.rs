@@ -2,10 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use serde_json::Value;
-
-use crate::experiments::{Experiment, summary};
-use crate::process::{Finished, Running, run};
+use crate::experiments::{Experiment, digest, summary};
+use crate::process::{Running, run};
 
 /// Long enough that workers can come and go while it runs, short enough to run several times.
 const SEARCH: &str = "[ga]\npopulation = 8\n[stop]\ngenerations = 60\nstagnation = \"off\"\n\
@@ -14,16 +12,6 @@ const SEARCH: &str = "[ga]\npopulation = 8\n[stop]\ngenerations = 60\nstagnation
 /// Digest of a tiny search on the clouds of [`clouds`](crate::experiments::clouds). If it changes, say why in
 /// CHANGELOG.md: everybody's digests change with it.
 const GOLDEN: &str = "64a5f85035c677fd1f7cf12cd335103a1ba88fce9c1118cad958e6c3bf4438ad";
-
-fn digest(finished: &Finished) -> Value {
-    summary(finished)["run_digest"].clone()
-}
-
-/// The address in the line that tells workers how to join.
-fn address(coordinator: &mut Running) -> String {
-    let line = coordinator.wait_for("workers may join with");
-    line.rsplit(' ').next().unwrap().to_owned()
-}
 
 fn worker(experiment: &Experiment, name: &str, address: &str, cache: &str) -> Running {
     worker_with(experiment, name, address, cache, "1")
@@ -52,7 +40,7 @@ fn the_digest_is_the_same_with_one_worker_with_four_and_with_workers_that_die_an
     // The victim works alone, so that it is sure to be killed with work in hand or about to get some.
     let args = experiment.run_args("processes", &["--local-workers", "0"]);
     let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
-    let address = address(&mut coordinator);
+    let address = coordinator.join_address();
     let mut victim = worker(&experiment, "victim", &address, "cold-cache");
     coordinator.wait_for("generation 2/60");
     victim.signal("KILL");
@@ -86,7 +74,7 @@ fn the_digest_is_the_same_with_one_worker_with_four_and_with_workers_that_die_an
     // Again, with what the workers kept of the first time.
     let args = experiment.run_args("warm", &["--local-workers", "0"]);
     let mut coordinator = Running::start(experiment.folder(), "warm", "coordinator", args);
-    let address = self::address(&mut coordinator);
+    let address = coordinator.join_address();
     let mut warm = worker(&experiment, "warm-worker", &address, "cold-cache");
     let finished = coordinator.wait().expect_success();
     assert_eq!(digest(&finished), digest(&one));
@@ -100,7 +88,7 @@ fn a_worker_that_is_told_to_stop_hands_its_jobs_back_and_the_run_goes_on_at_once
     let experiment = Experiment::new(SEARCH);
     let args = experiment.run_args("out", &["--local-workers", "0"]);
     let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
-    let address = address(&mut coordinator);
+    let address = coordinator.join_address();
     let mut first = worker(&experiment, "first", &address, "cache");
     coordinator.wait_for("generation 2/60");
     first.signal("TERM");
@@ -112,6 +100,50 @@ fn a_worker_that_is_told_to_stop_hands_its_jobs_back_and_the_run_goes_on_at_once
     assert!(!finished.stderr.contains("lost"), "{finished}");
     let alone = experiment.run("alone", &[]).expect_success();
     assert_eq!(digest(&finished), digest(&alone));
+}
+
+/// Rows of the table `attempts` of the run in `out`: job, worker and end.
+fn attempts(experiment: &Experiment, out: &str) -> Vec<(u64, String, String)> {
+    let frame = results::read_table(experiment.path(out), results::TableName::Attempts).unwrap();
+    let jobs = frame.column("job").unwrap().u64().unwrap().clone();
+    let text = |name: &str| frame.column(name).unwrap().str().unwrap().clone();
+    let (workers, ends) = (text("worker"), text("end"));
+    let rows = jobs.iter().zip(workers.iter()).zip(ends.iter());
+    rows.map(|((job, worker), end)| (job.unwrap(), worker.unwrap().to_owned(), end.unwrap().to_owned()))
+        .collect()
+}
+
+#[test]
+fn a_stopped_workers_job_is_given_to_another_at_once_and_their_answers_are_compared() {
+    // A lease is longer than this test may take: only a second lease on the same job lets the run go on.
+    let search = SEARCH.replace("lease_seconds = 2", "lease_seconds = 600\naudit = 0");
+    let experiment = Experiment::new(&format!("[search]\nmethod = \"random\"\n{search}"));
+    let args = experiment.run_args("out", &["--local-workers", "0"]);
+    let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
+    let address = coordinator.join_address();
+    let first = worker(&experiment, "first", &address, "cache");
+    let _second = worker(&experiment, "second", &address, "cache");
+    coordinator.wait_for("worker first: joined");
+    coordinator.wait_for("worker second: joined");
+    for generation in [5, 15, 25, 35, 45] {
+        coordinator.wait_for(&format!("generation {generation}/60"));
+        first.signal("STOP");
+        coordinator.wait_for(&format!("generation {}/60", generation + 5));
+        first.signal("CONT");
+    }
+    let finished = coordinator.wait().expect_success();
+    let alone = experiment.run("alone", &[]).expect_success();
+    assert_eq!(digest(&finished), digest(&alone));
+    let attempts = attempts(&experiment, "out");
+    let agreed: Vec<u64> =
+        attempts.iter().filter(|(.., end)| end == "agreed").map(|(job, ..)| *job).collect();
+    assert!(!agreed.is_empty(), "no worker was stopped with a job in hand: {attempts:?}");
+    for job in agreed {
+        let both: BTreeSet<&str> =
+            attempts.iter().filter(|row| row.0 == job).map(|row| row.1.as_str()).collect();
+        assert_eq!(both, ["first", "second"].into(), "job {job}: {attempts:?}");
+    }
+    assert!(attempts.iter().all(|(.., end)| end != "lost" && end != "disagreed"), "{attempts:?}");
 }
 
 #[test]
@@ -134,7 +166,7 @@ fn a_worker_waits_for_a_coordinator_that_is_not_there_yet() {
         address,
     ];
     let first = run("coordinator", &args).expect_success();
-    // Another coordinator at the same address numbers its jobs from 1 again: the worker starts afresh with it.
+    // Another run at the same address: the worker starts afresh with it.
     let second = run("coordinator", args.iter().cloned().chain(["--fresh".to_owned()])).expect_success();
     assert_eq!(digest(&first), digest(&second));
     assert_ne!(summary(&first)["out"], summary(&second)["out"]);
@@ -169,6 +201,6 @@ fn seed_and_labels_change_the_digest_and_names_and_paths_do_not() {
     assert_ne!(base, digest(&copy.run("shorter", &[]).expect_success()));
     // The finished run of the longer list is not passed off as one of the shorter.
     let stale = copy.run("out", &[]).expect_error();
-    assert!(stale.stderr.contains("finished run of other clouds"), "{stale}");
+    assert!(stale.stderr.contains("is a run of other clouds"), "{stale}");
     assert_ne!(base, digest(&copy.run("out", &["--fresh"]).expect_success()));
 }

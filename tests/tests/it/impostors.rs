@@ -1,34 +1,60 @@
 //! Programs against peers that are not what they seem: a worker that lies, a coordinator that refuses.
 
 use std::net::SocketAddr;
+use std::time::Duration;
 
+use descriptor::{Parameters, description};
 use proto::v1;
 use proto::v1::coordinator_client::CoordinatorClient;
 use proto::v1::coordinator_server::{Coordinator, CoordinatorServer};
+use results::TableName;
 use tokio::net::TcpListener;
 use tokio_stream::wrappers::TcpListenerStream;
 use tonic::transport::Server;
 use tonic::{Code, Request, Response, Status};
 
-use crate::experiments::Experiment;
+use crate::experiments::{Experiment, summary};
 use crate::process::{Running, run};
 
-/// Valid in form, and wrong: nothing is ever recognised, or everything, in turn.
-fn lie(job: &v1::Job, queries: u32) -> v1::JobReport {
-    let evaluation = job.evaluation.as_ref().unwrap();
-    let found = v1::Match { nearest: 0, distance: 1.0, runner_up: None, runner_up_distance: None };
-    let matches = if evaluation.want_matches { vec![found; queries as usize] } else { Vec::new() };
-    let right = if job.lease.unwrap().job.is_multiple_of(2) { queries } else { 0 };
-    let result = v1::EvaluationResult { queries, object_correct: right, category_correct: right, matches };
-    v1::JobReport {
-        lease: job.lease,
-        run_seconds: 0.0,
-        outcome: Some(v1::job_report::Outcome::Result(result)),
-    }
+/// The evaluation that a job asks for, whole or a tile of it.
+fn evaluation(job: &v1::Job) -> Option<&v1::Evaluation> {
+    job.evaluation.as_ref().or_else(|| job.tile.as_ref()?.evaluation.as_ref())
 }
 
-/// Works as a liar until the coordinator goes.
-async fn liar(address: String) {
+/// Valid in form, and wrong: nothing is ever recognised, or everything, in turn, and all clouds are alike. `clouds` are
+/// those of the queries, or those to be described.
+fn lie(job: &v1::Job, clouds: u32) -> v1::JobReport {
+    let outcome = match (&job.description, &job.grid_cell) {
+        (Some(shard), _) => {
+            let p = shard.parameters.unwrap();
+            let ticks = [p.shape_bins, p.colour_bins, p.disk_um, p.ring_um, p.shape_weight_ppm];
+            let length = description::length(&Parameters::from_ticks(ticks), clouds);
+            v1::job_report::Outcome::Description(v1::DescriptionResult { parts: vec![0; length as usize] })
+        }
+        (None, Some(cell)) => v1::job_report::Outcome::GridCell(lie_of_cell(cell)),
+        (None, None) => v1::job_report::Outcome::Result(lie_about(evaluation(job).unwrap(), clouds)),
+    };
+    v1::JobReport { lease: job.lease, run_seconds: 0.0, outcome: Some(outcome) }
+}
+
+fn lie_of_cell(cell: &v1::GridCell) -> v1::GridCellResult {
+    let domains = &cell.preparation.as_ref().unwrap().domains;
+    let descriptors = [0, 1, 4].map(|gene: usize| domains[gene].count).iter().product::<u32>();
+    v1::GridCellResult { object_correct: vec![1; descriptors as usize] }
+}
+
+fn lie_about(evaluation: &v1::Evaluation, queries: u32) -> v1::EvaluationResult {
+    let found = v1::Match { nearest: 0, distance: 1.0, runner_up: None, runner_up_distance: None };
+    let matches = if evaluation.want_matches { vec![found; queries as usize] } else { Vec::new() };
+    // Always the same of the same descriptor: a winner that is measured twice must not give the liar away.
+    let shape_bins = evaluation.parameters.as_ref().unwrap().shape_bins;
+    let right = if shape_bins.is_multiple_of(2) { queries } else { 0 };
+    v1::EvaluationResult { queries, object_correct: right, category_correct: right, matches }
+}
+
+/// Works as a liar until the coordinator goes or wants no more of it, and returns the coordinator's last word. After
+/// so many answers it only listens.
+async fn liar(address: String, most_answers: u32) -> Status {
     let mut client = CoordinatorClient::connect(address).await.unwrap();
     let worker_id = vec![9; 16];
     let introduction = v1::RegisterRequest {
@@ -43,7 +69,7 @@ async fn liar(address: String) {
     let reply = client.register(introduction).await.unwrap().into_inner();
     let Some(v1::register_reply::Outcome::Accepted(accepted)) = reply.outcome else { panic!("refused") };
     let mut sequence = 0;
-    let mut finished = Vec::new();
+    let (mut finished, mut answers) = (Vec::new(), 0);
     loop {
         sequence += 1;
         let poll = v1::PollRequest {
@@ -52,27 +78,47 @@ async fn liar(address: String) {
             sequence,
             held: Vec::new(),
             finished: std::mem::take(&mut finished),
-            wanted: 1,
+            wanted: u32::from(answers < most_answers),
             leaving: false,
         };
-        let Ok(reply) = client.poll(poll).await else { return };
+        if poll.wanted == 0 {
+            tokio::time::sleep(Duration::from_millis(20)).await; // such a poll is answered at once
+        }
+        let reply = match client.poll(poll).await {
+            Ok(reply) => reply,
+            Err(status) => return status,
+        };
         for job in reply.into_inner().jobs {
-            let manifest = job.evaluation.as_ref().unwrap().query[0].clone();
-            let queries = clouds_in(&mut client, manifest).await;
-            finished.push(lie(&job, queries));
+            answers += 1;
+            let manifests = match (&job.description, &job.grid_cell) {
+                (Some(shard), _) => vec![shard.manifest.clone()],
+                (None, Some(cell)) => cell.query.clone(),
+                (None, None) => evaluation(&job).unwrap().query.clone(),
+            };
+            let mut clouds = 0;
+            for manifest in manifests {
+                match clouds_in(&mut client, manifest).await {
+                    Ok(more) => clouds += more,
+                    Err(status) => return status,
+                }
+            }
+            finished.push(lie(&job, clouds));
         }
     }
 }
 
 /// Number of clouds in a split manifest.
-async fn clouds_in(client: &mut CoordinatorClient<tonic::transport::Channel>, digest: Vec<u8>) -> u32 {
-    let mut stream = client.fetch_blob(v1::FetchBlobRequest { digest }).await.unwrap().into_inner();
+async fn clouds_in(
+    client: &mut CoordinatorClient<tonic::transport::Channel>,
+    digest: Vec<u8>,
+) -> Result<u32, tonic::Status> {
+    let mut stream = client.fetch_blob(v1::FetchBlobRequest { digest }).await?.into_inner();
     let mut bytes = Vec::new();
-    while let Some(chunk) = stream.message().await.unwrap() {
+    while let Some(chunk) = stream.message().await? {
         bytes.extend(chunk.data);
     }
     let manifest: v1::SplitManifest = prost::Message::decode(&bytes[..]).unwrap();
-    manifest.clouds.len() as u32
+    Ok(manifest.clouds.len() as u32)
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -82,8 +128,8 @@ async fn verification_finds_the_fitness_values_of_a_worker_that_lied() {
     );
     let args = experiment.run_args("out", &["--local-workers", "0"]);
     let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
-    let line = coordinator.wait_for("workers may join with");
-    let liar = tokio::spawn(liar(line.rsplit(' ').next().unwrap().to_owned()));
+    let address = coordinator.join_address();
+    let liar = tokio::spawn(liar(address, u32::MAX));
     tokio::task::block_in_place(|| coordinator.wait()).expect_success();
     liar.await.unwrap();
 
@@ -93,6 +139,179 @@ async fn verification_finds_the_fitness_values_of_a_worker_that_lied() {
     let verified = run("coordinator", ["verify", &out, "--sample", "8"]).expect_error();
     assert!(verified.stdout.contains("NOT sound"), "{verified}");
     assert!(verified.stdout.contains("evaluations, generation 1, individual"), "{verified}");
+}
+
+/// Cells of one column of text, with another's beside them.
+fn pairs(out: &str, table: TableName, columns: [&str; 2]) -> Vec<(String, String)> {
+    let frame = results::read_table(out, table).unwrap();
+    let [left, right] = columns.map(|column| {
+        let cells = frame.column(column).unwrap().str().unwrap().clone();
+        cells.iter().map(|cell| cell.unwrap_or_default().to_owned()).collect::<Vec<_>>()
+    });
+    left.into_iter().zip(right).collect()
+}
+
+const AUDITED: &str = "[ga]\npopulation = 6\n[stop]\ngenerations = 5\nperfect = false\n\
+    validation_patience = \"off\"\n[coordinator]\naudit = 1.0\n";
+
+/// Two workers that know better.
+fn honest_workers(experiment: &Experiment, coordinator: &mut Running, address: &str) -> [Running; 2] {
+    ["first", "second"].map(|name| honest_worker(experiment, coordinator, address, name))
+}
+
+fn honest_worker(experiment: &Experiment, coordinator: &mut Running, address: &str, name: &str) -> Running {
+    let cache = experiment.path(name);
+    let args = ["--coordinator", address, "--name", name, "--threads", "1", "--cache", &cache];
+    let worker = Running::start(experiment.folder(), name, "worker", args);
+    coordinator.wait_for(&format!("worker {name}: joined"));
+    worker
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_a_liar_left_before_a_restart_changes_nothing_where_everything_is_audited() {
+    let experiment = Experiment::new(AUDITED);
+    let honest = experiment.run("honest", &[]).expect_success();
+    let args = experiment.run_args("out", &["--local-workers", "0"]);
+    let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args.clone());
+    let liar = tokio::spawn(liar(coordinator.join_address(), 20));
+    tokio::task::block_in_place(|| {
+        coordinator.wait_for("generation 2/5");
+        coordinator.signal("KILL");
+        assert_eq!(coordinator.wait().status.code(), None, "the fault came too late");
+    });
+    liar.await.unwrap(); // its connection is gone
+
+    let mut again = Running::start(experiment.folder(), "again", "coordinator", args);
+    let address = again.join_address();
+    let finished = tokio::task::block_in_place(|| {
+        let _workers = honest_workers(&experiment, &mut again, &address);
+        again.wait()
+    })
+    .expect_success();
+    assert!(finished.stderr.contains("generation 1: is not what was written before"), "{finished}");
+    assert_eq!(summary(&finished)["run_digest"], summary(&honest)["run_digest"], "{finished}");
+    run("coordinator", ["verify", &experiment.path("out")]).expect_success();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn two_workers_that_differ_end_the_run_with_a_code_of_its_own_where_no_third_comes() {
+    let experiment = Experiment::new(&format!("{AUDITED}worker_grace_seconds = 1\n"));
+    let honest = experiment.run("honest", &["--local-workers", "2"]).expect_success();
+    let args = experiment.run_args("out", &["--local-workers", "0"]);
+    let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
+    let address = coordinator.join_address();
+    let liar = tokio::spawn(liar(address.clone(), u32::MAX));
+    let ended = tokio::task::block_in_place(|| {
+        coordinator.wait_for("generation 1/5");
+        let _worker = honest_worker(&experiment, &mut coordinator, &address, "first");
+        coordinator.wait()
+    })
+    .expect_error();
+    liar.await.unwrap(); // its connection is gone
+    assert_eq!(ended.status.code(), Some(6), "{ended}");
+    assert!(ended.stderr.contains("workers differ and no other is there to decide"), "{ended}");
+    assert!(ended.stderr.contains("start one more worker, then run the same command again"), "{ended}");
+    let events = pairs(&experiment.path("out"), TableName::Events, ["event", "worker"]);
+    assert!(events.iter().any(|(event, _)| event == "undecided"), "{events:?}");
+
+    let finished = experiment.run("out", &["--local-workers", "2"]).expect_success();
+    assert!(finished.stderr.contains("unfinished, goes on with"), "{finished}");
+    assert_eq!(summary(&finished)["run_digest"], summary(&honest)["run_digest"], "{finished}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_lying_worker_changes_nothing_where_everything_is_audited() {
+    a_liar_is_found_out(&Experiment::new(AUDITED), 8).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nor_does_one_that_describes_wrongly_what_others_match() {
+    // Eight pieces each, of six individuals, and more.
+    a_liar_is_found_out(&Experiment::new(&format!("{AUDITED}pieces = 4\n")), 60).await;
+}
+
+/// One worker lies so many times before those come who know better.
+async fn a_liar_is_found_out(experiment: &Experiment, lies: u32) {
+    let whole = Experiment::new(AUDITED);
+    let honest = whole.run("honest", &[]).expect_success();
+    let args = experiment.run_args("out", &["--local-workers", "0"]);
+    let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
+    let address = coordinator.join_address();
+    // The liar has the first generation and more to itself, before those come who know better.
+    let liar = tokio::spawn(liar(address.clone(), lies));
+    let workers = tokio::task::block_in_place(|| {
+        coordinator.wait_for("are taken from the only worker there is");
+        coordinator.wait_for("generation 1/5");
+        honest_workers(experiment, &mut coordinator, &address)
+    });
+    let last_word = liar.await.unwrap();
+    assert_eq!(last_word.code(), Code::FailedPrecondition, "{last_word}");
+    assert!(last_word.message().contains("contradict"), "{last_word}");
+    let finished = tokio::task::block_in_place(|| coordinator.wait()).expect_success();
+    assert_eq!(summary(&finished)["run_digest"], summary(&honest)["run_digest"], "{finished}");
+    assert!(finished.stderr.contains("worker liar: quarantined"), "{finished}");
+    assert!(finished.stderr.contains("back to generation 1"), "{finished}");
+    drop(workers);
+
+    let out = experiment.path("out");
+    let departures = pairs(&out, TableName::Workers, ["worker", "departure"]);
+    let is = |worker: &str, what: &str| (worker.to_owned(), what.to_owned());
+    assert!(departures.contains(&is("liar", "quarantined")), "{departures:?}");
+    assert_eq!(departures.len(), 3, "{departures:?}");
+    let attempts = pairs(&out, TableName::Attempts, ["worker", "end"]);
+    assert!(attempts.contains(&is("liar", "answered")), "{attempts:?}");
+    // Which of the two comes first, and which agrees with it, is theirs.
+    assert!(attempts.iter().any(|(worker, end)| worker != "liar" && end == "agreed"), "{attempts:?}");
+    assert!(attempts.iter().any(|(worker, end)| worker != "liar" && end == "disagreed"), "{attempts:?}");
+    let events = pairs(&out, TableName::Events, ["event", "worker"]);
+    for expected in [is("unaudited", ""), is("disagreement", ""), is("quarantined", "liar"), is("rewind", "")]
+    {
+        assert!(events.contains(&expected), "{expected:?} in {events:?}");
+    }
+    let evaluations = pairs(&out, TableName::Evaluations, ["worker", "chromosome"]);
+    assert!(evaluations.iter().all(|(worker, _)| worker != "liar"), "{evaluations:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_lying_worker_changes_no_grid_where_everything_is_audited_before_a_restart_and_after() {
+    // 480 cells, so that there are some left for everybody.
+    let experiment = Experiment::new(
+        "[descriptor.genes]\nshape_bins = { min = 8, max = 64, step = 56 }\nm = { min = 3, max = 3, step = 1 }\n\
+         w = { min = 0.0, max = 1.0, step = 1.0 }\n[coordinator]\naudit = 1.0\n",
+    );
+    let args = |out: &str, workers: &str| -> Vec<String> {
+        ["exhaust", &experiment.path("exp.toml"), "--out", &experiment.path(out), "--listen", "127.0.0.1:0"]
+            .into_iter()
+            .chain(["--json", "--local-workers", workers])
+            .map(str::to_owned)
+            .collect()
+    };
+    let honest = summary(&run("coordinator", args("honest", "2")).expect_success());
+
+    let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args("out", "0"));
+    let first_liar = tokio::spawn(liar(coordinator.join_address(), 20));
+    tokio::task::block_in_place(|| {
+        coordinator.wait_for("cell 20/480");
+        coordinator.signal("KILL");
+        assert_eq!(coordinator.wait().status.code(), None, "the fault came too late");
+    });
+    first_liar.await.unwrap(); // its connection is gone
+
+    let mut again = Running::start(experiment.folder(), "again", "coordinator", args("out", "0"));
+    let address = again.join_address();
+    let second_liar = tokio::spawn(liar(address.clone(), 20));
+    let finished = tokio::task::block_in_place(|| {
+        again.wait_for("cell 20/480");
+        let _workers = honest_workers(&experiment, &mut again, &address);
+        again.wait()
+    })
+    .expect_success();
+    second_liar.await.unwrap();
+    assert!(finished.stderr.contains("worker liar: quarantined"), "{finished}");
+    assert!(finished.stderr.contains("20 cells that were in doubt are computed again"), "{finished}");
+    let before = finished.stderr.split("in doubt").next().unwrap();
+    assert!(!before.contains("are there already"), "what the first has left is kept: {finished}");
+    assert_eq!(summary(&finished)["grid_digest"], honest["grid_digest"], "{finished}");
 }
 
 /// A coordinator that takes nobody.

@@ -1,15 +1,18 @@
 //! One binary of end-to-end tests, so that the workspace is linked once.
 //!
-//! - `process`: the harness: programs, their logs, waiting for states
-//! - `experiments`: small experiments on synthetic clouds
 //! - `programs`: every command as a user runs it
 //! - `bad_input`: what users get wrong, and what they are told
 //! - `determinism`: one digest, whatever the workers do
 //! - `remembering`: caches and what is kept from run to run
+//! - `resuming`: coordinators that are killed and started again
 //! - `exhaust`: the exhaustive search, and what runs make of it
 //! - `grid`: grid cells against the evaluator on real clouds
+//! - `hosts`: workers on other hosts, behind links that are cut, slow, lossy or late
+//! - `pieces`: evaluations in pieces
 //! - `protocol`: the coordinator's port as a client sees it
 //! - `impostors`: peers that are not what they seem
+//! - `sweeps`: several runs over one set of workers
+//! - `strangers`: who is let in, who is not, and what those can do who are not
 //! - `parity`: agreement with PCL on its reference values
 //! - `repository`: the rules of this repository
 
@@ -21,12 +24,17 @@
 mod bad_input;
 mod determinism;
 mod exhaust;
-mod experiments;
 mod grid;
+mod hosts;
 mod impostors;
 mod parity;
-mod process;
+mod pieces;
 mod programs;
 mod protocol;
 mod remembering;
 mod repository;
+mod resuming;
+mod strangers;
+mod sweeps;
+
+use tests::{experiments, process};

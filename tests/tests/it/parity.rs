@@ -4,12 +4,15 @@ use std::fs;
 use std::io::Read;
 use std::path::Path;
 
+use descriptor::fixed::Histograms;
 use descriptor::histogram::{colour_rows, shape_rows};
 use descriptor::neighbours::RadiusSearch;
 use descriptor::prepare::{Normals, keypoints};
+use descriptor::recognise::recognise_by;
+use descriptor::summary::{Part, Parts};
 use descriptor::{
-    Cloud, Correct, GeneTable, Label, Match, Parameters, PreparedCloud, Preprocess, Quantiser, Summary, pcd,
-    recognise,
+    Cloud, Correct, DistanceMatrix, FixedDescriptor, FixedKind, GeneTable, Label, Match, Parameters,
+    PreparedCloud, Preprocess, Quantiser, Summary, pcd, recognise,
 };
 use flate2::read::GzDecoder;
 use rayon::prelude::*;
@@ -138,21 +141,66 @@ fn histograms_are_pcls() {
     assert!(equal as f64 >= 0.995 * total as f64, "{equal} of {total} histograms equal PCL's");
 }
 
+/// Compares each keypoint's histogram within 5 cm with PCL's, of the clouds that have some recorded: `is_alike` for a
+/// share of at least `least` of the rows.
+fn check_fixed(kind: FixedKind, clouds: &[&str], least: f64, is_alike: fn(&[f32], &[f32]) -> bool) {
+    let Some(shared) = shared() else { return };
+    let preprocess = Preprocess::default();
+    let (mut total, mut alike) = (0, 0);
+    for path in clouds {
+        let cloud = cloud(&shared.join("data").join(path));
+        let keypoints = keypoints(&cloud, &preprocess).unwrap();
+        let normals = Normals::new(&cloud, &keypoints, &preprocess).unwrap();
+        let found: Histograms =
+            FixedDescriptor { kind, radius_um: 50_000 }.describe(&cloud, &keypoints, &normals).unwrap();
+        let expected = reference(&shared, &reference_name(path, kind.name()));
+        assert_eq!(found.rows().len(), expected.len(), "{path}: keypoints that {kind} describes");
+        for (row, line) in found.rows().zip(&expected) {
+            let expected = numbers(line);
+            assert_eq!(row.len(), expected.len(), "{path}: values of a row");
+            total += 1;
+            alike += usize::from(is_alike(row, &expected));
+        }
+    }
+    println!("{kind}: {alike} of {total} rows as PCL's");
+    assert!(alike as f64 >= least * total as f64, "{kind}: {alike} of {total} rows as PCL's");
+}
+
+#[test]
+fn pfhrgb_histograms_are_pcls() {
+    // None are recorded for the banana.
+    check_fixed(FixedKind::PfhRgb, &CLOUDS[..5], 0.99, |ours, theirs| {
+        let l1: f32 = ours.iter().zip(theirs).map(|(a, b)| (a - b).abs()).sum();
+        l1 <= 0.01 * theirs.iter().sum::<f32>()
+    });
+}
+
+#[test]
+fn shotcolor_histograms_are_pcls() {
+    // A frame's axis may point either way where as many neighbours are on one side as on the other.
+    check_fixed(FixedKind::ShotColor, &CLOUDS, 0.95, |ours, theirs| {
+        let dot = |a: &[f32], b: &[f32]| -> f64 {
+            a.iter().zip(b).map(|(&a, &b)| f64::from(a) * f64::from(b)).sum()
+        };
+        dot(ours, theirs) >= 0.999 * (dot(ours, ours) * dot(theirs, theirs)).sqrt()
+    });
+}
+
 /// A split list's clouds in order, each with its label.
 struct Split {
     names: Vec<String>,
     summaries: Vec<Summary>,
 }
 
+/// The names in some lists, one list after the other.
+fn listed(root: &Path, lists: &[&str]) -> Vec<String> {
+    let read = |list: &&str| fs::read_to_string(root.join(list)).unwrap();
+    lists.iter().map(read).collect::<String>().lines().map(str::to_owned).collect()
+}
+
 fn split(root: &Path, lists: &[&str], quantiser: &Quantiser, parameters: &Parameters) -> Split {
     let binning = quantiser.binning(parameters).unwrap();
-    let names: Vec<String> = lists
-        .iter()
-        .flat_map(|list| {
-            let text = fs::read_to_string(root.join(list)).unwrap();
-            text.lines().map(str::to_owned).collect::<Vec<_>>()
-        })
-        .collect();
+    let names = listed(root, lists);
     let summaries = names
         .par_iter()
         .map(|name| {
@@ -224,4 +272,31 @@ fn recognition_on_the_household_clouds_is_pcls() {
     };
     let fitness = reference(&shared, "household-fitness.nearest.txt.gz");
     check_recognition(&root, &part(0..352), &part(352..704), &fitness, 104);
+}
+
+#[test]
+fn recognition_with_shotcolor_is_pcls() {
+    let Some(shared) = shared() else { return };
+    let root = shared.join("data/household-rgbd");
+    let descriptor = FixedDescriptor { kind: FixedKind::ShotColor, radius_um: 50_000 };
+    let summary = |name: &String| {
+        let summary = descriptor.summary(&cloud(&root.join(name)), &Preprocess::default());
+        summary.unwrap_or_else(|error| panic!("{name}: {error}"))
+    };
+    let names = [&["test.txt"][..], &["train1.txt", "train2.txt", "validation.txt"]]
+        .map(|lists| listed(&root, lists));
+    let [queries, database]: [Parts; 2] = names.each_ref().map(|names| {
+        let parts: Vec<Part> = names.par_iter().map(summary).collect();
+        parts.iter().collect()
+    });
+    let all = names.concat();
+    let [query_labels, labels] = names.each_ref().map(|names| labels(names, &all));
+    let distances = DistanceMatrix::new(&queries, &database);
+    let matches = recognise_by(queries.clouds(), &distances, &labels).unwrap();
+    let Correct { queries, object, category } = Correct::count(&matches, &query_labels, &labels);
+    let (objects, categories) = (queries - object, queries - category);
+    println!("{objects} of {queries} objects wrong (PCL 272), {categories} categories (PCL 34)");
+    // One percentage point.
+    assert!(objects.abs_diff(272) <= 4, "{objects} objects wrong, PCL 272");
+    assert!(categories.abs_diff(34) <= 4, "{categories} categories wrong, PCL 34");
 }

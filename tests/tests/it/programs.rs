@@ -7,7 +7,7 @@ use results::TableName;
 use serde_json::Value;
 
 use crate::experiments::{Experiment, clouds, repository, summary};
-use crate::process::{Running, finish, program, run};
+use crate::process::{finish, program, run};
 
 const KEYS: [&str; 12] = [
     "best",
@@ -52,7 +52,10 @@ fn a_run_ends_with_a_summary_whole_tables_and_a_digest_that_verifies() {
             TableName::Generations => 4,
             TableName::Predictions => count("validation_queries") as usize + count("test_queries") as usize,
             TableName::Skipped => 0,
-            TableName::Run => 1,
+            TableName::Run | TableName::Workers => 1,
+            // Beside its attempts, a run may have things to tell.
+            TableName::Attempts => rows.max(count("evaluations_computed") as usize),
+            TableName::Events => rows,
             other => panic!("{other}: not a table of a run"),
         };
         assert_eq!(rows, expected, "{table}");
@@ -127,7 +130,7 @@ fn a_run_shows_a_table_for_people() {
         "shape_bins",
         "R1",
         "cm",
-        "object error",
+        "object error    95 %            category error  95 %            clouds",
         "train",
         "validation",
         "test",
@@ -135,32 +138,6 @@ fn a_run_shows_a_table_for_people() {
     ] {
         assert!(finished.stdout.contains(part), "{part}: {finished}");
     }
-}
-
-#[test]
-fn an_interrupted_run_begins_again_and_gives_the_same() {
-    let experiment =
-        Experiment::new("[ga]\npopulation = 6\n[stop]\ngenerations = 30\nvalidation_patience = \"off\"\n");
-    let mut running =
-        Running::start(experiment.folder(), "first", "coordinator", experiment.run_args("out", &[]));
-    running.wait_for("generation 2/30");
-    // While it runs, nobody else may write into its folder.
-    let second = experiment.run("out", &[]).expect_error();
-    assert!(second.stderr.contains("in use"), "{second}");
-    running.signal("KILL");
-    assert!(!running.wait().status.success());
-
-    let mut running =
-        Running::start(experiment.folder(), "again", "coordinator", experiment.run_args("out", &[]));
-    running.wait_for("generation 2/30");
-    running.signal("INT");
-    let interrupted = running.wait().expect_error();
-    assert!(interrupted.stderr.contains("error: interrupted"), "{interrupted}");
-
-    let resumed = experiment.run("out", &[]).expect_success();
-    assert!(resumed.stderr.contains("unfinished, begins again"), "{resumed}");
-    let undisturbed = experiment.run("other", &[]).expect_success();
-    assert_eq!(summary(&resumed)["run_digest"], summary(&undisturbed)["run_digest"]);
 }
 
 #[test]
@@ -240,6 +217,40 @@ fn evaluate_reports_errors_outcomes_and_seconds_and_adds_up_lists() {
 }
 
 #[test]
+fn evaluate_knows_the_descriptors_that_the_papers_is_compared_with() {
+    let data = clouds().display().to_string();
+    let folder = Experiment::with("");
+    let evaluate = |more: &[&str]| {
+        let lists = ["--query", "test.txt", "--database", "train1.txt", "train2.txt"];
+        let args = ["evaluate", "--data", &data].into_iter().chain(lists).chain(more.iter().copied());
+        run("coordinator", args.collect::<Vec<_>>())
+    };
+    let told = |kind: &str, distance: &str, threads: &str| -> (Value, String) {
+        let file = folder.path("nearest.txt");
+        let more = ["--descriptor", kind, "--distance", distance, "--threads", threads, "--radius-cm", "2.5"];
+        let finished = evaluate(&[&more[..], &["--json", "--nearest", &file]].concat()).expect_success();
+        let mut told: Value = serde_json::from_str(&finished.stdout).unwrap();
+        told.as_object_mut().unwrap().remove("seconds");
+        (told, fs::read_to_string(file).unwrap())
+    };
+    for kind in ["pfhrgb", "shotcolor"] {
+        let (chi2, nearest) = told(kind, "chi2", "2");
+        let expected = serde_json::json!({ "name": kind, "radius_cm": 2.5, "distance": "chi2" });
+        assert_eq!(chi2["descriptor"], expected);
+        assert_eq!(nearest.lines().count() as u64, chi2["queries"].as_u64().unwrap());
+        // There are six objects.
+        assert!(chi2["object_error"].as_f64().unwrap() < 5.0 / 6.0, "no better than guessing: {chi2}");
+        assert_eq!(told(kind, "chi2", "1"), (chi2, nearest.clone()), "threads change nothing");
+        assert_ne!(told(kind, "l1", "2").1, nearest);
+        let refused = evaluate(&["--descriptor", kind, "--set", "R1=1"]).expect_error();
+        assert!(refused.stderr.contains(&format!("--set: {kind} has no genes, got R1=1\n")), "{refused}");
+        let refused = evaluate(&["--descriptor", kind, "--no-colour"]).expect_error();
+        assert!(refused.stderr.contains(&format!("--no-colour: {kind} needs colours")), "{refused}");
+    }
+    assert_eq!(evaluate(&["--descriptor", "fpfh"]).expect_error().status.code(), Some(2));
+}
+
+#[test]
 fn synth_writes_the_same_bytes_for_the_same_seed() {
     let experiment = Experiment::with("");
     let digest = |name: &str, seed: &str| {
@@ -278,9 +289,9 @@ fn the_schema_is_json_schema() {
 
 #[test]
 fn every_option_has_help_with_an_example() {
-    let commands: [&[&str]; 7] =
-        [&["run"], &["check"], &["evaluate"], &["synth"], &["verify"], &["schema"], &[]];
-    for (program_name, commands) in [("coordinator", &commands[..6]), ("worker", &commands[6..])] {
+    let commands: [&[&str]; 8] =
+        [&["run"], &["resume"], &["check"], &["evaluate"], &["synth"], &["verify"], &["schema"], &[]];
+    for (program_name, commands) in [("coordinator", &commands[..7]), ("worker", &commands[7..])] {
         for command in commands {
             let mut help = program(program_name);
             let finished = finish(help.args(*command).arg("--help").env("COLUMNS", "400")).expect_success();

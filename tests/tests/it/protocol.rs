@@ -20,8 +20,7 @@ use crate::process::{Running, program};
 async fn coordinator(experiment: &Experiment) -> (Running, String, Channel) {
     let args = experiment.run_args("out", &["--local-workers", "0"]);
     let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
-    let line = coordinator.wait_for("workers may join with");
-    let address = line.rsplit(' ').next().unwrap().to_owned();
+    let address = coordinator.join_address();
     let channel = Channel::from_shared(address.clone()).unwrap().connect().await.unwrap();
     (coordinator, address, channel)
 }
@@ -82,6 +81,9 @@ async fn other_versions_are_refused_and_told_what_to_do() {
     let refused = refusal(&mut client, |request| request.protocol_major += 1).await;
     assert_eq!(refused.reason(), v1::RefusalReason::ProtocolVersion);
     assert!(refused.message.contains("must be 1, got 2\ninstall"), "{}", refused.message);
+    let refused = refusal(&mut client, |request| request.protocol_minor = 1).await;
+    assert_eq!(refused.reason(), v1::RefusalReason::ProtocolVersion);
+    assert!(refused.message.contains("must be 1.2 or later, got 1.1\ninstall"), "{}", refused.message);
     let refused = refusal(&mut client, |request| request.evaluation_version += 1).await;
     assert_eq!(refused.reason(), v1::RefusalReason::EvaluationVersion);
     assert!(refused.message.contains("evaluation version"), "{}", refused.message);
@@ -164,8 +166,8 @@ async fn nonsense_gets_an_error_and_the_run_goes_on() {
 #[test]
 fn a_worker_says_what_is_wrong_with_its_address() {
     for (address, message) in [
-        ("http://", "must be"),
-        ("https://192.0.2.7:7700", "not supported yet"),
+        ("http://", "must name a host"),
+        ("https://192.0.2.7:7700", "needs the fingerprint of its CA"),
         ("host:port", "port must be a number"),
     ] {
         let mut command = program("worker");

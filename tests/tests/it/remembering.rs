@@ -140,10 +140,13 @@ fn a_worker_elsewhere_gets_prepared_clouds_instead_of_preparing_them() {
     experiment.run("first", &["--cache", &cache]).expect_success();
     let args = experiment.run_args("second", &["--cache", &cache, "--seed", "6", "--local-workers", "0"]);
     let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
-    let line = coordinator.wait_for("workers may join with");
-    let address = line.rsplit(' ').next().unwrap();
-    let mut worker =
-        Running::start(experiment.folder(), "worker", "worker", ["--coordinator", address, "--threads", "1"]);
+    let address = coordinator.join_address();
+    let mut worker = Running::start(
+        experiment.folder(),
+        "worker",
+        "worker",
+        ["--coordinator", &address, "--threads", "1"],
+    );
     let second = coordinator.wait().expect_success();
     worker.signal("TERM");
     let worker = worker.wait().expect_success();

@@ -207,3 +207,15 @@ fn cargo_metadata_has_no_duplicate_binary_names() {
     }
     assert!(names.contains("coordinator") && names.contains("worker"));
 }
+
+/// cargo-fuzz has a binary a target, and a manifest that nothing else reads.
+#[test]
+fn every_reader_of_bytes_from_outside_is_a_target_of_cargo_fuzz() {
+    let folder = tempfile::TempDir::new().unwrap();
+    let readers = tests::readers::all(folder.path().to_owned());
+    let readers: BTreeSet<String> = readers.iter().map(|reader| reader.name.replace(' ', "-")).collect();
+    let manifest = manifest("tests/cargo-fuzz/Cargo.toml");
+    let names =
+        manifest["bin"].as_array().unwrap().iter().map(|bin| bin["name"].as_str().unwrap().to_owned());
+    assert_eq!(names.collect::<BTreeSet<_>>(), readers);
+}

@@ -6,17 +6,42 @@ use std::collections::btree_map::Entry;
 use std::sync::Arc;
 
 use descriptor::grid::{Cell, CellParts};
-use descriptor::{Binning, DistanceMatrix, Parameters, Parts, PreparedCloud};
-use proto::Digest;
+use descriptor::{Binning, DistanceMatrix, Parameters, Parts, PreparedCloud, description};
+use proto::{Digest, MAX_DESCRIPTION_BYTES};
 use rayon::prelude::*;
 
 use crate::workshop::manifest::Manifest;
 use crate::workshop::reuse::{Half, HalfKey, Pairing};
 use crate::workshop::shelf::Shelf;
-use crate::workshop::{EvaluationError, Workshop};
+use crate::workshop::{Description, EvaluationError, Workshop};
 
-/// Shape and colour parts of splits; empty where they are not wanted.
+/// Shape and colour parts by name of their source; empty where they are not wanted.
 type SplitParts = BTreeMap<Digest, [Arc<Parts>; 2]>;
+
+/// Where the parts of some clouds come from.
+pub(super) struct Source {
+    /// Which clouds.
+    pub(super) manifest: Arc<Manifest>,
+    /// What is kept of them is kept under this: the digest of the manifest, or of the description that a job names. So
+    /// that a wrong description is taken for nothing but itself.
+    name: Digest,
+}
+
+impl Source {
+    /// The clouds of a split, to be described here.
+    pub(super) fn split(manifest: Arc<Manifest>) -> Self {
+        Self { name: manifest.digest, manifest }
+    }
+
+    /// The clouds of a shard with the digest of their description.
+    pub(super) fn shard((manifest, description): (Arc<Manifest>, &Digest)) -> Self {
+        Self { manifest, name: *description }
+    }
+
+    fn is_described(&self) -> bool {
+        self.name != self.manifest.digest
+    }
+}
 
 impl Workshop {
     /// Distances of all queries to all clouds of the database, in shape and in colour.
@@ -24,12 +49,11 @@ impl Workshop {
         &self,
         shelf: &Arc<Shelf>,
         parameters: &Parameters,
-        query: &[Arc<Manifest>],
-        database: &[Arc<Manifest>],
+        query: &[Source],
+        database: &[Source],
     ) -> Result<[Arc<DistanceMatrix>; 2], EvaluationError> {
-        let digests =
-            |manifests: &[Arc<Manifest>]| manifests.iter().map(|manifest| manifest.digest).collect();
-        let pairing: Pairing = [digests(query), digests(database)];
+        let names = |sources: &[Source]| sources.iter().map(|source| source.name).collect();
+        let pairing: Pairing = [names(query), names(database)];
         let keys = Half::BOTH.map(|half| HalfKey::new(half, parameters));
         let kept = keys.map(|key| shelf.reuse().distances(&pairing, key));
         let missing = kept.each_ref().map(Option::is_none);
@@ -37,9 +61,13 @@ impl Workshop {
         let mut parts = SplitParts::new();
         if missing.contains(&true) {
             let binning = Arc::new(shelf.quantiser.binning(parameters)?);
-            for manifest in query.iter().chain(database) {
-                if let Entry::Vacant(vacant) = parts.entry(manifest.digest) {
-                    vacant.insert(self.parts(shelf, manifest, &binning, keys, missing).await?);
+            for source in query.iter().chain(database) {
+                if let Entry::Vacant(vacant) = parts.entry(source.name) {
+                    vacant.insert(if source.is_described() {
+                        self.described(shelf, source, &binning, keys).await?
+                    } else {
+                        self.parts(shelf, &source.manifest, &binning, keys, missing).await?
+                    });
                 }
             }
         }
@@ -105,6 +133,55 @@ impl Workshop {
         Ok([keep(keys[0], kept_shape, shape, missing[0]), keep(keys[1], kept_colour, colour, missing[1])])
     }
 
+    /// Both parts of a shard by its description: kept, from the coordinator, or made here if it has them no more.
+    async fn described(
+        &self,
+        shelf: &Arc<Shelf>,
+        source: &Source,
+        binning: &Arc<Binning>,
+        keys: [HalfKey; 2],
+    ) -> Result<[Arc<Parts>; 2], EvaluationError> {
+        let Source { manifest, name } = source;
+        if let [Some(shape), Some(colour)] = keys.map(|key| shelf.reuse().parts(*name, key)) {
+            return Ok([shape, colour]);
+        }
+        let parts = match self.supply.blobs.given(*name).await {
+            Some(bytes) => {
+                let clouds = manifest.clouds.len() as u32;
+                self.supply.work().handed += 1;
+                description::decode(&bytes, binning.parameters(), clouds)?.map(Arc::new)
+            }
+            None => {
+                let parts = self.parts(shelf, manifest, binning, keys, [true, true]).await?;
+                let got = Digest::of(&description::encode(parts.each_ref().map(Arc::as_ref)));
+                if got != *name {
+                    let (digest, expected) = (manifest.digest, *name);
+                    return Err(EvaluationError::Description { digest, expected, got });
+                }
+                parts
+            }
+        };
+        keep_both(shelf, *name, keys, &parts);
+        Ok(parts)
+    }
+
+    /// The description of a shard.
+    pub(super) async fn describe(&self, task: &Description) -> Result<Vec<u8>, EvaluationError> {
+        let Description { preparation, parameters, manifest } = task;
+        let shelf = self.shelf(preparation)?;
+        let binning = Arc::new(shelf.quantiser.binning(parameters)?);
+        let keys = Half::BOTH.map(|half| HalfKey::new(half, parameters));
+        let manifest = self.manifest(*manifest).await?;
+        let got = description::length(parameters, manifest.clouds.len() as u32);
+        if got > MAX_DESCRIPTION_BYTES {
+            return Err(EvaluationError::TooLarge { digest: manifest.digest, got });
+        }
+        let parts = self.parts(&shelf, &manifest, &binning, keys, [true, true]).await?;
+        let bytes = description::encode(parts.each_ref().map(Arc::as_ref));
+        keep_both(&shelf, Digest::of(&bytes), keys, &parts);
+        Ok(bytes)
+    }
+
     /// All parts of some splits for one grid cell, one split after the other.
     pub(super) async fn cell_parts(
         &self,
@@ -122,6 +199,12 @@ impl Workshop {
         }
         Ok(parts)
     }
+}
+
+/// Keeps both parts of a described shard under the digest of its description.
+fn keep_both(shelf: &Shelf, name: Digest, keys: [HalfKey; 2], parts: &[Arc<Parts>; 2]) {
+    let mut reuse = shelf.reuse();
+    keys.iter().zip(parts).for_each(|(key, parts)| reuse.keep_parts(name, *key, parts));
 }
 
 /// Parts of `clouds`; empty where they are not wanted.

@@ -3,7 +3,7 @@
 
 mod computing;
 mod lru;
-mod manifest;
+pub(crate) mod manifest;
 mod matching;
 mod reuse;
 mod shelf;
@@ -14,17 +14,18 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use descriptor::grid::Cell;
 use descriptor::recognise::{RecogniseError, recognise_from};
-use descriptor::{Correct, GeneTable, Match, Parameters, Preprocess, QuantiseError};
-use proto::Digest;
+use descriptor::{Correct, GeneTable, Match, Parameters, Preprocess, QuantiseError, description};
+use proto::{Digest, MAX_DESCRIPTION_BYTES};
 
 pub use computing::Computing;
+pub use lru::Lru;
 pub use work::Work;
 
 use crate::blobs::{BlobError, Blobs};
 use crate::size::Size;
 use crate::store::Store;
-use lru::Lru;
 use manifest::{Manifest, labels};
+use matching::Source;
 use shelf::Shelf;
 use supply::Supply;
 
@@ -47,6 +48,10 @@ pub enum Task {
     Evaluation(Evaluation),
     /// All descriptors with one R1 and one R2.
     GridCell(GridCell),
+    /// The clouds of one shard under one descriptor.
+    Description(Description),
+    /// One descriptor, on shards that were described before.
+    Tile(Tile),
 }
 
 /// Splits to match with each other.
@@ -84,6 +89,26 @@ pub struct GridCell {
     pub splits: Splits,
 }
 
+/// One shard to be described.
+#[derive(Clone, Debug)]
+pub struct Description {
+    /// How clouds are prepared.
+    pub preparation: Preparation,
+    /// The descriptor, one of the preparation's search space.
+    pub parameters: Parameters,
+    /// The shard: a split manifest.
+    pub manifest: Digest,
+}
+
+/// One tile of the matrix of distances.
+#[derive(Clone, Debug)]
+pub struct Tile {
+    /// Of some shards.
+    pub evaluation: Evaluation,
+    /// For each of them the digest of its description.
+    pub descriptions: Splits,
+}
+
 /// What comes of a task.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Outcome {
@@ -91,6 +116,8 @@ pub enum Outcome {
     Evaluation(Recognition),
     /// Of a grid cell: recognised queries (object), in the order of [`Cell::object_correct`].
     GridCell(Vec<u32>),
+    /// Of a shard: shape and colour parts of its clouds, see [`description::encode`].
+    Description(Vec<u8>),
 }
 
 /// What an evaluation gives.
@@ -122,6 +149,29 @@ pub enum EvaluationError {
     /// There is nothing to match with.
     #[error(transparent)]
     Recognise(#[from] RecogniseError),
+    /// A shard has more clouds than one message can describe.
+    #[error(
+        "split manifest {digest}: its description must have at most {MAX_DESCRIPTION_BYTES} bytes, got {got}"
+    )]
+    TooLarge {
+        /// Of the shard.
+        digest: Digest,
+        /// How many it would be.
+        got: u64,
+    },
+    /// Whoever described the shard for this job was wrong, or this worker is.
+    #[error("split manifest {digest}: its description must be {expected}, got {got}")]
+    Description {
+        /// Of the shard.
+        digest: Digest,
+        /// What the job names.
+        expected: Digest,
+        /// What the shard's clouds have here.
+        got: Digest,
+    },
+    /// What the job names is no description of its shard.
+    #[error(transparent)]
+    Undecodable(#[from] description::DescriptionError),
     /// A cloud that the coordinator listed cannot be described.
     #[error("{path}: {what}")]
     Cloud {
@@ -179,17 +229,44 @@ impl Workshop {
         let outcome = match task {
             Task::Evaluation(evaluation) => self.evaluate(&evaluation).await.map(Outcome::Evaluation),
             Task::GridCell(cell) => self.count_cell(&cell).await.map(Outcome::GridCell),
+            Task::Description(shard) => self.describe(&shard).await.map(Outcome::Description),
+            Task::Tile(tile) => {
+                let Tile { evaluation, descriptions } = &tile;
+                self.match_tile(evaluation, descriptions).await.map(Outcome::Evaluation)
+            }
         };
         tracing::debug!("work so far: {:?}", self.work());
         outcome
     }
 
     async fn evaluate(&self, evaluation: &Evaluation) -> Result<Recognition, EvaluationError> {
-        let shelf = self.shelf(&evaluation.preparation)?;
+        let query = self.manifests(&evaluation.splits.query).await?.into_iter().map(Source::split).collect();
+        let database = self.manifests(&evaluation.splits.database).await?;
+        self.recognise(evaluation, query, database.into_iter().map(Source::split).collect()).await
+    }
+
+    async fn match_tile(
+        &self,
+        evaluation: &Evaluation,
+        descriptions: &Splits,
+    ) -> Result<Recognition, EvaluationError> {
         let query = self.manifests(&evaluation.splits.query).await?;
         let database = self.manifests(&evaluation.splits.database).await?;
+        let query = query.into_iter().zip(&descriptions.query).map(Source::shard).collect();
+        let database = database.into_iter().zip(&descriptions.database).map(Source::shard).collect();
+        self.recognise(evaluation, query, database).await
+    }
+
+    async fn recognise(
+        &self,
+        evaluation: &Evaluation,
+        query: Vec<Source>,
+        database: Vec<Source>,
+    ) -> Result<Recognition, EvaluationError> {
+        let shelf = self.shelf(&evaluation.preparation)?;
         let [shape, colour] = self.distances(&shelf, &evaluation.parameters, &query, &database).await?;
-        let (queries, database) = (labels(&query), labels(&database));
+        let [queries, database] = [query, database]
+            .map(|sources| labels(&sources.into_iter().map(|source| source.manifest).collect::<Vec<_>>()));
         let weight = evaluation.parameters.shape_weight();
         let want_matches = evaluation.want_matches;
         let recognise = move || {
@@ -225,21 +302,23 @@ impl Workshop {
     }
 
     async fn manifests(&self, digests: &[Digest]) -> Result<Vec<Arc<Manifest>>, EvaluationError> {
-        let known = || self.manifests.lock().unwrap_or_else(PoisonError::into_inner);
         let mut manifests = Vec::new();
         for &digest in digests {
-            let kept = known().get(&digest);
-            manifests.push(match kept {
-                Some(manifest) => manifest,
-                None => {
-                    let bytes = self.supply.blobs.get(digest).await?;
-                    let manifest = Arc::new(Manifest::decode(digest, &bytes)?);
-                    known().insert(digest, Arc::clone(&manifest), manifest.bytes());
-                    manifest
-                }
-            });
+            manifests.push(self.manifest(digest).await?);
         }
         Ok(manifests)
+    }
+
+    async fn manifest(&self, digest: Digest) -> Result<Arc<Manifest>, EvaluationError> {
+        let known = || self.manifests.lock().unwrap_or_else(PoisonError::into_inner);
+        let kept = known().get(&digest);
+        if let Some(manifest) = kept {
+            return Ok(manifest);
+        }
+        let bytes = self.supply.blobs.get(digest).await?;
+        let manifest = Arc::new(Manifest::decode(digest, &bytes)?);
+        known().insert(digest, Arc::clone(&manifest), manifest.bytes());
+        Ok(manifest)
     }
 }
 

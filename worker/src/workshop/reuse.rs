@@ -46,7 +46,7 @@ impl HalfKey {
     }
 }
 
-/// Split manifests of queries and of a database, in order.
+/// Split manifests, or descriptions, of queries and of a database, in order.
 pub type Pairing = [Arc<[Digest]>; 2];
 
 /// Parts and distances of recent evaluations under one preparation, bounded in bytes.
@@ -62,12 +62,12 @@ impl Reuse {
         Self { parts: Lru::new(capacity / 2), distances: Lru::new(capacity / 2) }
     }
 
-    /// The parts of one split.
+    /// The parts of one split or one description.
     pub fn parts(&mut self, manifest: Digest, key: HalfKey) -> Option<Arc<Parts>> {
         self.parts.get(&(manifest, key))
     }
 
-    /// Keeps the parts of one split.
+    /// Keeps the parts of one split or one description.
     pub fn keep_parts(&mut self, manifest: Digest, key: HalfKey, parts: &Arc<Parts>) {
         self.parts.insert((manifest, key), Arc::clone(parts), parts.bytes());
     }

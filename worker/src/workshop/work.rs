@@ -11,6 +11,8 @@ pub struct Work {
     pub fetched: u64,
     /// Parts of clouds counted: shape and colour of one cloud are two.
     pub described: u64,
+    /// Descriptions that came from the coordinator.
+    pub handed: u64,
     /// Distance matrices computed.
     pub matched: u64,
     /// Grid cells computed.

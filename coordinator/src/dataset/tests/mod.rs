@@ -3,6 +3,7 @@
 mod errors;
 mod inspecting;
 mod loading;
+mod protocols;
 mod remembering;
 mod seeded;
 

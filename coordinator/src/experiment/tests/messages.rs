@@ -148,7 +148,7 @@ fn keys() {
               did you mean `population`? known keys here: population, elite, selection, scaling, crossover, crossover_rate, mutation, mutation_rate, mutation_decay, encoding
             sede = 1
               top level: unknown key, got `sede`
-              did you mean `seed`? known keys here: version, name, seed, dataset, preprocess, descriptor, search, ga, stop, coordinator, results
+              did you mean `seed`? known keys here: version, name, seed, dataset, preprocess, descriptor, search, ga, stop, coordinator, results, sweep
             [descriptor.genes]\nr1 = 1.0
               descriptor.genes: unknown key, got `r1`
               did you mean `R1`? known keys here: shape_bins, m, R1, R2, w
@@ -157,7 +157,7 @@ fn keys() {
               did you mean `min`? known keys here: min, max, step
             temperature = 1
               top level: unknown key, got `temperature`
-              known keys here: version, name, seed, dataset, preprocess, descriptor, search, ga, stop, coordinator, results
+              known keys here: version, name, seed, dataset, preprocess, descriptor, search, ga, stop, coordinator, results, sweep
             ga.\"odd `key`, expected `x`\" = 1
               ga: unknown key, got `odd `key`, expected `x``
               known keys here: population, elite, selection, scaling, crossover, crossover_rate, mutation, mutation_rate, mutation_decay, encoding
@@ -356,4 +356,93 @@ fn files_that_are_no_text() {
     let path = folder.path().join("largest.toml");
     std::fs::write(&path, largest).unwrap();
     assert_eq!(Experiment::read(&path, Overrides::default()).unwrap().name(), "largest");
+}
+
+#[test]
+fn sweeps() {
+    let show = |lines: &str| {
+        let path = Path::new("exp/x.toml");
+        let plan = Plan::parse(&format!("{LEAST}{lines}"), path, Overrides::default(), &no_variables);
+        let message = plan.unwrap_err().to_string();
+        format!("{lines:?}\n  {}\n", message.strip_prefix("exp/x.toml: ").unwrap().replace('\n', "\n  "))
+    };
+    let shown: String = [
+        "[sweep]",
+        "sweep = []",
+        "[sweep]\nseeds = \"20..1\"",
+        "[sweep]\nseeds = \"1-20\"",
+        "[sweep]\nseeds = \"1..100000\"",
+        "[sweep]\nseeds = []",
+        "[sweep]\nseeds = [1, 2, 1]",
+        "[sweep]\nseeds = [1, -2]",
+        "[sweep]\nseeds = 3",
+        "[sweep]\nseed = 3",
+        "[sweep]\nseeds = \"1..500\"\n[sweep.variants.a]\n[sweep.variants.b]\n[sweep.variants.c]",
+        "[sweep.variants.\"pop 20\"]\nga.population = 20",
+        "[sweep.variants.x]\nga.populaton = 20",
+        "[sweep.variants.x]\nga.population = 1",
+        "[sweep.variants.x]\nga.elite = 20",
+        "[sweep.variants.x]\npreprocess.leaf_cm = 1.0",
+        "[sweep.variants.x]\nsearch.method = \"exhaustive\"",
+        "search.method = \"exhaustive\"\nsweep.seeds = [1, 2]",
+    ]
+    .into_iter()
+    .map(show)
+    .collect();
+    expect![[r#"
+        "[sweep]"
+          sweep: neither seeds nor variants, got none
+          write `seeds = "1..20"`, or a section [sweep.variants.NAME]
+        "sweep = []"
+          sweep: expected a table, got []
+          write a section [name] or { key = value, … }
+        "[sweep]\nseeds = \"20..1\""
+          sweep.seeds: ends before it begins, got "20..1"
+          write "1..20"
+        "[sweep]\nseeds = \"1-20\""
+          sweep.seeds: not two seeds with `..` between, got "1-20"
+          write "1..20" for all from 1 to 20, or a list such as [1, 5, 9]
+        "[sweep]\nseeds = \"1..100000\""
+          sweep.seeds: more than 1000 seeds, got "1..100000"
+          name fewer seeds
+        "[sweep]\nseeds = []"
+          sweep.seeds: no seed, got []
+          write "1..20", or a list such as [1, 5, 9]
+        "[sweep]\nseeds = [1, 2, 1]"
+          sweep.seeds: must be different, got 1 twice
+          name each seed once
+        "[sweep]\nseeds = [1, -2]"
+          sweep.seeds: expected a whole number from 0 to 9223372036854775807, got -2
+          write a number without quotes and decimal point
+        "[sweep]\nseeds = 3"
+          sweep.seeds: expected two seeds such as "1..20", or a list of seeds, got 3
+          write one of these
+        "[sweep]\nseed = 3"
+          sweep: unknown key, got `seed`
+          did you mean `seeds`? known keys here: seeds, variants
+        "[sweep]\nseeds = \"1..500\"\n[sweep.variants.a]\n[sweep.variants.b]\n[sweep.variants.c]"
+          sweep: more than 1000 runs, got 1500
+          name fewer seeds or variants
+        "[sweep.variants.\"pop 20\"]\nga.population = 20"
+          sweep.variants.pop 20: not 1 to 64 letters a-z, digits, - and _, beginning without -, got "pop 20"
+          call it `pop-20`
+        "[sweep.variants.x]\nga.populaton = 20"
+          sweep.variants.x.ga: unknown key, got `populaton`
+          did you mean `population`? known keys here: population, elite, selection, scaling, crossover, crossover_rate, mutation, mutation_rate, mutation_decay, encoding
+        "[sweep.variants.x]\nga.population = 1"
+          sweep.variants.x.ga.population: not between 2 and 65536, got 1
+          set it to the individuals a generation, such as 10
+        "[sweep.variants.x]\nga.elite = 20"
+          sweep.variants.x.ga.elite: not below ga.population = 10, got 20
+          set it to the individuals copied unchanged, such as 1
+        "[sweep.variants.x]\npreprocess.leaf_cm = 1.0"
+          sweep.variants.x: unknown key, got `preprocess`
+          known keys here: search, ga, stop
+        "[sweep.variants.x]\nsearch.method = \"exhaustive\""
+          sweep.variants.x.search.method: an exhaustive search has neither seed nor variants, got one in a sweep
+          write "ga" or "random", or remove [sweep]
+        "search.method = \"exhaustive\"\nsweep.seeds = [1, 2]"
+          search.method: an exhaustive search has neither seed nor variants, got one in a sweep
+          write "ga" or "random", or remove [sweep]
+    "#]].assert_eq(&shown);
 }

@@ -81,6 +81,9 @@ const IRRELEVANT: &[(&str, &str, &[&str])] = &[
     ("coordinator", "job_seconds", &["", "60"]),
     ("coordinator", "max_failures", &["", "1"]),
     ("coordinator", "worker_grace_seconds", &["", "0"]),
+    ("coordinator", "deadline_seconds", &["", "'off'", "60"]),
+    ("coordinator", "audit", &["", "0", "0.5", "1"]),
+    ("coordinator", "pieces", &["", "'auto'", "1", "4096"]),
     ("results", "dir", &["", "'out'", "'/out'"]),
 ];
 
@@ -319,6 +322,9 @@ fn the_resolved_text_has_every_default() {
         job_seconds = 3600
         max_failures = 3
         worker_grace_seconds = 300
+        deadline_seconds = "off"
+        audit = 0.01
+        pieces = "auto"
 
         [results]
         # dir is not set: results/runs in the current folder
@@ -388,6 +394,9 @@ fn the_resolved_text_has_every_default() {
         job_seconds = 900
         max_failures = 5
         worker_grace_seconds = 60
+        deadline_seconds = 86400
+        audit = 0.25
+        pieces = 8
 
         [results]
         dir = "out"

@@ -332,6 +332,9 @@ fn coordinator_and_results() {
             "coordinator.job_seconds = 0",
             "coordinator.max_failures = 0",
             "coordinator.worker_grace_seconds = 604801",
+            "coordinator.audit = 1.5",
+            "coordinator.audit = nan",
+            "coordinator.pieces = 0",
             "results.dir = ''",
             "results.dir = '~/runs'",
         ],
@@ -353,6 +356,15 @@ fn coordinator_and_results() {
               choose a number inside these limits
             coordinator.worker_grace_seconds = 604801
               coordinator.worker_grace_seconds: not between 0 and 604800 seconds, got 604801
+              choose a number inside these limits
+            coordinator.audit = 1.5
+              coordinator.audit: not between 0 and 1, got 1.5
+              choose a share: 0.01 is one in a hundred
+            coordinator.audit = nan
+              coordinator.audit: not between 0 and 1, got NaN
+              choose a share: 0.01 is one in a hundred
+            coordinator.pieces = 0
+              coordinator.pieces: not between 1 and 4096 pieces, got 0
               choose a number inside these limits
             results.dir = \'\'
               results.dir: empty path, got ""

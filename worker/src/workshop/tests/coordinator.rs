@@ -11,8 +11,10 @@ use proto::v1::coordinator_client::CoordinatorClient;
 use proto::v1::coordinator_server::{Coordinator, CoordinatorServer};
 use proto::{Digest, v1};
 use tonic::transport::server::TcpIncoming;
-use tonic::transport::{Channel, Endpoint, Server};
+use tonic::transport::{Endpoint, Server};
 use tonic::{Request, Response, Status};
+
+use crate::link::{Credentials, Link};
 
 /// Objects of the data set, each with two views a split.
 const OBJECTS: u32 = 3;
@@ -70,14 +72,14 @@ impl Archive {
     }
 
     /// Serves it until the test ends.
-    pub fn serve(self) -> CoordinatorClient<Channel> {
+    pub fn serve(self) -> CoordinatorClient<Link> {
         let incoming = TcpIncoming::bind(SocketAddr::from(([127, 0, 0, 1], 0))).unwrap();
         let address = incoming.local_addr().unwrap();
         tokio::spawn(
             Server::builder().add_service(CoordinatorServer::new(self)).serve_with_incoming(incoming),
         );
         let endpoint = Endpoint::from_shared(format!("http://{address}")).unwrap();
-        CoordinatorClient::new(endpoint.connect_lazy())
+        CoordinatorClient::new(Link::new(endpoint.connect_lazy(), Credentials::default()))
     }
 }
 

@@ -262,6 +262,88 @@ async fn the_coordinators_entries_are_used_if_they_are_sound() {
     assert_eq!((work.prepared, work.fetched), (CLOUDS, 0));
 }
 
+async fn describe(workshop: &Arc<Workshop>, parameters: Parameters, manifest: Digest) -> Vec<u8> {
+    let shard = Description { preparation: preparation(), parameters, manifest };
+    match carry_out(workshop, Task::Description(shard)).await {
+        Outcome::Description(bytes) => bytes,
+        outcome => panic!("{outcome:?}"),
+    }
+}
+
+/// Validation as a tile of described shards.
+fn tile(archive: &Archive, parameters: Parameters, descriptions: [Digest; 3]) -> Task {
+    let Task::Evaluation(evaluation) = task(archive, parameters, true) else { panic!("another task") };
+    let [query, first, second] = descriptions;
+    let descriptions = Splits { query: vec![query], database: vec![first, second] };
+    Task::Tile(Tile { evaluation, descriptions })
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_tile_is_the_evaluation_whoever_described_its_shards() {
+    let mut archive = Archive::new();
+    let shards = [2, 0, 1].map(|split| archive.splits[split]);
+    let describer = workshop(&archive, LARGE, &store(None));
+    // None of them has parts in common with another.
+    for parameters in [0, 2, 4].map(|index| descriptors()[index]) {
+        let mut descriptions = [Digest([0; 32]); 3];
+        for (shard, digest) in shards.iter().zip(&mut descriptions) {
+            let bytes = describe(&describer, parameters, *shard).await;
+            *digest = Digest::of(&bytes);
+        }
+        let expected = plain(&archive, parameters, true);
+        let done = describer.work().described;
+        assert_eq!(carry_out(&describer, tile(&archive, parameters, descriptions)).await, expected);
+        assert_eq!((describer.work().described, describer.work().handed), (done, 0), "it has them");
+
+        // The coordinator has none of them: they are made again, and are the same.
+        let alone = workshop(&archive, LARGE, &store(None));
+        assert_eq!(carry_out(&alone, tile(&archive, parameters, descriptions)).await, expected);
+        assert_eq!((alone.work().described, alone.work().handed), (2 * CLOUDS, 0));
+
+        for shard in shards {
+            let bytes = describe(&describer, parameters, shard).await;
+            archive.add(bytes);
+        }
+        let other = workshop(&archive, LARGE, &store(None));
+        assert_eq!(carry_out(&other, tile(&archive, parameters, descriptions)).await, expected);
+        assert_eq!((other.work().described, other.work().handed, other.work().prepared), (0, 3, 0));
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_wrong_description_is_taken_for_nothing_but_itself() {
+    let mut archive = Archive::new();
+    let [parameters, ..] = descriptors();
+    let shards = [2, 0, 1].map(|split| archive.splits[split]);
+    let honest = workshop(&archive, LARGE, &store(None));
+    let mut descriptions = [Digest([0; 32]); 3];
+    for (shard, digest) in shards.iter().zip(&mut descriptions) {
+        *digest = Digest::of(&describe(&honest, parameters, *shard).await);
+    }
+    let mut wrong = describe(&honest, parameters, shards[0]).await;
+    wrong.reverse();
+    wrong.chunks_exact_mut(4).for_each(|value| value.reverse());
+    let named = [Digest::of(&wrong), descriptions[1], descriptions[2]];
+
+    // Where nobody has it any more, it cannot be made: the job fails rather than to answer something else.
+    let failed = Arc::clone(&honest).carry_out(tile(&archive, parameters, named)).await.unwrap_err();
+    assert!(matches!(failed, EvaluationError::Description { .. }), "{failed}");
+
+    // Where it is to be had, everybody computes the same from it, …
+    archive.add(wrong);
+    let others = [(); 2].map(|()| workshop(&archive, LARGE, &store(None)));
+    let [one, two] = others.each_ref().map(|other| carry_out(other, tile(&archive, parameters, named)));
+    let (one, two) = (one.await, two.await);
+    assert_eq!(one, two);
+    // … and goes on with the right ones elsewhere.
+    let expected = plain(&archive, parameters, true);
+    assert_ne!(one, expected);
+    for other in &others {
+        assert_eq!(carry_out(other, tile(&archive, parameters, descriptions)).await, expected);
+        assert_eq!(carry_out(other, task(&archive, parameters, true)).await, expected);
+    }
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn a_grid_cell_is_its_descriptors() {
     let archive = Archive::new();

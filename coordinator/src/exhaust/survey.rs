@@ -3,15 +3,20 @@
 use std::time::{Instant, SystemTime};
 
 use descriptor::EVALUATION_VERSION;
-use results::{CellPoints, FinishedGrid, GridFolder, GridRow, GridTables, read_grid};
+use results::{FinishedGrid, GridFolder, GridRow, GridTables, read_grid};
 
+use super::cells::Cells;
 use super::landscape::Landscape;
 use super::question::Question;
+use crate::cluster::{CellAnswer, Client, ClusterNews};
 use crate::run::progress::{CellReport, Progress};
 use crate::run::{RunError, Workplace};
 
+/// Counts of a cell, and the id of the worker that counted.
+type Counted = (Vec<u32>, Option<String>);
+
 /// One exhaustive search under way.
-pub struct Sweep<'a> {
+pub struct Survey<'a> {
     /// What is asked.
     pub question: &'a Question,
     /// Name of the experiment.
@@ -22,17 +27,33 @@ pub struct Sweep<'a> {
     pub workplace: &'a Workplace<'a>,
 }
 
-impl Sweep<'_> {
+impl Survey<'_> {
     /// Evaluates the cells that the folder lacks, and writes the tables over all of them.
-    pub async fn run(self, progress: &mut Progress) -> Result<FinishedGrid, RunError> {
+    pub async fn run(self, client: &mut Client, progress: &mut Progress) -> Result<FinishedGrid, RunError> {
+        loop {
+            if let Some(finished) = self.fill(client, progress).await? {
+                return Ok(finished);
+            }
+        }
+    }
+
+    /// Evaluates the cells that the folder lacks; `None` if some were found to be in doubt meanwhile, and were removed.
+    async fn fill(
+        &self,
+        client: &mut Client,
+        progress: &mut Progress,
+    ) -> Result<Option<FinishedGrid>, RunError> {
         let started = Instant::now();
         let Self { question, folder, .. } = self;
         let grid = &question.grid;
         let mut landscape = Landscape::new(grid, question.queries);
-        let mut missing = Vec::new();
+        let (mut missing, mut cells, mut unsettled) = (Vec::new(), Cells::default(), Vec::new());
         for cell in 0..grid.cells() {
             match self.read(cell, progress)? {
-                Some(counts) => landscape.add(cell, &counts),
+                Some((counts, worker_id)) => {
+                    landscape.add(cell, &counts);
+                    cells.add(cell, worker_id);
+                }
                 None => missing.push(cell),
             }
         }
@@ -52,35 +73,55 @@ impl Sweep<'_> {
             best: None,
         };
         progress.cells_start(&report);
-        let take = |news: &_, finished: Vec<(usize, Vec<u32>)>| {
-            progress.news(news);
-            for (place, counts) in finished {
-                let cell = missing[place];
+        let take = |news: &ClusterNews, answers: Vec<CellAnswer>| {
+            for CellAnswer { place, counts, worker_id, settled } in answers {
+                let (cell, worker_id) = (missing[place], worker_id.map(|id| id.to_string()));
                 landscape.add(cell, &counts);
-                // Written before the next is waited for: a killed search loses at most what comes in at once.
-                folder.write_cell(&question.cell_name(cell), &question.points(cell, counts))?;
+                cells.add(cell, worker_id.clone());
+                // Written before the next is waited for: a killed search loses at most what comes in at once, and
+                // what is to be audited and is not yet.
+                if settled {
+                    folder
+                        .write_cell(&question.cell_name(cell), &question.points(cell, counts, worker_id))?;
+                } else {
+                    unsettled.push((cell, counts, worker_id));
+                }
                 report.done += 1;
                 report.computed += 1;
                 report.best = landscape.leader();
                 progress.cell_done(&report);
             }
+            // Before anything else is done: a search that is killed now must not go on with what is in doubt.
+            for cell in news.doubts.iter().flat_map(|event| cells.doubt(&event.what, grid)) {
+                folder.remove_cell(&question.cell_name(cell))?;
+            }
+            progress.news(news);
             Ok::<_, RunError>(())
         };
-        self.workplace.cluster.evaluate_cells(tasks, take).await?;
+        client.evaluate_cells(tasks, take).await?;
+        if cells.removed > 0 {
+            progress.say(&format!("{} cells that were in doubt are computed again", cells.removed));
+            return Ok(None);
+        }
+        for (cell, counts, worker_id) in unsettled {
+            folder.write_cell(&question.cell_name(cell), &question.points(cell, counts, worker_id))?;
+        }
         self.finish(&landscape, found, started)?;
-        Ok(read_grid(folder.path())?)
+        Ok(Some(read_grid(folder.path())?))
     }
 
-    /// The counts of a cell that is there and sound.
-    fn read(&self, cell: usize, progress: &Progress) -> Result<Option<Vec<u32>>, RunError> {
+    /// The counts of a cell that is there and sound, and who counted.
+    fn read(&self, cell: usize, progress: &Progress) -> Result<Option<Counted>, RunError> {
         let name = self.question.cell_name(cell);
-        let counts = |points: CellPoints| self.question.counts(cell, points);
         let what = match self.folder.read_cell(&name) {
             Ok(None) => return Ok(None),
-            Ok(Some(points)) => match counts(points) {
-                Some(counts) => return Ok(Some(counts)),
-                None => "it holds other descriptors".to_owned(),
-            },
+            Ok(Some(mut points)) => {
+                let worker_id = points.worker_id.take();
+                match self.question.counts(cell, points) {
+                    Some(counts) => return Ok(Some((counts, worker_id))),
+                    None => "it holds other descriptors".to_owned(),
+                }
+            }
             Err(error) if error.is_damage() => {
                 error.to_string().lines().next().unwrap_or_default().to_owned()
             }

@@ -1,13 +1,15 @@
 //! Small experiments on synthetic clouds, each in a folder of its own.
 
+use std::collections::BTreeMap;
 use std::fs;
+use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::process::{Finished, run};
+use crate::process::{Finished, Running, program, run};
 
 /// The root of this repository.
 pub fn repository() -> &'static Path {
@@ -78,6 +80,22 @@ impl Experiment {
         args
     }
 
+    /// Arguments of `run` at an address that stays the same for every start; nobody works but those who join.
+    pub fn run_args_at(&self, out: &str, address: &str) -> Vec<String> {
+        let (toml, out) = (self.path("exp.toml"), self.path(out));
+        let args = ["run", &toml, "--out", &out, "--listen", address, "--local-workers", "0", "--json"];
+        args.map(str::to_owned).to_vec()
+    }
+
+    /// Starts a worker of one thread that says which job it begins ([`begun`]).
+    pub fn worker(&self, name: &str, address: &str) -> Running {
+        let cache = self.path("cache");
+        let mut command = program("worker");
+        command.args(["--coordinator", address, "--name", name, "--threads", "1", "--cache", &cache]);
+        command.env("DESCRY_LOG", "worker=debug");
+        Running::spawn(self.folder(), name, command)
+    }
+
     /// Runs it to its end.
     pub fn run(&self, out: &str, more: &[&str]) -> Finished {
         run("coordinator", self.run_args(out, more))
@@ -88,4 +106,26 @@ impl Experiment {
 #[track_caller]
 pub fn summary(finished: &Finished) -> Value {
     serde_json::from_str(&finished.stdout).unwrap_or_else(|error| panic!("{error}: {finished}"))
+}
+
+/// The run digest in the summary that `--json` printed.
+#[track_caller]
+pub fn digest(finished: &Finished) -> Value {
+    summary(finished)["run_digest"].clone()
+}
+
+/// How often a worker began each job, by its log.
+pub fn begun(log: &str) -> BTreeMap<String, usize> {
+    let mut begun = BTreeMap::new();
+    for line in log.lines().filter(|line| line.ends_with(": begun")) {
+        let (_, job) = line.split_once("job ").unwrap();
+        *begun.entry(job.split(',').next().unwrap().to_owned()).or_default() += 1;
+    }
+    begun
+}
+
+/// An address that is free, for every start of a coordinator.
+pub fn free_address() -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    format!("127.0.0.1:{}", listener.local_addr().unwrap().port())
 }

@@ -6,23 +6,21 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, Ordering};
-use std::thread;
 use std::time::{Duration, Instant};
+use std::{env, thread};
 
 use tempfile::TempDir;
 
 /// Longer than anything here takes on a slow machine; a test that runs into it has failed.
-const PATIENCE: Duration = Duration::from_secs(120);
+pub const PATIENCE: Duration = Duration::from_secs(120);
 /// How often a state is looked at.
 const GLANCE: Duration = Duration::from_millis(20);
 
-/// A program of this workspace with its arguments.
+/// A program of this workspace, as cargo has just built it for the tests or benchmarks that this is.
 pub fn program(name: &str) -> Command {
-    let path = match name {
-        "coordinator" => env!("CARGO_BIN_EXE_test-coordinator"),
-        "worker" => env!("CARGO_BIN_EXE_test-worker"),
-        _ => panic!("no program {name}"),
-    };
+    let this = env::current_exe().unwrap(); // <target>/<profile>/deps/<name>
+    let path = this.ancestors().nth(2).unwrap().join(format!("test-{name}{}", env::consts::EXE_SUFFIX));
+    assert!(path.is_file(), "no program {name}: {}", path.display());
     let mut command = Command::new(path);
     for variable in [
         "DESCRY_COORDINATOR",
@@ -116,10 +114,16 @@ impl Running {
         program_name: &str,
         args: impl IntoIterator<Item = A>,
     ) -> Self {
+        let mut command = program(program_name);
+        command.args(args);
+        Self::spawn(folder, name, command)
+    }
+
+    /// Starts a prepared program whose output goes to files in `folder`.
+    pub fn spawn(folder: &Path, name: &str, mut command: Command) -> Self {
         let stdout = folder.join(format!("{name}.out"));
         let stderr = folder.join(format!("{name}.err"));
-        let mut command = program(program_name);
-        command.args(args).stdout(File::create(&stdout).unwrap()).stderr(File::create(&stderr).unwrap());
+        command.stdout(File::create(&stdout).unwrap()).stderr(File::create(&stderr).unwrap());
         Self { name: name.to_owned(), child: command.spawn().unwrap(), stdout, stderr }
     }
 
@@ -144,6 +148,27 @@ impl Running {
         }
     }
 
+    /// Waits until a coordinator has said with which address workers may join, and returns it.
+    #[track_caller]
+    pub fn join_address(&mut self) -> String {
+        self.wait_for("workers may join with").rsplit(' ').next().unwrap().to_owned()
+    }
+
+    /// Waits until `state` is true of its log.
+    #[track_caller]
+    pub fn wait_until(&self, what: &str, state: impl Fn(&str) -> bool) {
+        let begun = Instant::now();
+        while !state(&self.log()) {
+            assert!(begun.elapsed() < PATIENCE, "{}: not {what} in time\n{}", self.name, self.log());
+            thread::sleep(GLANCE);
+        }
+    }
+
+    /// Whether it has not ended.
+    pub fn is_running(&mut self) -> bool {
+        self.child.try_wait().unwrap().is_none()
+    }
+
     /// Waits until it ends.
     #[track_caller]
     pub fn wait(&mut self) -> Finished {
@@ -156,6 +181,18 @@ impl Running {
             assert!(begun.elapsed() < PATIENCE, "{}: did not end in time\n{}", self.name, self.log());
             thread::sleep(GLANCE);
         }
+    }
+
+    /// Resident memory, KiB; `None` once it has ended.
+    pub fn resident(&self) -> Option<u64> {
+        let status = fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
+        line.split_whitespace().next().unwrap().parse().ok()
+    }
+
+    /// Its process.
+    pub fn id(&self) -> u32 {
+        self.child.id()
     }
 
     /// Sends a signal by name, such as `KILL`.

@@ -1,0 +1,219 @@
+//! How an evaluation is cut: into how many shards and tiles, and where.
+
+use std::num::NonZeroU32;
+use std::ops::Range;
+
+use descriptor::description;
+use proto::MAX_DESCRIPTION_BYTES;
+
+use super::costs::Costs;
+use crate::evaluation::Evaluation;
+
+/// A piece that is predicted to take less costs more than it gives, seconds.
+const LEAST_SECONDS: f64 = 0.1;
+/// Pieces for each worker: so that one that is slower does not hold up all others.
+const PIECES_A_WORKER: usize = 2;
+/// The most pieces of each kind that one evaluation is cut into.
+pub const MAX_PIECES: u32 = 4096;
+
+/// What the experiment says about it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Pieces {
+    /// As many as keep the workers busy.
+    #[default]
+    Auto,
+    /// This many of each kind, as far as there are clouds; 1 cuts nothing.
+    Fixed(NonZeroU32),
+}
+
+/// What there is to do, and who is there to do it.
+#[derive(Clone, Copy, Debug)]
+pub struct Load {
+    /// Evaluations that are asked for together, and other jobs that are under way.
+    pub jobs: usize,
+    /// Workers that are there.
+    pub workers: usize,
+}
+
+/// How one side, queries or database, is cut.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SideCut {
+    /// Shards, in which clouds are described, at least 1.
+    pub shards: u32,
+    /// Ranges of shards, which are sides of tiles, 1 to `shards`.
+    pub ranges: u32,
+}
+
+/// How an evaluation is cut.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cut {
+    /// The queries.
+    pub query: SideCut,
+    /// The database.
+    pub database: SideCut,
+}
+
+impl Cut {
+    /// How to cut an evaluation; `None`: not at all.
+    pub fn of(evaluation: &Evaluation, pieces: Pieces, load: Load, costs: &Costs) -> Option<Self> {
+        let (queries, database) = (evaluation.queries, evaluation.database_clouds);
+        if queries == 0 || database == 0 {
+            return None;
+        }
+        let (shards, tiles) = match pieces {
+            Pieces::Fixed(count) => (count.get(), count.get()),
+            Pieces::Auto if load.workers < 2 => return None,
+            Pieces::Auto => {
+                let wanted = (PIECES_A_WORKER * load.workers).div_ceil(load.jobs.max(1));
+                let wanted = u32::try_from(wanted).unwrap_or(MAX_PIECES).min(MAX_PIECES);
+                let worth_while = |seconds: f64| (seconds / LEAST_SECONDS) as u32;
+                let clouds = u64::from(queries) + u64::from(database);
+                let pairs = u64::from(queries) * u64::from(database);
+                // Of few sizes: each has manifests of its own.
+                let shards = previous_power(worth_while(costs.describing(clouds)));
+                (shards.min(wanted.next_power_of_two()), worth_while(costs.matching(pairs)).min(wanted))
+            }
+        };
+        if shards.max(tiles) < 2 {
+            return None;
+        }
+        let [of_query, of_database] = tile_sides(tiles, queries, database);
+        let least =
+            |clouds| description::length(&evaluation.parameters, clouds).div_ceil(MAX_DESCRIPTION_BYTES);
+        let side = |clouds: u32, ranges: u32| {
+            let share = u64::from(shards) * u64::from(clouds) / (u64::from(queries) + u64::from(database));
+            let shards = share.max(least(clouds)).max(u64::from(ranges));
+            let shards = shards.next_power_of_two().clamp(1, u64::from(clouds)) as u32;
+            SideCut { shards, ranges: ranges.min(shards) }
+        };
+        let cut = Self { query: side(queries, of_query), database: side(database, of_database) };
+        // A cloud that no message can describe is described where it is matched.
+        let fits = |SideCut { shards, .. }: SideCut, clouds: u32| {
+            let largest = clouds.div_ceil(shards);
+            description::length(&evaluation.parameters, largest) <= MAX_DESCRIPTION_BYTES
+        };
+        (fits(cut.query, queries) && fits(cut.database, database)).then_some(cut)
+    }
+
+    /// Whether an evaluation of so many clouds can be cut like this.
+    pub fn suits(&self, evaluation: &Evaluation) -> bool {
+        let suits = |SideCut { shards, ranges }: SideCut, clouds: u32| {
+            (1..=shards).contains(&ranges) && shards <= clouds
+        };
+        suits(self.query, evaluation.queries) && suits(self.database, evaluation.database_clouds)
+    }
+}
+
+/// Which of `total` things fall to each of `parts`, in order, as evenly as can be.
+pub fn shares(total: u32, parts: u32) -> impl Iterator<Item = Range<u32>> {
+    let bound = move |part: u32| (u64::from(total) * u64::from(part) / u64::from(parts)) as u32;
+    (0..parts).map(move |part| bound(part)..bound(part + 1))
+}
+
+/// Rows and columns of at most so many tiles, about as high as they are wide: these read the fewest descriptions.
+fn tile_sides(tiles: u32, queries: u32, database: u32) -> [u32; 2] {
+    let tiles = tiles.max(1);
+    let rows = (f64::from(tiles) * f64::from(queries) / f64::from(database)).sqrt().round() as u32;
+    let rows = rows.clamp(1, tiles.min(queries));
+    [rows, (tiles / rows).clamp(1, database)]
+}
+
+/// The largest power of two that is not above `number`; 0 of 0.
+fn previous_power(number: u32) -> u32 {
+    number.checked_ilog2().map_or(0, |exponent| 1 << exponent)
+}
+
+#[cfg(test)]
+mod tests {
+    use descriptor::Parameters;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn evaluation(queries: u32, database_clouds: u32) -> Evaluation {
+        Evaluation::sample(queries, database_clouds)
+    }
+
+    fn fixed(count: u32) -> Pieces {
+        Pieces::Fixed(NonZeroU32::new(count).unwrap())
+    }
+
+    /// How ten evaluations of so many clouds are cut for so many workers.
+    fn auto(clouds: u32, workers: usize) -> Option<Cut> {
+        let load = Load { jobs: 10, workers };
+        Cut::of(&evaluation(clouds, clouds), Pieces::Auto, load, &Costs::default())
+    }
+
+    #[test]
+    fn nothing_is_cut_that_keeps_the_workers_busy_or_is_over_soon() {
+        let large = 100_000;
+        for (clouds, workers) in [(large, 0), (large, 1), (large, 5), (100, 1000)] {
+            assert_eq!(auto(clouds, workers), None, "{clouds} clouds, {workers} workers");
+        }
+        let load = Load { jobs: 1, workers: 100 };
+        for (queries, database) in [(0, 9), (9, 0)] {
+            assert_eq!(Cut::of(&evaluation(queries, database), fixed(9), load, &Costs::default()), None);
+        }
+        assert_eq!(Cut::of(&evaluation(9, 9), fixed(1), load, &Costs::default()), None);
+    }
+
+    #[test]
+    fn more_workers_get_more_pieces_of_at_least_a_tenth_of_a_second() {
+        let tiles = |cut: Cut| cut.query.ranges * cut.database.ranges;
+        let of_workers = [10, 100, 1000].map(|workers| auto(100_000, workers).unwrap());
+        assert_eq!(of_workers.map(tiles), [2, 20, 196]);
+        // Describing takes some ten seconds, which are not cut into more than a hundred pieces.
+        assert!(of_workers.iter().all(|cut| cut.query.shards + cut.database.shards <= 256), "{of_workers:?}");
+        // Only describing is worth while.
+        let cut = auto(4000, 100).unwrap();
+        assert!(cut.query.shards > 1 && tiles(cut) > 1, "{cut:?}");
+    }
+
+    #[test]
+    fn a_fixed_number_is_kept_as_far_as_there_are_clouds() {
+        let load = Load { jobs: 100, workers: 1 };
+        let cut = |pieces, queries, database| {
+            let cut = Cut::of(&evaluation(queries, database), fixed(pieces), load, &Costs::default());
+            let Cut { query, database } = cut.unwrap();
+            [query.shards, query.ranges, database.shards, database.ranges]
+        };
+        assert_eq!(cut(16, 100, 100), [8, 4, 8, 4]);
+        assert_eq!(cut(16, 10, 1000), [1, 1, 16, 16]);
+        assert_eq!(cut(4096, 3, 5), [3, 3, 5, 5]);
+        assert_eq!(cut(3, 10, 10), [2, 2, 1, 1]);
+    }
+
+    #[test]
+    fn shards_fit_into_messages() {
+        let load = Load { jobs: 1, workers: 1 };
+        let huge = evaluation(1_000_000, 10);
+        let cut = Cut::of(&huge, fixed(2), load, &Costs::default()).unwrap();
+        let largest = shares(1_000_000, cut.query.shards).map(|share| share.len() as u32).max().unwrap();
+        assert!(description::length(&huge.parameters, largest) <= MAX_DESCRIPTION_BYTES, "{cut:?}");
+        let vast = Parameters { colour_bins: 1000, ..Parameters::PAPER_BEST };
+        let undescribable = Evaluation { parameters: vast, ..evaluation(10, 10) };
+        assert_eq!(Cut::of(&undescribable, fixed(4), load, &Costs::default()), None);
+    }
+
+    proptest! {
+        #[test]
+        fn every_cut_suits_its_evaluation_and_shares_are_all_there_is(
+            queries in 0u32..500,
+            database in 0u32..500,
+            pieces in 1u32..=MAX_PIECES,
+            workers in 0usize..3000,
+            jobs in 0usize..100,
+        ) {
+            let evaluation = evaluation(queries, database);
+            let slow = Costs::slower(1e4);
+            for pieces in [fixed(pieces), Pieces::Auto] {
+                let Some(cut) = Cut::of(&evaluation, pieces, Load { jobs, workers }, &slow) else { continue };
+                prop_assert!(cut.suits(&evaluation), "{cut:?}");
+                let shares: Vec<_> = shares(queries, cut.query.shards).collect();
+                prop_assert!(shares.iter().all(|share| !share.is_empty()));
+                let all: Vec<u32> = shares.into_iter().flatten().collect();
+                prop_assert_eq!(all, (0..queries).collect::<Vec<u32>>());
+            }
+        }
+    }
+}

@@ -1,0 +1,49 @@
+//! One side of an evaluation, queries or database, as it is cut: shards with their manifests.
+
+use std::ops::Range;
+
+use descriptor::Label;
+use proto::Digest;
+
+use super::cut::shares;
+use crate::blobs::BlobStore;
+use crate::wire;
+
+/// A shard: clouds that are described together.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Shard {
+    /// Its split manifest.
+    pub manifest: Digest,
+    /// Which of the side's clouds.
+    pub clouds: Range<u32>,
+}
+
+/// All clouds of a side.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Side {
+    /// What they show, in order.
+    pub labels: Vec<Label>,
+    /// How they are cut, in order.
+    pub shards: Vec<Shard>,
+}
+
+impl Side {
+    /// Cuts the `clouds` clouds of some splits, one after the other, into shards, and releases their manifests; `None`
+    /// if a split is not released, or they list other clouds.
+    pub fn publish(splits: &[Digest], clouds: u32, shards: u32, blobs: &BlobStore) -> Option<Self> {
+        let mut listing = wire::Listing::default();
+        for split in splits {
+            listing.append(&blobs.read(*split).ok()?)?;
+        }
+        let labels = listing.labels();
+        if labels.len() != clouds as usize || !(1..=clouds).contains(&shards) {
+            return None;
+        }
+        let shard = |clouds: Range<u32>| {
+            let manifest = listing.manifest(clouds.start as usize..clouds.end as usize);
+            Shard { manifest: blobs.publish_bytes(manifest), clouds }
+        };
+        let shards = shares(clouds, shards).map(shard).collect();
+        Some(Self { labels, shards })
+    }
+}

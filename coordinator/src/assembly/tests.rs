@@ -1,0 +1,264 @@
+//! Evaluations in pieces give what they give whole, whatever the cut and the order of arrival.
+
+use std::time::Duration;
+
+use descriptor::recognise::recognise_from;
+use descriptor::summary::Part;
+use descriptor::{Correct, DistanceMatrix, Label, Parameters, Parts};
+use proptest::prelude::*;
+use prost::Message as _;
+use proto::{Digest, JobId, v1};
+
+use super::*;
+use crate::blobs::BlobStore;
+use crate::dataset::CloudEntry;
+use crate::evaluation::{Evaluation, EvaluationResult, Match};
+use crate::scheduler::Finished;
+use crate::shard::{Described, Tile};
+use crate::task::{Task, TaskResult};
+use crate::wire;
+
+/// A cloud whose descriptor is one number, so that few numbers make many equal distances.
+#[derive(Clone, Copy, Debug)]
+struct Toy {
+    number: u8,
+    instance: u32,
+}
+
+/// What workers can fetch.
+#[derive(Default)]
+struct World {
+    blobs: BlobStore,
+}
+
+impl World {
+    /// The manifest of some clouds, which are told apart by where they are.
+    fn publish(&self, name: &str, clouds: &[Toy]) -> Digest {
+        let entry = |(index, cloud): (usize, &Toy)| CloudEntry {
+            path: format!("{name}/{index}/{}", cloud.number),
+            category: cloud.instance / 2,
+            instance: cloud.instance,
+            digest: [cloud.number; 32],
+            bytes: 1,
+        };
+        let entries: Vec<CloudEntry> = clouds.iter().enumerate().map(entry).collect();
+        self.blobs.publish_bytes(wire::manifest(name, entries.iter()).encode_to_vec())
+    }
+
+    /// The clouds of manifests, shards among them.
+    fn clouds(&self, manifests: &[Digest]) -> Vec<Toy> {
+        let mut clouds = Vec::new();
+        for manifest in manifests {
+            let bytes = self.blobs.read(*manifest).unwrap();
+            let listed = v1::SplitManifest::decode(&bytes[..]).unwrap().clouds;
+            clouds.extend(listed.iter().map(|one| Toy { number: one.digest[0], instance: one.instance }));
+        }
+        clouds
+    }
+
+    /// What a worker answers to an evaluation.
+    fn evaluate(&self, evaluation: &Evaluation) -> EvaluationResult {
+        let [queries, database] = [&evaluation.query, &evaluation.database].map(|side| self.clouds(side));
+        let labels = [&queries, &database].map(|side| side.iter().map(label).collect::<Vec<Label>>());
+        let distances = DistanceMatrix::new(&parts(&queries), &parts(&database));
+        let weight = evaluation.parameters.shape_weight();
+        let found = recognise_from(queries.len(), &distances, &distances, &labels[1], weight).unwrap();
+        let correct = Correct::count(&found, &labels[0], &labels[1]);
+        let matches = found.iter().map(|found| Match {
+            nearest: found.nearest.index,
+            distance: found.nearest.distance,
+            runner_up: found.runner_up.map(|hit| (hit.index, hit.distance)),
+        });
+        EvaluationResult {
+            queries: queries.len() as u32,
+            object_correct: correct.object as u32,
+            category_correct: correct.category as u32,
+            matches: if evaluation.want_matches { matches.collect() } else { Vec::new() },
+        }
+    }
+
+    /// What a worker answers.
+    fn answer(&self, task: &Task) -> TaskResult {
+        match task {
+            Task::Evaluation(evaluation) => TaskResult::Evaluation(self.evaluate(evaluation)),
+            Task::Description(shard) => {
+                assert_eq!(self.clouds(&[shard.manifest]).len(), shard.clouds as usize);
+                TaskResult::Description(described(shard.manifest))
+            }
+            Task::Tile(Tile { evaluation, query_parts, database_parts }) => {
+                let shards = evaluation.query.iter().chain(&evaluation.database);
+                let expected: Vec<Digest> = shards.map(|shard| described(*shard).digest).collect();
+                assert_eq!([&query_parts[..], database_parts].concat(), expected);
+                let result = TaskResult::Evaluation(self.evaluate(evaluation));
+                task.check(&result).unwrap();
+                result
+            }
+            Task::GridCell(_) => panic!("{task}"),
+        }
+    }
+}
+
+/// Stands for the description of a shard.
+fn described(manifest: Digest) -> Described {
+    Described::named(Digest::of(&manifest.0))
+}
+
+fn label(cloud: &Toy) -> Label {
+    Label { category: cloud.instance / 2, instance: cloud.instance }
+}
+
+fn parts(clouds: &[Toy]) -> Parts {
+    let part = |cloud: &Toy| {
+        let share = f32::from(cloud.number) / 8.0;
+        Part { centroid: vec![share, 1.0 - share], deviation: vec![0.0, 0.0] }
+    };
+    clouds.iter().map(part).collect::<Vec<Part>>().iter().collect()
+}
+
+fn finished(job: JobId, result: TaskResult, worker: &str) -> Finished {
+    let queued = Duration::from_millis(5);
+    Finished { job, result, worker: worker.to_owned(), attempt: 1, queued, run_seconds: 0.5, settled: true }
+}
+
+/// Results of evaluations whose tasks are answered in an order that `seed` decides, with the number of tasks.
+fn carry_out(
+    world: &World,
+    evaluations: &[Evaluation],
+    planner: &mut Planner,
+    seed: u64,
+) -> (Vec<Finished<EvaluationResult>>, usize) {
+    let load = Load { jobs: 0, workers: 8 };
+    planner.decide(evaluations, load, |_| false);
+    let planned = evaluations.iter().map(|one| planner.lay_out(one.clone(), &world.blobs)).collect();
+    let (mut batch, first) = Batch::new(planned);
+    let mut open: Vec<(usize, Task)> = first.into_iter().enumerate().collect();
+    let (mut given, mut draw) = (open.len(), seed);
+    while !open.is_empty() {
+        draw = draw.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(1);
+        let (number, task) = open.swap_remove((draw >> 33) as usize % open.len());
+        let worker = if number % 2 == 0 { "even" } else { "odd" };
+        for task in batch.take(number, finished(task.job(0), world.answer(&task), worker)) {
+            open.push((given, task));
+            given += 1;
+        }
+    }
+    assert_eq!(batch.done(), evaluations.len());
+    (batch.finish(), given)
+}
+
+fn toys(most: usize) -> impl Strategy<Value = Vec<Toy>> {
+    let toy = (0u8..=8, 0u32..5).prop_map(|(number, instance)| Toy { number, instance });
+    prop::collection::vec(toy, 1..most)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+
+    #[test]
+    fn pieces_in_any_order_are_the_whole(
+        queries in toys(14),
+        databases in prop::collection::vec(toys(16), 1..3),
+        pieces in 1u32..30,
+        want_matches in any::<bool>(),
+        seed in any::<u64>(),
+    ) {
+        let world = World::default();
+        let query = vec![world.publish("query", &queries)];
+        let database: Vec<Digest> =
+            databases.iter().enumerate().map(|(index, side)| world.publish(&index.to_string(), side)).collect();
+        let evaluation = Evaluation {
+            parameters: Parameters::PAPER_BEST,
+            query,
+            database,
+            queries: queries.len() as u32,
+            database_clouds: databases.iter().map(Vec::len).sum::<usize>() as u32,
+            want_matches,
+        };
+        let other = Parameters { shape_bins: 9, ..Parameters::PAPER_BEST };
+        let evaluations = [evaluation.clone(), Evaluation { parameters: other, ..evaluation.clone() }];
+        let pieces = Pieces::Fixed(pieces.try_into().unwrap());
+        let mut planner = Planner::default();
+        planner.set_pieces(pieces);
+        let (done, tasks) = carry_out(&world, &evaluations, &mut planner, seed);
+        let bits = |found: &Match| {
+            let runner_up = found.runner_up.map(|(index, distance)| (index, distance.to_bits()));
+            (found.nearest, found.distance.to_bits(), runner_up)
+        };
+        for (finished, evaluation) in done.iter().zip(&evaluations) {
+            let whole = world.evaluate(evaluation);
+            prop_assert_eq!(&finished.result, &whole);
+            let both = [&finished.result, &whole].map(|result| result.matches.iter().map(bits).collect::<Vec<_>>());
+            prop_assert_eq!(&both[0], &both[1]);
+            prop_assert_eq!(finished.job, Task::Evaluation(evaluation.clone()).job(0));
+        }
+        // Once more: the same pieces, whatever a planner would decide by now.
+        planner.observe(&Task::Evaluation(evaluation), 1e9);
+        let (again, tasks_again) = carry_out(&world, &evaluations, &mut planner, !seed);
+        prop_assert_eq!(tasks_again, tasks);
+        prop_assert_eq!(&again[0].result, &done[0].result);
+    }
+}
+
+/// Twenty queries and a database of thirty clouds, on machines that take an hour for them.
+fn slow() -> (World, Evaluation, Planner) {
+    let world = World::default();
+    let toys: Vec<Toy> =
+        (0..30).map(|index| Toy { number: index % 9, instance: u32::from(index) % 4 }).collect();
+    let evaluation = Evaluation {
+        parameters: Parameters::PAPER_BEST,
+        query: vec![world.publish("query", &toys[..20])],
+        database: vec![world.publish("database", &toys)],
+        queries: 20,
+        database_clouds: 30,
+        want_matches: false,
+    };
+    let mut planner = Planner::default();
+    planner.observe(&Task::Evaluation(evaluation.clone()), 3600.0);
+    (world, evaluation, planner)
+}
+
+#[test]
+fn pieces_are_accounted_for_together() {
+    let (world, evaluation, mut planner) = slow();
+    let (done, tasks) = carry_out(&world, std::slice::from_ref(&evaluation), &mut planner, 7);
+    assert!(tasks > 16, "{tasks}");
+    let Finished { worker, attempt, run_seconds, settled, .. } = &done[0];
+    assert_eq!((worker.as_str(), *attempt, *settled), ("2 workers", 1, true));
+    assert_eq!(*run_seconds, 0.5 * tasks as f64);
+}
+
+#[test]
+fn a_run_that_goes_on_keeps_to_its_cuts_and_to_what_it_asked_whole() {
+    let (world, evaluation, mut planner) = slow();
+    let load = Load { jobs: 0, workers: 8 };
+    let cuts = planner.decide(std::slice::from_ref(&evaluation), load, |_| false);
+    let job = Task::Evaluation(evaluation.clone()).job(0);
+    assert_eq!(cuts[0].0, job);
+
+    // Nobody has come back yet, and nothing was measured.
+    let mut again = Planner::new(cuts.iter().copied().collect());
+    assert!(again.has_cut(job));
+    let alone = Load { jobs: 0, workers: 0 };
+    assert_eq!(again.decide(std::slice::from_ref(&evaluation), alone, |_| false), []);
+    assert_eq!(again.lay_out(evaluation.clone(), &world.blobs).1.unwrap().0, cuts[0].1);
+
+    // A cut that nobody can have made is none.
+    let side = SideCut { shards: 4000, ranges: 2 };
+    let foreign = Cut { query: side, database: side };
+    let mut damaged = Planner::new([(job, foreign)].into());
+    assert_eq!(damaged.decide(std::slice::from_ref(&evaluation), alone, |_| false), []);
+    assert!(damaged.lay_out(evaluation.clone(), &world.blobs).1.is_none());
+
+    // What a worker may still hold is not cut.
+    let (_, _, mut slow) = self::slow();
+    assert_eq!(slow.decide(std::slice::from_ref(&evaluation), load, |asked| asked == job), []);
+    assert!(slow.lay_out(evaluation, &world.blobs).1.is_none());
+}
+
+#[test]
+fn what_is_not_released_is_not_cut() {
+    let (mut world, evaluation, mut planner) = slow();
+    planner.decide(std::slice::from_ref(&evaluation), Load { jobs: 0, workers: 8 }, |_| false);
+    world.blobs = BlobStore::default();
+    assert!(planner.lay_out(evaluation, &world.blobs).1.is_none());
+}

@@ -1,0 +1,198 @@
+//! One evaluation in pieces, from its first description to its result.
+
+use std::collections::BTreeSet;
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::Duration;
+
+use descriptor::Correct;
+use proto::{Digest, JobId};
+
+use super::cut::{Cut, shares};
+use super::merge::Merged;
+use super::side::Side;
+use crate::evaluation::{Evaluation, EvaluationResult};
+use crate::scheduler::Finished;
+use crate::shard::{Described, Description, Tile};
+use crate::task::{Task, TaskResult};
+
+/// A piece of an evaluation. Side 0 are the queries, side 1 is the database.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Piece {
+    /// A shard of a side.
+    Shard { side: usize, index: usize },
+    /// A tile, by its ranges of shards of each side.
+    Tile { ranges: [usize; 2] },
+}
+
+/// One side of an evaluation under way.
+struct Half {
+    side: Arc<Side>,
+    /// Digest of each shard's description, as far as it is known.
+    descriptions: Vec<Option<Digest>>,
+    /// Shards that are matched together.
+    ranges: Vec<Range<usize>>,
+}
+
+/// An evaluation in pieces.
+pub struct UnderWay {
+    evaluation: Evaluation,
+    halves: [Half; 2],
+    /// Which tiles were asked for, row by row.
+    asked: Vec<bool>,
+    /// Tiles without an answer.
+    missing: usize,
+    merged: Merged,
+    workers: BTreeSet<String>,
+    attempt: u32,
+    queued: Option<Duration>,
+    run_seconds: f64,
+    settled: bool,
+}
+
+impl Half {
+    fn new(side: Arc<Side>, ranges: u32) -> Self {
+        let shards = side.shards.len();
+        let ranges = shares(shards as u32, ranges).map(|range| range.start as usize..range.end as usize);
+        Self { descriptions: vec![None; shards], ranges: ranges.collect(), side }
+    }
+
+    /// Descriptions of a range, once all of them are known.
+    fn descriptions(&self, range: usize) -> Option<Vec<Digest>> {
+        self.descriptions[self.ranges[range].clone()].iter().copied().collect()
+    }
+
+    fn manifests(&self, range: usize) -> Vec<Digest> {
+        self.side.shards[self.ranges[range].clone()].iter().map(|shard| shard.manifest).collect()
+    }
+
+    /// Which clouds a range has.
+    fn clouds(&self, range: usize) -> Range<u32> {
+        let Range { start, end } = self.ranges[range];
+        let bound = |shard: usize| self.side.shards.get(shard).map(|shard| shard.clouds.start);
+        bound(start).unwrap_or(0)..bound(end).unwrap_or(self.side.labels.len() as u32)
+    }
+}
+
+impl UnderWay {
+    /// An evaluation of which nothing is there yet.
+    pub fn new(evaluation: Evaluation, cut: Cut, [query, database]: [Arc<Side>; 2]) -> Self {
+        let merged = Merged::new(query.labels.len());
+        let halves = [Half::new(query, cut.query.ranges), Half::new(database, cut.database.ranges)];
+        let tiles = halves[0].ranges.len() * halves[1].ranges.len();
+        Self {
+            evaluation,
+            halves,
+            asked: vec![false; tiles],
+            missing: tiles,
+            merged,
+            workers: BTreeSet::new(),
+            attempt: 1,
+            queued: None,
+            run_seconds: 0.0,
+            settled: true,
+        }
+    }
+
+    /// What is to be done first: every shard has to be described.
+    pub fn begin(&self) -> Vec<(Piece, Task)> {
+        let mut tasks = Vec::new();
+        for (side, half) in self.halves.iter().enumerate() {
+            for (index, shard) in half.side.shards.iter().enumerate() {
+                let description = Description {
+                    parameters: self.evaluation.parameters,
+                    manifest: shard.manifest,
+                    clouds: shard.clouds.len() as u32,
+                };
+                tasks.push((Piece::Shard { side, index }, Task::Description(description)));
+            }
+        }
+        tasks
+    }
+
+    /// Takes in a piece, and returns what can be done by now.
+    pub fn take(&mut self, piece: Piece, finished: Finished) -> Vec<(Piece, Task)> {
+        self.attempt = self.attempt.max(finished.attempt);
+        self.queued.get_or_insert(finished.queued);
+        self.run_seconds += finished.run_seconds;
+        self.settled &= finished.settled;
+        self.workers.insert(finished.worker);
+        match (piece, finished.result) {
+            (Piece::Shard { side, index }, TaskResult::Description(Described { digest, .. })) => {
+                self.halves[side].descriptions[index] = Some(digest);
+                self.ready(side, index)
+            }
+            (Piece::Tile { ranges }, TaskResult::Evaluation(result)) => {
+                self.missing -= 1;
+                let [query, database] = &self.halves;
+                let first = query.clouds(ranges[0]).start as usize;
+                let offset = database.clouds(ranges[1]).start;
+                self.merged.take(first, &result.matches, offset, &database.side.labels);
+                Vec::new()
+            }
+            _ => Vec::new(), // `Task::check` lets none pass
+        }
+    }
+
+    /// Tiles that waited for this shard and wait for no other.
+    fn ready(&mut self, side: usize, shard: usize) -> Vec<(Piece, Task)> {
+        let mut tasks = Vec::new();
+        let range = self.halves[side].ranges.partition_point(|range| range.end <= shard);
+        for across in 0..self.halves[1 - side].ranges.len() {
+            let ranges = if side == 0 { [range, across] } else { [across, range] };
+            let place = ranges[0] * self.halves[1].ranges.len() + ranges[1];
+            if !self.asked[place]
+                && let Some(tile) = self.tile(ranges)
+            {
+                self.asked[place] = true;
+                tasks.push((Piece::Tile { ranges }, Task::Tile(tile)));
+            }
+        }
+        tasks
+    }
+
+    /// A tile, if its shards are described.
+    fn tile(&self, ranges: [usize; 2]) -> Option<Tile> {
+        let [query, database] = &self.halves;
+        Some(Tile {
+            evaluation: Evaluation {
+                parameters: self.evaluation.parameters,
+                query: query.manifests(ranges[0]),
+                database: database.manifests(ranges[1]),
+                queries: query.clouds(ranges[0]).len() as u32,
+                database_clouds: database.clouds(ranges[1]).len() as u32,
+                want_matches: true,
+            },
+            query_parts: query.descriptions(ranges[0])?,
+            database_parts: database.descriptions(ranges[1])?,
+        })
+    }
+
+    /// The result under the name of the whole evaluation, once every tile has its answer.
+    pub fn finish(&mut self, job: JobId) -> Option<Finished<EvaluationResult>> {
+        if self.missing > 0 {
+            return None;
+        }
+        let matches = std::mem::take(&mut self.merged).finish();
+        let [queries, database] = self.halves.each_ref().map(|half| &half.side.labels[..]);
+        let correct = Correct::of_nearest(matches.iter().map(|found| found.nearest), queries, database);
+        let mut workers = std::mem::take(&mut self.workers);
+        Some(Finished {
+            job,
+            result: EvaluationResult {
+                queries: queries.len() as u32,
+                object_correct: correct.object as u32,
+                category_correct: correct.category as u32,
+                matches: if self.evaluation.want_matches { matches } else { Vec::new() },
+            },
+            worker: match workers.len() {
+                1 => workers.pop_first().unwrap_or_default(),
+                count => format!("{count} workers"),
+            },
+            attempt: self.attempt,
+            queued: self.queued.unwrap_or_default(),
+            run_seconds: self.run_seconds,
+            settled: self.settled,
+        })
+    }
+}

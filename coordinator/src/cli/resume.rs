@@ -1,0 +1,30 @@
+//! `coordinator resume`: a run that was interrupted goes on.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+
+use super::run::Manner;
+use crate::run;
+
+/// Go on with a run that was interrupted or killed, from the evaluation at which it was
+///
+/// The experiment is taken from the run folder. A finished run is only shown again. Exit codes are those of `run`.
+///
+/// Example: coordinator resume results/runs/demo-9c8cd1e943e6
+#[derive(Debug, Args)]
+pub struct Resume {
+    /// The folder of a run or a sweep, for example results/runs/demo-9c8cd1e943e6
+    #[arg(value_name = "DIR")]
+    folder: PathBuf,
+    #[command(flatten)]
+    manner: Manner,
+}
+
+impl Resume {
+    pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
+        let plan = run::recorded_plan(&self.folder, self.manner.overrides(None))?;
+        self.manner.execute(&plan, self.folder)
+    }
+}

@@ -1,0 +1,133 @@
+//! The cluster as workers and the run meet it: places, acknowledgements, ends.
+
+mod sharing;
+
+use super::*;
+use crate::evaluation::EvaluationResult;
+use crate::journal::Journal;
+use crate::scheduler::{Audit, Report};
+use crate::task::{GridCell, TaskResult};
+
+const LIMITS: Limits = Limits::SAMPLE;
+
+fn cell(disk_um: u32) -> GridCell {
+    GridCell { disk_um, ring_um: 21_000, query: vec![], database: vec![], queries: 9, descriptors: 2 }
+}
+
+/// A worker that gives each cell the counts that `answer` has for its R1.
+async fn work(cluster: &Cluster, answer: impl Fn(u32) -> Vec<u32>) {
+    let id = WorkerId([1; 16]);
+    let introduction = Introduction::sample("one");
+    cluster.register(id, introduction, true).unwrap();
+    let mut finished: Vec<Report> = Vec::new();
+    for sequence in 1.. {
+        let reports = std::mem::take(&mut finished);
+        let poll = Poll { sequence, finished: reports, wanted: 2, ..Poll::default() };
+        for (lease, task) in cluster.poll(id, poll).await.unwrap().jobs.into_iter().rev() {
+            let Task::GridCell(cell) = &*task else { panic!("{task}") };
+            let outcome = Ok(TaskResult::GridCell(answer(cell.disk_um)));
+            finished.push(Report { lease, run_seconds: 0.1, outcome });
+        }
+        tokio::task::yield_now().await; // an answer that is there at once would leave nobody else a turn
+    }
+}
+
+async fn evaluate(answer: impl Fn(u32) -> Vec<u32>) -> Result<Vec<(usize, Vec<u32>)>, ClusterError> {
+    let cluster = Cluster::new(LIMITS);
+    let mut all = Vec::new();
+    let mut client = cluster.client();
+    let evaluation = client.evaluate_cells([5_000, 6_000, 7_000].map(cell).to_vec(), |_, answers| {
+        all.extend(answers.into_iter().map(|answer| {
+            assert_eq!(answer.worker_id, Some(WorkerId([1; 16])));
+            (answer.place, answer.counts)
+        }));
+        Ok(())
+    });
+    tokio::select! {
+        done = evaluation => done?,
+        () = work(&cluster, answer) => {}
+    }
+    all.sort();
+    Ok(all)
+}
+
+#[tokio::test]
+async fn a_late_copy_of_an_older_poll_does_not_silence_the_one_that_is_held_back() {
+    let cluster = Cluster::new(LIMITS);
+    let id = WorkerId([1; 16]);
+    let introduction = Introduction::sample("one");
+    cluster.register(id, introduction, true).unwrap();
+    cluster.begun.send_replace(true);
+    let mut client = cluster.client();
+    let poll = |sequence| cluster.poll(id, Poll { sequence, wanted: 1, ..Poll::default() });
+    let late = async {
+        tokio::task::yield_now().await; // the newer one comes first
+        assert_eq!(poll(1).await.unwrap_err(), PollRefusal::Stale);
+        client.evaluate_cells(vec![cell(5_000)], |_, _| Ok::<_, ClusterError>(())).await
+    };
+    tokio::select! {
+        biased;
+        answer = poll(2) => assert_eq!(answer.unwrap().jobs.len(), 1),
+        done = late => panic!("nobody works: {done:?}"),
+    }
+}
+
+#[tokio::test]
+async fn cells_are_given_with_their_place_whatever_the_order_of_arrival() {
+    let counts = evaluate(|disk_um| vec![disk_um / 1000, 0]).await.unwrap();
+    assert_eq!(counts, [(0, vec![5, 0]), (1, vec![6, 0]), (2, vec![7, 0])]);
+}
+
+fn evaluation() -> Evaluation {
+    Evaluation::sample(9, 9)
+}
+
+/// One worker that has taken the only job of a cluster and reports it in a poll that waits for more.
+async fn reported(cluster: &Arc<Cluster>) -> (Lease, tokio::task::JoinHandle<Answer>) {
+    let id = WorkerId([1; 16]);
+    let introduction = Introduction::sample("one");
+    cluster.register(id, introduction, false).unwrap();
+    let poll = Poll { sequence: 1, wanted: 1, ..Poll::default() };
+    let (lease, _) = cluster.poll(id, poll).await.unwrap().jobs.remove(0);
+    let result = EvaluationResult { queries: 9, object_correct: 1, category_correct: 2, matches: vec![] };
+    let outcome = Ok(TaskResult::Evaluation(result));
+    let finished = vec![Report { lease, run_seconds: 0.1, outcome }];
+    let cluster = Arc::clone(cluster);
+    let poll = Poll { sequence: 2, wanted: 1, finished, ..Poll::default() };
+    (lease, tokio::spawn(async move { cluster.poll(id, poll).await.unwrap() }))
+}
+
+#[tokio::test]
+async fn a_poll_that_waits_is_answered_when_its_report_is_on_the_disk() {
+    let (journal, held) = Journal::held();
+    let cluster = Cluster::with_journal(LIMITS, SessionId([1; 16]), journal, Recorded::default());
+    let evaluated = tokio::spawn({
+        let cluster = Arc::clone(&cluster);
+        async move { cluster.client().evaluate(vec![evaluation()], |_| {}).await }
+    });
+    let (lease, poll) = reported(&cluster).await;
+    // The search goes on with the answer before that.
+    assert_eq!(evaluated.await.unwrap().unwrap()[0].attempt, 1);
+    assert!(!poll.is_finished());
+    assert_eq!(held.commit(), 5, "the worker, its lease, its answer, and what is told of worker and attempt");
+    assert_eq!(poll.await.unwrap().acknowledged, [lease]);
+    cluster.flush().await.unwrap();
+}
+
+#[tokio::test]
+async fn a_run_whose_answers_cannot_be_kept_ends() {
+    let (journal, held) = Journal::held();
+    let cluster = Cluster::with_journal(LIMITS, SessionId([1; 16]), journal, Recorded::default());
+    held.fail();
+    let ended = cluster.client().evaluate(vec![evaluation()], |_| {}).await;
+    assert!(matches!(ended, Err(ClusterError::Journal(_))));
+    assert!(cluster.flush().await.is_err());
+}
+
+#[tokio::test]
+async fn a_cell_that_is_never_answered_well_is_named() {
+    let failed = evaluate(|disk_um| vec![disk_um / 1000; if disk_um == 6_000 { 3 } else { 2 }]).await;
+    let message = failed.unwrap_err().to_string();
+    assert!(message.starts_with("grid cell of R1=0.6 cm R2=2.1 cm: failed 2 times, got\n"), "{message}");
+    assert!(message.contains("one: counts: must be 2, got 3"), "{message}");
+}

@@ -1,0 +1,156 @@
+//! Several clients of one cluster: what they share, and what each is told.
+
+use std::cell::Cell;
+
+use descriptor::Parameters;
+
+use super::*;
+
+fn evaluation_of(shape_bins: u32) -> Evaluation {
+    Evaluation { parameters: Parameters { shape_bins, ..Parameters::PAPER_BEST }, ..evaluation() }
+}
+
+/// A worker that recognises as many clouds as `correct` has for the bins; counts its answers.
+async fn labour(cluster: &Cluster, number: u8, answers: &Cell<usize>, correct: impl Fn(u32) -> u32) {
+    let id = WorkerId([number; 16]);
+    let introduction = Introduction::sample("host");
+    cluster.register(id, introduction, true).unwrap();
+    let mut finished: Vec<Report> = Vec::new();
+    for sequence in 1.. {
+        let reports = std::mem::take(&mut finished);
+        let poll = Poll { sequence, finished: reports, wanted: 1, ..Poll::default() };
+        let Ok(answer) = cluster.poll(id, poll).await else { break };
+        for (lease, task) in answer.jobs {
+            let Task::Evaluation(evaluation) = &*task else { panic!("{task}") };
+            let object_correct = correct(evaluation.parameters.shape_bins);
+            let result =
+                EvaluationResult { queries: 9, object_correct, category_correct: 9, matches: vec![] };
+            finished.push(Report { lease, run_seconds: 0.1, outcome: Ok(TaskResult::Evaluation(result)) });
+            answers.set(answers.get() + 1);
+        }
+        tokio::task::yield_now().await; // an answer that is there at once would leave nobody else a turn
+    }
+    std::future::pending().await // it was shown out
+}
+
+/// How many clouds each descriptor recognises, in the order of asking.
+async fn ask(client: &mut Client, bins: &[u32]) -> Result<Vec<u32>, ClusterError> {
+    let evaluations = bins.iter().map(|&bins| evaluation_of(bins)).collect();
+    let finished = client.evaluate(evaluations, |_| {}).await?;
+    Ok(finished.iter().map(|finished| finished.result.object_correct).collect())
+}
+
+/// The same, where the answers are there, or never will be.
+async fn ask_nobody(client: &mut Client, bins: &[u32]) -> Option<Vec<u32>> {
+    tokio::select! {
+        biased;
+        told = ask(client, bins) => Some(told.unwrap()),
+        () = tokio::task::yield_now() => None,
+    }
+}
+
+#[tokio::test]
+async fn equal_questions_are_computed_once_and_everybody_is_told() {
+    let (cluster, answers) = (Cluster::new(LIMITS), Cell::new(0));
+    let [mut first, mut second] = [cluster.client(), cluster.client()];
+    let both = async { tokio::join!(ask(&mut first, &[1, 2, 3]), ask(&mut second, &[3, 4, 1])) };
+    let told = tokio::select! {
+        told = both => told,
+        () = labour(&cluster, 1, &answers, |bins| bins) => unreachable!(),
+    };
+    assert_eq!((told.0.unwrap(), told.1.unwrap()), (vec![1, 2, 3], vec![3, 4, 1]));
+    assert_eq!(answers.get(), 4);
+    // What either was told before, the other need not wait for; what it was told itself is computed again.
+    assert_eq!(ask_nobody(&mut second, &[2]).await, Some(vec![2]));
+    assert_eq!(ask_nobody(&mut second, &[2]).await, None);
+}
+
+#[tokio::test]
+async fn polls_wait_until_every_client_has_asked_rests_or_is_gone() {
+    let cluster = Cluster::new(LIMITS);
+    let [mut first, mut second, mut third, fourth] = [(); 4].map(|()| cluster.client());
+    let begun = || *cluster.begun.borrow();
+    assert_eq!(ask_nobody(&mut first, &[1]).await, None);
+    assert!(!begun());
+    assert_eq!(ask_nobody(&mut second, &[1]).await, None);
+    assert!(!begun());
+    third.rest();
+    assert!(!begun());
+    drop(fourth);
+    assert!(begun());
+}
+
+#[tokio::test]
+async fn a_corrected_answer_reaches_everybody_who_was_told_the_wrong_one() {
+    let limits = Limits { audit: Audit { share: 1.0, seed: 1 }, ..LIMITS };
+    let (cluster, answers) = (Cluster::new(limits), Cell::new(0));
+    let [mut first, mut second, mut third, mut done] = [(); 4].map(|()| cluster.client());
+    let lie = |bins| if bins == 1 { 9 } else { bins };
+    let liar = labour(&cluster, 1, &answers, lie);
+    tokio::pin!(liar);
+    // Nobody else is there to ask.
+    let finish = async {
+        let told = ask(&mut done, &[1]).await;
+        done.rest();
+        told
+    };
+    let all = async {
+        tokio::join!(ask(&mut first, &[1]), ask(&mut second, &[1, 2]), ask(&mut third, &[2]), finish)
+    };
+    let (one, two, three, four) = tokio::select! {
+        told = all => told,
+        () = &mut liar => unreachable!(),
+    };
+    assert_eq!(four.unwrap(), [9]);
+    assert!(!done.begins_again());
+    assert_eq!((one.unwrap(), two.unwrap(), three.unwrap()), (vec![9], vec![9, 2], vec![2]));
+    let all = async { tokio::join!(ask(&mut first, &[3]), ask(&mut second, &[3]), ask(&mut third, &[3])) };
+    let (one, two, three) = tokio::select! {
+        told = all => told,
+        () = &mut liar => unreachable!(),
+        () = labour(&cluster, 2, &answers, |bins| bins) => unreachable!(),
+        () = labour(&cluster, 3, &answers, |bins| bins) => unreachable!(),
+    };
+    for wronged in [one, two] {
+        let Err(ClusterError::Corrected(tasks)) = wronged else { panic!("{wronged:?}") };
+        assert_eq!(tasks, [Arc::new(Task::Evaluation(evaluation_of(1)))]);
+    }
+    assert_eq!(three.unwrap(), [3], "it was told nothing wrong");
+    assert!(done.begins_again() && !done.begins_again(), "although it had finished");
+    assert_eq!(ask_nobody(&mut done, &[1]).await, Some(vec![1]));
+    assert_eq!(ask_nobody(&mut first, &[1, 3]).await, Some(vec![1, 3]));
+    assert_eq!(ask_nobody(&mut second, &[1, 2, 3]).await, Some(vec![1, 2, 3]));
+    assert!(!cluster.is_trusted());
+}
+
+#[tokio::test]
+async fn each_is_told_of_attempts_at_what_it_has_asked_and_of_all_workers() {
+    let (cluster, answers) = (Cluster::new(LIMITS), Cell::new(0));
+    let [mut first, mut second] = [cluster.client(), cluster.client()];
+    let both = async { tokio::join!(ask(&mut first, &[1, 2]), ask(&mut second, &[2, 3, 4])) };
+    let _told = tokio::select! {
+        told = both => told,
+        () = labour(&cluster, 1, &answers, |bins| bins) => unreachable!(),
+    };
+    first.note_rewind(1, "for a test".to_owned());
+    let [one, two] = [first.proceedings(), second.proceedings()];
+    assert_eq!((one.attempts.len(), two.attempts.len()), (2, 3));
+    assert_eq!((one.workers.len(), two.workers.len()), (1, 1));
+    assert_eq!((one.events.len(), two.events.len()), (1, 1));
+}
+
+#[tokio::test]
+async fn whatever_stops_one_stops_all() {
+    let (cluster, answers) = (Cluster::new(LIMITS), Cell::new(0));
+    let [mut first, mut second] = [cluster.client(), cluster.client()];
+    let both = async { tokio::join!(ask(&mut first, &[1]), ask(&mut second, &[2])) };
+    // More than there are clouds: no answer at all.
+    let (one, two) = tokio::select! {
+        ended = both => ended,
+        () = labour(&cluster, 1, &answers, |bins| if bins == 1 { 10 } else { bins }) => unreachable!(),
+    };
+    assert!(matches!(one, Err(ClusterError::JobFailed(_))), "{one:?}");
+    assert!(matches!(two, Err(ClusterError::JobFailed(_)) | Ok(_)), "{two:?}");
+    let next = ask(&mut second, &[3]).await;
+    assert!(matches!(next, Err(ClusterError::JobFailed(_))), "{next:?}");
+}

@@ -1,0 +1,38 @@
+//! Who counted which cell of the grid, and which cells are in doubt for it.
+
+use super::grid::Grid;
+use crate::scheduler::{Departure, What};
+use crate::task::Task;
+
+/// The cells that are in the folder.
+#[derive(Debug, Default)]
+pub struct Cells {
+    /// Each with the id of the worker that counted, if it is known.
+    there: Vec<(usize, Option<String>)>,
+    /// How many were found to be in doubt.
+    pub removed: usize,
+}
+
+impl Cells {
+    /// Notes that a cell is there, and who counted.
+    pub fn add(&mut self, cell: usize, worker_id: Option<String>) {
+        self.there.push((cell, worker_id));
+    }
+
+    /// The cells that are in doubt after this, which are there no longer: that on which workers differ, and all that a
+    /// worker which was wrong has counted, in whichever start of the search.
+    pub fn doubt(&mut self, what: &What, grid: &Grid) -> Vec<usize> {
+        let doubtful = |cell: usize, worker_id: Option<&str>| match what {
+            What::Disagreement { task, .. } => match &**task {
+                Task::GridCell(asked) => grid.radii(cell) == (asked.disk_um, asked.ring_um),
+                _ => false,
+            },
+            What::Gone { id, why: Departure::Quarantined, .. } => worker_id == Some(&id.to_string()),
+            _ => false,
+        };
+        let gone = self.there.extract_if(.., |(cell, worker_id)| doubtful(*cell, worker_id.as_deref()));
+        let gone: Vec<usize> = gone.map(|(cell, _)| cell).collect();
+        self.removed += gone.len();
+        gone
+    }
+}

@@ -1,0 +1,75 @@
+//! What reads bytes from outside, one function a reader, for the fuzz driver of `tests/`: each takes anything, returns
+//! whether it was accepted, and must not panic, hang or reserve memory on the word of its input.
+
+use std::path::Path;
+use std::time::{Duration, SystemTime};
+
+use prost::Message as _;
+use proto::{JobId, SessionId, v1};
+
+use crate::evaluation::EvaluationResult;
+use crate::experiment::{Experiment, Overrides};
+use crate::task::TaskResult;
+use crate::{journal, wire};
+
+/// An experiment as TOML.
+pub fn experiment(text: &str) -> bool {
+    Experiment::from_record(text, Path::new("experiment.toml"), None, Overrides::default()).is_ok()
+}
+
+/// A poll of a worker.
+pub fn poll(bytes: &[u8]) -> bool {
+    v1::PollRequest::decode(bytes).is_ok_and(|request| wire::poll(request).is_ok())
+}
+
+/// What a worker fetches by.
+pub fn fetch(bytes: &[u8]) -> bool {
+    let blob = v1::FetchBlobRequest::decode(bytes).is_ok_and(|request| wire::blob_digest(&request).is_ok());
+    let entry =
+        v1::FetchDerivedRequest::decode(bytes).is_ok_and(|request| wire::derived_key(&request).is_ok());
+    blob || entry
+}
+
+/// An answer as a journal keeps it; what is accepted is written again as it was read.
+pub fn journal_answer(bytes: &[u8]) -> bool {
+    journal::reads_answer(JobId(1), bytes)
+}
+
+/// The header of a journal.
+pub fn journal_header(bytes: &[u8]) -> bool {
+    journal::Header::decode(bytes, Path::new("journal.redb")).is_ok()
+}
+
+/// A journal with an answer, made at `path`: its bytes.
+pub fn sample_journal(path: &Path) -> Option<Vec<u8>> {
+    let header = journal::Header {
+        search: "seed = 1\n".to_owned(),
+        experiment: "version = 1\n".to_owned(),
+        data_digest: "00".to_owned(),
+        evaluation_version: descriptor::EVALUATION_VERSION,
+        session: SessionId([7; 16]),
+        started_at: SystemTime::UNIX_EPOCH,
+    };
+    let result = EvaluationResult { queries: 9, object_correct: 5, category_correct: 6, matches: vec![] };
+    let result = TaskResult::Evaluation(result);
+    let (worker, queued) = ("rack".to_owned(), Duration::from_secs(1));
+    let answer = journal::Accepted {
+        job: JobId(1),
+        result,
+        worker,
+        attempt: 1,
+        queued,
+        run_seconds: 0.5,
+        settled: true,
+    };
+    journal::JournalFile::create(path, &header).ok()?;
+    let (file, ..) = journal::JournalFile::open(path).ok()?;
+    file.commit(&[journal::Entry::Accepted(Box::new(answer))]).ok()?;
+    drop(file);
+    std::fs::read(path).ok()
+}
+
+/// A journal's file, whole.
+pub fn journal_file(path: &Path) -> bool {
+    journal::JournalFile::open(path).is_ok()
+}

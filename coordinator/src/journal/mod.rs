@@ -1,0 +1,179 @@
+//! The journal of a run: every answer that was accepted, kept through any end of the coordinator.
+//!
+//! A search is deterministic, so that going on is doing it again with the answers that are there. `header`, `record`
+//! and `file` turn what is kept into bytes and back; `writer` commits it in groups on a thread of its own.
+
+mod file;
+mod header;
+mod record;
+mod writer;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use proto::{JobId, Lease, WorkerId};
+use results::{AttemptRow, EventRow, Proceedings, WorkerRow};
+
+use crate::assembly::Cut;
+use crate::scheduler::{Finished, Introduction};
+pub use file::JournalFile;
+pub use header::Header;
+pub use writer::{Journal, Mark};
+
+/// File in a run folder.
+pub const JOURNAL_FILE: &str = "journal.redb";
+
+/// Why a journal cannot be read or written.
+#[derive(Clone, Debug, thiserror::Error)]
+pub enum JournalError {
+    /// Its bytes are not those that were written.
+    #[error(
+        "{path}: damaged, got {what}\nthis run cannot go on: start another with --fresh, or remove its folder"
+    )]
+    Damaged {
+        /// The journal.
+        path: PathBuf,
+        /// What was found.
+        what: String,
+    },
+    /// Another release wrote it.
+    #[error(
+        "{path}: version must be {version}, got {got}\ngo on with the release that began this run, or start another with --fresh",
+        version = header::VERSION
+    )]
+    Version {
+        /// The journal.
+        path: PathBuf,
+        /// Its version.
+        got: u64,
+    },
+    /// The run is under way.
+    #[error("{path}: in use by another process\nwait until it has ended, or stop it")]
+    InUse {
+        /// The journal.
+        path: PathBuf,
+    },
+    /// The disk, most likely.
+    #[error(
+        "{path}: cannot be used, got {what}\ncheck permissions and free space, then run the same command again"
+    )]
+    Unusable {
+        /// The journal.
+        path: PathBuf,
+        /// Why.
+        what: String,
+    },
+}
+
+impl JournalError {
+    fn damaged(path: &Path, what: impl ToString) -> Self {
+        Self::Damaged { path: path.to_owned(), what: what.to_string() }
+    }
+
+    fn unusable(path: &Path, what: impl ToString) -> Self {
+        Self::Unusable { path: path.to_owned(), what: what.to_string() }
+    }
+}
+
+/// An answer as it is kept, with who gave it and when: of an evaluation or a tile whole, of a description its digest.
+pub type Accepted = Finished;
+
+/// A worker as it is kept.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Member {
+    /// Its unique label.
+    pub label: String,
+    /// How it introduced itself.
+    pub introduction: Introduction,
+}
+
+/// What is to be kept.
+#[derive(Clone, Debug)]
+pub enum Entry {
+    /// An answer was accepted. It ends what is kept of the job's leases.
+    Accepted(Box<Accepted>),
+    /// A worker joined.
+    Joined(WorkerId, Member),
+    /// A worker went.
+    Left(WorkerId),
+    /// A job was handed out.
+    Leased(Lease, WorkerId),
+    /// An answer is in doubt, and none to go on with.
+    Struck(JobId),
+    /// A worker was wrong, and is quarantined.
+    Distrusted(WorkerId),
+    /// What is told of workers, attempts and events: the row at this place of its table.
+    Told(u32, Box<Told>),
+    /// The evaluation of this job is asked for in pieces.
+    Cut(JobId, Cut),
+}
+
+/// A row of what is told.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Told {
+    /// Of the table `workers`.
+    Worker(WorkerRow),
+    /// Of the table `attempts`.
+    Attempt(AttemptRow),
+    /// Of the table `events`.
+    Event(EventRow),
+}
+
+/// What earlier starts of a run have left.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recorded {
+    /// Starts of the coordinator so far.
+    pub starts: u64,
+    /// Time they were at work.
+    pub at_work: Duration,
+    /// No worker was found to be wrong.
+    pub trusted: bool,
+    /// Every answer.
+    pub accepted: BTreeMap<JobId, Accepted>,
+    /// Workers that had not gone.
+    pub members: BTreeMap<WorkerId, Member>,
+    /// How evaluations were cut, by job.
+    pub cuts: BTreeMap<JobId, Cut>,
+    /// Leases of jobs that have no answer, with those they were given to, in order of jobs and attempts.
+    pub leases: Vec<(Lease, WorkerId)>,
+    /// Workers that were wrong.
+    pub quarantined: BTreeSet<WorkerId>,
+    /// What was told.
+    pub proceedings: Proceedings,
+}
+
+impl Default for Recorded {
+    fn default() -> Self {
+        Self {
+            starts: 0,
+            at_work: Duration::ZERO,
+            trusted: true,
+            accepted: BTreeMap::new(),
+            members: BTreeMap::new(),
+            cuts: BTreeMap::new(),
+            leases: Vec::new(),
+            quarantined: BTreeSet::new(),
+            proceedings: Proceedings::default(),
+        }
+    }
+}
+
+impl Recorded {
+    /// Labels under which results are recorded.
+    pub fn labels(&self) -> BTreeSet<String> {
+        self.accepted.values().map(|accepted| accepted.worker.clone()).collect()
+    }
+}
+
+/// Whether these bytes are an answer as it is kept; if so, they are what would be written of it.
+pub fn reads_answer(job: JobId, bytes: &[u8]) -> bool {
+    let written = |accepted: Accepted| record::encode_accepted(&accepted).is_some_and(|again| again == bytes);
+    [record::decode_accepted(job, bytes), record::decode_described(job, bytes)]
+        .into_iter()
+        .flatten()
+        .any(written)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,302 @@
+//! The journal's promises: what was committed is read back, and nothing else ever passes for it.
+
+use std::fs;
+use std::time::SystemTime;
+
+use proptest::prelude::*;
+use proto::{Digest, SessionId};
+use tempfile::TempDir;
+
+use super::*;
+use crate::assembly::SideCut;
+use crate::evaluation::{EvaluationResult, Match};
+use crate::shard::Described;
+use crate::task::TaskResult;
+
+fn header() -> Header {
+    Header {
+        search: "seed = 1\n".to_owned(),
+        experiment: "version = 1\n".to_owned(),
+        data_digest: "00".to_owned(),
+        evaluation_version: 2,
+        session: SessionId([7; 16]),
+        started_at: SystemTime::UNIX_EPOCH + Duration::from_millis(1_700_000_000_123),
+    }
+}
+
+fn accepted(job: u64, matches: usize) -> Accepted {
+    let found = |index: usize| Match {
+        nearest: index as u32,
+        distance: 0.1 + index as f64,
+        runner_up: (index % 2 == 1).then_some((9, 0.3)),
+    };
+    Accepted {
+        job: JobId(job),
+        result: TaskResult::Evaluation(EvaluationResult {
+            queries: 10,
+            object_correct: 4,
+            category_correct: 6,
+            matches: (0..matches).map(found).collect(),
+        }),
+        worker: "rack-3".to_owned(),
+        attempt: 2,
+        queued: Duration::from_nanos(1_234_567_891),
+        run_seconds: 0.1,
+        settled: true,
+    }
+}
+
+fn answer(job: u64, matches: usize) -> Entry {
+    Entry::Accepted(Box::new(accepted(job, matches)))
+}
+
+fn member(label: &str) -> Member {
+    let introduction = Introduction { threads: 4, ..Introduction::sample("rack") };
+    Member { label: label.to_owned(), introduction }
+}
+
+fn told(place: u32, event: &str) -> Entry {
+    let at = SystemTime::UNIX_EPOCH + Duration::from_millis(1_700_000_000_123);
+    let (event, message) = (event.to_owned(), "why".to_owned());
+    let row = EventRow { at, event, worker: None, generation: Some(3), message };
+    Entry::Told(place, Box::new(Told::Event(row)))
+}
+
+fn lease(job: u64, attempt: u32) -> Lease {
+    Lease { job: JobId(job), attempt }
+}
+
+/// A journal in a folder of its own, with some entries.
+fn journal(entries: &[Entry]) -> (TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(JOURNAL_FILE);
+    JournalFile::create(&path, &header()).unwrap();
+    JournalFile::open(&path).unwrap().0.commit(entries).unwrap();
+    (folder, path)
+}
+
+#[test]
+fn what_was_committed_is_there_at_the_next_start() {
+    let [one, two] = [WorkerId([1; 16]), WorkerId([2; 16])];
+    let (_folder, path) = journal(&[
+        Entry::Joined(one, member("rack")),
+        Entry::Joined(two, member("rack-2")),
+        Entry::Leased(lease(5, 1), one),
+        Entry::Leased(lease(5, 2), two),
+        Entry::Leased(lease(6, 1), one),
+        answer(5, 0),
+        answer(u64::MAX, 3),
+        Entry::Left(two),
+        told(0, "joined"),
+        told(1, "left"),
+        told(0, "lost"),
+        Entry::Distrusted(two),
+    ]);
+    let (_file, read, recorded) = JournalFile::open(&path).unwrap();
+    assert_eq!(read, header());
+    assert_eq!(recorded.starts, 2);
+    assert_eq!(
+        recorded.accepted.values().cloned().collect::<Vec<_>>(),
+        [accepted(5, 0), accepted(u64::MAX, 3)]
+    );
+    assert_eq!(recorded.members, [(one, member("rack"))].into());
+    // An answered job is nobody's any more.
+    assert_eq!(recorded.leases, [(lease(6, 1), one)]);
+    // What is told twice is what was told last.
+    let events: Vec<&str> = recorded.proceedings.events.iter().map(|row| row.event.as_str()).collect();
+    assert_eq!(events, ["lost", "left"]);
+    assert_eq!((recorded.quarantined, recorded.trusted), ([two].into(), false));
+}
+
+#[test]
+fn a_journal_of_a_release_that_kept_nothing_of_what_is_told_is_read() {
+    let (_folder, path) = journal(&[answer(5, 0)]);
+    let recorded = JournalFile::open(&path).unwrap().2;
+    assert_eq!(recorded.proceedings, Proceedings::default());
+    assert_eq!(recorded.accepted.len(), 1);
+}
+
+#[test]
+fn what_is_told_with_a_gap_is_damage() {
+    let (_folder, path) = journal(&[told(0, "joined"), told(2, "left")]);
+    let error = JournalFile::open(&path).err().unwrap().to_string();
+    assert!(error.contains("row 2 of what is told where 1 should be"), "{error}");
+}
+
+#[test]
+fn pieces_of_evaluations_are_there_at_the_next_start() {
+    let side = |shards, ranges| SideCut { shards, ranges };
+    let cut = Cut { query: side(4, 2), database: side(8, 8) };
+    let described = |job: u64| {
+        let result = TaskResult::Description(Described::named(Digest([7; 32])));
+        Accepted { result, ..accepted(job, 0) }
+    };
+    let entry = |job| Entry::Accepted(Box::new(described(job)));
+    let holder = WorkerId([1; 16]);
+    let (_folder, path) = journal(&[
+        Entry::Cut(JobId(9), cut),
+        Entry::Leased(lease(5, 1), holder),
+        entry(5),
+        entry(6),
+        answer(7, 3),
+        Entry::Struck(JobId(6)),
+    ]);
+    let recorded = JournalFile::open(&path).unwrap().2;
+    assert_eq!(recorded.accepted.values().cloned().collect::<Vec<_>>(), [described(5), accepted(7, 3)]);
+    assert_eq!(recorded.cuts, [(JobId(9), cut)].into());
+    assert_eq!(recorded.leases, []);
+}
+
+/// A journal of a release that knew no pieces has no table for them.
+#[test]
+fn a_journal_without_pieces_is_read() {
+    let (_folder, path) = journal(&[]);
+    let database = redb::Database::create(&path).unwrap();
+    let transaction = database.begin_write().unwrap();
+    let described = redb::TableDefinition::<u64, &[u8]>::new("described");
+    let cuts = redb::TableDefinition::<u64, (u32, u32, u32, u32)>::new("cuts");
+    assert!(transaction.delete_table(described).unwrap() && transaction.delete_table(cuts).unwrap());
+    transaction.commit().unwrap();
+    drop(database);
+    let recorded = JournalFile::open(&path).unwrap().2;
+    assert_eq!((recorded.starts, recorded.accepted.len(), recorded.cuts.len()), (2, 0, 0));
+    JournalFile::open(&path).unwrap().0.commit(&[answer(5, 0)]).unwrap();
+    assert_eq!(JournalFile::open(&path).unwrap().2.accepted.len(), 1);
+}
+
+#[test]
+fn a_journal_is_not_there_before_it_is_whole_and_a_killed_attempt_to_make_it_is_no_obstacle() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(JOURNAL_FILE);
+    fs::write(path.with_extension("new"), b"half").unwrap();
+    JournalFile::create(&path, &header()).unwrap();
+    assert_eq!(JournalFile::open(&path).unwrap().2, Recorded { starts: 1, ..Recorded::default() });
+    assert!(!path.with_extension("new").exists());
+}
+
+#[test]
+fn a_journal_that_is_in_use_is_refused() {
+    let (_folder, path) = journal(&[]);
+    let _file = JournalFile::open(&path).unwrap();
+    assert!(matches!(JournalFile::header(&path), Err(JournalError::InUse { .. })));
+}
+
+#[test]
+fn what_is_no_journal_is_said_to_be_damaged_or_of_another_version() {
+    let damaged = |path: &Path| {
+        let error = JournalFile::open(path).err().unwrap();
+        assert!(matches!(error, JournalError::Damaged { .. }), "{error}");
+        assert!(error.to_string().contains("--fresh"), "{error}");
+    };
+    let (_folder, path) = journal(&[answer(5, 40)]);
+    let whole = fs::read(&path).unwrap();
+    let cuts = (1..16).map(|part| &whole[..whole.len() * part / 16]);
+    for bytes in [b"".as_slice(), b"redb", &[0; 8192], &whole[..1]].into_iter().chain(cuts) {
+        fs::write(&path, bytes).unwrap();
+        damaged(&path);
+    }
+    // A file of the same library that somebody else wrote.
+    fs::remove_file(&path).unwrap();
+    drop(redb::Database::create(&path).unwrap());
+    damaged(&path);
+
+    for (from, to) in [("descry journal", "descry_journal"), ("\"search\"", "\"sought\"")] {
+        let text = String::from_utf8(header().encode().unwrap()).unwrap();
+        assert!(Header::decode(text.replace(from, to).as_bytes(), &path).is_err(), "{from}");
+    }
+    let text = String::from_utf8(header().encode().unwrap()).unwrap();
+    let later = text.replace("\"version\":1", "\"version\":2,\"more\":0");
+    let error = Header::decode(later.as_bytes(), &path).unwrap_err();
+    assert!(matches!(error, JournalError::Version { got: 2, .. }), "{error}");
+}
+
+#[test]
+fn a_flipped_bit_is_found_or_touches_nothing() {
+    let entries: Vec<Entry> = (0..200).map(|job| answer(job, 20)).collect();
+    let (_folder, path) = journal(&entries);
+    let whole = fs::read(&path).unwrap();
+    let expected = JournalFile::open(&path).unwrap().2.accepted;
+    let mut found = 0;
+    // Every part of the file: its head, and places all over it.
+    for place in (0..320).step_by(5).chain((320..whole.len()).step_by(whole.len() / 41)) {
+        let mut bytes = whole.clone();
+        bytes[place] ^= 1 << (place % 8);
+        fs::write(&path, bytes).unwrap();
+        match JournalFile::open(&path) {
+            // Falling back to the commit before is what a torn write asks for.
+            Ok((_, _, recorded)) => assert!(
+                recorded.accepted == expected || recorded.accepted.is_empty(),
+                "byte {place}: other answers"
+            ),
+            Err(_) => found += 1,
+        }
+    }
+    assert!(found > 10, "{found}");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(500))]
+
+    #[test]
+    fn arbitrary_bytes_are_refused_or_make_sense(
+        head in prop::collection::vec(any::<u8>(), 0..60),
+        spoilt in 0usize..200,
+        value in any::<u8>(),
+    ) {
+        let mut bytes = record::encode_accepted(&accepted(5, 3)).unwrap();
+        let place = spoilt % bytes.len();
+        bytes[place] = value;
+        for bytes in [head, bytes] {
+            if let Some(read) = record::decode_accepted(JobId(5), &bytes) {
+                prop_assert_eq!(record::encode_accepted(&read), Some(bytes));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_length_that_no_bytes_follow_reserves_nothing() {
+    let mut bytes = record::encode_accepted(&accepted(5, 0)).unwrap();
+    let length = bytes.len();
+    bytes[length - 4..].copy_from_slice(&u32::MAX.to_le_bytes());
+    assert_eq!(record::decode_accepted(JobId(5), &bytes), None);
+}
+
+/// What version 1 has written: it must be read for as long as journals of version 1 are.
+#[test]
+fn records_of_version_1_are_read() {
+    let text = r#"{"magic":"descry journal","version":1,"search":"seed = 1\n","experiment":"version = 1\n",
+        "data_digest":"00","evaluation_version":2,"session":[7,7,7,7,7,7,7,7,7,7,7,7,7,7,7,7],
+        "started_milliseconds":1700000000123}"#;
+    assert_eq!(Header::decode(text.as_bytes(), Path::new("journal")).unwrap(), header());
+
+    let digits = "02000000d3029649000000009a9999999999b93f060000007261636b2d330a00000004000000060000000200\
+        0000000000009a9999999999b93f00010000009a9999999999f13f0109000000333333333333d33f";
+    let byte = |at| u8::from_str_radix(&digits[at..at + 2], 16).unwrap();
+    let bytes: Vec<u8> = (0..digits.len()).step_by(2).map(byte).collect();
+    assert_eq!(record::decode_accepted(JobId(5), &bytes), Some(accepted(5, 2)));
+
+    let text = br#"{"label":"rack-2","name":"rack","threads":4,"build":"test"}"#;
+    assert_eq!(record::decode_member(text), Some(member("rack-2")));
+}
+
+#[tokio::test]
+async fn a_mark_is_durable_when_the_file_has_what_was_recorded() {
+    let (_folder, path) = journal(&[]);
+    let journal = Journal::start(JournalFile::open(&path).unwrap().0).unwrap();
+    let marks: Vec<Mark> = (0..100).map(|job| journal.record(answer(job, 0))).collect();
+    assert_eq!(marks.last(), Some(&journal.end()));
+    journal.durable(marks[99]).await.unwrap();
+    assert!(marks.iter().all(|mark| journal.is_durable(*mark)) && journal.failure().is_none());
+    let later = journal.record(answer(100, 0));
+    journal.durable(later).await.unwrap();
+    drop(journal);
+    // The thread lets go of the file when it has nothing left to do.
+    let reopened = loop {
+        match JournalFile::open(&path) {
+            Err(JournalError::InUse { .. }) => std::thread::yield_now(),
+            other => break other.unwrap(),
+        }
+    };
+    assert_eq!(reopened.2.accepted.len(), 101);
+}

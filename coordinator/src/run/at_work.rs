@@ -1,0 +1,250 @@
+//! One run at work: search, final measures, tables. A sweep has several of them side by side.
+
+use std::time::{Duration, Instant, SystemTime};
+
+use results::{Counts, PredictionSplit, RunFolder, RunRow};
+use worker::store::Store;
+
+use crate::cluster::{Client, ClusterError};
+use crate::dataset::Dataset;
+use crate::evaluation::EvaluationResult;
+use crate::evolution::{Evolution, Individual, Method, RandomSearch};
+use crate::exhaust::{best_of_all, known_optimum};
+use crate::experiment::Experiment;
+use crate::memory::Known;
+use crate::run::progress::Progress;
+use crate::run::search::{Found, Search};
+use crate::run::source::Source;
+use crate::run::splits::Matching;
+use crate::run::summary::Summary;
+use crate::run::{RunError, Workplace, data_digest, host, rows};
+
+/// A run and all that it needs.
+pub struct RunAtWork<'a> {
+    /// What is run.
+    pub experiment: &'a Experiment,
+    /// On which clouds.
+    pub dataset: &'a Dataset,
+    /// By whom.
+    pub workplace: &'a Workplace<'a>,
+    /// Counts that earlier runs have left.
+    pub remembered: &'a Known,
+    /// Who asks.
+    pub client: Client,
+    /// Where the results go.
+    pub folder: RunFolder,
+    /// What is shown.
+    pub progress: Progress,
+    /// Since when.
+    pub start: Start,
+}
+
+/// When a run was started.
+#[derive(Clone, Copy, Debug)]
+pub struct Start {
+    /// This time.
+    pub now: Instant,
+    /// For the first time.
+    pub first: SystemTime,
+    /// How long it was at work before this time.
+    pub before: Duration,
+}
+
+/// What a run has found.
+pub struct Outcome {
+    /// The search.
+    pub found: Found,
+    finals: Finals,
+}
+
+impl RunAtWork<'_> {
+    /// From the first generation to the winner's measures.
+    pub async fn search(&mut self) -> Result<Outcome, RunError> {
+        let Self { experiment, dataset, workplace, remembered, client, folder, progress, .. } = self;
+        loop {
+            let source = source(experiment, dataset, workplace, client, progress).await?;
+            progress.search_starts(folder.generations());
+            let mut search = Search::new(experiment, workplace, client, progress, remembered.clone());
+            match search_once(&mut search, source, dataset, workplace, remembered, folder).await {
+                // The search is deterministic: it comes back to where it was, by way of the answers that still hold.
+                Err(RunError::Cluster(ClusterError::Corrected(tasks))) => search.note_rewind(&tasks),
+                done => return done,
+            }
+        }
+    }
+
+    /// Writes what has happened so far into the folder of a run that has failed: the cause may be in there. That it could
+    /// not be written says less than the cause.
+    pub fn tell_what_happened(&self) {
+        let _ = self.folder.write_proceedings(&self.client.proceedings());
+    }
+
+    /// Writes the tables; the run is finished with the last of them.
+    pub fn finish(&self, outcome: &Outcome) -> Result<Summary, RunError> {
+        let (Self { experiment, dataset, folder, .. }, finals) = (self, &outcome.finals);
+        folder.write_proceedings(&self.client.proceedings())?;
+        folder.write_skipped(&rows::skipped(dataset))?;
+        for (split, matching, result) in [
+            (PredictionSplit::Validation, Matching::Validation, &finals.validation),
+            (PredictionSplit::Test, Matching::Test, &finals.test),
+        ] {
+            if let Some(result) = result {
+                folder.write_predictions(split, &rows::predictions(dataset, matching, result))?;
+            }
+        }
+        let mut run = self.row(outcome);
+        compare_with_optimum(&mut run, experiment, dataset, &self.workplace.store);
+        let run_digest = folder.write_run(&run)?.to_hex().to_string();
+        Ok(Summary {
+            run,
+            run_digest,
+            skipped: dataset.clouds.skipped.len(),
+            descriptors: experiment.genes().size(),
+            out: folder.path().to_owned(),
+        })
+    }
+
+    fn row(&self, Outcome { found, finals }: &Outcome) -> RunRow {
+        let Self { experiment, dataset, start, .. } = self;
+        RunRow {
+            name: experiment.name().to_owned(),
+            search_config: experiment.search_toml(),
+            resolved_toml: experiment.record_toml(),
+            seed: experiment.seed(),
+            data_digest: data_digest(dataset),
+            evaluation_version: descriptor::EVALUATION_VERSION,
+            program_version: env!("CARGO_PKG_VERSION").to_owned(),
+            build: worker::BUILD.to_owned(),
+            host: host(),
+            started_at: start.first,
+            finished_at: SystemTime::now(),
+            seconds: (start.before + start.now.elapsed()).as_secs_f64(),
+            stop_reason: found.stop_reason.as_str().to_owned(),
+            generations: found.generations,
+            evaluations_computed: found.computed,
+            evaluations_remembered: found.remembered,
+            winner_generation: found.winner.generation,
+            winner_individual: found.winner.individual,
+            best_chromosome: found.individual.bit_string(),
+            best_genes: rows::gene_values(&found.individual.parameters),
+            train: found.train,
+            validation: finals
+                .validation
+                .as_ref()
+                .map(|result| rows::recount(dataset, Matching::Validation, result)),
+            test: finals.test.as_ref().map(|result| rows::recount(dataset, Matching::Test, result)),
+            grid_best_object_correct: None,
+        }
+    }
+}
+
+/// One attempt at it, unless answers turn out to be wrong.
+async fn search_once(
+    search: &mut Search<'_>,
+    source: Source,
+    dataset: &Dataset,
+    workplace: &Workplace<'_>,
+    remembered: &Known,
+    folder: &mut RunFolder,
+) -> Result<Outcome, RunError> {
+    let found = search.run(source, folder).await?;
+    let finals = Finals::evaluate(dataset, workplace, &found, remembered, search.parties()).await?;
+    Ok(Outcome { found, finals })
+}
+
+/// The experiment's method, ready for the first generation.
+async fn source(
+    experiment: &Experiment,
+    dataset: &Dataset,
+    workplace: &Workplace<'_>,
+    client: &mut Client,
+    progress: &mut Progress,
+) -> Result<Source, RunError> {
+    let (genes, ga, seed) = (experiment.genes(), *experiment.ga(), experiment.seed());
+    Ok(match experiment.method() {
+        Method::Ga => Source::Ga(Evolution::new(genes.clone(), ga, seed)?),
+        Method::Random => Source::Random(RandomSearch::new(genes.clone(), ga, seed)?),
+        Method::Exhaustive => {
+            let best = best_of_all(experiment, dataset, workplace, client, progress).await?;
+            Source::Grid([Individual::of(&best.parameters, genes, ga.encoding)])
+        }
+    })
+}
+
+/// Notes how good the best descriptor there is would have been, if that is known.
+pub fn compare_with_optimum(run: &mut RunRow, experiment: &Experiment, dataset: &Dataset, store: &Store) {
+    let best = known_optimum(experiment, dataset, store).map(|optimum| optimum.object_correct);
+    // What the run has beaten is no optimum: a cache entry that lies.
+    if let Some(best) = best.filter(|&best| best < run.train.object_correct) {
+        eprintln!(
+            "warning: grid: the optimum that is known recognises {best} clouds, fewer than the winner\nevaluate the grid again: coordinator exhaust --fresh"
+        );
+    }
+    run.grid_best_object_correct = best.filter(|&best| best >= run.train.object_correct);
+}
+
+/// The winner on the sets that had no part in the search; and on the training sets once more, so that no winner rests
+/// on counts that another run has left.
+struct Finals {
+    validation: Option<EvaluationResult>,
+    test: Option<EvaluationResult>,
+}
+
+impl Finals {
+    async fn evaluate(
+        dataset: &Dataset,
+        workplace: &Workplace<'_>,
+        found: &Found,
+        remembered: &Known,
+        (client, progress): (&mut Client, &mut Progress),
+    ) -> Result<Self, RunError> {
+        let winner = &found.winner.parameters;
+        let Workplace { cluster, splits, .. } = workplace;
+        splits.publish_test(&cluster.blobs);
+        let wanted = [Matching::Validation, Matching::Test].map(|matching| {
+            let has_queries = !matching.query_clouds(dataset).is_empty();
+            has_queries.then(|| splits.evaluation(found.winner.parameters, matching, true))
+        });
+        let measured = wanted.each_ref().map(Option::is_some);
+        let training = splits.evaluation(found.winner.parameters, Matching::Train, false);
+        let evaluations = wanted.into_iter().flatten().chain([training]).collect();
+        let mut finished = client.evaluate(evaluations, |news| progress.news(news)).await?;
+        if let Some(training) = finished.pop() {
+            let remembered = remembered.train.contains_key(winner);
+            agree("training", found, (&found.train, remembered), &rows::counts(&training.result))?;
+        }
+        let mut results = finished.into_iter().map(|finished| finished.result);
+        let [validation, test] = measured.map(|measured| if measured { results.next() } else { None });
+        let known = found.known.validation.get(&found.winner.parameters);
+        if let (Some(known), Some(validation)) = (known, &validation) {
+            let remembered = remembered.validation.contains_key(winner);
+            agree("validation", found, (known, remembered), &rows::counts(validation))?;
+        }
+        Ok(Self { validation, test })
+    }
+}
+
+/// Refuses a winner whose counts, as the search took them, are not those that were just computed.
+/// `remembered`: they are another run's.
+fn agree(
+    matching: &'static str,
+    found: &Found,
+    (held, remembered): (&Counts, bool),
+    computed: &Counts,
+) -> Result<(), RunError> {
+    if held == computed {
+        return Ok(());
+    }
+    let said = |counts: &Counts| {
+        format!(
+            "{} objects and {} categories of {}",
+            counts.object_correct, counts.category_correct, counts.queries
+        )
+    };
+    let (parameters, computed, held) = (found.winner.parameters, said(computed), said(held));
+    Err(if remembered {
+        RunError::Contradiction { parameters, matching, computed, remembered: held }
+    } else {
+        RunError::Disagreement { parameters, matching, computed, held }
+    })
+}

@@ -1,0 +1,89 @@
+//! A run that was begun before: its journal, checked to be of the same search, clouds and numbers.
+
+use std::fs;
+use std::path::Path;
+use std::time::SystemTime;
+
+use proto::SessionId;
+
+use crate::dataset::Dataset;
+use crate::experiment::{Overrides, Plan};
+use crate::journal::{Header, JOURNAL_FILE, Journal, JournalFile, Recorded};
+use crate::run::place::difference;
+use crate::run::{RunError, data_digest};
+use crate::sweep::SWEEP_FILE;
+use crate::sweep::recorded_sweep;
+
+/// The journal in `folder`, at work, of what `search` determines and `record` tells in full; a new one if the folder has
+/// none, after `discard` has removed all that was kept.
+pub fn open_journal(
+    (search, record): (String, String),
+    dataset: &Dataset,
+    folder: &Path,
+    now: SystemTime,
+    discard: impl FnOnce() -> Result<(), RunError>,
+) -> Result<(Header, Journal, Recorded), RunError> {
+    let path = folder.join(JOURNAL_FILE);
+    let this = Header {
+        search,
+        experiment: record,
+        data_digest: data_digest(dataset),
+        evaluation_version: descriptor::EVALUATION_VERSION,
+        session: SessionId(rand::random()),
+        started_at: now,
+    };
+    if !path.exists() {
+        // Tables without a journal are of nobody knows which clouds.
+        discard()?;
+        JournalFile::create(&path, &this)?;
+    }
+    let (file, header, recorded) = JournalFile::open(&path)?;
+    refuse_another(folder, &header, &this)?;
+    Ok((header, Journal::start(file)?, recorded))
+}
+
+fn refuse_another(folder: &Path, then: &Header, now: &Header) -> Result<(), RunError> {
+    let folder = folder.to_owned();
+    if then.search != now.search {
+        let difference = difference(&then.search, &now.search);
+        return Err(RunError::OtherSearch { folder, difference });
+    }
+    if then.evaluation_version != now.evaluation_version {
+        return Err(RunError::OtherVersion { folder, then: then.evaluation_version });
+    }
+    if then.data_digest != now.data_digest {
+        let (then, now) = (then.data_digest.clone(), now.data_digest.clone());
+        return Err(RunError::OtherData { folder, then, now });
+    }
+    Ok(())
+}
+
+/// The journal of a finished run has served: its tables have everything.
+pub fn remove_journal(folder: &Path) {
+    if let Err(error) = fs::remove_file(folder.join(JOURNAL_FILE)) {
+        tracing::warn!("{}: cannot be removed, got {error}", folder.join(JOURNAL_FILE).display());
+    }
+}
+
+/// What the run or sweep in a folder was started with, finished or not.
+pub fn recorded_plan(folder: &Path, overrides: Overrides) -> Result<Plan, RunError> {
+    if let Some(record) = recorded_sweep(folder)? {
+        return Ok(Plan::from_record(&record, folder, overrides)?);
+    }
+    let record = match results::read_run(folder) {
+        Ok(finished) => finished.row.resolved_toml,
+        Err(results::Error::Unfinished(_)) => {
+            let path = folder.join(JOURNAL_FILE);
+            if !path.is_file() {
+                let folder = folder.to_owned();
+                return Err(match folder.parent().filter(|parent| parent.join(SWEEP_FILE).is_file()) {
+                    Some(sweep) => RunError::MemberOfSweep { sweep: sweep.to_owned(), folder },
+                    None => RunError::NothingToResume { folder },
+                });
+            }
+            JournalFile::header(&path)?.experiment
+        }
+        Err(error) => return Err(error.into()),
+    };
+    Ok(Plan::from_record(&record, folder, overrides)?)
+}

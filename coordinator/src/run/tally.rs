@@ -1,0 +1,61 @@
+//! What the runs of a sweep have done together, for the live line that they share.
+
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+/// Counts over all runs of a sweep.
+pub struct Tally {
+    runs: usize,
+    started: Instant,
+    counts: Mutex<Counts>,
+}
+
+#[derive(Default)]
+struct Counts {
+    finished: usize,
+    generations: u64,
+    evaluated: u64,
+    workers: usize,
+}
+
+impl Tally {
+    /// Of so many runs, of which some are finished already.
+    pub fn new(runs: usize, finished: usize) -> Self {
+        let counts = Mutex::new(Counts { finished, ..Counts::default() });
+        Self { runs, started: Instant::now(), counts }
+    }
+
+    /// A run was told answers.
+    pub fn evaluated(&self, answers: u64, workers: usize) {
+        let mut counts = self.counts();
+        counts.evaluated += answers;
+        counts.workers = workers;
+    }
+
+    /// A run has completed a generation; how many all have.
+    pub fn generation_done(&self) -> u64 {
+        let mut counts = self.counts();
+        counts.generations += 1;
+        counts.generations
+    }
+
+    /// A run is finished.
+    pub fn run_done(&self) {
+        self.counts().finished += 1;
+    }
+
+    /// Two lines that fit 80 columns.
+    pub fn lines(&self) -> [String; 2] {
+        let Counts { finished, generations, evaluated, workers } = *self.counts();
+        let rate = evaluated as f64 / self.started.elapsed().as_secs_f64().max(1e-3);
+        let noun = if workers == 1 { "worker" } else { "workers" };
+        [
+            format!("{finished} of {} runs finished, {generations} generations", self.runs),
+            format!("{evaluated} evaluated | {workers} {noun}, {rate:.1}/s"),
+        ]
+    }
+
+    fn counts(&self) -> MutexGuard<'_, Counts> {
+        self.counts.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}

@@ -1,0 +1,242 @@
+//! Leases: who gets a job, and how a lease ends.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use proto::{JobId, Lease, WorkerId};
+
+use super::Scheduler;
+use super::event::{Attempt, AttemptEnd, What};
+use super::job::Job;
+use crate::task::Task;
+
+/// A job is given to an idle second worker when it has run for this many times the median of its kind.
+const PATIENCE: f64 = 1.5;
+
+impl Scheduler {
+    /// Leases of up to `wanted` jobs.
+    pub(super) fn lease_jobs(
+        &mut self,
+        id: WorkerId,
+        wanted: usize,
+        now: Instant,
+    ) -> Vec<(Lease, Arc<Task>)> {
+        let mut leased = Vec::new();
+        while leased.len() < wanted
+            && let Some(job) = self.next_job(id, now)
+        {
+            leased.extend(self.lease(id, job, now));
+        }
+        let busy = self.workers.get(&id).is_some_and(|worker| !worker.is_idle());
+        self.queue.set_hungry(id, (wanted > 0 && leased.is_empty()).then_some(busy));
+        leased
+    }
+
+    /// The job that this worker should take next.
+    pub(super) fn next_job(&self, id: WorkerId, now: Instant) -> Option<JobId> {
+        let idle = self.workers.get(&id)?.is_idle();
+        // A job taken ahead waits behind another: as long as a worker has none at all, it is better off there.
+        if !idle && self.queue.waiting() <= self.idle {
+            return None;
+        }
+        let waiting = self.queue.in_order().find(|job| self.may_take(id, *job));
+        // Only who has nothing else to do doubles the work of another.
+        waiting.or_else(|| self.queue.overdue(now).find(|job| idle && self.may_take(id, *job)))
+    }
+
+    /// Whether a worker may take a job that wants one: it must neither work on it nor have answered it, and a job that
+    /// failed on it goes to another, as long as there is one that may take it.
+    fn may_take(&self, id: WorkerId, job: JobId) -> bool {
+        let job = &self.jobs[&job];
+        let tried = |worker: WorkerId| job.answered_by(worker) || job.failed_on(worker);
+        !job.answered_by(id)
+            && job.lease_of(id).is_none()
+            && (!job.failed_on(id) || self.workers.keys().all(|worker| tried(*worker)))
+    }
+
+    fn lease(&mut self, id: WorkerId, job_id: JobId, now: Instant) -> Option<(Lease, Arc<Task>)> {
+        let job = self.jobs.get_mut(&job_id)?;
+        let (attempt, task) = (job.hand_out(id, now), Arc::clone(&job.task));
+        self.queue.serve(job.place);
+        self.book_lease(job_id, id, attempt, now);
+        Some((Lease { job: job_id, attempt }, task))
+    }
+
+    pub(super) fn book_lease(&mut self, job_id: JobId, id: WorkerId, attempt: u32, now: Instant) {
+        if let (Some(job), Some(worker)) = (self.jobs.get_mut(&job_id), self.workers.get_mut(&id)) {
+            job.leases.push((id, attempt));
+            self.idle -= usize::from(worker.is_idle());
+            worker.take(job_id, attempt, now);
+            self.refile(job_id);
+        }
+    }
+
+    /// Brings the leases on our books in line with those the worker says it holds; returns those that it should drop.
+    pub(super) fn reconcile(&mut self, id: WorkerId, held: &[Lease], now: Instant) -> Vec<Lease> {
+        let booked = self.workers.get(&id).map_or_else(Vec::new, |worker| worker.leases().to_vec());
+        for (job, attempt) in booked {
+            if !held.contains(&Lease { job, attempt }) {
+                self.release(job, id, AttemptEnd::Undelivered, now);
+            }
+        }
+        let mut revoked = Vec::new();
+        for &lease in held {
+            let job = self.jobs.get(&lease.job);
+            match job.and_then(|job| job.lease_of(id)) {
+                Some(attempt) if attempt == lease.attempt => {}
+                // Given up while the worker was out of reach, and nobody else has begun: it may go on.
+                None if job.is_some_and(|job| may_go_on(job, id, lease.attempt)) => {
+                    self.book_lease(lease.job, id, lease.attempt, now);
+                }
+                _ => revoked.push(lease),
+            }
+        }
+        revoked
+    }
+
+    /// Gives up the leases that have gone on for longer than any job may.
+    pub(super) fn expire_leases(&mut self, now: Instant) {
+        let in_hand = self.workers.iter().filter_map(|(id, worker)| Some((*id, worker.in_hand()?)));
+        let late = in_hand.filter(|(_, (_, since))| now.saturating_duration_since(*since) > self.limits.job);
+        for (holder, (job, _)) in late.collect::<Vec<_>>() {
+            self.release(job, holder, AttemptEnd::Overdue, now);
+            let failure = format!("{}: no result within {} s", self.label(holder), self.limits.job.as_secs());
+            self.count_failure(job, holder, failure);
+        }
+    }
+
+    /// Ends a lease without an answer.
+    pub(super) fn release(&mut self, job: JobId, holder: WorkerId, end: AttemptEnd, now: Instant) {
+        self.end_lease(job, holder, end, None, now);
+        self.refile(job);
+    }
+
+    /// Takes a lease off the books. The caller files the job anew.
+    pub(super) fn end_lease(
+        &mut self,
+        job_id: JobId,
+        id: WorkerId,
+        end: AttemptEnd,
+        run_seconds: Option<f64>,
+        now: Instant,
+    ) {
+        let Some(job) = self.jobs.get_mut(&job_id) else { return };
+        let Some(attempt) = job.lease_of(id) else { return };
+        job.leases.retain(|(holder, _)| *holder != id);
+        let (kind, mut ran) = (job.task.likeness(), None);
+        let mut next = None;
+        if let Some(worker) = self.workers.get_mut(&id) {
+            ran = worker.works_on(job_id).map(|since| now.saturating_duration_since(since));
+            worker.put_down(job_id, now);
+            if worker.is_idle() {
+                self.idle += 1;
+                self.queue.comes_free(id);
+            }
+            next = worker.in_hand().map(|(job, _)| job);
+        }
+        self.note_attempt(job_id, id, attempt, end.clone(), run_seconds, now);
+        if let Some(next) = next {
+            self.refile(next);
+        }
+        let answered = matches!(end, AttemptEnd::Answered | AttemptEnd::Agreed);
+        if let Some(ran) = ran.filter(|_| answered)
+            && self.run_times.add(kind, ran)
+        {
+            self.refile_all(); // until then nobody knew how long is too long
+        }
+    }
+
+    pub(super) fn note_attempt(
+        &mut self,
+        job_id: JobId,
+        id: WorkerId,
+        number: u32,
+        end: AttemptEnd,
+        run_seconds: Option<f64>,
+        now: Instant,
+    ) {
+        let worker = self.label(id);
+        let Some(job) = self.jobs.get(&job_id) else { return };
+        let Some(handed_out) = job.handed_out_at(id, number) else { return };
+        let task = Arc::clone(&job.task);
+        let attempt = Attempt { job: job_id, number, task, worker, handed_out, end, run_seconds };
+        self.events.add(now, What::Attempt(attempt));
+    }
+
+    /// Puts a job where it belongs after any change: among those that wait, among those a second worker may take, or
+    /// away, when its answer is delivered and nobody works on it.
+    pub(super) fn refile(&mut self, id: JobId) {
+        let Some(job) = self.jobs.get(&id) else { return };
+        let needs = job.needs();
+        if job.delivered && needs == 0 && job.leases.is_empty() {
+            return self.forget(id);
+        }
+        let hedge_from = match job.leases[..] {
+            [(holder, attempt)] if needs == 1 => self.hedge_from(id, job, holder, attempt),
+            _ => None,
+        };
+        let (place, waits) = (job.place, needs > job.leases.len());
+        let Some(job) = self.jobs.get_mut(&id) else { return };
+        let before = std::mem::replace(&mut job.hedge_from, hedge_from);
+        self.queue.move_covered(id, before, hedge_from);
+        self.queue.set_waiting(place, id, waits);
+    }
+
+    /// From when on an idle worker may take the job that this one has: at once while it waits behind another; when it
+    /// takes too long otherwise, as far as it is known what that is.
+    fn hedge_from(&self, id: JobId, job: &Job, holder: WorkerId, attempt: u32) -> Option<Instant> {
+        match self.workers.get(&holder)?.works_on(id) {
+            None => job.handed_out_at(holder, attempt),
+            Some(since) => {
+                let median = self.run_times.median(job.task.likeness())?;
+                Some(since + median.mul_f64(PATIENCE).max(Duration::from_millis(1)))
+            }
+        }
+    }
+
+    pub(super) fn refile_all(&mut self) {
+        for id in self.jobs.keys().copied().collect::<Vec<_>>() {
+            self.refile(id);
+        }
+    }
+
+    /// Drops a job from every list.
+    pub(super) fn forget(&mut self, id: JobId) {
+        let Some(job) = self.jobs.remove(&id) else { return };
+        self.queue.move_covered(id, job.hedge_from, None);
+        self.queue.set_waiting(job.place, id, false);
+        self.disputed.remove(&id);
+    }
+}
+
+/// Whether a worker that was out of reach may go on with an attempt that was given up.
+fn may_go_on(job: &Job, id: WorkerId, attempt: u32) -> bool {
+    job.needs() > job.leases.len()
+        && job.handed_out_at(id, attempt).is_some()
+        && !job.answered_by(id)
+        && !job.failed_on(id)
+}
+
+#[cfg(test)]
+impl Scheduler {
+    /// Whether all lists say the same.
+    pub(super) fn check_books(&self) {
+        let idle = self.workers.values().filter(|worker| worker.is_idle()).count();
+        assert_eq!(self.idle, idle, "idle workers");
+        for (id, worker) in &self.workers {
+            for (job, attempt) in worker.leases() {
+                assert_eq!(self.jobs[job].lease_of(*id), Some(*attempt), "{id} and job {job}");
+            }
+        }
+        for (id, job) in &self.jobs {
+            for (holder, attempt) in &job.leases {
+                assert!(self.workers[holder].leases().contains(&(*id, *attempt)), "job {id} and {holder}");
+            }
+            let waits = self.queue.in_order().any(|waiting| waiting == *id);
+            assert_eq!(waits, job.needs() > job.leases.len(), "job {id} waits");
+            assert!(!job.delivered || job.needs() > 0 || !job.leases.is_empty(), "job {id} is over");
+        }
+        assert!(self.queue.waiting() <= self.jobs.len());
+        assert!(self.disputed.iter().all(|id| self.jobs[id].is_disputed() && self.jobs[id].needs() > 0));
+    }
+}

@@ -1,0 +1,115 @@
+//! What goes into the scheduler and what comes out of it.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use proto::{JobId, Lease};
+
+use crate::task::{Task, TaskResult};
+
+/// What one worker says in one poll.
+#[derive(Debug, Default)]
+pub struct Poll {
+    /// Grows with each poll of a worker.
+    pub sequence: u64,
+    /// Every lease the worker holds.
+    pub held: Vec<Lease>,
+    /// Finished and not acknowledged.
+    pub finished: Vec<Report>,
+    /// How many more jobs the worker would take.
+    pub wanted: usize,
+    /// The worker is about to stop.
+    pub leaving: bool,
+}
+
+/// A finished lease.
+#[derive(Clone, Debug)]
+pub struct Report {
+    /// Which lease.
+    pub lease: Lease,
+    /// Seconds on the worker's clock.
+    pub run_seconds: f64,
+    /// The answer, or why there is none.
+    pub outcome: Result<TaskResult, String>,
+}
+
+/// What a poll is answered with.
+#[derive(Debug, Default)]
+pub struct Answer {
+    /// Reports that need not be sent again.
+    pub acknowledged: Vec<Lease>,
+    /// Leases that are no longer wanted.
+    pub revoked: Vec<Lease>,
+    /// New leases.
+    pub jobs: Vec<(Lease, Arc<Task>)>,
+}
+
+impl Answer {
+    /// Whether it says nothing, so that it may as well be held back.
+    pub fn is_empty(&self) -> bool {
+        self.acknowledged.is_empty() && self.revoked.is_empty() && self.jobs.is_empty()
+    }
+}
+
+/// Why a poll is not answered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PollRefusal {
+    /// The worker has to register first.
+    UnknownWorker,
+    /// A newer poll of the same worker was seen.
+    Stale,
+    /// The worker gave a wrong answer.
+    Quarantined,
+}
+
+/// Why a worker is not registered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RegisterRefusal {
+    /// There are as many as there may be.
+    Full,
+    /// The worker gave a wrong answer.
+    Quarantined,
+}
+
+/// A job that is done.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Finished<R = TaskResult> {
+    /// Which job.
+    pub job: JobId,
+    /// The answer that counts.
+    pub result: R,
+    /// Label of the worker that gave it first.
+    pub worker: String,
+    /// Which attempt it was.
+    pub attempt: u32,
+    /// From submission to the lease of the attempt that gave the answer.
+    pub queued: Duration,
+    /// Seconds on the worker's clock.
+    pub run_seconds: f64,
+    /// As many workers agree as have to. `false`: it was taken because there was nobody else to ask, and is in doubt.
+    pub settled: bool,
+}
+
+/// A job that failed as often as the limit allows.
+#[derive(Clone, Debug, PartialEq)]
+pub struct JobFailed {
+    /// What was asked.
+    pub task: Arc<Task>,
+    /// `worker: reason` of every failure, oldest first.
+    pub failures: Vec<String>,
+}
+
+/// Whether anybody is there to work.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Staffing {
+    /// At least one worker.
+    Staffed,
+    /// No worker has joined yet.
+    NotYet,
+    /// The last worker was lost this long ago, and there is still time for another to join.
+    Lost(Duration),
+    /// The grace after the loss of the last worker is over.
+    GraceOver,
+    /// Workers disagree, and none that could decide has joined within the grace.
+    Undecided,
+}

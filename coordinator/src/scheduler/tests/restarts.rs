@@ -1,0 +1,81 @@
+//! A scheduler that goes on where an earlier start of the coordinator ended.
+
+use super::*;
+use crate::journal::{Member, Recorded};
+
+fn answered(label: &str) -> Finished {
+    let result = EvaluationResult { queries: 10, object_correct: 4, category_correct: 6, matches: vec![] };
+    Finished {
+        job: JobId(1),
+        result: TaskResult::Evaluation(result),
+        worker: label.to_owned(),
+        attempt: 1,
+        queued: Duration::ZERO,
+        run_seconds: 1.0,
+        settled: true,
+    }
+}
+
+/// A scheduler that goes on: worker 1 was there, and held attempt 2 of the job that is submitted next.
+fn resumed() -> (Bench, Lease) {
+    let mut bench = Bench::new(0);
+    let lease = Lease { job: evaluation().job(0), attempt: 2 };
+    let introduction = Introduction::sample("host");
+    let member = Member { label: "host".to_owned(), introduction };
+    let mut recorded = Recorded {
+        members: [(worker(1), member)].into(),
+        leases: vec![(Lease { attempt: 1, ..lease }, worker(9)), (lease, worker(1))],
+        ..Recorded::default()
+    };
+    // A worker that has answered and gone, and one that was wrong.
+    recorded.quarantined = [worker(8)].into();
+    recorded.accepted = [JobId(1), JobId(2)].into_iter().zip(["host", "host-2"].map(answered)).collect();
+    bench.scheduler.restore(&recorded, bench.now);
+    assert_eq!(bench.submit(), lease.job);
+    (bench, lease)
+}
+
+#[test]
+fn a_lease_of_an_earlier_start_stays_with_its_worker() {
+    let (mut bench, lease) = resumed();
+    bench.join(2).unwrap();
+    assert!(bench.poll(2, &[], 1).jobs.is_empty());
+    let answer = bench.poll(1, &[lease], 0);
+    assert!(answer.revoked.is_empty());
+    bench.report(1, lease, good());
+    let finished = bench.scheduler.drain_finished();
+    assert_eq!((finished[0].worker.as_str(), finished[0].attempt), ("host", 2));
+}
+
+#[test]
+fn a_worker_that_does_not_come_back_after_a_restart_loses_its_lease_and_attempts_go_on() {
+    let (mut bench, lease) = resumed();
+    bench.join(2).unwrap();
+    for _ in 0..=LIMITS.lease.as_secs() {
+        bench.poll(2, &[], 0);
+        bench.pass(1);
+    }
+    assert_eq!(bench.take(2), Lease { attempt: 3, ..lease });
+    // Names under which results are recorded are not given again.
+    assert_eq!(bench.join(3).as_deref(), Ok("host-4"));
+}
+
+#[test]
+fn a_worker_that_was_quarantined_before_a_restart_stays_so() {
+    let (mut bench, _) = resumed();
+    assert_eq!(bench.join(8).unwrap_err(), RegisterRefusal::Quarantined);
+    bench.join(7).unwrap();
+}
+
+#[test]
+fn a_lease_that_no_start_has_recorded_is_taken_over_and_an_impossible_one_is_not() {
+    let (mut bench, lease) = resumed();
+    bench.poll(1, &[], 0); // it never got the job
+    bench.join(2).unwrap();
+    let [unrecorded, invented] = [3, 2 + UNRECORDED + 1].map(|attempt| Lease { attempt, ..lease });
+    assert_eq!(bench.poll(2, &[invented], 0).revoked, [invented]);
+    assert!(bench.poll(2, &[unrecorded], 0).revoked.is_empty());
+    assert!(bench.poll(1, &[], 1).jobs.is_empty());
+    bench.report(2, unrecorded, good());
+    assert_eq!(bench.scheduler.drain_finished()[0].attempt, 3);
+}

@@ -1,0 +1,247 @@
+//! Several runs at once: one cluster, one journal, a client and a run folder for each of them.
+
+mod summary;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::{Instant, SystemTime};
+use std::{fs, io};
+
+use futures_util::future::try_join_all;
+use results::RunFolder;
+use worker::store::Store;
+
+use crate::dataset::{Dataset, Wanted};
+use crate::experiment::{LocalWorkers, Member, Overrides, Plan, Sweep};
+use crate::memory::Known;
+use crate::run::place::{chosen, claim, read_bounded, refuse_another, write_whole};
+use crate::run::progress::Progress;
+use crate::run::summary::Summary;
+use crate::run::tally::Tally;
+use crate::run::{
+    DataError, Matching, RunAtWork, RunError, RunOptions, Start, Workplace, compare_with_data, finished,
+    host, in_time, listen, open_data, open_journal, refuse_other_data, remove_journal, rows,
+};
+pub use summary::SweepSummary;
+
+/// File in the folder of a sweep that tells it in full.
+pub const SWEEP_FILE: &str = "sweep.toml";
+
+/// The folder of a sweep: `out`, or one that the same sweep finds again; `fresh`: one that is not there.
+pub fn folder(sweep: &Sweep, out: Option<PathBuf>, fresh: bool) -> PathBuf {
+    chosen(sweep.base().results_dir(), &sweep.folder_name(), out, fresh)
+}
+
+/// The sweep that a folder was made for, in full, if it is one of a sweep.
+pub fn recorded_sweep(folder: &Path) -> Result<Option<String>, RunError> {
+    let path = folder.join(SWEEP_FILE);
+    match read_bounded(&path) {
+        Ok(record) => Ok(Some(record)),
+        Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
+            Ok(None)
+        }
+        Err(source) => Err(RunError::File { path, source }),
+    }
+}
+
+/// The folders of the runs in a folder: of a sweep, those of its members with their names; else the folder itself.
+pub fn run_folders(folder: &Path) -> Result<Vec<(String, PathBuf)>, RunError> {
+    let Some(record) = recorded_sweep(folder)? else { return Ok(vec![(String::new(), folder.to_owned())]) };
+    let Plan::Sweep(sweep) = Plan::from_record(&record, folder, Overrides::default())? else {
+        return Err(RunError::NothingToResume { folder: folder.to_owned() });
+    };
+    let members = sweep.members().into_iter();
+    Ok(members.map(|Member { name, .. }| (name.clone(), folder.join(name))).collect())
+}
+
+/// Runs all members of a sweep to their stop reasons; those that are finished are only shown again.
+pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, RunError> {
+    let (now, started_at, base) = (Instant::now(), SystemTime::now(), sweep.base());
+    let store = Arc::new(Store::open(&options.storage, &host()));
+    let out = folder(sweep, options.out.clone(), options.fresh);
+    let members = sweep.members();
+    refuse_another(&out, &sweep.search_toml())?;
+    if let Some(summaries) = already_finished(&out, sweep, &members, &store)? {
+        return Ok(SweepSummary { summaries, out });
+    }
+    let generations = members.iter().map(|member| member.experiment.stop().generations);
+    let mut progress = Progress::new(generations.fold(0, u32::saturating_add));
+    let local_workers = base.coordinator().local_workers;
+    let can_do_alone = local_workers != LocalWorkers::Count(0);
+    let door = listen(base.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
+    let dataset = open_data(base, Wanted::All, Some(&store), |line| progress.say(line))?;
+    let validates = |member: &Member| member.experiment.stop().validation_patience.is_some();
+    if members.iter().any(validates) && dataset.splits.validation.is_empty() {
+        return Err(RunError::NoValidation);
+    }
+    make_folder(&out, sweep)?;
+    let texts = (sweep.search_toml(), sweep.record_toml());
+    let (header, journal, recorded) = open_journal(texts, &dataset, &out, started_at, || Ok(()))?;
+    let (trusted, begun) = (recorded.trusted, recorded.starts > 1);
+    let start = Start { now, first: header.started_at, before: recorded.at_work };
+    if begun {
+        let there = recorded.accepted.len();
+        let out = out.display();
+        progress.say(&format!("{out}: unfinished, goes on with the {there} evaluations that are there"));
+    }
+
+    let (mut summaries, folders) = open_folders(&out, &members, &dataset, (begun, trusted))?;
+    let past = (header.session, journal, recorded);
+    let memory = options.storage.memory;
+    let mut workplace =
+        Workplace::with_journal(past, base, &dataset, Arc::clone(&store), memory).map_err(DataError::from)?;
+    if let Some(door) = door {
+        workplace.open(door).await;
+    }
+    let memory = |matching| workplace.splits.memory(&store, base.preprocess(), matching);
+    let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
+    let known = Known { train: train_memory.recall(), validation: validation_memory.recall() };
+    let tally = Arc::new(Tally::new(members.len(), summaries.len()));
+    let (dataset, remembered) = (&dataset, &known);
+    workplace.cluster.share();
+    let clients: Vec<_> = folders.iter().map(|_| workplace.cluster.client()).collect();
+    let mut crew = workplace.staff(local_workers);
+    if !can_do_alone {
+        progress.say("waiting for a worker");
+    }
+    let workplace = &workplace;
+    let at_work = |((place, folder), client): ((usize, RunFolder), _)| {
+        let Member { name, experiment } = &members[place];
+        let progress = progress.of_member(name, experiment.stop().generations, &tally);
+        (place, RunAtWork { experiment, dataset, workplace, remembered, client, folder, progress, start })
+    };
+    let mut runs: Vec<(usize, RunAtWork<'_>)> = folders.into_iter().zip(clients).map(at_work).collect();
+    let work = async {
+        if let Some((_, run)) = runs.first() {
+            progress.wait_for_worker(&run.client).await;
+        }
+        run_all(&mut runs, &tally).await
+    };
+    let ended = in_time(base.coordinator().deadline, crew.during(work)).await;
+    if ended.is_err() {
+        runs.iter().for_each(|(_, run)| run.tell_what_happened());
+    }
+    let done = ended?;
+    crew.stop().await;
+    progress.finish();
+
+    remove_journal(&out);
+    let trusted = workplace.cluster.is_trusted();
+    for (place, summary, found) in done {
+        summaries.push((place, summary));
+        // Not before all are finished, as none of them was told a wrong answer that is known to be one.
+        if trusted {
+            train_memory.keep(&found.train);
+            validation_memory.keep(&found.validation);
+        }
+    }
+    summaries.sort_by_key(|(place, _)| *place);
+    let named = |(place, summary): (usize, Summary)| (members[place].name.clone(), summary);
+    Ok(SweepSummary { summaries: summaries.into_iter().map(named).collect(), out })
+}
+
+/// Something of each member, by its place among them.
+type ByPlace<T> = Vec<(usize, T)>;
+
+/// Opens the run folders of all members; gives the summaries of those that are finished. `begun`: the journal has what
+/// they rest on; `trusted`: no worker was found to be wrong.
+fn open_folders(
+    out: &Path,
+    members: &[Member],
+    dataset: &Dataset,
+    (begun, trusted): (bool, bool),
+) -> Result<(ByPlace<Summary>, ByPlace<RunFolder>), RunError> {
+    let (mut summaries, mut folders) = (Vec::new(), Vec::new());
+    for (place, Member { name, experiment }) in members.iter().enumerate() {
+        let mut folder = RunFolder::create(out.join(name), &rows::gene_columns())?;
+        claim(folder.path(), &experiment.search_toml())?;
+        // One that was finished before a worker was found to be wrong may rest on what that worker answered.
+        if let Some(summary) = finished(folder.path(), experiment)?.filter(|_| trusted) {
+            refuse_other_data(folder.path(), &summary.run.data_digest, dataset)?;
+            summaries.push((place, summary));
+            continue;
+        }
+        if !begun || folder.is_finished() {
+            folder.discard()?; // tables without a journal are of nobody knows which clouds
+        }
+        folders.push((place, folder));
+    }
+    Ok((summaries, folders))
+}
+
+/// A run that is finished: its place among the members, and what its search has seen.
+type Done = (usize, Summary, Known);
+
+/// Runs all of them side by side, and those again that were told answers that turned out to be wrong after they had
+/// finished.
+async fn run_all(runs: &mut [(usize, RunAtWork<'_>)], tally: &Tally) -> Result<Vec<Done>, RunError> {
+    let mut done = try_join_all(runs.iter_mut().map(|(place, run)| run_one(*place, run, tally))).await?;
+    loop {
+        let mut again = Vec::new();
+        for (place, run) in &mut *runs {
+            if run.client.begins_again() {
+                run.progress.say("is searched again: answers that it was given were wrong");
+                run.folder.discard()?;
+                done.retain(|(finished, ..)| finished != place);
+                again.push(run_one(*place, run, tally));
+            }
+        }
+        if again.is_empty() {
+            return Ok(done);
+        }
+        done.extend(try_join_all(again).await?);
+    }
+}
+
+async fn run_one(place: usize, run: &mut RunAtWork<'_>, tally: &Tally) -> Result<Done, RunError> {
+    let searched = run.search().await;
+    let finished = searched.and_then(|outcome| {
+        run.client.rest();
+        Ok((run.finish(&outcome)?, outcome.found.known))
+    });
+    match finished {
+        Ok((summary, known)) => {
+            tally.run_done();
+            run.progress.say(&format!("finished after generation {}", summary.run.generations));
+            Ok((place, summary, known))
+        }
+        Err(error) => {
+            run.progress.say("ended with an error"); // which of them, the error itself does not know
+            Err(error)
+        }
+    }
+}
+
+/// The summaries of all members, if all are finished.
+fn already_finished(
+    out: &Path,
+    sweep: &Sweep,
+    members: &[Member],
+    store: &Store,
+) -> Result<Option<Vec<(String, Summary)>>, RunError> {
+    // A journal is there until the last of them is sure.
+    if recorded_sweep(out)?.is_none() || out.join(crate::journal::JOURNAL_FILE).exists() {
+        return Ok(None);
+    }
+    let mut summaries = Vec::new();
+    for Member { name, experiment } in members {
+        match finished(&out.join(name), experiment)? {
+            Some(summary) => summaries.push(summary),
+            None => return Ok(None),
+        }
+    }
+    compare_with_data(&mut summaries, sweep.base(), store)?;
+    eprintln!("{}: this sweep is finished; --fresh starts another", out.display());
+    Ok(Some(members.iter().map(|member| member.name.clone()).zip(summaries).collect()))
+}
+
+/// Makes the folder and marks it as this sweep's, unless it is another's.
+fn make_folder(out: &Path, sweep: &Sweep) -> Result<(), RunError> {
+    fs::create_dir_all(out).map_err(|source| RunError::File { path: out.to_owned(), source })?;
+    claim(out, &sweep.search_toml())?;
+    let path = out.join(SWEEP_FILE);
+    if path.exists() {
+        return Ok(());
+    }
+    write_whole(&path, &sweep.record_toml()).map_err(|source| RunError::File { path, source })
+}

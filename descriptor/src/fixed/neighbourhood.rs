@@ -1,0 +1,88 @@
+//! The points about one keypoint, copied together so that loops over them, and over pairs of them, are dense.
+
+use pulp::NullaryFnOnce;
+
+use crate::surface::{BLOCK, Surface};
+use crate::wide::widest;
+
+/// Neighbours that a kernel looks at together, each in a lane of its own.
+pub(super) const GROUP: usize = 32;
+
+/// The neighbours of one keypoint, in the order of the surface; kept to be filled again.
+///
+/// The lists go on for [`GROUP`] zeros after the last neighbour, so that a whole group begins at every neighbour.
+#[derive(Default)]
+pub(super) struct Neighbourhood {
+    /// x, y, z, metres.
+    pub(super) position: [Vec<f32>; 3],
+    /// x, y, z of the normals.
+    pub(super) normal: [Vec<f32>; 3],
+    /// Where the neighbours are on the surface.
+    places: Vec<u32>,
+}
+
+impl Neighbourhood {
+    /// Fills it with the points whose d² to `centre` is above `beyond` and at most `limit`, square metres.
+    pub(super) fn fill(&mut self, surface: &Surface, centre: [f32; 3], [beyond, limit]: [f32; 2]) {
+        self.places.clear();
+        let mut d2 = [0.0; BLOCK];
+        let mut selected = [0u32; BLOCK];
+        for block in surface.blocks(centre, limit) {
+            let position = surface.position.each_ref().map(|values| &values[block.clone()]);
+            widest(SquaredDistances { position, centre, d2: &mut d2 });
+            // Free of branches: about half of the points are neighbours, in no pattern a processor could predict.
+            let mut count = 0;
+            for (place, &d2) in (block.start as u32..).zip(&d2[..block.len()]) {
+                selected[count % BLOCK] = place;
+                count += usize::from((d2 > beyond) & (d2 <= limit));
+            }
+            self.places.extend_from_slice(&selected[..count]);
+        }
+        for axis in 0..3 {
+            copy(&self.places, &surface.position[axis], &mut self.position[axis]);
+            copy(&self.places, &surface.normal[axis], &mut self.normal[axis]);
+        }
+    }
+
+    /// Number of neighbours.
+    pub(super) fn len(&self) -> usize {
+        self.places.len()
+    }
+
+    /// Fills a list with the neighbours' values out of those of the whole surface.
+    pub(super) fn take<T: Copy + Default>(&self, of_surface: &[T], list: &mut Vec<T>) {
+        copy(&self.places, of_surface, list);
+    }
+}
+
+fn copy<T: Copy + Default>(places: &[u32], from: &[T], list: &mut Vec<T>) {
+    list.clear();
+    list.extend(places.iter().map(|&place| from[place as usize]));
+    list.resize(places.len() + GROUP, T::default());
+}
+
+/// The group of a list that begins at `start`.
+#[inline(always)]
+pub(super) fn group<T>(list: &[T], start: usize) -> &[T; GROUP] {
+    &list[start..start + GROUP].as_chunks().0[0]
+}
+
+/// The kernel of [`Neighbourhood::fill`].
+struct SquaredDistances<'a> {
+    position: [&'a [f32]; 3],
+    centre: [f32; 3],
+    d2: &'a mut [f32; BLOCK],
+}
+
+impl NullaryFnOnce for SquaredDistances<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let ([x, y, z], [cx, cy, cz]) = (self.position, self.centre);
+        for (((d2, &x), &y), &z) in self.d2.iter_mut().zip(x).zip(y).zip(z) {
+            let (x, y, z) = (x - cx, y - cy, z - cz);
+            *d2 = x * x + y * y + z * z;
+        }
+    }
+}

@@ -1,0 +1,81 @@
+//! The points of a cloud that have a normal, value by value, in blocks that know where they are.
+
+use std::ops::Range;
+
+use crate::Cloud;
+use crate::cubes::Cubes;
+use crate::prepare::{Normals, PrepareError};
+
+/// Points that are passed over together if none of them can be a neighbour.
+pub(crate) const BLOCK: usize = 64;
+
+/// Points above which blocks are made of neighbouring points; below it, looking at all of them costs less.
+pub(crate) const SORTED_ABOVE: usize = 20_000;
+
+/// What neighbours are looked for in.
+#[derive(Default)]
+pub(crate) struct Surface {
+    /// x, y, z of every point, metres.
+    pub(crate) position: [Vec<f32>; 3],
+    /// x, y, z of every point's normal.
+    pub(crate) normal: [Vec<f32>; 3],
+    /// Index of every point in the cloud.
+    pub(crate) indices: Vec<u32>,
+    /// Lowest and highest corner of every [`BLOCK`] points.
+    boxes: Vec<[[f32; 3]; 2]>,
+}
+
+impl Surface {
+    /// Takes the points that have a normal, in the cloud's order, or, of clouds of more than `sorted_above` points,
+    /// sorted into cubes that suit searches within `reach` metres.
+    ///
+    /// # Errors
+    /// [`PrepareError::TooManyPoints`] if the points cannot be counted in 32 bits.
+    pub(crate) fn new(
+        cloud: &Cloud,
+        normals: &Normals,
+        reach: f64,
+        sorted_above: usize,
+    ) -> Result<Self, PrepareError> {
+        let order: Vec<u32> = if cloud.len() > sorted_above {
+            Cubes::new(&cloud.points, reach / 8.0, 0)?.order().collect()
+        } else {
+            (0u32..).take(cloud.len()).collect()
+        };
+        let mut surface = Self::default();
+        for index in order {
+            let Some(normal) = normals.cloud[index as usize] else { continue };
+            let point = cloud.points[index as usize];
+            surface.position.iter_mut().zip(point).for_each(|(values, value)| values.push(value));
+            surface.normal.iter_mut().zip(normal).for_each(|(values, value)| values.push(value));
+            surface.indices.push(index);
+        }
+        let [x, y, z] = surface.position.each_ref().map(|values| values.chunks(BLOCK));
+        surface.boxes = x.zip(y).zip(z).map(|((x, y), z)| bounds([x, y, z])).collect();
+        Ok(surface)
+    }
+
+    /// The blocks that hold every point with d² ≤ `reach2`, and some more; at most [`BLOCK`] points each.
+    pub(crate) fn blocks(&self, centre: [f32; 3], reach2: f32) -> impl Iterator<Item = Range<usize>> {
+        let points = self.indices.len();
+        let near =
+            self.boxes.iter().enumerate().filter(move |(_, bounds)| !is_out_of_reach(bounds, centre, reach2));
+        near.map(move |(block, _)| block * BLOCK..points.min((block + 1) * BLOCK))
+    }
+}
+
+fn bounds(values: [&[f32]; 3]) -> [[f32; 3]; 2] {
+    let extreme =
+        |pick: fn(f32, f32) -> f32| values.map(|values| values.iter().copied().reduce(pick).unwrap_or(0.0));
+    [extreme(f32::min), extreme(f32::max)]
+}
+
+/// Whether no point of a box can be a neighbour. Rounds like the distances of points, so that it errs only towards
+/// looking: differences and squares never decrease with the distance along an axis, however they round.
+fn is_out_of_reach([low, high]: &[[f32; 3]; 2], keypoint: [f32; 3], reach2: f32) -> bool {
+    let [x, y, z] = [0, 1, 2].map(|axis| {
+        let outside = keypoint[axis].clamp(low[axis], high[axis]) - keypoint[axis];
+        outside * outside
+    });
+    x + y + z > reach2
+}

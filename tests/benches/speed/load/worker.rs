@@ -1,0 +1,305 @@
+//! A worker that keeps to the protocol and computes nothing: each evaluation takes some time and has an answer that
+//! follows from its parameters.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use descriptor::Parameters;
+use prost::Message as _;
+use proto::v1::coordinator_client::CoordinatorClient;
+use proto::{Digest, v1};
+use tokio::sync::{Mutex, mpsc};
+use tonic::Status;
+use tonic::transport::Channel;
+
+use super::record::{Dispatch, Record, Span, Traffic};
+
+/// What all workers have in common.
+#[derive(Debug)]
+pub struct Manner {
+    /// The coordinator.
+    pub address: String,
+    /// What its jobs take.
+    pub effort: Effort,
+    /// Jobs taken ahead.
+    pub ahead: usize,
+    /// Clouds in split manifests, by digest.
+    pub clouds: Mutex<BTreeMap<Vec<u8>, u32>>,
+}
+
+/// What jobs take.
+#[derive(Clone, Copy, Debug)]
+pub enum Effort {
+    /// Between half and one and a half of this.
+    About(Duration),
+    /// In proportion to what there is to do, seconds.
+    Each {
+        /// Of describing one cloud.
+        cloud: f64,
+        /// Of matching a pair of clouds.
+        pair: f64,
+    },
+}
+
+impl Effort {
+    /// Of a job that describes clouds and matches pairs of them.
+    fn of(self, lease: v1::Lease, clouds: u32, pairs: u64) -> Duration {
+        match self {
+            // A job's name is a hash: its lower half is as good as random.
+            Self::About(time) => time.mul_f64(0.5 + f64::from(lease.job as u32) / f64::from(u32::MAX)),
+            Self::Each { cloud, pair } => {
+                Duration::from_secs_f64(cloud * f64::from(clouds) + pair * pairs as f64)
+            }
+        }
+    }
+}
+
+/// Recognised queries of a descriptor.
+pub fn answer(shape_bins: u32, colour_bins: u32, queries: u32) -> u32 {
+    (shape_bins * 7 + colour_bins) % (queries + 1)
+}
+
+/// One worker over a connection of its own.
+pub struct Worker {
+    client: CoordinatorClient<Channel>,
+    manner: Arc<Manner>,
+    id: [u8; 16],
+    session: Vec<u8>,
+    heartbeat: Duration,
+    sequence: u64,
+    queue: VecDeque<v1::Job>,
+    hand: Option<v1::Lease>,
+    /// Reports that are not acknowledged.
+    finished: Vec<v1::JobReport>,
+    done_sender: mpsc::UnboundedSender<(v1::JobReport, Span)>,
+    done: mpsc::UnboundedReceiver<(v1::JobReport, Span)>,
+    record: Record,
+    /// Descriptions that it has made or fetched.
+    described: Arc<Mutex<BTreeSet<Vec<u8>>>>,
+    traffic: Arc<Traffic>,
+}
+
+impl Worker {
+    /// Connects and registers.
+    pub async fn join(manner: Arc<Manner>, name: String) -> Self {
+        let mut client = CoordinatorClient::connect(manner.address.clone()).await.unwrap();
+        let id: [u8; 16] = rand::random();
+        let introduction = v1::RegisterRequest {
+            protocol_major: proto::PROTOCOL_MAJOR,
+            protocol_minor: proto::PROTOCOL_MINOR,
+            evaluation_version: descriptor::EVALUATION_VERSION,
+            worker_id: id.to_vec(),
+            name,
+            threads: 1,
+            build: "load".to_owned(),
+        };
+        let reply = client.register(introduction).await.unwrap().into_inner();
+        let Some(v1::register_reply::Outcome::Accepted(accepted)) = reply.outcome else {
+            panic!("refused: {reply:?}")
+        };
+        let (done_sender, done) = mpsc::unbounded_channel();
+        Self {
+            client,
+            manner,
+            id,
+            session: accepted.session_id,
+            heartbeat: Duration::from_millis(accepted.heartbeat_milliseconds.into()),
+            sequence: 0,
+            queue: VecDeque::new(),
+            hand: None,
+            finished: Vec::new(),
+            done_sender,
+            done,
+            record: Record::default(),
+            described: Arc::default(),
+            traffic: Arc::default(),
+        }
+    }
+
+    /// Works until the coordinator is gone; what it was told and when.
+    pub async fn work(mut self) -> Record {
+        loop {
+            self.start_next();
+            let request = self.request();
+            self.traffic.sent(request.encoded_len());
+            let (sent, wanted) = (Instant::now(), request.wanted);
+            let mut client = self.client.clone();
+            tokio::select! {
+                biased;
+                // A real worker drops its poll, too: jobs of a reply that was not read are handed out again.
+                Some(done) = self.done.recv() => {
+                    self.finish(done);
+                    continue;
+                }
+                reply = client.poll(request) => match reply {
+                    Ok(reply) => {
+                        let reply = reply.into_inner();
+                        self.traffic.received(reply.encoded_len());
+                        self.absorb(reply, sent, wanted);
+                    }
+                    Err(status) => return self.end(status),
+                },
+            }
+            self.start_next();
+            if self.wanted() == 0 {
+                tokio::select! {
+                    Some(done) = self.done.recv() => self.finish(done),
+                    () = tokio::time::sleep(self.heartbeat) => {}
+                }
+            }
+        }
+    }
+
+    fn wanted(&self) -> usize {
+        (1 + self.manner.ahead).saturating_sub(self.held().count())
+    }
+
+    fn held(&self) -> impl Iterator<Item = v1::Lease> {
+        self.hand.into_iter().chain(self.queue.iter().filter_map(|job| job.lease))
+    }
+
+    fn request(&mut self) -> v1::PollRequest {
+        self.sequence += 1;
+        v1::PollRequest {
+            worker_id: self.id.to_vec(),
+            session_id: self.session.clone(),
+            sequence: self.sequence,
+            held: self.held().collect(),
+            finished: self.finished.clone(),
+            wanted: self.wanted() as u32,
+            leaving: false,
+        }
+    }
+
+    fn absorb(&mut self, reply: v1::PollReply, sent: Instant, wanted: u32) {
+        self.finished.retain(|report| report.lease.is_none_or(|lease| !reply.acknowledged.contains(&lease)));
+        self.queue.retain(|job| job.lease.is_none_or(|lease| !reply.revoked.contains(&lease)));
+        if wanted > 0 && !reply.jobs.is_empty() {
+            self.record.dispatches.push(Dispatch { sent, took: sent.elapsed() });
+        }
+        self.queue.extend(reply.jobs);
+    }
+
+    fn finish(&mut self, (report, span): (v1::JobReport, Span)) {
+        self.hand = None;
+        self.finished.push(report);
+        self.record.spans.push(span);
+    }
+
+    fn start_next(&mut self) {
+        if self.hand.is_some() {
+            return;
+        }
+        let Some(job) = self.queue.pop_front() else { return };
+        self.hand = job.lease;
+        let at_work = AtWork {
+            client: self.client.clone(),
+            manner: Arc::clone(&self.manner),
+            described: Arc::clone(&self.described),
+            traffic: Arc::clone(&self.traffic),
+        };
+        let done = self.done_sender.clone();
+        tokio::spawn(async move {
+            // Nobody listens any more once the coordinator has gone.
+            if let Ok(report) = at_work.carry_out(job).await {
+                let _ = done.send(report);
+            }
+        });
+    }
+
+    fn end(mut self, status: Status) -> Record {
+        self.record.end = Some((Instant::now(), status));
+        self.record.traffic = self.traffic.bytes();
+        self.record
+    }
+}
+
+/// One job under way.
+struct AtWork {
+    client: CoordinatorClient<Channel>,
+    manner: Arc<Manner>,
+    described: Arc<Mutex<BTreeSet<Vec<u8>>>>,
+    traffic: Arc<Traffic>,
+}
+
+impl AtWork {
+    /// Takes the time of a job, and answers.
+    async fn carry_out(&self, job: v1::Job) -> Result<(v1::JobReport, Span), Status> {
+        let (start, lease) = (Instant::now(), job.lease.unwrap());
+        let (took, outcome) = if let Some(shard) = job.description {
+            let clouds = self.clouds_in(std::slice::from_ref(&shard.manifest)).await?;
+            let parts = description(&shard, clouds);
+            self.described.lock().await.insert(Digest::of(&parts).to_vec());
+            let result = v1::DescriptionResult { parts };
+            (self.manner.effort.of(lease, clouds, 0), v1::job_report::Outcome::Description(result))
+        } else {
+            let is_whole = job.evaluation.is_some();
+            let tile = job.tile.unwrap_or_default();
+            let evaluation = job.evaluation.or(tile.evaluation).unwrap();
+            for parts in tile.query_parts.iter().chain(&tile.database_parts) {
+                if self.described.lock().await.insert(parts.clone()) {
+                    self.fetch(parts).await?;
+                }
+            }
+            let queries = self.clouds_in(&evaluation.query).await?;
+            let database = self.clouds_in(&evaluation.database).await?;
+            let clouds = if is_whole { queries + database } else { 0 };
+            let took = self.manner.effort.of(lease, clouds, u64::from(queries) * u64::from(database));
+            (took, v1::job_report::Outcome::Result(result(&evaluation, queries)))
+        };
+        tokio::time::sleep_until((start + took).into()).await;
+        let run_seconds = start.elapsed().as_secs_f64();
+        let report = v1::JobReport { lease: Some(lease), run_seconds, outcome: Some(outcome) };
+        Ok((report, Span { start, end: Instant::now(), took }))
+    }
+
+    /// Number of clouds in split manifests, each of which the first who asks fetches for all.
+    async fn clouds_in(&self, manifests: &[Vec<u8>]) -> Result<u32, Status> {
+        let mut known = self.manner.clouds.lock().await;
+        let mut clouds = 0;
+        for manifest in manifests {
+            if !known.contains_key(manifest) {
+                let bytes = self.fetch(manifest).await?;
+                let split: v1::SplitManifest = prost::Message::decode(&bytes[..]).unwrap();
+                known.insert(manifest.clone(), split.clouds.len() as u32);
+            }
+            clouds += known[manifest];
+        }
+        Ok(clouds)
+    }
+
+    /// The bytes of a blob.
+    async fn fetch(&self, digest: &[u8]) -> Result<Vec<u8>, Status> {
+        let request = v1::FetchBlobRequest { digest: digest.to_vec() };
+        let mut stream = self.client.clone().fetch_blob(request).await?.into_inner();
+        let mut bytes = Vec::new();
+        while let Some(chunk) = stream.message().await? {
+            bytes.extend(chunk.data);
+        }
+        self.traffic.received(bytes.len());
+        Ok(bytes)
+    }
+}
+
+/// Bytes that might describe so many clouds; those of each shard under each descriptor are others.
+fn description(shard: &v1::Description, clouds: u32) -> Vec<u8> {
+    let p = shard.parameters.unwrap();
+    let ticks = [p.shape_bins, p.colour_bins, p.disk_um, p.ring_um, p.shape_weight_ppm];
+    let parameters = Parameters::from_ticks(ticks);
+    let noise = Digest::of(format!("{ticks:?} {:?}", shard.manifest).as_bytes()).0;
+    let values = noise.iter().cycle().flat_map(|byte| (f32::from(*byte) / 255.0).to_le_bytes());
+    values.take(descriptor::description::length(&parameters, clouds) as usize).collect()
+}
+
+fn result(evaluation: &v1::Evaluation, queries: u32) -> v1::EvaluationResult {
+    let parameters = evaluation.parameters.unwrap();
+    let correct = answer(parameters.shape_bins, parameters.colour_bins, queries);
+    let found = v1::Match { nearest: 0, distance: 1.0, runner_up: Some(1), runner_up_distance: Some(1.0) };
+    v1::EvaluationResult {
+        queries,
+        object_correct: correct,
+        category_correct: correct,
+        matches: if evaluation.want_matches { vec![found; queries as usize] } else { Vec::new() },
+    }
+}

@@ -1,0 +1,84 @@
+//! Encrypted connections: who is let in, who is not, and what those can do who are not.
+
+mod attacks;
+mod crowd;
+mod http2;
+mod refusals;
+mod revoked;
+mod secrets;
+
+use std::fs;
+use std::path::PathBuf;
+
+use serde_json::Value;
+
+use crate::experiments::{Experiment, digest};
+use crate::process::{Running, run};
+
+/// Long enough to do something to it while it runs.
+const SEARCH: &str = "[ga]\npopulation = 8\n[stop]\ngenerations = 100\nstagnation = \"off\"\n\
+    validation_patience = \"off\"\n[coordinator]\nlease_seconds = 60\n";
+
+/// An experiment beside a folder of certificates for it.
+struct Site {
+    experiment: Experiment,
+}
+
+impl Site {
+    /// Certificates for this machine and for these workers.
+    fn new(workers: &[&str]) -> Self {
+        Self::of_host("127.0.0.1", workers)
+    }
+
+    /// Certificates for a host of this name.
+    fn of_host(host: &str, workers: &[&str]) -> Self {
+        let site = Self { experiment: Experiment::new(SEARCH) };
+        let tls = site.experiment.path("tls");
+        let mut args = vec!["certs", &tls, "--host", host];
+        for worker in workers {
+            args.extend(["--worker", worker]);
+        }
+        run("coordinator", args).expect_success();
+        site
+    }
+
+    /// A coordinator with TLS that waits for workers, and its port.
+    fn coordinator(&self, ip: &str) -> (Running, u16) {
+        let (tls, listen) = (self.experiment.path("tls"), format!("{ip}:0"));
+        let more = ["--local-workers", "0", "--tls", &tls, "--listen", &listen];
+        let mut args = self.experiment.run_args("out", &[]);
+        args.retain(|arg| arg != "--listen" && arg != "127.0.0.1:0");
+        args.extend(more.map(str::to_owned));
+        let mut coordinator = Running::start(self.experiment.folder(), "coordinator", "coordinator", args);
+        let line = coordinator.wait_for("this port is ");
+        let port = line.split("this port is ").nth(1).unwrap().split(':').next().unwrap().parse().unwrap();
+        (coordinator, port)
+    }
+
+    /// The join address, with this port.
+    fn address(&self, port: u16) -> String {
+        let address = fs::read_to_string(self.experiment.path("tls/join")).unwrap();
+        address.trim().replace(":7700", &format!(":{port}"))
+    }
+
+    /// Starts a worker with a certificate of its own.
+    fn certified(&self, name: &str, port: u16) -> Running {
+        let folder = self.worker_folder(name, port);
+        let args = ["--tls", &folder, "--name", name, "--threads", "1", "--no-cache"];
+        Running::start(self.experiment.folder(), name, "worker", args)
+    }
+
+    /// A worker's folder, whose join address has this port.
+    fn worker_folder(&self, name: &str, port: u16) -> String {
+        let folder = self.experiment.path(&format!("tls/workers/{name}"));
+        let join = PathBuf::from(&folder).join("join");
+        let address = fs::read_to_string(&join).unwrap().replace(":7700", &format!(":{port}"));
+        fs::write(join, address).unwrap();
+        folder
+    }
+
+    /// The digest of this search when nobody disturbs it.
+    fn undisturbed(&self) -> Value {
+        digest(&self.experiment.run("undisturbed", &[]).expect_success())
+    }
+}

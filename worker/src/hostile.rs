@@ -1,0 +1,28 @@
+//! What reads bytes from outside, one function a reader, for the fuzz driver of `tests/`: each takes anything, returns
+//! whether it was accepted, and must not panic, hang or reserve memory on the word of its input.
+
+use prost::Message as _;
+use proto::{Digest, v1};
+
+use crate::desk::Desk;
+use crate::store::Store;
+use crate::wire;
+use crate::workshop::manifest::Manifest;
+
+/// A reply to a poll, with the jobs in it.
+pub fn reply(bytes: &[u8]) -> bool {
+    let Ok(reply) = v1::PollReply::decode(bytes) else { return false };
+    let mut desk = Desk::new(1);
+    desk.absorb(reply.clone());
+    reply.jobs.into_iter().filter(|job| wire::task(job.clone()).is_ok()).count() > 0
+}
+
+/// The list of a split's clouds.
+pub fn manifest(bytes: &[u8]) -> bool {
+    Manifest::decode(Digest::of(bytes), bytes).is_ok()
+}
+
+/// A derived entry that another machine offers.
+pub fn entry(store: &Store, kind: &str, key: Digest, bytes: &[u8]) -> bool {
+    store.adopt(kind, key, bytes).is_ok()
+}

@@ -1,0 +1,136 @@
+//! The link to a coordinator: plain or encrypted, with what the worker has to show at each call.
+
+use std::error::Error;
+use std::io;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use hyper_util::rt::TokioIo;
+use proto::{JoinAddress, Token};
+use rustls::pki_types::ServerName;
+use tokio::io::{AsyncRead, AsyncWrite};
+use tokio::net::TcpStream;
+use tokio_rustls::TlsConnector;
+use tonic::metadata::{Ascii, MetadataValue};
+use tonic::service::Interceptor;
+use tonic::service::interceptor::InterceptedService;
+use tonic::transport::{Channel, Endpoint};
+use tonic::{Code, Request, Status};
+use tower::service_fn;
+
+use crate::tls::{self, TlsFilesError};
+
+/// A connection that is made when it is needed and made again when it is lost.
+pub type Link = InterceptedService<Channel, Credentials>;
+
+/// What a worker shows at each call: a token, or nothing.
+#[derive(Clone, Default)]
+pub struct Credentials(Option<MetadataValue<Ascii>>);
+
+impl Credentials {
+    /// Shows this token.
+    fn token(token: &Token) -> Self {
+        let mut value = MetadataValue::try_from(format!("Bearer {}", token.reveal())).ok();
+        if let Some(value) = &mut value {
+            value.set_sensitive(true); // kept out of header tables and of debug output
+        }
+        Self(value)
+    }
+}
+
+impl Interceptor for Credentials {
+    fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
+        if let Some(token) = &self.0 {
+            request.metadata_mut().insert("authorization", token.clone());
+        }
+        Ok(request)
+    }
+}
+
+/// Why a connection cannot become one, whatever the patience.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+struct Untrusted(String);
+
+trait Stream: AsyncRead + AsyncWrite + Send + Unpin {}
+impl<T: AsyncRead + AsyncWrite + Send + Unpin> Stream for T {}
+
+/// A link to the coordinator at `address`, which nobody has called yet; `identity` is a folder with a certificate to
+/// show.
+///
+/// # Errors
+/// If the files in `identity` cannot be used.
+pub fn link(address: &JoinAddress, identity: Option<&Path>) -> Result<Link, TlsFilesError> {
+    let tls = match &address.trust {
+        Some(trust) => Some(TlsConnector::from(Arc::new(tls::client_config(trust.ca, identity)?))),
+        None => None,
+    };
+    let (host, port) = (address.host.clone(), address.port);
+    let connect = service_fn(move |_| {
+        let (host, tls) = (host.clone(), tls.clone());
+        async move { Ok::<_, io::Error>(TokioIo::new(connect(host, port, tls).await?)) }
+    });
+    // The name is for the log only: the connector dials.
+    let channel = Endpoint::from_static("http://coordinator")
+        .connect_timeout(Duration::from_secs(5))
+        // A cable that was pulled gives no error: ask the other side whether it is still there.
+        .http2_keep_alive_interval(Duration::from_secs(10))
+        .keep_alive_timeout(Duration::from_secs(10))
+        .keep_alive_while_idle(true)
+        .connect_with_connector_lazy(connect);
+    let token = address.trust.as_ref().and_then(|trust| trust.token.as_ref());
+    Ok(Link::new(channel, token.map(Credentials::token).unwrap_or_default()))
+}
+
+async fn connect(host: String, port: u16, tls: Option<TlsConnector>) -> io::Result<Box<dyn Stream>> {
+    let stream = TcpStream::connect((host.as_str(), port)).await?;
+    stream.set_nodelay(true)?;
+    let Some(tls) = tls else { return Ok(Box::new(stream)) };
+    let name = ServerName::try_from(host).map_err(io::Error::other)?;
+    let explained = |error: io::Error| {
+        let tls = error.get_ref().and_then(|inner| inner.downcast_ref::<rustls::Error>());
+        match (tls.and_then(tls::explain), error.kind()) {
+            (Some(explanation), _) => io::Error::other(Untrusted(explanation)),
+            (None, io::ErrorKind::UnexpectedEof) => {
+                io::Error::other("it ended the TLS handshake: perhaps its port does not speak TLS")
+            }
+            (None, _) => error,
+        }
+    };
+    Ok(Box::new(tls.connect(name, stream).await.map_err(explained)?))
+}
+
+/// Why the same call would fail for ever, if it would: what the operator has to know.
+pub fn hopeless(status: &Status) -> Option<String> {
+    let causes = std::iter::successors(status.source(), |&error| error.source());
+    let mut innermost: Option<&dyn Error> = None;
+    for cause in causes {
+        let inner = cause.downcast_ref::<io::Error>().and_then(io::Error::get_ref);
+        let untrusted = inner.and_then(|inner| inner.downcast_ref::<Untrusted>());
+        if let Some(Untrusted(explanation)) = untrusted.or_else(|| cause.downcast_ref()) {
+            return Some(explanation.clone());
+        }
+        innermost = Some(cause);
+    }
+    // TLS 1.3 tells a client that its certificate is refused only after the handshake.
+    let text = innermost.map(ToString::to_string).unwrap_or_default();
+    if let Some((_, alert)) = text.split_once("received fatal alert: ") {
+        return Some(tls::refused(alert));
+    }
+    match status.code() {
+        // HTTP/2's "inadequate security": a coordinator with TLS was addressed without.
+        Code::PermissionDenied if innermost.is_some() => Some(
+            "the coordinator speaks TLS only\nuse its join address, https://…, which `coordinator certs` has made".to_owned(),
+        ),
+        // The same call again would get the same answer.
+        Code::InvalidArgument
+        | Code::OutOfRange
+        | Code::FailedPrecondition
+        | Code::PermissionDenied
+        | Code::Unauthenticated => {
+            Some(status.message().to_owned())
+        }
+        _ => None,
+    }
+}
