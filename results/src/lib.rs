@@ -27,6 +27,8 @@ mod verify;
 
 mod statistics;
 
+mod report;
+
 pub use columns::{Column, ColumnKind, GeneColumn};
 pub use error::Error;
 pub use folder::RunFolder;
@@ -39,12 +41,13 @@ pub use population::PopulationSummary;
 pub use proceedings::{AttemptRow, EventRow, Proceedings, WorkerRow};
 pub use read::{FinishedRun, read_run, read_table};
 pub use recorded::{RecordedEvaluation, read_evaluations};
+pub use report::Report;
 pub use rows::{
     Computed, Counts, EvaluationRow, GenerationRow, PredictionRow, PredictionSplit, RunRow, RunnerUp,
     SkippedRow,
 };
 pub use schema::schema_markdown;
-pub use statistics::wilson;
+pub use statistics::{Cluster, RankSum, bootstrap, holm, mcnemar, rank_sum, wilson};
 pub use tables::{Table, TableName};
 pub use verify::{Problem, Verification, run_digest, verify};
 

@@ -37,11 +37,21 @@ pub(crate) fn read_file(file: &Path, table: TableName) -> Result<TableFile, Erro
 /// where a file does not have them. Every file's checksum is verified. Works on runs that are not finished.
 pub fn read_table(run: impl AsRef<Path>, table: TableName) -> Result<DataFrame, Error> {
     let run = run.as_ref();
+    let whole = read_whole(run, table)?;
+    whole.map(|whole| whole.frame).ok_or(Error::NoFiles { folder: run.join(table.as_str()), table })
+}
+
+/// As [`read_table`], with the columns as the first file lists them; `None` if there is no file.
+pub(crate) fn read_whole(run: &Path, table: TableName) -> Result<Option<TableFile>, Error> {
     let mut files = Vec::new();
+    let mut columns = None;
     for file in table_files(run, table)? {
-        files.push((read_file(&file, table)?.frame, file));
+        let content = read_file(&file, table)?;
+        columns.get_or_insert(content.table);
+        files.push((content.frame, file));
     }
-    concatenate(files)?.ok_or(Error::NoFiles { folder: run.join(table.as_str()), table })
+    let frame = concatenate(files)?;
+    Ok(columns.zip(frame).map(|(table, frame)| TableFile { table, frame }))
 }
 
 /// One frame below the other; columns as they first occur, null where a frame does not have them.

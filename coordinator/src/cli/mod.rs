@@ -4,6 +4,7 @@ mod certs;
 mod check;
 mod evaluate;
 mod exhaust;
+mod report;
 mod resume;
 mod run;
 mod schema;
@@ -37,6 +38,7 @@ enum Command {
     Certs(certs::Certs),
     Evaluate(evaluate::Evaluate),
     Exhaust(exhaust::Exhaust),
+    Report(report::Report),
     Split(split::Split),
     Synth(synth::Synth),
     Verify(verify::Verify),
@@ -60,6 +62,7 @@ pub fn main(cli: Cli) -> ExitCode {
         Command::Certs(command) => command.execute(),
         Command::Evaluate(command) => command.execute(),
         Command::Exhaust(command) => command.execute(),
+        Command::Report(command) => command.execute(),
         Command::Split(command) => command.execute(),
         Command::Synth(command) => command.execute(),
         Command::Verify(command) => command.execute(),

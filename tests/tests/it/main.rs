@@ -13,6 +13,7 @@
 //! - `impostors`: peers that are not what they seem
 //! - `sweeps`: several runs over one set of workers
 //! - `strangers`: who is let in, who is not, and what those can do who are not
+//! - `report`: the report of runs, in a browser
 //! - `parity`: agreement with PCL on its reference values
 //! - `repository`: the rules of this repository
 
@@ -32,9 +33,10 @@ mod pieces;
 mod programs;
 mod protocol;
 mod remembering;
+mod report;
 mod repository;
 mod resuming;
 mod strangers;
 mod sweeps;
 
-use tests::{experiments, process};
+use tests::{browser, experiments, process};
