@@ -12,6 +12,10 @@ const STYLE: &str = include_str!("style.css");
 const DRAW: &str = "for (const [id, plot] of plots) Plotly.newPlot(id, plot.data, plot.layout, \
     {displayModeBar: false, typesetMath: false, plotlyServerURL: ''});";
 
+/// How to look closely; not printed.
+const HINT: &str = "In a figure, drag to look closely, double-click to go back, and click a name in the legend to hide \
+    or show it.";
+
 /// A table as text.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct TableBlock {
@@ -99,7 +103,7 @@ impl Page {
         // Writing to a String cannot fail.
         let _ = writeln!(
             out,
-            "<header>\n<h1>{}</h1>\n<p>{}</p>\n</header>",
+            "<header>\n<h1>{}</h1>\n<p>{}</p>\n<p class=\"hint\">{HINT}</p>\n</header>",
             escaped(&self.title),
             with_code(&self.lead)
         );

@@ -252,7 +252,8 @@ fn names_of_all_kinds_and_great_numbers_of_things_are_only_shown() {
     let Some(dom) = expect_drawn(&page, &FIGURES) else { return };
     let (_, title) = dom.split_once("<title>").unwrap();
     assert!(title.starts_with("&lt;script&gt;document.title='run'"), "{}", &title[..80]);
-    assert!(!dom.contains("src=\"http") && !dom.contains("<img"));
+    let (markup, _) = dom.split_once("<script nonce").unwrap(); // plotly.js writes images, too
+    assert!(!markup.contains("src=\"http") && !markup.contains("<img"));
 }
 
 #[test]

@@ -30,7 +30,11 @@ pub(crate) fn lineage(evaluations: &Rows, run: &FinishedRun) -> Result<Option<Fi
         return Ok(None);
     }
     let place = |id: &Id| everybody.get(id).map(|(error, _)| [f64::from(id.0), *error]);
-    let others = everybody.keys().filter(|id| !ancestors.contains(id)).filter_map(place).collect();
+    let mut others: Vec<[f64; 2]> =
+        everybody.keys().filter(|id| !ancestors.contains(id)).filter_map(place).collect();
+    // Individuals of one generation often have the same error: a page need not draw a point on a point.
+    others.sort_by(|a, b| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])));
+    others.dedup();
     let line = best_line(&everybody, winner).iter().filter_map(place).collect();
     let series = vec![
         Series::points("other individuals", Colour::Grey, Symbol::Dot, others),
