@@ -10,6 +10,7 @@ mod rows;
 mod tables;
 
 mod cells;
+mod comparison;
 mod derived;
 mod digest;
 mod frame;
@@ -28,6 +29,7 @@ mod verify;
 mod statistics;
 
 pub use columns::{Column, ColumnKind, GeneColumn};
+pub use comparison::{ComparedRow, Curve, CurvePoint, LookRow, PairRow, Times};
 pub use error::Error;
 pub use folder::RunFolder;
 pub use grid::{
@@ -44,7 +46,7 @@ pub use rows::{
     SkippedRow,
 };
 pub use schema::schema_markdown;
-pub use statistics::wilson;
+pub use statistics::{Cluster, bootstrap, holm, mcnemar, wilson};
 pub use tables::{Table, TableName};
 pub use verify::{Problem, Verification, run_digest, verify};
 
