@@ -10,6 +10,7 @@ mod rows;
 mod tables;
 
 mod cells;
+mod comparison;
 mod derived;
 mod digest;
 mod frame;
@@ -30,6 +31,7 @@ mod statistics;
 mod report;
 
 pub use columns::{Column, ColumnKind, GeneColumn};
+pub use comparison::{ComparedRow, Curve, CurvePoint, LookRow, PairRow, Times};
 pub use error::Error;
 pub use folder::RunFolder;
 pub use grid::{
