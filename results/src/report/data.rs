@@ -1,5 +1,6 @@
 //! What figures are made from: a run's tables, column by column.
 
+use std::ops::Range;
 use std::path::Path;
 
 use polars::prelude::DataType;
@@ -49,12 +50,38 @@ impl Rows {
         Ok(column.str()?.iter().map(text).collect())
     }
 
+    /// Rows that have the same texts in some columns: those texts and the rows, in the order of the first of them. A table
+    /// may have millions of rows, and writes those that belong together one after the other.
+    pub fn parts<const N: usize>(&self, columns: [&str; N]) -> Result<Vec<Part<N>>, Error> {
+        let columns = columns.map(|name| self.0.frame.column(name)?.str());
+        let columns = columns.into_iter().collect::<Result<Vec<_>, _>>()?;
+        let mut parts: Vec<Part<N>> = Vec::new();
+        let mut current = 0;
+        for row in 0..self.len() {
+            let texts: [&str; N] = std::array::from_fn(|column| columns[column].get(row).unwrap_or_default());
+            if parts.get(current).is_none_or(|(of, _)| *of != texts) {
+                current = parts.iter().position(|(of, _)| *of == texts).unwrap_or_else(|| {
+                    parts.push((texts.map(str::to_owned), Vec::new()));
+                    parts.len() - 1
+                });
+                parts[current].1.push(row..row);
+            }
+            if let Some(range) = parts[current].1.last_mut() {
+                range.end = row + 1;
+            }
+        }
+        Ok(parts)
+    }
+
     /// A column of times, as seconds since 1970.
     pub fn seconds(&self, name: &str) -> Result<Vec<Option<f64>>, Error> {
         let column = self.0.frame.column(name)?.cast(&DataType::Int64)?;
         Ok(column.i64()?.iter().map(|at| at.map(|milliseconds| milliseconds as f64 / 1e3)).collect())
     }
 }
+
+/// Texts that rows share, and those rows.
+pub(crate) type Part<const N: usize> = ([String; N], Vec<Range<usize>>);
 
 /// A run, finished or not.
 #[derive(Clone, Debug)]
@@ -73,6 +100,9 @@ pub(crate) struct RunData {
     pub workers: Option<Rows>,
     pub attempts: Option<Rows>,
     pub events: Option<Rows>,
+    pub looks: Option<Rows>,
+    /// The comparison of descriptors, if one is whole.
+    pub comparison: Option<Comparison>,
 }
 
 impl RunData {
@@ -105,7 +135,34 @@ impl RunData {
             workers: read(TableName::Workers)?,
             attempts: read(TableName::Attempts)?,
             events: read(TableName::Events)?,
+            looks: read(TableName::Looks)?,
+            comparison: Comparison::read(folder)?,
         })
+    }
+}
+
+/// The tables of a comparison of descriptors.
+#[derive(Clone, Debug)]
+pub(crate) struct Comparison {
+    /// A row a descriptor.
+    pub descriptors: Rows,
+    pub pairs: Option<Rows>,
+    pub recall_precision: Option<Rows>,
+    pub answers: Option<Rows>,
+}
+
+impl Comparison {
+    /// Reads a run's comparison; `None` if there is none, or one that is being made.
+    fn read(folder: &Path) -> Result<Option<Self>, Error> {
+        let read = |table| Rows::read(folder, table);
+        // Written last: without it the others are of a comparison that was not finished.
+        let Some(descriptors) = read(TableName::Comparison)? else { return Ok(None) };
+        Ok(Some(Self {
+            descriptors,
+            pairs: read(TableName::Pairs)?,
+            recall_precision: read(TableName::RecallPrecision)?,
+            answers: read(TableName::Answers)?,
+        }))
     }
 }
 

@@ -4,6 +4,7 @@
 //! `svg/` draw it, `html.rs` lays out the page.
 
 mod comparing;
+mod comparison;
 mod data;
 mod figure;
 mod figures;
@@ -17,6 +18,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use data::{Rows, RunData};
+use figures::comparison as compared;
 use figures::{genes, lineage, recognition, search, seeds, work};
 use html::{Item, Page, Section};
 use runs::Runs;
@@ -110,6 +112,7 @@ fn run_page(data: &RunData, grid: Option<&Rows>) -> Result<Page, Error> {
         Section { id: "summary", title: "Summary", items: summary_items(data)? },
         Section { id: "search", title: "Search", items: search_items(data, grid)? },
         Section { id: "recognition", title: "Recognition", items: recognition_items(data)? },
+        Section { id: "comparison", title: "Comparison of descriptors", items: comparison_items(data)? },
         Section { id: "work", title: "Work", items: work_items(data)? },
     ];
     Ok(Page { title, lead: lead.to_owned(), sections })
@@ -119,6 +122,7 @@ fn summary_items(data: &RunData) -> Result<Vec<Item>, Error> {
     let mut items = vec![Item::Table(summary::overview(data)?)];
     if let Some(run) = &data.finished {
         items.push(Item::Table(summary::errors(run)));
+        items.push(summary::looks(data.looks.as_ref())?);
         let summary = "The resolved experiment (TOML)".to_owned();
         items.push(Item::Details { summary, text: run.row.resolved_toml.clone() });
     }
@@ -203,6 +207,32 @@ fn recognition_items(data: &RunData) -> Result<Vec<Item>, Error> {
     add(&mut items, recognition::confusion_of_objects(&answers));
     items.push(Item::Table(recognition::frequent_confusions(&answers)));
     add(&mut items, recognition::confusion_of_categories(&answers));
+    Ok(items)
+}
+
+fn comparison_items(data: &RunData) -> Result<Vec<Item>, Error> {
+    let Some(comparison) = &data.comparison else {
+        let missing = "No comparison with other descriptors: `coordinator compare RUN` makes it, and with it the paper’s \
+                       Table 1 and Figure 3, the times of each stage and which objects each descriptor gets wrong.";
+        return Ok(vec![Item::Missing(missing.to_owned())]);
+    };
+    let descriptors = &comparison.descriptors;
+    let names = descriptors.texts("descriptor")?;
+    let mut items = vec![Item::Table(comparison::table(descriptors)?)];
+    add(&mut items, compared::errors(descriptors)?);
+    if let Some(pairs) = &comparison.pairs {
+        items.push(Item::Table(comparison::pairs(pairs)?));
+    }
+    if let Some(points) = &comparison.recall_precision {
+        add(&mut items, compared::recall_precision(points, &names)?);
+    }
+    if let Some(answers) = &comparison.answers {
+        add(&mut items, compared::objects(answers, &names)?);
+    }
+    match compared::times(descriptors)? {
+        Some(figure) => add(&mut items, figure),
+        None => items.push(Item::Missing("The times of the descriptors were not measured.".to_owned())),
+    }
     Ok(items)
 }
 

@@ -112,6 +112,20 @@ pub(crate) fn errors(run: &FinishedRun) -> TableBlock {
     }
 }
 
+/// How often the test clouds were looked at, and what for.
+pub(crate) fn looks(looks: Option<&Rows>) -> Result<Item, Error> {
+    let Some(looks) = looks else {
+        let text = "Looks at the test clouds were not recorded when this run was made, or there was none.";
+        return Ok(Item::Missing(text.to_owned()));
+    };
+    let times = if looks.len() == 1 { "once".to_owned() } else { format!("{} times", looks.len()) };
+    let caption = format!(
+        "The test clouds were looked at {times} (UTC). Whoever chooses by test errors has used them up: only a result that \
+         was fixed before the first look is as good as it seems."
+    );
+    listing(looks, &caption, &["at", "command", "reason", "descriptors"])
+}
+
 /// What happened beside the results, and clouds that took no part.
 pub(crate) fn happenings(data: &RunData) -> Result<Vec<Item>, Error> {
     let mut items = Vec::new();

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use results::{
-    AttemptRow, Counts, EvaluationRow, EventRow, GeneColumn, GenerationRow, PredictionRow, PredictionSplit,
-    Proceedings, RunFolder, RunRow, SkippedRow,
+    AttemptRow, ComparedRow, Counts, Curve, CurvePoint, EvaluationRow, EventRow, GeneColumn, GenerationRow,
+    LookRow, PairRow, PredictionRow, PredictionSplit, Proceedings, RunFolder, RunRow, SkippedRow, Times,
 };
 use tempfile::TempDir;
 
@@ -114,7 +114,9 @@ fn the_report_of_a_run_draws_every_figure_and_loads_nothing() {
     assert!(finished.stdout.starts_with(&format!("{}\n10 figures as SVG in ", page.display())), "{finished}");
     assert_eq!(tables(&out), before);
     let html = fs::read_to_string(&page).unwrap();
-    for text in ["short, seed 7", "Wilson", "method = &quot;ga&quot;"] {
+    for text in
+        ["coordinator compare RUN", "looked at once", "short, seed 7", "Wilson", "method = &quot;ga&quot;"]
+    {
         assert!(html.contains(text), "{text}");
     }
     expect_drawn(&page, &FIGURES);
@@ -241,17 +243,85 @@ fn write_hostile(folder: &Path, generations: u32, objects: u32, attempts: u64) {
     out.write_run(&run).unwrap();
 }
 
+const DESCRIPTORS: [&str; 3] = ["evolved", "paper", "pfhrgb"];
+const COMPARISON: [&str; 4] =
+    ["comparison-errors", "recall-precision", "comparison-objects", "comparison-times"];
+
+/// Adds a comparison with hostile names to a finished run, and two looks.
+fn write_comparison(folder: &Path, objects: u32) {
+    let out = RunFolder::create(folder, &[]).unwrap();
+    for reason in [HOSTILE, "again"] {
+        let descriptors = DESCRIPTORS.map(str::to_owned).to_vec();
+        let (command, reason) = ("compare".to_owned(), reason.to_owned());
+        out.note_look(&LookRow { at: at(0), command, reason, descriptors }).unwrap();
+    }
+    out.begin_comparison().unwrap();
+    let answer = |query: u32| PredictionRow {
+        query,
+        cloud: HOSTILE.to_owned(),
+        instance: format!("{HOSTILE}{query:03}"),
+        category: HOSTILE.to_owned(),
+        nearest_cloud: HOSTILE.to_owned(),
+        predicted_instance: format!("{HOSTILE}{:03}", query / 2 * 2),
+        predicted_category: HOSTILE.to_owned(),
+        distance: 1.0,
+        runner_up: None,
+    };
+    let answers: Vec<PredictionRow> = (0..objects).map(answer).collect();
+    let point = |n: u64| CurvePoint { distance: n as f64, accepted: 3 * n + n % 7 + 1, relevant: n };
+    let curve = |name| Curve { name, relevant: 20_000, points: (0..=20_000).map(point).collect() };
+    let counts = Counts { object_correct: objects / 2, category_correct: objects, queries: objects };
+    let row = |descriptor: &str| ComparedRow {
+        descriptor: descriptor.to_owned(),
+        kind: "disk-ring".to_owned(),
+        distance: "chi2".to_owned(),
+        parameters: HOSTILE.to_owned(),
+        size: 248,
+        note: Some(HOSTILE.to_owned()),
+        counts,
+        object_intervals: [[0.4, 0.6], [0.3, 0.7]],
+        category_intervals: [[0.0, 0.1], [0.0, 0.2]],
+        skipped: 0,
+        database: 9,
+        keypoints_per_cloud: None,
+        times: (descriptor == "paper").then(|| Times {
+            read: 0.1,
+            keypoints: 0.2,
+            normals: 0.3,
+            describe: 0.4,
+            matching: 0.5,
+            total: 1.6,
+            hardware: HOSTILE.to_owned(),
+        }),
+        areas: [Some(0.5), None],
+    };
+    for descriptor in DESCRIPTORS {
+        out.write_compared(descriptor, &answers, &[curve("all"), curve("nearest")], &[(0, 0, 1.0)]).unwrap();
+    }
+    let pair = PairRow {
+        level: "object".to_owned(),
+        descriptors: ["evolved", "paper"].map(str::to_owned),
+        outcomes: [1, 2, 0, 3],
+        difference: [-0.5, 0.1],
+        p_value: 0.5,
+        p_adjusted: 1.0,
+    };
+    out.write_comparison(&DESCRIPTORS.map(row), &[pair]).unwrap();
+}
+
 #[test]
 fn names_of_all_kinds_and_great_numbers_of_things_are_only_shown() {
     let folder = TempDir::new().unwrap();
     let out = folder.path().join("run");
     write_hostile(&out, 3, 300, 100_000);
+    write_comparison(&out, 300);
     report(&[out.to_str().unwrap()]).expect_success();
     let page = out.join("report/report.html");
     assert!(fs::metadata(&page).unwrap().len() < 8_000_000, "{}", fs::metadata(&page).unwrap().len());
-    let Some(dom) = expect_drawn(&page, &FIGURES) else { return };
+    let Some(dom) = expect_drawn(&page, &[&FIGURES[..], &COMPARISON].concat()) else { return };
     let (_, title) = dom.split_once("<title>").unwrap();
     assert!(title.starts_with("&lt;script&gt;document.title='run'"), "{}", &title[..80]);
+    assert!(dom.contains("The test clouds were looked at 2 times"));
     let (markup, _) = dom.split_once("<script nonce").unwrap(); // plotly.js writes images, too
     assert!(!markup.contains("src=\"http") && !markup.contains("<img"));
 }
