@@ -81,7 +81,7 @@ pub(crate) fn pairs(pairs: &Rows) -> Result<TableBlock, Error> {
             first[row].clone(),
             second[row].clone(),
             format!("{:+.2}", 100.0 * difference[row]).replace('-', "−"),
-            format!("{:+.1} – {:+.1}", 100.0 * low[row], 100.0 * high[row]).replace('-', "−"),
+            format!("{:+.1} to {:+.1}", 100.0 * low[row], 100.0 * high[row]).replace('-', "−"),
             only_a[row].clone(),
             only_b[row].clone(),
             odds[row].map_or_else(|| "–".to_owned(), |odds| format!("{odds:.2}")),

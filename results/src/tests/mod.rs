@@ -1,7 +1,7 @@
 //! Tests of whole run folders.
 
 mod comparison;
-mod fixture;
+pub(crate) mod fixture;
 mod folder;
 mod format;
 mod grid;
