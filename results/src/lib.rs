@@ -10,6 +10,7 @@ mod rows;
 mod tables;
 
 mod cells;
+mod database;
 mod derived;
 mod digest;
 mod frame;
@@ -28,6 +29,7 @@ mod verify;
 mod statistics;
 
 pub use columns::{Column, ColumnKind, GeneColumn};
+pub use database::{Database, DatabaseCloud, DatabasePart, read_database, write_database};
 pub use error::Error;
 pub use folder::RunFolder;
 pub use grid::{
@@ -38,7 +40,7 @@ pub use parquet::SCHEMA_VERSION;
 pub use population::PopulationSummary;
 pub use proceedings::{AttemptRow, EventRow, Proceedings, WorkerRow};
 pub use read::{FinishedRun, read_run, read_table};
-pub use recorded::{RecordedEvaluation, read_evaluations};
+pub use recorded::{RecordedEvaluation, read_evaluations, read_predictions};
 pub use rows::{
     Computed, Counts, EvaluationRow, GenerationRow, PredictionRow, PredictionSplit, RunRow, RunnerUp,
     SkippedRow,

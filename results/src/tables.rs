@@ -5,6 +5,7 @@ use std::fmt;
 
 use crate::columns::ColumnKind::{Bool, F64, Text, Timestamp, U32, U64};
 use crate::columns::{Column, GeneColumn};
+use crate::database;
 use crate::error::Error;
 
 /// The tables of run folders and of grid folders. A table's files lie in the folder of its name.
@@ -38,6 +39,8 @@ pub enum TableName {
     Counts,
     /// One row: the grid itself.
     Grid,
+    /// A row a reference cloud of an artefact.
+    Database,
 }
 
 impl TableName {
@@ -55,6 +58,8 @@ impl TableName {
     /// The tables of a grid folder.
     pub const GRID: [Self; 6] =
         [Self::Cells, Self::Best, Self::Marginals, Self::Landscapes, Self::Counts, Self::Grid];
+    /// The tables of artefacts.
+    pub const ARTEFACT: [Self; 1] = [Self::Database];
 
     /// Its name: the folder's name and the value of `descry.table` in the files.
     pub fn as_str(self) -> &'static str {
@@ -73,6 +78,7 @@ impl TableName {
             Self::Landscapes => "landscapes",
             Self::Counts => "counts",
             Self::Grid => "grid",
+            Self::Database => "database",
         }
     }
 
@@ -89,7 +95,8 @@ impl TableName {
             | Self::Events
             | Self::Marginals
             | Self::Landscapes
-            | Self::Counts => None,
+            | Self::Counts
+            | Self::Database => None,
         }
     }
 }
@@ -152,6 +159,9 @@ impl Table {
                 ("all descriptors with one number of correct answers", &["object_correct"], histogram())
             }
             TableName::Grid => ("the grid; the table has one row, written last", &["grid_key"], grid(genes)),
+            TableName::Database => {
+                ("a reference cloud, in the order that decides ties", &["cloud"], database::columns())
+            }
         };
         let mut seen = BTreeSet::new();
         for column in &columns {

@@ -1,5 +1,6 @@
 //! Tests of whole run folders.
 
+mod database;
 mod fixture;
 mod folder;
 mod format;
