@@ -25,6 +25,7 @@ mod local;
 mod memory;
 mod pieces;
 mod prepared;
+mod reopen;
 mod server;
 mod service;
 mod shard;
