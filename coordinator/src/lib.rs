@@ -11,6 +11,7 @@ pub mod hostile;
 pub mod run;
 pub mod scheduler;
 
+mod artefact;
 mod assembly;
 mod blobs;
 mod book;
@@ -22,6 +23,7 @@ mod evaluation;
 mod journal;
 mod ledger;
 mod local;
+mod making;
 mod memory;
 mod pieces;
 mod prepared;
