@@ -11,6 +11,7 @@ mod tables;
 
 mod cells;
 mod comparison;
+mod database;
 mod derived;
 mod digest;
 mod frame;
@@ -30,6 +31,7 @@ mod statistics;
 
 pub use columns::{Column, ColumnKind, GeneColumn};
 pub use comparison::{ComparedRow, Curve, CurvePoint, LookRow, PairRow, Times};
+pub use database::{Database, DatabaseCloud, DatabasePart, read_database, write_database};
 pub use error::Error;
 pub use folder::RunFolder;
 pub use grid::{
@@ -40,7 +42,7 @@ pub use parquet::SCHEMA_VERSION;
 pub use population::PopulationSummary;
 pub use proceedings::{AttemptRow, EventRow, Proceedings, WorkerRow};
 pub use read::{FinishedRun, read_run, read_table};
-pub use recorded::{RecordedEvaluation, read_evaluations};
+pub use recorded::{RecordedEvaluation, read_evaluations, read_predictions};
 pub use rows::{
     Computed, Counts, EvaluationRow, GenerationRow, PredictionRow, PredictionSplit, RunRow, RunnerUp,
     SkippedRow,

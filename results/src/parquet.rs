@@ -7,7 +7,7 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use polars::prelude::{DataFrame, SerReader};
+use polars::prelude::{DataFrame, ParallelStrategy, SerReader};
 use polars_io::parquet::read::ParquetReader;
 use polars_io::parquet::write::{KeyValueMetadata, ParquetCompression, ParquetWriter};
 
@@ -101,8 +101,18 @@ fn checksum_position(bytes: &[u8], file: &Path) -> Result<usize, Error> {
     at.ok_or(Error::Foreign { file: file.to_owned(), key: CHECKSUM_KEY })
 }
 
-/// Reads a file of table `expected`. `file` names it in errors.
-pub(crate) fn decode(mut bytes: Vec<u8>, expected: TableName, file: &Path) -> Result<TableFile, Error> {
+/// Reads a file of table `expected` with polars' threads. `file` names it in errors.
+pub(crate) fn decode(bytes: Vec<u8>, expected: TableName, file: &Path) -> Result<TableFile, Error> {
+    decode_with(ParallelStrategy::Auto, bytes, expected, file)
+}
+
+/// As [`decode`], on as many threads as the strategy takes.
+pub(crate) fn decode_with(
+    threads: ParallelStrategy,
+    mut bytes: Vec<u8>,
+    expected: TableName,
+    file: &Path,
+) -> Result<TableFile, Error> {
     let damaged = |what: String| Error::Damaged { file: file.to_owned(), what };
     let at = checksum_position(&bytes, file)?;
     let recorded = bytes[at..at + DIGITS].to_vec();
@@ -111,7 +121,7 @@ pub(crate) fn decode(mut bytes: Vec<u8>, expected: TableName, file: &Path) -> Re
         return Err(damaged("its checksum is not that of its content".to_owned()));
     }
 
-    let mut reader = ParquetReader::new(Cursor::new(bytes));
+    let mut reader = ParquetReader::new(Cursor::new(bytes)).read_parallel(threads);
     let metadata = reader.get_metadata().map_err(|error| damaged(error.to_string()))?.clone();
     let value = |key: &'static str| {
         let pairs = metadata.key_value_metadata().iter().flatten();

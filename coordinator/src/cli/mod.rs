@@ -5,6 +5,8 @@ mod check;
 mod compare;
 mod evaluate;
 mod exhaust;
+mod export;
+mod recognise;
 mod resume;
 mod run;
 mod schema;
@@ -40,6 +42,8 @@ enum Command {
     Certs(certs::Certs),
     Evaluate(evaluate::Evaluate),
     Exhaust(exhaust::Exhaust),
+    Export(export::Export),
+    Recognise(recognise::Recognise),
     Split(split::Split),
     Synth(synth::Synth),
     Verify(verify::Verify),
@@ -64,6 +68,8 @@ pub fn main(cli: Cli) -> ExitCode {
         Command::Certs(command) => command.execute(),
         Command::Evaluate(command) => command.execute(),
         Command::Exhaust(command) => command.execute(),
+        Command::Export(command) => command.execute(),
+        Command::Recognise(command) => command.execute(),
         Command::Split(command) => command.execute(),
         Command::Synth(command) => command.execute(),
         Command::Verify(command) => command.execute(),

@@ -1,6 +1,7 @@
 //! Tests of whole run folders.
 
 mod comparison;
+mod database;
 mod fixture;
 mod folder;
 mod format;

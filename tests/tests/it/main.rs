@@ -1,5 +1,6 @@
 //! One binary of end-to-end tests, so that the workspace is linked once.
 //!
+//! - `artefact`: what is taken away from a run
 //! - `programs`: every command as a user runs it
 //! - `bad_input`: what users get wrong, and what they are told
 //! - `comparisons`: descriptors on the test clouds of a run
@@ -22,6 +23,7 @@
     reason = "a test that cannot go on has failed; helpers of tests are no tests to clippy"
 )]
 
+mod artefact;
 mod bad_input;
 mod comparisons;
 mod determinism;

@@ -162,6 +162,21 @@ fn the_readmes_rust_example_is_the_one_that_is_compiled() {
 }
 
 #[test]
+fn the_readmes_library_example_is_the_one_that_is_run() {
+    let library = read("descriptor/src/lib.rs");
+    let example = library.lines().skip_while(|line| *line != "//! ```").skip(1);
+    let code: String = example
+        .take_while(|line| *line != "//! ```")
+        .map(|line| line.strip_prefix("//!").unwrap().trim_start_matches(' ').to_owned() + "\n")
+        .filter(|line| !line.starts_with('#'))
+        .collect();
+    assert!(code.lines().count() > 10, "{code}");
+    let unindented =
+        |text: &str| text.lines().map(|line| line.trim_start().to_owned() + "\n").collect::<String>();
+    assert!(unindented(&read("README.md")).contains(&code), "README.md: the example has changed:\n{code}");
+}
+
+#[test]
 fn the_readmes_experiment_is_valid() {
     let readme = read("README.md");
     let (_, rest) = readme.split_once("```toml\n").unwrap();
