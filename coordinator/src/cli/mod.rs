@@ -4,6 +4,8 @@ mod certs;
 mod check;
 mod evaluate;
 mod exhaust;
+#[cfg(feature = "sql")]
+mod query;
 mod resume;
 mod run;
 mod schema;
@@ -37,6 +39,8 @@ enum Command {
     Certs(certs::Certs),
     Evaluate(evaluate::Evaluate),
     Exhaust(exhaust::Exhaust),
+    #[cfg(feature = "sql")]
+    Query(query::Query),
     Split(split::Split),
     Synth(synth::Synth),
     Verify(verify::Verify),
@@ -60,6 +64,8 @@ pub fn main(cli: Cli) -> ExitCode {
         Command::Certs(command) => command.execute(),
         Command::Evaluate(command) => command.execute(),
         Command::Exhaust(command) => command.execute(),
+        #[cfg(feature = "sql")]
+        Command::Query(command) => command.execute(),
         Command::Split(command) => command.execute(),
         Command::Synth(command) => command.execute(),
         Command::Verify(command) => command.execute(),
