@@ -16,6 +16,7 @@ mod blobs;
 mod book;
 mod chronicle;
 mod cluster;
+mod compare;
 mod door;
 mod evaluate;
 mod evaluation;

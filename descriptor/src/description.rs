@@ -15,8 +15,10 @@ pub enum DescriptionError {
         got: usize,
     },
     /// A value that no mean or deviation of shares can have.
-    #[error("description: values must lie between 0 and 1, got {got}\ndescribe the clouds again")]
+    #[error("description: values must lie between 0 and {largest}, got {got}\ndescribe the clouds again")]
     Value {
+        /// Largest value that the descriptor has.
+        largest: u8,
         /// As text: a float has no equality.
         got: String,
     },
@@ -53,7 +55,7 @@ pub fn check(bytes: &[u8], parameters: &Parameters, clouds: u32) -> Result<(), D
         return Err(DescriptionError::Length { expected, got: bytes.len() });
     }
     match values(bytes).find(|value| !(0.0..=1.0).contains(value)) {
-        Some(value) => Err(DescriptionError::Value { got: value.to_string() }),
+        Some(value) => Err(DescriptionError::Value { largest: 1, got: value.to_string() }),
         None => Ok(()),
     }
 }

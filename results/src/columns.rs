@@ -11,6 +11,8 @@ pub enum ColumnKind {
     U32,
     /// Unsigned 64-bit integer.
     U64,
+    /// 32-bit float, always finite.
+    F32,
     /// 64-bit float, always finite.
     F64,
     /// True or false.
@@ -28,6 +30,7 @@ impl ColumnKind {
         match self {
             Self::U32 => DataType::UInt32,
             Self::U64 => DataType::UInt64,
+            Self::F32 => DataType::Float32,
             Self::F64 => DataType::Float64,
             Self::Bool => DataType::Boolean,
             Self::Text => DataType::String,
@@ -40,6 +43,7 @@ impl ColumnKind {
         match self {
             Self::U32 => "u32",
             Self::U64 => "u64",
+            Self::F32 => "f32",
             Self::F64 => "f64",
             Self::Bool => "bool",
             Self::Text => "text",

@@ -11,6 +11,7 @@ mod rows;
 mod tables;
 
 mod cells;
+mod comparison;
 mod derived;
 mod digest;
 mod frame;
@@ -32,6 +33,7 @@ mod statistics;
 mod query;
 
 pub use columns::{Column, ColumnKind, GeneColumn};
+pub use comparison::{ComparedRow, Curve, CurvePoint, LookRow, PairRow, Times};
 pub use error::Error;
 pub use folder::RunFolder;
 pub use grid::{
@@ -50,7 +52,7 @@ pub use rows::{
     SkippedRow,
 };
 pub use schema::schema_markdown;
-pub use statistics::wilson;
+pub use statistics::{Cluster, bootstrap, holm, mcnemar, wilson};
 pub use tables::{Table, TableName};
 pub use verify::{Problem, Verification, run_digest, verify};
 

@@ -69,7 +69,7 @@ pub fn query(folders: &[impl AsRef<Path>], sql: &str) -> Result<Answer, QueryErr
 
 /// All tables of runs and grids.
 fn all_tables() -> impl Iterator<Item = TableName> {
-    TableName::RUN.into_iter().chain(TableName::GRID)
+    TableName::RUN.into_iter().chain(TableName::COMPARISON).chain(TableName::GRID)
 }
 
 /// What can be asked.

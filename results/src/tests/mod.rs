@@ -1,5 +1,6 @@
 //! Tests of whole run folders.
 
+mod comparison;
 mod fixture;
 mod folder;
 mod format;

@@ -2,6 +2,7 @@
 //!
 //! - `programs`: every command as a user runs it
 //! - `bad_input`: what users get wrong, and what they are told
+//! - `comparisons`: descriptors on the test clouds of a run
 //! - `determinism`: one digest, whatever the workers do
 //! - `remembering`: caches and what is kept from run to run
 //! - `resuming`: coordinators that are killed and started again
@@ -23,6 +24,7 @@
 )]
 
 mod bad_input;
+mod comparisons;
 mod determinism;
 mod exhaust;
 mod grid;
