@@ -6,6 +6,8 @@ mod compare;
 mod evaluate;
 mod exhaust;
 mod export;
+#[cfg(feature = "sql")]
+mod query;
 mod recognise;
 mod resume;
 mod run;
@@ -43,6 +45,8 @@ enum Command {
     Evaluate(evaluate::Evaluate),
     Exhaust(exhaust::Exhaust),
     Export(export::Export),
+    #[cfg(feature = "sql")]
+    Query(query::Query),
     Recognise(recognise::Recognise),
     Split(split::Split),
     Synth(synth::Synth),
@@ -69,6 +73,8 @@ pub fn main(cli: Cli) -> ExitCode {
         Command::Evaluate(command) => command.execute(),
         Command::Exhaust(command) => command.execute(),
         Command::Export(command) => command.execute(),
+        #[cfg(feature = "sql")]
+        Command::Query(command) => command.execute(),
         Command::Recognise(command) => command.execute(),
         Command::Split(command) => command.execute(),
         Command::Synth(command) => command.execute(),

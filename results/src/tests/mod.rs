@@ -6,5 +6,7 @@ mod fixture;
 mod folder;
 mod format;
 mod grid;
+#[cfg(feature = "sql")]
+mod query;
 mod schema;
 mod tamper;

@@ -13,6 +13,7 @@
 //! - `pieces`: evaluations in pieces
 //! - `protocol`: the coordinator's port as a client sees it
 //! - `impostors`: peers that are not what they seem
+//! - `query`: SQL over what runs have written
 //! - `sweeps`: several runs over one set of workers
 //! - `strangers`: who is let in, who is not, and what those can do who are not
 //! - `parity`: agreement with PCL on its reference values
@@ -35,6 +36,7 @@ mod parity;
 mod pieces;
 mod programs;
 mod protocol;
+mod query;
 mod remembering;
 mod repository;
 mod resuming;

@@ -289,9 +289,18 @@ fn the_schema_is_json_schema() {
 
 #[test]
 fn every_option_has_help_with_an_example() {
-    let commands: [&[&str]; 8] =
-        [&["run"], &["resume"], &["check"], &["evaluate"], &["synth"], &["verify"], &["schema"], &[]];
-    for (program_name, commands) in [("coordinator", &commands[..7]), ("worker", &commands[7..])] {
+    let commands: [&[&str]; 9] = [
+        &["run"],
+        &["resume"],
+        &["check"],
+        &["evaluate"],
+        &["query"],
+        &["synth"],
+        &["verify"],
+        &["schema"],
+        &[],
+    ];
+    for (program_name, commands) in [("coordinator", &commands[..8]), ("worker", &commands[8..])] {
         for command in commands {
             let mut help = program(program_name);
             let finished = finish(help.args(*command).arg("--help").env("COLUMNS", "400")).expect_success();

@@ -177,6 +177,20 @@ fn the_readmes_library_example_is_the_one_that_is_run() {
 }
 
 #[test]
+fn the_rust_answers_of_results_readme_are_those_that_are_compiled() {
+    let (page, example) = (read("results/README.md"), read("results/examples/questions.rs"));
+    let answers: Vec<&str> = page
+        .split("```rust\n")
+        .skip(1)
+        .filter_map(|text| text.split_once("```").map(|(code, _)| code))
+        .collect();
+    assert!(answers.len() >= 3, "results/README.md: at least three answers in Rust, got {}", answers.len());
+    for answer in answers {
+        assert!(example.contains(answer), "results/README.md: an answer has changed:\n{answer}");
+    }
+}
+
+#[test]
 fn the_readmes_experiment_is_valid() {
     let readme = read("README.md");
     let (_, rest) = readme.split_once("```toml\n").unwrap();
