@@ -63,6 +63,11 @@ pub enum Error {
     /// A column that breaks the promise that columns are only added.
     #[error("{}: column {column}: expected {expected}, got {got}\nread it with the program that wrote it", .file.display())]
     Column { file: PathBuf, column: String, expected: String, got: String },
+    /// The drawing library refused a figure.
+    #[error(
+        "report: cannot draw figure {figure}, got: {message}\nthis is a defect of this program: please report it"
+    )]
+    Drawing { figure: String, message: String },
     /// polars refused an operation on a frame that is sound by construction.
     #[error("results: cannot assemble a table, got: {0}\nthis is a defect of this program: please report it")]
     Frame(#[from] polars::error::PolarsError),

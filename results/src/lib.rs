@@ -32,6 +32,7 @@ mod statistics;
 
 #[cfg(feature = "sql")]
 mod query;
+mod report;
 
 pub use columns::{Column, ColumnKind, GeneColumn};
 pub use comparison::{ComparedRow, Curve, CurvePoint, LookRow, PairRow, Times};
@@ -49,12 +50,13 @@ pub use proceedings::{AttemptRow, EventRow, Proceedings, WorkerRow};
 pub use query::{Answer, AnswerFormat, LONGEST_QUERY, QueryError, query};
 pub use read::{FinishedRun, read_run, read_table};
 pub use recorded::{RecordedEvaluation, read_evaluations, read_predictions};
+pub use report::Report;
 pub use rows::{
     Computed, Counts, EvaluationRow, GenerationRow, PredictionRow, PredictionSplit, RunRow, RunnerUp,
     SkippedRow,
 };
 pub use schema::schema_markdown;
-pub use statistics::{Cluster, bootstrap, holm, mcnemar, wilson};
+pub use statistics::{Cluster, RankSum, bootstrap, holm, mcnemar, rank_sum, wilson};
 pub use tables::{Table, TableName};
 pub use verify::{Problem, Verification, run_digest, verify};
 

@@ -40,18 +40,25 @@ pub(crate) fn read_bytes(file: &Path) -> Result<Vec<u8>, Error> {
 /// where a file does not have them. Every file's checksum is verified. Works on runs that are not finished.
 pub fn read_table(run: impl AsRef<Path>, table: TableName) -> Result<DataFrame, Error> {
     let run = run.as_ref();
+    let whole = read_whole(run, table)?;
+    whole.map(|whole| whole.frame).ok_or(Error::NoFiles { folder: run.join(table.as_str()), table })
+}
+
+/// As [`read_table`], with the columns as the first file lists them; `None` if there is no file.
+pub(crate) fn read_whole(run: &Path, table: TableName) -> Result<Option<TableFile>, Error> {
     let mut frames = Vec::new();
     let mut files = Vec::new();
+    let mut columns = None;
     for file in table_files(run, table)? {
-        frames.push(read_file(&file, table)?.frame);
+        let content = read_file(&file, table)?;
+        columns.get_or_insert(content.table);
+        frames.push(content.frame);
         files.push(file);
-    }
-    if files.is_empty() {
-        return Err(Error::NoFiles { folder: run.join(table.as_str()), table });
     }
     let schemas = frames.iter().map(|frame| &**frame.schema());
     let schema = union(schemas.zip(files.iter().map(PathBuf::as_path)))?;
-    Ok(stack(frames, &schema)?)
+    let Some(table) = columns else { return Ok(None) };
+    Ok(Some(TableFile { table, frame: stack(frames, &schema)? }))
 }
 
 /// The columns of all files, as they first occur. Fails where two have another type.

@@ -9,6 +9,7 @@ mod export;
 #[cfg(feature = "sql")]
 mod query;
 mod recognise;
+mod report;
 mod resume;
 mod run;
 mod schema;
@@ -48,6 +49,7 @@ enum Command {
     #[cfg(feature = "sql")]
     Query(query::Query),
     Recognise(recognise::Recognise),
+    Report(report::Report),
     Split(split::Split),
     Synth(synth::Synth),
     Verify(verify::Verify),
@@ -76,6 +78,7 @@ pub fn main(cli: Cli) -> ExitCode {
         #[cfg(feature = "sql")]
         Command::Query(command) => command.execute(),
         Command::Recognise(command) => command.execute(),
+        Command::Report(command) => command.execute(),
         Command::Split(command) => command.execute(),
         Command::Synth(command) => command.execute(),
         Command::Verify(command) => command.execute(),

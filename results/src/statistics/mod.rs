@@ -3,9 +3,11 @@
 mod bootstrap;
 mod holm;
 mod mcnemar;
+mod rank_sum;
 mod wilson;
 
 pub use bootstrap::{Cluster, bootstrap};
 pub use holm::holm;
 pub use mcnemar::mcnemar;
+pub use rank_sum::{RankSum, rank_sum};
 pub use wilson::wilson;

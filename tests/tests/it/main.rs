@@ -16,6 +16,7 @@
 //! - `query`: SQL over what runs have written
 //! - `sweeps`: several runs over one set of workers
 //! - `strangers`: who is let in, who is not, and what those can do who are not
+//! - `report`: the report of runs, in a browser
 //! - `parity`: agreement with PCL on its reference values
 //! - `repository`: the rules of this repository
 
@@ -38,9 +39,10 @@ mod programs;
 mod protocol;
 mod query;
 mod remembering;
+mod report;
 mod repository;
 mod resuming;
 mod strangers;
 mod sweeps;
 
-use tests::{experiments, process};
+use tests::{browser, experiments, process};

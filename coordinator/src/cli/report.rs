@@ -1,0 +1,91 @@
+//! `coordinator report`: what runs have to show, as one page and as single figures.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::Args;
+
+use crate::sweep;
+
+/// Write a report: one HTML page that needs nothing else, and each of its figures as an SVG file
+///
+/// Of one run, finished or not, all there is to see; of a sweep or several runs, how results are distributed over seeds
+/// and how kinds of search compare. Tables are read and never changed.
+///
+/// Example: coordinator report results/runs/demo-0123456789ab
+#[derive(Debug, Args)]
+pub struct Report {
+    /// Folders of runs or sweeps, for example results/runs/demo-0123456789ab
+    #[arg(value_name = "RUN", required = true)]
+    runs: Vec<PathBuf>,
+    /// The page, for example demo.html; by default RUN/report/report.html, needed with several RUN
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Folder of the SVG files, for example figures; by default that of the page
+    #[arg(long, value_name = "DIR")]
+    svg: Option<PathBuf>,
+    /// The folder of an exhaustive search of the same space, for example results/grids/demo: draws its exact marginals
+    /// beside those that the run has met
+    #[arg(long, value_name = "GRID")]
+    grid: Option<PathBuf>,
+}
+
+impl Report {
+    pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
+        let page = match (self.out, self.runs.as_slice()) {
+            (Some(out), _) => out,
+            (None, [run]) => run.join("report").join("report.html"),
+            (None, runs) => anyhow::bail!(
+                "--out: no default for several runs, got {}\nname the page, for example --out report.html",
+                runs.len()
+            ),
+        };
+        let folders = folders(&self.runs)?;
+        let report = match (folders.as_slice(), self.grid) {
+            ([(_, folder)], grid) => results::Report::of_run(folder, grid.as_deref())?,
+            (_, Some(grid)) => anyhow::bail!(
+                "--grid: goes with one run, got {} and {}\nleave it out, or name one run",
+                folders.len(),
+                grid.display()
+            ),
+            (folders, None) => results::Report::of_runs(&title(&self.runs), folders)?,
+        };
+        let svg = self.svg.unwrap_or_else(|| page.parent().unwrap_or(Path::new("")).to_owned());
+        let figures = report.write(&page, &svg)?.len();
+        let svg = if svg.as_os_str().is_empty() { PathBuf::from(".") } else { svg };
+        super::print(&format!("{}\n{figures} figures as SVG in {}\n", page.display(), svg.display()))?;
+        Ok(ExitCode::SUCCESS)
+    }
+}
+
+/// The folders of all runs with what to call them, each folder once. Runs of a sweep that have not begun are not there.
+fn folders(runs: &[PathBuf]) -> anyhow::Result<Vec<(String, PathBuf)>> {
+    let mut folders: Vec<(String, PathBuf)> = Vec::new();
+    let mut met = std::collections::BTreeSet::new();
+    for run in runs {
+        for (member, folder) in sweep::run_folders(run)? {
+            if !member.is_empty() && !folder.is_dir() {
+                eprintln!("{}: has not begun", folder.display());
+                continue;
+            }
+            if !met.insert(std::fs::canonicalize(&folder).unwrap_or_else(|_| folder.clone())) {
+                eprintln!("{}: named twice, counts once", folder.display());
+                continue;
+            }
+            let label = match (runs.len(), member.is_empty()) {
+                (1, false) => member,
+                _ => folder.display().to_string(),
+            };
+            folders.push((label, folder));
+        }
+    }
+    Ok(folders)
+}
+
+/// The name of a sweep's folder, or how many runs there are.
+fn title(runs: &[PathBuf]) -> String {
+    match runs {
+        [sweep] => sweep.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+        runs => format!("{} runs and sweeps", runs.len()),
+    }
+}

@@ -1,0 +1,174 @@
+//! Several runs in tables: their groups, each run, and how sure their differences are.
+
+use super::figures::quantile;
+use super::html::TableBlock;
+use super::runs::{Group, Member, Runs};
+use super::summary::interval_text;
+use crate::rows::Counts;
+use crate::statistics::{RankSum, holm, rank_sum, wilson};
+
+/// Runs that are listed one by one.
+const MOST_RUNS: usize = 200;
+
+fn median(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    quantile(&values, 0.5)
+}
+
+/// The median and the ends of some percentages.
+fn spread(values: impl Iterator<Item = f64> + Clone) -> String {
+    let ends =
+        values.clone().fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)]);
+    median(values)
+        .map_or_else(|| "–".to_owned(), |median| format!("{median:.2} ({:.2} – {:.2})", ends[0], ends[1]))
+}
+
+/// A row a group.
+pub(crate) fn groups(groups: &[Group]) -> TableBlock {
+    let row = |Group { name, members, .. }: &Group| {
+        let evaluated = median(members.iter().map(|member| member.best.len() as f64));
+        vec![
+            name.clone(),
+            members.len().to_string(),
+            evaluated.map_or_else(String::new, |evaluated| format!("{evaluated:.0}")),
+            spread(members.iter().map(Member::training_error)),
+            spread(members.iter().filter_map(Member::test_error)),
+            spread(members.iter().filter_map(Member::regret)),
+        ]
+    };
+    let head =
+        ["runs of", "runs", "different descriptors", "training error, %", "test error, %", "regret, %"];
+    TableBlock {
+        caption:
+            "Groups of runs that differ in their seed only: median, lowest and highest of their winners."
+                .to_owned(),
+        head: head.map(str::to_owned).to_vec(),
+        rows: groups.iter().map(row).collect(),
+        texts: 1,
+    }
+}
+
+/// A row a run.
+pub(crate) fn members(runs: &Runs) -> TableBlock {
+    let all = runs.groups.iter().flat_map(|group| &group.members);
+    let count = all.clone().count();
+    let error = |counts: Option<Counts>| {
+        counts.map_or_else(|| "–".to_owned(), |counts| format!("{:.2}", 100.0 * counts.object_error()))
+    };
+    let row = |member: &Member| {
+        let run = &member.run.row;
+        let interval = run.test.map(|test| {
+            interval_text(wilson(test.queries.saturating_sub(test.object_correct), test.queries))
+        });
+        vec![
+            member.label.clone(),
+            member.best.len().to_string(),
+            error(Some(run.train)),
+            error(run.validation),
+            error(run.test),
+            interval.unwrap_or_default(),
+            member.run.run_digest.get(..12).unwrap_or(&member.run.run_digest).to_owned(),
+        ]
+    };
+    let head = ["run", "descriptors", "training, %", "validation, %", "test, %", "95 %", "run digest"];
+    let more = if count > MOST_RUNS { format!(" The first {MOST_RUNS} of {count}.") } else { String::new() };
+    TableBlock {
+        caption: format!(
+            "Object errors of the winner of each run, in the test with Wilson’s 95 % interval; descriptors: different ones \
+             that were evaluated.{more}"
+        ),
+        head: head.map(str::to_owned).to_vec(),
+        rows: all.take(MOST_RUNS).map(row).collect(),
+        texts: 1,
+    }
+}
+
+/// A comparison of two groups in one measure.
+struct Comparison<'a> {
+    measure: String,
+    groups: [&'a Group; 2],
+    medians: [f64; 2],
+    ranks: RankSum,
+}
+
+/// Every pair of groups on the same clouds: the training error that they reach with as many evaluations, and the test
+/// error of their winners. `None` if there is no pair with at least two runs each.
+pub(crate) fn tests(groups: &[Group]) -> Option<TableBlock> {
+    let mut comparisons = Vec::new();
+    for (index, first) in groups.iter().enumerate() {
+        for second in &groups[index + 1..] {
+            if first.data_digest == second.data_digest {
+                comparisons.extend(compared(first, second));
+            }
+        }
+    }
+    if comparisons.is_empty() {
+        return None;
+    }
+    let p_values: Vec<f64> = comparisons.iter().map(|comparison| comparison.ranks.p_value).collect();
+    let row = |(comparison, adjusted): (&Comparison<'_>, f64)| {
+        let Comparison { measure, groups: [first, second], medians, ranks } = comparison;
+        // The lower error is the better one: the chance that the first has it is that of the second being larger.
+        let better = 1.0 - ranks.a12;
+        vec![
+            measure.clone(),
+            format!("{} ({})", first.name, first.members.len()),
+            format!("{} ({})", second.name, second.members.len()),
+            format!("{:.2}", medians[0]),
+            format!("{:.2}", medians[1]),
+            format!("{better:.2} {}", size(better)),
+            p_text(ranks.p_value),
+            p_text(adjusted),
+        ]
+    };
+    let head = ["error", "first (runs)", "second (runs)", "median, %", "median, %", "A12", "p", "p (Holm)"];
+    Some(TableBlock {
+        caption: "Whether one kind of search has lower errors than another. A12 (Vargha and Delaney): the chance that a \
+                  run of the first kind has a lower error than one of the second, ties as a half; 0.5 is no difference. p: \
+                  two-sided test of Mann and Whitney, and corrected for the number of comparisons in this table (Holm). \
+                  Training errors are compared after equal numbers of different descriptors, test errors as the runs \
+                  ended."
+            .to_owned(),
+        head: head.map(str::to_owned).to_vec(),
+        rows: comparisons.iter().zip(holm(&p_values)).map(row).collect(),
+        texts: 3,
+    })
+}
+
+fn compared<'a>(first: &'a Group, second: &'a Group) -> Vec<Comparison<'a>> {
+    let groups = [first, second];
+    if groups.iter().any(|group| group.members.len() < 2) {
+        return Vec::new();
+    }
+    let members = || groups.iter().flat_map(|group| &group.members);
+    let budget = members().map(|member| member.best.len()).min().unwrap_or(0);
+    let reached = |member: &Member| member.best_after(budget);
+    let mut comparisons = Vec::new();
+    for (measure, of) in [
+        (format!("training, {budget} descriptors"), &reached as &dyn Fn(&Member) -> Option<f64>),
+        ("test".to_owned(), &Member::test_error),
+    ] {
+        let values = groups.map(|group| group.members.iter().filter_map(of).collect::<Vec<f64>>());
+        let medians = [0, 1].map(|which| median(values[which].iter().copied()));
+        if let (Some(ranks), [Some(a), Some(b)]) = (rank_sum(&values[0], &values[1]), medians) {
+            comparisons.push(Comparison { measure, groups, medians: [a, b], ranks });
+        }
+    }
+    comparisons
+}
+
+/// What Vargha and Delaney call an effect.
+fn size(a12: f64) -> &'static str {
+    match (a12 - 0.5).abs() {
+        effect if effect < 0.06 => "(negligible)",
+        effect if effect < 0.14 => "(small)",
+        effect if effect < 0.21 => "(medium)",
+        _ => "(large)",
+    }
+}
+
+/// A p-value as papers write it.
+pub(crate) fn p_text(p: f64) -> String {
+    if p < 0.0001 { "< 0.0001".to_owned() } else { format!("{p:.4}") }
+}

@@ -1,0 +1,363 @@
+//! What a figure shows, apart from how it is drawn: panels with axes, and marks in them.
+
+use std::borrow::Cow;
+
+/// Width of a figure in CSS pixels: what fits on a sheet of A4 or Letter with narrow margins.
+pub(crate) const WIDTH: u32 = 700;
+
+/// One figure: one file, one anchor of the page.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Figure {
+    /// Name of its file and anchor: lower case, digits and hyphens.
+    pub id: String,
+    /// Its heading.
+    pub title: String,
+    /// What there is to see, and what was left out. Plain text.
+    pub caption: String,
+    /// Its parts, row by row.
+    pub panels: Vec<Panel>,
+    /// How many panels stand side by side, at least 1.
+    pub columns: usize,
+}
+
+impl Figure {
+    /// A figure of one panel.
+    pub fn single(id: &str, title: &str, caption: impl Into<String>, panel: Panel) -> Self {
+        Self {
+            id: id.to_owned(),
+            title: title.to_owned(),
+            caption: caption.into(),
+            panels: vec![panel],
+            columns: 1,
+        }
+    }
+
+    /// Whether there is nothing to draw.
+    pub fn is_empty(&self) -> bool {
+        self.panels.iter().flat_map(|panel| &panel.series).all(|series| series.marks.is_empty())
+    }
+
+    /// Width of each panel, pixels.
+    pub fn panel_width(&self) -> u32 {
+        WIDTH / u32::try_from(self.columns.max(1)).unwrap_or(WIDTH)
+    }
+}
+
+/// One pair of axes with what is drawn between them.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Panel {
+    /// Stands above it; empty: nothing does.
+    pub title: String,
+    /// The horizontal axis.
+    pub x: Axis,
+    /// The vertical axis.
+    pub y: Axis,
+    /// What is drawn, the first at the back.
+    pub series: Vec<Series>,
+    /// Height with everything around the axes, pixels.
+    pub height: u32,
+}
+
+/// An axis: its label always says the quantity, and the unit where there is one.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Axis {
+    /// The quantity.
+    pub label: String,
+    /// Its unit; empty for a pure number.
+    pub unit: String,
+    /// What stands along it.
+    pub scale: Scale,
+}
+
+/// What stands along an axis.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Scale {
+    /// Numbers, so that all marks and these values can be seen.
+    Numbers(Vec<f64>),
+    /// Names at 0, 1, …: from left to right, from top to bottom.
+    Names(Vec<String>),
+}
+
+impl Axis {
+    /// An axis of numbers.
+    pub fn numbers(label: &str, unit: &str) -> Self {
+        Self { label: label.to_owned(), unit: unit.to_owned(), scale: Scale::Numbers(Vec::new()) }
+    }
+
+    /// An axis of names.
+    pub fn names(label: &str, names: Vec<String>) -> Self {
+        Self { label: label.to_owned(), unit: String::new(), scale: Scale::Names(names) }
+    }
+
+    /// Sees to it that a value can be seen; has no effect on names.
+    pub fn including(mut self, value: f64) -> Self {
+        if let Scale::Numbers(seen) = &mut self.scale {
+            seen.push(value);
+        }
+        self
+    }
+
+    /// The label with the unit, as in `error (%)`.
+    pub fn title(&self) -> String {
+        match self.unit.as_str() {
+            "" => self.label.clone(),
+            unit => format!("{} ({unit})", self.label),
+        }
+    }
+
+    /// Both ends, the lower first: beyond all marks of the panel by a little, or half a place beyond the names.
+    pub fn range(&self, marks: impl Iterator<Item = f64>) -> [f64; 2] {
+        let seen = match &self.scale {
+            Scale::Names(names) => return [-0.5, names.len().max(1) as f64 - 0.5],
+            Scale::Numbers(seen) => seen,
+        };
+        let finite = marks.chain(seen.iter().copied()).filter(|value| value.is_finite());
+        let ends = finite.fold(None, |ends: Option<[f64; 2]>, value| {
+            Some(ends.map_or([value; 2], |[low, high]| [low.min(value), high.max(value)]))
+        });
+        let [low, high] = ends.unwrap_or([0.0, 1.0]);
+        let margin = if high > low { 0.04 * (high - low) } else { low.abs().max(1.0) / 2.0 };
+        // Where zero is the end that was asked for, the axis begins there.
+        let from = if low == 0.0 { 0.0 } else { low - margin };
+        [from, high + margin]
+    }
+}
+
+/// Marks of one look.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Series {
+    /// Name in the legend; empty: none.
+    pub name: String,
+    /// Its colour.
+    pub colour: Colour,
+    /// What is drawn.
+    pub marks: Marks,
+}
+
+/// Marks, in the coordinates of the axes.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Marks {
+    /// A line through all points.
+    Line {
+        /// The points.
+        points: Vec<[f64; 2]>,
+        /// How it is drawn.
+        dash: Dash,
+    },
+    /// Points.
+    Points {
+        /// Where.
+        points: Vec<[f64; 2]>,
+        /// How they are drawn.
+        symbol: Symbol,
+    },
+    /// The space between two lines: x, lower y, upper y.
+    Band(Vec<[f64; 3]>),
+    /// Straight pieces, such as bars, spans of time and intervals.
+    Segments {
+        /// Both ends of each.
+        ends: Vec<[[f64; 2]; 2]>,
+        /// Their width in pixels.
+        width: u32,
+    },
+    /// A cell for each pair of names, rows from top to bottom; `None` is left empty.
+    Matrix {
+        /// Rows of cells, as many as the axes have names.
+        cells: Vec<Vec<Option<f64>>>,
+        /// What a cell counts.
+        unit: String,
+        /// Whether the numbers stand in the cells.
+        written: bool,
+    },
+}
+
+impl Marks {
+    /// Every coordinate pair that must be seen.
+    pub fn extent(&self) -> Box<dyn Iterator<Item = [f64; 2]> + '_> {
+        match self {
+            Self::Line { points, .. } | Self::Points { points, .. } => Box::new(points.iter().copied()),
+            Self::Band(points) => Box::new(points.iter().flat_map(|&[x, low, high]| [[x, low], [x, high]])),
+            Self::Segments { ends, .. } => Box::new(ends.iter().flatten().copied()),
+            Self::Matrix { .. } => Box::new(std::iter::empty()),
+        }
+    }
+
+    /// Whether there is anything to draw.
+    pub fn is_empty(&self) -> bool {
+        match self {
+            Self::Matrix { cells, .. } => cells.iter().all(Vec::is_empty),
+            other => other.extent().next().is_none(),
+        }
+    }
+}
+
+impl Series {
+    /// A solid line.
+    pub fn line(name: &str, colour: Colour, points: Vec<[f64; 2]>) -> Self {
+        Self::dashed(name, colour, Dash::Solid, points)
+    }
+
+    /// A line that is told from others without its colour.
+    pub fn dashed(name: &str, colour: Colour, dash: Dash, points: Vec<[f64; 2]>) -> Self {
+        Self { name: name.to_owned(), colour, marks: Marks::Line { points, dash } }
+    }
+
+    /// A line of steps: each value holds from its x to the next.
+    pub fn steps(name: &str, colour: Colour, dash: Dash, points: &[[f64; 2]]) -> Self {
+        let corners = points.windows(2).flat_map(|pair| [pair[0], [pair[1][0], pair[0][1]]]);
+        Self::dashed(name, colour, dash, corners.chain(points.last().copied()).collect())
+    }
+
+    /// Points.
+    pub fn points(name: &str, colour: Colour, symbol: Symbol, points: Vec<[f64; 2]>) -> Self {
+        Self { name: name.to_owned(), colour, marks: Marks::Points { points, symbol } }
+    }
+
+    /// The space between two lines.
+    pub fn band(name: &str, colour: Colour, points: Vec<[f64; 3]>) -> Self {
+        Self { name: name.to_owned(), colour, marks: Marks::Band(points) }
+    }
+
+    /// Straight pieces.
+    pub fn segments(name: &str, colour: Colour, width: u32, ends: Vec<[[f64; 2]; 2]>) -> Self {
+        Self { name: name.to_owned(), colour, marks: Marks::Segments { ends, width } }
+    }
+}
+
+/// The palette of Okabe and Ito (Color universal design, 2008), which people who confuse red and green can tell apart,
+/// without its yellow, which is too faint for lines on white.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Colour {
+    Blue,
+    Vermillion,
+    Green,
+    Orange,
+    Sky,
+    Purple,
+    Black,
+    Grey,
+}
+
+impl Colour {
+    /// The colours of things without an order.
+    pub const CYCLE: [Self; 7] =
+        [Self::Blue, Self::Vermillion, Self::Green, Self::Orange, Self::Sky, Self::Purple, Self::Black];
+
+    /// The colour of the n-th of many things, from 0.
+    pub fn nth(index: usize) -> Self {
+        Self::CYCLE[index % Self::CYCLE.len()]
+    }
+
+    /// Red, green and blue.
+    pub fn rgb(self) -> [u8; 3] {
+        match self {
+            Self::Blue => [0x00, 0x72, 0xb2],
+            Self::Vermillion => [0xd5, 0x5e, 0x00],
+            Self::Green => [0x00, 0x9e, 0x73],
+            Self::Orange => [0xe6, 0x9f, 0x00],
+            Self::Sky => [0x56, 0xb4, 0xe9],
+            Self::Purple => [0xcc, 0x79, 0xa7],
+            Self::Black => [0x00, 0x00, 0x00],
+            Self::Grey => [0x8a, 0x8a, 0x8a],
+        }
+    }
+}
+
+/// How a line is drawn.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Dash {
+    Solid,
+    Dashed,
+    Dotted,
+    /// Dashes and dots.
+    Mixed,
+}
+
+impl Dash {
+    /// The dash of the n-th of many lines: it changes with each, so that neighbours in the palette differ in both.
+    pub fn nth(index: usize) -> Self {
+        [Self::Solid, Self::Dashed, Self::Dotted, Self::Mixed][index % 4]
+    }
+}
+
+/// The shape of a point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Symbol {
+    Circle,
+    Triangle,
+    Dot,
+}
+
+/// The colour of a matrix cell: nearly white for none, through blue to a blue that is nearly black, as its value grows to
+/// `most`.
+pub(crate) fn shade(value: f64, most: f64) -> [u8; 3] {
+    const STOPS: [[f64; 3]; 3] = [[244.0, 246.0, 248.0], [86.0, 180.0, 233.0], [0.0, 40.0, 90.0]];
+    let place = if most > 0.0 { (value / most).clamp(0.0, 1.0) * 2.0 } else { 0.0 };
+    let (from, share) = if place < 1.0 { (0, place) } else { (1, place - 1.0) };
+    let mut rgb = [0; 3];
+    for (part, (a, b)) in rgb.iter_mut().zip(STOPS[from].into_iter().zip(STOPS[from + 1])) {
+        *part = (a + share * (b - a)).round() as u8;
+    }
+    rgb
+}
+
+/// Text that every format can hold: names come from outside, and XML has no place for control characters.
+pub(crate) fn printable(text: &str) -> Cow<'_, str> {
+    let unfit = |c: char| c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}' | '\u{2028}' | '\u{2029}');
+    if text.contains(unfit) { Cow::Owned(text.replace(unfit, "\u{fffd}")) } else { Cow::Borrowed(text) }
+}
+
+/// A name that is short enough for the edge of a figure: its end is what tells objects apart.
+pub(crate) fn shortened(name: &str, most: usize) -> String {
+    let length = name.chars().count();
+    if length <= most {
+        return name.to_owned();
+    }
+    let kept: String = name.chars().skip(length - most + 1).collect();
+    format!("…{kept}")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_axis_shows_every_mark_and_never_has_no_length() {
+        let axis = Axis::numbers("error", "%").including(30.0);
+        for marks in [vec![], vec![5.0], vec![0.0, 10.0], vec![-3.0, f64::NAN, 40.0], vec![30.0]] {
+            let [low, high] = axis.range(marks.iter().copied());
+            assert!(low < high, "{marks:?}: {low} to {high}");
+            let seen = marks.iter().chain(&[30.0]).filter(|value| value.is_finite());
+            assert!(seen.into_iter().all(|value| (low..=high).contains(value)), "{marks:?}: {low} to {high}");
+        }
+        assert_eq!(axis.range([0.0, 10.0].into_iter())[0], 0.0);
+        assert_eq!(Axis::names("object", vec!["a".into(), "b".into()]).range([9.0].into_iter()), [-0.5, 1.5]);
+    }
+
+    #[test]
+    fn steps_hold_each_value_to_the_next() {
+        let Series { marks: Marks::Line { points, .. }, .. } =
+            Series::steps("", Colour::Blue, Dash::Solid, &[[1.0, 9.0], [2.0, 7.0], [4.0, 6.0]])
+        else {
+            panic!("steps are a line");
+        };
+        assert_eq!(points, [[1.0, 9.0], [2.0, 9.0], [2.0, 7.0], [4.0, 7.0], [4.0, 6.0]]);
+        assert!(Series::steps("", Colour::Blue, Dash::Solid, &[]).marks.is_empty());
+    }
+
+    #[test]
+    fn shades_darken_with_the_value() {
+        let light = |value| shade(value, 10.0).map(u32::from).iter().sum::<u32>();
+        assert!((1..=10).all(|value| light(f64::from(value)) < light(f64::from(value - 1))));
+        assert_eq!(shade(0.0, 0.0), shade(0.0, 10.0));
+    }
+
+    #[test]
+    fn long_names_keep_their_ends_and_control_characters_go() {
+        assert_eq!(shortened("food_can_12", 5), "…n_12");
+        assert_eq!(shortened("mug_1", 5), "mug_1");
+        assert_eq!(shortened("größe_10", 4), "…_10");
+        assert_eq!(printable("a\u{0}b\nc"), "a\u{fffd}b\u{fffd}c");
+        assert_eq!(printable("Größe <b>"), "Größe <b>");
+    }
+}

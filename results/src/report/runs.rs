@@ -1,0 +1,196 @@
+//! Several runs beside each other: which belong together, and what each has reached after how many evaluations.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::{Path, PathBuf};
+
+use super::data::{Rows, percent};
+use crate::error::Error;
+use crate::read::{FinishedRun, finished, read_file, run_file};
+use crate::tables::TableName;
+
+/// A run among several.
+#[derive(Clone, Debug)]
+pub(crate) struct Member {
+    /// How it is called.
+    pub label: String,
+    /// Its end.
+    pub run: FinishedRun,
+    /// The lowest training error, percent, after each number of different descriptors from 1.
+    pub best: Vec<f64>,
+}
+
+/// Runs of one search on the same clouds, which differ in their seed only.
+#[derive(Clone, Debug)]
+pub(crate) struct Group {
+    /// What tells it from the others.
+    pub name: String,
+    /// The clouds.
+    pub data_digest: String,
+    /// Its runs.
+    pub members: Vec<Member>,
+}
+
+/// What is known of several runs.
+#[derive(Clone, Debug)]
+pub(crate) struct Runs {
+    /// The groups, in the order in which their first runs were named.
+    pub groups: Vec<Group>,
+    /// What was left out, and why.
+    pub notes: Vec<String>,
+}
+
+impl Runs {
+    /// Reads runs, each by its name and folder. One that is named twice, or that is the same as another, counts once; one
+    /// that is not finished has no result.
+    ///
+    /// # Errors
+    /// If a folder is none of a run, or if a file in it cannot be read or is damaged, which the message names.
+    pub fn read(folders: &[(String, PathBuf)]) -> Result<Self, Error> {
+        let (mut members, mut notes) = (Vec::new(), Vec::new());
+        let mut met: BTreeMap<String, String> = BTreeMap::new();
+        for (label, folder) in folders {
+            let file = match run_file(folder) {
+                Ok(file) => file,
+                Err(Error::Unfinished(_)) => {
+                    notes.push(format!("{label} is not finished: it is left out."));
+                    continue;
+                }
+                Err(error) => return Err(error),
+            };
+            let run = finished(&read_file(&file, TableName::Run)?, &file)?;
+            // Two runs with one digest are one search: as two they would pass for independent evidence.
+            if let Some(first) = met.insert(run.run_digest.clone(), label.clone()) {
+                notes.push(format!("{label} is the same run as {first}: it counts once."));
+                met.insert(run.run_digest, first);
+                continue;
+            }
+            let best = best_so_far(folder)?;
+            members.push(Member { label: label.clone(), run, best });
+        }
+        Ok(Self { groups: grouped(members), notes })
+    }
+}
+
+/// The lowest training error after each number of different descriptors. What was met before costs nothing, whether it
+/// was remembered by the run or computed again.
+fn best_so_far(folder: &Path) -> Result<Vec<f64>, Error> {
+    let Some(evaluations) = Rows::read(folder, TableName::Evaluations)? else { return Ok(Vec::new()) };
+    let errors = evaluations.numbers("object_error")?;
+    let genes: Vec<Vec<Option<f64>>> =
+        evaluations.genes().iter().map(|gene| evaluations.optional(&gene.name)).collect::<Result<_, _>>()?;
+    let mut met = BTreeSet::new();
+    let mut best = Vec::new();
+    for (row, &error) in errors.iter().enumerate() {
+        let descriptor: Vec<Option<u64>> = genes.iter().map(|gene| gene[row].map(f64::to_bits)).collect();
+        if met.insert(descriptor) {
+            let lowest = best.last().copied().unwrap_or(f64::INFINITY);
+            best.push(percent(error).min(lowest));
+        }
+    }
+    Ok(best)
+}
+
+/// Runs that differ in nothing but the seed, together.
+fn grouped(members: Vec<Member>) -> Vec<Group> {
+    let mut keys: Vec<(Vec<String>, String)> = Vec::new();
+    let mut groups: Vec<Vec<Member>> = Vec::new();
+    for member in members {
+        let row = &member.run.row;
+        let key = (settings(&row.search_config), row.data_digest.clone());
+        let place = keys.iter().position(|other| *other == key).unwrap_or_else(|| {
+            keys.push(key);
+            groups.push(Vec::new());
+            groups.len() - 1
+        });
+        groups[place].push(member);
+    }
+    let names = names(&keys, &groups);
+    let of = |((members, (_, data_digest)), name)| Group { name, data_digest, members };
+    groups.into_iter().zip(keys).zip(names).map(of).collect()
+}
+
+/// The lines of a search's canonical TOML as `section.key = value`, without its seed. (Seeds of the data are in
+/// sections.)
+fn settings(search_config: &str) -> Vec<String> {
+    let mut section = String::new();
+    let mut settings = Vec::new();
+    for line in search_config.lines().map(str::trim).filter(|line| !line.is_empty()) {
+        if let Some(name) = line.strip_prefix('[').and_then(|line| line.strip_suffix(']')) {
+            section = format!("{name}.");
+        } else if !(section.is_empty() && line.starts_with("seed =")) {
+            settings.push(format!("{section}{line}"));
+        }
+    }
+    settings
+}
+
+/// What tells the groups apart: the settings that not all of them have.
+fn names(keys: &[(Vec<String>, String)], groups: &[Vec<Member>]) -> Vec<String> {
+    let everywhere = |setting: &String| keys.iter().all(|(settings, _)| settings.contains(setting));
+    let name = |((settings, data), members): (&(Vec<String>, String), &Vec<Member>)| {
+        let mut parts: Vec<String> = settings
+            .iter()
+            .filter(|setting| !everywhere(setting))
+            .map(|setting| {
+                let (key, value) = setting.split_once(" = ").unwrap_or((setting, ""));
+                format!("{} {}", key.rsplit('.').next().unwrap_or(key), value.trim_matches('"'))
+            })
+            .collect();
+        if keys.iter().any(|(_, other)| other != data) {
+            parts.push(format!("data {}", data.get(..8).unwrap_or(data)));
+        }
+        if parts.is_empty() {
+            parts.extend(members.first().map(|member| member.run.row.name.clone()));
+        }
+        parts.join(", ")
+    };
+    keys.iter().zip(groups).map(name).collect()
+}
+
+impl Member {
+    /// Test error of its winner, percent.
+    pub fn test_error(&self) -> Option<f64> {
+        self.run.row.test.map(|counts| percent(counts.object_error()))
+    }
+
+    /// Training error of its winner, percent.
+    pub fn training_error(&self) -> f64 {
+        percent(self.run.row.train.object_error())
+    }
+
+    /// How far its winner is from the optimum in training, percent.
+    pub fn regret(&self) -> Option<f64> {
+        self.run.row.regret().map(percent)
+    }
+
+    /// The lowest training error after that many different descriptors, percent: a run that has ended keeps what it has.
+    pub fn best_after(&self, evaluations: usize) -> Option<f64> {
+        self.best.get(evaluations.checked_sub(1)?.min(self.best.len().checked_sub(1)?)).copied()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GA: &str = "version = 1\nseed = 1\n\n[dataset.synthetic]\nseed = 7\n\n[search]\nmethod = \"ga\"\n";
+
+    #[test]
+    fn runs_are_of_one_group_if_they_differ_in_their_own_seed_only() {
+        let other_seed = GA.replacen("seed = 1", "seed = 2", 1);
+        assert_eq!(settings(GA), settings(&other_seed));
+        assert_ne!(settings(GA), settings(&GA.replace("seed = 7", "seed = 8")));
+        assert_eq!(settings(GA), ["version = 1", "dataset.synthetic.seed = 7", "search.method = \"ga\""]);
+    }
+
+    #[test]
+    fn groups_are_named_by_what_tells_them_apart() {
+        let key = |config: &str, data: &str| (settings(config), data.to_owned());
+        let random = GA.replace("ga", "random");
+        let empty = vec![Vec::new(), Vec::new()];
+        let both = names(&[key(GA, "d"), key(&random, "d")], &empty);
+        assert_eq!(both, ["method ga", "method random"]);
+        let data = names(&[key(GA, "0123456789"), key(GA, "abcdef0123")], &empty);
+        assert_eq!(data, ["data 01234567", "data abcdef01"]);
+    }
+}

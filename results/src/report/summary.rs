@@ -1,0 +1,164 @@
+//! A run in tables: what it was, what it found, how certain that is.
+
+use super::data::{Rows, RunData};
+use super::html::{Item, TableBlock};
+use crate::error::Error;
+use crate::read::FinishedRun;
+use crate::rows::Counts;
+use crate::statistics::wilson;
+
+/// Rows of events and skipped clouds that are shown.
+const MOST_ROWS: usize = 50;
+
+/// A share of queries, as in `23.16 % (110)`.
+fn error_text(wrong: u32, of: u32) -> String {
+    format!("{:.2} % ({wrong})", 100.0 * f64::from(wrong) / f64::from(of))
+}
+
+/// Both ends of an interval of shares, percent.
+pub(crate) fn interval_text([low, high]: [f64; 2]) -> String {
+    format!("{:.1} – {:.1} %", 100.0 * low, 100.0 * high)
+}
+
+/// What the run was and what it found.
+pub(crate) fn overview(data: &RunData) -> Result<TableBlock, Error> {
+    let mut rows: Vec<Vec<String>> = Vec::new();
+    let mut row = |name: &str, value: String| rows.push(vec![name.to_owned(), value]);
+    match (&data.finished, &data.run) {
+        (Some(FinishedRun { row: run, genes, run_digest }), Some(table)) => {
+            let text = |column: &str| -> Result<String, Error> {
+                Ok(table.texts(column)?.into_iter().next().unwrap_or_default())
+            };
+            row("experiment", run.name.clone());
+            row("seed", run.seed.to_string());
+            row("stopped by", format!("{}, after generation {}", run.stop_reason, run.generations));
+            row(
+                "winner",
+                format!("generation {}, individual {}", run.winner_generation, run.winner_individual),
+            );
+            for (gene, value) in genes.iter().zip(&run.best_genes) {
+                if let Some(value) = value {
+                    let value = format!("{value} {}", gene.unit);
+                    row(
+                        &format!("winner’s {}", gene.name),
+                        format!("{} — {}", value.trim_end(), gene.meaning),
+                    );
+                }
+            }
+            if let Some((best, regret)) = run.grid_best_object_correct.zip(run.regret()) {
+                let behind = best.saturating_sub(run.train.object_correct);
+                let regret = format!("{:.2} % ({behind} of {} clouds)", 100.0 * regret, run.train.queries);
+                row(
+                    "regret",
+                    format!("{regret} behind the best descriptor of the search space, in training"),
+                );
+            }
+            let (computed, remembered) = (run.evaluations_computed, run.evaluations_remembered);
+            row("evaluations", format!("{computed} computed, {remembered} remembered"));
+            row("time at work", format!("{:.1} s", run.seconds));
+            row("started", format!("{} UTC", text("started_at")?));
+            row("finished", format!("{} UTC", text("finished_at")?));
+            row("machine of the coordinator", run.host.clone());
+            row(
+                "program",
+                format!(
+                    "{} ({}), evaluation version {}",
+                    run.program_version, run.build, run.evaluation_version
+                ),
+            );
+            row("data digest", run.data_digest.clone());
+            row("run digest", run_digest.clone());
+        }
+        _ => {
+            row("state", "unfinished: what is there is shown".to_owned());
+            let generations = data.generations.as_ref().map_or(0, Rows::len);
+            row("generations so far", generations.to_string());
+        }
+    }
+    if let Some(skipped) = &data.skipped {
+        row("skipped", format!("{} clouds took no part", skipped.len()));
+    }
+    row("folder", data.label.clone());
+    Ok(TableBlock { caption: "The run.".to_owned(), head: Vec::new(), rows, texts: 2 })
+}
+
+/// The winner's errors with their intervals.
+pub(crate) fn errors(run: &FinishedRun) -> TableBlock {
+    let splits =
+        [("training", Some(run.row.train)), ("validation", run.row.validation), ("test", run.row.test)];
+    let row = |(split, counts): (&str, Option<Counts>)| {
+        let Some(counts) = counts else {
+            let mut row = vec![split.to_owned(), "not measured".to_owned()];
+            row.resize(6, String::new());
+            return row;
+        };
+        let mut row = vec![split.to_owned()];
+        for correct in [counts.object_correct, counts.category_correct] {
+            let wrong = counts.queries.saturating_sub(correct);
+            row.push(error_text(wrong, counts.queries));
+            row.push(interval_text(wilson(wrong, counts.queries)));
+        }
+        row.push(counts.queries.to_string());
+        row
+    };
+    let head = ["clouds of", "object error", "95 %", "category error", "95 %", "clouds"];
+    TableBlock {
+        caption: "Errors of the winner, with the number of wrong clouds and the 95 % interval (Wilson’s score, which \
+                  takes clouds for independent; those of one object are not, so that the truth is less certain still)."
+            .to_owned(),
+        head: head.map(str::to_owned).to_vec(),
+        rows: splits.map(row).to_vec(),
+        texts: 1,
+    }
+}
+
+/// How often the test clouds were looked at, and what for.
+pub(crate) fn looks(looks: Option<&Rows>) -> Result<Item, Error> {
+    let Some(looks) = looks else {
+        let text = "Looks at the test clouds were not recorded when this run was made, or there was none.";
+        return Ok(Item::Missing(text.to_owned()));
+    };
+    let times = if looks.len() == 1 { "once".to_owned() } else { format!("{} times", looks.len()) };
+    let caption = format!(
+        "The test clouds were looked at {times} (UTC). Whoever chooses by test errors has used them up: only a result that \
+         was fixed before the first look is as good as it seems."
+    );
+    listing(looks, &caption, &["at", "command", "reason", "descriptors"])
+}
+
+/// What happened beside the results, and clouds that took no part.
+pub(crate) fn happenings(data: &RunData) -> Result<Vec<Item>, Error> {
+    let mut items = Vec::new();
+    if let Some(events) = &data.events {
+        let columns = ["at", "event", "worker", "message"];
+        items.push(listing(events, "What happened beside the evaluations (times in UTC).", &columns)?);
+    }
+    if let Some(workers) = &data.workers {
+        let columns = ["worker", "threads", "joined_at", "gone_at", "departure", "answers"];
+        items.push(listing(
+            workers,
+            "Workers (times in UTC); who was there to the end did not go.",
+            &columns,
+        )?);
+    }
+    if let Some(skipped) = &data.skipped {
+        items.push(listing(skipped, "Clouds that took no part.", &["split", "cloud", "reason"])?);
+    }
+    Ok(items)
+}
+
+/// The first rows of a table.
+pub(crate) fn listing(rows: &Rows, caption: &str, columns: &[&str]) -> Result<Item, Error> {
+    let texts: Vec<Vec<String>> =
+        columns.iter().map(|column| rows.texts(column)).collect::<Result<_, _>>()?;
+    let shown = rows.len().min(MOST_ROWS);
+    let row = |row: usize| texts.iter().map(|column| column[row].clone()).collect();
+    let more =
+        if rows.len() > shown { format!(" The first {shown} of {}.", rows.len()) } else { String::new() };
+    Ok(Item::Table(TableBlock {
+        caption: format!("{caption}{more}"),
+        head: columns.iter().map(|&column| column.to_owned()).collect(),
+        rows: (0..shown).map(row).collect(),
+        texts: columns.len(),
+    }))
+}
