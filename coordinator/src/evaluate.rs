@@ -1,51 +1,38 @@
 //! One descriptor on given lists, in this process, with the time that each stage takes.
 
 use std::ops::AddAssign;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use descriptor::fixed::FixedError;
 use descriptor::keypoints::Keypoints;
 use descriptor::prepare::{Normals, keypoints};
-use descriptor::recognise::{RecogniseError, recognise_by};
-use descriptor::summary::Parts;
+use descriptor::recognise::{RecogniseError, recognise_by, recognise_from};
+use descriptor::summary::{Part, Parts};
 use descriptor::{
-    Cloud, Correct, DistanceMatrix, FixedDescriptor, GeneTable, Label, Match, Parameters, PrepareError,
-    PreparedCloud, Preprocess, Quantiser, SetDistance, Summary, pcd, recognise,
+    Cloud, Correct, Descriptor, DistanceMatrix, FixedDescriptor, GeneTable, Label, Match, Parameters,
+    PrepareError, PreparedCloud, Preprocess, Quantiser, SetDistance, Summary, pcd,
 };
 use rayon::prelude::*;
 
-use crate::dataset::{DatasetError, Layout, Listing, read_file};
-
-/// A descriptor, and how clouds are compared by it.
-#[derive(Clone, Copy, Debug)]
-pub enum Descriptor {
-    /// The paper's, compared by χ².
-    DiskRing(Parameters),
-    /// One without genes.
-    Fixed(FixedDescriptor, SetDistance),
-}
+use crate::dataset::{Listing, read_file};
 
 /// What to evaluate.
 #[derive(Clone, Debug)]
 pub struct Request {
-    /// Data root.
-    pub root: PathBuf,
-    /// How labels are found.
-    pub layout: Layout,
-    /// Lists of queries.
-    pub query: Vec<PathBuf>,
-    /// Lists of database clouds.
-    pub database: Vec<PathBuf>,
+    /// On which clouds.
+    pub listing: Listing,
     /// Keypoints and normals.
     pub preprocess: Preprocess,
     /// The descriptor.
     pub descriptor: Descriptor,
+    /// How clouds are compared by it.
+    pub distance: SetDistance,
     /// Threads; stages are timed on each of them and added up.
     pub threads: usize,
 }
 
-/// Time of each stage, added up over clouds and threads; `total` is wall time from the first list to the last match.
+/// Time of each stage, added up over clouds and threads; `total` is wall time from the first cloud to the last match.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Seconds {
     /// Reading and decoding files.
@@ -93,9 +80,6 @@ pub struct Report {
 /// Why there is no report.
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluateError {
-    /// The lists.
-    #[error(transparent)]
-    Dataset(#[from] DatasetError),
     /// A cloud.
     #[error("{path}: {what}")]
     Cloud {
@@ -139,7 +123,7 @@ pub fn evaluate(request: &Request) -> Result<Report, EvaluateError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(request.threads).build()?;
     pool.install(|| match &request.descriptor {
         Descriptor::DiskRing(parameters) => evaluate_disk_ring(request, parameters),
-        Descriptor::Fixed(descriptor, distance) => evaluate_fixed(request, *descriptor, *distance),
+        Descriptor::Fixed(descriptor) => evaluate_fixed(request, *descriptor),
     })
 }
 
@@ -151,22 +135,24 @@ fn evaluate_disk_ring(request: &Request, parameters: &Parameters) -> Result<Repo
         Ok(Described { summary: Summary::new(&prepared, &binning), keypoints: prepared.keypoints() })
     };
     evaluate_by(request, describe, |queries, database, labels| {
-        recognise(queries, database, labels, parameters.shape_weight())
+        let matrix = |part: fn(&Summary) -> &Part| {
+            let [queries, database] =
+                [queries, database].map(|clouds| clouds.iter().map(part).collect::<Parts>());
+            DistanceMatrix::by(request.distance, &queries, &database)
+        };
+        let (shape, colour) = (matrix(|summary| &summary.shape), matrix(|summary| &summary.colour));
+        recognise_from(queries.len(), &shape, &colour, labels, parameters.shape_weight())
     })
 }
 
-fn evaluate_fixed(
-    request: &Request,
-    descriptor: FixedDescriptor,
-    distance: SetDistance,
-) -> Result<Report, EvaluateError> {
+fn evaluate_fixed(request: &Request, descriptor: FixedDescriptor) -> Result<Report, EvaluateError> {
     let describe = |cloud: &Cloud, keypoints: &Keypoints, normals: &Normals| {
         let histograms = descriptor.describe(cloud, keypoints, normals)?;
         Ok(Described { summary: histograms.summary(), keypoints: histograms.rows().len() })
     };
     evaluate_by(request, describe, |queries, database, labels| {
         let [queries, database] = [queries, database].map(|parts| parts.iter().collect::<Parts>());
-        recognise_by(queries.clouds(), &DistanceMatrix::by(distance, &queries, &database), labels)
+        recognise_by(queries.clouds(), &DistanceMatrix::by(request.distance, &queries, &database), labels)
     })
 }
 
@@ -176,8 +162,7 @@ fn evaluate_by<S: Send>(
     describe: impl Fn(&Cloud, &Keypoints, &Normals) -> Result<Described<S>, FixedError> + Sync,
     recognise: impl FnOnce(&[S], &[S], &[Label]) -> Result<Vec<Match>, RecogniseError>,
 ) -> Result<Report, EvaluateError> {
-    let started = Instant::now();
-    let listing = Listing::load(&request.root, &request.layout, &request.query, &request.database)?;
+    let (started, listing) = (Instant::now(), &request.listing);
     let described: Vec<(Result<Described<S>, String>, Seconds)> = listing
         .clouds
         .par_iter()

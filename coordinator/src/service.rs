@@ -104,7 +104,7 @@ impl Coordinator for Service {
             return Ok(refused(
                 v1::RefusalReason::ProtocolVersion,
                 format!(
-                    "protocol version: must be {PROTOCOL_MAJOR}.{LEAST_PROTOCOL_MINOR} or later, got {PROTOCOL_MAJOR}.{}\ninstall the coordinator's release ({}) on this worker: an older one cannot describe shards",
+                    "protocol version: must be {PROTOCOL_MAJOR}.{LEAST_PROTOCOL_MINOR} or later, got {PROTOCOL_MAJOR}.{}\ninstall the coordinator's release ({}) on this worker: an older one does not know all jobs",
                     request.protocol_minor,
                     worker::BUILD
                 ),

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use descriptor::{Parameters, description};
+use descriptor::Descriptor;
 use proto::Digest;
 
 use crate::evaluation::Evaluation;
@@ -11,7 +11,7 @@ use crate::evaluation::Evaluation;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Description {
     /// The descriptor.
-    pub parameters: Parameters,
+    pub descriptor: Descriptor,
     /// The shard: a split manifest.
     pub manifest: Digest,
     /// Clouds in it.
@@ -42,7 +42,7 @@ impl Description {
     /// Refuses an answer that cannot be the shard's description.
     pub fn check(&self, described: &Described) -> Result<(), String> {
         let Some(parts) = &described.parts else { return Ok(()) };
-        description::check(parts, &self.parameters, self.clouds).map_err(|error| error.to_string())
+        self.descriptor.check_description(parts, self.clouds).map_err(|error| error.to_string())
     }
 }
 
@@ -60,13 +60,15 @@ impl Described {
 
 #[cfg(test)]
 mod tests {
+    use descriptor::Parameters;
+
     use super::*;
 
     #[test]
     fn what_cannot_be_a_shards_description_is_refused() {
-        let parameters = Parameters::PAPER_BEST;
-        let shard = Description { parameters, manifest: Digest([1; 32]), clouds: 3 };
-        let length = description::length(&parameters, 3) as usize;
+        let descriptor = Descriptor::DiskRing(Parameters::PAPER_BEST);
+        let shard = Description { descriptor, manifest: Digest([1; 32]), clouds: 3 };
+        let length = descriptor.description_length(3) as usize;
         assert_eq!(shard.check(&Described::new(vec![0; length])), Ok(()));
         assert_eq!(shard.check(&Described::named(Digest([2; 32]))), Ok(()));
         assert!(shard.check(&Described::new(vec![0; length - 4])).is_err());

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::fmt;
 
-use descriptor::{GENES, GeneKind, Parameters};
+use descriptor::{Descriptor, FixedDescriptor, GENES, GeneKind, Parameters};
 use proto::{Digest, JobId};
 
 use crate::evaluation::{Evaluation, EvaluationResult};
@@ -72,8 +72,16 @@ impl Task {
                 &[&cell.query, &cell.database]
             }
             Self::Description(shard) => {
-                hasher.update(b"description");
-                hash_genes(&mut hasher, &shard.parameters);
+                match &shard.descriptor {
+                    Descriptor::DiskRing(parameters) => {
+                        hasher.update(b"description");
+                        hash_genes(&mut hasher, parameters);
+                    }
+                    Descriptor::Fixed(FixedDescriptor { kind, radius_um }) => {
+                        hasher.update(kind.name().as_bytes());
+                        hasher.update(&radius_um.to_le_bytes());
+                    }
+                }
                 &[std::slice::from_ref(&shard.manifest)]
             }
             Self::Tile(Tile { evaluation, query_parts, database_parts }) => {
@@ -100,17 +108,23 @@ impl Task {
         match self {
             Self::Evaluation(evaluation) => [0, evaluation.queries, evaluation.database_clouds],
             Self::GridCell(cell) => [1, cell.queries, cell.descriptors as u32],
-            Self::Description(shard) => [2, shard.clouds, 0],
+            Self::Description(shard) => match shard.descriptor {
+                Descriptor::DiskRing(_) => [2, shard.clouds, 0],
+                Descriptor::Fixed(fixed) => [4 + fixed.kind as u32, shard.clouds, fixed.radius_um],
+            },
             Self::Tile(tile) => [3, tile.evaluation.queries, tile.evaluation.database_clouds],
         }
     }
 
-    /// The descriptor, of what is about one only.
+    /// The descriptor of the paper's kind, of what is about one only.
     pub fn parameters(&self) -> Option<&Parameters> {
         match self {
             Self::Evaluation(evaluation) => Some(&evaluation.parameters),
             Self::GridCell(_) => None,
-            Self::Description(shard) => Some(&shard.parameters),
+            Self::Description(shard) => match &shard.descriptor {
+                Descriptor::DiskRing(parameters) => Some(parameters),
+                Descriptor::Fixed(_) => None,
+            },
             Self::Tile(tile) => Some(&tile.evaluation.parameters),
         }
     }
@@ -211,7 +225,7 @@ impl fmt::Display for Task {
                 write!(f, "grid cell of R1={disk} cm R2={ring} cm")
             }
             Self::Description(shard) => {
-                write!(f, "description of {} clouds under {}", shard.clouds, shard.parameters)
+                write!(f, "description of {} clouds under {}", shard.clouds, shard.descriptor)
             }
             Self::Tile(Tile { evaluation, .. }) => write!(
                 f,
@@ -236,7 +250,7 @@ impl GridCell {
 
 #[cfg(test)]
 mod tests {
-    use descriptor::Parameters;
+    use descriptor::FixedKind;
 
     use super::*;
 
@@ -259,7 +273,9 @@ mod tests {
             descriptors: 3,
         };
         let other_genes = Parameters { shape_bins: 8, ..base.parameters };
-        let shard = Description { parameters: base.parameters, manifest: Digest([1; 32]), clouds: 2 };
+        let of = |parameters| Descriptor::DiskRing(parameters);
+        let fixed = |kind, radius_um| Descriptor::Fixed(FixedDescriptor { kind, radius_um });
+        let shard = Description { descriptor: of(base.parameters), manifest: Digest([1; 32]), clouds: 2 };
         let tile = Tile {
             evaluation: base.clone(),
             query_parts: vec![Digest([3; 32])],
@@ -267,8 +283,16 @@ mod tests {
         };
         let names = [
             Task::Description(shard.clone()).job(0),
-            Task::Description(Description { parameters: other_genes, ..shard.clone() }).job(0),
-            Task::Description(Description { manifest: Digest([2; 32]), ..shard }).job(0),
+            Task::Description(Description { descriptor: of(other_genes), ..shard.clone() }).job(0),
+            Task::Description(Description { manifest: Digest([2; 32]), ..shard.clone() }).job(0),
+            Task::Description(Description { descriptor: fixed(FixedKind::PfhRgb, 50_000), ..shard.clone() })
+                .job(0),
+            Task::Description(Description {
+                descriptor: fixed(FixedKind::ShotColor, 50_000),
+                ..shard.clone()
+            })
+            .job(0),
+            Task::Description(Description { descriptor: fixed(FixedKind::PfhRgb, 40_000), ..shard }).job(0),
             Task::Tile(tile.clone()).job(0),
             // A description that was corrected makes another tile.
             Task::Tile(Tile { query_parts: vec![Digest([5; 32])], ..tile.clone() }).job(0),
@@ -289,7 +313,7 @@ mod tests {
         ];
         let different: std::collections::BTreeSet<JobId> = names.into();
         assert_eq!(different.len(), names.len());
-        assert_eq!(names[6], Task::Evaluation(base).job(0));
+        assert_eq!(names[9], Task::Evaluation(base).job(0));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use descriptor::{GENES, Label, Parameters, Preprocess, Unit};
+use descriptor::{Descriptor, FixedDescriptor, FixedKind, GENES, Label, Parameters, Preprocess, Unit};
 use prost::Message as _;
 use proto::{Digest, Lease, MAX_POLL_ITEMS, SessionId, WorkerId, v1};
 use tonic::Status;
@@ -82,9 +82,24 @@ fn job(lease: Lease, task: &Task, preparation: &v1::Preparation) -> v1::Job {
 fn description(shard: &Description, preparation: &v1::Preparation) -> v1::Description {
     v1::Description {
         preparation: Some(preparation.clone()),
-        parameters: Some(parameters(&shard.parameters)),
+        parameters: match &shard.descriptor {
+            Descriptor::DiskRing(descriptor) => Some(parameters(descriptor)),
+            Descriptor::Fixed(_) => None,
+        },
         manifest: shard.manifest.to_vec(),
+        fixed: match &shard.descriptor {
+            Descriptor::DiskRing(_) => None,
+            Descriptor::Fixed(descriptor) => Some(fixed(descriptor)),
+        },
     }
+}
+
+fn fixed(descriptor: &FixedDescriptor) -> v1::FixedDescriptor {
+    let kind = match descriptor.kind {
+        FixedKind::PfhRgb => v1::FixedKind::Pfhrgb,
+        FixedKind::ShotColor => v1::FixedKind::Shotcolor,
+    };
+    v1::FixedDescriptor { kind: kind.into(), radius_um: descriptor.radius_um }
 }
 
 fn tile(tile: &Tile, preparation: &v1::Preparation) -> v1::Tile {

@@ -15,8 +15,10 @@ pub enum DescriptionError {
         got: usize,
     },
     /// A value that no mean or deviation of shares can have.
-    #[error("description: values must lie between 0 and 1, got {got}\ndescribe the clouds again")]
+    #[error("description: values must lie between 0 and {largest}, got {got}\ndescribe the clouds again")]
     Value {
+        /// Largest value that the descriptor has.
+        largest: u8,
         /// As text: a float has no equality.
         got: String,
     },
@@ -58,7 +60,7 @@ pub fn check(bytes: &[u8], parameters: &Parameters, clouds: u32) -> Result<(), D
 /// Refuses values that no mean or deviation of shares can have.
 fn check_values(mut values: impl Iterator<Item = f32>) -> Result<(), DescriptionError> {
     match values.find(|value| !(0.0..=1.0).contains(value)) {
-        Some(value) => Err(DescriptionError::Value { got: value.to_string() }),
+        Some(value) => Err(DescriptionError::Value { largest: 1, got: value.to_string() }),
         None => Ok(()),
     }
 }

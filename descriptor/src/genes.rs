@@ -121,6 +121,17 @@ pub struct Domain {
 }
 
 impl Domain {
+    /// The smallest evenly spaced domain that has all these values and one more.
+    fn including(&self, ticks: u32) -> Self {
+        let values = self.values();
+        let (low, high) = (self.low, values.last().unwrap_or(self.low));
+        let step = if self.count > 1 { self.step } else { 0 };
+        let common = gcd(step, ticks.abs_diff(low));
+        let (low, high) = (low.min(ticks), high.max(ticks));
+        let steps = (high - low).checked_div(common).unwrap_or(0);
+        Self { low, step: common.max(1), count: steps.saturating_add(1) }
+    }
+
     /// A gene that always has the same value.
     pub fn fixed(ticks: u32) -> Self {
         Self { low: ticks, step: 1, count: 1 }
@@ -179,6 +190,10 @@ pub struct GeneTable {
     colour: bool,
 }
 
+fn gcd(a: u32, b: u32) -> u32 {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
 impl GeneTable {
     /// Checks the domains, given in the order of [`GENES`]. Without colour, m is dropped and w is fixed at 1.
     pub fn new(mut domains: [Domain; 5], colour: bool) -> Result<Self, GeneError> {
@@ -229,6 +244,18 @@ impl GeneTable {
             GENES.each_ref().map(|spec| Domain::fixed(parameters.ticks(spec.kind))),
             parameters.has_colour(),
         )
+    }
+
+    /// The smallest regular space that has this table's descriptors and one more.
+    ///
+    /// # Errors
+    /// If the descriptor lies beyond what the genes allow, or so unevenly that a gene would have too many values.
+    pub fn including(&self, parameters: &Parameters) -> Result<Self, GeneError> {
+        let domain = |spec: &GeneSpec| {
+            let (domain, ticks) = (&self.domains[spec.kind as usize], parameters.ticks(spec.kind));
+            domain.including(ticks)
+        };
+        Self::new(GENES.each_ref().map(domain), self.colour && parameters.has_colour())
     }
 
     /// Whether descriptors of this table have a colour part.
@@ -405,6 +432,29 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+
+    #[test]
+    fn a_space_that_includes_a_descriptor_has_it_and_all_that_it_had() {
+        let values = |domain: Domain| domain.values().collect::<Vec<_>>();
+        for (low, step, count) in [(5, 3, 4), (5, 1, 1), (0, 10, 3), (7, 2, 6)] {
+            let domain = Domain { low, step, count };
+            for ticks in [0, 4, 5, 6, 7, 8, 14, 30, 31] {
+                let wider = values(domain.including(ticks));
+                assert!(wider.contains(&ticks), "{domain:?} {ticks}");
+                assert!(values(domain).iter().all(|value| wider.contains(value)), "{domain:?} {ticks}");
+                let ends = [values(domain).into_iter().min(), values(domain).into_iter().max()];
+                assert!(wider.first() == ends[0].min(Some(ticks)).as_ref(), "no more than is needed");
+                assert!(wider.last() == ends[1].max(Some(ticks)).as_ref(), "no more than is needed");
+                if values(domain).contains(&ticks) {
+                    assert_eq!(wider, values(domain));
+                }
+            }
+        }
+        let table = GeneTable::paper();
+        let foreign = Parameters { disk_um: 12_345, ..Parameters::PAPER_BEST };
+        assert!(!table.contains(&foreign) && table.including(&foreign).unwrap().contains(&foreign));
+        assert_eq!(table.including(&Parameters::PAPER_BEST).unwrap(), table);
+    }
 
     fn bits_of(number: u64, width: u32) -> Vec<bool> {
         (0..width).rev().map(|bit| number >> bit & 1 == 1).collect()

@@ -20,9 +20,9 @@ pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "
 /// Must be equal on both sides.
 pub const PROTOCOL_MAJOR: u32 = 1;
 /// Grows when the protocol grows.
-pub const PROTOCOL_MINOR: u32 = 2;
-/// The least that a worker must know: descriptions and tiles.
-pub const LEAST_PROTOCOL_MINOR: u32 = 2;
+pub const PROTOCOL_MINOR: u32 = 3;
+/// The least that a worker must know: descriptors without genes.
+pub const LEAST_PROTOCOL_MINOR: u32 = 3;
 
 /// The largest message either side accepts, bytes: some 300 000 matches of one final test.
 pub const MAX_MESSAGE_BYTES: usize = 16 << 20;
@@ -30,6 +30,8 @@ pub const MAX_MESSAGE_BYTES: usize = 16 << 20;
 pub const BLOB_CHUNK_BYTES: usize = 64 << 10;
 /// The largest blob a worker accepts, bytes: a cloud of 16 million points.
 pub const MAX_BLOB_BYTES: u64 = 256 << 20;
+/// The largest radius of a descriptor without genes, micrometres.
+pub const MAX_RADIUS_UM: u32 = 1_000_000;
 /// The longest worker name, bytes.
 pub const MAX_NAME_BYTES: usize = 64;
 /// The longest message for people that is kept of what a worker says, bytes.

@@ -11,6 +11,8 @@ pub enum ColumnKind {
     U32,
     /// Unsigned 64-bit integer.
     U64,
+    /// 32-bit float, always finite.
+    F32,
     /// 64-bit float, always finite.
     F64,
     /// A list of 32-bit floats, always finite, of one length in all rows of a file.
@@ -30,6 +32,7 @@ impl ColumnKind {
         match self {
             Self::U32 => DataType::UInt32,
             Self::U64 => DataType::UInt64,
+            Self::F32 => DataType::Float32,
             Self::F64 => DataType::Float64,
             Self::F32List => DataType::List(Box::new(DataType::Float32)),
             Self::Bool => DataType::Boolean,
@@ -43,6 +46,7 @@ impl ColumnKind {
         match self {
             Self::U32 => "u32",
             Self::U64 => "u64",
+            Self::F32 => "f32",
             Self::F64 => "f64",
             Self::F32List => "list of f32",
             Self::Bool => "bool",

@@ -8,6 +8,7 @@ use blake3::Hash;
 use polars::prelude::DataFrame;
 
 use crate::columns::GeneColumn;
+use crate::comparison::{self, ComparedRow, Curve, LookRow, PairRow};
 use crate::digest;
 use crate::error::Error;
 use crate::file::{is_temporary, names, sync_folder, write_whole};
@@ -172,6 +173,53 @@ impl RunFolder {
         Ok(())
     }
 
+    /// Notes that test clouds are about to be released; also in a run that is finished. What is noted stays, whatever
+    /// becomes of the run.
+    pub fn note_look(&self, look: &LookRow) -> Result<(), Error> {
+        let table = self.table(TableName::Looks)?;
+        let folder = self.folder.join(TableName::Looks.as_str());
+        let number = names(&folder)?.iter().filter_map(|name| look_number(name)).max().unwrap_or(0) + 1;
+        self.write(&table, comparison::look(look)?, &format!("look-{number:05}.parquet"))
+    }
+
+    /// Removes the comparison that is there, the table that says it is whole first, and makes room for another.
+    pub fn begin_comparison(&self) -> Result<(), Error> {
+        for table in TableName::COMPARISON.into_iter().rev() {
+            let folder = self.folder.join(table.as_str());
+            fs::create_dir_all(&folder).map_err(|source| opening(&folder, source))?;
+            remove(&folder, |name| is_temporary(name) || name.ends_with(".parquet"))?;
+            sync_folder(&folder)?;
+        }
+        sync_folder(&self.folder)
+    }
+
+    /// Writes what one descriptor, named by a label that can be a file's name, makes of the test clouds: its answers in
+    /// query order, its curves, and the distances of queries to clouds of the database.
+    pub fn write_compared(
+        &self,
+        descriptor: &str,
+        answers: &[PredictionRow],
+        curves: &[Curve],
+        distances: &[(u32, u32, f32)],
+    ) -> Result<(), Error> {
+        let name = format!("{descriptor}.parquet");
+        for (table, frame) in [
+            (TableName::Distances, comparison::distances(descriptor, distances)?),
+            (TableName::Answers, comparison::answers(descriptor, answers)?),
+            (TableName::RecallPrecision, comparison::recall_precision(descriptor, curves)?),
+        ] {
+            self.write(&self.table(table)?, frame, &name)?;
+        }
+        Ok(())
+    }
+
+    /// Writes all descriptors and all pairs of them, and with it finishes the comparison.
+    pub fn write_comparison(&self, rows: &[ComparedRow], pairs: &[PairRow]) -> Result<(), Error> {
+        self.write(&self.table(TableName::Pairs)?, comparison::pairs(pairs)?, "pairs.parquet")?;
+        let table = self.table(TableName::Comparison)?;
+        self.write(&table, comparison::comparison(rows)?, "comparison.parquet")
+    }
+
     /// Computes the run digest from the files as written, writes the run's row and with it finishes the run.
     /// Returns the run digest.
     pub fn write_run(&self, row: &RunRow) -> Result<Hash, Error> {
@@ -267,7 +315,14 @@ fn is_ours(table: TableName, name: &str) -> bool {
             name.strip_suffix(".parquet") == Some(table.as_str())
         }
         TableName::Run => name == RUN_FILE,
-        TableName::Cells
+        // Looks were had, even if the run is not.
+        TableName::Looks
+        | TableName::Distances
+        | TableName::Answers
+        | TableName::RecallPrecision
+        | TableName::Pairs
+        | TableName::Comparison
+        | TableName::Cells
         | TableName::Best
         | TableName::Marginals
         | TableName::Landscapes
@@ -275,6 +330,11 @@ fn is_ours(table: TableName, name: &str) -> bool {
         | TableName::Grid
         | TableName::Database => false,
     }
+}
+
+/// Number of a look's file.
+fn look_number(name: &str) -> Option<u32> {
+    name.strip_prefix("look-")?.strip_suffix(".parquet")?.parse().ok()
 }
 
 /// Removes files, the latest generation first: what is left after a crash is still a run's beginning, never

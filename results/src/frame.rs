@@ -39,7 +39,7 @@ pub(crate) fn gene_cells(genes: &[GeneColumn], prefix: &str, rows: &[&[Option<f6
     genes.iter().enumerate().map(column).collect()
 }
 
-fn counts_cells(prefix: &str, rows: &[Option<Counts>]) -> [Cell; 5] {
+pub(crate) fn counts_cells(prefix: &str, rows: &[Option<Counts>]) -> [Cell; 5] {
     let name = |column: &str| format!("{prefix}{column}");
     let integers = |column: &str, of: fn(&Counts) -> u32| {
         cells(&name(column), rows.iter().map(|counts| counts.as_ref().map(of)))
@@ -123,25 +123,28 @@ pub(crate) fn predictions(split: PredictionSplit, rows: &[PredictionRow]) -> Res
             return Err(refuse(TableName::Predictions, index + 1, "query", expected, pair[1].query));
         }
     }
+    let mut columns = vec![cells("split", rows.iter().map(|_| split.as_str()))];
+    columns.extend(prediction_cells(rows));
+    assemble(rows.len(), columns)
+}
+
+/// Queries and what they are taken for.
+pub(crate) fn prediction_cells(rows: &[PredictionRow]) -> [Cell; 12] {
     let runner_up = || rows.iter().map(|row| row.runner_up.as_ref());
-    assemble(
-        rows.len(),
-        vec![
-            cells("split", rows.iter().map(|_| split.as_str())),
-            cells("query", rows.iter().map(|row| row.query)),
-            cells("cloud", rows.iter().map(|row| row.cloud.as_str())),
-            cells("instance", rows.iter().map(|row| row.instance.as_str())),
-            cells("category", rows.iter().map(|row| row.category.as_str())),
-            cells("nearest_cloud", rows.iter().map(|row| row.nearest_cloud.as_str())),
-            cells("predicted_instance", rows.iter().map(|row| row.predicted_instance.as_str())),
-            cells("predicted_category", rows.iter().map(|row| row.predicted_category.as_str())),
-            cells("distance", rows.iter().map(|row| row.distance)),
-            cells("runner_up_cloud", runner_up().map(|other| other.map(|other| other.cloud.as_str()))),
-            cells("runner_up_distance", runner_up().map(|other| other.map(|other| other.distance))),
-            cells("correct_object", rows.iter().map(|row| row.predicted_instance == row.instance)),
-            cells("correct_category", rows.iter().map(|row| row.predicted_category == row.category)),
-        ],
-    )
+    [
+        cells("query", rows.iter().map(|row| row.query)),
+        cells("cloud", rows.iter().map(|row| row.cloud.as_str())),
+        cells("instance", rows.iter().map(|row| row.instance.as_str())),
+        cells("category", rows.iter().map(|row| row.category.as_str())),
+        cells("nearest_cloud", rows.iter().map(|row| row.nearest_cloud.as_str())),
+        cells("predicted_instance", rows.iter().map(|row| row.predicted_instance.as_str())),
+        cells("predicted_category", rows.iter().map(|row| row.predicted_category.as_str())),
+        cells("distance", rows.iter().map(|row| row.distance)),
+        cells("runner_up_cloud", runner_up().map(|other| other.map(|other| other.cloud.as_str()))),
+        cells("runner_up_distance", runner_up().map(|other| other.map(|other| other.distance))),
+        cells("correct_object", rows.iter().map(|row| row.predicted_instance == row.instance)),
+        cells("correct_category", rows.iter().map(|row| row.predicted_category == row.category)),
+    ]
 }
 
 /// The clouds that took no part.
@@ -321,9 +324,12 @@ pub(crate) fn conform(table: &Table, frame: DataFrame) -> Result<Result<DataFram
         if !column.nullable && cell.null_count() > 0 {
             return Ok(Err(mismatch("a value in every row", format!("{} nulls", cell.null_count()))));
         }
-        if column.kind == ColumnKind::F64
-            && let Some(value) = cell.f64()?.iter().flatten().find(|value| !value.is_finite())
-        {
+        let infinite = match column.kind {
+            ColumnKind::F64 => cell.f64()?.iter().flatten().find(|value| !value.is_finite()),
+            ColumnKind::F32 => cell.f32()?.iter().flatten().find(|value| !value.is_finite()).map(f64::from),
+            _ => None,
+        };
+        if let Some(value) = infinite {
             return Ok(Err(mismatch("a finite number", value.to_string())));
         }
         columns.push(cell);

@@ -10,6 +10,7 @@ mod rows;
 mod tables;
 
 mod cells;
+mod comparison;
 mod database;
 mod derived;
 mod digest;
@@ -29,6 +30,7 @@ mod verify;
 mod statistics;
 
 pub use columns::{Column, ColumnKind, GeneColumn};
+pub use comparison::{ComparedRow, Curve, CurvePoint, LookRow, PairRow, Times};
 pub use database::{Database, DatabaseCloud, DatabasePart, read_database, write_database};
 pub use error::Error;
 pub use folder::RunFolder;
@@ -46,7 +48,7 @@ pub use rows::{
     SkippedRow,
 };
 pub use schema::schema_markdown;
-pub use statistics::wilson;
+pub use statistics::{Cluster, bootstrap, holm, mcnemar, wilson};
 pub use tables::{Table, TableName};
 pub use verify::{Problem, Verification, run_digest, verify};
 

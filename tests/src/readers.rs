@@ -226,6 +226,7 @@ fn reply() -> v1::PollReply {
         preparation: evaluation.preparation.clone(),
         parameters: Some(parameters),
         manifest: vec![3; 32],
+        fixed: None,
     };
     let tile =
         v1::Tile { evaluation: Some(evaluation.clone()), query_parts: splits(), database_parts: splits() };

@@ -1,8 +1,10 @@
 //! From wire types to the worker's own and back: the only file here that knows both.
 
 use descriptor::genes::Domain;
-use descriptor::{GENES, GeneKind, GeneTable, Parameters, Preprocess, Unit};
-use proto::{Digest, MAX_CELL, v1};
+use descriptor::{
+    Descriptor, FixedDescriptor, FixedKind, GENES, GeneKind, GeneTable, Parameters, Preprocess, Unit,
+};
+use proto::{Digest, MAX_CELL, MAX_RADIUS_UM, v1};
 
 use crate::workshop::{
     Description, Evaluation, EvaluationError, GridCell, Outcome, Preparation, Splits, Task, Tile,
@@ -32,8 +34,26 @@ pub fn task(job: v1::Job) -> Result<Task, InvalidJob> {
 
 fn description(wire: v1::Description) -> Result<Description, InvalidJob> {
     let preparation = preparation(wire.preparation)?;
-    let parameters = parameters(wire.parameters, &preparation)?;
-    Ok(Description { preparation, parameters, manifest: digest(&wire.manifest)? })
+    let descriptor = match wire.fixed {
+        Some(_) if wire.parameters.is_some() => {
+            return Err(invalid("one of parameters and fixed must be set"));
+        }
+        Some(fixed) => Descriptor::Fixed(self::fixed(fixed)?),
+        None => Descriptor::DiskRing(parameters(wire.parameters, &preparation)?),
+    };
+    Ok(Description { preparation, descriptor, manifest: digest(&wire.manifest)? })
+}
+
+fn fixed(wire: v1::FixedDescriptor) -> Result<FixedDescriptor, InvalidJob> {
+    let kind = match wire.kind() {
+        v1::FixedKind::Pfhrgb => FixedKind::PfhRgb,
+        v1::FixedKind::Shotcolor => FixedKind::ShotColor,
+        v1::FixedKind::Unspecified => return Err(invalid("kind of descriptor is missing")),
+    };
+    if !(1..=MAX_RADIUS_UM).contains(&wire.radius_um) {
+        return Err(invalid(format!("radius must be 1 to {MAX_RADIUS_UM} um, got {}", wire.radius_um)));
+    }
+    Ok(FixedDescriptor { kind, radius_um: wire.radius_um })
 }
 
 fn tile(wire: v1::Tile) -> Result<Tile, InvalidJob> {
@@ -229,9 +249,18 @@ mod tests {
     #[test]
     fn a_tile_names_a_description_for_each_of_its_shards() {
         let v1::Evaluation { preparation, parameters, .. } = evaluation();
-        let description = v1::Description { preparation, parameters, manifest: vec![3; 32] };
+        let description = v1::Description { preparation, parameters, manifest: vec![3; 32], fixed: None };
         let described = task(pieces(Some(description.clone()), None)).unwrap();
         assert!(matches!(described, Task::Description(found) if found.manifest == Digest([3; 32])));
+        let shot = v1::FixedDescriptor { kind: v1::FixedKind::Shotcolor.into(), radius_um: 50_000 };
+        let fixed = |fixed| v1::Description { parameters: None, fixed: Some(fixed), ..description.clone() };
+        let described = task(pieces(Some(fixed(shot)), None)).unwrap();
+        let expected = Descriptor::Fixed(FixedDescriptor { kind: FixedKind::ShotColor, radius_um: 50_000 });
+        assert!(matches!(described, Task::Description(found) if found.descriptor == expected));
+        for (kind, radius_um) in [(0, 50_000), (9, 50_000), (1, 0), (1, 1_000_001)] {
+            task(pieces(Some(fixed(v1::FixedDescriptor { kind, radius_um })), None)).unwrap_err();
+        }
+        task(pieces(Some(v1::Description { fixed: Some(shot), ..description.clone() }), None)).unwrap_err();
         let tile = v1::Tile {
             evaluation: Some(evaluation()),
             query_parts: vec![vec![4; 32]],

@@ -7,8 +7,7 @@ use descriptor::pcd::PcdError;
 use descriptor::{PrepareError, Skip};
 
 use crate::experiment::ExperimentError;
-use crate::reopen::ReopenError;
-use crate::run::RunError;
+use crate::run::{ReopenError, RunError};
 
 /// Why a folder is no artefact that this program can use.
 #[derive(Debug, thiserror::Error)]
@@ -107,7 +106,7 @@ pub enum CloudError {
 pub enum ExportError {
     /// The run, its experiment or its clouds.
     #[error(transparent)]
-    Reopen(#[from] ReopenError),
+    Reopen(ReopenError),
     /// The run's files.
     #[error(transparent)]
     Results(#[from] results::Error),

@@ -16,10 +16,9 @@ use super::settings::{DatabaseSettings, Settings, TestVectorSettings, VERSION};
 use super::test_vector::{Example, Verdict, test_vector};
 use super::{DATABASE, EXAMPLE, ExportError, FILES, README, SETTINGS, TEST_VECTOR};
 use crate::dataset::{CloudEntry, Dataset, read_file};
-use crate::experiment::of_one;
+use crate::experiment::{Overrides, of_one};
 use crate::making::Making;
-use crate::reopen::{Reopened, reopen};
-use crate::run::{Matching, data_digest, rows};
+use crate::run::{Matching, ReopenError, Reopened, RunError, reopen, rows};
 use crate::sweep;
 
 /// Which descriptor is taken away.
@@ -61,12 +60,10 @@ pub fn export(
     refuse_occupied(out)?;
     refuse_sweep(run)?;
     let store = Store::open(storage, "export");
-    let Reopened { finished, experiment, dataset } = reopen(run, data, &store)?;
     refuse_unsound(run)?;
-    let (expected, got) = (&finished.row.data_digest, data_digest(&dataset));
-    if *expected != got {
-        return Err(ExportError::OtherData { run: run.to_owned(), expected: expected.clone(), got });
-    }
+    let reopened = reopen(run, data, Overrides::default(), &store, |line| eprintln!("{line}"));
+    let Reopened { run: finished, experiment, dataset } =
+        reopened.map_err(|error| cannot_reopen(run, error))?;
     let winner = |what: String| ExportError::Winner { run: run.to_owned(), what };
     let preprocess = *experiment.preprocess();
     let parameters = match chosen {
@@ -181,8 +178,24 @@ fn refuse_sweep(run: &Path) -> Result<(), ExportError> {
     }
 }
 
+/// Why a run cannot be opened again, with advice for an export.
+fn cannot_reopen(run: &Path, error: ReopenError) -> ExportError {
+    match error {
+        ReopenError::Run(error) => match *error {
+            RunError::OtherData { then, now, .. } => {
+                ExportError::OtherData { run: run.to_owned(), expected: then, got: now }
+            }
+            other => ExportError::Run(Box::new(other)),
+        },
+        other => ExportError::Reopen(other),
+    }
+}
+
 /// Refuses a run whose files do not fit its digests.
 fn refuse_unsound(run: &Path) -> Result<(), ExportError> {
+    if !run.is_dir() {
+        return Err(ExportError::Reopen(ReopenError::NoFolder(run.to_owned())));
+    }
     match results::verify(run)?.problems.first() {
         Some(problem) => {
             let problem = problem.to_string().lines().next().unwrap_or_default().to_owned();

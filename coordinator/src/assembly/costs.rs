@@ -2,6 +2,9 @@
 
 use std::collections::VecDeque;
 
+use descriptor::Descriptor;
+
+use crate::shard::Description;
 use crate::task::Task;
 
 /// Describing one cloud on one thread of the machine of the figures in `tests/benches`, seconds.
@@ -47,14 +50,14 @@ impl Costs {
                 let predicted = clouds * CLOUD_SECONDS + pairs(whole.queries, whole.database_clouds);
                 self.whole.add(seconds / predicted);
             }
-            Task::Description(shard) => {
-                self.clouds.add(seconds / (f64::from(shard.clouds) * CLOUD_SECONDS));
+            Task::Description(Description { descriptor: Descriptor::DiskRing(_), clouds, .. }) => {
+                self.clouds.add(seconds / (f64::from(*clouds) * CLOUD_SECONDS));
             }
             Task::Tile(tile) => {
                 let (queries, database) = (tile.evaluation.queries, tile.evaluation.database_clouds);
                 self.pairs.add(seconds / pairs(queries, database));
             }
-            Task::GridCell(_) => {}
+            Task::GridCell(_) | Task::Description(_) => {} // never in pieces
         }
     }
 
@@ -93,7 +96,6 @@ mod tests {
 
     use super::*;
     use crate::evaluation::Evaluation;
-    use crate::shard::Description;
 
     #[test]
     fn predictions_follow_the_median_of_what_recent_tasks_took() {
@@ -109,7 +111,11 @@ mod tests {
         about(costs.matching(1_000_000), 3.0 * matching);
 
         // What was measured by itself counts before what was measured with something else.
-        let shard = Task::Description(Description { parameters, manifest, clouds: 1000 });
+        let shard = Task::Description(Description {
+            descriptor: Descriptor::DiskRing(parameters),
+            manifest,
+            clouds: 1000,
+        });
         for factor in [2.0, 2.0, 1e9] {
             costs.observe(&shard, factor * describing / 2.0);
         }

@@ -12,6 +12,7 @@ mod under_way;
 pub use batch::Batch;
 pub use cut::{Cut, Load, MAX_PIECES, Pieces, SideCut};
 pub use planner::Planner;
+pub use side::Side;
 
 #[cfg(test)]
 mod tests;

@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
-use descriptor::Correct;
+use descriptor::{Correct, Descriptor};
 use proto::{Digest, JobId};
 
 use super::cut::{Cut, shares};
@@ -100,7 +100,7 @@ impl UnderWay {
         for (side, half) in self.halves.iter().enumerate() {
             for (index, shard) in half.side.shards.iter().enumerate() {
                 let description = Description {
-                    parameters: self.evaluation.parameters,
+                    descriptor: Descriptor::DiskRing(self.evaluation.parameters),
                     manifest: shard.manifest,
                     clouds: shard.clouds.len() as u32,
                 };

@@ -6,18 +6,16 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 use clap::Args;
 use descriptor::{
-    FixedDescriptor, FixedKind, GENES, GeneKind, GeneTable, Parameters, Preprocess, SetDistance, Unit,
+    Descriptor, FixedDescriptor, FixedKind, GENES, GeneKind, GeneTable, Parameters, Preprocess, SetDistance,
+    Unit,
 };
 use serde_json::json;
 
-use crate::dataset::Layout;
-use crate::evaluate::{Descriptor, Report, Request, evaluate};
+use crate::dataset::{Layout, Listing};
+use crate::evaluate::{Report, Request, evaluate};
 use crate::experiment::name_advice;
 use crate::run::progress::percent;
 use crate::run::{rows, summary};
-
-/// Name of the paper's descriptor on the command line.
-const DISK_RING: &str = "disk-ring";
 
 /// Evaluate one descriptor on lists of clouds
 ///
@@ -35,7 +33,7 @@ pub struct Evaluate {
     #[arg(long, value_name = "LIST", required = true, num_args = 1..)]
     database: Vec<PathBuf>,
     /// The paper's descriptor, or one that it is compared with, as PCL computes it, for example shotcolor
-    #[arg(long, value_name = "NAME", default_value = DISK_RING, value_parser = [DISK_RING, "pfhrgb", "shotcolor"])]
+    #[arg(long, value_name = "NAME", default_value = Descriptor::DISK_RING, value_parser = [Descriptor::DISK_RING, "pfhrgb", "shotcolor"])]
     descriptor: String,
     /// A gene's value, for example R1=1.3; repeatable. The others keep the values of the paper's best descriptor
     #[arg(long, value_name = "gene=value")]
@@ -43,7 +41,7 @@ pub struct Evaluate {
     /// Radius of the region of pfhrgb and shotcolor in centimetres, for example 5
     #[arg(long, value_name = "CM", default_value_t = 5.0)]
     radius_cm: f64,
-    /// How pfhrgb and shotcolor compare the centroids and deviations of two clouds, for example l1
+    /// How the centroids and deviations of two clouds are compared, for example l1
     #[arg(long, value_name = "NAME", default_value = "chi2", value_parser = ["chi2", "l1"])]
     distance: String,
     /// Threads, for example 1; all cores by default. Seconds of a stage are added up over clouds and threads
@@ -82,34 +80,27 @@ fn unit(text: &str) -> Result<Unit, String> {
 
 impl Evaluate {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
-        let micrometres = |what: &str, cm: f64| {
-            let um = cm * 10_000.0;
-            anyhow::ensure!(
-                (1.0..=1e6).contains(&um) && (um - um.round()).abs() < 1e-6,
-                "{what}: must be from 0.0001 to 100 in steps of 0.0001, got {cm}\nchoose a length in centimetres"
-            );
-            Ok(um.round() as u32)
-        };
         let preprocess = Preprocess {
-            leaf_um: micrometres("--leaf-cm", self.leaf_cm)?,
-            normal_radius_um: micrometres("--normal-radius-cm", self.normal_radius_cm)?,
+            leaf_um: super::micrometres("--leaf-cm", self.leaf_cm)?,
+            normal_radius_um: super::micrometres("--normal-radius-cm", self.normal_radius_cm)?,
             colour: !self.no_colour,
             unit: self.unit,
             ..Preprocess::default()
         };
-        let descriptor = self.descriptor(micrometres("--radius-cm", self.radius_cm)?)?;
-        let place = |lists: &[PathBuf]| lists.iter().map(|list| list_file(&self.data, list)).collect();
+        let descriptor = self.descriptor(super::micrometres("--radius-cm", self.radius_cm)?)?;
+        let place =
+            |lists: &[PathBuf]| -> Vec<_> { lists.iter().map(|list| list_file(&self.data, list)).collect() };
         let threads = self.threads.map_or_else(
             || std::thread::available_parallelism().map_or(1, std::num::NonZeroUsize::get),
             usize::from,
         );
+        let layout = self.manifest.map_or(Layout::Folders, |file| Layout::Manifest { file });
+        let distance = SetDistance::named(&self.distance).unwrap_or_default();
         let request = Request {
-            root: self.data.clone(),
-            layout: self.manifest.map_or(Layout::Folders, |file| Layout::Manifest { file }),
-            query: place(&self.query),
-            database: place(&self.database),
+            listing: Listing::load(&self.data, &layout, &place(&self.query), &place(&self.database))?,
             preprocess,
             descriptor,
+            distance,
             threads,
         };
         let report = evaluate(&request)?;
@@ -126,27 +117,32 @@ impl Evaluate {
                 )
             })?;
         }
-        let text = if self.json { json(&descriptor, &report) } else { text(&descriptor, &report) };
+        let text = if self.json {
+            json(&descriptor, distance, &report)
+        } else {
+            text(&descriptor, distance, &report)
+        };
         super::print(&text)?;
         Ok(ExitCode::SUCCESS)
     }
 
     fn descriptor(&self, radius_um: u32) -> anyhow::Result<Descriptor> {
-        let fixed = FixedKind::named(&self.descriptor).zip(SetDistance::named(&self.distance));
-        let Some((kind, distance)) = fixed else {
+        let Some(kind) = FixedKind::named(&self.descriptor) else {
             return Ok(Descriptor::DiskRing(parameters(&self.set, !self.no_colour)?));
         };
         let name = &self.descriptor;
         anyhow::ensure!(
             self.set.is_empty(),
-            "--set: {name} has no genes, got {}\nleave it out, or choose --descriptor {DISK_RING}",
-            self.set.join(" ")
+            "--set: {name} has no genes, got {}\nleave it out, or choose --descriptor {}",
+            self.set.join(" "),
+            Descriptor::DISK_RING
         );
         anyhow::ensure!(
             !self.no_colour,
-            "--no-colour: {name} needs colours, got none\nleave it out, or choose --descriptor {DISK_RING}"
+            "--no-colour: {name} needs colours, got none\nleave it out, or choose --descriptor {}",
+            Descriptor::DISK_RING
         );
-        Ok(Descriptor::Fixed(FixedDescriptor { kind, radius_um }, distance))
+        Ok(Descriptor::Fixed(FixedDescriptor { kind, radius_um }))
     }
 }
 
@@ -203,23 +199,23 @@ fn parameters(set: &[String], colour: bool) -> anyhow::Result<Parameters> {
     Ok(parameters)
 }
 
-fn json(descriptor: &Descriptor, report: &Report) -> String {
+fn json(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> String {
     let Report { correct, seconds, .. } = report;
     let error = |right: usize| (correct.queries - right) as f64 / correct.queries as f64;
     let told = match descriptor {
         Descriptor::DiskRing(parameters) => {
             serde_json::Value::Object(summary::genes_json(&rows::gene_values(parameters)))
         }
-        Descriptor::Fixed(fixed, distance) => json!({
+        Descriptor::Fixed(fixed) => json!({
             "name": fixed.kind.name(),
             "radius_cm": fixed.radius() * 100.0,
-            "distance": distance.name(),
         }),
     };
     let skipped: Vec<_> =
         report.skipped.iter().map(|(path, reason)| json!({ "path": path, "reason": reason })).collect();
     let value = json!({
         "descriptor": told,
+        "distance": distance.name(),
         "object_error": error(correct.object),
         "category_error": error(correct.category),
         "object_wrong": correct.queries - correct.object,
@@ -240,20 +236,12 @@ fn json(descriptor: &Descriptor, report: &Report) -> String {
     format!("{value}\n")
 }
 
-fn text(descriptor: &Descriptor, report: &Report) -> String {
+fn text(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> String {
     let Report { correct, seconds, .. } = report;
     let share = |part: usize| percent(part as f64 / correct.queries as f64);
     let (object, category) = (correct.queries - correct.object, correct.queries - correct.category);
-    let told = match descriptor {
-        Descriptor::DiskRing(parameters) => format!("{parameters} ({} values)", parameters.size()),
-        Descriptor::Fixed(fixed, distance) => format!(
-            "{} radius={} cm ({} values), by {}",
-            fixed.kind.name(),
-            fixed.radius() * 100.0,
-            fixed.kind.size(),
-            distance.name()
-        ),
-    };
+    let by = distance.name();
+    let told = format!("{descriptor} ({} values), by {by}", descriptor.size());
     let mut lines = vec![
         format!("descriptor      {told}"),
         format!("object error    {} ({object} of {})", share(object), correct.queries),

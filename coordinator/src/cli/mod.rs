@@ -2,6 +2,7 @@
 
 mod certs;
 mod check;
+mod compare;
 mod evaluate;
 mod exhaust;
 mod export;
@@ -19,6 +20,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::cluster::ClusterError;
+use crate::compare::CompareError;
 use crate::run::RunError;
 
 /// Evolves 3D point-cloud descriptors, on this machine and on as many others as join.
@@ -36,6 +38,7 @@ enum Command {
     Run(run::Run),
     Resume(resume::Resume),
     Check(check::Check),
+    Compare(compare::Compare),
     Certs(certs::Certs),
     Evaluate(evaluate::Evaluate),
     Exhaust(exhaust::Exhaust),
@@ -61,6 +64,7 @@ pub fn main(cli: Cli) -> ExitCode {
         Command::Run(command) => command.execute(),
         Command::Resume(command) => command.execute(),
         Command::Check(command) => command.execute(),
+        Command::Compare(command) => command.execute(),
         Command::Certs(command) => command.execute(),
         Command::Evaluate(command) => command.execute(),
         Command::Exhaust(command) => command.execute(),
@@ -82,7 +86,11 @@ pub fn main(cli: Cli) -> ExitCode {
 
 /// Scripts tell by it what stopped a run; the help of `run` lists them.
 fn exit_code(error: &anyhow::Error) -> ExitCode {
-    match error.downcast_ref() {
+    let of_run = match error.downcast_ref() {
+        Some(CompareError::Run(error)) => Some(&**error),
+        _ => error.downcast_ref(),
+    };
+    match of_run {
         Some(RunError::Cluster(ClusterError::NoWorkers { .. })) => ExitCode::from(3),
         Some(RunError::Cluster(ClusterError::JobFailed(_))) => ExitCode::from(4),
         Some(RunError::Deadline { .. }) => ExitCode::from(5),
@@ -122,6 +130,16 @@ async fn interruption() -> std::io::Result<i32> {
 #[cfg(not(unix))]
 async fn interruption() -> std::io::Result<i32> {
     tokio::signal::ctrl_c().await.map(|()| 130)
+}
+
+/// A length given in centimetres.
+fn micrometres(option: &str, cm: f64) -> anyhow::Result<u32> {
+    let um = cm * 10_000.0;
+    anyhow::ensure!(
+        (1.0..=1e6).contains(&um) && (um - um.round()).abs() < 1e-6,
+        "{option}: must be from 0.0001 to 100 in steps of 0.0001, got {cm}\nchoose a length in centimetres"
+    );
+    Ok(um.round() as u32)
 }
 
 /// Writes data to standard output; a reader that has seen enough is no error.

@@ -55,11 +55,11 @@ pub struct Manner {
     local_workers: Option<LocalWorkers>,
     /// Print the summary as one JSON object (of a sweep, one a line for each run) on standard output, for example for jq
     #[arg(long)]
-    json: bool,
+    pub(super) json: bool,
     #[command(flatten)]
-    protection: Protection,
+    pub(super) protection: Protection,
     #[command(flatten)]
-    storage: StorageArgs,
+    pub(super) storage: StorageArgs,
 }
 
 impl Run {
@@ -80,13 +80,20 @@ impl Manner {
 
     /// Runs an experiment or a sweep in a folder and shows the result.
     pub(super) fn execute(self, plan: &Plan, out: PathBuf) -> anyhow::Result<ExitCode> {
+        let [json, text] = self.run(plan, out)?;
+        super::print(if self.json { &json } else { &text })?;
+        Ok(ExitCode::SUCCESS)
+    }
+
+    /// Runs an experiment or a sweep in a folder: the result as JSON and for people.
+    pub(super) fn run(&self, plan: &Plan, out: PathBuf) -> anyhow::Result<[String; 2]> {
         let advice = format!(
             "go on: the same command again, or coordinator resume {} with the same options",
             out.display()
         );
-        let storage = self.storage.resolve();
-        let options = RunOptions { out: Some(out), fresh: false, protection: self.protection, storage };
-        let [json, text] = super::block_on(&advice, async {
+        let (protection, storage) = (self.protection.clone(), self.storage.clone().resolve());
+        let options = RunOptions { out: Some(out), fresh: false, protection, storage };
+        super::block_on(&advice, async {
             Ok(match plan {
                 Plan::Run(experiment) => {
                     let summary = run::run(experiment, &options).await?;
@@ -97,8 +104,6 @@ impl Manner {
                     [summary.json(), summary.text()]
                 }
             })
-        })?;
-        super::print(if self.json { &json } else { &text })?;
-        Ok(ExitCode::SUCCESS)
+        })
     }
 }

@@ -4,13 +4,14 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use proto::{JobId, WorkerId};
+use proto::{Digest, JobId, WorkerId};
 use results::Proceedings;
 use tokio::sync::Notify;
 
 use super::{Cluster, ClusterError, ClusterNews, TICK};
 use crate::evaluation::{Evaluation, EvaluationResult};
 use crate::scheduler::{ClientId, Finished, Staffing};
+use crate::shard::{Described, Description};
 use crate::task::{GridCell, Task, TaskResult};
 
 /// Tasks by job, with their place among all that were asked for together.
@@ -97,6 +98,44 @@ impl Client {
             take(news, finished.into_iter().filter_map(answer).collect()).map(|()| Vec::new())
         })
         .await
+    }
+
+    /// Asks for descriptions and waits for all of them; they are in the order of the shards, whatever the order of
+    /// arrival. `watch` is shown every piece of news.
+    ///
+    /// # Errors
+    /// As for evaluations, and [`ClusterError::Gone`].
+    pub async fn describe(
+        &mut self,
+        shards: &[Description],
+        mut watch: impl FnMut(&ClusterNews),
+    ) -> Result<Vec<Arc<[u8]>>, ClusterError> {
+        loop {
+            let mut names = vec![None; shards.len()];
+            let tasks = shards.iter().cloned().map(Task::Description).collect();
+            let done = self
+                .perform(tasks, |news, finished| {
+                    news.finished = finished.len();
+                    for (place, finished) in finished {
+                        if let TaskResult::Description(Described { digest, parts }) = finished.result {
+                            names[place] = Some((digest, parts));
+                        }
+                    }
+                    watch(news);
+                    Ok::<_, ClusterError>(Vec::new())
+                })
+                .await;
+            match done {
+                // Answered from what still holds, and anew.
+                Err(ClusterError::Corrected(_)) => continue,
+                done => done?,
+            }
+            let bytes = |(digest, parts): (Digest, Option<Arc<[u8]>>)| match parts {
+                Some(parts) => Ok(parts),
+                None => self.cluster.blobs.read(digest).map(Into::into).map_err(|_| ClusterError::Gone),
+            };
+            return names.into_iter().map(|name| name.ok_or(ClusterError::Gone).and_then(bytes)).collect();
+        }
     }
 
     /// Submits tasks and waits for all of them. `take` is given every piece of news, with the tasks that were

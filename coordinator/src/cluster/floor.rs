@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
+use descriptor::Descriptor;
 use proto::{JobId, Lease, WorkerId};
 use results::Proceedings;
 use tokio::sync::Notify;
@@ -268,10 +269,10 @@ impl Floor {
     /// asks for them again.
     pub(super) fn doubt_descriptions(&self, task: &Task) {
         let Task::Tile(tile) = task else { return };
-        let parameters = tile.evaluation.parameters;
+        let descriptor = Descriptor::DiskRing(tile.evaluation.parameters);
         for &manifest in tile.evaluation.query.iter().chain(&tile.evaluation.database) {
             let clouds = tile.evaluation.queries; // no part of the name
-            let description = Task::Description(Description { parameters, manifest, clouds });
+            let description = Task::Description(Description { descriptor, manifest, clouds });
             // Under each name by which it was asked for.
             let names = (0..).map(|occurrence| description.job(occurrence));
             names.take_while(|job| self.clients.was_asked(*job)).for_each(|job| self.ledger.strike(job));

@@ -55,6 +55,11 @@ pub enum ClusterError {
     /// Answers cannot be kept any more.
     #[error(transparent)]
     Journal(JournalError),
+    /// Descriptions that were not kept.
+    #[error(
+        "descriptions: they were dropped for want of memory before they were used\nrun the same command again"
+    )]
+    Gone,
     /// Answers that had been accepted were wrong.
     #[error("{} answers of a worker that was wrong were corrected\nrun the same command again", .0.len())]
     Corrected(Vec<Arc<Task>>),

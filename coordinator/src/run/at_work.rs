@@ -2,10 +2,11 @@
 
 use std::time::{Duration, Instant, SystemTime};
 
-use results::{Counts, PredictionSplit, RunFolder, RunRow};
+use results::{Counts, LookRow, PredictionSplit, RunFolder, RunRow};
 use worker::store::Store;
 
 use crate::cluster::{Client, ClusterError};
+use crate::compare::EVOLVED;
 use crate::dataset::Dataset;
 use crate::evaluation::EvaluationResult;
 use crate::evolution::{Evolution, Individual, Method, RandomSearch};
@@ -148,6 +149,14 @@ async fn search_once(
     folder: &mut RunFolder,
 ) -> Result<Outcome, RunError> {
     let found = search.run(source, folder).await?;
+    if !Matching::Test.query_clouds(dataset).is_empty() {
+        folder.note_look(&LookRow {
+            at: SystemTime::now(),
+            command: "run".to_owned(),
+            reason: "final test of the winner".to_owned(),
+            descriptors: vec![EVOLVED.to_owned()],
+        })?;
+    }
     let finals = Finals::evaluate(dataset, workplace, &found, remembered, search.parties()).await?;
     Ok(Outcome { found, finals })
 }

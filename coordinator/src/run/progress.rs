@@ -100,6 +100,13 @@ impl Progress {
         }
     }
 
+    /// A display without a live line.
+    pub fn quiet() -> Self {
+        let mut progress = Self::new(0);
+        progress.finish();
+        progress
+    }
+
     /// The display of one run of a sweep: its lines carry its name, the live line is that of all.
     pub fn of_member(&self, name: &str, generations: u32, tally: &Arc<Tally>) -> Self {
         let (bar, member) = (self.bar.clone(), Some((name.to_owned(), Arc::clone(tally))));

@@ -6,7 +6,7 @@ use descriptor::{GENES, GeneKind, Parameters};
 use results::{Computed, Counts, EvaluationRow, GeneColumn, PredictionRow, RunnerUp, SkippedRow};
 
 use crate::dataset::Dataset;
-use crate::evaluation::EvaluationResult;
+use crate::evaluation::{EvaluationResult, Match};
 use crate::evolution::Individual;
 use crate::run::splits::Matching;
 use crate::scheduler::Finished;
@@ -90,31 +90,37 @@ pub fn evaluations(
 
 /// The winner's answers to the queries of one matching.
 pub fn predictions(dataset: &Dataset, matching: Matching, result: &EvaluationResult) -> Vec<PredictionRow> {
-    let database = matching.database_clouds(dataset);
-    let cloud = |index: u32| &dataset.clouds.entries[database[index as usize] as usize];
+    answers(dataset, matching, (0..).zip(result.matches.iter().copied()))
+}
+
+/// Answers to some queries of one matching, by their index.
+pub fn answers(
+    dataset: &Dataset,
+    matching: Matching,
+    matches: impl Iterator<Item = (u32, Match)>,
+) -> Vec<PredictionRow> {
+    let (queries, database) = (matching.query_clouds(dataset), matching.database_clouds(dataset));
+    let cloud = |index: u32| &dataset.clouds.entries[index as usize];
+    let entry = |index: u32| cloud(database[index as usize]);
     let instance = |index: u32| &dataset.clouds.instances[index as usize].name;
     let category = |index: u32| &dataset.clouds.categories[index as usize];
-    let queries = matching.query_clouds(dataset).iter().map(|&index| &dataset.clouds.entries[index as usize]);
-    queries
-        .zip(&result.matches)
-        .zip(0..)
-        .map(|((query, found), number)| {
-            let nearest = cloud(found.nearest);
-            PredictionRow {
-                query: number,
-                cloud: query.path.clone(),
-                instance: instance(query.instance).clone(),
-                category: category(query.category).clone(),
-                nearest_cloud: nearest.path.clone(),
-                predicted_instance: instance(nearest.instance).clone(),
-                predicted_category: category(nearest.category).clone(),
-                distance: found.distance,
-                runner_up: found
-                    .runner_up
-                    .map(|(index, distance)| RunnerUp { cloud: cloud(index).path.clone(), distance }),
-            }
-        })
-        .collect()
+    let row = |(number, found): (u32, Match)| {
+        let (query, nearest) = (cloud(queries[number as usize]), entry(found.nearest));
+        PredictionRow {
+            query: number,
+            cloud: query.path.clone(),
+            instance: instance(query.instance).clone(),
+            category: category(query.category).clone(),
+            nearest_cloud: nearest.path.clone(),
+            predicted_instance: instance(nearest.instance).clone(),
+            predicted_category: category(nearest.category).clone(),
+            distance: found.distance,
+            runner_up: found
+                .runner_up
+                .map(|(index, distance)| RunnerUp { cloud: entry(index).path.clone(), distance }),
+        }
+    };
+    matches.map(row).collect()
 }
 
 /// Clouds that took no part.

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use descriptor::{Parameters, QuantiseError, Quantiser};
+use descriptor::{GeneTable, Parameters, QuantiseError, Quantiser};
 use proto::SessionId;
 use results::Counts;
 use worker::Size;
@@ -65,7 +65,21 @@ impl<'a> Workplace<'a> {
         store: Arc<Store>,
         memory: Size,
     ) -> Result<Self, QuantiseError> {
-        Self::with(Cluster::new(limits(experiment)), experiment, dataset, store, memory)
+        Self::for_genes(experiment.genes(), experiment, dataset, store, memory)
+    }
+
+    /// The same in another search space than the experiment's.
+    ///
+    /// # Errors
+    /// If it is too fine.
+    pub fn for_genes(
+        genes: &GeneTable,
+        experiment: &Experiment,
+        dataset: &'a Dataset,
+        store: Arc<Store>,
+        memory: Size,
+    ) -> Result<Self, QuantiseError> {
+        Self::with(Cluster::new(limits(experiment)), genes, experiment, dataset, store, memory)
     }
 
     /// The workplace of a run with a journal: it goes on where earlier starts ended.
@@ -80,11 +94,12 @@ impl<'a> Workplace<'a> {
         memory: Size,
     ) -> Result<Self, QuantiseError> {
         let cluster = Cluster::with_journal(limits(experiment), session, journal, recorded);
-        Self::with(cluster, experiment, dataset, store, memory)
+        Self::with(cluster, experiment.genes(), experiment, dataset, store, memory)
     }
 
     fn with(
         cluster: Arc<Cluster>,
+        genes: &GeneTable,
         experiment: &Experiment,
         dataset: &'a Dataset,
         store: Arc<Store>,
@@ -92,8 +107,8 @@ impl<'a> Workplace<'a> {
     ) -> Result<Self, QuantiseError> {
         cluster.set_pieces(experiment.coordinator().pieces);
         let splits = SplitBlobs::publish(dataset, &cluster.blobs);
-        let preparation = wire::preparation(experiment.preprocess(), experiment.genes());
-        let quantiser = Quantiser::new(experiment.genes())?;
+        let preparation = wire::preparation(experiment.preprocess(), genes);
+        let quantiser = Quantiser::new(genes)?;
         let entries = &dataset.clouds.entries;
         let prepared = PreparedClouds::new(Arc::clone(&store), experiment.preprocess(), &quantiser, entries);
         let servers = Servers::new(Arc::clone(&cluster), preparation, prepared);

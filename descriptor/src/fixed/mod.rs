@@ -4,6 +4,8 @@
 //! Keypoints, normals, summaries and distances are those of the paper's descriptor. Points without a normal are left
 //! out; a keypoint needs none of its own.
 
+pub mod description;
+
 mod arctangent;
 mod frame;
 mod lab;
@@ -25,6 +27,7 @@ use crate::prepare::{Normals, PrepareError, keypoints};
 use crate::summary::Part;
 use crate::surface::{SORTED_ABOVE, Surface};
 use crate::{Cloud, Preprocess};
+pub use description::DescribedClouds;
 
 /// The descriptors without genes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -105,16 +108,24 @@ impl FixedDescriptor {
         f64::from(self.radius_um) / 1e6
     }
 
-    /// All stages at once, from a cloud as stored: what matching needs of it.
+    /// All stages at once, from a cloud as stored.
     ///
     /// # Errors
     /// As for [`crate::PreparedCloud::new`], or [`FixedError::NothingDescribed`]; colours are needed whatever
     /// `preprocess` says.
-    pub fn summary(&self, cloud: &Cloud, preprocess: &Preprocess) -> Result<Part, FixedError> {
+    pub fn histograms(&self, cloud: &Cloud, preprocess: &Preprocess) -> Result<Histograms, FixedError> {
         let cloud = preprocess.in_metres(cloud);
         let keypoints = keypoints(&cloud, preprocess)?;
         let normals = Normals::new(&cloud, &keypoints, preprocess)?;
-        Ok(self.describe(&cloud, &keypoints, &normals)?.summary())
+        self.describe(&cloud, &keypoints, &normals)
+    }
+
+    /// As [`FixedDescriptor::histograms`]: what matching needs of a cloud.
+    ///
+    /// # Errors
+    /// The same.
+    pub fn summary(&self, cloud: &Cloud, preprocess: &Preprocess) -> Result<Part, FixedError> {
+        Ok(self.histograms(cloud, preprocess)?.summary())
     }
 
     /// The stage `describe`, for a cloud in metres.

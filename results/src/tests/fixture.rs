@@ -131,6 +131,16 @@ pub fn proceedings() -> Proceedings {
     }
 }
 
+/// That of the run itself.
+pub fn look() -> LookRow {
+    LookRow {
+        at: SystemTime::UNIX_EPOCH + Duration::from_millis(1_700_000_004_000),
+        command: "run".to_owned(),
+        reason: "final test".to_owned(),
+        descriptors: vec!["evolved".to_owned()],
+    }
+}
+
 /// Generation 2, whose individuals have 6, 8 and 5 of 9 right: individual 1 wins.
 pub fn run() -> RunRow {
     let winner = individual(2, 1);
@@ -172,6 +182,7 @@ pub fn write(folder: &Path) -> String {
     for split in PredictionSplit::ALL {
         out.write_predictions(split, &predictions(split)).unwrap();
     }
+    out.note_look(&look()).unwrap();
     out.write_skipped(&skipped()).unwrap();
     out.write_proceedings(&proceedings()).unwrap();
     out.write_run(&run()).unwrap().to_string()

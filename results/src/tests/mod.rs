@@ -1,5 +1,6 @@
 //! Tests of whole run folders.
 
+mod comparison;
 mod database;
 mod fixture;
 mod folder;

@@ -2,7 +2,7 @@
 
 use expect_test::{expect, expect_file};
 
-use super::fixture;
+use super::{comparison, fixture};
 use crate::*;
 
 #[test]
@@ -25,9 +25,16 @@ fn row_structs_and_column_table_do_not_drift_apart() {
         (TableName::Workers, crate::proceedings::workers(&fixture::proceedings().workers)),
         (TableName::Attempts, crate::proceedings::attempts(&fixture::proceedings().attempts)),
         (TableName::Events, crate::proceedings::events(&fixture::proceedings().events)),
+        (TableName::Looks, crate::comparison::look(&fixture::look())),
         (TableName::Run, crate::frame::run(&genes, &fixture::run())),
+        (TableName::Distances, crate::comparison::distances("paper", &comparison::DISTANCES)),
+        (TableName::Answers, crate::comparison::answers("paper", &fixture::predictions(test))),
+        (TableName::RecallPrecision, crate::comparison::recall_precision("paper", &comparison::curves())),
+        (TableName::Pairs, crate::comparison::pairs(&comparison::pairs())),
+        (TableName::Comparison, crate::comparison::comparison(&comparison::rows())),
     ];
-    assert_eq!(frames.each_ref().map(|(name, _)| *name), TableName::RUN);
+    let all: Vec<TableName> = TableName::RUN.into_iter().chain(TableName::COMPARISON).collect();
+    assert_eq!(frames.each_ref().map(|(name, _)| *name)[..], all);
     for (name, frame) in frames {
         let (table, frame) = (Table::new(name, &genes).unwrap(), frame.unwrap());
         let expected: Vec<_> =
@@ -50,7 +57,12 @@ fn row_structs_and_column_table_do_not_drift_apart() {
 fn the_digest_covers_the_listed_columns_and_no_other() {
     let genes = fixture::genes();
     let mut covered = String::new();
-    for name in TableName::RUN.into_iter().chain(TableName::GRID).chain(TableName::ARTEFACT) {
+    for name in TableName::RUN
+        .into_iter()
+        .chain(TableName::COMPARISON)
+        .chain(TableName::GRID)
+        .chain(TableName::ARTEFACT)
+    {
         let table = Table::new(name, &genes).unwrap();
         let names: Vec<_> = table
             .columns
@@ -68,7 +80,13 @@ fn the_digest_covers_the_listed_columns_and_no_other() {
         workers: 
         attempts: 
         events: 
+        looks: 
         run: search_config seed data_digest stop_reason
+        distances: 
+        answers: 
+        recall_precision: 
+        pairs: 
+        comparison: 
         cells: 
         best: 
         marginals: 

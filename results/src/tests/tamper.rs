@@ -156,6 +156,10 @@ fn verification_notices_every_changed_cell_but_those_that_nothing_else_tells() {
         events.message
         events.worker
         generations.seconds
+        looks.at
+        looks.command
+        looks.descriptors
+        looks.reason
         run.build
         run.evaluation_version
         run.finished_at

@@ -81,9 +81,9 @@ async fn other_versions_are_refused_and_told_what_to_do() {
     let refused = refusal(&mut client, |request| request.protocol_major += 1).await;
     assert_eq!(refused.reason(), v1::RefusalReason::ProtocolVersion);
     assert!(refused.message.contains("must be 1, got 2\ninstall"), "{}", refused.message);
-    let refused = refusal(&mut client, |request| request.protocol_minor = 1).await;
+    let refused = refusal(&mut client, |request| request.protocol_minor = 2).await;
     assert_eq!(refused.reason(), v1::RefusalReason::ProtocolVersion);
-    assert!(refused.message.contains("must be 1.2 or later, got 1.1\ninstall"), "{}", refused.message);
+    assert!(refused.message.contains("must be 1.3 or later, got 1.2\ninstall"), "{}", refused.message);
     let refused = refusal(&mut client, |request| request.evaluation_version += 1).await;
     assert_eq!(refused.reason(), v1::RefusalReason::EvaluationVersion);
     assert!(refused.message.contains("evaluation version"), "{}", refused.message);

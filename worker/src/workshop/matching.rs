@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use crate::workshop::manifest::Manifest;
 use crate::workshop::reuse::{Half, HalfKey, Pairing};
 use crate::workshop::shelf::Shelf;
-use crate::workshop::{Description, EvaluationError, Workshop};
+use crate::workshop::{EvaluationError, Preparation, Workshop};
 
 /// Shape and colour parts by name of their source; empty where they are not wanted.
 type SplitParts = BTreeMap<Digest, [Arc<Parts>; 2]>;
@@ -166,16 +166,17 @@ impl Workshop {
     }
 
     /// The description of a shard.
-    pub(super) async fn describe(&self, task: &Description) -> Result<Vec<u8>, EvaluationError> {
-        let Description { preparation, parameters, manifest } = task;
+    pub(super) async fn describe(
+        &self,
+        preparation: &Preparation,
+        parameters: &Parameters,
+        manifest: Digest,
+    ) -> Result<Vec<u8>, EvaluationError> {
         let shelf = self.shelf(preparation)?;
         let binning = Arc::new(shelf.quantiser.binning(parameters)?);
         let keys = Half::BOTH.map(|half| HalfKey::new(half, parameters));
-        let manifest = self.manifest(*manifest).await?;
-        let got = description::length(parameters, manifest.clouds.len() as u32);
-        if got > MAX_DESCRIPTION_BYTES {
-            return Err(EvaluationError::TooLarge { digest: manifest.digest, got });
-        }
+        let manifest = self.manifest(manifest).await?;
+        refuse_too_large(&manifest, description::length(parameters, manifest.clouds.len() as u32))?;
         let parts = self.parts(&shelf, &manifest, &binning, keys, [true, true]).await?;
         let bytes = description::encode(parts.each_ref().map(Arc::as_ref));
         keep_both(&shelf, Digest::of(&bytes), keys, &parts);
@@ -199,6 +200,14 @@ impl Workshop {
         }
         Ok(parts)
     }
+}
+
+/// Refuses a shard whose description would have so many bytes.
+pub(super) fn refuse_too_large(manifest: &Manifest, got: u64) -> Result<(), EvaluationError> {
+    if got > MAX_DESCRIPTION_BYTES {
+        return Err(EvaluationError::TooLarge { digest: manifest.digest, got });
+    }
+    Ok(())
 }
 
 /// Keeps both parts of a described shard under the digest of its description.

@@ -2,6 +2,7 @@
 //! changed is not computed again.
 
 mod computing;
+mod fixed;
 mod lru;
 pub(crate) mod manifest;
 mod matching;
@@ -14,7 +15,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use descriptor::grid::Cell;
 use descriptor::recognise::{RecogniseError, recognise_from};
-use descriptor::{Correct, GeneTable, Match, Parameters, Preprocess, QuantiseError, description};
+use descriptor::{Correct, Descriptor, GeneTable, Match, Parameters, Preprocess, QuantiseError, description};
 use proto::{Digest, MAX_DESCRIPTION_BYTES};
 
 pub use computing::Computing;
@@ -94,8 +95,8 @@ pub struct GridCell {
 pub struct Description {
     /// How clouds are prepared.
     pub preparation: Preparation,
-    /// The descriptor, one of the preparation's search space.
-    pub parameters: Parameters,
+    /// The descriptor, of the paper's kind one of the preparation's search space.
+    pub descriptor: Descriptor,
     /// The shard: a split manifest.
     pub manifest: Digest,
 }
@@ -116,7 +117,7 @@ pub enum Outcome {
     Evaluation(Recognition),
     /// Of a grid cell: recognised queries (object), in the order of [`Cell::object_correct`].
     GridCell(Vec<u32>),
-    /// Of a shard: shape and colour parts of its clouds, see [`description::encode`].
+    /// Of a shard: the parts of its clouds, see [`description::encode`] and [`descriptor::fixed::description::encode`].
     Description(Vec<u8>),
 }
 
@@ -229,7 +230,17 @@ impl Workshop {
         let outcome = match task {
             Task::Evaluation(evaluation) => self.evaluate(&evaluation).await.map(Outcome::Evaluation),
             Task::GridCell(cell) => self.count_cell(&cell).await.map(Outcome::GridCell),
-            Task::Description(shard) => self.describe(&shard).await.map(Outcome::Description),
+            Task::Description(Description { preparation, descriptor, manifest }) => {
+                let described = match &descriptor {
+                    Descriptor::DiskRing(parameters) => {
+                        self.describe(&preparation, parameters, manifest).await
+                    }
+                    Descriptor::Fixed(fixed) => {
+                        self.describe_fixed(&preparation.preprocess, *fixed, manifest).await
+                    }
+                };
+                described.map(Outcome::Description)
+            }
             Task::Tile(tile) => {
                 let Tile { evaluation, descriptions } = &tile;
                 self.match_tile(evaluation, descriptions).await.map(Outcome::Evaluation)

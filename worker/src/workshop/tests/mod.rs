@@ -263,7 +263,8 @@ async fn the_coordinators_entries_are_used_if_they_are_sound() {
 }
 
 async fn describe(workshop: &Arc<Workshop>, parameters: Parameters, manifest: Digest) -> Vec<u8> {
-    let shard = Description { preparation: preparation(), parameters, manifest };
+    let shard =
+        Description { preparation: preparation(), descriptor: Descriptor::DiskRing(parameters), manifest };
     match carry_out(workshop, Task::Description(shard)).await {
         Outcome::Description(bytes) => bytes,
         outcome => panic!("{outcome:?}"),

@@ -1,4 +1,4 @@
-//! How far a measured share can be trusted.
+//! How far a measured share can be trusted: Wilson's interval.
 
 /// Two-sided 95 % quantile of the standard normal distribution.
 const Z: f64 = 1.959_963_984_540_054;

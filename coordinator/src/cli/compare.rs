@@ -1,0 +1,96 @@
+//! `coordinator compare`: the run's descriptor and others on its test clouds.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use descriptor::SetDistance;
+
+use super::run::Manner;
+use crate::compare::{Named, Options, compare};
+use crate::experiment::Plan;
+use crate::{run, sweep};
+
+/// Compare the evolved descriptor with the paper's, PFHRGB and SHOT with colour on the test clouds of a run
+///
+/// Table 1 and figure 3 of the paper: errors with their intervals, sizes, times on one thread, recall against
+/// 1 - precision; and whether the differences may be chance. All of it becomes tables in the run folder; each use is
+/// a look at the test clouds and is noted there. Of an experiment, the run is made first if it is not finished.
+///
+/// Example: coordinator compare experiments/household.toml
+#[derive(Debug, Args)]
+pub struct Compare {
+    /// An experiment, or the folder of a finished run or sweep, for example results/runs/demo-0123456789ab
+    #[arg(value_name = "EXP.toml|RUN")]
+    subject: PathBuf,
+    /// Only this descriptor: evolved, paper, pfhrgb or shotcolor, for example paper; repeatable
+    #[arg(long, value_name = "NAME", value_parser = ["evolved", "paper", "pfhrgb", "shotcolor"])]
+    descriptor: Vec<String>,
+    /// How centroids and deviations of two clouds are compared: chi2 (the default) or l1; repeatable, for example
+    /// --distance chi2 --distance l1
+    #[arg(long, value_name = "NAME", value_parser = ["chi2", "l1"])]
+    distance: Vec<String>,
+    /// Radius of the region of pfhrgb and shotcolor in centimetres, for example 5
+    #[arg(long, value_name = "CM", default_value_t = 5.0)]
+    radius_cm: f64,
+    /// Measure no times, for example where only errors are wanted: PFHRGB takes a tenth of a second a cloud
+    #[arg(long)]
+    no_times: bool,
+    /// Why the test clouds are looked at, for example "table 1 of the paper"; kept in table looks
+    #[arg(long, value_name = "TEXT", default_value = "comparison of descriptors")]
+    reason: String,
+    /// Another place of the data set, for example /data/rgbd; by default the one the run used
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    #[command(flatten)]
+    manner: Manner,
+}
+
+impl Compare {
+    pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
+        let Self { subject, descriptor, distance, radius_cm, no_times, reason, data, manner } = self;
+        let radius_um = super::micrometres("--radius-cm", radius_cm)?;
+        let folder = if subject.is_file() {
+            let plan = Plan::read(&subject, manner.overrides(None))?;
+            let out = match &plan {
+                Plan::Run(experiment) => run::folder(experiment, None, false),
+                Plan::Sweep(sweep) => sweep::folder(sweep, None, false),
+            };
+            manner.run(&plan, out.clone())?;
+            out
+        } else {
+            subject
+        };
+        let mut distances: Vec<_> = distance.iter().filter_map(|name| SetDistance::named(name)).collect();
+        if distances.is_empty() {
+            distances.push(SetDistance::default());
+        }
+        distances.sort_by_key(|distance| distance.name());
+        distances.dedup();
+        let asked = |one: &Named| descriptor.iter().any(|name| name == one.name());
+        let named: Vec<Named> = Named::ALL.into_iter().filter(asked).collect();
+        let options = Options {
+            descriptors: (!named.is_empty()).then_some(named),
+            distances,
+            radius_um,
+            times: !no_times,
+            reason,
+            data,
+            overrides: manner.overrides(None),
+            protection: manner.protection.clone(),
+            storage: manner.storage.clone().resolve(),
+        };
+        for (member, folder) in sweep::run_folders(&folder)? {
+            let comparison = super::block_on("run the same command to begin again", async {
+                Ok(compare(&folder, &options).await?)
+            })?;
+            let title = if member.is_empty() { member } else { format!("{member}\n") };
+            super::print(&if manner.json {
+                format!("{}\n", comparison.json())
+            } else {
+                format!("{title}{}", comparison.text())
+            })?;
+        }
+        Ok(ExitCode::SUCCESS)
+    }
+}

@@ -1,0 +1,115 @@
+//! Who takes part in a comparison: descriptors with a set distance, each under a label.
+
+use descriptor::{Descriptor, FixedDescriptor, FixedKind, Parameters, SetDistance};
+
+/// Label of the run's own descriptor.
+pub const EVOLVED: &str = "evolved";
+/// Label of the descriptor that the paper ended with.
+pub const PAPER: &str = "paper";
+
+/// The paper counts the nine values of the reference frame, which PCL gives beside the histogram.
+const SHOTCOLOR_NOTE: &str = "the paper counts 1353: with the 9 values of the reference frame";
+
+/// A descriptor under one set distance.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Contestant {
+    /// Unique; can be a file's name.
+    pub label: String,
+    /// The descriptor.
+    pub descriptor: Descriptor,
+    /// How clouds are compared by it.
+    pub distance: SetDistance,
+}
+
+impl Contestant {
+    /// w of the paper's kind: how much shape counts beside colour; of the others, which have one part, all.
+    pub fn shape_weight(&self) -> f64 {
+        match &self.descriptor {
+            Descriptor::DiskRing(parameters) => parameters.shape_weight(),
+            Descriptor::Fixed(_) => 1.0,
+        }
+    }
+
+    /// What more there is to say.
+    pub fn note(&self) -> Option<&'static str> {
+        match self.descriptor {
+            Descriptor::Fixed(FixedDescriptor { kind: FixedKind::ShotColor, .. }) => Some(SHOTCOLOR_NOTE),
+            _ => None,
+        }
+    }
+}
+
+/// A descriptor that can be asked for by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Named {
+    /// The run's own.
+    Evolved,
+    /// The paper's.
+    Paper,
+    /// One without genes.
+    Fixed(FixedKind),
+}
+
+impl Named {
+    /// All of them, in the order in which they are shown.
+    pub const ALL: [Self; 4] =
+        [Self::Evolved, Self::Paper, Self::Fixed(FixedKind::PfhRgb), Self::Fixed(FixedKind::ShotColor)];
+
+    /// Its name on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Evolved => EVOLVED,
+            Self::Paper => PAPER,
+            Self::Fixed(kind) => kind.name(),
+        }
+    }
+
+    /// Whether it says nothing of clouds without colours.
+    pub fn needs_colour(self) -> bool {
+        self != Self::Evolved
+    }
+
+    /// The descriptor, in a run that has ended with `evolved`.
+    pub fn descriptor(self, evolved: Parameters, radius_um: u32) -> Descriptor {
+        match self {
+            Self::Evolved => Descriptor::DiskRing(evolved),
+            Self::Paper => Descriptor::DiskRing(Parameters::PAPER_BEST),
+            Self::Fixed(kind) => Descriptor::Fixed(FixedDescriptor { kind, radius_um }),
+        }
+    }
+}
+
+/// Every descriptor under every set distance; χ², the paper's, goes without saying.
+pub fn contestants(
+    named: &[Named],
+    distances: &[SetDistance],
+    evolved: Parameters,
+    radius_um: u32,
+) -> Vec<Contestant> {
+    let of = |&named: &Named| {
+        distances.iter().map(move |&distance| Contestant {
+            label: match distance {
+                SetDistance::ChiSquared => named.name().to_owned(),
+                SetDistance::L1 => format!("{}-{}", named.name(), distance.name()),
+            },
+            descriptor: named.descriptor(evolved, radius_um),
+            distance,
+        })
+    };
+    named.iter().flat_map(of).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn labels_are_unique_and_can_be_names_of_files() {
+        let all = contestants(&Named::ALL, &SetDistance::ALL, Parameters::PAPER_BEST, 50_000);
+        let labels: BTreeSet<&str> = all.iter().map(|one| one.label.as_str()).collect();
+        assert_eq!(labels.len(), Named::ALL.len() * SetDistance::ALL.len());
+        assert!(labels.iter().all(|label| label.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-')));
+    }
+}

@@ -1,0 +1,172 @@
+//! Whether descriptors differ: every pair of them on the same test clouds.
+
+use std::collections::BTreeMap;
+
+use descriptor::{Label, random};
+use rand::RngExt as _;
+use results::{Cluster, PairRow, bootstrap, holm, mcnemar};
+
+/// Resamples of the bootstrap.
+const RESAMPLES: usize = 10_000;
+
+/// What is to be recognised.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Level {
+    /// The very object.
+    Object,
+    /// One of its category.
+    Category,
+}
+
+impl Level {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Object, Self::Category];
+
+    /// Its name in tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Object => "object",
+            Self::Category => "category",
+        }
+    }
+}
+
+/// Which queries a descriptor recognises.
+pub struct Outcomes {
+    /// The descriptor.
+    pub label: String,
+    /// For each query whether object and category are right; `None` of those that it cannot describe.
+    pub right: Vec<Option<[bool; 2]>>,
+}
+
+impl Outcomes {
+    fn at(&self, level: Level, query: usize) -> Option<bool> {
+        self.right[query].map(|right| right[level as usize])
+    }
+}
+
+/// The 95 % interval of a descriptor's error by the bootstrap over objects; `None` if it describes no query.
+pub fn error_interval(outcomes: &Outcomes, level: Level, queries: &[Label], seed: u64) -> Option<[f64; 2]> {
+    let wrong = |query| outcomes.at(level, query).map(|right| f64::from(u8::from(!right)));
+    interval(queries, wrong, &format!("error of {} {}", level.name(), outcomes.label), seed)
+}
+
+/// Every pair of descriptors, on the queries that both describe.
+pub fn pairs(all: &[Outcomes], level: Level, queries: &[Label], seed: u64) -> Vec<PairRow> {
+    let mut rows = Vec::new();
+    for (index, a) in all.iter().enumerate() {
+        for b in &all[index + 1..] {
+            rows.extend(pair([a, b], level, queries, seed));
+        }
+    }
+    let adjusted = holm(&rows.iter().map(|row| row.p_value).collect::<Vec<f64>>());
+    for (row, adjusted) in rows.iter_mut().zip(adjusted) {
+        row.p_adjusted = adjusted;
+    }
+    rows
+}
+
+fn pair([a, b]: [&Outcomes; 2], level: Level, queries: &[Label], seed: u64) -> Option<PairRow> {
+    let both = |query| a.at(level, query).zip(b.at(level, query));
+    let mut outcomes = [0; 4];
+    for (a, b) in (0..queries.len()).filter_map(both) {
+        outcomes[2 * usize::from(!a) + usize::from(!b)] += 1;
+    }
+    let difference = |query| both(query).map(|(a, b)| f64::from(i8::from(b) - i8::from(a)));
+    let purpose = format!("difference of {} {} {}", level.name(), a.label, b.label);
+    let p_value = mcnemar(outcomes[1], outcomes[2]);
+    Some(PairRow {
+        level: level.name().to_owned(),
+        descriptors: [a.label.clone(), b.label.clone()],
+        outcomes,
+        difference: interval(queries, difference, &purpose, seed)?,
+        p_value,
+        p_adjusted: p_value,
+    })
+}
+
+/// The 95 % interval of the mean of `of` over queries, by the bootstrap over objects.
+fn interval(
+    queries: &[Label],
+    of: impl Fn(usize) -> Option<f64>,
+    purpose: &str,
+    seed: u64,
+) -> Option<[f64; 2]> {
+    let mut objects: BTreeMap<u32, Cluster> = BTreeMap::new();
+    for (query, label) in queries.iter().enumerate() {
+        if let Some(value) = of(query) {
+            let object = objects.entry(label.instance).or_insert(Cluster { sum: 0.0, clouds: 0 });
+            object.sum += value;
+            object.clouds += 1;
+        }
+    }
+    let objects: Vec<Cluster> = objects.into_values().collect();
+    let mut rng = random::stream(seed, purpose, &[]);
+    bootstrap(&objects, RESAMPLES, |below| rng.random_range(0..below as u64) as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 60 queries of 6 objects; `right` decides by query.
+    fn outcomes(label: &str, right: impl Fn(usize) -> Option<bool>) -> Outcomes {
+        let right = (0..60).map(|query| right(query).map(|right| [right, true])).collect();
+        Outcomes { label: label.to_owned(), right }
+    }
+
+    fn labels() -> Vec<Label> {
+        (0..60).map(|query| Label { category: 0, instance: query / 10 }).collect()
+    }
+
+    #[test]
+    fn a_pair_counts_the_queries_that_both_describe() {
+        let a = outcomes("a", |query| (query != 59).then_some(query % 3 != 0));
+        let b = outcomes("b", |query| (query != 0).then_some(query % 2 != 0));
+        let [row] = &pairs(&[a, b], Level::Object, &labels(), 1)[..] else { panic!("one pair") };
+        // Of 1 ..= 58: multiples of 3 are wrong under a, even ones under b, multiples of 6 under both.
+        let count = |which: fn(usize) -> bool| (1..59).filter(|&query| which(query)).count() as u32;
+        let expected = [
+            count(|q| q % 3 != 0 && q % 2 != 0),
+            count(|q| q % 3 != 0 && q % 2 == 0),
+            count(|q| q % 3 == 0 && q % 2 != 0),
+            count(|q| q % 6 == 0),
+        ];
+        assert_eq!((row.outcomes, row.queries()), (expected, 58));
+        assert_eq!(row.p_value, mcnemar(expected[1], expected[2]));
+        let difference = row.error_difference();
+        assert!(row.difference[0] <= difference && difference <= row.difference[1]);
+        // Both always name the category.
+        let all = [outcomes("a", |_| Some(false)), outcomes("b", |_| Some(true))];
+        let [row] = &pairs(&all, Level::Category, &labels(), 1)[..] else { panic!("one pair") };
+        assert_eq!((row.outcomes, row.p_value, row.difference), ([60, 0, 0, 0], 1.0, [0.0, 0.0]));
+    }
+
+    #[test]
+    fn an_error_that_sits_in_one_object_is_less_certain_than_one_that_is_spread() {
+        let one_object = outcomes("a", |query| Some(query >= 10));
+        let spread = outcomes("b", |query| Some(query % 6 != 0));
+        let width = |of: &Outcomes| {
+            let [low, high] = error_interval(of, Level::Object, &labels(), 7).unwrap();
+            assert!(low <= 1.0 / 6.0 && 1.0 / 6.0 <= high, "{low} {high}");
+            high - low
+        };
+        assert!(width(&one_object) > 2.0 * width(&spread));
+        let again = error_interval(&spread, Level::Object, &labels(), 7);
+        assert_eq!(again, error_interval(&spread, Level::Object, &labels(), 7), "the seed decides");
+        assert_eq!(error_interval(&outcomes("c", |_| None), Level::Object, &labels(), 7), None);
+    }
+
+    #[test]
+    fn values_are_corrected_for_all_pairs_of_a_level() {
+        let all = [
+            outcomes("a", |_| Some(true)),
+            outcomes("b", |query| Some(query >= 8)),
+            outcomes("c", |query| Some(query >= 9)),
+        ];
+        let rows = pairs(&all, Level::Object, &labels(), 1);
+        let adjusted: Vec<f64> = rows.iter().map(|row| row.p_adjusted).collect();
+        assert_eq!(adjusted, holm(&rows.iter().map(|row| row.p_value).collect::<Vec<_>>()));
+        assert!(rows.len() == 3 && adjusted[0] == 2.0 * rows[0].p_value);
+    }
+}

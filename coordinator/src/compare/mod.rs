@@ -1,0 +1,376 @@
+//! Several descriptors on the test clouds of a finished run: the paper's table 1 and figure 3, and how sure one can be.
+
+mod contestant;
+mod curve;
+mod described;
+mod differences;
+mod recognition;
+mod summary;
+mod timing;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::time::SystemTime;
+
+use descriptor::description::DescriptionError;
+use descriptor::recognise::RecogniseError;
+use descriptor::{Descriptor, GeneTable, Label, Parameters, Quantiser, SetDistance};
+use indicatif::{ProgressBar, ProgressDrawTarget};
+use results::{ComparedRow, Counts, LookRow, RunFolder, wilson};
+use worker::Storage;
+use worker::store::Store;
+
+use crate::door::Protection;
+use crate::evaluate::EvaluateError;
+use crate::evaluation::Match;
+use crate::experiment::{LocalWorkers, Overrides};
+use crate::run::progress::Progress;
+use crate::run::{
+    DataError, Matching, ReopenError, Reopened, RunError, Workplace, host, listen, reopen, rows,
+};
+pub use contestant::{Contestant, EVOLVED, Named, contestants};
+use described::Shards;
+use differences::{Level, Outcomes, error_interval, pairs};
+use recognition::Recognition;
+pub use summary::Comparison;
+use timing::{Timed, time};
+
+/// What is compared, and how.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Descriptors; `None`: all that the clouds allow.
+    pub descriptors: Option<Vec<Named>>,
+    /// Set distances, each descriptor under each.
+    pub distances: Vec<SetDistance>,
+    /// Radius of the descriptors without genes, micrometres.
+    pub radius_um: u32,
+    /// Whether times are measured, which takes as long as one thread needs for all of them.
+    pub times: bool,
+    /// Why the test clouds are looked at.
+    pub reason: String,
+    /// Where the clouds are now, if they have moved.
+    pub data: Option<PathBuf>,
+    /// Port and workers, instead of the experiment's.
+    pub overrides: Overrides,
+    /// How connections from other machines are protected.
+    pub protection: Protection,
+    /// Where prepared clouds are kept, and memory for the workers of this process.
+    pub storage: Storage,
+}
+
+/// Why there is no comparison.
+#[derive(Debug, thiserror::Error)]
+pub enum CompareError {
+    /// The run.
+    #[error(transparent)]
+    Reopen(#[from] ReopenError),
+    /// Workers, port, files.
+    #[error(transparent)]
+    Run(Box<RunError>),
+    /// Nothing to compare on.
+    #[error("{0}: has no test clouds to compare descriptors on\nlist some in [dataset] and run it again")]
+    NoTest(PathBuf),
+    /// The winner is not of this program's genes.
+    #[error(
+        "{0}: best genes: must lie on the genes' grids\nlook whether the run is sound: coordinator verify"
+    )]
+    Genes(PathBuf),
+    /// A descriptor that these clouds do not allow.
+    #[error("--descriptor {name}: needs colours, got clouds without\nleave it out")]
+    NeedsColour {
+        /// Its name.
+        name: &'static str,
+    },
+    /// The paper's descriptor beside a search space that is far from it.
+    #[error(
+        "--descriptor paper: cannot be counted in one go with this run's search space, got {what}\nleave it out"
+    )]
+    FarFromPaper {
+        /// What stands in the way.
+        what: String,
+    },
+    /// A worker's answer is no description.
+    #[error(transparent)]
+    Description(#[from] DescriptionError),
+    /// Nothing in the database.
+    #[error("{label}: {source}")]
+    Recognise {
+        /// Of the descriptor.
+        label: String,
+        /// Why.
+        source: RecogniseError,
+    },
+    /// Nothing could be counted.
+    #[error("{label}: describes none of the test clouds\nleave it out, or choose a larger --radius-cm")]
+    NothingDescribed {
+        /// Of the descriptor.
+        label: String,
+    },
+    /// Measuring times.
+    #[error(transparent)]
+    Evaluate(#[from] EvaluateError),
+    /// Two computations of the same differ.
+    #[error(
+        "{label}: {what} must be what it was, {then}, got {now}\nlook whether the run is sound: coordinator verify"
+    )]
+    Contradiction {
+        /// Of the descriptor.
+        label: String,
+        /// What was computed twice.
+        what: &'static str,
+        /// The first time.
+        then: String,
+        /// The second.
+        now: String,
+    },
+}
+
+impl From<RunError> for CompareError {
+    fn from(error: RunError) -> Self {
+        Self::Run(Box::new(error))
+    }
+}
+
+impl From<results::Error> for CompareError {
+    fn from(error: results::Error) -> Self {
+        RunError::from(error).into()
+    }
+}
+
+/// Compares descriptors on the test clouds of a finished run, and writes the tables into its folder.
+pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, CompareError> {
+    let progress = Progress::quiet();
+    let store = Arc::new(Store::open(&options.storage, &host()));
+    let reopened =
+        reopen(folder, options.data.as_deref(), options.overrides, &store, |line| progress.say(line))?;
+    let Reopened { run, experiment, dataset } = &reopened;
+    if Matching::Test.query_clouds(dataset).is_empty() {
+        return Err(CompareError::NoTest(folder.to_owned()));
+    }
+    let evolved =
+        rows::parameters(&run.row.best_genes).ok_or_else(|| CompareError::Genes(folder.to_owned()))?;
+    let (named, genes) = choose(options, experiment.genes(), |line| progress.say(line))?;
+    let contestants = contestants(&named, &options.distances, evolved, options.radius_um);
+    let out = RunFolder::create(folder, &rows::gene_columns())?;
+
+    let local_workers = experiment.coordinator().local_workers;
+    let can_do_alone = local_workers != LocalWorkers::Count(0);
+    let door = listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
+    let memory = options.storage.memory;
+    let mut workplace = Workplace::for_genes(&genes, experiment, dataset, Arc::clone(&store), memory)
+        .map_err(|error| RunError::from(DataError::from(error)))?;
+    if let Some(door) = door {
+        workplace.open(door).await;
+    }
+    let mut client = workplace.cluster.client();
+    let mut crew = workplace.staff(local_workers);
+    let descriptors = distinct(&contestants);
+    out.note_look(&LookRow {
+        at: SystemTime::now(),
+        command: "compare".to_owned(),
+        reason: options.reason.clone(),
+        descriptors: contestants.iter().map(|contestant| contestant.label.clone()).collect(),
+    })?;
+    let looks = results::read_table(folder, results::TableName::Looks)?.shape().0;
+    workplace.splits.publish_test(&workplace.cluster.blobs);
+    let question = workplace.splits.evaluation(evolved, Matching::Test, false);
+    let Some(shards) = Shards::publish(&question, &descriptors, &workplace.cluster.blobs) else {
+        return Err(CompareError::NoTest(folder.to_owned()));
+    };
+    let tasks = shards.tasks(&descriptors);
+    let clouds = question.queries + question.database_clouds;
+    progress.say(&format!("describing {clouds} clouds under {} descriptors", descriptors.len()));
+    let bar = ProgressBar::with_draw_target(Some(tasks.len() as u64), ProgressDrawTarget::stderr());
+    let describe = async {
+        progress.wait_for_worker(&client).await;
+        let watch = |news: &crate::cluster::ClusterNews| bar.inc(news.finished as u64);
+        Ok::<_, RunError>(client.describe(&tasks, watch).await?)
+    };
+    let answers = crew.during(describe).await?;
+    bar.finish_and_clear();
+    crew.stop().await;
+    workplace.cluster.close();
+
+    let gathered = shards.gather(&descriptors, &answers)?;
+    drop(answers);
+    out.begin_comparison()?;
+    let (mut compared, mut outcomes) = (Vec::new(), Vec::new());
+    for contestant in &contestants {
+        let labels = shards.labels();
+        let described = descriptors.iter().zip(&gathered).find(|(one, _)| **one == contestant.descriptor);
+        let Some((_, described)) = described else { continue }; // `distinct` has them all
+        let recognition = Recognition::new(contestant, described, labels)
+            .map_err(|source| CompareError::Recognise { label: contestant.label.clone(), source })?;
+        let timed = if options.times {
+            progress.say(&format!("measuring {}: {clouds} clouds on one thread", contestant.label));
+            Some(time(dataset, experiment.preprocess(), contestant)?)
+        } else {
+            None
+        };
+        let matches = recognition.matches.iter().map(|&(query, found)| (query, numbered(found)));
+        let answers = rows::answers(dataset, Matching::Test, matches);
+        if let Some(timed) = &timed {
+            agree(contestant, &answers, timed)?;
+        }
+        let judged = judge(contestant, &recognition, labels);
+        let counts = counts(contestant, &judged)?;
+        if let (EVOLVED, Some(then)) = (contestant.label.as_str(), run.row.test)
+            && then != counts
+        {
+            let [then, now] =
+                [then, counts].map(|counts| format!("{} of {}", counts.object_correct, counts.queries));
+            return Err(CompareError::Contradiction {
+                label: EVOLVED.to_owned(),
+                what: "objects of the final test",
+                then,
+                now,
+            });
+        }
+        out.write_compared(&contestant.label, &answers, &recognition.curves, &recognition.distances)?;
+        compared.push(row(contestant, &recognition, timed, (counts, &judged), (labels[0], run.row.seed)));
+        outcomes.push(judged);
+    }
+    let queries = shards.labels()[0];
+    let pairs: Vec<_> =
+        Level::ALL.into_iter().flat_map(|level| pairs(&outcomes, level, queries, run.row.seed)).collect();
+    out.write_comparison(&compared, &pairs)?;
+    Ok(Comparison { name: run.row.name.clone(), rows: compared, pairs, looks, folder: folder.to_owned() })
+}
+
+/// The descriptors that are to be compared, and a search space that has all of the paper's kind among them.
+fn choose(
+    options: &Options,
+    genes: &GeneTable,
+    say: impl Fn(&str),
+) -> Result<(Vec<Named>, GeneTable), CompareError> {
+    let mut named = options.descriptors.clone().unwrap_or_else(|| Named::ALL.to_vec());
+    if !genes.has_colour() {
+        let refused = named.iter().find(|one| one.needs_colour());
+        if let (Some(one), true) = (refused, options.descriptors.is_some()) {
+            return Err(CompareError::NeedsColour { name: one.name() });
+        }
+        if refused.is_some() {
+            say("clouds without colours: the paper's descriptor, pfhrgb and shotcolor are left out");
+        }
+        named.retain(|one| !one.needs_colour());
+    }
+    let paper = &Parameters::PAPER_BEST;
+    if !named.contains(&Named::Paper) || genes.contains(paper) {
+        return Ok((named, genes.clone()));
+    }
+    let wider = genes.including(paper).map_err(|error| error.to_string());
+    let usable = wider.and_then(|genes| match Quantiser::new(&genes) {
+        Ok(_) => Ok(genes),
+        Err(error) => Err(error.to_string()),
+    });
+    match usable {
+        Ok(genes) => Ok((named, genes)),
+        Err(error) => {
+            let what = error.lines().next().unwrap_or_default().to_owned();
+            if options.descriptors.is_some() {
+                return Err(CompareError::FarFromPaper { what });
+            }
+            say(&format!("the paper's descriptor is left out: {what}"));
+            named.retain(|one| *one != Named::Paper);
+            Ok((named, genes.clone()))
+        }
+    }
+}
+
+/// Each descriptor once, whatever the distances.
+fn distinct(contestants: &[Contestant]) -> Vec<Descriptor> {
+    let mut descriptors = Vec::new();
+    for contestant in contestants {
+        if !descriptors.contains(&contestant.descriptor) {
+            descriptors.push(contestant.descriptor);
+        }
+    }
+    descriptors
+}
+
+fn numbered(found: descriptor::Match) -> Match {
+    Match {
+        nearest: found.nearest.index,
+        distance: found.nearest.distance,
+        runner_up: found.runner_up.map(|hit| (hit.index, hit.distance)),
+    }
+}
+
+/// Refuses answers of workers that this process does not find as well.
+fn agree(
+    contestant: &Contestant,
+    answers: &[results::PredictionRow],
+    timed: &Timed,
+) -> Result<(), CompareError> {
+    let told = answers.iter().map(|row| (&row.cloud, &row.nearest_cloud, row.distance.to_bits()));
+    let found = timed.nearest.iter().map(|(query, nearest, distance)| (query, nearest, distance.to_bits()));
+    let differs = told.clone().zip(found.clone()).find(|(told, found)| told != found);
+    if differs.is_none() && told.len() == found.len() {
+        return Ok(());
+    }
+    let said = |answer: (&String, &String, u64)| {
+        format!("{} for {} at {}", answer.1, answer.0, f64::from_bits(answer.2))
+    };
+    let (then, now) = match differs {
+        Some((told, found)) => (said(told), said(found)),
+        None => (format!("{} answers", told.len()), format!("{} answers", found.len())),
+    };
+    let label = contestant.label.clone();
+    Err(CompareError::Contradiction { label, what: "what this process finds", then, now })
+}
+
+fn judge(contestant: &Contestant, recognition: &Recognition, [queries, database]: [&[Label]; 2]) -> Outcomes {
+    let mut right = vec![None; queries.len()];
+    for (query, found) in &recognition.matches {
+        let (asked, got) = (queries[*query as usize], database[found.nearest.index as usize]);
+        right[*query as usize] = Some([asked.instance == got.instance, asked.category == got.category]);
+    }
+    Outcomes { label: contestant.label.clone(), right }
+}
+
+fn counts(contestant: &Contestant, judged: &Outcomes) -> Result<Counts, CompareError> {
+    let described = || judged.right.iter().flatten();
+    let counts = Counts {
+        object_correct: described().filter(|right| right[0]).count() as u32,
+        category_correct: described().filter(|right| right[1]).count() as u32,
+        queries: described().count() as u32,
+    };
+    if counts.queries == 0 {
+        return Err(CompareError::NothingDescribed { label: contestant.label.clone() });
+    }
+    Ok(counts)
+}
+
+fn row(
+    contestant: &Contestant,
+    recognition: &Recognition,
+    timed: Option<Timed>,
+    (counts, judged): (Counts, &Outcomes),
+    (queries, seed): (&[Label], u64),
+) -> ComparedRow {
+    let intervals = |correct: u32, level| {
+        let by_wilson = wilson(counts.queries - correct, counts.queries);
+        [by_wilson, error_interval(judged, level, queries, seed).unwrap_or(by_wilson)]
+    };
+    let area =
+        |name| recognition.curves.iter().find(|curve| curve.name == name).and_then(results::Curve::area);
+    ComparedRow {
+        descriptor: contestant.label.clone(),
+        kind: contestant.descriptor.kind_name().to_owned(),
+        distance: contestant.distance.name().to_owned(),
+        parameters: contestant.descriptor.to_string(),
+        size: contestant.descriptor.size() as u32,
+        note: contestant.note().map(str::to_owned),
+        counts,
+        object_intervals: intervals(counts.object_correct, Level::Object),
+        category_intervals: intervals(counts.category_correct, Level::Category),
+        skipped: queries.len() as u32 - counts.queries,
+        database: recognition.database,
+        keypoints_per_cloud: timed
+            .as_ref()
+            .map(|timed| timed.keypoints_per_cloud)
+            .or(recognition.keypoints_per_cloud),
+        times: timed.map(|timed| timed.times),
+        areas: [area("all"), area("nearest")],
+    }
+}

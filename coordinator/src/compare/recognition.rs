@@ -1,0 +1,113 @@
+//! What a contestant makes of the test clouds: from the parts of clouds to matches, distances and curves.
+
+use descriptor::recognise::{Hit, RecogniseError, recognise_by, recognise_from};
+use descriptor::summary::weighted;
+use descriptor::{DistanceMatrix, Label, Match, Parts};
+use results::Curve;
+
+use super::contestant::Contestant;
+use super::curve::curve;
+use super::described::{Described, DescribedParts};
+
+/// Pairs of clouds of which distances and curve are kept: 240 MB at 12 bytes each.
+const MAX_PAIRS: usize = 20_000_000;
+
+/// All distances of the clouds that are described.
+enum Distances {
+    /// Shape, colour and the weight of shape.
+    Weighted(DistanceMatrix, DistanceMatrix, f64),
+    One(DistanceMatrix),
+}
+
+impl Distances {
+    fn get(&self, query: usize, database: usize) -> f64 {
+        match self {
+            Self::Weighted(shape, colour, weight) => {
+                weighted(shape.row(query)[database], colour.row(query)[database], *weight)
+            }
+            Self::One(matrix) => f64::from(matrix.row(query)[database]),
+        }
+    }
+}
+
+/// The answers of one contestant.
+pub struct Recognition {
+    /// Queries that it describes, as indices into the test split, with their matches, which number the database.
+    pub matches: Vec<(u32, Match)>,
+    /// Clouds of the database that it describes.
+    pub database: u32,
+    /// Mean number of keypoints of a cloud, where descriptions tell it.
+    pub keypoints_per_cloud: Option<f64>,
+    /// Of all pairs, if they are not too many, and of nearest clouds.
+    pub curves: Vec<Curve>,
+    /// Query, database cloud and their distance; empty if they are too many.
+    pub distances: Vec<(u32, u32, f32)>,
+}
+
+impl Recognition {
+    /// Matches queries with the database, by the current rayon pool.
+    ///
+    /// # Errors
+    /// If nothing of the database is described.
+    pub fn new(
+        contestant: &Contestant,
+        described: &Described,
+        [query_labels, database_labels]: [&[Label]; 2],
+    ) -> Result<Self, RecogniseError> {
+        let by =
+            |[queries, database]: &[Parts; 2]| DistanceMatrix::by(contestant.distance, queries, database);
+        let [queries, database] = &described.clouds;
+        let labels: Vec<Label> = database.iter().map(|&index| database_labels[index as usize]).collect();
+        let count = queries.len();
+        let distances = match &described.parts {
+            DescribedParts::DiskRing(shape, colour) => {
+                Distances::Weighted(by(shape), by(colour), contestant.shape_weight())
+            }
+            DescribedParts::Fixed(parts) => Distances::One(by(parts)),
+        };
+        let found = match &distances {
+            Distances::Weighted(shape, colour, weight) => {
+                recognise_from(count, shape, colour, &labels, *weight)?
+            }
+            Distances::One(matrix) => recognise_by(count, matrix, &labels)?,
+        };
+        let number = |hit: Hit| Hit { index: database[hit.index as usize], ..hit };
+        let numbered = found
+            .into_iter()
+            .map(|found| Match { nearest: number(found.nearest), runner_up: found.runner_up.map(number) });
+        let matches: Vec<(u32, Match)> = queries.iter().copied().zip(numbered).collect();
+        let same = |query: u32, database: u32| {
+            query_labels[query as usize].instance == database_labels[database as usize].instance
+        };
+
+        let mut pairs = Vec::new();
+        if count * labels.len() <= MAX_PAIRS {
+            for (row, &query) in queries.iter().enumerate() {
+                let columns = database.iter().enumerate();
+                pairs.extend(columns.map(|(column, &cloud)| (query, cloud, distances.get(row, column))));
+            }
+        }
+        let mut curves = Vec::new();
+        if !pairs.is_empty() {
+            let judged: Vec<(f64, bool)> =
+                pairs.iter().map(|&(query, cloud, distance)| (distance, same(query, cloud))).collect();
+            let relevant = judged.iter().filter(|pair| pair.1).count() as u64;
+            curves.push(curve("all", judged, relevant));
+        }
+        let nearest = matches.iter().map(|(query, found)| {
+            let hit = found.nearest;
+            (hit.distance, same(*query, hit.index))
+        });
+        curves.push(curve("nearest", nearest.collect(), count as u64));
+        Ok(Self {
+            database: labels.len() as u32,
+            keypoints_per_cloud: described.keypoints.map(|all| all as f64 / (count + labels.len()) as f64),
+            curves,
+            distances: pairs
+                .into_iter()
+                .map(|(query, cloud, distance)| (query, cloud, distance as f32))
+                .collect(),
+            matches,
+        })
+    }
+}

@@ -1,0 +1,128 @@
+//! Looks at the test set and comparisons: what is written is read, what is removed, and what follows from what.
+
+use std::array::from_fn;
+
+use tempfile::tempdir;
+
+use super::fixture;
+use crate::*;
+
+pub const DISTANCES: [(u32, u32, f32); 4] = [(0, 0, 0.5), (0, 1, 0.25), (2, 0, 1.0), (2, 1, 2.0)];
+
+/// Distances 0.5 (same object), 0.5 (another), 0.75 (same), 1 (another), 1.5 (same): two points at least share one.
+pub fn curves() -> [Curve; 2] {
+    let point = |distance, accepted, relevant| CurvePoint { distance, accepted, relevant };
+    let all = vec![point(0.5, 2, 1), point(0.75, 3, 2), point(1.0, 4, 2), point(1.5, 5, 3)];
+    [
+        Curve { name: "all", relevant: 3, points: all },
+        Curve { name: "nearest", relevant: 3, points: vec![point(0.5, 3, 2)] },
+    ]
+}
+
+pub fn pairs() -> [PairRow; 1] {
+    [PairRow {
+        level: "object".to_owned(),
+        descriptors: ["evolved", "paper"].map(str::to_owned),
+        outcomes: [10, 4, 1, 5],
+        difference: [-0.3, 0.05],
+        p_value: 0.375,
+        p_adjusted: 0.375,
+    }]
+}
+
+pub fn rows() -> [ComparedRow; 2] {
+    let times = Times {
+        read: 0.5,
+        keypoints: 0.25,
+        normals: 1.0,
+        describe: 2.0,
+        matching: 0.125,
+        total: 4.0,
+        hardware: "a processor".to_owned(),
+    };
+    from_fn(|index| ComparedRow {
+        descriptor: ["evolved", "paper"][index].to_owned(),
+        kind: "disk-ring".to_owned(),
+        distance: "chi2".to_owned(),
+        parameters: "m=8".to_owned(),
+        size: 248,
+        note: (index == 1).then(|| "of the paper".to_owned()),
+        counts: fixture::TEST,
+        object_intervals: [[0.1, 0.6], [0.0, 0.7]],
+        category_intervals: [[0.0, 0.5], [0.0, 0.6]],
+        skipped: index as u32,
+        database: 40,
+        keypoints_per_cloud: (index == 0).then_some(31.5),
+        times: (index == 0).then(|| times.clone()),
+        areas: [Some(0.75), None],
+    })
+}
+
+/// The definition: the mean, over all relevant pairs, of the precision at the threshold that lets the pair in.
+#[test]
+fn the_area_is_the_mean_precision_at_each_relevant_pair() {
+    let [all, nearest] = curves();
+    assert!((all.area().unwrap() - (1.0 / 2.0 + 2.0 / 3.0 + 3.0 / 5.0) / 3.0).abs() < 1e-15);
+    // Relevant clouds that are never accepted add nothing.
+    assert!((nearest.area().unwrap() - 2.0 * (2.0 / 3.0) / 3.0).abs() < 1e-15);
+    assert_eq!(Curve { relevant: 0, ..nearest }.area(), None);
+}
+
+#[test]
+fn differences_and_odds_are_those_of_the_errors() {
+    let [pair] = pairs();
+    // Of 20, the first recognises 14 and the second 11.
+    assert!((pair.error_difference() - (6.0 / 20.0 - 9.0 / 20.0)).abs() < 1e-15);
+    assert_eq!((pair.queries(), pair.odds_ratio()), (20, Some(4.0)));
+    assert_eq!(PairRow { outcomes: [1, 3, 0, 0], ..pair }.odds_ratio(), None);
+}
+
+#[test]
+fn looks_are_numbered_and_outlive_the_run() {
+    let folder = tempdir().unwrap();
+    fixture::write(folder.path());
+    let mut out = RunFolder::create(folder.path(), &fixture::genes()).unwrap();
+    let second = LookRow { command: "compare".to_owned(), ..fixture::look() };
+    out.note_look(&second).unwrap();
+    let looks = || read_table(folder.path(), TableName::Looks).unwrap();
+    let commands =
+        looks().column("command").unwrap().str().unwrap().iter().flatten().collect::<Vec<_>>().join(" ");
+    assert_eq!(commands, "run compare");
+    out.discard().unwrap();
+    assert!(!out.is_finished());
+    assert_eq!(looks().height(), 2);
+}
+
+#[test]
+fn a_comparison_is_whole_or_not_there_and_leaves_the_run_as_it_is() {
+    let folder = tempdir().unwrap();
+    let digest = fixture::write(folder.path());
+    let out = RunFolder::create(folder.path(), &fixture::genes()).unwrap();
+    let height = |table| read_table(folder.path(), table).map(|frame| frame.height());
+    assert!(matches!(height(TableName::Comparison), Err(Error::NoFiles { .. } | Error::Io { .. })));
+    for round in 0..2 {
+        out.begin_comparison().unwrap();
+        for label in ["evolved", "pfhrgb-l1"] {
+            let answers = fixture::predictions(PredictionSplit::Test);
+            out.write_compared(label, &answers, &curves(), &DISTANCES).unwrap();
+        }
+        out.write_comparison(&rows(), &pairs()).unwrap();
+        let heights = TableName::COMPARISON.map(|table| height(table).unwrap());
+        assert_eq!(heights, [8, 6, 10, 1, 2], "round {round}");
+    }
+    let distances = read_table(folder.path(), TableName::Distances).unwrap();
+    let number = |column: &str| -> Vec<u32> {
+        distances.column(column).unwrap().u32().unwrap().iter().flatten().collect()
+    };
+    assert_eq!(number("query")[..4], [0, 0, 2, 2]);
+    assert_eq!(number("database")[..4], [0, 1, 0, 1]);
+    assert!(verify(folder.path()).unwrap().problems.is_empty());
+    assert_eq!(read_run(folder.path()).unwrap().run_digest, digest);
+
+    // Another one that does not come to its end.
+    out.begin_comparison().unwrap();
+    out.write_compared("evolved", &[], &[], &[]).unwrap();
+    assert!(height(TableName::Comparison).is_err());
+    // Not a number.
+    out.write_compared("evolved", &[], &[], &[(0, 0, f32::NAN)]).unwrap_err();
+}
