@@ -48,8 +48,8 @@ impl About<'_> {
              coordinator recognise . cloud.pcd … --json --top 5\n\
              ```\n\n\
              A cloud is a PCD file of {colours}points in {unit}, one object cut out of its surroundings, with the camera \
-             at the viewpoint that the file names. In a Rust program the crate `descriptor` does the same: its example \
-             `recognise` shows how.\n\n",
+             at the viewpoint that the file names. In a Rust program the crate `descriptor` does the same: its \
+             documentation begins with an example.\n\n",
             name = run.name,
             digest = finished.run_digest,
             seed = run.seed,
