@@ -243,19 +243,7 @@ fn describe_file<S>(
     let cloud = cloud.in_metres(preprocess.unit.metres());
     seconds.read = clock.elapsed();
 
-    let mut stages = || -> Result<Described<S>, FixedError> {
-        let clock = Instant::now();
-        let keypoints = keypoints(&cloud, preprocess)?;
-        seconds.keypoints = clock.elapsed();
-        let clock = Instant::now();
-        let normals = Normals::new(&cloud, &keypoints, preprocess)?;
-        seconds.normals = clock.elapsed();
-        let clock = Instant::now();
-        let described = describe(&cloud, &keypoints, &normals)?;
-        seconds.describe = clock.elapsed();
-        Ok(described)
-    };
-    match stages() {
+    match stages(&cloud, preprocess, describe, &mut seconds) {
         Ok(described) => Ok((Ok(described), seconds)),
         Err(FixedError::Prepare(PrepareError::Skip(skip))) => Ok((Err(skip.to_string()), seconds)),
         Err(nothing @ FixedError::NothingDescribed { .. }) => {
@@ -264,4 +252,23 @@ fn describe_file<S>(
         }
         Err(error) => Err(failed(error.to_string())),
     }
+}
+
+/// The stages of a cloud in metres, each timed: keypoints, normals, and `describe`.
+pub fn stages<S, E: From<PrepareError>>(
+    cloud: &Cloud,
+    preprocess: &Preprocess,
+    describe: impl FnOnce(&Cloud, &Keypoints, &Normals) -> Result<S, E>,
+    seconds: &mut Seconds,
+) -> Result<S, E> {
+    let clock = Instant::now();
+    let keypoints = keypoints(cloud, preprocess)?;
+    seconds.keypoints = clock.elapsed();
+    let clock = Instant::now();
+    let normals = Normals::new(cloud, &keypoints, preprocess)?;
+    seconds.normals = clock.elapsed();
+    let clock = Instant::now();
+    let described = describe(cloud, &keypoints, &normals)?;
+    seconds.describe = clock.elapsed();
+    Ok(described)
 }

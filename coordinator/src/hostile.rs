@@ -17,6 +17,16 @@ pub fn experiment(text: &str) -> bool {
     Experiment::from_record(text, Path::new("experiment.toml"), None, Overrides::default()).is_ok()
 }
 
+/// The settings of an artefact.
+pub fn artefact_settings(text: &str) -> bool {
+    crate::artefact::reads_settings(text)
+}
+
+/// Sound settings of an artefact.
+pub fn sample_artefact_settings() -> String {
+    crate::artefact::sample_settings()
+}
+
 /// A poll of a worker.
 pub fn poll(bytes: &[u8]) -> bool {
     v1::PollRequest::decode(bytes).is_ok_and(|request| wire::poll(request).is_ok())

@@ -11,37 +11,22 @@ use results::RecordedEvaluation;
 use worker::Storage;
 use worker::store::Store;
 
-use crate::dataset::Wanted;
-use crate::experiment::{Experiment, ExperimentError, LocalWorkers, Overrides};
-use crate::run::{DataError, RunError, Workplace, open_data, rows};
+use crate::experiment::{LocalWorkers, Overrides};
+use crate::reopen::{ReopenError, Reopened, reopen};
+use crate::run::{DataError, RunError, Workplace, data_digest, rows};
 
 /// Why a run cannot be verified.
 #[derive(Debug, thiserror::Error)]
 pub enum VerifyError {
-    /// The run folder.
+    /// The files of the run folder.
     #[error(transparent)]
     Results(#[from] results::Error),
-    /// The recorded experiment.
+    /// The run, its experiment or its data.
     #[error(transparent)]
-    Experiment(#[from] ExperimentError),
-    /// Data or evaluation.
+    Reopen(#[from] ReopenError),
+    /// Evaluation.
     #[error(transparent)]
     Run(#[from] RunError),
-    /// There is no such folder.
-    #[error("{0}: no such run folder\nname the folder that the run's summary calls results")]
-    NoFolder(PathBuf),
-    /// Other numbers are to be expected.
-    #[error(
-        "{run}: evaluation version must be {expected}, got {got}\nverify it with the release that made it, or look at the digest only with --sample 0"
-    )]
-    EvaluationVersion {
-        /// The run.
-        run: PathBuf,
-        /// This program's.
-        expected: u32,
-        /// The run's.
-        got: u32,
-    },
 }
 
 /// What verification found.
@@ -82,7 +67,7 @@ pub async fn verify(
     storage: &Storage,
 ) -> Result<Verdict, VerifyError> {
     if !run.is_dir() {
-        return Err(VerifyError::NoFolder(run.to_owned()));
+        return Err(ReopenError::NoFolder(run.to_owned()).into());
     }
     let verification = results::verify(run)?;
     let mut verdict = Verdict {
@@ -93,22 +78,12 @@ pub async fn verify(
     if sample == 0 || !verdict.is_sound() {
         return Ok(verdict);
     }
-    let recorded = results::read_run(run)?;
-    if recorded.row.evaluation_version != descriptor::EVALUATION_VERSION {
-        return Err(VerifyError::EvaluationVersion {
-            run: run.to_owned(),
-            expected: descriptor::EVALUATION_VERSION,
-            got: recorded.row.evaluation_version,
-        });
-    }
     let store = Arc::new(Store::open(storage, "verify"));
-    let record = &recorded.row.resolved_toml;
-    let experiment = Experiment::from_record(record, run, data.as_deref(), Overrides::default())?;
-    let dataset = open_data(&experiment, Wanted::All, Some(&store), |line| eprintln!("{line}"))
-        .map_err(RunError::from)?;
-    let digest = proto::Digest(dataset.clouds.digest).to_string();
-    if digest != recorded.row.data_digest {
-        verdict.problems.push(format!("data: digest: expected {}, got {digest}", recorded.row.data_digest));
+    let Reopened { finished, experiment, dataset } =
+        reopen(run, data.as_deref(), Overrides::default(), &store)?;
+    let (expected, digest) = (finished.row.data_digest, data_digest(&dataset));
+    if digest != expected {
+        verdict.problems.push(format!("data: digest: expected {expected}, got {digest}"));
         return Ok(verdict);
     }
 

@@ -54,7 +54,12 @@ pub fn check(bytes: &[u8], parameters: &Parameters, clouds: u32) -> Result<(), D
     if bytes.len() as u64 != expected {
         return Err(DescriptionError::Length { expected, got: bytes.len() });
     }
-    match values(bytes).find(|value| !(0.0..=1.0).contains(value)) {
+    check_values(values(bytes))
+}
+
+/// Refuses values that no mean or deviation of shares can have.
+fn check_values(mut values: impl Iterator<Item = f32>) -> Result<(), DescriptionError> {
+    match values.find(|value| !(0.0..=1.0).contains(value)) {
         Some(value) => Err(DescriptionError::Value { largest: 1, got: value.to_string() }),
         None => Ok(()),
     }
@@ -80,6 +85,40 @@ pub fn decode(bytes: &[u8], parameters: &Parameters, clouds: u32) -> Result<[Par
         Parts { width: if clouds == 0 { 0 } else { shape }, clouds, values },
         Parts { width: if clouds == 0 { 0 } else { colour }, clouds, values: colours },
     ])
+}
+
+/// Centroids and deviations of one part of the descriptor, each cloud after cloud.
+pub type Columns<'a> = [&'a [f32]; 2];
+
+/// Shape and colour parts of so many clouds from values that were kept as columns. Whatever they are, distances between
+/// the parts are finite.
+///
+/// # Errors
+/// If the columns cannot be those of so many clouds under the descriptor.
+pub fn from_columns(
+    [shape, colour]: [Columns<'_>; 2],
+    parameters: &Parameters,
+    clouds: u32,
+) -> Result<[Parts; 2], DescriptionError> {
+    let [shape_width, colour_width] = widths(parameters);
+    let part = |columns: Columns<'_>, width: u64| {
+        // Half of a cloud's values are its centroid.
+        let expected = (width / 2).saturating_mul(u64::from(clouds));
+        if let Some(other) = columns.iter().find(|column| column.len() as u64 != expected) {
+            let bytes = |values: u64| values.saturating_mul(4);
+            return Err(DescriptionError::Length { expected: bytes(expected), got: size_of_val(*other) });
+        }
+        check_values(columns.into_iter().flatten().copied())?;
+        let bins = width as usize / 2;
+        let mut values = Vec::with_capacity(2 * columns[0].len());
+        for cloud in 0..clouds as usize {
+            for column in columns {
+                values.extend_from_slice(&column[cloud * bins..][..bins]);
+            }
+        }
+        Ok(Parts { width: if clouds == 0 { 0 } else { width as usize }, clouds: clouds as usize, values })
+    };
+    Ok([part(shape, shape_width)?, part(colour, colour_width)?])
 }
 
 #[cfg(test)]
@@ -138,6 +177,52 @@ mod tests {
             let mut bytes = encoded(&parameters, 2);
             bytes[400..404].copy_from_slice(&value.to_le_bytes());
             assert!(matches!(decode(&bytes, &parameters, 2), Err(DescriptionError::Value { .. })), "{value}");
+        }
+    }
+
+    /// Centroids and deviations of some parts, each cloud after cloud.
+    fn columns(parts: &Parts) -> [Vec<f32>; 2] {
+        let column =
+            |which: usize| (0..parts.clouds()).flat_map(|cloud| parts.get(cloud)[which].to_vec()).collect();
+        [column(0), column(1)]
+    }
+
+    #[test]
+    fn parts_are_made_of_their_columns_again() {
+        for parameters in [Parameters::PAPER_BEST, Parameters { shape_bins: 9, ..COLOURLESS }] {
+            for clouds in [0, 1, 3] {
+                let expected = parts(&parameters, clouds);
+                let [shape, colour] = expected.each_ref().map(columns);
+                let columns = [[&*shape[0], &shape[1]], [&*colour[0], &colour[1]]];
+                assert_eq!(from_columns(columns, &parameters, clouds as u32).unwrap(), expected);
+            }
+        }
+    }
+
+    #[test]
+    fn columns_of_other_clouds_or_with_other_values_are_refused() {
+        let parameters = Parameters::PAPER_BEST;
+        let [shape, colour] = parts(&parameters, 2).each_ref().map(columns);
+        let refusal = |shape: [&[f32]; 2], colour: [&[f32]; 2], parameters: &Parameters, clouds| {
+            from_columns([shape, colour], parameters, clouds).unwrap_err()
+        };
+        let [a, b] = [[&*shape[0], &shape[1]], [&*colour[0], &colour[1]]];
+        let huge = Parameters { shape_bins: u32::MAX, colour_bins: u32::MAX, ..parameters };
+        for error in [
+            refusal(a, b, &parameters, 1),
+            refusal(a, b, &parameters, u32::MAX),
+            refusal(a, b, &COLOURLESS, 2),
+            refusal(a, b, &huge, u32::MAX),
+            refusal([&a[0][1..], a[1]], b, &parameters, 2),
+            refusal(a, [b[0], &b[1][1..]], &parameters, 2),
+        ] {
+            assert!(matches!(error, DescriptionError::Length { .. }), "{error}");
+        }
+        for value in [f32::NAN, f32::INFINITY, -0.5, 1.5] {
+            let mut deviations = colour[1].clone();
+            deviations[40] = value;
+            let error = refusal(a, [b[0], &deviations], &parameters, 2);
+            assert!(matches!(error, DescriptionError::Value { .. }), "{value}: {error}");
         }
     }
 }

@@ -27,6 +27,14 @@ impl Descriptor {
         }
     }
 
+    /// Its parameters, for people.
+    pub fn parameters(&self) -> String {
+        match self {
+            Self::DiskRing(parameters) => parameters.to_string(),
+            Self::Fixed(fixed) => format!("radius={} cm", f64::from(fixed.radius_um) / 1e4),
+        }
+    }
+
     /// Values of one keypoint's descriptor.
     pub fn size(&self) -> usize {
         match self {
@@ -60,9 +68,7 @@ impl fmt::Display for Descriptor {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::DiskRing(parameters) => parameters.fmt(f),
-            Self::Fixed(FixedDescriptor { kind, radius_um }) => {
-                write!(f, "{kind} radius={} cm", f64::from(*radius_um) / 1e4)
-            }
+            Self::Fixed(fixed) => write!(f, "{} {}", fixed.kind, self.parameters()),
         }
     }
 }

@@ -15,6 +15,8 @@ pub enum ColumnKind {
     F32,
     /// 64-bit float, always finite.
     F64,
+    /// A list of 32-bit floats, always finite, of one length in all rows of a file.
+    F32List,
     /// True or false.
     Bool,
     /// UTF-8 text.
@@ -32,6 +34,7 @@ impl ColumnKind {
             Self::U64 => DataType::UInt64,
             Self::F32 => DataType::Float32,
             Self::F64 => DataType::Float64,
+            Self::F32List => DataType::List(Box::new(DataType::Float32)),
             Self::Bool => DataType::Boolean,
             Self::Text => DataType::String,
             Self::Timestamp => DataType::Datetime(TimeUnit::Milliseconds, None),
@@ -45,6 +48,7 @@ impl ColumnKind {
             Self::U64 => "u64",
             Self::F32 => "f32",
             Self::F64 => "f64",
+            Self::F32List => "list of f32",
             Self::Bool => "bool",
             Self::Text => "text",
             Self::Timestamp => "timestamp (ms)",

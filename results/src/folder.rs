@@ -327,7 +327,8 @@ fn is_ours(table: TableName, name: &str) -> bool {
         | TableName::Marginals
         | TableName::Landscapes
         | TableName::Counts
-        | TableName::Grid => false,
+        | TableName::Grid
+        | TableName::Database => false,
     }
 }
 

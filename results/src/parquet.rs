@@ -5,9 +5,12 @@
 //! allocate without bound on a damaged file, and a flipped bit in a value would not be noticed at all.
 
 use std::io::Cursor;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use polars::prelude::{DataFrame, SerReader};
+use polars::prelude::{DataFrame, ParallelStrategy, PlSmallStr, PolarsError, SerReader};
+#[cfg(feature = "sql")]
+use polars::prelude::{Field, Schema, SchemaExt};
+use polars_io::parquet::metadata::FileMetadataRef;
 use polars_io::parquet::read::ParquetReader;
 use polars_io::parquet::write::{KeyValueMetadata, ParquetCompression, ParquetWriter};
 
@@ -101,43 +104,120 @@ fn checksum_position(bytes: &[u8], file: &Path) -> Result<usize, Error> {
     at.ok_or(Error::Foreign { file: file.to_owned(), key: CHECKSUM_KEY })
 }
 
-/// Reads a file of table `expected`. `file` names it in errors.
-pub(crate) fn decode(mut bytes: Vec<u8>, expected: TableName, file: &Path) -> Result<TableFile, Error> {
-    let damaged = |what: String| Error::Damaged { file: file.to_owned(), what };
-    let at = checksum_position(&bytes, file)?;
-    let recorded = bytes[at..at + DIGITS].to_vec();
-    bytes[at..at + DIGITS].copy_from_slice(&BLANK);
-    if blake3::hash(&bytes).to_hex().as_bytes() != recorded {
-        return Err(damaged("its checksum is not that of its content".to_owned()));
+/// Reads a file of table `expected` with polars' threads. `file` names it in errors.
+pub(crate) fn decode(bytes: Vec<u8>, expected: TableName, file: &Path) -> Result<TableFile, Error> {
+    decode_with(ParallelStrategy::Auto, bytes, expected, file)
+}
+
+/// As [`decode`], on as many threads as the strategy takes.
+pub(crate) fn decode_with(
+    threads: ParallelStrategy,
+    bytes: Vec<u8>,
+    expected: TableName,
+    file: &Path,
+) -> Result<TableFile, Error> {
+    let mut sound = SoundFile::open(bytes, expected, file)?;
+    sound.threads = threads;
+    let frame = sound.frame(None)?;
+    Ok(TableFile { table: sound.table, frame })
+}
+
+/// A file whose checksum holds and of which it is known what it says: its columns can be decoded one by one.
+#[derive(Debug)]
+pub(crate) struct SoundFile {
+    bytes: Vec<u8>,
+    metadata: FileMetadataRef,
+    threads: ParallelStrategy,
+    /// Its table, with the genes that the file has.
+    pub table: Table,
+    /// Names it in errors.
+    pub file: PathBuf,
+}
+
+impl SoundFile {
+    /// Verifies the checksum, then reads what the file says about itself.
+    pub(crate) fn open(mut bytes: Vec<u8>, expected: TableName, file: &Path) -> Result<Self, Error> {
+        let damaged = |what: String| Error::Damaged { file: file.to_owned(), what };
+        let at = checksum_position(&bytes, file)?;
+        let recorded = bytes[at..at + DIGITS].to_vec();
+        bytes[at..at + DIGITS].copy_from_slice(&BLANK);
+        if blake3::hash(&bytes).to_hex().as_bytes() != recorded {
+            return Err(damaged("its checksum is not that of its content".to_owned()));
+        }
+
+        let mut reader = ParquetReader::new(Cursor::new(&bytes));
+        let metadata = reader.get_metadata().map_err(|error| damaged(error.to_string()))?.clone();
+        let value = |key: &'static str| {
+            let pairs = metadata.key_value_metadata().iter().flatten();
+            let value = pairs.filter(|pair| pair.key == key).find_map(|pair| pair.value.as_deref());
+            value.ok_or(Error::Foreign { file: file.to_owned(), key })
+        };
+        match value(VERSION_KEY)?.parse::<u32>() {
+            Ok(version) if (1..=SCHEMA_VERSION).contains(&version) => {}
+            Ok(got) if got > SCHEMA_VERSION => {
+                return Err(Error::Newer { file: file.to_owned(), got, supported: SCHEMA_VERSION });
+            }
+            _ => return Err(damaged(format!("its {VERSION_KEY} is no version"))),
+        }
+        if value(TABLE_KEY)? != expected.as_str() {
+            let got = value(TABLE_KEY)?.to_owned();
+            return Err(Error::WrongTable { file: file.to_owned(), expected, got });
+        }
+        let columns: Vec<Column> = serde_json::from_str(value(COLUMNS_KEY)?)
+            .map_err(|error| damaged(format!("its {COLUMNS_KEY} is no list of columns: {error}")))?;
+        let prefix = expected.gene_prefix();
+        let genes: Vec<GeneColumn> =
+            columns.iter().filter_map(|column| GeneColumn::of(column, prefix?)).collect();
+        let table = Table::new(expected, &genes)?;
+        drop(reader);
+        let threads = ParallelStrategy::Auto;
+        Ok(Self { bytes, metadata, threads, table, file: file.to_owned() })
     }
 
-    let mut reader = ParquetReader::new(Cursor::new(bytes));
-    let metadata = reader.get_metadata().map_err(|error| damaged(error.to_string()))?.clone();
-    let value = |key: &'static str| {
-        let pairs = metadata.key_value_metadata().iter().flatten();
-        let value = pairs.filter(|pair| pair.key == key).find_map(|pair| pair.value.as_deref());
-        value.ok_or(Error::Foreign { file: file.to_owned(), key })
-    };
-    match value(VERSION_KEY)?.parse::<u32>() {
-        Ok(version) if (1..=SCHEMA_VERSION).contains(&version) => {}
-        Ok(got) if got > SCHEMA_VERSION => {
-            return Err(Error::Newer { file: file.to_owned(), got, supported: SCHEMA_VERSION });
+    fn reader(&self) -> ParquetReader<Cursor<&[u8]>> {
+        let reader = ParquetReader::new(Cursor::new(self.bytes.as_slice()));
+        let mut reader = reader.read_parallel(self.threads);
+        reader.set_metadata(self.metadata.clone());
+        reader
+    }
+
+    fn damaged(&self, error: PolarsError) -> Error {
+        Error::Damaged { file: self.file.clone(), what: error.to_string() }
+    }
+
+    /// Number of rows.
+    #[cfg(feature = "sql")]
+    pub(crate) fn height(&self) -> usize {
+        self.metadata.num_rows
+    }
+
+    /// The columns of [`SoundFile::frame`], in its order: those of the table, then unknown ones.
+    #[cfg(feature = "sql")]
+    pub(crate) fn schema(&self) -> Result<Schema, Error> {
+        let found = self.reader().schema().map_err(|error| self.damaged(error))?;
+        let columns = self.table.columns.iter();
+        let mut schema: Schema =
+            columns.map(|column| Field::new(column.key(), column.kind.data_type())).collect();
+        for (name, data_type) in Schema::from_arrow_schema(&found) {
+            if !schema.contains(&name) {
+                schema.insert(name, data_type);
+            }
         }
-        _ => return Err(damaged(format!("its {VERSION_KEY} is no version"))),
+        Ok(schema)
     }
-    if value(TABLE_KEY)? != expected.as_str() {
-        let got = value(TABLE_KEY)?.to_owned();
-        return Err(Error::WrongTable { file: file.to_owned(), expected, got });
+
+    /// The rows: of all columns, or of those among `columns` that there are, in the order of the whole.
+    pub(crate) fn frame(&self, columns: Option<&[PlSmallStr]>) -> Result<DataFrame, Error> {
+        let wanted = |name: &str| columns.is_none_or(|columns| columns.iter().any(|column| column == name));
+        let mut reader = self.reader();
+        let found = reader.schema().map_err(|error| self.damaged(error))?;
+        let places = found.iter_names().enumerate().filter(|(_, name)| wanted(name));
+        let places = columns.map(|_| places.map(|(place, _)| place).collect());
+        let frame = reader.with_projection(places).finish().map_err(|error| self.damaged(error))?;
+        let mut table = self.table.clone();
+        table.columns.retain(|column| wanted(&column.name));
+        frame::conform(&table, frame)?.map_err(|mismatch| column_error(&self.file, mismatch))
     }
-    let columns: Vec<Column> = serde_json::from_str(value(COLUMNS_KEY)?)
-        .map_err(|error| damaged(format!("its {COLUMNS_KEY} is no list of columns: {error}")))?;
-    let prefix = expected.gene_prefix();
-    let genes: Vec<GeneColumn> =
-        columns.iter().filter_map(|column| GeneColumn::of(column, prefix?)).collect();
-    let table = Table::new(expected, &genes)?;
-    let frame = reader.finish().map_err(|error| damaged(error.to_string()))?;
-    let frame = frame::conform(&table, frame)?.map_err(|mismatch| column_error(file, mismatch))?;
-    Ok(TableFile { table, frame })
 }
 
 fn column_error(file: &Path, mismatch: frame::Mismatch) -> Error {

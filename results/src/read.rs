@@ -27,8 +27,11 @@ pub(crate) fn table_files(run: &Path, table: TableName) -> Result<Vec<PathBuf>, 
 }
 
 pub(crate) fn read_file(file: &Path, table: TableName) -> Result<TableFile, Error> {
-    let bytes = fs::read(file).map_err(|source| Error::io(file, "read this file", source))?;
-    parquet::decode(bytes, table, file)
+    parquet::decode(read_bytes(file)?, table, file)
+}
+
+pub(crate) fn read_bytes(file: &Path) -> Result<Vec<u8>, Error> {
+    fs::read(file).map_err(|source| Error::io(file, "read this file", source))
 }
 
 /// A table of a run folder, all its files as one frame, generations in order.
@@ -43,40 +46,49 @@ pub fn read_table(run: impl AsRef<Path>, table: TableName) -> Result<DataFrame, 
 
 /// As [`read_table`], with the columns as the first file lists them; `None` if there is no file.
 pub(crate) fn read_whole(run: &Path, table: TableName) -> Result<Option<TableFile>, Error> {
+    let mut frames = Vec::new();
     let mut files = Vec::new();
     let mut columns = None;
     for file in table_files(run, table)? {
         let content = read_file(&file, table)?;
         columns.get_or_insert(content.table);
-        files.push((content.frame, file));
+        frames.push(content.frame);
+        files.push(file);
     }
-    let frame = concatenate(files)?;
-    Ok(columns.zip(frame).map(|(table, frame)| TableFile { table, frame }))
+    let schemas = frames.iter().map(|frame| &**frame.schema());
+    let schema = union(schemas.zip(files.iter().map(PathBuf::as_path)))?;
+    let Some(table) = columns else { return Ok(None) };
+    Ok(Some(TableFile { table, frame: stack(frames, &schema)? }))
 }
 
-/// One frame below the other; columns as they first occur, null where a frame does not have them.
-fn concatenate(files: Vec<(DataFrame, PathBuf)>) -> Result<Option<DataFrame>, Error> {
-    let mut schema = Schema::default();
-    for (frame, file) in &files {
-        for cell in frame.columns() {
-            match schema.get(cell.name()) {
+/// The columns of all files, as they first occur. Fails where two have another type.
+pub(crate) fn union<'a>(files: impl Iterator<Item = (&'a Schema, &'a Path)>) -> Result<Schema, Error> {
+    let mut union = Schema::default();
+    for (schema, file) in files {
+        for (name, data_type) in schema.iter() {
+            match union.get(name) {
                 None => {
-                    schema.insert(cell.name().clone(), cell.dtype().clone());
+                    union.insert(name.clone(), data_type.clone());
                 }
-                Some(data_type) if data_type == cell.dtype() => {}
-                Some(data_type) => {
+                Some(expected) if expected == data_type => {}
+                Some(expected) => {
                     return Err(Error::Column {
-                        file: file.clone(),
-                        column: cell.name().to_string(),
-                        expected: format!("{data_type} as in the files before it"),
-                        got: cell.dtype().to_string(),
+                        file: file.to_owned(),
+                        column: name.to_string(),
+                        expected: format!("{expected} as in the files before it"),
+                        got: data_type.to_string(),
                     });
                 }
             }
         }
     }
+    Ok(union)
+}
+
+/// One frame below the other with these columns, null where a frame does not have them.
+pub(crate) fn stack(frames: impl IntoIterator<Item = DataFrame>, schema: &Schema) -> PolarsResult<DataFrame> {
     let mut whole: Option<DataFrame> = None;
-    for (frame, _) in files {
+    for frame in frames {
         let columns = schema.iter().map(|(name, data_type)| match frame.column(name) {
             Ok(cell) => cell.clone(),
             Err(_) => Column::full_null(name.clone(), frame.height(), data_type),
@@ -89,7 +101,7 @@ fn concatenate(files: Vec<(DataFrame, PathBuf)>) -> Result<Option<DataFrame>, Er
             }
         }
     }
-    Ok(whole)
+    Ok(whole.unwrap_or_else(|| DataFrame::empty_with_schema(schema)))
 }
 
 /// A finished run's row.

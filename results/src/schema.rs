@@ -17,12 +17,17 @@ pub fn schema_markdown() -> Result<String, Error> {
             .to_owned(),
     };
     let mut text = format!(
-        "# Schema of run and grid folders, version {SCHEMA_VERSION}\n\n\
+        "# Schema of run folders, grid folders and artefacts, version {SCHEMA_VERSION}\n\n\
          Made from `results/src/tables.rs` by `results::schema_markdown`; a test keeps it so.\n\n\
          Columns are only added, never renamed or retyped, and those added later may be null. *null* marks columns \
          whose cells may be null, *digest* those that the run digest covers.\n",
     );
-    for name in TableName::RUN.into_iter().chain(TableName::COMPARISON).chain(TableName::GRID) {
+    for name in TableName::RUN
+        .into_iter()
+        .chain(TableName::COMPARISON)
+        .chain(TableName::GRID)
+        .chain(TableName::ARTEFACT)
+    {
         let table = Table::new(name, std::slice::from_ref(&gene))?;
         let key: Vec<String> = table.key.iter().map(|column| format!("`{column}`")).collect();
         let key = if key.is_empty() { "the genes".to_owned() } else { key.join(", ") };

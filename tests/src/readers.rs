@@ -65,6 +65,12 @@ pub fn all(folder: PathBuf) -> Vec<Reader> {
         reader("experiment", TOML_WORDS, experiments(), move |bytes| {
             coordinator::hostile::experiment(&text(bytes))
         }),
+        reader(
+            "artefact settings",
+            TOML_WORDS,
+            vec![coordinator::hostile::sample_artefact_settings().into_bytes()],
+            move |bytes| coordinator::hostile::artefact_settings(&text(bytes)),
+        ),
         reader("poll", &[], vec![poll().encode_to_vec()], coordinator::hostile::poll),
         reader("fetch", &["..", "/", "prepared-cloud"], fetches(), coordinator::hostile::fetch),
         reader("reply", &[], vec![reply().encode_to_vec()], worker::hostile::reply),

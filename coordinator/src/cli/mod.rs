@@ -5,6 +5,10 @@ mod check;
 mod compare;
 mod evaluate;
 mod exhaust;
+mod export;
+#[cfg(feature = "sql")]
+mod query;
+mod recognise;
 mod report;
 mod resume;
 mod run;
@@ -41,6 +45,10 @@ enum Command {
     Certs(certs::Certs),
     Evaluate(evaluate::Evaluate),
     Exhaust(exhaust::Exhaust),
+    Export(export::Export),
+    #[cfg(feature = "sql")]
+    Query(query::Query),
+    Recognise(recognise::Recognise),
     Report(report::Report),
     Split(split::Split),
     Synth(synth::Synth),
@@ -66,6 +74,10 @@ pub fn main(cli: Cli) -> ExitCode {
         Command::Certs(command) => command.execute(),
         Command::Evaluate(command) => command.execute(),
         Command::Exhaust(command) => command.execute(),
+        Command::Export(command) => command.execute(),
+        #[cfg(feature = "sql")]
+        Command::Query(command) => command.execute(),
+        Command::Recognise(command) => command.execute(),
         Command::Report(command) => command.execute(),
         Command::Split(command) => command.execute(),
         Command::Synth(command) => command.execute(),

@@ -24,10 +24,9 @@ use crate::door::Protection;
 use crate::evaluate::EvaluateError;
 use crate::evaluation::Match;
 use crate::experiment::{LocalWorkers, Overrides};
+use crate::reopen::{ReopenError, Reopened, reopen};
 use crate::run::progress::Progress;
-use crate::run::{
-    DataError, Matching, ReopenError, Reopened, RunError, Workplace, host, listen, reopen, rows,
-};
+use crate::run::{DataError, Matching, RunError, Workplace, host, listen, refuse_other_data, rows};
 pub use contestant::{Contestant, EVOLVED, Named, contestants};
 use described::Shards;
 use differences::{Level, Outcomes, error_interval, pairs};
@@ -141,9 +140,9 @@ impl From<results::Error> for CompareError {
 pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, CompareError> {
     let progress = Progress::quiet();
     let store = Arc::new(Store::open(&options.storage, &host()));
-    let reopened =
-        reopen(folder, options.data.as_deref(), options.overrides, &store, |line| progress.say(line))?;
-    let Reopened { run, experiment, dataset } = &reopened;
+    let Reopened { finished: run, experiment, dataset } =
+        &reopen(folder, options.data.as_deref(), options.overrides, &store)?;
+    refuse_other_data(folder, &run.row.data_digest, dataset)?;
     if Matching::Test.query_clouds(dataset).is_empty() {
         return Err(CompareError::NoTest(folder.to_owned()));
     }
@@ -358,7 +357,7 @@ fn row(
         descriptor: contestant.label.clone(),
         kind: contestant.descriptor.kind_name().to_owned(),
         distance: contestant.distance.name().to_owned(),
-        parameters: contestant.descriptor.to_string(),
+        parameters: contestant.descriptor.parameters(),
         size: contestant.descriptor.size() as u32,
         note: contestant.note().map(str::to_owned),
         counts,

@@ -69,8 +69,16 @@ impl Comparison {
             "{}: {} test clouds against {}; 95 % intervals by Wilson (clouds) and bootstrap over objects\n\n",
             self.name, first.counts.queries, first.database
         );
-        let title =
-            ["descriptor", "object error", "wrong", "clouds", "objects", "category", "wrong", "clouds"];
+        let title = [
+            "descriptor",
+            "object error",
+            "wrong",
+            "95 %, clouds",
+            "95 %, objects",
+            "category error",
+            "wrong",
+            "95 %, clouds",
+        ];
         let mut lines = vec![texts(title)];
         lines.extend(self.rows.iter().map(|row| {
             let counts = &row.counts;

@@ -30,7 +30,7 @@ use check::{check_overlap, unrecognisable_warning};
 use layout::Labels;
 use load::{Numbers, load};
 use root::Root;
-pub(crate) use root::read_file;
+pub(crate) use root::{MAX_FILE_BYTES, read_file};
 
 /// Names of the splits in TOML, manifests, messages and results, in the order in which they enter the data digest.
 pub const SPLITS: [&str; 4] = ["train1", "train2", "validation", "test"];

@@ -7,7 +7,7 @@ use std::path::{Component, Path, PathBuf};
 use super::error::{DatasetError, Place};
 
 /// A larger cloud, list or manifest is refused rather than read: a depth camera's cloud is some megabytes.
-const MAX_FILE_BYTES: u64 = 256 << 20;
+pub(crate) const MAX_FILE_BYTES: u64 = 256 << 20;
 
 /// An existing folder, without symbolic links.
 #[derive(Clone, Debug)]

@@ -54,7 +54,7 @@ impl Fault {
 }
 
 /// At most `limit` characters, none of them a control character.
-pub(super) fn shortened(text: &str, limit: usize) -> String {
+pub(crate) fn shortened(text: &str, limit: usize) -> String {
     let mut rest = text.chars();
     let mut short: String =
         rest.by_ref().take(limit).map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();

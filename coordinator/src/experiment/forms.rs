@@ -8,16 +8,22 @@ use std::marker::PhantomData;
 use schemars::JsonSchema;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserializer, Error, IntoDeserializer, MapAccess, SeqAccess, Unexpected, Visitor};
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, Serializer};
 
 use super::raw::{RawInterval, RawSplitTable, RawSplitWord};
 
 /// A fixed value, or an interval.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, JsonSchema)]
 #[serde(untagged, rename = "gene")]
-pub(super) enum RawGene {
-    Fixed(f64),
+pub(crate) enum RawGene {
+    Fixed(#[serde(serialize_with = "shortest")] f64),
     Interval(RawInterval),
+}
+
+/// A whole number without a point, as people write it.
+fn shortest<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+    let whole = value.fract() == 0.0 && value.abs() < 1e9;
+    if whole { serializer.serialize_i64(*value as i64) } else { serializer.serialize_f64(*value) }
 }
 
 /// Which cloud is in which split: the manifest's column, lists, or a random draw.

@@ -5,6 +5,7 @@
 
 mod error;
 mod forms;
+mod one;
 mod paths;
 mod raw;
 mod resolved;
@@ -32,6 +33,9 @@ use crate::dataset::DatasetSettings;
 use crate::evolution::{GaSettings, Method, StopSettings};
 pub use error::ExperimentError;
 use error::Fault;
+pub(crate) use error::shortened;
+pub(crate) use one::{of_one, one};
+pub(crate) use raw::{RawDescriptor, RawPreprocess};
 pub(crate) use suggest::advice as name_advice;
 pub use sweep::{MAX_MEMBERS, Member, Plan, Sweep};
 

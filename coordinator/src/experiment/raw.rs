@@ -216,7 +216,7 @@ impl Default for RawSynthetic {
 /// What is computed once for each cloud, whatever the descriptor.
 #[derive(Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "preprocess")]
-pub(super) struct RawPreprocess {
+pub(crate) struct RawPreprocess {
     /// Edge of the voxels whose centroids are the keypoints, centimetres.
     #[schemars(range(min = 0.01, max = 100.0))]
     pub leaf_cm: f64,
@@ -242,7 +242,7 @@ impl Default for RawPreprocess {
 /// The family of descriptors that is searched.
 #[derive(Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "descriptor")]
-pub(super) struct RawDescriptor {
+pub(crate) struct RawDescriptor {
     /// Use colour. Set it to false for clouds without: gene m is then dropped and w fixed at 1.
     pub colour: bool,
     pub genes: RawGenes,
@@ -257,7 +257,7 @@ impl Default for RawDescriptor {
 /// The genes: each a fixed value or an interval with a step. What is not written is the paper's.
 #[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "genes")]
-pub(super) struct RawGenes {
+pub(crate) struct RawGenes {
     /// Bins of a shape histogram over 360 degrees. Default: 8 to 64.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "RawGene")]
@@ -283,7 +283,7 @@ pub(super) struct RawGenes {
 /// The values min, min + step, … max. What is not written is the paper's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "interval")]
-pub(super) struct RawInterval {
+pub(crate) struct RawInterval {
     /// Smallest value.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "f64")]

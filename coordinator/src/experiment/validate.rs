@@ -88,7 +88,7 @@ pub(super) fn checked_seed(place: &str, seed: u64) -> Result<u64, Fault> {
     Ok(seed)
 }
 
-fn preprocess(raw: &RawPreprocess, unit: RawUnit, colour: bool) -> Result<Preprocess, Fault> {
+pub(super) fn preprocess(raw: &RawPreprocess, unit: RawUnit, colour: bool) -> Result<Preprocess, Fault> {
     if !(1..=1_000_000).contains(&raw.min_points) {
         return Err(Fault::new(
             "preprocess.min_points",

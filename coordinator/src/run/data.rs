@@ -11,12 +11,10 @@ use worker::store::Store;
 
 use crate::dataset::{Dataset, DatasetError, SyntheticSettings, Wanted};
 use crate::experiment::Experiment;
+use crate::making::Making;
 
 /// File that says how a synthetic data set was made.
 const STAMP: &str = "synthetic.toml";
-
-/// Beginning of the name of a data set that is being made; the process that makes it follows.
-const MAKING: &str = ".making-";
 
 /// Why a data set is not there.
 #[derive(Debug, thiserror::Error)]
@@ -79,25 +77,6 @@ pub fn open_data(
     Ok(dataset)
 }
 
-/// Removes what processes left half-made that were killed. Where processes cannot be looked up, nothing is removed.
-fn remove_leftovers(parent: &Path) {
-    let processes = Path::new("/proc");
-    let Ok(entries) = fs::read_dir(parent) else { return };
-    if !processes.join("self").exists() {
-        return;
-    }
-    for entry in entries.flatten() {
-        let name = entry.file_name();
-        let process = name.to_str().and_then(|name| name.strip_prefix(MAKING)?.split_once('-'));
-        if let Some((process, _)) = process
-            && process.parse::<u32>().is_ok()
-            && !processes.join(process).exists()
-        {
-            let _ = fs::remove_dir_all(entry.path()); // somebody else may be removing it, too
-        }
-    }
-}
-
 /// A path as people read it: without detours, from the current folder if it lies below it.
 fn shown(path: &Path) -> String {
     let real = path.canonicalize().unwrap_or_else(|_| path.to_owned());
@@ -121,13 +100,8 @@ pub fn write_synthetic(folder: &Path, settings: &SyntheticSettings) -> Result<bo
         return Err(DataError::Occupied { folder: folder.to_owned() });
     }
 
-    // Made beside its place and moved there, so that an interrupted start leaves nothing half-made behind.
-    let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    fs::create_dir_all(parent).map_err(|source| failed(parent, source))?;
-    remove_leftovers(parent);
-    let prefix = format!("{MAKING}{}-", std::process::id());
-    let making = tempfile::Builder::new().prefix(&prefix).tempdir_in(parent);
-    let making = making.map_err(|source| failed(parent, source))?;
+    // So that an interrupted start leaves nothing half-made behind.
+    let making = Making::beside(folder).map_err(|source| failed(folder, source))?;
     let write = |name: &str, bytes: &[u8]| {
         let path = making.path().join(name);
         let within = path.parent().unwrap_or(making.path());
@@ -158,27 +132,5 @@ pub fn write_synthetic(folder: &Path, settings: &SyntheticSettings) -> Result<bo
         // Another run has made the same data set in the meantime.
         Err(_) if is_there() => Ok(false),
         Err(source) => Err(failed(folder, source)),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn what_a_killed_process_left_half_made_is_removed_and_nothing_else() {
-        let folder = tempfile::tempdir().unwrap();
-        let mine = format!("{MAKING}{}-x", std::process::id());
-        // No process has this number: it is above the largest that Linux gives.
-        for name in [".making-4194305-x", &mine, ".making-", ".making-word-x", "data"] {
-            fs::create_dir(folder.path().join(name)).unwrap();
-        }
-        remove_leftovers(folder.path());
-        let mut left: Vec<_> =
-            fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
-        left.sort();
-        let mut expected = [".making-", &mine, ".making-word-x", "data"].map(std::ffi::OsString::from);
-        expected.sort();
-        assert_eq!(left, expected);
     }
 }

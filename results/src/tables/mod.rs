@@ -9,6 +9,7 @@ use std::fmt;
 
 use crate::columns::ColumnKind::{F64, U32};
 use crate::columns::{Column, GeneColumn};
+use crate::database;
 use crate::error::Error;
 
 /// The tables of run folders and of grid folders. A table's files lie in the folder of its name.
@@ -54,6 +55,8 @@ pub enum TableName {
     Counts,
     /// One row: the grid itself.
     Grid,
+    /// A row a reference cloud of an artefact.
+    Database,
 }
 
 impl TableName {
@@ -75,6 +78,8 @@ impl TableName {
     /// The tables of a grid folder.
     pub const GRID: [Self; 6] =
         [Self::Cells, Self::Best, Self::Marginals, Self::Landscapes, Self::Counts, Self::Grid];
+    /// The tables of artefacts.
+    pub const ARTEFACT: [Self; 1] = [Self::Database];
 
     /// Its name: the folder's name and the value of `descry.table` in the files.
     pub fn as_str(self) -> &'static str {
@@ -99,6 +104,7 @@ impl TableName {
             Self::Landscapes => "landscapes",
             Self::Counts => "counts",
             Self::Grid => "grid",
+            Self::Database => "database",
         }
     }
 
@@ -121,7 +127,8 @@ impl TableName {
             | Self::Comparison
             | Self::Marginals
             | Self::Landscapes
-            | Self::Counts => None,
+            | Self::Counts
+            | Self::Database => None,
         }
     }
 }
@@ -213,6 +220,9 @@ impl Table {
             }
             TableName::Grid => {
                 ("the grid; the table has one row, written last", &["grid_key"], grid::grid(genes))
+            }
+            TableName::Database => {
+                ("a reference cloud, in the order that decides ties", &["cloud"], database::columns())
             }
         };
         let mut seen = BTreeSet::new();

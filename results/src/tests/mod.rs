@@ -1,9 +1,12 @@
 //! Tests of whole run folders.
 
 mod comparison;
+mod database;
 pub(crate) mod fixture;
 mod folder;
 mod format;
 mod grid;
+#[cfg(feature = "sql")]
+mod query;
 mod schema;
 mod tamper;

@@ -5,7 +5,7 @@
 //! - `programs`: the programs of this workspace, with their wall time and memory
 //! - `peer`: the PCL harness
 //! - `prepared`: clouds in memory, evaluated as a worker does it
-//! - `cold`, `fixed`, `warm`, `runs`, `exhaust`: rows of the table
+//! - `cold`, `fixed`, `warm`, `runs`, `recognise`, `exhaust`: rows of the table
 //! - `scaling`: how cost grows with the number of clouds
 //! - `load`: how many workers one coordinator keeps busy
 //! - `soak`: run after run while programs are killed and stopped, for ten minutes
@@ -23,6 +23,7 @@ mod load;
 mod peer;
 mod prepared;
 mod programs;
+mod recognise;
 mod runs;
 mod scaling;
 mod soak;
@@ -36,8 +37,8 @@ use peer::Peer;
 use table::Table;
 
 /// Rows of the table, in its order.
-const ROWS: [&str; 9] =
-    ["cold", "shotcolor", "pfhrgb", "warm", "weight", "run", "worker", "memory", "second"];
+const ROWS: [&str; 10] =
+    ["cold", "shotcolor", "pfhrgb", "warm", "weight", "run", "worker", "memory", "second", "recognise"];
 
 /// Speed of Descry beside PCL's.
 ///
@@ -124,6 +125,7 @@ fn main() {
         fixed::measure(&mut bench);
         warm::measure(&mut bench);
         runs::measure(&mut bench);
+        recognise::measure(&mut bench);
     }
     println!("\n{}", bench.table);
 }

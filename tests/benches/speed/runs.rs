@@ -17,29 +17,32 @@ const POPULATION: u32 = 10;
 const CARRIED_OUT: &str = "work so far";
 
 /// A folder for experiments, caches and run folders, each used once.
-struct Place {
+pub struct Place {
     folder: TempDir,
     used: u32,
 }
 
 impl Place {
-    fn new() -> Self {
+    /// A new one.
+    pub fn new() -> Self {
         Self { folder: TempDir::new().unwrap(), used: 0 }
     }
 
-    fn write(&self, name: &str, experiment: &str) -> PathBuf {
+    /// Writes an experiment.
+    pub fn write(&self, name: &str, experiment: &str) -> PathBuf {
         let path = self.folder.path().join(name);
         fs::write(&path, experiment).unwrap();
         path
     }
 
-    fn fresh(&mut self, name: &str) -> PathBuf {
+    /// A path in it that nothing has.
+    pub fn fresh(&mut self, name: &str) -> PathBuf {
         self.used += 1;
         self.folder.path().join(format!("{name}-{}", self.used))
     }
 
     /// A run of `experiment` into a folder of its own, with this cache.
-    fn coordinator(&mut self, experiment: &Path, cache: &Path, more: &[&str]) -> Running {
+    pub fn coordinator(&mut self, experiment: &Path, cache: &Path, more: &[&str]) -> Running {
         let mut command = program("coordinator");
         command.arg("run").arg(experiment).arg("--out").arg(self.fresh("run")).arg("--cache").arg(cache);
         command.args(["--listen", "127.0.0.1:0", "--json"]).args(more).env("DESCRY_LOG", "worker=debug");

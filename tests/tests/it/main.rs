@@ -1,5 +1,6 @@
 //! One binary of end-to-end tests, so that the workspace is linked once.
 //!
+//! - `artefact`: what is taken away from a run
 //! - `programs`: every command as a user runs it
 //! - `bad_input`: what users get wrong, and what they are told
 //! - `comparisons`: descriptors on the test clouds of a run
@@ -12,6 +13,7 @@
 //! - `pieces`: evaluations in pieces
 //! - `protocol`: the coordinator's port as a client sees it
 //! - `impostors`: peers that are not what they seem
+//! - `query`: SQL over what runs have written
 //! - `sweeps`: several runs over one set of workers
 //! - `strangers`: who is let in, who is not, and what those can do who are not
 //! - `report`: the report of runs, in a browser
@@ -23,6 +25,7 @@
     reason = "a test that cannot go on has failed; helpers of tests are no tests to clippy"
 )]
 
+mod artefact;
 mod bad_input;
 mod comparisons;
 mod determinism;
@@ -34,6 +37,7 @@ mod parity;
 mod pieces;
 mod programs;
 mod protocol;
+mod query;
 mod remembering;
 mod report;
 mod repository;

@@ -162,6 +162,35 @@ fn the_readmes_rust_example_is_the_one_that_is_compiled() {
 }
 
 #[test]
+fn the_readmes_library_example_is_the_one_that_is_run() {
+    let library = read("descriptor/src/lib.rs");
+    let example = library.lines().skip_while(|line| *line != "//! ```").skip(1);
+    let code: String = example
+        .take_while(|line| *line != "//! ```")
+        .map(|line| line.strip_prefix("//!").unwrap().trim_start_matches(' ').to_owned() + "\n")
+        .filter(|line| !line.starts_with('#'))
+        .collect();
+    assert!(code.lines().count() > 10, "{code}");
+    let unindented =
+        |text: &str| text.lines().map(|line| line.trim_start().to_owned() + "\n").collect::<String>();
+    assert!(unindented(&read("README.md")).contains(&code), "README.md: the example has changed:\n{code}");
+}
+
+#[test]
+fn the_rust_answers_of_results_readme_are_those_that_are_compiled() {
+    let (page, example) = (read("results/README.md"), read("results/examples/questions.rs"));
+    let answers: Vec<&str> = page
+        .split("```rust\n")
+        .skip(1)
+        .filter_map(|text| text.split_once("```").map(|(code, _)| code))
+        .collect();
+    assert!(answers.len() >= 3, "results/README.md: at least three answers in Rust, got {}", answers.len());
+    for answer in answers {
+        assert!(example.contains(answer), "results/README.md: an answer has changed:\n{answer}");
+    }
+}
+
+#[test]
 fn the_readmes_experiment_is_valid() {
     let readme = read("README.md");
     let (_, rest) = readme.split_once("```toml\n").unwrap();

@@ -1,0 +1,192 @@
+//! What can go wrong with an artefact.
+
+use std::io;
+use std::path::PathBuf;
+
+use descriptor::pcd::PcdError;
+use descriptor::{PrepareError, Skip};
+
+use crate::experiment::ExperimentError;
+use crate::reopen::ReopenError;
+use crate::run::RunError;
+
+/// Why a folder is no artefact that this program can use.
+#[derive(Debug, thiserror::Error)]
+pub enum ArtefactError {
+    /// A file is not there, or cannot be read.
+    #[error("{path}: cannot be read, got {source}\nname a folder that coordinator export has made", path = .path.display())]
+    Read {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The settings are no TOML, or have other keys.
+    #[error("{path}: must be the settings of an artefact, got {what}\n{RESTORE}", path = .path.display())]
+    Settings {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// The settings mean nothing.
+    #[error(transparent)]
+    Descriptor(#[from] ExperimentError),
+    /// Another format.
+    #[error("{path}: version must be {expected}, got {got}\nuse the release that wrote it, or export the run again", path = .path.display())]
+    Version {
+        /// The file.
+        path: PathBuf,
+        /// This program's.
+        expected: u32,
+        /// The artefact's.
+        got: String,
+    },
+    /// Summaries of a release that computes others.
+    #[error("{path}: evaluation_version must be {expected}, got {got}\nuse the release that wrote it, or export the run again", path = .path.display())]
+    EvaluationVersion {
+        /// The file.
+        path: PathBuf,
+        /// This program's.
+        expected: u32,
+        /// The artefact's.
+        got: u32,
+    },
+    /// The database cannot be opened.
+    #[error(transparent)]
+    Results(results::Error),
+    /// The database is damaged, foreign, or does not fit the descriptor.
+    #[error("{what}\n{RESTORE}")]
+    Database {
+        /// The file, and what is wrong with it.
+        what: String,
+    },
+    /// A sound file that is not the one that the settings speak of.
+    #[error("{path}: digest must be {expected}, got {got}\n{RESTORE}", path = .path.display())]
+    Digest {
+        /// The file.
+        path: PathBuf,
+        /// By the settings.
+        expected: String,
+        /// Of the file.
+        got: String,
+    },
+}
+
+const RESTORE: &str = "restore it from a copy of the artefact, or export the run again";
+
+impl From<results::Error> for ArtefactError {
+    fn from(error: results::Error) -> Self {
+        if !error.is_damage() {
+            return Self::Results(error);
+        }
+        // Its advice speaks of run folders.
+        Self::Database { what: error.to_string().lines().next().unwrap_or_default().to_owned() }
+    }
+}
+
+/// Why a cloud has no answer.
+#[derive(Debug, thiserror::Error)]
+pub enum CloudError {
+    /// The file cannot be read.
+    #[error("cannot be read, got {0}\nname a file (.pcd), or - for standard input")]
+    Read(String),
+    /// It is no cloud.
+    #[error(transparent)]
+    Pcd(#[from] PcdError),
+    /// It is sound, but there is too little of it.
+    #[error("{0}\nshow more of the object, and check the unit: the artefact's clouds are in {1}")]
+    Skip(Skip, &'static str),
+    /// It cannot be described.
+    #[error(transparent)]
+    Prepare(PrepareError),
+}
+
+/// Why there is no artefact.
+#[derive(Debug, thiserror::Error)]
+pub enum ExportError {
+    /// The run, its experiment or its clouds.
+    #[error(transparent)]
+    Reopen(#[from] ReopenError),
+    /// The run's files.
+    #[error(transparent)]
+    Results(#[from] results::Error),
+    /// The run cannot be looked at.
+    #[error(transparent)]
+    Run(Box<RunError>),
+    /// Several runs.
+    #[error("{folder}: must be one run, got a sweep of {runs}\nname one of them, for example {first}", folder = .folder.display(), first = .first.display())]
+    Sweep {
+        /// The folder.
+        folder: PathBuf,
+        /// How many it has.
+        runs: usize,
+        /// One of them.
+        first: PathBuf,
+    },
+    /// The run is not what was computed.
+    #[error("{run}: run must be sound, got {problem}\nlook at all of it: coordinator verify", run = .run.display())]
+    NotSound {
+        /// The run.
+        run: PathBuf,
+        /// The first thing that is wrong with it.
+        problem: String,
+    },
+    /// The clouds have changed.
+    #[error("{run}: data digest must be {expected}, got {got}\nbring the run's clouds back, or name their place with --data", run = .run.display())]
+    OtherData {
+        /// The run.
+        run: PathBuf,
+        /// The run's.
+        expected: String,
+        /// Of the clouds as they are.
+        got: String,
+    },
+    /// A cloud that was usable when the data set was opened.
+    #[error("{path}: {what}")]
+    Cloud {
+        /// Its file.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// The run's descriptor cannot be used.
+    #[error("{run}: {what}\nthis run's results are not those of this release: run its experiment again", run = .run.display())]
+    Winner {
+        /// The run.
+        run: PathBuf,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// Something else is in the way.
+    #[error("{folder}: must be a new folder or an artefact, got {got}\nchoose another folder, or remove this one", folder = .folder.display())]
+    Occupied {
+        /// The folder.
+        folder: PathBuf,
+        /// What is there.
+        got: String,
+    },
+    /// The artefact cannot be written.
+    #[error("{folder}: cannot be written, got {source}\ncheck permissions and free space, or choose another folder", folder = .folder.display())]
+    Write {
+        /// Where.
+        folder: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// What was written cannot be read again.
+    #[error(transparent)]
+    Artefact(#[from] ArtefactError),
+    /// What was written does not give the answer that it should.
+    #[error(
+        "{example}: the artefact's answer must be {expected}, got {got}\nthis is a defect of this program or machine: please report it"
+    )]
+    Answer {
+        /// The example cloud.
+        example: String,
+        /// Of the run, or of the computation before writing.
+        expected: String,
+        /// Of the artefact as written.
+        got: String,
+    },
+}

@@ -1,0 +1,280 @@
+//! From a finished run to an artefact: whole, read back, and answering as the run did.
+
+use std::ffi::OsString;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use descriptor::{GeneTable, Parameters, PreparedCloud, Quantiser, SetDistance, Summary, pcd};
+use rayon::prelude::*;
+use results::{DatabaseCloud, DatabasePart, PredictionRow, PredictionSplit};
+use worker::Storage;
+use worker::store::Store;
+
+use super::readme::About;
+use super::recogniser::Recogniser;
+use super::settings::{DatabaseSettings, Settings, TestVectorSettings, VERSION};
+use super::test_vector::{Example, Verdict, test_vector};
+use super::{DATABASE, EXAMPLE, ExportError, FILES, README, SETTINGS, TEST_VECTOR};
+use crate::dataset::{CloudEntry, Dataset, read_file};
+use crate::experiment::{Overrides, of_one};
+use crate::making::Making;
+use crate::reopen::{Reopened, reopen};
+use crate::run::{Matching, data_digest, rows};
+use crate::sweep;
+
+/// Which descriptor is taken away.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Chosen {
+    /// The run's winner.
+    Evolved,
+    /// The paper's best chromosome, on the run's clouds.
+    Paper,
+}
+
+/// What was exported.
+#[derive(Clone, Debug)]
+pub struct Exported {
+    /// The descriptor.
+    pub parameters: Parameters,
+    /// Reference clouds.
+    pub clouds: usize,
+    /// The example's path below the data root.
+    pub example: String,
+    /// What it is recognised as.
+    pub answer: String,
+    /// All files together, bytes.
+    pub bytes: u64,
+}
+
+/// Makes the artefact of a finished run in the folder `out`, whole or not at all; an artefact that is there is
+/// replaced. `data` is another place of the run's data root.
+///
+/// # Errors
+/// [`ExportError`]: also if the artefact, once written, does not answer as the run did.
+pub fn export(
+    run: &Path,
+    chosen: Chosen,
+    data: Option<&Path>,
+    out: &Path,
+    storage: &Storage,
+) -> Result<Exported, ExportError> {
+    refuse_occupied(out)?;
+    refuse_sweep(run)?;
+    let store = Store::open(storage, "export");
+    let Reopened { finished, experiment, dataset } = reopen(run, data, Overrides::default(), &store)?;
+    refuse_unsound(run)?;
+    let (expected, got) = (&finished.row.data_digest, data_digest(&dataset));
+    if *expected != got {
+        return Err(ExportError::OtherData { run: run.to_owned(), expected: expected.clone(), got });
+    }
+    let winner = |what: String| ExportError::Winner { run: run.to_owned(), what };
+    let preprocess = *experiment.preprocess();
+    let parameters = match chosen {
+        Chosen::Evolved => rows::parameters(&finished.row.best_genes)
+            .ok_or_else(|| winner("gene values must lie on the genes' grids, got others".to_owned()))?,
+        Chosen::Paper if preprocess.colour => Parameters::PAPER_BEST,
+        Chosen::Paper => Parameters { colour_bins: 0, shape_weight_ppm: 1_000_000, ..Parameters::PAPER_BEST },
+    };
+
+    let database = describe(&dataset, &preprocess, &parameters, winner)?;
+    let example = example(&dataset)?;
+    let recogniser = Recogniser::new(preprocess, parameters, database.clone()).map_err(winner)?;
+    let vector = |recogniser: &Recogniser, example: &Example| {
+        test_vector(recogniser, example).map_err(|error| ExportError::Cloud {
+            path: dataset.clouds.root.join(&example.cloud),
+            what: error.to_string(),
+        })
+    };
+    let (vector_text, verdict) = vector(&recogniser, &example)?;
+    if chosen == Chosen::Evolved
+        && let Some(recorded) = results::read_predictions(run, PredictionSplit::Test)?.first()
+    {
+        compare(&example, recorded_verdict(recorded), &verdict)?;
+    }
+
+    let failed = |source| ExportError::Write { folder: out.to_owned(), source };
+    let making = Making::beside(out).map_err(failed)?;
+    let digest = results::write_database(making.path().join(DATABASE), &database)?;
+    let (raw_preprocess, raw_descriptor) = of_one(&preprocess, &parameters);
+    let settings = Settings {
+        version: VERSION,
+        digest: String::new(),
+        name: finished.row.name.clone(),
+        evaluation_version: descriptor::EVALUATION_VERSION,
+        run_digest: finished.run_digest.clone(),
+        data_digest: finished.row.data_digest.clone(),
+        set_distance: SetDistance::ChiSquared.name().to_owned(),
+        unit: preprocess.unit,
+        preprocess: raw_preprocess,
+        descriptor: raw_descriptor,
+        database: DatabaseSettings {
+            clouds: database.clouds.len() as u32,
+            digest: digest.to_hex().to_string(),
+        },
+        test_vector: TestVectorSettings { digest: blake3::hash(vector_text.as_bytes()).to_hex().to_string() },
+    };
+    let settings = settings.seal().map_err(|error| winner(error.to_string()))?;
+    let clouds = &database.clouds;
+    let about = About { finished: &finished, chosen, parameters, preprocess, clouds };
+    for (name, bytes) in [
+        (SETTINGS, settings.as_bytes()),
+        (TEST_VECTOR, vector_text.as_bytes()),
+        (EXAMPLE, &example.bytes),
+        (README, about.text().as_bytes()),
+    ] {
+        making.write(name, bytes).map_err(failed)?;
+    }
+
+    // Read back what is on the disk: it must say of its example what was said before.
+    let written = Recogniser::open(making.path())?;
+    let bytes = fs::read(making.path().join(EXAMPLE)).map_err(failed)?;
+    let (again, got) = vector(&written, &Example { bytes, ..example.clone() })?;
+    let on_disk = fs::read(making.path().join(TEST_VECTOR)).map_err(failed)?;
+    if again.as_bytes() != on_disk {
+        compare(&example, verdict.clone(), &got)?;
+        let (expected, got) = ("that of its test vector".to_owned(), "another summary".to_owned());
+        return Err(ExportError::Answer { example: example.cloud, expected, got });
+    }
+    let mut bytes = 0;
+    for name in FILES {
+        bytes += fs::metadata(making.path().join(name)).map_err(failed)?.len();
+    }
+    refuse_occupied(out)?;
+    making.replace(out).map_err(failed)?;
+    Ok(Exported {
+        parameters,
+        clouds: clouds.len(),
+        example: example.cloud,
+        answer: verdict.to_string(),
+        bytes,
+    })
+}
+
+/// Refuses a place that holds something else than an artefact, so that nobody's files are lost.
+fn refuse_occupied(out: &Path) -> Result<(), ExportError> {
+    let occupied = |got: String| Err(ExportError::Occupied { folder: out.to_owned(), got });
+    let entries = match fs::read_dir(out) {
+        Ok(entries) => entries,
+        Err(_) if !out.exists() => return Ok(()),
+        Err(_) if !out.is_dir() => return occupied("a file".to_owned()),
+        Err(source) => return Err(ExportError::Write { folder: out.to_owned(), source }),
+    };
+    let names: Vec<OsString> = entries.flatten().map(|entry| entry.file_name()).collect();
+    match names.iter().find(|&name| FILES.iter().all(|file| name != file)) {
+        Some(other) => occupied(format!("a folder with {}", Path::new(other).display())),
+        None => Ok(()),
+    }
+}
+
+/// Refuses the folder of a sweep: it has many winners.
+fn refuse_sweep(run: &Path) -> Result<(), ExportError> {
+    if !run.is_dir() {
+        return Ok(()); // opening it says so
+    }
+    let folders = sweep::run_folders(run).map_err(|error| ExportError::Run(Box::new(error)))?;
+    match folders.first() {
+        Some((name, first)) if !name.is_empty() => {
+            let (folder, first) = (run.to_owned(), first.clone());
+            Err(ExportError::Sweep { folder, runs: folders.len(), first })
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Refuses a run whose files do not fit its digests.
+fn refuse_unsound(run: &Path) -> Result<(), ExportError> {
+    match results::verify(run)?.problems.first() {
+        Some(problem) => {
+            let problem = problem.to_string().lines().next().unwrap_or_default().to_owned();
+            Err(ExportError::NotSound { run: run.to_owned(), problem })
+        }
+        None => Ok(()),
+    }
+}
+
+/// The summaries of the final test's database, in its order.
+fn describe(
+    dataset: &Dataset,
+    preprocess: &descriptor::Preprocess,
+    parameters: &Parameters,
+    winner: impl Fn(String) -> ExportError,
+) -> Result<results::Database, ExportError> {
+    let table = GeneTable::single(parameters).map_err(|error| winner(error.to_string()))?;
+    let quantiser = Quantiser::new(&table).map_err(|error| winner(error.to_string()))?;
+    let binning = quantiser.binning(parameters).map_err(|error| winner(error.to_string()))?;
+    let entries: Vec<&CloudEntry> = Matching::Test
+        .database_clouds(dataset)
+        .iter()
+        .map(|&index| &dataset.clouds.entries[index as usize])
+        .collect();
+    let summaries: Vec<Summary> = entries
+        .par_iter()
+        .map(|&entry| {
+            let failed = |what: String| ExportError::Cloud { path: dataset.clouds.file(entry), what };
+            let cloud = pcd::read(&read(dataset, entry)?).map_err(|error| failed(error.to_string()))?;
+            let prepared = PreparedCloud::new(&cloud, preprocess, &quantiser)
+                .map_err(|error| failed(error.to_string()))?;
+            Ok(Summary::new(&prepared, &binning))
+        })
+        .collect::<Result<_, ExportError>>()?;
+    let part = |part: fn(&Summary) -> &descriptor::summary::Part| DatabasePart {
+        centroids: summaries.iter().flat_map(|summary| &part(summary).centroid).copied().collect(),
+        deviations: summaries.iter().flat_map(|summary| &part(summary).deviation).copied().collect(),
+    };
+    Ok(results::Database {
+        clouds: entries.iter().map(|&entry| labelled(dataset, entry)).collect(),
+        shape: part(|summary| &summary.shape),
+        colour: part(|summary| &summary.colour),
+    })
+}
+
+/// A cloud's path and names.
+fn labelled(dataset: &Dataset, entry: &CloudEntry) -> DatabaseCloud {
+    DatabaseCloud {
+        cloud: entry.path.clone(),
+        instance: dataset.clouds.instances[entry.instance as usize].name.clone(),
+        category: dataset.clouds.categories[entry.category as usize].clone(),
+    }
+}
+
+/// The bytes of a cloud, which are those that the data digest covers.
+fn read(dataset: &Dataset, entry: &CloudEntry) -> Result<Vec<u8>, ExportError> {
+    let path: PathBuf = dataset.clouds.file(entry);
+    let bytes = match read_file(&path) {
+        Ok(bytes) => bytes,
+        Err(reason) => {
+            let what = format!("cannot be read, got {reason}\nexport again when it is there");
+            return Err(ExportError::Cloud { path, what });
+        }
+    };
+    if *blake3::hash(&bytes).as_bytes() != entry.digest {
+        let what = "content must stay the same during the export, got another\nexport again".to_owned();
+        return Err(ExportError::Cloud { path, what });
+    }
+    Ok(bytes)
+}
+
+/// The first cloud of the final test, or of its database where nothing is tested.
+fn example(dataset: &Dataset) -> Result<Example, ExportError> {
+    let database = Matching::Test.database_clouds(dataset);
+    let first = Matching::Test.query_clouds(dataset).first().or(database.first());
+    // A data set without any training cloud is refused when it is loaded.
+    let index = first.copied().unwrap_or_default();
+    let entry = &dataset.clouds.entries[index as usize];
+    let DatabaseCloud { cloud, instance, category } = labelled(dataset, entry);
+    Ok(Example { cloud, instance, category, bytes: read(dataset, entry)? })
+}
+
+fn recorded_verdict(row: &PredictionRow) -> Verdict {
+    let runner_up = row.runner_up.as_ref().map(|other| (other.cloud.clone(), other.distance));
+    Verdict { nearest_cloud: row.nearest_cloud.clone(), distance: row.distance, runner_up }
+}
+
+/// Refuses an answer to the example that is not the expected one, bit for bit.
+fn compare(example: &Example, expected: Verdict, got: &Verdict) -> Result<(), ExportError> {
+    if expected == *got {
+        return Ok(());
+    }
+    let (expected, got) = (expected.to_string(), got.to_string());
+    Err(ExportError::Answer { example: example.cloud.clone(), expected, got })
+}

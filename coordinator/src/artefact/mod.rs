@@ -1,0 +1,45 @@
+//! A run's descriptor taken away: a folder that recognises objects without the run, its data, or a network.
+//!
+//! `export` makes the folder, `recogniser` answers from it, `settings` is its `descriptor.toml`, `test_vector` its
+//! example for other implementations, `readme` its text for people.
+
+mod error;
+mod export;
+mod readme;
+mod recogniser;
+mod settings;
+mod test_vector;
+#[cfg(test)]
+mod tests;
+
+pub use error::{ArtefactError, CloudError, ExportError};
+pub use export::{Chosen, export};
+pub use recogniser::{Answer, Named, Recogniser};
+
+/// Whether this is the text of an artefact's settings that mean something.
+pub(crate) fn reads_settings(text: &str) -> bool {
+    let folder = std::path::Path::new("artefact");
+    settings::Settings::parse(text, folder.join(SETTINGS))
+        .is_ok_and(|settings| settings.resolve(folder).is_ok())
+}
+
+/// The text of sound settings.
+pub(crate) fn sample_settings() -> String {
+    settings::Settings::sample(&Default::default(), &descriptor::Parameters::PAPER_BEST)
+        .seal()
+        .unwrap_or_default()
+}
+
+/// The descriptor's settings; digests of the other files.
+const SETTINGS: &str = "descriptor.toml";
+/// Summaries of the reference clouds.
+const DATABASE: &str = "database.parquet";
+/// One cloud with its summary and its answer.
+const TEST_VECTOR: &str = "test-vector.json";
+/// That cloud.
+const EXAMPLE: &str = "example.pcd";
+/// How to use it.
+const README: &str = "README.md";
+
+/// All files of an artefact.
+const FILES: [&str; 5] = [SETTINGS, DATABASE, TEST_VECTOR, EXAMPLE, README];

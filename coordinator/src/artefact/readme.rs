@@ -1,0 +1,111 @@
+//! `README.md` of an artefact: how to use it, and what its numbers mean.
+
+use std::collections::BTreeSet;
+use std::fmt::Write as _;
+
+use descriptor::{GENES, GeneKind, Parameters, Preprocess, Unit};
+use results::{Counts, DatabaseCloud, FinishedRun, wilson};
+
+use super::{Chosen, DATABASE, EXAMPLE, SETTINGS, TEST_VECTOR};
+use crate::run::progress::percent;
+
+/// Everything the text is made of.
+pub(super) struct About<'a> {
+    pub finished: &'a FinishedRun,
+    pub chosen: Chosen,
+    pub parameters: Parameters,
+    pub preprocess: Preprocess,
+    pub clouds: &'a [DatabaseCloud],
+}
+
+impl About<'_> {
+    /// The text.
+    pub(super) fn text(&self) -> String {
+        let Self { finished, chosen, parameters, preprocess, clouds } = self;
+        let run = &finished.row;
+        let objects: BTreeSet<_> = clouds.iter().map(|row| (&row.category, &row.instance)).collect();
+        let categories: BTreeSet<_> = clouds.iter().map(|row| &row.category).collect();
+        let which = match chosen {
+            Chosen::Evolved => "The descriptor",
+            Chosen::Paper => "The paper's own best descriptor, and the reference clouds",
+        };
+        let (unit, length) = match preprocess.unit {
+            Unit::Metre => ("metres", "m"),
+            Unit::Millimetre => ("millimetres", "mm"),
+        };
+        let colours = if preprocess.colour { "coloured " } else { "" };
+        // Written by hand as Markdown; writing to a String cannot fail.
+        let mut text = String::new();
+        let _ = write!(
+            text,
+            "# {name}\n\n\
+             {which} of run `{digest}` (experiment {name}, seed {seed}), made by descry {version}.\n\
+             It recognises {objects} objects of {categories} categories by the nearest of {clouds} reference clouds: \
+             the run's training and validation clouds, no test cloud.\n\n\
+             ## Use\n\n\
+             ```\n\
+             coordinator recognise . {EXAMPLE}\n\
+             coordinator recognise . cloud.pcd … --json --top 5\n\
+             ```\n\n\
+             A cloud is a PCD file of {colours}points in {unit}, one object cut out of its surroundings, with the camera \
+             at the viewpoint that the file names. In a Rust program the crate `descriptor` does the same: its \
+             documentation begins with an example.\n\n",
+            name = run.name,
+            digest = finished.run_digest,
+            seed = run.seed,
+            version = env!("CARGO_PKG_VERSION"),
+            objects = objects.len(),
+            categories = categories.len(),
+            clouds = clouds.len(),
+        );
+        text.push_str("## How well\n\n");
+        text.push_str(&self.errors());
+        let _ = write!(
+            text,
+            "\n## The numbers\n\n\
+             - `distance`: set distance to the nearest reference cloud, w · shape + (1 − w) · colour, each the χ² distance \
+             of the centroids plus that of the standard deviations of all keypoints' histograms. 0 is the same cloud.\n\
+             - `margin`: how much farther the nearest cloud of another object is. Small margins are the doubtful answers.\n\
+             - Neither is a probability, and an object that is not among the {} is taken for the nearest of them.\n\n\
+             | gene | value | meaning |\n|---|---|---|\n",
+            objects.len(),
+        );
+        for spec in GENES.iter().filter(|spec| spec.kind != GeneKind::ColourBins || parameters.has_colour()) {
+            let value = format!("{} {}", parameters.value(spec.kind), spec.unit);
+            let _ = writeln!(text, "| {} | {} | {} |", spec.name, value.trim_end(), spec.meaning);
+        }
+        let _ = write!(
+            text,
+            "\n## Files\n\n\
+             - `{SETTINGS}`: the descriptor, what is done to a cloud before it (coordinates in {length}), and the digests \
+             (BLAKE3) of the others.\n\
+             - `{DATABASE}`: a row a reference cloud: its labels, and centroid and standard deviation of its shape and \
+             colour histograms. The columns are described in the file's metadata, `descry.columns`.\n\
+             - `{TEST_VECTOR}`: the same of `{EXAMPLE}`, and what it is recognised as: another implementation should \
+             come to these numbers.\n",
+        );
+        text
+    }
+
+    /// What the run measured of this descriptor.
+    fn errors(&self) -> String {
+        let row = &self.finished.row;
+        let Some(test) = row.test.filter(|_| self.chosen == Chosen::Evolved) else {
+            return "Not measured: the run has no test of this descriptor.\n".to_owned();
+        };
+        let Counts { object_correct, category_correct, queries } = test;
+        let error = |share: f64, correct: u32| {
+            let wrong = queries.saturating_sub(correct);
+            let [low, high] = wilson(wrong, queries).map(|end| 100.0 * end);
+            format!("{} ({wrong} of {queries}), 95 % interval {low:.1} to {high:.1} %", percent(share))
+        };
+        format!(
+            "Of {queries} test clouds, which the search did not see:\n\n\
+             - wrong object: {}\n\
+             - wrong category: {}\n\n\
+             They show the same objects as the reference clouds. The intervals (Wilson) take the clouds for independent.\n",
+            error(test.object_error(), object_correct),
+            error(test.category_error(), category_correct),
+        )
+    }
+}

@@ -1,0 +1,197 @@
+//! An artefact at work: from the bytes of a cloud to the name of an object, on the calling thread.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::time::Instant;
+
+use descriptor::{
+    Binning, Database, GeneTable, Label, Parameters, PrepareError, PreparedCloud, Preprocess, Quantiser,
+    Summary, Unit, description, pcd,
+};
+use results::DatabaseCloud;
+
+use super::error::CloudError;
+use super::settings::Settings;
+use super::{ArtefactError, DATABASE, SETTINGS};
+use crate::evaluate::{Seconds, stages};
+
+/// A descriptor with its reference clouds. Nothing here starts a thread.
+pub struct Recogniser {
+    preprocess: Preprocess,
+    quantiser: Quantiser,
+    binning: Binning,
+    database: Database,
+    clouds: Vec<DatabaseCloud>,
+}
+
+/// One cloud under the descriptor.
+pub struct Described {
+    /// What is matched.
+    pub summary: Summary,
+    /// How many keypoints it is made of.
+    pub keypoints: usize,
+}
+
+/// An object by its nearest reference cloud.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Named<'a> {
+    /// The object.
+    pub instance: &'a str,
+    /// Its category.
+    pub category: &'a str,
+    /// The reference cloud.
+    pub cloud: &'a str,
+    /// Set distance to it.
+    pub distance: f64,
+}
+
+/// What one cloud was recognised as.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Answer<'a> {
+    /// The nearest objects, nearest first; at least one.
+    pub ranking: Vec<Named<'a>>,
+}
+
+impl<'a> Answer<'a> {
+    /// What it is.
+    pub fn nearest(&self) -> Named<'a> {
+        self.ranking[0]
+    }
+
+    /// What else it might be; `None` if the database shows one object only.
+    pub fn runner_up(&self) -> Option<Named<'a>> {
+        self.ranking.get(1).copied()
+    }
+
+    /// How much farther the runner-up is.
+    pub fn margin(&self) -> Option<f64> {
+        self.runner_up().map(|other| other.distance - self.nearest().distance)
+    }
+}
+
+impl Recogniser {
+    /// Opens an artefact and checks all of it that recognition needs.
+    ///
+    /// # Errors
+    /// [`ArtefactError`] if files are missing, damaged, of another version or do not fit together.
+    pub fn open(folder: &Path) -> Result<Self, ArtefactError> {
+        let settings = Settings::read(folder)?;
+        let (preprocess, parameters) = settings.resolve(folder)?;
+        let path = folder.join(DATABASE);
+        let (database, digest) = results::read_database(&path)?;
+        let (expected, got) = (&settings.database.digest, digest.to_hex());
+        if expected.as_str() != got.as_str() {
+            let (expected, got) = (crate::experiment::shortened(expected, 64), got.to_string());
+            return Err(ArtefactError::Digest { path, expected, got });
+        }
+        let (expected, got) = (settings.database.clouds as usize, database.clouds.len());
+        if expected != got {
+            let what = format!("database.clouds {expected} where the database has {got}");
+            return Err(ArtefactError::Settings { path: folder.join(SETTINGS), what });
+        }
+        let refused = |what: String| ArtefactError::Database { what: format!("{}: {what}", path.display()) };
+        // They go to terminals.
+        let texts = database.clouds.iter().flat_map(|row| [&row.cloud, &row.instance, &row.category]);
+        if let Some(text) = texts.into_iter().find(|text| text.chars().any(char::is_control)) {
+            return Err(refused(format!(
+                "names must have no control characters, got {}",
+                text.escape_debug()
+            )));
+        }
+        Self::new(preprocess, parameters, database).map_err(refused)
+    }
+
+    /// From what an artefact holds; `Err` says why that does not fit together.
+    pub(super) fn new(
+        preprocess: Preprocess,
+        parameters: Parameters,
+        database: results::Database,
+    ) -> Result<Self, String> {
+        let first_line =
+            |error: &dyn std::error::Error| error.to_string().lines().next().unwrap_or_default().to_owned();
+        let table = GeneTable::single(&parameters).map_err(|error| first_line(&error))?;
+        let quantiser = Quantiser::new(&table).map_err(|error| first_line(&error))?;
+        let binning = quantiser.binning(&parameters).map_err(|error| first_line(&error))?;
+        let results::Database { clouds, shape, colour } = database;
+        let columns = [&shape, &colour].map(|part| [part.centroids.as_slice(), part.deviations.as_slice()]);
+        let count =
+            u32::try_from(clouds.len()).map_err(|_| format!("too many clouds, got {}", clouds.len()))?;
+        let [shape, colour] =
+            description::from_columns(columns, &parameters, count).map_err(|error| first_line(&error))?;
+        let database = Database::new([&shape, &colour], labels(&clouds), parameters.shape_weight())
+            .map_err(|error| first_line(&error))?;
+        Ok(Self { preprocess, quantiser, binning, database, clouds })
+    }
+
+    /// The artefact's description of a cloud, given as the bytes of a PCD file; `seconds` takes the time of each stage.
+    pub(super) fn describe(&self, bytes: &[u8], seconds: &mut Seconds) -> Result<Described, CloudError> {
+        let clock = Instant::now();
+        let cloud = pcd::read(bytes)?;
+        let cloud = self.preprocess.in_metres(&cloud);
+        seconds.read += clock.elapsed();
+        let described = stages(
+            &cloud,
+            &self.preprocess,
+            |cloud, keypoints, normals| {
+                let prepared = PreparedCloud::describe(cloud, keypoints, normals, &self.quantiser)?;
+                let summary = Summary::new(&prepared, &self.binning);
+                Ok(Described { summary, keypoints: prepared.keypoints() })
+            },
+            seconds,
+        );
+        described.map_err(|error| match error {
+            PrepareError::Skip(skip) => CloudError::Skip(skip, unit_name(self.preprocess.unit)),
+            other => CloudError::Prepare(other),
+        })
+    }
+
+    /// The nearest `most` objects, at least one, to a cloud that was described.
+    pub(super) fn answer(&self, described: &Described, most: usize) -> Answer<'_> {
+        let hits = self.database.ranking(&described.summary, most.max(1));
+        let named = |hit: descriptor::recognise::Hit| {
+            let DatabaseCloud { cloud, instance, category } = &self.clouds[hit.index as usize];
+            Named { instance, category, cloud, distance: hit.distance }
+        };
+        Answer { ranking: hits.into_iter().map(named).collect() }
+    }
+
+    /// The nearest `most` objects, at least one, to a cloud, given as the bytes of a PCD file; `seconds` takes the time
+    /// of each stage.
+    ///
+    /// # Errors
+    /// [`CloudError`] if the bytes are no cloud, or too little of one to be described.
+    pub fn recognise(
+        &self,
+        bytes: &[u8],
+        most: usize,
+        seconds: &mut Seconds,
+    ) -> Result<Answer<'_>, CloudError> {
+        let described = self.describe(bytes, seconds)?;
+        let clock = Instant::now();
+        let answer = self.answer(&described, most);
+        seconds.matching += clock.elapsed();
+        Ok(answer)
+    }
+}
+
+/// A unit's name, as in settings.
+fn unit_name(unit: Unit) -> &'static str {
+    match unit {
+        Unit::Metre => "m",
+        Unit::Millimetre => "mm",
+    }
+}
+
+/// What the clouds show, by numbers.
+fn labels(clouds: &[DatabaseCloud]) -> Vec<Label> {
+    let mut categories: BTreeMap<&str, u32> = BTreeMap::new();
+    let mut instances: BTreeMap<(&str, &str), u32> = BTreeMap::new();
+    let mut labels = Vec::with_capacity(clouds.len());
+    for DatabaseCloud { instance, category, .. } in clouds {
+        let (next_category, next_instance) = (categories.len() as u32, instances.len() as u32);
+        let category_number = *categories.entry(category).or_insert(next_category);
+        let instance = *instances.entry((category, instance)).or_insert(next_instance);
+        labels.push(Label { category: category_number, instance });
+    }
+    labels
+}

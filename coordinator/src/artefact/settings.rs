@@ -1,0 +1,266 @@
+//! `descriptor.toml`: what an artefact says of its descriptor and of its other files.
+
+use std::path::{Path, PathBuf};
+
+use descriptor::{Parameters, Preprocess, SetDistance, Unit};
+use serde::{Deserialize, Serialize};
+
+use super::{ArtefactError, SETTINGS};
+use crate::experiment::{RawDescriptor, RawPreprocess, of_one, one, shortened};
+use crate::run::place::read_bounded;
+
+/// The format's version that this program writes and reads.
+pub(super) const VERSION: u32 = 1;
+
+/// The file. Lengths are centimetres, as in experiments.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Settings {
+    pub version: u32,
+    /// BLAKE3 of everything else that the file says: [`Settings::digest`]. A parameter that was changed is none that the
+    /// database was made with.
+    pub digest: String,
+    /// Of the experiment.
+    pub name: String,
+    pub evaluation_version: u32,
+    pub run_digest: String,
+    pub data_digest: String,
+    /// How the centroids, and the deviations, of two clouds are compared.
+    pub set_distance: String,
+    /// Of the coordinates in clouds.
+    pub unit: Unit,
+    pub preprocess: RawPreprocess,
+    pub descriptor: RawDescriptor,
+    pub database: DatabaseSettings,
+    pub test_vector: TestVectorSettings,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct DatabaseSettings {
+    pub clouds: u32,
+    /// BLAKE3 of the file.
+    pub digest: String,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct TestVectorSettings {
+    /// BLAKE3 of the file.
+    pub digest: String,
+}
+
+impl Settings {
+    /// Reads the file of an artefact; what it says is meant for this program.
+    pub(super) fn read(folder: &Path) -> Result<Self, ArtefactError> {
+        let path = folder.join(SETTINGS);
+        let text =
+            read_bounded(&path).map_err(|source| ArtefactError::Read { path: path.clone(), source })?;
+        Self::parse(&text, path)
+    }
+
+    /// Reads the text of the file at `path`, which need not be there.
+    pub(super) fn parse(text: &str, path: PathBuf) -> Result<Self, ArtefactError> {
+        let wrong = |error: toml::de::Error| ArtefactError::Settings {
+            path: path.clone(),
+            what: shortened(error.message(), 400),
+        };
+        let table: toml::Table = toml::from_str(text).map_err(wrong)?;
+        // Before all other keys: another version will have other keys.
+        let version = table.get("version");
+        if version.and_then(toml::Value::as_integer) != Some(i64::from(VERSION)) {
+            let got =
+                version.map_or_else(|| "none".to_owned(), |version| shortened(&version.to_string(), 40));
+            return Err(ArtefactError::Version { path, expected: VERSION, got });
+        }
+        let settings: Self = table.try_into().map_err(wrong)?;
+        let (expected, got) = (descriptor::EVALUATION_VERSION, settings.evaluation_version);
+        if expected != got {
+            return Err(ArtefactError::EvaluationVersion { path, expected, got });
+        }
+        let got = settings.digest().map_err(|error| ArtefactError::Settings {
+            path: path.clone(),
+            what: shortened(&error.to_string(), 400),
+        })?;
+        if settings.digest != got {
+            let expected = shortened(&settings.digest, 64);
+            return Err(ArtefactError::Digest { path, expected, got });
+        }
+        if settings.set_distance != SetDistance::ChiSquared.name() {
+            let got = shortened(&settings.set_distance, 40);
+            let what = format!("set_distance {got:?} instead of {:?}", SetDistance::ChiSquared.name());
+            return Err(ArtefactError::Settings { path, what });
+        }
+        Ok(settings)
+    }
+
+    /// What is done to a cloud, and by which descriptor.
+    pub(super) fn resolve(&self, folder: &Path) -> Result<(Preprocess, Parameters), ArtefactError> {
+        Ok(one(&self.preprocess, self.unit, &self.descriptor, &folder.join(SETTINGS))?)
+    }
+
+    /// Settings of no artefact, for tests and fuzzing.
+    pub(super) fn sample(preprocess: &Preprocess, parameters: &Parameters) -> Self {
+        let (raw, descriptor) = of_one(preprocess, parameters);
+        Self {
+            version: VERSION,
+            digest: String::new(),
+            name: "sample".to_owned(),
+            evaluation_version: descriptor::EVALUATION_VERSION,
+            run_digest: "ab".repeat(32),
+            data_digest: "cd".repeat(32),
+            set_distance: SetDistance::ChiSquared.name().to_owned(),
+            unit: preprocess.unit,
+            preprocess: raw,
+            descriptor,
+            database: DatabaseSettings { clouds: 943, digest: "ef".repeat(32) },
+            test_vector: TestVectorSettings { digest: "01".repeat(32) },
+        }
+    }
+
+    /// BLAKE3 of the file's text without version and digest, hexadecimal.
+    fn digest(&self) -> Result<String, toml::ser::Error> {
+        let mut table = toml::Table::try_from(self)?;
+        for key in ["version", "digest"] {
+            table.remove(key);
+        }
+        Ok(blake3::hash(toml::to_string(&table)?.as_bytes()).to_hex().to_string())
+    }
+
+    /// The file's text, with its digest.
+    pub(super) fn seal(mut self) -> Result<String, toml::ser::Error> {
+        self.digest = self.digest()?;
+        toml::to_string(&self)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use expect_test::expect;
+
+    use super::*;
+
+    fn parse(text: &str) -> Result<Settings, ArtefactError> {
+        Settings::parse(text, "folder/descriptor.toml".into())
+    }
+
+    #[test]
+    fn what_is_written_is_read_again() {
+        let colourless = Parameters { colour_bins: 0, shape_weight_ppm: 1_000_000, ..Parameters::PAPER_BEST };
+        let millimetres =
+            Preprocess { leaf_um: 15_000, unit: Unit::Millimetre, colour: false, ..Preprocess::default() };
+        for (preprocess, parameters) in
+            [(Preprocess::default(), Parameters::PAPER_BEST), (millimetres, colourless)]
+        {
+            let text = Settings::sample(&preprocess, &parameters).seal().unwrap();
+            let read = parse(&text).unwrap();
+            assert_eq!(read.resolve("folder".as_ref()).unwrap(), (preprocess, parameters));
+            assert_eq!(read.seal().unwrap(), text);
+        }
+        let text = Settings::sample(&Preprocess::default(), &Parameters::PAPER_BEST).seal().unwrap();
+        expect![[r#"
+            version = 1
+            digest = "8b7ebed4b395d92c47c45ce4c09b9eb0619e1c84da97946c523a58de395e0236"
+            name = "sample"
+            evaluation_version = 2
+            run_digest = "abababababababababababababababababababababababababababababababab"
+            data_digest = "cdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcdcd"
+            set_distance = "chi2"
+            unit = "m"
+
+            [preprocess]
+            leaf_cm = 2.0
+            normal_radius_cm = 1.0
+            min_points = 10
+
+            [descriptor]
+            colour = true
+
+            [descriptor.genes]
+            shape_bins = 60
+            m = 8
+            R1 = 1.3
+            R2 = 3.6
+            w = 0.67
+
+            [database]
+            clouds = 943
+            digest = "efefefefefefefefefefefefefefefefefefefefefefefefefefefefefefefef"
+
+            [test_vector]
+            digest = "0101010101010101010101010101010101010101010101010101010101010101"
+        "#]]
+        .assert_eq(&text);
+    }
+
+    #[test]
+    fn every_value_is_covered_by_the_digest() {
+        let text = Settings::sample(&Preprocess::default(), &Parameters::PAPER_BEST).seal().unwrap();
+        for (from, to) in [
+            ("sample", "simple"),
+            ("abab", "abac"),
+            ("cdcd", "cdce"),
+            ("unit = \"m\"", "unit = \"mm\""),
+            ("leaf_cm = 2.0", "leaf_cm = 2.1"),
+            ("normal_radius_cm = 1.0", "normal_radius_cm = 1.1"),
+            ("min_points = 10", "min_points = 11"),
+            ("colour = true", "colour = false"),
+            ("shape_bins = 60", "shape_bins = 59"),
+            ("m = 8", "m = 7"),
+            ("R1 = 1.3", "R1 = 1.4"),
+            ("R2 = 3.6", "R2 = 3.7"),
+            ("w = 0.67", "w = 0.68"),
+            ("clouds = 943", "clouds = 942"),
+            ("efef", "efee"),
+            ("0101", "0102"),
+            ("\ndigest = \"", "\ndigest = \"0"),
+        ] {
+            assert!(text.contains(from), "{from}");
+            let error = parse(&text.replacen(from, to, 1)).unwrap_err();
+            assert!(matches!(error, ArtefactError::Digest { .. }), "{to}: {error}");
+        }
+    }
+
+    #[test]
+    fn settings_that_are_not_ours_are_refused_with_their_place() {
+        let text = Settings::sample(&Preprocess::default(), &Parameters::PAPER_BEST).seal().unwrap();
+        for (from, to, complaint) in [
+            ("version = 1", "version = 2", "version must be 1, got 2"),
+            ("version = 1", "version = \"1\"", "version must be 1, got \"1\""),
+            ("version = 1\n", "", "version must be 1, got none"),
+            ("evaluation_version = 2", "evaluation_version = 1", "evaluation_version must be 2, got 1"),
+            ("unit = \"m\"", "unit = \"km\"", "unknown variant `km`"),
+            ("unit = \"m\"", "units = \"m\"", "unknown field `units`"),
+            ("clouds = 943", "clouds = -1", "must be the settings of an artefact"),
+            ("[database]", "[database", "must be the settings of an artefact"),
+        ] {
+            assert!(text.contains(from), "{from}");
+            let error = parse(&text.replacen(from, to, 1)).unwrap_err().to_string();
+            assert!(error.starts_with("folder/descriptor.toml: "), "{error}");
+            assert!(error.contains(complaint) && error.lines().count() == 2, "{to}: {error}");
+        }
+    }
+
+    /// Whoever forges the digest, too, meets the checks of experiments.
+    #[test]
+    fn settings_that_mean_nothing_are_refused() {
+        let text = Settings::sample(&Preprocess::default(), &Parameters::PAPER_BEST).seal().unwrap();
+        let forged = |from: &str, to: &str| {
+            assert!(text.contains(from), "{from}");
+            let table: toml::Table = toml::from_str(&text.replacen(from, to, 1)).unwrap();
+            parse(&table.try_into::<Settings>().unwrap().seal().unwrap())
+        };
+        for (from, to, complaint) in [
+            ("shape_bins = 60\n", "", "descriptor.genes.shape_bins: must have one value, got 57"),
+            ("R1 = 1.3", "R1 = 9.9", "R2: every value must be larger than every value of R1"),
+            ("R1 = 1.3", "R1 = nan", "descriptor.genes.R1: "),
+            ("m = 8", "m = 1000", "descriptor.genes.m: "),
+            ("leaf_cm = 2.0", "leaf_cm = 0.0", "preprocess.leaf_cm: "),
+        ] {
+            let error = forged(from, to).unwrap().resolve("folder".as_ref()).unwrap_err().to_string();
+            assert!(error.contains(complaint) && error.lines().count() == 2, "{to}: {error}");
+        }
+        let error = forged("\"chi2\"", "\"l1\"").unwrap_err().to_string();
+        assert!(error.contains("set_distance \"l1\" instead of \"chi2\""), "{error}");
+    }
+}

@@ -1,0 +1,61 @@
+//! `coordinator export`: a run's descriptor as a folder of its own.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Args, ValueEnum};
+use worker::StorageArgs;
+
+use crate::artefact::{self, Chosen};
+
+/// Take a finished run's descriptor away: a folder with which coordinator recognise names objects
+///
+/// Example: coordinator export results/runs/demo-0123456789ab objects
+#[derive(Debug, Args)]
+pub struct Export {
+    /// The folder of a finished run, for example results/runs/demo-0123456789ab
+    #[arg(value_name = "RUN")]
+    run: PathBuf,
+    /// The folder to be made, for example objects; an artefact that is there is replaced
+    #[arg(value_name = "DIR")]
+    out: PathBuf,
+    /// Which descriptor, for example paper: the paper's best one, on the run's clouds
+    #[arg(long, value_name = "NAME", default_value = "evolved")]
+    descriptor: Which,
+    /// Another place of the data set, for example /data/rgbd; by default the one the run used
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+    #[command(flatten)]
+    storage: StorageArgs,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Which {
+    Evolved,
+    Paper,
+}
+
+impl Export {
+    pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
+        let chosen = match self.descriptor {
+            Which::Evolved => Chosen::Evolved,
+            Which::Paper => Chosen::Paper,
+        };
+        let storage = self.storage.resolve();
+        let exported = artefact::export(&self.run, chosen, self.data.as_deref(), &self.out, &storage)?;
+        let out = self.out.display();
+        super::print(&format!(
+            "descriptor    {}\n\
+             database      {} clouds\n\
+             example       {}: nearest is {}\n\
+             artefact      {out}, {:.1} MB\n\
+             to use it     coordinator recognise {out} CLOUD.pcd\n",
+            exported.parameters,
+            exported.clouds,
+            exported.example,
+            exported.answer,
+            exported.bytes as f64 / 1e6,
+        ))?;
+        Ok(ExitCode::SUCCESS)
+    }
+}

@@ -1,0 +1,151 @@
+//! `coordinator recognise`: which objects are these?
+
+use std::io::{self, Read as _};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+
+use clap::Args;
+use serde_json::{Map, Value, json};
+
+use crate::artefact::{Answer, CloudError, Named, Recogniser};
+use crate::dataset::{MAX_FILE_BYTES, read_file};
+use crate::evaluate::Seconds;
+
+/// Name the objects in clouds, with an artefact of coordinator export; on one thread
+///
+/// Example: coordinator recognise objects cloud.pcd --top 3
+#[derive(Debug, Args)]
+#[command(after_help = "Exit code: 0 if every cloud has an answer, 1 if one has none.")]
+pub struct Recognise {
+    /// The folder that coordinator export has made, for example objects
+    #[arg(value_name = "ARTEFACT")]
+    artefact: PathBuf,
+    /// Clouds, for example cloud.pcd; - is standard input
+    #[arg(value_name = "CLOUD.pcd", required = true)]
+    clouds: Vec<PathBuf>,
+    /// List the nearest objects, too, for example 5
+    #[arg(long, value_name = "K", default_value_t = 0)]
+    top: usize,
+    /// Print the time of each stage, for example to find out what a smaller computer would take
+    #[arg(long)]
+    times: bool,
+    /// Print one JSON object a cloud on standard output, for example for jq
+    #[arg(long)]
+    json: bool,
+}
+
+impl Recognise {
+    pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
+        let clock = Instant::now();
+        let recogniser = Recogniser::open(&self.artefact)?;
+        if self.times {
+            eprintln!("artefact opened in {}", milliseconds(clock.elapsed()));
+        }
+        let mut code = ExitCode::SUCCESS;
+        for path in &self.clouds {
+            let (name, mut seconds) = (path.display().to_string(), Seconds::default());
+            match self.recognise(&recogniser, path, &mut seconds) {
+                Ok(answer) if self.json => {
+                    super::print(&format!("{}\n", self.json(&name, &answer, &seconds)))?
+                }
+                Ok(answer) => super::print(&self.text(&name, &answer, &seconds))?,
+                Err(error) => {
+                    code = ExitCode::FAILURE;
+                    let error = error.to_string();
+                    eprintln!("error: {name}: {error}");
+                    if self.json {
+                        let reason = error.lines().next().unwrap_or_default();
+                        super::print(&format!("{}\n", json!({ "cloud": name, "error": reason })))?;
+                    }
+                }
+            }
+        }
+        Ok(code)
+    }
+
+    fn recognise<'a>(
+        &self,
+        recogniser: &'a Recogniser,
+        path: &Path,
+        seconds: &mut Seconds,
+    ) -> Result<Answer<'a>, CloudError> {
+        let clock = Instant::now();
+        let bytes = if path == Path::new("-") { read_input() } else { read_file(path) };
+        let bytes = bytes.map_err(CloudError::Read)?;
+        seconds.read = clock.elapsed();
+        let answer = recogniser.recognise(&bytes, self.top.max(2), seconds)?;
+        seconds.total = clock.elapsed();
+        Ok(answer)
+    }
+
+    fn text(&self, name: &str, answer: &Answer<'_>, seconds: &Seconds) -> String {
+        let Named { instance, category, distance, .. } = answer.nearest();
+        let mut text = format!("{name}: {instance} ({category}), distance {distance:.6}");
+        match answer.runner_up().zip(answer.margin()) {
+            Some((other, margin)) => {
+                text += &format!(", margin {margin:.6} to {} ({})\n", other.instance, other.category);
+            }
+            None => text += ", no other object to compare with\n",
+        }
+        for (rank, Named { instance, category, cloud, distance }) in (1..=self.top).zip(&answer.ranking) {
+            text += &format!("  {rank:>3}  {distance:.6}  {instance} ({category}), by {cloud}\n");
+        }
+        if self.times {
+            let stages = stages(seconds).map(|(stage, time)| format!("{stage} {}", milliseconds(time)));
+            text += &format!("  {}\n", stages.join(", "));
+        }
+        text
+    }
+
+    fn json(&self, name: &str, answer: &Answer<'_>, seconds: &Seconds) -> Value {
+        let (nearest, runner_up) = (answer.nearest(), answer.runner_up());
+        let mut object = json!({
+            "cloud": name,
+            "predicted_instance": nearest.instance,
+            "predicted_category": nearest.category,
+            "nearest_cloud": nearest.cloud,
+            "distance": nearest.distance,
+            "runner_up_instance": runner_up.map(|other| other.instance),
+            "runner_up_category": runner_up.map(|other| other.category),
+            "runner_up_cloud": runner_up.map(|other| other.cloud),
+            "runner_up_distance": runner_up.map(|other| other.distance),
+            "margin": answer.margin(),
+        });
+        if self.top > 0 {
+            let named = |Named { instance, category, cloud, distance }: &Named<'_>| json!({ "instance": instance, "category": category, "cloud": cloud, "distance": distance });
+            object["top"] = answer.ranking.iter().take(self.top).map(named).collect();
+        }
+        if self.times {
+            let stages = stages(seconds).map(|(stage, time)| (stage.to_owned(), time.as_secs_f64().into()));
+            object["seconds"] = Map::from_iter(stages).into();
+        }
+        object
+    }
+}
+
+/// All of standard input, of bounded size.
+fn read_input() -> Result<Vec<u8>, String> {
+    let mut bytes = Vec::new();
+    io::stdin().lock().take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
+    if bytes.len() as u64 > MAX_FILE_BYTES {
+        return Err(format!("at most {MAX_FILE_BYTES} bytes expected, got more"));
+    }
+    Ok(bytes)
+}
+
+/// Stages by name.
+fn stages(seconds: &Seconds) -> [(&'static str, Duration); 6] {
+    [
+        ("read", seconds.read),
+        ("keypoints", seconds.keypoints),
+        ("normals", seconds.normals),
+        ("describe", seconds.describe),
+        ("match", seconds.matching),
+        ("total", seconds.total),
+    ]
+}
+
+fn milliseconds(time: Duration) -> String {
+    format!("{:.2} ms", 1e3 * time.as_secs_f64())
+}

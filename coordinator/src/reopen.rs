@@ -1,0 +1,71 @@
+//! A finished run opened again with its data.
+
+use std::path::{Path, PathBuf};
+
+use results::FinishedRun;
+use worker::store::Store;
+
+use crate::dataset::{Dataset, Wanted};
+use crate::experiment::{Experiment, ExperimentError, Overrides};
+use crate::run::{DataError, open_data};
+
+/// Why a run cannot be opened again.
+#[derive(Debug, thiserror::Error)]
+pub enum ReopenError {
+    /// There is no such folder.
+    #[error("{0}: no such run folder\nname the folder that the run's summary calls results")]
+    NoFolder(PathBuf),
+    /// The run folder.
+    #[error(transparent)]
+    Results(#[from] results::Error),
+    /// Other numbers are to be expected.
+    #[error(
+        "{run}: evaluation version must be {expected}, got {got}\nuse the release that made the run; verify --sample 0 looks at its digest only, with any release"
+    )]
+    EvaluationVersion {
+        /// The run.
+        run: PathBuf,
+        /// This program's.
+        expected: u32,
+        /// The run's.
+        got: u32,
+    },
+    /// The recorded experiment.
+    #[error(transparent)]
+    Experiment(#[from] ExperimentError),
+    /// The clouds.
+    #[error(transparent)]
+    Data(#[from] DataError),
+}
+
+/// A finished run with its experiment and clouds.
+pub struct Reopened {
+    /// What was written at its end.
+    pub finished: FinishedRun,
+    /// What it was started with.
+    pub experiment: Experiment,
+    /// The clouds as they are: their digest need not be the run's.
+    pub dataset: Dataset,
+}
+
+/// Opens a finished run again; `data` is another place of its data root, if that has moved.
+pub fn reopen(
+    run: &Path,
+    data: Option<&Path>,
+    overrides: Overrides,
+    store: &Store,
+) -> Result<Reopened, ReopenError> {
+    if !run.is_dir() {
+        return Err(ReopenError::NoFolder(run.to_owned()));
+    }
+    let finished = results::read_run(run)?;
+    let got = finished.row.evaluation_version;
+    if got != descriptor::EVALUATION_VERSION {
+        let expected = descriptor::EVALUATION_VERSION;
+        return Err(ReopenError::EvaluationVersion { run: run.to_owned(), expected, got });
+    }
+    let record = &finished.row.resolved_toml;
+    let experiment = Experiment::from_record(record, run, data, overrides)?;
+    let dataset = open_data(&experiment, Wanted::All, Some(store), |line| eprintln!("{line}"))?;
+    Ok(Reopened { finished, experiment, dataset })
+}

@@ -1,0 +1,137 @@
+//! What can go wrong with a query, and what polars' own errors mean.
+
+use std::any::Any;
+use std::io;
+use std::path::PathBuf;
+
+use polars::prelude::PolarsError;
+
+use super::scan::OpenTable;
+use crate::error::Error;
+
+/// Why a query has no answer. Messages name the place first and say what to do on a second line.
+#[derive(Debug, thiserror::Error)]
+pub enum QueryError {
+    /// The folder is not there, or is a file.
+    #[error("{}: no such folder\nname the folder of a run, a sweep or a grid, then the query", .0.display())]
+    NoFolder(PathBuf),
+    /// Neither the folder nor those in it have a table.
+    #[error("{}: no table of a run or grid\ncheck that this is such a folder, and that the run got that far", .0.display())]
+    NoTables(PathBuf),
+    /// The statement does not ask.
+    #[error(
+        "query: must be one SELECT, SHOW TABLES or DESCRIBE table, got {0:?}\nresults are only read; write the answer to a file with --format csv or json"
+    )]
+    Statement(String),
+    /// More than anybody writes.
+    #[error("query: must have at most {longest} bytes, got {length}\nask in several steps")]
+    TooLong {
+        /// Bytes of the statement.
+        length: usize,
+        /// How many there may be.
+        longest: usize,
+    },
+    /// More than polars can evaluate.
+    #[error(
+        "query: must have at most {most} of the operators ||, IS, IN and LIKE, got {count}\nask in several steps"
+    )]
+    TooDeep {
+        /// How many there are.
+        count: usize,
+        /// How many there may be.
+        most: usize,
+    },
+    /// The folders have no such table.
+    #[error("query: {}, got {got:?}\ntables are: {}", if *.known { "the folder does not have this table" } else { "unknown table" }, .there.join(", "))]
+    Table {
+        /// The name in the statement.
+        got: String,
+        /// Whether other folders have such a table.
+        known: bool,
+        /// The tables that there are.
+        there: Vec<String>,
+    },
+    /// The tables of the statement have no such column.
+    #[error("query: unknown column, got {got:?}\ncolumns are: {}", .there.join(", "))]
+    Column {
+        /// The name in the statement.
+        got: String,
+        /// The columns of all tables that the statement names.
+        there: Vec<String>,
+    },
+    /// The statement gives the name of a table that it reads to one of its own.
+    #[error(
+        "query: a table of this name is in the folder and read, got WITH {0:?} AS (…)\nchoose another name"
+    )]
+    Defined(String),
+    /// What else polars has to say.
+    #[error(
+        "query: polars does not understand or cannot do this, got: {what}\nSHOW TABLES and DESCRIBE table tell what there is"
+    )]
+    Polars {
+        /// Its message.
+        what: String,
+    },
+    /// The system gave no thread.
+    #[error("query: cannot start a thread, got: {0}\nend other programs and try again")]
+    Thread(io::Error),
+    /// The files.
+    #[error(transparent)]
+    Results(#[from] Error),
+}
+
+/// The text between two marks.
+fn between<'a>(text: &'a str, before: &str, after: &str) -> Option<&'a str> {
+    let (_, rest) = text.split_once(before)?;
+    rest.split_once(after).map(|(text, _)| text)
+}
+
+/// The table that polars looked for in vain. Its errors have no such field, only a text.
+pub(super) fn missing_table(error: &PolarsError) -> Option<&str> {
+    let PolarsError::SQLInterface(message) = root(error) else { return None };
+    between(message, "relation '", "' was not found")
+}
+
+fn root(error: &PolarsError) -> &PolarsError {
+    match error {
+        PolarsError::Context { error, .. } | PolarsError::ExprContext { error, .. } => root(error),
+        error => error,
+    }
+}
+
+/// What an error of polars means to whoever asked, with these tables open.
+pub(super) fn of_polars<'a>(error: &PolarsError, open: impl Iterator<Item = &'a OpenTable>) -> QueryError {
+    let message = root(error).to_string();
+    let column =
+        match root(error) {
+            PolarsError::ColumnNotFound(_)
+            | PolarsError::SchemaFieldNotFound(_)
+            | PolarsError::SQLInterface(_) => between(&message, "unable to find column \"", "\"")
+                .or(between(&message, "no column named '", "'")),
+            _ => None,
+        };
+    // What follows an empty line is the plan, which says nothing to whoever wrote SQL.
+    let polars = || QueryError::Polars { what: message.split("\n\n").next().unwrap_or_default().to_owned() };
+    match column {
+        Some(got) => {
+            let mut there: Vec<String> = Vec::new();
+            for name in open.flat_map(|table| table.schema().iter_names()) {
+                if there.iter().all(|known| known != name.as_str()) {
+                    there.push(name.to_string());
+                }
+            }
+            // In a place where it is not to be had, as behind a UNION.
+            if there.iter().any(|known| known == got) {
+                return polars();
+            }
+            QueryError::Column { got: got.to_owned(), there }
+        }
+        None => polars(),
+    }
+}
+
+/// What a panic said.
+pub(super) fn panic_message(panic: &(dyn Any + Send)) -> String {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    text.or(panic.downcast_ref::<&str>().copied()).unwrap_or("a panic without a message").to_owned()
+}

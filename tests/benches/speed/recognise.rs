@@ -1,0 +1,69 @@
+//! Row `recognise`: one cloud named by an artefact, from the program's start to its end.
+
+use std::time::Instant;
+
+use serde_json::Value;
+
+use crate::Bench;
+use crate::household::section;
+use crate::programs::{self, program};
+use crate::runs::Place;
+use crate::table::{Row, Samples, time};
+
+/// Clouds that are asked for, one a program.
+const CLOUDS: usize = 20;
+
+/// Stages that the program tells.
+const STAGES: [&str; 5] = ["read", "keypoints", "normals", "describe", "match"];
+
+/// Measures the row if it is wanted.
+pub fn measure(bench: &mut Bench) {
+    if !bench.wants(&["recognise"]) {
+        return;
+    }
+    let mut place = Place::new();
+    let short = bench.household.experiment(|experiment| {
+        section(experiment, "stop").insert("generations".to_owned(), 1.into());
+    });
+    let experiment = place.write("short.toml", &short);
+    let cache = place.fresh("cache");
+    let run = place.coordinator(&experiment, &cache, &[]).finish().json();
+    let artefact = place.fresh("artefact").display().to_string();
+    let run = run["out"].as_str().unwrap();
+    let cache = cache.display().to_string();
+    programs::run("coordinator", ["export", run, &artefact, "--descriptor", "paper", "--cache", &cache]);
+
+    let (mut whole, mut without) = (Samples::default(), Samples::default());
+    let mut stages = STAGES.map(|_| Samples::default());
+    for cloud in bench.household.listed(&["test.txt"]).iter().take(CLOUDS) {
+        let cloud = bench.household.root.join(cloud).display().to_string();
+        let seconds = |args: &[&str]| {
+            let mut command = program("coordinator");
+            command.args(args);
+            let started = Instant::now();
+            let output = command.output().unwrap();
+            assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+            (started.elapsed().as_secs_f64(), String::from_utf8_lossy(&output.stdout).into_owned())
+        };
+        let (took, answer) = seconds(&["recognise", &artefact, &cloud, "--json", "--times"]);
+        whole.push(took);
+        without.push(seconds(&["--version"]).0);
+        let answer: Value = serde_json::from_str(&answer).unwrap();
+        for (stage, name) in stages.iter_mut().zip(STAGES) {
+            stage.push(answer["seconds"][name].as_f64().unwrap());
+        }
+    }
+    let stages: Vec<String> =
+        STAGES.iter().zip(&stages).map(|(name, stage)| format!("{name} {}", time(stage.median()))).collect();
+    bench.table.add(Row {
+        name: "recognise",
+        what: "one cloud named by an artefact of 943 reference clouds, from the program's start to its end, one thread"
+            .to_owned(),
+        own: whole,
+        peer: None,
+        notes: vec![
+            format!("of the cloud: {}", stages.join(", ")),
+            format!("a program that only says its version: {}", time(without.median())),
+        ],
+    });
+}
