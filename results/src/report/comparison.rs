@@ -2,6 +2,7 @@
 
 use super::comparing::p_text;
 use super::data::Rows;
+use super::figures::comparison::STAGES;
 use super::html::TableBlock;
 use super::summary::interval_text;
 use crate::error::Error;
@@ -63,6 +64,23 @@ pub(crate) fn table(comparison: &Rows) -> Result<TableBlock, Error> {
         "nearest",
     ];
     Ok(TableBlock { caption, head: head.map(str::to_owned).to_vec(), rows, texts: 1 })
+}
+
+/// Seconds of each stage, a row a descriptor.
+pub(crate) fn times(comparison: &Rows) -> Result<TableBlock, Error> {
+    let mut rows: Vec<Vec<String>> =
+        comparison.texts("descriptor")?.into_iter().map(|name| vec![name]).collect();
+    let mut head = vec!["descriptor".to_owned()];
+    for (column, name) in
+        STAGES.map(|(column, name, _)| (column, name)).into_iter().chain([("total", "in all")])
+    {
+        head.push(format!("{name}, s"));
+        for (row, seconds) in rows.iter_mut().zip(comparison.optional(&format!("seconds_{column}"))?) {
+            row.push(seconds_text(seconds));
+        }
+    }
+    let caption = "The same in seconds; in all: wall time from the first read to the last match.".to_owned();
+    Ok(TableBlock { caption, head, rows, texts: 1 })
 }
 
 /// Every pair of descriptors on the same clouds.
