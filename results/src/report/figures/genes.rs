@@ -10,7 +10,7 @@ use crate::report::figure::{Axis, Colour, Dash, Figure, Panel, Series, Symbol};
 
 const HEIGHT: u32 = 230;
 
-/// The best individual's genes and the population's spread, a panel a gene that varies or is used.
+/// The best individual's genes and the population's spread, a panel a gene that varies.
 pub(crate) fn trajectories(evaluations: &Rows, generations: &Rows) -> Result<Figure, Error> {
     let generation = evaluations.numbers("generation")?;
     let individual = evaluations.numbers("individual")?;
@@ -32,7 +32,7 @@ pub(crate) fn trajectories(evaluations: &Rows, generations: &Rows) -> Result<Fig
                 line.push([generation, value]);
             }
         }
-        if population.is_empty() {
+        if !vary(population.values().flatten()) {
             continue;
         }
         let band = |low: f64, high: f64| {
@@ -62,7 +62,7 @@ pub(crate) fn trajectories(evaluations: &Rows, generations: &Rows) -> Result<Fig
     })
 }
 
-/// The error over the values of each gene, whatever the others were.
+/// The error over the values of each gene that varies, whatever the others were.
 ///
 /// `grid` is table `marginals` of an exhaustive search.
 pub(crate) fn marginals(evaluations: &Rows, grid: Option<&Rows>) -> Result<Figure, Error> {
@@ -77,7 +77,7 @@ pub(crate) fn marginals(evaluations: &Rows, grid: Option<&Rows>) -> Result<Figur
                 met.entry(value.to_bits()).or_default().add(percent(error));
             }
         }
-        if met.is_empty() {
+        if met.len() < 2 {
             continue;
         }
         let points = |of: fn(&Met) -> f64| {
@@ -127,6 +127,11 @@ fn exact(grid: &Rows, gene: &str) -> Result<[Series; 2], Error> {
         Series::dashed("all descriptors: mean", Colour::Blue, Dash::Dashed, line("mean_object_error")?),
         Series::dashed("all descriptors: best", Colour::Vermillion, Dash::Solid, line("best_object_error")?),
     ])
+}
+
+fn vary<'a>(mut values: impl Iterator<Item = &'a f64>) -> bool {
+    let first = values.next();
+    values.any(|value| Some(value) != first)
 }
 
 fn gene_axis(gene: &GeneColumn) -> Axis {
