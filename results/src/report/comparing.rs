@@ -172,3 +172,52 @@ fn size(a12: f64) -> &'static str {
 pub(crate) fn p_text(p: f64) -> String {
     if p < 0.0001 { "< 0.0001".to_owned() } else { format!("{p:.4}") }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::read::FinishedRun;
+    use crate::tests::fixture;
+
+    /// A group whose runs end after as many evaluations as there are numbers.
+    fn group(name: &str, data_digest: &str, bests: [&[f64]; 3]) -> Group {
+        let member = |best: &[f64]| Member {
+            label: name.to_owned(),
+            run: FinishedRun { row: fixture::run(), genes: fixture::genes(), run_digest: String::new() },
+            best: best.to_vec(),
+        };
+        let members = bests.map(member).to_vec();
+        Group { name: name.to_owned(), data_digest: data_digest.to_owned(), members }
+    }
+
+    #[test]
+    fn kinds_of_search_are_compared_at_equal_numbers_of_evaluations() {
+        // After two evaluations the first is ahead in every pair of runs, at their ends behind.
+        let first = group("first", "d", [&[9.0, 1.0], &[9.0, 2.0], &[9.0, 3.0]]);
+        let second = group("second", "d", [&[9.0, 8.0, 0.1], &[9.0, 7.0, 0.1, 0.1], &[9.0, 6.0, 0.1]]);
+        let elsewhere = group("elsewhere", "other", [&[1.0], &[1.0], &[1.0]]);
+        let table = tests(&[first, second, elsewhere]).unwrap();
+        // Two of the twenty ways to divide six values are as far apart: p = 0.1. The winners, all the fixture's, are equal.
+        let training = [
+            "training, 2 descriptors",
+            "first (3)",
+            "second (3)",
+            "2.00",
+            "7.00",
+            "1.00 (large)",
+            "0.1000",
+            "0.2000",
+        ];
+        assert_eq!(table.rows[0], training);
+        assert_eq!(table.rows[1][5..], ["0.50 (negligible)", "1.0000", "1.0000"]);
+        assert_eq!(table.rows.len(), 2, "other clouds cannot be compared with");
+    }
+
+    #[test]
+    fn one_kind_of_search_or_single_runs_are_not_compared() {
+        let mut alone = group("alone", "d", [&[1.0], &[1.0], &[1.0]]);
+        assert_eq!(tests(std::slice::from_ref(&alone)), None);
+        alone.members.truncate(1);
+        assert_eq!(tests(&[alone, group("other", "d", [&[1.0], &[1.0], &[1.0]])]), None);
+    }
+}

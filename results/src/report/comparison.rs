@@ -2,6 +2,7 @@
 
 use super::comparing::p_text;
 use super::data::Rows;
+use super::figures::comparison::STAGES;
 use super::html::TableBlock;
 use super::summary::interval_text;
 use crate::error::Error;
@@ -65,6 +66,23 @@ pub(crate) fn table(comparison: &Rows) -> Result<TableBlock, Error> {
     Ok(TableBlock { caption, head: head.map(str::to_owned).to_vec(), rows, texts: 1 })
 }
 
+/// Seconds of each stage, a row a descriptor.
+pub(crate) fn times(comparison: &Rows) -> Result<TableBlock, Error> {
+    let mut rows: Vec<Vec<String>> =
+        comparison.texts("descriptor")?.into_iter().map(|name| vec![name]).collect();
+    let mut head = vec!["descriptor".to_owned()];
+    for (column, name) in
+        STAGES.map(|(column, name, _)| (column, name)).into_iter().chain([("total", "in all")])
+    {
+        head.push(format!("{name}, s"));
+        for (row, seconds) in rows.iter_mut().zip(comparison.optional(&format!("seconds_{column}"))?) {
+            row.push(seconds_text(seconds));
+        }
+    }
+    let caption = "The same in seconds; in all: wall time from the first read to the last match.".to_owned();
+    Ok(TableBlock { caption, head, rows, texts: 1 })
+}
+
 /// Every pair of descriptors on the same clouds.
 pub(crate) fn pairs(pairs: &Rows) -> Result<TableBlock, Error> {
     let text = |name: &str| pairs.texts(name);
@@ -81,7 +99,7 @@ pub(crate) fn pairs(pairs: &Rows) -> Result<TableBlock, Error> {
             first[row].clone(),
             second[row].clone(),
             format!("{:+.2}", 100.0 * difference[row]).replace('-', "−"),
-            format!("{:+.1} – {:+.1}", 100.0 * low[row], 100.0 * high[row]).replace('-', "−"),
+            format!("{:+.1} to {:+.1}", 100.0 * low[row], 100.0 * high[row]).replace('-', "−"),
             only_a[row].clone(),
             only_b[row].clone(),
             odds[row].map_or_else(|| "–".to_owned(), |odds| format!("{odds:.2}")),

@@ -16,6 +16,9 @@ const DRAW: &str = "for (const [id, plot] of plots) Plotly.newPlot(id, plot.data
 const HINT: &str = "In a figure, drag to look closely, double-click to go back, and click a name in the legend to hide \
     or show it.";
 
+/// Columns from which on a table is set smaller, so that it fits on a sheet.
+const DENSE: usize = 9;
+
 /// A table as text.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct TableBlock {
@@ -184,10 +187,13 @@ fn write_item(out: &mut String, item: &Item, [figures, tables]: &mut [u32; 2]) {
 
 fn write_table(out: &mut String, table: &TableBlock, number: u32) {
     let class = |column: usize| if column < table.texts { "" } else { " class=\"number\"" };
+    let columns = table.rows.iter().map(Vec::len).max().unwrap_or(0);
+    let dense = if columns >= DENSE { " class=\"dense\"" } else { "" };
+    let caption = escaped(&table.caption);
     let _ = writeln!(
         out,
-        "<div class=\"wide\"><table>\n<caption><b>Table {number}.</b> {}</caption>",
-        escaped(&table.caption)
+        "<p class=\"caption\" id=\"table-{number}\"><b>Table {number}.</b> {caption}</p>\n\
+         <div class=\"wide\"><table aria-labelledby=\"table-{number}\"{dense}>"
     );
     if !table.head.is_empty() {
         out.push_str("<thead><tr>");

@@ -230,7 +230,10 @@ fn comparison_items(data: &RunData) -> Result<Vec<Item>, Error> {
         add(&mut items, compared::objects(answers, &names)?);
     }
     match compared::times(descriptors)? {
-        Some(figure) => add(&mut items, figure),
+        Some(figure) => {
+            add(&mut items, figure);
+            items.push(Item::Table(comparison::times(descriptors)?));
+        }
         None => items.push(Item::Missing("The times of the descriptors were not measured.".to_owned())),
     }
     Ok(items)

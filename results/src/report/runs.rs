@@ -172,6 +172,7 @@ impl Member {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::tests::fixture;
 
     const GA: &str = "version = 1\nseed = 1\n\n[dataset.synthetic]\nseed = 7\n\n[search]\nmethod = \"ga\"\n";
 
@@ -192,5 +193,24 @@ mod tests {
         assert_eq!(both, ["method ga", "method random"]);
         let data = names(&[key(GA, "0123456789"), key(GA, "abcdef0123")], &empty);
         assert_eq!(data, ["data 01234567", "data abcdef01"]);
+    }
+
+    #[test]
+    fn a_run_counts_once_and_an_unfinished_one_not_at_all() {
+        let folder = tempfile::TempDir::new().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        fixture::write(&path("a"));
+        fixture::write(&path("b"));
+        drop(crate::RunFolder::create(path("c"), &fixture::genes()).unwrap());
+        let runs = Runs::read(&["a", "b", "c"].map(|name| (name.to_owned(), path(name)))).unwrap();
+        assert_eq!(runs.notes.len(), 2, "{:?}", runs.notes);
+        assert_eq!(runs.groups.len(), 1);
+        let [member] = runs.groups[0].members.as_slice() else { panic!("{:?}", runs.groups) };
+        // Of 9 clouds its individuals have 5, 7, 4 and 6, 8, 5 right, no two of them with the same genes.
+        let wrong = member.best.iter().map(|error| (error * 9.0 / 100.0).round() as u32);
+        assert_eq!(wrong.collect::<Vec<_>>(), [4, 2, 2, 2, 1, 1]);
+        assert_eq!(member.best_after(0), None);
+        assert_eq!(member.best_after(2), Some(percent(2.0 / 9.0)));
+        assert_eq!(member.best_after(99), Some(percent(1.0 / 9.0)));
     }
 }

@@ -2,7 +2,7 @@
 
 mod comparison;
 mod database;
-mod fixture;
+pub(crate) mod fixture;
 mod folder;
 mod format;
 mod grid;

@@ -50,41 +50,62 @@ pub(crate) fn errors(comparison: &Rows) -> Result<Figure, Error> {
     })
 }
 
-/// Where the time of each descriptor goes; `None` if it was not measured.
+/// Stages with their columns (after `seconds_`), names and colours.
+pub(crate) const STAGES: [(&str, &str, Colour); 5] = [
+    ("read", "reading", Colour::Grey),
+    ("keypoints", "keypoints", Colour::Sky),
+    ("normals", "normals", Colour::Orange),
+    ("describe", "describing", Colour::Blue),
+    ("match", "matching", Colour::Vermillion),
+];
+
+/// Where the time of each descriptor goes, in seconds and as shares; `None` if it was not measured.
 pub(crate) fn times(comparison: &Rows) -> Result<Option<Figure>, Error> {
-    const STAGES: [(&str, &str, Colour); 5] = [
-        ("read", "reading", Colour::Grey),
-        ("keypoints", "keypoints", Colour::Sky),
-        ("normals", "normals", Colour::Orange),
-        ("describe", "describing", Colour::Blue),
-        ("match", "matching", Colour::Vermillion),
-    ];
     let names = comparison.texts("descriptor")?;
-    let mut sums = vec![0.0; names.len()];
-    let mut series = Vec::new();
-    for (stage, name, colour) in STAGES {
-        let mut bars = Vec::new();
-        for (row, seconds) in comparison.optional(&format!("seconds_{stage}"))?.into_iter().enumerate() {
-            if let Some(seconds) = seconds {
-                bars.push([[sums[row], row as f64], [sums[row] + seconds, row as f64]]);
-                sums[row] += seconds;
-            }
-        }
-        series.push(Series::segments(name, colour, 16, bars));
+    let mut stages = Vec::new();
+    let mut totals = vec![0.0; names.len()];
+    for (stage, ..) in STAGES {
+        let seconds = comparison.optional(&format!("seconds_{stage}"))?;
+        totals.iter_mut().zip(&seconds).for_each(|(total, seconds)| *total += seconds.unwrap_or(0.0));
+        stages.push(seconds);
     }
-    if series.iter().all(|series| series.marks.is_empty()) {
+    if totals.iter().all(|&total| total == 0.0) {
         return Ok(None);
     }
+    let bars = |scale: &dyn Fn(usize) -> f64| {
+        let mut ends = vec![0.0; names.len()];
+        let stage = |((_, name, colour), seconds): (&(&str, &str, Colour), &Vec<Option<f64>>)| {
+            let mut bars = Vec::new();
+            for (row, seconds) in seconds.iter().enumerate() {
+                if let Some(seconds) = seconds.filter(|_| totals[row] > 0.0) {
+                    let from = ends[row];
+                    ends[row] += seconds * scale(row);
+                    bars.push([[from, row as f64], [ends[row], row as f64]]);
+                }
+            }
+            Series::segments(name, *colour, 14, bars)
+        };
+        STAGES.iter().zip(&stages).map(stage).collect::<Vec<_>>()
+    };
+    let panel = |x: Axis, series: Vec<Series>| {
+        let height = 90 + 26 * names.len() as u32;
+        Panel { title: String::new(), x: x.including(0.0), y: Axis::names("", names.clone()), series, height }
+    };
     let hardware = comparison.texts("hardware")?.into_iter().find(|hardware| !hardware.is_empty());
     let hardware = hardware.map_or_else(String::new, |hardware| format!(" Measured on: {hardware}."));
-    let caption = format!(
-        "Time to read, describe and match the test clouds and the database they are matched with, on one \
-         thread, by stage.{hardware}"
-    );
-    let height = 90 + 28 * names.len() as u32;
-    let x = Axis::numbers("time", "s").including(0.0);
-    let panel = Panel { title: String::new(), x, y: Axis::names("", names), series, height };
-    Ok(Some(Figure::single("comparison-times", "Time of each stage", caption, panel)))
+    Ok(Some(Figure {
+        id: "comparison-times".to_owned(),
+        title: "Time of each stage".to_owned(),
+        caption: format!(
+            "Time to read, describe and match the test clouds and the database they are matched with, on one thread, by \
+             stage: in seconds, and as shares of each descriptor’s own time.{hardware}"
+        ),
+        panels: vec![
+            panel(Axis::numbers("time", "s"), bars(&|_| 1.0)),
+            panel(Axis::numbers("share of the time", "%"), bars(&|row| 100.0 / totals[row])),
+        ],
+        columns: 2,
+    }))
 }
 
 /// Recall over 1 − precision of every descriptor, by name: of all pairs, and of the nearest clouds only.
