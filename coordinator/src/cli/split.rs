@@ -20,22 +20,22 @@ pub struct Split {
     /// Folder that holds the clouds, for example my-objects
     #[arg(value_name = "DATA")]
     data: PathBuf,
-    /// Folder to make, with one folder of lists for each fold
+    /// Folder to make, with one folder of lists for each fold, for example results/data/splits
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// What is held out for the test
+    /// What is held out for the test, for example leave-sequence-out
     #[arg(long, value_enum)]
     protocol: Held,
-    /// Number of folds of k-fold
+    /// Number of folds of k-fold, for example 5
     #[arg(long, value_name = "K", default_value_t = 5)]
     folds: u32,
-    /// Seed of what is drawn
+    /// Seed of what is drawn, for example 7
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// How folders name objects
+    /// How folders name objects, for example uw
     #[arg(long, value_enum, default_value = "uw", conflicts_with = "manifest")]
     layout: Folders,
-    /// A CSV with the columns path, category, instance and, if wanted, sequence, instead of a layout
+    /// A CSV with the columns path, category, instance and, if wanted, sequence, instead of a layout, for example labels.csv
     #[arg(long, value_name = "FILE")]
     manifest: Option<PathBuf>,
 }
