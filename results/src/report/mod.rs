@@ -122,7 +122,7 @@ fn summary_items(data: &RunData) -> Result<Vec<Item>, Error> {
     let mut items = vec![Item::Table(summary::overview(data)?)];
     if let Some(run) = &data.finished {
         items.push(Item::Table(summary::errors(run)));
-        items.push(summary::looks(data.looks.as_ref())?);
+        items.push(summary::looks(data.looks.as_ref(), run.row.test.is_some())?);
         let summary = "The resolved experiment (TOML)".to_owned();
         items.push(Item::Details { summary, text: run.row.resolved_toml.clone() });
     }

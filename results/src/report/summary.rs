@@ -112,15 +112,18 @@ pub(crate) fn errors(run: &FinishedRun) -> TableBlock {
     }
 }
 
-/// How often the test clouds were looked at, and what for.
-pub(crate) fn looks(looks: Option<&Rows>) -> Result<Item, Error> {
+/// How often the test clouds were looked at, and what for. `tested`: the run ended with a test of its winner.
+pub(crate) fn looks(looks: Option<&Rows>, tested: bool) -> Result<Item, Error> {
     let Some(looks) = looks else {
         let text = "Looks at the test clouds were not recorded when this run was made, or there was none.";
         return Ok(Item::Missing(text.to_owned()));
     };
     let times = if looks.len() == 1 { "once".to_owned() } else { format!("{} times", looks.len()) };
+    // Runs of earlier versions were tested without a note of it.
+    let unnoted = tested && !looks.texts("command")?.iter().any(|command| command == "run");
+    let unnoted = if unnoted { ", and without a note at the end of the run" } else { "" };
     let caption = format!(
-        "The test clouds were looked at {times} (UTC). Whoever chooses by test errors has used them up: only a result that \
+        "The test clouds were looked at {times} (UTC){unnoted}. Whoever chooses by test errors has used them up: only a result that \
          was fixed before the first look is as good as it seems."
     );
     listing(looks, &caption, &["at", "command", "reason", "descriptors"])

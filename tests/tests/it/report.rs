@@ -114,9 +114,13 @@ fn the_report_of_a_run_draws_every_figure_and_loads_nothing() {
     assert!(finished.stdout.starts_with(&format!("{}\n10 figures as SVG in ", page.display())), "{finished}");
     assert_eq!(tables(&out), before);
     let html = fs::read_to_string(&page).unwrap();
-    for text in
-        ["coordinator compare RUN", "looked at once", "short, seed 7", "Wilson", "method = &quot;ga&quot;"]
-    {
+    for text in [
+        "coordinator compare RUN",
+        "looked at once (UTC). ",
+        "short, seed 7",
+        "Wilson",
+        "method = &quot;ga&quot;",
+    ] {
         assert!(html.contains(text), "{text}");
     }
     expect_drawn(&page, &FIGURES);
@@ -321,7 +325,7 @@ fn names_of_all_kinds_and_great_numbers_of_things_are_only_shown() {
     let Some(dom) = expect_drawn(&page, &[&FIGURES[..], &COMPARISON].concat()) else { return };
     let (_, title) = dom.split_once("<title>").unwrap();
     assert!(title.starts_with("&lt;script&gt;document.title='run'"), "{}", &title[..80]);
-    assert!(dom.contains("The test clouds were looked at 2 times"));
+    assert!(dom.contains("looked at 2 times (UTC), and without a note at the end of the run."));
     let (markup, _) = dom.split_once("<script nonce").unwrap(); // plotly.js writes images, too
     assert!(!markup.contains("src=\"http") && !markup.contains("<img"));
 }
