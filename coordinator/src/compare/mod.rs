@@ -20,6 +20,7 @@ use results::{ComparedRow, Counts, LookRow, RunFolder, wilson};
 use worker::Storage;
 use worker::store::Store;
 
+use crate::cluster::{Client, ClusterNews};
 use crate::door::Protection;
 use crate::evaluate::EvaluateError;
 use crate::evaluation::Match;
@@ -27,10 +28,11 @@ use crate::experiment::{LocalWorkers, Overrides};
 use crate::reopen::{ReopenError, Reopened, reopen};
 use crate::run::progress::Progress;
 use crate::run::{DataError, Matching, RunError, Workplace, host, listen, refuse_other_data, rows};
+use crate::shard::Description;
 pub use contestant::{Contestant, EVOLVED, Named, contestants};
 use described::Shards;
 use differences::{Level, Outcomes, error_interval, pairs};
-use recognition::Recognition;
+use recognition::{MAX_PAIRS, Recognition};
 pub use summary::Comparison;
 use timing::{Timed, time};
 
@@ -138,7 +140,7 @@ impl From<results::Error> for CompareError {
 
 /// Compares descriptors on the test clouds of a finished run, and writes the tables into its folder.
 pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, CompareError> {
-    let progress = Progress::quiet();
+    let mut progress = Progress::quiet();
     let store = Arc::new(Store::open(&options.storage, &host()));
     let Reopened { finished: run, experiment, dataset } =
         &reopen(folder, options.data.as_deref(), options.overrides, &store)?;
@@ -176,22 +178,15 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     let Some(shards) = Shards::publish(&question, &descriptors, &workplace.cluster.blobs) else {
         return Err(CompareError::NoTest(folder.to_owned()));
     };
-    let tasks = shards.tasks(&descriptors);
     let clouds = question.queries + question.database_clouds;
     progress.say(&format!("describing {clouds} clouds under {} descriptors", descriptors.len()));
-    let bar = ProgressBar::with_draw_target(Some(tasks.len() as u64), ProgressDrawTarget::stderr());
-    let describe = async {
-        progress.wait_for_worker(&client).await;
-        let watch = |news: &crate::cluster::ClusterNews| bar.inc(news.finished as u64);
-        Ok::<_, RunError>(client.describe(&tasks, watch).await?)
-    };
-    let answers = crew.during(describe).await?;
-    bar.finish_and_clear();
+    let tasks = shards.tasks(&descriptors);
+    let answers = crew.during(describe(&mut client, &tasks, &mut progress)).await?;
     crew.stop().await;
     workplace.cluster.close();
-
     let gathered = shards.gather(&descriptors, &answers)?;
     drop(answers);
+
     out.begin_comparison()?;
     let (mut compared, mut outcomes) = (Vec::new(), Vec::new());
     for contestant in &contestants {
@@ -200,6 +195,12 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
         let Some((_, described)) = described else { continue }; // `distinct` has them all
         let recognition = Recognition::new(contestant, described, labels)
             .map_err(|source| CompareError::Recognise { label: contestant.label.clone(), source })?;
+        if recognition.distances.is_empty() {
+            progress.say(&format!(
+                "{}: more than {MAX_PAIRS} pairs of clouds: no distances and no curve over all pairs are kept",
+                contestant.label
+            ));
+        }
         let timed = if options.times {
             progress.say(&format!("measuring {}: {clouds} clouds on one thread", contestant.label));
             Some(time(dataset, experiment.preprocess(), contestant)?)
@@ -234,6 +235,23 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
         Level::ALL.into_iter().flat_map(|level| pairs(&outcomes, level, queries, run.row.seed)).collect();
     out.write_comparison(&compared, &pairs)?;
     Ok(Comparison { name: run.row.name.clone(), rows: compared, pairs, looks, folder: folder.to_owned() })
+}
+
+/// Has workers describe shards, and shows how far they are.
+async fn describe(
+    client: &mut Client,
+    shards: &[Description],
+    progress: &mut Progress,
+) -> Result<Vec<Arc<[u8]>>, RunError> {
+    progress.wait_for_worker(client).await;
+    let bar = ProgressBar::with_draw_target(Some(shards.len() as u64), ProgressDrawTarget::stderr());
+    let watch = |news: &ClusterNews| {
+        bar.suspend(|| progress.news(news));
+        bar.inc(news.finished as u64);
+    };
+    let described = client.describe(shards, watch).await;
+    bar.finish_and_clear();
+    Ok(described?)
 }
 
 /// The descriptors that are to be compared, and a search space that has all of the paper's kind among them.

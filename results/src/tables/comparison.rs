@@ -65,7 +65,7 @@ pub(super) fn comparison() -> Vec<Column> {
             "area",
             F64,
             "",
-            "mean precision over recall, all pairs: area between the curve and 1 - precision = 1",
+            "mean precision over recall, all pairs: area between the curve and 1 - precision = 1; null if they are too many",
         )
         .nullable(),
         Column::new("nearest_area", F64, "", "the same of the curve of nearest clouds only").nullable(),
