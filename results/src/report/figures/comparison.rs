@@ -121,10 +121,13 @@ pub(crate) fn recall_precision(points: &Rows, descriptors: &[String]) -> Result<
     }
     let panel = |(curve, title): (&str, &str)| {
         let axis = |label: &str| Axis::numbers(label, "").including(0.0).including(1.0);
-        let series =
-            curves.iter().filter(|((name, _), _)| name == curve).map(|(_, line)| line.clone()).collect();
-        Panel { title: title.to_owned(), x: axis("1 − precision"), y: axis("recall"), series, height: 330 }
+        let of = curves.iter().filter(|((name, _), _)| name == curve);
+        let series: Vec<Series> = of.map(|(_, line)| line.clone()).collect();
+        let (title, x, y) = (title.to_owned(), axis("1 − precision"), axis("recall"));
+        // Of very many pairs no curve is kept.
+        (!series.is_empty()).then_some(Panel { title, x, y, series, height: 330 })
     };
+    let panels = [("all", "all pairs"), ("nearest", "nearest clouds only")];
     Ok(Figure {
         id: "recall-precision".to_owned(),
         title: "Recall over 1 − precision".to_owned(),
@@ -134,7 +137,7 @@ pub(crate) fn recall_precision(points: &Rows, descriptors: &[String]) -> Result<
              nearest only. Curves are drawn with the points that are {STEP} apart on an axis; table recall_precision has \
              all."
         ),
-        panels: [("all", "all pairs"), ("nearest", "nearest clouds only")].map(panel).to_vec(),
+        panels: panels.into_iter().filter_map(panel).collect(),
         columns: 2,
     })
 }
