@@ -1,8 +1,9 @@
 //! Columns of the tables that compare descriptors on a run's test clouds, and of the looks at them.
 
 use crate::columns::Column;
-use crate::columns::ColumnKind::{Bool, F32, F64, Text, Timestamp, U32, U64};
+use crate::columns::ColumnKind::{F32, F64, Text, Timestamp, U32, U64};
 use crate::tables::counts;
+use crate::tables::run::predictions;
 
 pub(super) fn looks() -> Vec<Column> {
     vec![
@@ -119,21 +120,8 @@ pub(super) fn distances() -> Vec<Column> {
     ]
 }
 
+/// As the predictions of a run, which are those of one descriptor.
 pub(super) fn answers() -> Vec<Column> {
-    vec![
-        descriptor(),
-        Column::new("query", U32, "", "index of the query in the test split, from 0"),
-        Column::new("cloud", Text, "", "the query's path below the data root"),
-        Column::new("instance", Text, "", "the query's object"),
-        Column::new("category", Text, "", "the query's category"),
-        Column::new("nearest_cloud", Text, "", "path of the database cloud with the smallest set distance"),
-        Column::new("predicted_instance", Text, "", "object of the nearest cloud"),
-        Column::new("predicted_category", Text, "", "category of the nearest cloud"),
-        Column::new("distance", F64, "", "set distance to the nearest cloud"),
-        Column::new("runner_up_cloud", Text, "", "nearest cloud of another object than the predicted one")
-            .nullable(),
-        Column::new("runner_up_distance", F64, "", "set distance to it").nullable(),
-        Column::new("correct_object", Bool, "", "predicted_instance is instance"),
-        Column::new("correct_category", Bool, "", "predicted_category is category"),
-    ]
+    let of_run = predictions().into_iter().filter(|column| column.name != "split");
+    std::iter::once(descriptor()).chain(of_run.map(|column| Column { in_digest: false, ..column })).collect()
 }
