@@ -1,7 +1,13 @@
 //! Histograms of a cloud's keypoints for one descriptor, from its quantised neighbours (DESIGN 5.5, 5.6).
 
+use std::ops::Range;
+
+use crate::bins::Counter;
 use crate::prepare::PreparedCloud;
-use crate::quantise::{BinOfClass, Binning};
+use crate::quantise::Binning;
+
+/// Keypoints whose records are copied at once.
+const AT_ONCE: usize = 16;
 
 /// Shape histograms: a row a keypoint, `shape_bins` values of the disk, then as many of the ring.
 ///
@@ -63,66 +69,24 @@ impl Half {
         if bins == 0 {
             return;
         }
-        let mut counts = Counts::default();
-        for (keypoint, row) in rows.chunks_exact_mut(2 * bins).enumerate() {
-            let regions = cloud.regions(keypoint, binning.disk, binning.ring);
-            for (records, shares) in regions.into_iter().zip(row.chunks_exact_mut(bins)) {
-                let total = records.len() as f32;
-                counts.add(&classes[records], bin_of_class);
-                counts.take_shares(total, shares);
+        let radii = [binning.disk, binning.ring];
+        let regions: Vec<[Range<usize>; 2]> =
+            (0..cloud.keypoints()).map(|keypoint| cloud.regions(keypoint, radii)).collect();
+        let mut counter = Counter::new(bin_of_class);
+        let mut near = Vec::new();
+        for (regions, rows) in regions.chunks(AT_ONCE).zip(rows.chunks_mut(AT_ONCE * 2 * bins)) {
+            // Clouds lie in memory far from the processor: copying asks for many lines of it at once, counting for one
+            // after the other.
+            near.clear();
+            for [disk, ring] in regions {
+                near.extend_from_slice(&classes[disk.start..ring.end]);
             }
-        }
-    }
-}
-
-/// Most bins that any descriptor has in one histogram: m² for the largest m.
-const MAX_BINS: usize = 1024;
-
-/// Tables that neighbours in turn are counted in: a count that was just stored takes time until it can be loaded again,
-/// and half of the neighbours on a smooth surface fall into the same bin.
-const TABLES: usize = 4;
-
-/// Entries of a table: a few more than bins, as equal places of tables 4096 bytes apart pass for the same address until
-/// late, and their counts wait for each other.
-const TABLE: usize = MAX_BINS + 16;
-
-/// One histogram under construction.
-struct Counts {
-    tables: [[u32; TABLE]; TABLES],
-}
-
-impl Default for Counts {
-    fn default() -> Self {
-        Self { tables: [[0; TABLE]; TABLES] }
-    }
-}
-
-impl Counts {
-    /// Counts classes by bin.
-    #[inline(always)]
-    fn add(&mut self, classes: &[u16], bins: &BinOfClass) {
-        let (groups, rest) = classes.as_chunks::<TABLES>();
-        for group in groups {
-            for (table, &class) in self.tables.iter_mut().zip(group) {
-                table[bins.get(class) % MAX_BINS] += 1;
+            let mut rest = near.as_slice();
+            for (records, shares) in regions.as_flattened().iter().zip(rows.chunks_exact_mut(bins)) {
+                let (region, others) = rest.split_at(records.len());
+                counter.shares(region, shares);
+                rest = others;
             }
-        }
-        for &class in rest {
-            self.tables[0][bins.get(class) % MAX_BINS] += 1;
-        }
-    }
-
-    /// Turns the counts of the first bins into shares of `total`, and empties them.
-    #[inline(always)]
-    fn take_shares(&mut self, total: f32, shares: &mut [f32]) {
-        let divisor = if total > 0.0 { total } else { 1.0 };
-        for (bin, share) in shares.iter_mut().enumerate() {
-            let mut count = 0;
-            for table in &mut self.tables {
-                count += table[bin % MAX_BINS];
-                table[bin % MAX_BINS] = 0;
-            }
-            *share = count as f32 / divisor;
         }
     }
 }

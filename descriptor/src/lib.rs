@@ -35,6 +35,7 @@
 //! ```
 
 pub mod angle;
+mod bins;
 pub mod cloud;
 pub mod colour;
 mod cubes;

@@ -160,7 +160,7 @@ impl PreparedCloud {
 
     /// Where a keypoint's records in the disk and in the ring lie, given the positions of R1 and R2 among the radii.
     #[inline]
-    pub(crate) fn regions(&self, keypoint: usize, disk: usize, ring: usize) -> [Range<usize>; 2] {
+    pub(crate) fn regions(&self, keypoint: usize, [disk, ring]: [usize; 2]) -> [Range<usize>; 2] {
         let start = self.starts[keypoint];
         let within = &self.within[keypoint * self.radii..(keypoint + 1) * self.radii];
         let (disk, ring) = (start + within[disk] as usize, start + within[ring] as usize);

@@ -4,6 +4,7 @@
 //! looks its bins up.
 
 use crate::angle::{self, Turn};
+use crate::bins::BinOfClass;
 use crate::colour::{Channel, HueSaturation};
 use crate::neighbours::floor_f32;
 use crate::steps::{Slicer, Steps};
@@ -200,26 +201,6 @@ impl Quantiser {
             ring: position(parameters.ring_um),
             digest: self.digest,
         })
-    }
-}
-
-/// The bin of every class, with an entry for every number that a record can hold: no look-up can be out of bounds.
-#[derive(Clone, Debug)]
-pub(crate) struct BinOfClass(Box<[u16; CLASSES]>);
-
-/// Numbers that half a record can hold.
-const CLASSES: usize = 1 << 16;
-
-impl BinOfClass {
-    fn new(bins: impl IntoIterator<Item = u16>) -> Self {
-        let mut table = Box::new([0; CLASSES]);
-        table.iter_mut().zip(bins).for_each(|(entry, bin)| *entry = bin);
-        Self(table)
-    }
-
-    #[inline(always)]
-    pub(crate) fn get(&self, class: u16) -> usize {
-        usize::from(self.0[usize::from(class)])
     }
 }
 

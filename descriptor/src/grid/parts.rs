@@ -35,8 +35,8 @@ impl Cell {
     /// If cloud and cell come from different quantisers: a programming error.
     pub fn parts(&self, cloud: &PreparedCloud) -> CellParts {
         assert_eq!(*cloud.digest(), self.shape[0].digest, "cloud and cell of different quantisers");
-        let (disk, ring) = (self.shape[0].disk, self.shape[0].ring);
-        let regions = (0..cloud.keypoints()).map(|keypoint| cloud.regions(keypoint, disk, ring));
+        let radii = [self.shape[0].disk, self.shape[0].ring];
+        let regions = (0..cloud.keypoints()).map(|keypoint| cloud.regions(keypoint, radii));
         let regions: Vec<[Range<usize>; 2]> = regions.collect();
         let [angle_classes, colour_classes] = self.classes;
         CellParts {
