@@ -1,5 +1,7 @@
 //! Which bin each class falls into, and how many neighbours fall into each bin.
 
+use std::borrow::Cow;
+
 /// Bins up to which counts are kept in vectors, a byte each.
 const LANES: usize = 64;
 
@@ -14,16 +16,13 @@ const TURNS: usize = 4;
 /// late, and their counts wait for each other.
 const TABLE: usize = MAX_BINS + 16;
 
-/// The bin of every class, with an entry for every number that half a record can hold: no look-up can be out of bounds.
+/// The bin of every class.
 #[derive(Clone, Debug)]
 pub(crate) struct BinOfClass {
-    bins: Box<[u16; CLASSES]>,
-    /// One a class, if there are few enough bins.
+    bins: Vec<u16>,
+    /// As many, if there are few enough bins.
     units: Vec<Lanes>,
 }
-
-/// Numbers that half a record can hold.
-const CLASSES: usize = 1 << 16;
 
 /// [`LANES`] counts of a byte, eight in each word: adding words adds their bytes as long as none exceeds 255. Aligned to
 /// the line of a cache, so that no load needs two.
@@ -56,20 +55,12 @@ impl Lanes {
 impl BinOfClass {
     /// From the bin of each class.
     pub(crate) fn new(of_class: impl IntoIterator<Item = u16>) -> Self {
-        let mut bins = Box::new([0; CLASSES]);
-        let mut classes = 0;
-        for (entry, bin) in bins.iter_mut().zip(of_class) {
-            *entry = bin;
-            classes += 1;
-        }
-        let of_class = &bins[..classes];
-        let is_narrow = of_class.iter().all(|&bin| usize::from(bin) < LANES);
-        let units =
-            if is_narrow { of_class.iter().map(|&bin| Lanes::unit(bin)).collect() } else { Vec::new() };
+        let bins: Vec<u16> = of_class.into_iter().collect();
+        let is_narrow = bins.iter().all(|&bin| usize::from(bin) < LANES);
+        let units = if is_narrow { bins.iter().map(|&bin| Lanes::unit(bin)).collect() } else { Vec::new() };
         Self { bins, units }
     }
 
-    #[inline(always)]
     pub(crate) fn get(&self, class: u16) -> usize {
         usize::from(self.bins[usize::from(class)])
     }
@@ -78,33 +69,40 @@ impl BinOfClass {
 /// Counts the neighbours of one region after the other.
 pub(crate) enum Counter<'a> {
     /// In vectors, which needs no memory that would be read again at once.
-    Lanes(&'a [Lanes]),
+    Lanes(Cow<'a, [Lanes]>),
     /// In tables that neighbours are counted in by turns.
-    Tables(&'a BinOfClass, Box<[[u32; TABLE]; TURNS]>),
+    Tables(Cow<'a, [u16]>, Box<[[u32; TABLE]; TURNS]>),
 }
 
 impl<'a> Counter<'a> {
-    pub(crate) fn new(bins: &'a BinOfClass) -> Self {
+    /// For codes that are places in a list of classes, or, without one, classes.
+    pub(crate) fn new(bins: &'a BinOfClass, listed: Option<&[u16]>) -> Self {
+        fn of_codes<'a, T: Clone>(of_classes: &'a [T], listed: Option<&[u16]>) -> Cow<'a, [T]> {
+            let Some(listed) = listed else { return Cow::Borrowed(of_classes) };
+            listed.iter().map(|&class| of_classes[usize::from(class)].clone()).collect()
+        }
         if bins.units.is_empty() {
-            Self::Tables(bins, Box::new([[0; TABLE]; TURNS]))
+            Self::Tables(of_codes(&bins.bins, listed), Box::new([[0; TABLE]; TURNS]))
         } else {
-            Self::Lanes(&bins.units)
+            Self::Lanes(of_codes(&bins.units, listed))
         }
     }
 
-    /// The share of each bin in neighbours of these classes; all zero if there are none.
+    /// The share of each bin in neighbours of these codes; all zero if there are none.
     #[inline(always)]
-    pub(crate) fn shares(&mut self, classes: &[u16], shares: &mut [f32]) {
-        let divisor = classes.len().max(1) as f32;
+    pub(crate) fn shares<C: Copy + Into<usize>>(&mut self, codes: &[C], shares: &mut [f32]) {
+        let divisor = codes.len().max(1) as f32;
         match self {
             Self::Lanes(units) => {
-                let counts = count_in_lanes(classes, units);
-                for (share, &count) in shares.iter_mut().zip(&counts) {
+                let counts = count_in_lanes(codes, units);
+                let (counted, empty) = shares.split_at_mut(shares.len().min(LANES));
+                for (share, &count) in counted.iter_mut().zip(&counts) {
                     *share = count as f32 / divisor;
                 }
+                empty.fill(0.0);
             }
             Self::Tables(bins, tables) => {
-                count_in_tables(classes, bins, tables);
+                count_in_tables(codes, bins, tables);
                 for (bin, share) in shares.iter_mut().enumerate() {
                     let mut count = 0;
                     for table in tables.iter_mut() {
@@ -118,19 +116,19 @@ impl<'a> Counter<'a> {
 }
 
 #[inline(always)]
-fn count_in_lanes(classes: &[u16], units: &[Lanes]) -> [u32; LANES] {
+fn count_in_lanes<C: Copy + Into<usize>>(codes: &[C], units: &[Lanes]) -> [u32; LANES] {
     let mut counts = [0; LANES];
     // As many as no lane can overflow with.
-    for classes in classes.chunks(TURNS * u8::MAX as usize) {
+    for codes in codes.chunks(TURNS * u8::MAX as usize) {
         let mut sums = [Lanes::default(); TURNS];
-        let (groups, rest) = classes.as_chunks::<TURNS>();
+        let (groups, rest) = codes.as_chunks::<TURNS>();
         for group in groups {
             for turn in 0..TURNS {
-                sums[turn].add(&units[usize::from(group[turn])]);
+                sums[turn].add(&units[group[turn].into()]);
             }
         }
-        for (sum, &class) in sums.iter_mut().zip(rest) {
-            sum.add(&units[usize::from(class)]);
+        for (sum, &code) in sums.iter_mut().zip(rest) {
+            sum.add(&units[code.into()]);
         }
         for sum in sums {
             for (count, &byte) in counts.iter_mut().zip(sum.bytes().as_flattened()) {
@@ -142,15 +140,16 @@ fn count_in_lanes(classes: &[u16], units: &[Lanes]) -> [u32; LANES] {
 }
 
 #[inline(always)]
-fn count_in_tables(classes: &[u16], bins: &BinOfClass, tables: &mut [[u32; TABLE]; TURNS]) {
-    let (groups, rest) = classes.as_chunks::<TURNS>();
+fn count_in_tables<C: Copy + Into<usize>>(codes: &[C], bins: &[u16], tables: &mut [[u32; TABLE]; TURNS]) {
+    let bin = |code: C| usize::from(bins[code.into()]) % MAX_BINS;
+    let (groups, rest) = codes.as_chunks::<TURNS>();
     for group in groups {
-        for (table, &class) in tables.iter_mut().zip(group) {
-            table[bins.get(class) % MAX_BINS] += 1;
+        for (table, &code) in tables.iter_mut().zip(group) {
+            table[bin(code)] += 1;
         }
     }
-    for &class in rest {
-        tables[0][bins.get(class) % MAX_BINS] += 1;
+    for &code in rest {
+        tables[0][bin(code)] += 1;
     }
 }
 
@@ -170,12 +169,22 @@ mod tests {
 
     fn check(regions: &[Vec<u16>], of_class: &[u16], bins: usize) {
         let table = BinOfClass::new(of_class.iter().copied());
-        let mut counter = Counter::new(&table);
-        assert_eq!(matches!(counter, Counter::Lanes(_)), of_class.iter().all(|&bin| bin < 64));
+        let listed: Vec<u16> = (0..of_class.len().min(256) as u16).rev().collect();
+        let mut by_class = Counter::new(&table, None);
+        let mut by_place = Counter::new(&table, Some(&listed));
+        let is_narrow = of_class.iter().all(|&bin| bin < 64);
+        assert!([&by_class, &by_place].iter().all(|way| matches!(way, Counter::Lanes(_)) == is_narrow));
         for classes in regions {
+            let expected = shares(classes, of_class, bins);
             let mut found = vec![f32::NAN; bins];
-            counter.shares(classes, &mut found);
-            assert_eq!(found, shares(classes, of_class, bins), "{} neighbours", classes.len());
+            by_class.shares(classes, &mut found);
+            assert_eq!(found, expected, "{} neighbours", classes.len());
+            let place =
+                |&class: &u16| listed.len().checked_sub(1 + usize::from(class)).map(|place| place as u8);
+            if let Some(places) = classes.iter().map(place).collect::<Option<Vec<u8>>>() {
+                by_place.shares(&places, &mut found);
+                assert_eq!(found, expected, "{} neighbours by place", classes.len());
+            }
         }
     }
 
@@ -187,6 +196,11 @@ mod tests {
                 (0..12).chain(1000..1040).chain([4093, 70_000]).map(|count| vec![bins - 1; count]).collect();
             check(&regions, &of_class, usize::from(bins));
         }
+    }
+
+    #[test]
+    fn bins_that_no_class_falls_into_are_empty() {
+        check(&[vec![0, 1, 1, 0, 1], Vec::new()], &[3, 1], 1000);
     }
 
     proptest! {

@@ -6,6 +6,7 @@ use crate::Cloud;
 use crate::keypoints::Keypoints;
 use crate::prepare::{Normals, PrepareError, PreparedCloud};
 use crate::quantise::Quantiser;
+use crate::records::Records;
 use crate::steps::Slicer;
 use crate::surface::{BLOCK, SORTED_ABOVE, Surface};
 use crate::wide::widest;
@@ -33,12 +34,12 @@ impl PreparedCloud {
         sorted_above: usize,
     ) -> Result<Self, PrepareError> {
         let field = Field::new(cloud, normals, quantiser, sorted_above)?;
+        let [angle_classes, _] = quantiser.classes();
         let mut prepared = Self {
-            angles: Vec::new(),
-            colours: Vec::new(),
+            angles: Records::of_classes((0..angle_classes).map(|class| class as u16).collect()),
+            colours: Records::of_classes(field.colour_classes.clone()),
             starts: vec![0],
             within: Vec::new(),
-            radii: quantiser.radii(),
             digest: quantiser.digest(),
         };
         let mut near = Near::new(quantiser);
@@ -49,6 +50,9 @@ impl PreparedCloud {
         }
         prepared.angles.shrink_to_fit();
         prepared.colours.shrink_to_fit();
+        // Found keypoint after keypoint; a descriptor needs two radii of all keypoints.
+        let within = |radius| prepared.within.iter().skip(radius).step_by(quantiser.radii());
+        prepared.within = (0..quantiser.radii()).flat_map(within).copied().collect();
         Ok(prepared)
     }
 }
@@ -56,7 +60,9 @@ impl PreparedCloud {
 /// The points that may be neighbours.
 struct Field {
     surface: Surface,
-    /// Colour class of every point; empty without colour.
+    /// The colour classes that occur.
+    colour_classes: Vec<u16>,
+    /// Colour of every point, as [`Records::of_classes`] of them wants it; empty without colour.
     colours: Vec<u16>,
 }
 
@@ -74,8 +80,16 @@ impl Field {
         };
         let surface = Surface::new(cloud, normals, quantiser.reach(), sorted_above)?;
         let colour = |&index: &u32| colours.get(index as usize).map(|&colour| quantiser.colour_class(colour));
-        let colours = surface.indices.iter().filter_map(colour).collect();
-        Ok(Self { surface, colours })
+        let mut colours: Vec<u16> = surface.indices.iter().filter_map(colour).collect();
+        let mut colour_classes = colours.clone();
+        colour_classes.sort_unstable();
+        colour_classes.dedup();
+        if Records::of_classes(colour_classes.clone()).listed().is_some() {
+            for colour in &mut colours {
+                *colour = colour_classes.partition_point(|class| class < colour) as u16;
+            }
+        }
+        Ok(Self { surface, colour_classes, colours })
     }
 
     /// Finds the points within reach of a keypoint with this normal.
@@ -109,6 +123,8 @@ struct Near {
     limits: Vec<f32>,
     /// Where the next record of each shell goes.
     places: Vec<usize>,
+    /// Angles and colours sorted by shell.
+    sorted: [Vec<u16>; 2],
 }
 
 /// Neighbours in the order in which they were found.
@@ -171,7 +187,7 @@ impl Near {
         let is_mixed = quantiser.radii() > FEW_SHELLS;
         let limits = if is_mixed { vec![quantiser.reach2()] } else { quantiser.squared_radii().to_vec() };
         let lists = vec![List { is_mixed, ..List::default() }; limits.len()];
-        Self { found: Found::default(), lists, limits, places: Vec::new() }
+        Self { found: Found::default(), lists, limits, places: Vec::new(), sorted: Default::default() }
     }
 
     fn clear(&mut self) {
@@ -187,11 +203,16 @@ impl Near {
         let mut total = 0;
         for list in &self.lists {
             if list.is_mixed {
-                list.sort_into(prepared, quantiser, &mut self.places);
+                let [angles, colours] = &mut self.sorted;
+                list.sort_into(angles, colours, &mut self.places, quantiser.radii());
+                prepared.angles.extend(angles.iter().copied());
+                prepared.colours.extend(colours.iter().copied());
+                // Each place has moved to the end of its shell.
+                prepared.within.extend(self.places.iter().map(|&end| end as u32));
                 continue;
             }
-            prepared.angles.extend_from_slice(&list.angles);
-            prepared.colours.extend_from_slice(&list.colours);
+            prepared.angles.extend(list.angles.iter().copied());
+            prepared.colours.extend(list.colours.iter().copied());
             total += list.angles.len();
             prepared.within.push(total as u32);
         }
@@ -201,29 +222,31 @@ impl Near {
 
 impl List {
     /// A counting sort by shell.
-    fn sort_into(&self, prepared: &mut PreparedCloud, quantiser: &Quantiser, places: &mut Vec<usize>) {
+    fn sort_into(
+        &self,
+        angles: &mut Vec<u16>,
+        colours: &mut Vec<u16>,
+        places: &mut Vec<usize>,
+        radii: usize,
+    ) {
         places.clear();
-        places.resize(quantiser.radii(), 0);
+        places.resize(radii, 0);
         for &shell in &self.shells {
             places[usize::from(shell)] += 1;
         }
-        let start = prepared.angles.len();
         let mut total = 0;
         for place in places.iter_mut() {
             let count = *place;
-            *place = start + total;
+            *place = total;
             total += count;
-            prepared.within.push(total as u32);
         }
-        prepared.angles.resize(start + total, 0);
-        if quantiser.has_colour() {
-            prepared.colours.resize(start + total, 0);
-        }
+        angles.resize(total, 0);
+        colours.resize(self.colours.len(), 0);
         for (found, &shell) in self.shells.iter().enumerate() {
             let place = &mut places[usize::from(shell)];
-            prepared.angles[*place] = self.angles[found];
+            angles[*place] = self.angles[found];
             if let Some(&colour) = self.colours.get(found) {
-                prepared.colours[*place] = colour;
+                colours[*place] = colour;
             }
             *place += 1;
         }

@@ -2,6 +2,7 @@
 
 use crate::prepare::PreparedCloud;
 use crate::quantise::Quantiser;
+use crate::records::Records;
 
 /// Why bytes are no prepared cloud.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -17,21 +18,29 @@ pub enum DecodeError {
     Inconsistent { what: &'static str },
 }
 
-/// Digest of the quantiser, number of keypoints (u32), number of records (u64).
-const HEADER_BYTES: usize = 32 + 4 + 8;
+/// Digest of the quantiser, number of keypoints (u32), number of records (u64), lengths of the lists of angle classes
+/// and of colour classes (u16).
+const HEADER_BYTES: usize = 32 + 4 + 8 + 2 + 2;
 
 impl PreparedCloud {
-    /// All numbers in little-endian order: digest of the quantiser (32 bytes), keypoints (u32), records (u64); for each
-    /// keypoint and radius the records within (u32); the angle class of every record (u16); with colour, the colour
-    /// class of every record (u16).
+    /// All numbers in little-endian order: digest of the quantiser (32 bytes), keypoints (u32), records (u64), lengths
+    /// of the lists of angle classes and of colour classes (u16, 0 for no list); the lists (u16); for each radius and
+    /// keypoint the records within (u32); the angle of every record; with colour, the colour of every record: its place
+    /// in the list (u8), or its class if there is none (u16).
     pub fn encode(&self) -> Vec<u8> {
-        let values = 4 * self.within.len() + 2 * (self.angles.len() + self.colours.len());
-        let mut bytes = Vec::with_capacity(HEADER_BYTES + values);
+        let halves = [&self.angles, &self.colours];
+        let lists = halves.map(|half| half.listed().unwrap_or_default());
+        let numbers = size_of_val(self.within.as_slice()) + self.angles.bytes() + self.colours.bytes();
+        let mut bytes = Vec::with_capacity(HEADER_BYTES + numbers);
         bytes.extend_from_slice(&self.digest);
         bytes.extend_from_slice(&(self.keypoints() as u32).to_le_bytes());
         bytes.extend_from_slice(&(self.records() as u64).to_le_bytes());
+        bytes.extend(lists.iter().flat_map(|list| (list.len() as u16).to_le_bytes()));
+        bytes.extend(lists.iter().flat_map(|list| list.iter()).flat_map(|class| class.to_le_bytes()));
         bytes.extend(self.within.iter().flat_map(|count| count.to_le_bytes()));
-        bytes.extend(self.angles.iter().chain(&self.colours).flat_map(|class| class.to_le_bytes()));
+        for half in halves {
+            half.encode_to(&mut bytes);
+        }
         bytes
     }
 
@@ -40,58 +49,74 @@ impl PreparedCloud {
     /// # Errors
     /// If the bytes are not those of a cloud prepared with this quantiser.
     pub fn decode(bytes: &[u8], quantiser: &Quantiser) -> Result<Self, DecodeError> {
-        let inconsistent = |what| Err(DecodeError::Inconsistent { what });
+        let inconsistent = |what| DecodeError::Inconsistent { what };
         let short = DecodeError::Length { expected: HEADER_BYTES as u64, got: bytes.len() };
-        let (digest, rest) = bytes.split_first_chunk::<32>().ok_or_else(|| short.clone())?;
-        let (keypoints, rest) = rest.split_first_chunk::<4>().ok_or_else(|| short.clone())?;
-        let (records, rest) = rest.split_first_chunk::<8>().ok_or(short)?;
+        let (header, rest) = bytes.split_first_chunk::<HEADER_BYTES>().ok_or(short)?;
+        let (digest, header) = header.split_at(32);
         if *digest != quantiser.digest() {
             return Err(DecodeError::OtherQuantiser);
         }
-        let (keypoints, records) = (u32::from_le_bytes(*keypoints), u64::from_le_bytes(*records));
-        let halves = if quantiser.has_colour() { 2 } else { 1 };
+        let number = |bytes: &[u8]| bytes.iter().rev().fold(0, |sum, &byte| sum << 8 | u64::from(byte));
+        let keypoints = number(&header[..4]);
+        let records = number(&header[4..12]);
+        let lists = [&header[12..14], &header[14..]].map(number);
         let radii = quantiser.radii();
-        // In 128 bits, where no number of either field can overflow.
-        let expected = HEADER_BYTES as u128
-            + 4 * u128::from(keypoints) * radii as u128
-            + 2 * halves * u128::from(records);
+        // In 128 bits, where no number of any field can overflow.
+        let counts = 4 * u128::from(keypoints) * radii as u128;
+        let bytes_of = |list| u128::from(records) * if list > 0 { 1 } else { 2 };
+        let angles = bytes_of(lists[0]);
+        let colours = if quantiser.has_colour() { bytes_of(lists[1]) } else { 0 };
+        let listed = 2 * u128::from(lists[0] + lists[1]);
+        let expected = HEADER_BYTES as u128 + listed + counts + angles + colours;
         if expected != bytes.len() as u128 {
             let expected = u64::try_from(expected).unwrap_or(u64::MAX);
             return Err(DecodeError::Length { expected, got: bytes.len() });
         }
-        let records = records as usize; // no more than there are bytes
-        let (counts, classes) = rest.split_at(4 * keypoints as usize * radii);
+        if keypoints == 0 {
+            return Err(inconsistent("a cloud without keypoints takes no part"));
+        }
+
+        // From here on no number is larger than that of the bytes.
+        let (lists_of, rest) = rest.split_at(listed as usize);
+        let (counts, rest) = rest.split_at(counts as usize);
+        let (angles, colours) = rest.split_at(angles as usize);
         let within: Vec<u32> =
             counts.as_chunks::<4>().0.iter().map(|&count| u32::from_le_bytes(count)).collect();
-        let (angles, colours) = classes.split_at(2 * records);
-        let classes = |bytes: &[u8]| -> Vec<u16> {
-            bytes.as_chunks::<2>().0.iter().map(|&class| u16::from_le_bytes(class)).collect()
-        };
-        let (angles, colours) = (classes(angles), classes(colours));
-
-        if keypoints == 0 {
-            return inconsistent("a cloud without keypoints takes no part");
+        let starts = starts(&within, keypoints as usize)?;
+        if starts.last().is_none_or(|&end| end as u64 != records) {
+            return Err(inconsistent("the keypoints must have as many neighbours as there are records"));
         }
-        let mut starts = vec![0usize];
-        for counts in within.chunks_exact(radii) {
-            if !counts.is_sorted() {
-                return inconsistent("a smaller radius must hold no more neighbours than a larger one");
-            }
-            let last = counts.last().copied().unwrap_or(0) as usize;
-            starts.push(starts[starts.len() - 1] + last);
-        }
-        if starts[keypoints as usize] != records {
-            return inconsistent("the keypoints must have as many neighbours as there are records");
-        }
+        let list: Vec<u16> =
+            lists_of.as_chunks::<2>().0.iter().map(|&class| u16::from_le_bytes(class)).collect();
+        let (of_angles, of_colours) = list.split_at(lists[0] as usize);
         let [angle_classes, colour_classes] = quantiser.classes();
-        let below = |classes: &[u16], limit: usize| {
-            classes.iter().max().is_none_or(|&most| usize::from(most) < limit)
+        let half = |list: &[u16], codes, classes| {
+            Records::decode(list.to_vec(), codes, classes).map_err(inconsistent)
         };
-        if !below(&angles, angle_classes) || !below(&colours, colour_classes) {
-            return inconsistent("records must be of the quantiser's classes");
-        }
-        Ok(Self { angles, colours, starts, within, radii, digest: *digest })
+        Ok(Self {
+            angles: half(of_angles, angles, angle_classes)?,
+            colours: half(of_colours, colours, colour_classes)?,
+            starts,
+            within,
+            digest: quantiser.digest(),
+        })
     }
+}
+
+/// Where each keypoint's records begin, and where the last one's end, given how many lie within each radius.
+fn starts(within: &[u32], keypoints: usize) -> Result<Vec<usize>, DecodeError> {
+    let radii = || within.chunks_exact(keypoints);
+    if radii().zip(radii().skip(1)).any(|(smaller, larger)| smaller.iter().zip(larger).any(|(a, b)| a > b)) {
+        let what = "a smaller radius must hold no more neighbours than a larger one";
+        return Err(DecodeError::Inconsistent { what });
+    }
+    let mut end = 0;
+    let counts = radii().next_back().unwrap_or_default();
+    let ends = counts.iter().map(|&count| {
+        end += count as usize;
+        end
+    });
+    Ok([0].into_iter().chain(ends).collect())
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use std::ops::Range;
 use crate::bins::Counter;
 use crate::prepare::PreparedCloud;
 use crate::quantise::Binning;
+use crate::records::Records;
 
 /// Keypoints whose records are copied at once.
 const AT_ONCE: usize = 16;
@@ -62,31 +63,44 @@ impl Half {
     pub(crate) fn fill(self, cloud: &PreparedCloud, binning: &Binning, rows: &mut [f32]) {
         assert_eq!(*cloud.digest(), binning.digest, "cloud and binning of different quantisers");
         let bins = self.bins(binning);
-        let (classes, bin_of_class) = match self {
+        let (records, bin_of_class) = match self {
             Self::Shape => (&cloud.angles, &binning.shape),
             Self::Colour => (&cloud.colours, &binning.colour),
         };
         if bins == 0 {
             return;
         }
-        let radii = [binning.disk, binning.ring];
-        let regions: Vec<[Range<usize>; 2]> =
-            (0..cloud.keypoints()).map(|keypoint| cloud.regions(keypoint, radii)).collect();
-        let mut counter = Counter::new(bin_of_class);
-        let mut near = Vec::new();
-        for (regions, rows) in regions.chunks(AT_ONCE).zip(rows.chunks_mut(AT_ONCE * 2 * bins)) {
-            // Clouds lie in memory far from the processor: copying asks for many lines of it at once, counting for one
-            // after the other.
-            near.clear();
-            for [disk, ring] in regions {
-                near.extend_from_slice(&classes[disk.start..ring.end]);
-            }
-            let mut rest = near.as_slice();
-            for (records, shares) in regions.as_flattened().iter().zip(rows.chunks_exact_mut(bins)) {
-                let (region, others) = rest.split_at(records.len());
-                counter.shares(region, shares);
-                rest = others;
-            }
+        let regions = cloud.regions([binning.disk, binning.ring]);
+        let mut counter = Counter::new(bin_of_class, records.listed());
+        match records {
+            Records::Listed { places, .. } => count(places, &regions, &mut counter, bins, rows),
+            Records::Plain(classes) => count(classes, &regions, &mut counter, bins, rows),
+        }
+    }
+}
+
+/// Counts the records of all keypoints.
+#[inline(always)]
+fn count<C: Copy + Into<usize>>(
+    codes: &[C],
+    regions: &[[Range<usize>; 2]],
+    counter: &mut Counter,
+    bins: usize,
+    rows: &mut [f32],
+) {
+    let mut near = Vec::new();
+    for (regions, rows) in regions.chunks(AT_ONCE).zip(rows.chunks_mut(AT_ONCE * 2 * bins)) {
+        // Clouds lie in memory far from the processor: copying asks for many lines of it at once, counting for one
+        // after the other.
+        near.clear();
+        for [disk, ring] in regions {
+            near.extend_from_slice(&codes[disk.start..ring.end]);
+        }
+        let mut rest = near.as_slice();
+        for (records, shares) in regions.as_flattened().iter().zip(rows.chunks_exact_mut(bins)) {
+            let (region, others) = rest.split_at(records.len());
+            counter.shares(region, shares);
+            rest = others;
         }
     }
 }

@@ -59,6 +59,7 @@ pub mod preprocess;
 pub mod quantise;
 pub mod random;
 pub mod recognise;
+mod records;
 mod steps;
 pub mod summary;
 mod surface;

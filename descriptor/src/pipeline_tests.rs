@@ -128,7 +128,7 @@ fn check_rows(cloud: &Cloud, quantiser: &Quantiser, parameters: &Parameters) {
         assert_eq!(colour_rows(prepared, &binning), colour, "colour, {parameters}");
     }
     let halves = if quantiser.has_colour() { 2 } else { 1 };
-    assert!(prepared.bytes() > 2 * halves * prepared.records());
+    assert!(prepared.bytes() > halves * prepared.records());
 }
 
 proptest! {

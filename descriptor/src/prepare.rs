@@ -6,6 +6,7 @@ use crate::keypoints::Keypoints;
 use crate::neighbours::RadiusSearch;
 use crate::normals::{MIN_NEIGHBOURS, Normal, normals};
 use crate::quantise::Quantiser;
+use crate::records::Records;
 use crate::{Cloud, Preprocess};
 
 /// Why a cloud takes no part in an evaluation, neither as query nor in the database (DESIGN 5.1).
@@ -106,19 +107,18 @@ pub fn usable(cloud: &Cloud, preprocess: &Preprocess) -> Result<(), PrepareError
 
 /// The keypoints of one cloud that have a normal, each with its neighbours that have one, quantised.
 ///
-/// A neighbour's record is the class of its angle to the keypoint's normal and the class of its colour: four bytes,
-/// kept apart, as shape needs only the one and colour only the other. Records lie keypoint after keypoint, in each
-/// from the innermost shell outwards; their order in a shell means nothing.
+/// A neighbour's record is the class of its angle to the keypoint's normal and the class of its colour, kept apart, as
+/// shape needs only the one and colour only the other. Records lie keypoint after keypoint, in each from the innermost
+/// shell outwards; their order in a shell means nothing.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PreparedCloud {
-    pub(crate) angles: Vec<u16>,
+    pub(crate) angles: Records,
     /// Empty if the quantiser has no colour.
-    pub(crate) colours: Vec<u16>,
+    pub(crate) colours: Records,
     /// Where each keypoint's records begin, and where the last one's end.
     pub(crate) starts: Vec<usize>,
-    /// For every keypoint and every radius of the quantiser: how many of its records lie within.
+    /// For every radius of the quantiser and every keypoint: how many of its records lie within.
     pub(crate) within: Vec<u32>,
-    pub(crate) radii: usize,
     pub(crate) digest: [u8; 32],
 }
 
@@ -147,8 +147,8 @@ impl PreparedCloud {
     /// Memory that the cloud takes, bytes.
     pub fn bytes(&self) -> usize {
         size_of::<Self>()
-            + size_of_val(self.angles.as_slice())
-            + size_of_val(self.colours.as_slice())
+            + self.angles.bytes()
+            + self.colours.bytes()
             + size_of_val(self.starts.as_slice())
             + size_of_val(self.within.as_slice())
     }
@@ -158,12 +158,15 @@ impl PreparedCloud {
         &self.digest
     }
 
-    /// Where a keypoint's records in the disk and in the ring lie, given the positions of R1 and R2 among the radii.
-    #[inline]
-    pub(crate) fn regions(&self, keypoint: usize, [disk, ring]: [usize; 2]) -> [Range<usize>; 2] {
-        let start = self.starts[keypoint];
-        let within = &self.within[keypoint * self.radii..(keypoint + 1) * self.radii];
-        let (disk, ring) = (start + within[disk] as usize, start + within[ring] as usize);
-        [start..disk, disk..ring]
+    /// Where the records in each keypoint's disk and in its ring lie, given the positions of R1 and R2 among the radii.
+    pub(crate) fn regions(&self, radii: [usize; 2]) -> Vec<[Range<usize>; 2]> {
+        let keypoints = self.keypoints();
+        let [disks, rings] = radii.map(|radius| &self.within[radius * keypoints..][..keypoints]);
+        let counts = self.starts.iter().zip(disks).zip(rings);
+        let regions = counts.map(|((&start, &disk), &ring)| {
+            let [disk, ring] = [disk, ring].map(|within| start + within as usize);
+            [start..disk, disk..ring]
+        });
+        regions.collect()
     }
 }

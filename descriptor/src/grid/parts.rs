@@ -7,6 +7,7 @@ use pulp::NullaryFnOnce;
 use super::Cell;
 use crate::prepare::PreparedCloud;
 use crate::quantise::Binning;
+use crate::records::Records;
 use crate::summary::{Part, Summarise};
 use crate::wide::widest;
 
@@ -35,9 +36,7 @@ impl Cell {
     /// If cloud and cell come from different quantisers: a programming error.
     pub fn parts(&self, cloud: &PreparedCloud) -> CellParts {
         assert_eq!(*cloud.digest(), self.shape[0].digest, "cloud and cell of different quantisers");
-        let radii = [self.shape[0].disk, self.shape[0].ring];
-        let regions = (0..cloud.keypoints()).map(|keypoint| cloud.regions(keypoint, radii));
-        let regions: Vec<[Range<usize>; 2]> = regions.collect();
+        let regions = cloud.regions([self.shape[0].disk, self.shape[0].ring]);
         let [angle_classes, colour_classes] = self.classes;
         CellParts {
             shape: widest(Shapes {
@@ -82,9 +81,9 @@ impl Rows {
     }
 }
 
-/// Shape: every bin is a run of angle classes, so its count is the difference of two sums over classes.
+/// Shape: every bin is a run of angle classes, so its count is the difference of two sums over codes.
 struct Shapes<'a> {
-    angles: &'a [u16],
+    angles: &'a Records,
     classes: usize,
     regions: &'a [[Range<usize>; 2]],
     binnings: &'a [Binning],
@@ -95,23 +94,26 @@ impl NullaryFnOnce for Shapes<'_> {
 
     #[inline(always)]
     fn call(self) -> Vec<Part> {
-        // The first class of each bin and the end of the last, for all descriptors one after the other.
-        let edges: Vec<Vec<usize>> =
-            self.binnings.iter().map(|binning| edges(binning, self.classes)).collect();
+        let codes = self.angles.codes(self.classes);
+        let bin = |binning: &Binning, code| binning.shape.get(self.angles.class(code));
+        // The first code of each bin and the end of the last, for all descriptors one after the other.
+        let edges: Vec<Vec<usize>> = self
+            .binnings
+            .iter()
+            .map(|binning| edges(binning.shape_bins(), codes, |code| bin(binning, code)))
+            .collect();
         let mut rows: Vec<Rows> =
             self.binnings.iter().map(|binning| Rows::new(binning.shape_bins(), self.regions.len())).collect();
-        let mut counts = vec![0u32; self.classes];
-        // Neighbours in the classes before each class.
-        let mut before = vec![0u32; self.classes + 1];
+        let mut counts = vec![0u32; codes];
+        // Neighbours of the codes before each code.
+        let mut before = vec![0u32; codes + 1];
         for (keypoint, regions) in self.regions.iter().enumerate() {
             for (region, records) in regions.iter().enumerate() {
                 if records.is_empty() {
                     continue;
                 }
                 counts.fill(0);
-                for &class in &self.angles[records.clone()] {
-                    counts[usize::from(class)] += 1;
-                }
+                self.angles.count(records.clone(), &mut counts);
                 let mut sum = 0;
                 for (before, &count) in before[1..].iter_mut().zip(&counts) {
                     sum += count;
@@ -130,16 +132,15 @@ impl NullaryFnOnce for Shapes<'_> {
     }
 }
 
-/// The first class of every bin, and the number of classes.
-fn edges(binning: &Binning, classes: usize) -> Vec<usize> {
-    let bin = |class: &usize| binning.shape.get(*class as u16);
-    let all: Vec<usize> = (0..classes).collect();
-    (0..binning.shape_bins()).map(|k| all.partition_point(|class| bin(class) < k)).chain([classes]).collect()
+/// The first code of every bin, and the number of codes.
+fn edges(bins: usize, codes: usize, bin: impl Fn(u16) -> usize) -> Vec<usize> {
+    let all: Vec<usize> = (0..codes).collect();
+    (0..bins).map(|k| all.partition_point(|&code| bin(code as u16) < k)).chain([codes]).collect()
 }
 
 /// Colour: the classes that occur are few, and each descriptor adds their counts up anew.
 struct Colours<'a> {
-    colours: &'a [u16],
+    colours: &'a Records,
     classes: usize,
     regions: &'a [[Range<usize>; 2]],
     binnings: &'a [Binning],
@@ -155,7 +156,7 @@ impl NullaryFnOnce for Colours<'_> {
             .iter()
             .map(|binning| Rows::new(binning.colour_bins(), self.regions.len()))
             .collect();
-        let mut counts = vec![0u32; self.classes];
+        let mut counts = vec![0u32; self.colours.codes(self.classes)];
         let mut present: Vec<(u16, u32)> = Vec::new();
         let mut bins = vec![0u32; rows.iter().map(|rows| rows.bins).max().unwrap_or(0)];
         for (keypoint, regions) in self.regions.iter().enumerate() {
@@ -164,12 +165,11 @@ impl NullaryFnOnce for Colours<'_> {
                 if records.is_empty() || self.classes == 0 {
                     continue;
                 }
-                for &class in &self.colours[records.clone()] {
-                    counts[usize::from(class)] += 1;
-                }
+                self.colours.count(records.clone(), &mut counts);
                 present.clear();
-                let of_class = (0u16..).zip(&mut counts).filter(|(_, count)| **count > 0);
-                present.extend(of_class.map(|(class, count)| (class, std::mem::take(count))));
+                let of_code = (0u16..).zip(&mut counts).filter(|(_, count)| **count > 0);
+                present
+                    .extend(of_code.map(|(code, count)| (self.colours.class(code), std::mem::take(count))));
                 let total = records.len() as f32;
                 for (rows, binning) in rows.iter_mut().zip(self.binnings) {
                     for &(class, count) in &present {

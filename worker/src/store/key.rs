@@ -3,8 +3,8 @@
 use descriptor::{EVALUATION_VERSION, Preprocess, Quantiser, Unit};
 use proto::Digest;
 
-/// The kind of entry that holds a cloud made ready for all descriptors of a search space.
-pub const PREPARED_CLOUD: &str = "prepared cloud";
+/// The kind of entry that holds a cloud made ready for all descriptors of a search space, and the version of its bytes.
+pub const PREPARED_CLOUD: &str = "prepared cloud 2";
 
 /// The key of a prepared cloud, given the digest of its source file.
 pub fn prepared_cloud_key(preprocess: &Preprocess, quantiser: &Quantiser, cloud: Digest) -> Digest {

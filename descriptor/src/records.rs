@@ -1,0 +1,126 @@
+//! The neighbour records of a cloud for one half of the descriptor, in as few bytes as they need.
+
+use std::ops::Range;
+
+/// Codes of the classes of all records, and what they stand for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Records {
+    /// Places in a list of classes.
+    Listed { classes: Vec<u16>, places: Vec<u8> },
+    /// The classes themselves.
+    Plain(Vec<u16>),
+}
+
+#[inline(always)]
+fn count<C: Copy + Into<usize>>(codes: &[C], counts: &mut [u32]) {
+    for &code in codes {
+        counts[code.into()] += 1;
+    }
+}
+
+/// Most classes of which a place fits a byte.
+pub(crate) const MAX_LISTED: usize = 256;
+
+impl Records {
+    /// No records yet, of these classes, if they are few enough; otherwise of any.
+    pub(crate) fn of_classes(classes: Vec<u16>) -> Self {
+        if (1..=MAX_LISTED).contains(&classes.len()) {
+            Self::Listed { classes, places: Vec::new() }
+        } else {
+            Self::Plain(Vec::new())
+        }
+    }
+
+    /// The list of classes; of plain records `None`.
+    pub(crate) fn listed(&self) -> Option<&[u16]> {
+        match self {
+            Self::Listed { classes, .. } => Some(classes),
+            Self::Plain(_) => None,
+        }
+    }
+
+    /// The class that a code stands for. Classes ascend with their codes.
+    pub(crate) fn class(&self, code: u16) -> u16 {
+        self.listed().map_or(code, |classes| classes[usize::from(code)])
+    }
+
+    /// How many codes there are, if there are so many classes.
+    pub(crate) fn codes(&self, classes: usize) -> usize {
+        self.listed().map_or(classes, <[u16]>::len)
+    }
+
+    /// Adds one to the count of the code of each of these records.
+    #[inline(always)]
+    pub(crate) fn count(&self, records: Range<usize>, counts: &mut [u32]) {
+        match self {
+            Self::Listed { places, .. } => count(&places[records], counts),
+            Self::Plain(classes) => count(&classes[records], counts),
+        }
+    }
+
+    /// Number of records.
+    pub(crate) fn len(&self) -> usize {
+        match self {
+            Self::Listed { places, .. } => places.len(),
+            Self::Plain(classes) => classes.len(),
+        }
+    }
+
+    /// Memory that they take, bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        match self {
+            Self::Listed { classes, places } => {
+                size_of_val(classes.as_slice()) + size_of_val(places.as_slice())
+            }
+            Self::Plain(classes) => size_of_val(classes.as_slice()),
+        }
+    }
+
+    /// Adds records of these codes: places in the list, if there is one.
+    pub(crate) fn extend(&mut self, codes: impl Iterator<Item = u16>) {
+        match self {
+            Self::Listed { places, .. } => places.extend(codes.map(|place| place as u8)),
+            Self::Plain(classes) => classes.extend(codes),
+        }
+    }
+
+    /// Gives memory back that was kept for more.
+    pub(crate) fn shrink_to_fit(&mut self) {
+        match self {
+            Self::Listed { places, .. } => places.shrink_to_fit(),
+            Self::Plain(classes) => classes.shrink_to_fit(),
+        }
+    }
+
+    /// The records as bytes, in little-endian order.
+    pub(crate) fn encode_to(&self, bytes: &mut Vec<u8>) {
+        match self {
+            Self::Listed { places, .. } => bytes.extend_from_slice(places),
+            Self::Plain(classes) => bytes.extend(classes.iter().flat_map(|class| class.to_le_bytes())),
+        }
+    }
+
+    /// Undoes [`Records::encode_to`], given the list (empty without) and how many classes there can be.
+    ///
+    /// # Errors
+    /// What contradicts itself.
+    pub(crate) fn decode(listed: Vec<u16>, bytes: &[u8], classes: usize) -> Result<Self, &'static str> {
+        let below = |values: &[u16]| values.iter().max().is_none_or(|&most| usize::from(most) < classes);
+        let is_sound = if listed.is_empty() {
+            let plain: Vec<u16> =
+                bytes.as_chunks::<2>().0.iter().map(|&class| u16::from_le_bytes(class)).collect();
+            if below(&plain) {
+                return Ok(Self::Plain(plain));
+            }
+            false
+        } else {
+            let places = bytes.iter().max().is_none_or(|&most| usize::from(most) < listed.len());
+            listed.len() <= MAX_LISTED && listed.is_sorted_by(|a, b| a < b) && below(&listed) && places
+        };
+        if is_sound {
+            Ok(Self::Listed { classes: listed, places: bytes.to_vec() })
+        } else {
+            Err("records must be of the quantiser's classes")
+        }
+    }
+}
