@@ -31,10 +31,25 @@ impl Cell {
     /// # Errors
     /// [`QuantiseError::NotInTable`] if one of them is not a value of the quantiser's table.
     pub fn new(quantiser: &Quantiser, disk_um: u32, ring_um: u32) -> Result<Self, QuantiseError> {
-        let values = |kind| -> Vec<u32> {
-            quantiser.table().domain(kind).map_or_else(|| vec![0], |domain| domain.values().collect())
-        };
-        let (shape_bins, colour_bins) = (values(GeneKind::ShapeBins), values(GeneKind::ColourBins));
+        let [shape_bins, colour_bins] =
+            [GeneKind::ShapeBins, GeneKind::ColourBins].map(|kind| values(quantiser, kind));
+        Self::part(quantiser, [disk_um, ring_um], &shape_bins, &colour_bins)
+    }
+
+    /// Of the cell of R1 and R2, micrometres, the descriptors with these values of shape_bins and of m (0 without
+    /// colour), in their order; with every w.
+    ///
+    /// # Errors
+    /// [`QuantiseError::NotInTable`] if one of them is not a value of the quantiser's table.
+    ///
+    /// # Panics
+    /// Without a value of shape_bins or of m: a programming error.
+    pub fn part(
+        quantiser: &Quantiser,
+        [disk_um, ring_um]: [u32; 2],
+        shape_bins: &[u32],
+        colour_bins: &[u32],
+    ) -> Result<Self, QuantiseError> {
         let parameters = |shape_bins, colour_bins, shape_weight_ppm| Parameters {
             shape_bins,
             colour_bins,
@@ -47,7 +62,7 @@ impl Cell {
         Ok(Self {
             shape: shape_bins.iter().map(|&n| binning(n, colour_bins[0])).collect::<Result<_, _>>()?,
             colour: colour_bins.iter().map(|&m| binning(shape_bins[0], m)).collect::<Result<_, _>>()?,
-            weights: values(GeneKind::ShapeWeight).into_iter().map(weight).collect(),
+            weights: values(quantiser, GeneKind::ShapeWeight).into_iter().map(weight).collect(),
             classes: quantiser.classes(),
         })
     }
@@ -56,6 +71,11 @@ impl Cell {
     pub fn descriptors(&self) -> usize {
         self.shape.len() * self.colour.len() * self.weights.len()
     }
+}
+
+/// All values of a gene; 0 where the table is without it.
+fn values(quantiser: &Quantiser, kind: GeneKind) -> Vec<u32> {
+    quantiser.table().domain(kind).map_or_else(|| vec![0], |domain| domain.values().collect())
 }
 
 #[cfg(test)]

@@ -1,6 +1,8 @@
 //! Grid cells on real clouds: every count is the evaluator's own, bit for bit, next to breakpoints of w too.
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
+use std::sync::LazyLock;
 
 use descriptor::grid::{Cell, CellParts};
 use descriptor::recognise::recognise_from;
@@ -20,6 +22,8 @@ const PAIRS: usize = 5;
 const SOME: usize = 24;
 /// Cells that are compared with all clouds, too.
 const WHOLE_CELLS: usize = 2;
+/// Points that are drawn from the whole grid and compared with all clouds.
+const POINTS: usize = 2000;
 
 /// A split's clouds, ready for every descriptor of the grid.
 struct Prepared {
@@ -80,6 +84,31 @@ fn is_at_a_breakpoint(
     })
 }
 
+/// What the evaluator finds for one descriptor.
+struct Evaluated {
+    correct: u32,
+    is_at_a_breakpoint: bool,
+}
+
+/// The distances of one descriptor, in shape and in colour.
+struct Distances([DistanceMatrix; 2]);
+
+impl Distances {
+    fn new(binning: &Binning, queries: &Picked, database: &Picked) -> Self {
+        let [queries, database] = [queries, database].map(|split| Parts::both(&split.clouds, binning));
+        Self([0, 1].map(|half| DistanceMatrix::new(&queries[half], &database[half])))
+    }
+
+    fn evaluate(&self, queries: &[Label], database: &[Label], weight: f64) -> Evaluated {
+        let Self([shape, colour]) = self;
+        let found = recognise_from(queries.len(), shape, colour, database, weight).unwrap();
+        Evaluated {
+            correct: Correct::count(&found, queries, database).object as u32,
+            is_at_a_breakpoint: is_at_a_breakpoint(shape, colour, queries, database, weight),
+        }
+    }
+}
+
 /// What was compared.
 #[derive(Default)]
 struct Compared {
@@ -96,12 +125,12 @@ struct Axes<'a> {
 impl Axes<'_> {
     /// Compares the counts of the cell of `radii` with the evaluator, for these pairs of shape_bins and m (as
     /// positions among their values) at every w.
-    fn compare<'a>(
+    fn compare(
         &self,
         radii: [u32; 2],
         pairs: &[[usize; 2]],
-        queries: &Picked<'a>,
-        database: &Picked<'a>,
+        queries: &Picked,
+        database: &Picked,
     ) -> Compared {
         let [disk_um, ring_um] = radii;
         let [shape_bins, colour_bins, _, _, weights] = &self.values;
@@ -118,36 +147,110 @@ impl Axes<'_> {
         for &[n, m] in pairs {
             let ticks = [shape_bins[n], colour_bins[m], disk_um, ring_um, 0];
             let binning = self.quantiser.binning(&Parameters::from_ticks(ticks)).unwrap();
-            let matrix = |half: fn(&[&'a PreparedCloud], &Binning) -> Parts| {
-                DistanceMatrix::new(&half(&queries.clouds, &binning), &half(&database.clouds, &binning))
-            };
-            let (shape, colour) = (matrix(Parts::shape), matrix(Parts::colour));
+            let distances = Distances::new(&binning, queries, database);
             for (w, &ppm) in weights.iter().enumerate() {
                 let weight = GENES[GeneKind::ShapeWeight as usize].value(ppm);
-                let found =
-                    recognise_from(queries.clouds.len(), &shape, &colour, &database.labels, weight).unwrap();
-                let correct = Correct::count(&found, &queries.labels, &database.labels).object as u32;
+                let evaluated = distances.evaluate(&queries.labels, &database.labels, weight);
                 let counted = counts[(n * colour_bins.len() + m) * weights.len() + w];
-                assert_eq!(counted, correct, "{ticks:?}, {weight}");
+                assert_eq!(counted, evaluated.correct, "{ticks:?}, {weight}");
                 compared.points += 1;
-                let labels = (&queries.labels, &database.labels);
-                let is_close = is_at_a_breakpoint(&shape, &colour, labels.0, labels.1, weight);
-                compared.at_breakpoints += usize::from(is_close);
+                compared.at_breakpoints += usize::from(evaluated.is_at_a_breakpoint);
             }
         }
         compared
     }
 }
 
-#[test]
-fn grid_cells_are_the_evaluator_on_the_household_clouds() {
+/// Compares grid points of one R1 and one R2 (shape_bins, m and the position of w) with the evaluator.
+fn compare_points(
+    quantiser: &Quantiser,
+    radii: [u32; 2],
+    points: &[(u32, u32, usize)],
+    weights: &[u32],
+    [queries, database]: [&Picked; 2],
+) -> Compared {
+    let distinct = |values: Vec<u32>| BTreeSet::from_iter(values).into_iter().collect::<Vec<u32>>();
+    let shape_bins = distinct(points.iter().map(|point| point.0).collect());
+    let colour_bins = distinct(points.iter().map(|point| point.1).collect());
+    let cell = Cell::part(quantiser, radii, &shape_bins, &colour_bins).unwrap();
+    let parts =
+        |split: &Picked| -> Vec<CellParts> { split.clouds.iter().map(|cloud| cell.parts(cloud)).collect() };
+    let counts =
+        cell.object_correct(&parts(queries), &queries.labels, &parts(database), &database.labels).unwrap();
+
+    let mut compared = Compared::default();
+    for &(n, m, w) in points {
+        let ticks = [n, m, radii[0], radii[1], weights[w]];
+        let parameters = Parameters::from_ticks(ticks);
+        let distances = Distances::new(&quantiser.binning(&parameters).unwrap(), queries, database);
+        let evaluated = distances.evaluate(&queries.labels, &database.labels, parameters.shape_weight());
+        let position = |values: &[u32], value| values.iter().position(|&other| other == value).unwrap();
+        let pair = position(&shape_bins, n) * colour_bins.len() + position(&colour_bins, m);
+        assert_eq!(counts[pair * weights.len() + w], evaluated.correct, "{ticks:?}");
+        compared.points += 1;
+        compared.at_breakpoints += usize::from(evaluated.is_at_a_breakpoint);
+    }
+    compared
+}
+
+/// The training clouds of the household data, ready for the paper's table.
+struct Household {
+    table: GeneTable,
+    quantiser: Quantiser,
+    queries: Prepared,
+    database: Prepared,
+}
+
+/// Prepared once for all tests; `None` without the data.
+static HOUSEHOLD: LazyLock<Option<Household>> = LazyLock::new(|| {
     let table = GeneTable::paper();
     let quantiser = Quantiser::new(&table).unwrap();
     let mut objects = Vec::new();
-    let Some(queries) = prepare("train1.txt", &quantiser, &mut objects) else { return };
-    let database = prepare("train2.txt", &quantiser, &mut objects).unwrap();
-    let values = GENES.each_ref().map(|spec| table.domain(spec.kind).unwrap().values().collect::<Vec<u32>>());
-    let axes = Axes { quantiser: &quantiser, values };
+    let queries = prepare("train1.txt", &quantiser, &mut objects)?;
+    let database = prepare("train2.txt", &quantiser, &mut objects)?;
+    Some(Household { table, quantiser, queries, database })
+});
+
+impl Household {
+    /// The values of every gene, in ticks.
+    fn values(&self) -> [Vec<u32>; 5] {
+        GENES.each_ref().map(|spec| self.table.domain(spec.kind).unwrap().values().collect())
+    }
+}
+
+#[test]
+fn points_drawn_from_the_whole_household_grid_are_the_evaluator() {
+    let Some(household) = HOUSEHOLD.as_ref() else { return };
+    let values = household.values();
+    let mut rng = random::stream(1, "compared points of the whole grid", &[]);
+    let mut by_radii: BTreeMap<[u32; 2], Vec<(u32, u32, usize)>> = BTreeMap::new();
+    for _ in 0..POINTS {
+        let [n, m, disk, ring, w] =
+            values.each_ref().map(|values| rng.random_range(0..values.len() as u64) as usize);
+        let radii = [values[2][disk], values[3][ring]];
+        by_radii.entry(radii).or_default().push((values[0][n], values[1][m], w));
+    }
+    let all = [&household.queries, &household.database].map(|all| all.pick(0..all.clouds.len()));
+    let compared: Vec<Compared> = by_radii
+        .par_iter()
+        .map(|(&radii, points)| {
+            compare_points(&household.quantiser, radii, points, &values[4], all.each_ref())
+        })
+        .collect();
+    let points: usize = compared.iter().map(|some| some.points).sum();
+    let at_breakpoints: usize = compared.iter().map(|some| some.at_breakpoints).sum();
+    println!(
+        "{points} points of {} cells compared, {at_breakpoints} of them within one ulp of a breakpoint",
+        by_radii.len()
+    );
+    assert!(points >= 2000 && at_breakpoints > 0);
+}
+
+#[test]
+fn grid_cells_are_the_evaluator_on_the_household_clouds() {
+    let Some(household) = HOUSEHOLD.as_ref() else { return };
+    let Household { quantiser, queries, database, .. } = household;
+    let axes = Axes { quantiser, values: household.values() };
     let [shape_bins, colour_bins, disks, rings, _] = &axes.values;
 
     let compare = |index: usize, radii: [u32; 2], some: Option<usize>| {
@@ -160,7 +263,7 @@ fn grid_cells_are_the_evaluator_on_the_household_clouds() {
             let count = all.clouds.len();
             some.map_or_else(|| (0..count).collect(), |some| (0..some).map(|_| draw(count)).collect())
         };
-        let picked = [&queries, &database].map(|all| all.pick(places(all).into_iter()));
+        let picked = [queries, database].map(|all| all.pick(places(all).into_iter()));
         axes.compare(radii, &pairs, &picked[0], &picked[1])
     };
     let cells: Vec<[u32; 2]> =
