@@ -31,7 +31,12 @@ pub(crate) fn read_file(file: &Path, table: TableName) -> Result<TableFile, Erro
 }
 
 pub(crate) fn read_bytes(file: &Path) -> Result<Vec<u8>, Error> {
-    fs::read(file).map_err(|source| Error::io(file, "read this file", source))
+    let failed = |source| Error::io(file, "read this file", source);
+    if !fs::metadata(file).map_err(failed)?.is_file() {
+        // A pipe would be waited for.
+        return Err(Error::Damaged { file: file.to_owned(), what: "it is no file".to_owned() });
+    }
+    fs::read(file).map_err(failed)
 }
 
 /// A table of a run folder, all its files as one frame, generations in order.

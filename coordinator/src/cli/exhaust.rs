@@ -41,6 +41,10 @@ pub struct Exhaust {
     /// killed one goes on with --out and its folder instead
     #[arg(long)]
     fresh: bool,
+    /// Compute so many counts of the finished grid again, drawn from all of it, by the evaluator that runs ask, for
+    /// example 2000, and exit with 1 if one differs
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    sample: u32,
     #[command(flatten)]
     protection: Protection,
     #[command(flatten)]
@@ -55,13 +59,13 @@ impl Exhaust {
         let options = RunOptions { out: self.out, fresh: self.fresh, protection: self.protection, storage };
         let summary = super::block_on(
             "run the same command to go on; with --fresh, name its folder with --out instead",
-            async { Ok(exhaust::exhaust(&experiment, &options).await?) },
+            async { Ok(exhaust::exhaust(&experiment, &options, self.sample).await?) },
         )?;
         if self.json {
             super::print(&format!("{}\n", summary.json()))?;
         } else {
             super::print(&summary.text())?;
         }
-        Ok(ExitCode::SUCCESS)
+        Ok(if summary.is_sound() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
     }
 }

@@ -10,6 +10,7 @@ pub mod summary;
 mod cells;
 mod optimum;
 mod question;
+mod recheck;
 mod survey;
 
 use std::path::{Path, PathBuf};
@@ -26,12 +27,18 @@ use crate::run::progress::Progress;
 use crate::run::{DataError, RunError, RunOptions, Workplace, host, listen, open_data, rows};
 pub use optimum::Optimum;
 use question::Question;
+pub use recheck::Recheck;
 use summary::GridSummary;
 use survey::Survey;
 
 /// Evaluates every descriptor of an experiment's search space on its training clouds; a finished grid is only shown
-/// again. The other two splits are neither read nor given to workers.
-pub async fn exhaust(experiment: &Experiment, options: &RunOptions) -> Result<GridSummary, RunError> {
+/// again. The other two splits are neither read nor given to workers. Then `sample` of its counts, if any, are computed
+/// again by the evaluator.
+pub async fn exhaust(
+    experiment: &Experiment,
+    options: &RunOptions,
+    sample: u32,
+) -> Result<GridSummary, RunError> {
     let mut progress = Progress::new(1);
     let local_workers = experiment.coordinator().local_workers;
     let can_do_alone = local_workers != LocalWorkers::Count(0);
@@ -43,7 +50,16 @@ pub async fn exhaust(experiment: &Experiment, options: &RunOptions) -> Result<Gr
     if let Some(finished) = finished(&out, &question)? {
         eprintln!("{}: this grid is finished; --fresh starts another", out.display());
         keep(&question, &finished, &out, &store)?;
-        return Ok(GridSummary { grid: finished, out });
+        let mut recheck = None;
+        if sample > 0 {
+            let folder = open_folder(&out, &question)?;
+            let mut workplace = Workplace::new(experiment, &dataset, store, options.storage.memory)
+                .map_err(DataError::from)?;
+            let mut crew = workplace.staff(LocalWorkers::Auto);
+            recheck = Some(crew.during(recheck::recheck(&question, &folder, &workplace, sample)).await?);
+            crew.stop().await;
+        }
+        return Ok(GridSummary { grid: finished, out, recheck });
     }
     let door = listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
     // Before a folder is made: the search space may be too fine.
@@ -62,13 +78,18 @@ pub async fn exhaust(experiment: &Experiment, options: &RunOptions) -> Result<Gr
         Survey { question: &question, name: experiment.name(), folder: &folder, workplace: &workplace };
     let search = async {
         progress.wait_for_worker(&client).await;
-        survey.run(&mut client, &mut progress).await
+        let grid = survey.run(&mut client, &mut progress).await?;
+        let recheck = match sample {
+            0 => None,
+            sample => Some(recheck::recheck(&question, &folder, &workplace, sample).await?),
+        };
+        Ok::<_, RunError>((grid, recheck))
     };
-    let grid = crew.during(search).await?;
+    let (grid, recheck) = crew.during(search).await?;
     crew.stop().await;
     progress.finish();
     keep(&question, &grid, &out, &store)?;
-    Ok(GridSummary { grid, out })
+    Ok(GridSummary { grid, out, recheck })
 }
 
 /// The best descriptor of an experiment's search space: from the grid in its default folder, which is evaluated first

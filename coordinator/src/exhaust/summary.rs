@@ -8,6 +8,7 @@ use descriptor::GENES;
 use results::{CountRow, FinishedGrid};
 use serde_json::{Value, json};
 
+use super::Recheck;
 use crate::run::progress::{clock, percent};
 use crate::run::summary::genes_json;
 
@@ -23,6 +24,8 @@ pub struct GridSummary {
     pub grid: FinishedGrid,
     /// Its folder.
     pub out: PathBuf,
+    /// What the evaluator says to some of its counts, if it was asked.
+    pub recheck: Option<Recheck>,
 }
 
 impl GridSummary {
@@ -62,8 +65,16 @@ impl GridSummary {
         row("cells", format!("{computed} computed, {found} there already"));
         row("time", clock(Duration::try_from_secs_f64(grid.seconds).unwrap_or_default()));
         row("grid digest", grid.grid_digest.clone());
+        if let Some(recheck) = &self.recheck {
+            row("recomputed", recheck.to_string());
+        }
         row("results", self.out.display().to_string());
         text
+    }
+
+    /// Whether no count that was looked at is wrong.
+    pub fn is_sound(&self) -> bool {
+        self.recheck.as_ref().is_none_or(|recheck| recheck.problems.is_empty())
     }
 
     /// The same as one JSON object; errors are fractions.
@@ -85,6 +96,8 @@ impl GridSummary {
             "seconds": grid.seconds,
             "train_digest": grid.train_digest,
             "grid_digest": grid.grid_digest,
+            "recomputed": self.recheck.as_ref().map(|recheck| recheck.recomputed),
+            "problems": self.recheck.as_ref().map(|recheck| &recheck.problems),
             "out": self.out.display().to_string(),
         })
     }

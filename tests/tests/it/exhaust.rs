@@ -2,8 +2,10 @@
 
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
-use results::TableName;
+use coordinator::run::rows::gene_columns;
+use results::{GridFolder, TableName};
 use serde_json::Value;
 
 use crate::experiments::{Experiment, clouds, summary};
@@ -75,7 +77,7 @@ fn a_damaged_cell_is_computed_again_and_a_finished_grid_is_shown_again() {
     let folder = Path::new(&experiment.path("out")).to_owned();
     fs::remove_file(folder.join("grid/grid.parquet")).unwrap();
     let cells = folder.join("cells");
-    // One flipped, one cut, one under another's name, one gone.
+    // One flipped, one cut, one under another's name, one gone, one a pipe.
     let flipped = cells.join("cell-5000-21000.parquet");
     let mut bytes = fs::read(&flipped).unwrap();
     let middle = bytes.len() / 2;
@@ -84,10 +86,13 @@ fn a_damaged_cell_is_computed_again_and_a_finished_grid_is_shown_again() {
     fs::write(cells.join("cell-5000-26000.parquet"), &bytes[..middle]).unwrap();
     fs::copy(cells.join("cell-10000-31000.parquet"), cells.join("cell-7500-21000.parquet")).unwrap();
     fs::remove_file(cells.join("cell-7500-26000.parquet")).unwrap();
+    let pipe = cells.join("cell-7500-31000.parquet");
+    fs::remove_file(&pipe).unwrap();
+    assert!(Command::new("mkfifo").arg(&pipe).status().unwrap().success());
     let repaired = exhaust(&experiment, "out", &[]).expect_success();
-    assert_eq!(repaired.stderr.matches("is computed again").count(), 3, "{repaired}");
+    assert_eq!(repaired.stderr.matches("is computed again").count(), 4, "{repaired}");
     let repaired = summary(&repaired);
-    assert_eq!((number(&repaired, "cells_computed"), number(&repaired, "cells_found")), (4, 5));
+    assert_eq!((number(&repaired, "cells_computed"), number(&repaired, "cells_found")), (5, 4));
     assert_eq!(repaired["grid_digest"], whole["grid_digest"]);
 }
 
@@ -151,6 +156,35 @@ fn counts_are_those_of_the_evaluator() {
         let count = cells.column("object_correct").unwrap().u32().unwrap().get(row).unwrap();
         assert_eq!(u64::from(count), expected, "{args:?}");
     }
+}
+
+#[test]
+fn a_sample_of_counts_is_computed_again_and_a_wrong_one_is_named() {
+    let experiment = Experiment::new(SMALL);
+    let first = exhaust(&experiment, "out", &["--sample", "30"]).expect_success();
+    assert_eq!(summary(&first)["recomputed"], 30);
+    assert_eq!(summary(&first)["problems"], serde_json::json!([]));
+    let again = exhaust(&experiment, "out", &["--sample", "1000"]).expect_success();
+    assert_eq!(summary(&again)["recomputed"], 180);
+
+    // One cell as its own program writes it, but with another count.
+    let cells = results::read_table(experiment.path("out"), TableName::Cells).unwrap();
+    let [disk, ring] =
+        ["R1", "R2"].map(|gene| cells.column(gene).unwrap().get(0).unwrap().try_extract::<f64>().unwrap());
+    let name = format!("{}-{}", disk * 10_000.0, ring * 10_000.0);
+    let folder = GridFolder::create(experiment.path("out"), &gene_columns()).unwrap();
+    let mut points = folder.read_cell(&name).unwrap().unwrap();
+    points.object_correct[3] += 1;
+    folder.write_cell(&name, &points).unwrap();
+    drop(folder);
+    let wrong = exhaust(&experiment, "out", &["--sample", "1000"]);
+    assert_eq!(wrong.status.code(), Some(1), "{wrong}");
+    let problems = summary(&wrong)["problems"].as_array().unwrap().clone();
+    assert_eq!(problems.len(), 1, "{problems:?}");
+    let expected = points.object_correct[3];
+    assert!(
+        problems[0].as_str().unwrap().contains(&format!("the grid has {expected}, got {}", expected - 1))
+    );
 }
 
 #[test]

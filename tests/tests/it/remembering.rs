@@ -85,7 +85,7 @@ fn warnings(finished: &Finished) -> usize {
 }
 
 #[test]
-fn damaged_entries_of_every_kind_are_made_again_with_a_warning_each() {
+fn damaged_entries_of_every_kind_are_made_again_and_a_few_are_told() {
     let experiment = Experiment::new(SEARCH);
     let cache = experiment.path("cache");
     let cold = experiment.run("cold", &["--cache", &cache]).expect_success();
@@ -101,7 +101,8 @@ fn damaged_entries_of_every_kind_are_made_again_with_a_warning_each() {
     }
     let damaged = experiment.run("damaged", &["--cache", &cache]).expect_success();
     assert_eq!(outcome(&damaged), outcome(&cold));
-    assert_eq!(warnings(&damaged), entries.len(), "{damaged}");
+    // The first, the second, the fourth, …
+    assert_eq!(warnings(&damaged), entries.len().ilog2() as usize + 1, "{damaged}");
     let repaired = experiment.run("repaired", &["--cache", &cache]).expect_success();
     assert_eq!(outcome(&repaired).1, 0);
     assert_eq!((outcome(&repaired).0, warnings(&repaired)), (outcome(&cold).0, 0), "{repaired}");

@@ -4,7 +4,7 @@ use std::fs::{self, File, Permissions};
 use std::io::{self, Read as _, Write as _};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, SystemTime};
 
 use crate::size::Size;
@@ -21,17 +21,24 @@ pub struct Folder {
     /// Only a machine's own folder has one; what several machines share is for its owner to clear.
     upkeep: Option<Upkeep>,
     warned: AtomicBool,
+    /// Damaged entries so far.
+    dropped: AtomicU64,
 }
 
 impl Folder {
     /// This machine's own folder, made when it is first needed, kept within `limit`.
     pub fn own(root: PathBuf, limit: Size) -> Self {
-        Self { root, upkeep: Some(Upkeep::new(limit)), warned: AtomicBool::new(false) }
+        Self {
+            root,
+            upkeep: Some(Upkeep::new(limit)),
+            warned: AtomicBool::new(false),
+            dropped: AtomicU64::new(0),
+        }
     }
 
     /// A folder of several machines, which must be there: a missing one may be a disk that is not mounted.
     pub fn shared(root: PathBuf) -> Self {
-        Self { root, upkeep: None, warned: AtomicBool::new(false) }
+        Self { root, upkeep: None, warned: AtomicBool::new(false), dropped: AtomicU64::new(0) }
     }
 
     /// The bytes of a file, at most one more than `most`, and marks it as used.
@@ -62,11 +69,21 @@ impl Folder {
         }
     }
 
-    /// Removes a file that turned out damaged, and says so: once, as it is gone afterwards.
+    /// Removes a file that turned out damaged, and says so: once, as it is gone afterwards, and of many at 1, 2, 4, …
     pub fn drop_damaged(&self, path: &Path, what: &dyn std::fmt::Display) {
         let path = self.root.join(path);
         match fs::remove_file(&path) {
-            Ok(()) => tracing::warn!("cache {}: {what}, making it again", path.display()),
+            Ok(()) => {
+                let dropped = self.dropped.fetch_add(1, Ordering::Relaxed) + 1;
+                let path = path.display();
+                match dropped {
+                    1 => tracing::warn!("cache {path}: {what}, making it again"),
+                    _ if dropped.is_power_of_two() => {
+                        tracing::warn!("cache {path}: {what}, making it again; {dropped} entries so far");
+                    }
+                    _ => {}
+                }
+            }
             Err(error) if error.kind() == io::ErrorKind::NotFound => {} // another process was faster
             Err(error) => self.warn(&error),
         }

@@ -56,6 +56,7 @@ fn a_damaged_entry_is_dropped_with_one_warning() {
     *flipped.last_mut().unwrap() ^= 1;
     for damage in [&sound[..sound.len() - 1], &flipped, b"", &[&sound[..], b"!"].concat()] {
         fs::write(&path, damage).unwrap();
+        let store = open(root.path());
         let (found, warnings) = warnings(|| [store.get(KIND, key()), store.get(KIND, key())]);
         assert_eq!(found, [None, None]);
         assert!(!path.exists());
@@ -67,6 +68,21 @@ fn a_damaged_entry_is_dropped_with_one_warning() {
         store.put(KIND, key(), b"payload");
         assert_eq!(fs::read(&path).unwrap(), sound);
     }
+}
+
+#[test]
+fn of_many_damaged_entries_a_few_are_told() {
+    let root = tempfile::tempdir().unwrap();
+    let store = open(root.path());
+    let keys: Vec<Digest> = (0..10).map(|number| KeyBuilder::new(KIND).number(number).finish()).collect();
+    for &key in &keys {
+        store.put(KIND, key, b"payload");
+        fs::write(root.path().join(layout::derived(KIND, key).unwrap()), b"damaged").unwrap();
+    }
+    let (found, warnings) = warnings(|| keys.iter().filter(|&&key| store.get(KIND, key).is_some()).count());
+    assert_eq!((found, warnings.len()), (0, 4), "{warnings:?}");
+    assert!(warnings[3].ends_with("making it again; 8 entries so far"), "{warnings:?}");
+    assert!(keys.iter().all(|&key| !root.path().join(layout::derived(KIND, key).unwrap()).exists()));
 }
 
 #[test]

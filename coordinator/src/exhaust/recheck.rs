@@ -1,0 +1,85 @@
+//! Counts of a finished grid, a sample of them, against the evaluator that runs ask.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use descriptor::random;
+use rand::seq::index;
+use results::GridFolder;
+
+use super::question::Question;
+use crate::run::{RunError, Workplace};
+
+/// Problems that are shown.
+const SHOWN: usize = 10;
+
+/// What a look at some counts of a grid has found.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Recheck {
+    /// Counts that were computed again.
+    pub recomputed: usize,
+    /// Counts that differ, and cells that cannot be read.
+    pub problems: Vec<String>,
+}
+
+impl fmt::Display for Recheck {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { recomputed, problems } = self;
+        if problems.is_empty() {
+            return write!(f, "{recomputed} counts, all as the evaluator finds them");
+        }
+        write!(f, "{recomputed} counts, NOT sound: {} problems", problems.len())?;
+        problems.iter().take(SHOWN).try_for_each(|problem| write!(f, "\n{:14}{problem}", ""))
+    }
+}
+
+/// Has `sample` descriptors of the grid, drawn from all of it without repetition, evaluated one by one, and compares
+/// with the cells on the disk. Which ones depends on the question alone, so that two people see the same.
+pub async fn recheck(
+    question: &Question,
+    folder: &GridFolder,
+    workplace: &Workplace<'_>,
+    sample: u32,
+) -> Result<Recheck, RunError> {
+    let grid = &question.grid;
+    let descriptors = grid.descriptors() as usize; // at most 2^31
+    let mut rng = random::stream(0, &format!("recheck {}", question.key), &[]);
+    let drawn = index::sample(&mut rng, descriptors, descriptors.min(sample as usize));
+    let mut by_cell: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for place in drawn {
+        by_cell.entry(place / grid.cell_len()).or_default().push(place % grid.cell_len());
+    }
+
+    let (mut recheck, mut parameters, mut expected) = (Recheck::default(), Vec::new(), Vec::new());
+    for (cell, places) in by_cell {
+        let name = question.cell_name(cell);
+        let read = folder.read_cell(&name).map(|points| points.and_then(|p| question.counts(cell, p)));
+        let counts = match read {
+            Ok(Some(counts)) => counts,
+            Ok(None) => {
+                recheck.problems.push(format!("cell {name}: must hold the descriptors of this grid"));
+                continue;
+            }
+            Err(error) => {
+                let error = error.to_string();
+                recheck.problems.push(error.lines().next().unwrap_or_default().to_owned());
+                continue;
+            }
+        };
+        let descriptors: Vec<_> = grid.places(cell).map(|place| grid.descriptor(place)).collect();
+        for place in places {
+            parameters.push(descriptors[place]);
+            expected.push(counts[place]);
+        }
+    }
+    let found = workplace.train_counts(&parameters).await?;
+    recheck.recomputed = found.len();
+    for ((parameters, expected), found) in parameters.iter().zip(expected).zip(found) {
+        if found.object_correct != expected {
+            recheck
+                .problems
+                .push(format!("{parameters}: the grid has {expected}, got {}", found.object_correct));
+        }
+    }
+    Ok(recheck)
+}
