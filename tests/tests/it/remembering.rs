@@ -1,8 +1,9 @@
 //! What is kept from run to run saves time and changes nothing else.
 
 use std::collections::BTreeSet;
-use std::fs;
 use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::{env, fs};
 
 use proto::Digest;
 use serde_json::Value;
@@ -10,7 +11,7 @@ use worker::store::Store;
 use worker::{Size, Storage};
 
 use crate::experiments::{Experiment, summary};
-use crate::process::{Finished, Running, run};
+use crate::process::{Finished, Running, finish, program, run};
 
 /// Comes back to some descriptors, and validates.
 const SEARCH: &str = "[ga]\npopulation = 8\n[stop]\ngenerations = 12\nstagnation = \"off\"\n\
@@ -118,6 +119,44 @@ fn a_cache_that_cannot_be_written_costs_one_warning() {
     assert_eq!(outcome(&blocked), outcome(&plain));
     assert_eq!(warnings(&blocked), 1, "{blocked}");
     assert!(blocked.stderr.contains("cannot keep entries"), "{blocked}");
+}
+
+/// A program that sees `folder` as a file system of its own with so little room; `None` where nobody may mount one.
+fn with_little_room(folder: &str, size: &str, args: Vec<String>) -> Option<Command> {
+    let probe = Command::new("unshare").args(["--mount", "mount", "-t", "tmpfs", "none", folder]).output();
+    if !probe.is_ok_and(|probe| probe.status.success()) {
+        let required = env::var_os("DESCRY_REQUIRE_HOSTS").is_some_and(|value| value == "1");
+        assert!(!required, "this machine must let file systems be mounted");
+        eprintln!("SKIPPED: a full disk needs root, unshare and mount");
+        return None;
+    }
+    let program = program("coordinator");
+    let mut command = Command::new("unshare");
+    let mount = "mount -t tmpfs -o size=\"$0\" none \"$1\" && shift && exec \"$@\"";
+    command.args(["--mount", "sh", "-c", mount, size, folder]).arg(program.get_program()).args(args);
+    for (name, value) in program.get_envs() {
+        match value {
+            Some(value) => command.env(name, value),
+            None => command.env_remove(name),
+        };
+    }
+    Some(command)
+}
+
+#[test]
+fn a_full_cache_disk_costs_one_warning() {
+    let experiment = Experiment::new(SEARCH);
+    let plain = experiment.run("plain", &["--no-cache"]).expect_success();
+    let cache = experiment.path("cache");
+    fs::create_dir(&cache).unwrap();
+    let args = experiment.run_args("full", &["--cache", &cache]);
+    let Some(mut command) = with_little_room(&cache, "300k", args) else { return };
+    let full = finish(&mut command).expect_success();
+    assert_eq!(outcome(&full), outcome(&plain));
+    assert_eq!(warnings(&full), 1, "{full}");
+    let told = full.stderr.lines().find(|line| line.contains("WARN")).unwrap();
+    assert!(told.contains("cannot keep entries") && told.contains("No space left on device"), "{full}");
+    assert!(files(cache.as_ref()).is_empty(), "it was not the small file system that was written to");
 }
 
 #[test]
