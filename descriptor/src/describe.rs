@@ -37,7 +37,7 @@ impl PreparedCloud {
         let [angle_classes, _] = quantiser.classes();
         let mut prepared = Self {
             angles: Records::of_classes((0..angle_classes).map(|class| class as u16).collect()),
-            colours: Records::of_classes(field.colour_classes.clone()),
+            colours: field.colour_records.clone(),
             starts: vec![0],
             within: Vec::new(),
             digest: quantiser.digest(),
@@ -60,9 +60,9 @@ impl PreparedCloud {
 /// The points that may be neighbours.
 struct Field {
     surface: Surface,
-    /// The colour classes that occur.
-    colour_classes: Vec<u16>,
-    /// Colour of every point, as [`Records::of_classes`] of them wants it; empty without colour.
+    /// No records yet, for the colours that occur.
+    colour_records: Records,
+    /// Colour of every point, as a code of these records; empty without colour.
     colours: Vec<u16>,
 }
 
@@ -81,15 +81,16 @@ impl Field {
         let surface = Surface::new(cloud, normals, quantiser.reach(), sorted_above)?;
         let colour = |&index: &u32| colours.get(index as usize).map(|&colour| quantiser.colour_class(colour));
         let mut colours: Vec<u16> = surface.indices.iter().filter_map(colour).collect();
-        let mut colour_classes = colours.clone();
-        colour_classes.sort_unstable();
-        colour_classes.dedup();
-        if Records::of_classes(colour_classes.clone()).listed().is_some() {
+        let mut classes = colours.clone();
+        classes.sort_unstable();
+        classes.dedup();
+        let colour_records = Records::of_classes(classes);
+        if let Some(listed) = colour_records.listed() {
             for colour in &mut colours {
-                *colour = colour_classes.partition_point(|class| class < colour) as u16;
+                *colour = listed.partition_point(|class| class < colour) as u16;
             }
         }
-        Ok(Self { surface, colour_classes, colours })
+        Ok(Self { surface, colour_records, colours })
     }
 
     /// Finds the points within reach of a keypoint with this normal.

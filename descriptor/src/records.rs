@@ -2,6 +2,9 @@
 
 use std::ops::Range;
 
+/// Most classes of which a place fits a byte.
+const MAX_LISTED: usize = 256;
+
 /// Codes of the classes of all records, and what they stand for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Records {
@@ -10,16 +13,6 @@ pub(crate) enum Records {
     /// The classes themselves.
     Plain(Vec<u16>),
 }
-
-#[inline(always)]
-fn count<C: Copy + Into<usize>>(codes: &[C], counts: &mut [u32]) {
-    for &code in codes {
-        counts[code.into()] += 1;
-    }
-}
-
-/// Most classes of which a place fits a byte.
-pub(crate) const MAX_LISTED: usize = 256;
 
 impl Records {
     /// No records yet, of these classes, if they are few enough; otherwise of any.
@@ -106,21 +99,23 @@ impl Records {
     /// What contradicts itself.
     pub(crate) fn decode(listed: Vec<u16>, bytes: &[u8], classes: usize) -> Result<Self, &'static str> {
         let below = |values: &[u16]| values.iter().max().is_none_or(|&most| usize::from(most) < classes);
-        let is_sound = if listed.is_empty() {
+        let (records, is_sound) = if listed.is_empty() {
             let plain: Vec<u16> =
                 bytes.as_chunks::<2>().0.iter().map(|&class| u16::from_le_bytes(class)).collect();
-            if below(&plain) {
-                return Ok(Self::Plain(plain));
-            }
-            false
+            let is_sound = below(&plain);
+            (Self::Plain(plain), is_sound)
         } else {
-            let places = bytes.iter().max().is_none_or(|&most| usize::from(most) < listed.len());
-            listed.len() <= MAX_LISTED && listed.is_sorted_by(|a, b| a < b) && below(&listed) && places
+            let is_listed = bytes.iter().max().is_none_or(|&most| usize::from(most) < listed.len());
+            let is_list = listed.len() <= MAX_LISTED && listed.is_sorted_by(|a, b| a < b) && below(&listed);
+            (Self::Listed { classes: listed, places: bytes.to_vec() }, is_list && is_listed)
         };
-        if is_sound {
-            Ok(Self::Listed { classes: listed, places: bytes.to_vec() })
-        } else {
-            Err("records must be of the quantiser's classes")
-        }
+        if is_sound { Ok(records) } else { Err("records must be of the quantiser's classes") }
+    }
+}
+
+#[inline(always)]
+fn count<C: Copy + Into<usize>>(codes: &[C], counts: &mut [u32]) {
+    for &code in codes {
+        counts[code.into()] += 1;
     }
 }
