@@ -2,11 +2,17 @@
 
 use std::borrow::Cow;
 
+use crate::GENES;
+
 /// Bins up to which counts are kept in vectors, a byte each.
 const LANES: usize = 64;
 
 /// Most bins that any descriptor has in one histogram: m² for the largest m.
 const MAX_BINS: usize = 1024;
+const _: () = {
+    let [shape_bins, colour_bins] = [GENES[0].limits.1 as usize, GENES[1].limits.1 as usize];
+    assert!(shape_bins <= MAX_BINS && colour_bins * colour_bins <= MAX_BINS);
+};
 
 /// Neighbours that are counted at once: a count that was just changed takes time until it can be changed again, and
 /// half of the neighbours on a smooth surface fall into the same bin.

@@ -190,4 +190,33 @@ mod tests {
         }
         assert!(refused > 0 && used > 0, "{refused} refused, {used} used");
     }
+
+    #[test]
+    fn records_of_other_classes_are_refused() {
+        let quantiser = Quantiser::new(&GeneTable::paper()).unwrap();
+        let cloud = prepared(&quantiser);
+        let [angle_classes, colour_classes] = quantiser.classes();
+        let what = "records must be of the quantiser's classes";
+        let refused = |angles: Records, colours: Records| {
+            let damaged = PreparedCloud { angles, colours, ..cloud.clone() };
+            PreparedCloud::decode(&damaged.encode(), &quantiser) == Err(DecodeError::Inconsistent { what })
+        };
+        let (angles, colours) = (&cloud.angles, &cloud.colours);
+        let Records::Plain(plain) = angles else { panic!("600 classes fit no byte") };
+        let Records::Listed { classes, places } = colours else { panic!("a sheet has few colours") };
+        assert!(!refused(angles.clone(), colours.clone()));
+
+        let mut beyond = plain.clone();
+        beyond[7] = angle_classes as u16;
+        assert!(refused(Records::Plain(beyond), colours.clone()));
+        let listed =
+            |classes: Vec<u16>, places: Vec<u8>| refused(angles.clone(), Records::Listed { classes, places });
+        assert!(classes.len() > 1, "one colour has no order");
+        assert!(listed(classes.iter().rev().copied().collect(), places.clone()));
+        assert!(listed(vec![classes[0]; classes.len()], places.clone()));
+        let beyond = [&classes[..classes.len() - 1], &[colour_classes as u16]].concat();
+        assert!(listed(beyond, places.clone()));
+        assert!(listed(classes.clone(), vec![classes.len() as u8; places.len()]));
+        assert!(listed((0..257).collect(), places.clone()));
+    }
 }

@@ -44,6 +44,7 @@ pub struct Exhaust {
     /// Compute so many counts of the finished grid again, drawn from all of it, by the evaluator that runs ask, for
     /// example 2000, and exit with 1 if one differs
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    #[arg(value_parser = clap::value_parser!(u32).range(..=i64::from(exhaust::MOST_RECHECKED)))]
     sample: u32,
     #[command(flatten)]
     protection: Protection,

@@ -13,6 +13,7 @@ mod question;
 mod recheck;
 mod survey;
 
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -27,7 +28,7 @@ use crate::run::progress::Progress;
 use crate::run::{DataError, RunError, RunOptions, Workplace, host, listen, open_data, rows};
 pub use optimum::Optimum;
 use question::Question;
-pub use recheck::Recheck;
+pub use recheck::{MOST as MOST_RECHECKED, Recheck};
 use summary::GridSummary;
 use survey::Survey;
 
@@ -47,19 +48,13 @@ pub async fn exhaust(
     let question = Question::new(experiment, &dataset)?;
     let base = options.out.clone().unwrap_or_else(|| default_folder(experiment, &question));
     let out = if options.fresh { beside(&base) } else { base };
-    if let Some(finished) = finished(&out, &question)? {
+    let finished = finished(&out, &question)?;
+    if let Some(grid) = &finished {
         eprintln!("{}: this grid is finished; --fresh starts another", out.display());
-        keep(&question, &finished, &out, &store)?;
-        let mut recheck = None;
-        if sample > 0 {
-            let folder = open_folder(&out, &question)?;
-            let mut workplace = Workplace::new(experiment, &dataset, store, options.storage.memory)
-                .map_err(DataError::from)?;
-            let mut crew = workplace.staff(LocalWorkers::Auto);
-            recheck = Some(crew.during(recheck::recheck(&question, &folder, &workplace, sample)).await?);
-            crew.stop().await;
+        if sample == 0 {
+            keep(&question, grid, &out, &store)?;
+            return Ok(GridSummary { grid: grid.clone(), out, recheck: None });
         }
-        return Ok(GridSummary { grid: finished, out, recheck });
     }
     let door = listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
     // Before a folder is made: the search space may be too fine.
@@ -78,18 +73,27 @@ pub async fn exhaust(
         Survey { question: &question, name: experiment.name(), folder: &folder, workplace: &workplace };
     let search = async {
         progress.wait_for_worker(&client).await;
-        let grid = survey.run(&mut client, &mut progress).await?;
+        let grid = match finished {
+            Some(grid) => grid,
+            None => survey.run(&mut client, &mut progress).await?,
+        };
+        client.rest(); // it has no further question, and nobody may wait for one
         let recheck = match sample {
             0 => None,
-            sample => Some(recheck::recheck(&question, &folder, &workplace, sample).await?),
+            sample => Some(
+                recheck::recheck(&question, &folder, &workplace, sample, |line| progress.say(line)).await?,
+            ),
         };
         Ok::<_, RunError>((grid, recheck))
     };
     let (grid, recheck) = crew.during(search).await?;
     crew.stop().await;
     progress.finish();
-    keep(&question, &grid, &out, &store)?;
-    Ok(GridSummary { grid, out, recheck })
+    let summary = GridSummary { grid, out, recheck };
+    if summary.is_sound() {
+        keep(&question, &summary.grid, &summary.out, &store)?;
+    }
+    Ok(summary)
 }
 
 /// The best descriptor of an experiment's search space: from the grid in its default folder, which is evaluated first
@@ -143,6 +147,10 @@ fn finished(out: &Path, question: &Question) -> Result<Option<FinishedGrid>, Run
     let finished = match results::read_grid(out) {
         Ok(finished) => finished,
         Err(results::Error::UnfinishedGrid(_)) => return Ok(None),
+        Err(results::Error::Io { path, source, .. }) if source.kind() == io::ErrorKind::NotFound => {
+            eprintln!("warning: {}: this table of the finished grid is gone", path.display());
+            return Ok(None);
+        }
         Err(error) if error.is_damage() => {
             eprintln!("warning: {}", error.to_string().lines().next().unwrap_or_default());
             return Ok(None);

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use descriptor::random;
+use descriptor::{Parameters, random};
 use rand::seq::index;
 use results::GridFolder;
 
@@ -12,6 +12,10 @@ use crate::run::{RunError, Workplace};
 
 /// Problems that are shown.
 const SHOWN: usize = 10;
+/// Most counts that can be asked for.
+pub const MOST: u32 = 1_000_000;
+/// Evaluations that are asked for together: few enough for one connection.
+const BATCH: usize = 500;
 
 /// What a look at some counts of a grid has found.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -40,24 +44,31 @@ pub async fn recheck(
     folder: &GridFolder,
     workplace: &Workplace<'_>,
     sample: u32,
+    mut say: impl FnMut(&str),
 ) -> Result<Recheck, RunError> {
     let grid = &question.grid;
     let descriptors = grid.descriptors() as usize; // at most 2^31
     let mut rng = random::stream(0, &format!("recheck {}", question.key), &[]);
     let drawn = index::sample(&mut rng, descriptors, descriptors.min(sample as usize));
+    let drawn_in_all = drawn.len();
+    say(&format!("computing {drawn_in_all} counts again"));
     let mut by_cell: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for place in drawn {
         by_cell.entry(place / grid.cell_len()).or_default().push(place % grid.cell_len());
     }
 
-    let (mut recheck, mut parameters, mut expected) = (Recheck::default(), Vec::new(), Vec::new());
+    let mut recheck = Recheck::default();
+    let mut batch = Batch::default();
+    let mut told = 0;
     for (cell, places) in by_cell {
         let name = question.cell_name(cell);
         let read = folder.read_cell(&name).map(|points| points.and_then(|p| question.counts(cell, p)));
         let counts = match read {
             Ok(Some(counts)) => counts,
             Ok(None) => {
-                recheck.problems.push(format!("cell {name}: must hold the descriptors of this grid"));
+                recheck.problems.push(format!(
+                    "cell {name}: must hold the descriptors of this grid; without this file it is computed again"
+                ));
                 continue;
             }
             Err(error) => {
@@ -68,18 +79,42 @@ pub async fn recheck(
         };
         let descriptors: Vec<_> = grid.places(cell).map(|place| grid.descriptor(place)).collect();
         for place in places {
-            parameters.push(descriptors[place]);
-            expected.push(counts[place]);
+            batch.parameters.push(descriptors[place]);
+            batch.expected.push(counts[place]);
+            if batch.parameters.len() == BATCH {
+                batch.evaluate(workplace, &mut recheck).await?;
+            }
+        }
+        if recheck.recomputed >= told + 10 * BATCH {
+            told = recheck.recomputed;
+            say(&format!("{told} of {drawn_in_all} counts computed again"));
         }
     }
-    let found = workplace.train_counts(&parameters).await?;
-    recheck.recomputed = found.len();
-    for ((parameters, expected), found) in parameters.iter().zip(expected).zip(found) {
-        if found.object_correct != expected {
-            recheck
-                .problems
-                .push(format!("{parameters}: the grid has {expected}, got {}", found.object_correct));
-        }
-    }
+    batch.evaluate(workplace, &mut recheck).await?;
     Ok(recheck)
+}
+
+/// Descriptors that are evaluated together, and what the grid says of them.
+#[derive(Default)]
+struct Batch {
+    parameters: Vec<Parameters>,
+    expected: Vec<u32>,
+}
+
+impl Batch {
+    /// Evaluates, compares and empties it.
+    async fn evaluate(&mut self, workplace: &Workplace<'_>, recheck: &mut Recheck) -> Result<(), RunError> {
+        let found = workplace.train_counts(&self.parameters).await?;
+        recheck.recomputed += found.len();
+        for ((parameters, expected), found) in
+            self.parameters.drain(..).zip(self.expected.drain(..)).zip(found)
+        {
+            if found.object_correct != expected {
+                recheck
+                    .problems
+                    .push(format!("{parameters}: the grid has {expected}, got {}", found.object_correct));
+            }
+        }
+        Ok(())
+    }
 }

@@ -69,6 +69,10 @@ pub fn write_whole(path: &Path, text: &str) -> io::Result<()> {
 
 /// A text of at most 1 MiB, as every search and every record is; what is longer is cut, and so differs from all of them.
 pub fn read_bounded(path: &Path) -> io::Result<String> {
+    if !fs::metadata(path)?.is_file() {
+        // A pipe would be waited for.
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "something that is no file"));
+    }
     let mut bytes = Vec::new();
     fs::File::open(path)?.take(1 << 20).read_to_end(&mut bytes)?;
     Ok(String::from_utf8_lossy(&bytes).into_owned())

@@ -239,7 +239,11 @@ fn result_folders() {
     // Endless nonsense where the search should be.
     fs::create_dir(experiment.folder().join("full")).unwrap();
     std::os::unix::fs::symlink("/dev/zero", experiment.folder().join("full/search.toml")).unwrap();
-    check(experiment.run("full", &[]), &["holds another search"]);
+    check(experiment.run("full", &[]), &["search.toml", "something that is no file"]);
+    fs::create_dir(experiment.folder().join("huge")).unwrap();
+    let huge = fs::File::create(experiment.folder().join("huge/search.toml")).unwrap();
+    huge.set_len(1 << 40).unwrap(); // sparse: takes no room
+    check(experiment.run("huge", &[]), &["holds another search"]);
 }
 
 /// A limit on the size of files stands in for a disk that is full.

@@ -128,6 +128,15 @@ fn another_grid_and_a_run_are_refused_in_a_grids_folder() {
     assert!(refused.stderr.contains("  - shape_bins = { min = 8, max = 20, step = 12 }"), "{refused}");
     let refused = experiment.run("out", &[]).expect_error();
     assert!(refused.stderr.contains("holds another search"), "{refused}");
+    // A pipe where the folder says what it holds: nobody waits for it.
+    let search = experiment.path("out/search.toml");
+    fs::remove_file(&search).unwrap();
+    assert!(Command::new("mkfifo").arg(&search).status().unwrap().success());
+    let refused = experiment.run("out", &[]).expect_error();
+    assert!(
+        refused.stderr.contains("search.toml: cannot be used, got something that is no file"),
+        "{refused}"
+    );
     let toml = toml.replace("max = 20, step = 12", "max = 64, step = 1");
     let toml = toml.replace("w = { min = 0.0, max = 1.0, step = 0.25 }", "w = { step = 0.00002 }");
     fs::write(experiment.path("exp.toml"), toml).unwrap();
@@ -166,6 +175,16 @@ fn a_sample_of_counts_is_computed_again_and_a_wrong_one_is_named() {
     assert_eq!(summary(&first)["problems"], serde_json::json!([]));
     let again = exhaust(&experiment, "out", &["--sample", "1000"]).expect_success();
     assert_eq!(summary(&again)["recomputed"], 180);
+
+    // All cells are there and no table is: as after a kill at the very end.
+    for table in ["grid/grid.parquet", "best/best.parquet"] {
+        fs::remove_file(Path::new(&experiment.path("out")).join(table)).unwrap();
+        let whole = exhaust(&experiment, "out", &["--sample", "20"]).expect_success();
+        assert!(whole.stderr.contains("9 of 9 cells are there already"), "{whole}");
+        assert_eq!(summary(&whole)["recomputed"], 20);
+    }
+    let far = exhaust(&experiment, "out", &["--sample", "1000001"]).expect_error();
+    assert!(far.stderr.contains("1000001"), "{far}");
 
     // One cell as its own program writes it, but with another count.
     let cells = results::read_table(experiment.path("out"), TableName::Cells).unwrap();
