@@ -1,7 +1,8 @@
 //! The exhaustive search: the training fitness of every descriptor of a search space, and what it is good for.
 //!
-//! `grid`, `landscape` and `cells` decide without IO; `survey` drives the workers and the folder. A run of method "exhaustive"
-//! and the command `exhaust` share the grid's folder: `<results folder>/<name>-grid-<key>`.
+//! `grid`, `landscape` and `cells` decide without IO; `survey` drives the workers and the folder, `recheck` asks for some
+//! counts once more. A run of method "exhaustive" and the command `exhaust` share the grid's folder:
+//! `<results folder>/<name>-grid-<key>`.
 
 pub mod grid;
 pub mod landscape;
@@ -142,7 +143,7 @@ fn open_folder(out: &Path, question: &Question) -> Result<GridFolder, RunError> 
 }
 
 /// The finished grid in a folder, if there is one; another one is refused. One that lacks a cell or whose tables are
-/// damaged is not finished: the same search goes on with what is left.
+/// damaged or gone is not finished: the same search goes on with what is left.
 fn finished(out: &Path, question: &Question) -> Result<Option<FinishedGrid>, RunError> {
     let finished = match results::read_grid(out) {
         Ok(finished) => finished,

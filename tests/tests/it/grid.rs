@@ -2,14 +2,15 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
+use std::ops::Range;
 use std::sync::LazyLock;
 
 use descriptor::grid::{Cell, CellParts};
 use descriptor::recognise::recognise_from;
 use descriptor::summary::weighted;
 use descriptor::{
-    Binning, Correct, DistanceMatrix, GENES, GeneKind, GeneTable, Label, Parameters, Parts, PreparedCloud,
-    Preprocess, Quantiser, pcd, random,
+    Correct, DistanceMatrix, GENES, GeneKind, GeneTable, Label, Parameters, Parts, PreparedCloud, Preprocess,
+    Quantiser, pcd, random,
 };
 use rand::RngExt as _;
 use rayon::prelude::*;
@@ -84,31 +85,6 @@ fn is_at_a_breakpoint(
     })
 }
 
-/// What the evaluator finds for one descriptor.
-struct Evaluated {
-    correct: u32,
-    is_at_a_breakpoint: bool,
-}
-
-/// The distances of one descriptor, in shape and in colour.
-struct Distances([DistanceMatrix; 2]);
-
-impl Distances {
-    fn new(binning: &Binning, queries: &Picked, database: &Picked) -> Self {
-        let [queries, database] = [queries, database].map(|split| Parts::both(&split.clouds, binning));
-        Self([0, 1].map(|half| DistanceMatrix::new(&queries[half], &database[half])))
-    }
-
-    fn evaluate(&self, queries: &[Label], database: &[Label], weight: f64) -> Evaluated {
-        let Self([shape, colour]) = self;
-        let found = recognise_from(queries.len(), shape, colour, database, weight).unwrap();
-        Evaluated {
-            correct: Correct::count(&found, queries, database).object as u32,
-            is_at_a_breakpoint: is_at_a_breakpoint(shape, colour, queries, database, weight),
-        }
-    }
-}
-
 /// What was compared.
 #[derive(Default)]
 struct Compared {
@@ -116,25 +92,36 @@ struct Compared {
     at_breakpoints: usize,
 }
 
-/// The values of every gene in a grid, in ticks.
-struct Axes<'a> {
-    quantiser: &'a Quantiser,
-    values: [Vec<u32>; 5],
+impl Compared {
+    /// Adds all up and says what they are.
+    fn conclude(all: &[Self], cells: usize) {
+        let points: usize = all.iter().map(|some| some.points).sum();
+        let at_breakpoints: usize = all.iter().map(|some| some.at_breakpoints).sum();
+        println!(
+            "{points} points of {cells} cells compared, {at_breakpoints} of them within one ulp of a breakpoint"
+        );
+        assert!(points >= 2000 && at_breakpoints > 0);
+    }
 }
 
-impl Axes<'_> {
-    /// Compares the counts of the cell of `radii` with the evaluator, for these pairs of shape_bins and m (as
-    /// positions among their values) at every w.
+/// Descriptors of one R1 and one R2: all with these values, in ticks.
+struct Block<'a> {
+    quantiser: &'a Quantiser,
+    radii: [u32; 2],
+    shape_bins: &'a [u32],
+    colour_bins: &'a [u32],
+    weights: &'a [u32],
+}
+
+impl Block<'_> {
+    /// Compares the counts of these points (places of shape_bins and m, and those of w) with the evaluator.
     fn compare(
         &self,
-        radii: [u32; 2],
-        pairs: &[[usize; 2]],
-        queries: &Picked,
-        database: &Picked,
+        points: impl Iterator<Item = ([usize; 2], Range<usize>)>,
+        [queries, database]: [&Picked; 2],
     ) -> Compared {
-        let [disk_um, ring_um] = radii;
-        let [shape_bins, colour_bins, _, _, weights] = &self.values;
-        let cell = Cell::new(self.quantiser, disk_um, ring_um).unwrap();
+        let Self { quantiser, radii, shape_bins, colour_bins, weights } = *self;
+        let cell = Cell::part(quantiser, radii, shape_bins, colour_bins).unwrap();
         let parts = |split: &Picked| -> Vec<CellParts> {
             split.clouds.iter().map(|cloud| cell.parts(cloud)).collect()
         };
@@ -144,53 +131,28 @@ impl Axes<'_> {
         assert_eq!(counts.len(), shape_bins.len() * colour_bins.len() * weights.len());
 
         let mut compared = Compared::default();
-        for &[n, m] in pairs {
-            let ticks = [shape_bins[n], colour_bins[m], disk_um, ring_um, 0];
-            let binning = self.quantiser.binning(&Parameters::from_ticks(ticks)).unwrap();
-            let distances = Distances::new(&binning, queries, database);
-            for (w, &ppm) in weights.iter().enumerate() {
-                let weight = GENES[GeneKind::ShapeWeight as usize].value(ppm);
-                let evaluated = distances.evaluate(&queries.labels, &database.labels, weight);
+        for ([n, m], places) in points {
+            let ticks = [shape_bins[n], colour_bins[m], radii[0], radii[1], 0];
+            let binning = quantiser.binning(&Parameters::from_ticks(ticks)).unwrap();
+            let [of_queries, of_database] =
+                [queries, database].map(|split| Parts::both(&split.clouds, &binning));
+            let [shape, colour] =
+                [0, 1].map(|half| DistanceMatrix::new(&of_queries[half], &of_database[half]));
+            for w in places {
+                let weight = GENES[GeneKind::ShapeWeight as usize].value(weights[w]);
+                let found =
+                    recognise_from(queries.clouds.len(), &shape, &colour, &database.labels, weight).unwrap();
+                let correct = Correct::count(&found, &queries.labels, &database.labels).object as u32;
                 let counted = counts[(n * colour_bins.len() + m) * weights.len() + w];
-                assert_eq!(counted, evaluated.correct, "{ticks:?}, {weight}");
+                assert_eq!(counted, correct, "{ticks:?}, {weight}");
                 compared.points += 1;
-                compared.at_breakpoints += usize::from(evaluated.is_at_a_breakpoint);
+                let labels = [&queries.labels, &database.labels];
+                compared.at_breakpoints +=
+                    usize::from(is_at_a_breakpoint(&shape, &colour, labels[0], labels[1], weight));
             }
         }
         compared
     }
-}
-
-/// Compares grid points of one R1 and one R2 (shape_bins, m and the position of w) with the evaluator.
-fn compare_points(
-    quantiser: &Quantiser,
-    radii: [u32; 2],
-    points: &[(u32, u32, usize)],
-    weights: &[u32],
-    [queries, database]: [&Picked; 2],
-) -> Compared {
-    let distinct = |values: Vec<u32>| BTreeSet::from_iter(values).into_iter().collect::<Vec<u32>>();
-    let shape_bins = distinct(points.iter().map(|point| point.0).collect());
-    let colour_bins = distinct(points.iter().map(|point| point.1).collect());
-    let cell = Cell::part(quantiser, radii, &shape_bins, &colour_bins).unwrap();
-    let parts =
-        |split: &Picked| -> Vec<CellParts> { split.clouds.iter().map(|cloud| cell.parts(cloud)).collect() };
-    let counts =
-        cell.object_correct(&parts(queries), &queries.labels, &parts(database), &database.labels).unwrap();
-
-    let mut compared = Compared::default();
-    for &(n, m, w) in points {
-        let ticks = [n, m, radii[0], radii[1], weights[w]];
-        let parameters = Parameters::from_ticks(ticks);
-        let distances = Distances::new(&quantiser.binning(&parameters).unwrap(), queries, database);
-        let evaluated = distances.evaluate(&queries.labels, &database.labels, parameters.shape_weight());
-        let position = |values: &[u32], value| values.iter().position(|&other| other == value).unwrap();
-        let pair = position(&shape_bins, n) * colour_bins.len() + position(&colour_bins, m);
-        assert_eq!(counts[pair * weights.len() + w], evaluated.correct, "{ticks:?}");
-        compared.points += 1;
-        compared.at_breakpoints += usize::from(evaluated.is_at_a_breakpoint);
-    }
-    compared
 }
 
 /// The training clouds of the household data, ready for the paper's table.
@@ -221,37 +183,36 @@ impl Household {
 #[test]
 fn points_drawn_from_the_whole_household_grid_are_the_evaluator() {
     let Some(household) = HOUSEHOLD.as_ref() else { return };
-    let values = household.values();
+    let [shape_bins, colour_bins, disks, rings, weights] = &household.values();
     let mut rng = random::stream(1, "compared points of the whole grid", &[]);
+    let mut draw = |values: &[u32]| rng.random_range(0..values.len() as u64) as usize;
     let mut by_radii: BTreeMap<[u32; 2], Vec<(u32, u32, usize)>> = BTreeMap::new();
     for _ in 0..POINTS {
-        let [n, m, disk, ring, w] =
-            values.each_ref().map(|values| rng.random_range(0..values.len() as u64) as usize);
-        let radii = [values[2][disk], values[3][ring]];
-        by_radii.entry(radii).or_default().push((values[0][n], values[1][m], w));
+        let (n, m) = (shape_bins[draw(shape_bins)], colour_bins[draw(colour_bins)]);
+        let radii = [disks[draw(disks)], rings[draw(rings)]];
+        by_radii.entry(radii).or_default().push((n, m, draw(weights)));
     }
     let all = [&household.queries, &household.database].map(|all| all.pick(0..all.clouds.len()));
-    let compared: Vec<Compared> = by_radii
-        .par_iter()
-        .map(|(&radii, points)| {
-            compare_points(&household.quantiser, radii, points, &values[4], all.each_ref())
-        })
-        .collect();
-    let points: usize = compared.iter().map(|some| some.points).sum();
-    let at_breakpoints: usize = compared.iter().map(|some| some.at_breakpoints).sum();
-    println!(
-        "{points} points of {} cells compared, {at_breakpoints} of them within one ulp of a breakpoint",
-        by_radii.len()
-    );
-    assert!(points >= 2000 && at_breakpoints > 0);
+    let compare = |(&radii, points): (&[u32; 2], &Vec<(u32, u32, usize)>)| {
+        // A cell of the values that were drawn alone: whole ones take ten times as long.
+        let distinct = |values: BTreeSet<u32>| Vec::from_iter(values);
+        let shape_bins = &distinct(points.iter().map(|point| point.0).collect());
+        let colour_bins = &distinct(points.iter().map(|point| point.1).collect());
+        let place = |values: &[u32], value| values.binary_search(&value).unwrap();
+        let places =
+            points.iter().map(|&(n, m, w)| ([place(shape_bins, n), place(colour_bins, m)], w..w + 1));
+        let block = Block { quantiser: &household.quantiser, radii, shape_bins, colour_bins, weights };
+        block.compare(places, all.each_ref())
+    };
+    let compared: Vec<Compared> = by_radii.par_iter().map(compare).collect();
+    Compared::conclude(&compared, by_radii.len());
 }
 
 #[test]
 fn grid_cells_are_the_evaluator_on_the_household_clouds() {
     let Some(household) = HOUSEHOLD.as_ref() else { return };
     let Household { quantiser, queries, database, .. } = household;
-    let axes = Axes { quantiser, values: household.values() };
-    let [shape_bins, colour_bins, disks, rings, _] = &axes.values;
+    let [shape_bins, colour_bins, disks, rings, weights] = &household.values();
 
     let compare = |index: usize, radii: [u32; 2], some: Option<usize>| {
         let key = [index as u64, u64::from(some.is_some())];
@@ -264,7 +225,8 @@ fn grid_cells_are_the_evaluator_on_the_household_clouds() {
             some.map_or_else(|| (0..count).collect(), |some| (0..some).map(|_| draw(count)).collect())
         };
         let picked = [queries, database].map(|all| all.pick(places(all).into_iter()));
-        axes.compare(radii, &pairs, &picked[0], &picked[1])
+        let block = Block { quantiser, radii, shape_bins, colour_bins, weights };
+        block.compare(pairs.into_iter().map(|pair| (pair, 0..weights.len())), picked.each_ref())
     };
     let cells: Vec<[u32; 2]> =
         disks.iter().flat_map(|&disk| rings.iter().map(move |&ring| [disk, ring])).collect();
@@ -275,11 +237,5 @@ fn grid_cells_are_the_evaluator_on_the_household_clouds() {
     let whole = whole.par_iter().map(|&index| compare(index, cells[index], None));
 
     let compared: Vec<Compared> = some.chain(whole).collect();
-    let points: usize = compared.iter().map(|cell| cell.points).sum();
-    let at_breakpoints: usize = compared.iter().map(|cell| cell.at_breakpoints).sum();
-    println!(
-        "{points} grid points of {} cells compared, {at_breakpoints} of them within one ulp of a breakpoint",
-        cells.len()
-    );
-    assert!(points >= 2000 && at_breakpoints > 0);
+    Compared::conclude(&compared, cells.len());
 }
