@@ -7,9 +7,9 @@ use std::time::{Duration, SystemTime};
 use prost::Message as _;
 use proto::{JobId, SessionId, v1};
 
-use crate::evaluation::EvaluationResult;
+use cluster::evaluation::EvaluationResult;
 use crate::experiment::{Experiment, Overrides};
-use crate::task::TaskResult;
+use cluster::task::TaskResult;
 use crate::{journal, wire};
 
 /// An experiment as TOML.

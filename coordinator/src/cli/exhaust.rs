@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use clap::Args;
 use worker::StorageArgs;
 
-use crate::door::Protection;
+use transport::door::Protection;
 use crate::exhaust;
 use crate::experiment::{Experiment, LocalWorkers, Overrides};
 use crate::run::RunOptions;

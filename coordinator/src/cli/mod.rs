@@ -22,7 +22,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::cluster::ClusterError;
+use cluster::ClusterError;
 use crate::compare::CompareError;
 use crate::run::RunError;
 

@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use clap::Args;
 use worker::StorageArgs;
 
-use crate::door::Protection;
+use transport::door::Protection;
 use crate::experiment::{LocalWorkers, Overrides, Plan};
 use crate::run::{self, RunOptions};
 use crate::sweep;

@@ -8,9 +8,9 @@ use descriptor::{Descriptor, FixedKind, Label, Parameters, Parts};
 use proto::MAX_DESCRIPTION_BYTES;
 
 use crate::assembly;
-use crate::blobs::BlobStore;
-use crate::evaluation::Evaluation;
-use crate::shard::Description;
+use cluster::blobs::BlobStore;
+use cluster::evaluation::Evaluation;
+use cluster::shard::Description;
 
 /// Clouds that are described together: few, because PFHRGB takes a tenth of a second for each.
 const SHARD: u32 = 16;

@@ -20,15 +20,15 @@ use results::{ComparedRow, Counts, LookRow, RunFolder, wilson};
 use worker::Storage;
 use worker::store::Store;
 
-use crate::cluster::{Client, ClusterNews};
-use crate::door::Protection;
+use cluster::{Client, ClusterNews};
+use transport::door::Protection;
 use crate::evaluate::EvaluateError;
-use crate::evaluation::Match;
+use cluster::evaluation::Match;
 use crate::experiment::{LocalWorkers, Overrides};
 use crate::reopen::{ReopenError, Reopened, reopen};
 use crate::run::progress::Progress;
 use crate::run::{DataError, Matching, RunError, Workplace, host, listen, refuse_other_data, rows};
-use crate::shard::Description;
+use cluster::shard::Description;
 pub use contestant::{Contestant, EVOLVED, Named, contestants};
 use described::Shards;
 use differences::{Level, Outcomes, error_interval, pairs};
@@ -141,7 +141,7 @@ impl From<results::Error> for CompareError {
 /// Compares descriptors on the test clouds of a finished run, and writes the tables into its folder.
 pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, CompareError> {
     let mut progress = Progress::quiet();
-    let store = Arc::new(Store::open(&options.storage, &host()));
+    let store = Arc::new(Store::open(&options.storage, &transport::host_name()));
     let Reopened { finished: run, experiment, dataset } =
         &reopen(folder, options.data.as_deref(), options.overrides, &store)?;
     refuse_other_data(folder, &run.row.data_digest, dataset)?;

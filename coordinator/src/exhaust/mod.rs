@@ -21,7 +21,7 @@ use std::sync::Arc;
 use results::{FinishedGrid, GridFolder};
 use worker::store::Store;
 
-use crate::cluster::Client;
+use cluster::Client;
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{Experiment, LocalWorkers};
 use crate::run::place::{beside, claim, difference, refuse_another};
@@ -44,7 +44,7 @@ pub async fn exhaust(
     let mut progress = Progress::new(1);
     let local_workers = experiment.coordinator().local_workers;
     let can_do_alone = local_workers != LocalWorkers::Count(0);
-    let store = Arc::new(Store::open(&options.storage, &host()));
+    let store = Arc::new(Store::open(&options.storage, &transport::host_name()));
     let dataset = open_data(experiment, Wanted::Training, Some(&store), |line| progress.say(line))?;
     let question = Question::new(experiment, &dataset)?;
     let base = options.out.clone().unwrap_or_else(|| default_folder(experiment, &question));

@@ -8,7 +8,7 @@ use results::{FinishedGrid, GridFolder, GridRow, GridTables, read_grid};
 use super::cells::Cells;
 use super::landscape::Landscape;
 use super::question::Question;
-use crate::cluster::{CellAnswer, Client, ClusterNews};
+use cluster::{CellAnswer, Client, ClusterNews};
 use crate::run::progress::{CellReport, Progress};
 use crate::run::{RunError, Workplace};
 

@@ -28,7 +28,7 @@ use std::time::Duration;
 
 use descriptor::{GeneTable, Preprocess};
 
-use crate::assembly::Pieces;
+use cluster::assembly::Pieces;
 use crate::dataset::DatasetSettings;
 use crate::evolution::{GaSettings, Method, StopSettings};
 pub use error::ExperimentError;

@@ -7,7 +7,7 @@ use descriptor::preprocess::Unit;
 use descriptor::{Encoding, GeneSpec};
 
 use super::{DEFAULT_RESULTS_DIR, Experiment, LocalWorkers};
-use crate::assembly::Pieces;
+use cluster::assembly::Pieces;
 use crate::dataset::{Layout, SeededSplit, SplitRule};
 use crate::evolution::{Method, Scaling};
 

@@ -11,7 +11,7 @@ use proto::Digest;
 use results::Counts;
 use worker::store::Store;
 
-use crate::evaluation::Evaluation;
+use cluster::evaluation::Evaluation;
 use crate::storage;
 
 /// Kind of the entries in the store.

@@ -5,10 +5,10 @@ use std::time::{Duration, Instant, SystemTime};
 use results::{Counts, LookRow, PredictionSplit, RunFolder, RunRow};
 use worker::store::Store;
 
-use crate::cluster::{Client, ClusterError};
+use cluster::{Client, ClusterError};
 use crate::compare::EVOLVED;
 use crate::dataset::Dataset;
-use crate::evaluation::EvaluationResult;
+use cluster::evaluation::EvaluationResult;
 use crate::evolution::{Evolution, Individual, Method, RandomSearch};
 use crate::exhaust::{best_of_all, known_optimum};
 use crate::experiment::Experiment;
@@ -116,7 +116,7 @@ impl RunAtWork<'_> {
             evaluation_version: descriptor::EVALUATION_VERSION,
             program_version: env!("CARGO_PKG_VERSION").to_owned(),
             build: worker::BUILD.to_owned(),
-            host: host(),
+            host: transport::host_name(),
             started_at: start.first,
             finished_at: SystemTime::now(),
             seconds: (start.before + start.now.elapsed()).as_secs_f64(),

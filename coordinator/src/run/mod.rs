@@ -20,16 +20,17 @@ use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime};
 
 use results::RunFolder;
+use transport::host_name;
 use worker::Storage;
 use worker::store::Store;
 
-use crate::cluster::ClusterError;
+use cluster::ClusterError;
 use crate::dataset::{Dataset, DatasetError, Wanted};
-use crate::door::{Door, DoorError, Protection};
+use transport::door::{Door, DoorError, Protection};
 use crate::evolution::{Method, SettingsError};
 use crate::exhaust::grid::{Grid, GridError};
 use crate::experiment::{Experiment, ExperimentError, LocalWorkers};
-use crate::journal::JournalError;
+use cluster::journal::JournalError;
 use crate::local::CrewError;
 use crate::memory::Known;
 
@@ -198,7 +199,7 @@ pub enum RunError {
 /// Runs an experiment to its stop reason; a finished run is only shown again.
 pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summary, RunError> {
     let (started, started_at) = (Instant::now(), SystemTime::now());
-    let store = Arc::new(Store::open(&options.storage, &host()));
+    let store = Arc::new(Store::open(&options.storage, &host_name()));
     let out = folder(experiment, options.out.clone(), options.fresh);
     if let Some(summary) = already_finished(&out, experiment, &store)? {
         return Ok(summary);
@@ -351,11 +352,6 @@ pub fn refuse_other_data(folder: &Path, then: &str, dataset: &Dataset) -> Result
         return Ok(());
     }
     Err(RunError::OtherData { folder: folder.to_owned(), then: then.to_owned(), now })
-}
-
-/// This machine's name.
-pub fn host() -> String {
-    hostname::get().map_or_else(|_| "unknown".to_owned(), |name| name.to_string_lossy().into_owned())
 }
 
 /// Digest of a data set.

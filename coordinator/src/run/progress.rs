@@ -8,7 +8,7 @@ use descriptor::Parameters;
 use indicatif::{ProgressBar, ProgressStyle};
 use results::Counts;
 
-use crate::cluster::{Client, ClusterNews};
+use cluster::{Client, ClusterNews};
 use crate::run::tally::Tally;
 
 /// What there is to say at the end of a generation.

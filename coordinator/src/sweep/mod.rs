@@ -57,7 +57,7 @@ pub fn run_folders(folder: &Path) -> Result<Vec<(String, PathBuf)>, RunError> {
 /// Runs all members of a sweep to their stop reasons; those that are finished are only shown again.
 pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, RunError> {
     let (now, started_at, base) = (Instant::now(), SystemTime::now(), sweep.base());
-    let store = Arc::new(Store::open(&options.storage, &host()));
+    let store = Arc::new(Store::open(&options.storage, &transport::host_name()));
     let out = folder(sweep, options.out.clone(), options.fresh);
     let members = sweep.members();
     refuse_another(&out, &sweep.search_toml())?;
@@ -220,7 +220,7 @@ fn already_finished(
     store: &Store,
 ) -> Result<Option<Vec<(String, Summary)>>, RunError> {
     // A journal is there until the last of them is sure.
-    if recorded_sweep(out)?.is_none() || out.join(crate::journal::JOURNAL_FILE).exists() {
+    if recorded_sweep(out)?.is_none() || out.join(cluster::journal::JOURNAL_FILE).exists() {
         return Ok(None);
     }
     let mut summaries = Vec::new();

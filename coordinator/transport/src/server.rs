@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use hyper_util::rt::TokioIo;
-use proto::v1;
+use proto::{Digest, v1};
 use proto::v1::coordinator_server::CoordinatorServer;
 use tokio::io::DuplexStream;
 use tokio::sync::mpsc;
@@ -14,9 +14,8 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::transport::{Channel, Endpoint, Server};
 use tower::service_fn;
 
-use crate::cluster::Cluster;
+use cluster::Cluster;
 use crate::door::{Admission, Door, Guard};
-use crate::prepared::PreparedClouds;
 use crate::service::Service;
 
 /// Bytes on their way between the two ends of an in-process connection.
@@ -26,18 +25,38 @@ const PIPE_BYTES: usize = 256 << 10;
 const MAX_STREAMS: u32 = 64;
 /// How often a silent connection is asked whether it is still there.
 const KEEPALIVE: Duration = Duration::from_secs(20);
+
+/// Entries that the coordinator has in its own store, by kind and key: `None` if there is none, or if it must not be
+/// given away yet.
+pub type DerivedEntries = Arc<dyn Fn(&str, Digest) -> Option<Vec<u8>> + Send + Sync>;
+
+/// What this program is, for workers of another release.
+#[derive(Clone, Copy, Debug)]
+pub struct Release {
+    /// Its name and version.
+    pub build: &'static str,
+    /// Version of the numbers that an evaluation gives.
+    pub evaluation_version: u32,
+}
+
 /// The running servers of one run; they end when this is dropped.
 pub struct Servers {
     cluster: Arc<Cluster>,
     preparation: v1::Preparation,
-    prepared: Arc<PreparedClouds>,
+    release: Release,
+    derived: DerivedEntries,
     tasks: JoinSet<()>,
 }
 
 impl Servers {
     /// No server yet.
-    pub fn new(cluster: Arc<Cluster>, preparation: v1::Preparation, prepared: PreparedClouds) -> Self {
-        Self { cluster, preparation, prepared: Arc::new(prepared), tasks: JoinSet::new() }
+    pub fn new(
+        cluster: Arc<Cluster>,
+        preparation: v1::Preparation,
+        release: Release,
+        derived: DerivedEntries,
+    ) -> Self {
+        Self { cluster, preparation, release, derived, tasks: JoinSet::new() }
     }
 
     /// Serves remote workers, health probes and reflection.
@@ -77,8 +96,8 @@ impl Servers {
     }
 
     fn service(&self, in_process: bool) -> CoordinatorServer<Service> {
-        let (cluster, prepared) = (Arc::clone(&self.cluster), Arc::clone(&self.prepared));
-        Service::server(cluster, self.preparation.clone(), prepared, in_process)
+        let (cluster, derived) = (Arc::clone(&self.cluster), Arc::clone(&self.derived));
+        Service::server(cluster, self.preparation.clone(), (self.release, derived), in_process)
     }
 
     fn spawn(&mut self, server: impl Future<Output = Result<(), tonic::transport::Error>> + Send + 'static) {

@@ -8,7 +8,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock, Weak};
 use proto::Token;
 use tonic::Status;
 
-use crate::cluster::Cluster;
+use cluster::Cluster;
 use crate::door::deny::Denied;
 use crate::door::guest::Guest;
 use crate::door::limits::{Crowd, CrowdLimits};
@@ -184,7 +184,7 @@ mod tests {
     use tonic::Code;
 
     use super::*;
-    use crate::scheduler::Limits;
+    use cluster::scheduler::Limits;
 
     fn gate(key: Key) -> Arc<Gate> {
         Gate::new(Cluster::new(Limits::SAMPLE), key, CrowdLimits::within(1024))

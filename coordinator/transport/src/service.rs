@@ -7,12 +7,12 @@ use proto::{LEAST_PROTOCOL_MINOR, MAX_MESSAGE_BYTES, MAX_NAME_BYTES, PROTOCOL_MA
 use tokio::sync::Semaphore;
 use tonic::{Request, Response, Status};
 
-use crate::blobs::BlobError;
-use crate::cluster::Cluster;
+use cluster::blobs::BlobError;
+use cluster::Cluster;
 use crate::door::Guest;
 use crate::pieces::Pieces;
-use crate::prepared::PreparedClouds;
-use crate::scheduler::{Introduction, PollRefusal, RegisterRefusal};
+use crate::server::{DerivedEntries, Release};
+use cluster::scheduler::{Introduction, PollRefusal, RegisterRefusal};
 use crate::wire;
 
 /// See [`Service::blobs`].
@@ -25,7 +25,8 @@ const QUARANTINED: &str = "answers: two other workers contradict one that this w
 pub struct Service {
     cluster: Arc<Cluster>,
     preparation: v1::Preparation,
-    prepared: Arc<PreparedClouds>,
+    release: Release,
+    derived: DerivedEntries,
     /// Blobs and entries in memory at once, over all connections: who does not read what it asked for must not fill it.
     blobs: Arc<Semaphore>,
     /// Whether it serves workers of this process.
@@ -37,11 +38,11 @@ impl Service {
     pub fn server(
         cluster: Arc<Cluster>,
         preparation: v1::Preparation,
-        prepared: Arc<PreparedClouds>,
+        (release, derived): (Release, DerivedEntries),
         in_process: bool,
     ) -> CoordinatorServer<Self> {
         let blobs = Arc::new(Semaphore::new(BLOBS_AT_ONCE));
-        CoordinatorServer::new(Self { cluster, preparation, prepared, blobs, in_process })
+        CoordinatorServer::new(Self { cluster, preparation, release, derived, blobs, in_process })
             .max_decoding_message_size(MAX_MESSAGE_BYTES)
             .max_encoding_message_size(MAX_MESSAGE_BYTES)
     }
@@ -96,7 +97,7 @@ impl Coordinator for Service {
                 format!(
                     "protocol version: must be {PROTOCOL_MAJOR}, got {}\ninstall the coordinator's release ({}) on this worker",
                     request.protocol_major,
-                    worker::BUILD
+                    self.release.build
                 ),
             ));
         }
@@ -106,18 +107,18 @@ impl Coordinator for Service {
                 format!(
                     "protocol version: must be {PROTOCOL_MAJOR}.{LEAST_PROTOCOL_MINOR} or later, got {PROTOCOL_MAJOR}.{}\ninstall the coordinator's release ({}) on this worker: an older one does not know all jobs",
                     request.protocol_minor,
-                    worker::BUILD
+                    self.release.build
                 ),
             ));
         }
-        if request.evaluation_version != descriptor::EVALUATION_VERSION {
+        if request.evaluation_version != self.release.evaluation_version {
             return Ok(refused(
                 v1::RefusalReason::EvaluationVersion,
                 format!(
                     "evaluation version: must be {}, got {}\ninstall the coordinator's release ({}) on this worker: another one computes other numbers",
-                    descriptor::EVALUATION_VERSION,
+                    self.release.evaluation_version,
                     request.evaluation_version,
-                    worker::BUILD
+                    self.release.build
                 ),
             ));
         }
@@ -205,11 +206,9 @@ impl Coordinator for Service {
         let request = request.into_inner();
         let (kind, key) = wire::derived_key(&request)?;
         self.cluster.begun().await;
-        let (kind, cluster, prepared) =
-            (kind.to_owned(), Arc::clone(&self.cluster), Arc::clone(&self.prepared));
+        let (kind, derived) = (kind.to_owned(), Arc::clone(&self.derived));
         let read = move || {
-            let entry = prepared.read(&kind, key, &cluster.blobs);
-            entry.ok_or_else(|| {
+            derived(&kind, key).ok_or_else(|| {
                 Status::not_found(format!("derived entry {key}: this coordinator has none of this name"))
             })
         };
