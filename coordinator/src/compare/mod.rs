@@ -20,21 +20,21 @@ use results::{ComparedRow, Counts, LookRow, RunFolder, wilson};
 use worker::Storage;
 use worker::store::Store;
 
-use cluster::{Client, ClusterNews};
-use transport::door::Protection;
 use crate::evaluate::EvaluateError;
-use cluster::evaluation::Match;
 use crate::experiment::{LocalWorkers, Overrides};
 use crate::reopen::{ReopenError, Reopened, reopen};
 use crate::run::progress::Progress;
-use crate::run::{DataError, Matching, RunError, Workplace, host, listen, refuse_other_data, rows};
+use crate::run::{DataError, Matching, RunError, Workplace, listen, refuse_other_data, rows};
+use cluster::evaluation::Match;
 use cluster::shard::Description;
+use cluster::{Client, ClusterNews};
 pub use contestant::{Contestant, EVOLVED, Named, contestants};
 use described::Shards;
 use differences::{Level, Outcomes, error_interval, pairs};
 use recognition::{MAX_PAIRS, Recognition};
 pub use summary::Comparison;
 use timing::{Timed, time};
+use transport::door::Protection;
 
 /// What is compared, and how.
 #[derive(Clone, Debug)]

@@ -21,12 +21,12 @@ use std::sync::Arc;
 use results::{FinishedGrid, GridFolder};
 use worker::store::Store;
 
-use cluster::Client;
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{Experiment, LocalWorkers};
 use crate::run::place::{beside, claim, difference, refuse_another};
 use crate::run::progress::Progress;
-use crate::run::{DataError, RunError, RunOptions, Workplace, host, listen, open_data, rows};
+use crate::run::{DataError, RunError, RunOptions, Workplace, listen, open_data, rows};
+use cluster::Client;
 pub use optimum::Optimum;
 use question::Question;
 pub use recheck::{MOST as MOST_RECHECKED, Recheck};

@@ -24,15 +24,15 @@ use transport::host_name;
 use worker::Storage;
 use worker::store::Store;
 
-use cluster::ClusterError;
 use crate::dataset::{Dataset, DatasetError, Wanted};
-use transport::door::{Door, DoorError, Protection};
 use crate::evolution::{Method, SettingsError};
 use crate::exhaust::grid::{Grid, GridError};
 use crate::experiment::{Experiment, ExperimentError, LocalWorkers};
-use cluster::journal::JournalError;
 use crate::local::CrewError;
 use crate::memory::Known;
+use cluster::ClusterError;
+use cluster::journal::JournalError;
+use transport::door::{Door, DoorError, Protection};
 
 use at_work::compare_with_optimum;
 pub use at_work::{RunAtWork, Start};

@@ -6,9 +6,9 @@ use descriptor::{GENES, GeneKind, Parameters};
 use results::{Computed, Counts, EvaluationRow, GeneColumn, PredictionRow, RunnerUp, SkippedRow};
 
 use crate::dataset::Dataset;
-use cluster::evaluation::{EvaluationResult, Match};
 use crate::evolution::Individual;
 use crate::run::splits::Matching;
+use cluster::evaluation::{EvaluationResult, Match};
 use cluster::scheduler::Finished;
 
 /// The gene columns of every table that has them.

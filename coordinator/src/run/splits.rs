@@ -5,12 +5,12 @@ use prost::Message as _;
 use proto::Digest;
 use worker::store::Store;
 
-use cluster::blobs::BlobStore;
 use crate::dataset::{Dataset, SPLITS, Splits};
-use cluster::evaluation::Evaluation;
-use crate::memory::Memory;
-use cluster::task::GridCell;
 use crate::manifest;
+use crate::memory::Memory;
+use cluster::blobs::BlobStore;
+use cluster::evaluation::Evaluation;
+use cluster::task::GridCell;
 
 /// Position of the test split in [`SPLITS`].
 const TEST: usize = 3;
@@ -63,7 +63,11 @@ impl<'a> SplitBlobs<'a> {
     pub fn publish(dataset: &'a Dataset, blobs: &BlobStore) -> Self {
         let manifests = std::array::from_fn(|split| {
             let released = split != TEST;
-            if released { publish(dataset, split, blobs) } else { Digest::of(&split_manifest(dataset, split)) }
+            if released {
+                publish(dataset, split, blobs)
+            } else {
+                Digest::of(&split_manifest(dataset, split))
+            }
         });
         Self { dataset, manifests }
     }

@@ -8,17 +8,17 @@ use results::Counts;
 use worker::Size;
 use worker::store::Store;
 
-use cluster::{Cluster, ClusterError};
 use crate::dataset::Dataset;
-use transport::door::Door;
 use crate::experiment::{Experiment, LocalWorkers};
-use cluster::journal::{Journal, Recorded};
 use crate::local::{self, Crew};
 use crate::manifest;
 use crate::prepared::PreparedClouds;
 use crate::run::rows;
 use crate::run::splits::{Matching, SplitBlobs};
+use cluster::journal::{Journal, Recorded};
 use cluster::scheduler::{Audit, Limits};
+use cluster::{Cluster, ClusterError};
+use transport::door::Door;
 use transport::{Release, Servers};
 
 /// Workers beyond which registration is refused.

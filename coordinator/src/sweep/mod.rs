@@ -20,7 +20,7 @@ use crate::run::summary::Summary;
 use crate::run::tally::Tally;
 use crate::run::{
     DataError, Matching, RunAtWork, RunError, RunOptions, Start, Workplace, compare_with_data, finished,
-    host, in_time, listen, open_data, open_journal, refuse_other_data, remove_journal, rows,
+    in_time, listen, open_data, open_journal, refuse_other_data, remove_journal, rows,
 };
 pub use summary::SweepSummary;
 

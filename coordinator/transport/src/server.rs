@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use hyper_util::rt::TokioIo;
-use proto::{Digest, v1};
 use proto::v1::coordinator_server::CoordinatorServer;
+use proto::{Digest, v1};
 use tokio::io::DuplexStream;
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
@@ -14,9 +14,9 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::transport::{Channel, Endpoint, Server};
 use tower::service_fn;
 
-use cluster::Cluster;
 use crate::door::{Admission, Door, Guard};
 use crate::service::Service;
+use cluster::Cluster;
 
 /// Bytes on their way between the two ends of an in-process connection.
 const PIPE_BYTES: usize = 256 << 10;

@@ -7,13 +7,13 @@ use proto::{LEAST_PROTOCOL_MINOR, MAX_MESSAGE_BYTES, MAX_NAME_BYTES, PROTOCOL_MA
 use tokio::sync::Semaphore;
 use tonic::{Request, Response, Status};
 
-use cluster::blobs::BlobError;
-use cluster::Cluster;
 use crate::door::Guest;
 use crate::pieces::Pieces;
 use crate::server::{DerivedEntries, Release};
-use cluster::scheduler::{Introduction, PollRefusal, RegisterRefusal};
 use crate::wire;
+use cluster::Cluster;
+use cluster::blobs::BlobError;
+use cluster::scheduler::{Introduction, PollRefusal, RegisterRefusal};
 
 /// See [`Service::blobs`].
 const BLOBS_AT_ONCE: usize = 64;
@@ -96,8 +96,7 @@ impl Coordinator for Service {
                 v1::RefusalReason::ProtocolVersion,
                 format!(
                     "protocol version: must be {PROTOCOL_MAJOR}, got {}\ninstall the coordinator's release ({}) on this worker",
-                    request.protocol_major,
-                    self.release.build
+                    request.protocol_major, self.release.build
                 ),
             ));
         }
@@ -106,8 +105,7 @@ impl Coordinator for Service {
                 v1::RefusalReason::ProtocolVersion,
                 format!(
                     "protocol version: must be {PROTOCOL_MAJOR}.{LEAST_PROTOCOL_MINOR} or later, got {PROTOCOL_MAJOR}.{}\ninstall the coordinator's release ({}) on this worker: an older one does not know all jobs",
-                    request.protocol_minor,
-                    self.release.build
+                    request.protocol_minor, self.release.build
                 ),
             ));
         }
@@ -116,9 +114,7 @@ impl Coordinator for Service {
                 v1::RefusalReason::EvaluationVersion,
                 format!(
                     "evaluation version: must be {}, got {}\ninstall the coordinator's release ({}) on this worker: another one computes other numbers",
-                    self.release.evaluation_version,
-                    request.evaluation_version,
-                    self.release.build
+                    self.release.evaluation_version, request.evaluation_version, self.release.build
                 ),
             ));
         }

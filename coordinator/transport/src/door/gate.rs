@@ -8,10 +8,10 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock, Weak};
 use proto::Token;
 use tonic::Status;
 
-use cluster::Cluster;
 use crate::door::deny::Denied;
 use crate::door::guest::Guest;
 use crate::door::limits::{Crowd, CrowdLimits};
+use cluster::Cluster;
 
 /// What lets a call in.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -25,8 +25,8 @@ use tokio_rustls::TlsAcceptor;
 use worker::tls::TlsFilesError;
 
 use crate::certs::{self, CertsError};
-use cluster::Cluster;
 use crate::host_name;
+use cluster::Cluster;
 use deny::DenyList;
 use gate::{Gate, Key};
 pub use guard::Guard;
