@@ -6,16 +6,18 @@ pub mod evolution;
 pub mod exhaust;
 pub mod experiment;
 #[doc(hidden)]
-pub mod hostile;
+pub mod fuzz_entry;
 pub mod run;
 
 mod artefact;
 mod compare;
+mod console;
 mod evaluate;
-mod local;
+mod in_process;
 mod making;
 mod manifest;
-mod memory;
+mod result_cache;
+mod session;
 mod prepared;
 mod reopen;
 mod storage;

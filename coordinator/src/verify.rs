@@ -11,9 +11,11 @@ use results::RecordedEvaluation;
 use worker::Storage;
 use worker::store::Store;
 
+use crate::console::Console;
 use crate::experiment::{LocalWorkers, Overrides};
 use crate::reopen::{ReopenError, Reopened, reopen};
-use crate::run::{DataError, RunError, Workplace, data_digest, rows};
+use crate::run::{RunError, data_digest, rows};
+use crate::session::Session;
 
 /// Why a run cannot be verified.
 #[derive(Debug, thiserror::Error)]
@@ -94,11 +96,11 @@ pub async fn verify(
         return Ok(verdict);
     };
     eprintln!("recomputing {} fitness values", parameters.len());
-    let mut workplace = Workplace::new(&experiment, &dataset, store, storage.memory)
-        .map_err(|error| RunError::from(DataError::from(error)))?;
-    let mut crew = workplace.staff(LocalWorkers::Auto);
-    let counts = crew.during(async { Ok::<_, RunError>(workplace.train_counts(&parameters).await?) }).await?;
-    crew.stop().await;
+    let mut session = Session::new(experiment.genes(), &experiment, &dataset, store, storage.memory)
+        .map_err(RunError::from)?;
+    session.start(None, LocalWorkers::Auto).await;
+    let recomputed = async { Ok(session.train_counts(&parameters).await?) };
+    let counts = session.perform(&Console::default(), None, recomputed).await?;
     verdict.recomputed = counts.len();
     for (row, counts) in chosen.iter().zip(&counts) {
         if row.counts != *counts {

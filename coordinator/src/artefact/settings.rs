@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{ArtefactError, SETTINGS};
 use crate::experiment::{RawDescriptor, RawPreprocess, of_one, one, shortened};
-use crate::run::place::read_bounded;
+use crate::run::directory::read_bounded;
 
 /// The format's version that this program writes and reads.
 pub(super) const VERSION: u32 = 1;

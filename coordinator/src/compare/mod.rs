@@ -1,6 +1,6 @@
 //! Several descriptors on the test clouds of a finished run: the paper's table 1 and figure 3, and how sure one can be.
 
-mod contestant;
+mod candidate;
 mod curve;
 mod described;
 mod differences;
@@ -21,14 +21,15 @@ use worker::Storage;
 use worker::store::Store;
 
 use crate::evaluate::EvaluateError;
-use crate::experiment::{LocalWorkers, Overrides};
+use crate::experiment::Overrides;
 use crate::reopen::{ReopenError, Reopened, reopen};
 use crate::run::progress::Progress;
-use crate::run::{DataError, Matching, RunError, Workplace, listen, refuse_other_data, rows};
+use crate::run::{Matching, RunError, refuse_other_data, rows};
+use crate::session::{Session, listen};
 use cluster::evaluation::Match;
 use cluster::shard::Description;
 use cluster::{Client, ClusterNews};
-pub use contestant::{Contestant, EVOLVED, Named, contestants};
+pub use candidate::{Candidate, EVOLVED, Named, candidates};
 use described::Shards;
 use differences::{Level, Outcomes, error_interval, pairs};
 use recognition::{MAX_PAIRS, Recognition};
@@ -151,70 +152,66 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     let evolved =
         rows::parameters(&run.row.best_genes).ok_or_else(|| CompareError::Genes(folder.to_owned()))?;
     let (named, genes) = choose(options, experiment.genes(), |line| progress.say(line))?;
-    let contestants = contestants(&named, &options.distances, evolved, options.radius_um);
+    let candidates = candidates(&named, &options.distances, evolved, options.radius_um);
     let out = RunFolder::create(folder, &rows::gene_columns())?;
 
-    let local_workers = experiment.coordinator().local_workers;
-    let can_do_alone = local_workers != LocalWorkers::Count(0);
-    let listener = listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
+    let listener = listen(experiment, &options.protection, progress.console()).await?;
     let memory = options.storage.memory;
-    let mut workplace = Workplace::for_genes(&genes, experiment, dataset, Arc::clone(&store), memory)
-        .map_err(|error| RunError::from(DataError::from(error)))?;
-    if let Some(listener) = listener {
-        workplace.open(listener).await;
-    }
-    let mut client = workplace.cluster.client();
-    let mut crew = workplace.staff(local_workers);
-    let descriptors = distinct(&contestants);
+    let mut session =
+        Session::new(&genes, experiment, dataset, Arc::clone(&store), memory).map_err(RunError::from)?;
+    let mut client = session.cluster.client();
+    let settings = experiment.coordinator();
+    session.start(listener, settings.local_workers).await;
+    let descriptors = distinct(&candidates);
     out.note_look(&LookRow {
         at: SystemTime::now(),
         command: "compare".to_owned(),
         reason: options.reason.clone(),
-        descriptors: contestants.iter().map(|contestant| contestant.label.clone()).collect(),
+        descriptors: candidates.iter().map(|candidate| candidate.label.clone()).collect(),
     })?;
     let looks = results::read_table(folder, results::TableName::Looks)?.shape().0;
-    workplace.splits.publish_test(&workplace.cluster.blobs);
-    let question = workplace.splits.evaluation(evolved, Matching::Test, false);
-    let Some(shards) = Shards::publish(&question, &descriptors, &workplace.cluster.blobs) else {
+    session.splits.publish_test(&session.cluster.blobs);
+    let question = session.splits.evaluation(evolved, Matching::Test, false);
+    let Some(shards) = Shards::publish(&question, &descriptors, &session.cluster.blobs) else {
         return Err(CompareError::NoTest(folder.to_owned()));
     };
     let clouds = question.queries + question.database_clouds;
     progress.say(&format!("describing {clouds} clouds under {} descriptors", descriptors.len()));
     let tasks = shards.tasks(&descriptors);
-    let answers = crew.during(describe(&mut client, &tasks, &mut progress)).await?;
-    crew.stop().await;
-    workplace.cluster.close();
+    let console = progress.console().clone();
+    let described = describe(&mut client, &tasks, &mut progress);
+    let answers = session.perform(&console, settings.deadline, described).await?;
     let gathered = shards.gather(&descriptors, &answers)?;
     drop(answers);
 
     out.begin_comparison()?;
     let (mut compared, mut outcomes) = (Vec::new(), Vec::new());
-    for contestant in &contestants {
+    for candidate in &candidates {
         let labels = shards.labels();
-        let described = descriptors.iter().zip(&gathered).find(|(one, _)| **one == contestant.descriptor);
+        let described = descriptors.iter().zip(&gathered).find(|(one, _)| **one == candidate.descriptor);
         let Some((_, described)) = described else { continue }; // `distinct` has them all
-        let recognition = Recognition::new(contestant, described, labels)
-            .map_err(|source| CompareError::Recognise { label: contestant.label.clone(), source })?;
+        let recognition = Recognition::new(candidate, described, labels)
+            .map_err(|source| CompareError::Recognise { label: candidate.label.clone(), source })?;
         if recognition.distances.is_empty() {
             progress.say(&format!(
                 "{}: more than {MAX_PAIRS} pairs of clouds: no distances and no curve over all pairs are kept",
-                contestant.label
+                candidate.label
             ));
         }
         let timed = if options.times {
-            progress.say(&format!("measuring {}: {clouds} clouds on one thread", contestant.label));
-            Some(time(dataset, experiment.preprocess(), contestant)?)
+            progress.say(&format!("measuring {}: {clouds} clouds on one thread", candidate.label));
+            Some(time(dataset, experiment.preprocess(), candidate)?)
         } else {
             None
         };
         let matches = recognition.matches.iter().map(|&(query, found)| (query, numbered(found)));
         let answers = rows::answers(dataset, Matching::Test, matches);
         if let Some(timed) = &timed {
-            agree(contestant, &answers, timed)?;
+            agree(candidate, &answers, timed)?;
         }
-        let judged = judge(contestant, &recognition, labels);
-        let counts = counts(contestant, &judged)?;
-        if let (EVOLVED, Some(then)) = (contestant.label.as_str(), run.row.test)
+        let judged = judge(candidate, &recognition, labels);
+        let counts = counts(candidate, &judged)?;
+        if let (EVOLVED, Some(then)) = (candidate.label.as_str(), run.row.test)
             && then != counts
         {
             let [then, now] =
@@ -226,8 +223,8 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
                 now,
             });
         }
-        out.write_compared(&contestant.label, &answers, &recognition.curves, &recognition.distances)?;
-        compared.push(row(contestant, &recognition, timed, (counts, &judged), (labels[0], run.row.seed)));
+        out.write_compared(&candidate.label, &answers, &recognition.curves, &recognition.distances)?;
+        compared.push(row(candidate, &recognition, timed, (counts, &judged), (labels[0], run.row.seed)));
         outcomes.push(judged);
     }
     let queries = shards.labels()[0];
@@ -243,7 +240,6 @@ async fn describe(
     shards: &[Description],
     progress: &mut Progress,
 ) -> Result<Vec<Arc<[u8]>>, RunError> {
-    progress.wait_for_worker(client).await;
     let bar = ProgressBar::with_draw_target(Some(shards.len() as u64), ProgressDrawTarget::stderr());
     let watch = |news: &ClusterNews| {
         bar.suspend(|| progress.news(news));
@@ -295,11 +291,11 @@ fn choose(
 }
 
 /// Each descriptor once, whatever the distances.
-fn distinct(contestants: &[Contestant]) -> Vec<Descriptor> {
+fn distinct(candidates: &[Candidate]) -> Vec<Descriptor> {
     let mut descriptors = Vec::new();
-    for contestant in contestants {
-        if !descriptors.contains(&contestant.descriptor) {
-            descriptors.push(contestant.descriptor);
+    for candidate in candidates {
+        if !descriptors.contains(&candidate.descriptor) {
+            descriptors.push(candidate.descriptor);
         }
     }
     descriptors
@@ -315,7 +311,7 @@ fn numbered(found: descriptor::Match) -> Match {
 
 /// Refuses answers of workers that this process does not find as well.
 fn agree(
-    contestant: &Contestant,
+    candidate: &Candidate,
     answers: &[results::PredictionRow],
     timed: &Timed,
 ) -> Result<(), CompareError> {
@@ -332,20 +328,20 @@ fn agree(
         Some((told, found)) => (said(told), said(found)),
         None => (format!("{} answers", told.len()), format!("{} answers", found.len())),
     };
-    let label = contestant.label.clone();
+    let label = candidate.label.clone();
     Err(CompareError::Contradiction { label, what: "what this process finds", then, now })
 }
 
-fn judge(contestant: &Contestant, recognition: &Recognition, [queries, database]: [&[Label]; 2]) -> Outcomes {
+fn judge(candidate: &Candidate, recognition: &Recognition, [queries, database]: [&[Label]; 2]) -> Outcomes {
     let mut right = vec![None; queries.len()];
     for (query, found) in &recognition.matches {
         let (asked, got) = (queries[*query as usize], database[found.nearest.index as usize]);
         right[*query as usize] = Some([asked.instance == got.instance, asked.category == got.category]);
     }
-    Outcomes { label: contestant.label.clone(), right }
+    Outcomes { label: candidate.label.clone(), right }
 }
 
-fn counts(contestant: &Contestant, judged: &Outcomes) -> Result<Counts, CompareError> {
+fn counts(candidate: &Candidate, judged: &Outcomes) -> Result<Counts, CompareError> {
     let described = || judged.right.iter().flatten();
     let counts = Counts {
         object_correct: described().filter(|right| right[0]).count() as u32,
@@ -353,13 +349,13 @@ fn counts(contestant: &Contestant, judged: &Outcomes) -> Result<Counts, CompareE
         queries: described().count() as u32,
     };
     if counts.queries == 0 {
-        return Err(CompareError::NothingDescribed { label: contestant.label.clone() });
+        return Err(CompareError::NothingDescribed { label: candidate.label.clone() });
     }
     Ok(counts)
 }
 
 fn row(
-    contestant: &Contestant,
+    candidate: &Candidate,
     recognition: &Recognition,
     timed: Option<Timed>,
     (counts, judged): (Counts, &Outcomes),
@@ -372,12 +368,12 @@ fn row(
     let area =
         |name| recognition.curves.iter().find(|curve| curve.name == name).and_then(results::Curve::area);
     ComparedRow {
-        descriptor: contestant.label.clone(),
-        kind: contestant.descriptor.kind_name().to_owned(),
-        distance: contestant.distance.name().to_owned(),
-        parameters: contestant.descriptor.parameters(),
-        size: contestant.descriptor.size() as u32,
-        note: contestant.note().map(str::to_owned),
+        descriptor: candidate.label.clone(),
+        kind: candidate.descriptor.kind_name().to_owned(),
+        distance: candidate.distance.name().to_owned(),
+        parameters: candidate.descriptor.parameters(),
+        size: candidate.descriptor.size() as u32,
+        note: candidate.note().map(str::to_owned),
         counts,
         object_intervals: intervals(counts.object_correct, Level::Object),
         category_intervals: intervals(counts.category_correct, Level::Category),

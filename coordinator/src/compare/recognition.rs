@@ -1,11 +1,11 @@
-//! What a contestant makes of the test clouds: from the parts of clouds to matches, distances and curves.
+//! What a candidate makes of the test clouds: from the parts of clouds to matches, distances and curves.
 
 use descriptor::recognise::{Hit, RecogniseError, recognise_by, recognise_from};
 use descriptor::summary::weighted;
 use descriptor::{DistanceMatrix, Label, Match, Parts};
 use results::Curve;
 
-use super::contestant::Contestant;
+use super::candidate::Candidate;
 use super::curve::curve;
 use super::described::{Described, DescribedParts};
 
@@ -30,7 +30,7 @@ impl Distances {
     }
 }
 
-/// The answers of one contestant.
+/// The answers of one candidate.
 pub struct Recognition {
     /// Queries that it describes, as indices into the test split, with their matches, which number the database.
     pub matches: Vec<(u32, Match)>,
@@ -50,18 +50,18 @@ impl Recognition {
     /// # Errors
     /// If nothing of the database is described.
     pub fn new(
-        contestant: &Contestant,
+        candidate: &Candidate,
         described: &Described,
         [query_labels, database_labels]: [&[Label]; 2],
     ) -> Result<Self, RecogniseError> {
         let by =
-            |[queries, database]: &[Parts; 2]| DistanceMatrix::by(contestant.distance, queries, database);
+            |[queries, database]: &[Parts; 2]| DistanceMatrix::by(candidate.distance, queries, database);
         let [queries, database] = &described.clouds;
         let labels: Vec<Label> = database.iter().map(|&index| database_labels[index as usize]).collect();
         let count = queries.len();
         let distances = match &described.parts {
             DescribedParts::DiskRing(shape, colour) => {
-                Distances::Weighted(by(shape), by(colour), contestant.shape_weight())
+                Distances::Weighted(by(shape), by(colour), candidate.shape_weight())
             }
             DescribedParts::Fixed(parts) => Distances::One(by(parts)),
         };

@@ -4,7 +4,7 @@
 use descriptor::Preprocess;
 use results::Times;
 
-use super::contestant::Contestant;
+use super::candidate::Candidate;
 use crate::dataset::{Dataset, ListedCloud, Listing};
 use crate::evaluate::{EvaluateError, Request, evaluate};
 use crate::run::Matching;
@@ -19,22 +19,22 @@ pub struct Timed {
     pub nearest: Vec<(String, String, f64)>,
 }
 
-/// Measures one contestant.
+/// Measures one candidate.
 ///
 /// # Errors
 /// As [`evaluate`].
 pub fn time(
     dataset: &Dataset,
     preprocess: &Preprocess,
-    contestant: &Contestant,
+    candidate: &Candidate,
 ) -> Result<Timed, EvaluateError> {
     let listing = listing(dataset);
     let clouds = listing.clouds.len();
     let request = Request {
         listing,
         preprocess: *preprocess,
-        descriptor: contestant.descriptor,
-        distance: contestant.distance,
+        descriptor: candidate.descriptor,
+        distance: candidate.distance,
         threads: 1,
     };
     let report = evaluate(&request)?;

@@ -1,6 +1,6 @@
 //! The exhaustive search: the training fitness of every descriptor of a search space, and what it is good for.
 //!
-//! `grid`, `landscape` and `cells` decide without IO; `survey` drives the workers and the folder, `recheck` asks for some
+//! `grid`, `landscape` and `cells` decide without IO; `grid_search` drives the workers and the folder, `recheck` asks for some
 //! counts once more. A run of method "exhaustive" and the command `exhaust` share the grid's folder:
 //! `<results folder>/<name>-grid-<key>`.
 
@@ -10,9 +10,9 @@ pub mod summary;
 
 mod cells;
 mod optimum;
-mod question;
+mod grid_spec;
 mod recheck;
-mod survey;
+mod grid_search;
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -22,16 +22,17 @@ use results::{FinishedGrid, GridFolder};
 use worker::store::Store;
 
 use crate::dataset::{Dataset, Wanted};
-use crate::experiment::{Experiment, LocalWorkers};
-use crate::run::place::{beside, claim, difference, refuse_another};
+use crate::experiment::Experiment;
+use crate::run::directory::{beside, claim, difference, refuse_another};
 use crate::run::progress::Progress;
-use crate::run::{DataError, RunError, RunOptions, Workplace, listen, open_data, rows};
+use crate::run::{RunError, RunOptions, open_data, rows};
+use crate::session::{Session, listen};
 use cluster::Client;
 pub use optimum::Optimum;
-use question::Question;
+use grid_spec::GridSpec;
 pub use recheck::{MOST as MOST_RECHECKED, Recheck};
 use summary::GridSummary;
-use survey::Survey;
+use grid_search::GridSearch;
 
 /// Evaluates every descriptor of an experiment's search space on its training clouds; a finished grid is only shown
 /// again. The other two splits are neither read nor given to workers. Then `sample` of its counts, if any, are computed
@@ -42,57 +43,52 @@ pub async fn exhaust(
     sample: u32,
 ) -> Result<GridSummary, RunError> {
     let mut progress = Progress::new(1);
-    let local_workers = experiment.coordinator().local_workers;
-    let can_do_alone = local_workers != LocalWorkers::Count(0);
     let store = Arc::new(Store::open(&options.storage, &transport::host_name()));
     let dataset = open_data(experiment, Wanted::Training, Some(&store), |line| progress.say(line))?;
-    let question = Question::new(experiment, &dataset)?;
-    let base = options.out.clone().unwrap_or_else(|| default_folder(experiment, &question));
+    let spec = GridSpec::new(experiment, &dataset)?;
+    let base = options.out.clone().unwrap_or_else(|| default_folder(experiment, &spec));
     let out = if options.fresh { beside(&base) } else { base };
-    let finished = finished(&out, &question)?;
+    let finished = finished(&out, &spec)?;
     if let Some(grid) = &finished {
         eprintln!("{}: this grid is finished; --fresh starts another", out.display());
         if sample == 0 {
-            keep(&question, grid, &out, &store)?;
+            keep(&spec, grid, &out, &store)?;
             return Ok(GridSummary { grid: grid.clone(), out, recheck: None });
         }
     }
-    let listener = listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
+    let listener = listen(experiment, &options.protection, progress.console()).await?;
     // Before a folder is made: the search space may be too fine.
-    let mut workplace = Workplace::new(experiment, &dataset, Arc::clone(&store), options.storage.memory)
-        .map_err(DataError::from)?;
-    let folder = open_folder(&out, &question)?;
-    if let Some(listener) = listener {
-        workplace.open(listener).await;
-    }
-    let mut client = workplace.cluster.client();
-    let mut crew = workplace.staff(local_workers);
-    if !can_do_alone {
-        progress.say("waiting for a worker");
-    }
-    let survey =
-        Survey { question: &question, name: experiment.name(), folder: &folder, workplace: &workplace };
+    let memory = options.storage.memory;
+    let mut session =
+        Session::new(experiment.genes(), experiment, &dataset, Arc::clone(&store), memory)?;
+    let folder = open_folder(&out, &spec)?;
+    let mut client = session.cluster.client();
+    let settings = experiment.coordinator();
+    session.start(listener, settings.local_workers).await;
+    let console = progress.console().clone();
     let search = async {
-        progress.wait_for_worker(&client).await;
         let grid = match finished {
             Some(grid) => grid,
-            None => survey.run(&mut client, &mut progress).await?,
+            None => {
+                let search =
+                    GridSearch { spec: &spec, name: experiment.name(), folder: &folder, session: &session };
+                search.run(&mut client, &mut progress).await?
+            }
         };
         client.rest(); // it has no further question, and nobody may wait for one
         let recheck = match sample {
             0 => None,
             sample => Some(
-                recheck::recheck(&question, &folder, &workplace, sample, |line| progress.say(line)).await?,
+                recheck::recheck(&spec, &folder, &session, sample, |line| progress.say(line)).await?,
             ),
         };
-        Ok::<_, RunError>((grid, recheck))
+        Ok((grid, recheck))
     };
-    let (grid, recheck) = crew.during(search).await?;
-    crew.stop().await;
+    let (grid, recheck) = session.perform(&console, settings.deadline, search).await?;
     progress.finish();
     let summary = GridSummary { grid, out, recheck };
     if summary.is_sound() {
-        keep(&question, &summary.grid, &summary.out, &store)?;
+        keep(&spec, &summary.grid, &summary.out, &store)?;
     }
     Ok(summary)
 }
@@ -102,49 +98,49 @@ pub async fn exhaust(
 pub async fn best_of_all(
     experiment: &Experiment,
     dataset: &Dataset,
-    workplace: &Workplace<'_>,
+    session: &Session<'_>,
     client: &mut Client,
     progress: &mut Progress,
 ) -> Result<Optimum, RunError> {
-    let question = Question::new(experiment, dataset)?;
-    let out = default_folder(experiment, &question);
-    let grid = match finished(&out, &question)? {
+    let spec = GridSpec::new(experiment, dataset)?;
+    let out = default_folder(experiment, &spec);
+    let grid = match finished(&out, &spec)? {
         Some(finished) => finished,
         None => {
             progress.say(&format!("evaluating the whole grid in {}", out.display()));
-            let folder = open_folder(&out, &question)?;
-            let survey = Survey { question: &question, name: experiment.name(), folder: &folder, workplace };
-            survey.run(client, progress).await?
+            let folder = open_folder(&out, &spec)?;
+            let grid_search = GridSearch { spec: &spec, name: experiment.name(), folder: &folder, session };
+            grid_search.run(client, progress).await?
         }
     };
-    keep(&question, &grid, &out, &workplace.store)
+    keep(&spec, &grid, &out, &session.store)
 }
 
 /// The best descriptor of an experiment's search space, if it is known on this machine.
 pub fn known_optimum(experiment: &Experiment, dataset: &Dataset, store: &Store) -> Option<Optimum> {
-    let question = Question::new(experiment, dataset).ok()?;
-    Optimum::recall(store, question.key, &question.grid, question.queries).or_else(|| {
-        let folder = default_folder(experiment, &question);
-        let finished = finished(&folder, &question).ok().flatten()?;
-        question.optimum(&finished, &folder).ok()
+    let spec = GridSpec::new(experiment, dataset).ok()?;
+    Optimum::recall(store, spec.key, &spec.grid, spec.queries).or_else(|| {
+        let folder = default_folder(experiment, &spec);
+        let finished = finished(&folder, &spec).ok().flatten()?;
+        spec.optimum(&finished, &folder).ok()
     })
 }
 
-fn default_folder(experiment: &Experiment, question: &Question) -> PathBuf {
-    experiment.results_dir().join(question.folder_name(experiment))
+fn default_folder(experiment: &Experiment, spec: &GridSpec) -> PathBuf {
+    experiment.results_dir().join(spec.folder_name(experiment))
 }
 
 /// A folder to evaluate the grid in, locked, and refused if it holds something else.
-fn open_folder(out: &Path, question: &Question) -> Result<GridFolder, RunError> {
-    refuse_another(out, &question.text)?;
+fn open_folder(out: &Path, spec: &GridSpec) -> Result<GridFolder, RunError> {
+    refuse_another(out, &spec.text)?;
     let folder = GridFolder::create(out, &rows::gene_columns())?;
-    claim(out, &question.text)?;
+    claim(out, &spec.text)?;
     Ok(folder)
 }
 
 /// The finished grid in a folder, if there is one; another one is refused. One that lacks a cell or whose tables are
 /// damaged or gone is not finished: the same search goes on with what is left.
-fn finished(out: &Path, question: &Question) -> Result<Option<FinishedGrid>, RunError> {
+fn finished(out: &Path, spec: &GridSpec) -> Result<Option<FinishedGrid>, RunError> {
     let finished = match results::read_grid(out) {
         Ok(finished) => finished,
         Err(results::Error::UnfinishedGrid(_)) => return Ok(None),
@@ -158,12 +154,12 @@ fn finished(out: &Path, question: &Question) -> Result<Option<FinishedGrid>, Run
         }
         Err(error) => return Err(error.into()),
     };
-    if finished.row.search_space != question.text {
-        let difference = difference(&finished.row.search_space, &question.text);
+    if finished.row.search_space != spec.text {
+        let difference = difference(&finished.row.search_space, &spec.text);
         return Err(RunError::OtherSearch { folder: out.to_owned(), difference });
     }
-    let cells = 0..question.grid.cells();
-    let missing = cells.filter(|&cell| !GridFolder::has_cell(out, &question.cell_name(cell))).count();
+    let cells = 0..spec.grid.cells();
+    let missing = cells.filter(|&cell| !GridFolder::has_cell(out, &spec.cell_name(cell))).count();
     if missing > 0 {
         eprintln!("warning: {}: {missing} cells of the finished grid are gone", out.display());
         return Ok(None);
@@ -172,8 +168,8 @@ fn finished(out: &Path, question: &Question) -> Result<Option<FinishedGrid>, Run
 }
 
 /// Keeps the optimum for later runs, wherever their results go.
-fn keep(question: &Question, grid: &FinishedGrid, out: &Path, store: &Store) -> Result<Optimum, RunError> {
-    let optimum = question.optimum(grid, out)?;
-    optimum.remember(store, question.key, question.queries);
+fn keep(spec: &GridSpec, grid: &FinishedGrid, out: &Path, store: &Store) -> Result<Optimum, RunError> {
+    let optimum = spec.optimum(grid, out)?;
+    optimum.remember(store, spec.key, spec.queries);
     Ok(optimum)
 }

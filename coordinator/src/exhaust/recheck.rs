@@ -7,8 +7,9 @@ use descriptor::{Parameters, random};
 use rand::seq::index;
 use results::GridFolder;
 
-use super::question::Question;
-use crate::run::{RunError, Workplace};
+use super::grid_spec::GridSpec;
+use crate::run::RunError;
+use crate::session::Session;
 
 /// Problems that are shown.
 const SHOWN: usize = 10;
@@ -38,17 +39,17 @@ impl fmt::Display for Recheck {
 }
 
 /// Has `sample` descriptors of the grid, drawn from all of it without repetition, evaluated one by one, and compares
-/// with the cells on the disk. Which ones depends on the question alone, so that two people see the same.
+/// with the cells on the disk. Which ones depends on the spec alone, so that two people see the same.
 pub async fn recheck(
-    question: &Question,
+    spec: &GridSpec,
     folder: &GridFolder,
-    workplace: &Workplace<'_>,
+    session: &Session<'_>,
     sample: u32,
     mut say: impl FnMut(&str),
 ) -> Result<Recheck, RunError> {
-    let grid = &question.grid;
+    let grid = &spec.grid;
     let descriptors = grid.descriptors() as usize; // at most 2^31
-    let mut rng = random::stream(0, &format!("recheck {}", question.key), &[]);
+    let mut rng = random::stream(0, &format!("recheck {}", spec.key), &[]);
     let drawn = index::sample(&mut rng, descriptors, descriptors.min(sample as usize));
     let drawn_in_all = drawn.len();
     say(&format!("computing {drawn_in_all} counts again"));
@@ -61,8 +62,8 @@ pub async fn recheck(
     let mut batch = Batch::default();
     let mut told = 0;
     for (cell, places) in by_cell {
-        let name = question.cell_name(cell);
-        let read = folder.read_cell(&name).map(|points| points.and_then(|p| question.counts(cell, p)));
+        let name = spec.cell_name(cell);
+        let read = folder.read_cell(&name).map(|points| points.and_then(|p| spec.counts(cell, p)));
         let counts = match read {
             Ok(Some(counts)) => counts,
             Ok(None) => {
@@ -82,7 +83,7 @@ pub async fn recheck(
             batch.parameters.push(descriptors[place]);
             batch.expected.push(counts[place]);
             if batch.parameters.len() == BATCH {
-                batch.evaluate(workplace, &mut recheck).await?;
+                batch.evaluate(session, &mut recheck).await?;
             }
         }
         if recheck.recomputed >= told + 10 * BATCH {
@@ -90,7 +91,7 @@ pub async fn recheck(
             say(&format!("{told} of {drawn_in_all} counts computed again"));
         }
     }
-    batch.evaluate(workplace, &mut recheck).await?;
+    batch.evaluate(session, &mut recheck).await?;
     Ok(recheck)
 }
 
@@ -103,8 +104,8 @@ struct Batch {
 
 impl Batch {
     /// Evaluates, compares and empties it.
-    async fn evaluate(&mut self, workplace: &Workplace<'_>, recheck: &mut Recheck) -> Result<(), RunError> {
-        let found = workplace.train_counts(&self.parameters).await?;
+    async fn evaluate(&mut self, session: &Session<'_>, recheck: &mut Recheck) -> Result<(), RunError> {
+        let found = session.train_counts(&self.parameters).await?;
         recheck.recomputed += found.len();
         for ((parameters, expected), found) in
             self.parameters.drain(..).zip(self.expected.drain(..)).zip(found)

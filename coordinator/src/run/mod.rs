@@ -1,52 +1,45 @@
 //! One run from an experiment to its results: data, workers, search, final test, tables.
 
-mod at_work;
 mod data;
-pub mod place;
+pub mod directory;
+mod driver;
+mod error;
 pub mod progress;
 mod resume;
 pub mod rows;
 mod search;
 mod source;
-mod splits;
+pub mod splits;
 pub mod summary;
 pub mod tally;
-mod workplace;
 
-use std::io;
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::{Duration, Instant, SystemTime};
+use std::time::{Instant, SystemTime};
 
 use results::RunFolder;
 use transport::host_name;
 use worker::Storage;
 use worker::store::Store;
 
-use crate::dataset::{Dataset, DatasetError, Wanted};
-use crate::evolution::{Method, SettingsError};
-use crate::exhaust::grid::{Grid, GridError};
-use crate::experiment::{Experiment, ExperimentError, LocalWorkers};
-use crate::local::CrewError;
-use crate::memory::Known;
-use cluster::ClusterError;
-use cluster::journal::JournalError;
-use transport::{ListenError, Listener, Protection};
+use crate::dataset::{Dataset, Wanted};
+use crate::evolution::Method;
+use crate::exhaust::grid::Grid;
+use crate::experiment::Experiment;
+use crate::result_cache::Known;
+use crate::session::{Session, listen};
+use transport::Protection;
 
-use at_work::compare_with_optimum;
-pub use at_work::{RunAtWork, Start};
 pub use data::{DataError, open_data, write_synthetic};
-pub use place::folder;
-use place::{claim, difference, refuse_another};
+pub use directory::folder;
+use directory::{claim, difference, refuse_another};
+use driver::compare_with_optimum;
+pub use driver::{RunDriver, Start};
+pub use error::RunError;
 use progress::Progress;
 pub use resume::{open_journal, recorded_plan, remove_journal};
 pub use splits::Matching;
 use summary::Summary;
-pub use workplace::Workplace;
-
-/// Where workers are awaited unless the experiment or the command line says otherwise.
-pub const DEFAULT_LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 7700);
 
 /// How a run is started, beside its experiment.
 #[derive(Clone, Debug)]
@@ -59,141 +52,6 @@ pub struct RunOptions {
     pub protection: Protection,
     /// Where what runs find out is kept, and memory for the workers of this process.
     pub storage: Storage,
-}
-
-/// Why a run has no result.
-#[derive(Debug, thiserror::Error)]
-pub enum RunError {
-    /// The clouds are not to be had.
-    #[error(transparent)]
-    Data(#[from] DataError),
-    /// The data set is not fit for a run.
-    #[error(transparent)]
-    Dataset(#[from] DatasetError),
-    /// The genetic algorithm's settings.
-    #[error(transparent)]
-    Settings(#[from] SettingsError),
-    /// The search space cannot be evaluated exhaustively.
-    #[error(transparent)]
-    Grid(#[from] GridError),
-    /// Nobody can connect.
-    #[error(transparent)]
-    Listen(#[from] ListenError),
-    /// Evaluations stopped for good.
-    #[error(transparent)]
-    Cluster(#[from] ClusterError),
-    /// What an earlier start has left.
-    #[error(transparent)]
-    Journal(#[from] JournalError),
-    /// It took too long.
-    #[error(
-        "coordinator.deadline_seconds: reached, got no result within {seconds} s\nrun the same command to go on, as long again, or raise the deadline"
-    )]
-    Deadline {
-        /// The deadline.
-        seconds: u64,
-    },
-    /// Nothing to go on with.
-    #[error(
-        "{folder}: holds no run to go on with\nname the folder of a run, or start one: coordinator run EXP.toml"
-    )]
-    NothingToResume {
-        /// The folder.
-        folder: PathBuf,
-    },
-    /// A run that is not finished, and goes on with others.
-    #[error("{folder}: is a run of a sweep, and has no journal of its own\ngo on with the sweep: coordinator resume {sweep}", folder = .folder.display(), sweep = .sweep.display())]
-    MemberOfSweep {
-        /// Its folder.
-        folder: PathBuf,
-        /// That of the sweep.
-        sweep: PathBuf,
-    },
-    /// The experiment that a run was started with.
-    #[error(transparent)]
-    Experiment(#[from] ExperimentError),
-    /// The workers of this process stopped.
-    #[error(transparent)]
-    Crew(#[from] CrewError),
-    /// The run folder.
-    #[error(transparent)]
-    Results(#[from] results::Error),
-    /// A file of the run folder that is no table.
-    #[error(
-        "{path}: cannot be used, got {source}\ncheck permissions and free space, or choose another --out"
-    )]
-    File {
-        /// Which file.
-        path: PathBuf,
-        /// Why.
-        source: io::Error,
-    },
-    /// The folder belongs to something else.
-    #[error(
-        "--out {folder}: holds another search, got these differences\n{difference}\nchoose another --out, or remove the folder"
-    )]
-    OtherSearch {
-        /// The folder.
-        folder: PathBuf,
-        /// Lines that differ.
-        difference: String,
-    },
-    /// The same search has run on other clouds.
-    #[error(
-        "{folder}: is a run of other clouds, got data digest {now} instead of {then}\nstart another with --fresh, or choose another --out"
-    )]
-    OtherData {
-        /// The folder.
-        folder: PathBuf,
-        /// Data digest of the run.
-        then: String,
-        /// Data digest of the clouds as they are.
-        now: String,
-    },
-    /// The run is of a release that computes other numbers.
-    #[error(
-        "{folder}: is a run of evaluation version {then}, got a program of version {now}\nstart another with --fresh, or choose another --out",
-        now = descriptor::EVALUATION_VERSION
-    )]
-    OtherVersion {
-        /// The folder.
-        folder: PathBuf,
-        /// Its evaluation version.
-        then: u32,
-    },
-    /// A count of an earlier run is not what this one finds.
-    #[error(
-        "remembered counts: {parameters}: {matching}: must be what was computed now, {computed}, got {remembered}\nrun again with --no-cache, and remove derived/remembered-counts from the cache: another run has kept wrong counts there"
-    )]
-    Contradiction {
-        /// The winner.
-        parameters: descriptor::Parameters,
-        /// Which counts.
-        matching: &'static str,
-        /// Recognised objects and categories.
-        computed: String,
-        /// The same, as they were remembered.
-        remembered: String,
-    },
-    /// Two answers of this run differ, and nobody compared them when they came.
-    #[error(
-        "workers: {parameters}: {matching}: two of this run's own answers differ, got {computed} after {held}\nstart another run with --fresh and coordinator.audit = 1, on three workers: it finds the one that is wrong"
-    )]
-    Disagreement {
-        /// The winner.
-        parameters: descriptor::Parameters,
-        /// Which counts.
-        matching: &'static str,
-        /// Recognised objects and categories.
-        computed: String,
-        /// The same, as the search took them.
-        held: String,
-    },
-    /// Nothing would ever be computed.
-    #[error(
-        "validation: stop.validation_patience needs validation clouds, got none that is usable\nset stop.validation_patience = \"off\" or give the validation split some clouds"
-    )]
-    NoValidation,
 }
 
 /// Runs an experiment to its stop reason; a finished run is only shown again.
@@ -209,9 +67,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     if experiment.method() == Method::Exhaustive {
         Grid::new(experiment.genes())?;
     }
-    let local_workers = experiment.coordinator().local_workers;
-    let can_do_alone = local_workers != LocalWorkers::Count(0);
-    let listener = listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
+    let listener = listen(experiment, &options.protection, progress.console()).await?;
     let dataset = open_data(experiment, Wanted::All, Some(&store), |line| progress.say(line))?;
     if experiment.stop().validation_patience.is_some() && dataset.splits.validation.is_empty() {
         return Err(RunError::NoValidation);
@@ -238,35 +94,24 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     }
     let past = (header.session, journal, recorded);
     let memory = options.storage.memory;
-    let mut workplace = Workplace::with_journal(past, experiment, &dataset, Arc::clone(&store), memory)
-        .map_err(DataError::from)?;
-    if let Some(listener) = listener {
-        workplace.open(listener).await;
-    }
-    let memory = |matching| workplace.splits.memory(&store, experiment.preprocess(), matching);
+    let mut session = Session::with_journal(past, experiment, &dataset, Arc::clone(&store), memory)?;
+    let client = session.cluster.client();
+    let settings = experiment.coordinator();
+    session.start(listener, settings.local_workers).await;
+    let memory = |matching| session.splits.memory(&store, experiment.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
     let known = Known { train: train_memory.recall(), validation: validation_memory.recall() };
-    let client = workplace.cluster.client();
-    let mut crew = workplace.staff(local_workers);
-    if !can_do_alone {
-        progress.say("waiting for a worker");
-    }
     let start = Start { now: started, first: header.started_at, before: at_work };
-    let (dataset, workplace, remembered) = (&dataset, &workplace, &known);
-    let mut run = RunAtWork { experiment, dataset, workplace, remembered, client, folder, progress, start };
-    let search = async {
-        run.progress.wait_for_worker(&run.client).await;
-        run.search().await
-    };
-    let ended = in_time(experiment.coordinator().deadline, crew.during(search)).await;
-    if ended.is_err() {
+    let console = progress.console().clone();
+    let (dataset, session, remembered) = (&dataset, &session, &known);
+    let mut run = RunDriver { experiment, dataset, session, remembered, client, folder, progress, start };
+    let searched = session.perform(&console, settings.deadline, run.search()).await;
+    if searched.is_err() {
         run.tell_what_happened();
     }
-    let outcome = ended?;
-    crew.stop().await;
+    let outcome = searched?;
     run.progress.finish();
-    let trusted = workplace.cluster.is_trusted();
-    workplace.cluster.close();
+    let trusted = session.cluster.is_trusted();
     let summary = run.finish(&outcome)?;
     remove_journal(&out);
     // Not before the run is finished: what a failed one computed is in doubt, and so is what one with a worker that
@@ -276,16 +121,6 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
         validation_memory.keep(&outcome.found.known.validation);
     }
     Ok(summary)
-}
-
-/// Does `work` unless it takes too long.
-pub async fn in_time<T>(
-    deadline: Option<Duration>,
-    work: impl Future<Output = Result<T, RunError>>,
-) -> Result<T, RunError> {
-    let Some(deadline) = deadline else { return work.await };
-    let late = |_| RunError::Deadline { seconds: deadline.as_secs() };
-    tokio::time::timeout(deadline, work).await.map_err(late)?
 }
 
 /// The summary of a run folder that is finished, unless it is one of another search, of other clouds or of a program
@@ -357,28 +192,4 @@ pub fn refuse_other_data(folder: &Path, then: &str, dataset: &Dataset) -> Result
 /// Digest of a data set.
 pub fn data_digest(dataset: &Dataset) -> String {
     proto::Digest(dataset.clouds.digest).to_string()
-}
-
-/// Opens the port. The default port is a convenience: if it is taken, a run with workers of its own goes on.
-pub async fn listen(
-    wanted: Option<SocketAddr>,
-    can_do_alone: bool,
-    protection: &Protection,
-    progress: &Progress,
-) -> Result<Option<Listener>, RunError> {
-    let listener = match Listener::bind(wanted.unwrap_or(DEFAULT_LISTEN), protection).await {
-        Ok(listener) => listener,
-        Err(ListenError::PortInUse { address }) if wanted.is_none() && can_do_alone => {
-            progress.say(&format!(
-                "port {} is in use, so that no remote worker can join; --listen chooses another",
-                address.port()
-            ));
-            return Ok(None);
-        }
-        Err(error) => return Err(error.into()),
-    };
-    for notice in listener.notices() {
-        progress.say(&notice);
-    }
-    Ok(Some(listener))
 }

@@ -8,8 +8,9 @@ use descriptor::Parameters;
 use indicatif::{ProgressBar, ProgressStyle};
 use results::Counts;
 
+use crate::console::Console;
 use crate::run::tally::Tally;
-use cluster::{Client, ClusterNews};
+use cluster::ClusterNews;
 
 /// What there is to say at the end of a generation.
 pub struct GenerationReport<'a> {
@@ -52,8 +53,7 @@ impl CellReport {
 
 /// The display of one run.
 pub struct Progress {
-    /// `None` where standard error is no terminal.
-    bar: Option<ProgressBar>,
+    console: Console,
     generations: u32,
     /// Set while a grid is evaluated.
     cells: Option<CellReport>,
@@ -75,18 +75,21 @@ pub struct Progress {
 impl Progress {
     /// A display for a run of at most `generations` generations.
     pub fn new(generations: u32) -> Self {
-        let bar = (std::io::stderr().is_terminal() && std::io::stdout().is_terminal()).then(|| {
+        let is_terminal = std::io::stderr().is_terminal() && std::io::stdout().is_terminal();
+        let console = if is_terminal {
             let bar = ProgressBar::new(generations.into());
             // Two lines that fit 80 columns.
             let style = ProgressStyle::with_template("{spinner} {bar:10} {prefix}\n  {wide_msg}");
             bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
             bar.set_prefix("reading the clouds");
             bar.enable_steady_tick(Duration::from_millis(200));
-            bar
-        });
+            Console::with(bar)
+        } else {
+            Console::default()
+        };
         let (started, errors) = (Instant::now(), "describing the clouds".to_owned());
         Self {
-            bar,
+            console,
             generations,
             cells: None,
             started,
@@ -109,9 +112,9 @@ impl Progress {
 
     /// The display of one run of a sweep: its lines carry its name, the live line is that of all.
     pub fn of_member(&self, name: &str, generations: u32, tally: &Arc<Tally>) -> Self {
-        let (bar, member) = (self.bar.clone(), Some((name.to_owned(), Arc::clone(tally))));
+        let (console, member) = (self.console.clone(), Some((name.to_owned(), Arc::clone(tally))));
         Self {
-            bar,
+            console,
             generations,
             cells: None,
             started: Instant::now(),
@@ -127,25 +130,16 @@ impl Progress {
 
     /// A line that stays.
     pub fn say(&self, line: &str) {
-        self.print(&format!("{}{line}", self.label()));
+        self.console.say(&format!("{}{line}", self.label()));
+    }
+
+    /// Where lines go that are about all runs.
+    pub fn console(&self) -> &Console {
+        &self.console
     }
 
     fn label(&self) -> String {
         self.member.as_ref().map_or_else(String::new, |(name, _)| format!("{name}: "))
-    }
-
-    fn print(&self, line: &str) {
-        match &self.bar {
-            Some(bar) => bar.suspend(|| eprintln!("{line}")),
-            None => eprintln!("{line}"),
-        }
-    }
-
-    /// Waits until there is a worker, and says each minute that there is none.
-    pub async fn wait_for_worker(&self, client: &Client) {
-        let waiting =
-            |waited: Duration| self.say(&format!("no worker yet after {} min", waited.as_secs() / 60));
-        client.wait_for_worker(waiting).await;
     }
 
     /// Rates are counted from now: what came before was no evaluation. `found` generations are there already.
@@ -154,7 +148,7 @@ impl Progress {
         self.found = found;
         self.cells = None;
         self.finished = 0;
-        if let (Some(bar), None) = (&self.bar, &self.member) {
+        if let (Some(bar), None) = (self.console.bar(), &self.member) {
             bar.set_length(self.generations.into());
         }
     }
@@ -163,7 +157,7 @@ impl Progress {
     pub fn cells_start(&mut self, report: &CellReport) {
         self.started = Instant::now();
         self.cells = Some(*report);
-        if let Some(bar) = &self.bar {
+        if let Some(bar) = self.console.bar() {
             bar.set_length(report.cells as u64);
             bar.set_position(report.done as u64);
         }
@@ -173,7 +167,7 @@ impl Progress {
     /// A cell of the grid is done. Where there is no live line, one is written for each per cent of the grid.
     pub fn cell_done(&mut self, report: &CellReport) {
         let before = self.cells.replace(*report).map_or(0, |before| before.percent_done());
-        match &self.bar {
+        match self.console.bar() {
             Some(bar) => {
                 bar.set_position(report.done as u64);
                 self.redraw();
@@ -212,7 +206,7 @@ impl Progress {
     /// Workers came or went, evaluations were finished.
     pub fn news(&mut self, news: &ClusterNews) {
         for event in news.events.iter().filter(|event| event.what.is_news()) {
-            self.print(&event.what.to_string()); // of a sweep, whoever hears of it says it for all
+            self.console.say(&event.what.to_string()); // of a sweep, whoever hears of it says it for all
         }
         let changed = self.workers != news.workers || news.finished > 0;
         self.workers = news.workers;
@@ -236,7 +230,7 @@ impl Progress {
             Some((_, tally)) => tally.generation_done(),
             None => report.generation.into(),
         };
-        match &self.bar {
+        match self.console.bar() {
             Some(bar) => {
                 bar.set_position(done);
                 self.redraw();
@@ -255,7 +249,7 @@ impl Progress {
 
     /// Takes the live line away.
     pub fn finish(&mut self) {
-        if let Some(bar) = self.bar.take() {
+        if let Some(bar) = std::mem::take(&mut self.console).bar() {
             bar.finish_and_clear();
         }
     }
@@ -280,7 +274,7 @@ impl Progress {
     }
 
     fn redraw(&self) {
-        if let Some(bar) = &self.bar {
+        if let Some(bar) = self.console.bar() {
             let [prefix, message] = match (&self.cells, &self.member) {
                 (Some(report), _) => self.cells_line(report),
                 (None, Some((_, tally))) => tally.lines(),

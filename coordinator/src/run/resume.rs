@@ -8,7 +8,7 @@ use proto::SessionId;
 
 use crate::dataset::Dataset;
 use crate::experiment::{Overrides, Plan};
-use crate::run::place::difference;
+use crate::run::directory::difference;
 use crate::run::{RunError, data_digest};
 use crate::sweep::SWEEP_FILE;
 use crate::sweep::recorded_sweep;

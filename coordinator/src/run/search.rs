@@ -9,12 +9,13 @@ use results::{Counts, RunFolder};
 
 use crate::evolution::{GenerationBest, Individual, StopReason, StopRule, Winner, selection};
 use crate::experiment::Experiment;
-use crate::memory::Known;
+use crate::result_cache::Known;
 use crate::run::progress::{GenerationReport, Progress};
 use crate::run::rows;
 use crate::run::source::Source;
 use crate::run::splits::Matching;
-use crate::run::{RunError, Workplace};
+use crate::run::RunError;
+use crate::session::Session;
 use cluster::Client;
 use cluster::evaluation::EvaluationResult;
 use cluster::scheduler::Finished;
@@ -43,7 +44,7 @@ pub struct Found {
 /// One search under way.
 pub struct Search<'a> {
     experiment: &'a Experiment,
-    workplace: &'a Workplace<'a>,
+    session: &'a Session<'a>,
     client: &'a mut Client,
     progress: &'a mut Progress,
     /// Nothing is evaluated twice.
@@ -59,12 +60,12 @@ impl<'a> Search<'a> {
     /// this run has evaluated stays its own, whatever other runs have found out since.
     pub fn new(
         experiment: &'a Experiment,
-        workplace: &'a Workplace<'a>,
+        session: &'a Session<'a>,
         client: &'a mut Client,
         progress: &'a mut Progress,
         mut known: Known,
     ) -> Self {
-        let Workplace { cluster, splits, .. } = workplace;
+        let Session { cluster, splits, .. } = session;
         if cluster.has_past() {
             for (matching, known) in
                 [(Matching::Train, &mut known.train), (Matching::Validation, &mut known.validation)]
@@ -74,7 +75,7 @@ impl<'a> Search<'a> {
             }
         }
         let born = BTreeMap::new();
-        Self { experiment, workplace, client, progress, known, born, computed: 0, remembered: 0 }
+        Self { experiment, session, client, progress, known, born, computed: 0, remembered: 0 }
     }
 
     /// Who asks for the search, and the display of the run.
@@ -145,7 +146,7 @@ impl<'a> Search<'a> {
             }
             if generation > folder.generations() {
                 // No table says who computed what before the journal does.
-                self.workplace.cluster.flush().await?;
+                self.session.cluster.flush().await?;
                 folder.write_generation(&individuals, &row)?;
                 self.progress.generation_done(&GenerationReport {
                     generation,
@@ -194,7 +195,7 @@ impl<'a> Search<'a> {
         self.remembered += (population.len() - new.len()) as u64;
         let evaluations = new
             .iter()
-            .map(|(_, parameters)| self.workplace.splits.evaluation(*parameters, Matching::Train, false));
+            .map(|(_, parameters)| self.session.splits.evaluation(*parameters, Matching::Train, false));
         let progress = &mut *self.progress;
         let finished = self.client.evaluate(evaluations.collect(), |news| progress.news(news)).await?;
         for ((_, parameters), finished) in new.iter().zip(&finished) {
@@ -211,7 +212,7 @@ impl<'a> Search<'a> {
         if let Some(known) = self.known.validation.get(&parameters) {
             return Ok(Some(*known));
         }
-        let evaluation = self.workplace.splits.evaluation(parameters, Matching::Validation, false);
+        let evaluation = self.session.splits.evaluation(parameters, Matching::Validation, false);
         let progress = &mut *self.progress;
         let finished = self.client.evaluate(vec![evaluation], |news| progress.news(news)).await?;
         let counts = finished.first().map(|finished| rows::counts(&finished.result));

@@ -7,7 +7,7 @@ use worker::store::Store;
 
 use crate::dataset::{Dataset, SPLITS, Splits};
 use crate::manifest;
-use crate::memory::Memory;
+use crate::result_cache::Memory;
 use cluster::blobs::BlobStore;
 use cluster::evaluation::Evaluation;
 use cluster::task::GridCell;

@@ -12,16 +12,17 @@ use results::RunFolder;
 use worker::store::Store;
 
 use crate::dataset::{Dataset, Wanted};
-use crate::experiment::{LocalWorkers, Member, Overrides, Plan, Sweep};
-use crate::memory::Known;
-use crate::run::place::{chosen, claim, read_bounded, refuse_another, write_whole};
+use crate::experiment::{Member, Overrides, Plan, Sweep};
+use crate::result_cache::Known;
+use crate::run::directory::{chosen, claim, read_bounded, refuse_another, write_whole};
 use crate::run::progress::Progress;
 use crate::run::summary::Summary;
 use crate::run::tally::Tally;
 use crate::run::{
-    DataError, Matching, RunAtWork, RunError, RunOptions, Start, Workplace, compare_with_data, finished,
-    in_time, listen, open_data, open_journal, refuse_other_data, remove_journal, rows,
+    Matching, RunDriver, RunError, RunOptions, Start, compare_with_data, finished, open_data, open_journal,
+    refuse_other_data, remove_journal, rows,
 };
+use crate::session::{Session, listen};
 pub use summary::SweepSummary;
 
 /// File in the folder of a sweep that tells it in full.
@@ -66,9 +67,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     }
     let generations = members.iter().map(|member| member.experiment.stop().generations);
     let mut progress = Progress::new(generations.fold(0, u32::saturating_add));
-    let local_workers = base.coordinator().local_workers;
-    let can_do_alone = local_workers != LocalWorkers::Count(0);
-    let listener = listen(base.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
+    let listener = listen(base, &options.protection, progress.console()).await?;
     let dataset = open_data(base, Wanted::All, Some(&store), |line| progress.say(line))?;
     let validates = |member: &Member| member.experiment.stop().validation_patience.is_some();
     if members.iter().any(validates) && dataset.splits.validation.is_empty() {
@@ -88,45 +87,32 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let (mut summaries, folders) = open_folders(&out, &members, &dataset, (begun, trusted))?;
     let past = (header.session, journal, recorded);
     let memory = options.storage.memory;
-    let mut workplace =
-        Workplace::with_journal(past, base, &dataset, Arc::clone(&store), memory).map_err(DataError::from)?;
-    if let Some(listener) = listener {
-        workplace.open(listener).await;
-    }
-    let memory = |matching| workplace.splits.memory(&store, base.preprocess(), matching);
+    let mut session = Session::with_journal(past, base, &dataset, Arc::clone(&store), memory)?;
+    session.cluster.share();
+    let clients: Vec<_> = folders.iter().map(|_| session.cluster.client()).collect();
+    let settings = base.coordinator();
+    session.start(listener, settings.local_workers).await;
+    let memory = |matching| session.splits.memory(&store, base.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
     let known = Known { train: train_memory.recall(), validation: validation_memory.recall() };
     let tally = Arc::new(Tally::new(members.len(), summaries.len()));
     let (dataset, remembered) = (&dataset, &known);
-    workplace.cluster.share();
-    let clients: Vec<_> = folders.iter().map(|_| workplace.cluster.client()).collect();
-    let mut crew = workplace.staff(local_workers);
-    if !can_do_alone {
-        progress.say("waiting for a worker");
-    }
-    let workplace = &workplace;
-    let at_work = |((place, folder), client): ((usize, RunFolder), _)| {
+    let session = &session;
+    let driver = |((place, folder), client): ((usize, RunFolder), _)| {
         let Member { name, experiment } = &members[place];
         let progress = progress.of_member(name, experiment.stop().generations, &tally);
-        (place, RunAtWork { experiment, dataset, workplace, remembered, client, folder, progress, start })
+        (place, RunDriver { experiment, dataset, session, remembered, client, folder, progress, start })
     };
-    let mut runs: Vec<(usize, RunAtWork<'_>)> = folders.into_iter().zip(clients).map(at_work).collect();
-    let work = async {
-        if let Some((_, run)) = runs.first() {
-            progress.wait_for_worker(&run.client).await;
-        }
-        run_all(&mut runs, &tally).await
-    };
-    let ended = in_time(base.coordinator().deadline, crew.during(work)).await;
-    if ended.is_err() {
+    let mut runs: Vec<(usize, RunDriver<'_>)> = folders.into_iter().zip(clients).map(driver).collect();
+    let searched = session.perform(progress.console(), settings.deadline, run_all(&mut runs, &tally)).await;
+    if searched.is_err() {
         runs.iter().for_each(|(_, run)| run.tell_what_happened());
     }
-    let done = ended?;
-    crew.stop().await;
+    let done = searched?;
     progress.finish();
 
     remove_journal(&out);
-    let trusted = workplace.cluster.is_trusted();
+    let trusted = session.cluster.is_trusted();
     for (place, summary, found) in done {
         summaries.push((place, summary));
         // Not before all are finished, as none of them was told a wrong answer that is known to be one.
@@ -162,7 +148,7 @@ fn open_folders(
             continue;
         }
         if !begun || folder.is_finished() {
-            folder.discard()?; // tables without a journal are of nobody knows which clouds
+            folder.discard()?; // without a journal nothing says which clouds these tables are of
         }
         folders.push((place, folder));
     }
@@ -174,7 +160,7 @@ type Done = (usize, Summary, Known);
 
 /// Runs all of them side by side, and those again that were told answers that turned out to be wrong after they had
 /// finished.
-async fn run_all(runs: &mut [(usize, RunAtWork<'_>)], tally: &Tally) -> Result<Vec<Done>, RunError> {
+async fn run_all(runs: &mut [(usize, RunDriver<'_>)], tally: &Tally) -> Result<Vec<Done>, RunError> {
     let mut done = try_join_all(runs.iter_mut().map(|(place, run)| run_one(*place, run, tally))).await?;
     loop {
         let mut again = Vec::new();
@@ -193,7 +179,7 @@ async fn run_all(runs: &mut [(usize, RunAtWork<'_>)], tally: &Tally) -> Result<V
     }
 }
 
-async fn run_one(place: usize, run: &mut RunAtWork<'_>, tally: &Tally) -> Result<Done, RunError> {
+async fn run_one(place: usize, run: &mut RunDriver<'_>, tally: &Tally) -> Result<Done, RunError> {
     let searched = run.search().await;
     let finished = searched.and_then(|outcome| {
         run.client.rest();

@@ -14,7 +14,7 @@ use crate::run::rows;
 
 /// A grid and the clouds it is evaluated on.
 #[derive(Clone, Debug)]
-pub struct Question {
+pub struct GridSpec {
     /// The descriptors.
     pub grid: Grid,
     /// Usable clouds of the first training set.
@@ -27,7 +27,7 @@ pub struct Question {
     pub key: Digest,
 }
 
-impl Question {
+impl GridSpec {
     /// What an exhaustive search of this experiment asks: seed, method and the other two splits have no part in it.
     ///
     /// # Errors
@@ -74,7 +74,7 @@ impl Question {
             .then_some(expected.object_correct)
     }
 
-    /// The best descriptor of a finished grid that answers this question.
+    /// The best descriptor of a finished grid that answers this spec.
     ///
     /// # Errors
     /// If the grid's row names a descriptor or count that it cannot have.

@@ -10,24 +10,25 @@ use crate::dataset::Dataset;
 use crate::evolution::{Evolution, Individual, Method, RandomSearch};
 use crate::exhaust::{best_of_all, known_optimum};
 use crate::experiment::Experiment;
-use crate::memory::Known;
+use crate::result_cache::Known;
 use crate::run::progress::Progress;
 use crate::run::search::{Found, Search};
 use crate::run::source::Source;
 use crate::run::splits::Matching;
 use crate::run::summary::Summary;
-use crate::run::{RunError, Workplace, data_digest, rows};
+use crate::run::{RunError, data_digest, rows};
+use crate::session::Session;
 use cluster::evaluation::EvaluationResult;
 use cluster::{Client, ClusterError};
 
 /// A run and all that it needs.
-pub struct RunAtWork<'a> {
+pub struct RunDriver<'a> {
     /// What is run.
     pub experiment: &'a Experiment,
     /// On which clouds.
     pub dataset: &'a Dataset,
     /// By whom.
-    pub workplace: &'a Workplace<'a>,
+    pub session: &'a Session<'a>,
     /// Counts that earlier runs have left.
     pub remembered: &'a Known,
     /// Who asks.
@@ -58,15 +59,15 @@ pub struct Outcome {
     finals: Finals,
 }
 
-impl RunAtWork<'_> {
+impl RunDriver<'_> {
     /// From the first generation to the winner's measures.
     pub async fn search(&mut self) -> Result<Outcome, RunError> {
-        let Self { experiment, dataset, workplace, remembered, client, folder, progress, .. } = self;
+        let Self { experiment, dataset, session, remembered, client, folder, progress, .. } = self;
         loop {
-            let source = source(experiment, dataset, workplace, client, progress).await?;
+            let source = source(experiment, dataset, session, client, progress).await?;
             progress.search_starts(folder.generations());
-            let mut search = Search::new(experiment, workplace, client, progress, remembered.clone());
-            match search_once(&mut search, source, dataset, workplace, remembered, folder).await {
+            let mut search = Search::new(experiment, session, client, progress, remembered.clone());
+            match search_once(&mut search, source, dataset, session, remembered, folder).await {
                 // The search is deterministic: it comes back to where it was, by way of the answers that still hold.
                 Err(RunError::Cluster(ClusterError::Corrected(tasks))) => search.note_rewind(&tasks),
                 done => return done,
@@ -94,7 +95,7 @@ impl RunAtWork<'_> {
             }
         }
         let mut run = self.row(outcome);
-        compare_with_optimum(&mut run, experiment, dataset, &self.workplace.store);
+        compare_with_optimum(&mut run, experiment, dataset, &self.session.store);
         let run_digest = folder.write_run(&run)?.to_hex().to_string();
         Ok(Summary {
             run,
@@ -144,7 +145,7 @@ async fn search_once(
     search: &mut Search<'_>,
     source: Source,
     dataset: &Dataset,
-    workplace: &Workplace<'_>,
+    session: &Session<'_>,
     remembered: &Known,
     folder: &mut RunFolder,
 ) -> Result<Outcome, RunError> {
@@ -157,7 +158,7 @@ async fn search_once(
             descriptors: vec![EVOLVED.to_owned()],
         })?;
     }
-    let finals = Finals::evaluate(dataset, workplace, &found, remembered, search.parties()).await?;
+    let finals = Finals::evaluate(dataset, session, &found, remembered, search.parties()).await?;
     Ok(Outcome { found, finals })
 }
 
@@ -165,7 +166,7 @@ async fn search_once(
 async fn source(
     experiment: &Experiment,
     dataset: &Dataset,
-    workplace: &Workplace<'_>,
+    session: &Session<'_>,
     client: &mut Client,
     progress: &mut Progress,
 ) -> Result<Source, RunError> {
@@ -174,7 +175,7 @@ async fn source(
         Method::Ga => Source::Ga(Evolution::new(genes.clone(), ga, seed)?),
         Method::Random => Source::Random(RandomSearch::new(genes.clone(), ga, seed)?),
         Method::Exhaustive => {
-            let best = best_of_all(experiment, dataset, workplace, client, progress).await?;
+            let best = best_of_all(experiment, dataset, session, client, progress).await?;
             Source::Grid([Individual::of(&best.parameters, genes, ga.encoding)])
         }
     })
@@ -202,13 +203,13 @@ struct Finals {
 impl Finals {
     async fn evaluate(
         dataset: &Dataset,
-        workplace: &Workplace<'_>,
+        session: &Session<'_>,
         found: &Found,
         remembered: &Known,
         (client, progress): (&mut Client, &mut Progress),
     ) -> Result<Self, RunError> {
         let winner = &found.winner.parameters;
-        let Workplace { cluster, splits, .. } = workplace;
+        let Session { cluster, splits, .. } = session;
         splits.publish_test(&cluster.blobs);
         let wanted = [Matching::Validation, Matching::Test].map(|matching| {
             let has_queries = !matching.query_clouds(dataset).is_empty();

@@ -12,7 +12,7 @@ const SHOTCOLOR_NOTE: &str = "the paper counts 1353: with the 9 values of the re
 
 /// A descriptor under one set distance.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Contestant {
+pub struct Candidate {
     /// Unique; can be a file's name.
     pub label: String,
     /// The descriptor.
@@ -21,7 +21,7 @@ pub struct Contestant {
     pub distance: SetDistance,
 }
 
-impl Contestant {
+impl Candidate {
     /// w of the paper's kind: how much shape counts beside colour; of the others, which have one part, all.
     pub fn shape_weight(&self) -> f64 {
         match &self.descriptor {
@@ -80,14 +80,14 @@ impl Named {
 }
 
 /// Every descriptor under every set distance; χ², the paper's, goes without saying.
-pub fn contestants(
+pub fn candidates(
     named: &[Named],
     distances: &[SetDistance],
     evolved: Parameters,
     radius_um: u32,
-) -> Vec<Contestant> {
+) -> Vec<Candidate> {
     let of = |&named: &Named| {
-        distances.iter().map(move |&distance| Contestant {
+        distances.iter().map(move |&distance| Candidate {
             label: match distance {
                 SetDistance::ChiSquared => named.name().to_owned(),
                 SetDistance::L1 => format!("{}-{}", named.name(), distance.name()),
@@ -107,7 +107,7 @@ mod tests {
 
     #[test]
     fn labels_are_unique_and_can_be_names_of_files() {
-        let all = contestants(&Named::ALL, &SetDistance::ALL, Parameters::PAPER_BEST, 50_000);
+        let all = candidates(&Named::ALL, &SetDistance::ALL, Parameters::PAPER_BEST, 50_000);
         let labels: BTreeSet<&str> = all.iter().map(|one| one.label.as_str()).collect();
         assert_eq!(labels.len(), Named::ALL.len() * SetDistance::ALL.len());
         assert!(labels.iter().all(|label| label.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-')));

@@ -7,27 +7,28 @@ use results::{FinishedGrid, GridFolder, GridRow, GridTables, read_grid};
 
 use super::cells::Cells;
 use super::landscape::Landscape;
-use super::question::Question;
+use super::grid_spec::GridSpec;
 use crate::run::progress::{CellReport, Progress};
-use crate::run::{RunError, Workplace};
+use crate::run::RunError;
+use crate::session::Session;
 use cluster::{CellAnswer, Client, ClusterNews};
 
 /// Counts of a cell, and the id of the worker that counted.
 type Counted = (Vec<u32>, Option<String>);
 
 /// One exhaustive search under way.
-pub struct Survey<'a> {
+pub struct GridSearch<'a> {
     /// What is asked.
-    pub question: &'a Question,
+    pub spec: &'a GridSpec,
     /// Name of the experiment.
     pub name: &'a str,
     /// Where the cells are kept.
     pub folder: &'a GridFolder,
     /// Who computes them.
-    pub workplace: &'a Workplace<'a>,
+    pub session: &'a Session<'a>,
 }
 
-impl Survey<'_> {
+impl GridSearch<'_> {
     /// Evaluates the cells that the folder lacks, and writes the tables over all of them.
     pub async fn run(self, client: &mut Client, progress: &mut Progress) -> Result<FinishedGrid, RunError> {
         loop {
@@ -44,9 +45,9 @@ impl Survey<'_> {
         progress: &mut Progress,
     ) -> Result<Option<FinishedGrid>, RunError> {
         let started = Instant::now();
-        let Self { question, folder, .. } = self;
-        let grid = &question.grid;
-        let mut landscape = Landscape::new(grid, question.queries);
+        let Self { spec, folder, .. } = self;
+        let grid = &spec.grid;
+        let mut landscape = Landscape::new(grid, spec.queries);
         let (mut missing, mut cells, mut unsettled) = (Vec::new(), Cells::default(), Vec::new());
         for cell in 0..grid.cells() {
             match self.read(cell, progress)? {
@@ -62,14 +63,14 @@ impl Survey<'_> {
             progress.say(&format!("{found} of {} cells are there already", grid.cells()));
         }
 
-        let splits = &self.workplace.splits;
+        let splits = &self.session.splits;
         let tasks = missing.iter().map(|&cell| splits.grid_cell(grid.radii(cell), grid.cell_len())).collect();
         let mut report = CellReport {
             done: found,
             cells: grid.cells(),
             computed: 0,
             cell_len: grid.cell_len(),
-            queries: question.queries,
+            queries: spec.queries,
             best: None,
         };
         progress.cells_start(&report);
@@ -82,7 +83,7 @@ impl Survey<'_> {
                 // what is to be audited and is not yet.
                 if settled {
                     folder
-                        .write_cell(&question.cell_name(cell), &question.points(cell, counts, worker_id))?;
+                        .write_cell(&spec.cell_name(cell), &spec.points(cell, counts, worker_id))?;
                 } else {
                     unsettled.push((cell, counts, worker_id));
                 }
@@ -93,7 +94,7 @@ impl Survey<'_> {
             }
             // Before anything else is done: a search that is killed now must not go on with what is in doubt.
             for cell in news.doubts.iter().flat_map(|event| cells.doubt(&event.what, grid)) {
-                folder.remove_cell(&question.cell_name(cell))?;
+                folder.remove_cell(&spec.cell_name(cell))?;
             }
             progress.news(news);
             Ok::<_, RunError>(())
@@ -104,7 +105,7 @@ impl Survey<'_> {
             return Ok(None);
         }
         for (cell, counts, worker_id) in unsettled {
-            folder.write_cell(&question.cell_name(cell), &question.points(cell, counts, worker_id))?;
+            folder.write_cell(&spec.cell_name(cell), &spec.points(cell, counts, worker_id))?;
         }
         self.finish(&landscape, found, started)?;
         Ok(Some(read_grid(folder.path())?))
@@ -112,12 +113,12 @@ impl Survey<'_> {
 
     /// The counts of a cell that is there and sound, and who counted.
     fn read(&self, cell: usize, progress: &Progress) -> Result<Option<Counted>, RunError> {
-        let name = self.question.cell_name(cell);
+        let name = self.spec.cell_name(cell);
         let what = match self.folder.read_cell(&name) {
             Ok(None) => return Ok(None),
             Ok(Some(mut points)) => {
                 let worker_id = points.worker_id.take();
-                match self.question.counts(cell, points) {
+                match self.spec.counts(cell, points) {
                     Some(counts) => return Ok(Some((counts, worker_id))),
                     None => "it holds other descriptors".to_owned(),
                 }
@@ -132,7 +133,7 @@ impl Survey<'_> {
     }
 
     fn finish(&self, landscape: &Landscape<'_>, found: usize, started: Instant) -> Result<(), RunError> {
-        let Question { grid, queries, train_digest, text, key } = self.question;
+        let GridSpec { grid, queries, train_digest, text, key } = self.spec;
         let best = landscape.best();
         // Both are there: every gene has a value, and all cells have come.
         let (Some(first), Some(digest)) = (best.first().cloned(), landscape.digest()) else { return Ok(()) };

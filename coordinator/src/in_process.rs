@@ -24,7 +24,7 @@ pub fn threads(workers: LocalWorkers) -> Vec<u32> {
 
 /// Why an in-process worker ended that was not told to.
 #[derive(Debug, thiserror::Error)]
-pub enum CrewError {
+pub enum InProcessError {
     /// It gave up.
     #[error("in-process worker: {0}")]
     Worker(#[from] WorkerError),
@@ -33,13 +33,14 @@ pub enum CrewError {
     Panic(#[from] JoinError),
 }
 
-/// The running in-process workers.
-pub struct Crew {
+/// The workers of this process.
+#[derive(Default)]
+pub struct InProcessWorkers {
     stop: watch::Sender<bool>,
     tasks: JoinSet<Result<(), WorkerError>>,
 }
 
-impl Crew {
+impl InProcessWorkers {
     /// Starts a worker for each entry of `threads`. They share the store, and `memory` in equal parts.
     pub fn start(servers: &mut Servers, threads: &[u32], store: &Arc<Store>, memory: Size) -> Self {
         let memory = Size::from_bytes(memory.bytes() / threads.len().max(1) as u64);
@@ -67,17 +68,22 @@ impl Crew {
         Self { stop, tasks }
     }
 
-    /// Does `work`, unless a worker ends before it is done: waiting for its results would have no end.
-    pub async fn during<T, E: From<CrewError>>(
+    /// Whether there is none.
+    pub fn is_empty(&self) -> bool {
+        self.tasks.is_empty()
+    }
+
+    /// Does `work`, unless a worker ends before it is done: the wait for its results would never end.
+    pub async fn during<T, E: From<InProcessError>>(
         &mut self,
         work: impl Future<Output = Result<T, E>>,
     ) -> Result<T, E> {
         let ended = async {
             while let Some(ended) = self.tasks.join_next().await {
-                match ended.map_err(CrewError::from)? {
+                match ended.map_err(InProcessError::from)? {
                     // It was wrong, and others can go on. If there are none, the grace for the last worker ends the run.
                     Err(error @ WorkerError::Refused { .. }) => tracing::error!("in-process worker: {error}"),
-                    ended => ended.map_err(CrewError::from)?,
+                    ended => ended.map_err(InProcessError::from)?,
                 }
             }
             // Only `stop` lets a worker end well, and nobody can call it meanwhile.

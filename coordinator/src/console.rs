@@ -1,0 +1,29 @@
+//! Lines for people on standard error, above the live display if there is one.
+
+use indicatif::ProgressBar;
+
+/// Where lines for people go. Copies share the live display.
+#[derive(Clone, Debug, Default)]
+pub struct Console {
+    bar: Option<ProgressBar>,
+}
+
+impl Console {
+    /// With this live display.
+    pub fn with(bar: ProgressBar) -> Self {
+        Self { bar: Some(bar) }
+    }
+
+    /// The live display; `None` where standard error is no terminal.
+    pub fn bar(&self) -> Option<&ProgressBar> {
+        self.bar.as_ref()
+    }
+
+    /// A line that stays.
+    pub fn say(&self, line: &str) {
+        match &self.bar {
+            Some(bar) => bar.suspend(|| eprintln!("{line}")),
+            None => eprintln!("{line}"),
+        }
+    }
+}

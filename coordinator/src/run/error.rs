@@ -1,0 +1,150 @@
+//! Why a run has no result.
+
+use std::io;
+use std::path::PathBuf;
+
+use cluster::ClusterError;
+use cluster::journal::JournalError;
+use transport::ListenError;
+
+use crate::dataset::DatasetError;
+use crate::evolution::SettingsError;
+use crate::exhaust::grid::GridError;
+use crate::experiment::ExperimentError;
+use crate::in_process::InProcessError;
+use crate::run::data::DataError;
+
+/// Why a run has no result.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The clouds are not to be had.
+    #[error(transparent)]
+    Data(#[from] DataError),
+    /// The data set is not fit for a run.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// The genetic algorithm's settings.
+    #[error(transparent)]
+    Settings(#[from] SettingsError),
+    /// The search space cannot be evaluated exhaustively.
+    #[error(transparent)]
+    Grid(#[from] GridError),
+    /// Nobody can connect.
+    #[error(transparent)]
+    Listen(#[from] ListenError),
+    /// Evaluations stopped for good.
+    #[error(transparent)]
+    Cluster(#[from] ClusterError),
+    /// What an earlier start has left.
+    #[error(transparent)]
+    Journal(#[from] JournalError),
+    /// It took too long.
+    #[error(
+        "coordinator.deadline_seconds: reached, got no result within {seconds} s\nrun the same command to go on, as long again, or raise the deadline"
+    )]
+    Deadline {
+        /// The deadline.
+        seconds: u64,
+    },
+    /// Nothing to go on with.
+    #[error(
+        "{folder}: holds no run to go on with\nname the folder of a run, or start one: coordinator run EXP.toml"
+    )]
+    NothingToResume {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// A run that is not finished, and goes on with others.
+    #[error("{folder}: is a run of a sweep, and has no journal of its own\ngo on with the sweep: coordinator resume {sweep}", folder = .folder.display(), sweep = .sweep.display())]
+    MemberOfSweep {
+        /// Its folder.
+        folder: PathBuf,
+        /// That of the sweep.
+        sweep: PathBuf,
+    },
+    /// The experiment that a run was started with.
+    #[error(transparent)]
+    Experiment(#[from] ExperimentError),
+    /// The workers of this process stopped.
+    #[error(transparent)]
+    InProcess(#[from] InProcessError),
+    /// The run folder.
+    #[error(transparent)]
+    Results(#[from] results::Error),
+    /// A file of the run folder that is no table.
+    #[error(
+        "{path}: cannot be used, got {source}\ncheck permissions and free space, or choose another --out"
+    )]
+    File {
+        /// Which file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The folder belongs to something else.
+    #[error(
+        "--out {folder}: holds another search, got these differences\n{difference}\nchoose another --out, or remove the folder"
+    )]
+    OtherSearch {
+        /// The folder.
+        folder: PathBuf,
+        /// Lines that differ.
+        difference: String,
+    },
+    /// The same search has run on other clouds.
+    #[error(
+        "{folder}: is a run of other clouds, got data digest {now} instead of {then}\nstart another with --fresh, or choose another --out"
+    )]
+    OtherData {
+        /// The folder.
+        folder: PathBuf,
+        /// Data digest of the run.
+        then: String,
+        /// Data digest of the clouds as they are.
+        now: String,
+    },
+    /// The run is of a release that computes other numbers.
+    #[error(
+        "{folder}: is a run of evaluation version {then}, got a program of version {now}\nstart another with --fresh, or choose another --out",
+        now = descriptor::EVALUATION_VERSION
+    )]
+    OtherVersion {
+        /// The folder.
+        folder: PathBuf,
+        /// Its evaluation version.
+        then: u32,
+    },
+    /// A count of an earlier run is not what this one finds.
+    #[error(
+        "remembered counts: {parameters}: {matching}: must be what was computed now, {computed}, got {remembered}\nrun again with --no-cache, and remove derived/remembered-counts from the cache: another run has kept wrong counts there"
+    )]
+    Contradiction {
+        /// The winner.
+        parameters: descriptor::Parameters,
+        /// Which counts.
+        matching: &'static str,
+        /// Recognised objects and categories.
+        computed: String,
+        /// The same, as they were remembered.
+        remembered: String,
+    },
+    /// Two answers of this run differ, and nobody compared them when they came.
+    #[error(
+        "workers: {parameters}: {matching}: two of this run's own answers differ, got {computed} after {held}\nstart another run with --fresh and coordinator.audit = 1, on three workers: it finds the one that is wrong"
+    )]
+    Disagreement {
+        /// The winner.
+        parameters: descriptor::Parameters,
+        /// Which counts.
+        matching: &'static str,
+        /// Recognised objects and categories.
+        computed: String,
+        /// The same, as the search took them.
+        held: String,
+    },
+    /// Nothing would ever be computed.
+    #[error(
+        "validation: stop.validation_patience needs validation clouds, got none that is usable\nset stop.validation_patience = \"off\" or give the validation split some clouds"
+    )]
+    NoValidation,
+}

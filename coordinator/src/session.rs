@@ -1,0 +1,196 @@
+//! A session: a cluster with the data set released to it, the port for remote workers and the workers of this process,
+//! from bring-up to take-down, for every command that has something computed.
+
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use descriptor::{GeneTable, Parameters, Quantiser};
+use proto::SessionId;
+use results::Counts;
+use worker::Size;
+use worker::store::Store;
+
+use crate::dataset::Dataset;
+use crate::experiment::{Experiment, LocalWorkers};
+use crate::console::Console;
+use crate::in_process::{self, InProcessWorkers};
+use crate::manifest;
+use crate::prepared::PreparedClouds;
+use crate::run::{DataError, RunError, rows};
+use crate::run::splits::{Matching, SplitBlobs};
+use cluster::journal::{Journal, Recorded};
+use cluster::scheduler::{Audit, Limits};
+use cluster::{Cluster, ClusterError};
+use transport::{ListenError, Listener, Protection, Release, Servers};
+
+/// Where workers are awaited unless the experiment or the command line says otherwise.
+pub const DEFAULT_LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 7700);
+
+/// Workers beyond which registration is refused.
+const MAX_WORKERS: usize = 10_000;
+
+/// Workers that one job may take with it: many machines may go for reasons of their own, but a job that brings down
+/// each worker it is given to must end some time.
+const MAX_LOSSES: u32 = 50;
+
+fn limits(experiment: &Experiment) -> Limits {
+    let settings = experiment.coordinator();
+    Limits {
+        lease: settings.lease,
+        job: settings.job,
+        max_failures: settings.max_failures,
+        max_losses: MAX_LOSSES,
+        worker_grace: settings.worker_grace,
+        max_workers: MAX_WORKERS,
+        audit: Audit { share: settings.audit, seed: experiment.seed() },
+    }
+}
+
+/// A cluster, its data and its workers.
+pub struct Session<'a> {
+    /// Workers and jobs.
+    pub cluster: Arc<Cluster>,
+    /// The data set as workers see it.
+    pub splits: SplitBlobs<'a>,
+    /// Where derived data is kept.
+    pub store: Arc<Store>,
+    servers: Servers,
+    memory: Size,
+    /// Until [`Session::perform`] takes them.
+    in_process: Mutex<Option<InProcessWorkers>>,
+}
+
+impl<'a> Session<'a> {
+    /// A session without workers that keeps no journal. Workers of this process share the store, and `memory` in equal
+    /// parts.
+    ///
+    /// # Errors
+    /// If the search space is too fine.
+    pub fn new(
+        genes: &GeneTable,
+        experiment: &Experiment,
+        dataset: &'a Dataset,
+        store: Arc<Store>,
+        memory: Size,
+    ) -> Result<Self, DataError> {
+        Self::with(Cluster::new(limits(experiment)), genes, experiment, dataset, store, memory)
+    }
+
+    /// The session of a run with a journal: it goes on where earlier starts ended.
+    ///
+    /// # Errors
+    /// If the search space is too fine.
+    pub fn with_journal(
+        (id, journal, recorded): (SessionId, Journal, Recorded),
+        experiment: &Experiment,
+        dataset: &'a Dataset,
+        store: Arc<Store>,
+        memory: Size,
+    ) -> Result<Self, DataError> {
+        let cluster = Cluster::with_journal(limits(experiment), id, journal, recorded);
+        Self::with(cluster, experiment.genes(), experiment, dataset, store, memory)
+    }
+
+    fn with(
+        cluster: Arc<Cluster>,
+        genes: &GeneTable,
+        experiment: &Experiment,
+        dataset: &'a Dataset,
+        store: Arc<Store>,
+        memory: Size,
+    ) -> Result<Self, DataError> {
+        cluster.set_pieces(experiment.coordinator().pieces);
+        let splits = SplitBlobs::publish(dataset, &cluster.blobs);
+        let preparation = manifest::preparation(experiment.preprocess(), genes);
+        let quantiser = Quantiser::new(genes)?;
+        let entries = &dataset.clouds.entries;
+        let prepared = PreparedClouds::new(Arc::clone(&store), experiment.preprocess(), &quantiser, entries);
+        let release = Release { build: worker::BUILD, evaluation_version: descriptor::EVALUATION_VERSION };
+        let released = Arc::clone(&cluster);
+        let derived = Arc::new(move |kind: &str, key| prepared.read(kind, key, &released.blobs));
+        let servers = Servers::new(Arc::clone(&cluster), preparation, release, derived);
+        Ok(Self { cluster, splits, store, servers, memory, in_process: Mutex::new(None) })
+    }
+
+    /// Lets remote workers connect, if there is a port, and starts the workers of this process.
+    pub async fn start(&mut self, listener: Option<Listener>, workers: LocalWorkers) {
+        if let Some(listener) = listener {
+            self.servers.serve(listener).await;
+        }
+        let threads = in_process::threads(workers);
+        let workers = InProcessWorkers::start(&mut self.servers, &threads, &self.store, self.memory);
+        *self.in_process.lock().unwrap_or_else(PoisonError::into_inner) = Some(workers);
+    }
+
+    /// Does `work` with the session's workers: waits for the first one, ends at the deadline or with a worker of this
+    /// process that fails, and then stops the workers of this process and ends all leases. To be called once, after
+    /// [`Session::start`].
+    pub async fn perform<T>(
+        &self,
+        console: &Console,
+        deadline: Option<Duration>,
+        work: impl Future<Output = Result<T, RunError>>,
+    ) -> Result<T, RunError> {
+        let workers = self.in_process.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let mut workers = workers.unwrap_or_default();
+        if workers.is_empty() {
+            console.say("waiting for a worker");
+        }
+        let waited = async {
+            let waiting =
+                |waited: Duration| console.say(&format!("no worker yet after {} min", waited.as_secs() / 60));
+            self.cluster.wait_for_worker(waiting).await;
+            work.await
+        };
+        let done = in_time(deadline, workers.during(waited)).await?;
+        workers.stop().await;
+        self.cluster.close();
+        Ok(done)
+    }
+
+    /// Training counts of some descriptors, in their order.
+    pub async fn train_counts(&self, parameters: &[Parameters]) -> Result<Vec<Counts>, ClusterError> {
+        let evaluation =
+            |parameters: &Parameters| self.splits.evaluation(*parameters, Matching::Train, false);
+        let finished =
+            self.cluster.client().evaluate(parameters.iter().map(evaluation).collect(), |_| {}).await?;
+        Ok(finished.iter().map(|finished| rows::counts(&finished.result)).collect())
+    }
+}
+
+/// Does `work` unless it takes too long.
+async fn in_time<T>(
+    deadline: Option<Duration>,
+    work: impl Future<Output = Result<T, RunError>>,
+) -> Result<T, RunError> {
+    let Some(deadline) = deadline else { return work.await };
+    let late = |_| RunError::Deadline { seconds: deadline.as_secs() };
+    tokio::time::timeout(deadline, work).await.map_err(late)?
+}
+
+/// Binds the port for remote workers. The default port is a convenience: if it is taken, a session with workers of its
+/// own goes on without.
+pub async fn listen(
+    experiment: &Experiment,
+    protection: &Protection,
+    console: &Console,
+) -> Result<Option<Listener>, RunError> {
+    let settings = experiment.coordinator();
+    let has_workers = settings.local_workers != LocalWorkers::Count(0);
+    let listener = match Listener::bind(settings.listen.unwrap_or(DEFAULT_LISTEN), protection).await {
+        Ok(listener) => listener,
+        Err(ListenError::PortInUse { address }) if settings.listen.is_none() && has_workers => {
+            console.say(&format!(
+                "port {} is in use, so that no remote worker can join; --listen chooses another",
+                address.port()
+            ));
+            return Ok(None);
+        }
+        Err(error) => return Err(error.into()),
+    };
+    for notice in listener.notices() {
+        console.say(&notice);
+    }
+    Ok(Some(listener))
+}
