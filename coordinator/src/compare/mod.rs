@@ -156,7 +156,8 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
 
     let local_workers = experiment.coordinator().local_workers;
     let can_do_alone = local_workers != LocalWorkers::Count(0);
-    let listener = listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
+    let listener =
+        listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
     let memory = options.storage.memory;
     let mut workplace = Workplace::for_genes(&genes, experiment, dataset, Arc::clone(&store), memory)
         .map_err(|error| RunError::from(DataError::from(error)))?;

@@ -57,7 +57,8 @@ pub async fn exhaust(
             return Ok(GridSummary { grid: grid.clone(), out, recheck: None });
         }
     }
-    let listener = listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
+    let listener =
+        listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
     // Before a folder is made: the search space may be too fine.
     let mut workplace = Workplace::new(experiment, &dataset, Arc::clone(&store), options.storage.memory)
         .map_err(DataError::from)?;

@@ -211,7 +211,8 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     }
     let local_workers = experiment.coordinator().local_workers;
     let can_do_alone = local_workers != LocalWorkers::Count(0);
-    let listener = listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
+    let listener =
+        listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
     let dataset = open_data(experiment, Wanted::All, Some(&store), |line| progress.say(line))?;
     if experiment.stop().validation_patience.is_some() && dataset.splits.validation.is_empty() {
         return Err(RunError::NoValidation);
