@@ -103,7 +103,8 @@ impl AccessControl {
     /// once.
     pub fn deny(&self, denied: Denied) {
         *self.denied.write().unwrap_or_else(PoisonError::into_inner) = denied.clone();
-        let connections: Vec<Arc<Connection>> = lock(&self.connections).values().filter_map(Weak::upgrade).collect();
+        let connections: Vec<Arc<Connection>> =
+            lock(&self.connections).values().filter_map(Weak::upgrade).collect();
         for connection in connections {
             let is_denied = match connection.certificate {
                 Some(certificate) => denied.certificates.contains(&certificate),
@@ -136,10 +137,21 @@ mod tests {
     use tonic::Code;
 
     use super::*;
-    use cluster::scheduler::Limits;
+    use std::time::Duration;
+
+    use cluster::scheduler::{Audit, Limits};
 
     fn access(requirement: Requirement) -> Arc<AccessControl> {
-        AccessControl::new(Cluster::new(Limits::SAMPLE), requirement, ConnectionLimits::within(1024))
+        let limits = Limits {
+            lease: Duration::from_secs(30),
+            job: Duration::from_secs(600),
+            max_failures: 2,
+            max_losses: 5,
+            worker_grace: Duration::from_secs(300),
+            max_workers: 4,
+            audit: Audit { share: 0.0, seed: 0 },
+        };
+        AccessControl::new(Cluster::new(limits), requirement, ConnectionLimits::within(1024))
     }
 
     fn connection(access: &AccessControl, certificate: Option<Fingerprint>) -> Arc<Connection> {
@@ -152,9 +164,11 @@ mod tests {
         let shown = format!("Bearer {}", token.reveal());
         let wrong = format!("Bearer {}", Token::new([8; 32]).reveal());
         let access = access(Requirement::Credential(Some(token.clone())));
-        let [stranger, first, second] =
-            [None, Some(1), Some(2)].map(|print| connection(&access, print.map(|byte| Fingerprint([byte; 32]))));
-        let check = |connection: &Connection, shown: Option<&str>| access.check(connection, shown).map_err(|s| s.code());
+        let [stranger, first, second] = [None, Some(1), Some(2)]
+            .map(|print| connection(&access, print.map(|byte| Fingerprint([byte; 32]))));
+        let check = |connection: &Connection, shown: Option<&str>| {
+            access.check(connection, shown).map_err(|s| s.code())
+        };
         for refused in [None, Some(wrong.as_str()), Some(&shown[7..]), Some("Bearer "), Some("")] {
             assert_eq!(check(&stranger, refused), Err(Code::Unauthenticated), "{refused:?}");
         }

@@ -75,10 +75,7 @@ where
 }
 
 /// Lets a call in, with the time it has to wait, or says why not and ends its connection.
-fn admit(
-    access: &AccessControl,
-    request: &Request<Body>,
-) -> Result<(Arc<Connection>, Duration), Status> {
+fn admit(access: &AccessControl, request: &Request<Body>) -> Result<(Arc<Connection>, Duration), Status> {
     let Some(connection) = request.extensions().get::<Arc<Connection>>() else {
         return Err(Status::internal("this call has no connection"));
     };

@@ -104,11 +104,8 @@ impl ConnectionLimiter {
 
     /// A permit for one more connection, if the limits allow it.
     pub fn acquire(self: &Arc<Self>, address: IpAddr) -> Option<ConnectionPermit> {
-        let permit = || ConnectionPermit {
-            limiter: Arc::clone(self),
-            address,
-            established: AtomicBool::new(false),
-        };
+        let permit =
+            || ConnectionPermit { limiter: Arc::clone(self), address, established: AtomicBool::new(false) };
         self.counts().admit(address).then(permit)
     }
 

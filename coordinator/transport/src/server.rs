@@ -5,8 +5,8 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use hyper_util::rt::TokioIo;
-use proto::v1::coordinator_server::CoordinatorServer;
 use proto::v1;
+use proto::v1::coordinator_server::CoordinatorServer;
 use tokio::io::DuplexStream;
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;

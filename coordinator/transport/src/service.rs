@@ -7,8 +7,8 @@ use proto::{Digest, LEAST_PROTOCOL_MINOR, MAX_MESSAGE_BYTES, MAX_NAME_BYTES, PRO
 use tokio::sync::Semaphore;
 use tonic::{Request, Response, Status};
 
-use crate::connection::Connection;
 use crate::blob_stream::BlobStream;
+use crate::connection::Connection;
 use crate::wire;
 use cluster::Cluster;
 use cluster::blobs::BlobError;

@@ -15,8 +15,8 @@ use tokio::net::TcpStream;
 use tokio_rustls::TlsAcceptor;
 use worker::tls::{ALPN, CERTIFICATE_FILE, fingerprint, read_certificates, read_identity};
 
-use crate::certs::{self, CA_FILE, JOIN_FILE};
 use crate::access::{AccessControl, Requirement};
+use crate::certs::{self, CA_FILE, JOIN_FILE};
 use crate::connection::{Connection, FIRST_CALL, Stream};
 use crate::limiter::ConnectionPermit;
 use crate::listen_error::ListenError;

@@ -27,7 +27,8 @@ fn tokens(text: &str) -> Vec<String> {
             while i < chars.len() && chars[i] != '\n' {
                 i += 1;
             }
-        } else if c == 'r' && (at(i + 1) == '"' || at(i + 1) == '#' && (at(i + 2) == '"' || at(i + 2) == '#')) {
+        } else if c == 'r' && (at(i + 1) == '"' || at(i + 1) == '#' && (at(i + 2) == '"' || at(i + 2) == '#'))
+        {
             let hashes = chars[i + 1..].iter().take_while(|&&c| c == '#').count();
             i += hashes + 2;
             let closes = |i: usize| at(i) == '"' && (1..=hashes).all(|k| at(i + k) == '#');
@@ -168,7 +169,8 @@ fn modules(folder: &Path, at: &Module, found: &mut BTreeMap<Module, String>) {
         if path.is_dir() && name != "tests" {
             modules(&path, &inside(&name), found);
         } else if path.extension().is_some_and(|extension| extension == "rs") && name != "tests" {
-            let module = if ["mod", "lib", "main"].contains(&name.as_str()) { at.clone() } else { inside(&name) };
+            let module =
+                if ["mod", "lib", "main"].contains(&name.as_str()) { at.clone() } else { inside(&name) };
             found.entry(module).or_default().push_str(&fs::read_to_string(&path).unwrap());
         }
     }
@@ -221,7 +223,8 @@ fn circles(modules: &BTreeMap<Module, String>) -> Vec<BTreeSet<String>> {
     let mut reached: BTreeMap<&Module, BTreeSet<Module>> = BTreeMap::new();
     for (module, imports) in &imports {
         let direct = imports.iter().filter(|import| !import.is_public);
-        let targets = direct.filter_map(|import| target(absolute(module, &import.path), modules, &exports, 6));
+        let targets =
+            direct.filter_map(|import| target(absolute(module, &import.path), modules, &exports, 6));
         let others = targets.filter(|target| target != *module && !target.is_empty());
         reached.insert(module, others.collect());
     }
@@ -255,9 +258,12 @@ fn crate_of(files: &[(&str, &str)]) -> BTreeMap<Module, String> {
 #[test]
 fn circles_are_found_through_uses_paths_and_re_exports_and_nowhere_else() {
     let found = |files: &[(&str, &str)]| circles(&crate_of(files));
-    let [a_b] = [BTreeSet::from(["a".to_owned(), "b".to_owned()])];
-    assert_eq!(found(&[("", ""), ("a", "use crate::b::{X, y::Z};"), ("b", "use super::a::Y;")]), [a_b.clone()]);
-    assert_eq!(found(&[("a", "fn f() { crate::b::g() }"), ("b", "use crate::{a::f, c};"), ("c", "")]), [a_b.clone()]);
+    let both = || vec![BTreeSet::from(["a".to_owned(), "b".to_owned()])];
+    assert_eq!(found(&[("", ""), ("a", "use crate::b::{X, y::Z};"), ("b", "use super::a::Y;")]), both());
+    assert_eq!(
+        found(&[("a", "fn f() { crate::b::g() }"), ("b", "use crate::{a::f, c};"), ("c", "")]),
+        both()
+    );
     // By way of what the parent gives on.
     let parent = ("p", "mod a;\nmod b;\npub use a::A;\npub use b::B;");
     let children = [parent, ("p::a", "use super::B;"), ("p::b", "use crate::p::A;")];
