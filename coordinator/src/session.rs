@@ -11,14 +11,14 @@ use results::Counts;
 use worker::Size;
 use worker::store::Store;
 
+use crate::console::Console;
 use crate::dataset::Dataset;
 use crate::experiment::{Experiment, LocalWorkers};
-use crate::console::Console;
 use crate::in_process::{self, InProcessWorkers};
 use crate::manifest;
 use crate::prepared::PreparedClouds;
-use crate::run::{DataError, RunError, rows};
 use crate::run::splits::{Matching, SplitBlobs};
+use crate::run::{DataError, RunError, rows};
 use cluster::journal::{Journal, Recorded};
 use cluster::scheduler::{Audit, Limits};
 use cluster::{Cluster, ClusterError};

@@ -63,16 +63,16 @@ pub fn all(folder: PathBuf) -> Vec<Reader> {
             true
         }),
         reader("experiment", TOML_WORDS, experiments(), move |bytes| {
-            coordinator::hostile::experiment(&text(bytes))
+            coordinator::fuzz_entry::experiment(&text(bytes))
         }),
         reader(
             "artefact settings",
             TOML_WORDS,
-            vec![coordinator::hostile::sample_artefact_settings().into_bytes()],
-            move |bytes| coordinator::hostile::artefact_settings(&text(bytes)),
+            vec![coordinator::fuzz_entry::sample_artefact_settings().into_bytes()],
+            move |bytes| coordinator::fuzz_entry::artefact_settings(&text(bytes)),
         ),
-        reader("poll", &[], vec![poll().encode_to_vec()], coordinator::hostile::poll),
-        reader("fetch", &["..", "/", "prepared-cloud"], fetches(), coordinator::hostile::fetch),
+        reader("poll", &[], vec![poll().encode_to_vec()], coordinator::fuzz_entry::poll),
+        reader("fetch", &["..", "/", "prepared-cloud"], fetches(), coordinator::fuzz_entry::fetch),
         reader("reply", &[], vec![reply().encode_to_vec()], worker::hostile::reply),
         reader(
             "manifest",
@@ -88,16 +88,16 @@ pub fn all(folder: PathBuf) -> Vec<Reader> {
             true
         }),
         reader("journal header", &["\"version\":", "18446744073709551616"], vec![header()], |bytes| {
-            coordinator::hostile::journal_header(bytes)
+            coordinator::fuzz_entry::journal_header(bytes)
         }),
-        reader("journal answer", &[], answers(), coordinator::hostile::journal_answer),
+        reader("journal answer", &[], answers(), coordinator::fuzz_entry::journal_answer),
         reader(
             "journal file",
             &[],
-            coordinator::hostile::sample_journal(&journal).into_iter().collect(),
+            coordinator::fuzz_entry::sample_journal(&journal).into_iter().collect(),
             move |bytes| {
                 fs::write(&journal, bytes).expect("room for the journal");
-                coordinator::hostile::journal_file(&journal)
+                coordinator::fuzz_entry::journal_file(&journal)
             },
         ),
     ]

@@ -14,22 +14,13 @@ use super::readme::About;
 use super::recogniser::Recogniser;
 use super::settings::{DatabaseSettings, Settings, TestVectorSettings, VERSION};
 use super::test_vector::{Example, Verdict, test_vector};
-use super::{DATABASE, EXAMPLE, ExportError, FILES, README, SETTINGS, TEST_VECTOR};
+use super::{Chosen, DATABASE, EXAMPLE, ExportError, FILES, README, SETTINGS, TEST_VECTOR};
 use crate::dataset::{CloudEntry, Dataset, read_file};
 use crate::experiment::{Overrides, of_one};
 use crate::making::Making;
 use crate::reopen::{Reopened, reopen};
 use crate::run::{Matching, data_digest, rows};
 use crate::sweep;
-
-/// Which descriptor is taken away.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Chosen {
-    /// The run's winner.
-    Evolved,
-    /// The paper's best chromosome, on the run's clouds.
-    Paper,
-}
 
 /// What was exported.
 #[derive(Clone, Debug)]

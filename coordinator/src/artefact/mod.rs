@@ -13,8 +13,17 @@ mod test_vector;
 mod tests;
 
 pub use error::{ArtefactError, CloudError, ExportError};
-pub use export::{Chosen, export};
+pub use export::export;
 pub use recogniser::{Answer, Named, Recogniser};
+
+/// Which descriptor is taken away.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Chosen {
+    /// The run's winner.
+    Evolved,
+    /// The paper's best chromosome, on the run's clouds.
+    Paper,
+}
 
 /// Whether this is the text of an artefact's settings that mean something.
 pub(crate) fn reads_settings(text: &str) -> bool {

@@ -54,8 +54,7 @@ impl Recognition {
         described: &Described,
         [query_labels, database_labels]: [&[Label]; 2],
     ) -> Result<Self, RecogniseError> {
-        let by =
-            |[queries, database]: &[Parts; 2]| DistanceMatrix::by(candidate.distance, queries, database);
+        let by = |[queries, database]: &[Parts; 2]| DistanceMatrix::by(candidate.distance, queries, database);
         let [queries, database] = &described.clouds;
         let labels: Vec<Label> = database.iter().map(|&index| database_labels[index as usize]).collect();
         let count = queries.len();

@@ -6,10 +6,10 @@ use descriptor::EVALUATION_VERSION;
 use results::{FinishedGrid, GridFolder, GridRow, GridTables, read_grid};
 
 use super::cells::Cells;
-use super::landscape::Landscape;
 use super::grid_spec::GridSpec;
-use crate::run::progress::{CellReport, Progress};
+use super::landscape::Landscape;
 use crate::run::RunError;
+use crate::run::progress::{CellReport, Progress};
 use crate::session::Session;
 use cluster::{CellAnswer, Client, ClusterNews};
 
@@ -82,8 +82,7 @@ impl GridSearch<'_> {
                 // Written before the next is waited for: a killed search loses at most what comes in at once, and
                 // what is to be audited and is not yet.
                 if settled {
-                    folder
-                        .write_cell(&spec.cell_name(cell), &spec.points(cell, counts, worker_id))?;
+                    folder.write_cell(&spec.cell_name(cell), &spec.points(cell, counts, worker_id))?;
                 } else {
                     unsettled.push((cell, counts, worker_id));
                 }

@@ -9,10 +9,10 @@ pub mod landscape;
 pub mod summary;
 
 mod cells;
-mod optimum;
-mod grid_spec;
-mod recheck;
 mod grid_search;
+mod grid_spec;
+mod optimum;
+mod recheck;
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -28,11 +28,11 @@ use crate::run::progress::Progress;
 use crate::run::{RunError, RunOptions, open_data, rows};
 use crate::session::{Session, listen};
 use cluster::Client;
-pub use optimum::Optimum;
+use grid_search::GridSearch;
 use grid_spec::GridSpec;
+pub use optimum::Optimum;
 pub use recheck::{MOST as MOST_RECHECKED, Recheck};
 use summary::GridSummary;
-use grid_search::GridSearch;
 
 /// Evaluates every descriptor of an experiment's search space on its training clouds; a finished grid is only shown
 /// again. The other two splits are neither read nor given to workers. Then `sample` of its counts, if any, are computed
@@ -59,8 +59,7 @@ pub async fn exhaust(
     let listener = listen(experiment, &options.protection, progress.console()).await?;
     // Before a folder is made: the search space may be too fine.
     let memory = options.storage.memory;
-    let mut session =
-        Session::new(experiment.genes(), experiment, &dataset, Arc::clone(&store), memory)?;
+    let mut session = Session::new(experiment.genes(), experiment, &dataset, Arc::clone(&store), memory)?;
     let folder = open_folder(&out, &spec)?;
     let mut client = session.cluster.client();
     let settings = experiment.coordinator();
@@ -78,9 +77,9 @@ pub async fn exhaust(
         client.rest(); // it has no further question, and nobody may wait for one
         let recheck = match sample {
             0 => None,
-            sample => Some(
-                recheck::recheck(&spec, &folder, &session, sample, |line| progress.say(line)).await?,
-            ),
+            sample => {
+                Some(recheck::recheck(&spec, &folder, &session, sample, |line| progress.say(line)).await?)
+            }
         };
         Ok((grid, recheck))
     };

@@ -1,11 +1,12 @@
 //! Several runs at once: one cluster, one journal, a client and a run folder for each of them.
 
+mod record;
 mod summary;
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Instant, SystemTime};
-use std::{fs, io};
 
 use futures_util::future::try_join_all;
 use results::RunFolder;
@@ -14,7 +15,7 @@ use worker::store::Store;
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{Member, Overrides, Plan, Sweep};
 use crate::result_cache::Known;
-use crate::run::directory::{chosen, claim, read_bounded, refuse_another, write_whole};
+use crate::run::directory::{chosen, claim, refuse_another, write_whole};
 use crate::run::progress::Progress;
 use crate::run::summary::Summary;
 use crate::run::tally::Tally;
@@ -23,26 +24,12 @@ use crate::run::{
     refuse_other_data, remove_journal, rows,
 };
 use crate::session::{Session, listen};
+pub use record::{SWEEP_FILE, recorded_sweep};
 pub use summary::SweepSummary;
-
-/// File in the folder of a sweep that tells it in full.
-pub const SWEEP_FILE: &str = "sweep.toml";
 
 /// The folder of a sweep: `out`, or one that the same sweep finds again; `fresh`: one that is not there.
 pub fn folder(sweep: &Sweep, out: Option<PathBuf>, fresh: bool) -> PathBuf {
     chosen(sweep.base().results_dir(), &sweep.folder_name(), out, fresh)
-}
-
-/// The sweep that a folder was made for, in full, if it is one of a sweep.
-pub fn recorded_sweep(folder: &Path) -> Result<Option<String>, RunError> {
-    let path = folder.join(SWEEP_FILE);
-    match read_bounded(&path) {
-        Ok(record) => Ok(Some(record)),
-        Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
-            Ok(None)
-        }
-        Err(source) => Err(RunError::File { path, source }),
-    }
 }
 
 /// The folders of the runs in a folder: of a sweep, those of its members with their names; else the folder itself.

@@ -45,8 +45,8 @@ impl Client {
         Self { id, cluster: Arc::clone(cluster), bell }
     }
 
-    /// Waits until a worker has joined; calls `still_waiting` each minute.
-    pub async fn wait_for_worker(&self, mut still_waiting: impl FnMut(Duration)) {
+    /// As [`Cluster::wait_for_worker`].
+    pub(super) async fn wait_for_worker(&self, mut still_waiting: impl FnMut(Duration)) {
         let begun = Instant::now();
         let mut next = Duration::from_secs(60);
         // Without reading what happened: that is for whoever watches the evaluations.

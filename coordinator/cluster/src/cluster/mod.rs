@@ -330,6 +330,11 @@ impl Cluster {
         }
     }
 
+    /// Waits until a worker has joined; calls `still_waiting` each minute with the time that has passed.
+    pub async fn wait_for_worker(self: &Arc<Self>, still_waiting: impl FnMut(Duration)) {
+        self.client().wait_for_worker(still_waiting).await;
+    }
+
     /// Ends all leases, because nobody waits for them any more.
     pub fn close(&self) {
         self.floor().close(Instant::now());
