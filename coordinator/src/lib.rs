@@ -19,7 +19,7 @@ mod manifest;
 mod prepared;
 mod reopen;
 mod result_cache;
-mod session;
+pub mod session;
 mod storage;
 mod sweep;
 mod verify;

@@ -112,7 +112,7 @@ fn verification_notices_other_data() {
 #[test]
 fn a_taken_default_port_does_not_stop_a_run_with_workers_of_its_own() {
     // Taken by this test or by somebody else: both will do.
-    let _taken = std::net::TcpListener::bind(coordinator::run::DEFAULT_LISTEN);
+    let _taken = std::net::TcpListener::bind(coordinator::session::DEFAULT_LISTEN);
     let experiment = Experiment::new(SHORT);
     let args = ["run", &experiment.path("exp.toml"), "--out", &experiment.path("out")];
     let finished = run("coordinator", args).expect_success();
