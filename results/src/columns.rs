@@ -93,10 +93,6 @@ impl Column {
         Self { nullable: true, ..self }
     }
 
-    pub(crate) fn in_digest(self) -> Self {
-        Self { in_digest: true, ..self }
-    }
-
     /// The column's name as polars holds names.
     pub(crate) fn key(&self) -> PlSmallStr {
         PlSmallStr::from_str(&self.name)

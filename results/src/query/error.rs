@@ -6,7 +6,6 @@ use std::path::PathBuf;
 
 use polars::prelude::PolarsError;
 
-use super::scan::OpenTable;
 use crate::error::Error;
 
 /// Why a query has no answer. Messages name the place first and say what to do on a second line.
@@ -99,8 +98,8 @@ fn root(error: &PolarsError) -> &PolarsError {
     }
 }
 
-/// What an error of polars means to whoever asked, with these tables open.
-pub(super) fn of_polars<'a>(error: &PolarsError, open: impl Iterator<Item = &'a OpenTable>) -> QueryError {
+/// What an error of polars means to whoever asked, with tables of these columns open.
+pub(super) fn of_polars<'a>(error: &PolarsError, columns: impl Iterator<Item = &'a str>) -> QueryError {
     let message = root(error).to_string();
     let column =
         match root(error) {
@@ -115,12 +114,12 @@ pub(super) fn of_polars<'a>(error: &PolarsError, open: impl Iterator<Item = &'a 
     match column {
         Some(got) => {
             let mut there: Vec<String> = Vec::new();
-            for name in open.flat_map(|table| table.schema().iter_names()) {
-                if there.iter().all(|known| known != name.as_str()) {
-                    there.push(name.to_string());
+            for name in columns {
+                if there.iter().all(|known| known != name) {
+                    there.push(name.to_owned());
                 }
             }
-            // In a place where it is not to be had, as behind a UNION.
+            // There is such a column, but not in that place, as behind a UNION.
             if there.iter().any(|known| known == got) {
                 return polars();
             }

@@ -5,6 +5,7 @@
 //! that is no question is refused.
 
 mod answer;
+mod cell;
 mod error;
 mod folders;
 mod scan;
@@ -19,17 +20,15 @@ use polars_sql::SQLContext;
 
 pub use answer::{Answer, AnswerFormat};
 pub use error::QueryError;
-use folders::{Member, members};
+use folders::{Member, RUN_FOLDER, all_tables, members};
 use scan::OpenTable;
 use statement::{Statement, Words};
 
 use crate::columns::Column;
 use crate::error::Error;
 use crate::read::table_files;
-use crate::tables::{Table, TableName};
-
-/// Name of the column that says whose row it is, where there are rows of several folders.
-const RUN_FOLDER: &str = "run_folder";
+use crate::table_name::TableName;
+use crate::tables::Table;
 
 /// Longest statement in bytes: a parsed statement is as deep as it is long.
 pub const LONGEST_QUERY: usize = 1 << 14;
@@ -65,11 +64,6 @@ pub fn query(folders: &[impl AsRef<Path>], sql: &str) -> Result<Answer, QueryErr
         Statement::Question => tables.ask(sql, &words)?,
     };
     Ok(Answer::new(frame))
-}
-
-/// All tables of runs and grids.
-fn all_tables() -> impl Iterator<Item = TableName> {
-    TableName::RUN.into_iter().chain(TableName::COMPARISON).chain(TableName::GRID)
 }
 
 /// What can be asked.
@@ -151,7 +145,8 @@ impl Tables {
             let Some(missing) =
                 error::missing_table(&error).filter(|name| open.iter().all(|(open, _)| open != name))
             else {
-                return Err(error::of_polars(&error, open.iter().map(|(_, table)| table)));
+                let columns = open.iter().flat_map(|(_, table)| table.schema().iter_names());
+                return Err(error::of_polars(&error, columns.map(|name| name.as_str())));
             };
             let table = self.open(missing)?;
             if words.define(missing) {

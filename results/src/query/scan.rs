@@ -8,13 +8,12 @@ use polars::prelude::{
     PolarsError, PolarsResult, ScanArgsAnonymous, Schema, SchemaRef,
 };
 
-use super::RUN_FOLDER;
-use super::folders::Member;
+use super::folders::{Member, RUN_FOLDER};
 use crate::columns::Column;
 use crate::error::Error;
 use crate::parquet::SoundFile;
 use crate::read::{read_bytes, stack, table_files, union};
-use crate::tables::TableName;
+use crate::table_name::TableName;
 
 /// A table whose files are all verified and none decoded.
 #[derive(Clone)]

@@ -4,8 +4,8 @@ use super::figures::quantile;
 use super::html::TableBlock;
 use super::runs::{Group, Member, Runs};
 use super::summary::interval_text;
-use crate::rows::Counts;
 use crate::statistics::{RankSum, holm, rank_sum, wilson};
+use crate::tables::run::Counts;
 
 /// Runs that are listed one by one.
 const MOST_RUNS: usize = 200;

@@ -7,9 +7,9 @@ use polars::prelude::DataType;
 
 use crate::columns::GeneColumn;
 use crate::error::Error;
-use crate::parquet::TableFile;
 use crate::read::{FinishedRun, finished, read_file, read_whole, run_file};
-use crate::tables::TableName;
+use crate::table_name::TableName;
+use crate::tables::TableFile;
 
 /// A table.
 #[derive(Clone, Debug)]

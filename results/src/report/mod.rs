@@ -25,7 +25,7 @@ use runs::Runs;
 
 use crate::error::Error;
 use crate::file::write_whole;
-use crate::tables::TableName;
+use crate::table_name::TableName;
 
 /// A report that is ready to be written. Equal tables give equal bytes.
 #[derive(Clone, Debug)]

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use super::data::{Rows, percent};
 use crate::error::Error;
 use crate::read::{FinishedRun, finished, read_file, run_file};
-use crate::tables::TableName;
+use crate::table_name::TableName;
 
 /// A run among several.
 #[derive(Clone, Debug)]
