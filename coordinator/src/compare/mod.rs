@@ -166,11 +166,15 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     let mut client = workplace.cluster.client();
     let mut crew = workplace.staff(local_workers);
     let descriptors = distinct(&contestants);
-    out.note_look(&LookRow {
+    out.record_look(&LookRow {
         at: SystemTime::now(),
         command: "compare".to_owned(),
         reason: options.reason.clone(),
-        descriptors: contestants.iter().map(|contestant| contestant.label.clone()).collect(),
+        descriptors: contestants
+            .iter()
+            .map(|contestant| contestant.label.as_str())
+            .collect::<Vec<_>>()
+            .join(" "),
     })?;
     let looks = results::read_table(folder, results::TableName::Looks)?.shape().0;
     workplace.splits.publish_test(&workplace.cluster.blobs);
@@ -371,6 +375,8 @@ fn row(
     };
     let area =
         |name| recognition.curves.iter().find(|curve| curve.name == name).and_then(results::Curve::area);
+    let [object_wilson, object_bootstrap] = intervals(counts.object_correct, Level::Object);
+    let [category_wilson, category_bootstrap] = intervals(counts.category_correct, Level::Category);
     ComparedRow {
         descriptor: contestant.label.clone(),
         kind: contestant.descriptor.kind_name().to_owned(),
@@ -379,8 +385,10 @@ fn row(
         size: contestant.descriptor.size() as u32,
         note: contestant.note().map(str::to_owned),
         counts,
-        object_intervals: intervals(counts.object_correct, Level::Object),
-        category_intervals: intervals(counts.category_correct, Level::Category),
+        object_wilson,
+        category_wilson,
+        object_bootstrap,
+        category_bootstrap,
         skipped: queries.len() as u32 - counts.queries,
         database: recognition.database,
         keypoints_per_cloud: timed
@@ -388,6 +396,7 @@ fn row(
             .map(|timed| timed.keypoints_per_cloud)
             .or(recognition.keypoints_per_cloud),
         times: timed.map(|timed| timed.times),
-        areas: [area("all"), area("nearest")],
+        area: area("all"),
+        nearest_area: area("nearest"),
     }
 }
