@@ -284,7 +284,7 @@ impl RunFolder {
     }
 }
 
-/// Makes a folder with these tables, locks it, and removes what was left half written. The lock lasts as long as the
+/// Makes a folder with these tables, locks it, and removes files left half written. The lock lasts as long as the
 /// file that is returned.
 pub(crate) fn open_tables(folder: &Path, tables: &[TableName], genes: &[GeneColumn]) -> Result<File, Error> {
     for &table in tables {

@@ -68,7 +68,7 @@ pub(crate) fn encode_with(
     Ok(bytes)
 }
 
-/// Where the checksum's digits stand. Thrift writes a text after its field header (0x18) and length, and the
+/// Position of the checksum's digits. Thrift writes a text after its field header (0x18) and length, and the
 /// metadata follows everything else of the footer that could repeat the key.
 fn checksum_position(bytes: &[u8], file: &Path) -> Result<usize, Error> {
     let damaged = |what: &str| Error::Damaged { file: file.to_owned(), what: what.to_owned() };
@@ -100,15 +100,15 @@ pub(crate) fn decode_with(
     expected: TableName,
     file: &Path,
 ) -> Result<TableFile, Error> {
-    let mut sound = SoundFile::open(bytes, expected, file)?;
-    sound.threads = threads;
-    let frame = sound.frame(None)?;
-    Ok(TableFile { table: sound.table, frame })
+    let mut verified = VerifiedFile::open(bytes, expected, file)?;
+    verified.threads = threads;
+    let frame = verified.frame(None)?;
+    Ok(TableFile { table: verified.table, frame })
 }
 
-/// A file whose checksum holds and of which it is known what it says: its columns can be decoded one by one.
+/// A file whose checksum and metadata have been checked; its columns can be decoded one by one.
 #[derive(Debug)]
-pub(crate) struct SoundFile {
+pub(crate) struct VerifiedFile {
     bytes: Vec<u8>,
     metadata: FileMetadataRef,
     threads: ParallelStrategy,
@@ -118,8 +118,8 @@ pub(crate) struct SoundFile {
     pub file: PathBuf,
 }
 
-impl SoundFile {
-    /// Verifies the checksum, then reads what the file says about itself.
+impl VerifiedFile {
+    /// Verifies the checksum, then reads the metadata.
     pub(crate) fn open(mut bytes: Vec<u8>, expected: TableName, file: &Path) -> Result<Self, Error> {
         let damaged = |what: String| Error::Damaged { file: file.to_owned(), what };
         let at = checksum_position(&bytes, file)?;
@@ -175,7 +175,7 @@ impl SoundFile {
         self.metadata.num_rows
     }
 
-    /// The columns of [`SoundFile::frame`], in its order: those of the table, then unknown ones.
+    /// The columns of [`VerifiedFile::frame`], in its order: those of the table, then unknown ones.
     #[cfg(feature = "sql")]
     pub(crate) fn schema(&self) -> Result<Schema, Error> {
         let found = self.reader().schema().map_err(|error| self.damaged(error))?;

@@ -13,7 +13,7 @@ use crate::table_name::TableName;
 pub enum Problem {
     /// A file is missing, damaged or foreign. The error names it.
     File(Error),
-    /// A file that the run's row does not speak of.
+    /// A file of a generation that the run does not have.
     Surplus(PathBuf),
     /// The rows of a generation are not those that were written.
     Generation { generation: u32, recorded: String, computed: Hash },
@@ -21,7 +21,7 @@ pub enum Problem {
     Predictions { recorded: String, computed: Hash },
     /// The run as a whole is not what was written.
     Run { recorded: String, computed: Hash },
-    /// A value that does not follow from the values that it is derived from.
+    /// A value that does not follow from the values it is computed from.
     Inconsistent {
         table: TableName,
         generation: Option<u32>,

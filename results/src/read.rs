@@ -44,7 +44,7 @@ pub(crate) fn read_file_if_any(file: &Path, table: TableName) -> Result<Option<T
 pub(crate) fn read_bytes(file: &Path) -> Result<Vec<u8>, Error> {
     let failed = |source| Error::io(file, "read this file", source);
     if !fs::metadata(file).map_err(failed)?.is_file() {
-        // A pipe would be waited for.
+        // Reading a pipe would block.
         return Err(Error::Damaged { file: file.to_owned(), what: "it is no file".to_owned() });
     }
     fs::read(file).map_err(failed)

@@ -15,13 +15,13 @@ use crate::tables::TableFile;
 /// What verification found.
 #[derive(Debug)]
 pub struct Verification {
-    /// Number of generations that the run's row speaks of.
+    /// Number of generations according to the run's row.
     pub generations: u32,
     /// The digest in the run's row, hexadecimal.
     pub recorded_run_digest: String,
     /// The digest of what the files hold; `None` if a file that it needs cannot be read.
     pub computed_run_digest: Option<Hash>,
-    /// Everything that is not as it should be, in table and generation order.
+    /// Everything that is wrong, in table and generation order.
     pub problems: Vec<Problem>,
 }
 

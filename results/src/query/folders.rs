@@ -35,7 +35,7 @@ pub(super) fn members(folders: &[impl AsRef<Path>]) -> Result<Vec<Member>, Query
     let mut found = Vec::new();
     for folder in folders {
         let folder = folder.as_ref();
-        // The whole path, so that `.` has a name; and of two ways to a folder one.
+        // The canonical path: `.` gets a name, and two paths to one folder count once.
         let whole = fs::canonicalize(folder).ok().filter(|folder| folder.is_dir());
         let whole = whole.ok_or_else(|| QueryError::NoFolder(folder.to_owned()))?;
         let before = found.len();
@@ -50,7 +50,7 @@ pub(super) fn members(folders: &[impl AsRef<Path>]) -> Result<Vec<Member>, Query
     Ok(names.into_iter().zip(found).map(|(name, folder)| Member { name, folder }).collect())
 }
 
-/// Adds the folder if it has tables, else what is in it.
+/// Adds the folder if it has tables, else the folders in it.
 fn look_into(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) -> Result<(), Error> {
     for table in all_tables() {
         if !table_files(folder, table)?.is_empty() {
