@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use descriptor::random;
 use rand::RngExt as _;
-use results::RecordedEvaluation;
+use results::EvaluationRow;
 use worker::Storage;
 use worker::store::Store;
 
@@ -120,7 +120,7 @@ pub async fn verify(
 }
 
 /// A sample without repetition; which one depends on the run alone, so that two people see the same.
-fn choose(mut rows: Vec<RecordedEvaluation>, sample: u32, run_digest: &str) -> Vec<RecordedEvaluation> {
+fn choose(mut rows: Vec<EvaluationRow>, sample: u32, run_digest: &str) -> Vec<EvaluationRow> {
     let mut rng = random::stream(0, &format!("verify {run_digest}"), &[]);
     let wanted = rows.len().min(sample as usize);
     for place in 0..wanted {

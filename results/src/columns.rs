@@ -56,7 +56,7 @@ impl ColumnKind {
     }
 }
 
-/// One column of a table. The list of a file's columns stands in its metadata, as JSON, under `descry.columns`.
+/// One column of a table. The metadata of a file lists its columns as JSON under `descry.columns`.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Column {
     /// Its name.
@@ -71,7 +71,7 @@ pub struct Column {
     pub in_digest: bool,
     /// Whether it is a gene: there is one such column for every gene of the experiment.
     pub gene: bool,
-    /// What it says, in a few words.
+    /// Its meaning, in a few words.
     pub meaning: String,
 }
 
@@ -91,10 +91,6 @@ impl Column {
 
     pub(crate) fn nullable(self) -> Self {
         Self { nullable: true, ..self }
-    }
-
-    pub(crate) fn in_digest(self) -> Self {
-        Self { in_digest: true, ..self }
     }
 
     /// The column's name as polars holds names.

@@ -1,5 +1,7 @@
 //! The run digest: BLAKE3 over exactly the cells whose columns are marked `in_digest`.
 //!
+//! Tables must have passed `conform`: columns in table order, of their kinds.
+//!
 //! A tree of hashes, so that one generation at a time is read and a changed one can be named:
 //! run digest = H(run row, H(rows of generation 1), …, H(rows of generation n), H(predictions)).
 //! A table's content is its name, its number of rows and, in key order, every row: each digest column that is not
@@ -11,13 +13,10 @@ use polars::prelude::{AnyValue, DataFrame, PolarsError};
 
 use crate::columns::{Column, ColumnKind};
 use crate::error::Error;
-use crate::tables::Table;
-
-/// A table with rows in the table's form (see `frame::conform`).
-pub(crate) type Rows<'a> = (&'a Table, &'a DataFrame);
+use crate::tables::{Table, TableFile};
 
 /// Digest of one generation: its `evaluations` and its row of `generations`.
-pub(crate) fn generation_rows(evaluations: Rows, generation: Rows) -> Result<Hash, Error> {
+pub(crate) fn generation_rows(evaluations: &TableFile, generation: &TableFile) -> Result<Hash, Error> {
     let mut hasher = Hasher::new_derive_key("descry generation rows v1");
     content(&mut hasher, evaluations)?;
     content(&mut hasher, generation)?;
@@ -25,11 +24,11 @@ pub(crate) fn generation_rows(evaluations: Rows, generation: Rows) -> Result<Has
 }
 
 /// Digest of the predictions, all files of the table in any order.
-pub(crate) fn predictions(files: &[Rows]) -> Result<Hash, Error> {
+pub(crate) fn predictions(files: &[TableFile]) -> Result<Hash, Error> {
     let mut hasher = Hasher::new_derive_key("descry predictions v1");
     // Validation and test are separate files; their order in the folder must not matter.
     let mut digests = Vec::new();
-    for &rows in files {
+    for rows in files {
         let mut file = Hasher::new_derive_key("descry predictions of one file v1");
         content(&mut file, rows)?;
         digests.push(file.finalize());
@@ -42,7 +41,7 @@ pub(crate) fn predictions(files: &[Rows]) -> Result<Hash, Error> {
 }
 
 /// Digest of a run: its row, its generations from 1 and its predictions.
-pub(crate) fn run(row: Rows, generations: &[Hash], predictions: Hash) -> Result<Hash, Error> {
+pub(crate) fn run(row: &TableFile, generations: &[Hash], predictions: Hash) -> Result<Hash, Error> {
     let mut hasher = Hasher::new_derive_key("descry run digest v1");
     content(&mut hasher, row)?;
     hasher.update(&(generations.len() as u64).to_le_bytes());
@@ -53,7 +52,7 @@ pub(crate) fn run(row: Rows, generations: &[Hash], predictions: Hash) -> Result<
     Ok(hasher.finalize())
 }
 
-fn content(hasher: &mut Hasher, (table, frame): Rows) -> Result<(), Error> {
+fn content(hasher: &mut Hasher, TableFile { table, frame }: &TableFile) -> Result<(), Error> {
     text(hasher, table.name.as_str());
     hasher.update(&(frame.height() as u64).to_le_bytes());
     let mut cells = Vec::new();

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use crate::tables::TableName;
+use crate::table_name::TableName;
 
 /// Why results could not be written or read. Messages name the place first and say what to do on a second line.
 #[derive(Debug, thiserror::Error)]

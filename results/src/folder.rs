@@ -5,27 +5,27 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use blake3::Hash;
-use polars::prelude::DataFrame;
 
+use crate::checks::{check_evaluations, check_generation, check_predictions, check_run};
 use crate::columns::GeneColumn;
-use crate::comparison::{self, ComparedRow, Curve, LookRow, PairRow};
 use crate::digest;
 use crate::error::Error;
 use crate::file::{is_temporary, names, sync_folder, write_whole};
-use crate::frame;
 use crate::parquet;
 use crate::population::PopulationSummary;
-use crate::proceedings::{self, Proceedings};
 use crate::read::generation_file;
-use crate::rows::{EvaluationRow, GenerationRow, PredictionRow, PredictionSplit, RunRow, SkippedRow};
-use crate::tables::{Table, TableName};
+use crate::record::{Context, Value};
+use crate::table_name::TableName;
+use crate::tables::comparison::{ComparedRow, Curve, CurvePoint, DistanceRow, PairRow};
+use crate::tables::log::{LookRow, RunLog};
+use crate::tables::run::{EvaluationRow, GenerationRow, PredictionRow, PredictionSplit, RunRow, SkippedRow};
+use crate::tables::{Table, TableFile};
 use crate::verify::Parts;
 
 const LOCK: &str = ".lock";
-const RUN_FILE: &str = "run.parquet";
-const SKIPPED_FILE: &str = "skipped.parquet";
 
-/// Order in which tables vanish when a run is discarded: what says "whole" first, what it speaks of after it.
+/// Order in which tables are removed when a run is discarded: the one that marks a run or generation as whole before
+/// what it marks.
 const DISCARD_ORDER: [TableName; 8] = [
     TableName::Run,
     TableName::Generations,
@@ -40,8 +40,8 @@ const DISCARD_ORDER: [TableName; 8] = [
 /// A run folder that this process writes to. No other process can open it while this value lives.
 ///
 /// Files become visible only whole, in this order: a generation's `evaluations`, its row of `generations`; at the
-/// end `predictions`, `skipped`, `workers`, `attempts`, `events`, and last `run/run.parquet`, which marks the run as finished. A folder whose
-/// process was killed at any point can be opened again; what is visible in it is sound.
+/// end `predictions`, `skipped`, `workers`, `attempts`, `events`, and last `run/run.parquet`, which marks the run as
+/// finished. A folder whose process was killed at any point can be opened again; what is visible in it is sound.
 #[derive(Debug)]
 pub struct RunFolder {
     folder: PathBuf,
@@ -73,7 +73,7 @@ impl RunFolder {
 
     /// Whether the run has ended: its row is written.
     pub fn is_finished(&self) -> bool {
-        self.file(TableName::Run, RUN_FILE).exists()
+        self.file(TableName::Run, &TableName::Run.file()).exists()
     }
 
     /// Number of generations that are written whole, from generation 1 without a gap.
@@ -96,38 +96,40 @@ impl RunFolder {
         if let Some(got) = other.or(Some(row.generation).filter(|&got| got != expected)) {
             return Err(Error::Order { expected, got });
         }
-        let evaluations = self.table(TableName::Evaluations)?;
-        let generations = self.table(TableName::Generations)?;
-        let frame = frame::evaluations(&self.genes, individuals)?;
-        let Some(summary) = PopulationSummary::of(individuals) else {
-            return Err(Error::Order { expected, got: 0 });
-        };
-        let mut row = frame::generation(row, &summary)?;
-        let rows_digest = digest::generation_rows((&evaluations, &frame), (&generations, &row))?;
-        row.with_column(frame::text("rows_digest", &rows_digest.to_hex()))?;
+        let (evaluations, mut generation) = self.generation(individuals, row)?;
+        let rows_digest = digest::generation_rows(&evaluations, &generation)?;
+        generation.set_text("rows_digest", &rows_digest.to_hex())?;
         let name = generation_file(expected);
         // Both are encoded, and with it checked, before the first becomes visible.
-        let evaluations = self.encode(&evaluations, frame, &name)?;
-        let generations = self.encode(&generations, row, &name)?;
+        let evaluations = self.encode(evaluations, &name)?;
+        let generation = self.encode(generation, &name)?;
         write_whole(&evaluations.0, &evaluations.1)?;
-        write_whole(&generations.0, &generations.1)?;
+        write_whole(&generation.0, &generation.1)?;
         self.generations = expected;
         Ok(rows_digest)
     }
 
-    /// Whether the generation that is there in this place is this one, in everything that the run digest covers.
+    /// Both tables of a generation, without its digest.
+    fn generation(
+        &self,
+        individuals: &[EvaluationRow],
+        row: &GenerationRow,
+    ) -> Result<(TableFile, TableFile), Error> {
+        check_evaluations(&self.genes, individuals)?;
+        check_generation(row)?;
+        let population = PopulationSummary::of(individuals).unwrap_or_default();
+        let evaluations = self.table(TableName::Evaluations, individuals, Context::default())?;
+        let context = Context { population, ..Context::default() };
+        Ok((evaluations, self.table(TableName::Generations, std::slice::from_ref(row), context)?))
+    }
+
+    /// Whether the folder has this very generation, in everything that the run digest covers.
     ///
     /// # Errors
-    /// As [`RunFolder::write_generation`]; one that is there and cannot be read is not this one.
+    /// As [`RunFolder::write_generation`]. A generation that cannot be read is another one.
     pub fn has(&self, individuals: &[EvaluationRow], row: &GenerationRow) -> Result<bool, Error> {
-        let evaluations = self.table(TableName::Evaluations)?;
-        let generations = self.table(TableName::Generations)?;
-        let frame = frame::evaluations(&self.genes, individuals)?;
-        let Some(summary) = PopulationSummary::of(individuals) else { return Ok(false) };
-        let expected = digest::generation_rows(
-            (&evaluations, &frame),
-            (&generations, &frame::generation(row, &summary)?),
-        )?;
+        let (evaluations, generation) = self.generation(individuals, row)?;
+        let expected = digest::generation_rows(&evaluations, &generation)?;
         Ok(Parts::generation(&self.folder, row.generation).is_ok_and(|found| found == expected))
     }
 
@@ -149,40 +151,35 @@ impl RunFolder {
     /// Writes the winner's predictions of one split, in query order.
     pub fn write_predictions(&self, split: PredictionSplit, rows: &[PredictionRow]) -> Result<(), Error> {
         self.refuse_if_finished()?;
-        let name = format!("{}.parquet", split.as_str());
-        self.write(&self.table(TableName::Predictions)?, frame::predictions(split, rows)?, &name)
+        check_predictions(rows)?;
+        let context = Context { labels: &[split.as_str()], ..Context::default() };
+        self.write(TableName::Predictions, rows, context, &split.file())
     }
 
     /// Writes the clouds that took no part; also if there are none, so that readers find the table.
     pub fn write_skipped(&self, rows: &[SkippedRow]) -> Result<(), Error> {
         self.refuse_if_finished()?;
-        self.write(&self.table(TableName::Skipped)?, frame::skipped(rows)?, SKIPPED_FILE)
+        self.write_one(TableName::Skipped, rows)
     }
 
-    /// Writes what happened beside the results; also if nothing did, so that readers find the tables.
-    pub fn write_proceedings(&self, proceedings: &Proceedings) -> Result<(), Error> {
+    /// Writes the log of the run; also if it is empty, so that readers find the tables.
+    pub fn write_log(&self, log: &RunLog) -> Result<(), Error> {
         self.refuse_if_finished()?;
-        let Proceedings { workers, attempts, events } = proceedings;
-        for (name, frame) in [
-            (TableName::Workers, proceedings::workers(workers)?),
-            (TableName::Attempts, proceedings::attempts(attempts)?),
-            (TableName::Events, proceedings::events(events)?),
-        ] {
-            self.write(&self.table(name)?, frame, &format!("{name}.parquet"))?;
-        }
-        Ok(())
+        self.write_one(TableName::Workers, &log.workers)?;
+        self.write_one(TableName::Attempts, &log.attempts)?;
+        self.write_one(TableName::Events, &log.events)
     }
 
-    /// Notes that test clouds are about to be released; also in a run that is finished. What is noted stays, whatever
-    /// becomes of the run.
-    pub fn note_look(&self, look: &LookRow) -> Result<(), Error> {
-        let table = self.table(TableName::Looks)?;
+    /// Records that test clouds are about to be released; also in a run that is finished. The record stays when the
+    /// run is discarded.
+    pub fn record_look(&self, look: &LookRow) -> Result<(), Error> {
         let folder = self.folder.join(TableName::Looks.as_str());
         let number = names(&folder)?.iter().filter_map(|name| look_number(name)).max().unwrap_or(0) + 1;
-        self.write(&table, comparison::look(look)?, &format!("look-{number:05}.parquet"))
+        let name = format!("look-{number:05}.parquet");
+        self.write(TableName::Looks, std::slice::from_ref(look), Context::default(), &name)
     }
 
-    /// Removes the comparison that is there, the table that says it is whole first, and makes room for another.
+    /// Removes the comparison in the folder, the table that marks it as whole first, and prepares the next one.
     pub fn begin_comparison(&self) -> Result<(), Error> {
         for table in TableName::COMPARISON.into_iter().rev() {
             let folder = self.folder.join(table.as_str());
@@ -193,31 +190,33 @@ impl RunFolder {
         sync_folder(&self.folder)
     }
 
-    /// Writes what one descriptor, named by a label that can be a file's name, makes of the test clouds: its answers in
-    /// query order, its curves, and the distances of queries to clouds of the database.
+    /// Writes what one descriptor makes of the test clouds: its answers in query order, its curves, and the distances
+    /// of queries to database clouds. The label becomes the file's name.
     pub fn write_compared(
         &self,
         descriptor: &str,
         answers: &[PredictionRow],
         curves: &[Curve],
-        distances: &[(u32, u32, f32)],
+        distances: &[DistanceRow],
     ) -> Result<(), Error> {
         let name = format!("{descriptor}.parquet");
-        for (table, frame) in [
-            (TableName::Distances, comparison::distances(descriptor, distances)?),
-            (TableName::Answers, comparison::answers(descriptor, answers)?),
-            (TableName::RecallPrecision, comparison::recall_precision(descriptor, curves)?),
-        ] {
-            self.write(&self.table(table)?, frame, &name)?;
+        let context = Context { labels: &[descriptor], ..Context::default() };
+        self.write(TableName::Distances, distances, context, &name)?;
+        self.write(TableName::Answers, answers, context, &name)?;
+        let context = Context { labels: &[descriptor, ""], ..context };
+        let mut points = self.table::<CurvePoint>(TableName::RecallPrecision, &[], context)?;
+        for Curve { name, relevant, points: of_curve } in curves {
+            let context = Context { labels: &[descriptor, name], relevant: *relevant, ..context };
+            points.append(self.table(TableName::RecallPrecision, of_curve, context)?)?;
         }
-        Ok(())
+        let (file, bytes) = self.encode(points, &name)?;
+        write_whole(&file, &bytes)
     }
 
     /// Writes all descriptors and all pairs of them, and with it finishes the comparison.
     pub fn write_comparison(&self, rows: &[ComparedRow], pairs: &[PairRow]) -> Result<(), Error> {
-        self.write(&self.table(TableName::Pairs)?, comparison::pairs(pairs)?, "pairs.parquet")?;
-        let table = self.table(TableName::Comparison)?;
-        self.write(&table, comparison::comparison(rows)?, "comparison.parquet")
+        self.write_one(TableName::Pairs, pairs)?;
+        self.write_one(TableName::Comparison, rows)
     }
 
     /// Computes the run digest from the files as written, writes the run's row and with it finishes the run.
@@ -227,13 +226,14 @@ impl RunFolder {
         if row.generations != self.generations {
             return Err(Error::Order { expected: self.generations, got: row.generations });
         }
-        let table = self.table(TableName::Run)?;
-        let mut frame = frame::run(&self.genes, row)?;
+        check_run(&self.genes, row)?;
+        let mut run = self.table(TableName::Run, std::slice::from_ref(row), Context::default())?;
         let parts = Parts::read(&self.folder, self.generations)?;
-        let run_digest = digest::run((&table, &frame), &parts.generations, parts.predictions)?;
-        frame.with_column(frame::text("predictions_digest", &parts.predictions.to_hex()))?;
-        frame.with_column(frame::text("run_digest", &run_digest.to_hex()))?;
-        self.write(&table, frame, RUN_FILE)?;
+        let run_digest = digest::run(&run, &parts.generations, parts.predictions)?;
+        run.set_text("predictions_digest", &parts.predictions.to_hex())?;
+        run.set_text("run_digest", &run_digest.to_hex())?;
+        let (file, bytes) = self.encode(run, &TableName::Run.file())?;
+        write_whole(&file, &bytes)?;
         Ok(run_digest)
     }
 
@@ -253,27 +253,38 @@ impl RunFolder {
         if self.is_finished() { Err(Error::Finished(self.folder.clone())) } else { Ok(()) }
     }
 
-    fn table(&self, name: TableName) -> Result<Table, Error> {
-        Table::new(name, &self.genes)
-    }
-
     fn file(&self, table: TableName, name: &str) -> PathBuf {
         self.folder.join(table.as_str()).join(name)
     }
 
-    fn encode(&self, table: &Table, frame: DataFrame, name: &str) -> Result<(PathBuf, Vec<u8>), Error> {
+    fn table<R: Value>(&self, table: TableName, rows: &[R], context: Context) -> Result<TableFile, Error> {
+        Table::new(table, &self.genes)?.filled(rows, context)
+    }
+
+    fn encode(&self, TableFile { table, frame }: TableFile, name: &str) -> Result<(PathBuf, Vec<u8>), Error> {
         let file = self.file(table.name, name);
-        let bytes = parquet::encode(table, frame, &file)?;
+        let bytes = parquet::encode(&table, frame, &file)?;
         Ok((file, bytes))
     }
 
-    fn write(&self, table: &Table, frame: DataFrame, name: &str) -> Result<(), Error> {
-        let (file, bytes) = self.encode(table, frame, name)?;
+    fn write<R: Value>(
+        &self,
+        table: TableName,
+        rows: &[R],
+        context: Context,
+        name: &str,
+    ) -> Result<(), Error> {
+        let (file, bytes) = self.encode(self.table(table, rows, context)?, name)?;
         write_whole(&file, &bytes)
+    }
+
+    /// Writes a table of one file.
+    fn write_one<R: Value>(&self, table: TableName, rows: &[R]) -> Result<(), Error> {
+        self.write(table, rows, Context::default(), &table.file())
     }
 }
 
-/// Makes a folder with these tables, locks it, and removes what was left half written. The lock lasts as long as the
+/// Makes a folder with these tables, locks it, and removes files left half written. The lock lasts as long as the
 /// file that is returned.
 pub(crate) fn open_tables(folder: &Path, tables: &[TableName], genes: &[GeneColumn]) -> Result<File, Error> {
     for &table in tables {
@@ -307,15 +318,13 @@ fn is_ours(table: TableName, name: &str) -> bool {
             let digits = name.strip_prefix("generation-").and_then(|name| name.strip_suffix(".parquet"));
             digits.is_some_and(|digits| digits.len() >= 5 && digits.bytes().all(|b| b.is_ascii_digit()))
         }
-        TableName::Predictions => {
-            PredictionSplit::ALL.iter().any(|split| name.strip_suffix(".parquet") == Some(split.as_str()))
-        }
-        TableName::Skipped => name == SKIPPED_FILE,
-        TableName::Workers | TableName::Attempts | TableName::Events => {
-            name.strip_suffix(".parquet") == Some(table.as_str())
-        }
-        TableName::Run => name == RUN_FILE,
-        // Looks were had, even if the run is not.
+        TableName::Predictions => PredictionSplit::ALL.iter().any(|split| name == split.file()),
+        TableName::Skipped
+        | TableName::Workers
+        | TableName::Attempts
+        | TableName::Events
+        | TableName::Run => name == table.file(),
+        // Test clouds were looked at, even if the run is discarded.
         TableName::Looks
         | TableName::Distances
         | TableName::Answers

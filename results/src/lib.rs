@@ -1,31 +1,30 @@
-//! Results of runs and grids: one table of columns, crash-safe Parquet files, reading them, and the run digest.
+//! Results of runs and grids: declared tables, crash-safe Parquet files, reading them, and the run digest.
 //!
 //! A run writes through [`RunFolder`], an exhaustive search through [`GridFolder`]; anyone reads with [`read_table`], [`read_run`] or any Parquet reader.
 //! `query` (feature `sql`) answers SQL over all tables.
 //! [`verify`] recomputes the run digest from the files and names what was changed.
-//! SCHEMA.md, made from the column table, lists every column.
+//! A table's rows are declared once, with `record!` in `tables/`: columns, files, readers and SCHEMA.md follow.
 
 mod columns;
 mod error;
-mod rows;
+mod population;
+mod record;
+mod table_name;
 mod tables;
 
-mod cells;
-mod comparison;
-mod database;
-mod derived;
+mod checks;
+mod conform;
 mod digest;
-mod frame;
 mod parquet;
-mod population;
-mod proceedings;
 mod schema;
 
+mod consistency;
+mod database;
 mod file;
 mod folder;
 mod grid;
+mod problem;
 mod read;
-mod recorded;
 mod verify;
 
 mod statistics;
@@ -35,30 +34,30 @@ mod query;
 mod report;
 
 pub use columns::{Column, ColumnKind, GeneColumn};
-pub use comparison::{ComparedRow, Curve, CurvePoint, LookRow, PairRow, Times};
-pub use database::{Database, DatabaseCloud, DatabasePart, read_database, write_database};
+pub use database::{Database, DatabasePart, read_database, write_database};
 pub use error::Error;
 pub use folder::RunFolder;
-pub use grid::{
-    BestRow, CellPoints, CountRow, FinishedGrid, GridFolder, GridRow, GridTables, LandscapeRow, MarginalRow,
-    read_grid,
-};
+pub use grid::{FinishedGrid, GridFolder, read_grid};
 pub use parquet::SCHEMA_VERSION;
 pub use population::PopulationSummary;
-pub use proceedings::{AttemptRow, EventRow, Proceedings, WorkerRow};
+pub use problem::Problem;
 #[cfg(feature = "sql")]
 pub use query::{Answer, AnswerFormat, LONGEST_QUERY, QueryError, query};
-pub use read::{FinishedRun, read_run, read_table};
-pub use recorded::{RecordedEvaluation, read_evaluations, read_predictions};
+pub use read::{FinishedRun, read_evaluations, read_predictions, read_run, read_table};
 pub use report::Report;
-pub use rows::{
+pub use schema::schema_markdown;
+pub use statistics::{Cluster, RankSum, bootstrap, holm, mcnemar, rank_sum, wilson};
+pub use table_name::TableName;
+pub use tables::Table;
+pub use tables::comparison::{ComparedRow, Curve, CurvePoint, DistanceRow, PairRow, Times};
+pub use tables::database::DatabaseCloud;
+pub use tables::grid::{BestRow, CellPoints, CountRow, GridRow, GridTables, LandscapeRow, MarginalRow};
+pub use tables::log::{AttemptRow, EventRow, LookRow, RunLog, WorkerRow};
+pub use tables::run::{
     Computed, Counts, EvaluationRow, GenerationRow, PredictionRow, PredictionSplit, RunRow, RunnerUp,
     SkippedRow,
 };
-pub use schema::schema_markdown;
-pub use statistics::{Cluster, RankSum, bootstrap, holm, mcnemar, rank_sum, wilson};
-pub use tables::{Table, TableName};
-pub use verify::{Problem, Verification, run_digest, verify};
+pub use verify::{Verification, run_digest, verify};
 
 #[cfg(test)]
 mod tests;

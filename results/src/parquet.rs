@@ -15,10 +15,10 @@ use polars_io::parquet::read::ParquetReader;
 use polars_io::parquet::write::{KeyValueMetadata, ParquetCompression, ParquetWriter};
 
 use crate::columns::{Column, GeneColumn};
-use crate::digest::Rows;
+use crate::conform::{Mismatch, conform};
 use crate::error::Error;
-use crate::frame;
-use crate::tables::{Table, TableName};
+use crate::table_name::TableName;
+use crate::tables::{Table, TableFile, gene_prefix};
 
 /// Version of the column table. Readers accept this and earlier ones.
 pub const SCHEMA_VERSION: u32 = 1;
@@ -32,25 +32,9 @@ const MAGIC: &[u8] = b"PAR1";
 const DIGITS: usize = 64;
 const BLANK: [u8; DIGITS] = [b'0'; DIGITS];
 
-/// A table read from one file.
-#[derive(Clone, Debug)]
-pub(crate) struct TableFile {
-    /// Its table, with the genes that the file has.
-    pub table: Table,
-    /// Its rows; columns in table order, then unknown ones.
-    pub frame: DataFrame,
-}
-
-impl TableFile {
-    /// What digests take.
-    pub(crate) fn rows(&self) -> Rows<'_> {
-        (&self.table, &self.frame)
-    }
-}
-
 /// The file that holds `frame`, which must be of that table. `file` names it in errors.
 pub(crate) fn encode(table: &Table, frame: DataFrame, file: &Path) -> Result<Vec<u8>, Error> {
-    let mut frame = frame::conform(table, frame)?.map_err(|mismatch| column_error(file, mismatch))?;
+    let mut frame = conform(table, frame)?.map_err(|mismatch| column_error(file, mismatch))?;
     let columns = serde_json::to_string(&table.columns).map_err(|error| Error::Damaged {
         file: file.to_owned(),
         what: format!("cannot describe its columns: {error}"),
@@ -84,7 +68,7 @@ pub(crate) fn encode_with(
     Ok(bytes)
 }
 
-/// Where the checksum's digits stand. Thrift writes a text after its field header (0x18) and length, and the
+/// Position of the checksum's digits. Thrift writes a text after its field header (0x18) and length, and the
 /// metadata follows everything else of the footer that could repeat the key.
 fn checksum_position(bytes: &[u8], file: &Path) -> Result<usize, Error> {
     let damaged = |what: &str| Error::Damaged { file: file.to_owned(), what: what.to_owned() };
@@ -116,15 +100,15 @@ pub(crate) fn decode_with(
     expected: TableName,
     file: &Path,
 ) -> Result<TableFile, Error> {
-    let mut sound = SoundFile::open(bytes, expected, file)?;
-    sound.threads = threads;
-    let frame = sound.frame(None)?;
-    Ok(TableFile { table: sound.table, frame })
+    let mut verified = VerifiedFile::open(bytes, expected, file)?;
+    verified.threads = threads;
+    let frame = verified.frame(None)?;
+    Ok(TableFile { table: verified.table, frame })
 }
 
-/// A file whose checksum holds and of which it is known what it says: its columns can be decoded one by one.
+/// A file whose checksum and metadata have been checked; its columns can be decoded one by one.
 #[derive(Debug)]
-pub(crate) struct SoundFile {
+pub(crate) struct VerifiedFile {
     bytes: Vec<u8>,
     metadata: FileMetadataRef,
     threads: ParallelStrategy,
@@ -134,8 +118,8 @@ pub(crate) struct SoundFile {
     pub file: PathBuf,
 }
 
-impl SoundFile {
-    /// Verifies the checksum, then reads what the file says about itself.
+impl VerifiedFile {
+    /// Verifies the checksum, then reads the metadata.
     pub(crate) fn open(mut bytes: Vec<u8>, expected: TableName, file: &Path) -> Result<Self, Error> {
         let damaged = |what: String| Error::Damaged { file: file.to_owned(), what };
         let at = checksum_position(&bytes, file)?;
@@ -165,9 +149,9 @@ impl SoundFile {
         }
         let columns: Vec<Column> = serde_json::from_str(value(COLUMNS_KEY)?)
             .map_err(|error| damaged(format!("its {COLUMNS_KEY} is no list of columns: {error}")))?;
-        let prefix = expected.gene_prefix();
+        let prefix = gene_prefix(expected);
         let genes: Vec<GeneColumn> =
-            columns.iter().filter_map(|column| GeneColumn::of(column, prefix?)).collect();
+            columns.iter().filter_map(|column| GeneColumn::of(column, prefix.as_ref()?)).collect();
         let table = Table::new(expected, &genes)?;
         drop(reader);
         let threads = ParallelStrategy::Auto;
@@ -191,7 +175,7 @@ impl SoundFile {
         self.metadata.num_rows
     }
 
-    /// The columns of [`SoundFile::frame`], in its order: those of the table, then unknown ones.
+    /// The columns of [`VerifiedFile::frame`], in its order: those of the table, then unknown ones.
     #[cfg(feature = "sql")]
     pub(crate) fn schema(&self) -> Result<Schema, Error> {
         let found = self.reader().schema().map_err(|error| self.damaged(error))?;
@@ -211,16 +195,16 @@ impl SoundFile {
         let wanted = |name: &str| columns.is_none_or(|columns| columns.iter().any(|column| column == name));
         let mut reader = self.reader();
         let found = reader.schema().map_err(|error| self.damaged(error))?;
-        let places = found.iter_names().enumerate().filter(|(_, name)| wanted(name));
-        let places = columns.map(|_| places.map(|(place, _)| place).collect());
-        let frame = reader.with_projection(places).finish().map_err(|error| self.damaged(error))?;
+        let indices = found.iter_names().enumerate().filter(|(_, name)| wanted(name));
+        let indices = columns.map(|_| indices.map(|(index, _)| index).collect());
+        let frame = reader.with_projection(indices).finish().map_err(|error| self.damaged(error))?;
         let mut table = self.table.clone();
         table.columns.retain(|column| wanted(&column.name));
-        frame::conform(&table, frame)?.map_err(|mismatch| column_error(&self.file, mismatch))
+        conform(&table, frame)?.map_err(|mismatch| column_error(&self.file, mismatch))
     }
 }
 
-fn column_error(file: &Path, mismatch: frame::Mismatch) -> Error {
-    let frame::Mismatch { column, expected, got } = mismatch;
+fn column_error(file: &Path, mismatch: Mismatch) -> Error {
+    let Mismatch { column, expected, got } = mismatch;
     Error::Column { file: file.to_owned(), column, expected, got }
 }

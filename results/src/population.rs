@@ -1,6 +1,9 @@
 //! What a generation's row derives from its individuals: best, mean, worst, diversity.
 
-use crate::rows::{EvaluationRow, share};
+/// The quotient of two counts, correctly rounded.
+pub(crate) fn share(part: u32, whole: u32) -> f64 {
+    f64::from(part) / f64::from(whole)
+}
 
 /// The part of an individual that the summary needs.
 #[derive(Clone, Copy, Debug)]
@@ -12,7 +15,7 @@ pub(crate) struct Member<'a> {
 }
 
 /// A generation in numbers.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PopulationSummary {
     /// Index of the best individual, the lowest on ties.
     pub best_individual: u32,
@@ -35,20 +38,7 @@ pub struct PopulationSummary {
 }
 
 impl PopulationSummary {
-    /// Summary of a generation in individual order; `None` if it is empty.
-    pub fn of(individuals: &[EvaluationRow]) -> Option<Self> {
-        let members: Vec<Member> = individuals
-            .iter()
-            .map(|row| Member {
-                chromosome: &row.chromosome,
-                object_correct: row.counts.object_correct,
-                queries: row.counts.queries,
-                remembered: row.computed.is_none(),
-            })
-            .collect();
-        Self::of_members(&members)
-    }
-
+    /// Summary of these individuals; `None` if there are none.
     pub(crate) fn of_members(members: &[Member]) -> Option<Self> {
         let first = members.first()?;
         let (mut best, mut worst) = (0, first.object_correct);
@@ -137,6 +127,6 @@ mod tests {
 
     #[test]
     fn no_individual_has_no_summary() {
-        assert_eq!(PopulationSummary::of(&[]), None);
+        assert_eq!(PopulationSummary::of_members(&[]), None);
     }
 }

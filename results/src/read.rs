@@ -1,17 +1,18 @@
-//! Reading a run folder: whole tables as polars frames, and the run's row as a struct.
+//! Reading a run folder: whole tables as polars frames, and the tables that others compute with as rows.
 
 use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 
-use polars::prelude::*;
+use polars::prelude::{Column, DataFrame, PolarsResult, Schema};
 
-use crate::cells::Cells;
 use crate::columns::GeneColumn;
 use crate::error::Error;
 use crate::file::names;
-use crate::parquet::{self, TableFile};
-use crate::rows::RunRow;
-use crate::tables::TableName;
+use crate::parquet;
+use crate::table_name::TableName;
+use crate::tables::TableFile;
+use crate::tables::run::{EvaluationRow, PredictionRow, PredictionSplit, RunRow};
 
 /// Name of a generation's file in its table's folder.
 pub(crate) fn generation_file(generation: u32) -> String {
@@ -26,14 +27,24 @@ pub(crate) fn table_files(run: &Path, table: TableName) -> Result<Vec<PathBuf>, 
     Ok(files.map(|name| folder.join(name)).collect())
 }
 
+/// Reads one file of the table.
 pub(crate) fn read_file(file: &Path, table: TableName) -> Result<TableFile, Error> {
     parquet::decode(read_bytes(file)?, table, file)
 }
 
+/// As [`read_file`]; `None` if there is no such file.
+pub(crate) fn read_file_if_any(file: &Path, table: TableName) -> Result<Option<TableFile>, Error> {
+    match read_file(file, table) {
+        Err(Error::Io { source, .. }) if source.kind() == io::ErrorKind::NotFound => Ok(None),
+        content => content.map(Some),
+    }
+}
+
+/// All bytes of a regular file.
 pub(crate) fn read_bytes(file: &Path) -> Result<Vec<u8>, Error> {
     let failed = |source| Error::io(file, "read this file", source);
     if !fs::metadata(file).map_err(failed)?.is_file() {
-        // A pipe would be waited for.
+        // Reading a pipe would block.
         return Err(Error::Damaged { file: file.to_owned(), what: "it is no file".to_owned() });
     }
     fs::read(file).map_err(failed)
@@ -137,43 +148,36 @@ pub(crate) fn run_file(run: &Path) -> Result<PathBuf, Error> {
 }
 
 pub(crate) fn finished(content: &TableFile, file: &Path) -> Result<FinishedRun, Error> {
-    let TableFile { table, frame } = content;
-    if frame.height() != 1 {
-        let what = format!("a run has one row, got {}", frame.height());
-        return Err(Error::Damaged { file: file.to_owned(), what });
+    expect_one_row(content, file, "a run")?;
+    let run_digest = content.text("run_digest")?.to_owned();
+    Ok(FinishedRun { row: content.row()?, genes: content.table.genes.clone(), run_digest })
+}
+
+/// Refuses a file of none or several rows; `of` is what a row describes.
+pub(crate) fn expect_one_row(content: &TableFile, file: &Path, of: &str) -> Result<(), Error> {
+    match content.frame.height() {
+        1 => Ok(()),
+        rows => Err(Error::Damaged { file: file.to_owned(), what: format!("{of} has one row, got {rows}") }),
     }
-    let genes: Vec<GeneColumn> =
-        table.columns.iter().filter_map(|column| GeneColumn::of(column, "best_")).collect();
-    let cells = Cells { frame, row: 0 };
-    let mut best_genes = Vec::new();
-    for column in table.columns.iter().filter(|column| column.gene) {
-        best_genes.push(cells.number(&column.name)?);
+}
+
+/// Every row of table `evaluations`, generations in order.
+///
+/// # Errors
+/// If a file cannot be read, or is damaged.
+pub fn read_evaluations(run: impl AsRef<Path>) -> Result<Vec<EvaluationRow>, Error> {
+    let mut rows = Vec::new();
+    for file in table_files(run.as_ref(), TableName::Evaluations)? {
+        rows.extend(read_file(&file, TableName::Evaluations)?.rows::<EvaluationRow>()?);
     }
-    let row = RunRow {
-        name: cells.need("name", Cells::text)?,
-        search_config: cells.need("search_config", Cells::text)?,
-        resolved_toml: cells.need("resolved_toml", Cells::text)?,
-        seed: cells.need("seed", Cells::u64)?,
-        data_digest: cells.need("data_digest", Cells::text)?,
-        evaluation_version: cells.need("evaluation_version", Cells::u32)?,
-        program_version: cells.need("program_version", Cells::text)?,
-        build: cells.need("build", Cells::text)?,
-        host: cells.need("host", Cells::text)?,
-        started_at: cells.need("started_at", Cells::time)?,
-        finished_at: cells.need("finished_at", Cells::time)?,
-        seconds: cells.need("seconds", Cells::number)?,
-        stop_reason: cells.need("stop_reason", Cells::text)?,
-        generations: cells.need("generations", Cells::u32)?,
-        evaluations_computed: cells.need("evaluations_computed", Cells::u64)?,
-        evaluations_remembered: cells.need("evaluations_remembered", Cells::u64)?,
-        winner_generation: cells.need("winner_generation", Cells::u32)?,
-        winner_individual: cells.need("winner_individual", Cells::u32)?,
-        best_chromosome: cells.need("best_chromosome", Cells::text)?,
-        best_genes,
-        train: cells.need("train_", Cells::counts)?,
-        validation: cells.counts("validation_")?,
-        test: cells.counts("test_")?,
-        grid_best_object_correct: cells.u32("grid_best_object_correct")?,
-    };
-    Ok(FinishedRun { row, genes, run_digest: cells.need("run_digest", Cells::text)? })
+    Ok(rows)
+}
+
+/// The winner's answers to the queries of one split, in query order; none where the run has not measured it.
+///
+/// # Errors
+/// If the file cannot be read, or is damaged.
+pub fn read_predictions(run: impl AsRef<Path>, split: PredictionSplit) -> Result<Vec<PredictionRow>, Error> {
+    let file = run.as_ref().join(TableName::Predictions.as_str()).join(split.file());
+    read_file_if_any(&file, TableName::Predictions)?.map_or(Ok(Vec::new()), |content| content.rows())
 }

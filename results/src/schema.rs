@@ -1,11 +1,12 @@
-//! The schema document, made from the table of columns.
+//! The schema document, made from the declared tables.
 
 use std::fmt::Write;
 
 use crate::columns::{Column, GeneColumn};
 use crate::error::Error;
 use crate::parquet::SCHEMA_VERSION;
-use crate::tables::{Table, TableName};
+use crate::table_name::TableName;
+use crate::tables::Table;
 
 /// SCHEMA.md: every table with its columns, as Markdown.
 pub fn schema_markdown() -> Result<String, Error> {
@@ -18,7 +19,7 @@ pub fn schema_markdown() -> Result<String, Error> {
     };
     let mut text = format!(
         "# Schema of run folders, grid folders and artefacts, version {SCHEMA_VERSION}\n\n\
-         Made from `results/src/tables.rs` by `results::schema_markdown`; a test keeps it so.\n\n\
+         Made from `results/src/tables/` by `results::schema_markdown`; a test keeps it so.\n\n\
          Columns are only added, never renamed or retyped, and those added later may be null. *null* marks columns \
          whose cells may be null, *digest* those that the run digest covers.\n",
     );

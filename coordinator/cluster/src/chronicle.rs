@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::{Instant, SystemTime};
 
 use proto::{JobId, WorkerId};
-use results::{AttemptRow, EventRow, Proceedings, WorkerRow};
+use results::{AttemptRow, EventRow, RunLog, WorkerRow};
 
 use crate::journal::{Recorded, Told};
 use crate::scheduler::{Attempt, Departure, Event, What};
@@ -16,7 +16,7 @@ const ROOM: usize = 100_000;
 pub struct Chronicle {
     /// Two readings of the clocks at one moment: decisions are timed by one, rows by the other.
     begun: (Instant, SystemTime),
-    rows: Proceedings,
+    rows: RunLog,
     /// Rows of the workers that are here.
     present: BTreeMap<WorkerId, usize>,
     omitted: [u64; 3],
@@ -112,11 +112,11 @@ impl Chronicle {
     }
 
     /// Everything so far, with the attempts at these jobs only.
-    pub fn rows(&self, now: Instant, concerns: impl Fn(JobId) -> bool) -> Proceedings {
+    pub fn rows(&self, now: Instant, concerns: impl Fn(JobId) -> bool) -> RunLog {
         let at = self.time(now);
-        let Proceedings { workers, attempts, events } = &self.rows;
+        let RunLog { workers, attempts, events } = &self.rows;
         let attempts = attempts.iter().filter(|attempt| concerns(JobId(attempt.job)));
-        let mut rows = Proceedings {
+        let mut rows = RunLog {
             workers: workers.clone(),
             attempts: attempts.cloned().collect(),
             events: events.clone(),
@@ -222,7 +222,7 @@ mod tests {
         first.note(&joined(own));
         first.note(&joined(other));
         first.note(&Event { at: now, what: What::Unaudited });
-        let mut kept = Proceedings::default();
+        let mut kept = RunLog::default();
         for (place, told) in first.drain_unkept() {
             match told {
                 Told::Worker(row) => kept.workers.insert(place as usize, row),

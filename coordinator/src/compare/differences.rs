@@ -74,12 +74,19 @@ fn pair([a, b]: [&Outcomes; 2], level: Level, queries: &[Label], seed: u64) -> O
     }
     let difference = |query| both(query).map(|(a, b)| f64::from(i8::from(b) - i8::from(a)));
     let purpose = format!("difference of {} {} {}", level.name(), a.label, b.label);
-    let p_value = mcnemar(outcomes[1], outcomes[2]);
+    let [both_right, only_a, only_b, both_wrong] = outcomes;
+    let [difference_low, difference_high] = interval(queries, difference, &purpose, seed)?;
+    let p_value = mcnemar(only_a, only_b);
     Some(PairRow {
         level: level.name().to_owned(),
-        descriptors: [a.label.clone(), b.label.clone()],
-        outcomes,
-        difference: interval(queries, difference, &purpose, seed)?,
+        descriptor_a: a.label.clone(),
+        descriptor_b: b.label.clone(),
+        both_right,
+        only_a,
+        only_b,
+        both_wrong,
+        difference_low,
+        difference_high,
         p_value,
         p_adjusted: p_value,
     })
@@ -132,14 +139,16 @@ mod tests {
             count(|q| q % 3 == 0 && q % 2 != 0),
             count(|q| q % 6 == 0),
         ];
-        assert_eq!((row.outcomes, row.queries()), (expected, 58));
+        assert_eq!([row.both_right, row.only_a, row.only_b, row.both_wrong], expected);
+        assert_eq!(row.queries(), 58);
         assert_eq!(row.p_value, mcnemar(expected[1], expected[2]));
         let difference = row.error_difference();
-        assert!(row.difference[0] <= difference && difference <= row.difference[1]);
+        assert!(row.difference_low <= difference && difference <= row.difference_high);
         // Both always name the category.
         let all = [outcomes("a", |_| Some(false)), outcomes("b", |_| Some(true))];
         let [row] = &pairs(&all, Level::Category, &labels(), 1)[..] else { panic!("one pair") };
-        assert_eq!((row.outcomes, row.p_value, row.difference), ([60, 0, 0, 0], 1.0, [0.0, 0.0]));
+        assert_eq!((row.both_right, row.only_a, row.only_b, row.both_wrong), (60, 0, 0, 0));
+        assert_eq!((row.p_value, row.difference_low, row.difference_high), (1.0, 0.0, 0.0));
     }
 
     #[test]

@@ -163,11 +163,15 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     let settings = experiment.coordinator();
     session.start(listener, settings.local_workers).await;
     let descriptors = distinct(&candidates);
-    out.note_look(&LookRow {
+    out.record_look(&LookRow {
         at: SystemTime::now(),
         command: "compare".to_owned(),
         reason: options.reason.clone(),
-        descriptors: candidates.iter().map(|candidate| candidate.label.clone()).collect(),
+        descriptors: candidates
+            .iter()
+            .map(|candidate| candidate.label.as_str())
+            .collect::<Vec<_>>()
+            .join(" "),
     })?;
     let looks = results::read_table(folder, results::TableName::Looks)?.shape().0;
     session.splits.publish_test(&session.cluster.blobs);
@@ -367,6 +371,8 @@ fn row(
     };
     let area =
         |name| recognition.curves.iter().find(|curve| curve.name == name).and_then(results::Curve::area);
+    let [object_wilson, object_bootstrap] = intervals(counts.object_correct, Level::Object);
+    let [category_wilson, category_bootstrap] = intervals(counts.category_correct, Level::Category);
     ComparedRow {
         descriptor: candidate.label.clone(),
         kind: candidate.descriptor.kind_name().to_owned(),
@@ -375,8 +381,10 @@ fn row(
         size: candidate.descriptor.size() as u32,
         note: candidate.note().map(str::to_owned),
         counts,
-        object_intervals: intervals(counts.object_correct, Level::Object),
-        category_intervals: intervals(counts.category_correct, Level::Category),
+        object_wilson,
+        category_wilson,
+        object_bootstrap,
+        category_bootstrap,
         skipped: queries.len() as u32 - counts.queries,
         database: recognition.database,
         keypoints_per_cloud: timed
@@ -384,6 +392,7 @@ fn row(
             .map(|timed| timed.keypoints_per_cloud)
             .or(recognition.keypoints_per_cloud),
         times: timed.map(|timed| timed.times),
-        areas: [area("all"), area("nearest")],
+        area: area("all"),
+        nearest_area: area("nearest"),
     }
 }

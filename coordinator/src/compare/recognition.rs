@@ -3,7 +3,7 @@
 use descriptor::recognise::{Hit, RecogniseError, recognise_by, recognise_from};
 use descriptor::summary::weighted;
 use descriptor::{DistanceMatrix, Label, Match, Parts};
-use results::Curve;
+use results::{Curve, DistanceRow};
 
 use super::candidate::Candidate;
 use super::curve::curve;
@@ -41,7 +41,7 @@ pub struct Recognition {
     /// Of all pairs, if they are not too many, and of nearest clouds.
     pub curves: Vec<Curve>,
     /// Query, database cloud and their distance; empty if they are too many.
-    pub distances: Vec<(u32, u32, f32)>,
+    pub distances: Vec<DistanceRow>,
 }
 
 impl Recognition {
@@ -104,7 +104,11 @@ impl Recognition {
             curves,
             distances: pairs
                 .into_iter()
-                .map(|(query, cloud, distance)| (query, cloud, distance as f32))
+                .map(|(query, cloud, distance)| DistanceRow {
+                    query,
+                    database: cloud,
+                    distance: distance as f32,
+                })
                 .collect(),
             matches,
         })

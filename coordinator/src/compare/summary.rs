@@ -86,11 +86,11 @@ impl Comparison {
                 row.descriptor.clone(),
                 percent(counts.object_error()),
                 (counts.queries - counts.object_correct).to_string(),
-                range(row.object_intervals[0]),
-                range(row.object_intervals[1]),
+                range(row.object_wilson),
+                range(row.object_bootstrap),
                 percent(counts.category_error()),
                 (counts.queries - counts.category_correct).to_string(),
-                range(row.category_intervals[0]),
+                range(row.category_wilson),
             ]
         }));
         text += &columns(&lines);
@@ -104,8 +104,8 @@ impl Comparison {
                 row.descriptor.clone(),
                 row.size.to_string(),
                 optional(row.keypoints_per_cloud, 1),
-                optional(row.areas[0], 3),
-                optional(row.areas[1], 3),
+                optional(row.area, 3),
+                optional(row.nearest_area, 3),
                 optional(times.map(|times| times.total), 2),
                 optional(times.map(|times| times.normals), 2),
                 optional(times.map(|times| times.describe), 2),
@@ -152,14 +152,14 @@ impl Comparison {
             "",
         ])];
         lines.extend(self.pairs.iter().map(|pair| {
-            let [low, high] = pair.difference;
+            let [low, high] = [pair.difference_low, pair.difference_high];
             vec![
-                pair.descriptors.join(" - "),
+                format!("{} - {}", pair.descriptor_a, pair.descriptor_b),
                 pair.level.clone(),
                 format!("{:+.2}", 100.0 * pair.error_difference()),
                 format!("{:+.1} - {:+.1}", 100.0 * low, 100.0 * high).replace(" - ", " .. "),
-                pair.outcomes[1].to_string(),
-                pair.outcomes[2].to_string(),
+                pair.only_a.to_string(),
+                pair.only_b.to_string(),
                 probability(pair.p_value),
                 probability(pair.p_adjusted),
                 if pair.p_adjusted < LEVEL { "differ".to_owned() } else { "may be chance".to_owned() },
@@ -184,15 +184,15 @@ impl Comparison {
                 "database": row.database,
                 "object_error": row.counts.object_error(),
                 "object_wrong": row.counts.queries - row.counts.object_correct,
-                "object_error_interval": row.object_intervals[0],
-                "object_error_interval_instances": row.object_intervals[1],
+                "object_error_interval": row.object_wilson,
+                "object_error_interval_instances": row.object_bootstrap,
                 "category_error": row.counts.category_error(),
                 "category_wrong": row.counts.queries - row.counts.category_correct,
-                "category_error_interval": row.category_intervals[0],
-                "category_error_interval_instances": row.category_intervals[1],
+                "category_error_interval": row.category_wilson,
+                "category_error_interval_instances": row.category_bootstrap,
                 "keypoints_per_cloud": row.keypoints_per_cloud,
-                "area": row.areas[0],
-                "nearest_area": row.areas[1],
+                "area": row.area,
+                "nearest_area": row.nearest_area,
                 "seconds": times.map(|times| json!({
                     "read": times.read,
                     "keypoints": times.keypoints,
@@ -207,10 +207,10 @@ impl Comparison {
         let pair = |pair: &PairRow| {
             json!({
                 "level": pair.level,
-                "descriptors": pair.descriptors,
-                "outcomes": { "both_right": pair.outcomes[0], "only_a": pair.outcomes[1], "only_b": pair.outcomes[2], "both_wrong": pair.outcomes[3] },
+                "descriptors": [&pair.descriptor_a, &pair.descriptor_b],
+                "outcomes": { "both_right": pair.both_right, "only_a": pair.only_a, "only_b": pair.only_b, "both_wrong": pair.both_wrong },
                 "error_difference": pair.error_difference(),
-                "error_difference_interval": pair.difference,
+                "error_difference_interval": [pair.difference_low, pair.difference_high],
                 "odds_ratio": pair.odds_ratio(),
                 "p_value": pair.p_value,
                 "p_adjusted": pair.p_adjusted,

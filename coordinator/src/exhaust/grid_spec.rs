@@ -79,12 +79,10 @@ impl GridSpec {
     /// # Errors
     /// If the grid's row names a descriptor or count that it cannot have.
     pub fn optimum(&self, finished: &FinishedGrid, folder: &Path) -> Result<Optimum, results::Error> {
-        let best = &finished.row.best;
-        let parameters = rows::parameters(&best.genes).filter(|best| self.grid.table().contains(best));
+        let (genes, object_correct) = (&finished.row.best_genes, finished.row.best_object_correct);
+        let parameters = rows::parameters(genes).filter(|best| self.grid.table().contains(best));
         match parameters {
-            Some(parameters) if best.object_correct <= self.queries => {
-                Ok(Optimum { parameters, object_correct: best.object_correct })
-            }
+            Some(parameters) if object_correct <= self.queries => Ok(Optimum { parameters, object_correct }),
             _ => Err(results::Error::Damaged {
                 file: folder.to_owned(),
                 what: "its best descriptor is not one of the grid".to_owned(),

@@ -120,11 +120,10 @@ impl<'a> Landscape<'a> {
 
     /// The best descriptors, best first: by count descending, then by their genes in table order, ascending.
     pub fn best(&self) -> Vec<BestRow> {
-        let row = |&(Reverse(object_correct), ref parameters): &(Reverse<u32>, Parameters)| BestRow {
-            genes: rows::gene_values(parameters),
-            object_correct,
+        let row = |(rank, &(Reverse(object_correct), ref parameters)): (u32, &(Reverse<u32>, Parameters))| {
+            BestRow { rank, genes: rows::gene_values(parameters), object_correct }
         };
-        self.best.iter().map(row).collect()
+        (1..).zip(&self.best).map(row).collect()
     }
 
     /// For each gene and value, what its descriptors reach.
@@ -160,8 +159,10 @@ impl<'a> Landscape<'a> {
                 axis_a.iter().flat_map(|&value_a| axis_b.iter().map(move |&value_b| (value_a, value_b)));
             for (((value_a, value_b), &best), &sum) in values.zip(&pair.best).zip(&pair.sum) {
                 rows.push(LandscapeRow {
-                    genes: [a.name.to_owned(), b.name.to_owned()],
-                    values: [a.value(value_a), b.value(value_b)],
+                    gene_a: a.name.to_owned(),
+                    value_a: a.value(value_a),
+                    gene_b: b.name.to_owned(),
+                    value_b: b.value(value_b),
                     descriptors,
                     best,
                     mean: sum as f64 / descriptors as f64,
@@ -276,8 +277,8 @@ mod tests {
             let mut all = all(&grid, counts);
 
             all.sort_by_key(|&(parameters, count)| (Reverse(count), parameters));
-            let best: Vec<BestRow> = all.iter().take(BEST).map(|(parameters, count)| {
-                BestRow { genes: rows::gene_values(parameters), object_correct: *count }
+            let best: Vec<BestRow> = (1..).zip(all.iter().take(BEST)).map(|(rank, (parameters, count))| {
+                BestRow { rank, genes: rows::gene_values(parameters), object_correct: *count }
             }).collect();
             prop_assert_eq!(landscape.best(), best);
             prop_assert_eq!(landscape.leader(), Some((all[0].1, all[0].0)));
@@ -319,8 +320,10 @@ mod tests {
                             });
                             let counts: Vec<u32> = with.map(|(_, count)| *count).collect();
                             landscapes.push(LandscapeRow {
-                                genes: [a.name.to_owned(), b.name.to_owned()],
-                                values: [a.value(value_a), b.value(value_b)],
+                                gene_a: a.name.to_owned(),
+                                value_a: a.value(value_a),
+                                gene_b: b.name.to_owned(),
+                                value_b: b.value(value_b),
                                 descriptors: counts.len() as u64,
                                 best: *counts.iter().max().unwrap(),
                                 mean: mean(&counts),

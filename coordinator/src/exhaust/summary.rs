@@ -39,8 +39,8 @@ impl GridSummary {
         row("experiment", grid.name.clone());
         row("grid", format!("{} descriptors in {} cells", grid.descriptors, grid.cells));
         row("queries", format!("{} training clouds", grid.queries));
-        row("best", self.error(grid.best.object_correct));
-        for (spec, value) in GENES.iter().zip(&grid.best.genes) {
+        row("best", self.error(grid.best_object_correct));
+        for (spec, value) in GENES.iter().zip(&grid.best_genes) {
             if let Some(value) = value {
                 row("", format!("{:<12}{:<8}{}", spec.name, format!("{value} {}", spec.unit), spec.meaning));
             }
@@ -87,9 +87,9 @@ impl GridSummary {
             "descriptors": grid.descriptors,
             "cells": grid.cells,
             "queries": grid.queries,
-            "best": genes_json(&grid.best.genes),
-            "best_object_correct": grid.best.object_correct,
-            "best_object_error": f64::from(missed(grid.best.object_correct)) / f64::from(grid.queries),
+            "best": genes_json(&grid.best_genes),
+            "best_object_correct": grid.best_object_correct,
+            "best_object_error": f64::from(missed(grid.best_object_correct)) / f64::from(grid.queries),
             "optimal_descriptors": grid.optimal_descriptors,
             "cells_computed": grid.cells_computed,
             "cells_found": grid.cells_found,

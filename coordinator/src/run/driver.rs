@@ -78,13 +78,13 @@ impl RunDriver<'_> {
     /// Writes what has happened so far into the folder of a run that has failed: the cause may be in there. That it could
     /// not be written says less than the cause.
     pub fn tell_what_happened(&self) {
-        let _ = self.folder.write_proceedings(&self.client.proceedings());
+        let _ = self.folder.write_log(&self.client.proceedings());
     }
 
     /// Writes the tables; the run is finished with the last of them.
     pub fn finish(&self, outcome: &Outcome) -> Result<Summary, RunError> {
         let (Self { experiment, dataset, folder, .. }, finals) = (self, &outcome.finals);
-        folder.write_proceedings(&self.client.proceedings())?;
+        folder.write_log(&self.client.proceedings())?;
         folder.write_skipped(&rows::skipped(dataset))?;
         for (split, matching, result) in [
             (PredictionSplit::Validation, Matching::Validation, &finals.validation),
@@ -151,11 +151,11 @@ async fn search_once(
 ) -> Result<Outcome, RunError> {
     let found = search.run(source, folder).await?;
     if !Matching::Test.query_clouds(dataset).is_empty() {
-        folder.note_look(&LookRow {
+        folder.record_look(&LookRow {
             at: SystemTime::now(),
             command: "run".to_owned(),
             reason: "final test of the winner".to_owned(),
-            descriptors: vec![EVOLVED.to_owned()],
+            descriptors: EVOLVED.to_owned(),
         })?;
     }
     let finals = Finals::evaluate(dataset, session, &found, remembered, search.parties()).await?;

@@ -76,7 +76,8 @@ pub fn evaluations(
         chromosome: individual.bit_string(),
         genes: gene_values(&individual.parameters),
         counts: *counts,
-        parents: individual.parents,
+        parent_a: individual.parents[0],
+        parent_b: individual.parents[1],
         elite: individual.elite,
         computed: computed.get(&index).map(|finished| Computed {
             worker: finished.worker.clone(),

@@ -6,7 +6,6 @@ use std::path::PathBuf;
 
 use polars::prelude::PolarsError;
 
-use super::scan::OpenTable;
 use crate::error::Error;
 
 /// Why a query has no answer. Messages name the place first and say what to do on a second line.
@@ -18,12 +17,12 @@ pub enum QueryError {
     /// Neither the folder nor those in it have a table.
     #[error("{}: no table of a run or grid\ncheck that this is such a folder, and that the run got that far", .0.display())]
     NoTables(PathBuf),
-    /// The statement does not ask.
+    /// The statement does not only read.
     #[error(
         "query: must be one SELECT, SHOW TABLES or DESCRIBE table, got {0:?}\nresults are only read; write the answer to a file with --format csv or json"
     )]
     Statement(String),
-    /// More than anybody writes.
+    /// The statement is too long.
     #[error("query: must have at most {longest} bytes, got {length}\nask in several steps")]
     TooLong {
         /// Bytes of the statement.
@@ -31,7 +30,7 @@ pub enum QueryError {
         /// How many there may be.
         longest: usize,
     },
-    /// More than polars can evaluate.
+    /// The statement nests too deeply for polars.
     #[error(
         "query: must have at most {most} of the operators ||, IS, IN and LIKE, got {count}\nask in several steps"
     )]
@@ -64,7 +63,7 @@ pub enum QueryError {
         "query: a table of this name is in the folder and read, got WITH {0:?} AS (…)\nchoose another name"
     )]
     Defined(String),
-    /// What else polars has to say.
+    /// Any other error of polars.
     #[error(
         "query: polars does not understand or cannot do this, got: {what}\nSHOW TABLES and DESCRIBE table tell what there is"
     )]
@@ -72,21 +71,21 @@ pub enum QueryError {
         /// Its message.
         what: String,
     },
-    /// The system gave no thread.
+    /// No thread could be started.
     #[error("query: cannot start a thread, got: {0}\nend other programs and try again")]
     Thread(io::Error),
-    /// The files.
+    /// The files cannot be read.
     #[error(transparent)]
     Results(#[from] Error),
 }
 
-/// The text between two marks.
+/// The text between two others.
 fn between<'a>(text: &'a str, before: &str, after: &str) -> Option<&'a str> {
     let (_, rest) = text.split_once(before)?;
     rest.split_once(after).map(|(text, _)| text)
 }
 
-/// The table that polars looked for in vain. Its errors have no such field, only a text.
+/// The table that polars did not find. Its errors have no such field, only a text.
 pub(super) fn missing_table(error: &PolarsError) -> Option<&str> {
     let PolarsError::SQLInterface(message) = root(error) else { return None };
     between(message, "relation '", "' was not found")
@@ -99,8 +98,8 @@ fn root(error: &PolarsError) -> &PolarsError {
     }
 }
 
-/// What an error of polars means to whoever asked, with these tables open.
-pub(super) fn of_polars<'a>(error: &PolarsError, open: impl Iterator<Item = &'a OpenTable>) -> QueryError {
+/// What an error of polars means to whoever asked, with tables of these columns open.
+pub(super) fn of_polars<'a>(error: &PolarsError, columns: impl Iterator<Item = &'a str>) -> QueryError {
     let message = root(error).to_string();
     let column =
         match root(error) {
@@ -115,12 +114,12 @@ pub(super) fn of_polars<'a>(error: &PolarsError, open: impl Iterator<Item = &'a 
     match column {
         Some(got) => {
             let mut there: Vec<String> = Vec::new();
-            for name in open.flat_map(|table| table.schema().iter_names()) {
-                if there.iter().all(|known| known != name.as_str()) {
-                    there.push(name.to_string());
+            for name in columns {
+                if there.iter().all(|known| known != name) {
+                    there.push(name.to_owned());
                 }
             }
-            // In a place where it is not to be had, as behind a UNION.
+            // There is such a column, but not in that place, as behind a UNION.
             if there.iter().any(|known| known == got) {
                 return polars();
             }
@@ -130,7 +129,7 @@ pub(super) fn of_polars<'a>(error: &PolarsError, open: impl Iterator<Item = &'a 
     }
 }
 
-/// What a panic said.
+/// The message of a panic.
 pub(super) fn panic_message(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<String>().map(String::as_str);
     text.or(panic.downcast_ref::<&str>().copied()).unwrap_or("a panic without a message").to_owned()

@@ -9,9 +9,18 @@ use super::error::QueryError;
 use crate::error::Error;
 use crate::file::names;
 use crate::read::table_files;
+use crate::table_name::TableName;
 
 /// How far below a named folder runs are looked for: a folder of results holds those of sweeps, which hold runs.
 const DEPTH: usize = 2;
+
+/// Name of the column that says which folder a row is from, where rows are from several.
+pub(super) const RUN_FOLDER: &str = "run_folder";
+
+/// All tables of runs and grids.
+pub(super) fn all_tables() -> impl Iterator<Item = TableName> {
+    TableName::RUN.into_iter().chain(TableName::COMPARISON).chain(TableName::GRID)
+}
 
 /// The folder of a run or a grid.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -26,7 +35,7 @@ pub(super) fn members(folders: &[impl AsRef<Path>]) -> Result<Vec<Member>, Query
     let mut found = Vec::new();
     for folder in folders {
         let folder = folder.as_ref();
-        // The whole path, so that `.` has a name; and of two ways to a folder one.
+        // The canonical path: `.` gets a name, and two paths to one folder count once.
         let whole = fs::canonicalize(folder).ok().filter(|folder| folder.is_dir());
         let whole = whole.ok_or_else(|| QueryError::NoFolder(folder.to_owned()))?;
         let before = found.len();
@@ -41,9 +50,9 @@ pub(super) fn members(folders: &[impl AsRef<Path>]) -> Result<Vec<Member>, Query
     Ok(names.into_iter().zip(found).map(|(name, folder)| Member { name, folder }).collect())
 }
 
-/// Adds the folder if it has tables, else what is in it.
+/// Adds the folder if it has tables, else the folders in it.
 fn look_into(folder: &Path, depth: usize, found: &mut Vec<PathBuf>) -> Result<(), Error> {
-    for table in super::all_tables() {
+    for table in all_tables() {
         if !table_files(folder, table)?.is_empty() {
             found.push(folder.to_owned());
             return Ok(());

@@ -2,9 +2,10 @@
 //!
 //! A table is opened when the statement names it, and of its files only the columns that the statement needs are
 //! decoded: a grid has millions of cells. polars' functions that read other files are not built in, and a statement
-//! that is no question is refused.
+//! that does not only read is refused.
 
 mod answer;
+mod cell;
 mod error;
 mod folders;
 mod scan;
@@ -19,17 +20,15 @@ use polars_sql::SQLContext;
 
 pub use answer::{Answer, AnswerFormat};
 pub use error::QueryError;
-use folders::{Member, members};
+use folders::{Member, RUN_FOLDER, all_tables, members};
 use scan::OpenTable;
-use statement::{Statement, Words};
+use statement::{Statement, Tokens};
 
 use crate::columns::Column;
 use crate::error::Error;
 use crate::read::table_files;
-use crate::tables::{Table, TableName};
-
-/// Name of the column that says whose row it is, where there are rows of several folders.
-const RUN_FOLDER: &str = "run_folder";
+use crate::table_name::TableName;
+use crate::tables::Table;
 
 /// Longest statement in bytes: a parsed statement is as deep as it is long.
 pub const LONGEST_QUERY: usize = 1 << 14;
@@ -52,36 +51,31 @@ pub fn query(folders: &[impl AsRef<Path>], sql: &str) -> Result<Answer, QueryErr
     if sql.len() > LONGEST_QUERY {
         return Err(QueryError::TooLong { length: sql.len(), longest: LONGEST_QUERY });
     }
-    let words = Words::of(sql);
-    let statement = words.statement()?;
-    if words.nesting() > DEEPEST {
-        return Err(QueryError::TooDeep { count: words.nesting(), most: DEEPEST });
+    let tokens = Tokens::of(sql);
+    let statement = tokens.statement()?;
+    if tokens.nesting() > DEEPEST {
+        return Err(QueryError::TooDeep { count: tokens.nesting(), most: DEEPEST });
     }
     let members = members(folders)?;
-    let tables = Tables { several: members.len() > 1 || words.has(RUN_FOLDER), members };
+    let tables = Tables { several: members.len() > 1 || tokens.has(RUN_FOLDER), members };
     let frame = match statement {
         Statement::ShowTables => tables.show()?,
         Statement::Describe(table) => tables.describe(&table)?,
-        Statement::Question => tables.ask(sql, &words)?,
+        Statement::Select => tables.select(sql, &tokens)?,
     };
     Ok(Answer::new(frame))
 }
 
-/// All tables of runs and grids.
-fn all_tables() -> impl Iterator<Item = TableName> {
-    TableName::RUN.into_iter().chain(TableName::COMPARISON).chain(TableName::GRID)
-}
-
-/// What can be asked.
+/// The tables that a statement may read.
 struct Tables {
     members: Vec<Member>,
-    /// Rows say whose they are.
+    /// Whether rows have the column `run_folder`.
     several: bool,
 }
 
 impl Tables {
     /// The tables that at least one member has.
-    fn there(&self) -> Result<Vec<TableName>, Error> {
+    fn present(&self) -> Result<Vec<TableName>, Error> {
         let mut there = Vec::new();
         for table in all_tables() {
             for member in &self.members {
@@ -95,7 +89,7 @@ impl Tables {
     }
 
     fn open(&self, name: &str) -> Result<OpenTable, QueryError> {
-        let there = self.there()?;
+        let there = self.present()?;
         match there.iter().find(|table| table.as_str() == name) {
             Some(&table) => Ok(OpenTable::open(&self.members, table, self.several)?),
             None => Err(QueryError::Table {
@@ -107,7 +101,7 @@ impl Tables {
     }
 
     fn show(&self) -> Result<DataFrame, QueryError> {
-        let there = self.there()?;
+        let there = self.present()?;
         let mut meanings = Vec::new();
         for &table in &there {
             meanings.push(format!("a row is {}", Table::new(table, &[])?.meaning));
@@ -139,9 +133,9 @@ impl Tables {
         Ok(frame(columns)?)
     }
 
-    /// Lets polars answer. It looks a name up among the tables before it does among the statement's own
+    /// Lets polars answer a SELECT. It looks a name up among the tables before it does among the statement's own
     /// (`WITH name AS …`), so that it is given only those that it misses.
-    fn ask(&self, sql: &str, words: &Words) -> Result<DataFrame, QueryError> {
+    fn select(&self, sql: &str, tokens: &Tokens) -> Result<DataFrame, QueryError> {
         let mut open: Vec<(String, OpenTable)> = Vec::new();
         loop {
             let error = match self.attempt(sql, &open)? {
@@ -151,10 +145,11 @@ impl Tables {
             let Some(missing) =
                 error::missing_table(&error).filter(|name| open.iter().all(|(open, _)| open != name))
             else {
-                return Err(error::of_polars(&error, open.iter().map(|(_, table)| table)));
+                let columns = open.iter().flat_map(|(_, table)| table.schema().iter_names());
+                return Err(error::of_polars(&error, columns.map(|name| name.as_str())));
             };
             let table = self.open(missing)?;
-            if words.define(missing) {
+            if tokens.define(missing) {
                 return Err(QueryError::Defined(missing.to_owned()));
             }
             open.push((missing.to_owned(), table));

@@ -8,22 +8,21 @@ use polars::prelude::{
     PolarsError, PolarsResult, ScanArgsAnonymous, Schema, SchemaRef,
 };
 
-use super::RUN_FOLDER;
-use super::folders::Member;
+use super::folders::{Member, RUN_FOLDER};
 use crate::columns::Column;
 use crate::error::Error;
-use crate::parquet::SoundFile;
+use crate::parquet::VerifiedFile;
 use crate::read::{read_bytes, stack, table_files, union};
-use crate::tables::TableName;
+use crate::table_name::TableName;
 
-/// A table whose files are all verified and none decoded.
+/// A table whose files are verified but not yet decoded.
 #[derive(Clone)]
 pub(super) struct OpenTable(Arc<Scan>);
 
 struct Scan {
     schema: SchemaRef,
-    /// With the name of the member if rows say whose they are.
-    files: Vec<(Option<PlSmallStr>, SoundFile)>,
+    /// With the member's name if rows have the column `run_folder`.
+    files: Vec<(Option<PlSmallStr>, VerifiedFile)>,
 }
 
 impl OpenTable {
@@ -33,7 +32,7 @@ impl OpenTable {
         for member in members {
             for file in table_files(&member.folder, table)? {
                 let owner = several.then(|| PlSmallStr::from_str(&member.name));
-                files.push((owner, SoundFile::open(read_bytes(&file)?, table, &file)?));
+                files.push((owner, VerifiedFile::open(read_bytes(&file)?, table, &file)?));
             }
         }
         let mut schemas = Vec::new();

@@ -1,12 +1,12 @@
-//! What a statement is, by its words: whether it is a question, and which names it gives to tables of its own.
+//! The kind of a statement, by its tokens, and the names that it gives to tables of its own.
 
 use super::error::QueryError;
 
-/// What is asked.
+/// Kind of a statement.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Statement {
-    /// Something that polars answers.
-    Question,
+    /// Anything that polars answers.
+    Select,
     /// `SHOW TABLES`.
     ShowTables,
     /// `DESCRIBE table`.
@@ -15,9 +15,9 @@ pub(super) enum Statement {
 
 /// Names, keywords, `||` and single other characters of a statement; comments and texts are left out.
 #[derive(Debug)]
-pub(super) struct Words(Vec<String>);
+pub(super) struct Tokens(Vec<String>);
 
-impl Words {
+impl Tokens {
     pub(super) fn of(sql: &str) -> Self {
         let mut words = Vec::new();
         let mut rest = sql.trim_start();
@@ -52,8 +52,8 @@ impl Words {
         Self(words)
     }
 
-    /// Whether the statement only asks, and what. Everything else is refused: polars would make, empty and drop
-    /// tables of its own, which nobody would see, while the files stay as they are.
+    /// The kind of a statement that only reads. Everything else is refused: polars would make, empty and drop tables in
+    /// memory, while the files stay as they are.
     pub(super) fn statement(&self) -> Result<Statement, QueryError> {
         let words: Vec<&str> =
             self.0.iter().map(String::as_str).skip_while(|word| *word == "(").take(3).collect();
@@ -67,9 +67,9 @@ impl Words {
             }
             [_, _, ..] if is(0, "SHOW") && is(1, "TABLES") && ends(2) => Ok(Statement::ShowTables),
             _ if ["SELECT", "WITH", "FROM", "VALUES"].iter().any(|keyword| is(0, keyword)) => {
-                Ok(Statement::Question)
+                Ok(Statement::Select)
             }
-            [_, _, ..] if is(0, "EXPLAIN") && (is(1, "SELECT") || is(1, "WITH")) => Ok(Statement::Question),
+            [_, _, ..] if is(0, "EXPLAIN") && (is(1, "SELECT") || is(1, "WITH")) => Ok(Statement::Select),
             _ => Err(QueryError::Statement(self.0.iter().take(3).cloned().collect::<Vec<_>>().join(" "))),
         }
     }
@@ -112,7 +112,7 @@ mod tests {
 
     #[test]
     fn questions_are_told_from_everything_else_by_their_first_words() {
-        let kind = |sql: &str| Words::of(sql).statement();
+        let kind = |sql: &str| Tokens::of(sql).statement();
         for sql in [
             "SELECT 1",
             "  ((select 1))",
@@ -123,7 +123,7 @@ mod tests {
             "FROM run",
             "SELECT 'DROP TABLE run; --'",
         ] {
-            assert!(matches!(kind(sql), Ok(Statement::Question)), "{sql}");
+            assert!(matches!(kind(sql), Ok(Statement::Select)), "{sql}");
         }
         for sql in ["SHOW TABLES", "show tables;", "-- all\nSHOW /* the */ TABLES"] {
             assert!(matches!(kind(sql), Ok(Statement::ShowTables)), "{sql}");
@@ -156,7 +156,7 @@ mod tests {
         for (sql, expected) in
             [("a||b || c IS NOT NULL", 3), ("a IN (1) in (2)", 2), ("'a || b' -- IS", 0), ("|", 0)]
         {
-            assert_eq!(Words::of(sql).nesting(), expected, "{sql}");
+            assert_eq!(Tokens::of(sql).nesting(), expected, "{sql}");
         }
     }
 
@@ -172,7 +172,7 @@ mod tests {
             ("SELECT 'WITH best AS (SELECT 1)' FROM best", false),
             ("SELECT 1 -- WITH best AS (SELECT 1)", false),
         ] {
-            assert_eq!(Words::of(sql).define("best"), expected, "{sql}");
+            assert_eq!(Tokens::of(sql).define("best"), expected, "{sql}");
         }
     }
 }

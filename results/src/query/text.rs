@@ -5,7 +5,7 @@ use std::io::{self, Write};
 
 use polars::prelude::Series;
 
-use super::answer::Cell;
+use super::cell::Cell;
 
 /// A single row that is wider is shown column by column.
 const WIDE: usize = 120;

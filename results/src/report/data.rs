@@ -1,4 +1,4 @@
-//! What figures are made from: a run's tables, column by column.
+//! A run's tables, column by column, as figures need them.
 
 use std::ops::Range;
 use std::path::Path;
@@ -7,9 +7,9 @@ use polars::prelude::DataType;
 
 use crate::columns::GeneColumn;
 use crate::error::Error;
-use crate::parquet::TableFile;
 use crate::read::{FinishedRun, finished, read_file, read_whole, run_file};
-use crate::tables::TableName;
+use crate::table_name::TableName;
+use crate::tables::TableFile;
 
 /// A table.
 #[derive(Clone, Debug)]
@@ -50,8 +50,8 @@ impl Rows {
         Ok(column.str()?.iter().map(text).collect())
     }
 
-    /// Rows that have the same texts in some columns: those texts and the rows, in the order of the first of them. A table
-    /// may have millions of rows, and writes those that belong together one after the other.
+    /// Groups rows by the texts of some columns, in the order of each group's first row. A group is a list of ranges: a
+    /// table may have millions of rows, and those of a group mostly follow each other.
     pub fn parts<const N: usize>(&self, columns: [&str; N]) -> Result<Vec<Part<N>>, Error> {
         let columns = columns.map(|name| self.0.frame.column(name)?.str());
         let columns = columns.into_iter().collect::<Result<Vec<_>, _>>()?;
@@ -80,13 +80,13 @@ impl Rows {
     }
 }
 
-/// Texts that rows share, and those rows.
+/// The texts of a group, and its rows.
 pub(crate) type Part<const N: usize> = ([String; N], Vec<Range<usize>>);
 
 /// A run, finished or not.
 #[derive(Clone, Debug)]
 pub(crate) struct RunData {
-    /// How it is called in the report.
+    /// Its label in the report.
     pub label: String,
     /// Its row, if it is finished.
     pub finished: Option<FinishedRun>,
@@ -101,7 +101,7 @@ pub(crate) struct RunData {
     pub attempts: Option<Rows>,
     pub events: Option<Rows>,
     pub looks: Option<Rows>,
-    /// The comparison of descriptors, if one is whole.
+    /// The comparison of descriptors, if it is complete.
     pub comparison: Option<Comparison>,
 }
 
@@ -109,7 +109,7 @@ impl RunData {
     /// Reads a run folder.
     ///
     /// # Errors
-    /// If it is none, or if a file in it cannot be read or is damaged, which the message names.
+    /// If it is not a run folder, or if a file in it cannot be read or is damaged; the message names the file.
     pub fn read(folder: &Path, label: &str) -> Result<Self, Error> {
         if !folder.join(TableName::Evaluations.as_str()).is_dir() {
             let table = TableName::Evaluations;
@@ -144,7 +144,7 @@ impl RunData {
 /// The tables of a comparison of descriptors.
 #[derive(Clone, Debug)]
 pub(crate) struct Comparison {
-    /// A row a descriptor.
+    /// One row per descriptor.
     pub descriptors: Rows,
     pub pairs: Option<Rows>,
     pub recall_precision: Option<Rows>,
@@ -152,10 +152,10 @@ pub(crate) struct Comparison {
 }
 
 impl Comparison {
-    /// Reads a run's comparison; `None` if there is none, or one that is being made.
+    /// Reads a run's comparison; `None` if there is none or it is not complete.
     fn read(folder: &Path) -> Result<Option<Self>, Error> {
         let read = |table| Rows::read(folder, table);
-        // Written last: without it the others are of a comparison that was not finished.
+        // Written last: without it the comparison was not finished.
         let Some(descriptors) = read(TableName::Comparison)? else { return Ok(None) };
         Ok(Some(Self {
             descriptors,

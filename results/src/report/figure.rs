@@ -1,4 +1,4 @@
-//! What a figure shows, apart from how it is drawn: panels with axes, and marks in them.
+//! The content of a figure, independent of the renderer: panels with axes, and marks in them.
 
 use std::borrow::Cow;
 
@@ -12,11 +12,11 @@ pub(crate) struct Figure {
     pub id: String,
     /// Its heading.
     pub title: String,
-    /// What there is to see, and what was left out. Plain text.
+    /// Caption as plain text; says what was left out.
     pub caption: String,
-    /// Its parts, row by row.
+    /// Its panels, row by row.
     pub panels: Vec<Panel>,
-    /// How many panels stand side by side, at least 1.
+    /// Number of panels side by side, at least 1.
     pub columns: usize,
 }
 
@@ -46,7 +46,7 @@ impl Figure {
 /// One pair of axes with what is drawn between them.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Panel {
-    /// Stands above it; empty: nothing does.
+    /// Title above it; empty for none.
     pub title: String,
     /// The horizontal axis.
     pub x: Axis,
@@ -65,11 +65,11 @@ pub(crate) struct Axis {
     pub label: String,
     /// Its unit; empty for a pure number.
     pub unit: String,
-    /// What stands along it.
+    /// Its ticks.
     pub scale: Scale,
 }
 
-/// What stands along an axis.
+/// Ticks of an axis.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Scale {
     /// Numbers, so that all marks and these values can be seen.
@@ -89,7 +89,7 @@ impl Axis {
         Self { label: label.to_owned(), unit: String::new(), scale: Scale::Names(names) }
     }
 
-    /// Sees to it that a value can be seen; has no effect on names.
+    /// Extends the axis so that it includes a value; has no effect on names.
     pub fn including(mut self, value: f64) -> Self {
         if let Scale::Numbers(seen) = &mut self.scale {
             seen.push(value);
@@ -123,7 +123,7 @@ impl Axis {
     }
 }
 
-/// Marks of one look.
+/// Marks of one style.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Series {
     /// Name in the legend; empty: none.
@@ -166,7 +166,7 @@ pub(crate) enum Marks {
         cells: Vec<Vec<Option<f64>>>,
         /// What a cell counts.
         unit: String,
-        /// Whether the numbers stand in the cells.
+        /// Whether the cells show their numbers.
         written: bool,
     },
 }
@@ -197,7 +197,7 @@ impl Series {
         Self::dashed(name, colour, Dash::Solid, points)
     }
 
-    /// A line that is told from others without its colour.
+    /// A line that differs from others without its colour.
     pub fn dashed(name: &str, colour: Colour, dash: Dash, points: Vec<[f64; 2]>) -> Self {
         Self { name: name.to_owned(), colour, marks: Marks::Line { points, dash } }
     }
@@ -301,13 +301,13 @@ pub(crate) fn shade(value: f64, most: f64) -> [u8; 3] {
     rgb
 }
 
-/// Text that every format can hold: names come from outside, and XML has no place for control characters.
+/// Text without control characters: names come from outside, and XML cannot hold them.
 pub(crate) fn printable(text: &str) -> Cow<'_, str> {
     let unfit = |c: char| c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}' | '\u{2028}' | '\u{2029}');
     if text.contains(unfit) { Cow::Owned(text.replace(unfit, "\u{fffd}")) } else { Cow::Borrowed(text) }
 }
 
-/// A name that is short enough for the edge of a figure: its end is what tells objects apart.
+/// A name cut to fit beside an axis; its end, where objects differ, is kept.
 pub(crate) fn shortened(name: &str, most: usize) -> String {
     let length = name.chars().count();
     if length <= most {

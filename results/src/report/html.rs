@@ -8,11 +8,11 @@ use super::plotly::panel_json;
 
 const STYLE: &str = include_str!("style.css");
 
-/// Draws all plots; what a browser says about errors goes to its console.
+/// Draws all plots; errors go to the browser's console.
 const DRAW: &str = "for (const [id, plot] of plots) Plotly.newPlot(id, plot.data, plot.layout, \
     {displayModeBar: false, typesetMath: false, plotlyServerURL: ''});";
 
-/// How to look closely; not printed.
+/// How to use the interactive plots; not printed.
 const HINT: &str = "In a figure, drag to look closely, double-click to go back, and click a name in the legend to hide \
     or show it.";
 
@@ -37,13 +37,13 @@ pub(crate) struct TableBlock {
 pub(crate) enum Item {
     /// A paragraph.
     Text(String),
-    /// What is not here, and how to get it.
+    /// What is missing, and how to get it.
     Missing(String),
     /// A table.
     Table(TableBlock),
     /// A figure.
     Figure(Figure),
-    /// Text that is shown when asked for, line by line.
+    /// Text that is folded away, line by line.
     Details {
         /// What it is.
         summary: String,
@@ -260,7 +260,7 @@ fn with_code(text: &str) -> String {
     text.split('`').enumerate().map(part).collect()
 }
 
-/// Text that is nothing but text in HTML, inside elements and attributes.
+/// Text escaped for HTML, inside elements and attributes.
 fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     let text: Cow<'_, str> = printable(text);

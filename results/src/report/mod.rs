@@ -3,13 +3,13 @@
 //! Tables are read in `data.rs`; `figures/` makes figures of them, `figure.rs` says what a figure is; `plotly.rs` and
 //! `svg/` draw it, `html.rs` lays out the page.
 
-mod comparing;
-mod comparison;
 mod data;
+mod descriptor_tables;
 mod figure;
 mod figures;
 mod html;
 mod plotly;
+mod run_tables;
 mod runs;
 mod summary;
 mod svg;
@@ -25,7 +25,7 @@ use runs::Runs;
 
 use crate::error::Error;
 use crate::file::write_whole;
-use crate::tables::TableName;
+use crate::table_name::TableName;
 
 /// A report that is ready to be written. Equal tables give equal bytes.
 #[derive(Clone, Debug)]
@@ -35,10 +35,10 @@ pub struct Report {
 
 impl Report {
     /// The report of one run, finished or not. `grid`: the folder of an exhaustive search, whose exact marginals are
-    /// drawn beside those that the run has met.
+    /// drawn beside those of the run.
     ///
     /// # Errors
-    /// If the folder is none of a run, or if a file in it cannot be read or is damaged, which the message names.
+    /// If it is not a run folder, or if a file in it cannot be read or is damaged; the message names the file.
     pub fn of_run(folder: impl AsRef<Path>, grid: Option<&Path>) -> Result<Self, Error> {
         let folder = folder.as_ref();
         let label = fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
@@ -55,7 +55,7 @@ impl Report {
         Ok(Self { page: run_page(&data, grid.as_ref())? })
     }
 
-    /// The report of several runs, each by its name and folder: what they have reached, over seeds and against each other.
+    /// The report of several runs, each by its name and folder: what they reached, over seeds and compared with each other.
     /// A run that is named twice, or is the same as another, counts once.
     ///
     /// # Errors
@@ -135,8 +135,8 @@ fn runs_page(title: &str, runs: &Runs) -> Page {
     if groups.is_empty() {
         items.push(Item::Missing("No run has finished.".to_owned()));
     } else {
-        items.push(Item::Table(comparing::groups(groups)));
-        items.push(Item::Table(comparing::members(runs)));
+        items.push(Item::Table(run_tables::groups(groups)));
+        items.push(Item::Table(run_tables::members(runs)));
     }
     let mut comparison = Vec::new();
     add(&mut comparison, seeds::errors(groups));
@@ -151,7 +151,7 @@ fn runs_page(title: &str, runs: &Runs) -> Page {
     } else {
         comparison.push(Item::Figure(regret));
     }
-    match comparing::tests(groups) {
+    match run_tables::tests(groups) {
         Some(table) => comparison.push(Item::Table(table)),
         None => comparison.push(Item::Missing(
             "No test of differences: it takes two kinds of search on the same clouds, for example `[sweep.variants]` with \
@@ -218,10 +218,10 @@ fn comparison_items(data: &RunData) -> Result<Vec<Item>, Error> {
     };
     let descriptors = &comparison.descriptors;
     let names = descriptors.texts("descriptor")?;
-    let mut items = vec![Item::Table(comparison::table(descriptors)?)];
+    let mut items = vec![Item::Table(descriptor_tables::table(descriptors)?)];
     add(&mut items, compared::errors(descriptors)?);
     if let Some(pairs) = &comparison.pairs {
-        items.push(Item::Table(comparison::pairs(pairs)?));
+        items.push(Item::Table(descriptor_tables::pairs(pairs)?));
     }
     if let Some(points) = &comparison.recall_precision {
         add(&mut items, compared::recall_precision(points, &names)?);
@@ -232,7 +232,7 @@ fn comparison_items(data: &RunData) -> Result<Vec<Item>, Error> {
     match compared::times(descriptors)? {
         Some(figure) => {
             add(&mut items, figure);
-            items.push(Item::Table(comparison::times(descriptors)?));
+            items.push(Item::Table(descriptor_tables::times(descriptors)?));
         }
         None => items.push(Item::Missing("The times of the descriptors were not measured.".to_owned())),
     }

@@ -1,4 +1,4 @@
-//! Figures as plots of plotly.js, for people who look closely.
+//! Figures as interactive plots of plotly.js.
 
 use plotly::common::{
     ColorBar, ColorScale, ColorScaleElement, DashType, Fill, Font, HoverInfo, Line, Marker, MarkerSymbol,
@@ -10,10 +10,10 @@ use serde_json::{Value, json};
 
 use super::figure::{Axis, Dash, Figure, Marks, Panel, Scale, Series, Symbol, printable, shade, shortened};
 
-/// Characters of a name that stand beside an axis; hovering shows all of it.
+/// Longest name beside an axis, in characters; hovering shows all of it.
 const NAME_LENGTH: usize = 24;
 
-/// A panel as the object that `Plotly.newPlot` takes, fit to stand in a script of an HTML page.
+/// A panel as the object that `Plotly.newPlot` takes, safe inside a script of an HTML page.
 pub(crate) fn panel_json(figure: &Figure, panel: &Panel) -> String {
     let mut plot = Plot::new();
     for series in panel.series.iter().filter(|series| !series.marks.is_empty()) {
@@ -51,7 +51,7 @@ fn css([r, g, b]: [u8; 3], opacity: f64) -> String {
     format!("rgba({r},{g},{b},{opacity})")
 }
 
-/// A coordinate with the digits that can be seen.
+/// A coordinate rounded to the digits that are visible.
 fn number(value: f64) -> Value {
     if !value.is_finite() {
         return Value::Null;

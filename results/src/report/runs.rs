@@ -6,14 +6,14 @@ use std::path::{Path, PathBuf};
 use super::data::{Rows, percent};
 use crate::error::Error;
 use crate::read::{FinishedRun, finished, read_file, run_file};
-use crate::tables::TableName;
+use crate::table_name::TableName;
 
 /// A run among several.
 #[derive(Clone, Debug)]
 pub(crate) struct Member {
-    /// How it is called.
+    /// Its label.
     pub label: String,
-    /// Its end.
+    /// Its row.
     pub run: FinishedRun,
     /// The lowest training error, percent, after each number of different descriptors from 1.
     pub best: Vec<f64>,
@@ -22,7 +22,7 @@ pub(crate) struct Member {
 /// Runs of one search on the same clouds, which differ in their seed only.
 #[derive(Clone, Debug)]
 pub(crate) struct Group {
-    /// What tells it from the others.
+    /// The settings in which it differs from the others.
     pub name: String,
     /// The clouds.
     pub data_digest: String,
@@ -44,7 +44,7 @@ impl Runs {
     /// that is not finished has no result.
     ///
     /// # Errors
-    /// If a folder is none of a run, or if a file in it cannot be read or is damaged, which the message names.
+    /// If a folder is not a run folder, or if a file in it cannot be read or is damaged; the message names the file.
     pub fn read(folders: &[(String, PathBuf)]) -> Result<Self, Error> {
         let (mut members, mut notes) = (Vec::new(), Vec::new());
         let mut met: BTreeMap<String, String> = BTreeMap::new();
@@ -124,7 +124,7 @@ fn settings(search_config: &str) -> Vec<String> {
     settings
 }
 
-/// What tells the groups apart: the settings that not all of them have.
+/// The settings in which the groups differ.
 fn names(keys: &[(Vec<String>, String)], groups: &[Vec<Member>]) -> Vec<String> {
     let everywhere = |setting: &String| keys.iter().all(|(settings, _)| settings.contains(setting));
     let name = |((settings, data), members): (&(Vec<String>, String), &Vec<Member>)| {

@@ -4,8 +4,8 @@ use super::data::{Rows, RunData};
 use super::html::{Item, TableBlock};
 use crate::error::Error;
 use crate::read::FinishedRun;
-use crate::rows::Counts;
 use crate::statistics::wilson;
+use crate::tables::run::Counts;
 
 /// Rows of events and skipped clouds that are shown.
 const MOST_ROWS: usize = 50;

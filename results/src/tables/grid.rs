@@ -1,119 +1,144 @@
-//! Columns of a grid folder's tables.
+//! Rows of a grid folder's tables. Counts are queries of the first training set that got the right object.
 
-use crate::columns::ColumnKind::{F64, Text, Timestamp, U32, U64};
-use crate::columns::{Column, GeneColumn};
-use crate::tables::counts;
+use std::time::SystemTime;
 
-/// Number of correct answers of the first training set, and the error that follows from it.
-fn object_correct(prefix: &str, which: &str) -> [Column; 2] {
-    let (correct, error) = (format!("{prefix}object_correct"), format!("{prefix}object_error"));
-    [
-        Column::new(&correct, U32, "clouds", &format!("{which} number of queries of the same object")),
-        Column::new(&error, F64, "share", &format!("1 - {correct} / queries")),
-    ]
+use crate::population::share;
+use crate::record::{Context, record};
+
+fn error(correct: u32, file: &Context) -> f64 {
+    share(file.queries.saturating_sub(correct), file.queries)
 }
 
-fn mean_object_correct(prefix: &str) -> [Column; 2] {
-    let (correct, error) = (format!("{prefix}_object_correct"), format!("{prefix}_object_error"));
-    [
-        Column::new(&correct, F64, "clouds", &format!("{prefix} number of queries of the same object")),
-        Column::new(&error, F64, "share", &format!("1 - {correct} / queries")),
-    ]
+/// The same for a mean or median, which is no whole number.
+fn mean_error(correct: f64, file: &Context) -> f64 {
+    (f64::from(file.queries) - correct) / f64::from(file.queries)
 }
 
-fn descriptors() -> Column {
-    Column::new("descriptors", U64, "", "how many they are")
+/// Descriptors of one cell of the grid and the count that each reached, column by column.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CellPoints {
+    /// For each gene column its values in the gene's unit, one per descriptor; `None` for a gene that is not used.
+    pub genes: Vec<Vec<Option<f64>>>,
+    /// Queries of the first training set that each descriptor answers with the right object.
+    pub object_correct: Vec<u32>,
+    /// Id of the worker that counted, hexadecimal; `None` if it is not known.
+    pub worker_id: Option<String>,
 }
 
-pub(super) fn cells(genes: &[GeneColumn]) -> Vec<Column> {
-    let mut columns: Vec<Column> = genes.iter().map(|gene| gene.column("")).collect();
-    let meaning = "first training set's clouds whose nearest cloud is of the same object";
-    columns.push(Column::new("object_correct", U32, "clouds", meaning));
-    let meaning = "id of the worker that counted them, hexadecimal; null if not known";
-    columns.push(Column::new("worker_id", Text, "", meaning).nullable());
-    columns
+record! {
+    /// A descriptor of one cell.
+    pub(crate) struct CellRow {
+        genes as "": Vec<Option<f64>>, "", "values of the genes, in their units";
+        object_correct: u32, "clouds", "first training set's clouds whose nearest cloud is of the same object";
+        worker_id: Option<String>, "", "id of the worker that counted them, hexadecimal; null if not known";
+    }
 }
 
-pub(super) fn best(genes: &[GeneColumn]) -> Vec<Column> {
-    let mut columns = vec![Column::new("rank", U32, "", "place among all descriptors, from 1")];
-    columns.extend(genes.iter().map(|gene| gene.column("")));
-    let [object_correct, _, queries, object_error, _] = counts("", "first training set's clouds");
-    columns.extend([
-        object_correct,
-        queries,
-        Column::new("fitness", F64, "share", "object_correct / queries"),
-        object_error,
-    ]);
-    columns
+record! {
+    /// One of the best descriptors.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct BestRow {
+        rank: u32, "", "place among all descriptors, from 1";
+        genes as "": Vec<Option<f64>>, "", "values of the genes, in their units";
+        object_correct: u32, "clouds", "first training set's clouds whose nearest cloud is of the same object";
+        => queries: u32, "clouds", "first training set's clouds that took part: the denominator"
+            = |_, file| file.queries;
+        => fitness: f64, "share", "object_correct / queries" = |row, file| share(row.object_correct, file.queries);
+        => object_error: f64, "share", "1 - object_correct / queries" = |row, file| error(row.object_correct, file);
+    }
 }
 
-pub(super) fn marginals() -> Vec<Column> {
-    let mut columns = vec![
-        Column::new("gene", Text, "", "name of the gene"),
-        Column::new("value", F64, "the gene's", "value of the gene"),
-        descriptors(),
-    ];
-    columns.extend(object_correct("best_", "highest"));
-    columns.extend(mean_object_correct("mean"));
-    columns.extend(mean_object_correct("median"));
-    columns.extend(object_correct("worst_", "lowest"));
-    columns
+record! {
+    /// All descriptors with one value of one gene.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct MarginalRow {
+        gene: String, "", "name of the gene";
+        value: f64, "the gene's", "value of the gene";
+        /// At least 1:
+        descriptors: u64, "", "how many they are";
+        best as "best_object_correct": u32, "clouds", "highest number of queries of the same object";
+        => best_object_error: f64, "share", "1 - best_object_correct / queries" = |row, file| error(row.best, file);
+        mean as "mean_object_correct": f64, "clouds", "mean number of queries of the same object";
+        => mean_object_error: f64, "share", "1 - mean_object_correct / queries"
+            = |row, file| mean_error(row.mean, file);
+        /// The mean of both middle ones if their number is even:
+        median as "median_object_correct": f64, "clouds", "median number of queries of the same object";
+        => median_object_error: f64, "share", "1 - median_object_correct / queries"
+            = |row, file| mean_error(row.median, file);
+        worst as "worst_object_correct": u32, "clouds", "lowest number of queries of the same object";
+        => worst_object_error: f64, "share", "1 - worst_object_correct / queries"
+            = |row, file| error(row.worst, file);
+    }
 }
 
-pub(super) fn landscapes() -> Vec<Column> {
-    let mut columns = vec![
-        Column::new("gene_a", Text, "", "name of one gene"),
-        Column::new("value_a", F64, "the gene's", "its value"),
-        Column::new("gene_b", Text, "", "name of a later gene"),
-        Column::new("value_b", F64, "the gene's", "its value"),
-        descriptors(),
-    ];
-    columns.extend(object_correct("best_", "highest"));
-    columns.extend(mean_object_correct("mean"));
-    columns
+record! {
+    /// All descriptors with one value of each of two genes.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct LandscapeRow {
+        gene_a: String, "", "name of one gene";
+        value_a: f64, "the gene's", "its value";
+        gene_b: String, "", "name of a later gene";
+        value_b: f64, "the gene's", "its value";
+        /// At least 1:
+        descriptors: u64, "", "how many they are";
+        best as "best_object_correct": u32, "clouds", "highest number of queries of the same object";
+        => best_object_error: f64, "share", "1 - best_object_correct / queries" = |row, file| error(row.best, file);
+        mean as "mean_object_correct": f64, "clouds", "mean number of queries of the same object";
+        => mean_object_error: f64, "share", "1 - mean_object_correct / queries"
+            = |row, file| mean_error(row.mean, file);
+    }
 }
 
-pub(super) fn histogram() -> Vec<Column> {
-    let mut columns = object_correct("", "the").to_vec();
-    columns.push(descriptors());
-    columns
+record! {
+    /// All descriptors with one count of correct answers.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub struct CountRow {
+        object_correct: u32, "clouds", "the number of queries of the same object";
+        => object_error: f64, "share", "1 - object_correct / queries" = |row, file| error(row.object_correct, file);
+        /// At least 1:
+        descriptors: u64, "", "how many they are";
+    }
 }
 
-pub(super) fn grid(genes: &[GeneColumn]) -> Vec<Column> {
-    let mut columns = vec![
-        Column::new("name", Text, "", "name of the experiment"),
-        Column::new("grid_key", Text, "", "BLAKE3 of search_space"),
-        Column::new(
-            "search_space",
-            Text,
-            "TOML",
-            "what determines the counts: evaluation version, training clouds, preprocessing and genes",
-        ),
-        Column::new(
-            "train_digest",
-            Text,
-            "",
-            "BLAKE3 over labels and content of the usable clouds of both training sets",
-        ),
-        Column::new(
-            "evaluation_version",
-            U32,
-            "",
-            "version of the method: equal versions give equal results",
-        ),
-        Column::new("cells", U32, "", "pairs of R1 and R2"),
-        Column::new("descriptors", U64, "", "size of the search space"),
-        Column::new("queries", U32, "clouds", "first training set's clouds that took part"),
-        Column::new("optimal_descriptors", U64, "", "how many are as good as the best"),
-    ];
-    columns.extend(genes.iter().map(|gene| gene.column("best_")));
-    columns.extend(object_correct("best_", "highest"));
-    columns.extend([
-        Column::new("grid_digest", Text, "", "BLAKE3 over the counts of all cells, R1 and R2 ascending"),
-        Column::new("cells_computed", U32, "", "cells evaluated since the last start"),
-        Column::new("cells_found", U32, "", "cells that were evaluated before it"),
-        Column::new("seconds", F64, "s", "wall time since the last start"),
-        Column::new("finished_at", Timestamp, "UTC", "end of the last cell's evaluation"),
-    ]);
-    columns
+record! {
+    /// The grid as a whole.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct GridRow {
+        name: String, "", "name of the experiment";
+        grid_key: String, "", "BLAKE3 of search_space";
+        search_space: String, "TOML",
+            "what determines the counts: evaluation version, training clouds, preprocessing and genes";
+        train_digest: String, "", "BLAKE3 over labels and content of the usable clouds of both training sets";
+        evaluation_version: u32, "", "version of the method: equal versions give equal results";
+        cells: u32, "", "pairs of R1 and R2";
+        descriptors: u64, "", "size of the search space";
+        /// At least 1:
+        queries: u32, "clouds", "first training set's clouds that took part";
+        optimal_descriptors: u64, "", "how many are as good as the best";
+        /// Of the first in gene order on ties:
+        best_genes as "best_": Vec<Option<f64>>, "", "the best descriptor's values of the genes, in their units";
+        best_object_correct: u32, "clouds", "highest number of queries of the same object";
+        => best_object_error: f64, "share", "1 - best_object_correct / queries"
+            = |row, file| error(row.best_object_correct, file);
+        grid_digest: String, "", "BLAKE3 over the counts of all cells, R1 and R2 ascending";
+        cells_computed: u32, "", "cells evaluated since the last start";
+        cells_found: u32, "", "cells that were evaluated before it";
+        seconds: f64, "s", "wall time since the last start";
+        finished_at: SystemTime, "UTC", "end of the last cell's evaluation";
+    }
+}
+
+/// All tables of a grid but the cells.
+#[derive(Clone, Debug, PartialEq)]
+pub struct GridTables {
+    /// The grid itself.
+    pub grid: GridRow,
+    /// The best descriptors, best first.
+    pub best: Vec<BestRow>,
+    /// Genes in table order, values ascending.
+    pub marginals: Vec<MarginalRow>,
+    /// Pairs of genes in table order, values ascending.
+    pub landscapes: Vec<LandscapeRow>,
+    /// Counts that occur, ascending.
+    pub counts: Vec<CountRow>,
 }

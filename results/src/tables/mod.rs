@@ -1,142 +1,178 @@
-//! The one table of columns: every table of a run or grid folder, from which files, checks and SCHEMA.md are made.
+//! Every table: what a row is, which record declares its columns, its key, and what the run digest covers.
 
-mod comparison;
-mod grid;
-mod run;
+pub(crate) mod comparison;
+pub(crate) mod database;
+pub(crate) mod grid;
+pub(crate) mod log;
+pub(crate) mod run;
 
 use std::collections::BTreeSet;
-use std::fmt;
 
-use crate::columns::ColumnKind::{F64, U32};
-use crate::columns::{Column, GeneColumn};
-use crate::database;
+use polars::prelude::{DataFrame, PlSmallStr, PolarsError};
+
+use crate::columns::{Column, ColumnKind, GeneColumn};
 use crate::error::Error;
+use crate::record::{Cells, Context, Field, Value};
+use crate::table_name::TableName;
+use comparison::{ComparedRow, CurvePoint, DistanceRow, PairRow};
+use database::DatabaseRow;
+use grid::{BestRow, CellRow, CountRow, GridRow, LandscapeRow, MarginalRow};
+use log::{AttemptRow, EventRow, LookRow, WorkerRow};
+use run::{EvaluationRow, GenerationRow, PredictionRow, RunRow, SkippedRow};
 
-/// The tables of run folders and of grid folders. A table's files lie in the folder of its name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum TableName {
-    /// A row an individual and generation.
-    Evaluations,
-    /// A row a generation.
-    Generations,
-    /// A row a query of validation and test.
-    Predictions,
-    /// A row a cloud that took no part.
-    Skipped,
-    /// A row a worker, each time that it joined.
-    Workers,
-    /// A row an attempt that has ended.
-    Attempts,
-    /// A row a thing that happened and is worth telling.
-    Events,
-    /// A row each time that test clouds were released to workers.
-    Looks,
-    /// One row: the run itself.
-    Run,
-    /// A row a descriptor and pair of clouds.
-    Distances,
-    /// A row a descriptor and query.
-    Answers,
-    /// A row a point of a descriptor's curve.
-    RecallPrecision,
-    /// A row a pair of descriptors.
-    Pairs,
-    /// A row a descriptor.
-    Comparison,
-    /// A row a descriptor of one cell of the grid.
-    Cells,
-    /// A row each for the best descriptors of the grid.
-    Best,
-    /// A row a gene and value.
-    Marginals,
-    /// A row a pair of genes and their values.
-    Landscapes,
-    /// A row a number of correct answers that occurs in the grid.
-    Counts,
-    /// One row: the grid itself.
-    Grid,
-    /// A row a reference cloud of an artefact.
-    Database,
+/// Stands for all gene columns in [`Declaration::digest`].
+const GENES: &str = "<gene>";
+
+const DESCRIPTOR: (&str, &str) =
+    ("descriptor", "label of the descriptor, such as evolved, paper, pfhrgb, shotcolor-l1");
+
+/// What is declared of a table beside the columns of its rows.
+struct Declaration {
+    meaning: &'static str,
+    key: &'static [&'static str],
+    columns: fn(&Field, &[GeneColumn]) -> Vec<Column>,
+    /// Name and meaning of text columns before those of the rows, with values from the context.
+    labels: &'static [(&'static str, &'static str)],
+    /// Columns that the run digest covers.
+    digest: &'static [&'static str],
 }
 
-impl TableName {
-    /// The tables of a run folder.
-    pub const RUN: [Self; 9] = [
-        Self::Evaluations,
-        Self::Generations,
-        Self::Predictions,
-        Self::Skipped,
-        Self::Workers,
-        Self::Attempts,
-        Self::Events,
-        Self::Looks,
-        Self::Run,
-    ];
-    /// The tables that a comparison adds to a run folder, in the order in which they are written.
-    pub const COMPARISON: [Self; 5] =
-        [Self::Distances, Self::Answers, Self::RecallPrecision, Self::Pairs, Self::Comparison];
-    /// The tables of a grid folder.
-    pub const GRID: [Self; 6] =
-        [Self::Cells, Self::Best, Self::Marginals, Self::Landscapes, Self::Counts, Self::Grid];
-    /// The tables of artefacts.
-    pub const ARTEFACT: [Self; 1] = [Self::Database];
-
-    /// Its name: the folder's name and the value of `descry.table` in the files.
-    pub fn as_str(self) -> &'static str {
-        match self {
-            Self::Evaluations => "evaluations",
-            Self::Generations => "generations",
-            Self::Predictions => "predictions",
-            Self::Skipped => "skipped",
-            Self::Workers => "workers",
-            Self::Attempts => "attempts",
-            Self::Events => "events",
-            Self::Looks => "looks",
-            Self::Run => "run",
-            Self::Distances => "distances",
-            Self::Answers => "answers",
-            Self::RecallPrecision => "recall_precision",
-            Self::Pairs => "pairs",
-            Self::Comparison => "comparison",
-            Self::Cells => "cells",
-            Self::Best => "best",
-            Self::Marginals => "marginals",
-            Self::Landscapes => "landscapes",
-            Self::Counts => "counts",
-            Self::Grid => "grid",
-            Self::Database => "database",
-        }
+impl Declaration {
+    fn of<R: Value>(meaning: &'static str, key: &'static [&'static str]) -> Self {
+        Self { meaning, key, columns: R::columns, labels: &[], digest: &[] }
     }
 
-    /// What stands before a gene's name in this table's columns; `None` if the table has no genes.
-    pub(crate) fn gene_prefix(self) -> Option<&'static str> {
-        match self {
-            Self::Evaluations | Self::Cells | Self::Best => Some(""),
-            Self::Run | Self::Grid => Some("best_"),
-            Self::Generations
-            | Self::Predictions
-            | Self::Skipped
-            | Self::Workers
-            | Self::Attempts
-            | Self::Events
-            | Self::Looks
-            | Self::Distances
-            | Self::Answers
-            | Self::RecallPrecision
-            | Self::Pairs
-            | Self::Comparison
-            | Self::Marginals
-            | Self::Landscapes
-            | Self::Counts
-            | Self::Database => None,
-        }
+    fn labels(self, labels: &'static [(&'static str, &'static str)]) -> Self {
+        Self { labels, ..self }
+    }
+
+    fn digest(self, digest: &'static [&'static str]) -> Self {
+        Self { digest, ..self }
     }
 }
 
-impl fmt::Display for TableName {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.as_str())
+fn declaration(table: TableName) -> Declaration {
+    match table {
+        TableName::Evaluations => {
+            Declaration::of::<EvaluationRow>("an individual of a generation", &["generation", "individual"])
+                .digest(&[
+                    "generation",
+                    "individual",
+                    "chromosome",
+                    GENES,
+                    "object_correct",
+                    "category_correct",
+                    "parent_a",
+                    "parent_b",
+                ])
+        }
+        TableName::Generations => {
+            Declaration::of::<GenerationRow>("a generation", &["generation"]).digest(&[
+                "generation",
+                "validation_object_correct",
+                "validation_category_correct",
+                "validation_queries",
+                "mutation_rate",
+            ])
+        }
+        TableName::Predictions => Declaration::of::<PredictionRow>(
+            "a query cloud of the winner's validation or final test",
+            &["split", "query"],
+        )
+        .labels(&[("split", "validation or test")])
+        .digest(&[
+            "split",
+            "query",
+            "cloud",
+            "instance",
+            "category",
+            "nearest_cloud",
+            "predicted_instance",
+            "predicted_category",
+            "distance",
+            "runner_up_cloud",
+            "runner_up_distance",
+            "correct_object",
+            "correct_category",
+        ]),
+        TableName::Skipped => Declaration::of::<SkippedRow>("a cloud that took no part", &["split", "cloud"]),
+        TableName::Workers => Declaration::of::<WorkerRow>(
+            "a worker, from when it joined to when it went",
+            &["worker", "joined_at"],
+        ),
+        TableName::Attempts => Declaration::of::<AttemptRow>(
+            "an attempt at a job that has ended; a late answer to it makes a second row",
+            &["job", "attempt", "ended_at"],
+        ),
+        TableName::Events => Declaration::of::<EventRow>("something worth telling that happened", &["at"]),
+        TableName::Looks => Declaration::of::<LookRow>("a release of test clouds to workers", &["at"]),
+        TableName::Run => {
+            Declaration::of::<RunRow>("the run; the table has one row, written last", &["name"]).digest(&[
+                "search_config",
+                "seed",
+                "data_digest",
+                "stop_reason",
+            ])
+        }
+        TableName::Distances => Declaration::of::<DistanceRow>(
+            "a query and a database cloud under one descriptor",
+            &["descriptor", "query", "database"],
+        )
+        .labels(&[DESCRIPTOR]),
+        TableName::Answers => Declaration::of::<PredictionRow>(
+            "a test cloud and what one descriptor takes it for",
+            &["descriptor", "query"],
+        )
+        .labels(&[DESCRIPTOR]),
+        TableName::RecallPrecision => Declaration::of::<CurvePoint>(
+            "a threshold of the set distance under one descriptor: recall against 1 - precision",
+            &["descriptor", "curve", "distance"],
+        )
+        .labels(&[
+            DESCRIPTOR,
+            ("curve", "all: every query with every database cloud; nearest: with its nearest"),
+        ]),
+        TableName::Pairs => Declaration::of::<PairRow>(
+            "two descriptors on the same test clouds",
+            &["level", "descriptor_a", "descriptor_b"],
+        ),
+        TableName::Comparison => {
+            Declaration::of::<ComparedRow>("a descriptor on the test clouds", &["descriptor"])
+        }
+        TableName::Cells => {
+            Declaration::of::<CellRow>("a descriptor; a file has those of one R1 and one R2", &[])
+        }
+        TableName::Best => Declaration::of::<BestRow>(
+            "one of the best descriptors, ties in the order of the genes",
+            &["rank"],
+        ),
+        TableName::Marginals => {
+            Declaration::of::<MarginalRow>("all descriptors with one value of one gene", &["gene", "value"])
+        }
+        TableName::Landscapes => Declaration::of::<LandscapeRow>(
+            "all descriptors with one value of each of two genes",
+            &["gene_a", "value_a", "gene_b", "value_b"],
+        ),
+        TableName::Counts => Declaration::of::<CountRow>(
+            "all descriptors with one number of correct answers",
+            &["object_correct"],
+        ),
+        TableName::Grid => {
+            Declaration::of::<GridRow>("the grid; the table has one row, written last", &["grid_key"])
+        }
+        TableName::Database => {
+            Declaration::of::<DatabaseRow>("a reference cloud, in the order that decides ties", &["cloud"])
+        }
     }
+}
+
+/// What stands before a gene's name in this table's columns; `None` if the table has no genes.
+pub(crate) fn gene_prefix(table: TableName) -> Option<String> {
+    // The column of a gene without a name is named by the prefix alone.
+    let nameless =
+        GeneColumn { name: String::new(), unit: String::new(), integer: false, meaning: String::new() };
+    let columns = (declaration(table).columns)(&Field::default(), &[nameless]);
+    columns.into_iter().find(|column| column.gene).map(|column| column.name)
 }
 
 /// A table: what a row is and which columns it has, in order.
@@ -150,112 +186,89 @@ pub struct Table {
     pub key: &'static [&'static str],
     /// The columns in file order.
     pub columns: Vec<Column>,
+    /// The genes that the gene columns are of.
+    pub(crate) genes: Vec<GeneColumn>,
+    labels: &'static [(&'static str, &'static str)],
 }
 
 impl Table {
     /// The table of an experiment with these genes. Fails if a gene's name is empty, occurs twice or is that of a
     /// fixed column.
     pub fn new(name: TableName, genes: &[GeneColumn]) -> Result<Self, Error> {
-        let (meaning, key, columns): (_, &'static [&'static str], _) = match name {
-            TableName::Evaluations => {
-                ("an individual of a generation", &["generation", "individual"], run::evaluations(genes))
-            }
-            TableName::Generations => ("a generation", &["generation"], run::generations()),
-            TableName::Predictions => (
-                "a query cloud of the winner's validation or final test",
-                &["split", "query"],
-                run::predictions(),
-            ),
-            TableName::Skipped => ("a cloud that took no part", &["split", "cloud"], run::skipped()),
-            TableName::Workers => {
-                ("a worker, from when it joined to when it went", &["worker", "joined_at"], run::workers())
-            }
-            TableName::Attempts => (
-                "an attempt at a job that has ended; a late answer to it makes a second row",
-                &["job", "attempt", "ended_at"],
-                run::attempts(),
-            ),
-            TableName::Events => ("something worth telling that happened", &["at"], run::events()),
-            TableName::Looks => ("a release of test clouds to workers", &["at"], comparison::looks()),
-            TableName::Distances => (
-                "a query and a database cloud under one descriptor",
-                &["descriptor", "query", "database"],
-                comparison::distances(),
-            ),
-            TableName::Answers => (
-                "a test cloud and what one descriptor takes it for",
-                &["descriptor", "query"],
-                comparison::answers(),
-            ),
-            TableName::RecallPrecision => (
-                "a threshold of the set distance under one descriptor: recall against 1 - precision",
-                &["descriptor", "curve", "distance"],
-                comparison::recall_precision(),
-            ),
-            TableName::Pairs => (
-                "two descriptors on the same test clouds",
-                &["level", "descriptor_a", "descriptor_b"],
-                comparison::pairs(),
-            ),
-            TableName::Comparison => {
-                ("a descriptor on the test clouds", &["descriptor"], comparison::comparison())
-            }
-            TableName::Run => ("the run; the table has one row, written last", &["name"], run::run(genes)),
-            TableName::Cells => {
-                ("a descriptor; a file has those of one R1 and one R2", &[], grid::cells(genes))
-            }
-            TableName::Best => {
-                ("one of the best descriptors, ties in the order of the genes", &["rank"], grid::best(genes))
-            }
-            TableName::Marginals => {
-                ("all descriptors with one value of one gene", &["gene", "value"], grid::marginals())
-            }
-            TableName::Landscapes => (
-                "all descriptors with one value of each of two genes",
-                &["gene_a", "value_a", "gene_b", "value_b"],
-                grid::landscapes(),
-            ),
-            TableName::Counts => {
-                ("all descriptors with one number of correct answers", &["object_correct"], grid::histogram())
-            }
-            TableName::Grid => {
-                ("the grid; the table has one row, written last", &["grid_key"], grid::grid(genes))
-            }
-            TableName::Database => {
-                ("a reference cloud, in the order that decides ties", &["cloud"], database::columns())
-            }
-        };
+        if genes.iter().any(|gene| gene.name.is_empty()) {
+            return Err(Error::GeneName { name: String::new() });
+        }
+        let Declaration { meaning, key, columns, labels, digest } = declaration(name);
+        let first = labels.iter().map(|(name, meaning)| Column::new(name, ColumnKind::Text, "", meaning));
+        let mut columns: Vec<Column> = first.chain(columns(&Field::default(), genes)).collect();
         let mut seen = BTreeSet::new();
-        for column in &columns {
-            let gene = column.name.strip_prefix(name.gene_prefix().unwrap_or_default());
-            if !seen.insert(column.name.as_str()) || gene.is_none_or(str::is_empty) && column.gene {
+        for column in &mut columns {
+            column.in_digest = digest.contains(&if column.gene { GENES } else { column.name.as_str() });
+            if !seen.insert(column.name.clone()) {
                 return Err(Error::GeneName { name: column.name.clone() });
             }
         }
-        Ok(Self { name, meaning, key, columns })
+        Ok(Self { name, meaning, key, columns, genes: genes.to_vec(), labels })
     }
 
     /// The column of that name.
     pub fn column(&self, name: &str) -> Option<&Column> {
         self.columns.iter().find(|column| column.name == name)
     }
+
+    /// The table with these rows. The context's genes are the table's.
+    pub(crate) fn filled<R: Value>(self, rows: &[R], context: Context) -> Result<TableFile, Error> {
+        let context = Context { genes: &self.genes, ..context };
+        let label = |((name, _), value): (&(&str, _), &&str)| {
+            Cells::new_scalar((*name).into(), PlSmallStr::from_str(value).into(), rows.len())
+        };
+        let mut columns: Vec<Cells> = self.labels.iter().zip(context.labels).map(label).collect();
+        columns.extend(R::cells("", &context, &rows.iter().map(Some).collect::<Vec<_>>())?);
+        let frame = DataFrame::new(rows.len(), columns)?;
+        Ok(TableFile { table: self, frame })
+    }
 }
 
-/// `object`, `category` and `queries` counts with their errors, as `<prefix>object_correct` and so on.
-fn counts(prefix: &str, of: &str) -> [Column; 5] {
-    let column = |name: &str, kind, unit: &str, meaning: String| {
-        Column::new(&format!("{prefix}{name}"), kind, unit, &meaning)
-    };
-    [
-        column("object_correct", U32, "clouds", format!("{of} whose nearest cloud is of the same object")),
-        column(
-            "category_correct",
-            U32,
-            "clouds",
-            format!("{of} whose nearest cloud is of the same category"),
-        ),
-        column("queries", U32, "clouds", format!("{of} that took part: the denominator")),
-        column("object_error", F64, "share", format!("1 - {prefix}object_correct / {prefix}queries")),
-        column("category_error", F64, "share", format!("1 - {prefix}category_correct / {prefix}queries")),
-    ]
+/// A table with rows: those of one file, or of several below each other.
+#[derive(Clone, Debug)]
+pub(crate) struct TableFile {
+    /// Its table, with the genes that the file has.
+    pub table: Table,
+    /// Its rows; columns in table order, then unknown ones.
+    pub frame: DataFrame,
+}
+
+impl TableFile {
+    /// The rows as structs.
+    pub(crate) fn rows<R: Value>(&self) -> Result<Vec<R>, Error> {
+        let rows: Option<Vec<R>> = R::read("", &self.frame, &self.table.genes)?.into_iter().collect();
+        let missing =
+            || format!("{}: expected a value in every cell that must have one, got null", self.table.name);
+        Ok(rows.ok_or_else(|| PolarsError::NoData(missing().into()))?)
+    }
+
+    /// The row of a table that has one.
+    pub(crate) fn row<R: Value>(&self) -> Result<R, Error> {
+        let one = || format!("{}: expected one row, got {}", self.table.name, self.frame.height());
+        let row = self.rows()?.pop().filter(|_| self.frame.height() == 1);
+        Ok(row.ok_or_else(|| PolarsError::ShapeMismatch(one().into()))?)
+    }
+
+    /// The first text of a column.
+    pub(crate) fn text(&self, column: &str) -> Result<&str, Error> {
+        Ok(self.frame.column(column)?.str()?.get(0).unwrap_or_default())
+    }
+
+    /// Adds the rows of another file of the table.
+    pub(crate) fn append(&mut self, other: Self) -> Result<(), Error> {
+        self.frame.vstack_mut_owned(other.frame)?;
+        Ok(())
+    }
+
+    /// Replaces the texts of a column by one text.
+    pub(crate) fn set_text(&mut self, column: &str, text: &str) -> Result<(), Error> {
+        let text = PlSmallStr::from_str(text).into();
+        self.frame.with_column(Cells::new_scalar(column.into(), text, self.frame.height()))?;
+        Ok(())
+    }
 }

@@ -7,7 +7,12 @@ use tempfile::tempdir;
 use super::fixture;
 use crate::*;
 
-pub const DISTANCES: [(u32, u32, f32); 4] = [(0, 0, 0.5), (0, 1, 0.25), (2, 0, 1.0), (2, 1, 2.0)];
+const fn distance(query: u32, database: u32, distance: f32) -> DistanceRow {
+    DistanceRow { query, database, distance }
+}
+
+pub const DISTANCES: [DistanceRow; 4] =
+    [distance(0, 0, 0.5), distance(0, 1, 0.25), distance(2, 0, 1.0), distance(2, 1, 2.0)];
 
 /// Distances 0.5 (same object), 0.5 (another), 0.75 (same), 1 (another), 1.5 (same): two points at least share one.
 pub fn curves() -> [Curve; 2] {
@@ -22,9 +27,14 @@ pub fn curves() -> [Curve; 2] {
 pub fn pairs() -> [PairRow; 1] {
     [PairRow {
         level: "object".to_owned(),
-        descriptors: ["evolved", "paper"].map(str::to_owned),
-        outcomes: [10, 4, 1, 5],
-        difference: [-0.3, 0.05],
+        descriptor_a: "evolved".to_owned(),
+        descriptor_b: "paper".to_owned(),
+        both_right: 10,
+        only_a: 4,
+        only_b: 1,
+        both_wrong: 5,
+        difference_low: -0.3,
+        difference_high: 0.05,
         p_value: 0.375,
         p_adjusted: 0.375,
     }]
@@ -48,13 +58,16 @@ pub fn rows() -> [ComparedRow; 2] {
         size: 248,
         note: (index == 1).then(|| "of the paper".to_owned()),
         counts: fixture::TEST,
-        object_intervals: [[0.1, 0.6], [0.0, 0.7]],
-        category_intervals: [[0.0, 0.5], [0.0, 0.6]],
+        object_wilson: [0.1, 0.6],
+        category_wilson: [0.0, 0.5],
+        object_bootstrap: [0.0, 0.7],
+        category_bootstrap: [0.0, 0.6],
         skipped: index as u32,
         database: 40,
         keypoints_per_cloud: (index == 0).then_some(31.5),
         times: (index == 0).then(|| times.clone()),
-        areas: [Some(0.75), None],
+        area: Some(0.75),
+        nearest_area: None,
     })
 }
 
@@ -74,7 +87,7 @@ fn differences_and_odds_are_those_of_the_errors() {
     // Of 20, the first recognises 14 and the second 11.
     assert!((pair.error_difference() - (6.0 / 20.0 - 9.0 / 20.0)).abs() < 1e-15);
     assert_eq!((pair.queries(), pair.odds_ratio()), (20, Some(4.0)));
-    assert_eq!(PairRow { outcomes: [1, 3, 0, 0], ..pair }.odds_ratio(), None);
+    assert_eq!(PairRow { both_right: 1, only_a: 3, only_b: 0, both_wrong: 0, ..pair }.odds_ratio(), None);
 }
 
 #[test]
@@ -83,7 +96,7 @@ fn looks_are_numbered_and_outlive_the_run() {
     fixture::write(folder.path());
     let mut out = RunFolder::create(folder.path(), &fixture::genes()).unwrap();
     let second = LookRow { command: "compare".to_owned(), ..fixture::look() };
-    out.note_look(&second).unwrap();
+    out.record_look(&second).unwrap();
     let looks = || read_table(folder.path(), TableName::Looks).unwrap();
     let commands =
         looks().column("command").unwrap().str().unwrap().iter().flatten().collect::<Vec<_>>().join(" ");
@@ -124,5 +137,5 @@ fn a_comparison_is_whole_or_not_there_and_leaves_the_run_as_it_is() {
     out.write_compared("evolved", &[], &[], &[]).unwrap();
     assert!(height(TableName::Comparison).is_err());
     // Not a number.
-    out.write_compared("evolved", &[], &[], &[(0, 0, f32::NAN)]).unwrap_err();
+    out.write_compared("evolved", &[], &[], &[distance(0, 0, f32::NAN)]).unwrap_err();
 }

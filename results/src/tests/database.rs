@@ -62,7 +62,10 @@ fn parts_of_unequal_length_are_refused() {
 #[test]
 fn the_rows_and_the_column_table_do_not_drift_apart() {
     let table = Table::new(TableName::Database, &[]).unwrap();
-    let frame = crate::database::frame(&database(2)).unwrap();
+    let folder = tempdir().unwrap();
+    let file = folder.path().join("database.parquet");
+    write_database(&file, &database(2)).unwrap();
+    let frame = crate::read::read_file(&file, TableName::Database).unwrap().frame;
     let expected: Vec<_> =
         table.columns.iter().map(|column| (column.name.clone(), column.kind.data_type())).collect();
     let got: Vec<_> =

@@ -3,6 +3,9 @@
 use std::path::Path;
 use std::time::{Duration, SystemTime};
 
+use polars::prelude::DataFrame;
+
+use crate::record::{Context, Value};
 use crate::*;
 
 pub fn genes() -> Vec<GeneColumn> {
@@ -18,17 +21,19 @@ pub fn genes() -> Vec<GeneColumn> {
 /// Individual 1 of each generation is remembered, the others are computed.
 pub fn individual(generation: u32, individual: u32) -> EvaluationRow {
     let correct = 4 + (generation + 2 * individual) % 5;
+    let [parent_a, parent_b] = match (generation, individual) {
+        (1, _) => [None, None],
+        (_, 0) => [Some(2), None],
+        _ => [Some(0), Some(individual)],
+    };
     EvaluationRow {
         generation,
         individual,
         chromosome: format!("{:06b}", 11 * generation + 5 * individual),
         genes: vec![Some(f64::from(8 + individual)), None, Some(1.3), Some(f64::from(generation) / 100.0)],
         counts: Counts { object_correct: correct, category_correct: correct + 1, queries: 9 },
-        parents: match (generation, individual) {
-            (1, _) => [None, None],
-            (_, 0) => [Some(2), None],
-            _ => [Some(0), Some(individual)],
-        },
+        parent_a,
+        parent_b,
         elite: generation > 1 && individual == 0,
         computed: (individual != 1).then(|| Computed {
             worker: format!("worker-{individual}"),
@@ -89,7 +94,7 @@ pub fn skipped() -> Vec<SkippedRow> {
 }
 
 /// One that was lost, one that stayed, and what became of the first one's job.
-pub fn proceedings() -> Proceedings {
+pub fn log() -> RunLog {
     let at =
         |milliseconds: u64| SystemTime::UNIX_EPOCH + Duration::from_millis(1_700_000_000_000 + milliseconds);
     let worker = |name: &str, departure: Option<&str>| WorkerRow {
@@ -115,7 +120,7 @@ pub fn proceedings() -> Proceedings {
         reason: reason.map(str::to_owned),
         run_seconds: reason.is_none().then_some(0.25),
     };
-    Proceedings {
+    RunLog {
         workers: vec![worker("first", Some("lost")), worker("second", None)],
         attempts: vec![
             attempt(1, "first", "lost", Some("no sign of life within the lease")),
@@ -137,7 +142,7 @@ pub fn look() -> LookRow {
         at: SystemTime::UNIX_EPOCH + Duration::from_millis(1_700_000_004_000),
         command: "run".to_owned(),
         reason: "final test".to_owned(),
-        descriptors: vec!["evolved".to_owned()],
+        descriptors: "evolved".to_owned(),
     }
 }
 
@@ -173,6 +178,21 @@ pub fn run() -> RunRow {
     }
 }
 
+/// The table with these rows, as far as they determine it.
+pub fn frame<R: Value>(table: TableName, rows: &[R], context: Context) -> DataFrame {
+    Table::new(table, &genes()).unwrap().filled(rows, context).unwrap().frame
+}
+
+/// What a generation's row is computed from beside itself.
+pub fn context(individuals: &[EvaluationRow]) -> Context<'static> {
+    Context { population: PopulationSummary::of(individuals).unwrap(), ..Context::default() }
+}
+
+/// What rows below these labels are computed from.
+pub fn labelled<'a>(labels: &'a [&'a str]) -> Context<'a> {
+    Context { labels, ..Context::default() }
+}
+
 /// Writes the run; the folder is unlocked on return.
 pub fn write(folder: &Path) -> String {
     let mut out = RunFolder::create(folder, &genes()).unwrap();
@@ -182,8 +202,8 @@ pub fn write(folder: &Path) -> String {
     for split in PredictionSplit::ALL {
         out.write_predictions(split, &predictions(split)).unwrap();
     }
-    out.note_look(&look()).unwrap();
+    out.record_look(&look()).unwrap();
     out.write_skipped(&skipped()).unwrap();
-    out.write_proceedings(&proceedings()).unwrap();
+    out.write_log(&log()).unwrap();
     out.write_run(&run()).unwrap().to_string()
 }

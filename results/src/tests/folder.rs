@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use expect_test::{Expect, expect};
 use tempfile::{TempDir, tempdir};
 
-use super::fixture::{self, generation, genes, population};
+use super::fixture::{self, frame, generation, genes, population};
+use crate::record::Context;
 use crate::*;
 
 fn open(folder: &TempDir) -> RunFolder {
@@ -51,8 +52,8 @@ fn what_is_written_is_read_back() {
     let table = Table::new(TableName::Evaluations, &genes()).unwrap();
     let names: Vec<_> = table.columns.iter().map(|column| column.name.as_str()).collect();
     assert_eq!(evaluations.get_column_names(), names);
-    let mut expected = crate::frame::evaluations(&genes(), &population(1)).unwrap();
-    expected.vstack_mut(&crate::frame::evaluations(&genes(), &population(2)).unwrap()).unwrap();
+    let mut expected = frame(TableName::Evaluations, &population(1), Context::default());
+    expected.vstack_mut(&frame(TableName::Evaluations, &population(2), Context::default())).unwrap();
     assert!(evaluations.equals_missing(&expected));
 
     let generations = read_table(folder.path(), TableName::Generations).unwrap();
@@ -60,27 +61,28 @@ fn what_is_written_is_read_back() {
     let rows_digest = generations.column("rows_digest").unwrap();
     assert!(rows_digest.str().unwrap().iter().flatten().all(|digest| digest.len() == 64));
     for number in 1..=2u32 {
-        let summary = PopulationSummary::of(&population(number)).unwrap();
-        let expected = crate::frame::generation(&generation(number), &summary).unwrap();
+        let context = fixture::context(&population(number));
+        let expected = frame(TableName::Generations, &[generation(number)], context);
         let got = generations.slice(i64::from(number) - 1, 1).drop("rows_digest").unwrap();
         assert!(got.equals_missing(&expected.drop("rows_digest").unwrap()));
     }
 
     let predictions = read_table(folder.path(), TableName::Predictions).unwrap();
-    let [validation, test] = PredictionSplit::ALL
-        .map(|split| crate::frame::predictions(split, &fixture::predictions(split)).unwrap());
+    let [validation, test] = PredictionSplit::ALL.map(|split| {
+        frame(TableName::Predictions, &fixture::predictions(split), fixture::labelled(&[split.as_str()]))
+    });
     assert!(predictions.equals_missing(&test.vstack(&validation).unwrap()));
 
     let skipped = read_table(folder.path(), TableName::Skipped).unwrap();
-    assert!(skipped.equals_missing(&crate::frame::skipped(&fixture::skipped()).unwrap()));
+    assert!(skipped.equals_missing(&frame(TableName::Skipped, &fixture::skipped(), Context::default())));
 
-    let Proceedings { workers, attempts, events } = fixture::proceedings();
+    let RunLog { workers, attempts, events } = fixture::log();
     for (name, expected) in [
-        (TableName::Workers, crate::proceedings::workers(&workers)),
-        (TableName::Attempts, crate::proceedings::attempts(&attempts)),
-        (TableName::Events, crate::proceedings::events(&events)),
+        (TableName::Workers, frame(TableName::Workers, &workers, Context::default())),
+        (TableName::Attempts, frame(TableName::Attempts, &attempts, Context::default())),
+        (TableName::Events, frame(TableName::Events, &events, Context::default())),
     ] {
-        assert!(read_table(folder.path(), name).unwrap().equals_missing(&expected.unwrap()), "{name}");
+        assert!(read_table(folder.path(), name).unwrap().equals_missing(&expected), "{name}");
     }
 
     let finished = read_run(folder.path()).unwrap();
@@ -91,13 +93,11 @@ fn what_is_written_is_read_back() {
 fn evaluations_are_read_back_for_those_who_compute_them_again() {
     let folder = tempdir().unwrap();
     fixture::write(folder.path());
-    let written = (1..=2).flat_map(population).map(|row| RecordedEvaluation {
-        generation: row.generation,
-        individual: row.individual,
-        genes: row.genes,
-        counts: row.counts,
-    });
-    assert_eq!(read_evaluations(folder.path()).unwrap(), written.collect::<Vec<_>>());
+    let written: Vec<_> = (1..=2).flat_map(population).collect();
+    assert_eq!(read_evaluations(folder.path()).unwrap(), written);
+    for split in PredictionSplit::ALL {
+        assert_eq!(read_predictions(folder.path(), split).unwrap(), fixture::predictions(split));
+    }
 }
 
 /// The query that the README shows.
@@ -133,7 +133,7 @@ fn tables_without_rows_are_still_tables() {
     let out = open(&folder);
     out.write_skipped(&[]).unwrap();
     out.write_predictions(PredictionSplit::Test, &[]).unwrap();
-    out.write_proceedings(&Proceedings::default()).unwrap();
+    out.write_log(&RunLog::default()).unwrap();
     let empty = [
         TableName::Skipped,
         TableName::Predictions,

@@ -20,7 +20,7 @@ fn table() -> Table {
 }
 
 fn frame() -> DataFrame {
-    crate::frame::evaluations(&genes(), &population(1)).unwrap()
+    fixture::frame(TableName::Evaluations, &population(1), crate::record::Context::default())
 }
 
 /// A file of these columns under any metadata.

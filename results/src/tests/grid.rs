@@ -5,8 +5,9 @@ use std::time::{Duration, SystemTime};
 
 use tempfile::tempdir;
 
-use super::fixture;
-use crate::grid::frame;
+use super::fixture::{self, frame};
+use crate::record::Context;
+use crate::tables::grid::CellRow;
 use crate::*;
 
 fn points() -> CellPoints {
@@ -24,11 +25,12 @@ fn points() -> CellPoints {
 }
 
 fn best() -> Vec<BestRow> {
-    let row = |shape_bins, object_correct| BestRow {
+    let row = |rank, shape_bins, object_correct| BestRow {
+        rank,
         genes: vec![Some(shape_bins), None, Some(1.3), Some(0.25)],
         object_correct,
     };
-    vec![row(8.0, 9), row(9.0, 9)]
+    vec![row(1, 8.0, 9), row(2, 9.0, 9)]
 }
 
 fn tables() -> GridTables {
@@ -43,7 +45,8 @@ fn tables() -> GridTables {
             descriptors: 4,
             queries: 9,
             optimal_descriptors: 2,
-            best: best().remove(0),
+            best_genes: best().remove(0).genes,
+            best_object_correct: 9,
             grid_digest: "ef".repeat(32),
             cells_computed: 1,
             cells_found: 0,
@@ -61,8 +64,10 @@ fn tables() -> GridTables {
             worst: 3,
         }],
         landscapes: vec![LandscapeRow {
-            genes: ["shape_bins".to_owned(), "w".to_owned()],
-            values: [8.0, 0.25],
+            gene_a: "shape_bins".to_owned(),
+            value_a: 8.0,
+            gene_b: "w".to_owned(),
+            value_b: 0.25,
             descriptors: 1,
             best: 9,
             mean: 9.0,
@@ -134,17 +139,19 @@ fn rows_that_cannot_be_true_are_refused() {
 fn row_structs_and_column_table_do_not_drift_apart() {
     let genes = fixture::genes();
     let GridTables { grid, best, marginals, landscapes, counts } = tables();
+    let context = Context { queries: 9, ..Context::default() };
+    let cell = CellRow { genes: best[0].genes.clone(), object_correct: 9, worker_id: None };
     let frames = [
-        (TableName::Cells, frame::cell(&genes, &points())),
-        (TableName::Best, frame::best(&genes, 9, &best)),
-        (TableName::Marginals, frame::marginals(9, &marginals)),
-        (TableName::Landscapes, frame::landscapes(9, &landscapes)),
-        (TableName::Counts, frame::counts(9, &counts)),
-        (TableName::Grid, frame::grid(&genes, &grid)),
+        (TableName::Cells, frame(TableName::Cells, &[cell], context)),
+        (TableName::Best, frame(TableName::Best, &best, context)),
+        (TableName::Marginals, frame(TableName::Marginals, &marginals, context)),
+        (TableName::Landscapes, frame(TableName::Landscapes, &landscapes, context)),
+        (TableName::Counts, frame(TableName::Counts, &counts, context)),
+        (TableName::Grid, frame(TableName::Grid, &[grid], context)),
     ];
     assert_eq!(frames.each_ref().map(|(name, _)| *name), TableName::GRID);
     for (name, frame) in frames {
-        let (table, frame) = (Table::new(name, &genes).unwrap(), frame.unwrap());
+        let (table, frame) = (Table::new(name, &genes).unwrap(), frame);
         let expected: Vec<_> =
             table.columns.iter().map(|column| (column.name.clone(), column.kind.data_type())).collect();
         let got: Vec<_> =

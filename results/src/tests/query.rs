@@ -59,7 +59,7 @@ fn a_question_is_answered_from_the_rows_that_were_written() {
                WHERE individual = a OR individual = b ORDER BY individual";
     let run = fixture::run();
     let winner = fixture::individual(run.winner_generation, run.winner_individual);
-    let mut parents: Vec<u32> = winner.parents.into_iter().flatten().collect();
+    let mut parents: Vec<u32> = [winner.parent_a, winner.parent_b].into_iter().flatten().collect();
     parents.sort_unstable();
     let expected: Vec<Value> = parents.iter().map(|parent| json!({ "individual": parent })).collect();
     assert_eq!(rows(&[folder.path()], sql), Value::Array(expected));

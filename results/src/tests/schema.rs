@@ -1,8 +1,10 @@
-//! The column table against the row structs and against SCHEMA.md.
+//! The declared tables against their cells and against SCHEMA.md.
 
 use expect_test::{expect, expect_file};
 
-use super::{comparison, fixture};
+use super::comparison;
+use super::fixture::{self, frame};
+use crate::record::Context;
 use crate::*;
 
 #[test]
@@ -15,28 +17,37 @@ fn the_schema_document_is_that_of_the_column_table() {
 fn row_structs_and_column_table_do_not_drift_apart() {
     let genes = fixture::genes();
     let population = fixture::population(2);
-    let summary = PopulationSummary::of(&population).unwrap();
-    let test = PredictionSplit::Test;
+    let plain = Context::default();
+    let paper = fixture::labelled(&["paper"]);
+    let split = PredictionSplit::Test;
+    let predictions = fixture::predictions(split);
+    let log = fixture::log();
+    let [curve, _] = comparison::curves();
+    let curve_context = Context { relevant: curve.relevant, ..fixture::labelled(&["paper", "all"]) };
+    let generation = [fixture::generation(2)];
     let frames = [
-        (TableName::Evaluations, crate::frame::evaluations(&genes, &population)),
-        (TableName::Generations, crate::frame::generation(&fixture::generation(2), &summary)),
-        (TableName::Predictions, crate::frame::predictions(test, &fixture::predictions(test))),
-        (TableName::Skipped, crate::frame::skipped(&fixture::skipped())),
-        (TableName::Workers, crate::proceedings::workers(&fixture::proceedings().workers)),
-        (TableName::Attempts, crate::proceedings::attempts(&fixture::proceedings().attempts)),
-        (TableName::Events, crate::proceedings::events(&fixture::proceedings().events)),
-        (TableName::Looks, crate::comparison::look(&fixture::look())),
-        (TableName::Run, crate::frame::run(&genes, &fixture::run())),
-        (TableName::Distances, crate::comparison::distances("paper", &comparison::DISTANCES)),
-        (TableName::Answers, crate::comparison::answers("paper", &fixture::predictions(test))),
-        (TableName::RecallPrecision, crate::comparison::recall_precision("paper", &comparison::curves())),
-        (TableName::Pairs, crate::comparison::pairs(&comparison::pairs())),
-        (TableName::Comparison, crate::comparison::comparison(&comparison::rows())),
+        (TableName::Evaluations, frame(TableName::Evaluations, &population, plain)),
+        (TableName::Generations, frame(TableName::Generations, &generation, fixture::context(&population))),
+        (
+            TableName::Predictions,
+            frame(TableName::Predictions, &predictions, fixture::labelled(&[split.as_str()])),
+        ),
+        (TableName::Skipped, frame(TableName::Skipped, &fixture::skipped(), plain)),
+        (TableName::Workers, frame(TableName::Workers, &log.workers, plain)),
+        (TableName::Attempts, frame(TableName::Attempts, &log.attempts, plain)),
+        (TableName::Events, frame(TableName::Events, &log.events, plain)),
+        (TableName::Looks, frame(TableName::Looks, &[fixture::look()], plain)),
+        (TableName::Run, frame(TableName::Run, &[fixture::run()], plain)),
+        (TableName::Distances, frame(TableName::Distances, &comparison::DISTANCES, paper)),
+        (TableName::Answers, frame(TableName::Answers, &predictions, paper)),
+        (TableName::RecallPrecision, frame(TableName::RecallPrecision, &curve.points, curve_context)),
+        (TableName::Pairs, frame(TableName::Pairs, &comparison::pairs(), plain)),
+        (TableName::Comparison, frame(TableName::Comparison, &comparison::rows(), plain)),
     ];
     let all: Vec<TableName> = TableName::RUN.into_iter().chain(TableName::COMPARISON).collect();
     assert_eq!(frames.each_ref().map(|(name, _)| *name)[..], all);
     for (name, frame) in frames {
-        let (table, frame) = (Table::new(name, &genes).unwrap(), frame.unwrap());
+        let (table, frame) = (Table::new(name, &genes).unwrap(), frame);
         let expected: Vec<_> =
             table.columns.iter().map(|column| (column.name.clone(), column.kind.data_type())).collect();
         let got: Vec<_> =

@@ -10,8 +10,9 @@ use polars::prelude::{Column, DataType, IntoColumn, NamedFrom, Series};
 use tempfile::tempdir;
 
 use super::fixture::{self, genes};
-use crate::parquet::{TableFile, encode};
+use crate::parquet::encode;
 use crate::read::{read_file, table_files};
+use crate::tables::TableFile;
 use crate::{Error, RunFolder, TableName, run_digest, verify};
 
 /// Rewrites a file, checksum and all, with its frame changed.
@@ -327,7 +328,7 @@ fn the_digest_of_a_generation_is_that_of_its_documented_encoding() {
         float(&mut bytes, "w", row.genes[3].unwrap());
         number(&mut bytes, "object_correct", row.counts.object_correct.into());
         number(&mut bytes, "category_correct", row.counts.category_correct.into());
-        for (name, parent) in ["parent_a", "parent_b"].iter().zip(row.parents) {
+        for (name, parent) in ["parent_a", "parent_b"].iter().zip([row.parent_a, row.parent_b]) {
             if let Some(parent) = parent {
                 number(&mut bytes, name, parent.into());
             }
@@ -357,5 +358,5 @@ fn the_digest_of_a_generation_is_that_of_its_documented_encoding() {
 }
 
 fn digest_of(evaluations: &TableFile, generations: &TableFile) -> blake3::Hash {
-    crate::digest::generation_rows(evaluations.rows(), generations.rows()).unwrap()
+    crate::digest::generation_rows(evaluations, generations).unwrap()
 }

@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use results::{
-    AttemptRow, ComparedRow, Counts, Curve, CurvePoint, EvaluationRow, EventRow, GeneColumn, GenerationRow,
-    LookRow, PairRow, PredictionRow, PredictionSplit, Proceedings, RunFolder, RunRow, SkippedRow, Times,
+    AttemptRow, ComparedRow, Counts, Curve, CurvePoint, DistanceRow, EvaluationRow, EventRow, GeneColumn,
+    GenerationRow, LookRow, PairRow, PredictionRow, PredictionSplit, RunFolder, RunLog, RunRow, SkippedRow,
+    Times,
 };
 use tempfile::TempDir;
 
@@ -165,7 +166,8 @@ fn write_hostile(folder: &Path, generations: u32, objects: u32, attempts: u64) {
         chromosome: format!("{individual:02b}"),
         genes: vec![Some(f64::from(individual))],
         counts,
-        parents: if generation == 1 { [None, None] } else { [Some(0), Some(1)] },
+        parent_a: (generation > 1).then_some(0),
+        parent_b: (generation > 1).then_some(1),
         elite: false,
         computed: None,
     };
@@ -217,7 +219,7 @@ fn write_hostile(folder: &Path, generations: u32, objects: u32, attempts: u64) {
         SkippedRow { split: HOSTILE.to_owned(), cloud: HOSTILE.to_owned(), reason: HOSTILE.to_owned() };
     out.write_skipped(&[skipped]).unwrap();
     let attempts = (0..attempts).map(attempt).collect();
-    out.write_proceedings(&Proceedings { workers: Vec::new(), attempts, events: vec![event] }).unwrap();
+    out.write_log(&RunLog { workers: Vec::new(), attempts, events: vec![event] }).unwrap();
     let run = RunRow {
         name: HOSTILE.to_owned(),
         search_config: "seed = 1\n".to_owned(),
@@ -255,9 +257,9 @@ const COMPARISON: [&str; 4] =
 fn write_comparison(folder: &Path, objects: u32) {
     let out = RunFolder::create(folder, &[]).unwrap();
     for reason in [HOSTILE, "again"] {
-        let descriptors = DESCRIPTORS.map(str::to_owned).to_vec();
+        let descriptors = DESCRIPTORS.join(" ");
         let (command, reason) = ("compare".to_owned(), reason.to_owned());
-        out.note_look(&LookRow { at: at(0), command, reason, descriptors }).unwrap();
+        out.record_look(&LookRow { at: at(0), command, reason, descriptors }).unwrap();
     }
     out.begin_comparison().unwrap();
     let answer = |query: u32| PredictionRow {
@@ -283,8 +285,10 @@ fn write_comparison(folder: &Path, objects: u32) {
         size: 248,
         note: Some(HOSTILE.to_owned()),
         counts,
-        object_intervals: [[0.4, 0.6], [0.3, 0.7]],
-        category_intervals: [[0.0, 0.1], [0.0, 0.2]],
+        object_wilson: [0.4, 0.6],
+        category_wilson: [0.0, 0.1],
+        object_bootstrap: [0.3, 0.7],
+        category_bootstrap: [0.0, 0.2],
         skipped: 0,
         database: 9,
         keypoints_per_cloud: None,
@@ -297,16 +301,28 @@ fn write_comparison(folder: &Path, objects: u32) {
             total: 1.6,
             hardware: HOSTILE.to_owned(),
         }),
-        areas: [Some(0.5), None],
+        area: Some(0.5),
+        nearest_area: None,
     };
     for descriptor in DESCRIPTORS {
-        out.write_compared(descriptor, &answers, &[curve("all"), curve("nearest")], &[(0, 0, 1.0)]).unwrap();
+        out.write_compared(
+            descriptor,
+            &answers,
+            &[curve("all"), curve("nearest")],
+            &[DistanceRow { query: 0, database: 0, distance: 1.0 }],
+        )
+        .unwrap();
     }
     let pair = PairRow {
         level: "object".to_owned(),
-        descriptors: ["evolved", "paper"].map(str::to_owned),
-        outcomes: [1, 2, 0, 3],
-        difference: [-0.5, 0.1],
+        descriptor_a: "evolved".to_owned(),
+        descriptor_b: "paper".to_owned(),
+        both_right: 1,
+        only_a: 2,
+        only_b: 0,
+        both_wrong: 3,
+        difference_low: -0.5,
+        difference_high: 0.1,
         p_value: 0.5,
         p_adjusted: 1.0,
     };

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use proto::{Digest, JobId, WorkerId};
-use results::Proceedings;
+use results::RunLog;
 use tokio::sync::Notify;
 
 use super::{Cluster, ClusterError, ClusterNews, TICK};
@@ -260,7 +260,7 @@ impl Client {
     }
 
     /// What is to be told so far of workers and events, and of the attempts at what this client has asked for.
-    pub fn proceedings(&self) -> Proceedings {
+    pub fn proceedings(&self) -> RunLog {
         self.cluster.floor().proceedings(self.id, Instant::now())
     }
 }

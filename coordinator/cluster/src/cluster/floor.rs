@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use descriptor::Descriptor;
 use proto::{JobId, Lease, WorkerId};
-use results::Proceedings;
+use results::RunLog;
 use tokio::sync::Notify;
 
 use super::clients::Clients;
@@ -286,7 +286,7 @@ impl Floor {
     }
 
     /// What is to be told to a client of all that happened.
-    pub(super) fn proceedings(&mut self, client: ClientId, now: Instant) -> Proceedings {
+    pub(super) fn proceedings(&mut self, client: ClientId, now: Instant) -> RunLog {
         self.chronicle.rows(now, |job| self.clients.concerns(client, job))
     }
 

@@ -10,7 +10,7 @@ use redb::{
     Database, Durability, Error, ReadOnlyTable, ReadTransaction, ReadableDatabase as _, ReadableTable,
     TableDefinition, TableError,
 };
-use results::Proceedings;
+use results::RunLog;
 use serde::de::DeserializeOwned;
 
 use super::{Entry, Header, JournalError, Recorded, Told, record};
@@ -254,7 +254,7 @@ fn read_recorded(transaction: &ReadTransaction) -> Result<Recorded, String> {
         }
     }
     if let Some(table) = later_table(transaction, TOLD)? {
-        recorded.proceedings = Proceedings {
+        recorded.proceedings = RunLog {
             workers: read_told(&table, WORKERS)?,
             attempts: read_told(&table, ATTEMPTS)?,
             events: read_told(&table, EVENTS)?,

@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use proto::{JobId, Lease, WorkerId};
-use results::{AttemptRow, EventRow, Proceedings, WorkerRow};
+use results::{AttemptRow, EventRow, RunLog, WorkerRow};
 
 use crate::assembly::Cut;
 use crate::scheduler::{Finished, Introduction};
@@ -140,7 +140,7 @@ pub struct Recorded {
     /// Workers that were wrong.
     pub quarantined: BTreeSet<WorkerId>,
     /// What was told.
-    pub proceedings: Proceedings,
+    pub proceedings: RunLog,
 }
 
 impl Default for Recorded {
@@ -154,7 +154,7 @@ impl Default for Recorded {
             cuts: BTreeMap::new(),
             leases: Vec::new(),
             quarantined: BTreeSet::new(),
-            proceedings: Proceedings::default(),
+            proceedings: RunLog::default(),
         }
     }
 }

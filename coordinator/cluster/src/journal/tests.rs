@@ -112,7 +112,7 @@ fn what_was_committed_is_there_at_the_next_start() {
 fn a_journal_of_a_release_that_kept_nothing_of_what_is_told_is_read() {
     let (_folder, path) = journal(&[answer(5, 0)]);
     let recorded = JournalFile::open(&path).unwrap().2;
-    assert_eq!(recorded.proceedings, Proceedings::default());
+    assert_eq!(recorded.proceedings, RunLog::default());
     assert_eq!(recorded.accepted.len(), 1);
 }
 

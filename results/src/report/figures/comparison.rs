@@ -7,7 +7,7 @@ use crate::error::Error;
 use crate::report::data::{Rows, percent};
 use crate::report::figure::{Axis, Colour, Dash, Figure, Marks, Panel, Series, Symbol};
 
-/// Rows of the matrix of objects, with names that can be read.
+/// Most rows of the matrix of objects whose names are readable.
 const MOST_OBJECTS: usize = 60;
 /// How far a curve goes, as a share of the axes, before it is drawn a point further.
 const STEP: f64 = 0.001;
@@ -142,7 +142,7 @@ pub(crate) fn recall_precision(points: &Rows, descriptors: &[String]) -> Result<
     })
 }
 
-/// The points of a curve that are to be seen: the first, the last, and each that is a step from the one before.
+/// The points of a curve worth drawing: the first, the last, and each that is a visible step from the one before.
 fn thinned(points: impl Iterator<Item = [f64; 2]>) -> Vec<[f64; 2]> {
     let mut kept: Vec<[f64; 2]> = Vec::new();
     let mut last = None;

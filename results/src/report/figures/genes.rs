@@ -10,7 +10,7 @@ use crate::report::figure::{Axis, Colour, Dash, Figure, Panel, Series, Symbol};
 
 const HEIGHT: u32 = 230;
 
-/// The best individual's genes and the population's spread, a panel a gene that varies.
+/// The best individual's genes and the population's spread, one panel per gene that varies.
 pub(crate) fn trajectories(evaluations: &Rows, generations: &Rows) -> Result<Figure, Error> {
     let generation = evaluations.numbers("generation")?;
     let individual = evaluations.numbers("individual")?;
@@ -62,7 +62,7 @@ pub(crate) fn trajectories(evaluations: &Rows, generations: &Rows) -> Result<Fig
     })
 }
 
-/// The error over the values of each gene that varies, whatever the others were.
+/// The error over the values of each gene that varies, over all values of the others.
 ///
 /// `grid` is table `marginals` of an exhaustive search.
 pub(crate) fn marginals(evaluations: &Rows, grid: Option<&Rows>) -> Result<Figure, Error> {

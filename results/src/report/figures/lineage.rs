@@ -1,4 +1,4 @@
-//! Where the winner comes from.
+//! The winner's ancestors.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -11,7 +11,7 @@ use crate::report::figure::{Colour, Dash, Figure, Series, Symbol};
 /// Generation and index of an individual.
 type Id = (u32, u32);
 
-/// The errors of the winner's ancestors among those of everybody; `None` if it has none, as in a random search.
+/// The errors of the winner's ancestors among those of all individuals; `None` if it has none, as in a random search.
 pub(crate) fn lineage(evaluations: &Rows, run: &FinishedRun) -> Result<Option<Figure>, Error> {
     let numbers = |column| evaluations.numbers(column);
     let (generation, individual) = (numbers("generation")?, numbers("individual")?);

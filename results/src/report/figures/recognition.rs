@@ -1,4 +1,4 @@
-//! Which objects are taken for which others.
+//! Confusion matrices of objects and categories.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -7,10 +7,10 @@ use crate::report::data::Rows;
 use crate::report::figure::{Axis, Colour, Figure, Marks, Panel, Series};
 use crate::report::html::TableBlock;
 
-/// Objects that a matrix has room for, with names that can be read.
+/// Most objects of a matrix whose names are readable.
 const MOST_OBJECTS: usize = 60;
 
-/// A query's answer: what it is and what it was taken for.
+/// A query's true and predicted labels.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Answer {
     /// Its category and object.

@@ -7,7 +7,7 @@ use crate::report::runs::{Group, Member};
 /// Points of a convergence curve.
 const STEPS: usize = 300;
 
-/// Errors of the winners on the test clouds and in training, a row a group.
+/// Errors of the winners on the test clouds and in training, one row per group.
 pub(crate) fn errors(groups: &[Group]) -> Figure {
     let panels = vec![
         spread(groups, "test error of the winner", Member::test_error),
@@ -61,7 +61,7 @@ fn spread(groups: &[Group], label: &str, of: impl Fn(&Member) -> Option<f64>) ->
     Panel { title: String::new(), x: error_axis(label), y, series, height }
 }
 
-/// The best training error over the number of evaluations, a curve with a band a group.
+/// The best training error over the number of evaluations, one curve with a band per group.
 pub(crate) fn convergence(groups: &[Group]) -> Figure {
     let mut series = Vec::new();
     for (index, group) in groups.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! What the workers did, and when.
+//! Timeline of the workers, and time of each generation.
 
 use std::collections::BTreeMap;
 
@@ -7,12 +7,12 @@ use crate::error::Error;
 use crate::report::data::Rows;
 use crate::report::figure::{Axis, Colour, Dash, Figure, Panel, Series};
 
-/// Workers that the timeline has room for.
+/// Most workers of a timeline.
 const MOST_WORKERS: usize = 60;
 /// Steps of the time axis: attempts that are closer become one bar, so that a hundred thousand can be drawn.
 const STEPS: f64 = 1400.0;
 
-/// Time of each generation, and where it went.
+/// Time of each generation, by what it was spent on.
 pub(crate) fn generation_times(evaluations: &Rows, generations: &Rows) -> Result<Figure, Error> {
     let x = generations.numbers("generation")?;
     let wall = generations.numbers("seconds")?;
@@ -48,7 +48,7 @@ pub(crate) fn generation_times(evaluations: &Rows, generations: &Rows) -> Result
     Ok(Figure::single("generation-times", "Time of each generation", caption, panel))
 }
 
-/// A bar for each worker and time at which it had something in hand.
+/// A bar for each worker and span of time in which it had a job.
 pub(crate) fn timeline(attempts: &Rows) -> Result<Figure, Error> {
     let (begun, ended) = (attempts.seconds("handed_out_at")?, attempts.seconds("ended_at")?);
     let (worker, end) = (attempts.texts("worker")?, attempts.texts("end")?);

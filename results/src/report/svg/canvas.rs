@@ -1,4 +1,4 @@
-//! A sheet to draw on, in pixels: what the figures need of plotters, which rounds to whole units.
+//! A canvas with fractional pixels over plotters, which rounds to whole units.
 
 use plotters::coord::Shift;
 use plotters::drawing::DrawingAreaErrorKind;
@@ -10,7 +10,7 @@ use plotters::style::{FontFamily, FontStyle, FontTransform, RGBAColor, ShapeStyl
 use super::super::figure::{Dash, Symbol};
 use super::printable;
 
-/// Units a pixel: fine enough that rounding is not seen.
+/// Units per pixel: fine enough that rounding is invisible.
 const UNITS: f64 = 10.0;
 
 /// Size that plotters takes for text of one unit.
@@ -34,7 +34,7 @@ pub(super) enum At {
     TopUpwards,
 }
 
-/// The sheet.
+/// The canvas.
 pub(super) struct Canvas<'a> {
     area: DrawingArea<SVGBackend<'a>, Shift>,
 }
@@ -48,7 +48,7 @@ fn style([r, g, b]: [u8; 3], opacity: f64, width: f64) -> ShapeStyle {
 }
 
 impl<'a> Canvas<'a> {
-    /// A sheet of that size, which is written to `text`.
+    /// A white canvas of that size that is written to `text`.
     pub fn new(text: &'a mut String, width: f64, height: f64) -> Self {
         let size = ((width * UNITS) as u32, (height * UNITS) as u32);
         Self { area: SVGBackend::with_string(text, size).into_drawing_area() }

@@ -1,4 +1,4 @@
-//! A panel's place on the sheet: its axes with ticks and names, and where values lie between them.
+//! A panel on the canvas: its axes with ticks and names, and the mapping of values to pixels.
 
 use std::ops::Range;
 
@@ -14,7 +14,7 @@ const GRID: [u8; 3] = [0xe4, 0xe4, 0xe4];
 /// Characters of a name beside an axis.
 const NAME_LENGTH: usize = 24;
 
-/// A panel on the sheet.
+/// A panel on the canvas.
 pub(super) struct Frame<'a> {
     panel: &'a Panel,
     /// Values at the ends of both axes: left and right, bottom and top.
@@ -35,7 +35,7 @@ struct Tick {
 }
 
 impl<'a> Frame<'a> {
-    /// Finds room for what stands around the axes of a panel at `corner`.
+    /// Lays out a panel at `corner`, with room for ticks and names around its axes.
     pub fn new(panel: &'a Panel, corner: [f64; 2], width: f64) -> Self {
         let extent =
             |axis: usize| panel.series.iter().flat_map(move |s| s.marks.extent().map(move |p| p[axis]));
@@ -60,13 +60,13 @@ impl<'a> Frame<'a> {
         Self { panel, values: [x, y], pixels, ticks, upright_names, tick_size, corner, width }
     }
 
-    /// The place of a value on one of the axes.
+    /// Pixel of a value on one of the axes.
     pub fn place(&self, axis: usize, value: f64) -> f64 {
         let ([from, to], [first, last]) = (self.values[axis], self.pixels[axis]);
         first + (value - from) / (to - from) * (last - first)
     }
 
-    /// The place of a point.
+    /// Pixels of a point.
     pub fn point(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         [self.place(0, x), self.place(1, y)]
     }

@@ -1,9 +1,9 @@
 //! Descriptors beside each other in tables: the paper's Table 1, and how sure their differences are.
 
-use super::comparing::p_text;
 use super::data::Rows;
 use super::figures::comparison::STAGES;
 use super::html::TableBlock;
+use super::run_tables::p_text;
 use super::summary::interval_text;
 use crate::error::Error;
 
@@ -14,7 +14,7 @@ fn seconds_text(seconds: Option<f64>) -> String {
     seconds.map_or_else(|| "–".to_owned(), |seconds| format!("{seconds:.2}"))
 }
 
-/// The paper's Table 1: errors, times and sizes, a row a descriptor.
+/// The paper's Table 1: errors, times and sizes, one row per descriptor.
 pub(crate) fn table(comparison: &Rows) -> Result<TableBlock, Error> {
     let names = comparison.texts("descriptor")?;
     let sizes = comparison.texts("size")?;
@@ -66,7 +66,7 @@ pub(crate) fn table(comparison: &Rows) -> Result<TableBlock, Error> {
     Ok(TableBlock { caption, head: head.map(str::to_owned).to_vec(), rows, texts: 1 })
 }
 
-/// Seconds of each stage, a row a descriptor.
+/// Seconds of each stage, one row per descriptor.
 pub(crate) fn times(comparison: &Rows) -> Result<TableBlock, Error> {
     let mut rows: Vec<Vec<String>> =
         comparison.texts("descriptor")?.into_iter().map(|name| vec![name]).collect();

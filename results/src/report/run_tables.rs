@@ -4,8 +4,8 @@ use super::figures::quantile;
 use super::html::TableBlock;
 use super::runs::{Group, Member, Runs};
 use super::summary::interval_text;
-use crate::rows::Counts;
 use crate::statistics::{RankSum, holm, rank_sum, wilson};
+use crate::tables::run::Counts;
 
 /// Runs that are listed one by one.
 const MOST_RUNS: usize = 200;
@@ -24,7 +24,7 @@ fn spread(values: impl Iterator<Item = f64> + Clone) -> String {
         .map_or_else(|| "–".to_owned(), |median| format!("{median:.2} ({:.2} – {:.2})", ends[0], ends[1]))
 }
 
-/// A row a group.
+/// One row per group.
 pub(crate) fn groups(groups: &[Group]) -> TableBlock {
     let row = |Group { name, members, .. }: &Group| {
         let evaluated = median(members.iter().map(|member| member.best.len() as f64));
@@ -49,7 +49,7 @@ pub(crate) fn groups(groups: &[Group]) -> TableBlock {
     }
 }
 
-/// A row a run.
+/// One row per run.
 pub(crate) fn members(runs: &Runs) -> TableBlock {
     let all = runs.groups.iter().flat_map(|group| &group.members);
     let count = all.clone().count();
@@ -158,7 +158,7 @@ fn compared<'a>(first: &'a Group, second: &'a Group) -> Vec<Comparison<'a>> {
     comparisons
 }
 
-/// What Vargha and Delaney call an effect.
+/// Size of an effect as Vargha and Delaney call it.
 fn size(a12: f64) -> &'static str {
     match (a12 - 0.5).abs() {
         effect if effect < 0.06 => "(negligible)",
