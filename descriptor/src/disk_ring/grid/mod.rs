@@ -5,11 +5,11 @@
 //! is bit for bit what the evaluator counts for each descriptor alone.
 
 mod count;
-mod parts;
+mod signatures;
 
-pub use parts::CellParts;
+pub use signatures::CellSignatures;
 
-use crate::quantise::{Binning, QuantiseError, Quantiser};
+use crate::disk_ring::quantise::{Binning, QuantiseError, Quantiser};
 use crate::{GeneKind, Parameters};
 
 /// The descriptors of a table with one R1 and one R2: every shape_bins × m × w.

@@ -2,10 +2,10 @@
 
 use std::ops::Range;
 
-use crate::bins::Counter;
-use crate::prepare::PreparedCloud;
-use crate::quantise::Binning;
-use crate::records::Records;
+use crate::disk_ring::bins::Counter;
+use crate::disk_ring::quantise::Binning;
+use crate::disk_ring::quantised::QuantisedCloud;
+use crate::disk_ring::records::Records;
 
 /// Keypoints whose records are copied at once.
 const AT_ONCE: usize = 16;
@@ -14,10 +14,10 @@ const AT_ONCE: usize = 16;
 ///
 /// # Panics
 /// If cloud and binning come from different quantisers: a programming error.
-pub fn shape_rows(cloud: &PreparedCloud, binning: &Binning) -> Vec<f32> {
+pub fn shape_rows(cloud: &QuantisedCloud, binning: &Binning) -> Vec<f32> {
     let bins = binning.parameters.shape_bins as usize;
     let mut rows = Vec::new();
-    for region in Half::Shape.rows(cloud, binning).chunks_exact(binning.shape_bins()) {
+    for region in Feature::Shape.rows(cloud, binning).chunks_exact(binning.shape_bins()) {
         rows.extend_from_slice(region);
         // Angles end at 180 of 360 degrees: the bins beyond stay empty (paper, eq. 2).
         rows.resize(rows.len() + bins - region.len(), 0.0);
@@ -30,18 +30,20 @@ pub fn shape_rows(cloud: &PreparedCloud, binning: &Binning) -> Vec<f32> {
 ///
 /// # Panics
 /// If cloud and binning come from different quantisers: a programming error.
-pub fn colour_rows(cloud: &PreparedCloud, binning: &Binning) -> Vec<f32> {
-    Half::Colour.rows(cloud, binning)
+pub fn colour_rows(cloud: &QuantisedCloud, binning: &Binning) -> Vec<f32> {
+    Feature::Colour.rows(cloud, binning)
 }
 
-/// One half of the descriptor.
+/// What of its neighbours a keypoint's histograms count.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Half {
+pub(crate) enum Feature {
+    /// The angle between the normals.
     Shape,
+    /// Hue and saturation.
     Colour,
 }
 
-impl Half {
+impl Feature {
     /// Bins of a region's histogram that a neighbour can fall into.
     pub(crate) fn bins(self, binning: &Binning) -> usize {
         match self {
@@ -52,7 +54,7 @@ impl Half {
 
     /// One row a keypoint: the disk's histogram, then the ring's, each the share of the region's neighbours; an empty
     /// region is all zero.
-    fn rows(self, cloud: &PreparedCloud, binning: &Binning) -> Vec<f32> {
+    fn rows(self, cloud: &QuantisedCloud, binning: &Binning) -> Vec<f32> {
         let mut rows = vec![0.0; cloud.keypoints() * 2 * self.bins(binning)];
         self.fill(cloud, binning, &mut rows);
         rows
@@ -60,7 +62,7 @@ impl Half {
 
     /// Fills the rows of all keypoints. Inlined into the kernels that go on with them.
     #[inline(always)]
-    pub(crate) fn fill(self, cloud: &PreparedCloud, binning: &Binning, rows: &mut [f32]) {
+    pub(crate) fn fill(self, cloud: &QuantisedCloud, binning: &Binning, rows: &mut [f32]) {
         assert_eq!(*cloud.digest(), binning.digest, "cloud and binning of different quantisers");
         let bins = self.bins(binning);
         let (records, bin_of_class) = match self {

@@ -5,7 +5,7 @@ const BUCKETS: usize = 4096;
 
 /// Sorted thresholds with a table over equal slices of their range.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Steps {
+pub(crate) struct StepTable {
     thresholds: Vec<f32>,
     /// For every slice the number of thresholds in the slices before it.
     before: Vec<u32>,
@@ -32,7 +32,7 @@ impl Slicer {
     }
 }
 
-impl Steps {
+impl StepTable {
     /// `thresholds` must be ascending and finite.
     pub(crate) fn new(thresholds: Vec<f32>) -> Self {
         let (low, high) = match (thresholds.first(), thresholds.last()) {
@@ -41,17 +41,17 @@ impl Steps {
         };
         let slices_per_unit = if high > low { BUCKETS as f32 / (high - low) } else { 0.0 };
         let slicer = Slicer { low, slices_per_unit };
-        let mut steps = Self { thresholds, before: vec![0; BUCKETS], slicer };
+        let mut table = Self { thresholds, before: vec![0; BUCKETS], slicer };
         let mut position = 0;
         for slice in 0..BUCKETS {
-            while position < steps.thresholds.len()
-                && usize::from(slicer.slice(steps.thresholds[position])) < slice
+            while position < table.thresholds.len()
+                && usize::from(slicer.slice(table.thresholds[position])) < slice
             {
                 position += 1;
             }
-            steps.before[slice] = position as u32;
+            table.before[slice] = position as u32;
         }
-        steps
+        table
     }
 
     /// Number of thresholds below `value`.
@@ -101,18 +101,18 @@ mod tests {
     use crate::testing::unit;
 
     fn check(thresholds: &[f32]) {
-        let steps = Steps::new(thresholds.to_vec());
+        let table = StepTable::new(thresholds.to_vec());
         let mut rng = stream(1, "values", &[]);
         let near = thresholds.iter().flat_map(|&t| [t.next_down(), t, t.next_up()]);
         let around = (0..5000).map(|_| unit(&mut rng) * 4.0 - 2.0);
         for value in near.chain(around).chain([f32::MIN, f32::MAX, 0.0, -0.0]) {
             let expected = thresholds.iter().filter(|&&threshold| threshold < value).count();
-            assert_eq!(steps.below(value), expected, "{value}");
+            assert_eq!(table.below(value), expected, "{value}");
         }
     }
 
     #[test]
-    fn steps_are_counted_as_by_hand() {
+    fn thresholds_are_counted_as_by_hand() {
         check(&[]);
         check(&[0.3]);
         check(&[0.3, 0.3, 0.3]);

@@ -1,8 +1,8 @@
 //! Prepared clouds as bytes, to be kept and handed on.
 
-use crate::prepare::PreparedCloud;
-use crate::quantise::Quantiser;
-use crate::records::Records;
+use crate::disk_ring::quantise::Quantiser;
+use crate::disk_ring::quantised::QuantisedCloud;
+use crate::disk_ring::records::Records;
 
 /// Why bytes are no prepared cloud.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -22,7 +22,7 @@ pub enum DecodeError {
 /// and of colour classes (u16).
 const HEADER_BYTES: usize = 32 + 4 + 8 + 2 + 2;
 
-impl PreparedCloud {
+impl QuantisedCloud {
     /// All numbers in little-endian order: digest of the quantiser (32 bytes), keypoints (u32), records (u64), lengths
     /// of the lists of angle classes and of colour classes (u16, 0 for no list); the lists (u16); for each radius and
     /// keypoint the records within (u32); the angle of every record; with colour, the colour of every record: its place
@@ -44,7 +44,7 @@ impl PreparedCloud {
         bytes
     }
 
-    /// Undoes [`PreparedCloud::encode`]. Whatever the bytes are, the cloud can be used with the quantiser's binnings.
+    /// Undoes [`QuantisedCloud::encode`]. Whatever the bytes are, the cloud can be used with the quantiser's binnings.
     ///
     /// # Errors
     /// If the bytes are not those of a cloud prepared with this quantiser.
@@ -129,8 +129,8 @@ mod tests {
         Quantiser::new(&GeneTable::single(parameters).unwrap()).unwrap()
     }
 
-    fn prepared(quantiser: &Quantiser) -> PreparedCloud {
-        PreparedCloud::new(&sheet(1, 200), &Preprocess::default(), quantiser).unwrap()
+    fn prepared(quantiser: &Quantiser) -> QuantisedCloud {
+        QuantisedCloud::new(&sheet(1, 200), &Preprocess::default(), quantiser).unwrap()
     }
 
     #[test]
@@ -144,9 +144,9 @@ mod tests {
         for (index, quantiser) in quantisers.iter().enumerate() {
             let cloud = prepared(quantiser);
             let bytes = cloud.encode();
-            assert_eq!(PreparedCloud::decode(&bytes, quantiser).unwrap(), cloud);
+            assert_eq!(QuantisedCloud::decode(&bytes, quantiser).unwrap(), cloud);
             let other = &quantisers[(index + 1) % quantisers.len()];
-            assert_eq!(PreparedCloud::decode(&bytes, other), Err(DecodeError::OtherQuantiser));
+            assert_eq!(QuantisedCloud::decode(&bytes, other), Err(DecodeError::OtherQuantiser));
         }
     }
 
@@ -155,15 +155,15 @@ mod tests {
         let quantiser = quantiser(&Parameters::PAPER_BEST);
         let bytes = prepared(&quantiser).encode();
         for length in (0..64).chain([bytes.len() - 1]) {
-            let decoded = PreparedCloud::decode(&bytes[..length], &quantiser);
+            let decoded = QuantisedCloud::decode(&bytes[..length], &quantiser);
             assert!(matches!(decoded, Err(DecodeError::Length { got, .. }) if got == length), "{length}");
         }
         let longer = [bytes.as_slice(), &[0]].concat();
-        assert!(matches!(PreparedCloud::decode(&longer, &quantiser), Err(DecodeError::Length { .. })));
+        assert!(matches!(QuantisedCloud::decode(&longer, &quantiser), Err(DecodeError::Length { .. })));
         let mut huge = bytes;
         huge[36..44].fill(0xff);
         assert!(matches!(
-            PreparedCloud::decode(&huge, &quantiser),
+            QuantisedCloud::decode(&huge, &quantiser),
             Err(DecodeError::Length { expected: u64::MAX, .. })
         ));
     }
@@ -178,11 +178,11 @@ mod tests {
             for bit in [0, 3, 7] {
                 let mut flipped = bytes.clone();
                 flipped[place] ^= 1 << bit;
-                match PreparedCloud::decode(&flipped, &quantiser) {
+                match QuantisedCloud::decode(&flipped, &quantiser) {
                     Ok(cloud) => {
                         used += 1;
-                        crate::histogram::shape_rows(&cloud, &binning);
-                        crate::histogram::colour_rows(&cloud, &binning);
+                        crate::disk_ring::histogram::shape_rows(&cloud, &binning);
+                        crate::disk_ring::histogram::colour_rows(&cloud, &binning);
                     }
                     Err(_) => refused += 1,
                 }
@@ -198,8 +198,8 @@ mod tests {
         let [angle_classes, colour_classes] = quantiser.classes();
         let what = "records must be of the quantiser's classes";
         let refused = |angles: Records, colours: Records| {
-            let damaged = PreparedCloud { angles, colours, ..cloud.clone() };
-            PreparedCloud::decode(&damaged.encode(), &quantiser) == Err(DecodeError::Inconsistent { what })
+            let damaged = QuantisedCloud { angles, colours, ..cloud.clone() };
+            QuantisedCloud::decode(&damaged.encode(), &quantiser) == Err(DecodeError::Inconsistent { what })
         };
         let (angles, colours) = (&cloud.angles, &cloud.colours);
         let Records::Plain(plain) = angles else { panic!("600 classes fit no byte") };

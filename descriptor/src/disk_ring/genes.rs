@@ -6,6 +6,9 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
+use crate::column::Column;
+pub use crate::domain::Domain;
+
 /// What a gene sets (paper, section 3: the five evolved parameters).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum GeneKind {
@@ -52,6 +55,12 @@ impl GeneSpec {
         let rounded = ticks.round();
         let on_tick = (ticks - rounded).abs() <= 1e-6 * rounded.abs().max(1.0);
         (on_tick && rounded >= 0.0 && rounded <= f64::from(u32::MAX)).then_some(rounded as u32)
+    }
+
+    /// Its column in tables.
+    pub fn column(&self) -> Column {
+        let &Self { name, unit, meaning, .. } = self;
+        Column { name, unit, integer: self.is_integer(), meaning }
     }
 
     /// Whether values are whole numbers.
@@ -109,51 +118,6 @@ pub const GENES: [GeneSpec; 5] = [
     },
 ];
 
-/// The values one gene may take: `low + k * step` ticks for k in `0..count`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-pub struct Domain {
-    /// Lowest value, ticks.
-    pub low: u32,
-    /// Distance of neighbouring values, ticks; any value if `count` is 1.
-    pub step: u32,
-    /// Number of values, at least 1.
-    pub count: u32,
-}
-
-impl Domain {
-    /// The smallest evenly spaced domain that has all these values and one more.
-    fn including(&self, ticks: u32) -> Self {
-        let values = self.values();
-        let (low, high) = (self.low, values.last().unwrap_or(self.low));
-        let step = if self.count > 1 { self.step } else { 0 };
-        let common = gcd(step, ticks.abs_diff(low));
-        let (low, high) = (low.min(ticks), high.max(ticks));
-        let steps = (high - low).checked_div(common).unwrap_or(0);
-        Self { low, step: common.max(1), count: steps.saturating_add(1) }
-    }
-
-    /// A gene that always has the same value.
-    pub fn fixed(ticks: u32) -> Self {
-        Self { low: ticks, step: 1, count: 1 }
-    }
-
-    /// The highest value, ticks.
-    pub fn high(&self) -> u32 {
-        self.low + (self.count - 1) * self.step
-    }
-
-    /// Bits of the gene in a chromosome: ⌈log₂ count⌉.
-    pub fn bits(&self) -> u32 {
-        self.count.next_power_of_two().trailing_zeros()
-    }
-
-    /// Every value, in ticks, ascending.
-    pub fn values(&self) -> impl Iterator<Item = u32> + use<> {
-        let Self { low, step, count } = *self;
-        (0..count).map(move |k| low + k * step)
-    }
-}
-
 /// Why a set of domains is no gene table.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum GeneError {
@@ -188,10 +152,6 @@ pub enum Encoding {
 pub struct GeneTable {
     domains: [Domain; 5],
     colour: bool,
-}
-
-fn gcd(a: u32, b: u32) -> u32 {
-    if b == 0 { a } else { gcd(b, a % b) }
 }
 
 impl GeneTable {
@@ -285,11 +245,30 @@ impl GeneTable {
 
     /// Whether a chromosome of this table can stand for the descriptor.
     pub fn contains(&self, parameters: &Parameters) -> bool {
-        parameters.has_colour() == self.colour
-            && self.genes().all(|(spec, domain)| {
-                let ticks = parameters.ticks(spec.kind);
-                domain.values().any(|value| value == ticks)
-            })
+        self.indices(parameters).is_some()
+    }
+
+    /// For each gene which of its values the descriptor has; `None` if it is not of this table.
+    pub fn indices(&self, parameters: &Parameters) -> Option<Vec<u32>> {
+        let index = |(spec, domain): (&GeneSpec, &Domain)| domain.index_of(parameters.ticks(spec.kind));
+        (parameters.has_colour() == self.colour).then(|| self.genes().map(index).collect())?
+    }
+
+    /// The descriptor whose genes have the values at these indices; `None` unless there is one for each gene.
+    pub fn at(&self, indices: &[u32]) -> Option<Parameters> {
+        let is_value = |(&index, (_, domain)): (&u32, (_, &Domain))| index < domain.count;
+        let are_values =
+            indices.len() == self.genes().count() && indices.iter().zip(self.genes()).all(is_value);
+        are_values.then(|| self.of_values(indices))
+    }
+
+    /// As [`GeneTable::at`], of indices that are there.
+    fn of_values(&self, indices: &[u32]) -> Parameters {
+        let mut ticks = [0; GENES.len()];
+        for ((spec, domain), index) in self.genes().zip(indices) {
+            ticks[spec.kind as usize] = domain.low + index * domain.step;
+        }
+        Parameters::from_ticks(ticks)
     }
 
     /// The descriptor that a chromosome stands for; every bit string is valid.
@@ -302,8 +281,8 @@ impl GeneTable {
     pub fn decode(&self, chromosome: &[bool], encoding: Encoding) -> Parameters {
         assert_eq!(chromosome.len(), self.bits(), "chromosome length");
         let mut rest = chromosome;
-        let mut ticks = [0; 5];
-        for (spec, domain) in self.genes() {
+        let mut indices = Vec::new();
+        for (_, domain) in self.genes() {
             let (gene, tail) = rest.split_at(domain.bits() as usize);
             rest = tail;
             let mut number = 0u64;
@@ -316,23 +295,18 @@ impl GeneTable {
                 previous = bit;
                 number = number << 1 | u64::from(bit);
             }
-            let index = (number * u64::from(domain.count)) >> domain.bits();
-            ticks[spec.kind as usize] = domain.low + index as u32 * domain.step;
+            indices.push(((number * u64::from(domain.count)) >> domain.bits()) as u32);
         }
-        Parameters::from_ticks(ticks)
+        self.of_values(&indices)
     }
 
     /// A chromosome that [`GeneTable::decode`] turns into the descriptor, `None` if there is none. Of several it is
     /// the one whose genes, read as numbers, are the lowest.
     pub fn encode(&self, parameters: &Parameters, encoding: Encoding) -> Option<Vec<bool>> {
-        if !self.contains(parameters) {
-            return None;
-        }
         let mut chromosome = Vec::with_capacity(self.bits());
-        for (spec, domain) in self.genes() {
-            let index = u64::from((parameters.ticks(spec.kind) - domain.low) / domain.step.max(1));
+        for (index, (_, domain)) in self.indices(parameters)?.into_iter().zip(self.genes()) {
             // The lowest k with ⌊k·n/2^b⌋ = index.
-            let number = (index << domain.bits()).div_ceil(u64::from(domain.count));
+            let number = (u64::from(index) << domain.bits()).div_ceil(u64::from(domain.count));
             let code = match encoding {
                 Encoding::Binary => number,
                 Encoding::Gray => number ^ number >> 1,
@@ -340,6 +314,29 @@ impl GeneTable {
             chromosome.extend((0..domain.bits()).rev().map(|bit| code >> bit & 1 == 1));
         }
         Some(chromosome)
+    }
+
+    /// Whether genes have colour (0 or 1), then lowest value, step and number of values of each: the canonical numbers.
+    pub(crate) fn numbers(&self) -> impl Iterator<Item = u32> {
+        let of_domain = |domain: &Domain| [domain.low, domain.step, domain.count];
+        std::iter::once(u32::from(self.colour)).chain(self.domains.iter().flat_map(of_domain))
+    }
+
+    /// Undoes [`GeneTable::numbers`]; `Err` says what is wrong.
+    pub(crate) fn from_numbers(numbers: [u32; 1 + 3 * GENES.len()]) -> Result<Self, String> {
+        let [colour @ (0 | 1), domains @ ..] = numbers else {
+            return Err(format!("colour: must be 0 or 1, got {}", numbers[0]));
+        };
+        let mut given =
+            domains.as_chunks::<3>().0.iter().map(|&[low, step, count]| Domain { low, step, count });
+        let domains = [(); GENES.len()].map(|()| given.next().unwrap_or(Domain::fixed(0)));
+        let table = Self::new(domains, colour == 1).map_err(|error| error.to_string())?;
+        // Without colour the weight is fixed: what was written says so, too.
+        if table.domains == domains {
+            Ok(table)
+        } else {
+            Err("w: must be 1 without colour, got another".to_owned())
+        }
     }
 }
 
@@ -369,6 +366,15 @@ impl Parameters {
         Self { shape_bins, colour_bins, disk_um, ring_um, shape_weight_ppm }
     }
 
+    /// From the values of all genes in their units; `None` if one lies on none of its gene's ticks.
+    pub fn from_values(values: &[Option<f64>]) -> Option<Self> {
+        let mut ticks = [0; GENES.len()];
+        for ((spec, value), ticks) in GENES.iter().zip(values).zip(&mut ticks) {
+            *ticks = value.map_or(Some(0), |value| spec.ticks(value))?;
+        }
+        (values.len() == GENES.len()).then(|| Self::from_ticks(ticks))
+    }
+
     /// One parameter in ticks.
     pub fn ticks(&self, kind: GeneKind) -> u32 {
         match kind {
@@ -390,6 +396,16 @@ impl Parameters {
         self.colour_bins > 0
     }
 
+    /// Whether any experiment may use the descriptor.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn check(&self) -> Result<(), String> {
+        let table = GeneTable::single(self).map_err(|error| error.to_string())?;
+        let is_itself = table.contains(self);
+        if is_itself { Ok(()) } else { Err("w: must be 1 without colour, got another".to_owned()) }
+    }
+
     /// Radius of the disk, metres.
     pub fn disk_radius(&self) -> f64 {
         f64::from(self.disk_um) / 1e6
@@ -403,6 +419,13 @@ impl Parameters {
     /// Weight of the shape distance, 0 to 1.
     pub fn shape_weight(&self) -> f64 {
         f64::from(self.shape_weight_ppm) / 1e6
+    }
+
+    /// Values of a centroid in shape and in colour: bins of two regions, without those of shape beyond 180 degrees.
+    pub(crate) fn channel_bins(&self) -> [u64; 2] {
+        let reachable = u64::from(self.shape_bins).saturating_sub(1) / 2 + 1;
+        let m = u64::from(self.colour_bins);
+        [2 * reachable, m.saturating_mul(m).saturating_mul(2)]
     }
 
     /// Values of one keypoint's descriptor: 2·shape_bins + 2m².

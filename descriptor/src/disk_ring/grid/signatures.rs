@@ -5,40 +5,40 @@ use std::ops::Range;
 use pulp::NullaryFnOnce;
 
 use super::Cell;
-use crate::prepare::PreparedCloud;
-use crate::quantise::Binning;
-use crate::records::Records;
-use crate::summary::{Part, Summarise};
+use crate::disk_ring::quantise::Binning;
+use crate::disk_ring::quantised::QuantisedCloud;
+use crate::disk_ring::records::Records;
+use crate::signature::{MeanAndDeviation, Signature};
 use crate::wide::widest;
 
 /// One cloud under all descriptors of a cell.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CellParts {
+pub struct CellSignatures {
     /// One a value of shape_bins.
-    pub(super) shape: Vec<Part>,
+    pub(super) shape: Vec<Signature>,
     /// One a value of m.
-    pub(super) colour: Vec<Part>,
+    pub(super) colour: Vec<Signature>,
 }
 
-impl CellParts {
-    /// Memory that the parts take, bytes.
+impl CellSignatures {
+    /// Memory that they take, bytes.
     pub fn bytes(&self) -> usize {
-        let parts = || self.shape.iter().chain(&self.colour);
-        let values: usize = parts().map(|part| part.centroid.len() + part.deviation.len()).sum();
-        size_of::<Self>() + parts().count() * size_of::<Part>() + values * size_of::<f32>()
+        let all = || self.shape.iter().chain(&self.colour);
+        let values: usize = all().map(|one| one.centroid.len() + one.deviation.len()).sum();
+        size_of::<Self>() + all().count() * size_of::<Signature>() + values * size_of::<f32>()
     }
 }
 
 impl Cell {
-    /// A cloud's parts for every value of shape_bins and of m: each as [`crate::Summary`] has it.
+    /// A cloud's signatures for every value of shape_bins and of m: each as [`Binning::signature`] has it.
     ///
     /// # Panics
     /// If cloud and cell come from different quantisers: a programming error.
-    pub fn parts(&self, cloud: &PreparedCloud) -> CellParts {
+    pub fn signatures(&self, cloud: &QuantisedCloud) -> CellSignatures {
         assert_eq!(*cloud.digest(), self.shape[0].digest, "cloud and cell of different quantisers");
         let regions = cloud.regions([self.shape[0].disk, self.shape[0].ring]);
         let [angle_classes, colour_classes] = self.classes;
-        CellParts {
+        CellSignatures {
             shape: widest(Shapes {
                 angles: &cloud.angles,
                 classes: angle_classes,
@@ -73,11 +73,11 @@ impl Rows {
     }
 
     #[inline(always)]
-    fn summarise(&self) -> Part {
+    fn signature(&self) -> Signature {
         if self.bins == 0 {
-            return Part::default();
+            return Signature::default();
         }
-        Summarise { rows: &self.values, width: 2 * self.bins }.call()
+        MeanAndDeviation { rows: &self.values, width: 2 * self.bins }.call()
     }
 }
 
@@ -90,10 +90,10 @@ struct Shapes<'a> {
 }
 
 impl NullaryFnOnce for Shapes<'_> {
-    type Output = Vec<Part>;
+    type Output = Vec<Signature>;
 
     #[inline(always)]
-    fn call(self) -> Vec<Part> {
+    fn call(self) -> Vec<Signature> {
         let codes = self.angles.codes(self.classes);
         let bin = |binning: &Binning, code| binning.shape.get(self.angles.class(code));
         // The first code of each bin and the end of the last, for all descriptors one after the other.
@@ -128,7 +128,7 @@ impl NullaryFnOnce for Shapes<'_> {
                 }
             }
         }
-        rows.iter().map(Rows::summarise).collect()
+        rows.iter().map(Rows::signature).collect()
     }
 }
 
@@ -147,10 +147,10 @@ struct Colours<'a> {
 }
 
 impl NullaryFnOnce for Colours<'_> {
-    type Output = Vec<Part>;
+    type Output = Vec<Signature>;
 
     #[inline(always)]
-    fn call(self) -> Vec<Part> {
+    fn call(self) -> Vec<Signature> {
         let mut rows: Vec<Rows> = self
             .binnings
             .iter()
@@ -181,6 +181,6 @@ impl NullaryFnOnce for Colours<'_> {
                 }
             }
         }
-        rows.iter().map(Rows::summarise).collect()
+        rows.iter().map(Rows::signature).collect()
     }
 }

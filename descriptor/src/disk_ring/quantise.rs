@@ -3,11 +3,11 @@
 //! Each bin of each descriptor is a union of classes, so a neighbour is classified once and every descriptor only
 //! looks its bins up.
 
-use crate::angle::{self, Turn};
-use crate::bins::BinOfClass;
-use crate::colour::{Channel, HueSaturation};
+use crate::colour::{Component, HueSaturation};
+use crate::disk_ring::angle::{self, Turn};
+use crate::disk_ring::bins::BinOfClass;
+use crate::disk_ring::step_table::{Slicer, StepTable};
 use crate::neighbours::floor_f32;
-use crate::steps::{Slicer, Steps};
 use crate::{GeneKind, GeneTable, Parameters};
 
 /// Most radii in one table: each costs four bytes a keypoint.
@@ -41,13 +41,13 @@ pub enum QuantiseError {
 pub struct Quantiser {
     table: GeneTable,
     angle_bounds: Vec<Turn>,
-    angle_steps: Steps,
+    angle_table: StepTable,
     /// Empty without colour, like those of saturation.
     hue_bounds: Vec<f32>,
     saturation_bounds: Vec<f32>,
     /// All values of R1 and R2, ascending, micrometres.
     radii_um: Vec<u32>,
-    radius_steps: Steps,
+    radius_table: StepTable,
     digest: [u8; 32],
 }
 
@@ -63,8 +63,8 @@ impl Quantiser {
         if angle_bounds.len() > usize::from(u16::MAX) {
             return Err(QuantiseError::TooManyAngles { got: angle_bounds.len() + 1 });
         }
-        let hue_bounds = Channel::Hue.bounds(values(GeneKind::ColourBins));
-        let saturation_bounds = Channel::Saturation.bounds(values(GeneKind::ColourBins));
+        let hue_bounds = Component::Hue.bounds(values(GeneKind::ColourBins));
+        let saturation_bounds = Component::Saturation.bounds(values(GeneKind::ColourBins));
         let colours = (hue_bounds.len() + 1) * (saturation_bounds.len() + 1);
         if colours > usize::from(u16::MAX) + 1 {
             return Err(QuantiseError::TooManyColours { got: colours });
@@ -79,18 +79,18 @@ impl Quantiser {
 
         // An angle reaches a bound when its cosine does not exceed the bound's: −cosine ≥ −bound, in other words
         // −cosine is above the largest f32 below −bound.
-        let angle_steps =
+        let angle_thresholds =
             angle_bounds.iter().map(|&bound| floor_f32((-bound.cosine()).next_down())).collect();
-        let radius_steps = radii_um.iter().map(|&um| floor_f32(squared_metres(um))).collect();
+        let radius_thresholds = radii_um.iter().map(|&um| floor_f32(squared_metres(um))).collect();
         let digest = digest(&angle_bounds, [&hue_bounds, &saturation_bounds], &radii_um);
         Ok(Self {
             table: table.clone(),
             angle_bounds,
-            angle_steps: Steps::new(angle_steps),
+            angle_table: StepTable::new(angle_thresholds),
             hue_bounds,
             saturation_bounds,
             radii_um,
-            radius_steps: Steps::new(radius_steps),
+            radius_table: StepTable::new(radius_thresholds),
             digest,
         })
     }
@@ -117,7 +117,7 @@ impl Quantiser {
 
     /// Largest d² of a neighbour in any region, square metres.
     pub(crate) fn reach2(&self) -> f32 {
-        self.radius_steps.last().unwrap_or(0.0)
+        self.radius_table.last().unwrap_or(0.0)
     }
 
     /// Numbers of angle classes and of colour classes.
@@ -128,35 +128,35 @@ impl Quantiser {
 
     /// Number of radii.
     pub(crate) fn radii(&self) -> usize {
-        self.radius_steps.len()
+        self.radius_table.len()
     }
 
     /// For every radius, ascending, the largest d² of a neighbour within it, square metres.
     pub(crate) fn squared_radii(&self) -> &[f32] {
-        self.radius_steps.thresholds()
+        self.radius_table.thresholds()
     }
 
     /// Number of radii R with d² > R²: the shell that a neighbour lies in.
     #[inline]
     pub(crate) fn shell(&self, d2: f32) -> usize {
-        self.radius_steps.below(d2)
+        self.radius_table.below(d2)
     }
 
     /// Class of the angle between two unit normals, from its cosine; `slice` is that of the negative cosine.
     #[inline]
     pub(crate) fn angle_class_in(&self, slice: u16, cosine: f32) -> u16 {
-        self.angle_steps.below_in(slice, -cosine) as u16
+        self.angle_table.below_in(slice, -cosine) as u16
     }
 
     /// Finds the slice of a negative cosine.
     pub(crate) fn angle_slicer(&self) -> Slicer {
-        self.angle_steps.slicer()
+        self.angle_table.slicer()
     }
 
     /// Class of the angle between two unit normals, from its cosine.
     #[cfg(test)]
     pub(crate) fn angle_class(&self, cosine: f32) -> u16 {
-        self.angle_steps.below(-cosine) as u16
+        self.angle_table.below(-cosine) as u16
     }
 
     /// Class of a colour: hue class · number of saturation classes + saturation class.
@@ -190,8 +190,8 @@ impl Quantiser {
         }
         let position = |um: u32| self.radii_um.partition_point(|&radius| radius < um);
         let m = parameters.colour_bins;
-        let hues = Channel::Hue.bin_of_class(&self.hue_bounds, m);
-        let saturations = Channel::Saturation.bin_of_class(&self.saturation_bounds, m);
+        let hues = Component::Hue.bin_of_class(&self.hue_bounds, m);
+        let saturations = Component::Saturation.bin_of_class(&self.saturation_bounds, m);
         let colour_bin = |hue: u16| saturations.iter().map(move |saturation| m as u16 * hue + saturation);
         Ok(Binning {
             parameters: *parameters,

@@ -3,13 +3,14 @@
 use pulp::NullaryFnOnce;
 use rayon::prelude::*;
 
-use super::{Cell, CellParts};
-use crate::distance::{LANES, Turned};
+use super::{Cell, CellSignatures};
+use crate::disk_ring::signature::weighted;
+use crate::distance::{LANES, Transposed};
 use crate::recognise::{Label, RecogniseError};
-use crate::summary::{Part, Parts, weighted};
+use crate::signature::{Signature, Signatures};
 use crate::wide::widest;
 
-/// Queries whose distances are held at once by a thread: the database, turned, is gone through once for all of them.
+/// Queries whose distances are held at once by a thread: the database, transposed, is gone through once for all of them.
 const TILE: usize = 16;
 
 impl Cell {
@@ -23,9 +24,9 @@ impl Cell {
     /// If there is not one label for each cloud: a programming error.
     pub fn object_correct(
         &self,
-        queries: &[CellParts],
+        queries: &[CellSignatures],
         query_labels: &[Label],
-        database: &[CellParts],
+        database: &[CellSignatures],
         database_labels: &[Label],
     ) -> Result<Vec<u32>, RecogniseError> {
         assert_eq!(queries.len(), query_labels.len(), "one label for each query");
@@ -33,12 +34,12 @@ impl Cell {
         if database.is_empty() && !queries.is_empty() {
             return Err(RecogniseError::EmptyDatabase);
         }
-        let turned = |parts: fn(&CellParts) -> &[Part], count: usize| -> Vec<Turned> {
-            let of = |value: usize| database.iter().map(|cloud| &parts(cloud)[value]).collect::<Parts>();
-            (0..count).into_par_iter().map(|value| Turned::new(&of(value))).collect()
+        let transposed = |of: fn(&CellSignatures) -> &[Signature], count: usize| -> Vec<Transposed> {
+            let all = |value: usize| database.iter().map(|cloud| &of(cloud)[value]).collect::<Signatures>();
+            (0..count).into_par_iter().map(|value| Transposed::new(&all(value))).collect()
         };
-        let shape = turned(|cloud| &cloud.shape, self.shape.len());
-        let colour = turned(|cloud| &cloud.colour, self.colour.len());
+        let shape = transposed(|cloud| &cloud.shape, self.shape.len());
+        let colour = transposed(|cloud| &cloud.colour, self.colour.len());
         let tiles = queries.par_chunks(TILE).zip(query_labels.par_chunks(TILE));
         let counts = tiles.fold(
             || vec![0u32; self.descriptors()],
@@ -62,7 +63,7 @@ impl Cell {
 
     /// Adds one query to the counts of every descriptor.
     fn count(&self, shape: &Rows, colour: &Rows, query: usize, same: &[bool], counts: &mut [u32]) {
-        let mut race = Race::default();
+        let mut filter = CandidateFilter::default();
         let nearest_in_colour: Vec<usize> =
             (0..self.colour.len()).map(|m| lowest(colour.row(m, query))).collect();
         for (n, counts) in counts.chunks_exact_mut(self.colour.len() * self.weights.len()).enumerate() {
@@ -72,8 +73,8 @@ impl Cell {
                 let colours = colour.row(m, query);
                 let rivals =
                     [nearest_in_shape, nearest_in_colour[m]].map(|cloud| (shapes[cloud], colours[cloud]));
-                race.enter(shapes, colours, same, &rivals);
-                race.run(&self.weights, counts);
+                filter.select(shapes, colours, same, &rivals);
+                filter.count(&self.weights, counts);
             }
         }
     }
@@ -89,16 +90,16 @@ struct Rows {
 
 impl Rows {
     fn new(
-        database: &[Turned],
-        queries: &[CellParts],
+        database: &[Transposed],
+        queries: &[CellSignatures],
         columns: usize,
-        parts: fn(&CellParts) -> &[Part],
+        of: fn(&CellSignatures) -> &[Signature],
     ) -> Self {
         let blocks = columns.div_ceil(LANES);
         let mut rows = vec![[0.0; LANES]; database.len() * TILE * blocks];
         for (value, database) in database.iter().enumerate() {
             for (query, row) in queries.iter().zip(rows[value * TILE * blocks..].chunks_exact_mut(blocks)) {
-                let Part { centroid, deviation } = &parts(query)[value];
+                let Signature { centroid, deviation } = &of(query)[value];
                 database.distances([centroid, deviation], row);
             }
         }
@@ -118,47 +119,47 @@ fn lowest(values: &[f32]) -> usize {
 
 /// A cloud of the database that can be the nearest for some w.
 #[derive(Clone, Copy, Debug)]
-struct Entrant {
+struct Candidate {
     shape: f32,
     colour: f32,
     /// Shows the query's object.
     same: bool,
 }
 
-/// Who is nearest to one query under one shape_bins and one m, for every w.
+/// Which clouds can be nearest to one query under one shape_bins and one m, for every w.
 ///
 /// A cloud that is farther than another one in both shape and colour is farther for every w in [0, 1], as w·s and
 /// (1 − w)·c and their sum never decrease with s and c, however they round, and the difference of two f32 values is
-/// far above the rounding of an f64 sum of them. So only clouds not strictly behind any of some `rivals` enter; the
+/// far above the rounding of an f64 sum of them. So only clouds that none of some `rivals` dominates are candidates; the
 /// set distance of those is computed as the evaluator does, for every w of the grid.
 #[derive(Default)]
-struct Race {
-    entrants: Vec<Entrant>,
+struct CandidateFilter {
+    candidates: Vec<Candidate>,
     nearest_same: Vec<f64>,
     nearest_other: Vec<f64>,
 }
 
-impl Race {
-    fn enter(&mut self, shapes: &[f32], colours: &[f32], same: &[bool], rivals: &[(f32, f32)]) {
-        self.entrants.clear();
-        widest(Enter { shapes, colours, same, rivals, entrants: &mut self.entrants });
+impl CandidateFilter {
+    fn select(&mut self, shapes: &[f32], colours: &[f32], same: &[bool], rivals: &[(f32, f32)]) {
+        self.candidates.clear();
+        widest(Select { shapes, colours, same, rivals, candidates: &mut self.candidates });
     }
 
     /// Adds one to the count of every w whose nearest cloud is of the same object.
-    fn run(&mut self, weights: &[f64], counts: &mut [u32]) {
-        let of_same = self.entrants.iter().filter(|entrant| entrant.same).count();
+    fn count(&mut self, weights: &[f64], counts: &mut [u32]) {
+        let of_same = self.candidates.iter().filter(|candidate| candidate.same).count();
         if of_same == 0 {
             return;
         }
-        if of_same == self.entrants.len() {
+        if of_same == self.candidates.len() {
             counts.iter_mut().for_each(|count| *count += 1);
             return;
         }
         for (nearest, same) in [(&mut self.nearest_same, true), (&mut self.nearest_other, false)] {
             nearest.clear();
             nearest.resize(weights.len(), f64::INFINITY);
-            for entrant in self.entrants.iter().filter(|entrant| entrant.same == same) {
-                widest(Pace { weights, entrant: *entrant, nearest });
+            for candidate in self.candidates.iter().filter(|candidate| candidate.same == same) {
+                widest(LeastDistances { weights, candidate: *candidate, nearest });
             }
         }
         for (w, count) in counts.iter_mut().enumerate() {
@@ -170,21 +171,21 @@ impl Race {
 
     /// Whether the first of the clouds at this distance shows the query's object.
     fn first_at(&self, weight: f64, distance: f64) -> bool {
-        let mut at = self.entrants.iter().filter(|e| weighted(e.shape, e.colour, weight) == distance);
+        let mut at = self.candidates.iter().filter(|it| weighted(it.shape, it.colour, weight) == distance);
         at.next().is_some_and(|first| first.same)
     }
 }
 
-/// The kernel of [`Race::enter`].
-struct Enter<'a> {
+/// The kernel of [`CandidateFilter::select`].
+struct Select<'a> {
     shapes: &'a [f32],
     colours: &'a [f32],
     same: &'a [bool],
     rivals: &'a [(f32, f32)],
-    entrants: &'a mut Vec<Entrant>,
+    candidates: &'a mut Vec<Candidate>,
 }
 
-impl NullaryFnOnce for Enter<'_> {
+impl NullaryFnOnce for Select<'_> {
     type Output = ();
 
     #[inline(always)]
@@ -193,16 +194,16 @@ impl NullaryFnOnce for Enter<'_> {
         for (block, (shapes, colours)) in
             self.shapes.chunks(BLOCK).zip(self.colours.chunks(BLOCK)).enumerate()
         {
-            let mut ahead = [1u8; BLOCK];
+            let mut is_candidate = [1u8; BLOCK];
             for &(shape, colour) in self.rivals {
-                for ((ahead, &s), &c) in ahead.iter_mut().zip(shapes).zip(colours) {
-                    *ahead &= u8::from((s <= shape) | (c <= colour));
+                for ((is_candidate, &s), &c) in is_candidate.iter_mut().zip(shapes).zip(colours) {
+                    *is_candidate &= u8::from((s <= shape) | (c <= colour));
                 }
             }
             for (place, (&shape, &colour)) in shapes.iter().zip(colours).enumerate() {
-                if ahead[place] != 0 {
+                if is_candidate[place] != 0 {
                     let index = block * BLOCK + place;
-                    self.entrants.push(Entrant { shape, colour, same: self.same[index] });
+                    self.candidates.push(Candidate { shape, colour, same: self.same[index] });
                 }
             }
         }
@@ -210,18 +211,18 @@ impl NullaryFnOnce for Enter<'_> {
 }
 
 /// The set distance of one cloud for every w, and the least so far.
-struct Pace<'a> {
+struct LeastDistances<'a> {
     weights: &'a [f64],
-    entrant: Entrant,
+    candidate: Candidate,
     nearest: &'a mut [f64],
 }
 
-impl NullaryFnOnce for Pace<'_> {
+impl NullaryFnOnce for LeastDistances<'_> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        let Entrant { shape, colour, .. } = self.entrant;
+        let Candidate { shape, colour, .. } = self.candidate;
         for (nearest, &weight) in self.nearest.iter_mut().zip(self.weights) {
             let distance = weighted(shape, colour, weight);
             *nearest = if distance < *nearest { distance } else { *nearest };

@@ -1,4 +1,4 @@
-//! Damaged and hostile PCD files: each is refused with a message, before memory is asked for.
+//! Damaged PCD files: each is refused with a message, before memory is asked for.
 
 use expect_test::{Expect, expect};
 use proptest::prelude::*;

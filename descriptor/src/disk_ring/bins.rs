@@ -14,9 +14,9 @@ const _: () = {
     assert!(shape_bins <= MAX_BINS && colour_bins * colour_bins <= MAX_BINS);
 };
 
-/// Neighbours that are counted at once: a count that was just changed takes time until it can be changed again, and
+/// Consecutive neighbours that are counted independently of each other: a count that was just changed takes time until it can be changed again, and
 /// half of the neighbours on a smooth surface fall into the same bin.
-const TURNS: usize = 4;
+const INTERLEAVED: usize = 4;
 
 /// Entries of a table: a few more than bins, as equal places of tables 4096 bytes apart pass for the same address until
 /// late, and their counts wait for each other.
@@ -76,8 +76,8 @@ impl BinOfClass {
 pub(crate) enum Counter<'a> {
     /// In vectors, which needs no memory that would be read again at once.
     Lanes(Cow<'a, [Lanes]>),
-    /// In tables that neighbours are counted in by turns.
-    Tables(Cow<'a, [u16]>, Box<[[u32; TABLE]; TURNS]>),
+    /// In tables that take consecutive neighbours in rotation.
+    Tables(Cow<'a, [u16]>, Box<[[u32; TABLE]; INTERLEAVED]>),
 }
 
 impl<'a> Counter<'a> {
@@ -88,7 +88,7 @@ impl<'a> Counter<'a> {
             listed.iter().map(|&class| of_classes[usize::from(class)].clone()).collect()
         }
         if bins.units.is_empty() {
-            Self::Tables(of_codes(&bins.bins, listed), Box::new([[0; TABLE]; TURNS]))
+            Self::Tables(of_codes(&bins.bins, listed), Box::new([[0; TABLE]; INTERLEAVED]))
         } else {
             Self::Lanes(of_codes(&bins.units, listed))
         }
@@ -125,12 +125,12 @@ impl<'a> Counter<'a> {
 fn count_in_lanes<C: Copy + Into<usize>>(codes: &[C], units: &[Lanes]) -> [u32; LANES] {
     let mut counts = [0; LANES];
     // As many as no lane can overflow with.
-    for codes in codes.chunks(TURNS * u8::MAX as usize) {
-        let mut sums = [Lanes::default(); TURNS];
-        let (groups, rest) = codes.as_chunks::<TURNS>();
+    for codes in codes.chunks(INTERLEAVED * u8::MAX as usize) {
+        let mut sums = [Lanes::default(); INTERLEAVED];
+        let (groups, rest) = codes.as_chunks::<INTERLEAVED>();
         for group in groups {
-            for turn in 0..TURNS {
-                sums[turn].add(&units[group[turn].into()]);
+            for way in 0..INTERLEAVED {
+                sums[way].add(&units[group[way].into()]);
             }
         }
         for (sum, &code) in sums.iter_mut().zip(rest) {
@@ -146,9 +146,13 @@ fn count_in_lanes<C: Copy + Into<usize>>(codes: &[C], units: &[Lanes]) -> [u32; 
 }
 
 #[inline(always)]
-fn count_in_tables<C: Copy + Into<usize>>(codes: &[C], bins: &[u16], tables: &mut [[u32; TABLE]; TURNS]) {
+fn count_in_tables<C: Copy + Into<usize>>(
+    codes: &[C],
+    bins: &[u16],
+    tables: &mut [[u32; TABLE]; INTERLEAVED],
+) {
     let bin = |code: C| usize::from(bins[code.into()]) % MAX_BINS;
-    let (groups, rest) = codes.as_chunks::<TURNS>();
+    let (groups, rest) = codes.as_chunks::<INTERLEAVED>();
     for group in groups {
         for (table, &code) in tables.iter_mut().zip(group) {
             table[bin(code)] += 1;

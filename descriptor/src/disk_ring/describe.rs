@@ -3,15 +3,17 @@
 use pulp::NullaryFnOnce;
 
 use crate::Cloud;
+use crate::disk_ring::quantise::Quantiser;
+use crate::disk_ring::quantised::QuantisedCloud;
+use crate::disk_ring::records::Records;
+use crate::disk_ring::step_table::Slicer;
 use crate::keypoints::Keypoints;
-use crate::prepare::{Normals, PrepareError, PreparedCloud};
-use crate::quantise::Quantiser;
-use crate::records::Records;
-use crate::steps::Slicer;
+use crate::prepare::Normals;
+use crate::prepare_error::PrepareError;
 use crate::surface::{BLOCK, SORTED_ABOVE, Surface};
 use crate::wide::widest;
 
-impl PreparedCloud {
+impl QuantisedCloud {
     /// The stage `describe`, for a cloud in metres.
     ///
     /// # Errors
@@ -25,7 +27,7 @@ impl PreparedCloud {
         Self::describe_sorted(cloud, keypoints, normals, quantiser, SORTED_ABOVE)
     }
 
-    /// As [`PreparedCloud::describe`], with blocks of neighbouring points for clouds of more than `sorted_above` points.
+    /// As [`QuantisedCloud::describe`], with blocks of neighbouring points for clouds of more than `sorted_above` points.
     pub(crate) fn describe_sorted(
         cloud: &Cloud,
         keypoints: &Keypoints,
@@ -200,7 +202,7 @@ impl Near {
     }
 
     /// Appends the records of one keypoint, shell by shell.
-    fn append_to(&mut self, prepared: &mut PreparedCloud, quantiser: &Quantiser) {
+    fn append_to(&mut self, prepared: &mut QuantisedCloud, quantiser: &Quantiser) {
         let mut total = 0;
         for list in &self.lists {
             if list.is_mixed {

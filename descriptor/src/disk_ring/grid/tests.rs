@@ -4,11 +4,11 @@ use proptest::prelude::*;
 use rand::RngExt;
 
 use super::*;
-use crate::genes::Domain;
+use crate::disk_ring::genes::Domain;
 use crate::random::stream;
-use crate::summary::{Part, Summary};
+use crate::signature::{Signature, Signatures};
 use crate::testing::sheet;
-use crate::{Correct, GeneTable, Label, PreparedCloud, Preprocess, recognise};
+use crate::{Correct, GeneTable, Label, Preprocess, QuantisedCloud, recognise};
 
 fn table(colour: bool, weights: Domain) -> GeneTable {
     let domains = [
@@ -21,9 +21,9 @@ fn table(colour: bool, weights: Domain) -> GeneTable {
     GeneTable::new(domains, colour).unwrap()
 }
 
-fn clouds(seeds: std::ops::Range<u64>, colour: bool, quantiser: &Quantiser) -> Vec<PreparedCloud> {
+fn clouds(seeds: std::ops::Range<u64>, colour: bool, quantiser: &Quantiser) -> Vec<QuantisedCloud> {
     let preprocess = Preprocess { colour, ..Preprocess::default() };
-    seeds.map(|seed| PreparedCloud::new(&sheet(seed, 250), &preprocess, quantiser).unwrap()).collect()
+    seeds.map(|seed| QuantisedCloud::new(&sheet(seed, 250), &preprocess, quantiser).unwrap()).collect()
 }
 
 fn labels(count: usize, objects: u32) -> Vec<Label> {
@@ -33,22 +33,21 @@ fn labels(count: usize, objects: u32) -> Vec<Label> {
 /// What the evaluator counts for every descriptor of a cell, one after the other.
 fn plainly(
     cell: &Cell,
-    [queries, database]: [&[CellParts]; 2],
+    [queries, database]: [&[CellSignatures]; 2],
     [query_labels, labels]: [&[Label]; 2],
 ) -> Vec<u32> {
     let mut counts = Vec::new();
     for n in 0..cell.shape.len() {
         for m in 0..cell.colour.len() {
-            let summaries = |clouds: &[CellParts]| -> Vec<Summary> {
-                let summary = |cloud: &CellParts| Summary {
-                    shape: cloud.shape[n].clone(),
-                    colour: cloud.colour[m].clone(),
-                };
-                clouds.iter().map(summary).collect()
+            let signatures = |clouds: &[CellSignatures]| -> [Signatures; 2] {
+                [
+                    clouds.iter().map(|cloud| &cloud.shape[n]).collect(),
+                    clouds.iter().map(|cloud| &cloud.colour[m]).collect(),
+                ]
             };
-            let (queries, database) = (summaries(queries), summaries(database));
+            let (queries, database) = (signatures(queries), signatures(database));
             for &weight in &cell.weights {
-                let found = recognise(&queries, &database, labels, weight).unwrap();
+                let found = recognise(&queries, &database, &[weight, 1.0 - weight], labels).unwrap();
                 counts.push(Correct::count(&found, query_labels, labels).object as u32);
             }
         }
@@ -64,16 +63,16 @@ fn a_cell_is_the_evaluator_for_every_descriptor() {
         let labels = labels(clouds.len(), 7);
         for (disk_um, ring_um) in [(8_000, 21_000), (13_000, 30_000)] {
             let cell = Cell::new(&quantiser, disk_um, ring_um).unwrap();
-            let parts: Vec<CellParts> = clouds.iter().map(|cloud| cell.parts(cloud)).collect();
-            for (cloud, parts) in clouds.iter().zip(&parts) {
-                for (binning, part) in cell.shape.iter().zip(&parts.shape) {
-                    assert_eq!(*part, Summary::new(cloud, binning).shape);
+            let signatures: Vec<CellSignatures> = clouds.iter().map(|cloud| cell.signatures(cloud)).collect();
+            for (cloud, of_cell) in clouds.iter().zip(&signatures) {
+                for (binning, signature) in cell.shape.iter().zip(&of_cell.shape) {
+                    assert_eq!(*signature, binning.signature(cloud)[0]);
                 }
-                for (binning, part) in cell.colour.iter().zip(&parts.colour) {
-                    assert_eq!(*part, Summary::new(cloud, binning).colour);
+                for (binning, signature) in cell.colour.iter().zip(&of_cell.colour) {
+                    assert_eq!(*signature, binning.signature(cloud)[1]);
                 }
             }
-            let (queries, database) = parts.split_at(25);
+            let (queries, database) = signatures.split_at(25);
             let (query_labels, labels) = labels.split_at(25);
             let counts = cell.object_correct(queries, query_labels, database, labels).unwrap();
             assert_eq!(counts.len(), cell.descriptors());
@@ -84,9 +83,9 @@ fn a_cell_is_the_evaluator_for_every_descriptor() {
     }
 }
 
-/// A part whose distance to the empty one is a given number of halves.
-fn part(halves: u32) -> Part {
-    Part { centroid: vec![halves as f32, 0.0], deviation: vec![0.0; 2] }
+/// A signature whose distance to the empty one is a given number of halves.
+fn signature(halves: u32) -> Signature {
+    Signature { centroid: vec![halves as f32, 0.0], deviation: vec![0.0; 2] }
 }
 
 proptest! {
@@ -104,12 +103,12 @@ proptest! {
         let quantiser = Quantiser::new(&table(true, Domain { low, step, count })).unwrap();
         let cell = Cell::new(&quantiser, 8_000, 21_000).unwrap();
         let mut rng = stream(seed, "tied distances", &[]);
-        let mut draw = |values: usize, spread: u32| -> Vec<Part> {
-            (0..values).map(|_| part(if spread == 0 { 0 } else { rng.random_range(0..=spread) })).collect()
+        let mut draw = |values: usize, spread: u32| -> Vec<Signature> {
+            (0..values).map(|_| signature(if spread == 0 { 0 } else { rng.random_range(0..=spread) })).collect()
         };
-        let mut cloud = |spread| CellParts { shape: draw(4, spread), colour: draw(3, spread) };
-        let queries: Vec<CellParts> = (0..3).map(|_| cloud(0)).collect();
-        let database: Vec<CellParts> = (0..database).map(|_| cloud(spread)).collect();
+        let mut cloud = |spread| CellSignatures { shape: draw(4, spread), colour: draw(3, spread) };
+        let queries: Vec<CellSignatures> = (0..3).map(|_| cloud(0)).collect();
+        let database: Vec<CellSignatures> = (0..database).map(|_| cloud(spread)).collect();
         let (query_labels, labels) = (labels(3, 3), labels(database.len(), 4));
         let counts = cell.object_correct(&queries, &query_labels, &database, &labels).unwrap();
         prop_assert_eq!(counts, plainly(&cell, [&queries, &database], [&query_labels, &labels]));
@@ -120,9 +119,9 @@ proptest! {
 fn an_empty_database_is_an_error_and_no_queries_are_none() {
     let quantiser = Quantiser::new(&table(true, Domain { low: 0, step: 500_000, count: 3 })).unwrap();
     let cell = Cell::new(&quantiser, 8_000, 21_000).unwrap();
-    let parts = vec![cell.parts(&clouds(0..1, true, &quantiser)[0])];
+    let signatures = vec![cell.signatures(&clouds(0..1, true, &quantiser)[0])];
     let label = labels(1, 1);
-    assert!(cell.object_correct(&parts, &label, &[], &[]).is_err());
-    assert_eq!(cell.object_correct(&[], &[], &parts, &label).unwrap(), vec![0; cell.descriptors()]);
-    assert!(parts[0].bytes() > 1000);
+    assert!(cell.object_correct(&signatures, &label, &[], &[]).is_err());
+    assert_eq!(cell.object_correct(&[], &[], &signatures, &label).unwrap(), vec![0; cell.descriptors()]);
+    assert!(signatures[0].bytes() > 1000);
 }
