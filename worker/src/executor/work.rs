@@ -9,9 +9,9 @@ pub struct Work {
     pub loaded: u64,
     /// Prepared clouds that came from the coordinator.
     pub fetched: u64,
-    /// Parts of clouds counted: shape and colour of one cloud are two.
+    /// Signatures computed: shape and colour of one cloud are two.
     pub described: u64,
-    /// Descriptions that came from the coordinator.
+    /// Encoded signatures of shards that came from the coordinator.
     pub handed: u64,
     /// Distance matrices computed.
     pub matched: u64,

@@ -19,11 +19,6 @@ impl Computing {
         Ok(Self(Arc::new(pool)))
     }
 
-    /// How many they are.
-    pub fn threads(&self) -> usize {
-        self.0.current_num_threads()
-    }
-
     /// Runs `work` on the pool; a panic in it goes on in the caller, which reports it.
     pub async fn run<T: Send + 'static>(&self, work: impl FnOnce() -> T + Send + 'static) -> T {
         let pool = Arc::clone(&self.0);

@@ -1,36 +1,35 @@
-//! What is kept in memory for one preparation: prepared clouds, as many as fit, and what evaluations have in common.
+//! Prepared clouds in memory: as many as fit, for one way of preparing them.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use descriptor::{PreparedCloud, QuantiseError, Quantiser};
+use descriptor::{PreparedCloud, Preparer, QuantiseError};
 use proto::Digest;
 
+use crate::executor::manifest::Listed;
+use crate::executor::task::Preparation;
 use crate::size::Size;
 use crate::store;
-use crate::workshop::Preparation;
-use crate::workshop::manifest::Listed;
-use crate::workshop::reuse::Reuse;
 
 /// A prepared cloud that was never seen is taken to be this many times as large as its source.
 const GROWTH: usize = 16;
 /// More at once than this does not make batches faster, bytes.
 const LARGEST_BATCH: usize = 64 << 20;
-/// More parts and distances than this are hardly ever asked for again, bytes: those of some hundred descriptors of a
+/// More signatures and distances than this are hardly ever asked for again, bytes: those of some hundred descriptors of a
 /// thousand clouds.
 const LARGEST_REUSE: usize = 192 << 20;
 
-/// How a worker's memory is shared out: three quarters for clouds, up to three sixteenths for parts and distances, the
+/// How a worker's memory is shared out: three quarters for clouds, up to three sixteenths for signatures and distances, the
 /// rest for clouds on their way.
 #[derive(Clone, Copy, Debug)]
-struct Shares {
+pub(super) struct Shares {
     clouds: usize,
-    reuse: usize,
+    pub(super) reuse: usize,
     batch: usize,
 }
 
 impl Shares {
-    fn of(memory: Size) -> Self {
+    pub(super) fn of(memory: Size) -> Self {
         let sixteenth = usize::try_from(memory.bytes() / 16).unwrap_or(usize::MAX / 16);
         Self {
             clouds: 12 * sixteenth,
@@ -40,27 +39,25 @@ impl Shares {
     }
 }
 
-/// One preparation and what is known under it.
-pub struct Shelf {
+/// One way of preparing clouds, and the clouds that are kept of it.
+pub struct PreparationCache {
     preparation: Preparation,
-    /// The classes of the preparation's search space.
-    pub quantiser: Quantiser,
+    /// Prepares clouds for the preparation's search space.
+    pub preparer: Preparer,
     clouds: Mutex<Clouds>,
-    reuse: Mutex<Reuse>,
 }
 
-impl Shelf {
-    /// An empty shelf that takes up to `memory`.
+impl PreparationCache {
+    /// Empty; takes up to `memory`.
     ///
     /// # Errors
-    /// If the search space cannot be quantised.
+    /// If clouds cannot be prepared for the search space.
     pub fn new(preparation: &Preparation, memory: Size) -> Result<Self, QuantiseError> {
-        let shares = Shares::of(memory);
+        let (shares, preparer) = (Shares::of(memory), preparation.space.preparer()?);
         Ok(Self {
             preparation: preparation.clone(),
-            quantiser: Quantiser::new(&preparation.genes)?,
-            clouds: Mutex::new(Clouds::new(shares.clouds, shares.batch)),
-            reuse: Mutex::new(Reuse::new(shares.reuse)),
+            clouds: Mutex::new(Clouds::new(if preparer.is_kept() { shares.clouds } else { 0 }, shares.batch)),
+            preparer,
         })
     }
 
@@ -69,20 +66,16 @@ impl Shelf {
         &self.preparation
     }
 
-    /// The name of a cloud's entry in the store.
-    pub fn entry_key(&self, cloud: Digest) -> Digest {
-        store::prepared_cloud_key(&self.preparation.preprocess, &self.quantiser, cloud)
+    /// The name of a cloud's entry in the store; `None` of clouds that are prepared anew each time.
+    pub fn entry_key(&self, cloud: Digest) -> Option<Digest> {
+        let quantiser = self.preparer.quantiser()?;
+        Some(store::prepared_cloud_key(&self.preparation.preprocess, quantiser, cloud))
     }
 
     /// The clouds in memory.
     pub fn clouds(&self) -> MutexGuard<'_, Clouds> {
         // Clouds are inserted whole: a panic elsewhere cannot leave a half-made one behind.
         self.clouds.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Parts and distances in memory.
-    pub fn reuse(&self) -> MutexGuard<'_, Reuse> {
-        self.reuse.lock().unwrap_or_else(PoisonError::into_inner) // as above
     }
 }
 

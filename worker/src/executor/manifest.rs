@@ -6,7 +6,7 @@ use descriptor::Label;
 use prost::Message as _;
 use proto::{Digest, v1};
 
-use crate::workshop::EvaluationError;
+use crate::executor::error::EvaluationError;
 
 /// One cloud of a split.
 #[derive(Clone, Debug)]
