@@ -12,9 +12,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use descriptor::description::DescriptionError;
 use descriptor::recognise::RecogniseError;
-use descriptor::{Descriptor, GeneTable, Label, Parameters, Quantiser, SetDistance};
+use descriptor::{Descriptor, GeneTable, Label, Parameters, Quantiser, SetDistance, SignatureError};
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use results::{ComparedRow, Counts, LookRow, RunFolder, wilson};
 use worker::Storage;
@@ -92,7 +91,7 @@ pub enum CompareError {
     },
     /// A worker's answer is no description.
     #[error(transparent)]
-    Description(#[from] DescriptionError),
+    Description(#[from] SignatureError),
     /// Nothing in the database.
     #[error("{label}: {source}")]
     Recognise {
@@ -299,7 +298,7 @@ fn distinct(contestants: &[Contestant]) -> Vec<Descriptor> {
     let mut descriptors = Vec::new();
     for contestant in contestants {
         if !descriptors.contains(&contestant.descriptor) {
-            descriptors.push(contestant.descriptor);
+            descriptors.push(contestant.descriptor.clone());
         }
     }
     descriptors
@@ -373,7 +372,7 @@ fn row(
         |name| recognition.curves.iter().find(|curve| curve.name == name).and_then(results::Curve::area);
     ComparedRow {
         descriptor: contestant.label.clone(),
-        kind: contestant.descriptor.kind_name().to_owned(),
+        kind: contestant.descriptor.family().name().to_owned(),
         distance: contestant.distance.name().to_owned(),
         parameters: contestant.descriptor.parameters(),
         size: contestant.descriptor.size() as u32,

@@ -33,7 +33,7 @@ pub fn time(
     let request = Request {
         listing,
         preprocess: *preprocess,
-        descriptor: contestant.descriptor,
+        descriptor: contestant.descriptor.clone(),
         distance: contestant.distance,
         threads: 1,
     };
