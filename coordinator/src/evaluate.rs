@@ -7,11 +7,10 @@ use std::time::{Duration, Instant};
 use descriptor::fixed::FixedError;
 use descriptor::keypoints::Keypoints;
 use descriptor::prepare::{Normals, keypoints};
-use descriptor::recognise::{RecogniseError, recognise_by, recognise_from};
-use descriptor::summary::{Part, Parts};
+use descriptor::recognise::{RecogniseError, recognise_from};
 use descriptor::{
-    Cloud, Correct, Descriptor, DistanceMatrix, FixedDescriptor, GeneTable, Label, Match, Parameters,
-    PrepareError, PreparedCloud, Preprocess, Quantiser, SetDistance, Summary, pcd,
+    Cloud, Correct, Descriptor, DistanceMatrix, GeneTable, Label, Match, PrepareError, Preprocess,
+    QuantisedCloud, Quantiser, SetDistance, Signature, Signatures, pcd,
 };
 use rayon::prelude::*;
 
@@ -41,7 +40,7 @@ pub struct Seconds {
     pub keypoints: Duration,
     /// Normals of clouds and keypoints.
     pub normals: Duration,
-    /// Neighbours, histograms and their summaries.
+    /// Neighbours, histograms and signatures.
     pub describe: Duration,
     /// Distances and nearest clouds.
     pub matching: Duration,
@@ -113,8 +112,9 @@ pub enum EvaluateError {
 }
 
 /// What matching needs of a cloud, and how many of its keypoints it is made of.
-struct Described<S> {
-    summary: S,
+struct Described {
+    /// One a channel.
+    signatures: Vec<Signature>,
     keypoints: usize,
 }
 
@@ -122,48 +122,33 @@ struct Described<S> {
 pub fn evaluate(request: &Request) -> Result<Report, EvaluateError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(request.threads).build()?;
     pool.install(|| match &request.descriptor {
-        Descriptor::DiskRing(parameters) => evaluate_disk_ring(request, parameters),
-        Descriptor::Fixed(descriptor) => evaluate_fixed(request, *descriptor),
-    })
-}
-
-fn evaluate_disk_ring(request: &Request, parameters: &Parameters) -> Result<Report, EvaluateError> {
-    let quantiser = Quantiser::new(&GeneTable::single(parameters)?)?;
-    let binning = quantiser.binning(parameters)?;
-    let describe = |cloud: &Cloud, keypoints: &Keypoints, normals: &Normals| {
-        let prepared = PreparedCloud::describe(cloud, keypoints, normals, &quantiser)?;
-        Ok(Described { summary: Summary::new(&prepared, &binning), keypoints: prepared.keypoints() })
-    };
-    evaluate_by(request, describe, |queries, database, labels| {
-        let matrix = |part: fn(&Summary) -> &Part| {
-            let [queries, database] =
-                [queries, database].map(|clouds| clouds.iter().map(part).collect::<Parts>());
-            DistanceMatrix::by(request.distance, &queries, &database)
-        };
-        let (shape, colour) = (matrix(|summary| &summary.shape), matrix(|summary| &summary.colour));
-        recognise_from(queries.len(), &shape, &colour, labels, parameters.shape_weight())
-    })
-}
-
-fn evaluate_fixed(request: &Request, descriptor: FixedDescriptor) -> Result<Report, EvaluateError> {
-    let describe = |cloud: &Cloud, keypoints: &Keypoints, normals: &Normals| {
-        let histograms = descriptor.describe(cloud, keypoints, normals)?;
-        Ok(Described { summary: histograms.summary(), keypoints: histograms.rows().len() })
-    };
-    evaluate_by(request, describe, |queries, database, labels| {
-        let [queries, database] = [queries, database].map(|parts| parts.iter().collect::<Parts>());
-        recognise_by(queries.clouds(), &DistanceMatrix::by(request.distance, &queries, &database), labels)
+        Descriptor::DiskRing(parameters) => {
+            let quantiser = Quantiser::new(&GeneTable::single(parameters)?)?;
+            let binning = quantiser.binning(parameters)?;
+            evaluate_by(request, |cloud, keypoints, normals| {
+                let cloud = QuantisedCloud::describe(cloud, keypoints, normals, &quantiser)?;
+                let signatures = binning.signature(&cloud).into();
+                Ok(Described { signatures, keypoints: cloud.keypoints() })
+            })
+        }
+        Descriptor::Fixed(descriptor) => evaluate_by(request, |cloud, keypoints, normals| {
+            let histograms = descriptor.describe(cloud, keypoints, normals)?;
+            Ok(Described { signatures: vec![histograms.signature()], keypoints: histograms.rows().len() })
+        }),
+        Descriptor::GlobalHue(descriptor) => evaluate_by(request, |cloud, keypoints, _| {
+            let colours = cloud.colours.as_ref().ok_or(PrepareError::NoColours)?;
+            Ok(Described { signatures: vec![descriptor.signature(colours)], keypoints: keypoints.len() })
+        }),
     })
 }
 
 /// From the lists to the report, by any descriptor.
-fn evaluate_by<S: Send>(
+fn evaluate_by(
     request: &Request,
-    describe: impl Fn(&Cloud, &Keypoints, &Normals) -> Result<Described<S>, FixedError> + Sync,
-    recognise: impl FnOnce(&[S], &[S], &[Label]) -> Result<Vec<Match>, RecogniseError>,
+    describe: impl Fn(&Cloud, &Keypoints, &Normals) -> Result<Described, FixedError> + Sync,
 ) -> Result<Report, EvaluateError> {
     let (started, listing) = (Instant::now(), &request.listing);
-    let described: Vec<(Result<Described<S>, String>, Seconds)> = listing
+    let described: Vec<(Result<Described, String>, Seconds)> = listing
         .clouds
         .par_iter()
         .map(|cloud| describe_file(&cloud.path, &cloud.file, &request.preprocess, &describe))
@@ -172,14 +157,14 @@ fn evaluate_by<S: Send>(
     let mut seconds = Seconds::default();
     let mut skipped: Vec<(String, String)> = Vec::new();
     let mut total_keypoints = 0;
-    let mut sides = [Side::new(), Side::new()];
+    let mut sides = [Side::default(), Side::default()];
     for (index, (cloud, (described, time))) in listing.clouds.iter().zip(described).enumerate() {
         seconds += time;
         let side = &mut sides[usize::from(index >= listing.queries)];
         match described {
-            Ok(Described { summary, keypoints }) => {
+            Ok(Described { signatures, keypoints }) => {
                 total_keypoints += keypoints;
-                side.summaries.push(summary);
+                side.signatures.push(signatures);
                 side.labels.push(Label { category: cloud.category, instance: cloud.instance });
                 side.paths.push(cloud.path.clone());
             }
@@ -191,12 +176,19 @@ fn evaluate_by<S: Send>(
     }
     let [query, database] = sides;
     for (which, side) in [("--query", &query), ("--database", &database)] {
-        if side.summaries.is_empty() {
+        if side.signatures.is_empty() {
             return Err(EvaluateError::Empty { which, skipped: side.skipped });
         }
     }
     let matching = Instant::now();
-    let matches = recognise(&query.summaries, &database.summaries, &database.labels)?;
+    let weights = request.descriptor.channels().into_iter().enumerate();
+    let distances: Vec<(DistanceMatrix, f64)> = weights
+        .map(|(channel, (_, weight))| {
+            let [queries, database] = [&query, &database].map(|side| side.channel(channel));
+            (DistanceMatrix::by(request.distance, &queries, &database), weight)
+        })
+        .collect();
+    let matches = recognise_from(query.signatures.len(), &distances, &database.labels)?;
     let correct = Correct::count(&matches, &query.labels, &database.labels);
     seconds.matching = matching.elapsed();
     seconds.total = started.elapsed();
@@ -206,7 +198,7 @@ fn evaluate_by<S: Send>(
         });
     Ok(Report {
         correct,
-        database: database.summaries.len(),
+        database: database.signatures.len(),
         skipped,
         keypoints: total_keypoints,
         seconds,
@@ -215,26 +207,29 @@ fn evaluate_by<S: Send>(
 }
 
 /// Queries, or the database.
-struct Side<S> {
-    summaries: Vec<S>,
+#[derive(Default)]
+struct Side {
+    /// Of each cloud, one a channel.
+    signatures: Vec<Vec<Signature>>,
     labels: Vec<Label>,
     paths: Vec<String>,
     skipped: usize,
 }
 
-impl<S> Side<S> {
-    fn new() -> Self {
-        Self { summaries: Vec::new(), labels: Vec::new(), paths: Vec::new(), skipped: 0 }
+impl Side {
+    /// All clouds in one channel.
+    fn channel(&self, channel: usize) -> Signatures {
+        self.signatures.iter().map(|cloud| &cloud[channel]).collect()
     }
 }
 
 /// One cloud through all stages: described, or why it is skipped.
-fn describe_file<S>(
+fn describe_file(
     path: &str,
     file: &Path,
     preprocess: &Preprocess,
-    describe: impl Fn(&Cloud, &Keypoints, &Normals) -> Result<Described<S>, FixedError>,
-) -> Result<(Result<Described<S>, String>, Seconds), EvaluateError> {
+    describe: impl Fn(&Cloud, &Keypoints, &Normals) -> Result<Described, FixedError>,
+) -> Result<(Result<Described, String>, Seconds), EvaluateError> {
     let failed = |what: String| EvaluateError::Cloud { path: path.to_owned(), what };
     let mut seconds = Seconds::default();
     let clock = Instant::now();

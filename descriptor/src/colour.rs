@@ -33,16 +33,16 @@ impl HueSaturation {
     }
 }
 
-/// A quantity that is binned.
+/// A component of a colour that is binned.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Channel {
+pub enum Component {
     /// Degrees.
     Hue,
     /// 0 to 100.
     Saturation,
 }
 
-impl Channel {
+impl Component {
     fn range(self) -> f32 {
         match self {
             Self::Hue => 360.0,
@@ -120,7 +120,7 @@ mod tests {
             let (exact_hue, exact_saturation) = exact(colour);
             for m in 3..=8 {
                 for (channel, value, (over, under)) in
-                    [(Channel::Hue, hue, exact_hue), (Channel::Saturation, saturation, exact_saturation)]
+                    [(Component::Hue, hue, exact_hue), (Component::Saturation, saturation, exact_saturation)]
                 {
                     let bin = i64::from(channel.bin(value, m));
                     let parts = over * i64::from(m);

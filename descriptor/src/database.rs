@@ -2,59 +2,45 @@
 
 use std::collections::BTreeMap;
 
-use crate::distance::{LANES, Turned};
+use crate::distance::{LANES, Transposed};
 use crate::recognise::{Hit, Label, Match, RecogniseError};
-use crate::summary::{Part, Parts, Summary, weighted};
+use crate::signature::{Signature, Signatures};
 
 /// Reference clouds under one descriptor, made ready for matching.
 ///
 /// Answers are those of [`crate::recognise()`], bit for bit. Nothing here starts a thread.
 pub struct Database {
-    shape: Side,
-    colour: Side,
+    channels: Vec<Channel>,
     labels: Vec<Label>,
-    shape_weight: f64,
 }
 
-/// One part of the descriptor.
-struct Side {
-    bins: usize,
-    turned: Turned,
-}
-
-impl Side {
-    fn new(parts: &Parts) -> Self {
-        Self { bins: parts.bins(), turned: Turned::new(parts) }
-    }
-
-    /// Distances of a query's part to all clouds, in whole blocks.
-    fn distances(&self, query: &Part, clouds: usize) -> Vec<[f32; LANES]> {
-        let Part { centroid, deviation } = query;
-        assert_eq!([centroid.len(), deviation.len()], [self.bins; 2], "query of another descriptor");
-        let mut row = vec![[0.0; LANES]; clouds.div_ceil(LANES)];
-        self.turned.distances([centroid, deviation], &mut row);
-        row
-    }
+/// The clouds in one channel.
+struct Channel {
+    /// Lengths of a centroid and of a deviation.
+    lengths: [usize; 2],
+    transposed: Transposed,
+    weight: f64,
 }
 
 impl Database {
-    /// Of clouds with these shape and colour parts, which show `labels`; `shape_weight` is the descriptor's w.
+    /// Of clouds that show `labels`, with their signatures in each channel and its weight.
     ///
     /// # Errors
     /// [`RecogniseError::EmptyDatabase`] if there is no cloud.
     ///
     /// # Panics
-    /// If there is not one label and one part of each kind for each cloud: a programming error.
-    pub fn new(
-        [shape, colour]: [&Parts; 2],
-        labels: Vec<Label>,
-        shape_weight: f64,
-    ) -> Result<Self, RecogniseError> {
-        assert_eq!([shape.clouds(), colour.clouds()], [labels.len(); 2], "one label for each cloud");
+    /// If there is not one label and one signature a channel for each cloud: a programming error.
+    pub fn new(channels: &[(&Signatures, f64)], labels: Vec<Label>) -> Result<Self, RecogniseError> {
+        let channel = |&(signatures, weight): &(&Signatures, f64)| {
+            assert_eq!(signatures.clouds(), labels.len(), "one label for each cloud");
+            let lengths = [signatures.bins, signatures.width - signatures.bins];
+            Channel { lengths, transposed: Transposed::new(signatures), weight }
+        };
+        let channels = channels.iter().map(channel).collect();
         if labels.is_empty() {
             return Err(RecogniseError::EmptyDatabase);
         }
-        Ok(Self { shape: Side::new(shape), colour: Side::new(colour), labels, shape_weight })
+        Ok(Self { channels, labels })
     }
 
     /// Number of clouds, at least 1.
@@ -67,13 +53,21 @@ impl Database {
     ///
     /// # Panics
     /// If the query is of another descriptor: a programming error.
-    pub fn ranking(&self, query: &Summary, most: usize) -> Vec<Hit> {
-        let shape = self.shape.distances(&query.shape, self.clouds());
-        let colour = self.colour.distances(&query.colour, self.clouds());
-        let parts = shape.as_flattened().iter().zip(colour.as_flattened());
-        let distances = parts.map(|(&shape, &colour)| weighted(shape, colour, self.shape_weight));
+    pub fn ranking(&self, query: &[Signature], most: usize) -> Vec<Hit> {
+        assert_eq!(query.len(), self.channels.len(), "query of another descriptor");
+        let mut row = vec![[0.0; LANES]; self.clouds().div_ceil(LANES)];
+        let mut distances = vec![0.0; self.clouds()];
+        for (Channel { lengths, transposed, weight }, Signature { centroid, deviation }) in
+            self.channels.iter().zip(query)
+        {
+            assert_eq!([centroid.len(), deviation.len()], *lengths, "query of another descriptor");
+            transposed.distances([centroid, deviation], &mut row);
+            for (sum, &distance) in distances.iter_mut().zip(row.as_flattened()) {
+                *sum += weight * f64::from(distance);
+            }
+        }
         let mut nearest: BTreeMap<u32, Hit> = BTreeMap::new();
-        for ((distance, label), index) in distances.zip(&self.labels).zip(0u32..) {
+        for ((distance, label), index) in distances.into_iter().zip(&self.labels).zip(0u32..) {
             let hit = Hit { index, distance };
             let best = nearest.entry(label.instance).or_insert(hit);
             if distance.total_cmp(&best.distance).is_lt() {
@@ -90,7 +84,7 @@ impl Database {
     ///
     /// # Panics
     /// If the query is of another descriptor: a programming error.
-    pub fn recognise(&self, query: &Summary) -> Match {
+    pub fn recognise(&self, query: &[Signature]) -> Match {
         let ranking = self.ranking(query, 2);
         Match { nearest: ranking[0], runner_up: ranking.get(1).copied() }
     }
@@ -101,24 +95,23 @@ mod tests {
     use super::*;
     use crate::random::stream;
     use crate::recognise;
-    use crate::testing::unit;
+    use crate::testing::{by_channel, set_distance, unit};
 
     const SHAPE: usize = 7;
     const COLOUR: usize = 4;
 
-    /// Summaries with few different values, so that some are equally near.
-    fn summaries(purpose: &str, count: usize, colour: usize) -> Vec<Summary> {
+    /// Clouds with few different values, so that some are equally near.
+    fn clouds(purpose: &str, count: usize, colour: usize) -> Vec<[Signature; 2]> {
         let mut rng = stream(1, purpose, &[]);
         let mut values =
             |bins: usize| -> Vec<f32> { (0..bins).map(|_| (unit(&mut rng) * 3.0).floor() / 2.0).collect() };
-        let mut part = |bins| Part { centroid: values(bins), deviation: values(bins) };
-        (0..count).map(|_| Summary { shape: part(SHAPE), colour: part(colour) }).collect()
+        let mut signature = |bins| Signature { centroid: values(bins), deviation: values(bins) };
+        (0..count).map(|_| [signature(SHAPE), signature(colour)]).collect()
     }
 
-    fn database(summaries: &[Summary], labels: &[Label], weight: f64) -> Database {
-        let shape: Parts = summaries.iter().map(|summary| &summary.shape).collect();
-        let colour: Parts = summaries.iter().map(|summary| &summary.colour).collect();
-        Database::new([&shape, &colour], labels.to_vec(), weight).unwrap()
+    fn database(clouds: &[[Signature; 2]], labels: &[Label], weight: f64) -> Database {
+        let [shape, colour] = by_channel(clouds);
+        Database::new(&[(&shape, weight), (&colour, 1.0 - weight)], labels.to_vec()).unwrap()
     }
 
     /// Some clouds show the same object, in no order.
@@ -134,12 +127,13 @@ mod tests {
             [(1, 1, COLOUR), (5, 1, 0), (16, 3, COLOUR), (50, 9, 0), (50, 9, COLOUR)]
         {
             let (reference, queries) =
-                (summaries("reference", clouds, colour), summaries("query", 40, colour));
+                (self::clouds("reference", clouds, colour), self::clouds("query", 40, colour));
             let labels = labels(clouds, objects);
             for weight in [0.0, 0.41, 1.0] {
                 let database = database(&reference, &labels, weight);
                 assert_eq!(database.clouds(), clouds);
-                let expected = recognise(&queries, &reference, &labels, weight).unwrap();
+                let (weights, asked) = ([weight, 1.0 - weight], by_channel(&queries));
+                let expected = recognise(&asked, &by_channel(&reference), &weights, &labels).unwrap();
                 let got: Vec<Match> = queries.iter().map(|query| database.recognise(query)).collect();
                 assert_eq!(got, expected, "{clouds} clouds, {objects} objects, w = {weight}");
             }
@@ -148,7 +142,7 @@ mod tests {
 
     #[test]
     fn a_ranking_names_each_object_once_by_its_nearest_cloud() {
-        let (reference, query) = (summaries("reference", 50, COLOUR), &summaries("query", 1, COLOUR)[0]);
+        let (reference, query) = (clouds("reference", 50, COLOUR), &clouds("query", 1, COLOUR)[0]);
         let labels = labels(50, 9);
         let ranking = database(&reference, &labels, 0.5).ranking(query, 100);
         assert_eq!(ranking.len(), 9);
@@ -156,7 +150,8 @@ mod tests {
         for hit in &ranking {
             let object = labels[hit.index as usize].instance;
             let of_object = (0..50).filter(|&index| labels[index].instance == object);
-            let distances = of_object.map(|index| (query.distance(&reference[index], 0.5), index as u32));
+            let distances =
+                of_object.map(|index| (set_distance(query, &reference[index], 0.5), index as u32));
             assert_eq!(distances.min_by(|a, b| a.partial_cmp(b).unwrap()), Some((hit.distance, hit.index)));
         }
         assert_eq!(database(&reference, &labels, 0.5).ranking(query, 3), ranking[..3]);
@@ -164,8 +159,8 @@ mod tests {
 
     #[test]
     fn a_database_without_clouds_is_refused() {
-        let empty = Parts::default();
-        let refused = Database::new([&empty, &empty], Vec::new(), 0.5);
+        let empty = Signatures::default();
+        let refused = Database::new(&[(&empty, 0.5), (&empty, 0.5)], Vec::new());
         assert!(matches!(refused, Err(RecogniseError::EmptyDatabase)));
     }
 }

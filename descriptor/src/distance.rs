@@ -1,11 +1,12 @@
 //! χ² and L1 distances of histograms, and matrices of them.
 
+use std::borrow::Borrow;
 use std::marker::PhantomData;
 
 use pulp::NullaryFnOnce;
 use rayon::prelude::*;
 
-use crate::summary::Parts;
+use crate::signature::{Signature, Signatures};
 use crate::wide::widest;
 
 /// Clouds of a database that are compared with a query at once.
@@ -100,13 +101,41 @@ impl Terms for L1 {
 }
 
 fn sum_of<T: Terms>(a: &[f32], b: &[f32]) -> f32 {
-    assert_eq!(a.len(), b.len(), "histograms of different descriptors");
+    assert_eq!(a.len(), b.len(), "histograms of different channels");
     let (a, a_last) = a.as_chunks::<2>();
     let (b, b_last) = b.as_chunks::<2>();
     let pairs = a.iter().zip(b).fold(0.0, |sum, (&a, &b)| sum + T::of_two(a, b));
     match (a_last, b_last) {
         ([a], [b]) => T::FACTOR * (pairs + T::of_two([*a, 0.0], [*b, 0.0])),
         _ => T::FACTOR * pairs,
+    }
+}
+
+impl Signature {
+    /// χ² distance of the centroids plus that of the deviations.
+    pub fn distance(&self, other: &Self) -> f32 {
+        self.distance_by(SetDistance::ChiSquared, other)
+    }
+
+    /// Distance of the centroids plus that of the deviations.
+    pub fn distance_by(&self, distance: SetDistance, other: &Self) -> f32 {
+        let of_two = match distance {
+            SetDistance::ChiSquared => chi_squared,
+            SetDistance::L1 => l1,
+        };
+        of_two(&self.centroid, &other.centroid) + of_two(&self.deviation, &other.deviation)
+    }
+}
+
+/// One query's set distances to every cloud of the database: Σ weight · distance over the channels, in their order and
+/// in f64. They replace what is in `sums`.
+pub fn set_distances<M: Borrow<DistanceMatrix>>(channels: &[(M, f64)], query: usize, sums: &mut Vec<f64>) {
+    sums.clear();
+    sums.resize(channels.first().map_or(0, |(matrix, _)| matrix.borrow().columns()), 0.0);
+    for (matrix, weight) in channels {
+        for (sum, &distance) in sums.iter_mut().zip(matrix.borrow().row(query)) {
+            *sum += weight * f64::from(distance);
+        }
     }
 }
 
@@ -117,8 +146,8 @@ pub struct DistanceMatrix {
     values: Vec<f32>,
 }
 
-/// A database turned so that a bin of [`LANES`] clouds lies in one vector.
-pub(crate) struct Turned {
+/// A database transposed so that a bin of [`LANES`] clouds lies in one vector.
+pub(crate) struct Transposed {
     /// Pairs of bins of one cloud.
     pairs: usize,
     /// Block after block of [`LANES`] clouds (the last filled up with zeros), in each pair after pair of bins: those
@@ -126,9 +155,9 @@ pub(crate) struct Turned {
     blocks: Vec<[[f32; LANES]; 2]>,
 }
 
-impl Turned {
-    /// Turns the parts of a database.
-    pub(crate) fn new(database: &Parts) -> Self {
+impl Transposed {
+    /// Transposes the signatures of a database.
+    pub(crate) fn new(database: &Signatures) -> Self {
         let pairs = 2 * database.bins().div_ceil(2);
         let mut blocks = vec![[[0.0; LANES]; 2]; database.clouds().div_ceil(LANES) * pairs];
         for cloud in 0..database.clouds() {
@@ -158,7 +187,7 @@ impl Turned {
     }
 }
 
-/// The kernel of [`Turned::distances_by`]: each lane is the distance of centroids plus that of deviations.
+/// The kernel of [`Transposed::distances_by`]: each lane is the distance of centroids plus that of deviations.
 struct Distances<'a, T> {
     pairs: usize,
     blocks: &'a [[[f32; LANES]; 2]],
@@ -199,33 +228,33 @@ fn lanes<T: Terms>(query: &[f32], block: &[[[f32; LANES]; 2]]) -> [f32; LANES] {
 }
 
 impl DistanceMatrix {
-    /// The χ² distances of one part of the descriptor, computed by the current rayon pool.
+    /// The χ² distances in one channel, computed by the current rayon pool.
     ///
     /// # Panics
-    /// If queries and database are of different descriptors: a programming error.
-    pub fn new(queries: &Parts, database: &Parts) -> Self {
+    /// If queries and database are of different channels: a programming error.
+    pub fn new(queries: &Signatures, database: &Signatures) -> Self {
         Self::of_terms::<ChiSquared>(queries, database)
     }
 
     /// As [`DistanceMatrix::new`], with either set distance.
-    pub fn by(distance: SetDistance, queries: &Parts, database: &Parts) -> Self {
+    pub fn by(distance: SetDistance, queries: &Signatures, database: &Signatures) -> Self {
         match distance {
             SetDistance::ChiSquared => Self::of_terms::<ChiSquared>(queries, database),
             SetDistance::L1 => Self::of_terms::<L1>(queries, database),
         }
     }
 
-    fn of_terms<T: Terms>(queries: &Parts, database: &Parts) -> Self {
+    fn of_terms<T: Terms>(queries: &Signatures, database: &Signatures) -> Self {
         let (rows, columns) = (queries.clouds(), database.clouds());
         let mut values = vec![0.0; rows * columns];
         if rows > 0 && columns > 0 {
-            assert_eq!(queries.bins(), database.bins(), "parts of different descriptors");
-            let turned = Turned::new(database);
+            assert_eq!(queries.bins(), database.bins(), "signatures of different channels");
+            let transposed = Transposed::new(database);
             let blocks = columns.div_ceil(LANES);
             values.par_chunks_exact_mut(columns).enumerate().for_each_init(
                 || vec![[0.0; LANES]; blocks],
                 |row, (query, values)| {
-                    turned.distances_by::<T>(queries.get(query), row);
+                    transposed.distances_by::<T>(queries.get(query), row);
                     values.copy_from_slice(&row.as_flattened()[..columns]);
                 },
             );
@@ -254,7 +283,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::summary::Part;
 
     fn plain(a: &[f32], b: &[f32]) -> f64 {
         let pairs = a.iter().zip(b).map(|(&a, &b)| (f64::from(a), f64::from(b)));
@@ -293,9 +321,12 @@ mod tests {
 
     #[test]
     fn the_matrix_holds_every_pair() {
-        let part = |values: [f32; 2]| Part { centroid: values.to_vec(), deviation: vec![0.0, values[0]] };
-        let (queries, database) =
-            ([part([0.1, 0.9]), part([0.4, 0.6])], [part([1.0, 0.0]), part([0.4, 0.6]), part([0.0, 1.0])]);
+        let signature =
+            |values: [f32; 2]| Signature { centroid: values.to_vec(), deviation: vec![0.0, values[0]] };
+        let (queries, database) = (
+            [signature([0.1, 0.9]), signature([0.4, 0.6])],
+            [signature([1.0, 0.0]), signature([0.4, 0.6]), signature([0.0, 1.0])],
+        );
         let matrix = DistanceMatrix::new(&queries.iter().collect(), &database.iter().collect());
         for (row, query) in queries.iter().enumerate() {
             let expected: Vec<f32> = database.iter().map(|entry| query.distance(entry)).collect();
@@ -311,7 +342,7 @@ mod tests {
             }
             assert_eq!(SetDistance::named(distance.name()), Some(distance));
         }
-        let empty = DistanceMatrix::new(&queries.iter().collect(), &Parts::default());
+        let empty = DistanceMatrix::new(&queries.iter().collect(), &Signatures::default());
         assert_eq!((empty.columns(), empty.row(1)), (0, [].as_slice()));
     }
 }

@@ -8,7 +8,7 @@ use crate::eigen::smallest_eigenvector;
 use crate::keypoints::Keypoints;
 use crate::neighbours::{RadiusSearch, floor_f32};
 use crate::normals::{Normal, normals};
-use crate::prepare::PrepareError;
+use crate::prepare_error::PrepareError;
 use crate::random::stream;
 use crate::testing::{in_cube, sheet, unit};
 use crate::{Cloud, oracle};

@@ -2,12 +2,12 @@
 
 use blake3::Hasher;
 
-use crate::histogram::{colour_rows, shape_rows};
+use crate::disk_ring::histogram::{colour_rows, shape_rows};
 use crate::prepare::{Normals, keypoints};
-use crate::summary::{Part, summarise};
-use crate::testing::sheet;
+use crate::signature::Signature;
+use crate::testing::{by_channel, set_distance, sheet};
 use crate::{
-    EVALUATION_VERSION, GeneTable, Label, Parameters, PreparedCloud, Preprocess, Quantiser, recognise,
+    EVALUATION_VERSION, GeneTable, Label, Parameters, Preprocess, QuantisedCloud, Quantiser, recognise,
 };
 
 /// The version that the digests below belong to.
@@ -17,7 +17,7 @@ const GOLDEN: [(&str, &str); 6] = [
     ("keypoints", "9a16bc93bd6992a3"),
     ("normals", "4c91f5c2f568ad85"),
     ("histograms", "e8822038ab7f19b0"),
-    ("summaries", "3b78f3c9b5db90ff"),
+    ("signatures", "3b78f3c9b5db90ff"),
     ("distances", "f3876d30d39c9e69"),
     ("matches", "565dd720456ba12e"),
 ];
@@ -28,15 +28,16 @@ fn floats<'a>(hasher: &mut Hasher, values: impl IntoIterator<Item = &'a f32>) {
     }
 }
 
-fn part(hasher: &mut Hasher, part: &Part) {
-    floats(hasher, &part.centroid);
-    floats(hasher, &part.deviation);
+fn signature(hasher: &mut Hasher, signature: &Signature) {
+    floats(hasher, &signature.centroid);
+    floats(hasher, &signature.deviation);
 }
 
 /// Digests of all stages over twelve clouds and three descriptors.
 fn digests() -> [String; 6] {
     let mut hashers: [Hasher; 6] = Default::default();
-    let [keypoint_bits, normal_bits, histogram_bits, summary_bits, distance_bits, match_bits] = &mut hashers;
+    let [keypoint_bits, normal_bits, histogram_bits, signature_bits, distance_bits, match_bits] =
+        &mut hashers;
     let preprocess = Preprocess::default();
     let quantiser = Quantiser::new(&GeneTable::paper()).unwrap();
     let mut prepared = Vec::new();
@@ -50,7 +51,7 @@ fn digests() -> [String; 6] {
             normal_bits.update(&[u8::from(normal.is_some())]);
             floats(normal_bits, normal.iter().flatten());
         }
-        prepared.push(PreparedCloud::describe(&cloud, &keypoints, &normals, &quantiser).unwrap());
+        prepared.push(QuantisedCloud::describe(&cloud, &keypoints, &normals, &quantiser).unwrap());
     }
     let labels: Vec<Label> = (0..8).map(|index| Label { category: index / 4, instance: index / 2 }).collect();
     for parameters in [
@@ -75,17 +76,18 @@ fn digests() -> [String; 6] {
             floats(histogram_bits, &shape_rows(cloud, &binning));
             floats(histogram_bits, &colour_rows(cloud, &binning));
         }
-        let summaries = summarise(&prepared, &binning);
-        for summary in &summaries {
-            part(summary_bits, &summary.shape);
-            part(summary_bits, &summary.colour);
-            for other in &summaries {
-                let distance = summary.distance(other, parameters.shape_weight());
+        let described: Vec<[Signature; 2]> = prepared.iter().map(|cloud| binning.signature(cloud)).collect();
+        let weight = parameters.shape_weight();
+        for cloud in &described {
+            cloud.iter().for_each(|one| signature(signature_bits, one));
+            for other in &described {
+                let distance = set_distance(cloud, other, weight);
                 distance_bits.update(&distance.to_bits().to_le_bytes());
             }
         }
-        let (database, queries) = summaries.split_at(labels.len());
-        for found in recognise(queries, database, &labels, parameters.shape_weight()).unwrap() {
+        let (database, queries) = described.split_at(labels.len());
+        let (database, queries) = (by_channel(database), by_channel(queries));
+        for found in recognise(&queries, &database, &[weight, 1.0 - weight], &labels).unwrap() {
             for hit in [Some(found.nearest), found.runner_up].into_iter().flatten() {
                 match_bits.update(&hit.index.to_le_bytes());
                 match_bits.update(&hit.distance.to_bits().to_le_bytes());

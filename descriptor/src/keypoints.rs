@@ -1,7 +1,7 @@
 //! Keypoints: the centroid of every occupied voxel, cells and order as PCL's VoxelGrid (DESIGN 5.2).
 
 use crate::Cloud;
-use crate::prepare::PrepareError;
+use crate::prepare_error::PrepareError;
 
 /// Keypoints of one cloud, one a voxel, z slowest and x fastest.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -22,17 +22,17 @@ impl Keypoints {
     /// [`PrepareError::CellRange`] if a cell's index does not fit 32 bits.
     pub fn new(cloud: &Cloud, leaf: f32) -> Result<Self, PrepareError> {
         let per_metre = 1.0 / leaf;
-        let mut places: Vec<Place> = Vec::with_capacity(cloud.len());
+        let mut keys: Vec<Key> = Vec::with_capacity(cloud.len());
         for (&[x, y, z], index) in cloud.points.iter().zip(0u32..) {
             let [x, y, z] = [cell(x, per_metre)?, cell(y, per_metre)?, cell(z, per_metre)?];
-            places.push([z, y, x, index].into_iter().fold(0, |place, part| place << 32 | Place::from(part)));
+            keys.push([z, y, x, index].into_iter().fold(0, |key, part| key << 32 | Key::from(part)));
         }
-        places.sort_unstable();
+        keys.sort_unstable();
 
         let mut keypoints = Self { points: Vec::new(), colours: cloud.colours.as_ref().map(|_| Vec::new()) };
-        for voxel in places.chunk_by(|a, b| a >> 32 == b >> 32) {
+        for voxel in keys.chunk_by(|a, b| a >> 32 == b >> 32) {
             let count = voxel.len() as f64;
-            let members = || voxel.iter().map(|&place| place as u32 as usize);
+            let members = || voxel.iter().map(|&key| key as u32 as usize);
             let mut sum = [0.0f64; 3];
             for member in members() {
                 for (sum, &coordinate) in sum.iter_mut().zip(&cloud.points[member]) {
@@ -65,7 +65,7 @@ impl Keypoints {
 }
 
 /// A voxel and the index of a point in it, in one number to sort by: z, y, x, index.
-type Place = u128;
+type Key = u128;
 
 /// Index of the voxel along one axis, counted from the lowest that there can be.
 fn cell(coordinate: f32, per_metre: f32) -> Result<u32, PrepareError> {

@@ -5,7 +5,8 @@
 //! Which of two objects is in the third cloud?
 //!
 //! ```
-//! use descriptor::{Database, GeneTable, Label, Parameters, Parts, PreparedCloud, Preprocess, Quantiser, Summary, pcd};
+//! use descriptor::recognise::recognise_from;
+//! use descriptor::{Descriptor, Label, Parameters, PreparedCloud, Preprocess, SearchSpace, pcd};
 //!
 //! # use descriptor::synth::{self, SynthSettings};
 //! # let settings = SynthSettings::default();
@@ -18,53 +19,63 @@
 //! #     std::fs::write(&file, pcd::write(&cloud, pcd::DataEncoding::Binary)).map(|()| file)
 //! # };
 //! # let [mug, box_, query] = [file(0, 0)?, file(1, 0)?, file(1, 1)?];
-//! let parameters = Parameters::PAPER_BEST; // or those that a search has found
-//! let quantiser = Quantiser::new(&GeneTable::single(&parameters)?)?;
-//! let binning = quantiser.binning(&parameters)?;
+//! let descriptor = Descriptor::DiskRing(Parameters::PAPER_BEST); // or one that a search has found
+//! let preparer = SearchSpace::single(&descriptor)?.preparer()?;
 //! let prepare = |file| -> Result<PreparedCloud, Box<dyn std::error::Error>> {
-//!     Ok(PreparedCloud::new(&pcd::read(&std::fs::read(file)?)?, &Preprocess::default(), &quantiser)?)
+//!     Ok(preparer.prepare(&pcd::read(&std::fs::read(file)?)?, &Preprocess::default())?)
 //! };
-//! let [shape, colour] = Parts::both(&[prepare(mug)?, prepare(box_)?], &binning);
-//! let labels = vec![Label { category: 0, instance: 0 }, Label { category: 1, instance: 1 }];
-//! let database = Database::new([&shape, &colour], labels, parameters.shape_weight())?;
-//! let found = database.recognise(&Summary::new(&prepare(query)?, &binning));
+//! let (known, asked) = ([prepare(mug)?, prepare(box_)?], [prepare(query)?]);
+//! let mut distances = Vec::new();
+//! for (channel, weight) in descriptor.channels() {
+//!     let extractor = channel.extractor(&preparer)?;
+//!     let [queries, database] = [extractor.signatures(&asked)?, extractor.signatures(&known)?];
+//!     distances.push((channel.distances(&queries, &database), weight));
+//! }
+//! let labels = [Label { category: 0, instance: 0 }, Label { category: 1, instance: 1 }];
+//! let found = recognise_from(1, &distances, &labels)?[0];
 //! println!("cloud {} at a distance of {}", found.nearest.index, found.nearest.distance);
 //! # assert_eq!(found.nearest.index, 1);
 //! # std::fs::remove_dir_all(folder)?;
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
-pub mod angle;
-mod bins;
 pub mod cloud;
-pub mod colour;
-mod cubes;
-pub mod database;
-mod describe;
-pub mod description;
-pub mod distance;
+pub mod pcd;
+pub mod preprocess;
+pub mod synth;
+
+mod cell_list;
 pub mod eigen;
-pub mod encoding;
-pub mod fixed;
-pub mod genes;
-pub mod grid;
-pub mod histogram;
 pub mod keypoints;
-mod kind;
 pub mod neighbours;
 pub mod normals;
-pub mod pcd;
 pub mod prepare;
-pub mod preprocess;
-pub mod quantise;
-pub mod random;
-pub mod recognise;
-mod records;
-mod steps;
-pub mod summary;
+mod prepare_error;
 mod surface;
-pub mod synth;
 mod wide;
+
+mod bytes;
+pub mod colour;
+mod column;
+pub mod disk_ring;
+mod domain;
+mod family;
+pub mod fixed;
+mod global_hue;
+
+mod channel;
+pub mod cost;
+mod descriptor;
+mod prepared;
+mod search_space;
+
+pub mod database;
+pub mod distance;
+pub mod recognise;
+pub mod signature;
+pub mod signature_bytes;
+
+pub mod random;
 
 #[cfg(test)]
 mod geometry_tests;
@@ -75,19 +86,30 @@ mod oracle;
 #[cfg(test)]
 mod pipeline_tests;
 #[cfg(test)]
+mod seam_tests;
+#[cfg(test)]
 mod testing;
 
+pub use bytes::BytesError;
+pub use channel::{Channel, ChannelError, Extractor};
 pub use cloud::Cloud;
+pub use column::Column;
 pub use database::Database;
+pub use descriptor::Descriptor;
+pub use disk_ring::genes::{self, Encoding, GENES, GeneKind, GeneSpec, GeneTable, Parameters};
+pub use disk_ring::{Binning, QuantiseError, QuantisedCloud, Quantiser, grid};
 pub use distance::{DistanceMatrix, SetDistance};
+pub use domain::Domain;
+pub use family::Family;
 pub use fixed::{FixedDescriptor, FixedKind};
-pub use genes::{Encoding, GENES, GeneKind, GeneSpec, GeneTable, Parameters};
-pub use kind::Descriptor;
-pub use prepare::{PrepareError, PreparedCloud, Skip};
+pub use global_hue::GlobalHue;
+pub use prepare_error::{PrepareError, Skip};
+pub use prepared::{PreparedCloud, Preparer};
 pub use preprocess::{Preprocess, Unit};
-pub use quantise::{Binning, QuantiseError, Quantiser};
 pub use recognise::{Correct, Label, Match, recognise};
-pub use summary::{Parts, Summary, summarise};
+pub use search_space::{Field, SearchSpace};
+pub use signature::{Signature, Signatures};
+pub use signature_bytes::SignatureError;
 
 /// Version of everything that is computed from a cloud. It is raised whenever any output changes by a bit: workers
 /// of another version are refused, and results of another version are not reused.

@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 
-use crate::prepare::PrepareError;
+use crate::prepare_error::PrepareError;
 
 /// A point found by a search.
 #[derive(Clone, Copy, Debug, PartialEq)]

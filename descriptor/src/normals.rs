@@ -5,10 +5,10 @@ use std::ops::Range;
 
 use pulp::NullaryFnOnce;
 
-use crate::cubes::Cubes;
+use crate::cell_list::CellList;
 use crate::eigen::{LANES, smallest_eigenvector, smallest_eigenvectors};
 use crate::neighbours::{floor_f32, squared_distance};
-use crate::prepare::PrepareError;
+use crate::prepare_error::PrepareError;
 use crate::wide::widest;
 
 /// Neighbours without which no plane is fitted.
@@ -20,36 +20,36 @@ const LEAST_SPREAD: f64 = 0.01;
 /// A unit normal; `None` for a query with fewer than [`MIN_NEIGHBOURS`] neighbours.
 pub type Normal = Option<[f32; 3]>;
 
-/// The normals of a cloud's points and those of other places (its keypoints), each fitted to all points within `radius`
+/// The normals of a cloud's points and of other queries (its keypoints), each fitted to all points within `radius`
 /// metres.
 ///
 /// The normal is the eigenvector of the smallest eigenvalue of the neighbours' covariance, turned so that it does not
 /// point away from `viewpoint` (PCL: `NormalEstimation`, `flipNormalTowardsViewpoint`). The covariance comes from
-/// offsets to the query and their products, summed in the order of [`Cubes`] in f32, as PCL's
+/// offsets to the query and their products, summed in the order of [`CellList`] in f32, as PCL's
 /// (`computeMeanAndCovarianceMatrix`); where the rounding of these sums would turn the plane, because neighbours lie
 /// nearly in a line or close together and far from the query, once more in f64. What follows is f64.
 ///
 /// # Errors
-/// [`PrepareError::TooManyPoints`] if points and other places cannot be counted in 32 bits.
+/// [`PrepareError::TooManyPoints`] if points and other queries cannot be counted in 32 bits.
 pub fn normals(
     points: &[[f32; 3]],
     others: &[[f32; 3]],
     radius: f64,
     viewpoint: [f32; 3],
 ) -> Result<[Vec<Normal>; 2], PrepareError> {
-    let cubes = Cubes::new(points, radius, others.len())?;
+    let cells = CellList::new(points, radius, others.len())?;
     let limit = floor_f32(radius * radius);
     let mut of_points = vec![None; points.len()];
     let mut of_others = vec![None; others.len()];
-    // All at once: lanes that the points leave empty are filled with other places.
-    cubes.batches(others, LANES, |batch| {
+    // All at once: lanes that the points leave empty are filled with other queries.
+    cells.batches(others, LANES, |batch| {
         let query = |index: u32| {
             let index = index as usize;
             points.get(index).copied().unwrap_or_else(|| others[index - points.len()])
         };
         let (Some(&first), Some(&last)) = (batch.first(), batch.last()) else { return };
-        let runs = cubes.near(query(first), query(last));
-        let near = Near { points: cubes.points(), runs: &runs, limit };
+        let runs = cells.near(query(first), query(last));
+        let near = Near { points: cells.points(), runs: &runs, limit };
         // Lanes without a query repeat the first one.
         let lanes: [[f32; 3]; LANES] = array::from_fn(|lane| query(*batch.get(lane).unwrap_or(&first)));
         let queries = [0, 1, 2].map(|axis| lanes.map(|query| query[axis]));

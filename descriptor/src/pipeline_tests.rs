@@ -1,19 +1,19 @@
-//! From cloud to match: skips, re-binned histograms, summaries and recognition against their definitions.
+//! From cloud to match: skips, re-binned histograms, signatures and recognition against their definitions.
 
 use expect_test::expect;
 use proptest::prelude::*;
 use rand::RngExt;
 
-use crate::genes::Domain;
-use crate::histogram::{colour_rows, shape_rows};
-use crate::prepare::{Normals, PrepareError, PreparedCloud, Skip, keypoints, usable};
+use crate::disk_ring::genes::Domain;
+use crate::disk_ring::histogram::{colour_rows, shape_rows};
+use crate::prepare::{Normals, keypoints, usable};
 use crate::random::stream;
 use crate::recognise::{Hit, RecogniseError, recognise_from};
-use crate::summary::{Part, summarise};
-use crate::testing::sheet;
+use crate::signature::{Signature, Signatures};
+use crate::testing::{by_channel, set_distance, sheet};
 use crate::{
-    Cloud, Correct, DistanceMatrix, Encoding, GENES, GeneTable, Label, Match, Parameters, Preprocess,
-    QuantiseError, Quantiser, Summary, Unit, oracle, recognise,
+    Cloud, Correct, DistanceMatrix, Encoding, GENES, GeneTable, Label, Match, Parameters, PrepareError,
+    Preprocess, QuantiseError, QuantisedCloud, Quantiser, Skip, Unit, oracle, recognise,
 };
 
 fn paper() -> Quantiser {
@@ -21,8 +21,8 @@ fn paper() -> Quantiser {
 }
 
 /// Prepares the cloud, and says the same as [`usable`].
-fn prepare(cloud: &Cloud, preprocess: &Preprocess) -> Result<PreparedCloud, PrepareError> {
-    let prepared = PreparedCloud::new(cloud, preprocess, &paper());
+fn prepare(cloud: &Cloud, preprocess: &Preprocess) -> Result<QuantisedCloud, PrepareError> {
+    let prepared = QuantisedCloud::new(cloud, preprocess, &paper());
     assert_eq!(usable(cloud, preprocess).err(), prepared.as_ref().err().cloned());
     prepared
 }
@@ -88,7 +88,7 @@ fn clouds_that_cannot_be_used_are_refused() {
             use clouds with an rgb field, or do without colour (descriptor.colour = false, --no-colour)"#]],
     );
     let uncoloured = Preprocess { colour: false, ..Preprocess::default() };
-    assert_eq!(PreparedCloud::new(&cloud, &uncoloured, &paper()), Err(PrepareError::NoColours));
+    assert_eq!(QuantisedCloud::new(&cloud, &uncoloured, &paper()), Err(PrepareError::NoColours));
 }
 
 #[test]
@@ -118,9 +118,9 @@ fn check_rows(cloud: &Cloud, quantiser: &Quantiser, parameters: &Parameters) {
     let preprocess = Preprocess { colour: parameters.has_colour(), ..Preprocess::default() };
     let keypoints = keypoints(cloud, &preprocess).unwrap();
     let normals = Normals::new(cloud, &keypoints, &preprocess).unwrap();
-    let prepared = PreparedCloud::describe(cloud, &keypoints, &normals, quantiser).unwrap();
-    assert_eq!(prepared, PreparedCloud::new(cloud, &preprocess, quantiser).unwrap());
-    let sorted = PreparedCloud::describe_sorted(cloud, &keypoints, &normals, quantiser, 0).unwrap();
+    let prepared = QuantisedCloud::describe(cloud, &keypoints, &normals, quantiser).unwrap();
+    assert_eq!(prepared, QuantisedCloud::new(cloud, &preprocess, quantiser).unwrap());
+    let sorted = QuantisedCloud::describe_sorted(cloud, &keypoints, &normals, quantiser, 0).unwrap();
     let binning = quantiser.binning(parameters).unwrap();
     let (shape, colour) = oracle::rows(cloud, &keypoints, &normals.cloud, &normals.keypoints, parameters);
     for prepared in [&prepared, &sorted] {
@@ -180,47 +180,53 @@ fn millimetres_are_metres() {
 }
 
 #[test]
-fn summary_is_mean_and_deviation() {
+fn a_signature_is_mean_and_deviation() {
     let rows = [0.1f32, 0.9, 0.3, 0.7, 0.8, 0.2];
-    let part = Part::of_rows(&rows, 2);
+    let signature = Signature::of_rows(&rows, 2);
     let close = |found: f32, expected: f64| (f64::from(found) - expected).abs() < 1e-7;
-    assert!(close(part.centroid[0], 0.4) && close(part.centroid[1], 0.6));
+    assert!(close(signature.centroid[0], 0.4) && close(signature.centroid[1], 0.6));
     // Differences −0.3, −0.1, 0.4: squares sum to 0.26, over N − 1 = 2.
-    assert!(close(part.deviation[0], 0.13f64.sqrt()) && close(part.deviation[1], 0.13f64.sqrt()));
-    assert_eq!(Part::of_rows(&rows[..2], 2), Part { centroid: vec![0.1, 0.9], deviation: vec![0.0, 0.0] });
-    assert_eq!(Part::of_rows(&[], 0), Part::default());
+    assert!(close(signature.deviation[0], 0.13f64.sqrt()) && close(signature.deviation[1], 0.13f64.sqrt()));
+    assert_eq!(
+        Signature::of_rows(&rows[..2], 2),
+        Signature { centroid: vec![0.1, 0.9], deviation: vec![0.0, 0.0] }
+    );
+    assert_eq!(Signature::of_rows(&[], 0), Signature::default());
 }
 
-fn summaries(seeds: std::ops::Range<u64>) -> Vec<Summary> {
-    let clouds: Vec<PreparedCloud> =
+fn described(seeds: std::ops::Range<u64>) -> Vec<[Signature; 2]> {
+    let clouds: Vec<QuantisedCloud> =
         seeds.map(|seed| prepare(&sheet(seed, 300), &Preprocess::default()).unwrap()).collect();
-    summarise(&clouds, &paper().binning(&Parameters::PAPER_BEST).unwrap())
+    let binning = paper().binning(&Parameters::PAPER_BEST).unwrap();
+    let one_by_one: Vec<[Signature; 2]> = clouds.iter().map(|cloud| binning.signature(cloud)).collect();
+    assert_eq!(binning.signatures(&clouds), by_channel(&one_by_one));
+    one_by_one
 }
 
 #[test]
 fn set_distance_is_symmetric_and_zero_to_itself() {
-    let all = summaries(0..5);
+    let all = described(0..5);
     for a in &all {
-        assert_eq!(a.distance(a, 0.67), 0.0);
+        assert_eq!(set_distance(a, a, 0.67), 0.0);
         for b in &all {
-            assert_eq!(a.distance(b, 0.67).to_bits(), b.distance(a, 0.67).to_bits());
-            assert_eq!(a.distance(b, 1.0), f64::from(a.shape.distance(&b.shape)));
-            assert_eq!(a.distance(b, 0.0), f64::from(a.colour.distance(&b.colour)));
-            assert!(std::ptr::eq(a, b) || a.distance(b, 0.67) > 0.0);
+            assert_eq!(set_distance(a, b, 0.67).to_bits(), set_distance(b, a, 0.67).to_bits());
+            assert_eq!(set_distance(a, b, 1.0), f64::from(a[0].distance(&b[0])));
+            assert_eq!(set_distance(a, b, 0.0), f64::from(a[1].distance(&b[1])));
+            assert!(std::ptr::eq(a, b) || set_distance(a, b, 0.67) > 0.0);
         }
     }
 }
 
-/// A summary whose shape distance to another depends on one number.
-fn point(share: f32) -> Summary {
-    let shape = Part { centroid: vec![share, 1.0 - share], deviation: vec![0.0; 2] };
-    Summary { shape, colour: Part::default() }
+/// A cloud whose shape distance to another depends on one number.
+fn point(share: f32) -> [Signature; 2] {
+    let shape = Signature { centroid: vec![share, 1.0 - share], deviation: vec![0.0; 2] };
+    [shape, Signature::default()]
 }
 
 /// The definition: every database cloud of another object is looked at.
-fn plain_match(query: &Summary, database: &[Summary], labels: &[Label], weight: f64) -> Match {
+fn plain_match(query: &[Signature; 2], database: &[[Signature; 2]], labels: &[Label], weight: f64) -> Match {
     let hits: Vec<Hit> = (0..database.len())
-        .map(|i| Hit { index: i as u32, distance: query.distance(&database[i], weight) })
+        .map(|i| Hit { index: i as u32, distance: set_distance(query, &database[i], weight) })
         .collect();
     let least = |hits: &mut dyn Iterator<Item = &Hit>| {
         hits.copied().min_by(|a, b| a.distance.total_cmp(&b.distance).then(a.index.cmp(&b.index)))
@@ -236,7 +242,7 @@ fn recognition_is_brute_force_with_ties_to_the_lowest_index() {
     let mut rng = stream(1, "recognition", &[]);
     for round in 0..200 {
         // Few different values, so that most distances tie.
-        let mut draw = |count: usize| -> Vec<Summary> {
+        let mut draw = |count: usize| -> Vec<[Signature; 2]> {
             (0..count).map(|_| point((rng.random::<u32>() % 4) as f32 / 4.0)).collect()
         };
         let (queries, database) = (draw(6), draw(1 + round % 9));
@@ -244,16 +250,15 @@ fn recognition_is_brute_force_with_ties_to_the_lowest_index() {
             .map(|_| rng.random::<u32>() % 3)
             .map(|instance| Label { category: instance / 2, instance })
             .collect();
-        let matches = recognise(&queries, &database, &labels, 0.7).unwrap();
+        let (asked, known): ([Signatures; 2], _) = (by_channel(&queries), by_channel(&database));
+        let weights = [0.7, 1.0 - 0.7];
+        let matches = recognise(&asked, &known, &weights, &labels).unwrap();
         let expected: Vec<Match> =
             queries.iter().map(|query| plain_match(query, &database, &labels, 0.7)).collect();
         assert_eq!(matches, expected);
 
-        let matrix = |part: fn(&Summary) -> &Part| {
-            DistanceMatrix::new(&queries.iter().map(part).collect(), &database.iter().map(part).collect())
-        };
-        let (shape, colour) = (matrix(|summary| &summary.shape), matrix(|summary| &summary.colour));
-        assert_eq!(recognise_from(queries.len(), &shape, &colour, &labels, 0.7).unwrap(), matches);
+        let channels = [0, 1].map(|i| (DistanceMatrix::new(&asked[i], &known[i]), weights[i]));
+        assert_eq!(recognise_from(queries.len(), &channels, &labels).unwrap(), matches);
     }
 }
 
@@ -269,8 +274,9 @@ fn correct_counts_objects_and_categories() {
 
 #[test]
 fn an_empty_database_is_an_error() {
-    assert_eq!(recognise(&[point(0.5)], &[], &[], 0.5), Err(RecogniseError::EmptyDatabase));
-    assert_eq!(recognise(&[], &[], &[], 0.5), Ok(vec![]));
+    let (one, none) = (by_channel(&[point(0.5)]), by_channel(&[]));
+    assert_eq!(recognise(&one, &none, &[0.5, 0.5], &[]), Err(RecogniseError::EmptyDatabase));
+    assert_eq!(recognise(&none, &none, &[0.5, 0.5], &[]), Ok(vec![]));
 }
 
 #[test]
@@ -278,9 +284,10 @@ fn the_number_of_threads_changes_nothing() {
     let run = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
         pool.install(|| {
-            let all = summaries(0..12);
+            let all = described(0..12);
             let labels: Vec<Label> = (0..8).map(|i| Label { category: i / 4, instance: i / 2 }).collect();
-            let matches = recognise(&all[8..], &all[..8], &labels, 0.67).unwrap();
+            let [queries, database] = [&all[8..], &all[..8]].map(by_channel);
+            let matches = recognise(&queries, &database, &[0.67, 1.0 - 0.67], &labels).unwrap();
             (all, matches)
         })
     };

@@ -1,9 +1,11 @@
 //! Recognition: the nearest database cloud names a query's object and category (DESIGN 5.7).
 
+use std::borrow::Borrow;
+
 use rayon::prelude::*;
 
-use crate::distance::DistanceMatrix;
-use crate::summary::{Part, Summary, weighted};
+use crate::distance::{DistanceMatrix, set_distances};
+use crate::signature::Signatures;
 
 /// What a cloud shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -40,7 +42,8 @@ pub enum RecogniseError {
     EmptyDatabase,
 }
 
-/// Matches every query with a database whose clouds show `labels`, by the current rayon pool.
+/// Matches every query with a database whose clouds show `labels`, by the current rayon pool. Queries, database and
+/// weights are channel by channel.
 ///
 /// # Errors
 /// [`RecogniseError::EmptyDatabase`] if there are queries but no cloud to match with.
@@ -48,71 +51,46 @@ pub enum RecogniseError {
 /// # Panics
 /// If there is not one label for each cloud of the database: a programming error.
 pub fn recognise(
-    queries: &[Summary],
-    database: &[Summary],
+    queries: &[Signatures],
+    database: &[Signatures],
+    weights: &[f64],
     labels: &[Label],
-    shape_weight: f64,
 ) -> Result<Vec<Match>, RecogniseError> {
-    let matrix = |part: fn(&Summary) -> &Part| {
-        DistanceMatrix::new(&queries.iter().map(part).collect(), &database.iter().map(part).collect())
-    };
-    let (shape, colour) = (matrix(|summary| &summary.shape), matrix(|summary| &summary.colour));
-    recognise_from(queries.len(), &shape, &colour, labels, shape_weight)
+    let distances: Vec<(DistanceMatrix, f64)> = queries
+        .iter()
+        .zip(database)
+        .zip(weights)
+        .map(|((queries, database), &weight)| (DistanceMatrix::new(queries, database), weight))
+        .collect();
+    recognise_from(queries.first().map_or(0, Signatures::clouds), &distances, labels)
 }
 
-/// As [`recognise`], from kept distances of shape and colour: equal matches, bit for bit.
+/// As [`recognise()`], from the distances in each channel and its weight: equal matches, bit for bit.
 ///
 /// # Errors
 /// [`RecogniseError::EmptyDatabase`] if there are queries but no cloud to match with.
 ///
 /// # Panics
 /// If the matrices and the labels differ in size: a programming error.
-pub fn recognise_from(
+pub fn recognise_from<M: Borrow<DistanceMatrix> + Sync>(
     queries: usize,
-    shape: &DistanceMatrix,
-    colour: &DistanceMatrix,
+    channels: &[(M, f64)],
     labels: &[Label],
-    shape_weight: f64,
 ) -> Result<Vec<Match>, RecogniseError> {
-    assert_eq!(shape.columns(), labels.len(), "one label for each cloud of the database");
-    assert_eq!(colour.columns(), labels.len(), "one label for each cloud of the database");
-    let distances = |query| {
-        let parts = shape.row(query).iter().zip(colour.row(query));
-        parts.map(|(&shape, &colour)| weighted(shape, colour, shape_weight))
+    for (matrix, _) in channels {
+        assert_eq!(matrix.borrow().columns(), labels.len(), "one label for each cloud of the database");
+    }
+    let matched = |distances: &mut Vec<f64>, query| {
+        set_distances(channels, query, distances);
+        nearest(distances, labels).ok_or(RecogniseError::EmptyDatabase)
     };
-    matches(queries, distances, labels)
-}
-
-/// As [`recognise_from`], for a descriptor of one part.
-///
-/// # Errors
-/// [`RecogniseError::EmptyDatabase`] if there are queries but no cloud to match with.
-///
-/// # Panics
-/// If the matrix and the labels differ in size: a programming error.
-pub fn recognise_by(
-    queries: usize,
-    distances: &DistanceMatrix,
-    labels: &[Label],
-) -> Result<Vec<Match>, RecogniseError> {
-    assert_eq!(distances.columns(), labels.len(), "one label for each cloud of the database");
-    matches(queries, |query| distances.row(query).iter().map(|&distance| f64::from(distance)), labels)
-}
-
-/// Matches every query, by the current rayon pool.
-fn matches<I: Iterator<Item = f64>>(
-    queries: usize,
-    distances: impl Fn(usize) -> I + Sync,
-    labels: &[Label],
-) -> Result<Vec<Match>, RecogniseError> {
-    let found = |query| nearest(distances(query), labels).ok_or(RecogniseError::EmptyDatabase);
-    (0..queries).into_par_iter().map(found).collect()
+    (0..queries).into_par_iter().map_init(Vec::new, matched).collect()
 }
 
 /// The nearest cloud and the nearest of another object, in one pass; `None` without clouds.
-fn nearest(distances: impl Iterator<Item = f64>, labels: &[Label]) -> Option<Match> {
+fn nearest(distances: &[f64], labels: &[Label]) -> Option<Match> {
     let mut found: Option<Match> = None;
-    for ((distance, label), index) in distances.zip(labels).zip(0u32..) {
+    for ((&distance, label), index) in distances.iter().zip(labels).zip(0u32..) {
         let hit = Hit { index, distance };
         let Some(best) = &mut found else {
             found = Some(Match { nearest: hit, runner_up: None });

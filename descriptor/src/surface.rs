@@ -3,8 +3,9 @@
 use std::ops::Range;
 
 use crate::Cloud;
-use crate::cubes::Cubes;
-use crate::prepare::{Normals, PrepareError};
+use crate::cell_list::CellList;
+use crate::prepare::Normals;
+use crate::prepare_error::PrepareError;
 
 /// Points that are passed over together if none of them can be a neighbour.
 pub(crate) const BLOCK: usize = 64;
@@ -27,7 +28,7 @@ pub(crate) struct Surface {
 
 impl Surface {
     /// Takes the points that have a normal, in the cloud's order, or, of clouds of more than `sorted_above` points,
-    /// sorted into cubes that suit searches within `reach` metres.
+    /// sorted into cells that suit searches within `reach` metres.
     ///
     /// # Errors
     /// [`PrepareError::TooManyPoints`] if the points cannot be counted in 32 bits.
@@ -38,7 +39,7 @@ impl Surface {
         sorted_above: usize,
     ) -> Result<Self, PrepareError> {
         let order: Vec<u32> = if cloud.len() > sorted_above {
-            Cubes::new(&cloud.points, reach / 8.0, 0)?.order().collect()
+            CellList::new(&cloud.points, reach / 8.0, 0)?.order().collect()
         } else {
             (0u32..).take(cloud.len()).collect()
         };

@@ -3,7 +3,9 @@
 use rand::{Rng, RngExt};
 
 use crate::Cloud;
+use crate::disk_ring::weighted;
 use crate::random::stream;
+use crate::signature::{Signature, Signatures};
 
 /// A number in [0, 1) that f32 holds exactly.
 pub(crate) fn unit(rng: &mut impl Rng) -> f32 {
@@ -34,4 +36,14 @@ pub(crate) fn sheet(seed: u64, points: usize) -> Cloud {
     }
     cloud.colours = Some(colours);
     cloud
+}
+
+/// Clouds in shape and in colour, channel by channel.
+pub(crate) fn by_channel(clouds: &[[Signature; 2]]) -> [Signatures; 2] {
+    [0, 1].map(|channel| clouds.iter().map(|cloud| &cloud[channel]).collect())
+}
+
+/// Set distance of two clouds in shape and in colour, by the paper's formula.
+pub(crate) fn set_distance(a: &[Signature; 2], b: &[Signature; 2], shape_weight: f64) -> f64 {
+    weighted(a[0].distance(&b[0]), a[1].distance(&b[1]), shape_weight)
 }

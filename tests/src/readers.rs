@@ -6,14 +6,15 @@ use std::path::PathBuf;
 use descriptor::genes::Domain;
 use descriptor::pcd::{self, DataEncoding};
 use descriptor::synth::{self, SynthSettings};
-use descriptor::{Cloud, GENES, GeneTable, Parameters, PreparedCloud, Preprocess, Quantiser, description};
+use descriptor::{Cloud, Descriptor, GENES, GeneTable, Parameters, Preprocess, QuantisedCloud, Quantiser};
 use prost::Message as _;
 use proto::{Digest, v1};
 use worker::store::Store;
 use worker::{Size, Storage};
 
 /// Of the descriptions that are fed: few bytes a cloud.
-const DESCRIPTOR: Parameters = Parameters { shape_bins: 8, colour_bins: 3, ..Parameters::PAPER_BEST };
+const DESCRIPTOR: Descriptor =
+    Descriptor::DiskRing(Parameters { shape_bins: 8, colour_bins: 3, ..Parameters::PAPER_BEST });
 
 type Feed = Box<dyn Fn(&[u8]) -> bool>;
 
@@ -43,20 +44,20 @@ pub fn all(folder: PathBuf) -> Vec<Reader> {
     let cloud = cloud();
     let quantiser = Quantiser::new(&GeneTable::paper()).expect("the paper's table");
     let prepared =
-        PreparedCloud::new(&cloud, &Preprocess::default(), &quantiser).expect("a sound cloud").encode();
+        QuantisedCloud::new(&cloud, &Preprocess::default(), &quantiser).expect("a sound cloud").encode();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
     let journal = folder.join("journal.redb");
     vec![
         reader("pcd", PCD_WORDS, clouds(&cloud), |bytes| pcd::read(bytes).is_ok()),
         reader("prepared cloud", &[], vec![prepared], move |bytes| {
-            let Ok(read) = PreparedCloud::decode(bytes, &quantiser) else { return false };
+            let Ok(read) = QuantisedCloud::decode(bytes, &quantiser) else { return false };
             assert_eq!(read.encode(), bytes, "what is accepted is what would be written");
             true
         }),
-        reader("description", &[], vec![vec![0; description::length(&DESCRIPTOR, 2) as usize]], |bytes| {
-            let Ok(read) = description::decode(bytes, &DESCRIPTOR, 2) else { return false };
+        reader("description", &[], vec![vec![0; DESCRIPTOR.signature_bytes(2) as usize]], |bytes| {
+            let Ok(read) = DESCRIPTOR.decode_signatures(bytes, 2) else { return false };
             assert_eq!(
-                description::encode(read.each_ref()),
+                DESCRIPTOR.encode_signatures(&read),
                 bytes,
                 "what is accepted is what would be written"
             );

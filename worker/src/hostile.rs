@@ -5,9 +5,9 @@ use prost::Message as _;
 use proto::{Digest, v1};
 
 use crate::desk::Desk;
+use crate::executor::manifest::Manifest;
 use crate::store::Store;
 use crate::wire;
-use crate::workshop::manifest::Manifest;
 
 /// A reply to a poll, with the jobs in it.
 pub fn reply(bytes: &[u8]) -> bool {

@@ -6,6 +6,7 @@ mod backoff;
 mod blobs;
 pub mod cli;
 mod desk;
+mod executor;
 #[doc(hidden)]
 pub mod hostile;
 mod link;
@@ -15,7 +16,6 @@ mod storage;
 pub mod store;
 pub mod tls;
 mod wire;
-mod workshop;
 
 #[cfg(test)]
 mod log_capture;
@@ -29,13 +29,13 @@ use proto::{MAX_MESSAGE_BYTES, WorkerId};
 
 use backoff::Backoff;
 use blobs::Blobs;
+use executor::Executor;
+pub use executor::Lru;
 pub use link::{Credentials, Link, link};
 use session::Session;
 pub use size::{InvalidSize, Size};
 pub use storage::{Storage, StorageArgs};
 use store::Store;
-pub use workshop::Lru;
-use workshop::Workshop;
 
 /// Which build this is, for the record.
 pub const BUILD: &str = concat!("descry ", env!("CARGO_PKG_VERSION"));
@@ -98,9 +98,9 @@ pub async fn run(
         .max_encoding_message_size(MAX_MESSAGE_BYTES);
     let Options { identity, store, memory, source_blobs, patience } = options;
     let blobs = Blobs::new(client.clone(), source_blobs.then(|| Arc::clone(&store)));
-    let workshop = Arc::new(Workshop::new(identity.threads as usize, memory, blobs, store)?);
+    let executor = Arc::new(Executor::new(identity.threads as usize, memory, blobs, store)?);
     // Identity and jitter must differ between workers started at the same instant; results rest on neither.
     let id = WorkerId(rand::random());
     let backoff = Backoff::new(descriptor::random::stream(rand::random(), "worker back-off", &[]));
-    Session::new(client, identity, id, workshop).run(patience, backoff, shutdown).await
+    Session::new(client, identity, id, executor).run(patience, backoff, shutdown).await
 }

@@ -13,9 +13,9 @@ use tonic::{Code, Request, Status};
 
 use crate::backoff::Backoff;
 use crate::desk::Desk;
+use crate::executor::Executor;
 use crate::link::{Link, hopeless};
 use crate::wire::{self, Failure};
-use crate::workshop::Workshop;
 use crate::{Identity, WorkerError};
 
 /// Until reports that are not acknowledged yet are handed in again, when they keep a worker from taking a job.
@@ -42,7 +42,7 @@ pub struct Session {
     client: CoordinatorClient<Link>,
     identity: Identity,
     id: WorkerId,
-    workshop: Arc<Workshop>,
+    executor: Arc<Executor>,
     desk: Desk,
     sequence: u64,
     current: Option<SessionId>,
@@ -56,7 +56,7 @@ impl Session {
         client: CoordinatorClient<Link>,
         identity: Identity,
         id: WorkerId,
-        workshop: Arc<Workshop>,
+        executor: Arc<Executor>,
     ) -> Self {
         // At most one job is in hand, so the queue holds at most a few stale reports.
         let (done_sender, done) = mpsc::unbounded_channel();
@@ -64,7 +64,7 @@ impl Session {
             client,
             identity,
             id,
-            workshop,
+            executor,
             desk: Desk::new(1),
             sequence: 0,
             current: None,
@@ -200,7 +200,7 @@ impl Session {
         if self.current != Some(session) {
             self.desk.clear();
             self.current = Some(session);
-            self.workshop.name_run(session.to_string());
+            self.executor.name_run(session.to_string());
             tracing::info!("joined as {}", accepted.name);
         }
         Ok(accepted)
@@ -235,12 +235,12 @@ impl Session {
     fn start_next(&mut self) {
         let Some((lease, job)) = self.desk.start() else { return };
         tracing::debug!("job {}, attempt {}: begun", lease.job, lease.attempt);
-        let workshop = Arc::clone(&self.workshop);
+        let executor = Arc::clone(&self.executor);
         let sender = self.done_sender.clone();
         tokio::spawn(async move {
             let started = Instant::now();
             let outcome = match wire::task(job) {
-                Ok(task) => match tokio::spawn(workshop.carry_out(task)).await {
+                Ok(task) => match tokio::spawn(executor.carry_out(task)).await {
                     Ok(outcome) => outcome.map_err(Failure::from),
                     Err(error) => Err(Failure::Panic(panic_message(error))),
                 },

@@ -2,11 +2,12 @@
 
 use descriptor::genes::Domain;
 use descriptor::{
-    Descriptor, FixedDescriptor, FixedKind, GENES, GeneKind, GeneTable, Parameters, Preprocess, Unit,
+    Descriptor, FixedDescriptor, FixedKind, GENES, GeneKind, GeneTable, Parameters, Preprocess, SearchSpace,
+    Unit,
 };
 use proto::{Digest, MAX_CELL, MAX_RADIUS_UM, v1};
 
-use crate::workshop::{
+use crate::executor::{
     Description, Evaluation, EvaluationError, GridCell, Outcome, Preparation, Splits, Task, Tile,
 };
 
@@ -33,13 +34,17 @@ pub fn task(job: v1::Job) -> Result<Task, InvalidJob> {
 }
 
 fn description(wire: v1::Description) -> Result<Description, InvalidJob> {
-    let preparation = preparation(wire.preparation)?;
+    let mut preparation = preparation(wire.preparation)?;
     let descriptor = match wire.fixed {
         Some(_) if wire.parameters.is_some() => {
             return Err(invalid("one of parameters and fixed must be set"));
         }
-        Some(fixed) => Descriptor::Fixed(self::fixed(fixed)?),
-        None => Descriptor::DiskRing(parameters(wire.parameters, &preparation)?),
+        Some(fixed) => {
+            let fixed = self::fixed(fixed)?;
+            preparation.space = SearchSpace::Fixed(fixed);
+            Descriptor::Fixed(fixed)
+        }
+        None => descriptor(wire.parameters, &preparation)?,
     };
     Ok(Description { preparation, descriptor, manifest: digest(&wire.manifest)? })
 }
@@ -68,24 +73,31 @@ fn tile(wire: v1::Tile) -> Result<Tile, InvalidJob> {
 
 fn evaluation(wire: v1::Evaluation) -> Result<Evaluation, InvalidJob> {
     let preparation = preparation(wire.preparation)?;
-    let parameters = parameters(wire.parameters, &preparation)?;
+    let descriptor = descriptor(wire.parameters, &preparation)?;
     let splits = splits(&wire.query, &wire.database)?;
-    Ok(Evaluation { preparation, parameters, splits, want_matches: wire.want_matches })
+    Ok(Evaluation { preparation, descriptor, splits, want_matches: wire.want_matches })
 }
 
-fn parameters(wire: Option<v1::Parameters>, preparation: &Preparation) -> Result<Parameters, InvalidJob> {
+fn descriptor(wire: Option<v1::Parameters>, preparation: &Preparation) -> Result<Descriptor, InvalidJob> {
     let p = wire.ok_or_else(|| invalid("parameters are missing"))?;
-    let parameters =
-        Parameters::from_ticks([p.shape_bins, p.colour_bins, p.disk_um, p.ring_um, p.shape_weight_ppm]);
-    if !preparation.genes.contains(&parameters) {
-        return Err(invalid(format!("parameters must lie in the search space, got {parameters}")));
+    let descriptor = Descriptor::DiskRing(Parameters::from_ticks([
+        p.shape_bins,
+        p.colour_bins,
+        p.disk_um,
+        p.ring_um,
+        p.shape_weight_ppm,
+    ]));
+    if !preparation.space.contains(&descriptor) {
+        return Err(invalid(format!("parameters must lie in the search space, got {descriptor}")));
     }
-    Ok(parameters)
+    Ok(descriptor)
 }
 
 fn grid_cell(wire: v1::GridCell) -> Result<GridCell, InvalidJob> {
     let preparation = preparation(wire.preparation)?;
-    let genes = &preparation.genes;
+    let SearchSpace::DiskRing(genes) = &preparation.space else {
+        return Err(invalid("a grid cell is of the disk-ring family"));
+    };
     for (kind, um) in [(GeneKind::DiskRadius, wire.disk_um), (GeneKind::RingRadius, wire.ring_um)] {
         if !genes.domain(kind).is_some_and(|domain| domain.values().any(|value| value == um)) {
             let name = GENES[kind as usize].name;
@@ -125,7 +137,7 @@ fn preparation(wire: Option<v1::Preparation>) -> Result<Preparation, InvalidJob>
         unit,
     };
     let genes = GeneTable::new(domains, wire.colour).map_err(|error| invalid(error.to_string()))?;
-    Ok(Preparation { preprocess, genes })
+    Ok(Preparation { preprocess, space: SearchSpace::DiskRing(genes) })
 }
 
 fn digests(wire: &[Vec<u8>]) -> Result<Vec<Digest>, InvalidJob> {
@@ -278,7 +290,9 @@ mod tests {
     #[test]
     fn a_job_is_one_task() {
         let evaluated = task(job(Some(evaluation()), None)).unwrap();
-        assert!(matches!(evaluated, Task::Evaluation(found) if found.parameters == Parameters::PAPER_BEST));
+        assert!(
+            matches!(evaluated, Task::Evaluation(found) if found.descriptor == Descriptor::DiskRing(Parameters::PAPER_BEST))
+        );
         let counted = task(job(None, Some(cell()))).unwrap();
         assert!(
             matches!(counted, Task::GridCell(found) if (found.disk_um, found.ring_um) == (13_000, 36_000))

@@ -42,7 +42,7 @@ impl Description {
     /// Refuses an answer that cannot be the shard's description.
     pub fn check(&self, described: &Described) -> Result<(), String> {
         let Some(parts) = &described.parts else { return Ok(()) };
-        self.descriptor.check_description(parts, self.clouds).map_err(|error| error.to_string())
+        self.descriptor.check_signatures(parts, self.clouds).map_err(|error| error.to_string())
     }
 }
 
@@ -67,8 +67,8 @@ mod tests {
     #[test]
     fn what_cannot_be_a_shards_description_is_refused() {
         let descriptor = Descriptor::DiskRing(Parameters::PAPER_BEST);
-        let shard = Description { descriptor, manifest: Digest([1; 32]), clouds: 3 };
-        let length = descriptor.description_length(3) as usize;
+        let shard = Description { descriptor: descriptor.clone(), manifest: Digest([1; 32]), clouds: 3 };
+        let length = descriptor.signature_bytes(3) as usize;
         assert_eq!(shard.check(&Described::new(vec![0; length])), Ok(()));
         assert_eq!(shard.check(&Described::named(Digest([2; 32]))), Ok(()));
         assert!(shard.check(&Described::new(vec![0; length - 4])).is_err());

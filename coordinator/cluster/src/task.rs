@@ -81,6 +81,9 @@ impl Task {
                         hasher.update(kind.name().as_bytes());
                         hasher.update(&radius_um.to_le_bytes());
                     }
+                    other @ Descriptor::GlobalHue(_) => {
+                        hasher.update(&other.to_bytes());
+                    }
                 }
                 &[std::slice::from_ref(&shard.manifest)]
             }
@@ -108,9 +111,10 @@ impl Task {
         match self {
             Self::Evaluation(evaluation) => [0, evaluation.queries, evaluation.database_clouds],
             Self::GridCell(cell) => [1, cell.queries, cell.descriptors as u32],
-            Self::Description(shard) => match shard.descriptor {
+            Self::Description(shard) => match &shard.descriptor {
                 Descriptor::DiskRing(_) => [2, shard.clouds, 0],
                 Descriptor::Fixed(fixed) => [4 + fixed.kind as u32, shard.clouds, fixed.radius_um],
+                Descriptor::GlobalHue(hue) => [6, shard.clouds, hue.bins()],
             },
             Self::Tile(tile) => [3, tile.evaluation.queries, tile.evaluation.database_clouds],
         }
@@ -123,7 +127,7 @@ impl Task {
             Self::GridCell(_) => None,
             Self::Description(shard) => match &shard.descriptor {
                 Descriptor::DiskRing(parameters) => Some(parameters),
-                Descriptor::Fixed(_) => None,
+                Descriptor::Fixed(_) | Descriptor::GlobalHue(_) => None,
             },
             Self::Tile(tile) => Some(&tile.evaluation.parameters),
         }

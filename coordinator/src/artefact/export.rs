@@ -4,7 +4,7 @@ use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use descriptor::{GeneTable, Parameters, PreparedCloud, Quantiser, SetDistance, Summary, pcd};
+use descriptor::{GeneTable, Parameters, QuantisedCloud, Quantiser, SetDistance, Signature, pcd};
 use rayon::prelude::*;
 use results::{DatabaseCloud, DatabasePart, PredictionRow, PredictionSplit};
 use worker::Storage;
@@ -183,7 +183,7 @@ fn refuse_unsound(run: &Path) -> Result<(), ExportError> {
     }
 }
 
-/// The summaries of the final test's database, in its order.
+/// The signatures of the final test's database, in its order.
 fn describe(
     dataset: &Dataset,
     preprocess: &descriptor::Preprocess,
@@ -198,24 +198,24 @@ fn describe(
         .iter()
         .map(|&index| &dataset.clouds.entries[index as usize])
         .collect();
-    let summaries: Vec<Summary> = entries
+    let signatures: Vec<[Signature; 2]> = entries
         .par_iter()
         .map(|&entry| {
             let failed = |what: String| ExportError::Cloud { path: dataset.clouds.file(entry), what };
             let cloud = pcd::read(&read(dataset, entry)?).map_err(|error| failed(error.to_string()))?;
-            let prepared = PreparedCloud::new(&cloud, preprocess, &quantiser)
+            let prepared = QuantisedCloud::new(&cloud, preprocess, &quantiser)
                 .map_err(|error| failed(error.to_string()))?;
-            Ok(Summary::new(&prepared, &binning))
+            Ok(binning.signature(&prepared))
         })
         .collect::<Result<_, ExportError>>()?;
-    let part = |part: fn(&Summary) -> &descriptor::summary::Part| DatabasePart {
-        centroids: summaries.iter().flat_map(|summary| &part(summary).centroid).copied().collect(),
-        deviations: summaries.iter().flat_map(|summary| &part(summary).deviation).copied().collect(),
+    let part = |channel: usize| DatabasePart {
+        centroids: signatures.iter().flat_map(|cloud| &cloud[channel].centroid).copied().collect(),
+        deviations: signatures.iter().flat_map(|cloud| &cloud[channel].deviation).copied().collect(),
     };
     Ok(results::Database {
         clouds: entries.iter().map(|&entry| labelled(dataset, entry)).collect(),
-        shape: part(|summary| &summary.shape),
-        colour: part(|summary| &summary.colour),
+        shape: part(0),
+        colour: part(1),
     })
 }
 

@@ -5,8 +5,8 @@ use std::path::Path;
 use std::time::Instant;
 
 use descriptor::{
-    Binning, Database, GeneTable, Label, Parameters, PrepareError, PreparedCloud, Preprocess, Quantiser,
-    Summary, Unit, description, pcd,
+    Binning, Database, Descriptor, GeneTable, Label, Parameters, PrepareError, Preprocess, QuantisedCloud,
+    Quantiser, Signature, Unit, pcd,
 };
 use results::DatabaseCloud;
 
@@ -26,8 +26,8 @@ pub struct Recogniser {
 
 /// One cloud under the descriptor.
 pub struct Described {
-    /// What is matched.
-    pub summary: Summary,
+    /// In shape and in colour: what is matched.
+    pub signatures: [Signature; 2],
     /// How many keypoints it is made of.
     pub keypoints: usize,
 }
@@ -116,10 +116,12 @@ impl Recogniser {
         let columns = [&shape, &colour].map(|part| [part.centroids.as_slice(), part.deviations.as_slice()]);
         let count =
             u32::try_from(clouds.len()).map_err(|_| format!("too many clouds, got {}", clouds.len()))?;
-        let [shape, colour] =
-            description::from_columns(columns, &parameters, count).map_err(|error| first_line(&error))?;
-        let database = Database::new([&shape, &colour], labels(&clouds), parameters.shape_weight())
-            .map_err(|error| first_line(&error))?;
+        let descriptor = Descriptor::DiskRing(parameters);
+        let signatures =
+            descriptor.signatures_of_columns(&columns, count).map_err(|error| first_line(&error))?;
+        let weights = descriptor.channels().into_iter().map(|(_, weight)| weight);
+        let channels: Vec<_> = signatures.iter().zip(weights).collect();
+        let database = Database::new(&channels, labels(&clouds)).map_err(|error| first_line(&error))?;
         Ok(Self { preprocess, quantiser, binning, database, clouds })
     }
 
@@ -133,9 +135,9 @@ impl Recogniser {
             &cloud,
             &self.preprocess,
             |cloud, keypoints, normals| {
-                let prepared = PreparedCloud::describe(cloud, keypoints, normals, &self.quantiser)?;
-                let summary = Summary::new(&prepared, &self.binning);
-                Ok(Described { summary, keypoints: prepared.keypoints() })
+                let cloud = QuantisedCloud::describe(cloud, keypoints, normals, &self.quantiser)?;
+                let signatures = self.binning.signature(&cloud);
+                Ok(Described { signatures, keypoints: cloud.keypoints() })
             },
             seconds,
         );
@@ -147,7 +149,7 @@ impl Recogniser {
 
     /// The nearest `most` objects, at least one, to a cloud that was described.
     pub(super) fn answer(&self, described: &Described, most: usize) -> Answer<'_> {
-        let hits = self.database.ranking(&described.summary, most.max(1));
+        let hits = self.database.ranking(&described.signatures, most.max(1));
         let named = |hit: descriptor::recognise::Hit| {
             let DatabaseCloud { cloud, instance, category } = &self.clouds[hit.index as usize];
             Named { instance, category, cloud, distance: hit.distance }

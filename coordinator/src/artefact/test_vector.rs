@@ -75,7 +75,7 @@ pub(super) fn test_vector(
     let described = recogniser.describe(&example.bytes, &mut Seconds::default())?;
     let answer = recogniser.answer(&described, 2);
     let (nearest, runner_up) = (answer.nearest(), answer.runner_up());
-    let Described { summary, keypoints } = &described;
+    let Described { signatures: [shape, colour], keypoints } = &described;
     let vector = TestVector {
         version: VERSION,
         file: EXAMPLE,
@@ -84,8 +84,8 @@ pub(super) fn test_vector(
         instance: &example.instance,
         category: &example.category,
         keypoints: *keypoints,
-        shape: Part { centroid: &summary.shape.centroid, deviation: &summary.shape.deviation },
-        colour: Part { centroid: &summary.colour.centroid, deviation: &summary.colour.deviation },
+        shape: Part { centroid: &shape.centroid, deviation: &shape.deviation },
+        colour: Part { centroid: &colour.centroid, deviation: &colour.deviation },
         predicted_instance: nearest.instance,
         predicted_category: nearest.category,
         nearest_cloud: nearest.cloud,

@@ -6,8 +6,8 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 use clap::Args;
 use descriptor::{
-    Descriptor, FixedDescriptor, FixedKind, GENES, GeneKind, GeneTable, Parameters, Preprocess, SetDistance,
-    Unit,
+    Descriptor, Family, FixedDescriptor, FixedKind, GENES, GeneKind, GeneTable, Parameters, Preprocess,
+    SetDistance, Unit,
 };
 use serde_json::json;
 
@@ -33,7 +33,7 @@ pub struct Evaluate {
     #[arg(long, value_name = "LIST", required = true, num_args = 1..)]
     database: Vec<PathBuf>,
     /// The paper's descriptor, or one that it is compared with, as PCL computes it, for example shotcolor
-    #[arg(long, value_name = "NAME", default_value = Descriptor::DISK_RING, value_parser = [Descriptor::DISK_RING, "pfhrgb", "shotcolor"])]
+    #[arg(long, value_name = "NAME", default_value = Family::DiskRing.name(), value_parser = [Family::DiskRing.name(), "pfhrgb", "shotcolor"])]
     descriptor: String,
     /// A gene's value, for example R1=1.3; repeatable. The others keep the values of the paper's best descriptor
     #[arg(long, value_name = "gene=value")]
@@ -99,7 +99,7 @@ impl Evaluate {
         let request = Request {
             listing: Listing::load(&self.data, &layout, &place(&self.query), &place(&self.database))?,
             preprocess,
-            descriptor,
+            descriptor: descriptor.clone(),
             distance,
             threads,
         };
@@ -135,12 +135,12 @@ impl Evaluate {
             self.set.is_empty(),
             "--set: {name} has no genes, got {}\nleave it out, or choose --descriptor {}",
             self.set.join(" "),
-            Descriptor::DISK_RING
+            Family::DiskRing.name()
         );
         anyhow::ensure!(
             !self.no_colour,
             "--no-colour: {name} needs colours, got none\nleave it out, or choose --descriptor {}",
-            Descriptor::DISK_RING
+            Family::DiskRing.name()
         );
         Ok(Descriptor::Fixed(FixedDescriptor { kind, radius_um }))
     }
@@ -209,6 +209,10 @@ fn json(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> Stri
         Descriptor::Fixed(fixed) => json!({
             "name": fixed.kind.name(),
             "radius_cm": fixed.radius() * 100.0,
+        }),
+        Descriptor::GlobalHue(hue) => json!({
+            "name": descriptor.family().name(),
+            "bins": hue.bins(),
         }),
     };
     let skipped: Vec<_> =

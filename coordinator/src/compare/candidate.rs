@@ -22,14 +22,6 @@ pub struct Candidate {
 }
 
 impl Candidate {
-    /// w of the paper's kind: how much shape counts beside colour; of the others, which have one part, all.
-    pub fn shape_weight(&self) -> f64 {
-        match &self.descriptor {
-            Descriptor::DiskRing(parameters) => parameters.shape_weight(),
-            Descriptor::Fixed(_) => 1.0,
-        }
-    }
-
     /// What more there is to say.
     pub fn note(&self) -> Option<&'static str> {
         match self.descriptor {

@@ -2,9 +2,7 @@
 
 use std::sync::Arc;
 
-use descriptor::description::{self, DescriptionError};
-use descriptor::fixed::description::{self as fixed, DescribedClouds};
-use descriptor::{Descriptor, FixedKind, Label, Parameters, Parts};
+use descriptor::{Descriptor, Label, SignatureError, Signatures};
 use proto::MAX_DESCRIPTION_BYTES;
 
 use cluster::assembly;
@@ -20,19 +18,10 @@ const SHARD: u32 = 16;
 pub struct Described {
     /// Clouds of either side that it describes, as indices into the side.
     pub clouds: [Vec<u32>; 2],
-    /// Their parts.
-    pub parts: DescribedParts,
+    /// Their signatures in each channel.
+    pub channels: Vec<[Signatures; 2]>,
     /// Keypoints that are described, over all clouds, where descriptions tell it.
     pub keypoints: Option<u64>,
-}
-
-/// Parts of queries and database.
-#[derive(Clone, Debug, PartialEq)]
-pub enum DescribedParts {
-    /// Of the paper's kind: shape, and colour.
-    DiskRing([Parts; 2], [Parts; 2]),
-    /// Of one without genes.
-    Fixed([Parts; 2]),
 }
 
 /// All test queries and their database, cut into shards.
@@ -44,7 +33,7 @@ impl Shards {
     /// Cuts both sides of an evaluation so that each shard's description fits into a message, whichever of these
     /// descriptors it is under, and releases their manifests; `None` if a split is not released.
     pub fn publish(evaluation: &Evaluation, descriptors: &[Descriptor], blobs: &BlobStore) -> Option<Self> {
-        let one = descriptors.iter().map(|descriptor| descriptor.description_length(1)).max().unwrap_or(1);
+        let one = descriptors.iter().map(|descriptor| descriptor.signature_bytes(1)).max().unwrap_or(1);
         let fitting = u32::try_from(MAX_DESCRIPTION_BYTES / one.max(1)).unwrap_or(SHARD).clamp(1, SHARD);
         let side = |splits, clouds: u32| {
             assembly::Side::publish(splits, clouds, clouds.div_ceil(fitting), blobs).map(Arc::new)
@@ -64,10 +53,11 @@ impl Shards {
 
     /// What workers are asked for: each descriptor in turn, queries before database.
     pub fn tasks(&self, descriptors: &[Descriptor]) -> Vec<Description> {
-        let of = |&descriptor: &Descriptor| {
+        let of = |descriptor: &Descriptor| {
+            let descriptor = descriptor.clone();
             let shards = self.sides.iter().flat_map(|side| &side.shards);
             shards.map(move |shard| Description {
-                descriptor,
+                descriptor: descriptor.clone(),
                 manifest: shard.manifest,
                 clouds: shard.clouds.len() as u32,
             })
@@ -83,51 +73,43 @@ impl Shards {
         &self,
         descriptors: &[Descriptor],
         answers: &[Arc<[u8]>],
-    ) -> Result<Vec<Described>, DescriptionError> {
+    ) -> Result<Vec<Described>, SignatureError> {
         let (mut answers, mut gathered) = (answers.iter(), Vec::new());
         for descriptor in descriptors {
             let sides = self.sides.each_ref().map(|side| {
                 let shards = side.shards.iter().map(|shard| shard.clouds.len() as u32);
                 shards.zip(answers.by_ref()).map(|(clouds, bytes)| (clouds, &**bytes)).collect()
             });
-            gathered.push(match descriptor {
-                Descriptor::DiskRing(parameters) => disk_ring(parameters, sides)?,
-                Descriptor::Fixed(one) => without_genes(one.kind, sides)?,
-            });
+            gathered.push(Described::new(descriptor, sides)?);
         }
         Ok(gathered)
     }
 }
 
-/// Descriptions of a side's shards with their numbers of clouds.
-type Descriptions<'a> = Vec<(u32, &'a [u8])>;
+/// Of each shard its number of clouds and their encoded signatures.
+type Shard<'a> = (u32, &'a [u8]);
 
-fn disk_ring(parameters: &Parameters, sides: [Descriptions<'_>; 2]) -> Result<Described, DescriptionError> {
-    let [mut shape, mut colour] =
-        [[Parts::default(), Parts::default()], [Parts::default(), Parts::default()]];
-    for (side, shards) in sides.into_iter().enumerate() {
-        for (clouds, bytes) in shards {
-            let [more_shape, more_colour] = description::decode(bytes, parameters, clouds)?;
-            shape[side].append(&more_shape);
-            colour[side].append(&more_colour);
+impl Described {
+    fn new(descriptor: &Descriptor, sides: [Vec<Shard<'_>>; 2]) -> Result<Self, SignatureError> {
+        let nothing = [Signatures::default(), Signatures::default()];
+        let mut channels = vec![nothing; descriptor.channels().len()];
+        for (side, shards) in sides.into_iter().enumerate() {
+            for (clouds, bytes) in shards {
+                let more = descriptor.decode_signatures(bytes, clouds)?;
+                channels.iter_mut().zip(&more).for_each(|(all, more)| all[side].append(more));
+            }
         }
+        // Every channel tells the same.
+        let told = channels[0].iter().map(|side| side.keypoints().map(|all| all.iter().copied()));
+        let told: Option<Vec<_>> = told.collect();
+        let keypoints = told.map(|sides| sides.into_iter().flatten().map(u64::from).sum());
+        let mut clouds = [Vec::new(), Vec::new()];
+        let channels = channels.into_iter().map(|sides| {
+            let [(queries, query), (database, known)] = sides.map(Signatures::into_described);
+            clouds = [queries, database];
+            [query, known]
+        });
+        let channels = channels.collect();
+        Ok(Self { clouds, channels, keypoints })
     }
-    let clouds = shape.each_ref().map(|parts| (0..parts.clouds() as u32).collect());
-    Ok(Described { clouds, parts: DescribedParts::DiskRing(shape, colour), keypoints: None })
-}
-
-fn without_genes(kind: FixedKind, sides: [Descriptions<'_>; 2]) -> Result<Described, DescriptionError> {
-    let mut all = [DescribedClouds::default(), DescribedClouds::default()];
-    for (all, shards) in all.iter_mut().zip(sides) {
-        for (clouds, bytes) in shards {
-            all.append(&fixed::decode(bytes, kind, clouds)?);
-        }
-    }
-    let keypoints = all.iter().flat_map(|side| &side.keypoints).map(|&keypoints| u64::from(keypoints)).sum();
-    let [(queries, query_parts), (database, database_parts)] = all.map(DescribedClouds::into_described);
-    Ok(Described {
-        clouds: [queries, database],
-        parts: DescribedParts::Fixed([query_parts, database_parts]),
-        keypoints: Some(keypoints),
-    })
 }

@@ -12,9 +12,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use descriptor::description::DescriptionError;
 use descriptor::recognise::RecogniseError;
-use descriptor::{Descriptor, GeneTable, Label, Parameters, Quantiser, SetDistance};
+use descriptor::{Descriptor, GeneTable, Label, Parameters, Quantiser, SetDistance, SignatureError};
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use results::{ComparedRow, Counts, LookRow, RunFolder, wilson};
 use worker::Storage;
@@ -93,7 +92,7 @@ pub enum CompareError {
     },
     /// A worker's answer is no description.
     #[error(transparent)]
-    Description(#[from] DescriptionError),
+    Description(#[from] SignatureError),
     /// Nothing in the database.
     #[error("{label}: {source}")]
     Recognise {
@@ -299,7 +298,7 @@ fn distinct(candidates: &[Candidate]) -> Vec<Descriptor> {
     let mut descriptors = Vec::new();
     for candidate in candidates {
         if !descriptors.contains(&candidate.descriptor) {
-            descriptors.push(candidate.descriptor);
+            descriptors.push(candidate.descriptor.clone());
         }
     }
     descriptors
@@ -375,7 +374,7 @@ fn row(
     let [category_wilson, category_bootstrap] = intervals(counts.category_correct, Level::Category);
     ComparedRow {
         descriptor: candidate.label.clone(),
-        kind: candidate.descriptor.kind_name().to_owned(),
+        kind: candidate.descriptor.family().name().to_owned(),
         distance: candidate.distance.name().to_owned(),
         parameters: candidate.descriptor.parameters(),
         size: candidate.descriptor.size() as u32,

@@ -1,34 +1,16 @@
 //! What a candidate makes of the test clouds: from the parts of clouds to matches, distances and curves.
 
-use descriptor::recognise::{Hit, RecogniseError, recognise_by, recognise_from};
-use descriptor::summary::weighted;
-use descriptor::{DistanceMatrix, Label, Match, Parts};
+use descriptor::distance::set_distances;
+use descriptor::recognise::{Hit, RecogniseError, recognise_from};
+use descriptor::{DistanceMatrix, Label, Match};
 use results::{Curve, DistanceRow};
 
 use super::candidate::Candidate;
 use super::curve::curve;
-use super::described::{Described, DescribedParts};
+use super::described::Described;
 
 /// Pairs of clouds of which distances and curve are kept: 350 MB while they are counted, 44 bytes each.
 pub const MAX_PAIRS: usize = 8_000_000;
-
-/// All distances of the clouds that are described.
-enum Distances {
-    /// Shape, colour and the weight of shape.
-    Weighted(DistanceMatrix, DistanceMatrix, f64),
-    One(DistanceMatrix),
-}
-
-impl Distances {
-    fn get(&self, query: usize, database: usize) -> f64 {
-        match self {
-            Self::Weighted(shape, colour, weight) => {
-                weighted(shape.row(query)[database], colour.row(query)[database], *weight)
-            }
-            Self::One(matrix) => f64::from(matrix.row(query)[database]),
-        }
-    }
-}
 
 /// The answers of one candidate.
 pub struct Recognition {
@@ -54,22 +36,16 @@ impl Recognition {
         described: &Described,
         [query_labels, database_labels]: [&[Label]; 2],
     ) -> Result<Self, RecogniseError> {
-        let by = |[queries, database]: &[Parts; 2]| DistanceMatrix::by(candidate.distance, queries, database);
         let [queries, database] = &described.clouds;
         let labels: Vec<Label> = database.iter().map(|&index| database_labels[index as usize]).collect();
         let count = queries.len();
-        let distances = match &described.parts {
-            DescribedParts::DiskRing(shape, colour) => {
-                Distances::Weighted(by(shape), by(colour), candidate.shape_weight())
-            }
-            DescribedParts::Fixed(parts) => Distances::One(by(parts)),
-        };
-        let found = match &distances {
-            Distances::Weighted(shape, colour, weight) => {
-                recognise_from(count, shape, colour, &labels, *weight)?
-            }
-            Distances::One(matrix) => recognise_by(count, matrix, &labels)?,
-        };
+        let channels = candidate.descriptor.channels().into_iter().zip(&described.channels);
+        let distances: Vec<(DistanceMatrix, f64)> = channels
+            .map(|((_, weight), [queries, database])| {
+                (DistanceMatrix::by(candidate.distance, queries, database), weight)
+            })
+            .collect();
+        let found = recognise_from(count, &distances, &labels)?;
         let number = |hit: Hit| Hit { index: database[hit.index as usize], ..hit };
         let numbered = found
             .into_iter()
@@ -79,11 +55,13 @@ impl Recognition {
             query_labels[query as usize].instance == database_labels[database as usize].instance
         };
 
-        let mut pairs = Vec::new();
+        let (mut pairs, mut of_query) = (Vec::new(), Vec::new());
         if count * labels.len() <= MAX_PAIRS {
             for (row, &query) in queries.iter().enumerate() {
-                let columns = database.iter().enumerate();
-                pairs.extend(columns.map(|(column, &cloud)| (query, cloud, distances.get(row, column))));
+                set_distances(&distances, row, &mut of_query);
+                pairs.extend(
+                    database.iter().zip(&of_query).map(|(&cloud, &distance)| (query, cloud, distance)),
+                );
             }
         }
         let mut curves = Vec::new();

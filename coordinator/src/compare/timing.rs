@@ -33,7 +33,7 @@ pub fn time(
     let request = Request {
         listing,
         preprocess: *preprocess,
-        descriptor: candidate.descriptor,
+        descriptor: candidate.descriptor.clone(),
         distance: candidate.distance,
         threads: 1,
     };

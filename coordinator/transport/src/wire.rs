@@ -25,11 +25,11 @@ fn description(shard: &Description, preparation: &v1::Preparation) -> v1::Descri
         preparation: Some(preparation.clone()),
         parameters: match &shard.descriptor {
             Descriptor::DiskRing(descriptor) => Some(parameters(descriptor)),
-            Descriptor::Fixed(_) => None,
+            Descriptor::Fixed(_) | Descriptor::GlobalHue(_) => None,
         },
         manifest: shard.manifest.to_vec(),
         fixed: match &shard.descriptor {
-            Descriptor::DiskRing(_) => None,
+            Descriptor::DiskRing(_) | Descriptor::GlobalHue(_) => None,
             Descriptor::Fixed(descriptor) => Some(fixed(descriptor)),
         },
     }

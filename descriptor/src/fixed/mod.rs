@@ -1,10 +1,8 @@
 //! Descriptors without genes, which the evolved one is compared with: one histogram a keypoint of all points within one
 //! radius, counted as PCL counts it.
 //!
-//! Keypoints, normals, summaries and distances are those of the paper's descriptor. Points without a normal are left
+//! Keypoints, normals, signatures and distances are those of the paper's descriptor. Points without a normal are left
 //! out; a keypoint needs none of its own.
-
-pub mod description;
 
 mod arctangent;
 mod frame;
@@ -21,13 +19,15 @@ mod tests;
 
 use std::fmt;
 
+use crate::column::Column;
 use crate::keypoints::Keypoints;
 use crate::neighbours::floor_f32;
-use crate::prepare::{Normals, PrepareError, keypoints};
-use crate::summary::Part;
+use crate::normals::Normal;
+use crate::prepare::{Normals, keypoints};
+use crate::prepare_error::PrepareError;
+use crate::signature::Signature;
 use crate::surface::{SORTED_ABOVE, Surface};
 use crate::{Cloud, Preprocess};
-pub use description::DescribedClouds;
 
 /// The descriptors without genes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -58,6 +58,14 @@ impl FixedKind {
         Self::ALL.into_iter().find(|kind| kind.name() == name)
     }
 
+    /// Largest value: PFHRGB counts ordered pairs in per cent of unordered ones, SHOT has unit length.
+    pub(crate) fn largest(self) -> u8 {
+        match self {
+            Self::PfhRgb => 200,
+            Self::ShotColor => 1,
+        }
+    }
+
     /// Values of one histogram.
     pub fn size(self) -> usize {
         match self {
@@ -82,7 +90,7 @@ pub struct FixedDescriptor {
     pub radius_um: u32,
 }
 
-/// Why a cloud has no summary.
+/// Why a cloud has no signature.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum FixedError {
     /// The cloud could not be prepared for any descriptor.
@@ -95,6 +103,38 @@ pub enum FixedError {
     NothingDescribed { kind: FixedKind, keypoints: usize },
 }
 
+/// A cloud with its keypoints and normals: what all descriptors without genes are computed from.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OrientedCloud {
+    /// In metres, with colours.
+    cloud: Cloud,
+    keypoints: Keypoints,
+    normals: Normals,
+}
+
+impl OrientedCloud {
+    /// From a cloud as stored.
+    ///
+    /// # Errors
+    /// If the cloud takes no part or cannot be used as it is; colours are needed whatever `preprocess` says.
+    pub fn new(cloud: &Cloud, preprocess: &Preprocess) -> Result<Self, PrepareError> {
+        let cloud = preprocess.in_metres(cloud).into_owned();
+        let keypoints = keypoints(&cloud, preprocess)?;
+        let normals = Normals::new(&cloud, &keypoints, preprocess)?;
+        if cloud.colours.is_none() {
+            return Err(PrepareError::NoColours);
+        }
+        Ok(Self { cloud, keypoints, normals })
+    }
+
+    /// Memory that the cloud takes, bytes.
+    pub(crate) fn bytes(&self) -> usize {
+        // Position, colour and normal of each point.
+        let of_point = size_of::<[f32; 3]>() + size_of::<[u8; 3]>() + size_of::<Normal>();
+        size_of::<Self>() + (self.cloud.len() + self.keypoints.len()) * of_point
+    }
+}
+
 /// The histograms of one cloud's keypoints; there is at least one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histograms {
@@ -102,7 +142,46 @@ pub struct Histograms {
     rows: Vec<f32>,
 }
 
+/// Largest radius of a region, micrometres.
+const MAX_RADIUS_UM: u32 = 1_000_000;
+
+/// Micrometres in a centimetre.
+const UM_PER_CM: f64 = 1e4;
+
 impl FixedDescriptor {
+    /// The column of its radius.
+    pub const COLUMN: Column = Column {
+        name: "radius",
+        unit: "cm",
+        integer: false,
+        meaning: "radius of the region about a keypoint",
+    };
+
+    /// With a radius from 1 µm to 1 m.
+    ///
+    /// # Errors
+    /// What is wrong with another radius.
+    pub fn new(kind: FixedKind, radius_um: u32) -> Result<Self, String> {
+        if (1..=MAX_RADIUS_UM).contains(&radius_um) {
+            Ok(Self { kind, radius_um })
+        } else {
+            let limits = format!("1 to {MAX_RADIUS_UM} um, got {radius_um}");
+            Err(format!("radius: must be {limits}\nchoose a value inside these limits"))
+        }
+    }
+
+    /// The descriptor of a radius in centimetres; `None` if it is no whole number of micrometres that may be.
+    pub(crate) fn from_value(kind: FixedKind, radius_cm: f64) -> Option<Self> {
+        let radius_um = (radius_cm * UM_PER_CM).round();
+        let descriptor = Self::new(kind, radius_um as u32).ok()?; // what is no u32 is out of bounds as one
+        (descriptor.radius_cm() == radius_cm).then_some(descriptor)
+    }
+
+    /// Radius of the region, centimetres.
+    pub fn radius_cm(&self) -> f64 {
+        f64::from(self.radius_um) / UM_PER_CM
+    }
+
     /// Radius of the region, metres.
     pub fn radius(&self) -> f64 {
         f64::from(self.radius_um) / 1e6
@@ -111,21 +190,22 @@ impl FixedDescriptor {
     /// All stages at once, from a cloud as stored.
     ///
     /// # Errors
-    /// As for [`crate::PreparedCloud::new`], or [`FixedError::NothingDescribed`]; colours are needed whatever
-    /// `preprocess` says.
+    /// As for [`OrientedCloud::new`], or [`FixedError::NothingDescribed`].
     pub fn histograms(&self, cloud: &Cloud, preprocess: &Preprocess) -> Result<Histograms, FixedError> {
-        let cloud = preprocess.in_metres(cloud);
-        let keypoints = keypoints(&cloud, preprocess)?;
-        let normals = Normals::new(&cloud, &keypoints, preprocess)?;
+        let OrientedCloud { cloud, keypoints, normals } = OrientedCloud::new(cloud, preprocess)?;
         self.describe(&cloud, &keypoints, &normals)
     }
 
-    /// As [`FixedDescriptor::histograms`]: what matching needs of a cloud.
-    ///
-    /// # Errors
-    /// The same.
-    pub fn summary(&self, cloud: &Cloud, preprocess: &Preprocess) -> Result<Part, FixedError> {
-        Ok(self.histograms(cloud, preprocess)?.summary())
+    /// How many keypoints of a cloud are described, and its signature: zeros if there are none.
+    pub(crate) fn signature_or_zeros(&self, cloud: &OrientedCloud) -> Result<(u32, Signature), PrepareError> {
+        match self.describe(&cloud.cloud, &cloud.keypoints, &cloud.normals) {
+            Ok(histograms) => Ok((histograms.rows().len() as u32, histograms.signature())),
+            Err(FixedError::NothingDescribed { .. }) => {
+                let zeros = vec![0.0; self.kind.size()];
+                Ok((0, Signature { centroid: zeros.clone(), deviation: zeros }))
+            }
+            Err(FixedError::Prepare(error)) => Err(error),
+        }
     }
 
     /// The stage `describe`, for a cloud in metres.
@@ -171,8 +251,8 @@ impl Histograms {
         self.rows.chunks_exact(self.size)
     }
 
-    /// Their mean and spread.
-    pub fn summary(&self) -> Part {
-        Part::of_rows(&self.rows, self.size)
+    /// Their mean and spread: what matching needs of the cloud.
+    pub fn signature(&self) -> Signature {
+        Signature::of_rows(&self.rows, self.size)
     }
 }

@@ -196,7 +196,7 @@ fn names_are_read_as_they_are_written() {
     assert_eq!(FixedKind::named("shot"), None);
 }
 
-/// Digests of rows and summaries; they change only together with [`crate::EVALUATION_VERSION`].
+/// Digests of rows and signatures; they change only together with [`crate::EVALUATION_VERSION`].
 #[test]
 fn outputs_are_those_of_the_evaluation_version() {
     for (kind, expected) in FixedKind::ALL.into_iter().zip(["d5e13aec042fef07", "d9768a2ce56dd4eb"]) {
@@ -210,7 +210,7 @@ fn outputs_are_those_of_the_evaluation_version() {
             let scene = Scene::new(sheet(seed, 350 + 40 * seed as usize));
             let found = scene.describe(kind, 50_000).unwrap();
             found.rows().for_each(&mut add);
-            let Part { centroid, deviation } = found.summary();
+            let Signature { centroid, deviation } = found.signature();
             add(&centroid);
             add(&deviation);
         }

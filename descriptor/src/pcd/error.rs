@@ -1,6 +1,8 @@
 //! Why a PCD file cannot be read, and what to do about it.
 
-use super::header::MAX_HEADER_BYTES;
+/// The data must start within this many bytes. Real headers take some hundred; a bound keeps a file that is no
+/// PCD file from being searched to its end.
+pub(super) const MAX_HEADER_BYTES: usize = 64 * 1024;
 
 /// What is wrong with a PCD file. The first line of the text is `where: what, got value`, the second says what
 /// to do. Text from the file is cut short and escaped.

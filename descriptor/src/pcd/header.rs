@@ -1,10 +1,6 @@
 //! The text header of a PCD file: which fields there are, how many points, and where the data starts.
 
-use super::error::{PcdError, shown};
-
-/// The data must start within this many bytes. Real headers take some hundred; a bound keeps a file that is no
-/// PCD file from being searched to its end.
-pub(super) const MAX_HEADER_BYTES: usize = 64 * 1024;
+use super::error::{MAX_HEADER_BYTES, PcdError, shown};
 
 /// A point takes fewer bytes than this.
 const MAX_POINT_BYTES: u64 = 1 << 31;

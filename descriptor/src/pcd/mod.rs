@@ -9,7 +9,7 @@ mod header;
 mod write;
 
 #[cfg(test)]
-mod hostile;
+mod malformed;
 #[cfg(test)]
 mod tests;
 

@@ -11,8 +11,8 @@ use super::camera::{CENTRE, FOCAL};
 use super::shape::{HIT, Vec3, along, dot, unit};
 use super::*;
 use crate::{
-    Correct, Encoding, GeneTable, Label, Parameters, PreparedCloud, Preprocess, Quantiser, random, recognise,
-    summarise,
+    Correct, Encoding, GeneTable, Label, Parameters, Preprocess, QuantisedCloud, Quantiser, Signatures,
+    random, recognise,
 };
 
 const IDEAL: Sensor =
@@ -425,12 +425,12 @@ fn errors(settings: &SynthSettings, chromosomes: &[Parameters]) -> Vec<[f64; 2]>
         let label = Label { category, instance: object.index };
         views.extend((0..settings.views()).map(|view| (object.path(view), (object, view, label))));
     }
-    let load = |list: &[String]| -> (Vec<PreparedCloud>, Vec<Label>) {
+    let load = |list: &[String]| -> (Vec<QuantisedCloud>, Vec<Label>) {
         list.par_iter()
             .map(|path| {
                 let (object, view, label) = views[path];
                 let cloud = render(settings, object, view);
-                (PreparedCloud::new(&cloud, &Preprocess::default(), &quantiser).unwrap(), label)
+                (QuantisedCloud::new(&cloud, &Preprocess::default(), &quantiser).unwrap(), label)
             })
             .unzip()
     };
@@ -441,16 +441,21 @@ fn errors(settings: &SynthSettings, chromosomes: &[Parameters]) -> Vec<[f64; 2]>
         .map(|parameters| {
             let binning = quantiser.binning(parameters).unwrap();
             let [train2, train1, validation] =
-                database.each_ref().map(|(clouds, _)| summarise(clouds, &binning));
-            let error = |queries: &[_], labels: &[Label], database: &[_], names: &[Label]| {
-                let found = recognise(queries, database, names, parameters.shape_weight()).unwrap();
-                let correct = Correct::count(&found, labels, names);
-                100.0 * (1.0 - correct.object as f64 / correct.queries as f64)
-            };
+                database.each_ref().map(|(clouds, _)| binning.signatures(clouds));
+            let weights = [parameters.shape_weight(), 1.0 - parameters.shape_weight()];
+            let error =
+                |queries: &[Signatures], labels: &[Label], database: &[Signatures], names: &[Label]| {
+                    let found = recognise(queries, database, &weights, names).unwrap();
+                    let correct = Correct::count(&found, labels, names);
+                    100.0 * (1.0 - correct.object as f64 / correct.queries as f64)
+                };
             let training = error(&train1, &database[1].1, &train2, &database[0].1);
-            let all = [train2, train1, validation].concat();
+            let mut all = train2;
+            for more in [train1, validation] {
+                all.iter_mut().zip(&more).for_each(|(all, more)| all.append(more));
+            }
             let names = [&database[0].1[..], &database[1].1, &database[2].1].concat();
-            [training, error(&summarise(&test.0, &binning), &test.1, &all, &names)]
+            [training, error(&binning.signatures(&test.0), &test.1, &all, &names)]
         })
         .collect()
 }

@@ -5,9 +5,9 @@ use std::path::Path;
 use std::time::Instant;
 
 use descriptor::prepare::{Normals, keypoints};
-use descriptor::recognise::recognise_by;
-use descriptor::summary::{Part, Parts};
-use descriptor::{Correct, DistanceMatrix, FixedDescriptor, FixedKind, Label, Preprocess, pcd};
+use descriptor::{
+    Correct, FixedDescriptor, FixedKind, Label, Preprocess, Signature, Signatures, pcd, recognise,
+};
 
 use crate::Bench;
 use crate::peer::Work;
@@ -64,22 +64,21 @@ impl Evaluated {
     fn new(kind: FixedKind, root: &Path, names: [&[String]; 2]) -> Self {
         let mut seconds = [0.0; 5];
         let [queries, database] = names.map(|names| {
-            let parts: Vec<Part> =
-                names.iter().map(|name| part(kind, &root.join(name), &mut seconds)).collect();
-            parts.iter().collect::<Parts>()
+            let signatures: Vec<Signature> =
+                names.iter().map(|name| signature(kind, &root.join(name), &mut seconds)).collect();
+            signatures.iter().collect::<Signatures>()
         });
         let all: Vec<&String> = names.into_iter().flatten().collect();
         let [query_labels, labels] = names.map(|names| labels(names, &all));
         let start = Instant::now();
-        let distances = DistanceMatrix::new(&queries, &database);
-        let matches = recognise_by(queries.clouds(), &distances, &labels).unwrap();
+        let matches = recognise(&[queries], &[database], &[1.0], &labels).unwrap();
         seconds[4] = start.elapsed().as_secs_f64();
         Self { correct: Correct::count(&matches, &query_labels, &labels), seconds }
     }
 }
 
-/// One cloud's summary; adds what its stages take.
-fn part(kind: FixedKind, path: &Path, seconds: &mut [f64; 5]) -> Part {
+/// One cloud's signature; adds what its stages take.
+fn signature(kind: FixedKind, path: &Path, seconds: &mut [f64; 5]) -> Signature {
     let preprocess = Preprocess::default();
     let mut start = Instant::now();
     let mut lap = |stage: usize| {
@@ -93,9 +92,9 @@ fn part(kind: FixedKind, path: &Path, seconds: &mut [f64; 5]) -> Part {
     let normals = Normals::new(&cloud, &keypoints, &preprocess).unwrap();
     lap(2);
     let descriptor = FixedDescriptor { kind, radius_um: 50_000 };
-    let part = descriptor.describe(&cloud, &keypoints, &normals).unwrap().summary();
+    let signature = descriptor.describe(&cloud, &keypoints, &normals).unwrap().signature();
     lap(3);
-    part
+    signature
 }
 
 /// Numbers for the category and instance folders of some names, by the names of both sides.

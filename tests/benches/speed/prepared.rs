@@ -7,8 +7,8 @@ use std::time::Instant;
 use coordinator::dataset::{Layout, ListedCloud, Listing};
 use descriptor::recognise::recognise_from;
 use descriptor::{
-    Correct, DistanceMatrix, GeneTable, Label, Parameters, Parts, PrepareError, PreparedCloud, Preprocess,
-    Quantiser, pcd, recognise, summarise,
+    Correct, DistanceMatrix, GeneTable, Label, Parameters, PrepareError, Preprocess, QuantisedCloud,
+    Quantiser, Signatures, pcd, recognise,
 };
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -16,7 +16,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 /// Prepared clouds of one side.
 #[derive(Debug, Default)]
 struct Side {
-    clouds: Vec<PreparedCloud>,
+    clouds: Vec<QuantisedCloud>,
     labels: Vec<Label>,
 }
 
@@ -32,7 +32,7 @@ pub struct Pair {
 pub struct Evaluated {
     /// Recognised queries.
     pub correct: Correct,
-    /// Histograms and their summaries, seconds.
+    /// Histograms and signatures, seconds.
     pub describe: f64,
     /// Distances and nearest clouds, seconds.
     pub matching: f64,
@@ -68,29 +68,33 @@ impl Pair {
     /// Evaluates one descriptor of which nothing is known yet, on the current pool.
     pub fn evaluate(&self, parameters: &Parameters) -> Evaluated {
         let clock = Instant::now();
-        let parts = self.parts(parameters);
+        let signatures = self.signatures(parameters);
         let describe = clock.elapsed().as_secs_f64();
         let clock = Instant::now();
-        let correct = self.recognise(&distances(&parts), parameters.shape_weight());
+        let correct = self.recognise(&distances(&signatures), parameters.shape_weight());
         Evaluated { correct, describe, matching: clock.elapsed().as_secs_f64() }
     }
 
     /// Distances in shape and in colour.
     pub fn distances(&self, parameters: &Parameters) -> [DistanceMatrix; 2] {
-        distances(&self.parts(parameters))
+        distances(&self.signatures(parameters))
     }
 
-    /// Shape and colour parts of the queries and of the database.
-    fn parts(&self, parameters: &Parameters) -> [[Parts; 2]; 2] {
+    /// Queries and database, in shape and in colour.
+    fn signatures(&self, parameters: &Parameters) -> [[Signatures; 2]; 2] {
         let binning = self.quantiser.binning(parameters).unwrap();
-        [&self.query, &self.database].map(|side| Parts::both(&side.clouds, &binning))
+        [&self.query, &self.database].map(|side| binning.signatures(&side.clouds))
     }
 
     /// Recognises the queries from kept distances.
     pub fn recognise(&self, [shape, colour]: &[DistanceMatrix; 2], shape_weight: f64) -> Correct {
         let Self { query, database, .. } = self;
-        let matches =
-            recognise_from(query.clouds.len(), shape, colour, &database.labels, shape_weight).unwrap();
+        let matches = recognise_from(
+            query.clouds.len(),
+            &[(shape, shape_weight), (colour, 1.0 - shape_weight)],
+            &database.labels,
+        )
+        .unwrap();
         Correct::count(&matches, &query.labels, &database.labels)
     }
 
@@ -98,13 +102,14 @@ impl Pair {
     pub fn evaluate_at_once(&self, parameters: &Parameters) -> Correct {
         let Self { query, database, .. } = self;
         let binning = self.quantiser.binning(parameters).unwrap();
-        let [queries, entries] = [query, database].map(|side| summarise(&side.clouds, &binning));
-        let matches = recognise(&queries, &entries, &database.labels, parameters.shape_weight()).unwrap();
+        let [queries, entries] = [query, database].map(|side| binning.signatures(&side.clouds));
+        let weights = [parameters.shape_weight(), 1.0 - parameters.shape_weight()];
+        let matches = recognise(&queries, &entries, &weights, &database.labels).unwrap();
         Correct::count(&matches, &query.labels, &database.labels)
     }
 }
 
-fn distances([query, database]: &[[Parts; 2]; 2]) -> [DistanceMatrix; 2] {
+fn distances([query, database]: &[[Signatures; 2]; 2]) -> [DistanceMatrix; 2] {
     [0, 1].map(|half| DistanceMatrix::new(&query[half], &database[half]))
 }
 
@@ -117,11 +122,11 @@ impl Side {
 }
 
 /// `None` for a cloud that takes no part.
-fn prepare(listed: &ListedCloud, quantiser: &Quantiser) -> Option<(PreparedCloud, Label)> {
+fn prepare(listed: &ListedCloud, quantiser: &Quantiser) -> Option<(QuantisedCloud, Label)> {
     let failed = |error: &dyn std::fmt::Display| -> ! { panic!("{}: {error}", listed.path) };
     let bytes = fs::read(&listed.file).unwrap_or_else(|error| failed(&error));
     let cloud = pcd::read(&bytes).unwrap_or_else(|error| failed(&error));
-    match PreparedCloud::new(&cloud, &Preprocess::default(), quantiser) {
+    match QuantisedCloud::new(&cloud, &Preprocess::default(), quantiser) {
         Ok(prepared) => Some((prepared, Label { category: listed.category, instance: listed.instance })),
         Err(PrepareError::Skip(_)) => None,
         Err(error) => failed(&error),

@@ -5,11 +5,11 @@ use std::fs;
 use std::ops::Range;
 use std::sync::LazyLock;
 
-use descriptor::grid::{Cell, CellParts};
+use descriptor::disk_ring::weighted;
+use descriptor::grid::{Cell, CellSignatures};
 use descriptor::recognise::recognise_from;
-use descriptor::summary::weighted;
 use descriptor::{
-    Correct, DistanceMatrix, GENES, GeneKind, GeneTable, Label, Parameters, Parts, PreparedCloud, Preprocess,
+    Correct, DistanceMatrix, GENES, GeneKind, GeneTable, Label, Parameters, Preprocess, QuantisedCloud,
     Quantiser, pcd, random,
 };
 use rand::RngExt as _;
@@ -28,7 +28,7 @@ const POINTS: usize = 2000;
 
 /// A split's clouds, ready for every descriptor of the grid.
 struct Prepared {
-    clouds: Vec<PreparedCloud>,
+    clouds: Vec<QuantisedCloud>,
     labels: Vec<Label>,
 }
 
@@ -41,7 +41,7 @@ impl Prepared {
 }
 
 struct Picked<'a> {
-    clouds: Vec<&'a PreparedCloud>,
+    clouds: Vec<&'a QuantisedCloud>,
     labels: Vec<Label>,
 }
 
@@ -61,7 +61,7 @@ fn prepare(name: &str, quantiser: &Quantiser, objects: &mut Vec<String>) -> Opti
     let labels = paths.iter().map(&mut number).collect();
     let prepared = |path: &&str| {
         let cloud = pcd::read(&fs::read(root.join(path)).unwrap()).unwrap();
-        PreparedCloud::new(&cloud, &Preprocess::default(), quantiser).unwrap()
+        QuantisedCloud::new(&cloud, &Preprocess::default(), quantiser).unwrap()
     };
     Some(Prepared { clouds: paths.par_iter().map(prepared).collect(), labels })
 }
@@ -122,11 +122,11 @@ impl Block<'_> {
     ) -> Compared {
         let Self { quantiser, radii, shape_bins, colour_bins, weights } = *self;
         let cell = Cell::part(quantiser, radii, shape_bins, colour_bins).unwrap();
-        let parts = |split: &Picked| -> Vec<CellParts> {
-            split.clouds.iter().map(|cloud| cell.parts(cloud)).collect()
+        let signatures = |split: &Picked| -> Vec<CellSignatures> {
+            split.clouds.iter().map(|cloud| cell.signatures(cloud)).collect()
         };
         let counts = cell
-            .object_correct(&parts(queries), &queries.labels, &parts(database), &database.labels)
+            .object_correct(&signatures(queries), &queries.labels, &signatures(database), &database.labels)
             .unwrap();
         assert_eq!(counts.len(), shape_bins.len() * colour_bins.len() * weights.len());
 
@@ -135,13 +135,17 @@ impl Block<'_> {
             let ticks = [shape_bins[n], colour_bins[m], radii[0], radii[1], 0];
             let binning = quantiser.binning(&Parameters::from_ticks(ticks)).unwrap();
             let [of_queries, of_database] =
-                [queries, database].map(|split| Parts::both(&split.clouds, &binning));
+                [queries, database].map(|split| binning.signatures(&split.clouds));
             let [shape, colour] =
                 [0, 1].map(|half| DistanceMatrix::new(&of_queries[half], &of_database[half]));
             for w in places {
                 let weight = GENES[GeneKind::ShapeWeight as usize].value(weights[w]);
-                let found =
-                    recognise_from(queries.clouds.len(), &shape, &colour, &database.labels, weight).unwrap();
+                let found = recognise_from(
+                    queries.clouds.len(),
+                    &[(&shape, weight), (&colour, 1.0 - weight)],
+                    &database.labels,
+                )
+                .unwrap();
                 let correct = Correct::count(&found, &queries.labels, &database.labels).object as u32;
                 let counted = counts[(n * colour_bins.len() + m) * weights.len() + w];
                 assert_eq!(counted, correct, "{ticks:?}, {weight}");

@@ -3,7 +3,7 @@
 use std::net::SocketAddr;
 use std::time::Duration;
 
-use descriptor::{Parameters, description};
+use descriptor::{Descriptor, Parameters};
 use proto::v1;
 use proto::v1::coordinator_client::CoordinatorClient;
 use proto::v1::coordinator_server::{Coordinator, CoordinatorServer};
@@ -28,7 +28,7 @@ fn lie(job: &v1::Job, clouds: u32) -> v1::JobReport {
         (Some(shard), _) => {
             let p = shard.parameters.unwrap();
             let ticks = [p.shape_bins, p.colour_bins, p.disk_um, p.ring_um, p.shape_weight_ppm];
-            let length = description::length(&Parameters::from_ticks(ticks), clouds);
+            let length = Descriptor::DiskRing(Parameters::from_ticks(ticks)).signature_bytes(clouds);
             v1::job_report::Outcome::Description(v1::DescriptionResult { parts: vec![0; length as usize] })
         }
         (None, Some(cell)) => v1::job_report::Outcome::GridCell(lie_of_cell(cell)),

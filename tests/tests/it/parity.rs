@@ -4,15 +4,13 @@ use std::fs;
 use std::io::Read;
 use std::path::Path;
 
+use descriptor::disk_ring::histogram::{colour_rows, shape_rows};
 use descriptor::fixed::Histograms;
-use descriptor::histogram::{colour_rows, shape_rows};
 use descriptor::neighbours::RadiusSearch;
 use descriptor::prepare::{Normals, keypoints};
-use descriptor::recognise::recognise_by;
-use descriptor::summary::{Part, Parts};
 use descriptor::{
-    Cloud, Correct, DistanceMatrix, FixedDescriptor, FixedKind, GeneTable, Label, Match, Parameters,
-    PreparedCloud, Preprocess, Quantiser, Summary, pcd, recognise,
+    Cloud, Correct, FixedDescriptor, FixedKind, GeneTable, Label, Match, Parameters, Preprocess,
+    QuantisedCloud, Quantiser, Signature, Signatures, pcd, recognise,
 };
 use flate2::read::GzDecoder;
 use rayon::prelude::*;
@@ -102,7 +100,7 @@ fn histograms_are_pcls() {
         let cloud = cloud(&shared.join("data").join(path));
         let keypoints = keypoints(&cloud, &preprocess).unwrap();
         let normals = Normals::new(&cloud, &keypoints, &preprocess).unwrap();
-        let prepared = PreparedCloud::describe(&cloud, &keypoints, &normals, &quantiser).unwrap();
+        let prepared = QuantisedCloud::describe(&cloud, &keypoints, &normals, &quantiser).unwrap();
         let expected = reference(&shared, &reference_name(path, "ours"));
         assert_eq!(prepared.keypoints(), expected.len(), "{path}: keypoints with a normal");
 
@@ -189,7 +187,7 @@ fn shotcolor_histograms_are_pcls() {
 /// A split list's clouds in order, each with its label.
 struct Split {
     names: Vec<String>,
-    summaries: Vec<Summary>,
+    described: Vec<[Signature; 2]>,
 }
 
 /// The names in some lists, one list after the other.
@@ -201,15 +199,15 @@ fn listed(root: &Path, lists: &[&str]) -> Vec<String> {
 fn split(root: &Path, lists: &[&str], quantiser: &Quantiser, parameters: &Parameters) -> Split {
     let binning = quantiser.binning(parameters).unwrap();
     let names = listed(root, lists);
-    let summaries = names
+    let described = names
         .par_iter()
         .map(|name| {
-            let prepared = PreparedCloud::new(&cloud(&root.join(name)), &Preprocess::default(), quantiser)
+            let prepared = QuantisedCloud::new(&cloud(&root.join(name)), &Preprocess::default(), quantiser)
                 .unwrap_or_else(|error| panic!("{name}: {error}"));
-            Summary::new(&prepared, &binning)
+            binning.signature(&prepared)
         })
         .collect();
-    Split { names, summaries }
+    Split { names, described }
 }
 
 /// Numbers for the category and instance folders of some names.
@@ -226,7 +224,10 @@ fn check_recognition(root: &Path, queries: &Split, database: &Split, pcl: &[Vec<
     let all: Vec<String> = queries.names.iter().chain(&database.names).cloned().collect();
     let (query_labels, labels) = (labels(&queries.names, &all), labels(&database.names, &all));
     let weight = Parameters::PAPER_BEST.shape_weight();
-    let matches: Vec<Match> = recognise(&queries.summaries, &database.summaries, &labels, weight).unwrap();
+    let [asked, known] = [queries, database].map(|side| {
+        [0, 1].map(|channel| side.described.iter().map(|cloud| &cloud[channel]).collect::<Signatures>())
+    });
+    let matches: Vec<Match> = recognise(&asked, &known, &[weight, 1.0 - weight], &labels).unwrap();
     let correct = Correct::count(&matches, &query_labels, &labels);
     let errors = correct.queries - correct.object;
     assert_eq!(matches.len(), pcl.len(), "number of queries");
@@ -268,7 +269,7 @@ fn recognition_on_the_household_clouds_is_pcls() {
 
     let part = |range: std::ops::Range<usize>| Split {
         names: database.names[range.clone()].to_vec(),
-        summaries: database.summaries[range].to_vec(),
+        described: database.described[range].to_vec(),
     };
     let fitness = reference(&shared, "household-fitness.nearest.txt.gz");
     check_recognition(&root, &part(0..352), &part(352..704), &fitness, 104);
@@ -279,20 +280,19 @@ fn recognition_with_shotcolor_is_pcls() {
     let Some(shared) = shared() else { return };
     let root = shared.join("data/household-rgbd");
     let descriptor = FixedDescriptor { kind: FixedKind::ShotColor, radius_um: 50_000 };
-    let summary = |name: &String| {
-        let summary = descriptor.summary(&cloud(&root.join(name)), &Preprocess::default());
-        summary.unwrap_or_else(|error| panic!("{name}: {error}"))
+    let signature = |name: &String| {
+        let histograms = descriptor.histograms(&cloud(&root.join(name)), &Preprocess::default());
+        histograms.unwrap_or_else(|error| panic!("{name}: {error}")).signature()
     };
     let names = [&["test.txt"][..], &["train1.txt", "train2.txt", "validation.txt"]]
         .map(|lists| listed(&root, lists));
-    let [queries, database]: [Parts; 2] = names.each_ref().map(|names| {
-        let parts: Vec<Part> = names.par_iter().map(summary).collect();
-        parts.iter().collect()
+    let [queries, database]: [Signatures; 2] = names.each_ref().map(|names| {
+        let signatures: Vec<Signature> = names.par_iter().map(signature).collect();
+        signatures.iter().collect()
     });
     let all = names.concat();
     let [query_labels, labels] = names.each_ref().map(|names| labels(names, &all));
-    let distances = DistanceMatrix::new(&queries, &database);
-    let matches = recognise_by(queries.clouds(), &distances, &labels).unwrap();
+    let matches = recognise(&[queries], &[database], &[1.0], &labels).unwrap();
     let Correct { queries, object, category } = Correct::count(&matches, &query_labels, &labels);
     let (objects, categories) = (queries - object, queries - category);
     println!("{objects} of {queries} objects wrong (PCL 272), {categories} categories (PCL 34)");

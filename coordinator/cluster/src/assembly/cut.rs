@@ -3,7 +3,7 @@
 use std::num::NonZeroU32;
 use std::ops::Range;
 
-use descriptor::description;
+use descriptor::Descriptor;
 use proto::MAX_DESCRIPTION_BYTES;
 
 use super::costs::Costs;
@@ -78,8 +78,8 @@ impl Cut {
             return None;
         }
         let [of_query, of_database] = tile_sides(tiles, queries, database);
-        let least =
-            |clouds| description::length(&evaluation.parameters, clouds).div_ceil(MAX_DESCRIPTION_BYTES);
+        let descriptor = Descriptor::DiskRing(evaluation.parameters);
+        let least = |clouds| descriptor.signature_bytes(clouds).div_ceil(MAX_DESCRIPTION_BYTES);
         let side = |clouds: u32, ranges: u32| {
             let share = u64::from(shards) * u64::from(clouds) / (u64::from(queries) + u64::from(database));
             let shards = share.max(least(clouds)).max(u64::from(ranges));
@@ -90,7 +90,7 @@ impl Cut {
         // A cloud that no message can describe is described where it is matched.
         let fits = |SideCut { shards, .. }: SideCut, clouds: u32| {
             let largest = clouds.div_ceil(shards);
-            description::length(&evaluation.parameters, largest) <= MAX_DESCRIPTION_BYTES
+            descriptor.signature_bytes(largest) <= MAX_DESCRIPTION_BYTES
         };
         (fits(cut.query, queries) && fits(cut.database, database)).then_some(cut)
     }
@@ -189,7 +189,10 @@ mod tests {
         let huge = evaluation(1_000_000, 10);
         let cut = Cut::of(&huge, fixed(2), load, &Costs::default()).unwrap();
         let largest = shares(1_000_000, cut.query.shards).map(|share| share.len() as u32).max().unwrap();
-        assert!(description::length(&huge.parameters, largest) <= MAX_DESCRIPTION_BYTES, "{cut:?}");
+        assert!(
+            Descriptor::DiskRing(huge.parameters).signature_bytes(largest) <= MAX_DESCRIPTION_BYTES,
+            "{cut:?}"
+        );
         let vast = Parameters { colour_bins: 1000, ..Parameters::PAPER_BEST };
         let undescribable = Evaluation { parameters: vast, ..evaluation(10, 10) };
         assert_eq!(Cut::of(&undescribable, fixed(4), load, &Costs::default()), None);

@@ -3,8 +3,7 @@
 use std::time::Duration;
 
 use descriptor::recognise::recognise_from;
-use descriptor::summary::Part;
-use descriptor::{Correct, DistanceMatrix, Label, Parameters, Parts};
+use descriptor::{Correct, DistanceMatrix, Label, Parameters, Signature, Signatures};
 use proptest::prelude::*;
 use prost::Message as _;
 use proto::{Digest, JobId, v1};
@@ -58,9 +57,10 @@ impl World {
     fn evaluate(&self, evaluation: &Evaluation) -> EvaluationResult {
         let [queries, database] = [&evaluation.query, &evaluation.database].map(|side| self.clouds(side));
         let labels = [&queries, &database].map(|side| side.iter().map(label).collect::<Vec<Label>>());
-        let distances = DistanceMatrix::new(&parts(&queries), &parts(&database));
+        let distances = DistanceMatrix::new(&signatures(&queries), &signatures(&database));
         let weight = evaluation.parameters.shape_weight();
-        let found = recognise_from(queries.len(), &distances, &distances, &labels[1], weight).unwrap();
+        let channels = [(&distances, weight), (&distances, 1.0 - weight)];
+        let found = recognise_from(queries.len(), &channels, &labels[1]).unwrap();
         let correct = Correct::count(&found, &labels[0], &labels[1]);
         let matches = found.iter().map(|found| Match {
             nearest: found.nearest.index,
@@ -105,12 +105,12 @@ fn label(cloud: &Toy) -> Label {
     Label { category: cloud.instance / 2, instance: cloud.instance }
 }
 
-fn parts(clouds: &[Toy]) -> Parts {
-    let part = |cloud: &Toy| {
+fn signatures(clouds: &[Toy]) -> Signatures {
+    let signature = |cloud: &Toy| {
         let share = f32::from(cloud.number) / 8.0;
-        Part { centroid: vec![share, 1.0 - share], deviation: vec![0.0, 0.0] }
+        Signature { centroid: vec![share, 1.0 - share], deviation: vec![0.0, 0.0] }
     };
-    clouds.iter().map(part).collect::<Vec<Part>>().iter().collect()
+    clouds.iter().map(signature).collect::<Vec<Signature>>().iter().collect()
 }
 
 fn finished(job: JobId, result: TaskResult, worker: &str) -> Finished {

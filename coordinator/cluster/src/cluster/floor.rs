@@ -272,7 +272,8 @@ impl Floor {
         let descriptor = Descriptor::DiskRing(tile.evaluation.parameters);
         for &manifest in tile.evaluation.query.iter().chain(&tile.evaluation.database) {
             let clouds = tile.evaluation.queries; // no part of the name
-            let description = Task::Description(Description { descriptor, manifest, clouds });
+            let description =
+                Task::Description(Description { descriptor: descriptor.clone(), manifest, clouds });
             // Under each name by which it was asked for.
             let names = (0..).map(|occurrence| description.job(occurrence));
             names.take_while(|job| self.clients.was_asked(*job)).for_each(|job| self.ledger.strike(job));

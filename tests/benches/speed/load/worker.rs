@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use descriptor::Parameters;
+use descriptor::{Descriptor, Parameters};
 use prost::Message as _;
 use proto::v1::coordinator_client::CoordinatorClient;
 use proto::{Digest, v1};
@@ -286,10 +286,10 @@ impl AtWork {
 fn description(shard: &v1::Description, clouds: u32) -> Vec<u8> {
     let p = shard.parameters.unwrap();
     let ticks = [p.shape_bins, p.colour_bins, p.disk_um, p.ring_um, p.shape_weight_ppm];
-    let parameters = Parameters::from_ticks(ticks);
+    let descriptor = Descriptor::DiskRing(Parameters::from_ticks(ticks));
     let noise = Digest::of(format!("{ticks:?} {:?}", shard.manifest).as_bytes()).0;
     let values = noise.iter().cycle().flat_map(|byte| (f32::from(*byte) / 255.0).to_le_bytes());
-    values.take(descriptor::description::length(&parameters, clouds) as usize).collect()
+    values.take(descriptor.signature_bytes(clouds) as usize).collect()
 }
 
 fn result(evaluation: &v1::Evaluation, queries: u32) -> v1::EvaluationResult {

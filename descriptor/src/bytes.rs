@@ -1,0 +1,111 @@
+//! Canonical bytes of descriptors and search spaces: a family's tag, a version, then numbers (u32, little-endian).
+
+use crate::family::Family;
+
+/// Version of the numbers that follow, of every family so far.
+const VERSION: u8 = 1;
+
+/// Why bytes are no descriptor or no search space.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum BytesError {
+    /// Not even a tag and a version.
+    #[error("{what}: at least 2 bytes expected, got {got}\nuse programs of the same release")]
+    TooShort {
+        /// What should have been read.
+        what: &'static str,
+        /// Number of bytes.
+        got: usize,
+    },
+    /// The tag of no family.
+    #[error("{what}: tag of a family expected, got {got}\nuse programs of the same release")]
+    Family {
+        /// What should have been read.
+        what: &'static str,
+        /// The first byte.
+        got: u8,
+    },
+    /// Written in another way.
+    #[error("{what}: version {VERSION} of {family} expected, got {got}\nuse programs of the same release")]
+    Version {
+        /// What should have been read.
+        what: &'static str,
+        /// Its family.
+        family: Family,
+        /// The second byte.
+        got: u8,
+    },
+    /// More or fewer numbers than the family has.
+    #[error("{what}: {expected} bytes of {family} expected, got {got}\nuse programs of the same release")]
+    Length {
+        /// What should have been read.
+        what: &'static str,
+        /// Its family.
+        family: Family,
+        /// After tag and version.
+        expected: usize,
+        /// After tag and version.
+        got: usize,
+    },
+    /// Numbers that nothing of the family has.
+    #[error("{what}: values of {family} expected, got {reason}")]
+    Values {
+        /// What should have been read.
+        what: &'static str,
+        /// Its family.
+        family: Family,
+        /// What is wrong with them, and what to do.
+        reason: String,
+    },
+}
+
+/// Writes the numbers of one of a family.
+pub(crate) fn write(family: Family, numbers: impl IntoIterator<Item = u32>) -> Vec<u8> {
+    let mut bytes = vec![family.tag(), VERSION];
+    bytes.extend(numbers.into_iter().flat_map(u32::to_le_bytes));
+    bytes
+}
+
+/// What was read of canonical bytes: tag and version.
+pub(crate) struct Reader<'a> {
+    what: &'static str,
+    /// The family that the tag names.
+    pub(crate) family: Family,
+    rest: &'a [u8],
+}
+
+impl<'a> Reader<'a> {
+    /// Reads tag and version of `what`.
+    ///
+    /// # Errors
+    /// If they are none that this release writes.
+    pub(crate) fn new(what: &'static str, bytes: &'a [u8]) -> Result<Self, BytesError> {
+        let [tag, version, rest @ ..] = bytes else {
+            return Err(BytesError::TooShort { what, got: bytes.len() });
+        };
+        let family = Family::ALL.into_iter().find(|family| family.tag() == *tag);
+        let family = family.ok_or(BytesError::Family { what, got: *tag })?;
+        if *version != VERSION {
+            return Err(BytesError::Version { what, family, got: *version });
+        }
+        Ok(Self { what, family, rest })
+    }
+
+    /// The numbers, which must be so many.
+    ///
+    /// # Errors
+    /// If they are not.
+    pub(crate) fn numbers<const N: usize>(&self) -> Result<[u32; N], BytesError> {
+        let (numbers, rest) = self.rest.as_chunks::<4>();
+        let wrong = || {
+            let (expected, got) = (4 * N, self.rest.len());
+            BytesError::Length { what: self.what, family: self.family, expected, got }
+        };
+        let numbers = <&[[u8; 4]; N]>::try_from(numbers).map_err(|_| wrong())?;
+        if rest.is_empty() { Ok(numbers.map(u32::from_le_bytes)) } else { Err(wrong()) }
+    }
+
+    /// That the numbers are none that anything of the family has.
+    pub(crate) fn refuse(&self, reason: impl Into<String>) -> BytesError {
+        BytesError::Values { what: self.what, family: self.family, reason: reason.into() }
+    }
+}

@@ -1,0 +1,200 @@
+//! A descriptor of any family: to everything outside this crate a value with bytes, a name, columns and a cost.
+
+use std::borrow::Borrow;
+use std::fmt;
+
+use crate::bytes::{self, BytesError, Reader};
+use crate::channel::Channel;
+use crate::column::Column;
+use crate::cost;
+use crate::disk_ring::{GENES, GeneKind, GeneSpec, Parameters};
+use crate::family::Family;
+use crate::fixed::FixedDescriptor;
+use crate::global_hue::GlobalHue;
+use crate::signature::Signatures;
+use crate::signature_bytes::{Columns, Layout, SignatureError};
+
+/// A descriptor of any family.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Descriptor {
+    /// The paper's.
+    DiskRing(Parameters),
+    /// One without genes.
+    Fixed(FixedDescriptor),
+    /// A histogram of hue.
+    GlobalHue(GlobalHue),
+}
+
+impl Descriptor {
+    /// Its family.
+    pub fn family(&self) -> Family {
+        match self {
+            Self::DiskRing(_) => Family::DiskRing,
+            Self::Fixed(fixed) => fixed.kind.into(),
+            Self::GlobalHue(_) => Family::GlobalHue,
+        }
+    }
+
+    /// Its parameters, for people.
+    pub fn parameters(&self) -> String {
+        match self {
+            Self::DiskRing(parameters) => parameters.to_string(),
+            Self::Fixed(fixed) => format!("radius={} cm", fixed.radius_cm()),
+            Self::GlobalHue(hue) => format!("bins={}", hue.bins()),
+        }
+    }
+
+    /// What its genes have in tables; `None` for a gene that it is without.
+    pub fn columns(&self) -> Vec<(Column, Option<f64>)> {
+        match self {
+            Self::DiskRing(parameters) => {
+                let is_there = |kind| kind != GeneKind::ColourBins || parameters.has_colour();
+                let value = |spec: &GeneSpec| is_there(spec.kind).then(|| parameters.value(spec.kind));
+                GENES.iter().map(|spec| (spec.column(), value(spec))).collect()
+            }
+            Self::Fixed(fixed) => vec![(FixedDescriptor::COLUMN, Some(fixed.radius_cm()))],
+            Self::GlobalHue(hue) => vec![(GlobalHue::COLUMN, Some(f64::from(hue.bins())))],
+        }
+    }
+
+    /// Values of one keypoint's descriptor; of a family without keypoints, of the cloud's.
+    pub fn size(&self) -> usize {
+        match self {
+            Self::DiskRing(parameters) => parameters.size(),
+            Self::Fixed(fixed) => fixed.kind.size(),
+            Self::GlobalHue(hue) => hue.bins() as usize,
+        }
+    }
+
+    /// Values that are kept of a cloud.
+    pub fn size_of_cloud(&self) -> u64 {
+        self.layout().values()
+    }
+
+    /// Its channels with their weights, in the order in which distances are added up.
+    pub fn channels(&self) -> Vec<(Channel, f64)> {
+        match self {
+            Self::DiskRing(parameters) => {
+                let [shape, colour] = Channel::disk_ring(parameters);
+                let weight = parameters.shape_weight();
+                vec![(shape, weight), (colour, 1.0 - weight)]
+            }
+            Self::Fixed(fixed) => vec![(Channel::fixed(*fixed), 1.0)],
+            Self::GlobalHue(hue) => vec![(Channel::global_hue(*hue), 1.0)],
+        }
+    }
+
+    /// The counted cost of describing so many clouds and matching so many pairs of clouds: see [`cost`].
+    pub fn cost(&self, clouds: u64, pairs: u64) -> u64 {
+        let describing = match self {
+            Self::DiskRing(parameters) => cost::disk_ring(parameters),
+            Self::Fixed(fixed) => cost::fixed(fixed),
+            Self::GlobalHue(_) => cost::global_hue(),
+        };
+        cost::total(describing, clouds, self.size_of_cloud(), pairs)
+    }
+
+    /// Canonical bytes: tag of the family, version, numbers. Equal for equal descriptors only.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        match self {
+            Self::DiskRing(parameters) => {
+                bytes::write(self.family(), GENES.iter().map(|spec| parameters.ticks(spec.kind)))
+            }
+            Self::Fixed(fixed) => bytes::write(self.family(), [fixed.radius_um]),
+            Self::GlobalHue(hue) => bytes::write(self.family(), [hue.bins()]),
+        }
+    }
+
+    /// Undoes [`Descriptor::to_bytes`].
+    ///
+    /// # Errors
+    /// If the bytes are no descriptor that any experiment may use.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, BytesError> {
+        let reader = Reader::new("descriptor", bytes)?;
+        match reader.family {
+            Family::DiskRing => {
+                let parameters = Parameters::from_ticks(reader.numbers()?);
+                parameters.check().map_err(|what| reader.refuse(what))?;
+                Ok(Self::DiskRing(parameters))
+            }
+            Family::PfhRgb | Family::ShotColor => read_fixed(&reader).map(Self::Fixed),
+            Family::GlobalHue => {
+                let [bins] = reader.numbers()?;
+                GlobalHue::new(bins).map(Self::GlobalHue).map_err(|what| reader.refuse(what))
+            }
+        }
+    }
+
+    fn layout(&self) -> Layout {
+        match self {
+            Self::DiskRing(parameters) => {
+                let channels = parameters.channel_bins().map(|bins| [bins, bins]).to_vec();
+                Layout { channels, tells_keypoints: false, largest: 1, tolerance: 0.0 }
+            }
+            Self::Fixed(fixed) => {
+                let channels = vec![[fixed.kind.size() as u64; 2]];
+                Layout { channels, tells_keypoints: true, largest: fixed.kind.largest(), tolerance: 1e-3 }
+            }
+            Self::GlobalHue(hue) => {
+                let channels = vec![[u64::from(hue.bins()), 0]];
+                Layout { channels, tells_keypoints: false, largest: 1, tolerance: 0.0 }
+            }
+        }
+    }
+
+    /// Length of the encoded signatures of so many clouds, bytes.
+    pub fn signature_bytes(&self, clouds: u32) -> u64 {
+        self.layout().length(clouds)
+    }
+
+    /// The signatures of the same clouds in each channel as bytes (see [`crate::signature_bytes`]).
+    pub fn encode_signatures<S: Borrow<Signatures>>(&self, channels: &[S]) -> Vec<u8> {
+        Layout::encode(channels.iter().map(Borrow::borrow))
+    }
+
+    /// Whether these bytes can be the signatures of so many clouds.
+    ///
+    /// # Errors
+    /// If they cannot.
+    pub fn check_signatures(&self, bytes: &[u8], clouds: u32) -> Result<(), SignatureError> {
+        self.layout().check(bytes, clouds)
+    }
+
+    /// Undoes [`Descriptor::encode_signatures`]: one a channel. Whatever the bytes are, distances between the
+    /// signatures are finite.
+    ///
+    /// # Errors
+    /// If the bytes cannot be the signatures of so many clouds.
+    pub fn decode_signatures(&self, bytes: &[u8], clouds: u32) -> Result<Vec<Signatures>, SignatureError> {
+        self.layout().decode(bytes, clouds)
+    }
+
+    /// Signatures of so many clouds from centroids and deviations that were kept as columns, channel by channel.
+    ///
+    /// # Errors
+    /// If the columns cannot be those of so many clouds.
+    pub fn signatures_of_columns(
+        &self,
+        channels: &[Columns<'_>],
+        clouds: u32,
+    ) -> Result<Vec<Signatures>, SignatureError> {
+        self.layout().from_columns(channels, clouds)
+    }
+}
+
+/// The descriptor without genes, or the space of it alone, that a reader has come upon.
+pub(crate) fn read_fixed(reader: &Reader<'_>) -> Result<FixedDescriptor, BytesError> {
+    let kind = reader.family.fixed_kind().ok_or_else(|| reader.refuse("a family with genes"))?;
+    let [radius_um] = reader.numbers()?;
+    FixedDescriptor::new(kind, radius_um).map_err(|what| reader.refuse(what))
+}
+
+impl fmt::Display for Descriptor {
+    /// Its parameters; but for the paper's family, after the name of its family.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::DiskRing(parameters) => parameters.fmt(f),
+            Self::Fixed(_) | Self::GlobalHue(_) => write!(f, "{} {}", self.family(), self.parameters()),
+        }
+    }
+}

@@ -1,0 +1,604 @@
+//! The table of genes: names, units, bounds and the mapping between bits, grid indices and values.
+//!
+//! Everything that speaks of genes reads this table: validation, decoding, Parquet columns and reports.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use crate::column::Column;
+pub use crate::domain::Domain;
+
+/// What a gene sets (paper, section 3: the five evolved parameters).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum GeneKind {
+    /// Bins of one shape histogram over 360 degrees.
+    ShapeBins,
+    /// Bins a side of one hue × saturation histogram.
+    ColourBins,
+    /// Radius of the disk.
+    DiskRadius,
+    /// Outer radius of the ring.
+    RingRadius,
+    /// Weight of shape against colour in the set distance.
+    ShapeWeight,
+}
+
+/// What is fixed about a gene, whatever the experiment.
+#[derive(Debug)]
+pub struct GeneSpec {
+    /// Which parameter it sets.
+    pub kind: GeneKind,
+    /// Its name in TOML, on the command line, in Parquet and in reports.
+    pub name: &'static str,
+    /// Unit of its values, empty for a pure number.
+    pub unit: &'static str,
+    /// What it is, in a few words.
+    pub meaning: &'static str,
+    /// Ticks a unit: values are held as whole ticks, so that a decimal step is exact.
+    pub ticks_per_unit: u32,
+    /// Smallest and largest tick that any experiment may use.
+    pub limits: (u32, u32),
+    /// The paper's interval and step, in ticks: lowest, highest, step.
+    pub paper: (u32, u32, u32),
+}
+
+impl GeneSpec {
+    /// A value in the gene's unit from ticks: 13 000 µm are 1.3 cm, rounded once.
+    pub fn value(&self, ticks: u32) -> f64 {
+        f64::from(ticks) / f64::from(self.ticks_per_unit)
+    }
+
+    /// Ticks from a value in the gene's unit, or `None` if it is not finite, negative, too large or between ticks.
+    pub fn ticks(&self, value: f64) -> Option<u32> {
+        let ticks = value * f64::from(self.ticks_per_unit);
+        let rounded = ticks.round();
+        let on_tick = (ticks - rounded).abs() <= 1e-6 * rounded.abs().max(1.0);
+        (on_tick && rounded >= 0.0 && rounded <= f64::from(u32::MAX)).then_some(rounded as u32)
+    }
+
+    /// Its column in tables.
+    pub fn column(&self) -> Column {
+        let &Self { name, unit, meaning, .. } = self;
+        Column { name, unit, integer: self.is_integer(), meaning }
+    }
+
+    /// Whether values are whole numbers.
+    pub fn is_integer(&self) -> bool {
+        self.ticks_per_unit == 1
+    }
+}
+
+/// The genes in chromosome order (DESIGN 5.8; paper, table of parameters).
+pub const GENES: [GeneSpec; 5] = [
+    GeneSpec {
+        kind: GeneKind::ShapeBins,
+        name: "shape_bins",
+        unit: "",
+        meaning: "bins of a shape histogram over 360 degrees",
+        ticks_per_unit: 1,
+        limits: (2, 512),
+        paper: (8, 64, 1),
+    },
+    GeneSpec {
+        kind: GeneKind::ColourBins,
+        name: "m",
+        unit: "",
+        meaning: "bins a side of a hue x saturation histogram",
+        ticks_per_unit: 1,
+        limits: (1, 32),
+        paper: (3, 8, 1),
+    },
+    GeneSpec {
+        kind: GeneKind::DiskRadius,
+        name: "R1",
+        unit: "cm",
+        meaning: "radius of the disk",
+        ticks_per_unit: 10_000,
+        limits: (1, 1_000_000),
+        paper: (5_000, 20_000, 1_000),
+    },
+    GeneSpec {
+        kind: GeneKind::RingRadius,
+        name: "R2",
+        unit: "cm",
+        meaning: "outer radius of the ring",
+        ticks_per_unit: 10_000,
+        limits: (1, 1_000_000),
+        paper: (21_000, 50_000, 1_000),
+    },
+    GeneSpec {
+        kind: GeneKind::ShapeWeight,
+        name: "w",
+        unit: "",
+        meaning: "weight of shape against colour",
+        ticks_per_unit: 1_000_000,
+        limits: (0, 1_000_000),
+        paper: (0, 1_000_000, 10_000),
+    },
+];
+
+/// Why a set of domains is no gene table.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum GeneError {
+    /// A value outside what the gene can mean.
+    #[error("{gene}: value outside {low} to {high} {unit}, got {got}\nchoose values inside these limits")]
+    OutOfLimits { gene: &'static str, low: String, high: String, unit: &'static str, got: String },
+    /// No value, or so many that indices overflow.
+    #[error(
+        "{gene}: number of values outside 1 to 65536, got {got}\nchoose a larger step or a smaller interval"
+    )]
+    Count { gene: &'static str, got: u32 },
+    /// The ring could be empty or inside out.
+    #[error(
+        "R2: every value must be larger than every value of R1, got R1 up to {disk} cm and R2 from {ring} cm\nraise R2's min or lower R1's max"
+    )]
+    RingInsideDisk { disk: f64, ring: f64 },
+}
+
+/// How value indices are written as bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Encoding {
+    /// Plain binary, most significant bit first (paper).
+    #[default]
+    Binary,
+    /// Reflected Gray code, most significant bit first: neighbouring indices differ in one bit.
+    Gray,
+}
+
+/// The search space of one experiment: a domain for every gene.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct GeneTable {
+    domains: [Domain; 5],
+    colour: bool,
+}
+
+impl GeneTable {
+    /// Checks the domains, given in the order of [`GENES`]. Without colour, m is dropped and w is fixed at 1.
+    pub fn new(mut domains: [Domain; 5], colour: bool) -> Result<Self, GeneError> {
+        if !colour {
+            domains[4] = Domain::fixed(GENES[4].limits.1);
+        }
+        for (spec, domain) in GENES.iter().zip(&domains) {
+            if spec.kind == GeneKind::ColourBins && !colour {
+                continue;
+            }
+            if domain.count == 0 || domain.count > 65_536 {
+                return Err(GeneError::Count { gene: spec.name, got: domain.count });
+            }
+            let (low, high) = spec.limits;
+            let end = u64::from(domain.low) + u64::from(domain.count - 1) * u64::from(domain.step);
+            if domain.low < low || end > u64::from(high) {
+                let got = if domain.low < low { domain.low } else { u32::try_from(end).unwrap_or(u32::MAX) };
+                return Err(GeneError::OutOfLimits {
+                    gene: spec.name,
+                    low: spec.value(low).to_string(),
+                    high: spec.value(high).to_string(),
+                    unit: spec.unit,
+                    got: spec.value(got).to_string(),
+                });
+            }
+        }
+        if domains[2].high() >= domains[3].low {
+            return Err(GeneError::RingInsideDisk {
+                disk: GENES[2].value(domains[2].high()),
+                ring: GENES[3].value(domains[3].low),
+            });
+        }
+        Ok(Self { domains, colour })
+    }
+
+    /// The paper's search space: 57 · 6 · 16 · 30 · 101 descriptors.
+    pub fn paper() -> Self {
+        let domains = GENES.each_ref().map(|spec| {
+            let (low, high, step) = spec.paper;
+            Domain { low, step, count: (high - low) / step + 1 }
+        });
+        Self { domains, colour: true }
+    }
+
+    /// The one-point space of one descriptor.
+    pub fn single(parameters: &Parameters) -> Result<Self, GeneError> {
+        Self::new(
+            GENES.each_ref().map(|spec| Domain::fixed(parameters.ticks(spec.kind))),
+            parameters.has_colour(),
+        )
+    }
+
+    /// The smallest regular space that has this table's descriptors and one more.
+    ///
+    /// # Errors
+    /// If the descriptor lies beyond what the genes allow, or so unevenly that a gene would have too many values.
+    pub fn including(&self, parameters: &Parameters) -> Result<Self, GeneError> {
+        let domain = |spec: &GeneSpec| {
+            let (domain, ticks) = (&self.domains[spec.kind as usize], parameters.ticks(spec.kind));
+            domain.including(ticks)
+        };
+        Self::new(GENES.each_ref().map(domain), self.colour && parameters.has_colour())
+    }
+
+    /// Whether descriptors of this table have a colour part.
+    pub fn has_colour(&self) -> bool {
+        self.colour
+    }
+
+    /// The gene's domain; `None` for m without colour.
+    pub fn domain(&self, kind: GeneKind) -> Option<&Domain> {
+        (self.colour || kind != GeneKind::ColourBins).then(|| &self.domains[kind as usize])
+    }
+
+    /// The genes of the chromosome in order, with their domains. Fixed genes are in it with 0 bits.
+    pub fn genes(&self) -> impl Iterator<Item = (&'static GeneSpec, &Domain)> {
+        GENES.iter().zip(&self.domains).filter(|(spec, _)| self.colour || spec.kind != GeneKind::ColourBins)
+    }
+
+    /// Bits of a chromosome.
+    pub fn bits(&self) -> usize {
+        self.genes().map(|(_, domain)| domain.bits() as usize).sum()
+    }
+
+    /// Number of different descriptors.
+    pub fn size(&self) -> u128 {
+        self.genes().map(|(_, domain)| u128::from(domain.count)).product()
+    }
+
+    /// Whether a chromosome of this table can stand for the descriptor.
+    pub fn contains(&self, parameters: &Parameters) -> bool {
+        self.indices(parameters).is_some()
+    }
+
+    /// For each gene which of its values the descriptor has; `None` if it is not of this table.
+    pub fn indices(&self, parameters: &Parameters) -> Option<Vec<u32>> {
+        let index = |(spec, domain): (&GeneSpec, &Domain)| domain.index_of(parameters.ticks(spec.kind));
+        (parameters.has_colour() == self.colour).then(|| self.genes().map(index).collect())?
+    }
+
+    /// The descriptor whose genes have the values at these indices; `None` unless there is one for each gene.
+    pub fn at(&self, indices: &[u32]) -> Option<Parameters> {
+        let is_value = |(&index, (_, domain)): (&u32, (_, &Domain))| index < domain.count;
+        let are_values =
+            indices.len() == self.genes().count() && indices.iter().zip(self.genes()).all(is_value);
+        are_values.then(|| self.of_values(indices))
+    }
+
+    /// As [`GeneTable::at`], of indices that are there.
+    fn of_values(&self, indices: &[u32]) -> Parameters {
+        let mut ticks = [0; GENES.len()];
+        for ((spec, domain), index) in self.genes().zip(indices) {
+            ticks[spec.kind as usize] = domain.low + index * domain.step;
+        }
+        Parameters::from_ticks(ticks)
+    }
+
+    /// The descriptor that a chromosome stands for; every bit string is valid.
+    ///
+    /// Genes are concatenated in table order, most significant bit first; a gene of b bits with n values whose
+    /// bits read k (after undoing Gray coding) has value index ⌊k·n/2^b⌋ (DESIGN 5.8).
+    ///
+    /// # Panics
+    /// If `chromosome` has not [`GeneTable::bits`] bits: a programming error, as chromosomes never come from outside.
+    pub fn decode(&self, chromosome: &[bool], encoding: Encoding) -> Parameters {
+        assert_eq!(chromosome.len(), self.bits(), "chromosome length");
+        let mut rest = chromosome;
+        let mut indices = Vec::new();
+        for (_, domain) in self.genes() {
+            let (gene, tail) = rest.split_at(domain.bits() as usize);
+            rest = tail;
+            let mut number = 0u64;
+            let mut previous = false;
+            for &bit in gene {
+                let bit = match encoding {
+                    Encoding::Binary => bit,
+                    Encoding::Gray => bit ^ previous,
+                };
+                previous = bit;
+                number = number << 1 | u64::from(bit);
+            }
+            indices.push(((number * u64::from(domain.count)) >> domain.bits()) as u32);
+        }
+        self.of_values(&indices)
+    }
+
+    /// A chromosome that [`GeneTable::decode`] turns into the descriptor, `None` if there is none. Of several it is
+    /// the one whose genes, read as numbers, are the lowest.
+    pub fn encode(&self, parameters: &Parameters, encoding: Encoding) -> Option<Vec<bool>> {
+        let mut chromosome = Vec::with_capacity(self.bits());
+        for (index, (_, domain)) in self.indices(parameters)?.into_iter().zip(self.genes()) {
+            // The lowest k with ⌊k·n/2^b⌋ = index.
+            let number = (u64::from(index) << domain.bits()).div_ceil(u64::from(domain.count));
+            let code = match encoding {
+                Encoding::Binary => number,
+                Encoding::Gray => number ^ number >> 1,
+            };
+            chromosome.extend((0..domain.bits()).rev().map(|bit| code >> bit & 1 == 1));
+        }
+        Some(chromosome)
+    }
+
+    /// Whether genes have colour (0 or 1), then lowest value, step and number of values of each: the canonical numbers.
+    pub(crate) fn numbers(&self) -> impl Iterator<Item = u32> {
+        let of_domain = |domain: &Domain| [domain.low, domain.step, domain.count];
+        std::iter::once(u32::from(self.colour)).chain(self.domains.iter().flat_map(of_domain))
+    }
+
+    /// Undoes [`GeneTable::numbers`]; `Err` says what is wrong.
+    pub(crate) fn from_numbers(numbers: [u32; 1 + 3 * GENES.len()]) -> Result<Self, String> {
+        let [colour @ (0 | 1), domains @ ..] = numbers else {
+            return Err(format!("colour: must be 0 or 1, got {}", numbers[0]));
+        };
+        let mut given =
+            domains.as_chunks::<3>().0.iter().map(|&[low, step, count]| Domain { low, step, count });
+        let domains = [(); GENES.len()].map(|()| given.next().unwrap_or(Domain::fixed(0)));
+        let table = Self::new(domains, colour == 1).map_err(|error| error.to_string())?;
+        // Without colour the weight is fixed: what was written says so, too.
+        if table.domains == domains {
+            Ok(table)
+        } else {
+            Err("w: must be 1 without colour, got another".to_owned())
+        }
+    }
+}
+
+/// The five parameters of one descriptor, in exact units: equal descriptors are equal values.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct Parameters {
+    /// Bins of one shape histogram over 360 degrees.
+    pub shape_bins: u32,
+    /// Bins a side of one colour histogram (m); 0 for a descriptor without colour.
+    pub colour_bins: u32,
+    /// Radius of the disk (R1), micrometres.
+    pub disk_um: u32,
+    /// Outer radius of the ring (R2), micrometres.
+    pub ring_um: u32,
+    /// Weight of shape (w), millionths.
+    pub shape_weight_ppm: u32,
+}
+
+impl Parameters {
+    /// The best chromosome that the paper reports (table 1): 60, 8, 1.3 cm, 3.6 cm, 0.67.
+    pub const PAPER_BEST: Self =
+        Self { shape_bins: 60, colour_bins: 8, disk_um: 13_000, ring_um: 36_000, shape_weight_ppm: 670_000 };
+
+    /// From ticks in the order of [`GENES`].
+    pub fn from_ticks(ticks: [u32; 5]) -> Self {
+        let [shape_bins, colour_bins, disk_um, ring_um, shape_weight_ppm] = ticks;
+        Self { shape_bins, colour_bins, disk_um, ring_um, shape_weight_ppm }
+    }
+
+    /// From the values of all genes in their units; `None` if one lies on none of its gene's ticks.
+    pub fn from_values(values: &[Option<f64>]) -> Option<Self> {
+        let mut ticks = [0; GENES.len()];
+        for ((spec, value), ticks) in GENES.iter().zip(values).zip(&mut ticks) {
+            *ticks = value.map_or(Some(0), |value| spec.ticks(value))?;
+        }
+        (values.len() == GENES.len()).then(|| Self::from_ticks(ticks))
+    }
+
+    /// One parameter in ticks.
+    pub fn ticks(&self, kind: GeneKind) -> u32 {
+        match kind {
+            GeneKind::ShapeBins => self.shape_bins,
+            GeneKind::ColourBins => self.colour_bins,
+            GeneKind::DiskRadius => self.disk_um,
+            GeneKind::RingRadius => self.ring_um,
+            GeneKind::ShapeWeight => self.shape_weight_ppm,
+        }
+    }
+
+    /// One parameter in its gene's unit (centimetres for radii).
+    pub fn value(&self, kind: GeneKind) -> f64 {
+        GENES[kind as usize].value(self.ticks(kind))
+    }
+
+    /// Whether the descriptor has a colour part.
+    pub fn has_colour(&self) -> bool {
+        self.colour_bins > 0
+    }
+
+    /// Whether any experiment may use the descriptor.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn check(&self) -> Result<(), String> {
+        let table = GeneTable::single(self).map_err(|error| error.to_string())?;
+        let is_itself = table.contains(self);
+        if is_itself { Ok(()) } else { Err("w: must be 1 without colour, got another".to_owned()) }
+    }
+
+    /// Radius of the disk, metres.
+    pub fn disk_radius(&self) -> f64 {
+        f64::from(self.disk_um) / 1e6
+    }
+
+    /// Outer radius of the ring, metres.
+    pub fn ring_radius(&self) -> f64 {
+        f64::from(self.ring_um) / 1e6
+    }
+
+    /// Weight of the shape distance, 0 to 1.
+    pub fn shape_weight(&self) -> f64 {
+        f64::from(self.shape_weight_ppm) / 1e6
+    }
+
+    /// Values of a centroid in shape and in colour: bins of two regions, without those of shape beyond 180 degrees.
+    pub(crate) fn channel_bins(&self) -> [u64; 2] {
+        let reachable = u64::from(self.shape_bins).saturating_sub(1) / 2 + 1;
+        let m = u64::from(self.colour_bins);
+        [2 * reachable, m.saturating_mul(m).saturating_mul(2)]
+    }
+
+    /// Values of one keypoint's descriptor: 2·shape_bins + 2m².
+    pub fn size(&self) -> usize {
+        2 * self.shape_bins as usize + 2 * (self.colour_bins * self.colour_bins) as usize
+    }
+}
+
+impl fmt::Display for Parameters {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut separator = "";
+        for spec in GENES.iter().filter(|spec| self.has_colour() || spec.kind != GeneKind::ColourBins) {
+            write!(f, "{separator}{}={}", spec.name, self.value(spec.kind))?;
+            if !spec.unit.is_empty() {
+                write!(f, " {}", spec.unit)?;
+            }
+            separator = " ";
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeMap;
+
+    use proptest::prelude::*;
+
+    use super::*;
+
+    #[test]
+    fn a_space_that_includes_a_descriptor_has_it_and_all_that_it_had() {
+        let values = |domain: Domain| domain.values().collect::<Vec<_>>();
+        for (low, step, count) in [(5, 3, 4), (5, 1, 1), (0, 10, 3), (7, 2, 6)] {
+            let domain = Domain { low, step, count };
+            for ticks in [0, 4, 5, 6, 7, 8, 14, 30, 31] {
+                let wider = values(domain.including(ticks));
+                assert!(wider.contains(&ticks), "{domain:?} {ticks}");
+                assert!(values(domain).iter().all(|value| wider.contains(value)), "{domain:?} {ticks}");
+                let ends = [values(domain).into_iter().min(), values(domain).into_iter().max()];
+                assert!(wider.first() == ends[0].min(Some(ticks)).as_ref(), "no more than is needed");
+                assert!(wider.last() == ends[1].max(Some(ticks)).as_ref(), "no more than is needed");
+                if values(domain).contains(&ticks) {
+                    assert_eq!(wider, values(domain));
+                }
+            }
+        }
+        let table = GeneTable::paper();
+        let foreign = Parameters { disk_um: 12_345, ..Parameters::PAPER_BEST };
+        assert!(!table.contains(&foreign) && table.including(&foreign).unwrap().contains(&foreign));
+        assert_eq!(table.including(&Parameters::PAPER_BEST).unwrap(), table);
+    }
+
+    fn bits_of(number: u64, width: u32) -> Vec<bool> {
+        (0..width).rev().map(|bit| number >> bit & 1 == 1).collect()
+    }
+
+    #[test]
+    fn the_papers_space_has_the_published_size_and_bits() {
+        let table = GeneTable::paper();
+        assert_eq!(table.size(), 57 * 6 * 16 * 30 * 101);
+        assert_eq!(table.genes().map(|(_, d)| d.bits()).collect::<Vec<_>>(), [6, 3, 4, 5, 7]);
+        assert_eq!(table.bits(), 25);
+    }
+
+    #[test]
+    fn each_gene_decodes_to_every_grid_value_and_nothing_else() {
+        let table = GeneTable::paper();
+        for encoding in [Encoding::Binary, Encoding::Gray] {
+            let mut offset = 0;
+            for (spec, domain) in table.genes() {
+                let width = domain.bits();
+                let mut seen = BTreeMap::new();
+                for number in 0..1u64 << width {
+                    let mut chromosome = vec![false; table.bits()];
+                    chromosome[offset..offset + width as usize].copy_from_slice(&bits_of(number, width));
+                    *seen.entry(table.decode(&chromosome, encoding).ticks(spec.kind)).or_insert(0u32) += 1;
+                }
+                assert_eq!(seen.keys().copied().collect::<Vec<_>>(), domain.values().collect::<Vec<_>>());
+                // 2^b strings over n values: each value stands for ⌊2^b/n⌋ or one more.
+                let floor = (1u32 << width) / domain.count;
+                assert!(seen.values().all(|&strings| strings == floor || strings == floor + 1));
+                offset += width as usize;
+            }
+        }
+    }
+
+    #[test]
+    fn gray_neighbours_differ_in_one_bit() {
+        let table = GeneTable::new(
+            [
+                Domain { low: 8, step: 1, count: 64 },
+                Domain::fixed(3),
+                Domain::fixed(5),
+                Domain::fixed(9),
+                Domain::fixed(0),
+            ],
+            true,
+        )
+        .unwrap();
+        let mut code_of = BTreeMap::new();
+        for number in 0..64u64 {
+            code_of.insert(table.decode(&bits_of(number, 6), Encoding::Gray).shape_bins, number);
+        }
+        let codes: Vec<u64> = code_of.into_values().collect();
+        assert_eq!(codes.len(), 64);
+        assert!(codes.windows(2).all(|pair| (pair[0] ^ pair[1]).count_ones() == 1));
+    }
+
+    #[test]
+    fn of_all_chromosomes_of_a_descriptor_the_lowest_is_made() {
+        let table = GeneTable::paper();
+        let mut lowest = BTreeMap::new();
+        for number in 0..64u64 {
+            let mut chromosome = vec![false; table.bits()];
+            chromosome[..6].copy_from_slice(&bits_of(number, 6));
+            lowest.entry(table.decode(&chromosome, Encoding::Binary)).or_insert(chromosome);
+        }
+        assert_eq!(lowest.len(), 57);
+        for (parameters, chromosome) in lowest {
+            assert_eq!(table.encode(&parameters, Encoding::Binary), Some(chromosome));
+        }
+    }
+
+    #[test]
+    fn decimal_values_are_the_nearest_doubles() {
+        assert_eq!(Parameters::PAPER_BEST.value(GeneKind::DiskRadius), 1.3);
+        assert_eq!(Parameters::PAPER_BEST.disk_radius(), 0.013);
+        assert_eq!(Parameters::PAPER_BEST.shape_weight(), 0.67);
+        assert_eq!(Parameters::PAPER_BEST.size(), 248);
+        assert_eq!(GENES[2].ticks(1.3), Some(13_000));
+        assert_eq!(GENES[2].ticks(1.300_05), None);
+        assert_eq!(GENES[0].ticks(-1.0), None);
+        assert_eq!(GENES[0].ticks(f64::NAN), None);
+    }
+
+    #[test]
+    fn a_ring_that_could_lie_inside_the_disk_is_refused() {
+        let mut domains = GENES.each_ref().map(|spec| Domain::fixed(spec.paper.0));
+        domains[2] = Domain { low: 5_000, step: 1_000, count: 17 }; // up to 2.1 cm
+        let error = GeneTable::new(domains, true).unwrap_err();
+        assert_eq!(error, GeneError::RingInsideDisk { disk: 2.1, ring: 2.1 });
+    }
+
+    #[test]
+    fn without_colour_m_is_dropped_and_w_is_one() {
+        let paper = GeneTable::paper();
+        let table = GeneTable::new(paper.domains, false).unwrap();
+        assert_eq!(table.bits(), 6 + 4 + 5);
+        let parameters = table.decode(&[true; 15], Encoding::Binary);
+        assert_eq!((parameters.colour_bins, parameters.shape_weight()), (0, 1.0));
+        assert_eq!(parameters.to_string(), "shape_bins=64 R1=2 cm R2=5 cm w=1");
+    }
+
+    proptest! {
+        #[test]
+        fn any_domain_decodes_inside_itself(count in 1u32..300, step in 1u32..50, number in any::<u64>()) {
+            let domain = Domain { low: 7, step, count };
+            let table = GeneTable { domains: [domain; 5], colour: true };
+            let width = domain.bits();
+            let gene = bits_of(number & ((1 << width) - 1), width);
+            let chromosome: Vec<bool> = gene.iter().copied().cycle().take(table.bits()).collect();
+            let parameters = table.decode(&chromosome, Encoding::Gray);
+            prop_assert!(table.contains(&parameters));
+            for encoding in [Encoding::Binary, Encoding::Gray] {
+                let chromosome = table.encode(&parameters, encoding).unwrap();
+                prop_assert_eq!(table.decode(&chromosome, encoding), parameters);
+            }
+            let outside = Parameters { shape_bins: domain.high() + 1, ..parameters };
+            prop_assert!(!table.contains(&outside));
+            prop_assert_eq!(table.encode(&outside, Encoding::Binary), None);
+            let ticks = parameters.ticks(GeneKind::ShapeBins);
+            prop_assert!(domain.values().any(|value| value == ticks));
+        }
+    }
+}

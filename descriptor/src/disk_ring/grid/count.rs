@@ -1,0 +1,231 @@
+//! How many queries each descriptor of a cell recognises.
+
+use pulp::NullaryFnOnce;
+use rayon::prelude::*;
+
+use super::{Cell, CellSignatures};
+use crate::disk_ring::signature::weighted;
+use crate::distance::{LANES, Transposed};
+use crate::recognise::{Label, RecogniseError};
+use crate::signature::{Signature, Signatures};
+use crate::wide::widest;
+
+/// Queries whose distances are held at once by a thread: the database, transposed, is gone through once for all of them.
+const TILE: usize = 16;
+
+impl Cell {
+    /// How many queries every descriptor of the cell recognises (object), in the order shape_bins, m, w, w fastest;
+    /// computed by the current rayon pool.
+    ///
+    /// # Errors
+    /// [`RecogniseError::EmptyDatabase`] if there are queries but no cloud to match with.
+    ///
+    /// # Panics
+    /// If there is not one label for each cloud: a programming error.
+    pub fn object_correct(
+        &self,
+        queries: &[CellSignatures],
+        query_labels: &[Label],
+        database: &[CellSignatures],
+        database_labels: &[Label],
+    ) -> Result<Vec<u32>, RecogniseError> {
+        assert_eq!(queries.len(), query_labels.len(), "one label for each query");
+        assert_eq!(database.len(), database_labels.len(), "one label for each cloud of the database");
+        if database.is_empty() && !queries.is_empty() {
+            return Err(RecogniseError::EmptyDatabase);
+        }
+        let transposed = |of: fn(&CellSignatures) -> &[Signature], count: usize| -> Vec<Transposed> {
+            let all = |value: usize| database.iter().map(|cloud| &of(cloud)[value]).collect::<Signatures>();
+            (0..count).into_par_iter().map(|value| Transposed::new(&all(value))).collect()
+        };
+        let shape = transposed(|cloud| &cloud.shape, self.shape.len());
+        let colour = transposed(|cloud| &cloud.colour, self.colour.len());
+        let tiles = queries.par_chunks(TILE).zip(query_labels.par_chunks(TILE));
+        let counts = tiles.fold(
+            || vec![0u32; self.descriptors()],
+            |mut counts, (queries, labels)| {
+                let shape = Rows::new(&shape, queries, database.len(), |cloud| &cloud.shape);
+                let colour = Rows::new(&colour, queries, database.len(), |cloud| &cloud.colour);
+                for (query, label) in labels.iter().enumerate() {
+                    let same: Vec<bool> =
+                        database_labels.iter().map(|other| other.instance == label.instance).collect();
+                    self.count(&shape, &colour, query, &same, &mut counts);
+                }
+                counts
+            },
+        );
+        let add = |mut all: Vec<u32>, counts: Vec<u32>| {
+            all.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
+            all
+        };
+        Ok(counts.reduce(|| vec![0; self.descriptors()], add))
+    }
+
+    /// Adds one query to the counts of every descriptor.
+    fn count(&self, shape: &Rows, colour: &Rows, query: usize, same: &[bool], counts: &mut [u32]) {
+        let mut filter = CandidateFilter::default();
+        let nearest_in_colour: Vec<usize> =
+            (0..self.colour.len()).map(|m| lowest(colour.row(m, query))).collect();
+        for (n, counts) in counts.chunks_exact_mut(self.colour.len() * self.weights.len()).enumerate() {
+            let shapes = shape.row(n, query);
+            let nearest_in_shape = lowest(shapes);
+            for (m, counts) in counts.chunks_exact_mut(self.weights.len()).enumerate() {
+                let colours = colour.row(m, query);
+                let rivals =
+                    [nearest_in_shape, nearest_in_colour[m]].map(|cloud| (shapes[cloud], colours[cloud]));
+                filter.select(shapes, colours, same, &rivals);
+                filter.count(&self.weights, counts);
+            }
+        }
+    }
+}
+
+/// Distances of a tile's queries under every value of one gene.
+struct Rows {
+    columns: usize,
+    /// Room of one query's row, a whole number of blocks.
+    stride: usize,
+    values: Vec<f32>,
+}
+
+impl Rows {
+    fn new(
+        database: &[Transposed],
+        queries: &[CellSignatures],
+        columns: usize,
+        of: fn(&CellSignatures) -> &[Signature],
+    ) -> Self {
+        let blocks = columns.div_ceil(LANES);
+        let mut rows = vec![[0.0; LANES]; database.len() * TILE * blocks];
+        for (value, database) in database.iter().enumerate() {
+            for (query, row) in queries.iter().zip(rows[value * TILE * blocks..].chunks_exact_mut(blocks)) {
+                let Signature { centroid, deviation } = &of(query)[value];
+                database.distances([centroid, deviation], row);
+            }
+        }
+        Self { columns, stride: blocks * LANES, values: rows.into_flattened() }
+    }
+
+    fn row(&self, value: usize, query: usize) -> &[f32] {
+        &self.values[(value * TILE + query) * self.stride..][..self.columns]
+    }
+}
+
+/// Position of the lowest value, the first of equal ones.
+fn lowest(values: &[f32]) -> usize {
+    let lowest = values.iter().copied().fold(f32::INFINITY, f32::min);
+    values.iter().position(|&value| value == lowest).unwrap_or(0)
+}
+
+/// A cloud of the database that can be the nearest for some w.
+#[derive(Clone, Copy, Debug)]
+struct Candidate {
+    shape: f32,
+    colour: f32,
+    /// Shows the query's object.
+    same: bool,
+}
+
+/// Which clouds can be nearest to one query under one shape_bins and one m, for every w.
+///
+/// A cloud that is farther than another one in both shape and colour is farther for every w in [0, 1], as w·s and
+/// (1 − w)·c and their sum never decrease with s and c, however they round, and the difference of two f32 values is
+/// far above the rounding of an f64 sum of them. So only clouds that none of some `rivals` dominates are candidates; the
+/// set distance of those is computed as the evaluator does, for every w of the grid.
+#[derive(Default)]
+struct CandidateFilter {
+    candidates: Vec<Candidate>,
+    nearest_same: Vec<f64>,
+    nearest_other: Vec<f64>,
+}
+
+impl CandidateFilter {
+    fn select(&mut self, shapes: &[f32], colours: &[f32], same: &[bool], rivals: &[(f32, f32)]) {
+        self.candidates.clear();
+        widest(Select { shapes, colours, same, rivals, candidates: &mut self.candidates });
+    }
+
+    /// Adds one to the count of every w whose nearest cloud is of the same object.
+    fn count(&mut self, weights: &[f64], counts: &mut [u32]) {
+        let of_same = self.candidates.iter().filter(|candidate| candidate.same).count();
+        if of_same == 0 {
+            return;
+        }
+        if of_same == self.candidates.len() {
+            counts.iter_mut().for_each(|count| *count += 1);
+            return;
+        }
+        for (nearest, same) in [(&mut self.nearest_same, true), (&mut self.nearest_other, false)] {
+            nearest.clear();
+            nearest.resize(weights.len(), f64::INFINITY);
+            for candidate in self.candidates.iter().filter(|candidate| candidate.same == same) {
+                widest(LeastDistances { weights, candidate: *candidate, nearest });
+            }
+        }
+        for (w, count) in counts.iter_mut().enumerate() {
+            let (same, other) = (self.nearest_same[w], self.nearest_other[w]);
+            let wins = if same == other { self.first_at(weights[w], same) } else { same < other };
+            *count += u32::from(wins);
+        }
+    }
+
+    /// Whether the first of the clouds at this distance shows the query's object.
+    fn first_at(&self, weight: f64, distance: f64) -> bool {
+        let mut at = self.candidates.iter().filter(|it| weighted(it.shape, it.colour, weight) == distance);
+        at.next().is_some_and(|first| first.same)
+    }
+}
+
+/// The kernel of [`CandidateFilter::select`].
+struct Select<'a> {
+    shapes: &'a [f32],
+    colours: &'a [f32],
+    same: &'a [bool],
+    rivals: &'a [(f32, f32)],
+    candidates: &'a mut Vec<Candidate>,
+}
+
+impl NullaryFnOnce for Select<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        const BLOCK: usize = 32;
+        for (block, (shapes, colours)) in
+            self.shapes.chunks(BLOCK).zip(self.colours.chunks(BLOCK)).enumerate()
+        {
+            let mut is_candidate = [1u8; BLOCK];
+            for &(shape, colour) in self.rivals {
+                for ((is_candidate, &s), &c) in is_candidate.iter_mut().zip(shapes).zip(colours) {
+                    *is_candidate &= u8::from((s <= shape) | (c <= colour));
+                }
+            }
+            for (place, (&shape, &colour)) in shapes.iter().zip(colours).enumerate() {
+                if is_candidate[place] != 0 {
+                    let index = block * BLOCK + place;
+                    self.candidates.push(Candidate { shape, colour, same: self.same[index] });
+                }
+            }
+        }
+    }
+}
+
+/// The set distance of one cloud for every w, and the least so far.
+struct LeastDistances<'a> {
+    weights: &'a [f64],
+    candidate: Candidate,
+    nearest: &'a mut [f64],
+}
+
+impl NullaryFnOnce for LeastDistances<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Candidate { shape, colour, .. } = self.candidate;
+        for (nearest, &weight) in self.nearest.iter_mut().zip(self.weights) {
+            let distance = weighted(shape, colour, weight);
+            *nearest = if distance < *nearest { distance } else { *nearest };
+        }
+    }
+}

@@ -1,0 +1,82 @@
+//! All descriptors of a gene table that share R1 and R2, counted at once: one cell of the exhaustive search.
+//!
+//! Shape depends on shape_bins alone within a cell, colour on m, and w on nothing (DESIGN 6): each cloud is described
+//! once a value of shape_bins and once a value of m, and every pair of values shares their distances. What is counted
+//! is bit for bit what the evaluator counts for each descriptor alone.
+
+mod count;
+mod signatures;
+
+pub use signatures::CellSignatures;
+
+use crate::disk_ring::quantise::{Binning, QuantiseError, Quantiser};
+use crate::{GeneKind, Parameters};
+
+/// The descriptors of a table with one R1 and one R2: every shape_bins × m × w.
+#[derive(Clone, Debug)]
+pub struct Cell {
+    /// One a value of shape_bins, with the lowest value of m.
+    shape: Vec<Binning>,
+    /// One a value of m (without colour one of 0), with the lowest value of shape_bins.
+    colour: Vec<Binning>,
+    /// All values of w, 0 to 1.
+    weights: Vec<f64>,
+    /// Numbers of angle classes and of colour classes.
+    classes: [usize; 2],
+}
+
+impl Cell {
+    /// The cell of one R1 and one R2, micrometres.
+    ///
+    /// # Errors
+    /// [`QuantiseError::NotInTable`] if one of them is not a value of the quantiser's table.
+    pub fn new(quantiser: &Quantiser, disk_um: u32, ring_um: u32) -> Result<Self, QuantiseError> {
+        let [shape_bins, colour_bins] =
+            [GeneKind::ShapeBins, GeneKind::ColourBins].map(|kind| values(quantiser, kind));
+        Self::part(quantiser, [disk_um, ring_um], &shape_bins, &colour_bins)
+    }
+
+    /// Of the cell of R1 and R2, micrometres, the descriptors with these values of shape_bins and of m (0 without
+    /// colour), in their order; with every w.
+    ///
+    /// # Errors
+    /// [`QuantiseError::NotInTable`] if one of them is not a value of the quantiser's table.
+    ///
+    /// # Panics
+    /// Without a value of shape_bins or of m: a programming error.
+    pub fn part(
+        quantiser: &Quantiser,
+        [disk_um, ring_um]: [u32; 2],
+        shape_bins: &[u32],
+        colour_bins: &[u32],
+    ) -> Result<Self, QuantiseError> {
+        let parameters = |shape_bins, colour_bins, shape_weight_ppm| Parameters {
+            shape_bins,
+            colour_bins,
+            disk_um,
+            ring_um,
+            shape_weight_ppm,
+        };
+        let binning = |n, m| quantiser.binning(&parameters(n, m, 0));
+        let weight = |ppm| parameters(0, 0, ppm).shape_weight();
+        Ok(Self {
+            shape: shape_bins.iter().map(|&n| binning(n, colour_bins[0])).collect::<Result<_, _>>()?,
+            colour: colour_bins.iter().map(|&m| binning(shape_bins[0], m)).collect::<Result<_, _>>()?,
+            weights: values(quantiser, GeneKind::ShapeWeight).into_iter().map(weight).collect(),
+            classes: quantiser.classes(),
+        })
+    }
+
+    /// Number of descriptors: the length of what [`Cell::object_correct`] gives.
+    pub fn descriptors(&self) -> usize {
+        self.shape.len() * self.colour.len() * self.weights.len()
+    }
+}
+
+/// All values of a gene; 0 where the table is without it.
+fn values(quantiser: &Quantiser, kind: GeneKind) -> Vec<u32> {
+    quantiser.table().domain(kind).map_or_else(|| vec![0], |domain| domain.values().collect())
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,147 @@
+//! Signatures: what a cloud is described by in one channel, and those of many clouds (DESIGN 5.7).
+
+use pulp::NullaryFnOnce;
+
+use crate::wide::widest;
+
+/// Centroid and standard deviation of the rows of one channel, value by value.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Signature {
+    /// Mean of the rows.
+    pub centroid: Vec<f32>,
+    /// Square root of the sum of squared differences from the mean over N − 1, 0 for a single row; empty in a channel
+    /// that has one row a cloud by definition.
+    pub deviation: Vec<f32>,
+}
+
+impl Signature {
+    /// Of rows of `width` values that lie one after the other. Sums run in f64 in the order of the rows, the deviation
+    /// in a second pass about the unrounded mean.
+    pub fn of_rows(rows: &[f32], width: usize) -> Self {
+        if width == 0 { Self::default() } else { widest(MeanAndDeviation { rows, width }) }
+    }
+}
+
+/// The kernel of [`Signature::of_rows`].
+pub(crate) struct MeanAndDeviation<'a> {
+    pub(crate) rows: &'a [f32],
+    pub(crate) width: usize,
+}
+
+impl NullaryFnOnce for MeanAndDeviation<'_> {
+    type Output = Signature;
+
+    #[inline(always)]
+    fn call(self) -> Signature {
+        let count = (self.rows.len() / self.width) as f64;
+        let mut mean = vec![0.0f64; self.width];
+        for row in self.rows.chunks_exact(self.width) {
+            for (sum, &value) in mean.iter_mut().zip(row) {
+                *sum += f64::from(value);
+            }
+        }
+        for sum in &mut mean {
+            *sum /= count;
+        }
+        let mut squares = vec![0.0f64; self.width];
+        for row in self.rows.chunks_exact(self.width) {
+            for ((sum, &value), mean) in squares.iter_mut().zip(row).zip(&mean) {
+                let difference = f64::from(value) - mean;
+                *sum += difference * difference;
+            }
+        }
+        let degrees = if count > 1.0 { count - 1.0 } else { 1.0 };
+        Signature {
+            centroid: mean.iter().map(|&mean| mean as f32).collect(),
+            deviation: squares.iter().map(|&sum| (sum / degrees).sqrt() as f32).collect(),
+        }
+    }
+}
+
+/// The signatures of several clouds in one channel.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Signatures {
+    /// Values of one centroid.
+    pub(crate) bins: usize,
+    /// Values of one cloud: its centroid, then its deviation.
+    pub(crate) width: usize,
+    pub(crate) clouds: usize,
+    pub(crate) values: Vec<f32>,
+    /// How many keypoints of each cloud are described; empty in families whose signatures do not tell.
+    pub(crate) keypoints: Vec<u32>,
+}
+
+impl Signatures {
+    /// Adds the clouds of `other` after these.
+    ///
+    /// # Panics
+    /// If they are of another channel: a programming error.
+    pub fn append(&mut self, other: &Self) {
+        let is_alike = [self.bins, self.width] == [other.bins, other.width];
+        assert!(self.clouds == 0 || other.clouds == 0 || is_alike, "signatures of different channels");
+        (self.bins, self.width) = (self.bins.max(other.bins), self.width.max(other.width));
+        self.clouds += other.clouds;
+        self.values.extend_from_slice(&other.values);
+        self.keypoints.extend_from_slice(&other.keypoints);
+    }
+
+    /// Number of clouds.
+    pub fn clouds(&self) -> usize {
+        self.clouds
+    }
+
+    /// How many keypoints of each cloud are described; `None` in families whose signatures do not tell. A cloud with 0
+    /// has a signature of zeros.
+    pub fn keypoints(&self) -> Option<&[u32]> {
+        (!self.keypoints.is_empty()).then_some(&self.keypoints)
+    }
+
+    /// The clouds that are described at all: which they are, and their signatures.
+    pub fn into_described(self) -> (Vec<u32>, Self) {
+        let all = 0..self.clouds as u32;
+        if !self.keypoints.contains(&0) {
+            return (all.collect(), self);
+        }
+        let clouds: Vec<u32> = all.filter(|&cloud| self.keypoints[cloud as usize] > 0).collect();
+        let rows = clouds.iter().flat_map(|&cloud| &self.values[cloud as usize * self.width..][..self.width]);
+        let described = Self {
+            bins: if clouds.is_empty() { 0 } else { self.bins },
+            width: if clouds.is_empty() { 0 } else { self.width },
+            clouds: clouds.len(),
+            values: rows.copied().collect(),
+            keypoints: clouds.iter().map(|&cloud| self.keypoints[cloud as usize]).collect(),
+        };
+        (clouds, described)
+    }
+
+    /// One cloud's centroid and deviation.
+    pub fn get(&self, cloud: usize) -> [&[f32]; 2] {
+        let (centroid, deviation) = self.values[cloud * self.width..][..self.width].split_at(self.bins);
+        [centroid, deviation]
+    }
+
+    /// Values of one centroid.
+    pub fn bins(&self) -> usize {
+        self.bins
+    }
+
+    /// Memory that the signatures take, bytes.
+    pub fn bytes(&self) -> usize {
+        size_of::<Self>() + size_of_val(self.values.as_slice()) + size_of_val(self.keypoints.as_slice())
+    }
+}
+
+impl<'a> FromIterator<&'a Signature> for Signatures {
+    fn from_iter<I: IntoIterator<Item = &'a Signature>>(signatures: I) -> Self {
+        let mut all = Self::default();
+        for Signature { centroid, deviation } in signatures {
+            let layout = [centroid.len(), centroid.len() + deviation.len()];
+            assert!(all.clouds == 0 || [all.bins, all.width] == layout, "signatures of different channels");
+            [all.bins, all.width] = layout;
+            all.clouds += 1;
+            all.values.extend_from_slice(centroid);
+            all.values.extend_from_slice(deviation);
+        }
+        all
+    }
+}

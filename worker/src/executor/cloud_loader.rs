@@ -1,0 +1,220 @@
+//! Where prepared clouds come from: memory, this machine's disk, the shared folder, the coordinator, or their source.
+
+use std::collections::{BTreeMap, HashMap};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use descriptor::{PreparedCloud, pcd};
+use proto::Digest;
+use rayon::iter::Either;
+use rayon::prelude::*;
+
+use crate::blobs::Blobs;
+use crate::executor::computing::Computing;
+use crate::executor::error::EvaluationError;
+use crate::executor::manifest::{Listed, Manifest};
+use crate::executor::preparation_cache::PreparationCache;
+use crate::executor::work::Work;
+use crate::store::{Claim, PREPARED_CLOUD, Store};
+
+type Loaded = Vec<(Digest, Arc<PreparedCloud>)>;
+
+/// Loads prepared clouds for tasks, batch by batch.
+pub struct CloudLoader {
+    /// Blobs of the coordinator.
+    pub blobs: Blobs,
+    /// The threads that prepare, and compute whatever else is to be computed.
+    pub computing: Computing,
+    store: Arc<Store>,
+    work: Mutex<Work>,
+}
+
+impl CloudLoader {
+    /// Clouds from `store` and `blobs`, prepared by `computing`.
+    pub fn new(blobs: Blobs, store: Arc<Store>, computing: Computing) -> Self {
+        Self { blobs, store, computing, work: Mutex::default() }
+    }
+
+    /// What was done so far.
+    pub fn work(&self) -> MutexGuard<'_, Work> {
+        self.work.lock().unwrap_or_else(PoisonError::into_inner) // counts are never half-changed
+    }
+
+    /// Calls `each` with all clouds of a split, in order, as many at a time as memory allows.
+    pub async fn stream<T: Send + 'static>(
+        &self,
+        cache: &Arc<PreparationCache>,
+        manifest: &Manifest,
+        each: impl Fn(&[Arc<PreparedCloud>]) -> T + Clone + Send + 'static,
+    ) -> Result<Vec<T>, EvaluationError> {
+        let mut done = Vec::new();
+        let mut rest = &manifest.clouds[..];
+        while !rest.is_empty() {
+            let count = cache.clouds().batch(rest);
+            let (batch, later) = rest.split_at(count);
+            let clouds = self.take(cache, batch).await?;
+            let each = each.clone();
+            done.push(self.computing.run(move || each(&clouds)).await);
+            rest = later;
+        }
+        Ok(done)
+    }
+
+    /// The prepared clouds of a list, in its order.
+    async fn take(
+        &self,
+        cache: &Arc<PreparationCache>,
+        listed: &[Listed],
+    ) -> Result<Vec<Arc<PreparedCloud>>, EvaluationError> {
+        let mut found: HashMap<Digest, Arc<PreparedCloud>> = {
+            let clouds = cache.clouds();
+            listed.iter().filter_map(|cloud| Some((cloud.digest, clouds.get(cloud.digest)?))).collect()
+        };
+        if !cache.preparer.is_kept() {
+            found.extend(self.prepare(cache, listed.to_vec()).await?);
+        }
+        let absent = listed.iter().filter(|cloud| !found.contains_key(&cloud.digest));
+        let mut missing: BTreeMap<Digest, &Listed> = absent.map(|cloud| (cloud.digest, cloud)).collect();
+        while let Some(&first) = missing.keys().next() {
+            let claim = |cloud: &&Listed| {
+                let claim = self.store.claim(cache.entry_key(cloud.digest)?)?;
+                Some(((*cloud).clone(), claim))
+            };
+            let (ours, claims): (Vec<Listed>, Vec<Claim<'_>>) = missing.values().filter_map(claim).unzip();
+            if ours.is_empty()
+                && let Some(key) = cache.entry_key(first)
+            {
+                // Other workers of this process are making all of them; what they could not keep is made here.
+                self.store.landed(key).await;
+                continue;
+            }
+            found.extend(self.bring(cache, ours).await?);
+            drop(claims);
+            missing.retain(|digest, _| !found.contains_key(digest));
+        }
+        let in_order = |cloud: &Listed| {
+            found.get(&cloud.digest).cloned().ok_or_else(|| EvaluationError::Cloud {
+                path: cloud.path.clone(),
+                what: "was not prepared".to_owned(),
+            })
+        };
+        listed.iter().map(in_order).collect()
+    }
+
+    /// Clouds that are not in memory, from the nearest place that has them.
+    async fn bring(
+        &self,
+        cache: &Arc<PreparationCache>,
+        wanted: Vec<Listed>,
+    ) -> Result<Loaded, EvaluationError> {
+        let fetched_before = self.blobs.fetched();
+        let (loaded, wanted) = self.load(cache, wanted).await;
+        let (fetched, wanted) = self.fetch(cache, wanted).await;
+        let prepared = self.prepare(cache, wanted).await?;
+        let counts = [loaded.len(), fetched.len(), prepared.len()].map(|count| count as u64);
+        {
+            let mut work = self.work();
+            work.loaded += counts[0];
+            work.fetched += counts[1];
+            work.prepared += counts[2];
+        }
+        let brought: Loaded = loaded.into_iter().chain(fetched).chain(prepared).collect();
+        let mut clouds = cache.clouds();
+        let unseen = brought.iter().filter(|(digest, cloud)| clouds.admit(*digest, cloud)).count();
+        if unseen > 0 {
+            let fetched = self.blobs.fetched() - fetched_before;
+            let [loaded, _, prepared] = counts;
+            tracing::info!(
+                "prepared {prepared} and loaded {loaded} of {} clouds, {fetched} of them fetched",
+                brought.len()
+            );
+        }
+        Ok(brought)
+    }
+
+    /// From this machine's disk or the shared folder; the second list is what neither has.
+    async fn load(&self, cache: &Arc<PreparationCache>, wanted: Vec<Listed>) -> (Loaded, Vec<Listed>) {
+        if !self.store.is_kept() {
+            return (Loaded::new(), wanted);
+        }
+        let (store, cache) = (Arc::clone(&self.store), Arc::clone(cache));
+        let load = move |cloud: Listed| {
+            let payload = cache.entry_key(cloud.digest).and_then(|key| store.get(PREPARED_CLOUD, key));
+            sort(&cache, cloud, payload)
+        };
+        self.computing.run(move || wanted.into_par_iter().partition_map(load)).await
+    }
+
+    /// From the coordinator's own store; the second list is what it does not have.
+    async fn fetch(&self, cache: &Arc<PreparationCache>, wanted: Vec<Listed>) -> (Loaded, Vec<Listed>) {
+        let ask = async |cloud: Listed| {
+            let entry = match cache.entry_key(cloud.digest) {
+                Some(key) => self.blobs.derived(PREPARED_CLOUD, key).await.map(|bytes| (key, bytes)),
+                None => None,
+            };
+            (cloud, entry)
+        };
+        let answers = futures_util::future::join_all(wanted.into_iter().map(ask)).await;
+        let (store, cache) = (Arc::clone(&self.store), Arc::clone(cache));
+        let adopt = move |(cloud, entry): (Listed, Option<(Digest, Vec<u8>)>)| {
+            let payload = entry.and_then(|(key, bytes)| match store.adopt(PREPARED_CLOUD, key, &bytes) {
+                Ok(payload) => Some(payload),
+                Err(damage) => {
+                    tracing::warn!("{}: the coordinator's entry {damage}, preparing it here", cloud.path);
+                    None
+                }
+            });
+            sort(&cache, cloud, payload)
+        };
+        self.computing.run(move || answers.into_par_iter().partition_map(adopt)).await
+    }
+
+    /// From the source files.
+    async fn prepare(
+        &self,
+        cache: &Arc<PreparationCache>,
+        wanted: Vec<Listed>,
+    ) -> Result<Loaded, EvaluationError> {
+        let bytes = wanted.iter().map(|cloud| self.blobs.get(cloud.digest));
+        let bytes = futures_util::future::try_join_all(bytes).await?;
+        let (store, cache) = (Arc::clone(&self.store), Arc::clone(cache));
+        let prepare = move |(cloud, bytes): (Listed, Vec<u8>)| {
+            let prepared = prepared(&cache, &cloud, &bytes)?;
+            if let Some(key) = cache.entry_key(cloud.digest).filter(|_| store.is_kept())
+                && let Some(payload) = cache.preparer.encode(&prepared)
+            {
+                store.put(PREPARED_CLOUD, key, &payload);
+            }
+            Ok((cloud.digest, Arc::new(prepared)))
+        };
+        self.computing.run(move || wanted.into_par_iter().zip(bytes).map(prepare).collect()).await
+    }
+}
+
+/// A cloud with the payload of its entry, or the cloud as it was if there is none of use.
+fn sort(
+    cache: &PreparationCache,
+    cloud: Listed,
+    payload: Option<Vec<u8>>,
+) -> Either<(Digest, Arc<PreparedCloud>), Listed> {
+    match payload.map(|payload| cache.preparer.decode(&payload)) {
+        Some(Ok(prepared)) => Either::Left((cloud.digest, Arc::new(prepared))),
+        Some(Err(error)) => {
+            let error = error.to_string(); // whose second line, what to do, is what is done here
+            let what = error.lines().next().unwrap_or_default();
+            tracing::warn!("{}: kept entry is of no use, got {what}; preparing it again", cloud.path);
+            Either::Right(cloud)
+        }
+        None => Either::Right(cloud),
+    }
+}
+
+fn prepared(
+    cache: &PreparationCache,
+    cloud: &Listed,
+    bytes: &[u8],
+) -> Result<PreparedCloud, EvaluationError> {
+    let failed = |what: String| EvaluationError::Cloud { path: cloud.path.clone(), what };
+    let source = pcd::read(bytes).map_err(|error| failed(error.to_string()))?;
+    let prepared = cache.preparer.prepare(&source, &cache.preparation().preprocess);
+    prepared.map_err(|error| failed(error.to_string()))
+}

@@ -1,0 +1,63 @@
+//! Split manifests: which clouds a split has, in order, and what they show.
+
+use std::sync::Arc;
+
+use descriptor::Label;
+use prost::Message as _;
+use proto::{Digest, v1};
+
+use crate::executor::error::EvaluationError;
+
+/// One cloud of a split.
+#[derive(Clone, Debug)]
+pub struct Listed {
+    /// Digest of the source file.
+    pub digest: Digest,
+    /// Size of the source file by the manifest's account, bytes.
+    pub bytes: u64,
+    /// What it shows.
+    pub label: Label,
+    /// Its path in the data set, for messages.
+    pub path: String,
+}
+
+/// The clouds of one split.
+#[derive(Debug)]
+pub struct Manifest {
+    /// Digest of the manifest itself.
+    pub digest: Digest,
+    /// In order.
+    pub clouds: Vec<Listed>,
+}
+
+impl Manifest {
+    /// Reads the blob with this digest.
+    ///
+    /// # Errors
+    /// [`EvaluationError::Manifest`] if it is no manifest.
+    pub fn decode(digest: Digest, bytes: &[u8]) -> Result<Self, EvaluationError> {
+        let broken = |what: String| EvaluationError::Manifest { digest, what };
+        let manifest = v1::SplitManifest::decode(bytes).map_err(|error| broken(error.to_string()))?;
+        let listed = |cloud: v1::ManifestCloud| {
+            Ok(Listed {
+                digest: Digest::try_from(&cloud.digest[..]).map_err(|error| broken(error.to_string()))?,
+                bytes: cloud.bytes,
+                label: Label { category: cloud.category, instance: cloud.instance },
+                path: cloud.path,
+            })
+        };
+        let clouds = manifest.clouds.into_iter().map(listed).collect::<Result<_, EvaluationError>>()?;
+        Ok(Self { digest, clouds })
+    }
+
+    /// Memory that the manifest takes, bytes.
+    pub fn bytes(&self) -> usize {
+        let paths: usize = self.clouds.iter().map(|cloud| cloud.path.len()).sum();
+        size_of::<Self>() + size_of_val(self.clouds.as_slice()) + paths
+    }
+}
+
+/// What the clouds of several splits show, one split after the other.
+pub fn labels(manifests: &[Arc<Manifest>]) -> Vec<Label> {
+    manifests.iter().flat_map(|manifest| &manifest.clouds).map(|cloud| cloud.label).collect()
+}

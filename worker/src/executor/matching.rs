@@ -1,0 +1,268 @@
+//! Distances between splits in each channel of a descriptor, and the signatures that they are computed from.
+
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use descriptor::grid::{Cell, CellSignatures};
+use descriptor::{Descriptor, DistanceMatrix, PrepareError, PreparedCloud, Signatures};
+use proto::{Digest, MAX_DESCRIPTION_BYTES};
+use rayon::prelude::*;
+
+use crate::executor::cloud_loader::CloudLoader;
+use crate::executor::error::EvaluationError;
+use crate::executor::manifest::Manifest;
+use crate::executor::preparation_cache::{PreparationCache, Shares};
+use crate::executor::reuse::{Key, Pairing, Reuse};
+use crate::size::Size;
+
+/// Signatures in each channel; `None` where they are not wanted.
+type ByChannel = Vec<Option<Arc<Signatures>>>;
+
+/// Where the signatures of some clouds come from.
+pub(super) struct Source {
+    /// Which clouds.
+    pub(super) manifest: Arc<Manifest>,
+    /// What is kept of them is kept under this: the digest of the manifest, or of the encoded signatures that a task
+    /// names. So that wrong signatures are taken for nothing but themselves.
+    name: Digest,
+}
+
+impl Source {
+    /// The clouds of a split, to be described here.
+    pub(super) fn split(manifest: Arc<Manifest>) -> Self {
+        Self { name: manifest.digest, manifest }
+    }
+
+    /// The clouds of a shard with the digest of their encoded signatures.
+    pub(super) fn shard((manifest, signatures): (Arc<Manifest>, &Digest)) -> Self {
+        Self { manifest, name: *signatures }
+    }
+
+    fn is_described(&self) -> bool {
+        self.name != self.manifest.digest
+    }
+}
+
+/// A descriptor, and what its channels are kept under.
+struct Wanted<'a> {
+    cache: &'a Arc<PreparationCache>,
+    descriptor: &'a Descriptor,
+    keys: Vec<Key>,
+}
+
+impl<'a> Wanted<'a> {
+    fn new(cache: &'a Arc<PreparationCache>, descriptor: &'a Descriptor) -> Self {
+        let preprocess = cache.preparation().preprocess;
+        let keys = descriptor.channels().into_iter().map(|(channel, _)| (preprocess, channel)).collect();
+        Self { cache, descriptor, keys }
+    }
+}
+
+/// Describes clouds and matches them, and keeps what later tasks may ask for again.
+pub(super) struct Matcher {
+    /// Where prepared clouds come from.
+    pub(super) loader: CloudLoader,
+    reuse: Mutex<Reuse>,
+}
+
+impl Matcher {
+    /// With clouds from `loader`; keeps up to a share of `memory`.
+    pub(super) fn new(loader: CloudLoader, memory: Size) -> Self {
+        Self { loader, reuse: Mutex::new(Reuse::new(Shares::of(memory).reuse)) }
+    }
+
+    fn reuse(&self) -> MutexGuard<'_, Reuse> {
+        self.reuse.lock().unwrap_or_else(PoisonError::into_inner) // entries are inserted whole
+    }
+
+    /// Distances of all queries to all clouds of the database in each channel, with its weight.
+    pub(super) async fn distances(
+        &self,
+        cache: &Arc<PreparationCache>,
+        descriptor: &Descriptor,
+        query: &[Source],
+        database: &[Source],
+    ) -> Result<Vec<(Arc<DistanceMatrix>, f64)>, EvaluationError> {
+        let names = |sources: &[Source]| sources.iter().map(|source| source.name).collect();
+        let pairing: Pairing = [names(query), names(database)];
+        let wanted = Wanted::new(cache, descriptor);
+        let kept: Vec<Option<Arc<DistanceMatrix>>> =
+            wanted.keys.iter().map(|&key| self.reuse().distances(&pairing, key)).collect();
+        let missing: Vec<bool> = kept.iter().map(Option::is_none).collect();
+
+        let mut by_source: BTreeMap<Digest, ByChannel> = BTreeMap::new();
+        if missing.contains(&true) {
+            for source in query.iter().chain(database) {
+                if let Entry::Vacant(vacant) = by_source.entry(source.name) {
+                    vacant.insert(if source.is_described() {
+                        self.described(&wanted, source).await?.into_iter().map(Some).collect()
+                    } else {
+                        self.signatures(&wanted, &source.manifest, &missing).await?
+                    });
+                }
+            }
+        }
+        let mut distances = Vec::new();
+        for (index, (kept, (channel, weight))) in kept.into_iter().zip(descriptor.channels()).enumerate() {
+            let matrix = match kept {
+                Some(matrix) => matrix,
+                None => {
+                    let of_splits = |splits: &[Digest]| -> Vec<Arc<Signatures>> {
+                        splits.iter().filter_map(|split| by_source[split][index].clone()).collect()
+                    };
+                    let (queries, database) = (of_splits(&pairing[0]), of_splits(&pairing[1]));
+                    let compute = move || channel.distances(&joined(&queries), &joined(&database));
+                    let matrix = Arc::new(self.loader.computing.run(compute).await);
+                    self.loader.work().matched += 1;
+                    self.reuse().keep_distances(&pairing, wanted.keys[index], &matrix);
+                    matrix
+                }
+            };
+            distances.push((matrix, weight));
+        }
+        Ok(distances)
+    }
+
+    /// The signatures of a split in the channels where they are missing; those that are not kept are computed.
+    async fn signatures(
+        &self,
+        wanted: &Wanted<'_>,
+        manifest: &Manifest,
+        missing: &[bool],
+    ) -> Result<ByChannel, EvaluationError> {
+        let preparer = &wanted.cache.preparer;
+        let (mut found, mut computed) = (ByChannel::new(), Vec::new());
+        for (index, &key) in wanted.keys.iter().enumerate() {
+            let kept = if missing[index] { self.reuse().signatures(manifest.digest, key) } else { None };
+            if missing[index] && kept.is_none() {
+                computed.push((index, Signatures::default(), key.1.extractor(preparer)?));
+            }
+            found.push(kept);
+        }
+        if computed.is_empty() {
+            return Ok(found);
+        }
+        let extractors: Arc<[_]> = computed.iter().map(|(.., extractor)| extractor.clone()).collect();
+        let compute = move |clouds: &[Arc<PreparedCloud>]| -> Result<Vec<Signatures>, PrepareError> {
+            extractors.iter().map(|extractor| extractor.signatures(clouds)).collect()
+        };
+        for batch in self.loader.stream(wanted.cache, manifest, compute).await? {
+            let path = || format!("split manifest {}", manifest.digest);
+            let batch =
+                batch.map_err(|error| EvaluationError::Cloud { path: path(), what: error.to_string() })?;
+            computed.iter_mut().zip(&batch).for_each(|((_, all, _), more)| all.append(more));
+        }
+        for (index, signatures, _) in computed {
+            let signatures = Arc::new(signatures);
+            self.loader.work().described += signatures.clouds() as u64;
+            self.reuse().keep_signatures(manifest.digest, wanted.keys[index], &signatures);
+            found[index] = Some(signatures);
+        }
+        Ok(found)
+    }
+
+    /// The signatures of a split in all channels.
+    async fn all_signatures(
+        &self,
+        wanted: &Wanted<'_>,
+        manifest: &Manifest,
+    ) -> Result<Vec<Arc<Signatures>>, EvaluationError> {
+        let missing = vec![true; wanted.keys.len()];
+        Ok(self.signatures(wanted, manifest, &missing).await?.into_iter().flatten().collect())
+    }
+
+    /// The signatures of a shard by their encoded form: kept, from the coordinator, or made here if it has them no more.
+    async fn described(
+        &self,
+        wanted: &Wanted<'_>,
+        source: &Source,
+    ) -> Result<Vec<Arc<Signatures>>, EvaluationError> {
+        let Source { manifest, name } = source;
+        let kept: Option<Vec<Arc<Signatures>>> =
+            wanted.keys.iter().map(|&key| self.reuse().signatures(*name, key)).collect();
+        if let Some(kept) = kept {
+            return Ok(kept);
+        }
+        let signatures = match self.loader.blobs.given(*name).await {
+            Some(bytes) => {
+                let clouds = manifest.clouds.len() as u32;
+                self.loader.work().handed += 1;
+                wanted.descriptor.decode_signatures(&bytes, clouds)?.into_iter().map(Arc::new).collect()
+            }
+            None => {
+                let signatures = self.all_signatures(wanted, manifest).await?;
+                let got = Digest::of(&encoded(wanted.descriptor, &signatures));
+                if got != *name {
+                    let (digest, expected) = (manifest.digest, *name);
+                    return Err(EvaluationError::Description { digest, expected, got });
+                }
+                signatures
+            }
+        };
+        self.keep_all(wanted, *name, &signatures);
+        Ok(signatures)
+    }
+
+    /// The encoded signatures of a shard.
+    pub(super) async fn describe(
+        &self,
+        cache: &Arc<PreparationCache>,
+        descriptor: &Descriptor,
+        manifest: &Manifest,
+    ) -> Result<Vec<u8>, EvaluationError> {
+        let wanted = Wanted::new(cache, descriptor);
+        let got = descriptor.signature_bytes(manifest.clouds.len() as u32);
+        if got > MAX_DESCRIPTION_BYTES {
+            return Err(EvaluationError::TooLarge { digest: manifest.digest, got });
+        }
+        let signatures = self.all_signatures(&wanted, manifest).await?;
+        let bytes = encoded(descriptor, &signatures);
+        self.keep_all(&wanted, Digest::of(&bytes), &signatures);
+        Ok(bytes)
+    }
+
+    /// Keeps the signatures of a shard under the digest of their encoded form.
+    fn keep_all(&self, wanted: &Wanted<'_>, name: Digest, signatures: &[Arc<Signatures>]) {
+        let mut reuse = self.reuse();
+        let of_channels = wanted.keys.iter().zip(signatures);
+        of_channels.for_each(|(key, signatures)| reuse.keep_signatures(name, *key, signatures));
+    }
+
+    /// All signatures of some splits for one grid cell, one split after the other.
+    pub(super) async fn cell_signatures(
+        &self,
+        cache: &Arc<PreparationCache>,
+        cell: &Arc<Cell>,
+        manifests: &[Arc<Manifest>],
+    ) -> Result<Vec<CellSignatures>, EvaluationError> {
+        let mut signatures = Vec::new();
+        for manifest in manifests {
+            let cell = Arc::clone(cell);
+            let compute = move |clouds: &[Arc<PreparedCloud>]| -> Vec<CellSignatures> {
+                let quantised = clouds.par_iter().filter_map(|cloud| cloud.quantised());
+                quantised.map(|cloud| cell.signatures(cloud)).collect()
+            };
+            signatures.extend(self.loader.stream(cache, manifest, compute).await?.into_iter().flatten());
+        }
+        Ok(signatures)
+    }
+}
+
+fn encoded(descriptor: &Descriptor, signatures: &[Arc<Signatures>]) -> Vec<u8> {
+    let signatures: Vec<&Signatures> = signatures.iter().map(Arc::as_ref).collect();
+    descriptor.encode_signatures(&signatures)
+}
+
+/// The signatures of several splits as if they were one.
+fn joined(splits: &[Arc<Signatures>]) -> Cow<'_, Signatures> {
+    match splits {
+        [split] => Cow::Borrowed(split),
+        splits => {
+            let mut all = Signatures::default();
+            splits.iter().for_each(|split| all.append(split));
+            Cow::Owned(all)
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! Prepared clouds in memory: as many as fit, for one way of preparing them.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use descriptor::{PreparedCloud, Preparer, QuantiseError};
+use proto::Digest;
+
+use crate::executor::manifest::Listed;
+use crate::executor::task::Preparation;
+use crate::size::Size;
+use crate::store;
+
+/// A prepared cloud that was never seen is taken to be this many times as large as its source.
+const GROWTH: usize = 16;
+/// More at once than this does not make batches faster, bytes.
+const LARGEST_BATCH: usize = 64 << 20;
+/// More signatures and distances than this are hardly ever asked for again, bytes: those of some hundred descriptors of a
+/// thousand clouds.
+const LARGEST_REUSE: usize = 192 << 20;
+
+/// How a worker's memory is shared out: three quarters for clouds, up to three sixteenths for signatures and distances, the
+/// rest for clouds on their way.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Shares {
+    clouds: usize,
+    pub(super) reuse: usize,
+    batch: usize,
+}
+
+impl Shares {
+    pub(super) fn of(memory: Size) -> Self {
+        let sixteenth = usize::try_from(memory.bytes() / 16).unwrap_or(usize::MAX / 16);
+        Self {
+            clouds: 12 * sixteenth,
+            reuse: (3 * sixteenth).min(LARGEST_REUSE),
+            batch: sixteenth.min(LARGEST_BATCH),
+        }
+    }
+}
+
+/// One way of preparing clouds, and the clouds that are kept of it.
+pub struct PreparationCache {
+    preparation: Preparation,
+    /// Prepares clouds for the preparation's search space.
+    pub preparer: Preparer,
+    clouds: Mutex<Clouds>,
+}
+
+impl PreparationCache {
+    /// Empty; takes up to `memory`.
+    ///
+    /// # Errors
+    /// If clouds cannot be prepared for the search space.
+    pub fn new(preparation: &Preparation, memory: Size) -> Result<Self, QuantiseError> {
+        let (shares, preparer) = (Shares::of(memory), preparation.space.preparer()?);
+        Ok(Self {
+            preparation: preparation.clone(),
+            clouds: Mutex::new(Clouds::new(if preparer.is_kept() { shares.clouds } else { 0 }, shares.batch)),
+            preparer,
+        })
+    }
+
+    /// What the clouds are prepared for.
+    pub fn preparation(&self) -> &Preparation {
+        &self.preparation
+    }
+
+    /// The name of a cloud's entry in the store; `None` of clouds that are prepared anew each time.
+    pub fn entry_key(&self, cloud: Digest) -> Option<Digest> {
+        let quantiser = self.preparer.quantiser()?;
+        Some(store::prepared_cloud_key(&self.preparation.preprocess, quantiser, cloud))
+    }
+
+    /// The clouds in memory.
+    pub fn clouds(&self) -> MutexGuard<'_, Clouds> {
+        // Clouds are inserted whole: a panic elsewhere cannot leave a half-made one behind.
+        self.clouds.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Prepared clouds in memory: admitted until they fill their share, and never exchanged. Evaluations go through all
+/// clouds in turn, and would find none of them if the latest displaced the oldest.
+#[derive(Debug)]
+pub struct Clouds {
+    capacity: usize,
+    batch: usize,
+    bytes: usize,
+    resident: HashMap<Digest, Arc<PreparedCloud>>,
+    /// Sizes of clouds that were seen and found no room.
+    passing: HashMap<Digest, usize>,
+}
+
+impl Clouds {
+    fn new(capacity: usize, batch: usize) -> Self {
+        Self { capacity, batch, bytes: 0, resident: HashMap::new(), passing: HashMap::new() }
+    }
+
+    /// A cloud, if it is in memory.
+    pub fn get(&self, digest: Digest) -> Option<Arc<PreparedCloud>> {
+        self.resident.get(&digest).cloned()
+    }
+
+    /// Keeps a cloud if there is room for it. Returns whether it is seen for the first time.
+    pub fn admit(&mut self, digest: Digest, cloud: &Arc<PreparedCloud>) -> bool {
+        let bytes = cloud.bytes();
+        if self.resident.contains_key(&digest) {
+            return false;
+        }
+        if self.bytes.saturating_add(bytes) > self.capacity {
+            return self.passing.insert(digest, bytes).is_none();
+        }
+        self.bytes += bytes;
+        self.resident.insert(digest, Arc::clone(cloud));
+        self.passing.remove(&digest).is_none()
+    }
+
+    /// How many of the first clouds of `listed` are to be taken at once, so that those that are not in memory take a
+    /// bounded part of it: at least one.
+    pub fn batch(&self, listed: &[Listed]) -> usize {
+        let mut room = self.batch;
+        let fits = |cloud: &&Listed| {
+            let left = room.checked_sub(self.cost(cloud));
+            room = left.unwrap_or(0);
+            left.is_some()
+        };
+        listed.iter().take_while(fits).count().max(1)
+    }
+
+    fn cost(&self, cloud: &Listed) -> usize {
+        if self.resident.contains_key(&cloud.digest) {
+            return 0;
+        }
+        let guess = usize::try_from(cloud.bytes).unwrap_or(usize::MAX).saturating_mul(GROWTH);
+        self.passing.get(&cloud.digest).copied().unwrap_or(guess)
+    }
+}

@@ -1,0 +1,48 @@
+//! What evaluations have in common: signatures of a split in one channel, and the distances between splits.
+
+use std::sync::Arc;
+
+use descriptor::{Channel, DistanceMatrix, Preprocess, Signatures};
+use proto::Digest;
+
+use crate::executor::lru::Lru;
+
+/// What signatures and distances depend on, beside the clouds.
+pub type Key = (Preprocess, Channel);
+
+/// Split manifests, or digests of encoded signatures, of queries and of a database, in order.
+pub type Pairing = [Arc<[Digest]>; 2];
+
+/// Signatures and distances of recent tasks, bounded in bytes.
+#[derive(Debug)]
+pub struct Reuse {
+    signatures: Lru<(Digest, Key), Arc<Signatures>>,
+    distances: Lru<(Pairing, Key), Arc<DistanceMatrix>>,
+}
+
+impl Reuse {
+    /// Holds up to `capacity` bytes, half of them signatures and half of them distances.
+    pub fn new(capacity: usize) -> Self {
+        Self { signatures: Lru::new(capacity / 2), distances: Lru::new(capacity / 2) }
+    }
+
+    /// The signatures of one split, or those encoded with this digest.
+    pub fn signatures(&mut self, source: Digest, key: Key) -> Option<Arc<Signatures>> {
+        self.signatures.get(&(source, key))
+    }
+
+    /// Keeps the signatures of one split, or those encoded with this digest.
+    pub fn keep_signatures(&mut self, source: Digest, key: Key, signatures: &Arc<Signatures>) {
+        self.signatures.insert((source, key), Arc::clone(signatures), signatures.bytes());
+    }
+
+    /// The distances of queries to a database.
+    pub fn distances(&mut self, pairing: &Pairing, key: Key) -> Option<Arc<DistanceMatrix>> {
+        self.distances.get(&(pairing.clone(), key))
+    }
+
+    /// Keeps the distances of queries to a database.
+    pub fn keep_distances(&mut self, pairing: &Pairing, key: Key, matrix: &Arc<DistanceMatrix>) {
+        self.distances.insert((pairing.clone(), key), Arc::clone(matrix), matrix.bytes());
+    }
+}

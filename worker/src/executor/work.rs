@@ -1,0 +1,20 @@
+//! What a worker has done so far, for its log and for tests of what is not done twice.
+
+/// Counts since the start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Clouds prepared from their source.
+    pub prepared: u64,
+    /// Prepared clouds read from this machine's disk or the shared folder.
+    pub loaded: u64,
+    /// Prepared clouds that came from the coordinator.
+    pub fetched: u64,
+    /// Signatures computed: shape and colour of one cloud are two.
+    pub described: u64,
+    /// Encoded signatures of shards that came from the coordinator.
+    pub handed: u64,
+    /// Distance matrices computed.
+    pub matched: u64,
+    /// Grid cells computed.
+    pub cells: u64,
+}
