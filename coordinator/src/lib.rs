@@ -24,7 +24,6 @@ mod evaluation;
 mod journal;
 mod ledger;
 mod local;
-mod making;
 mod memory;
 mod pieces;
 mod prepared;

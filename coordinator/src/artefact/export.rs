@@ -4,6 +4,7 @@ use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use atomic::{Access, NewFolder};
 use descriptor::{GeneTable, Parameters, PreparedCloud, Quantiser, SetDistance, Summary, pcd};
 use rayon::prelude::*;
 use results::{DatabaseCloud, DatabasePart, PredictionRow, PredictionSplit};
@@ -17,7 +18,6 @@ use super::test_vector::{Example, Verdict, test_vector};
 use super::{DATABASE, EXAMPLE, ExportError, FILES, README, SETTINGS, TEST_VECTOR};
 use crate::dataset::{CloudEntry, Dataset, read_file};
 use crate::experiment::{Overrides, of_one};
-use crate::making::Making;
 use crate::reopen::{Reopened, reopen};
 use crate::run::{Matching, data_digest, rows};
 use crate::sweep;
@@ -93,8 +93,8 @@ pub fn export(
     }
 
     let failed = |source| ExportError::Write { folder: out.to_owned(), source };
-    let making = Making::beside(out).map_err(failed)?;
-    let digest = results::write_database(making.path().join(DATABASE), &database)?;
+    let new = NewFolder::beside(out, Access::Umask).map_err(failed)?;
+    let digest = results::write_database(new.path().join(DATABASE), &database)?;
     let (raw_preprocess, raw_descriptor) = of_one(&preprocess, &parameters);
     let settings = Settings {
         version: VERSION,
@@ -122,14 +122,14 @@ pub fn export(
         (EXAMPLE, &example.bytes),
         (README, about.text().as_bytes()),
     ] {
-        making.write(name, bytes).map_err(failed)?;
+        new.write(name, bytes).map_err(failed)?;
     }
 
     // Read back what is on the disk: it must say of its example what was said before.
-    let written = Recogniser::open(making.path())?;
-    let bytes = fs::read(making.path().join(EXAMPLE)).map_err(failed)?;
+    let written = Recogniser::open(new.path())?;
+    let bytes = fs::read(new.path().join(EXAMPLE)).map_err(failed)?;
     let (again, got) = vector(&written, &Example { bytes, ..example.clone() })?;
-    let on_disk = fs::read(making.path().join(TEST_VECTOR)).map_err(failed)?;
+    let on_disk = fs::read(new.path().join(TEST_VECTOR)).map_err(failed)?;
     if again.as_bytes() != on_disk {
         compare(&example, verdict.clone(), &got)?;
         let (expected, got) = ("that of its test vector".to_owned(), "another summary".to_owned());
@@ -137,10 +137,10 @@ pub fn export(
     }
     let mut bytes = 0;
     for name in FILES {
-        bytes += fs::metadata(making.path().join(name)).map_err(failed)?.len();
+        bytes += fs::metadata(new.path().join(name)).map_err(failed)?.len();
     }
     refuse_occupied(out)?;
-    making.replace(out).map_err(failed)?;
+    new.replace(out).map_err(failed)?;
     Ok(Exported {
         parameters,
         clouds: clouds.len(),

@@ -292,6 +292,8 @@ pub async fn in_time<T>(
 fn already_finished(out: &Path, experiment: &Experiment, store: &Store) -> Result<Option<Summary>, RunError> {
     let Some(mut summary) = finished(out, experiment)? else { return Ok(None) };
     compare_with_data(std::slice::from_mut(&mut summary), experiment, store)?;
+    // A process that is killed after it has finished the run leaves its journal behind.
+    remove_journal(out);
     eprintln!("{}: this run is finished; --fresh starts another", out.display());
     Ok(Some(summary))
 }

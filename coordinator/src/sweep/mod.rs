@@ -14,7 +14,7 @@ use worker::store::Store;
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{LocalWorkers, Member, Overrides, Plan, Sweep};
 use crate::memory::Known;
-use crate::run::place::{chosen, claim, read_bounded, refuse_another, write_whole};
+use crate::run::place::{chosen, claim, read_bounded, refuse_another};
 use crate::run::progress::Progress;
 use crate::run::summary::Summary;
 use crate::run::tally::Tally;
@@ -243,5 +243,5 @@ fn make_folder(out: &Path, sweep: &Sweep) -> Result<(), RunError> {
     if path.exists() {
         return Ok(());
     }
-    write_whole(&path, &sweep.record_toml()).map_err(|source| RunError::File { path, source })
+    atomic::write(&path, sweep.record_toml().as_bytes()).map_err(|source| RunError::File { path, source })
 }
