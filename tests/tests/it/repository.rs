@@ -10,14 +10,15 @@ use toml::Table;
 use crate::experiments::repository;
 
 /// Which crate of the workspace may depend on which (DESIGN 2).
-const MAY_DEPEND_ON: [(&str, &[&str]); 7] = [
+const MAY_DEPEND_ON: [(&str, &[&str]); 8] = [
     ("proto", &[]),
     ("descriptor", &[]),
     ("results/atomic", &[]),
     ("results", &["atomic"]),
-    ("worker", &["proto", "descriptor"]),
-    ("coordinator", &["atomic", "proto", "descriptor", "results", "worker"]),
-    ("tests", &["proto", "descriptor", "results", "worker", "coordinator"]),
+    ("worker/cache", &["atomic", "proto"]),
+    ("worker", &["cache", "proto", "descriptor"]),
+    ("coordinator", &["atomic", "cache", "proto", "descriptor", "results", "worker"]),
+    ("tests", &["cache", "proto", "descriptor", "results", "worker", "coordinator"]),
 ];
 
 fn read(path: &str) -> String {

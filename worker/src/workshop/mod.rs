@@ -3,7 +3,6 @@
 
 mod computing;
 mod fixed;
-mod lru;
 pub(crate) mod manifest;
 mod matching;
 mod reuse;
@@ -13,18 +12,16 @@ mod work;
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use cache::{ByteSize, Lru, Store};
 use descriptor::grid::Cell;
 use descriptor::recognise::{RecogniseError, recognise_from};
 use descriptor::{Correct, Descriptor, GeneTable, Match, Parameters, Preprocess, QuantiseError, description};
 use proto::{Digest, MAX_DESCRIPTION_BYTES};
 
 pub use computing::Computing;
-pub use lru::Lru;
 pub use work::Work;
 
 use crate::blobs::{BlobError, Blobs};
-use crate::size::Size;
-use crate::store::Store;
 use manifest::{Manifest, labels};
 use matching::Source;
 use shelf::Shelf;
@@ -188,7 +185,7 @@ pub struct Workshop {
     computing: Computing,
     store: Arc<Store>,
     supply: Supply,
-    memory: Size,
+    memory: ByteSize,
     manifests: Mutex<Lru<Digest, Arc<Manifest>>>,
     shelf: Mutex<Option<Arc<Shelf>>>,
 }
@@ -200,7 +197,7 @@ impl Workshop {
     /// If the threads cannot be started.
     pub fn new(
         threads: usize,
-        memory: Size,
+        memory: ByteSize,
         blobs: Blobs,
         store: Arc<Store>,
     ) -> Result<Self, rayon::ThreadPoolBuildError> {

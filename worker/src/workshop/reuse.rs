@@ -2,10 +2,9 @@
 
 use std::sync::Arc;
 
+use cache::Lru;
 use descriptor::{DistanceMatrix, Parameters, Parts};
 use proto::Digest;
-
-use crate::workshop::lru::Lru;
 
 /// One of the two halves of a descriptor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

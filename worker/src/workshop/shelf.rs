@@ -3,11 +3,11 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use cache::ByteSize;
 use descriptor::{PreparedCloud, QuantiseError, Quantiser};
 use proto::Digest;
 
-use crate::size::Size;
-use crate::store;
+use crate::prepared_cloud::prepared_cloud_key;
 use crate::workshop::Preparation;
 use crate::workshop::manifest::Listed;
 use crate::workshop::reuse::Reuse;
@@ -30,8 +30,8 @@ struct Shares {
 }
 
 impl Shares {
-    fn of(memory: Size) -> Self {
-        let sixteenth = usize::try_from(memory.bytes() / 16).unwrap_or(usize::MAX / 16);
+    fn of(memory: ByteSize) -> Self {
+        let sixteenth = usize::try_from(memory.as_u64() / 16).unwrap_or(usize::MAX / 16);
         Self {
             clouds: 12 * sixteenth,
             reuse: (3 * sixteenth).min(LARGEST_REUSE),
@@ -54,7 +54,7 @@ impl Shelf {
     ///
     /// # Errors
     /// If the search space cannot be quantised.
-    pub fn new(preparation: &Preparation, memory: Size) -> Result<Self, QuantiseError> {
+    pub fn new(preparation: &Preparation, memory: ByteSize) -> Result<Self, QuantiseError> {
         let shares = Shares::of(memory);
         Ok(Self {
             preparation: preparation.clone(),
@@ -71,7 +71,7 @@ impl Shelf {
 
     /// The name of a cloud's entry in the store.
     pub fn entry_key(&self, cloud: Digest) -> Digest {
-        store::prepared_cloud_key(&self.preparation.preprocess, &self.quantiser, cloud)
+        prepared_cloud_key(&self.preparation.preprocess, &self.quantiser, cloud)
     }
 
     /// The clouds in memory.

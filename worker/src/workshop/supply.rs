@@ -3,13 +3,14 @@
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use cache::{Claim, Store};
 use descriptor::{PreparedCloud, pcd};
 use proto::Digest;
 use rayon::iter::Either;
 use rayon::prelude::*;
 
 use crate::blobs::Blobs;
-use crate::store::{Claim, PREPARED_CLOUD, Store};
+use crate::prepared_cloud::PREPARED_CLOUD;
 use crate::workshop::manifest::{Listed, Manifest};
 use crate::workshop::shelf::Shelf;
 use crate::workshop::work::Work;
@@ -77,7 +78,7 @@ impl Supply {
             let (ours, claims): (Vec<Listed>, Vec<Claim<'_>>) = missing.values().filter_map(claim).unzip();
             if ours.is_empty() {
                 // Other workers of this process are making all of them; what they could not keep is made here.
-                self.store.landed(shelf.entry_key(first)).await;
+                self.store.wait(shelf.entry_key(first)).await;
                 continue;
             }
             found.extend(self.bring(shelf, ours).await?);

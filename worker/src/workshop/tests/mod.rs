@@ -7,15 +7,15 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
+use cache::Storage;
 use descriptor::genes::Domain;
-use descriptor::{PreparedCloud, Quantiser, pcd, recognise, summarise};
+use descriptor::{EVALUATION_VERSION, PreparedCloud, Quantiser, pcd, recognise, summarise};
 
 use super::*;
-use crate::storage::Storage;
 use coordinator::{Archive, CLOUDS, SPLIT};
 
-const LARGE: Size = Size::from_bytes(1 << 30);
-const SMALL: Size = Size::from_bytes(1 << 20);
+const LARGE: ByteSize = ByteSize::gib(1);
+const SMALL: ByteSize = ByteSize::mib(1);
 
 fn preparation() -> Preparation {
     let domain = |low, step, count| Domain { low, step, count };
@@ -96,10 +96,10 @@ fn plain(archive: &Archive, parameters: Parameters, validation: bool) -> Outcome
 
 fn store(cache: Option<PathBuf>) -> Arc<Store> {
     let storage = Storage { cache, cache_size: LARGE, ..Storage::in_memory(LARGE) };
-    Arc::new(Store::open(&storage, "here"))
+    Arc::new(Store::open(&storage, "here", EVALUATION_VERSION))
 }
 
-fn workshop(archive: &Archive, memory: Size, store: &Arc<Store>) -> Arc<Workshop> {
+fn workshop(archive: &Archive, memory: ByteSize, store: &Arc<Store>) -> Arc<Workshop> {
     let blobs = Blobs::new(archive.clone().serve(), Some(Arc::clone(store)));
     Arc::new(Workshop::new(2, memory, blobs, Arc::clone(store)).unwrap())
 }
