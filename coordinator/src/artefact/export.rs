@@ -5,11 +5,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use atomic::{Access, NewFolder};
+use cache::Storage;
+use cache::Store;
 use descriptor::{GeneTable, Parameters, PreparedCloud, Quantiser, SetDistance, Summary, pcd};
 use rayon::prelude::*;
 use results::{DatabaseCloud, DatabasePart, PredictionRow, PredictionSplit};
-use worker::Storage;
-use worker::store::Store;
 
 use super::readme::About;
 use super::recogniser::Recogniser;
@@ -60,7 +60,7 @@ pub fn export(
 ) -> Result<Exported, ExportError> {
     refuse_occupied(out)?;
     refuse_sweep(run)?;
-    let store = Store::open(storage, "export");
+    let store = Store::open(storage, "export", descriptor::EVALUATION_VERSION);
     let Reopened { finished, experiment, dataset } = reopen(run, data, Overrides::default(), &store)?;
     refuse_unsound(run)?;
     let (expected, got) = (&finished.row.data_digest, data_digest(&dataset));

@@ -18,8 +18,8 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use cache::Store;
 use results::{FinishedGrid, GridFolder};
-use worker::store::Store;
 
 use crate::cluster::Client;
 use crate::dataset::{Dataset, Wanted};
@@ -44,7 +44,7 @@ pub async fn exhaust(
     let mut progress = Progress::new(1);
     let local_workers = experiment.coordinator().local_workers;
     let can_do_alone = local_workers != LocalWorkers::Count(0);
-    let store = Arc::new(Store::open(&options.storage, &host()));
+    let store = Arc::new(Store::open(&options.storage, &host(), descriptor::EVALUATION_VERSION));
     let dataset = open_data(experiment, Wanted::Training, Some(&store), |line| progress.say(line))?;
     let question = Question::new(experiment, &dataset)?;
     let base = options.out.clone().unwrap_or_else(|| default_folder(experiment, &question));

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 use std::{fs, io};
 
 use atomic::{Access, NewFolder};
+use cache::Store;
 use descriptor::pcd::{self, DataEncoding};
 use descriptor::synth::{self, SynthError, SynthSettings};
 use descriptor::{QuantiseError, Quantiser};
 use rayon::prelude::*;
-use worker::store::Store;
 
 use crate::dataset::{Dataset, DatasetError, SyntheticSettings, Wanted};
 use crate::experiment::Experiment;

@@ -19,9 +19,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime};
 
+use cache::Storage;
+use cache::Store;
 use results::RunFolder;
-use worker::Storage;
-use worker::store::Store;
 
 use crate::cluster::ClusterError;
 use crate::dataset::{Dataset, DatasetError, Wanted};
@@ -198,7 +198,7 @@ pub enum RunError {
 /// Runs an experiment to its stop reason; a finished run is only shown again.
 pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summary, RunError> {
     let (started, started_at) = (Instant::now(), SystemTime::now());
-    let store = Arc::new(Store::open(&options.storage, &host()));
+    let store = Arc::new(Store::open(&options.storage, &host(), descriptor::EVALUATION_VERSION));
     let out = folder(experiment, options.out.clone(), options.fresh);
     if let Some(summary) = already_finished(&out, experiment, &store)? {
         return Ok(summary);

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
+use cache::ByteSize;
+use cache::Store;
 use descriptor::{GeneTable, Parameters, QuantiseError, Quantiser};
 use proto::SessionId;
 use results::Counts;
-use worker::Size;
-use worker::store::Store;
 
 use crate::cluster::{Cluster, ClusterError};
 use crate::dataset::Dataset;
@@ -50,7 +50,7 @@ pub struct Workplace<'a> {
     servers: Servers,
     /// Where derived data is kept.
     pub store: Arc<Store>,
-    memory: Size,
+    memory: ByteSize,
 }
 
 impl<'a> Workplace<'a> {
@@ -63,7 +63,7 @@ impl<'a> Workplace<'a> {
         experiment: &Experiment,
         dataset: &'a Dataset,
         store: Arc<Store>,
-        memory: Size,
+        memory: ByteSize,
     ) -> Result<Self, QuantiseError> {
         Self::for_genes(experiment.genes(), experiment, dataset, store, memory)
     }
@@ -77,7 +77,7 @@ impl<'a> Workplace<'a> {
         experiment: &Experiment,
         dataset: &'a Dataset,
         store: Arc<Store>,
-        memory: Size,
+        memory: ByteSize,
     ) -> Result<Self, QuantiseError> {
         Self::with(Cluster::new(limits(experiment)), genes, experiment, dataset, store, memory)
     }
@@ -91,7 +91,7 @@ impl<'a> Workplace<'a> {
         experiment: &Experiment,
         dataset: &'a Dataset,
         store: Arc<Store>,
-        memory: Size,
+        memory: ByteSize,
     ) -> Result<Self, QuantiseError> {
         let cluster = Cluster::with_journal(limits(experiment), session, journal, recorded);
         Self::with(cluster, experiment.genes(), experiment, dataset, store, memory)
@@ -103,7 +103,7 @@ impl<'a> Workplace<'a> {
         experiment: &Experiment,
         dataset: &'a Dataset,
         store: Arc<Store>,
-        memory: Size,
+        memory: ByteSize,
     ) -> Result<Self, QuantiseError> {
         cluster.set_pieces(experiment.coordinator().pieces);
         let splits = SplitBlobs::publish(dataset, &cluster.blobs);

@@ -7,9 +7,9 @@ use std::sync::Arc;
 use std::time::{Instant, SystemTime};
 use std::{fs, io};
 
+use cache::Store;
 use futures_util::future::try_join_all;
 use results::RunFolder;
-use worker::store::Store;
 
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{LocalWorkers, Member, Overrides, Plan, Sweep};
@@ -57,7 +57,7 @@ pub fn run_folders(folder: &Path) -> Result<Vec<(String, PathBuf)>, RunError> {
 /// Runs all members of a sweep to their stop reasons; those that are finished are only shown again.
 pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, RunError> {
     let (now, started_at, base) = (Instant::now(), SystemTime::now(), sweep.base());
-    let store = Arc::new(Store::open(&options.storage, &host()));
+    let store = Arc::new(Store::open(&options.storage, &host(), descriptor::EVALUATION_VERSION));
     let out = folder(sweep, options.out.clone(), options.fresh);
     let members = sweep.members();
     refuse_another(&out, &sweep.search_toml())?;
