@@ -4,10 +4,10 @@ use std::num::NonZeroUsize;
 use std::sync::Arc;
 use std::thread::available_parallelism;
 
+use cache::{ByteSize, Store};
 use tokio::sync::watch;
 use tokio::task::{JoinError, JoinSet};
-use worker::store::Store;
-use worker::{Credentials, Identity, Link, Options, Size, WorkerError};
+use worker::{Credentials, Identity, Link, Options, WorkerError};
 
 use crate::experiment::LocalWorkers;
 use transport::Servers;
@@ -42,8 +42,8 @@ pub struct InProcessWorkers {
 
 impl InProcessWorkers {
     /// Starts a worker for each entry of `threads`. They share the store, and `memory` in equal parts.
-    pub fn start(servers: &mut Servers, threads: &[u32], store: &Arc<Store>, memory: Size) -> Self {
-        let memory = Size::from_bytes(memory.bytes() / threads.len().max(1) as u64);
+    pub fn start(servers: &mut Servers, threads: &[u32], store: &Arc<Store>, memory: ByteSize) -> Self {
+        let memory = ByteSize(memory.as_u64() / threads.len().max(1) as u64);
         let stop = watch::Sender::new(false);
         let mut tasks = JoinSet::new();
         for &threads in threads {

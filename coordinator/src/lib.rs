@@ -14,7 +14,6 @@ mod compare;
 mod console;
 mod evaluate;
 mod in_process;
-mod making;
 mod manifest;
 mod prepared;
 mod reopen;

@@ -3,9 +3,10 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use cache::Store;
 use descriptor::{Preprocess, Quantiser};
 use proto::Digest;
-use worker::store::{PREPARED_CLOUD, Store, prepared_cloud_key};
+use worker::{PREPARED_CLOUD, prepared_cloud_key};
 
 use crate::dataset::CloudEntry;
 use cluster::blobs::BlobStore;

@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use cache::Store;
 use results::FinishedRun;
-use worker::store::Store;
 
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{Experiment, ExperimentError, Overrides};

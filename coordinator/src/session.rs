@@ -8,8 +8,7 @@ use std::time::Duration;
 use descriptor::{GeneTable, Parameters, Quantiser};
 use proto::SessionId;
 use results::Counts;
-use worker::Size;
-use worker::store::Store;
+use cache::{ByteSize, Store};
 
 use crate::console::Console;
 use crate::dataset::Dataset;
@@ -56,7 +55,7 @@ pub struct Session<'a> {
     /// Where derived data is kept.
     pub store: Arc<Store>,
     servers: Servers,
-    memory: Size,
+    memory: ByteSize,
     /// Until [`Session::perform`] takes them.
     in_process: Mutex<Option<InProcessWorkers>>,
 }
@@ -72,7 +71,7 @@ impl<'a> Session<'a> {
         experiment: &Experiment,
         dataset: &'a Dataset,
         store: Arc<Store>,
-        memory: Size,
+        memory: ByteSize,
     ) -> Result<Self, DataError> {
         Self::with(Cluster::new(limits(experiment)), genes, experiment, dataset, store, memory)
     }
@@ -86,7 +85,7 @@ impl<'a> Session<'a> {
         experiment: &Experiment,
         dataset: &'a Dataset,
         store: Arc<Store>,
-        memory: Size,
+        memory: ByteSize,
     ) -> Result<Self, DataError> {
         let cluster = Cluster::with_journal(limits(experiment), id, journal, recorded);
         Self::with(cluster, experiment.genes(), experiment, dataset, store, memory)
@@ -98,7 +97,7 @@ impl<'a> Session<'a> {
         experiment: &Experiment,
         dataset: &'a Dataset,
         store: Arc<Store>,
-        memory: Size,
+        memory: ByteSize,
     ) -> Result<Self, DataError> {
         cluster.set_pieces(experiment.coordinator().pieces);
         let splits = SplitBlobs::publish(dataset, &cluster.blobs);

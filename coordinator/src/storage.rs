@@ -2,24 +2,24 @@
 
 use descriptor::Preprocess;
 use proto::Digest;
-use worker::store::KeyBuilder;
+use worker::preprocess_key;
 
 /// The key of what follows from `inputs` where clouds are prepared like this.
 pub fn key(kind: &str, preprocess: &Preprocess, inputs: &[&[u8]]) -> Digest {
-    let key = KeyBuilder::new(kind).preprocess(preprocess);
+    let key = preprocess_key(kind, preprocess);
     inputs.iter().fold(key, |key, input| key.part(input)).finish()
 }
 
 /// A store in a folder of a test.
 #[cfg(test)]
-pub fn store_in(folder: &std::path::Path) -> worker::store::Store {
-    let size = worker::Size::from_bytes(1 << 30);
-    let storage = worker::Storage {
+pub fn store_in(folder: &std::path::Path) -> cache::Store {
+    let size = cache::ByteSize::gib(1);
+    let storage = cache::Storage {
         cache: Some(folder.to_owned()),
         cache_size: size,
-        ..worker::Storage::in_memory(size)
+        ..cache::Storage::in_memory(size)
     };
-    worker::store::Store::open(&storage, "test")
+    cache::Store::open(&storage, "test", descriptor::EVALUATION_VERSION)
 }
 
 #[cfg(test)]

@@ -5,11 +5,11 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use cache::Storage;
+use cache::Store;
 use descriptor::random;
 use rand::RngExt as _;
 use results::EvaluationRow;
-use worker::Storage;
-use worker::store::Store;
 
 use crate::console::Console;
 use crate::experiment::{LocalWorkers, Overrides};
@@ -80,7 +80,7 @@ pub async fn verify(
     if sample == 0 || !verdict.is_sound() {
         return Ok(verdict);
     }
-    let store = Arc::new(Store::open(storage, "verify"));
+    let store = Arc::new(Store::open(storage, "verify", descriptor::EVALUATION_VERSION));
     let Reopened { finished, experiment, dataset } =
         reopen(run, data.as_deref(), Overrides::default(), &store)?;
     let (expected, digest) = (finished.row.data_digest, data_digest(&dataset));

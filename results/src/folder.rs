@@ -4,13 +4,14 @@ use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
 
+use atomic::is_temporary;
 use blake3::Hash;
 
 use crate::checks::{check_evaluations, check_generation, check_predictions, check_run};
 use crate::columns::GeneColumn;
 use crate::digest;
 use crate::error::Error;
-use crate::file::{is_temporary, names, sync_folder, write_whole};
+use crate::file::{names, sync_folder, write_whole};
 use crate::parquet;
 use crate::population::PopulationSummary;
 use crate::read::generation_file;
@@ -302,6 +303,7 @@ pub(crate) fn open_tables(folder: &Path, tables: &[TableName], genes: &[GeneColu
         Err(TryLockError::WouldBlock) => return Err(Error::InUse(folder.to_owned())),
         Err(TryLockError::Error(source)) => return Err(Error::io(folder, "lock this folder", source)),
     }
+    atomic::remove_abandoned(folder);
     for table in tables {
         let table = folder.join(table.as_str());
         fs::create_dir_all(&table).map_err(|source| opening(&table, source))?;

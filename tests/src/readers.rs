@@ -3,14 +3,14 @@
 use std::fs;
 use std::path::PathBuf;
 
+use cache::Store;
+use cache::{ByteSize, Storage};
 use descriptor::genes::Domain;
 use descriptor::pcd::{self, DataEncoding};
 use descriptor::synth::{self, SynthSettings};
 use descriptor::{Cloud, Descriptor, GENES, GeneTable, Parameters, Preprocess, QuantisedCloud, Quantiser};
 use prost::Message as _;
 use proto::{Digest, v1};
-use worker::store::Store;
-use worker::{Size, Storage};
 
 /// Of the descriptions that are fed: few bytes a cloud.
 const DESCRIPTOR: Descriptor =
@@ -74,12 +74,12 @@ pub fn all(folder: PathBuf) -> Vec<Reader> {
         ),
         reader("poll", &[], vec![poll().encode_to_vec()], coordinator::fuzz_entry::poll),
         reader("fetch", &["..", "/", "prepared-cloud"], fetches(), coordinator::fuzz_entry::fetch),
-        reader("reply", &[], vec![reply().encode_to_vec()], worker::hostile::reply),
+        reader("reply", &[], vec![reply().encode_to_vec()], worker::fuzz_entry::reply),
         reader(
             "manifest",
             &["..", "/etc/passwd"],
             vec![manifest().encode_to_vec()],
-            worker::hostile::manifest,
+            worker::fuzz_entry::manifest,
         ),
         entry(folder),
         reader("join address", JOIN_WORDS, join_addresses(), move |bytes| {
@@ -266,13 +266,13 @@ fn entry(folder: PathBuf) -> Reader {
     let (kind, key) = ("fuzz", Digest([7; 32]));
     let storage = Storage {
         cache: Some(folder.join("store")),
-        cache_size: Size::from_bytes(1 << 20),
-        ..Storage::in_memory(Size::from_bytes(1 << 20))
+        cache_size: ByteSize::mib(1),
+        ..Storage::in_memory(ByteSize::mib(1))
     };
-    let store = Store::open(&storage, "fuzz");
+    let store = Store::open(&storage, "fuzz", descriptor::EVALUATION_VERSION);
     store.put(kind, key, b"what was derived");
     let seed = store.entry(kind, key).expect("an entry that was put");
-    reader("cache entry", &[], vec![seed], move |bytes| worker::hostile::entry(&store, kind, key, bytes))
+    reader("cache entry", &[], vec![seed], move |bytes| worker::fuzz_entry::entry(&store, kind, key, bytes))
 }
 
 fn join_addresses() -> Vec<Vec<u8>> {

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
+use cache::{MAX_ENTRY_BYTES, Store};
 use proto::v1::coordinator_client::CoordinatorClient;
 use proto::{Digest, MAX_BLOB_BYTES, v1};
 use tokio::sync::Semaphore;
@@ -11,7 +12,6 @@ use tonic::{Code, Status, Streaming};
 
 use crate::backoff::Backoff;
 use crate::link::Link;
-use crate::store::{MAX_ENTRY_BYTES, Store};
 
 /// Why a blob is not to be had.
 #[derive(Debug, thiserror::Error)]

@@ -12,11 +12,14 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
+use cache::{StorageArgs, Store};
 use clap::Parser;
+use descriptor::EVALUATION_VERSION;
 use proto::JoinAddress;
 
-use crate::store::Store;
-use crate::{Identity, Options, StorageArgs, link};
+use crate::identity::Identity;
+use crate::link::link;
+use crate::run::{self, Options};
 
 /// Where `--tls` has an address, too.
 const JOIN_FILE: &str = "join";
@@ -94,7 +97,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         .init();
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
     let done = runtime.block_on(serve(cli));
-    // A job in hand is abandoned: its lease was handed back.
+    // A running job is abandoned: its lease was handed back.
     runtime.shutdown_background();
     done
 }
@@ -123,13 +126,13 @@ async fn serve(cli: Cli) -> anyhow::Result<()> {
     let storage = cli.storage.resolve();
     tracing::info!("memory for clouds: {} (--memory)", storage.memory);
     let options = Options {
-        store: Arc::new(Store::open(&storage, &name)),
+        store: Arc::new(Store::open(&storage, &name, EVALUATION_VERSION)),
         identity: Identity { name, threads },
         memory: storage.memory,
         source_blobs: true,
         patience: cli.patience.map(Duration::from_secs),
     };
-    crate::run(link, options, stop_signal()?).await?;
+    run::run(link, options, stop_signal()?).await?;
     Ok(())
 }
 

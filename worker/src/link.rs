@@ -56,8 +56,8 @@ struct Untrusted(String);
 trait Stream: AsyncRead + AsyncWrite + Send + Unpin {}
 impl<T: AsyncRead + AsyncWrite + Send + Unpin> Stream for T {}
 
-/// A link to the coordinator at `address`, which nobody has called yet; `identity` is a folder with a certificate to
-/// show.
+/// A link to the coordinator at `address`, which is dialled at the first call; `identity` is a folder with a certificate
+/// to show.
 ///
 /// # Errors
 /// If the files in `identity` cannot be used.

@@ -1,4 +1,4 @@
-//! A worker's conversation with its coordinator: register, poll, work, come back after an interruption.
+//! A worker's session with its coordinator: register, poll, work, come back after an interruption.
 
 use std::future::Future;
 use std::io;
@@ -12,22 +12,44 @@ use tokio::sync::mpsc;
 use tonic::{Code, Request, Status};
 
 use crate::backoff::Backoff;
-use crate::desk::Desk;
 use crate::executor::Executor;
+use crate::identity::{BUILD, Identity};
+use crate::job_slots::JobSlots;
 use crate::link::{Link, hopeless};
 use crate::wire::{self, Failure};
-use crate::{Identity, WorkerError};
 
 /// Until reports that are not acknowledged yet are handed in again, when they keep a worker from taking a job.
 const REPORTS_PAUSE: Duration = Duration::from_millis(50);
 /// A call that takes this much longer than the coordinator may hold it back is given up.
 const CALL_MARGIN: Duration = Duration::from_secs(10);
-/// Saying goodbye must not keep a process alive that was asked to stop.
-const GOODBYE: Duration = Duration::from_secs(5);
+/// Leaving must not keep a process alive that was asked to stop.
+const LEAVE_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// Why a worker stops on its own.
+#[derive(Debug, thiserror::Error)]
+pub enum WorkerError {
+    /// The coordinator will never take this worker.
+    #[error("coordinator: this worker is refused, got {message}")]
+    Refused {
+        /// The coordinator's words.
+        message: String,
+    },
+    /// The coordinator was out of reach for longer than the worker's patience.
+    #[error(
+        "coordinator: out of reach for longer than the worker's patience, got {reason}\ncheck the address and that the coordinator runs, or raise --patience"
+    )]
+    OutOfReach {
+        /// The last error.
+        reason: String,
+    },
+    /// No threads to be had.
+    #[error("threads: cannot start them, got {0}\nlower --threads")]
+    Threads(#[from] rayon::ThreadPoolBuildError),
+}
 
 /// Why a session ended.
 enum End {
-    /// The worker was asked to stop and has said goodbye.
+    /// The worker was asked to stop and has left.
     Left,
     /// The coordinator does not know this worker (any more).
     Unknown,
@@ -43,7 +65,7 @@ pub struct Session {
     identity: Identity,
     id: WorkerId,
     executor: Arc<Executor>,
-    desk: Desk,
+    slots: JobSlots,
     sequence: u64,
     current: Option<SessionId>,
     done_sender: mpsc::UnboundedSender<v1::JobReport>,
@@ -51,21 +73,21 @@ pub struct Session {
 }
 
 impl Session {
-    /// A worker that has not talked to anybody yet.
+    /// A worker that is not registered yet.
     pub fn new(
         client: CoordinatorClient<Link>,
         identity: Identity,
         id: WorkerId,
         executor: Arc<Executor>,
     ) -> Self {
-        // At most one job is in hand, so the queue holds at most a few stale reports.
+        // At most one job is running, so the queue holds at most a few stale reports.
         let (done_sender, done) = mpsc::unbounded_channel();
         Self {
             client,
             identity,
             id,
             executor,
-            desk: Desk::new(1),
+            slots: JobSlots::new(1),
             sequence: 0,
             current: None,
             done_sender,
@@ -84,7 +106,7 @@ impl Session {
         tokio::pin!(shutdown);
         let mut last_contact = Instant::now();
         loop {
-            match self.converse(shutdown.as_mut(), &mut backoff, &mut last_contact).await {
+            match self.attend(shutdown.as_mut(), &mut backoff, &mut last_contact).await {
                 End::Left => return Ok(()),
                 End::Refused(message) => return Err(WorkerError::Refused { message }),
                 End::Unknown => {
@@ -108,7 +130,7 @@ impl Session {
         }
     }
 
-    async fn converse<S: Future<Output = ()>>(
+    async fn attend<S: Future<Output = ()>>(
         &mut self,
         mut shutdown: Pin<&mut S>,
         backoff: &mut Backoff,
@@ -137,42 +159,42 @@ impl Session {
                 Some(done) = self.done.recv() => {
                     // The poll under way is dropped; should its reply carry jobs, the next poll does not list
                     // them and they are handed out again.
-                    self.desk.finish(done);
+                    self.slots.finish(done);
                     continue;
                 }
                 reply = reply => match reply {
                     Ok(reply) => {
                         *last_contact = Instant::now();
                         backoff.reset();
-                        self.desk.absorb(reply);
+                        self.slots.absorb(reply);
                     }
                     Err(status) if status.code() == Code::NotFound => return End::Unknown,
                     Err(status) => return failed(status),
                 },
             }
             self.start_next();
-            if self.desk.wanted() == 0 {
+            if self.slots.wanted() == 0 {
                 // Busy: the next poll is due when a job is done, or as a heartbeat. Reports that were handed in and are
                 // not acknowledged yet go with it; where there is nothing else to do, they wait for a slow disk.
-                let pause = if self.desk.only_reports() { REPORTS_PAUSE } else { heartbeat };
+                let pause = if self.slots.only_reports() { REPORTS_PAUSE } else { heartbeat };
                 tokio::select! {
                     () = &mut shutdown => {
                         self.leave().await;
                         return End::Left;
                     }
-                    Some(done) = self.done.recv() => self.desk.finish(done),
+                    Some(done) = self.done.recv() => self.slots.finish(done),
                     () = tokio::time::sleep(pause) => {}
                 }
             }
         }
     }
 
-    /// Does the jobs that are on the desk, for ever: a coordinator that is started again takes their reports.
+    /// Does the jobs that were taken, for ever: a coordinator that is started again takes their reports.
     async fn work_on(&mut self) {
         loop {
             self.start_next();
             match self.done.recv().await {
-                Some(done) => self.desk.finish(done),
+                Some(done) => self.slots.finish(done),
                 None => std::future::pending().await, // this session holds a sender
             }
         }
@@ -186,7 +208,7 @@ impl Session {
             worker_id: self.id.to_vec(),
             name: self.identity.name.clone(),
             threads: self.identity.threads,
-            build: crate::BUILD.to_owned(),
+            build: BUILD.to_owned(),
         });
         request.set_timeout(CALL_MARGIN);
         let reply = self.client.register(request).await.map_err(failed)?.into_inner();
@@ -198,7 +220,7 @@ impl Session {
         let session = SessionId::try_from(&accepted.session_id[..])
             .map_err(|error| End::Lost(Status::internal(error.to_string())))?;
         if self.current != Some(session) {
-            self.desk.clear();
+            self.slots.clear();
             self.current = Some(session);
             self.executor.name_run(session.to_string());
             tracing::info!("joined as {}", accepted.name);
@@ -212,9 +234,9 @@ impl Session {
             worker_id: self.id.to_vec(),
             session_id: self.current.map_or_else(Vec::new, SessionId::to_vec),
             sequence: self.sequence,
-            held: if leaving { vec![] } else { self.desk.held().into_iter().map(Into::into).collect() },
-            finished: self.desk.finished(),
-            wanted: if leaving { 0 } else { self.desk.wanted() as u32 },
+            held: if leaving { vec![] } else { self.slots.held().into_iter().map(Into::into).collect() },
+            finished: self.slots.finished(),
+            wanted: if leaving { 0 } else { self.slots.wanted() as u32 },
             leaving,
         }
     }
@@ -222,18 +244,18 @@ impl Session {
     /// Hands back every lease and hands in every report.
     async fn leave(&mut self) {
         while let Ok(done) = self.done.try_recv() {
-            self.desk.finish(done);
+            self.slots.finish(done);
         }
         let request = self.request(true);
-        match poll(self.client.clone(), request, GOODBYE).await {
+        match poll(self.client.clone(), request, LEAVE_TIMEOUT).await {
             Ok(_) => tracing::info!("left"),
-            Err(status) => tracing::warn!("left without goodbye: {}", reason(&status)),
+            Err(status) => tracing::warn!("left, but the coordinator could not be told: {}", reason(&status)),
         }
     }
 
-    /// Starts the next job if none is in hand.
+    /// Starts the next job if none is running.
     fn start_next(&mut self) {
-        let Some((lease, job)) = self.desk.start() else { return };
+        let Some((lease, job)) = self.slots.start() else { return };
         tracing::debug!("job {}, attempt {}: begun", lease.job, lease.attempt);
         let executor = Arc::clone(&self.executor);
         let sender = self.done_sender.clone();
@@ -250,7 +272,7 @@ impl Session {
                 tracing::error!("job {}: {failure}", lease.job);
             }
             let report = wire::report(lease, started.elapsed().as_secs_f64(), outcome);
-            let _ = sender.send(report); // nobody listens any more only when the worker has stopped
+            let _ = sender.send(report); // the receiver is gone only when the worker has stopped
         });
     }
 }
@@ -279,7 +301,7 @@ fn reason(status: &Status) -> String {
     if std::ptr::eq(innermost, status as &dyn std::error::Error) {
         return status.message().to_owned();
     }
-    // Of a coordinator that was killed rustls says at length that it did not say goodbye.
+    // rustls is wordy about a coordinator that was killed and so did not close the connection.
     let ended = |error: &io::Error| error.kind() == io::ErrorKind::UnexpectedEof;
     if innermost.downcast_ref().is_some_and(ended) {
         return "the connection was closed".to_owned();

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
 use std::{fs, io};
 
+use cache::Lru;
 use proto::Digest;
-use worker::Lru;
 
 /// Memory for descriptions, bytes; what was used least recently goes first, and is made again where it is needed.
 const DESCRIPTIONS: usize = 256 << 20;

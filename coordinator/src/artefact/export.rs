@@ -4,11 +4,11 @@ use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use atomic::{Access, NewFolder};
+use cache::{Storage, Store};
 use descriptor::{GeneTable, Parameters, QuantisedCloud, Quantiser, SetDistance, Signature, pcd};
 use rayon::prelude::*;
 use results::{DatabaseCloud, DatabasePart, PredictionRow, PredictionSplit};
-use worker::Storage;
-use worker::store::Store;
 
 use super::readme::About;
 use super::recogniser::Recogniser;
@@ -17,7 +17,6 @@ use super::test_vector::{Example, Verdict, test_vector};
 use super::{Chosen, DATABASE, EXAMPLE, ExportError, FILES, README, SETTINGS, TEST_VECTOR};
 use crate::dataset::{CloudEntry, Dataset, read_file};
 use crate::experiment::{Overrides, of_one};
-use crate::making::Making;
 use crate::reopen::{Reopened, reopen};
 use crate::run::{Matching, data_digest, rows};
 use crate::sweep;
@@ -51,7 +50,7 @@ pub fn export(
 ) -> Result<Exported, ExportError> {
     refuse_occupied(out)?;
     refuse_sweep(run)?;
-    let store = Store::open(storage, "export");
+    let store = Store::open(storage, "export", descriptor::EVALUATION_VERSION);
     let Reopened { finished, experiment, dataset } = reopen(run, data, Overrides::default(), &store)?;
     refuse_unsound(run)?;
     let (expected, got) = (&finished.row.data_digest, data_digest(&dataset));
@@ -84,8 +83,8 @@ pub fn export(
     }
 
     let failed = |source| ExportError::Write { folder: out.to_owned(), source };
-    let making = Making::beside(out).map_err(failed)?;
-    let digest = results::write_database(making.path().join(DATABASE), &database)?;
+    let new = NewFolder::beside(out, Access::Umask).map_err(failed)?;
+    let digest = results::write_database(new.path().join(DATABASE), &database)?;
     let (raw_preprocess, raw_descriptor) = of_one(&preprocess, &parameters);
     let settings = Settings {
         version: VERSION,
@@ -113,14 +112,14 @@ pub fn export(
         (EXAMPLE, &example.bytes),
         (README, about.text().as_bytes()),
     ] {
-        making.write(name, bytes).map_err(failed)?;
+        new.write(name, bytes).map_err(failed)?;
     }
 
     // Read back what is on the disk: it must say of its example what was said before.
-    let written = Recogniser::open(making.path())?;
-    let bytes = fs::read(making.path().join(EXAMPLE)).map_err(failed)?;
+    let written = Recogniser::open(new.path())?;
+    let bytes = fs::read(new.path().join(EXAMPLE)).map_err(failed)?;
     let (again, got) = vector(&written, &Example { bytes, ..example.clone() })?;
-    let on_disk = fs::read(making.path().join(TEST_VECTOR)).map_err(failed)?;
+    let on_disk = fs::read(new.path().join(TEST_VECTOR)).map_err(failed)?;
     if again.as_bytes() != on_disk {
         compare(&example, verdict.clone(), &got)?;
         let (expected, got) = ("that of its test vector".to_owned(), "another summary".to_owned());
@@ -128,10 +127,10 @@ pub fn export(
     }
     let mut bytes = 0;
     for name in FILES {
-        bytes += fs::metadata(making.path().join(name)).map_err(failed)?.len();
+        bytes += fs::metadata(new.path().join(name)).map_err(failed)?.len();
     }
     refuse_occupied(out)?;
-    making.replace(out).map_err(failed)?;
+    new.replace(out).map_err(failed)?;
     Ok(Exported {
         parameters,
         clouds: clouds.len(),

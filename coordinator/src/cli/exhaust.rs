@@ -4,8 +4,8 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use cache::StorageArgs;
 use clap::Args;
-use worker::StorageArgs;
 
 use crate::exhaust;
 use crate::experiment::{Experiment, LocalWorkers, Overrides};

@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use cache::StorageArgs;
 use clap::{Args, ValueEnum};
-use worker::StorageArgs;
 
 use crate::artefact::{self, Chosen};
 

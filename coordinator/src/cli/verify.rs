@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use cache::StorageArgs;
 use clap::Args;
-use worker::StorageArgs;
 
 use crate::{sweep, verify};
 

@@ -12,12 +12,12 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
+use cache::Storage;
+use cache::Store;
 use descriptor::recognise::RecogniseError;
 use descriptor::{Descriptor, GeneTable, Label, Parameters, Quantiser, SetDistance, SignatureError};
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use results::{ComparedRow, Counts, LookRow, RunFolder, wilson};
-use worker::Storage;
-use worker::store::Store;
 
 use crate::evaluate::EvaluateError;
 use crate::experiment::Overrides;
@@ -141,7 +141,7 @@ impl From<results::Error> for CompareError {
 /// Compares descriptors on the test clouds of a finished run, and writes the tables into its folder.
 pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, CompareError> {
     let mut progress = Progress::quiet();
-    let store = Arc::new(Store::open(&options.storage, &transport::host_name()));
+    let store = Arc::new(Store::open(&options.storage, &transport::host_name(), descriptor::EVALUATION_VERSION));
     let Reopened { finished: run, experiment, dataset } =
         &reopen(folder, options.data.as_deref(), options.overrides, &store)?;
     refuse_other_data(folder, &run.row.data_digest, dataset)?;

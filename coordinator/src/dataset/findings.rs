@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use cache::Store;
 use descriptor::{Preprocess, Skip};
 use proto::Digest;
-use worker::store::Store;
 
 use crate::storage;
 
@@ -44,7 +44,7 @@ pub(super) struct Findings(BTreeMap<[u8; 32], Finding>);
 impl Findings {
     /// Those of earlier starts with the clouds of this folder; there may be none.
     pub(super) fn read(store: &Store, root: &Path, preprocess: &Preprocess) -> Self {
-        let Some(payload) = store.get_own(KIND, key(root, preprocess)) else { return Self::default() };
+        let Some(payload) = store.get_local(KIND, key(root, preprocess)) else { return Self::default() };
         Self::decode(&payload, preprocess.min_points).unwrap_or_else(|what| {
             tracing::warn!("cache: inspection of {} is not used, got {what}", root.display());
             Self::default()
@@ -53,7 +53,7 @@ impl Findings {
 
     /// Keeps them for the next start.
     pub(super) fn write(&self, store: &Store, root: &Path, preprocess: &Preprocess) {
-        store.put_own(KIND, key(root, preprocess), &self.encode());
+        store.put_local(KIND, key(root, preprocess), &self.encode());
     }
 
     pub(super) fn get(&self, file: &[u8; 32]) -> Option<&Finding> {

@@ -1,9 +1,9 @@
 //! Reading every cloud once: its digest, whether it can be used, and how far apart its points are.
 
+use cache::Store;
 use descriptor::prepare::usable;
 use descriptor::{Cloud, PrepareError, Preprocess, Skip, Unit, pcd};
 use rayon::prelude::*;
-use worker::store::Store;
 
 use super::findings::{Finding, Findings, Spacing};
 use super::layout::Labelled;

@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use cache::Store;
 use descriptor::Preprocess;
-use worker::store::Store;
 
 use super::check::{check_labels, check_overlap, equal_bytes_warning};
 use super::error::DatasetError;

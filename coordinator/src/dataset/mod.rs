@@ -19,8 +19,8 @@ mod tests;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+use cache::Store;
 use descriptor::{Preprocess, Skip};
-use worker::store::Store;
 
 pub use error::{DatasetError, Place};
 pub use protocol::{Fold, Folds, Protocol};

@@ -1,9 +1,9 @@
 //! The best descriptor of a grid, remembered by the grid's key, so that every later run can say how far it is from it.
 
+use cache::Store;
 use descriptor::{GENES, Parameters};
 use proto::Digest;
 use serde::{Deserialize, Serialize};
-use worker::store::Store;
 
 use super::grid::Grid;
 
@@ -37,13 +37,13 @@ struct Entry {
 impl Optimum {
     /// The optimum that a store has under a grid's key, if it is one of this grid.
     pub fn recall(store: &Store, key: Digest, grid: &Grid, queries: u32) -> Option<Self> {
-        Self::decode(&store.get_own(KIND, key)?, grid, queries)
+        Self::decode(&store.get_local(KIND, key)?, grid, queries)
     }
 
     /// Keeps it for later runs.
     pub fn remember(&self, store: &Store, key: Digest, queries: u32) {
         if let Ok(payload) = serde_json::to_vec(&self.entry(queries)) {
-            store.put_own(KIND, key, &payload);
+            store.put_local(KIND, key, &payload);
         }
     }
 
@@ -70,7 +70,7 @@ impl Optimum {
 
 #[cfg(test)]
 mod tests {
-    use worker::{Size, Storage};
+    use cache::{ByteSize, Storage};
 
     use super::super::grid::tests::table;
     use super::*;
@@ -78,10 +78,10 @@ mod tests {
     #[test]
     fn what_was_remembered_is_recalled_under_its_key_only() {
         let folder = tempfile::tempdir().unwrap();
-        let size = Size::from_bytes(1 << 20);
+        let size = ByteSize::mib(1);
         let storage =
             Storage { cache: Some(folder.path().to_owned()), cache_size: size, ..Storage::in_memory(size) };
-        let store = Store::open(&storage, "test");
+        let store = Store::open(&storage, "test", descriptor::EVALUATION_VERSION);
         let grid = Grid::new(&table([2, 2, 2, 2, 2], true)).unwrap();
         let optimum = Optimum { parameters: grid.descriptor([1, 0, 1, 0, 1]), object_correct: 7 };
         let (key, other) = (Digest::of(b"this"), Digest::of(b"other"));

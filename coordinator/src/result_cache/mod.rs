@@ -6,10 +6,10 @@ mod records;
 
 use std::collections::BTreeMap;
 
+use cache::Store;
 use descriptor::{Parameters, Preprocess};
 use proto::Digest;
 use results::Counts;
-use worker::store::Store;
 
 use crate::storage;
 use cluster::evaluation::Evaluation;
@@ -48,7 +48,7 @@ impl<'a> Memory<'a> {
 
     /// What is remembered; nothing if there is any doubt.
     pub fn recall(&self) -> Remembered {
-        let Some(payload) = self.store.get_own(KIND, self.key) else { return Remembered::new() };
+        let Some(payload) = self.store.get_local(KIND, self.key) else { return Remembered::new() };
         records::decode(&payload, self.queries).unwrap_or_else(|what| {
             tracing::warn!("cache: {KIND} {} are not used, got {what}", self.key);
             Remembered::new()
@@ -61,7 +61,7 @@ impl<'a> Memory<'a> {
         let mut known = self.recall();
         if merge(&mut known, found) {
             records::truncate(&mut known);
-            self.store.put_own(KIND, self.key, &records::encode(&known, self.queries));
+            self.store.put_local(KIND, self.key, &records::encode(&known, self.queries));
         }
     }
 }

@@ -3,15 +3,15 @@
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
+use atomic::{Access, NewFolder};
+use cache::Store;
 use descriptor::pcd::{self, DataEncoding};
 use descriptor::synth::{self, SynthError, SynthSettings};
 use descriptor::{QuantiseError, Quantiser};
 use rayon::prelude::*;
-use worker::store::Store;
 
 use crate::dataset::{Dataset, DatasetError, SyntheticSettings, Wanted};
 use crate::experiment::Experiment;
-use crate::making::Making;
 
 /// File that says how a synthetic data set was made.
 const STAMP: &str = "synthetic.toml";
@@ -101,13 +101,9 @@ pub fn write_synthetic(folder: &Path, settings: &SyntheticSettings) -> Result<bo
     }
 
     // So that an interrupted start leaves nothing half-made behind.
-    let making = Making::beside(folder).map_err(|source| failed(folder, source))?;
+    let new = NewFolder::beside(folder, Access::Umask).map_err(|source| failed(folder, source))?;
     let write = |name: &str, bytes: &[u8]| {
-        let path = making.path().join(name);
-        let within = path.parent().unwrap_or(making.path());
-        fs::create_dir_all(within)
-            .and_then(|()| fs::write(&path, bytes))
-            .map_err(|source| failed(&path, source))
+        new.write(name, bytes).map_err(|source| failed(&new.path().join(name), source))
     };
     synth::catalogue(&settings).par_iter().try_for_each(|object| {
         (0..views).try_for_each(|view| {
@@ -126,8 +122,7 @@ pub fn write_synthetic(folder: &Path, settings: &SyntheticSettings) -> Result<bo
         write(&format!("{name}.txt"), format!("{}\n", paths.join("\n")).as_bytes())?;
     }
     write(STAMP, stamp.as_bytes())?;
-    let _ = fs::remove_dir(folder); // an empty one may stand there
-    match fs::rename(making.path(), folder) {
+    match new.commit(folder) {
         Ok(()) => Ok(true),
         // Another run has made the same data set in the meantime.
         Err(_) if is_there() => Ok(false),

@@ -1,7 +1,7 @@
 //! The folder of a search: found again by the same command, claimed once, refused to any other search.
 
 use std::path::{Path, PathBuf};
-use std::{fs, io, io::Read as _, io::Write as _};
+use std::{fs, io, io::Read as _};
 
 use crate::experiment::Experiment;
 use crate::run::RunError;
@@ -54,17 +54,11 @@ pub fn claim(folder: &Path, search: &str) -> Result<(), RunError> {
             let difference = difference(&held, search);
             Err(RunError::OtherSearch { folder: folder.to_owned(), difference })
         }
-        Err(error) if error.kind() == io::ErrorKind::NotFound => write_whole(&path, search).map_err(failed),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => {
+            atomic::write(&path, search.as_bytes()).map_err(failed)
+        }
         Err(error) => Err(failed(error)),
     }
-}
-
-/// Writes a file whole or not at all.
-pub fn write_whole(path: &Path, text: &str) -> io::Result<()> {
-    let folder = path.parent().unwrap_or(Path::new("."));
-    let mut file = tempfile::NamedTempFile::new_in(folder)?;
-    file.write_all(text.as_bytes()).and_then(|()| file.as_file().sync_all())?;
-    file.persist(path).map(drop).map_err(|error| error.error)
 }
 
 /// A text of at most 1 MiB, as every search and every record is; what is longer is cut, and so differs from all of them.
@@ -94,6 +88,8 @@ pub fn difference(old: &str, new: &str) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::os::unix::fs::PermissionsExt as _;
+
     use super::*;
 
     #[test]
@@ -107,5 +103,14 @@ mod tests {
             assert!(error.contains("  - seed = 1\n  + seed = 2"), "{error}");
         }
         refuse_another(&folder.path().join("none"), "seed = 2").unwrap();
+    }
+
+    #[test]
+    fn the_mark_of_a_search_can_be_read_by_whom_other_files_can_be_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let mode = |name| fs::metadata(folder.path().join(name)).unwrap().permissions().mode();
+        fs::write(folder.path().join("other"), "").unwrap();
+        claim(folder.path(), "seed = 1\n").unwrap();
+        assert_eq!(mode(SEARCH_FILE), mode("other"));
     }
 }

@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant, SystemTime};
 
+use cache::Store;
 use results::{Counts, LookRow, PredictionSplit, RunFolder, RunRow};
-use worker::store::Store;
 
 use crate::compare::EVOLVED;
 use crate::dataset::Dataset;

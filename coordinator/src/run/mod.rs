@@ -17,10 +17,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Instant, SystemTime};
 
+use cache::Storage;
+use cache::Store;
 use results::RunFolder;
 use transport::host_name;
-use worker::Storage;
-use worker::store::Store;
 
 use crate::dataset::{Dataset, Wanted};
 use crate::evolution::Method;
@@ -57,7 +57,7 @@ pub struct RunOptions {
 /// Runs an experiment to its stop reason; a finished run is only shown again.
 pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summary, RunError> {
     let (started, started_at) = (Instant::now(), SystemTime::now());
-    let store = Arc::new(Store::open(&options.storage, &host_name()));
+    let store = Arc::new(Store::open(&options.storage, &host_name(), descriptor::EVALUATION_VERSION));
     let out = folder(experiment, options.out.clone(), options.fresh);
     if let Some(summary) = already_finished(&out, experiment, &store)? {
         return Ok(summary);
@@ -128,6 +128,8 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
 fn already_finished(out: &Path, experiment: &Experiment, store: &Store) -> Result<Option<Summary>, RunError> {
     let Some(mut summary) = finished(out, experiment)? else { return Ok(None) };
     compare_with_data(std::slice::from_mut(&mut summary), experiment, store)?;
+    // A process that is killed after it has finished the run leaves its journal behind.
+    remove_journal(out);
     eprintln!("{}: this run is finished; --fresh starts another", out.display());
     Ok(Some(summary))
 }

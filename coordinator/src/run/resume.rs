@@ -1,6 +1,6 @@
 //! A run that was begun before: its journal, checked to be of the same search, clouds and numbers.
 
-use std::fs;
+use std::io::ErrorKind;
 use std::path::Path;
 use std::time::SystemTime;
 
@@ -58,10 +58,14 @@ fn refuse_another(folder: &Path, then: &Header, now: &Header) -> Result<(), RunE
     Ok(())
 }
 
-/// The journal of a finished run has served: its tables have everything.
+/// Removes the journal of a finished run, if it is still there: the tables have everything.
 pub fn remove_journal(folder: &Path) {
-    if let Err(error) = fs::remove_file(folder.join(JOURNAL_FILE)) {
-        tracing::warn!("{}: cannot be removed, got {error}", folder.join(JOURNAL_FILE).display());
+    let journal = folder.join(JOURNAL_FILE);
+    match atomic::remove(&journal) {
+        Err(error) if error.kind() != ErrorKind::NotFound => {
+            tracing::warn!("{}: cannot be removed, got {error}", journal.display());
+        }
+        _ => {}
     }
 }
 

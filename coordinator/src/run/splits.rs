@@ -1,9 +1,9 @@
 //! The splits of a run as workers see them: manifests by digest, and what the coordinator needs to read answers.
 
+use cache::Store;
 use descriptor::{Parameters, Preprocess};
 use prost::Message as _;
 use proto::Digest;
-use worker::store::Store;
 
 use crate::dataset::{Dataset, SPLITS, Splits};
 use crate::manifest;

@@ -8,14 +8,14 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Instant, SystemTime};
 
+use cache::Store;
 use futures_util::future::try_join_all;
 use results::RunFolder;
-use worker::store::Store;
 
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{Member, Overrides, Plan, Sweep};
 use crate::result_cache::Known;
-use crate::run::directory::{chosen, claim, refuse_another, write_whole};
+use crate::run::directory::{chosen, claim, refuse_another};
 use crate::run::progress::Progress;
 use crate::run::summary::Summary;
 use crate::run::tally::Tally;
@@ -45,7 +45,7 @@ pub fn run_folders(folder: &Path) -> Result<Vec<(String, PathBuf)>, RunError> {
 /// Runs all members of a sweep to their stop reasons; those that are finished are only shown again.
 pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, RunError> {
     let (now, started_at, base) = (Instant::now(), SystemTime::now(), sweep.base());
-    let store = Arc::new(Store::open(&options.storage, &transport::host_name()));
+    let store = Arc::new(Store::open(&options.storage, &transport::host_name(), descriptor::EVALUATION_VERSION));
     let out = folder(sweep, options.out.clone(), options.fresh);
     let members = sweep.members();
     refuse_another(&out, &sweep.search_toml())?;
@@ -216,5 +216,5 @@ fn make_folder(out: &Path, sweep: &Sweep) -> Result<(), RunError> {
     if path.exists() {
         return Ok(());
     }
-    write_whole(&path, &sweep.record_toml()).map_err(|source| RunError::File { path, source })
+    atomic::write(&path, sweep.record_toml().as_bytes()).map_err(|source| RunError::File { path, source })
 }

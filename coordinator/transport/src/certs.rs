@@ -4,13 +4,14 @@
 //! `join` (the join address with the token), and for each worker with a certificate `workers/NAME/`: `cert.pem`,
 //! `key.pem` and a `join` without token. What is secret only its owner can read.
 
-use std::fs::{self, DirBuilder, OpenOptions};
-use std::io::{self, Write as _};
+use std::fs::{self, DirBuilder};
+use std::io;
 use std::ops::Range;
-use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _};
+use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
+use atomic::{Access, NewFolder};
 use proto::{JoinAddress, Token, Trust};
 use rcgen::{
     BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
@@ -91,32 +92,30 @@ pub struct Site {
 /// Fills a folder that has no certificates yet, all at once.
 pub fn make_folder(folder: &Path, site: &Site, valid: &Range<SystemTime>) -> Result<(), CertsError> {
     let failed = |source| CertsError::File { path: folder.to_owned(), source };
-    let parent = folder.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    fs::create_dir_all(parent).map_err(failed)?;
     if fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()) {
         return Err(CertsError::Foreign(folder.to_owned()));
     }
-    let made = tempfile::tempdir_in(parent).map_err(failed)?;
+    let new = NewFolder::beside(folder, Access::Owner).map_err(failed)?;
     let authority = Authority::new(valid)?;
-    let new = |name: &str, text: &str| write_secret(&made.path().join(name), text);
-    new(CA_FILE, &authority.pem)?;
-    new(CA_KEY_FILE, &authority.issuer.key().serialize_pem())?;
+    let write = |name: &str, text: &str| write_secret(&new, name, text);
+    write(CA_FILE, &authority.pem)?;
+    write(CA_KEY_FILE, &authority.issuer.key().serialize_pem())?;
     let hosts = if site.hosts.is_empty() { vec![crate::host_name()] } else { site.hosts.clone() };
     let here = ["localhost", "127.0.0.1", "::1"].map(str::to_owned);
     let names = hosts.iter().filter(|host| !here.contains(host)).cloned().chain(here.clone());
     let certified = authority.certify(&Subject::Coordinator(names.collect()), valid)?;
-    new(CERTIFICATE_FILE, &certified.chain)?;
-    new(KEY_FILE, &certified.key)?;
+    write(CERTIFICATE_FILE, &certified.chain)?;
+    write(KEY_FILE, &certified.key)?;
     let token = Token::new(rand::random());
-    new(TOKEN_FILE, &format!("{}\n", token.reveal()))?;
+    write(TOKEN_FILE, &format!("{}\n", token.reveal()))?;
     let host = hosts.into_iter().next().unwrap_or_else(crate::host_name);
     let bracketed = if host.contains(':') { format!("[{host}]") } else { host.clone() };
     let address: Result<JoinAddress, _> = format!("http://{bracketed}:{}", site.port).parse();
     let mut address = address.map_err(|source| CertsError::Host { host, source })?;
-    let ca = read_certificates(&made.path().join(CA_FILE))?;
+    let ca = read_certificates(&new.path().join(CA_FILE))?;
     address.trust = Some(Trust { ca: fingerprint(&ca[0]), token: Some(token) });
-    new(JOIN_FILE, &format!("{}\n", address.reveal()))?;
-    fs::rename(made.path(), folder).map_err(failed)
+    write(JOIN_FILE, &format!("{}\n", address.reveal()))?;
+    new.commit(folder).map_err(failed)
 }
 
 /// Adds a worker's certificate to a folder of [`make_folder`]; returns its own folder, which is all that it needs.
@@ -131,16 +130,16 @@ pub fn add_worker(folder: &Path, name: &str, valid: &Range<SystemTime>) -> Resul
     if place.exists() {
         return Err(CertsError::Exists(place));
     }
-    let made = tempfile::tempdir_in(&workers).map_err(failed)?;
+    let new = NewFolder::beside(&place, Access::Owner).map_err(failed)?;
     let certified = Authority::read(folder)?.certify(&Subject::Worker(name.to_owned()), valid)?;
-    write_secret(&made.path().join(CERTIFICATE_FILE), &certified.chain)?;
-    write_secret(&made.path().join(KEY_FILE), &certified.key)?;
+    write_secret(&new, CERTIFICATE_FILE, &certified.chain)?;
+    write_secret(&new, KEY_FILE, &certified.key)?;
     let mut address = join_address(folder)?;
     if let Some(trust) = &mut address.trust {
         trust.token = None;
     }
-    write_secret(&made.path().join(JOIN_FILE), &format!("{}\n", address.reveal()))?;
-    fs::rename(made.path(), &place).map_err(failed)?;
+    write_secret(&new, JOIN_FILE, &format!("{}\n", address.reveal()))?;
+    new.commit(&place).map_err(failed)?;
     Ok(place)
 }
 
@@ -252,14 +251,9 @@ impl Authority {
     }
 }
 
-/// Writes a file that is not there yet and that only its owner can read.
-fn write_secret(path: &Path, text: &str) -> Result<(), CertsError> {
-    let written = || {
-        let mut file = OpenOptions::new().write(true).create_new(true).mode(0o600).open(path)?;
-        file.write_all(text.as_bytes())?;
-        file.sync_all()
-    };
-    written().map_err(|source| CertsError::File { path: path.to_owned(), source })
+fn write_secret(folder: &NewFolder, name: &str, text: &str) -> Result<(), CertsError> {
+    let failed = |source| CertsError::File { path: folder.path().join(name), source };
+    folder.write(name, text.as_bytes()).map_err(failed)
 }
 
 /// A text of at most 64 KiB.

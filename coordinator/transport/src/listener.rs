@@ -182,8 +182,6 @@ fn read_deny_list(deny: &mut Option<DenyList>, access: &AccessControl) {
 
 /// How many files this process may have open.
 fn open_files() -> Option<usize> {
-    let limits = std::fs::read_to_string("/proc/self/limits").ok()?;
-    let line = limits.lines().find_map(|line| line.strip_prefix("Max open files"))?;
-    let soft = line.split_whitespace().next()?;
-    if soft == "unlimited" { Some(usize::MAX) } else { soft.parse().ok() }
+    let soft = rlimit::Resource::NOFILE.get_soft().ok()?;
+    Some(usize::try_from(soft).unwrap_or(usize::MAX)) // no limit is the largest number
 }

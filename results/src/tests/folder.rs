@@ -11,6 +11,9 @@ use super::fixture::{self, frame, generation, genes, population};
 use crate::record::Context;
 use crate::*;
 
+/// A file that another machine's process has left half written.
+const TEMPORARY: &str = ".tmp-another.host-1-xxxxxxxxxxxx";
+
 fn open(folder: &TempDir) -> RunFolder {
     RunFolder::create(folder.path(), &genes()).unwrap()
 }
@@ -202,8 +205,8 @@ fn a_run_goes_on_after_a_crash_between_any_two_files() {
         }
         // The next file was half written when the process was killed.
         if let Some(next) = names.get(written) {
-            let (table, name) = next.split_once('/').unwrap();
-            fs::write(folder.path().join(table).join(format!(".{name}.tmp")), b"PAR1half").unwrap();
+            let (table, _) = next.split_once('/').unwrap();
+            fs::write(folder.path().join(table).join(TEMPORARY), b"PAR1half").unwrap();
         }
         assert!(matches!(read_run(folder.path()), Err(Error::Unfinished(_))));
         if written > 0 {
@@ -231,10 +234,12 @@ fn a_run_goes_on_after_a_crash_between_any_two_files() {
 fn a_full_disk_leaves_no_file_and_says_what_to_do() {
     let folder = tempdir().unwrap();
     let path = folder.path().join("generation-00001.parquet");
-    let result = crate::file::write_with(&path, |file| {
+    let failed = |source| Error::io(&path, "write this file", source);
+    let result = atomic::write_with(&path, |file| {
         file.write_all(b"PAR1 and so")?;
         Err(io::Error::from(io::ErrorKind::StorageFull))
     });
+    let result = result.map_err(failed);
     refused(
         &folder,
         result,
@@ -246,8 +251,8 @@ fn a_full_disk_leaves_no_file_and_says_what_to_do() {
 
     // A later failure leaves the earlier whole file.
     crate::file::write_whole(&path, b"first").unwrap();
-    let result = crate::file::write_with(&path, |_| Err(io::Error::from(io::ErrorKind::QuotaExceeded)));
-    assert!(matches!(result, Err(Error::DiskFull { .. })));
+    let result = atomic::write_with(&path, |_| Err(io::Error::from(io::ErrorKind::QuotaExceeded)));
+    assert!(matches!(result.map_err(failed), Err(Error::DiskFull { .. })));
     assert_eq!(fs::read(&path).unwrap(), b"first");
     assert_eq!(files(folder.path()).len(), 1);
 }
@@ -332,7 +337,7 @@ fn discarding_removes_what_the_run_wrote_and_nothing_else() {
     for name in foreign {
         fs::write(folder.path().join(name), "mine").unwrap();
     }
-    fs::write(folder.path().join("run/.run.parquet.tmp"), "half").unwrap();
+    fs::write(folder.path().join("run").join(TEMPORARY), "half").unwrap();
     let mut out = open(&folder);
     out.discard().unwrap();
     assert_eq!((out.is_finished(), out.generations()), (false, 0));
@@ -436,4 +441,15 @@ fn predictions_come_in_query_order() {
     rows[2].query = 1;
     let result = open(&folder).write_predictions(PredictionSplit::Test, &rows);
     assert!(matches!(result, Err(Error::Row { row: 2, .. })));
+}
+
+#[test]
+fn what_an_ended_process_left_half_made_beside_the_tables_is_removed() {
+    let folder = tempdir().unwrap();
+    let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap();
+    // No process has this number: it is above the largest that Linux gives.
+    let abandoned = folder.path().join(format!(".tmp-{}-4194305-xxxxxxxxxxxx", host.trim()));
+    fs::write(&abandoned, "half").unwrap();
+    drop(open(&folder));
+    assert!(!abandoned.exists());
 }

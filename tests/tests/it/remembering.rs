@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::{env, fs};
 
+use cache::Store;
+use cache::{ByteSize, Storage};
 use proto::Digest;
 use serde_json::Value;
-use worker::store::Store;
-use worker::{Size, Storage};
 
 use crate::experiments::{Experiment, summary};
 use crate::process::{Finished, Running, finish, program, run};
@@ -199,9 +199,9 @@ fn a_worker_elsewhere_gets_prepared_clouds_instead_of_preparing_them() {
 /// Raises the object count of every remembered record to its category count or to all queries, and keeps the entries
 /// again as the store itself does.
 fn improve_remembered_counts(cache: &str) -> usize {
-    let size = Size::from_bytes(1 << 30);
+    let size = ByteSize::gib(1);
     let storage = Storage { cache: Some(cache.into()), cache_size: size, ..Storage::in_memory(size) };
-    let store = Store::open(&storage, "liar");
+    let store = Store::open(&storage, "liar", descriptor::EVALUATION_VERSION);
     let folder = Path::new(cache).join("derived/remembered-counts");
     let mut improved = 0;
     for file in files(&folder) {
@@ -209,7 +209,7 @@ fn improve_remembered_counts(cache: &str) -> usize {
         let bytes: Vec<u8> =
             (0..32).map(|byte| u8::from_str_radix(&name[2 * byte..2 * byte + 2], 16).unwrap()).collect();
         let key = Digest::try_from(&bytes[..]).unwrap();
-        let mut payload = store.get_own("remembered counts", key).unwrap();
+        let mut payload = store.get_local("remembered counts", key).unwrap();
         // Magic (8 bytes) and queries (4); in a record of 28 bytes the counts are the last two numbers.
         let queries: [u8; 4] = payload[8..12].try_into().unwrap();
         for record in payload[12..].chunks_exact_mut(28) {
@@ -217,7 +217,7 @@ fn improve_remembered_counts(cache: &str) -> usize {
             record[24..28].copy_from_slice(&queries);
             improved += 1;
         }
-        store.put_own("remembered counts", key, &payload);
+        store.put_local("remembered counts", key, &payload);
     }
     improved
 }

@@ -121,6 +121,8 @@ fn a_run_with_workers_of_its_own_goes_on_by_resume_and_keeps_who_computed_what()
     let out = experiment.path("out");
     killed(&experiment, "out");
     let kept = fs::read(Path::new(&out).join("evaluations/generation-00002.parquet")).unwrap();
+    let journal = Path::new(&out).join(JOURNAL);
+    let unfinished = fs::read(&journal).unwrap();
 
     // While it runs, nobody else may write into its folder.
     let args = ["resume", &out, "--listen", "127.0.0.1:0", "--json"];
@@ -149,9 +151,13 @@ fn a_run_with_workers_of_its_own_goes_on_by_resume_and_keeps_who_computed_what()
     for key in ["evaluations_computed", "evaluations_remembered", "generations"] {
         assert_eq!(summary(&finished)[key], summary(&undisturbed)[key], "{key}");
     }
+    assert!(!journal.exists());
+    // As if it had been killed between finishing the run and removing the journal.
+    fs::write(&journal, unfinished).unwrap();
     let again = run("coordinator", args).expect_success();
     assert!(again.stderr.contains("this run is finished"), "{again}");
     assert_eq!(digest(&again), digest(&undisturbed));
+    assert!(!journal.exists());
 }
 
 #[test]

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use cache::{Claim, Store};
 use descriptor::{PreparedCloud, pcd};
 use proto::Digest;
 use rayon::iter::Either;
@@ -14,7 +15,7 @@ use crate::executor::error::EvaluationError;
 use crate::executor::manifest::{Listed, Manifest};
 use crate::executor::preparation_cache::PreparationCache;
 use crate::executor::work::Work;
-use crate::store::{Claim, PREPARED_CLOUD, Store};
+use crate::prepared_cloud::PREPARED_CLOUD;
 
 type Loaded = Vec<(Digest, Arc<PreparedCloud>)>;
 
@@ -84,7 +85,7 @@ impl CloudLoader {
                 && let Some(key) = cache.entry_key(first)
             {
                 // Other workers of this process are making all of them; what they could not keep is made here.
-                self.store.landed(key).await;
+                self.store.wait(key).await;
                 continue;
             }
             found.extend(self.bring(cache, ours).await?);

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use cache::ByteSize;
 use descriptor::grid::{Cell, CellSignatures};
 use descriptor::{Descriptor, DistanceMatrix, PrepareError, PreparedCloud, Signatures};
 use proto::{Digest, MAX_DESCRIPTION_BYTES};
@@ -15,7 +16,6 @@ use crate::executor::error::EvaluationError;
 use crate::executor::manifest::Manifest;
 use crate::executor::preparation_cache::{PreparationCache, Shares};
 use crate::executor::reuse::{Key, Pairing, Reuse};
-use crate::size::Size;
 
 /// Signatures in each channel; `None` where they are not wanted.
 type ByChannel = Vec<Option<Arc<Signatures>>>;
@@ -69,7 +69,7 @@ pub(super) struct Matcher {
 
 impl Matcher {
     /// With clouds from `loader`; keeps up to a share of `memory`.
-    pub(super) fn new(loader: CloudLoader, memory: Size) -> Self {
+    pub(super) fn new(loader: CloudLoader, memory: ByteSize) -> Self {
         Self { loader, reuse: Mutex::new(Reuse::new(Shares::of(memory).reuse)) }
     }
 

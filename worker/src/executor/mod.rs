@@ -4,7 +4,6 @@
 mod cloud_loader;
 mod computing;
 mod error;
-mod lru;
 pub(crate) mod manifest;
 mod matching;
 mod preparation_cache;
@@ -14,19 +13,17 @@ mod work;
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use cache::{ByteSize, Lru, Store};
 use descriptor::grid::Cell;
 use descriptor::recognise::recognise_from;
 use descriptor::{ChannelError, Correct, Family};
 use proto::Digest;
 
 pub use error::EvaluationError;
-pub use lru::Lru;
 pub use task::{Description, Evaluation, GridCell, Outcome, Preparation, Recognition, Splits, Task, Tile};
 pub use work::Work;
 
 use crate::blobs::Blobs;
-use crate::size::Size;
-use crate::store::Store;
 use cloud_loader::CloudLoader;
 use computing::Computing;
 use manifest::{Manifest, labels};
@@ -40,7 +37,7 @@ const MANIFESTS: usize = 8 << 20;
 pub struct Executor {
     matcher: Matcher,
     store: Arc<Store>,
-    memory: Size,
+    memory: ByteSize,
     manifests: Mutex<Lru<Digest, Arc<Manifest>>>,
     preparation: Mutex<Option<Arc<PreparationCache>>>,
 }
@@ -52,7 +49,7 @@ impl Executor {
     /// If the threads cannot be started.
     pub fn new(
         threads: usize,
-        memory: Size,
+        memory: ByteSize,
         blobs: Blobs,
         store: Arc<Store>,
     ) -> Result<Self, rayon::ThreadPoolBuildError> {

@@ -3,13 +3,13 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use cache::ByteSize;
 use descriptor::{PreparedCloud, Preparer, QuantiseError};
 use proto::Digest;
 
 use crate::executor::manifest::Listed;
 use crate::executor::task::Preparation;
-use crate::size::Size;
-use crate::store;
+use crate::prepared_cloud::prepared_cloud_key;
 
 /// A prepared cloud that was never seen is taken to be this many times as large as its source.
 const GROWTH: usize = 16;
@@ -29,8 +29,8 @@ pub(super) struct Shares {
 }
 
 impl Shares {
-    pub(super) fn of(memory: Size) -> Self {
-        let sixteenth = usize::try_from(memory.bytes() / 16).unwrap_or(usize::MAX / 16);
+    pub(super) fn of(memory: ByteSize) -> Self {
+        let sixteenth = usize::try_from(memory.as_u64() / 16).unwrap_or(usize::MAX / 16);
         Self {
             clouds: 12 * sixteenth,
             reuse: (3 * sixteenth).min(LARGEST_REUSE),
@@ -52,7 +52,7 @@ impl PreparationCache {
     ///
     /// # Errors
     /// If clouds cannot be prepared for the search space.
-    pub fn new(preparation: &Preparation, memory: Size) -> Result<Self, QuantiseError> {
+    pub fn new(preparation: &Preparation, memory: ByteSize) -> Result<Self, QuantiseError> {
         let (shares, preparer) = (Shares::of(memory), preparation.space.preparer()?);
         Ok(Self {
             preparation: preparation.clone(),
@@ -69,7 +69,7 @@ impl PreparationCache {
     /// The name of a cloud's entry in the store; `None` of clouds that are prepared anew each time.
     pub fn entry_key(&self, cloud: Digest) -> Option<Digest> {
         let quantiser = self.preparer.quantiser()?;
-        Some(store::prepared_cloud_key(&self.preparation.preprocess, quantiser, cloud))
+        Some(prepared_cloud_key(&self.preparation.preprocess, quantiser, cloud))
     }
 
     /// The clouds in memory.

@@ -2,10 +2,9 @@
 
 use std::sync::Arc;
 
+use cache::Lru;
 use descriptor::{Channel, DistanceMatrix, Preprocess, Signatures};
 use proto::Digest;
-
-use crate::executor::lru::Lru;
 
 /// What signatures and distances depend on, beside the clouds.
 pub type Key = (Preprocess, Channel);

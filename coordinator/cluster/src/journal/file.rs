@@ -1,6 +1,6 @@
 //! The journal's file: made whole, checked when it is opened, written in transactions.
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use proto::{JobId, Lease, WorkerId};
 use redb::{
     Database, Durability, Error, ReadOnlyTable, ReadTransaction, ReadableDatabase as _, ReadableTable,
-    TableDefinition, TableError,
+    TableDefinition, TableError, backends::FileBackend,
 };
 use results::RunLog;
 use serde::de::DeserializeOwned;
@@ -57,15 +57,8 @@ pub struct JournalFile {
 impl JournalFile {
     /// Makes a journal that has nothing but its header; it becomes visible whole.
     pub fn create(path: &Path, header: &Header) -> Result<(), JournalError> {
-        let failed = |error: Error| classified(path, error);
-        let making = path.with_extension("new");
-        match fs::remove_file(&making) {
-            Err(error) if error.kind() != ErrorKind::NotFound => return Err(failed(error.into())),
-            _ => {}
-        }
-        write_header(&making, header).map_err(failed)?;
-        let sync = || File::open(path.parent().unwrap_or(Path::new(".")))?.sync_all();
-        fs::rename(&making, path).and_then(|()| sync()).map_err(|error| failed(error.into()))
+        atomic::write_with(path, |file| write_header(file.try_clone()?, header))
+            .map_err(|error| classified(path, error))
     }
 
     /// Opens a journal, checks all of it, counts one start more, and returns what is in it.
@@ -173,8 +166,8 @@ fn builder() -> redb::Builder {
     builder
 }
 
-fn write_header(path: &Path, header: &Header) -> Result<(), Error> {
-    let database = builder().create(path)?;
+fn write_header(file: File, header: &Header) -> Result<(), Error> {
+    let database = builder().create_with_backend(FileBackend::new(file)?)?;
     let mut transaction = database.begin_write()?;
     transaction.set_durability(Durability::Immediate)?;
     let bytes = header.encode().map_err(std::io::Error::from)?;

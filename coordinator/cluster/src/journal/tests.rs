@@ -168,10 +168,10 @@ fn a_journal_without_pieces_is_read() {
 fn a_journal_is_not_there_before_it_is_whole_and_a_killed_attempt_to_make_it_is_no_obstacle() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(JOURNAL_FILE);
-    fs::write(path.with_extension("new"), b"half").unwrap();
+    fs::write(folder.path().join(".tmp-host-1-xxxxxxxxxxxx"), b"half").unwrap();
+    assert!(!path.exists());
     JournalFile::create(&path, &header()).unwrap();
     assert_eq!(JournalFile::open(&path).unwrap().2, Recorded { starts: 1, ..Recorded::default() });
-    assert!(!path.with_extension("new").exists());
 }
 
 #[test]

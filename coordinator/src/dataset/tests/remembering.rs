@@ -3,10 +3,10 @@
 use std::fs;
 use std::path::PathBuf;
 
+use cache::Store;
 use descriptor::pcd::{self, DataEncoding};
 use descriptor::{Cloud, Preprocess};
 use tempfile::TempDir;
-use worker::store::Store;
 
 use super::super::{Dataset, DatasetError, DatasetSettings, Wanted};
 use super::{Fixture, patch};

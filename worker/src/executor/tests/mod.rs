@@ -7,18 +7,18 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
+use cache::Storage;
 use descriptor::genes::Domain;
 use descriptor::{
-    Descriptor, FixedDescriptor, FixedKind, GeneTable, GlobalHue, Parameters, PreparedCloud, Preprocess,
-    QuantisedCloud, Quantiser, SearchSpace, pcd, recognise,
+    Descriptor, EVALUATION_VERSION, FixedDescriptor, FixedKind, GeneTable, GlobalHue, Parameters,
+    PreparedCloud, Preprocess, QuantisedCloud, Quantiser, SearchSpace, pcd, recognise,
 };
 
 use super::*;
-use crate::storage::Storage;
 use coordinator::{Archive, CLOUDS, SPLIT};
 
-const LARGE: Size = Size::from_bytes(1 << 30);
-const SMALL: Size = Size::from_bytes(1 << 20);
+const LARGE: ByteSize = ByteSize::gib(1);
+const SMALL: ByteSize = ByteSize::mib(1);
 
 fn preparation() -> Preparation {
     let domain = |low, step, count| Domain { low, step, count };
@@ -107,10 +107,10 @@ fn plain(archive: &Archive, parameters: Parameters, validation: bool) -> Outcome
 
 fn store(cache: Option<PathBuf>) -> Arc<Store> {
     let storage = Storage { cache, cache_size: LARGE, ..Storage::in_memory(LARGE) };
-    Arc::new(Store::open(&storage, "here"))
+    Arc::new(Store::open(&storage, "here", EVALUATION_VERSION))
 }
 
-fn executor(archive: &Archive, memory: Size, store: &Arc<Store>) -> Arc<Executor> {
+fn executor(archive: &Archive, memory: ByteSize, store: &Arc<Store>) -> Arc<Executor> {
     let blobs = Blobs::new(archive.clone().serve(), Some(Arc::clone(store)));
     Arc::new(Executor::new(2, memory, blobs, Arc::clone(store)).unwrap())
 }

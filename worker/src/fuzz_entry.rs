@@ -1,19 +1,19 @@
-//! What reads bytes from outside, one function a reader, for the fuzz driver of `tests/`: each takes anything, returns
-//! whether it was accepted, and must not panic, hang or reserve memory on the word of its input.
+//! Entry points for fuzzing, one for each reader of bytes from outside: takes anything, returns whether it was accepted,
+//! and must not panic, hang or allocate what its input merely claims to need.
 
+use cache::Store;
 use prost::Message as _;
 use proto::{Digest, v1};
 
-use crate::desk::Desk;
 use crate::executor::manifest::Manifest;
-use crate::store::Store;
+use crate::job_slots::JobSlots;
 use crate::wire;
 
 /// A reply to a poll, with the jobs in it.
 pub fn reply(bytes: &[u8]) -> bool {
     let Ok(reply) = v1::PollReply::decode(bytes) else { return false };
-    let mut desk = Desk::new(1);
-    desk.absorb(reply.clone());
+    let mut slots = JobSlots::new(1);
+    slots.absorb(reply.clone());
     reply.jobs.into_iter().filter(|job| wire::task(job.clone()).is_ok()).count() > 0
 }
 

@@ -7,26 +7,25 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, SystemTime};
 
-use crate::size::Size;
-use crate::store::layout;
+use crate::layout;
 
 /// A temporary file this old was left behind, whoever wrote it.
 const ABANDONED: Duration = Duration::from_secs(24 * 60 * 60);
 
 /// Watches over what one cache folder holds, other processes' files included.
 #[derive(Debug)]
-pub struct Upkeep {
+pub struct Evictor {
     limit: u64,
-    /// Bytes written by this process since the last survey.
+    /// Bytes written by this process since the last scan.
     written: AtomicU64,
-    /// Bytes that the last survey left; `None` before the first.
+    /// Bytes that the last scan left; `None` before the first.
     kept: Mutex<Option<u64>>,
 }
 
-impl Upkeep {
-    /// Nothing is looked at before the first file is written.
-    pub fn new(limit: Size) -> Self {
-        Self { limit: limit.bytes(), written: AtomicU64::new(0), kept: Mutex::new(None) }
+impl Evictor {
+    /// Keeps at most `limit` bytes. Nothing is looked at before the first file is written.
+    pub fn new(limit: u64) -> Self {
+        Self { limit, written: AtomicU64::new(0), kept: Mutex::new(None) }
     }
 
     /// Whether a file of this size can be kept at all.
@@ -43,7 +42,7 @@ impl Upkeep {
         let due = |kept: u64| kept.saturating_add(written) > self.limit || written > self.limit / 16;
         if kept.is_none_or(due) {
             self.written.store(0, Ordering::Relaxed);
-            *kept = Some(tidy(root, self.limit, SystemTime::now()));
+            *kept = Some(evict(root, self.limit, SystemTime::now()));
         }
     }
 }
@@ -58,10 +57,10 @@ struct Kept {
 
 /// Removes abandoned temporary files, and entries until at most nine tenths of the limit are left if they take more
 /// than the limit. Returns the bytes that entries take afterwards.
-fn tidy(root: &Path, limit: u64, now: SystemTime) -> u64 {
+fn evict(root: &Path, limit: u64, now: SystemTime) -> u64 {
     let mut files = Vec::new();
-    for folder in spread_folders(root) {
-        survey(&folder, now, &mut files);
+    for folder in fan_out_folders(root) {
+        scan(&folder, now, &mut files);
     }
     let mut total: u64 = files.iter().map(|file| file.bytes).sum();
     if total <= limit {
@@ -84,10 +83,10 @@ fn tidy(root: &Path, limit: u64, now: SystemTime) -> u64 {
 }
 
 /// The folders in which blobs and entries lie.
-fn spread_folders(root: &Path) -> Vec<PathBuf> {
+fn fan_out_folders(root: &Path) -> Vec<PathBuf> {
     let kinds = folders(&root.join(layout::DERIVED), layout::is_slug);
     let parents = kinds.into_iter().chain([root.join(layout::BLOBS)]).filter(|folder| is_folder(folder));
-    parents.flat_map(|folder| folders(&folder, layout::is_spread)).collect()
+    parents.flat_map(|folder| folders(&folder, layout::is_fan_out)).collect()
 }
 
 /// The folders below `parent` with names that are ours; links are none.
@@ -108,18 +107,18 @@ fn is_folder(path: &Path) -> bool {
 
 /// Lists the entries in `folder` and removes abandoned temporary files. Whatever vanishes meanwhile, because another
 /// process evicts, is passed over.
-fn survey(folder: &Path, now: SystemTime, files: &mut Vec<Kept>) {
-    let spread = folder.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+fn scan(folder: &Path, now: SystemTime, files: &mut Vec<Kept>) {
+    let start = folder.file_name().and_then(|name| name.to_str()).unwrap_or_default();
     for entry in list(folder) {
         let name = entry.file_name();
         let (Some(name), Ok(metadata)) = (name.to_str(), entry.metadata()) else { continue };
         let (true, Ok(used)) = (metadata.is_file(), metadata.modified()) else { continue };
-        if layout::is_digest(spread, name) {
+        if layout::is_digest(start, name) {
             files.push(Kept { used, path: entry.path(), bytes: metadata.len() });
-        } else if let Some(writer) = layout::temporary(name) {
+        } else if atomic::is_temporary(name) {
             let age = now.duration_since(used).unwrap_or_default();
-            if age > ABANDONED || writer.is_gone() {
-                let _ = remove(&entry.path()); // the next survey tries again
+            if age > ABANDONED || atomic::is_abandoned(name) {
+                let _ = remove(&entry.path()); // the next scan tries again
             }
         }
     }
@@ -165,11 +164,11 @@ mod tests {
             .map(|(index, age)| file(root.path(), entry(index), 100, age))
             .into();
         let blob = file(root.path(), layout::blob(Digest([9; 32])), 100, 20);
-        assert_eq!(tidy(root.path(), 500, now()), 500);
-        assert_eq!(tidy(root.path(), 499, now()), 400);
+        assert_eq!(evict(root.path(), 500, now()), 500);
+        assert_eq!(evict(root.path(), 499, now()), 400);
         let left = |path: &PathBuf| path.exists();
         assert_eq!(files.iter().map(left).collect::<Vec<_>>(), [true, false, true, true]);
-        assert_eq!(tidy(root.path(), 200, now()), 100);
+        assert_eq!(evict(root.path(), 200, now()), 100);
         assert_eq!(files.iter().map(left).collect::<Vec<_>>(), [false, false, true, false]);
         assert!(!blob.exists());
     }
@@ -195,7 +194,7 @@ mod tests {
         std::os::unix::fs::symlink(&behind_link, &link).unwrap();
         let ours = file(root.path(), entry(1), 1000, 1);
 
-        assert_eq!(tidy(root.path(), 10, now()), 0);
+        assert_eq!(evict(root.path(), 10, now()), 0);
         assert!(!ours.exists());
         assert!(foreign.iter().all(|path| path.exists()));
         assert!(behind_link.exists() && fs::symlink_metadata(link).is_ok());
@@ -209,24 +208,23 @@ mod tests {
             std::os::unix::fs::symlink(elsewhere.path().join(layout::DERIVED), root.path().join(name))
                 .unwrap();
         }
-        assert_eq!(tidy(root.path(), 10, now()), 0);
+        assert_eq!(evict(root.path(), 10, now()), 0);
         assert!(behind_link.exists());
     }
 
     #[test]
     fn temporary_files_are_removed_once_their_writer_is_gone() {
         let root = tempfile::tempdir().unwrap();
-        let temporary = |prefix: String, age| {
-            let name = format!("derived/test/11/{prefix}{}", "x".repeat(layout::TEMPORARY_DIGITS));
-            file(root.path(), name, 10, age)
-        };
-        let own = layout::temporary_prefix();
-        let gone = own.replace(&format!("-{}-", std::process::id()), "-4294967295-");
-        let other_host = "tmp-0123456789abcdef-4294967295-".to_owned();
-        let (in_use, left_behind) = (temporary(own, 60), temporary(gone, 60));
-        let (of_other, of_other_old) =
-            (temporary(other_host.clone(), 60), temporary(other_host.replace("-42949", "-2949"), 90_000));
-        tidy(root.path(), 1000, now());
+        let temporary =
+            |writer: &str, age| file(root.path(), format!("derived/test/11/{writer}-xxxxxxxxxxxx"), 10, age);
+        let host = fs::read_to_string("/proc/sys/kernel/hostname").unwrap();
+        let own = format!(".tmp-{}-{}", host.trim(), std::process::id());
+        // No process has this number: it is above the largest that Linux gives.
+        let gone = format!(".tmp-{}-4194305", host.trim());
+        let (in_use, left_behind) = (temporary(&own, 60), temporary(&gone, 60));
+        let of_other = temporary(".tmp-other.host-4194305", 60);
+        let of_other_old = temporary("tmp-0123456789abcdef-4194305", 90_000);
+        evict(root.path(), 1000, now());
         assert!(in_use.exists() && of_other.exists());
         assert!(!left_behind.exists() && !of_other_old.exists());
     }
@@ -234,13 +232,13 @@ mod tests {
     #[test]
     fn what_others_add_is_noticed() {
         let root = tempfile::tempdir().unwrap();
-        let upkeep = Upkeep::new(Size::from_bytes(1600));
+        let evictor = Evictor::new(1600);
         let first = file(root.path(), entry(1), 50, 30);
-        upkeep.wrote(root.path(), 50);
+        evictor.wrote(root.path(), 50);
         let other = file(root.path(), entry(2), 1600, 20);
-        upkeep.wrote(root.path(), 50);
+        evictor.wrote(root.path(), 50);
         assert!(other.exists(), "too early to look again");
-        upkeep.wrote(root.path(), 51);
+        evictor.wrote(root.path(), 51);
         assert!(!first.exists() && !other.exists());
     }
 }

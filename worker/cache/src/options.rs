@@ -1,15 +1,17 @@
-//! What a program may use of the disk and of memory: options shared by the worker and the coordinator.
+//! What a program may use of the disk and of memory: options that both programs have.
 
 use std::path::{Path, PathBuf};
 
+use bytesize::ByteSize;
 use clap::Args;
+use sysinfo::System;
 
-use crate::size::Size;
+use crate::size::parse_size;
 
 /// Room for the cache folder unless an option says otherwise.
 const DEFAULT_CACHE_SIZE: &str = "20GiB";
 /// Memory where the machine does not tell how much it has: half of 4 GiB.
-const FALLBACK_MEMORY: Size = Size::from_bytes(2 << 30);
+const FALLBACK_MEMORY: ByteSize = ByteSize::gib(2);
 
 /// Options for the cache and for memory. None of them changes a result.
 #[derive(Clone, Debug, Args)]
@@ -23,13 +25,13 @@ pub struct StorageArgs {
     #[arg(long)]
     no_cache: bool,
     /// Most that the cache folder may hold, for example 500MiB; what was used least recently goes first
-    #[arg(long, env = "DESCRY_CACHE_SIZE", value_name = "SIZE", default_value = DEFAULT_CACHE_SIZE)]
-    cache_size: Size,
+    #[arg(long, env = "DESCRY_CACHE_SIZE", value_name = "SIZE", default_value = DEFAULT_CACHE_SIZE, value_parser = parse_size)]
+    cache_size: ByteSize,
     /// Memory for prepared clouds and what is computed from them, for example 600MiB; half of what is available by
     /// default. Clouds that do not fit are read from the cache each time. Workers that share a machine should each be
     /// given their part
-    #[arg(long, env = "DESCRY_MEMORY", value_name = "SIZE")]
-    memory: Option<Size>,
+    #[arg(long, env = "DESCRY_MEMORY", value_name = "SIZE", value_parser = parse_size)]
+    memory: Option<ByteSize>,
     /// Folder that several machines share, for example file:///mnt/descry: what one has prepared serves all
     #[arg(long, env = "DESCRY_SHARED_CACHE", value_name = "URL", value_parser = shared_folder)]
     shared: Option<PathBuf>,
@@ -41,9 +43,9 @@ pub struct Storage {
     /// The cache folder, if anything is kept.
     pub cache: Option<PathBuf>,
     /// Most bytes in the cache folder.
-    pub cache_size: Size,
+    pub cache_size: ByteSize,
     /// Memory for prepared clouds and what is computed from them.
-    pub memory: Size,
+    pub memory: ByteSize,
     /// The folder that machines share, if there is one.
     pub shared: Option<PathBuf>,
 }
@@ -63,8 +65,8 @@ impl StorageArgs {
 
 impl Storage {
     /// Nothing on disk, and this much memory.
-    pub fn in_memory(memory: Size) -> Self {
-        Self { cache: None, cache_size: Size::from_bytes(0), memory, shared: None }
+    pub fn in_memory(memory: ByteSize) -> Self {
+        Self { cache: None, cache_size: ByteSize(0), memory, shared: None }
     }
 }
 
@@ -91,26 +93,18 @@ fn shared_folder(url: &str) -> Result<PathBuf, String> {
 }
 
 /// Half of what this process may still use: of the machine, and of a container that grants less.
-fn default_memory() -> Size {
-    let read = |path: &str| std::fs::read_to_string(path).unwrap_or_default();
-    let available = available_memory(&read("/proc/meminfo"));
-    let granted = granted_memory(&read("/sys/fs/cgroup/memory.max"));
+fn default_memory() -> ByteSize {
+    let mut system = System::new();
+    system.refresh_memory();
+    let granted = system.cgroup_limits().map(|limits| limits.total_memory);
+    half(system.available_memory(), granted)
+}
+
+/// Half of the lesser of the two, in bytes; neither is known if `available` is 0 and nothing is granted.
+fn half(available: u64, granted: Option<u64>) -> ByteSize {
+    let available = Some(available).filter(|&bytes| bytes > 0);
     let least = available.into_iter().chain(granted).min();
-    least.map_or(FALLBACK_MEMORY, |bytes| Size::from_bytes(bytes / 2))
-}
-
-/// Bytes that a control group grants; `None` for `max`, which is no limit.
-fn granted_memory(memory_max: &str) -> Option<u64> {
-    memory_max.trim().parse().ok()
-}
-
-/// Bytes that programs can still use, or all there are on kernels that do not tell.
-fn available_memory(meminfo: &str) -> Option<u64> {
-    let kibibytes = |name: &str| -> Option<u64> {
-        let line = meminfo.lines().find_map(|line| line.strip_prefix(name)?.strip_prefix(':'))?;
-        line.trim().strip_suffix("kB")?.trim().parse().ok()
-    };
-    kibibytes("MemAvailable").or_else(|| kibibytes("MemTotal"))?.checked_mul(1 << 10)
+    least.map_or(FALLBACK_MEMORY, |bytes| ByteSize(bytes / 2))
 }
 
 #[cfg(test)]
@@ -135,7 +129,7 @@ mod tests {
         let args = ["--cache", "/c", "--cache-size", "1MiB", "--memory", "2GiB", "--shared", "file:///mnt/d"];
         let storage = resolve(&args);
         assert_eq!(storage.cache.as_deref(), Some(Path::new("/c")));
-        assert_eq!((storage.cache_size.bytes(), storage.memory.bytes()), (1 << 20, 2 << 30));
+        assert_eq!((storage.cache_size.as_u64(), storage.memory.as_u64()), (1 << 20, 2 << 30));
         assert_eq!(storage.shared.as_deref(), Some(Path::new("/mnt/d")));
         let nothing = resolve(&[&args[..], &["--no-cache"]].concat());
         assert_eq!(nothing, Storage { cache: None, shared: None, ..storage });
@@ -153,20 +147,23 @@ mod tests {
     }
 
     #[test]
-    fn a_control_group_grants_a_number_or_everything() {
-        assert_eq!(granted_memory("1073741824\n"), Some(1 << 30));
-        for text in ["max\n", "", "-1\n"] {
-            assert_eq!(granted_memory(text), None, "{text}");
+    fn memory_is_half_of_what_machine_and_container_leave() {
+        for (available, granted, expected) in [
+            (8 << 30, None, 4 << 30),
+            (8 << 30, Some(16 << 30), 4 << 30),
+            (8 << 30, Some(1 << 30), 1 << 29),
+            (0, Some(1 << 30), 1 << 29),
+            (0, None, 2 << 30),
+        ] {
+            assert_eq!(half(available, granted).as_u64(), expected, "{available}, {granted:?}");
         }
     }
 
     #[test]
-    fn available_memory_is_preferred_to_all_memory() {
-        let both = "MemTotal:  8 kB\nMemFree:  1 kB\nMemAvailable:    4 kB\n";
-        assert_eq!(available_memory(both), Some(4 << 10));
-        assert_eq!(available_memory("MemTotal:       8 kB\n"), Some(8 << 10));
-        for text in ["", "MemTotal: kB", "MemTotal: x kB", "MemTotal: 18446744073709551615 kB"] {
-            assert_eq!(available_memory(text), None, "{text}");
-        }
+    fn this_machine_tells_its_memory() {
+        let mut system = System::new();
+        system.refresh_memory();
+        let memory = resolve(&[]).memory.as_u64();
+        assert!((1 << 20..=system.total_memory() / 2).contains(&memory), "{memory}");
     }
 }

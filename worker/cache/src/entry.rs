@@ -1,7 +1,6 @@
 //! The form of a derived entry: a header that says what it is and who made it, then the payload, both under
 //! checksums.
 
-use descriptor::EVALUATION_VERSION;
 use proto::Digest;
 
 const MAGIC: [u8; 8] = *b"\x89DESCRY\n";
@@ -49,12 +48,12 @@ pub struct Origin {
     pub run: String,
 }
 
-/// The header that goes before `payload`.
-pub fn header(kind: &str, key: Digest, origin: &Origin, payload: &[u8]) -> Vec<u8> {
+/// The header that goes before `payload`; `version` is the evaluation version that made it.
+pub fn header(kind: &str, key: Digest, version: u32, origin: &Origin, payload: &[u8]) -> Vec<u8> {
     let mut bytes = Vec::with_capacity(512);
     bytes.extend_from_slice(&MAGIC);
     bytes.extend_from_slice(&FORMAT_VERSION.to_le_bytes());
-    bytes.extend_from_slice(&EVALUATION_VERSION.to_le_bytes());
+    bytes.extend_from_slice(&version.to_le_bytes());
     bytes.extend_from_slice(&key.0);
     bytes.extend_from_slice(&(payload.len() as u64).to_le_bytes());
     bytes.extend_from_slice(&Digest::of(payload).0);
@@ -68,11 +67,11 @@ pub fn header(kind: &str, key: Digest, origin: &Origin, payload: &[u8]) -> Vec<u
     bytes
 }
 
-/// Takes an entry apart that must be the one of this kind and key; returns its payload.
+/// Takes an entry apart that must be the one of this kind, key and evaluation version; returns its payload.
 ///
 /// # Errors
 /// Whatever differs from what [`header`] wrote, wherever the bytes came from.
-pub fn payload<'a>(bytes: &'a [u8], kind: &str, key: Digest) -> Result<&'a [u8], Damage> {
+pub fn payload<'a>(bytes: &'a [u8], kind: &str, key: Digest, version: u32) -> Result<&'a [u8], Damage> {
     if bytes.len() as u64 > MAX_ENTRY_BYTES {
         return Err(Damage::TooLong);
     }
@@ -84,7 +83,7 @@ pub fn payload<'a>(bytes: &'a [u8], kind: &str, key: Digest) -> Result<&'a [u8],
     if format != FORMAT_VERSION {
         return Err(Damage::Format(format));
     }
-    let version = u32::from_le_bytes(rest.array()?);
+    let found_version = u32::from_le_bytes(rest.array()?);
     let found_key = Digest(rest.array()?);
     let length = u64::from_le_bytes(rest.array()?);
     let checksum = Digest(rest.array()?);
@@ -93,8 +92,8 @@ pub fn payload<'a>(bytes: &'a [u8], kind: &str, key: Digest) -> Result<&'a [u8],
     if Digest::of(header) != Digest(rest.array()?) {
         return Err(Damage::Header);
     }
-    if version != EVALUATION_VERSION {
-        return Err(Damage::EvaluationVersion(version));
+    if found_version != version {
+        return Err(Damage::EvaluationVersion(found_version));
     }
     if found_kind != kind.as_bytes() || found_key != key {
         return Err(Damage::Foreign);
@@ -133,18 +132,19 @@ mod tests {
     use super::*;
 
     const KIND: &str = "test entry";
+    const VERSION: u32 = 7;
 
     fn entry(payload: &[u8]) -> (Digest, Vec<u8>) {
         let key = Digest::of(b"key");
         let origin = Origin { producer: "descry 0.0.0 on here".to_owned(), run: "r".repeat(1000) };
-        (key, [&header(KIND, key, &origin, payload)[..], payload].concat())
+        (key, [&header(KIND, key, VERSION, &origin, payload)[..], payload].concat())
     }
 
     #[test]
     fn an_entry_gives_its_payload_back() {
         for expected in [&b""[..], b"payload"] {
             let (key, bytes) = entry(expected);
-            assert_eq!(payload(&bytes, KIND, key), Ok(expected));
+            assert_eq!(payload(&bytes, KIND, key, VERSION), Ok(expected));
         }
     }
 
@@ -152,9 +152,9 @@ mod tests {
     fn every_truncation_is_found() {
         let (key, bytes) = entry(b"payload");
         for length in 0..bytes.len() {
-            assert_eq!(payload(&bytes[..length], KIND, key), Err(Damage::Truncated), "{length}");
+            assert_eq!(payload(&bytes[..length], KIND, key, VERSION), Err(Damage::Truncated), "{length}");
         }
-        assert_eq!(payload(&[&bytes[..], b"!"].concat(), KIND, key), Err(Damage::TooLong));
+        assert_eq!(payload(&[&bytes[..], b"!"].concat(), KIND, key, VERSION), Err(Damage::TooLong));
     }
 
     #[test]
@@ -163,7 +163,7 @@ mod tests {
         for bit in 0..bytes.len() * 8 {
             let mut flipped = bytes.clone();
             flipped[bit / 8] ^= 1 << (bit % 8);
-            assert!(payload(&flipped, KIND, key).is_err(), "{bit}");
+            assert!(payload(&flipped, KIND, key, VERSION).is_err(), "{bit}");
         }
     }
 
@@ -179,15 +179,15 @@ mod tests {
     #[test]
     fn sound_entries_of_another_version_kind_or_key_are_foreign() {
         let (key, bytes) = entry(b"payload");
-        assert_eq!(payload(&resealed(&bytes, 7, |_| {}), KIND, key), Ok(&b"payload"[..]));
+        assert_eq!(payload(&resealed(&bytes, 7, |_| {}), KIND, key, VERSION), Ok(&b"payload"[..]));
         let format = resealed(&bytes, 7, |header| header[8] = 2);
-        assert_eq!(payload(&format, KIND, key), Err(Damage::Format(2)));
-        let next = EVALUATION_VERSION + 1;
+        assert_eq!(payload(&format, KIND, key, VERSION), Err(Damage::Format(2)));
+        let next = VERSION + 1;
         let version = resealed(&bytes, 7, |header| header[12..16].copy_from_slice(&next.to_le_bytes()));
-        assert_eq!(payload(&version, KIND, key), Err(Damage::EvaluationVersion(next)));
-        assert_eq!(payload(&bytes, "other kind", key), Err(Damage::Foreign));
-        assert_eq!(payload(&bytes, KIND, Digest::of(b"other key")), Err(Damage::Foreign));
+        assert_eq!(payload(&version, KIND, key, VERSION), Err(Damage::EvaluationVersion(next)));
+        assert_eq!(payload(&bytes, "other kind", key, VERSION), Err(Damage::Foreign));
+        assert_eq!(payload(&bytes, KIND, Digest::of(b"other key"), VERSION), Err(Damage::Foreign));
         let huge = resealed(&bytes, 7, |header| header[48..56].fill(0xff));
-        assert_eq!(payload(&huge, KIND, key), Err(Damage::Truncated));
+        assert_eq!(payload(&huge, KIND, key, VERSION), Err(Damage::Truncated));
     }
 }

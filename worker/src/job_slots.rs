@@ -1,4 +1,4 @@
-//! The worker's desk: jobs to do, the job in hand, and reports that wait for their acknowledgement.
+//! What a worker holds: jobs to do, the running one, and reports that wait for their acknowledgement.
 
 use std::collections::VecDeque;
 
@@ -11,29 +11,29 @@ const MOST_REPORTS: usize = 64;
 /// job is taken: what waits must not grow beyond what a message holds.
 const MOST_REPORT_BYTES: usize = MAX_MESSAGE_BYTES / 2;
 
-/// What one worker holds, without IO.
+/// Jobs and reports of one worker, without IO.
 #[derive(Debug)]
-pub struct Desk {
-    /// Jobs taken ahead, so that the next one can start while the last report is under way.
+pub struct JobSlots {
+    /// Jobs taken in advance, so that the next one can start while the last report is in transit.
     ahead: usize,
     queue: VecDeque<(Lease, v1::Job)>,
-    /// The job in hand; without its lease once that was revoked: nobody wants its result any more, but the threads
-    /// are busy until it ends.
+    /// The running job; `Some(None)` once its lease was revoked: its result is of no use any more, but it keeps
+    /// the threads busy until it ends.
     running: Option<Option<Lease>>,
     /// With their bytes, oldest first.
     finished: Vec<(Lease, v1::JobReport, usize)>,
 }
 
-impl Desk {
-    /// An empty desk that takes up to `ahead` jobs beside the one in hand.
+impl JobSlots {
+    /// Takes up to `ahead` jobs beside the running one.
     pub fn new(ahead: usize) -> Self {
         Self { ahead, queue: VecDeque::new(), running: None, finished: Vec::new() }
     }
 
-    /// Every lease held: in hand, queued, or with a report that has to wait for its turn.
+    /// Every lease held: running, queued, or with a report that has to wait for a later poll.
     pub fn held(&self) -> Vec<Lease> {
         let waiting = self.finished.iter().skip(self.handed_in()).map(|(lease, ..)| *lease);
-        self.at_work().chain(waiting).collect()
+        self.unfinished().chain(waiting).collect()
     }
 
     /// The oldest reports that are not acknowledged yet, as many as go with one poll.
@@ -41,20 +41,19 @@ impl Desk {
         self.finished.iter().take(self.handed_in()).map(|(_, report, _)| report.clone()).collect()
     }
 
-    /// How many more jobs this desk takes now; none while it works on one that nobody wants, or has reports that wait for
-    /// their turn.
+    /// How many more jobs are wanted now; none while a revoked one runs, or while reports have to wait for a later poll.
     pub fn wanted(&self) -> usize {
         let is_full = self.running == Some(None) || self.handed_in() < self.finished.len();
-        if is_full { 0 } else { (1 + self.ahead).saturating_sub(self.at_work().count()) }
+        if is_full { 0 } else { (1 + self.ahead).saturating_sub(self.unfinished().count()) }
     }
 
-    /// Whether nothing is left to do but to hand in reports that have to wait for their turn.
+    /// Whether nothing is left to do but to hand in reports that have to wait for a later poll.
     pub fn only_reports(&self) -> bool {
-        self.at_work().next().is_none() && self.handed_in() < self.finished.len()
+        self.unfinished().next().is_none() && self.handed_in() < self.finished.len()
     }
 
-    /// Leases in hand or queued.
-    fn at_work(&self) -> impl Iterator<Item = Lease> {
+    /// Leases that are running or queued.
+    fn unfinished(&self) -> impl Iterator<Item = Lease> {
         self.running.flatten().into_iter().chain(self.queue.iter().map(|(lease, _)| *lease))
     }
 
@@ -88,7 +87,7 @@ impl Desk {
         }
     }
 
-    /// The next job to start, if none is in hand; it is in hand from now on.
+    /// The next job to start, if none is running; it is running from now on.
     pub fn start(&mut self) -> Option<(Lease, v1::Job)> {
         if self.running.is_some() {
             return None;
@@ -98,7 +97,7 @@ impl Desk {
         Some(next)
     }
 
-    /// The job in hand is done; its report is kept, unless its lease was revoked.
+    /// The running job is done; its report is kept, unless its lease was revoked.
     pub fn finish(&mut self, report: v1::JobReport) {
         if let Some(Some(lease)) = self.running.take() {
             let bytes = report.encoded_len();
@@ -106,7 +105,7 @@ impl Desk {
         }
     }
 
-    /// Forgets every lease and report: another run knows none of them. The job in hand goes on until it ends, for nobody.
+    /// Forgets every lease and report: another run knows none of them. The running job goes on until it ends, and its result is dropped.
     pub fn clear(&mut self) {
         self.queue.clear();
         self.finished.clear();
@@ -130,56 +129,56 @@ mod tests {
     }
 
     #[test]
-    fn one_job_is_in_hand_and_one_waits() {
-        let mut desk = Desk::new(1);
-        assert_eq!(desk.wanted(), 2);
-        desk.absorb(reply(&[1, 2]));
-        assert_eq!(desk.wanted(), 0);
-        assert_eq!(desk.start().unwrap().0, lease(1));
-        assert!(desk.start().is_none());
-        assert_eq!(desk.held(), [lease(1), lease(2)]);
-        desk.finish(v1::JobReport::default());
-        assert_eq!(desk.wanted(), 1);
-        assert_eq!(desk.start().unwrap().0, lease(2));
+    fn one_job_is_running_and_one_waits() {
+        let mut slots = JobSlots::new(1);
+        assert_eq!(slots.wanted(), 2);
+        slots.absorb(reply(&[1, 2]));
+        assert_eq!(slots.wanted(), 0);
+        assert_eq!(slots.start().unwrap().0, lease(1));
+        assert!(slots.start().is_none());
+        assert_eq!(slots.held(), [lease(1), lease(2)]);
+        slots.finish(v1::JobReport::default());
+        assert_eq!(slots.wanted(), 1);
+        assert_eq!(slots.start().unwrap().0, lease(2));
     }
 
     #[test]
     fn a_report_is_kept_until_it_is_acknowledged() {
-        let mut desk = Desk::new(0);
-        desk.absorb(reply(&[1]));
-        desk.start();
-        desk.finish(v1::JobReport::default());
-        desk.absorb(v1::PollReply::default());
-        assert_eq!(desk.finished().len(), 1);
-        desk.absorb(v1::PollReply { acknowledged: vec![lease(1).into()], ..Default::default() });
-        assert!(desk.finished().is_empty());
+        let mut slots = JobSlots::new(0);
+        slots.absorb(reply(&[1]));
+        slots.start();
+        slots.finish(v1::JobReport::default());
+        slots.absorb(v1::PollReply::default());
+        assert_eq!(slots.finished().len(), 1);
+        slots.absorb(v1::PollReply { acknowledged: vec![lease(1).into()], ..Default::default() });
+        assert!(slots.finished().is_empty());
     }
 
-    /// A desk with so many reports of so many bytes each, of which none is acknowledged.
-    fn unacknowledged(reports: u64, bytes: usize) -> Desk {
-        let mut desk = Desk::new(1);
+    /// Slots with so many reports of so many bytes each, of which none is acknowledged.
+    fn unacknowledged(reports: u64, bytes: usize) -> JobSlots {
+        let mut slots = JobSlots::new(1);
         for job in 1..=reports {
-            desk.absorb(reply(&[job]));
-            desk.start();
+            slots.absorb(reply(&[job]));
+            slots.start();
             let result = v1::DescriptionResult { parts: vec![0; bytes] };
             let outcome = Some(v1::job_report::Outcome::Description(result));
-            desk.finish(v1::JobReport { outcome, ..Default::default() });
+            slots.finish(v1::JobReport { outcome, ..Default::default() });
         }
-        desk
+        slots
     }
 
     #[test]
     fn a_coordinator_that_acknowledges_late_is_given_no_more_than_it_can_read() {
-        let mut desk = unacknowledged(300, 10);
-        assert_eq!((desk.finished().len(), desk.wanted()), (MOST_REPORTS, 0));
+        let mut slots = unacknowledged(300, 10);
+        assert_eq!((slots.finished().len(), slots.wanted()), (MOST_REPORTS, 0));
         // What waits is held, or it would be handed out again.
         let waiting: Vec<Lease> = (MOST_REPORTS as u64 + 1..=300).map(lease).collect();
-        assert_eq!(desk.held(), waiting);
-        assert!(desk.only_reports());
+        assert_eq!(slots.held(), waiting);
+        assert!(slots.only_reports());
         let acknowledged = (1..=250).map(|job| lease(job).into()).collect();
-        desk.absorb(v1::PollReply { acknowledged, ..Default::default() });
-        assert_eq!((desk.finished().len(), desk.wanted(), desk.held()), (50, 2, vec![]));
-        assert!(!desk.only_reports());
+        slots.absorb(v1::PollReply { acknowledged, ..Default::default() });
+        assert_eq!((slots.finished().len(), slots.wanted(), slots.held()), (50, 2, vec![]));
+        assert!(!slots.only_reports());
 
         let large = unacknowledged(5, MOST_REPORT_BYTES / 3);
         assert_eq!((large.finished().len(), large.wanted()), (2, 0));
@@ -189,30 +188,30 @@ mod tests {
 
     #[test]
     fn revoked_and_repeated_jobs_are_not_queued() {
-        let mut desk = Desk::new(3);
-        desk.absorb(reply(&[1, 2]));
-        desk.absorb(v1::PollReply { revoked: vec![lease(1).into()], ..reply(&[2, 3]) });
-        assert_eq!(desk.held(), [lease(2), lease(3)]);
+        let mut slots = JobSlots::new(3);
+        slots.absorb(reply(&[1, 2]));
+        slots.absorb(v1::PollReply { revoked: vec![lease(1).into()], ..reply(&[2, 3]) });
+        assert_eq!(slots.held(), [lease(2), lease(3)]);
     }
 
     #[test]
-    fn a_job_in_hand_that_nobody_wants_is_not_held_and_blocks_the_desk_until_it_ends() {
-        let revoke = |desk: &mut Desk| {
-            desk.absorb(v1::PollReply { revoked: vec![lease(1).into()], ..Default::default() });
+    fn a_revoked_job_that_runs_is_not_held_and_blocks_the_slot_until_it_ends() {
+        let revoke = |slots: &mut JobSlots| {
+            slots.absorb(v1::PollReply { revoked: vec![lease(1).into()], ..Default::default() });
         };
-        for drop_it in [revoke, Desk::clear] {
-            let mut desk = Desk::new(1);
-            desk.absorb(reply(&[1]));
-            desk.start();
-            drop_it(&mut desk);
-            assert!(desk.held().is_empty());
-            assert_eq!(desk.wanted(), 0);
+        for drop_it in [revoke, JobSlots::clear] {
+            let mut slots = JobSlots::new(1);
+            slots.absorb(reply(&[1]));
+            slots.start();
+            drop_it(&mut slots);
+            assert!(slots.held().is_empty());
+            assert_eq!(slots.wanted(), 0);
             // The same numbers again, from another coordinator, are another job.
-            desk.absorb(reply(&[1]));
-            assert!(desk.start().is_none());
-            desk.finish(v1::JobReport::default());
-            assert!(desk.finished().is_empty());
-            assert_eq!(desk.start().unwrap().0, lease(1));
+            slots.absorb(reply(&[1]));
+            assert!(slots.start().is_none());
+            slots.finish(v1::JobReport::default());
+            assert!(slots.finished().is_empty());
+            assert_eq!(slots.start().unwrap().0, lease(1));
         }
     }
 }

@@ -6,16 +6,16 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use proto::Digest;
 use tokio::sync::Notify;
 
-/// The keys in flight.
+/// The keys of the entries that are being made.
 #[derive(Debug, Default)]
-pub struct Flights {
+pub struct SingleFlight {
     keys: Mutex<HashSet<Digest>>,
-    landed: Notify,
+    ended: Notify,
 }
 
 /// The right to make an entry: held until it is made, or given up.
 #[derive(Debug)]
-pub struct Claim<'a>(Option<(&'a Flights, Digest)>);
+pub struct Claim<'a>(Option<(&'a SingleFlight, Digest)>);
 
 impl Claim<'_> {
     /// A right that nobody else asks for.
@@ -24,22 +24,22 @@ impl Claim<'_> {
     }
 }
 
-impl Flights {
+impl SingleFlight {
     /// The right to make an entry, unless somebody has it already.
     pub fn claim(&self, key: Digest) -> Option<Claim<'_>> {
-        // Only a right that was given may be made: dropping it gives it back.
+        // Not `then_some`: a claim that is made and dropped would release the key of whoever has it.
         self.keys().insert(key).then(|| Claim(Some((self, key))))
     }
 
-    /// Ready when the entry is in flight no longer; whether it was made is to be looked up.
-    pub async fn landed(&self, key: Digest) {
+    /// Ready when nobody makes the entry any more; whether it was made is to be looked up.
+    pub async fn wait(&self, key: Digest) {
         loop {
-            // Listening begins before looking: a landing in between is not missed.
-            let landed = self.landed.notified();
+            // Listening begins before looking: an end in between is not missed.
+            let ended = self.ended.notified();
             if !self.keys().contains(&key) {
                 return;
             }
-            landed.await;
+            ended.await;
         }
     }
 
@@ -51,9 +51,9 @@ impl Flights {
 
 impl Drop for Claim<'_> {
     fn drop(&mut self) {
-        if let Some((flights, key)) = self.0 {
-            flights.keys().remove(&key);
-            flights.landed.notify_waiters();
+        if let Some((flight, key)) = self.0 {
+            flight.keys().remove(&key);
+            flight.ended.notify_waiters();
         }
     }
 }
@@ -63,13 +63,13 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn an_entry_in_flight_is_waited_for() {
-        let flights = Flights::default();
+    async fn an_entry_that_is_being_made_is_waited_for() {
+        let flight = SingleFlight::default();
         let key = Digest::of(b"key");
-        let claim = flights.claim(key).unwrap();
-        assert!(flights.claim(key).is_none());
-        assert!(flights.claim(Digest::of(b"other")).is_some());
-        let waiting = flights.landed(key);
+        let claim = flight.claim(key).unwrap();
+        assert!(flight.claim(key).is_none());
+        assert!(flight.claim(Digest::of(b"other")).is_some());
+        let waiting = flight.wait(key);
         tokio::pin!(waiting);
         tokio::select! {
             biased;
@@ -78,6 +78,6 @@ mod tests {
         }
         drop(claim);
         waiting.await;
-        assert!(flights.claim(key).is_some());
+        assert!(flight.claim(key).is_some());
     }
 }

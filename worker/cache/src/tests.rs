@@ -6,26 +6,26 @@ use std::sync::{Arc, Barrier};
 
 use proto::Digest;
 
-use super::*;
 use crate::log_capture::warnings;
-use crate::size::Size;
+use crate::*;
 
 const KIND: &str = "test entry";
+const VERSION: u32 = 7;
 
 fn storage(cache: &Path) -> Storage {
-    Storage { cache: Some(cache.to_owned()), cache_size: Size::from_bytes(1 << 20), ..nothing() }
+    Storage { cache: Some(cache.to_owned()), cache_size: ByteSize::mib(1), ..nothing() }
 }
 
 fn nothing() -> Storage {
-    Storage::in_memory(Size::from_bytes(1 << 20))
+    Storage::in_memory(ByteSize::mib(1))
 }
 
 fn open(cache: &Path) -> Store {
-    Store::open(&storage(cache), "here")
+    Store::open(&storage(cache), "here", VERSION)
 }
 
 fn key() -> Digest {
-    KeyBuilder::new(KIND).number(1).finish()
+    KeyBuilder::new(KIND, VERSION).number(1).finish()
 }
 
 fn path(root: &Path) -> PathBuf {
@@ -42,7 +42,7 @@ fn what_is_kept_is_found_by_another_store() {
     assert_eq!(open(&cache).get(KIND, key()).as_deref(), Some(&b"payload"[..]));
     assert_eq!(open(&cache).get("other kind", key()), None);
     assert_eq!(open(&cache).get(KIND, Digest::of(b"other")), None);
-    Store::open(&nothing(), "here").put(KIND, key(), b"payload");
+    Store::open(&nothing(), "here", VERSION).put(KIND, key(), b"payload");
 }
 
 #[test]
@@ -74,7 +74,8 @@ fn a_damaged_entry_is_dropped_with_one_warning() {
 fn of_many_damaged_entries_a_few_are_told() {
     let root = tempfile::tempdir().unwrap();
     let store = open(root.path());
-    let keys: Vec<Digest> = (0..10).map(|number| KeyBuilder::new(KIND).number(number).finish()).collect();
+    let keys: Vec<Digest> =
+        (0..10).map(|number| KeyBuilder::new(KIND, VERSION).number(number).finish()).collect();
     for &key in &keys {
         store.put(KIND, key, b"payload");
         fs::write(root.path().join(layout::derived(KIND, key).unwrap()), b"damaged").unwrap();
@@ -124,7 +125,7 @@ fn a_disk_that_cannot_be_written_costs_one_warning() {
     let store = open(&cache);
     let ((), warnings) = warnings(|| {
         for number in 0..10 {
-            let key = KeyBuilder::new(KIND).number(number).finish();
+            let key = KeyBuilder::new(KIND, VERSION).number(number).finish();
             store.put(KIND, key, b"payload");
             assert_eq!(store.get(KIND, key), None);
             store.put_blob(key, b"blob");
@@ -188,10 +189,11 @@ fn writers_of_the_same_entry_do_not_disturb_each_other() {
 #[test]
 fn the_cache_stays_within_its_limit_and_keeps_what_is_used() {
     let root = tempfile::tempdir().unwrap();
-    let limit = Size::from_bytes(100_000);
-    let store = Store::open(&Storage { cache_size: limit, ..storage(root.path()) }, "here");
+    let limit = ByteSize(100_000);
+    let store = Store::open(&Storage { cache_size: limit, ..storage(root.path()) }, "here", VERSION);
     let old = std::time::SystemTime::UNIX_EPOCH;
-    let keys: Vec<Digest> = (0..30).map(|number| KeyBuilder::new(KIND).number(number).finish()).collect();
+    let keys: Vec<Digest> =
+        (0..30).map(|number| KeyBuilder::new(KIND, VERSION).number(number).finish()).collect();
     for (&key, payload) in keys.iter().zip((0u8..).map(|byte| vec![byte; 9_000])) {
         store.put(KIND, key, &payload);
         let path = root.path().join(layout::derived(KIND, key).unwrap());
@@ -211,7 +213,7 @@ fn the_shared_folder_is_read_and_written_through() {
     let (one, two, shared) =
         (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let sharing = |cache: &Path| {
-        Store::open(&Storage { shared: Some(shared.path().to_owned()), ..storage(cache) }, "here")
+        Store::open(&Storage { shared: Some(shared.path().to_owned()), ..storage(cache) }, "here", VERSION)
     };
     sharing(one.path()).put(KIND, key(), b"payload");
     assert_eq!(sharing(two.path()).get(KIND, key()).as_deref(), Some(&b"payload"[..]));
@@ -225,16 +227,16 @@ fn the_shared_folder_is_read_and_written_through() {
 }
 
 #[test]
-fn an_own_entry_neither_goes_to_the_shared_folder_nor_comes_from_there() {
+fn a_local_entry_neither_goes_to_the_shared_folder_nor_comes_from_there() {
     let (cache, shared) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let storage = Storage { shared: Some(shared.path().to_owned()), ..storage(cache.path()) };
-    let store = Store::open(&storage, "here");
-    store.put_own(KIND, key(), b"own");
+    let store = Store::open(&storage, "here", VERSION);
+    store.put_local(KIND, key(), b"local");
     assert!(!path(shared.path()).exists());
-    assert_eq!(store.get_own(KIND, key()).as_deref(), Some(&b"own"[..]));
+    assert_eq!(store.get_local(KIND, key()).as_deref(), Some(&b"local"[..]));
     fs::remove_file(path(cache.path())).unwrap();
     open(shared.path()).put(KIND, key(), b"of others");
-    assert_eq!(store.get_own(KIND, key()), None);
+    assert_eq!(store.get_local(KIND, key()), None);
     assert_eq!(store.get(KIND, key()).as_deref(), Some(&b"of others"[..]));
 }
 
@@ -243,7 +245,7 @@ fn a_shared_folder_out_of_reach_costs_one_warning_and_is_not_made() {
     let root = tempfile::tempdir().unwrap();
     let missing = root.path().join("not-mounted");
     let storage = Storage { shared: Some(missing.clone()), ..storage(&root.path().join("cache")) };
-    let store = Store::open(&storage, "here");
+    let store = Store::open(&storage, "here", VERSION);
     let (found, warnings) = warnings(|| {
         for _ in 0..3 {
             store.put(KIND, key(), b"payload");
@@ -285,4 +287,21 @@ fn a_kept_blob_is_read_and_a_damaged_one_is_dropped() {
         assert_eq!(store.blob(digest), None);
         assert!(!path.exists());
     }
+}
+
+/// Entries that earlier releases have kept are found and read.
+#[test]
+fn the_committed_entry_is_read() {
+    let sample = include_bytes!("../testdata/prepared-cloud.entry");
+    let key = Digest(sample[16..48].try_into().unwrap());
+    assert_eq!(key.to_string(), "37f4d0de10f8ce1214f0207185e78e9d3bda4518ffc54da85fbbb4f979228d9e");
+    let root = tempfile::tempdir().unwrap();
+    let path = root.path().join(format!("derived/prepared-cloud-2/{}/{key}", &key.to_string()[..2]));
+    fs::create_dir_all(path.parent().unwrap()).unwrap();
+    fs::write(&path, sample).unwrap();
+    let payload = Store::open(&storage(root.path()), "here", 2).get("prepared cloud 2", key).unwrap();
+    assert_eq!(
+        Digest::of(&payload).to_string(),
+        "fa78bed78acffd5064605f5ac03f7f5f5832f3d296afbfa9506269450d91bd49"
+    );
 }

@@ -1,0 +1,26 @@
+//! The cache of both programs: what was fetched or computed once, by content, in memory, on this machine's disk and in a
+//! folder that machines share. A tier may fail, be slow, full or wrong: that costs time, never a result.
+
+mod entry;
+mod evictor;
+mod key;
+mod layout;
+mod lru;
+mod options;
+mod single_flight;
+mod size;
+mod store;
+mod tier;
+
+pub use bytesize::ByteSize;
+pub use entry::{Damage, MAX_ENTRY_BYTES};
+pub use key::KeyBuilder;
+pub use lru::Lru;
+pub use options::{Storage, StorageArgs};
+pub use single_flight::Claim;
+pub use store::Store;
+
+#[cfg(test)]
+mod log_capture;
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,170 @@
+//! What is kept between runs and shared between processes: source clouds by content, and derived entries, which were
+//! computed once and can be checked. Losing one costs time, never a result.
+
+use std::path::Path;
+use std::sync::{Mutex, PoisonError};
+
+use proto::{Digest, MAX_BLOB_BYTES};
+
+use crate::entry::{self, Damage, MAX_ENTRY_BYTES, Origin};
+use crate::layout;
+use crate::options::Storage;
+use crate::single_flight::{Claim, SingleFlight};
+use crate::tier::Tier;
+
+/// The tiers of the cache. All workers of a process use one store. Calls read and write files: they are not for async
+/// threads.
+#[derive(Debug)]
+pub struct Store {
+    /// Nearest first; none if nothing is kept.
+    tiers: Vec<Tier>,
+    /// Entries of another evaluation version are of no use.
+    version: u32,
+    origin: Mutex<Origin>,
+    making: SingleFlight,
+}
+
+impl Store {
+    /// The store with these settings, for entries of this evaluation version; touches no file yet. `label` (a host or a
+    /// worker's name) is noted in the entries it makes.
+    pub fn open(storage: &Storage, label: &str, version: u32) -> Self {
+        let producer = format!("descry {} on {label}", env!("CARGO_PKG_VERSION"));
+        let disk = storage.cache.clone().map(|root| Tier::disk(root, storage.cache_size.as_u64()));
+        let shared = storage.shared.clone().map(Tier::shared);
+        Self {
+            tiers: disk.into_iter().chain(shared).collect(),
+            version,
+            origin: Mutex::new(Origin { producer, run: String::new() }),
+            making: SingleFlight::default(),
+        }
+    }
+
+    /// Whether anything is kept at all.
+    pub fn is_kept(&self) -> bool {
+        !self.tiers.is_empty()
+    }
+
+    /// From here on, entries are made for this run (a coordinator's session).
+    pub fn name_run(&self, run: String) {
+        self.origin().run = run;
+    }
+
+    /// The payload of an entry, if there is a sound one. `kind` is lower-case words; `key` comes from a
+    /// [`KeyBuilder`].
+    pub fn get(&self, kind: &str, key: Digest) -> Option<Vec<u8>> {
+        let (mut bytes, header) = self.find(kind, key)?;
+        bytes.drain(..header);
+        Some(bytes)
+    }
+
+    /// As [`Store::get`], from this machine's disk only: for what changes under one key, and for results, which a folder
+    /// that others write is not believed.
+    pub fn get_local(&self, kind: &str, key: Digest) -> Option<Vec<u8>> {
+        let (mut bytes, header) = self.sound(self.local()?, &layout::derived(kind, key)?, kind, key)?;
+        bytes.drain(..header);
+        Some(bytes)
+    }
+
+    /// A whole entry, as it travels to another machine, if there is a sound one.
+    pub fn entry(&self, kind: &str, key: Digest) -> Option<Vec<u8>> {
+        self.find(kind, key).map(|(bytes, _)| bytes)
+    }
+
+    /// Keeps an entry in every tier. What cannot be kept is computed again when it is needed; the first failure of each
+    /// tier is a warning.
+    pub fn put(&self, kind: &str, key: Digest, payload: &[u8]) {
+        let header = entry::header(kind, key, self.version, &self.origin(), payload);
+        put(&self.tiers, kind, key, &[&header, payload]);
+    }
+
+    /// As [`Store::put`], on this machine's disk only: for [`Store::get_local`].
+    pub fn put_local(&self, kind: &str, key: Digest, payload: &[u8]) {
+        let header = entry::header(kind, key, self.version, &self.origin(), payload);
+        put(self.local(), kind, key, &[&header, payload]);
+    }
+
+    /// Keeps an entry that came from another machine, if it is sound, and returns its payload.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn adopt(&self, kind: &str, key: Digest, bytes: &[u8]) -> Result<Vec<u8>, Damage> {
+        let payload = entry::payload(bytes, kind, key, self.version)?.to_vec();
+        put(&self.tiers, kind, key, &[bytes]);
+        Ok(payload)
+    }
+
+    /// The bytes with this digest, if they are kept here.
+    pub fn blob(&self, digest: Digest) -> Option<Vec<u8>> {
+        let disk = self.local()?;
+        let name = layout::blob(digest);
+        let bytes = disk.get(&name, MAX_BLOB_BYTES)?;
+        if Digest::of(&bytes) == digest {
+            return Some(bytes);
+        }
+        disk.remove_damaged(&name, &"entry is damaged");
+        None
+    }
+
+    /// Keeps bytes whose digest this is.
+    pub fn put_blob(&self, digest: Digest, bytes: &[u8]) {
+        if let Some(disk) = self.local() {
+            disk.put(&layout::blob(digest), &[bytes]);
+        }
+    }
+
+    /// The right to make an entry, unless another worker of this process is making it; [`Store::wait`] waits for that. A worker that holds claims must not wait.
+    pub fn claim(&self, key: Digest) -> Option<Claim<'_>> {
+        // Where nothing is kept, nothing can be handed over: everybody makes its own.
+        if self.is_kept() { self.making.claim(key) } else { Some(Claim::unshared()) }
+    }
+
+    /// Ready when nobody in this process is making the entry.
+    pub async fn wait(&self, key: Digest) {
+        self.making.wait(key).await;
+    }
+
+    /// A sound entry and the length of its header, from the nearest tier that has it; nearer ones keep a copy.
+    fn find(&self, kind: &str, key: Digest) -> Option<(Vec<u8>, usize)> {
+        let name = layout::derived(kind, key)?;
+        self.tiers.iter().enumerate().find_map(|(nearer, tier)| {
+            let found = self.sound(tier, &name, kind, key)?;
+            self.tiers[..nearer].iter().for_each(|tier| tier.put(&name, &[&found.0]));
+            Some(found)
+        })
+    }
+
+    /// A tier's entry with the length of its header, if it is sound; a damaged one is removed.
+    fn sound(&self, tier: &Tier, name: &Path, kind: &str, key: Digest) -> Option<(Vec<u8>, usize)> {
+        let bytes = tier.get(name, MAX_ENTRY_BYTES)?;
+        match entry::payload(&bytes, kind, key, self.version) {
+            Ok(payload) => {
+                let header = bytes.len() - payload.len();
+                Some((bytes, header))
+            }
+            Err(damage) => {
+                tier.remove_damaged(name, &damage);
+                None
+            }
+        }
+    }
+
+    fn local(&self) -> Option<&Tier> {
+        self.tiers.iter().find(|tier| tier.is_local())
+    }
+
+    fn origin(&self) -> std::sync::MutexGuard<'_, Origin> {
+        // Two texts for people: no state of them is wrong.
+        self.origin.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Keeps an entry that consists of `pieces` in `tiers`, unless it is too large.
+fn put<'a>(tiers: impl IntoIterator<Item = &'a Tier>, kind: &str, key: Digest, pieces: &[&[u8]]) {
+    let bytes: usize = pieces.iter().map(|piece| piece.len()).sum();
+    let Some(name) = layout::derived(kind, key).filter(|_| bytes as u64 <= MAX_ENTRY_BYTES) else {
+        return;
+    };
+    for tier in tiers {
+        tier.put(&name, pieces);
+    }
+}
