@@ -3,7 +3,6 @@
 pub mod certs;
 pub mod cli;
 pub mod dataset;
-pub mod evolution;
 pub mod exhaust;
 pub mod experiment;
 #[doc(hidden)]

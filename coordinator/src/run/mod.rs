@@ -7,7 +7,7 @@ pub mod progress;
 mod resume;
 pub mod rows;
 mod search;
-mod source;
+pub mod search_space;
 mod splits;
 pub mod summary;
 pub mod tally;
@@ -19,6 +19,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime};
 
+use evolution::{Method, SettingsError};
 use results::RunFolder;
 use worker::Storage;
 use worker::store::Store;
@@ -26,7 +27,6 @@ use worker::store::Store;
 use crate::cluster::ClusterError;
 use crate::dataset::{Dataset, DatasetError, Wanted};
 use crate::door::{Door, DoorError, Protection};
-use crate::evolution::{Method, SettingsError};
 use crate::exhaust::grid::{Grid, GridError};
 use crate::experiment::{Experiment, ExperimentError, LocalWorkers};
 use crate::journal::JournalError;
@@ -271,8 +271,8 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     // Not before the run is finished: what a failed one computed is in doubt, and so is what one with a worker that
     // was wrong computed where nobody has looked.
     if trusted {
-        train_memory.keep(&outcome.found.known.train);
-        validation_memory.keep(&outcome.found.known.validation);
+        train_memory.keep(&outcome.found.counts.train);
+        validation_memory.keep(&outcome.found.counts.validation);
     }
     Ok(summary)
 }

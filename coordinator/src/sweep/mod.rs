@@ -197,7 +197,7 @@ async fn run_one(place: usize, run: &mut RunAtWork<'_>, tally: &Tally) -> Result
     let searched = run.search().await;
     let finished = searched.and_then(|outcome| {
         run.client.rest();
-        Ok((run.finish(&outcome)?, outcome.found.known))
+        Ok((run.finish(&outcome)?, outcome.found.counts))
     });
     match finished {
         Ok((summary, known)) => {
