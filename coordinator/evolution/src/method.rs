@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::genetic::GeneticAlgorithm;
 use crate::genome::Genome;
+use crate::hill_climb::HillClimb;
 use crate::random_search::RandomSearch;
 use crate::settings::{GaSettings, SettingsError};
 use crate::strategy::Strategy;
@@ -23,11 +24,15 @@ pub enum Method {
     Random,
     /// Every descriptor of the search space. Of \[ga\] it uses encoding.
     Exhaustive,
+    /// Hill climbing with random restarts: from a random descriptor to the best of all that differ in one gene by one
+    /// step, and on from there while that is better. Of \[ga\] it uses encoding. A restart counts as any generation:
+    /// with stop.validation_patience it may end the search.
+    HillClimb,
 }
 
 impl Method {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Ga, Self::Random, Self::Exhaustive];
+    pub const ALL: [Self; 4] = [Self::Ga, Self::Random, Self::Exhaustive, Self::HillClimb];
 
     /// The word for it in experiments.
     pub fn as_str(self) -> &'static str {
@@ -35,6 +40,7 @@ impl Method {
             Self::Ga => "ga",
             Self::Random => "random",
             Self::Exhaustive => "exhaustive",
+            Self::HillClimb => "hill-climb",
         }
     }
 
@@ -54,6 +60,7 @@ impl Method {
             Self::Ga => Some(Box::new(GeneticAlgorithm::new(genome, settings, seed)?)),
             Self::Random => Some(Box::new(RandomSearch::new(genome, settings, seed)?)),
             Self::Exhaustive => None,
+            Self::HillClimb => Some(Box::new(HillClimb::new(genome, seed))),
         })
     }
 }
