@@ -2,7 +2,6 @@
 
 pub mod cli;
 pub mod dataset;
-pub mod evolution;
 pub mod exhaust;
 pub mod experiment;
 #[doc(hidden)]

@@ -5,10 +5,10 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
+use cache::{ByteSize, Store};
 use descriptor::{GeneTable, Parameters, Quantiser};
 use proto::SessionId;
 use results::Counts;
-use cache::{ByteSize, Store};
 
 use crate::console::Console;
 use crate::dataset::Dataset;

@@ -6,10 +6,9 @@ use std::process::ExitCode;
 use clap::Args;
 
 use crate::dataset::Wanted;
-use crate::evolution::Method;
 use crate::exhaust::grid::Grid;
 use crate::experiment::{Experiment, Member, Overrides, Plan};
-use crate::run;
+use crate::run::{self, search_space};
 
 /// Validate an experiment and its data; print what would be run
 ///
@@ -65,18 +64,18 @@ impl Check {
 
 /// The method and what it evaluates.
 fn search(experiment: &Experiment) -> anyhow::Result<String> {
-    let (population, generations) = (experiment.ga().population, experiment.stop().generations);
-    let most = u64::from(population) * u64::from(generations);
-    Ok(match experiment.method() {
-        Method::Ga => {
-            format!("ga, at most {most} individuals in {generations} generations of {population}")
+    let (method, generations) = (experiment.method(), experiment.stop().generations);
+    let genome = search_space::genome(experiment.genes(), experiment.encoding());
+    Ok(match method.strategy(&genome, *experiment.ga(), experiment.seed())? {
+        Some(strategy) => {
+            let largest = strategy.largest_generation();
+            let most = u64::from(largest) * u64::from(generations);
+            format!("{method}, at most {most} individuals in {generations} generations of {largest}")
         }
-        Method::Random => {
-            format!("random, at most {most} individuals in {generations} generations of {population}")
-        }
-        Method::Exhaustive => {
+        None => {
             let grid = Grid::new(experiment.genes())?;
-            format!("exhaustive, all {} descriptors in {} grid cells", grid.descriptors(), grid.cells())
+            let (descriptors, cells) = (grid.descriptors(), grid.cells());
+            format!("{method}, all {descriptors} descriptors in {cells} grid cells")
         }
     })
 }

@@ -141,7 +141,8 @@ impl From<results::Error> for CompareError {
 /// Compares descriptors on the test clouds of a finished run, and writes the tables into its folder.
 pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, CompareError> {
     let mut progress = Progress::quiet();
-    let store = Arc::new(Store::open(&options.storage, &transport::host_name(), descriptor::EVALUATION_VERSION));
+    let store =
+        Arc::new(Store::open(&options.storage, &transport::host_name(), descriptor::EVALUATION_VERSION));
     let Reopened { finished: run, experiment, dataset } =
         &reopen(folder, options.data.as_deref(), options.overrides, &store)?;
     refuse_other_data(folder, &run.row.data_digest, dataset)?;

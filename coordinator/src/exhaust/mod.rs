@@ -43,7 +43,8 @@ pub async fn exhaust(
     sample: u32,
 ) -> Result<GridSummary, RunError> {
     let mut progress = Progress::new(1);
-    let store = Arc::new(Store::open(&options.storage, &transport::host_name(), descriptor::EVALUATION_VERSION));
+    let store =
+        Arc::new(Store::open(&options.storage, &transport::host_name(), descriptor::EVALUATION_VERSION));
     let dataset = open_data(experiment, Wanted::Training, Some(&store), |line| progress.say(line))?;
     let spec = GridSpec::new(experiment, &dataset)?;
     let base = options.out.clone().unwrap_or_else(|| default_folder(experiment, &spec));

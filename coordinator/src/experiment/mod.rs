@@ -3,6 +3,7 @@
 //! Two steps: text → `raw` (keys and types, by serde) → [`Experiment`] (meaning, by `validate`). Everything else in
 //! the program sees only an [`Experiment`], which is valid by construction.
 
+mod checks;
 mod error;
 mod forms;
 mod one;
@@ -27,9 +28,9 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use descriptor::{GeneTable, Preprocess};
+use evolution::{Encoding, GaSettings, Method, StopSettings};
 
 use crate::dataset::DatasetSettings;
-use crate::evolution::{GaSettings, Method, StopSettings};
 use cluster::assembly::Pieces;
 pub use error::ExperimentError;
 use error::Fault;
@@ -63,6 +64,7 @@ pub struct Experiment {
     genes: GeneTable,
     method: Method,
     ga: GaSettings,
+    encoding: Encoding,
     stop: StopSettings,
     coordinator: CoordinatorSettings,
     /// `None`: [`DEFAULT_RESULTS_DIR`], which no path relative to the file could name.
@@ -185,6 +187,11 @@ impl Experiment {
     /// The genetic algorithm.
     pub fn ga(&self) -> &GaSettings {
         &self.ga
+    }
+
+    /// How the value indices of genes are written as bits.
+    pub fn encoding(&self) -> Encoding {
+        self.encoding
     }
 
     /// When the search ends.

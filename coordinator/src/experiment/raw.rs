@@ -6,11 +6,11 @@ use std::collections::BTreeMap;
 
 use descriptor::Preprocess;
 use descriptor::synth::SynthSettings;
+use evolution::{Encoding, GaSettings, Method, Scaling, StopSettings};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::forms::{NumberOr, RawGene, RawSeeds, RawSplits, Word};
-use crate::evolution::{GaSettings, Method, Scaling, StopSettings};
 
 /// A Descry experiment: which clouds, which descriptors, how to search and when to stop.
 #[derive(Debug, Deserialize, Serialize, JsonSchema)]
@@ -110,87 +110,6 @@ pub(super) enum RawUnit {
     Mm,
 }
 
-/// Splits by one word.
-#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
-#[serde(rename_all = "lowercase", rename = "split_word")]
-pub(super) enum RawSplitWord {
-    /// The column `split` of the manifest.
-    Manifest,
-}
-
-/// Splits by lists (one path a line, relative to root) or, with `seeded`, by a random draw.
-#[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
-#[serde(deny_unknown_fields, default, rename = "split_table")]
-pub(super) struct RawSplitTable {
-    /// List of the queries of the fitness; a relative path is relative to root. Default: train1.txt
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "String", example = &"train1.txt")]
-    pub train1: Option<String>,
-    /// List of the database of the fitness. Default: train2.txt
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "String", example = &"train2.txt")]
-    pub train2: Option<String>,
-    /// List of the queries against train1 and train2 that may stop the search. Default: validation.txt
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "String", example = &"validation.txt")]
-    pub validation: Option<String>,
-    /// List of the queries of the final test, against the other three. Default: test.txt
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "String", example = &"test.txt")]
-    pub test: Option<String>,
-    /// Draw the splits instead of reading lists.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "RawSeeded")]
-    pub seeded: Option<RawSeeded>,
-}
-
-/// A random draw of the splits from all clouds. Shares are of the clouds that are drawn from; what is left over
-/// is not used.
-#[derive(Debug, Deserialize, Serialize, JsonSchema)]
-#[serde(deny_unknown_fields, default, rename = "seeded")]
-pub(super) struct RawSeeded {
-    /// Seed of the draw; the run's own seed has no part in it.
-    #[schemars(range(min = 0, max = 9_223_372_036_854_775_807_i64))]
-    pub seed: u64,
-    /// Share of train1.
-    #[schemars(range(min = 0, max = 1))]
-    pub train1: f64,
-    /// Share of train2.
-    #[schemars(range(min = 0, max = 1))]
-    pub train2: f64,
-    /// Share of validation.
-    #[schemars(range(min = 0, max = 1))]
-    pub validation: f64,
-    /// Share of test. Default: what the other three leave, or 0 with test_sequences.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "f64", range(min = 0, max = 1))]
-    pub test: Option<f64>,
-    /// Draw within each instance, so that each has its share in each split.
-    pub stratified: bool,
-    /// Sequences whose clouds are the test split (in the UW layout: numbers of videos); the other clouds are
-    /// drawn for the other splits.
-    #[schemars(example = example_sequences())]
-    pub test_sequences: Vec<String>,
-}
-
-fn example_sequences() -> [&'static str; 1] {
-    ["2"]
-}
-
-impl Default for RawSeeded {
-    fn default() -> Self {
-        Self {
-            seed: 1,
-            train1: 0.25,
-            train2: 0.25,
-            validation: 0.17,
-            test: None,
-            stratified: true,
-            test_sequences: Vec::new(),
-        }
-    }
-}
-
 /// Synthetic clouds: views of made-up household objects by a virtual depth camera.
 #[derive(Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "synthetic")]
@@ -280,34 +199,15 @@ pub(crate) struct RawGenes {
     pub w: Option<RawGene>,
 }
 
-/// The values min, min + step, … max. What is not written is the paper's.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize, JsonSchema)]
-#[serde(deny_unknown_fields, default, rename = "interval")]
-pub(crate) struct RawInterval {
-    /// Smallest value.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "f64")]
-    pub min: Option<f64>,
-    /// Largest value: min plus a whole number of steps.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "f64")]
-    pub max: Option<f64>,
-    /// Distance of neighbouring values.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "f64")]
-    pub step: Option<f64>,
-}
-
 /// How the best descriptor is searched for.
 #[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "search")]
 pub(super) struct RawSearch {
-    /// "ga" is the genetic algorithm, "random" draws the same number of random individuals instead, and
-    /// "exhaustive" evaluates every descriptor.
+    /// How descriptors to evaluate are found.
     pub method: Method,
 }
 
-/// The genetic algorithm; random search uses population and encoding.
+/// The genetic algorithm. Other methods use some of these keys, see search.method.
 #[derive(Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "ga")]
 pub(super) struct RawGa {
@@ -335,7 +235,7 @@ pub(super) struct RawGa {
     #[schemars(range(min = 0, max = 1))]
     pub mutation_decay: f64,
     /// How gene values are written as bits.
-    pub encoding: RawEncoding,
+    pub encoding: Encoding,
 }
 
 impl Default for RawGa {
@@ -351,7 +251,7 @@ impl Default for RawGa {
             mutation: RawMutation::InOrder,
             mutation_rate: ga.mutation_rate,
             mutation_decay: ga.mutation_decay,
-            encoding: ga.encoding.into(),
+            encoding: Encoding::default(),
         }
     }
 }
@@ -378,16 +278,6 @@ pub(super) enum RawCrossover {
 pub(super) enum RawMutation {
     /// Bits between two random points flip with some probability.
     InOrder,
-}
-
-/// How gene values are written as bits.
-#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
-#[serde(rename_all = "lowercase", rename = "encoding")]
-pub(super) enum RawEncoding {
-    /// Plain binary.
-    Binary,
-    /// Gray code: neighbouring values differ in one bit.
-    Gray,
 }
 
 /// When the search ends: at the first of these.

@@ -3,12 +3,12 @@
 use std::fmt::{Display, Write};
 use std::path::Path;
 
+use descriptor::GeneSpec;
 use descriptor::preprocess::Unit;
-use descriptor::{Encoding, GeneSpec};
+use evolution::{Encoding, Scaling};
 
 use super::{DEFAULT_RESULTS_DIR, Experiment, LocalWorkers};
 use crate::dataset::{Layout, SeededSplit, SplitRule};
-use crate::evolution::{Method, Scaling};
 use cluster::assembly::Pieces;
 
 /// Every key; see [`Experiment::resolved_toml`].
@@ -156,12 +156,7 @@ pub(super) fn sweep_section(seeds: Option<&[u64]>, variants: &[(String, Experime
 /// The sections that say how is searched, and when the search ends, below `parent`.
 fn method_sections(toml: &mut Toml, parent: &str, experiment: &Experiment) {
     toml.section(&format!("{parent}search"));
-    let method = match experiment.method {
-        Method::Ga => "ga",
-        Method::Random => "random",
-        Method::Exhaustive => "exhaustive",
-    };
-    toml.key("method", quoted(method));
+    toml.key("method", quoted(experiment.method.as_str()));
     let ga = &experiment.ga;
     toml.section(&format!("{parent}ga"));
     toml.key("population", ga.population);
@@ -178,7 +173,7 @@ fn method_sections(toml: &mut Toml, parent: &str, experiment: &Experiment) {
     toml.key("mutation", quoted("in-order"));
     toml.key("mutation_rate", float(ga.mutation_rate));
     toml.key("mutation_decay", float(ga.mutation_decay));
-    let encoding = match ga.encoding {
+    let encoding = match experiment.encoding {
         Encoding::Binary => "binary",
         Encoding::Gray => "gray",
     };

@@ -3,12 +3,13 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use evolution::Method;
+
+use super::checks::{checked_name, checked_seed};
 use super::error::Fault;
 use super::forms::RawSeeds;
 use super::paths::Lookup;
-use super::validate::{checked_name, checked_seed};
 use super::{Experiment, ExperimentError, Overrides, read_bounded, resolved, syntax, validate};
-use crate::evolution::Method;
 
 /// Most runs of one sweep: each has a folder of its own and keeps its population in memory.
 pub const MAX_MEMBERS: usize = 1000;
@@ -124,10 +125,12 @@ impl Sweep {
             self.variants.iter().map(|(name, experiment)| (format!("sweep.variants.{name}."), experiment));
         for (place, experiment) in named.chain([(String::new(), &self.base)]) {
             if experiment.method == Method::Exhaustive {
+                let others = Method::ALL.iter().filter(|method| **method != Method::Exhaustive);
+                let others: Vec<String> = others.map(|method| format!("\"{method}\"")).collect();
                 return Err(Fault::new(
                     format!("{place}search.method"),
                     "an exhaustive search has neither seed nor variants, got one in a sweep",
-                    "write \"ga\" or \"random\", or remove [sweep]",
+                    format!("write {}, or remove [sweep]", others.join(" or ")),
                 ));
             }
             if experiment.dataset != self.base.dataset {

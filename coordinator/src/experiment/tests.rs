@@ -10,12 +10,12 @@ use std::net::SocketAddr;
 use std::path::Path;
 use std::time::Duration;
 
-use descriptor::{Encoding, GENES, GeneTable, Preprocess, Unit};
+use descriptor::{GENES, GeneTable, Preprocess, Unit};
+use evolution::Scaling;
 use expect_test::expect;
 
 use super::*;
 use crate::dataset::{Layout, SplitRule};
-use crate::evolution::Scaling;
 
 const DEMO: &str = include_str!("../../../experiments/demo.toml");
 const PAPER: &str = include_str!("../../../experiments/paper.toml");
@@ -127,9 +127,8 @@ fn the_first_version_of_the_file_stays_readable() {
         crossover_rate: 0.6,
         mutation_rate: 0.3,
         mutation_decay: 0.95,
-        encoding: Encoding::Gray,
     };
-    assert_eq!(sample.ga(), &ga);
+    assert_eq!((sample.ga(), sample.encoding()), (&ga, Encoding::Gray));
     let stop =
         StopSettings { generations: 100, stagnation: Some(25), validation_patience: None, perfect: false };
     assert_eq!(sample.stop(), &stop);

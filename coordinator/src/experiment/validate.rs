@@ -6,18 +6,17 @@ use std::path::Path;
 use std::time::Duration;
 
 use descriptor::preprocess::Unit;
-use descriptor::{Encoding, GENES, GeneKind, Preprocess};
+use descriptor::{GENES, GeneKind, Preprocess};
+use evolution::{GaSettings, StopSettings};
 
+use super::checks::{checked_name, checked_seed};
 use super::error::Fault;
 use super::forms::NumberOr;
 use super::paths::{self, Lookup};
-use super::raw::{
-    RawCoordinator, RawEncoding, RawExperiment, RawGa, RawOff, RawPreprocess, RawStop, RawUnit,
-};
+use super::raw::{RawCoordinator, RawExperiment, RawGa, RawOff, RawPreprocess, RawStop, RawUnit};
 use super::validate_dataset::dataset;
 use super::validate_genes::genes;
-use super::{CoordinatorSettings, Experiment, LocalWorkers, MAX_LOCAL_WORKERS, MAX_SEED, Overrides};
-use crate::evolution::{GaSettings, StopSettings};
+use super::{CoordinatorSettings, Experiment, LocalWorkers, MAX_LOCAL_WORKERS, Overrides};
 use cluster::assembly::{MAX_PIECES, Pieces};
 
 /// Checks the meaning of every key; the first mistake in the order of the file's sections is reported.
@@ -44,6 +43,7 @@ pub(super) fn experiment(
         genes: genes(&raw.descriptor)?,
         method: raw.search.method,
         ga: ga(&raw.ga)?,
+        encoding: raw.ga.encoding,
         stop,
         coordinator: coordinator(&raw.coordinator, overrides)?,
         results_dir,
@@ -54,38 +54,6 @@ fn name(given: Option<String>, path: &Path) -> Result<String, Fault> {
     let name = given.unwrap_or_else(|| path.file_stem().unwrap_or_default().to_string_lossy().into_owned());
     checked_name("name", &name)?;
     Ok(name)
-}
-
-/// Refuses a name that is not fit for a folder.
-pub(super) fn checked_name(place: &str, name: &str) -> Result<(), Fault> {
-    let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_';
-    // It becomes the name of a folder: no separator, no leading dot, nothing that looks like an option.
-    if name.is_empty() || name.len() > 64 || name.starts_with('-') || !name.chars().all(allowed) {
-        let better: String =
-            name.to_lowercase().chars().map(|c| if allowed(c) { c } else { '-' }).take(64).collect();
-        let better = better.trim_matches('-');
-        let better = if better.is_empty() { "experiment" } else { better };
-        return Err(Fault::new(
-            place,
-            format!("not 1 to 64 letters a-z, digits, - and _, beginning without -, got {name:?}"),
-            match place {
-                "name" => format!("write `name = \"{better}\"`"),
-                _ => format!("call it `{better}`"),
-            },
-        ));
-    }
-    Ok(())
-}
-
-pub(super) fn checked_seed(place: &str, seed: u64) -> Result<u64, Fault> {
-    if seed > MAX_SEED {
-        return Err(Fault::new(
-            place,
-            format!("not between 0 and {MAX_SEED}, got {seed}"),
-            "choose a smaller number: integers of TOML end there",
-        ));
-    }
-    Ok(seed)
 }
 
 pub(super) fn preprocess(raw: &RawPreprocess, unit: RawUnit, colour: bool) -> Result<Preprocess, Fault> {
@@ -129,22 +97,9 @@ fn ga(raw: &RawGa) -> Result<GaSettings, Fault> {
         crossover_rate: raw.crossover_rate + 0.0,
         mutation_rate: raw.mutation_rate + 0.0,
         mutation_decay: raw.mutation_decay + 0.0,
-        encoding: match raw.encoding {
-            RawEncoding::Binary => Encoding::Binary,
-            RawEncoding::Gray => Encoding::Gray,
-        },
     }
     .validate()
     .map_err(|error| Fault::from_message("", &error.to_string()))
-}
-
-impl From<Encoding> for RawEncoding {
-    fn from(encoding: Encoding) -> Self {
-        match encoding {
-            Encoding::Binary => Self::Binary,
-            Encoding::Gray => Self::Gray,
-        }
-    }
 }
 
 fn stop(raw: &RawStop) -> Result<StopSettings, Fault> {

@@ -3,14 +3,14 @@
 use std::path::Path;
 
 use descriptor::synth::SynthSettings;
+use evolution::StopSettings;
 
+use super::checks::checked_seed;
 use super::error::Fault;
-use super::forms::RawSplits;
+use super::forms::{RawSeeded, RawSplitTable, RawSplitWord, RawSplits};
 use super::paths::{self, Lookup};
-use super::raw::{RawDataset, RawLayout, RawSeeded, RawSplitTable, RawSplitWord, RawSynthetic, RawUnit};
-use super::validate::checked_seed;
+use super::raw::{RawDataset, RawLayout, RawSynthetic, RawUnit};
 use crate::dataset::{DatasetSettings, Layout, SeededSplit, SplitRule, SyntheticSettings};
-use crate::evolution::StopSettings;
 
 /// Checks `[dataset]`. Paths are expanded and joined, not looked at.
 pub(super) fn dataset(

@@ -4,8 +4,8 @@ use descriptor::genes::Domain;
 use descriptor::{GENES, GeneKind, GeneSpec, GeneTable};
 
 use super::error::Fault;
-use super::forms::RawGene;
-use super::raw::{RawDescriptor, RawInterval};
+use super::forms::{RawGene, RawInterval};
+use super::raw::RawDescriptor;
 
 /// Checks every gene and builds the search space; a gene that is not written is the paper's.
 pub(super) fn genes(raw: &RawDescriptor) -> Result<GeneTable, Fault> {

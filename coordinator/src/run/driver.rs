@@ -3,17 +3,17 @@
 use std::time::{Duration, Instant, SystemTime};
 
 use cache::Store;
+use evolution::Exhaustive;
 use results::{Counts, LookRow, PredictionSplit, RunFolder, RunRow};
 
 use crate::compare::EVOLVED;
 use crate::dataset::Dataset;
-use crate::evolution::{Evolution, Individual, Method, RandomSearch};
 use crate::exhaust::{best_of_all, known_optimum};
 use crate::experiment::Experiment;
 use crate::result_cache::Known;
 use crate::run::progress::Progress;
-use crate::run::search::{Found, Search};
-use crate::run::source::Source;
+use crate::run::search::{SearchLoop, SearchResult};
+use crate::run::search_space;
 use crate::run::splits::Matching;
 use crate::run::summary::Summary;
 use crate::run::{RunError, data_digest, rows};
@@ -55,7 +55,7 @@ pub struct Start {
 /// What a run has found.
 pub struct Outcome {
     /// The search.
-    pub found: Found,
+    pub found: SearchResult,
     finals: Finals,
 }
 
@@ -64,12 +64,13 @@ impl RunDriver<'_> {
     pub async fn search(&mut self) -> Result<Outcome, RunError> {
         let Self { experiment, dataset, session, remembered, client, folder, progress, .. } = self;
         loop {
-            let source = source(experiment, dataset, session, client, progress).await?;
+            let search = begin_search(experiment, dataset, session, client, progress).await?;
             progress.search_starts(folder.generations());
-            let mut search = Search::new(experiment, session, client, progress, remembered.clone());
-            match search_once(&mut search, source, dataset, session, remembered, folder).await {
+            let cached = remembered.clone();
+            let mut search_loop = SearchLoop::new(experiment, session, client, progress, cached);
+            match search_once(&mut search_loop, search, dataset, session, remembered, folder).await {
                 // The search is deterministic: it comes back to where it was, by way of the answers that still hold.
-                Err(RunError::Cluster(ClusterError::Corrected(tasks))) => search.note_rewind(&tasks),
+                Err(RunError::Cluster(ClusterError::Corrected(tasks))) => search_loop.note_rewind(&tasks),
                 done => return done,
             }
         }
@@ -126,9 +127,9 @@ impl RunDriver<'_> {
             evaluations_computed: found.computed,
             evaluations_remembered: found.remembered,
             winner_generation: found.winner.generation,
-            winner_individual: found.winner.individual,
-            best_chromosome: found.individual.bit_string(),
-            best_genes: rows::gene_values(&found.individual.parameters),
+            winner_individual: found.winner.index,
+            best_chromosome: found.winner.individual.bit_string(),
+            best_genes: rows::gene_values(&found.descriptor),
             train: found.train,
             validation: finals
                 .validation
@@ -142,14 +143,14 @@ impl RunDriver<'_> {
 
 /// One attempt at it, unless answers turn out to be wrong.
 async fn search_once(
-    search: &mut Search<'_>,
-    source: Source,
+    search_loop: &mut SearchLoop<'_>,
+    search: evolution::Search,
     dataset: &Dataset,
     session: &Session<'_>,
     remembered: &Known,
     folder: &mut RunFolder,
 ) -> Result<Outcome, RunError> {
-    let found = search.run(source, folder).await?;
+    let found = search_loop.run(search, folder).await?;
     if !Matching::Test.query_clouds(dataset).is_empty() {
         folder.record_look(&LookRow {
             at: SystemTime::now(),
@@ -158,27 +159,29 @@ async fn search_once(
             descriptors: EVOLVED.to_owned(),
         })?;
     }
-    let finals = Finals::evaluate(dataset, session, &found, remembered, search.parties()).await?;
+    let finals =
+        Finals::evaluate(dataset, session, &found, remembered, search_loop.client_and_progress()).await?;
     Ok(Outcome { found, finals })
 }
 
-/// The experiment's method, ready for the first generation.
-async fn source(
+/// The experiment's search, at generation 1.
+async fn begin_search(
     experiment: &Experiment,
     dataset: &Dataset,
     session: &Session<'_>,
     client: &mut Client,
     progress: &mut Progress,
-) -> Result<Source, RunError> {
-    let (genes, ga, seed) = (experiment.genes(), *experiment.ga(), experiment.seed());
-    Ok(match experiment.method() {
-        Method::Ga => Source::Ga(Evolution::new(genes.clone(), ga, seed)?),
-        Method::Random => Source::Random(RandomSearch::new(genes.clone(), ga, seed)?),
-        Method::Exhaustive => {
+) -> Result<evolution::Search, RunError> {
+    let genome = search_space::genome(experiment.genes(), experiment.encoding());
+    let strategy = match experiment.method().strategy(&genome, *experiment.ga(), experiment.seed())? {
+        Some(strategy) => strategy,
+        None => {
             let best = best_of_all(experiment, dataset, session, client, progress).await?;
-            Source::Grid([Individual::of(&best.parameters, genes, ga.encoding)])
+            let best = search_space::values(experiment.genes(), &best.parameters);
+            Box::new(Exhaustive::new(best, &genome))
         }
-    })
+    };
+    Ok(evolution::Search::new(strategy, *experiment.stop()))
 }
 
 /// Notes how good the best descriptor there is would have been, if that is known.
@@ -204,19 +207,19 @@ impl Finals {
     async fn evaluate(
         dataset: &Dataset,
         session: &Session<'_>,
-        found: &Found,
+        found: &SearchResult,
         remembered: &Known,
         (client, progress): (&mut Client, &mut Progress),
     ) -> Result<Self, RunError> {
-        let winner = &found.winner.parameters;
+        let winner = &found.descriptor;
         let Session { cluster, splits, .. } = session;
         splits.publish_test(&cluster.blobs);
         let wanted = [Matching::Validation, Matching::Test].map(|matching| {
             let has_queries = !matching.query_clouds(dataset).is_empty();
-            has_queries.then(|| splits.evaluation(found.winner.parameters, matching, true))
+            has_queries.then(|| splits.evaluation(found.descriptor, matching, true))
         });
         let measured = wanted.each_ref().map(Option::is_some);
-        let training = splits.evaluation(found.winner.parameters, Matching::Train, false);
+        let training = splits.evaluation(found.descriptor, Matching::Train, false);
         let evaluations = wanted.into_iter().flatten().chain([training]).collect();
         let mut finished = client.evaluate(evaluations, |news| progress.news(news)).await?;
         if let Some(training) = finished.pop() {
@@ -225,7 +228,7 @@ impl Finals {
         }
         let mut results = finished.into_iter().map(|finished| finished.result);
         let [validation, test] = measured.map(|measured| if measured { results.next() } else { None });
-        let known = found.known.validation.get(&found.winner.parameters);
+        let known = found.counts.validation.get(&found.descriptor);
         if let (Some(known), Some(validation)) = (known, &validation) {
             let remembered = remembered.validation.contains_key(winner);
             agree("validation", found, (known, remembered), &rows::counts(validation))?;
@@ -238,7 +241,7 @@ impl Finals {
 /// `remembered`: they are another run's.
 fn agree(
     matching: &'static str,
-    found: &Found,
+    found: &SearchResult,
     (held, remembered): (&Counts, bool),
     computed: &Counts,
 ) -> Result<(), RunError> {
@@ -251,7 +254,7 @@ fn agree(
             counts.object_correct, counts.category_correct, counts.queries
         )
     };
-    let (parameters, computed, held) = (found.winner.parameters, said(computed), said(held));
+    let (parameters, computed, held) = (found.descriptor, said(computed), said(held));
     Err(if remembered {
         RunError::Contradiction { parameters, matching, computed, remembered: held }
     } else {

@@ -5,10 +5,10 @@ use std::path::PathBuf;
 
 use cluster::ClusterError;
 use cluster::journal::JournalError;
+use evolution::SettingsError;
 use transport::ListenError;
 
 use crate::dataset::DatasetError;
-use crate::evolution::SettingsError;
 use crate::exhaust::grid::GridError;
 use crate::experiment::ExperimentError;
 use crate::in_process::InProcessError;

@@ -8,7 +8,7 @@ pub mod progress;
 mod resume;
 pub mod rows;
 mod search;
-mod source;
+pub mod search_space;
 pub mod splits;
 pub mod summary;
 pub mod tally;
@@ -19,11 +19,11 @@ use std::time::{Instant, SystemTime};
 
 use cache::Storage;
 use cache::Store;
+use evolution::Method;
 use results::RunFolder;
 use transport::host_name;
 
 use crate::dataset::{Dataset, Wanted};
-use crate::evolution::Method;
 use crate::exhaust::grid::Grid;
 use crate::experiment::Experiment;
 use crate::result_cache::Known;
@@ -117,8 +117,8 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     // Not before the run is finished: what a failed one computed is in doubt, and so is what one with a worker that
     // was wrong computed where nobody has looked.
     if trusted {
-        train_memory.keep(&outcome.found.known.train);
-        validation_memory.keep(&outcome.found.known.validation);
+        train_memory.keep(&outcome.found.counts.train);
+        validation_memory.keep(&outcome.found.counts.validation);
     }
     Ok(summary)
 }

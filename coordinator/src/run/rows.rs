@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 
 use descriptor::{GENES, GeneKind, Parameters};
+use evolution::Individual;
 use results::{Computed, Counts, EvaluationRow, GeneColumn, PredictionRow, RunnerUp, SkippedRow};
 
 use crate::dataset::Dataset;
-use crate::evolution::Individual;
 use crate::run::splits::Matching;
 use cluster::evaluation::{EvaluationResult, Match};
 use cluster::scheduler::Finished;
@@ -63,18 +63,20 @@ pub fn recount(dataset: &Dataset, matching: Matching, result: &EvaluationResult)
     counts
 }
 
-/// A generation's individuals; `computed` names those whose descriptor was new.
+/// A generation's individuals with their descriptors; `computed` names those whose descriptor was new.
 pub fn evaluations(
     generation: u32,
     population: &[Individual],
+    descriptors: &[Parameters],
     counts: &[Counts],
     computed: &BTreeMap<usize, Finished<EvaluationResult>>,
 ) -> Vec<EvaluationRow> {
-    let row = |(index, (individual, counts)): (usize, (&Individual, &Counts))| EvaluationRow {
+    type Evaluated<'a> = ((&'a Individual, &'a Parameters), &'a Counts);
+    let row = |(index, ((individual, descriptor), counts)): (usize, Evaluated<'_>)| EvaluationRow {
         generation,
         individual: index as u32,
         chromosome: individual.bit_string(),
-        genes: gene_values(&individual.parameters),
+        genes: gene_values(descriptor),
         counts: *counts,
         parent_a: individual.parents[0],
         parent_b: individual.parents[1],
@@ -86,7 +88,7 @@ pub fn evaluations(
             run_seconds: finished.run_seconds,
         }),
     };
-    population.iter().zip(counts).enumerate().map(row).collect()
+    population.iter().zip(descriptors).zip(counts).enumerate().map(row).collect()
 }
 
 /// The winner's answers to the queries of one matching.

@@ -1,19 +1,19 @@
-//! The search: generation after generation, whatever makes them, until there is a reason to stop.
+//! The search loop: has each generation of a search evaluated and writes it to the run folder, until the search ends.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Instant;
 
 use descriptor::Parameters;
+use evolution::{GenerationBest, Score, Search, StopReason};
 use results::{Counts, RunFolder};
 
-use crate::evolution::{GenerationBest, Individual, StopReason, StopRule, Winner, selection};
 use crate::experiment::Experiment;
 use crate::result_cache::Known;
 use crate::run::RunError;
 use crate::run::progress::{GenerationReport, Progress};
 use crate::run::rows;
-use crate::run::source::Source;
+use crate::run::search_space;
 use crate::run::splits::Matching;
 use crate::session::Session;
 use cluster::Client;
@@ -22,121 +22,118 @@ use cluster::scheduler::Finished;
 use cluster::task::Task;
 
 /// What a search found.
-pub struct Found {
+pub struct SearchResult {
     /// Why it ended.
     pub stop_reason: StopReason,
     /// Number of generations.
     pub generations: u32,
-    /// Where the winner stood.
-    pub winner: GenerationBest,
     /// The winner.
-    pub individual: Individual,
+    pub winner: GenerationBest,
+    /// The descriptor that the winner stands for.
+    pub descriptor: Parameters,
     /// The winner on the training set.
     pub train: Counts,
     /// Individuals that a worker evaluated.
     pub computed: u64,
     /// Individuals whose descriptor had been evaluated before.
     pub remembered: u64,
-    /// All counts that the search has seen.
-    pub known: Known,
+    /// All counts that the search has used.
+    pub counts: Known,
 }
 
-/// One search under way.
-pub struct Search<'a> {
+/// The driver of one search.
+pub struct SearchLoop<'a> {
     experiment: &'a Experiment,
     session: &'a Session<'a>,
     client: &'a mut Client,
     progress: &'a mut Progress,
-    /// Nothing is evaluated twice.
-    known: Known,
-    /// In which generation each descriptor was first evaluated.
-    born: BTreeMap<Parameters, u32>,
+    /// Counts of earlier runs and of this one: no descriptor is evaluated twice.
+    counts: Known,
+    /// The generation in which each descriptor was first evaluated.
+    first_evaluated: BTreeMap<Parameters, u32>,
     computed: u64,
     remembered: u64,
 }
 
-impl<'a> Search<'a> {
-    /// A search that has not begun; what is `known` from earlier runs is not evaluated again. What an earlier start of
-    /// this run has evaluated stays its own, whatever other runs have found out since.
+impl<'a> SearchLoop<'a> {
+    /// A loop before its first generation. `cached` counts of earlier runs are not computed again, except those that an
+    /// earlier start of this run has computed: they stay its own, whatever other runs have stored since.
     pub fn new(
         experiment: &'a Experiment,
         session: &'a Session<'a>,
         client: &'a mut Client,
         progress: &'a mut Progress,
-        mut known: Known,
+        mut cached: Known,
     ) -> Self {
         let Session { cluster, splits, .. } = session;
         if cluster.has_past() {
-            for (matching, known) in
-                [(Matching::Train, &mut known.train), (Matching::Validation, &mut known.validation)]
+            for (matching, counts) in
+                [(Matching::Train, &mut cached.train), (Matching::Validation, &mut cached.validation)]
             {
                 let is_own = |parameters| cluster.recalls(splits.evaluation(parameters, matching, false));
-                known.retain(|parameters, _| !is_own(*parameters));
+                counts.retain(|parameters, _| !is_own(*parameters));
             }
         }
-        let born = BTreeMap::new();
-        Self { experiment, session, client, progress, known, born, computed: 0, remembered: 0 }
+        let first_evaluated = BTreeMap::new();
+        Self {
+            experiment,
+            session,
+            client,
+            progress,
+            counts: cached,
+            first_evaluated,
+            computed: 0,
+            remembered: 0,
+        }
     }
 
-    /// Who asks for the search, and the display of the run.
-    pub fn parties(&mut self) -> (&mut Client, &mut Progress) {
+    /// The client that evaluates for the search, and the display of the run.
+    pub fn client_and_progress(&mut self) -> (&mut Client, &mut Progress) {
         (self.client, self.progress)
     }
 
-    /// Notes to which generation the corrected answers take the run back.
+    /// Logs to which generation the corrected answers take the run back.
     pub fn note_rewind(&self, tasks: &[Arc<Task>]) {
-        let born = tasks.iter().filter_map(|task| self.born.get(task.parameters()?));
-        let generation = born.min().copied().unwrap_or(1);
+        let generations = tasks.iter().filter_map(|task| self.first_evaluated.get(task.parameters()?));
+        let generation = generations.min().copied().unwrap_or(1);
         let why = format!("{} answers of a worker that was wrong are corrected", tasks.len());
         self.progress.say(&format!("back to generation {generation}: {why}"));
         self.client.note_rewind(generation, why);
     }
 
-    /// Takes generations from `source` until the stop rule ends it, and writes each to the run folder.
-    pub async fn run(&mut self, mut source: Source, folder: &mut RunFolder) -> Result<Found, RunError> {
-        let mut stop = StopRule::new(*self.experiment.stop());
-        let mut winner = Winner::default();
-        let mut leader = None;
-        let mut best_so_far = 0.0f64;
+    /// Evaluates generation after generation until the search ends, and writes each to the run folder.
+    pub async fn run(
+        &mut self,
+        mut search: Search,
+        folder: &mut RunFolder,
+    ) -> Result<SearchResult, RunError> {
+        let genes = self.experiment.genes();
         loop {
             let started = Instant::now();
-            let generation = source.generation();
+            let generation = search.generation();
             self.progress.generation_starts(generation);
-            let population = source.population().to_vec();
-            let computed = self.evaluate_new(generation, &population).await?;
+            let population = search.ask().to_vec();
+            let descriptors: Vec<Parameters> =
+                population.iter().map(|one| search_space::descriptor(genes, &one.values)).collect();
+            let computed = self.evaluate_new(generation, &descriptors).await?;
             let counts: Vec<Counts> =
-                population.iter().map(|one| self.known.train[&one.parameters]).collect();
-            let correct: Vec<u32> = counts.iter().map(|counts| counts.object_correct).collect();
-
-            let best = selection::best(&correct).unwrap_or(0) as usize;
-            let validation = self.validate(population[best].parameters).await?;
-            let candidate = GenerationBest {
-                generation,
-                individual: best as u32,
-                parameters: population[best].parameters,
-                correct: correct[best],
-                validation_errors: validation.map(|counts| counts.queries - counts.object_correct),
+                descriptors.iter().map(|descriptor| self.counts.train[descriptor]).collect();
+            let scores: Vec<Score> = counts.iter().map(score).collect();
+            let validation = match search.to_validate(&scores) {
+                Some(index) => self.validate(descriptors[index as usize]).await?,
+                None => None,
             };
-            let improved = winner.observe(candidate);
-            if improved {
-                leader = Some((candidate, population[best].clone(), counts[best]));
-            }
-            best_so_far = best_so_far.max(counts[best].fitness());
-            let reason = if source.is_exhausted() {
-                Some(StopReason::Exhaustive)
-            } else {
-                stop.observe(correct[best], counts[best].queries, candidate.validation_errors)
-            };
+            let state = search.tell(&scores, validation.as_ref().map(score));
 
-            let individuals = rows::evaluations(generation, &population, &counts, &computed);
+            let individuals = rows::evaluations(generation, &population, &descriptors, &counts, &computed);
             let row = results::GenerationRow {
                 generation,
-                best_so_far_fitness: best_so_far,
+                best_so_far_fitness: state.best_so_far.fitness(),
                 validation,
-                mutation_rate: source.mutation_rate(),
+                mutation_rate: state.mutation_rate,
                 seconds: started.elapsed().as_secs_f64(),
             };
-            // What an earlier start has written stays as it is, with the time that it took; unless it rests on answers
+            // A generation that an earlier start has written keeps the time that it took, unless it rests on answers
             // that were found to be wrong since.
             if generation <= folder.generations() && !folder.has(&individuals, &row)? {
                 self.progress.say(&format!(
@@ -145,35 +142,32 @@ impl<'a> Search<'a> {
                 folder.truncate(generation - 1)?;
             }
             if generation > folder.generations() {
-                // No table says who computed what before the journal does.
+                // The journal comes first: tables must not name a worker for an answer that a crash could lose.
                 self.session.cluster.flush().await?;
                 folder.write_generation(&individuals, &row)?;
                 self.progress.generation_done(&GenerationReport {
                     generation,
                     counts: &counts,
-                    best: &population[best].parameters,
-                    improved,
+                    best: &descriptors[state.best as usize],
+                    improved: state.improved,
                     validation,
                     remembered: self.remembered,
                 });
             }
 
-            if let Some(stop_reason) = reason
-                && let Some((winner, individual, train)) = leader
-            {
-                let (computed, remembered) = (self.computed, self.remembered);
-                return Ok(Found {
+            if let Some(stop_reason) = state.stop {
+                let descriptor = search_space::descriptor(genes, &state.winner.individual.values);
+                return Ok(SearchResult {
                     stop_reason,
                     generations: generation,
-                    winner,
-                    individual,
-                    train,
-                    computed,
-                    remembered,
-                    known: std::mem::take(&mut self.known),
+                    train: self.counts.train[&descriptor],
+                    winner: state.winner,
+                    descriptor,
+                    computed: self.computed,
+                    remembered: self.remembered,
+                    counts: std::mem::take(&mut self.counts),
                 });
             }
-            source.tell(&correct);
         }
     }
 
@@ -182,43 +176,44 @@ impl<'a> Search<'a> {
     async fn evaluate_new(
         &mut self,
         generation: u32,
-        population: &[Individual],
+        descriptors: &[Parameters],
     ) -> Result<BTreeMap<usize, Finished<EvaluationResult>>, RunError> {
         let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
-        for (index, Individual { parameters, .. }) in population.iter().enumerate() {
-            if !self.known.train.contains_key(parameters) && seen.insert(*parameters) {
-                new.push((index, *parameters));
+        for (index, descriptor) in descriptors.iter().enumerate() {
+            if !self.counts.train.contains_key(descriptor) && seen.insert(*descriptor) {
+                new.push((index, *descriptor));
             }
         }
-        self.born.extend(new.iter().map(|(_, parameters)| (*parameters, generation)));
+        self.first_evaluated.extend(new.iter().map(|(_, descriptor)| (*descriptor, generation)));
         self.computed += new.len() as u64;
-        self.remembered += (population.len() - new.len()) as u64;
+        self.remembered += (descriptors.len() - new.len()) as u64;
         let evaluations = new
             .iter()
-            .map(|(_, parameters)| self.session.splits.evaluation(*parameters, Matching::Train, false));
+            .map(|(_, descriptor)| self.session.splits.evaluation(*descriptor, Matching::Train, false));
         let progress = &mut *self.progress;
         let finished = self.client.evaluate(evaluations.collect(), |news| progress.news(news)).await?;
-        for ((_, parameters), finished) in new.iter().zip(&finished) {
-            self.known.train.insert(*parameters, rows::counts(&finished.result));
+        for ((_, descriptor), finished) in new.iter().zip(&finished) {
+            self.counts.train.insert(*descriptor, rows::counts(&finished.result));
         }
         Ok(new.into_iter().map(|(index, _)| index).zip(finished).collect())
     }
 
-    /// Counts of the generation's best on the validation set, unless the stop rule does without.
-    async fn validate(&mut self, parameters: Parameters) -> Result<Option<Counts>, RunError> {
-        if self.experiment.stop().validation_patience.is_none() {
-            return Ok(None);
+    /// Counts of a descriptor on the validation set.
+    async fn validate(&mut self, descriptor: Parameters) -> Result<Option<Counts>, RunError> {
+        if let Some(counts) = self.counts.validation.get(&descriptor) {
+            return Ok(Some(*counts));
         }
-        if let Some(known) = self.known.validation.get(&parameters) {
-            return Ok(Some(*known));
-        }
-        let evaluation = self.session.splits.evaluation(parameters, Matching::Validation, false);
+        let evaluation = self.session.splits.evaluation(descriptor, Matching::Validation, false);
         let progress = &mut *self.progress;
         let finished = self.client.evaluate(vec![evaluation], |news| progress.news(news)).await?;
         let counts = finished.first().map(|finished| rows::counts(&finished.result));
         if let Some(counts) = counts {
-            self.known.validation.insert(parameters, counts);
+            self.counts.validation.insert(descriptor, counts);
         }
         Ok(counts)
     }
+}
+
+fn score(counts: &Counts) -> Score {
+    Score { correct: counts.object_correct, queries: counts.queries }
 }

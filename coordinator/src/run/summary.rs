@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use descriptor::{GENES, GeneSpec};
+use evolution::StopReason;
 use results::{Counts, RunRow, wilson};
 use serde_json::{Map, Value, json};
 
-use crate::evolution::StopReason;
 use crate::run::progress::{clock, percent};
 
 /// What a finished run amounts to; made from the row of table `run`, so that it can be shown again at any time.

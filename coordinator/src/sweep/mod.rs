@@ -45,7 +45,8 @@ pub fn run_folders(folder: &Path) -> Result<Vec<(String, PathBuf)>, RunError> {
 /// Runs all members of a sweep to their stop reasons; those that are finished are only shown again.
 pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, RunError> {
     let (now, started_at, base) = (Instant::now(), SystemTime::now(), sweep.base());
-    let store = Arc::new(Store::open(&options.storage, &transport::host_name(), descriptor::EVALUATION_VERSION));
+    let store =
+        Arc::new(Store::open(&options.storage, &transport::host_name(), descriptor::EVALUATION_VERSION));
     let out = folder(sweep, options.out.clone(), options.fresh);
     let members = sweep.members();
     refuse_another(&out, &sweep.search_toml())?;
@@ -170,7 +171,7 @@ async fn run_one(place: usize, run: &mut RunDriver<'_>, tally: &Tally) -> Result
     let searched = run.search().await;
     let finished = searched.and_then(|outcome| {
         run.client.rest();
-        Ok((run.finish(&outcome)?, outcome.found.known))
+        Ok((run.finish(&outcome)?, outcome.found.counts))
     });
     match finished {
         Ok((summary, known)) => {

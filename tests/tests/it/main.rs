@@ -10,6 +10,7 @@
 //! - `resuming`: coordinators that are killed and started again
 //! - `exhaust`: the exhaustive search, and what runs make of it
 //! - `grid`: grid cells against the evaluator on real clouds
+//! - `hill_climbing`: hill climbing end to end
 //! - `hosts`: workers on other hosts, behind links that are cut, slow, lossy or late
 //! - `pieces`: evaluations in pieces
 //! - `protocol`: the coordinator's port as a client sees it
@@ -33,6 +34,7 @@ mod comparisons;
 mod determinism;
 mod exhaust;
 mod grid;
+mod hill_climbing;
 mod hosts;
 mod impostors;
 mod parity;

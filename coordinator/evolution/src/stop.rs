@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-use super::settings::StopSettings;
+use crate::score::Score;
+use crate::settings::StopSettings;
 
 /// Why a run ended, in order of precedence: if several hold after one generation, the first is the reason.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -53,9 +54,9 @@ impl fmt::Display for StopReason {
 pub struct StopRule {
     settings: StopSettings,
     generations: u32,
-    best_correct: Option<u32>,
+    best: Option<Score>,
     generations_without_improvement: u32,
-    previous_validation_errors: Option<u32>,
+    previous_validation: Option<Score>,
     validation_rises: u32,
 }
 
@@ -65,48 +66,47 @@ impl StopRule {
         Self {
             settings,
             generations: 0,
-            best_correct: None,
+            best: None,
             generations_without_improvement: 0,
-            previous_validation_errors: None,
+            previous_validation: None,
             validation_rises: 0,
         }
     }
 
-    /// Takes the next generation and says whether the run ends with it.
+    /// Takes the score of the next generation's best and its validation score, `None` without validation; returns the
+    /// best score so far, and why the run ends with this generation.
     ///
-    /// `best_correct` is the correct count of the generation's best out of `queries` training queries, and
-    /// `validation_errors` its error count on the validation set, `None` without validation. Validation *rises* when
-    /// the error count exceeds the previous generation's; an equal or lower count ends a series of rises.
-    pub fn observe(
-        &mut self,
-        best_correct: u32,
-        queries: u32,
-        validation_errors: Option<u32>,
-    ) -> Option<StopReason> {
+    /// Validation *rises* when there are more errors than in the previous generation; as many or fewer end a series of
+    /// rises.
+    pub fn observe(&mut self, score: Score, validation: Option<Score>) -> (Score, Option<StopReason>) {
         self.generations = self.generations.saturating_add(1);
-        if self.best_correct.is_none_or(|best| best_correct > best) {
-            self.best_correct = Some(best_correct);
-            self.generations_without_improvement = 0;
-        } else {
-            self.generations_without_improvement = self.generations_without_improvement.saturating_add(1);
-        }
+        let best = match self.best {
+            Some(best) if !score.is_better_than(&best) => {
+                self.generations_without_improvement = self.generations_without_improvement.saturating_add(1);
+                best
+            }
+            _ => {
+                self.generations_without_improvement = 0;
+                score
+            }
+        };
+        self.best = Some(best);
         let rises = matches!(
-            (self.previous_validation_errors, validation_errors),
-            (Some(previous), Some(now)) if now > previous
+            (self.previous_validation, validation),
+            (Some(previous), Some(now)) if previous.is_better_than(&now)
         );
         self.validation_rises = if rises { self.validation_rises.saturating_add(1) } else { 0 };
-        self.previous_validation_errors = validation_errors;
+        self.previous_validation = validation;
 
         let reached = |count: u32, limit: Option<u32>| limit.is_some_and(|limit| count >= limit);
         let holds = |reason: &StopReason| match reason {
-            // Without queries nothing was named, correctly or not.
-            StopReason::Perfect => self.settings.perfect && queries > 0 && best_correct >= queries,
+            StopReason::Perfect => self.settings.perfect && score.is_perfect(),
             StopReason::Validation => reached(self.validation_rises, self.settings.validation_patience),
             StopReason::Stagnation => reached(self.generations_without_improvement, self.settings.stagnation),
             StopReason::Generations => self.generations >= self.settings.generations,
             StopReason::Exhaustive => false,
         };
-        StopReason::ALL.into_iter().find(holds)
+        (best, StopReason::ALL.into_iter().find(holds))
     }
 }
 
@@ -120,6 +120,14 @@ mod tests {
     const NEVER: StopSettings =
         StopSettings { perfect: false, validation_patience: None, stagnation: None, generations: u32::MAX };
 
+    fn score(correct: u32, queries: u32) -> Score {
+        Score { correct, queries }
+    }
+
+    fn errors(errors: u32) -> Score {
+        score(50 - errors, 50)
+    }
+
     /// Runs (correct, validation errors) of 10 queries to the stop: its generation and reason.
     fn check(
         settings: StopSettings,
@@ -127,8 +135,10 @@ mod tests {
         expected: Option<(usize, StopReason)>,
     ) {
         let mut rule = StopRule::new(settings);
-        let stop = generations.iter().enumerate().find_map(|(index, &(correct, errors))| {
-            rule.observe(correct, 10, errors).map(|reason| (index + 1, reason))
+        let stop = generations.iter().enumerate().find_map(|(index, &(correct, wrong))| {
+            let (best, reason) = rule.observe(score(correct, 10), wrong.map(errors));
+            assert_eq!(Some(best.correct), generations[..=index].iter().map(|generation| generation.0).max());
+            reason.map(|reason| (index + 1, reason))
         });
         assert_eq!(stop, expected, "{settings:?} {generations:?}");
     }
@@ -148,7 +158,7 @@ mod tests {
         check(settings, &without_validation(&[10]), Some((1, StopReason::Perfect)));
         check(settings, &without_validation(&[9, 9, 9]), None);
         check(NEVER, &without_validation(&[10, 10]), None);
-        assert_eq!(StopRule::new(settings).observe(0, 0, None), None);
+        assert_eq!(StopRule::new(settings).observe(score(0, 0), None), (score(0, 0), None));
     }
 
     #[test]
@@ -209,8 +219,8 @@ mod tests {
         let run = |settings| {
             let mut rule = StopRule::new(settings);
             let mut reasons = Vec::new();
-            for (queries, errors) in [(11, 4), (11, 4), (11, 4), (10, 5)] {
-                reasons.push(rule.observe(10, queries, Some(errors)));
+            for (queries, wrong) in [(11, 4), (11, 4), (11, 4), (10, 5)] {
+                reasons.push(rule.observe(score(10, queries), Some(errors(wrong))).1);
             }
             reasons
         };
@@ -250,7 +260,7 @@ mod tests {
             let mut rule = StopRule::new(settings);
             for end in 1..=generations.len() {
                 let history = &generations[..end];
-                let (correct, errors) = history[end - 1];
+                let (correct, wrong) = history[end - 1];
                 let rises = |g: usize| {
                     g > 0 && matches!((history[g - 1].1, history[g].1), (Some(a), Some(b)) if b > a)
                 };
@@ -274,7 +284,8 @@ mod tests {
                 } else {
                     (end as u32 >= limit).then_some(StopReason::Generations)
                 };
-                prop_assert_eq!(rule.observe(correct, 10, errors), expected);
+                let (_, reason) = rule.observe(score(correct, 10), wrong.map(errors));
+                prop_assert_eq!(reason, expected);
             }
         }
     }

@@ -1,37 +1,70 @@
-//! Tests of whole evolutions: elitism, pairing, determinism and progress on a known landscape.
+//! Tests of whole searches: elitism, pairing, determinism, progress on a known landscape, and what is told of it.
 
-use descriptor::genes::{Domain, GENES};
-use descriptor::{Encoding, GeneTable, random::stream};
+use descriptor::random::stream;
 use proptest::prelude::*;
 use rand::RngExt;
 
 use super::*;
+use crate::score::{best, best_first, tests::scores};
+use crate::strategy::Strategy; // the prelude of proptest has another
+
+/// The genome of the paper's search space: 25 bits.
+pub(crate) fn paper() -> Genome {
+    paper_in(Encoding::Binary)
+}
+
+fn paper_in(encoding: Encoding) -> Genome {
+    let field = |(name, values): (&str, u32)| Field { name: name.to_owned(), values };
+    let fields = [("shape_bins", 57), ("m", 6), ("R1", 16), ("R2", 30), ("w", 101)].map(field);
+    Genome::new(fields.into(), encoding)
+}
+
+fn genetic(settings: GaSettings, seed: u64) -> GeneticAlgorithm {
+    GeneticAlgorithm::new(paper(), settings, seed).unwrap()
+}
 
 fn ones(individual: &Individual) -> u32 {
     individual.chromosome.iter().filter(|&&bit| bit).count() as u32
 }
 
-/// Every generation of a run on a fitness that may depend on generation and index.
-fn run(
-    settings: GaSettings,
-    seed: u64,
+/// A generation with the correct count of each individual.
+pub(crate) type Generation = (Vec<Individual>, Vec<u32>);
+
+/// Every generation of a strategy on a fitness that may depend on generation and index.
+pub(crate) fn run_strategy(
+    strategy: &dyn Strategy,
     generations: u32,
     fitness: impl Fn(u32, usize, &Individual) -> u32,
-) -> Vec<(Vec<Individual>, Vec<u32>)> {
-    let mut evolution = Evolution::new(GeneTable::paper(), settings, seed).unwrap();
+) -> Vec<Generation> {
     let mut log = Vec::new();
+    let mut population = strategy.first();
     for generation in 1..=generations {
-        assert_eq!(evolution.generation(), generation);
-        let population = evolution.population().to_vec();
         let correct: Vec<u32> = population
             .iter()
             .enumerate()
             .map(|(index, individual)| fitness(generation, index, individual))
             .collect();
-        evolution.tell(&correct);
-        log.push((population, correct));
+        let next = strategy.next(generation, &population, &scores(&correct));
+        log.push((std::mem::replace(&mut population, next), correct));
     }
     log
+}
+
+/// Every generation of the genetic algorithm on the paper's genome.
+fn run(
+    settings: GaSettings,
+    seed: u64,
+    generations: u32,
+    fitness: impl Fn(u32, usize, &Individual) -> u32,
+) -> Vec<Generation> {
+    run_strategy(&genetic(settings, seed), generations, fitness)
+}
+
+const NEVER: StopSettings =
+    StopSettings { perfect: false, validation_patience: None, stagnation: None, generations: u32::MAX };
+
+fn search(settings: GaSettings, seed: u64, stop: StopSettings) -> Search {
+    Search::new(Box::new(genetic(settings, seed)), stop)
 }
 
 /// All settings that change which way the code takes.
@@ -39,9 +72,7 @@ fn every_setting() -> Vec<GaSettings> {
     let mut all = Vec::new();
     for (population, elite) in [(2, 0), (2, 1), (7, 0), (7, 3), (10, 1)] {
         for scaling in [Scaling::None, Scaling::Linear, Scaling::Rank] {
-            for encoding in [Encoding::Binary, Encoding::Gray] {
-                all.push(GaSettings { population, elite, scaling, encoding, ..GaSettings::default() });
-            }
+            all.push(GaSettings { population, elite, scaling, ..GaSettings::default() });
         }
     }
     all
@@ -58,16 +89,11 @@ fn landscape(number: u64) -> impl Fn(u32, usize, &Individual) -> u32 {
 #[test]
 fn the_first_generation_is_random_and_without_parents() {
     let settings = GaSettings { population: 400, ..GaSettings::default() };
-    let evolution = Evolution::new(GeneTable::paper(), settings, 1).unwrap();
-    assert_eq!((evolution.generation(), evolution.population().len()), (1, 400));
-    assert!(
-        evolution
-            .population()
-            .iter()
-            .all(|individual| individual.parents == [None, None] && !individual.elite)
-    );
+    let population = genetic(settings, 1).first();
+    assert_eq!(population.len(), 400);
+    assert!(population.iter().all(|individual| individual.parents == [None, None] && !individual.elite));
     for bit in 0..25 {
-        let ones = evolution.population().iter().filter(|individual| individual.chromosome[bit]).count();
+        let ones = population.iter().filter(|individual| individual.chromosome[bit]).count();
         assert!((150..=250).contains(&ones), "200 ± 5 deviations of 10, got {ones}");
     }
 }
@@ -75,19 +101,25 @@ fn the_first_generation_is_random_and_without_parents() {
 #[test]
 fn invalid_settings_are_refused() {
     let settings = GaSettings { population: 1, ..GaSettings::default() };
-    let error = Evolution::new(GeneTable::paper(), settings, 1).unwrap_err();
-    assert_eq!(error, SettingsError::Population { got: 1 });
+    for method in [Method::Ga, Method::Random] {
+        let refused = method.strategy(&paper(), settings, 1).map(drop);
+        assert_eq!(refused, Err(SettingsError::Population { got: 1 }));
+    }
 }
 
 #[test]
 fn each_generation_is_elite_then_pairs_and_decodes_its_own_chromosomes() {
-    for settings in every_setting() {
-        let log = run(settings, 5, 6, landscape(3));
+    let cases = every_setting().into_iter().flat_map(|settings| {
+        [Encoding::Binary, Encoding::Gray].map(|encoding| (settings, paper_in(encoding)))
+    });
+    for (settings, genome) in cases {
+        let strategy = GeneticAlgorithm::new(genome.clone(), settings, 5).unwrap();
+        let log = run_strategy(&strategy, 6, landscape(3));
         let elite = settings.elite as usize;
         for pair in log.windows(2) {
             let ((parents, correct), (children, _)) = (&pair[0], &pair[1]);
             assert_eq!(children.len(), settings.population as usize);
-            let order = selection::best_first(correct);
+            let order = best_first(&scores(correct));
             for (rank, child) in children[..elite].iter().enumerate() {
                 assert_eq!((child.parents, child.elite), ([Some(order[rank]), None], true));
                 assert_eq!(child.chromosome, parents[order[rank] as usize].chromosome);
@@ -102,8 +134,7 @@ fn each_generation_is_elite_then_pairs_and_decodes_its_own_chromosomes() {
             }
         }
         for individual in log.iter().flat_map(|(population, _)| population) {
-            let parameters = GeneTable::paper().decode(&individual.chromosome, settings.encoding);
-            assert_eq!(individual.parameters, parameters);
+            assert_eq!(individual.values, genome.decode(&individual.chromosome));
         }
     }
 }
@@ -163,20 +194,10 @@ fn every_generation_and_pair_draws_anew() {
     // From the same population in each generation: zeros and ones show what was swapped and flipped.
     let settings = GaSettings { population: 20, elite: 0, ..GaSettings::default() };
     let generations = |settings| {
-        let mut evolution = Evolution::new(GeneTable::paper(), settings, 4).unwrap();
-        let start: Vec<Individual> = (0..20)
-            .map(|index| Individual {
-                chromosome: vec![index % 2 == 0; 25],
-                ..evolution.population[0].clone()
-            })
-            .collect();
-        let mut all = Vec::new();
-        for _ in 0..5 {
-            evolution.population = start.clone();
-            evolution.tell(&[1; 20]);
-            all.push(evolution.population().to_vec());
-        }
-        all
+        let start: Vec<Individual> =
+            (0..20).map(|index| Individual::new(vec![index % 2 == 0; 25], [None, None], &paper())).collect();
+        let next = |generation| genetic(settings, 4).next(generation, &start, &scores(&[1; 20]));
+        (1..=5).map(next).collect::<Vec<_>>()
     };
     // What crossover swapped, of the first children whose parents differ.
     let mut masks = Vec::new();
@@ -216,11 +237,10 @@ fn every_generation_and_pair_draws_anew() {
 
 #[test]
 fn the_current_mutation_rate_follows_the_schedule() {
-    let mut evolution = Evolution::new(GeneTable::paper(), GaSettings::default(), 1).unwrap();
+    let mut search = search(GaSettings::default(), 1, NEVER);
     let mut rate = 0.40;
     for _ in 0..10 {
-        assert_eq!(evolution.mutation_rate(), rate);
-        evolution.tell(&[1; 10]);
+        assert_eq!(search.tell(&scores(&[1; 10]), None).mutation_rate, rate);
         rate *= 0.97;
     }
 }
@@ -239,45 +259,45 @@ fn the_same_seed_repeats_every_bit_and_another_does_not() {
 fn a_generation_depends_on_the_population_and_counts_not_on_how_they_came_about() {
     // Fitness of earlier generations enters by the population alone: where two histories meet in one population,
     // they go on as one.
-    let start = Evolution::new(GeneTable::paper(), GaSettings::default(), 6).unwrap();
-    let (mut uniform_by_zeros, mut uniform_by_ones) = (start.clone(), start.clone());
-    uniform_by_zeros.tell(&[0; 10]);
-    uniform_by_ones.tell(&[1; 10]);
+    let begin = || search(GaSettings::default(), 6, NEVER);
+    let (mut uniform_by_zeros, mut uniform_by_ones) = (begin(), begin());
+    uniform_by_zeros.tell(&scores(&[0; 10]), None);
+    uniform_by_ones.tell(&scores(&[1; 10]), None);
     // Draws from ten slots of width 1 either way: equal parents, equal children.
-    assert_eq!(uniform_by_zeros.population(), uniform_by_ones.population());
-    let correct = [3, 1, 4, 1, 5, 9, 2, 6, 5, 3];
-    uniform_by_zeros.tell(&correct);
-    uniform_by_ones.tell(&correct);
-    assert_eq!(uniform_by_zeros.population(), uniform_by_ones.population());
-    let mut different = start;
-    different.tell(&[9, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
-    assert_ne!(uniform_by_zeros.population(), different.population());
+    assert_eq!(uniform_by_zeros.ask(), uniform_by_ones.ask());
+    let correct = scores(&[3, 1, 4, 1, 5, 9, 2, 6, 5, 3]);
+    uniform_by_zeros.tell(&correct, None);
+    uniform_by_ones.tell(&correct, None);
+    assert_eq!(uniform_by_zeros.ask(), uniform_by_ones.ask());
+    let mut different = begin();
+    different.tell(&scores(&[9, 0, 0, 0, 0, 0, 0, 0, 0, 0]), None);
+    assert_ne!(uniform_by_zeros.ask(), different.ask());
 }
 
 #[test]
 fn chromosomes_without_bits_are_evolved_too() {
-    let table = GeneTable::new(GENES.each_ref().map(|spec| Domain::fixed(spec.paper.0)), true).unwrap();
+    let fixed = Field { name: "fixed".to_owned(), values: 1 };
+    let genome = Genome::new(vec![fixed; 5], Encoding::Binary);
     for settings in every_setting() {
-        let mut evolution = Evolution::new(table.clone(), settings, 1).unwrap();
-        for _ in 0..3 {
-            let population = evolution.population();
+        let strategy = GeneticAlgorithm::new(genome.clone(), settings, 1).unwrap();
+        for (population, _) in run_strategy(&strategy, 3, |_, _, _| 4) {
+            assert_eq!(population.len(), settings.population as usize);
             assert!(population.iter().all(|individual| individual.chromosome.is_empty()));
             assert!(population.iter().all(|individual| individual.bit_string().is_empty()));
-            evolution.tell(&vec![4; settings.population as usize]);
+            assert!(population.iter().all(|individual| individual.values == [0; 5]));
         }
     }
 }
 
 #[test]
-#[should_panic(expected = "one count for each individual")]
-fn a_missing_count_is_a_programming_error() {
-    Evolution::new(GeneTable::paper(), GaSettings::default(), 1).unwrap().tell(&[1; 9]);
+#[should_panic(expected = "one score for each individual")]
+fn a_missing_score_is_a_programming_error() {
+    search(GaSettings::default(), 1, NEVER).tell(&scores(&[1; 9]), None);
 }
 
 #[test]
 fn the_bit_string_reads_first_bit_first() {
-    let evolution = Evolution::new(GeneTable::paper(), GaSettings::default(), 1).unwrap();
-    let individual = &evolution.population()[0];
+    let individual = &genetic(GaSettings::default(), 1).first()[0];
     let text = individual.bit_string();
     assert_eq!(text.len(), 25);
     for (letter, &bit) in text.chars().zip(&individual.chromosome) {
@@ -302,7 +322,7 @@ proptest! {
         for pair in log.windows(2) {
             prop_assert!(pair[1].1.iter().max() >= pair[0].1.iter().max());
             // And the individual itself is there, bit for bit.
-            let best = selection::best(&pair[0].1).unwrap() as usize;
+            let best = best(&scores(&pair[0].1)) as usize;
             prop_assert_eq!(&pair[1].0[0].chromosome, &pair[0].0[best].chromosome);
         }
     }
@@ -323,4 +343,99 @@ fn counting_ones_climbs_to_near_all_of_them() {
         // Of 25; the best of 40 random chromosomes has 18 or 19, and drawing 2400 would rarely give 23.
         assert!(best(59) > best(0) && best(59) >= 24, "seed {seed}: {} to {}", best(0), best(59));
     }
+}
+
+#[test]
+fn a_search_counts_generations_keeps_the_winner_and_ends_with_the_stop_rule() {
+    let stop = StopSettings { generations: 4, validation_patience: Some(9), ..NEVER };
+    let settings = GaSettings { population: 4, ..GaSettings::default() };
+    let mut search = search(settings, 3, stop);
+    let told = [([3, 5, 5, 1], 40), ([7, 2, 2, 2], 42), ([6, 9, 9, 9], 42), ([1, 1, 1, 8], 41)];
+    let expected = [(1, 5, (1, 1)), (0, 7, (2, 0)), (1, 9, (2, 0)), (3, 9, (2, 0))];
+    for (generation, ((correct, validated), (best, best_so_far, winner))) in
+        (1..).zip(told.into_iter().zip(expected))
+    {
+        assert_eq!(search.generation(), generation);
+        let asked = search.ask().to_vec();
+        let scores = scores(&correct);
+        assert_eq!(search.to_validate(&scores), Some(best));
+        let validation = Score { correct: validated, queries: 50 };
+        let state = search.tell(&scores, Some(validation));
+        assert_eq!((state.best, state.best_so_far.correct), (best, best_so_far));
+        assert_eq!((state.winner.generation, state.winner.index), winner);
+        assert_eq!(state.improved, winner.0 == generation);
+        if state.improved {
+            assert_eq!(state.winner.individual, asked[best as usize]);
+            assert_eq!(state.winner.score, scores[best as usize]);
+            assert_eq!(state.winner.validation, Some(validation));
+        }
+        assert_eq!(state.stop, (generation == 4).then_some(StopReason::Generations));
+    }
+    // Nothing follows the last generation.
+    assert_eq!(search.generation(), 4);
+}
+
+#[test]
+fn without_validation_there_is_nothing_to_validate() {
+    let search = search(GaSettings::default(), 1, NEVER);
+    assert_eq!(search.to_validate(&scores(&[1; 10])), None);
+}
+
+#[test]
+fn the_best_of_a_grid_is_the_only_individual_of_the_only_generation() {
+    let best = vec![52, 5, 8, 15, 67];
+    for encoding in [Encoding::Binary, Encoding::Gray] {
+        let genome = paper_in(encoding);
+        let mut search = Search::new(Box::new(Exhaustive::new(best.clone(), &genome)), NEVER);
+        let [only] = search.ask() else { panic!("one individual") };
+        assert_eq!((&only.values, only.parents, only.elite), (&best, [None, None], false));
+        assert_eq!(genome.decode(&only.chromosome), best);
+        let state = search.tell(&scores(&[7]), None);
+        assert_eq!((state.stop, state.mutation_rate), (Some(StopReason::Exhaustive), 0.0));
+        assert_eq!((state.winner.generation, state.winner.index), (1, 0));
+    }
+}
+
+/// Run digests rest on these bits.
+#[test]
+fn the_streams_and_operators_are_pinned() {
+    let settings = GaSettings { population: 4, ..GaSettings::default() };
+    let text = |method: Method| {
+        let strategy = method.strategy(&paper(), settings, 5).unwrap().unwrap();
+        let log = run_strategy(strategy.as_ref(), 3, |_, _, individual| ones(individual));
+        let line = |individual: &Individual| {
+            format!("{} {:?} {:?}\n", individual.bit_string(), individual.values, individual.parents)
+        };
+        log.iter().flat_map(|(population, _)| population).map(line).collect::<String>()
+    };
+    expect_test::expect![[r#"
+        0111010010100011010111100 [25, 0, 4, 12, 47] [None, None]
+        0111110111000000110001001 [27, 2, 8, 2, 7] [None, None]
+        0101001101110111001101110 [17, 4, 14, 26, 86] [None, None]
+        1100011110111011111100011 [43, 5, 7, 14, 78] [None, None]
+        1100011110111011111100011 [43, 5, 7, 14, 78] [Some(3), None]
+        0111110010000001010001111 [27, 0, 0, 4, 11] [Some(1), Some(0)]
+        0111010110100001011111000 [25, 2, 4, 4, 94] [Some(0), Some(1)]
+        0111010100000011101001101 [25, 1, 0, 13, 60] [Some(1), Some(2)]
+        1100011110111011111100011 [43, 5, 7, 14, 78] [Some(0), None]
+        1101001110101000111100011 [46, 5, 5, 2, 78] [Some(0), Some(0)]
+        1100011110111011011000011 [43, 5, 7, 12, 52] [Some(0), Some(0)]
+        0111010111101000101111101 [25, 2, 13, 1, 98] [Some(3), Some(3)]
+    "#]]
+    .assert_eq(&text(Method::Ga));
+    expect_test::expect![[r#"
+        1011100011001111111111001 [40, 0, 9, 29, 95] [None, None]
+        0001011001010011101010001 [4, 3, 10, 13, 63] [None, None]
+        0001001011011101011011001 [3, 3, 11, 19, 70] [None, None]
+        1100101101100101101000110 [44, 4, 12, 20, 55] [None, None]
+        1011010000011101010010110 [40, 0, 3, 19, 17] [None, None]
+        1101001010011010011101100 [46, 3, 3, 8, 85] [None, None]
+        0001100100100100010000101 [5, 1, 4, 15, 3] [None, None]
+        0100000000100011101011010 [14, 0, 4, 13, 71] [None, None]
+        1011111110011010001010010 [41, 5, 3, 7, 64] [None, None]
+        0101011101011001001101010 [18, 4, 11, 3, 83] [None, None]
+        0000110100001111010011111 [2, 1, 1, 27, 24] [None, None]
+        0111101101000100011111010 [26, 4, 8, 15, 96] [None, None]
+    "#]]
+    .assert_eq(&text(Method::Random));
 }

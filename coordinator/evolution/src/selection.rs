@@ -1,22 +1,8 @@
-//! Selection: order by fitness for the elite, roulette wheel for the parents (DESIGN 5.9).
-
-use std::cmp::Reverse;
+//! Selection of parents: roulette wheel over scaled correct counts (DESIGN 5.9).
 
 use rand::{Rng, RngExt};
 
-use super::settings::Scaling;
-
-/// The individuals from the highest correct count to the lowest, ties by the lower index.
-pub fn best_first(correct: &[u32]) -> Vec<u32> {
-    let mut order: Vec<u32> = (0..correct.len() as u32).collect();
-    order.sort_by_key(|&index| (Reverse(correct[index as usize]), index));
-    order
-}
-
-/// The generation's best: the individual with the highest correct count, the lowest index on ties; `None` of none.
-pub fn best(correct: &[u32]) -> Option<u32> {
-    (0..correct.len() as u32).max_by_key(|&index| (correct[index as usize], Reverse(index)))
-}
+use crate::settings::Scaling;
 
 /// Whole-number selection weights from correct counts; an individual is drawn with probability weight / sum.
 ///
@@ -32,7 +18,7 @@ pub fn best(correct: &[u32]) -> Option<u32> {
 ///   so that half ranks are whole numbers.
 ///
 /// If all weights would be 0 (all counts 0; with `linear`, all counts equal), all are 1. The sum fits 64 bits for
-/// populations up to [`super::settings::MAX_POPULATION`].
+/// populations up to [`MAX_POPULATION`](crate::MAX_POPULATION).
 pub fn weights(correct: &[u32], scaling: Scaling) -> Vec<u64> {
     let weights: Vec<u64> = match scaling {
         Scaling::None => correct.iter().map(|&f| u64::from(f)).collect(),
@@ -198,16 +184,8 @@ mod tests {
     }
 
     #[test]
-    fn the_best_is_first_and_ties_go_to_the_lowest_index() {
-        assert_eq!(best_first(&[3, 9, 3, 9, 1]), [1, 3, 0, 2, 4]);
-        assert_eq!(best(&[3, 9, 3, 9, 1]), Some(1));
-        assert_eq!(best(&[0, 0]), Some(0));
-        assert_eq!(best(&[]), None);
-    }
-
-    #[test]
     fn the_largest_counts_and_populations_do_not_overflow() {
-        let mut correct = vec![0; super::super::settings::MAX_POPULATION as usize];
+        let mut correct = vec![0; crate::MAX_POPULATION as usize];
         correct[1] = u32::MAX;
         for scaling in SCALINGS {
             let roulette = Roulette::new(&correct, scaling);
@@ -268,16 +246,6 @@ mod tests {
             for _ in 0..100 {
                 let drawn = roulette.draw(&mut rng) as usize;
                 prop_assert!(correct[drawn] > 0 || correct.iter().all(|&f| f == 0));
-            }
-        }
-
-        #[test]
-        fn the_best_is_the_first_of_the_order(correct in prop::collection::vec(0u32..5, 1..12)) {
-            let order = best_first(&correct);
-            prop_assert_eq!(best(&correct), order.first().copied());
-            for pair in order.windows(2) {
-                let [a, b] = [pair[0], pair[1]].map(|index| correct[index as usize]);
-                prop_assert!(a > b || (a == b && pair[0] < pair[1]));
             }
         }
     }

@@ -1,24 +1,10 @@
 //! Settings of the genetic algorithm and of its stop rule, with the paper's values as defaults.
 
-use descriptor::Encoding;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// The largest population: with counts below 2³² every sum of selection weights then fits 64 bits.
 pub const MAX_POPULATION: u32 = 65_536;
-
-/// How descriptors to evaluate are found.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase")]
-pub enum Method {
-    /// The genetic algorithm (paper).
-    #[default]
-    Ga,
-    /// Independent random chromosomes, as many a generation as the genetic algorithm has.
-    Random,
-    /// Every descriptor of the search space.
-    Exhaustive,
-}
 
 /// How correct counts become selection weights (DESIGN 5.9).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
@@ -48,8 +34,6 @@ pub struct GaSettings {
     pub mutation_rate: f64,
     /// Factor r of p(g + 1) = p(g)·r, 0 to 1. Default 0.97 (the paper lowers the rate but gives no factor).
     pub mutation_decay: f64,
-    /// How value indices are written as bits. Default binary (paper).
-    pub encoding: Encoding,
 }
 
 impl Default for GaSettings {
@@ -61,7 +45,6 @@ impl Default for GaSettings {
             crossover_rate: 0.5,
             mutation_rate: 0.40,
             mutation_decay: 0.97,
-            encoding: Encoding::Binary,
         }
     }
 }
@@ -170,7 +153,6 @@ mod tests {
         let ga = GA().validate().unwrap();
         assert_eq!((ga.population, ga.elite, ga.scaling), (10, 1, Scaling::None));
         assert_eq!((ga.crossover_rate, ga.mutation_rate, ga.mutation_decay), (0.5, 0.40, 0.97));
-        assert_eq!(ga.encoding, Encoding::Binary);
         let stop = STOP().validate().unwrap();
         assert_eq!(
             (stop.perfect, stop.validation_patience, stop.stagnation, stop.generations),

@@ -1,0 +1,72 @@
+//! The list of methods: the word for each, and how it is begun.
+
+use std::fmt;
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
+
+use crate::genetic::GeneticAlgorithm;
+use crate::genome::Genome;
+use crate::hill_climb::HillClimb;
+use crate::random_search::RandomSearch;
+use crate::settings::{GaSettings, SettingsError};
+use crate::strategy::Strategy;
+
+/// How descriptors to evaluate are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Method {
+    /// The genetic algorithm (paper).
+    #[default]
+    Ga,
+    /// Independent random individuals, as many a generation as the genetic algorithm has. Of \[ga\] it uses population
+    /// and encoding.
+    Random,
+    /// Every descriptor of the search space. Of \[ga\] it uses encoding.
+    Exhaustive,
+    /// Hill climbing with random restarts: from a random descriptor to the best of all that differ in one gene by one
+    /// step, and on from there while that is better. Of \[ga\] it uses encoding. A restart counts as any generation:
+    /// with stop.validation_patience it may end the search.
+    HillClimb,
+}
+
+impl Method {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Ga, Self::Random, Self::Exhaustive, Self::HillClimb];
+
+    /// The word for it in experiments.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Ga => "ga",
+            Self::Random => "random",
+            Self::Exhaustive => "exhaustive",
+            Self::HillClimb => "hill-climb",
+        }
+    }
+
+    /// Its strategy; `None` for exhaustive search, which needs to be given the best point
+    /// ([`Exhaustive`](crate::Exhaustive)).
+    ///
+    /// # Errors
+    /// If the settings are not valid ([`GaSettings::validate`]).
+    pub fn strategy(
+        self,
+        genome: &Genome,
+        settings: GaSettings,
+        seed: u64,
+    ) -> Result<Option<Box<dyn Strategy>>, SettingsError> {
+        let genome = genome.clone();
+        Ok(match self {
+            Self::Ga => Some(Box::new(GeneticAlgorithm::new(genome, settings, seed)?)),
+            Self::Random => Some(Box::new(RandomSearch::new(genome, settings, seed)?)),
+            Self::Exhaustive => None,
+            Self::HillClimb => Some(Box::new(HillClimb::new(genome, seed))),
+        })
+    }
+}
+
+impl fmt::Display for Method {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.as_str())
+    }
+}

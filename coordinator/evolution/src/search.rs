@@ -1,0 +1,89 @@
+//! A search under way: asked for a generation, told its scores, it says how it stands and when it ends.
+
+use crate::individual::Individual;
+use crate::score::{self, Score};
+use crate::settings::StopSettings;
+use crate::stop::{StopReason, StopRule};
+use crate::strategy::Strategy;
+use crate::winner::GenerationBest;
+
+/// A strategy with its current generation, its stop rule and the winner so far.
+pub struct Search {
+    strategy: Box<dyn Strategy>,
+    generation: u32,
+    population: Vec<Individual>,
+    validates: bool,
+    stop: StopRule,
+    winner: Option<GenerationBest>,
+}
+
+/// How a search stands after a generation.
+#[derive(Clone, Debug, PartialEq)]
+pub struct State {
+    /// Index of the generation's best individual: the best score, the lowest index on ties.
+    pub best: u32,
+    /// The best score of all generations so far.
+    pub best_so_far: Score,
+    /// The winner so far.
+    pub winner: GenerationBest,
+    /// Whether the winner is of this generation.
+    pub improved: bool,
+    /// The rate with which the generation's children are mutated, 0 to 1; 0 if there is no mutation.
+    pub mutation_rate: f64,
+    /// Why the search ends with this generation; `None` if it goes on.
+    pub stop: Option<StopReason>,
+}
+
+impl Search {
+    /// A search at generation 1.
+    pub fn new(strategy: Box<dyn Strategy>, stop: StopSettings) -> Self {
+        let population = strategy.first();
+        let validates = stop.validation_patience.is_some();
+        Self { strategy, generation: 1, population, validates, stop: StopRule::new(stop), winner: None }
+    }
+
+    /// The current generation, counted from 1.
+    pub fn generation(&self) -> u32 {
+        self.generation
+    }
+
+    /// The individuals of the current generation, in the order in which [`Search::tell`] wants their scores.
+    pub fn ask(&self) -> &[Individual] {
+        &self.population
+    }
+
+    /// Index of the individual that is to be validated, now that the scores of the current generation are known; `None`
+    /// if the search does without validation.
+    pub fn to_validate(&self, scores: &[Score]) -> Option<u32> {
+        self.validates.then(|| score::best(scores))
+    }
+
+    /// Takes the scores of the current generation, in individual order, and the validation score of the individual that
+    /// [`Search::to_validate`] named; makes the next generation, unless the search ends with this one.
+    ///
+    /// # Panics
+    /// If there is not one score for each individual: a programming error, as the caller waits for all of them.
+    pub fn tell(&mut self, scores: &[Score], validation: Option<Score>) -> State {
+        assert_eq!(scores.len(), self.population.len(), "one score for each individual");
+        let generation = self.generation;
+        let best = score::best(scores);
+        let candidate = GenerationBest {
+            generation,
+            index: best,
+            individual: self.population[best as usize].clone(),
+            score: scores[best as usize],
+            validation,
+        };
+        let (best_so_far, stop) = self.stop.observe(candidate.score, validation);
+        let stop = self.strategy.exhausted().or(stop);
+        let winner = candidate.or_leader(self.winner.take());
+        self.winner = Some(winner.clone());
+        if stop.is_none() {
+            self.population = self.strategy.next(generation, &self.population, scores);
+            self.generation += 1;
+        }
+        let improved = winner.generation == generation;
+        let mutation_rate = self.strategy.mutation_rate(generation);
+        State { best, best_so_far, winner, improved, mutation_rate, stop }
+    }
+}

@@ -1,0 +1,28 @@
+//! What a method of searching has to say: its generations.
+
+use crate::individual::Individual;
+use crate::score::Score;
+use crate::stop::StopReason;
+
+/// A method of searching. It keeps no state of its own: a generation follows from the one before and its scores, so that
+/// a search that is begun again with the same scores takes the same way.
+pub trait Strategy: Send + Sync {
+    /// Generation 1, not empty.
+    fn first(&self) -> Vec<Individual>;
+
+    /// The generation after number `generation`, which had these individuals with these scores; not empty.
+    fn next(&self, generation: u32, population: &[Individual], scores: &[Score]) -> Vec<Individual>;
+
+    /// Individuals of the largest generation that there can be.
+    fn largest_generation(&self) -> u32;
+
+    /// The rate with which the children of a generation are mutated, 0 to 1; 0 if there is no mutation.
+    fn mutation_rate(&self, _generation: u32) -> f64 {
+        0.0
+    }
+
+    /// Why no generation can follow that has anything better; `None` if one can. It goes before the stop rule.
+    fn exhausted(&self) -> Option<StopReason> {
+        None
+    }
+}
