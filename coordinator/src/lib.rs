@@ -16,6 +16,7 @@ mod local;
 mod making;
 mod manifest;
 mod memory;
+mod observers;
 mod prepared;
 mod reopen;
 mod storage;

@@ -6,7 +6,8 @@ use std::sync::Arc;
 use proto::{JobId, Lease, WorkerId};
 
 use crate::assembly::Cut;
-use crate::journal::{Accepted, Entry, Journal, Mark, Member, Told};
+use crate::events::Event;
+use crate::journal::{Accepted, Entry, Journal, Mark, Member};
 use crate::scheduler::Finished;
 use crate::task::Task;
 
@@ -85,11 +86,9 @@ impl Ledger {
         }
     }
 
-    /// Keeps what is told.
-    pub fn tell(&self, told: Vec<(u32, Told)>) {
-        for (place, told) in told {
-            self.record(|| Entry::Told(place, Box::new(told)));
-        }
+    /// Keeps an event.
+    pub fn event(&self, event: Arc<Event>) {
+        self.record(|| Entry::Event(event));
     }
 
     fn record(&self, entry: impl FnOnce() -> Entry) {

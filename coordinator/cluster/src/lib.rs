@@ -5,11 +5,12 @@
 pub mod assembly;
 pub mod blobs;
 mod book;
-pub mod chronicle;
 mod cluster;
 pub mod evaluation;
+pub mod events;
 pub mod journal;
 mod ledger;
+mod lock;
 pub mod scheduler;
 pub mod shard;
 pub mod task;

@@ -163,6 +163,7 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     if let Some(door) = door {
         workplace.open(door).await;
     }
+    progress.follow(&workplace.cluster);
     let mut client = workplace.cluster.client();
     let mut crew = workplace.staff(local_workers);
     let descriptors = distinct(&contestants);

@@ -65,6 +65,7 @@ pub async fn exhaust(
     if let Some(door) = door {
         workplace.open(door).await;
     }
+    progress.follow(&workplace.cluster);
     let mut client = workplace.cluster.client();
     let mut crew = workplace.staff(local_workers);
     if !can_do_alone {

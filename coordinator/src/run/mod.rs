@@ -204,7 +204,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     if let Some(summary) = already_finished(&out, experiment, &store)? {
         return Ok(summary);
     }
-    let progress = Progress::new(experiment.stop().generations);
+    let mut progress = Progress::new(experiment.stop().generations);
     // First what may be wrong with search space, port and data: then no folder is made and nothing in one is touched.
     if experiment.method() == Method::Exhaustive {
         Grid::new(experiment.genes())?;
@@ -246,6 +246,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let memory = |matching| workplace.splits.memory(&store, experiment.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
     let known = Known { train: train_memory.recall(), validation: validation_memory.recall() };
+    progress.follow(&workplace.cluster);
     let client = workplace.cluster.client();
     let mut crew = workplace.staff(local_workers);
     if !can_do_alone {

@@ -77,7 +77,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     make_folder(&out, sweep)?;
     let texts = (sweep.search_toml(), sweep.record_toml());
     let (header, journal, recorded) = open_journal(texts, &dataset, &out, started_at, || Ok(()))?;
-    let (trusted, begun) = (recorded.trusted, recorded.starts > 1);
+    let (trusted, begun) = (recorded.is_trusted(), recorded.starts > 1);
     let start = Start { now, first: header.started_at, before: recorded.at_work };
     if begun {
         let there = recorded.accepted.len();
@@ -98,6 +98,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let known = Known { train: train_memory.recall(), validation: validation_memory.recall() };
     let tally = Arc::new(Tally::new(members.len(), summaries.len()));
     let (dataset, remembered) = (&dataset, &known);
+    progress.follow(&workplace.cluster);
     workplace.cluster.share();
     let clients: Vec<_> = folders.iter().map(|_| workplace.cluster.client()).collect();
     let mut crew = workplace.staff(local_workers);

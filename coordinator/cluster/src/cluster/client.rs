@@ -2,14 +2,14 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use proto::{Digest, JobId, WorkerId};
-use results::Proceedings;
 use tokio::sync::Notify;
 
-use super::{Cluster, ClusterError, ClusterNews, TICK};
+use super::{Cluster, ClusterError, ClusterNews, now};
 use crate::evaluation::{Evaluation, EvaluationResult};
+use crate::events::{Event, EventKind, Omitted};
 use crate::scheduler::{ClientId, Finished, Staffing};
 use crate::shard::{Described, Description};
 use crate::task::{GridCell, Task, TaskResult};
@@ -47,12 +47,12 @@ impl Client {
 
     /// Waits until a worker has joined; calls `still_waiting` each minute.
     pub async fn wait_for_worker(&self, mut still_waiting: impl FnMut(Duration)) {
-        let begun = Instant::now();
+        let begun = now();
         let mut next = Duration::from_secs(60);
-        // Without reading what happened: that is for whoever watches the evaluations.
-        while self.cluster.floor().scheduler.staffing(Instant::now()) != Staffing::Staffed {
-            if begun.elapsed() >= next {
-                still_waiting(begun.elapsed());
+        while self.cluster.floor().scheduler.staffing(now()) != Staffing::Staffed {
+            let waited = now().saturating_duration_since(begun);
+            if waited >= next {
+                still_waiting(waited);
                 next += Duration::from_secs(60);
             }
             self.wait().await;
@@ -189,7 +189,7 @@ impl Client {
     /// Asks for tasks, and adds them to those that were asked for. Answers come by [`Client::look`], those that are there
     /// at once.
     fn ask(&mut self, tasks: Vec<Task>, asked: &mut Asked) {
-        let (mut floor, now) = (self.cluster.floor(), Instant::now());
+        let (mut floor, now) = (self.cluster.floor(), now());
         for task in tasks {
             let (place, task) = (asked.len(), Arc::new(task));
             asked.insert(floor.ask(self.id, Arc::clone(&task), now), (place, task));
@@ -207,8 +207,7 @@ impl Client {
     /// What happened since the last look, and the answers that have come.
     async fn look(&mut self) -> Result<(ClusterNews, Vec<Finished>), ClusterError> {
         let (finished, news, struck) = {
-            let (mut floor, now) = (self.cluster.floor(), Instant::now());
-            floor.expire(now);
+            let (mut floor, now) = (self.cluster.floor(), now());
             let finished = floor.clients.account(self.id).take_inbox();
             let news = floor.news(self.id, finished.len(), now);
             (finished, news, floor.struck())
@@ -237,9 +236,9 @@ impl Client {
         Err(ClusterError::Corrected(account.begin_again()))
     }
 
-    /// Waits until there is something to tell, for a while: silence has to be looked for.
+    /// Waits until there is something to tell, or the clock ticks: somebody's patience may be over.
     async fn wait(&self) {
-        let _ = tokio::time::timeout(TICK, self.bell.notified()).await;
+        self.bell.notified().await;
     }
 
     /// Has no more to ask, as far as it knows: what waits for the first question of every client need not wait for this.
@@ -256,12 +255,18 @@ impl Client {
 
     /// Notes that the run begins again, and why.
     pub fn note_rewind(&self, generation: u32, why: String) {
-        self.cluster.floor().note_rewind(Instant::now(), generation, why);
+        self.cluster.floor().append(now(), EventKind::Rewind { generation, why });
     }
 
-    /// What is to be told so far of workers and events, and of the attempts at what this client has asked for.
-    pub fn proceedings(&self) -> Proceedings {
-        self.cluster.floor().proceedings(self.id, Instant::now())
+    /// Everything that has happened in all starts of the run, without attempts at what only others have asked for.
+    pub fn events(&self) -> Vec<Arc<Event>> {
+        let events = self.cluster.events.follow_from_first().read_to_end();
+        self.cluster.floor().concerning(self.id, events)
+    }
+
+    /// How many events had no room in the log since this start.
+    pub fn omitted_events(&self) -> Omitted {
+        self.cluster.events.omitted()
     }
 }
 

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use proto::JobId;
 use tokio::sync::Notify;
 
-use crate::scheduler::{ClientId, Event, Finished};
+use crate::scheduler::{ClientId, Doubt, Finished};
 use crate::task::{Names, Task};
 
 /// Doubts that are kept for a client that does not look: one that is finished needs none of them.
@@ -44,7 +44,7 @@ pub(super) struct Account {
     /// Answers that it has not been told.
     inbox: Vec<Finished>,
     /// What casts doubt on answers, since it last looked.
-    pub(super) doubts: Vec<Event>,
+    pub(super) doubts: Vec<Doubt>,
     /// Tasks of which it was told an answer that turned out to be wrong.
     pub(super) corrected: Vec<Arc<Task>>,
     bell: Arc<Notify>,
@@ -172,10 +172,10 @@ impl Clients {
     }
 
     /// Tells all of them that answers may be wrong.
-    pub(super) fn doubt(&mut self, event: &Event) {
+    pub(super) fn doubt(&mut self, doubt: &Doubt) {
         for account in self.accounts.values_mut() {
             if account.doubts.len() < MAX_DOUBTS {
-                account.doubts.push(event.clone());
+                account.doubts.push(doubt.clone());
             }
         }
     }

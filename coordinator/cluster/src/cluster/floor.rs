@@ -2,57 +2,54 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Instant, SystemTime};
 
 use descriptor::Descriptor;
 use proto::{JobId, Lease, WorkerId};
-use results::Proceedings;
 use tokio::sync::Notify;
 
+use super::ClusterNews;
 use super::clients::Clients;
-use super::{ClusterNews, TICK};
 use crate::book::{Book, Checked};
-use crate::chronicle::Chronicle;
+use crate::events::{Event, EventKind, EventLog};
 use crate::journal::{Mark, Member};
 use crate::ledger::Ledger;
 use crate::scheduler::{
-    Answer, ClientId, Departure, Event, Finished, Introduction, Poll, PollRefusal, RegisterRefusal,
-    Scheduler, What,
+    Answer, ClientId, Doubt, Emitted, Finished, Introduction, Poll, PollRefusal, RegisterRefusal, Scheduler,
 };
 use crate::shard::Description;
 use crate::task::Task;
-
-/// Pieces of news beyond which no more are kept until somebody reads them: the chronicle has them all.
-const MAX_UNREAD: usize = 10_000;
 
 pub(super) struct Floor {
     pub(super) scheduler: Scheduler,
     pub(super) ledger: Ledger,
     pub(super) book: Book,
-    pub(super) chronicle: Chronicle,
+    pub(super) events: Arc<EventLog>,
     pub(super) clients: Clients,
-    /// News that no client has read.
-    unread: Vec<Event>,
     /// Until when the last answer that was taken back is on the disk.
     struck: Option<Mark>,
     /// What wakes the poll of each worker that is held back.
     bells: BTreeMap<WorkerId, Arc<Notify>>,
-    /// When silence is looked for next.
-    next_look: Instant,
+    /// Two readings of the clocks at one moment: decisions are timed by one, events by the other.
+    started: (Instant, SystemTime),
 }
 
 impl Floor {
-    pub(super) fn new(scheduler: Scheduler, ledger: Ledger, chronicle: Chronicle) -> Self {
+    pub(super) fn new(
+        scheduler: Scheduler,
+        ledger: Ledger,
+        events: Arc<EventLog>,
+        started: (Instant, SystemTime),
+    ) -> Self {
         Self {
             scheduler,
             ledger,
             book: Book::default(),
-            chronicle,
+            events,
             clients: Clients::default(),
-            unread: Vec::new(),
             struck: None,
             bells: BTreeMap::new(),
-            next_look: Instant::now(),
+            started,
         }
     }
 
@@ -154,23 +151,20 @@ impl Floor {
         }
     }
 
-    /// Looks for silence, now and then, whoever calls.
+    /// One tick of the clock: removes silent workers, and wakes all clients, whose patience may be over.
     pub(super) fn expire(&mut self, now: Instant) {
-        if now >= self.next_look {
-            self.next_look = now + TICK;
-            self.scheduler.expire(now);
-            self.settle(now);
-            self.call(now);
-            let scheduler = &self.scheduler;
-            self.bells.retain(|id, _| scheduler.knows(*id));
-        }
+        self.scheduler.expire(now);
+        self.settle(now);
+        self.call(now);
+        let scheduler = &self.scheduler;
+        self.bells.retain(|id, _| scheduler.knows(*id));
+        self.clients.ring();
     }
 
     /// What happened since somebody last looked, for a client that is told `finished` answers.
     pub(super) fn news(&mut self, client: ClientId, finished: usize, now: Instant) -> ClusterNews {
         ClusterNews {
             finished,
-            events: std::mem::take(&mut self.unread),
             doubts: std::mem::take(&mut self.clients.account(client).doubts),
             workers: self.scheduler.worker_count(),
             staffing: self.scheduler.staffing(now),
@@ -199,16 +193,29 @@ impl Floor {
         for finished in self.scheduler.drain_finished() {
             self.accept(&finished);
         }
-        let mut news: Vec<Event> = self.scheduler.drain_events();
-        for event in &news {
-            self.note(event, now);
+        let mut is_news = false;
+        for Emitted { at, kind } in self.scheduler.drain_events() {
+            if let EventKind::Departed { worker, .. } = &kind {
+                self.ledger.leave(*worker);
+            }
+            is_news |= self.append(at, kind).kind.is_news();
         }
-        news.retain(|event| event.what.is_news());
-        if !news.is_empty() {
-            news.truncate(MAX_UNREAD.saturating_sub(self.unread.len()));
-            self.unread.append(&mut news);
+        for doubt in self.scheduler.drain_doubts() {
+            self.doubt(&doubt, now);
+        }
+        if is_news {
             self.clients.ring();
         }
+    }
+
+    /// Appends an event to the log, and keeps it.
+    pub(super) fn append(&mut self, at: Instant, kind: EventKind) -> Arc<Event> {
+        let (started, time) = self.started;
+        let event = self.events.append(time + at.saturating_duration_since(started), kind);
+        if !event.omitted {
+            self.ledger.event(Arc::clone(&event));
+        }
+        event
     }
 
     /// Keeps an answer and tells it to those who wait for it.
@@ -230,39 +237,23 @@ impl Floor {
         }
     }
 
-    /// Notes what happened; what a quarantined worker has answered is asked again.
-    fn note(&mut self, event: &Event, now: Instant) {
-        if let What::Disagreement { job, .. } = &event.what {
-            self.ledger.strike(*job);
-        }
-        if let What::Gone { worker, id, why, .. } = &event.what {
-            self.ledger.leave(*id);
-            if *why == Departure::Quarantined {
-                self.doubt(worker, *id, now);
+    /// Takes back what is in doubt, and tells all clients; what a quarantined worker has answered is asked again.
+    fn doubt(&mut self, doubt: &Doubt, now: Instant) {
+        match doubt {
+            Doubt::Disagreement { job, .. } => self.ledger.strike(*job),
+            Doubt::Quarantined(id) => {
+                let worker = self.scheduler.label(*id);
+                self.ledger.distrust(&worker, *id);
+                for recheck in self.book.doubt(&worker) {
+                    // Until it is checked, it is no answer to go on with.
+                    self.ledger.strike(recheck.of);
+                    self.clients.note_check(recheck.job);
+                    self.scheduler.submit(recheck.job, recheck.task, ClientId::AUDITOR, now);
+                }
             }
         }
-        if event.what.casts_doubt() {
-            self.struck = self.ledger.end();
-            self.clients.doubt(event);
-        }
-        self.chronicle.note(event);
-        self.ledger.tell(self.chronicle.drain_unkept());
-    }
-
-    /// See [`Chronicle::note_rewind`].
-    pub(super) fn note_rewind(&mut self, now: Instant, generation: u32, why: String) {
-        self.chronicle.note_rewind(now, generation, why);
-        self.ledger.tell(self.chronicle.drain_unkept());
-    }
-
-    fn doubt(&mut self, worker: &str, id: WorkerId, now: Instant) {
-        self.ledger.distrust(worker, id);
-        for recheck in self.book.doubt(worker) {
-            // Until it is checked, it is no answer to go on with.
-            self.ledger.strike(recheck.of);
-            self.clients.note_check(recheck.job);
-            self.scheduler.submit(recheck.job, recheck.task, ClientId::AUDITOR, now);
-        }
+        self.struck = self.ledger.end();
+        self.clients.doubt(doubt);
     }
 
     /// Takes back the descriptions that a task rests on, because it failed for good, and they may be why: the next start
@@ -285,9 +276,13 @@ impl Floor {
         self.settle(now);
     }
 
-    /// What is to be told to a client of all that happened.
-    pub(super) fn proceedings(&mut self, client: ClientId, now: Instant) -> Proceedings {
-        self.chronicle.rows(now, |job| self.clients.concerns(client, job))
+    /// The events that concern a client: all but attempts at jobs that only others have asked for.
+    pub(super) fn concerning(&self, client: ClientId, mut events: Vec<Arc<Event>>) -> Vec<Arc<Event>> {
+        events.retain(|event| match &event.kind {
+            EventKind::Attempt(attempt) => self.clients.concerns(client, attempt.job),
+            _ => true,
+        });
+        events
     }
 
     fn keep_leases(&self, jobs: &[(Lease, Arc<Task>)], holder: WorkerId) {

@@ -1,4 +1,4 @@
-//! The scheduler as several tasks share it: the service feeds it, runs wait on it, a clock expires leases.
+//! The scheduler as several tasks share it: the service feeds it, runs wait on it, a clock removes silent workers.
 //!
 //! Here is the workers' side; `client` is the side of those who ask.
 
@@ -6,20 +6,22 @@ mod client;
 mod clients;
 mod floor;
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, Weak};
 use std::time::{Duration, Instant, SystemTime};
 
 use proto::{Lease, SessionId, WorkerId};
 use tokio::sync::{Notify, watch};
+use tokio::time::MissedTickBehavior;
 
 use crate::assembly::{Batch, Load, Pieces, Planner};
 use crate::blobs::BlobStore;
-use crate::chronicle::Chronicle;
 use crate::evaluation::Evaluation;
+use crate::events::{EventCursor, EventKind, EventLog};
 use crate::journal::{Journal, JournalError, Mark, Recorded};
 use crate::ledger::Ledger;
+use crate::lock::lock;
 use crate::scheduler::{
-    Answer, Event, Finished, Introduction, JobFailed, Limits, Poll, PollRefusal, RegisterRefusal, Scheduler,
+    Answer, Doubt, Finished, Introduction, JobFailed, Limits, Poll, PollRefusal, RegisterRefusal, Scheduler,
     Staffing,
 };
 use crate::shard::Described;
@@ -27,7 +29,7 @@ use crate::task::{Task, TaskResult};
 pub use client::{CellAnswer, Client};
 use floor::Floor;
 
-/// How often silence is looked for.
+/// How often silent workers are looked for.
 const TICK: Duration = Duration::from_millis(500);
 
 /// Why evaluations stopped for good.
@@ -80,6 +82,7 @@ pub struct Cluster {
     limits: Limits,
     floor: Mutex<Floor>,
     planner: Mutex<Planner>,
+    events: Arc<EventLog>,
     journal: Option<Arc<Journal>>,
     /// Earlier starts have left answers.
     has_past: bool,
@@ -88,16 +91,17 @@ pub struct Cluster {
 }
 
 impl Cluster {
-    /// A cluster without workers that keeps nothing.
+    /// A cluster without workers that keeps nothing. To be called within a tokio runtime.
     pub fn new(limits: Limits) -> Arc<Self> {
         let session = SessionId(rand::random());
-        let (scheduler, ledger) = (Scheduler::new(limits), Ledger::default());
-        let chronicle = Chronicle::begin(Instant::now(), SystemTime::now(), &Recorded::default());
-        let floor = Floor::new(scheduler, ledger, chronicle);
-        Self::with(limits, session, (None, false), floor, Planner::default())
+        let events = Arc::new(EventLog::new(Vec::new()));
+        let started = (now(), SystemTime::now());
+        let floor = Floor::new(Scheduler::new(limits), Ledger::default(), Arc::clone(&events), started);
+        Self::with(limits, session, (None, false), floor, Planner::default(), events)
     }
 
-    /// The cluster of a run that keeps what it accepts, and goes on where earlier starts ended.
+    /// The cluster of a run that keeps what it accepts, and goes on where earlier starts ended. To be called within a
+    /// tokio runtime.
     pub fn with_journal(
         limits: Limits,
         session: SessionId,
@@ -105,15 +109,21 @@ impl Cluster {
         recorded: Recorded,
     ) -> Arc<Self> {
         let journal = Arc::new(journal);
-        let (mut scheduler, now) = (Scheduler::new(limits), Instant::now());
+        let (mut scheduler, now) = (Scheduler::new(limits), now());
         if recorded.starts > 1 {
             scheduler.restore(&recorded, now);
         }
-        let chronicle = Chronicle::begin(now, SystemTime::now(), &recorded);
+        let events = Arc::new(EventLog::new(recorded.events));
         let has_past = !recorded.accepted.is_empty();
         let ledger = Ledger::new(Arc::clone(&journal), recorded.accepted);
-        let floor = Floor::new(scheduler, ledger, chronicle);
-        Self::with(limits, session, (Some(journal), has_past), floor, Planner::new(recorded.cuts))
+        let mut floor = Floor::new(scheduler, ledger, Arc::clone(&events), (now, SystemTime::now()));
+        for (worker, label) in events.present() {
+            if !recorded.members.contains_key(&worker) {
+                floor.append(now, EventKind::Ended { worker, label });
+            }
+        }
+        let planner = Planner::new(recorded.cuts);
+        Self::with(limits, session, (Some(journal), has_past), floor, planner, events)
     }
 
     fn with(
@@ -122,17 +132,26 @@ impl Cluster {
         (journal, has_past): (Option<Arc<Journal>>, bool),
         floor: Floor,
         planner: Planner,
+        events: Arc<EventLog>,
     ) -> Arc<Self> {
-        Arc::new(Self {
+        let cluster = Arc::new(Self {
             session,
             blobs: BlobStore::default(),
             limits,
             floor: Mutex::new(floor),
             planner: Mutex::new(planner),
+            events,
             journal,
             has_past,
             begun: watch::Sender::new(false),
-        })
+        });
+        tokio::spawn(tick(Arc::downgrade(&cluster)));
+        cluster
+    }
+
+    /// Follows what happens from this start of the coordinator on. Each observer needs a cursor of its own.
+    pub fn events(&self) -> EventCursor {
+        self.events.follow()
     }
 
     /// Somebody new who asks for evaluations. To be called for all who will ask before the first of them does
@@ -158,7 +177,7 @@ impl Cluster {
         introduction: Introduction,
         in_process: bool,
     ) -> Result<String, RegisterRefusal> {
-        self.floor().register(id, introduction, in_process, Instant::now())
+        self.floor().register(id, introduction, in_process, now())
     }
 
     /// Waits until every client has submitted its first job, as long as a poll may be held back; `false` if one has not.
@@ -177,18 +196,19 @@ impl Cluster {
 
     /// See [`Scheduler::deny`].
     pub fn deny(&self, id: WorkerId) {
-        self.floor().deny(id, Instant::now());
+        self.floor().deny(id, now());
     }
 
     /// Answers a poll; holds the answer back while it would be empty and the worker wants jobs.
     pub async fn poll(&self, id: WorkerId, poll: Poll) -> Result<Answer, PollRefusal> {
         let deadline = tokio::time::Instant::now() + self.hold();
+        self.floor().scheduler.heard_from(id, now());
         if !self.begun().await {
             return Ok(Answer::default());
         }
         let (sequence, wanted, leaving) = (poll.sequence, poll.wanted, poll.leaving);
         let bell = Arc::new(Notify::new());
-        let (mut answer, withheld) = self.floor().poll(id, poll, &bell, Instant::now())?;
+        let (mut answer, withheld) = self.floor().poll(id, poll, &bell, now())?;
         if leaving && !withheld.is_empty() {
             // It would not come back to be told.
             answer.acknowledged.extend(self.wait_for_journal(withheld, deadline).await);
@@ -209,7 +229,7 @@ impl Cluster {
     ) -> Result<Answer, PollRefusal> {
         loop {
             let (answer, mark) = {
-                let (mut floor, now) = (self.floor(), Instant::now());
+                let (mut floor, now) = (self.floor(), now());
                 let jobs = floor.lease_later(id, sequence, wanted, now)?;
                 let acknowledged = floor.ledger.release(&mut withheld);
                 (Answer { jobs, acknowledged, ..Answer::default() }, floor.ledger.mark(&withheld))
@@ -332,23 +352,39 @@ impl Cluster {
 
     /// Ends all leases, because nobody waits for them any more.
     pub fn close(&self) {
-        self.floor().close(Instant::now());
+        self.floor().close(now());
     }
 
     /// Whether no worker of this run was wrong; else what it has computed may be wrong where nobody has looked.
     pub fn is_trusted(&self) -> bool {
-        self.floor().chronicle.is_trusted()
+        self.floor().scheduler.is_trusted()
     }
 
     /// Not to be called by who holds the floor.
     fn planner(&self) -> MutexGuard<'_, Planner> {
-        self.planner.lock().unwrap_or_else(PoisonError::into_inner) // as below
+        lock(&self.planner)
     }
 
     fn floor(&self) -> MutexGuard<'_, Floor> {
-        // Decisions are made in one go: a panic in one of them is a bug, but leaves no half-made state to fear.
-        self.floor.lock().unwrap_or_else(PoisonError::into_inner)
+        lock(&self.floor)
     }
+}
+
+/// The clock: removes silent workers, whether anybody waits for results or not, until the cluster is dropped.
+async fn tick(cluster: Weak<Cluster>) {
+    let mut ticks = tokio::time::interval(TICK);
+    // After a pause there is no silence to catch up with.
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        ticks.tick().await;
+        let Some(cluster) = cluster.upgrade() else { return };
+        cluster.floor().expire(now());
+    }
+}
+
+/// The time that decisions are made by.
+fn now() -> Instant {
+    tokio::time::Instant::now().into_std()
 }
 
 /// What happened since the last look.
@@ -356,10 +392,8 @@ impl Cluster {
 pub struct ClusterNews {
     /// How many evaluations or cells were finished.
     pub finished: usize,
-    /// Workers that came and went, attempts that ended, answers that differ. Each is told to one client.
-    pub events: Vec<Event>,
-    /// Those of them after which answers that were taken may be wrong. Each is told to all clients.
-    pub doubts: Vec<Event>,
+    /// Why results that were accepted may be wrong. Each goes to all clients.
+    pub doubts: Vec<Doubt>,
     /// How many workers are there.
     pub workers: usize,
     staffing: Staffing,

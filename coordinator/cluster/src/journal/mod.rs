@@ -10,12 +10,13 @@ mod writer;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 
 use proto::{JobId, Lease, WorkerId};
-use results::{AttemptRow, EventRow, Proceedings, WorkerRow};
 
 use crate::assembly::Cut;
+use crate::events::Event;
 use crate::scheduler::{Finished, Introduction};
 pub use file::JournalFile;
 pub use header::Header;
@@ -103,32 +104,19 @@ pub enum Entry {
     Struck(JobId),
     /// A worker was wrong, and is quarantined.
     Distrusted(WorkerId),
-    /// What is told of workers, attempts and events: the row at this place of its table.
-    Told(u32, Box<Told>),
+    /// Something happened.
+    Event(Arc<Event>),
     /// The evaluation of this job is asked for in pieces.
     Cut(JobId, Cut),
 }
 
-/// A row of what is told.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Told {
-    /// Of the table `workers`.
-    Worker(WorkerRow),
-    /// Of the table `attempts`.
-    Attempt(AttemptRow),
-    /// Of the table `events`.
-    Event(EventRow),
-}
-
 /// What earlier starts of a run have left.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recorded {
     /// Starts of the coordinator so far.
     pub starts: u64,
     /// Time they were at work.
     pub at_work: Duration,
-    /// No worker was found to be wrong.
-    pub trusted: bool,
     /// Every answer.
     pub accepted: BTreeMap<JobId, Accepted>,
     /// Workers that had not gone.
@@ -139,27 +127,16 @@ pub struct Recorded {
     pub leases: Vec<(Lease, WorkerId)>,
     /// Workers that were wrong.
     pub quarantined: BTreeSet<WorkerId>,
-    /// What was told.
-    pub proceedings: Proceedings,
-}
-
-impl Default for Recorded {
-    fn default() -> Self {
-        Self {
-            starts: 0,
-            at_work: Duration::ZERO,
-            trusted: true,
-            accepted: BTreeMap::new(),
-            members: BTreeMap::new(),
-            cuts: BTreeMap::new(),
-            leases: Vec::new(),
-            quarantined: BTreeSet::new(),
-            proceedings: Proceedings::default(),
-        }
-    }
+    /// What happened, in order.
+    pub events: Vec<Event>,
 }
 
 impl Recorded {
+    /// Whether no worker was found to be wrong.
+    pub fn is_trusted(&self) -> bool {
+        self.quarantined.is_empty()
+    }
+
     /// Labels under which results are recorded.
     pub fn labels(&self) -> BTreeSet<String> {
         self.accepted.values().map(|accepted| accepted.worker.clone()).collect()

@@ -5,11 +5,13 @@ use std::time::SystemTime;
 
 use proptest::prelude::*;
 use proto::{Digest, SessionId};
+use redb::TableHandle as _;
 use tempfile::TempDir;
 
 use super::*;
 use crate::assembly::SideCut;
 use crate::evaluation::{EvaluationResult, Match};
+use crate::events::EventKind;
 use crate::shard::Described;
 use crate::task::TaskResult;
 
@@ -55,11 +57,13 @@ fn member(label: &str) -> Member {
     Member { label: label.to_owned(), introduction }
 }
 
-fn told(place: u32, event: &str) -> Entry {
+fn event(sequence: u64, generation: u32) -> Event {
     let at = SystemTime::UNIX_EPOCH + Duration::from_millis(1_700_000_000_123);
-    let (event, message) = (event.to_owned(), "why".to_owned());
-    let row = EventRow { at, event, worker: None, generation: Some(3), message };
-    Entry::Told(place, Box::new(Told::Event(row)))
+    Event { sequence, at, kind: EventKind::Rewind { generation, why: "why".to_owned() }, omitted: false }
+}
+
+fn happened(sequence: u64, generation: u32) -> Entry {
+    Entry::Event(Arc::new(event(sequence, generation)))
 }
 
 fn lease(job: u64, attempt: u32) -> Lease {
@@ -87,9 +91,9 @@ fn what_was_committed_is_there_at_the_next_start() {
         answer(5, 0),
         answer(u64::MAX, 3),
         Entry::Left(two),
-        told(0, "joined"),
-        told(1, "left"),
-        told(0, "lost"),
+        happened(0, 9),
+        happened(1, 8),
+        happened(7, 3),
         Entry::Distrusted(two),
     ]);
     let (_file, read, recorded) = JournalFile::open(&path).unwrap();
@@ -102,25 +106,31 @@ fn what_was_committed_is_there_at_the_next_start() {
     assert_eq!(recorded.members, [(one, member("rack"))].into());
     // An answered job is nobody's any more.
     assert_eq!(recorded.leases, [(lease(6, 1), one)]);
-    // What is told twice is what was told last.
-    let events: Vec<&str> = recorded.proceedings.events.iter().map(|row| row.event.as_str()).collect();
-    assert_eq!(events, ["lost", "left"]);
-    assert_eq!((recorded.quarantined, recorded.trusted), ([two].into(), false));
+    // In order; numbers between belong to events that were not to be kept.
+    assert_eq!(recorded.events, [event(0, 9), event(1, 8), event(7, 3)]);
+    assert!(!recorded.is_trusted());
+    assert_eq!(recorded.quarantined, [two].into());
 }
 
 #[test]
-fn a_journal_of_a_release_that_kept_nothing_of_what_is_told_is_read() {
-    let (_folder, path) = journal(&[answer(5, 0)]);
-    let recorded = JournalFile::open(&path).unwrap().2;
-    assert_eq!(recorded.proceedings, Proceedings::default());
-    assert_eq!(recorded.accepted.len(), 1);
-}
-
-#[test]
-fn what_is_told_with_a_gap_is_damage() {
-    let (_folder, path) = journal(&[told(0, "joined"), told(2, "left")]);
-    let error = JournalFile::open(&path).err().unwrap().to_string();
-    assert!(error.contains("row 2 of what is told where 1 should be"), "{error}");
+fn an_event_under_another_number_or_of_no_known_kind_is_damage() {
+    let event = serde_json::to_vec(&event(1, 3)).unwrap();
+    let message = |sequence: u64, bytes: &[u8]| {
+        let (_folder, path) = journal(&[]);
+        let database = redb::Database::create(&path).unwrap();
+        let transaction = database.begin_write().unwrap();
+        let events = redb::TableDefinition::<u64, &[u8]>::new("events");
+        transaction.open_table(events).unwrap().insert(sequence, bytes).unwrap();
+        transaction.commit().unwrap();
+        drop(database);
+        JournalFile::open(&path).err().map(|error| error.to_string()).unwrap_or_default()
+    };
+    assert_eq!(message(1, &event), "");
+    assert!(message(2, &event).contains("event 1 where 2 should be"));
+    assert!(message(2, b"{}").contains("no event"));
+    let last =
+        String::from_utf8(event).unwrap().replace("\"sequence\":1,", "\"sequence\":18446744073709551615,");
+    assert!(message(u64::MAX, last.as_bytes()).contains("should be"));
 }
 
 #[test]
@@ -147,20 +157,19 @@ fn pieces_of_evaluations_are_there_at_the_next_start() {
     assert_eq!(recorded.leases, []);
 }
 
-/// A journal of a release that knew no pieces has no table for them.
 #[test]
-fn a_journal_without_pieces_is_read() {
-    let (_folder, path) = journal(&[]);
-    let database = redb::Database::create(&path).unwrap();
-    let transaction = database.begin_write().unwrap();
-    let described = redb::TableDefinition::<u64, &[u8]>::new("described");
-    let cuts = redb::TableDefinition::<u64, (u32, u32, u32, u32)>::new("cuts");
-    assert!(transaction.delete_table(described).unwrap() && transaction.delete_table(cuts).unwrap());
-    transaction.commit().unwrap();
-    drop(database);
-    let recorded = JournalFile::open(&path).unwrap().2;
-    assert_eq!((recorded.starts, recorded.accepted.len(), recorded.cuts.len()), (2, 0, 0));
-    JournalFile::open(&path).unwrap().0.commit(&[answer(5, 0)]).unwrap();
+fn a_journal_without_one_of_its_tables_is_damaged() {
+    let (_folder, path) = journal(&[answer(5, 0)]);
+    for table in ["accepted", "described", "cuts", "quarantined", "events"] {
+        let (_folder, path) = journal(&[answer(5, 0)]);
+        let database = redb::Database::create(&path).unwrap();
+        let transaction = database.begin_write().unwrap();
+        let named = transaction.list_tables().unwrap().find(|listed| listed.name() == table).unwrap();
+        assert!(transaction.delete_table(named).unwrap());
+        transaction.commit().unwrap();
+        drop(database);
+        assert!(matches!(JournalFile::open(&path), Err(JournalError::Damaged { .. })), "{table}");
+    }
     assert_eq!(JournalFile::open(&path).unwrap().2.accepted.len(), 1);
 }
 

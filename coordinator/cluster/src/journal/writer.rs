@@ -1,13 +1,14 @@
 //! The journal at work: entries go in without waiting, a thread commits them in groups and says how far it has come.
 
 use std::path::PathBuf;
-use std::sync::{Mutex, PoisonError, mpsc};
+use std::sync::{Mutex, mpsc};
 use std::thread;
 use std::time::Instant;
 
 use tokio::sync::watch;
 
 use super::{Entry, JournalError, JournalFile};
+use crate::lock::lock;
 
 /// Most entries of one commit. What comes while a commit waits for the disk is the next group.
 const GROUP: usize = 4096;
@@ -51,7 +52,7 @@ impl Journal {
 
     /// Hands an entry to the thread. It is on the disk once its mark is durable.
     pub fn record(&self, entry: Entry) -> Mark {
-        let mut outbox = self.outbox.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut outbox = lock(&self.outbox);
         // Nobody takes it any more once a commit has failed: then no mark is ever durable again.
         let _ = outbox.entries.send(entry);
         outbox.recorded += 1;
@@ -60,7 +61,7 @@ impl Journal {
 
     /// The place after everything recorded so far.
     pub fn end(&self) -> Mark {
-        Mark(self.outbox.lock().unwrap_or_else(PoisonError::into_inner).recorded)
+        Mark(lock(&self.outbox).recorded)
     }
 
     /// Whether everything up to the mark is on the disk.

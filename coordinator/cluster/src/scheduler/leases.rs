@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 use proto::{JobId, Lease, WorkerId};
 
 use super::Scheduler;
-use super::event::{Attempt, AttemptEnd, What};
 use super::job::Job;
+use crate::events::{Attempt, AttemptEnd, EventKind};
 use crate::task::Task;
 
 /// A job is given to an idle second worker when it has run for this many times the median of its kind.
@@ -155,12 +155,13 @@ impl Scheduler {
         run_seconds: Option<f64>,
         now: Instant,
     ) {
-        let worker = self.label(id);
         let Some(job) = self.jobs.get(&job_id) else { return };
         let Some(handed_out) = job.handed_out_at(id, number) else { return };
-        let task = Arc::clone(&job.task);
-        let attempt = Attempt { job: job_id, number, task, worker, handed_out, end, run_seconds };
-        self.events.add(now, What::Attempt(attempt));
+        let (task, label) = (job.task.to_string(), self.label(id));
+        let held_seconds = now.saturating_duration_since(handed_out).as_secs_f64();
+        let attempt =
+            Attempt { job: job_id, number, task, worker: id, label, held_seconds, run_seconds, end };
+        self.emit(now, EventKind::Attempt(attempt));
     }
 
     /// Puts a job where it belongs after any change: among those that wait, among those a second worker may take, or

@@ -1,10 +1,11 @@
 //! What goes into the scheduler and what comes out of it.
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use proto::{JobId, Lease};
+use proto::{JobId, Lease, WorkerId};
 
+use crate::events::EventKind;
 use crate::task::{Task, TaskResult};
 
 /// What one worker says in one poll.
@@ -88,6 +89,29 @@ pub struct Finished<R = TaskResult> {
     pub run_seconds: f64,
     /// As many workers agree as have to. `false`: it was taken because there was nobody else to ask, and is in doubt.
     pub settled: bool,
+}
+
+/// Something that happened, for the event log.
+#[derive(Clone, Debug)]
+pub struct Emitted {
+    /// When.
+    pub at: Instant,
+    /// What.
+    pub kind: EventKind,
+}
+
+/// Why accepted results may be wrong.
+#[derive(Clone, Debug)]
+pub enum Doubt {
+    /// Two workers reported different results of one job.
+    Disagreement {
+        /// The job.
+        job: JobId,
+        /// Its task.
+        task: Arc<Task>,
+    },
+    /// A worker was quarantined.
+    Quarantined(WorkerId),
 }
 
 /// A job that failed as often as the limit allows.

@@ -3,7 +3,6 @@
 //! Nothing here does IO or waits. The service feeds polls in, the run driver submits jobs and drains outcomes.
 
 mod audit;
-mod event;
 mod job;
 mod leases;
 mod messages;
@@ -20,16 +19,17 @@ use std::time::{Duration, Instant};
 
 use proto::{JobId, Lease, WorkerId};
 
+pub use crate::events::Introduction;
+use crate::events::{AttemptEnd, Departure, EventKind};
 use crate::task::Task;
 pub use audit::Audit;
-use event::Events;
-pub use event::{Attempt, AttemptEnd, Departure, Event, What};
 use job::Job;
-pub use messages::{Answer, Finished, JobFailed, Poll, PollRefusal, RegisterRefusal, Report, Staffing};
+pub use messages::{
+    Answer, Doubt, Emitted, Finished, JobFailed, Poll, PollRefusal, RegisterRefusal, Report, Staffing,
+};
 use queue::Queue;
 use run_times::RunTimes;
 pub use turns::ClientId;
-pub use worker::Introduction;
 use worker::{Acquaintance, Worker};
 
 /// Workers that have nothing to do for so long are reported, …
@@ -85,7 +85,8 @@ pub struct Scheduler {
     run_times: RunTimes,
     finished: Vec<Finished>,
     failed: Option<JobFailed>,
-    events: Events,
+    events: Vec<Emitted>,
+    doubts: Vec<Doubt>,
     /// Those who are here and those who have answered a job: no label names two workers in the results, and a worker
     /// that returns keeps its own.
     known: BTreeMap<WorkerId, Acquaintance>,
@@ -115,7 +116,8 @@ impl Scheduler {
             run_times: RunTimes::default(),
             finished: Vec::new(),
             failed: None,
-            events: Events::default(),
+            events: Vec::new(),
+            doubts: Vec::new(),
             known: BTreeMap::new(),
             used_labels: BTreeSet::new(),
             last_look: None,
@@ -177,9 +179,16 @@ impl Scheduler {
         let label = acquaintance.label.clone();
         self.workers.insert(id, Worker::new(now));
         self.idle += 1;
-        self.events.add(now, What::Joined { worker: label.clone(), id, introduction });
+        self.emit(now, EventKind::Joined { worker: id, label: label.clone(), introduction });
         self.alone_since = None;
         Ok(label)
+    }
+
+    /// Notes a sign of life that cannot be answered yet.
+    pub fn heard_from(&mut self, id: WorkerId, now: Instant) {
+        if let Some(worker) = self.workers.get_mut(&id) {
+            worker.last_seen = now;
+        }
     }
 
     /// One poll: heartbeat, finished work, request for more.
@@ -281,13 +290,23 @@ impl Scheduler {
     }
 
     /// What happened since the last call.
-    pub fn drain_events(&mut self) -> Vec<Event> {
-        self.events.drain()
+    pub fn drain_events(&mut self) -> Vec<Emitted> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// What came up since the last call that makes accepted results doubtful.
+    pub fn drain_doubts(&mut self) -> Vec<Doubt> {
+        std::mem::take(&mut self.doubts)
     }
 
     /// The first job that failed for good, if any.
     pub fn failed(&self) -> Option<&JobFailed> {
         self.failed.as_ref()
+    }
+
+    /// Whether no worker was quarantined, in this start or an earlier one.
+    pub fn is_trusted(&self) -> bool {
+        self.quarantined.is_empty()
     }
 
     /// How many workers there are.
@@ -386,14 +405,16 @@ impl Scheduler {
 
     fn note_departure(&mut self, id: WorkerId, why: Departure, leases: usize, now: Instant) {
         let answers = self.known.get(&id).map_or(0, |known| known.answers);
-        self.events.add(now, What::Gone { worker: self.label(id), id, why, leases, answers });
+        let label = self.label(id);
+        self.emit(now, EventKind::Departed { worker: id, label, departure: why, leases, answers });
     }
 
     fn notice_undecided(&mut self, now: Instant) {
         let undecided = self.disputed.iter().map(|id| &self.jobs[id]).find(|job| !self.somebody_else(job));
         match (undecided, self.undecided_since) {
             (Some(job), None) => {
-                self.events.add(now, What::Undecided { task: Arc::clone(&job.task) });
+                let task = job.task.to_string();
+                self.emit(now, EventKind::Undecided { task });
                 self.undecided_since = Some(now);
             }
             (Some(_), Some(_)) => {}
@@ -412,12 +433,17 @@ impl Scheduler {
         }
         let since = *self.starving_since.get_or_insert(now);
         if now.saturating_duration_since(since) > STARVING_AFTER {
-            self.events.add(now, What::Starving { idle, unfinished });
+            self.emit(now, EventKind::Starving { idle, unfinished });
             self.starving_since = Some(now + (STARVING_AGAIN - STARVING_AFTER));
         }
     }
 
-    fn label(&self, id: WorkerId) -> String {
+    fn emit(&mut self, at: Instant, kind: EventKind) {
+        self.events.push(Emitted { at, kind });
+    }
+
+    /// The label of a worker that is here or has answered a job.
+    pub fn label(&self, id: WorkerId) -> String {
         self.known.get(&id).map_or_else(|| id.to_string(), |known| known.label.clone())
     }
 }

@@ -6,9 +6,9 @@ use std::time::Instant;
 use proto::{JobId, WorkerId};
 
 use super::Scheduler;
-use super::event::What;
 use super::job::Job;
 use super::worker::{Acquaintance, Worker};
+use crate::events::EventKind;
 use crate::journal::{Member, Recorded};
 
 impl Scheduler {
@@ -25,7 +25,7 @@ impl Scheduler {
             let answers = u64::from(labels.contains(label));
             self.known.insert(id, Acquaintance { label: worker.clone(), answers });
             self.used_labels.insert(worker.clone());
-            self.events.add(now, What::Joined { worker, id, introduction });
+            self.emit(now, EventKind::Joined { worker: id, label: worker, introduction });
         }
         self.used_labels.extend(labels);
         let mut earlier = BTreeMap::<_, Vec<_>>::new();

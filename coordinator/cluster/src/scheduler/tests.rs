@@ -103,8 +103,8 @@ impl Bench {
 
     /// Workers that went since the last call, with the reason.
     fn departures(&mut self) -> Vec<(String, Departure)> {
-        let went = |event: Event| match event.what {
-            What::Gone { worker, why, .. } => Some((worker, why)),
+        let went = |event: Emitted| match event.kind {
+            EventKind::Departed { label, departure, .. } => Some((label, departure)),
             _ => None,
         };
         self.scheduler.drain_events().into_iter().filter_map(went).collect()
@@ -142,7 +142,7 @@ fn labels_are_unique_and_kept_by_a_worker_that_returns() {
     assert_eq!(bench.join(3).as_deref(), Ok("host"));
     assert_eq!(bench.join(2).as_deref(), Ok("host-2"));
     assert_eq!(bench.join(4).as_deref(), Ok("host-3"));
-    let joined = |event: &Event| matches!(event.what, What::Joined { .. });
+    let joined = |event: &Emitted| matches!(event.kind, EventKind::Joined { .. });
     assert_eq!(bench.scheduler.drain_events().iter().filter(|event| joined(event)).count(), 5);
 }
 

@@ -5,9 +5,9 @@ use std::time::Instant;
 
 use proto::{JobId, Lease, WorkerId};
 
-use super::event::{AttemptEnd, What};
 use super::job::{Job, Vote};
-use super::{Departure, Finished, JobFailed, Report, Scheduler};
+use super::{Doubt, Emitted, Finished, JobFailed, Report, Scheduler};
+use crate::events::{AttemptEnd, Departure, EventKind};
 
 impl Scheduler {
     /// Takes one report; a valid answer counts from whichever lease, once a worker.
@@ -72,15 +72,18 @@ impl Scheduler {
         let Some(job) = self.jobs.get(&job_id) else { return };
         let (settled, disputed) = (job.needs() == 0, job.is_disputed());
         if disputed && self.disputed.insert(job_id) {
-            let workers = job.votes.iter().map(|vote| vote.label.clone()).collect();
-            self.events.add(now, What::Disagreement { job: job_id, task: Arc::clone(&job.task), workers });
+            let (workers, task) =
+                (job.votes.iter().map(|vote| vote.label.clone()).collect(), Arc::clone(&job.task));
+            let kind = EventKind::Disagreement { job: job_id, task: task.to_string(), workers };
+            self.events.push(Emitted { at: now, kind });
+            self.doubts.push(Doubt::Disagreement { job: job_id, task });
         }
         if !disputed || settled {
             self.disputed.remove(&job_id);
         }
         let alone = !settled && !disputed && !job.votes.is_empty() && !self.somebody_else(job);
         if alone && !job.delivered && !std::mem::replace(&mut self.unaudited, true) {
-            self.events.add(now, What::Unaudited);
+            self.events.push(Emitted { at: now, kind: EventKind::Unaudited });
         }
         if settled || alone {
             self.deliver(job_id);
@@ -100,6 +103,7 @@ impl Scheduler {
         if !self.quarantined.insert(id) {
             return;
         }
+        self.doubts.push(Doubt::Quarantined(id));
         if self.knows(id) {
             self.remove_worker(id, Departure::Quarantined, now);
         } else {

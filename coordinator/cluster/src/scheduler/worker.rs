@@ -5,27 +5,6 @@ use std::time::{Duration, Instant};
 
 use proto::JobId;
 
-/// How a worker introduces itself.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Introduction {
-    /// The name its operator gave it.
-    pub name: String,
-    /// Threads that evaluate.
-    pub threads: u32,
-    /// Which build it is.
-    pub build: String,
-    /// What it showed at the door: `token`, or `certificate` and its fingerprint; `None` where nothing is asked for.
-    pub credential: Option<String>,
-}
-
-#[cfg(test)]
-impl Introduction {
-    /// For tests: a worker of that name, let in without a credential.
-    pub fn sample(name: &str) -> Self {
-        Self { name: name.to_owned(), threads: 1, build: "test".to_owned(), credential: None }
-    }
-}
-
 pub(super) struct Worker {
     pub(super) last_seen: Instant,
     pub(super) sequence: u64,

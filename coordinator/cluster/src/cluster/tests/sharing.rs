@@ -133,10 +133,14 @@ async fn each_is_told_of_attempts_at_what_it_has_asked_and_of_all_workers() {
         () = labour(&cluster, 1, &answers, |bins| bins) => unreachable!(),
     };
     first.note_rewind(1, "for a test".to_owned());
-    let [one, two] = [first.proceedings(), second.proceedings()];
-    assert_eq!((one.attempts.len(), two.attempts.len()), (2, 3));
-    assert_eq!((one.workers.len(), two.workers.len()), (1, 1));
-    assert_eq!((one.events.len(), two.events.len()), (1, 1));
+    for (client, attempts) in [(first, 2), (second, 3)] {
+        let events = client.events();
+        let count = |is_it: fn(&EventKind) -> bool| events.iter().filter(|event| is_it(&event.kind)).count();
+        assert_eq!(count(|kind| matches!(kind, EventKind::Attempt(_))), attempts);
+        assert_eq!(count(|kind| matches!(kind, EventKind::Joined { .. })), 1);
+        assert_eq!(count(|kind| matches!(kind, EventKind::Rewind { generation: 1, .. })), 1);
+        assert_eq!(events.len(), attempts + 2);
+    }
 }
 
 #[tokio::test]

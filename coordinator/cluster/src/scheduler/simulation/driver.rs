@@ -7,9 +7,10 @@ use std::time::Instant;
 use descriptor::Parameters;
 use proto::JobId;
 
-use super::super::{ClientId, Departure, Scheduler, What};
+use super::super::{ClientId, Scheduler};
 use super::actor::truth;
 use crate::evaluation::Evaluation;
+use crate::events::{Departure, EventKind};
 use crate::task::{Names, Task, TaskResult};
 
 /// Runs that share the workers.
@@ -48,9 +49,11 @@ impl Driver {
             self.answers.insert(number, (result.object_correct, finished.worker));
         }
         for event in scheduler.drain_events() {
-            match event.what {
-                What::Gone { worker, why: Departure::Quarantined, .. } => self.quarantined.push(worker),
-                What::Disagreement { .. } => self.disagreements += 1,
+            match event.kind {
+                EventKind::Departed { label, departure: Departure::Quarantined, .. } => {
+                    self.quarantined.push(label);
+                }
+                EventKind::Disagreement { .. } => self.disagreements += 1,
                 _ => {}
             }
         }

@@ -8,9 +8,10 @@ use descriptor::random::stream;
 use proto::Lease;
 use rand::RngExt;
 
-use super::super::{Answer, Audit, Introduction, Limits, Poll, PollRefusal, Scheduler};
+use super::super::{Answer, Audit, Limits, Poll, PollRefusal, Scheduler};
 use super::actor::{Actor, Nature};
 use super::driver::Driver;
+use crate::events::Introduction;
 
 const TICK: Duration = Duration::from_millis(500);
 const HOLD: Duration = Duration::from_secs(10);

@@ -1,92 +1,118 @@
-//! What happened: workers that came and went, attempts and how they ended, answers that disagree.
+//! What can happen: workers that come and go, attempts and how they end, results that disagree.
 
 use std::fmt;
-use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, SystemTime};
 
 use proto::{JobId, WorkerId};
+use serde::{Deserialize, Serialize};
 
-use super::worker::Introduction;
-use crate::task::Task;
+use super::introduction::Introduction;
+use super::serde_forms;
 
-/// Events beyond which no more are kept until somebody reads them.
-const MAX_UNREAD: usize = 100_000;
-
-/// Something that happened, and when.
-#[derive(Clone, Debug)]
+/// Something that happened, and when. In JSON all fields stand side by side.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Event {
-    /// When the scheduler learnt of it.
-    pub at: Instant,
-    /// What it was.
-    pub what: What,
+    /// Grows with each event, through all starts of the coordinator.
+    pub sequence: u64,
+    /// When the coordinator noticed, to the millisecond.
+    #[serde(rename = "at_ms", with = "serde_forms::milliseconds")]
+    pub at: SystemTime,
+    /// What happened.
+    #[serde(flatten)]
+    pub kind: EventKind,
+    /// Beyond the bound of its kind: observers that follow see it, but neither log nor journal keeps it.
+    #[serde(skip)]
+    pub omitted: bool,
 }
 
 /// What happened.
-#[derive(Clone, Debug)]
-pub enum What {
-    /// A worker registered.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "event", rename_all = "snake_case")]
+pub enum EventKind {
+    /// A worker registered, or was found registered when the coordinator was started again.
     Joined {
-        /// Its unique label.
-        worker: String,
         /// Its id.
-        id: WorkerId,
+        #[serde(with = "serde_forms::worker_id")]
+        worker: WorkerId,
+        /// Its unique label.
+        label: String,
         /// How it introduced itself.
+        #[serde(flatten)]
         introduction: Introduction,
     },
-    /// A worker is no longer counted upon.
-    Gone {
-        /// Its label.
-        worker: String,
+    /// A worker was removed.
+    Departed {
         /// Its id.
-        id: WorkerId,
+        #[serde(with = "serde_forms::worker_id")]
+        worker: WorkerId,
+        /// Its label.
+        label: String,
         /// Why.
-        why: Departure,
+        departure: Departure,
         /// Leases it held.
         leases: usize,
-        /// Valid answers it gave since it joined.
+        /// Valid results it reported since its id was first seen.
         answers: u64,
     },
-    /// An attempt ended; a late answer to it makes a second event.
+    /// A worker of the coordinator's own process ended with an earlier start of it.
+    Ended {
+        /// Its id.
+        #[serde(with = "serde_forms::worker_id")]
+        worker: WorkerId,
+        /// Its label.
+        label: String,
+    },
+    /// An attempt ended; a late result of it makes a second event.
     Attempt(Attempt),
-    /// Two workers gave different answers to one job; a further worker decides.
+    /// Two workers reported different results of one job; a further worker decides.
     Disagreement {
         /// The job.
+        #[serde(with = "serde_forms::job_id")]
         job: JobId,
-        /// What it asks.
-        task: Arc<Task>,
-        /// Labels of those who answered.
+        /// Label of its task.
+        task: String,
+        /// Labels of those who reported.
         workers: Vec<String>,
     },
-    /// Answers disagree and there is no further worker to decide.
+    /// Results disagree and there is no further worker to decide.
     Undecided {
-        /// The job.
-        task: Arc<Task>,
+        /// Label of the job's task.
+        task: String,
     },
-    /// An evaluation that was to be audited was taken from the only worker there is. Reported once; audits are made
+    /// An evaluation that was to be audited was accepted from the only worker there is. Emitted once; audits are made
     /// up for when another worker joins.
     Unaudited,
-    /// Workers have had nothing to do for a while.
+    /// Workers have been idle for a while.
     Starving {
         /// How many.
         idle: usize,
         /// Jobs that others work on.
         unfinished: usize,
     },
+    /// A run went back to the beginning of a generation.
+    Rewind {
+        /// Which one.
+        generation: u32,
+        /// Why.
+        why: String,
+    },
 }
 
-impl fmt::Display for What {
+impl fmt::Display for EventKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Joined { worker, introduction, .. } => {
-                write!(f, "worker {worker}: joined, {} threads, {}", introduction.threads, introduction.build)?;
+            Self::Joined { label, introduction, .. } => {
+                write!(f, "worker {label}: joined, {} threads, {}", introduction.threads, introduction.build)?;
                 introduction.credential.as_ref().map_or(Ok(()), |credential| write!(f, ", with {credential}"))
             }
-            Self::Gone { worker, why, leases, .. } => {
+            Self::Departed { label, departure, leases, .. } => {
                 let noun = if *leases == 1 { "lease" } else { "leases" };
-                write!(f, "worker {worker}: {}: {}, {leases} {noun} handed back", why.as_str(), why.reason())
+                let (word, reason) = (departure.as_str(), departure.reason());
+                write!(f, "worker {label}: {word}: {reason}, {leases} {noun} handed back")
             }
-            Self::Attempt(Attempt { number, task, worker, end, .. }) => {
-                write!(f, "worker {worker}: {task}, attempt {number}: {}", end.as_str())?;
+            Self::Ended { label, .. } => write!(f, "worker {label}: ended with the coordinator"),
+            Self::Attempt(Attempt { number, task, label, end, .. }) => {
+                write!(f, "worker {label}: {task}, attempt {number}: {}", end.as_str())?;
                 end.reason().map_or(Ok(()), |reason| write!(f, ": {reason}"))
             }
             Self::Disagreement { task, workers, .. } => {
@@ -103,27 +129,26 @@ impl fmt::Display for What {
                 let jobs = if *unfinished == 1 { "evaluation is" } else { "evaluations are" };
                 write!(f, "{idle} {workers} idle: only {unfinished} {jobs} left before the next can be chosen")
             }
+            Self::Rewind { generation, why } => write!(f, "back to generation {generation}: {why}"),
         }
     }
 }
 
-impl What {
-    /// Whether answers that were taken may be wrong.
-    pub fn casts_doubt(&self) -> bool {
-        matches!(self, Self::Disagreement { .. } | Self::Gone { why: Departure::Quarantined, .. })
-    }
-
-    /// Whether its line belongs in the log: what goes as it should does not.
+impl EventKind {
+    /// Whether the scheduler has something unusual to say to people: what goes as it should is not printed, and a
+    /// rewind is announced by the run itself.
     pub fn is_news(&self) -> bool {
         match self {
             Self::Attempt(attempt) => matches!(attempt.end, AttemptEnd::Failed(_) | AttemptEnd::Overdue),
+            Self::Ended { .. } | Self::Rewind { .. } => false,
             _ => true,
         }
     }
 }
 
-/// Why a worker is no longer counted upon.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// Why a worker was removed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Departure {
     /// It said goodbye.
     Left,
@@ -158,26 +183,41 @@ impl Departure {
 }
 
 /// One attempt that has ended.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Attempt {
     /// Which job.
+    #[serde(with = "serde_forms::job_id")]
     pub job: JobId,
     /// Which attempt at it, from 1.
+    #[serde(rename = "attempt")]
     pub number: u32,
-    /// What was asked.
-    pub task: Arc<Task>,
-    /// Label of the worker.
-    pub worker: String,
-    /// When the lease was handed out.
-    pub handed_out: Instant,
-    /// How it ended.
-    pub end: AttemptEnd,
+    /// Label of the task.
+    pub task: String,
+    /// Id of the worker.
+    #[serde(with = "serde_forms::worker_id")]
+    pub worker: WorkerId,
+    /// Its label.
+    pub label: String,
+    /// Seconds from the lease to the end of the attempt.
+    pub held_seconds: f64,
     /// Seconds on the worker's clock, if it reported.
     pub run_seconds: Option<f64>,
+    /// How it ended.
+    #[serde(flatten)]
+    pub end: AttemptEnd,
+}
+
+impl Attempt {
+    /// When the lease was granted, given when the attempt ended.
+    pub fn leased_at(&self, ended: SystemTime) -> SystemTime {
+        let held = Duration::try_from_secs_f64(self.held_seconds).unwrap_or_default();
+        ended.checked_sub(held).unwrap_or(ended)
+    }
 }
 
 /// How an attempt ended.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "end", content = "reason", rename_all = "snake_case")]
 pub enum AttemptEnd {
     /// The first answer to its job.
     Answered,
@@ -225,23 +265,5 @@ impl AttemptEnd {
             Self::Gone(departure) => Some(departure.reason()),
             _ => None,
         }
-    }
-}
-
-/// Events nobody has read yet. Strangers that come and go while nobody reads must not fill the memory.
-#[derive(Debug, Default)]
-pub(super) struct Events {
-    unread: Vec<Event>,
-}
-
-impl Events {
-    pub(super) fn add(&mut self, at: Instant, what: What) {
-        if self.unread.len() < MAX_UNREAD {
-            self.unread.push(Event { at, what });
-        }
-    }
-
-    pub(super) fn drain(&mut self) -> Vec<Event> {
-        std::mem::take(&mut self.unread)
     }
 }
