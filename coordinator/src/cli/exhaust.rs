@@ -10,7 +10,7 @@ use worker::StorageArgs;
 use crate::exhaust;
 use crate::experiment::{Experiment, LocalWorkers, Overrides};
 use crate::run::RunOptions;
-use transport::door::Protection;
+use transport::Protection;
 
 /// Evaluate every descriptor of an experiment's search space on the training clouds; workers may join at any time
 ///

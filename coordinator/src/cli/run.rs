@@ -10,7 +10,7 @@ use worker::StorageArgs;
 use crate::experiment::{LocalWorkers, Overrides, Plan};
 use crate::run::{self, RunOptions};
 use crate::sweep;
-use transport::door::Protection;
+use transport::Protection;
 
 /// Run an experiment; workers may join at any time
 ///

@@ -7,7 +7,7 @@ use descriptor::fixed::description::{self as fixed, DescribedClouds};
 use descriptor::{Descriptor, FixedKind, Label, Parameters, Parts};
 use proto::MAX_DESCRIPTION_BYTES;
 
-use crate::assembly;
+use cluster::assembly;
 use cluster::blobs::BlobStore;
 use cluster::evaluation::Evaluation;
 use cluster::shard::Description;

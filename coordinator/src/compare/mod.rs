@@ -34,7 +34,7 @@ use differences::{Level, Outcomes, error_interval, pairs};
 use recognition::{MAX_PAIRS, Recognition};
 pub use summary::Comparison;
 use timing::{Timed, time};
-use transport::door::Protection;
+use transport::Protection;
 
 /// What is compared, and how.
 #[derive(Clone, Debug)]
@@ -156,12 +156,13 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
 
     let local_workers = experiment.coordinator().local_workers;
     let can_do_alone = local_workers != LocalWorkers::Count(0);
-    let door = listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
+    let listener =
+        listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
     let memory = options.storage.memory;
     let mut workplace = Workplace::for_genes(&genes, experiment, dataset, Arc::clone(&store), memory)
         .map_err(|error| RunError::from(DataError::from(error)))?;
-    if let Some(door) = door {
-        workplace.open(door).await;
+    if let Some(listener) = listener {
+        workplace.open(listener).await;
     }
     progress.follow(&workplace.cluster);
     let mut client = workplace.cluster.client();

@@ -57,13 +57,14 @@ pub async fn exhaust(
             return Ok(GridSummary { grid: grid.clone(), out, recheck: None });
         }
     }
-    let door = listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
+    let listener =
+        listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
     // Before a folder is made: the search space may be too fine.
     let mut workplace = Workplace::new(experiment, &dataset, Arc::clone(&store), options.storage.memory)
         .map_err(DataError::from)?;
     let folder = open_folder(&out, &question)?;
-    if let Some(door) = door {
-        workplace.open(door).await;
+    if let Some(listener) = listener {
+        workplace.open(listener).await;
     }
     progress.follow(&workplace.cluster);
     let mut client = workplace.cluster.client();

@@ -18,7 +18,7 @@ use crate::run::splits::{Matching, SplitBlobs};
 use cluster::journal::{Journal, Recorded};
 use cluster::scheduler::{Audit, Limits};
 use cluster::{Cluster, ClusterError};
-use transport::door::Door;
+use transport::Listener;
 use transport::{Release, Servers};
 
 /// Workers beyond which registration is refused.
@@ -124,8 +124,8 @@ impl<'a> Workplace<'a> {
     }
 
     /// Lets remote workers in.
-    pub async fn open(&mut self, door: Door) {
-        self.servers.serve(door).await;
+    pub async fn open(&mut self, listener: Listener) {
+        self.servers.serve(listener).await;
     }
 
     /// Training counts of some descriptors, in their order.

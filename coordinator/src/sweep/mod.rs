@@ -68,7 +68,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let mut progress = Progress::new(generations.fold(0, u32::saturating_add));
     let local_workers = base.coordinator().local_workers;
     let can_do_alone = local_workers != LocalWorkers::Count(0);
-    let door = listen(base.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
+    let listener = listen(base.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
     let dataset = open_data(base, Wanted::All, Some(&store), |line| progress.say(line))?;
     let validates = |member: &Member| member.experiment.stop().validation_patience.is_some();
     if members.iter().any(validates) && dataset.splits.validation.is_empty() {
@@ -90,8 +90,8 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let memory = options.storage.memory;
     let mut workplace =
         Workplace::with_journal(past, base, &dataset, Arc::clone(&store), memory).map_err(DataError::from)?;
-    if let Some(door) = door {
-        workplace.open(door).await;
+    if let Some(listener) = listener {
+        workplace.open(listener).await;
     }
     let memory = |matching| workplace.splits.memory(&store, base.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);

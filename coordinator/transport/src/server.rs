@@ -1,12 +1,12 @@
-//! Where workers connect: through the door for remote ones, over memory for those in this process.
+//! The servers of a run: on the port for remote workers, in memory for those of this process.
 
 use std::io;
 use std::sync::Arc;
 use std::time::Duration;
 
 use hyper_util::rt::TokioIo;
+use proto::v1;
 use proto::v1::coordinator_server::CoordinatorServer;
-use proto::{Digest, v1};
 use tokio::io::DuplexStream;
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
@@ -14,8 +14,9 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::transport::{Channel, Endpoint, Server};
 use tower::service_fn;
 
-use crate::door::{Admission, Door, Guard};
-use crate::service::Service;
+use crate::auth_layer::AuthLayer;
+use crate::listener::{Accepting, Listener};
+use crate::service::{DerivedEntries, Release, Service};
 use cluster::Cluster;
 
 /// Bytes on their way between the two ends of an in-process connection.
@@ -25,19 +26,6 @@ const PIPE_BYTES: usize = 256 << 10;
 const MAX_STREAMS: u32 = 64;
 /// How often a silent connection is asked whether it is still there.
 const KEEPALIVE: Duration = Duration::from_secs(20);
-
-/// Entries that the coordinator has in its own store, by kind and key: `None` if there is none, or if it must not be
-/// given away yet.
-pub type DerivedEntries = Arc<dyn Fn(&str, Digest) -> Option<Vec<u8>> + Send + Sync>;
-
-/// What this program is, for workers of another release.
-#[derive(Clone, Copy, Debug)]
-pub struct Release {
-    /// Its name and version.
-    pub build: &'static str,
-    /// Version of the numbers that an evaluation gives.
-    pub evaluation_version: u32,
-}
 
 /// The running servers of one run; they end when this is dropped.
 pub struct Servers {
@@ -60,20 +48,21 @@ impl Servers {
     }
 
     /// Serves remote workers, health probes and reflection.
-    pub async fn serve(&mut self, door: Door) {
+    pub async fn serve(&mut self, listener: Listener) {
         let (health, health_service) = tonic_health::server::health_reporter();
         health.set_serving::<proto::v1::coordinator_server::CoordinatorServer<Service>>().await;
         let reflection = tonic_reflection::server::Builder::configure()
             .register_encoded_file_descriptor_set(proto::FILE_DESCRIPTOR_SET)
             .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
             .build_v1();
-        let mut router = server().layer(Guard).add_service(self.service(false)).add_service(health_service);
+        let Accepting { connections, access, run } = listener.accept(Arc::clone(&self.cluster));
+        let mut router =
+            server().layer(AuthLayer(access)).add_service(self.service(false)).add_service(health_service);
         match reflection {
             Ok(service) => router = router.add_service(service),
             Err(error) => tracing::warn!("gRPC reflection is off, got {error}"),
         }
-        let Admission { connections, tend } = door.admit(Arc::clone(&self.cluster));
-        self.tasks.spawn(tend);
+        self.tasks.spawn(run);
         self.spawn(router.serve_with_incoming(ReceiverStream::new(connections)));
     }
 
