@@ -152,6 +152,7 @@ async fn a_silent_worker_is_removed_although_nobody_waits_for_results() {
     assert_eq!(removed, (id, Departure::Lost));
     let waited = registered.elapsed();
     assert!((LIMITS.lease..LIMITS.lease + 2 * TICK).contains(&waited), "{waited:?}");
+    cluster.begun.send_replace(true);
     assert_eq!(cluster.poll(id, Poll::default()).await.unwrap_err(), PollRefusal::UnknownWorker);
 }
 
