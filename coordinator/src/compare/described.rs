@@ -7,10 +7,10 @@ use descriptor::fixed::description::{self as fixed, DescribedClouds};
 use descriptor::{Descriptor, FixedKind, Label, Parameters, Parts};
 use proto::MAX_DESCRIPTION_BYTES;
 
-use cluster::assembly;
 use cluster::blobs::BlobStore;
 use cluster::evaluation::Evaluation;
 use cluster::shard::Description;
+use cluster::sharding;
 
 /// Clouds that are described together: few, because PFHRGB takes a tenth of a second for each.
 const SHARD: u32 = 16;
@@ -37,7 +37,7 @@ pub enum DescribedParts {
 
 /// All test queries and their database, cut into shards.
 pub struct Shards {
-    sides: [Arc<assembly::Side>; 2],
+    sides: [Arc<sharding::Side>; 2],
 }
 
 impl Shards {
@@ -47,7 +47,7 @@ impl Shards {
         let one = descriptors.iter().map(|descriptor| descriptor.description_length(1)).max().unwrap_or(1);
         let fitting = u32::try_from(MAX_DESCRIPTION_BYTES / one.max(1)).unwrap_or(SHARD).clamp(1, SHARD);
         let side = |splits, clouds: u32| {
-            assembly::Side::publish(splits, clouds, clouds.div_ceil(fitting), blobs).map(Arc::new)
+            sharding::Side::publish(splits, clouds, clouds.div_ceil(fitting), blobs).map(Arc::new)
         };
         Some(Self {
             sides: [

@@ -105,7 +105,7 @@ impl<'a> Workplace<'a> {
         store: Arc<Store>,
         memory: Size,
     ) -> Result<Self, QuantiseError> {
-        cluster.set_pieces(experiment.coordinator().pieces);
+        cluster.set_shard_count(experiment.coordinator().pieces);
         let splits = SplitBlobs::publish(dataset, &cluster.blobs);
         let preparation = manifest::preparation(experiment.preprocess(), genes);
         let quantiser = Quantiser::new(genes)?;

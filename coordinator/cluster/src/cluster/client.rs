@@ -22,8 +22,8 @@ type Asked = BTreeMap<JobId, (usize, Arc<Task>)>;
 pub struct Client {
     id: ClientId,
     cluster: Arc<Cluster>,
-    /// There is something to tell.
-    bell: Arc<Notify>,
+    /// Wakes it when there is news.
+    wakeup: Arc<Notify>,
 }
 
 /// A cell of the grid that was counted.
@@ -41,15 +41,15 @@ pub struct CellAnswer {
 
 impl Client {
     pub(super) fn new(cluster: &Arc<Cluster>) -> Self {
-        let (id, bell) = cluster.floor().clients.join();
-        Self { id, cluster: Arc::clone(cluster), bell }
+        let (id, wakeup) = cluster.state().clients.join();
+        Self { id, cluster: Arc::clone(cluster), wakeup }
     }
 
     /// Waits until a worker has joined; calls `still_waiting` each minute.
     pub async fn wait_for_worker(&self, mut still_waiting: impl FnMut(Duration)) {
         let begun = now();
         let mut next = Duration::from_secs(60);
-        while self.cluster.floor().scheduler.staffing(now()) != Staffing::Staffed {
+        while self.cluster.state().scheduler.staffing(now()) != Staffing::Staffed {
             let waited = now().saturating_duration_since(begun);
             if waited >= next {
                 still_waiting(waited);
@@ -60,7 +60,7 @@ impl Client {
     }
 
     /// Submits evaluations and waits for all of them; results are in the order of submission, whatever the order
-    /// of arrival. `watch` is shown every piece of news.
+    /// of arrival. `watch` is shown all news.
     pub async fn evaluate(
         &mut self,
         evaluations: Vec<Evaluation>,
@@ -78,7 +78,7 @@ impl Client {
         Ok(batch.finish())
     }
 
-    /// Submits cells of the grid and waits for all of them. `take` is given every piece of news, with the counts of
+    /// Submits cells of the grid and waits for all of them. `take` is given all news, with the counts of
     /// the cells that were finished, numbered in the order of submission, and who counted them; its error ends the
     /// waiting.
     pub async fn evaluate_cells<E: From<ClusterError>>(
@@ -90,7 +90,7 @@ impl Client {
         self.perform(cells.into_iter().map(Task::GridCell).collect(), |news, finished| {
             let answer = |(place, finished): (usize, Finished)| match finished.result {
                 TaskResult::GridCell(counts) => {
-                    let worker_id = cluster.floor().scheduler.id_of(&finished.worker);
+                    let worker_id = cluster.state().scheduler.id_of(&finished.worker);
                     Some(CellAnswer { place, counts, worker_id, settled: finished.settled })
                 }
                 TaskResult::Evaluation(_) | TaskResult::Description(_) => None, // `Task::check` lets none pass
@@ -101,7 +101,7 @@ impl Client {
     }
 
     /// Asks for descriptions and waits for all of them; they are in the order of the shards, whatever the order of
-    /// arrival. `watch` is shown every piece of news.
+    /// arrival. `watch` is shown all news.
     ///
     /// # Errors
     /// As for evaluations, and [`ClusterError::Gone`].
@@ -138,7 +138,7 @@ impl Client {
         }
     }
 
-    /// Submits tasks and waits for all of them. `take` is given every piece of news, with the tasks that were
+    /// Submits tasks and waits for all of them. `take` is given all news, with the tasks that were
     /// finished, numbered in the order of submission, and returns tasks that are to be submitted as well; its error ends
     /// the waiting.
     async fn perform<E: From<ClusterError>>(
@@ -189,56 +189,56 @@ impl Client {
     /// Asks for tasks, and adds them to those that were asked for. Answers come by [`Client::look`], those that are there
     /// at once.
     fn ask(&mut self, tasks: Vec<Task>, asked: &mut Asked) {
-        let (mut floor, now) = (self.cluster.floor(), now());
+        let (mut state, now) = (self.cluster.state(), now());
         for task in tasks {
             let (place, task) = (asked.len(), Arc::new(task));
-            asked.insert(floor.ask(self.id, Arc::clone(&task), now), (place, task));
+            asked.insert(state.ask(self.id, Arc::clone(&task), now), (place, task));
         }
-        floor.call(now);
+        state.wake(now);
     }
 
     /// It waits for something that had no answer, and has asked for everything else that it could.
     fn arrive(&self) {
-        let mut floor = self.cluster.floor();
-        floor.clients.account(self.id).arrive();
-        self.cluster.begin_if_all_arrived(&floor);
+        let mut state = self.cluster.state();
+        state.clients.account(self.id).arrive();
+        self.cluster.begin_if_all_arrived(&state);
     }
 
     /// What happened since the last look, and the answers that have come.
     async fn look(&mut self) -> Result<(ClusterNews, Vec<Finished>), ClusterError> {
-        let (finished, news, struck) = {
-            let (mut floor, now) = (self.cluster.floor(), now());
-            let finished = floor.clients.account(self.id).take_inbox();
-            let news = floor.news(self.id, finished.len(), now);
-            (finished, news, floor.struck())
+        let (finished, news, retracted) = {
+            let (mut state, now) = (self.cluster.state(), now());
+            let finished = state.clients.account(self.id).take_inbox();
+            let news = state.news(self.id, finished.len(), now);
+            (finished, news, state.retracted())
         };
-        if let Some(mark) = struck {
-            // Before anybody is told: a coordinator that is killed now must not go on with what is in doubt.
-            self.cluster.durable(mark).await?;
+        if let Some(sequence) = retracted {
+            // Before anything is delivered: a coordinator that is killed now must not go on with what is in doubt.
+            self.cluster.durable(sequence).await?;
         }
         Ok((news, finished))
     }
 
-    /// Whether every answer was told, and none of them is in doubt.
+    /// Whether every result was delivered, and none of them is in doubt.
     ///
     /// # Errors
-    /// If answers that were told have turned out to be wrong: what was made of them has to be made again, by the
-    /// same calls in the same order. They are answered from what is known, as far as it still holds.
+    /// If results that were delivered have turned out to be wrong: what was made of them has to be made again, by the
+    /// same calls in the same order. Those that still hold are delivered again at once.
     fn has_all(&mut self) -> Result<bool, ClusterError> {
-        let mut floor = self.cluster.floor();
-        if !floor.clients.account(self.id).has_all() || floor.is_in_doubt() {
+        let mut state = self.cluster.state();
+        if !state.clients.account(self.id).has_all() || state.is_in_doubt() {
             return Ok(false);
         }
-        let account = floor.clients.account(self.id);
+        let account = state.clients.account(self.id);
         if account.corrected.is_empty() {
             return Ok(true);
         }
         Err(ClusterError::Corrected(account.begin_again()))
     }
 
-    /// Waits until there is something to tell, or the clock ticks: somebody's patience may be over.
+    /// Waits for news, or the next tick of the clock: a grace may be over.
     async fn wait(&self) {
-        self.bell.notified().await;
+        self.wakeup.notified().await;
     }
 
     /// Has no more to ask, as far as it knows: what waits for the first question of every client need not wait for this.
@@ -246,22 +246,22 @@ impl Client {
         self.arrive();
     }
 
-    /// Whether answers that it was told have turned out to be wrong since its last question; then it begins again.
+    /// Whether results that were delivered to it have turned out to be wrong since it last asked; then it begins again.
     pub fn begins_again(&mut self) -> bool {
-        let mut floor = self.cluster.floor();
-        let account = floor.clients.account(self.id);
+        let mut state = self.cluster.state();
+        let account = state.clients.account(self.id);
         !account.corrected.is_empty() && !account.begin_again().is_empty()
     }
 
     /// Notes that the run begins again, and why.
     pub fn note_rewind(&self, generation: u32, why: String) {
-        self.cluster.floor().append(now(), EventKind::Rewind { generation, why });
+        self.cluster.state().append(now(), EventKind::Rewind { generation, why });
     }
 
     /// Everything that has happened in all starts of the run, without attempts at what only others have asked for.
     pub fn events(&self) -> Vec<Arc<Event>> {
         let events = self.cluster.events.follow_from_first().read_to_end();
-        self.cluster.floor().concerning(self.id, events)
+        self.cluster.state().concerning(self.id, events)
     }
 
     /// How many events had no room in the log since this start.
@@ -272,8 +272,8 @@ impl Client {
 
 impl Drop for Client {
     fn drop(&mut self) {
-        let mut floor = self.cluster.floor();
-        floor.leave(self.id);
-        self.cluster.begin_if_all_arrived(&floor);
+        let mut state = self.cluster.state();
+        state.leave(self.id);
+        self.cluster.begin_if_all_arrived(&state);
     }
 }

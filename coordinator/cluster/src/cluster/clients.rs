@@ -1,4 +1,4 @@
-//! Those who ask: what each of them has asked for, and what it has not been told yet.
+//! Clients: what each of them has asked for, and what is to be delivered to it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -41,25 +41,25 @@ pub(super) struct Account {
     past: Vec<Names>,
     /// How many of its jobs have no answer.
     waits_for: usize,
-    /// Answers that it has not been told.
+    /// Results to be delivered.
     inbox: Vec<Finished>,
     /// What casts doubt on answers, since it last looked.
     pub(super) doubts: Vec<Doubt>,
-    /// Tasks of which it was told an answer that turned out to be wrong.
+    /// Tasks of which a wrong result was delivered to it.
     pub(super) corrected: Vec<Arc<Task>>,
-    bell: Arc<Notify>,
+    wakeup: Arc<Notify>,
     /// It has asked for something that had no answer, and for everything it could ask for beside that; or it has no more
     /// to ask.
     arrived: bool,
 }
 
 impl Account {
-    /// Takes what it has not been told.
+    /// Takes the results to be delivered.
     pub(super) fn take_inbox(&mut self) -> Vec<Finished> {
         std::mem::take(&mut self.inbox)
     }
 
-    /// Whether it was told every answer.
+    /// Whether every result was delivered.
     pub(super) fn has_all(&self) -> bool {
         self.waits_for == 0 && self.inbox.is_empty()
     }
@@ -79,20 +79,20 @@ impl Account {
         self.arrived = true;
     }
 
-    fn tell(&mut self, finished: Finished) {
+    fn deliver_one(&mut self, finished: Finished) {
         self.inbox.push(finished);
-        self.bell.notify_one();
+        self.wakeup.notify_one();
     }
 }
 
 impl Clients {
-    /// Somebody new, and what wakes it when there is something to tell.
+    /// A new client, and what wakes it when there is news for it.
     pub(super) fn join(&mut self) -> (ClientId, Arc<Notify>) {
         self.joined += 1;
         let (id, account) = (ClientId(self.joined), Account::default());
-        let bell = Arc::clone(&account.bell);
+        let wakeup = Arc::clone(&account.wakeup);
         self.accounts.insert(id, account);
-        (id, bell)
+        (id, wakeup)
     }
 
     pub(super) fn leave(&mut self, id: ClientId) {
@@ -115,9 +115,9 @@ impl Clients {
         job
     }
 
-    /// Tells a client an answer that is there.
-    pub(super) fn tell(&mut self, id: ClientId, finished: Finished) {
-        self.account(id).tell(finished);
+    /// Delivers a result that is there already.
+    pub(super) fn deliver_one(&mut self, id: ClientId, finished: Finished) {
+        self.account(id).deliver_one(finished);
     }
 
     /// Lets a client wait for a job; `false` if another waits for it already.
@@ -136,13 +136,13 @@ impl Clients {
         for id in clients {
             if let Some(account) = self.accounts.get_mut(&id) {
                 account.waits_for -= 1;
-                account.tell(finished.clone());
+                account.deliver_one(finished.clone());
             }
         }
         Some(task)
     }
 
-    /// Notes for all that were told the answer to a job that it was wrong.
+    /// Notes for all to which the result of a job was delivered that it was wrong.
     pub(super) fn correct(&mut self, job: JobId, task: &Arc<Task>) {
         for account in self.accounts.values_mut().filter(|account| account.names.contains(job)) {
             account.corrected.push(Arc::clone(task));
@@ -171,7 +171,7 @@ impl Clients {
         self.checks.contains(&job) || is_its_own() || !self.shared && !self.was_asked(job)
     }
 
-    /// Tells all of them that answers may be wrong.
+    /// Tells all of them that results may be wrong.
     pub(super) fn doubt(&mut self, doubt: &Doubt) {
         for account in self.accounts.values_mut() {
             if account.doubts.len() < MAX_DOUBTS {
@@ -181,9 +181,9 @@ impl Clients {
     }
 
     /// Wakes all of them.
-    pub(super) fn ring(&self) {
+    pub(super) fn wake_all(&self) {
         for account in self.accounts.values() {
-            account.bell.notify_one();
+            account.wakeup.notify_one();
         }
     }
 }

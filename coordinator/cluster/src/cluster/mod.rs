@@ -4,7 +4,7 @@
 
 mod client;
 mod clients;
-mod floor;
+mod state;
 
 use std::sync::{Arc, Mutex, MutexGuard, Weak};
 use std::time::{Duration, Instant, SystemTime};
@@ -13,21 +13,21 @@ use proto::{Lease, SessionId, WorkerId};
 use tokio::sync::{Notify, watch};
 use tokio::time::MissedTickBehavior;
 
-use crate::assembly::{Batch, Load, Pieces, Planner};
 use crate::blobs::BlobStore;
+use crate::durability::Durability;
 use crate::evaluation::Evaluation;
 use crate::events::{EventCursor, EventKind, EventLog};
-use crate::journal::{Journal, JournalError, Mark, Recorded};
-use crate::ledger::Ledger;
+use crate::journal::{Journal, JournalError, LogSequence, Recorded};
 use crate::lock::lock;
 use crate::scheduler::{
     Answer, Doubt, Finished, Introduction, JobFailed, Limits, Poll, PollRefusal, RegisterRefusal, Scheduler,
     Staffing,
 };
 use crate::shard::Described;
+use crate::sharding::{Batch, Load, Planner, ShardCount};
 use crate::task::{Task, TaskResult};
 pub use client::{CellAnswer, Client};
-use floor::Floor;
+use state::ClusterState;
 
 /// How often silent workers are looked for.
 const TICK: Duration = Duration::from_millis(500);
@@ -80,7 +80,7 @@ pub struct Cluster {
     /// What workers may fetch.
     pub blobs: BlobStore,
     limits: Limits,
-    floor: Mutex<Floor>,
+    state: Mutex<ClusterState>,
     planner: Mutex<Planner>,
     events: Arc<EventLog>,
     journal: Option<Arc<Journal>>,
@@ -96,8 +96,9 @@ impl Cluster {
         let session = SessionId(rand::random());
         let events = Arc::new(EventLog::new(Vec::new()));
         let started = (now(), SystemTime::now());
-        let floor = Floor::new(Scheduler::new(limits), Ledger::default(), Arc::clone(&events), started);
-        Self::with(limits, session, (None, false), floor, Planner::default(), events)
+        let state =
+            ClusterState::new(Scheduler::new(limits), Durability::default(), Arc::clone(&events), started);
+        Self::with(limits, session, (None, false), state, Planner::default(), events)
     }
 
     /// The cluster of a run that keeps what it accepts, and goes on where earlier starts ended. To be called within a
@@ -115,22 +116,23 @@ impl Cluster {
         }
         let events = Arc::new(EventLog::new(recorded.events));
         let has_past = !recorded.accepted.is_empty();
-        let ledger = Ledger::new(Arc::clone(&journal), recorded.accepted);
-        let mut floor = Floor::new(scheduler, ledger, Arc::clone(&events), (now, SystemTime::now()));
+        let durability = Durability::new(Arc::clone(&journal), recorded.accepted);
+        let mut state =
+            ClusterState::new(scheduler, durability, Arc::clone(&events), (now, SystemTime::now()));
         for (worker, label) in events.present() {
             if !recorded.members.contains_key(&worker) {
-                floor.append(now, EventKind::Ended { worker, label });
+                state.append(now, EventKind::Ended { worker, label });
             }
         }
-        let planner = Planner::new(recorded.cuts);
-        Self::with(limits, session, (Some(journal), has_past), floor, planner, events)
+        let planner = Planner::new(recorded.plans);
+        Self::with(limits, session, (Some(journal), has_past), state, planner, events)
     }
 
     fn with(
         limits: Limits,
         session: SessionId,
         (journal, has_past): (Option<Arc<Journal>>, bool),
-        floor: Floor,
+        state: ClusterState,
         planner: Planner,
         events: Arc<EventLog>,
     ) -> Arc<Self> {
@@ -138,7 +140,7 @@ impl Cluster {
             session,
             blobs: BlobStore::default(),
             limits,
-            floor: Mutex::new(floor),
+            state: Mutex::new(state),
             planner: Mutex::new(planner),
             events,
             journal,
@@ -177,7 +179,7 @@ impl Cluster {
         introduction: Introduction,
         in_process: bool,
     ) -> Result<String, RegisterRefusal> {
-        self.floor().register(id, introduction, in_process, now())
+        self.state().register(id, introduction, in_process, now())
     }
 
     /// Waits until every client has submitted its first job, as long as a poll may be held back; `false` if one has not.
@@ -188,32 +190,32 @@ impl Cluster {
         tokio::time::timeout(self.hold(), begun.wait_for(|begun| *begun)).await.is_ok()
     }
 
-    fn begin_if_all_arrived(&self, floor: &Floor) {
-        if floor.clients.have_arrived() {
+    fn begin_if_all_arrived(&self, state: &ClusterState) {
+        if state.clients.have_arrived() {
             self.begun.send_if_modified(|begun| !std::mem::replace(begun, true));
         }
     }
 
     /// See [`Scheduler::deny`].
     pub fn deny(&self, id: WorkerId) {
-        self.floor().deny(id, now());
+        self.state().deny(id, now());
     }
 
     /// Answers a poll; holds the answer back while it would be empty and the worker wants jobs.
     pub async fn poll(&self, id: WorkerId, poll: Poll) -> Result<Answer, PollRefusal> {
         let deadline = tokio::time::Instant::now() + self.hold();
-        self.floor().scheduler.heard_from(id, now());
+        self.state().scheduler.heard_from(id, now());
         if !self.begun().await {
             return Ok(Answer::default());
         }
         let (sequence, wanted, leaving) = (poll.sequence, poll.wanted, poll.leaving);
-        let bell = Arc::new(Notify::new());
-        let (mut answer, withheld) = self.floor().poll(id, poll, &bell, now())?;
+        let wakeup = Arc::new(Notify::new());
+        let (mut answer, withheld) = self.state().poll(id, poll, &wakeup, now())?;
         if leaving && !withheld.is_empty() {
-            // It would not come back to be told.
+            // It will not poll again.
             answer.acknowledged.extend(self.wait_for_journal(withheld, deadline).await);
         } else if answer.is_empty() && wanted > 0 && !leaving {
-            return self.wait_for_jobs(id, (sequence, wanted), withheld, &bell, deadline).await;
+            return self.wait_for_jobs(id, (sequence, wanted), withheld, &wakeup, deadline).await;
         }
         Ok(answer)
     }
@@ -224,22 +226,22 @@ impl Cluster {
         id: WorkerId,
         (sequence, wanted): (u64, usize),
         mut withheld: Vec<Lease>,
-        bell: &Notify,
+        wakeup: &Notify,
         deadline: tokio::time::Instant,
     ) -> Result<Answer, PollRefusal> {
         loop {
-            let (answer, mark) = {
-                let (mut floor, now) = (self.floor(), now());
-                let jobs = floor.lease_later(id, sequence, wanted, now)?;
-                let acknowledged = floor.ledger.release(&mut withheld);
-                (Answer { jobs, acknowledged, ..Answer::default() }, floor.ledger.mark(&withheld))
+            let (answer, sequence) = {
+                let (mut state, now) = (self.state(), now());
+                let jobs = state.lease_later(id, sequence, wanted, now)?;
+                let acknowledged = state.durability.release(&mut withheld);
+                (Answer { jobs, acknowledged, ..Answer::default() }, state.durability.sequence(&withheld))
             };
             if !answer.is_empty() {
                 return Ok(answer);
             }
             tokio::select! {
-                () = bell.notified() => {}
-                () = self.kept(mark) => {}
+                () = wakeup.notified() => {}
+                () = self.kept(sequence) => {}
                 () = tokio::time::sleep_until(deadline) => return Ok(answer),
             }
         }
@@ -247,18 +249,18 @@ impl Cluster {
 
     /// The leases among these whose reports are on the disk, or are in time.
     async fn wait_for_journal(&self, mut leases: Vec<Lease>, deadline: tokio::time::Instant) -> Vec<Lease> {
-        let mark = self.floor().ledger.mark(&leases);
-        if tokio::time::timeout_at(deadline, self.kept(mark)).await.is_err() {
+        let sequence = self.state().durability.sequence(&leases);
+        if tokio::time::timeout_at(deadline, self.kept(sequence)).await.is_err() {
             return Vec::new();
         }
-        self.floor().ledger.withhold(&mut leases);
+        self.state().durability.withhold(&mut leases);
         leases
     }
 
-    /// Waits until the journal has come to the mark; for ever if there is none, or nothing will be kept any more.
-    async fn kept(&self, mark: Option<Mark>) {
-        if let (Some(journal), Some(mark)) = (&self.journal, mark)
-            && journal.durable(mark).await.is_ok()
+    /// Waits until the journal has come to the sequence; for ever if there is none, or nothing will be kept any more.
+    async fn kept(&self, sequence: Option<LogSequence>) {
+        if let (Some(journal), Some(sequence)) = (&self.journal, sequence)
+            && journal.durable(sequence).await.is_ok()
         {
             return;
         }
@@ -273,17 +275,17 @@ impl Cluster {
         }
     }
 
-    /// Waits until everything up to the mark is on the disk.
-    async fn durable(&self, mark: Mark) -> Result<(), ClusterError> {
+    /// Waits until everything up to the sequence is on the disk.
+    async fn durable(&self, sequence: LogSequence) -> Result<(), ClusterError> {
         match &self.journal {
-            Some(journal) => journal.durable(mark).await.map_err(ClusterError::Journal),
+            Some(journal) => journal.durable(sequence).await.map_err(ClusterError::Journal),
             None => Ok(()),
         }
     }
 
     /// Its clients are members of a sweep, of which some may be finished.
     pub fn share(&self) {
-        self.floor().clients.share();
+        self.state().clients.share();
     }
 
     /// Whether earlier starts have left answers.
@@ -292,29 +294,29 @@ impl Cluster {
     }
 
     /// Whether the answer to this evaluation is there, because an earlier start has accepted it, or this one has; or
-    /// whether it was asked for in pieces.
+    /// whether it was sharded.
     pub fn recalls(&self, evaluation: Evaluation) -> bool {
         let job = Task::Evaluation(evaluation).job(0);
-        if self.planner().has_cut(job) {
+        if self.planner().has_plan(job) {
             return true;
         }
-        let floor = self.floor();
-        floor.ledger.has(job) || floor.book.has(job)
+        let state = self.state();
+        state.durability.has(job) || state.accepted.has(job)
     }
 
-    /// From here on, evaluations are cut like this.
-    pub fn set_pieces(&self, pieces: Pieces) {
-        self.planner().set_pieces(pieces);
+    /// From here on, evaluations are sharded like this.
+    pub fn set_shard_count(&self, shard_count: ShardCount) {
+        self.planner().set_shard_count(shard_count);
     }
 
-    /// Decides which evaluations are cut, and keeps that before the first piece is asked for.
+    /// Decides which evaluations are sharded, and keeps that before the first subtask is asked for.
     fn plan(&self, evaluations: Vec<Evaluation>) -> (Batch, Vec<Task>) {
         let mut planner = self.planner();
         {
-            let floor = self.floor();
-            let load = Load { jobs: floor.scheduler.open_jobs(), workers: floor.scheduler.worker_count() };
-            for (job, cut) in planner.decide(&evaluations, load, |job| floor.was_asked(job)) {
-                floor.ledger.cut(job, cut);
+            let state = self.state();
+            let load = Load { jobs: state.scheduler.open_jobs(), workers: state.scheduler.worker_count() };
+            for (job, plan) in planner.decide(&evaluations, load, |job| state.was_asked(job)) {
+                state.durability.plan(job, plan);
             }
         }
         Batch::new(evaluations.into_iter().map(|one| planner.lay_out(one, &self.blobs)).collect())
@@ -334,7 +336,7 @@ impl Cluster {
             return Err(ClusterError::Journal(failure));
         }
         if let Some(failed) = &news.failed {
-            self.floor().doubt_descriptions(&failed.task);
+            self.state().doubt_descriptions(&failed.task);
             return Err(ClusterError::JobFailed(failed.clone()));
         }
         Ok(())
@@ -352,21 +354,21 @@ impl Cluster {
 
     /// Ends all leases, because nobody waits for them any more.
     pub fn close(&self) {
-        self.floor().close(now());
+        self.state().close(now());
     }
 
     /// Whether no worker of this run was wrong; else what it has computed may be wrong where nobody has looked.
     pub fn is_trusted(&self) -> bool {
-        self.floor().scheduler.is_trusted()
+        self.state().scheduler.is_trusted()
     }
 
-    /// Not to be called by who holds the floor.
+    /// Not to be called by who holds the state.
     fn planner(&self) -> MutexGuard<'_, Planner> {
         lock(&self.planner)
     }
 
-    fn floor(&self) -> MutexGuard<'_, Floor> {
-        lock(&self.floor)
+    fn state(&self) -> MutexGuard<'_, ClusterState> {
+        lock(&self.state)
     }
 }
 
@@ -378,7 +380,7 @@ async fn tick(cluster: Weak<Cluster>) {
     loop {
         ticks.tick().await;
         let Some(cluster) = cluster.upgrade() else { return };
-        cluster.floor().expire(now());
+        cluster.state().expire(now());
     }
 }
 

@@ -1,4 +1,4 @@
-//! The cluster as workers and the run meet it: places, acknowledgements, ends.
+//! The cluster as workers and clients use it: polls, acknowledgements, the clock, failures.
 
 mod sharing;
 

@@ -11,8 +11,8 @@ use redb::{
 };
 
 use super::{Entry, Header, JournalError, Recorded, record};
-use crate::assembly::{Cut, SideCut};
 use crate::events::Event;
+use crate::sharding::{ShardPlan, SidePlan};
 use crate::task::TaskResult;
 
 /// One row: [`Header`].
@@ -24,7 +24,7 @@ const ACCEPTED: TableDefinition<u64, &[u8]> = TableDefinition::new("accepted");
 /// Digests of descriptions by job.
 const DESCRIBED: TableDefinition<u64, &[u8]> = TableDefinition::new("described");
 /// Shards and ranges of queries and database by job of the whole evaluation.
-const CUTS: TableDefinition<u64, (u32, u32, u32, u32)> = TableDefinition::new("cuts");
+const PLANS: TableDefinition<u64, (u32, u32, u32, u32)> = TableDefinition::new("plans");
 /// Workers by id.
 const MEMBERS: TableDefinition<&[u8; 16], &[u8]> = TableDefinition::new("members");
 /// Workers by job and attempt.
@@ -110,7 +110,7 @@ impl JournalFile {
             let mut members = transaction.open_table(MEMBERS)?;
             let mut leases = transaction.open_table(LEASES)?;
             let mut described = transaction.open_table(DESCRIBED)?;
-            let mut cuts = transaction.open_table(CUTS)?;
+            let mut plans = transaction.open_table(PLANS)?;
             let mut events = transaction.open_table(EVENTS)?;
             for entry in entries {
                 match entry {
@@ -133,15 +133,15 @@ impl JournalFile {
                     Entry::Leased(lease, id) => {
                         leases.insert((lease.job.0, lease.attempt), &id.0)?;
                     }
-                    Entry::Struck(job) => {
+                    Entry::Retracted(job) => {
                         accepted.remove(job.0)?;
                         described.remove(job.0)?;
                     }
-                    Entry::Cut(job, Cut { query, database }) => {
+                    Entry::Sharded(job, ShardPlan { query, database }) => {
                         let numbers = (query.shards, query.ranges, database.shards, database.ranges);
-                        cuts.insert(job.0, numbers)?;
+                        plans.insert(job.0, numbers)?;
                     }
-                    Entry::Distrusted(id) => {
+                    Entry::Quarantined(id) => {
                         transaction.open_table(QUARANTINED)?.insert(&id.0, ())?;
                     }
                     Entry::Event(event) => {
@@ -176,7 +176,7 @@ fn write_header(path: &Path, header: &Header) -> Result<(), Error> {
     transaction.open_table(MEMBERS)?;
     transaction.open_table(LEASES)?;
     transaction.open_table(DESCRIBED)?;
-    transaction.open_table(CUTS)?;
+    transaction.open_table(PLANS)?;
     transaction.open_table(QUARANTINED)?;
     transaction.open_table(EVENTS)?;
     Ok(transaction.commit()?)
@@ -214,10 +214,10 @@ fn read_recorded(transaction: &ReadTransaction) -> Result<Recorded, String> {
             .insert(JobId(job), described.ok_or_else(|| format!("no description to job {job}"))?);
         Ok(())
     })?;
-    for_each(transaction, CUTS, |job, (of_query, query_ranges, of_database, database_ranges)| {
-        let query = SideCut { shards: of_query, ranges: query_ranges };
-        let database = SideCut { shards: of_database, ranges: database_ranges };
-        recorded.cuts.insert(JobId(job), Cut { query, database });
+    for_each(transaction, PLANS, |job, (of_query, query_ranges, of_database, database_ranges)| {
+        let query = SidePlan { shards: of_query, ranges: query_ranges };
+        let database = SidePlan { shards: of_database, ranges: database_ranges };
+        recorded.plans.insert(JobId(job), ShardPlan { query, database });
         Ok(())
     })?;
     for_each(transaction, MEMBERS, |id, bytes| {
@@ -261,8 +261,8 @@ fn for_each<K: redb::Key, V: redb::Value>(
     Ok(())
 }
 
-/// Damage needs other advice than a disk that fails or another process. It may show late: a file that was cut is missed
-/// where it was cut.
+/// Damage needs other advice than a disk that fails or another process. It may show late: a file that was sharded is missed
+/// where it was sharded.
 fn classified(path: &Path, error: Error) -> JournalError {
     match error {
         Error::Io(error) if !matches!(error.kind(), ErrorKind::InvalidData | ErrorKind::UnexpectedEof) => {

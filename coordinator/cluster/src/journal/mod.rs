@@ -15,12 +15,12 @@ use std::time::Duration;
 
 use proto::{JobId, Lease, WorkerId};
 
-use crate::assembly::Cut;
 use crate::events::Event;
 use crate::scheduler::{Finished, Introduction};
+use crate::sharding::ShardPlan;
 pub use file::JournalFile;
 pub use header::Header;
-pub use writer::{Journal, Mark};
+pub use writer::{Journal, LogSequence};
 
 /// File in a run folder.
 pub const JOURNAL_FILE: &str = "journal.redb";
@@ -101,13 +101,13 @@ pub enum Entry {
     /// A job was handed out.
     Leased(Lease, WorkerId),
     /// An answer is in doubt, and none to go on with.
-    Struck(JobId),
+    Retracted(JobId),
     /// A worker was wrong, and is quarantined.
-    Distrusted(WorkerId),
+    Quarantined(WorkerId),
     /// Something happened.
     Event(Arc<Event>),
-    /// The evaluation of this job is asked for in pieces.
-    Cut(JobId, Cut),
+    /// The evaluation of this job is sharded.
+    Sharded(JobId, ShardPlan),
 }
 
 /// What earlier starts of a run have left.
@@ -121,8 +121,8 @@ pub struct Recorded {
     pub accepted: BTreeMap<JobId, Accepted>,
     /// Workers that had not gone.
     pub members: BTreeMap<WorkerId, Member>,
-    /// How evaluations were cut, by job.
-    pub cuts: BTreeMap<JobId, Cut>,
+    /// How evaluations were sharded, by job.
+    pub plans: BTreeMap<JobId, ShardPlan>,
     /// Leases of jobs that have no answer, with those they were given to, in order of jobs and attempts.
     pub leases: Vec<(Lease, WorkerId)>,
     /// Workers that were wrong.

@@ -9,10 +9,10 @@ use redb::TableHandle as _;
 use tempfile::TempDir;
 
 use super::*;
-use crate::assembly::SideCut;
 use crate::evaluation::{EvaluationResult, Match};
 use crate::events::EventKind;
 use crate::shard::Described;
+use crate::sharding::SidePlan;
 use crate::task::TaskResult;
 
 fn header() -> Header {
@@ -94,7 +94,7 @@ fn what_was_committed_is_there_at_the_next_start() {
         happened(0, 9),
         happened(1, 8),
         happened(7, 3),
-        Entry::Distrusted(two),
+        Entry::Quarantined(two),
     ]);
     let (_file, read, recorded) = JournalFile::open(&path).unwrap();
     assert_eq!(read, header());
@@ -134,9 +134,9 @@ fn an_event_under_another_number_or_of_no_known_kind_is_damage() {
 }
 
 #[test]
-fn pieces_of_evaluations_are_there_at_the_next_start() {
-    let side = |shards, ranges| SideCut { shards, ranges };
-    let cut = Cut { query: side(4, 2), database: side(8, 8) };
+fn subtasks_of_evaluations_are_there_at_the_next_start() {
+    let side = |shards, ranges| SidePlan { shards, ranges };
+    let plan = ShardPlan { query: side(4, 2), database: side(8, 8) };
     let described = |job: u64| {
         let result = TaskResult::Description(Described::named(Digest([7; 32])));
         Accepted { result, ..accepted(job, 0) }
@@ -144,23 +144,23 @@ fn pieces_of_evaluations_are_there_at_the_next_start() {
     let entry = |job| Entry::Accepted(Box::new(described(job)));
     let holder = WorkerId([1; 16]);
     let (_folder, path) = journal(&[
-        Entry::Cut(JobId(9), cut),
+        Entry::Sharded(JobId(9), plan),
         Entry::Leased(lease(5, 1), holder),
         entry(5),
         entry(6),
         answer(7, 3),
-        Entry::Struck(JobId(6)),
+        Entry::Retracted(JobId(6)),
     ]);
     let recorded = JournalFile::open(&path).unwrap().2;
     assert_eq!(recorded.accepted.values().cloned().collect::<Vec<_>>(), [described(5), accepted(7, 3)]);
-    assert_eq!(recorded.cuts, [(JobId(9), cut)].into());
+    assert_eq!(recorded.plans, [(JobId(9), plan)].into());
     assert_eq!(recorded.leases, []);
 }
 
 #[test]
 fn a_journal_without_one_of_its_tables_is_damaged() {
     let (_folder, path) = journal(&[answer(5, 0)]);
-    for table in ["accepted", "described", "cuts", "quarantined", "events"] {
+    for table in ["accepted", "described", "plans", "quarantined", "events"] {
         let (_folder, path) = journal(&[answer(5, 0)]);
         let database = redb::Database::create(&path).unwrap();
         let transaction = database.begin_write().unwrap();
@@ -199,8 +199,8 @@ fn what_is_no_journal_is_said_to_be_damaged_or_of_another_version() {
     };
     let (_folder, path) = journal(&[answer(5, 40)]);
     let whole = fs::read(&path).unwrap();
-    let cuts = (1..16).map(|part| &whole[..whole.len() * part / 16]);
-    for bytes in [b"".as_slice(), b"redb", &[0; 8192], &whole[..1]].into_iter().chain(cuts) {
+    let plans = (1..16).map(|part| &whole[..whole.len() * part / 16]);
+    for bytes in [b"".as_slice(), b"redb", &[0; 8192], &whole[..1]].into_iter().chain(plans) {
         fs::write(&path, bytes).unwrap();
         damaged(&path);
     }
@@ -293,10 +293,10 @@ fn records_of_version_1_are_read() {
 async fn a_mark_is_durable_when_the_file_has_what_was_recorded() {
     let (_folder, path) = journal(&[]);
     let journal = Journal::start(JournalFile::open(&path).unwrap().0).unwrap();
-    let marks: Vec<Mark> = (0..100).map(|job| journal.record(answer(job, 0))).collect();
-    assert_eq!(marks.last(), Some(&journal.end()));
-    journal.durable(marks[99]).await.unwrap();
-    assert!(marks.iter().all(|mark| journal.is_durable(*mark)) && journal.failure().is_none());
+    let sequences: Vec<LogSequence> = (0..100).map(|job| journal.record(answer(job, 0))).collect();
+    assert_eq!(sequences.last(), Some(&journal.end()));
+    journal.durable(sequences[99]).await.unwrap();
+    assert!(sequences.iter().all(|sequence| journal.is_durable(*sequence)) && journal.failure().is_none());
     let later = journal.record(answer(100, 0));
     journal.durable(later).await.unwrap();
     drop(journal);

@@ -1,4 +1,4 @@
-//! Which evaluations are given to a second worker, too.
+//! Which evaluations are audited: given to a second worker as well.
 
 use crate::task::Task;
 

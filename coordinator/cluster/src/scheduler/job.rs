@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use proto::{Digest, WorkerId};
 
-use super::turns::Place;
+use super::fair_queue::QueuePosition;
 use crate::task::{Task, TaskResult};
 
 /// Attempts that are remembered: a worker that never gets its replies must not fill the memory.
@@ -39,7 +39,7 @@ struct HandedOut {
 pub(super) struct Job {
     pub(super) task: Arc<Task>,
     /// Jobs are handed out in this order.
-    pub(super) place: Place,
+    pub(super) position: QueuePosition,
     pub(super) submitted: Instant,
     /// Two workers have to agree on the answer.
     pub(super) audited: bool,
@@ -58,10 +58,10 @@ pub(super) struct Job {
 }
 
 impl Job {
-    pub(super) fn new(task: Arc<Task>, place: Place, audited: bool, submitted: Instant) -> Self {
+    pub(super) fn new(task: Arc<Task>, position: QueuePosition, audited: bool, submitted: Instant) -> Self {
         Self {
             task,
-            place,
+            position,
             submitted,
             audited,
             delivered: false,

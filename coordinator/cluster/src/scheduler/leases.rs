@@ -28,7 +28,7 @@ impl Scheduler {
             leased.extend(self.lease(id, job, now));
         }
         let busy = self.workers.get(&id).is_some_and(|worker| !worker.is_idle());
-        self.queue.set_hungry(id, (wanted > 0 && leased.is_empty()).then_some(busy));
+        self.queue.set_idle_poll(id, (wanted > 0 && leased.is_empty()).then_some(busy));
         leased
     }
 
@@ -57,12 +57,12 @@ impl Scheduler {
     fn lease(&mut self, id: WorkerId, job_id: JobId, now: Instant) -> Option<(Lease, Arc<Task>)> {
         let job = self.jobs.get_mut(&job_id)?;
         let (attempt, task) = (job.hand_out(id, now), Arc::clone(&job.task));
-        self.queue.serve(job.place);
-        self.book_lease(job_id, id, attempt, now);
+        self.queue.serve(job.position);
+        self.add_lease(job_id, id, attempt, now);
         Some((Lease { job: job_id, attempt }, task))
     }
 
-    pub(super) fn book_lease(&mut self, job_id: JobId, id: WorkerId, attempt: u32, now: Instant) {
+    pub(super) fn add_lease(&mut self, job_id: JobId, id: WorkerId, attempt: u32, now: Instant) {
         if let (Some(job), Some(worker)) = (self.jobs.get_mut(&job_id), self.workers.get_mut(&id)) {
             job.leases.push((id, attempt));
             self.idle -= usize::from(worker.is_idle());
@@ -71,7 +71,7 @@ impl Scheduler {
         }
     }
 
-    /// Brings the leases on our books in line with those the worker says it holds; returns those that it should drop.
+    /// Reconciles the leases that are recorded with those the worker says it holds; returns those that it should drop.
     pub(super) fn reconcile(&mut self, id: WorkerId, held: &[Lease], now: Instant) -> Vec<Lease> {
         let booked = self.workers.get(&id).map_or_else(Vec::new, |worker| worker.leases().to_vec());
         for (job, attempt) in booked {
@@ -86,7 +86,7 @@ impl Scheduler {
                 Some(attempt) if attempt == lease.attempt => {}
                 // Given up while the worker was out of reach, and nobody else has begun: it may go on.
                 None if job.is_some_and(|job| may_go_on(job, id, lease.attempt)) => {
-                    self.book_lease(lease.job, id, lease.attempt, now);
+                    self.add_lease(lease.job, id, lease.attempt, now);
                 }
                 _ => revoked.push(lease),
             }
@@ -111,7 +111,7 @@ impl Scheduler {
         self.refile(job);
     }
 
-    /// Takes a lease off the books. The caller files the job anew.
+    /// Removes a lease. The caller files the job anew.
     pub(super) fn end_lease(
         &mut self,
         job_id: JobId,
@@ -176,11 +176,11 @@ impl Scheduler {
             [(holder, attempt)] if needs == 1 => self.hedge_from(id, job, holder, attempt),
             _ => None,
         };
-        let (place, waits) = (job.place, needs > job.leases.len());
+        let (position, waits) = (job.position, needs > job.leases.len());
         let Some(job) = self.jobs.get_mut(&id) else { return };
         let before = std::mem::replace(&mut job.hedge_from, hedge_from);
         self.queue.move_covered(id, before, hedge_from);
-        self.queue.set_waiting(place, id, waits);
+        self.queue.set_waiting(position, id, waits);
     }
 
     /// From when on an idle worker may take the job that this one has: at once while it waits behind another; when it
@@ -205,7 +205,7 @@ impl Scheduler {
     pub(super) fn forget(&mut self, id: JobId) {
         let Some(job) = self.jobs.remove(&id) else { return };
         self.queue.move_covered(id, job.hedge_from, None);
-        self.queue.set_waiting(job.place, id, false);
+        self.queue.set_waiting(job.position, id, false);
         self.disputed.remove(&id);
     }
 }
@@ -220,8 +220,8 @@ fn may_go_on(job: &Job, id: WorkerId, attempt: u32) -> bool {
 
 #[cfg(test)]
 impl Scheduler {
-    /// Whether all lists say the same.
-    pub(super) fn check_books(&self) {
+    /// Asserts that all lists agree.
+    pub(super) fn check_invariants(&self) {
         let idle = self.workers.values().filter(|worker| worker.is_idle()).count();
         assert_eq!(self.idle, idle, "idle workers");
         for (id, worker) in &self.workers {

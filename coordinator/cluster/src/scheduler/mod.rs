@@ -3,14 +3,14 @@
 //! Nothing here does IO or waits. The service feeds polls in, the run driver submits jobs and drains outcomes.
 
 mod audit;
+mod fair_queue;
 mod job;
 mod leases;
 mod messages;
 mod queue;
 mod restore;
 mod run_times;
-mod turns;
-mod verdict;
+mod votes;
 mod worker;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -23,14 +23,14 @@ pub use crate::events::Introduction;
 use crate::events::{AttemptEnd, Departure, EventKind};
 use crate::task::Task;
 pub use audit::Audit;
+pub use fair_queue::ClientId;
 use job::Job;
 pub use messages::{
     Answer, Doubt, Emitted, Finished, JobFailed, Poll, PollRefusal, RegisterRefusal, Report, Staffing,
 };
 use queue::Queue;
 use run_times::RunTimes;
-pub use turns::ClientId;
-use worker::{Acquaintance, Worker};
+use worker::{Worker, WorkerIdentity};
 
 /// Workers that have nothing to do for so long are reported, …
 const STARVING_AFTER: Duration = Duration::from_secs(10);
@@ -89,7 +89,7 @@ pub struct Scheduler {
     doubts: Vec<Doubt>,
     /// Those who are here and those who have answered a job: no label names two workers in the results, and a worker
     /// that returns keeps its own.
-    known: BTreeMap<WorkerId, Acquaintance>,
+    identities: BTreeMap<WorkerId, WorkerIdentity>,
     used_labels: BTreeSet<String>,
     last_look: Option<Instant>,
     alone_since: Option<Instant>,
@@ -118,7 +118,7 @@ impl Scheduler {
             failed: None,
             events: Vec::new(),
             doubts: Vec::new(),
-            known: BTreeMap::new(),
+            identities: BTreeMap::new(),
             used_labels: BTreeSet::new(),
             last_look: None,
             alone_since: None,
@@ -129,26 +129,26 @@ impl Scheduler {
         }
     }
 
-    /// Adds a job under its name ([`Names`](crate::task::Names)). Clients take turns; the jobs of one are handed out in
+    /// Adds a job under its name ([`Names`](crate::task::Names)). Clients take fair_queue; the jobs of one are handed out in
     /// the order of submission. A job that a worker was given by an earlier start is still its own.
     pub fn submit(&mut self, id: JobId, task: Arc<Task>, client: ClientId, now: Instant) {
         self.abandon(id, now); // of the same name before the run began again
         let audited = self.limits.audit.covers(&task);
-        let mut job = Job::new(task, self.queue.place(client), audited, now);
+        let mut job = Job::new(task, self.queue.position(client), audited, now);
         let lease = self.restore_attempts(id, &mut job, now);
         self.jobs.insert(id, job);
         match lease {
-            Some((holder, attempt)) => self.book_lease(id, holder, attempt, now),
+            Some((holder, attempt)) => self.add_lease(id, holder, attempt, now),
             None => self.refile(id),
         }
     }
 
     /// Another client asks for a job that is there: it is handed out as early as for the one that waits less.
     pub fn share(&mut self, id: JobId, client: ClientId) {
-        let place = self.queue.place(client);
-        let Some(job) = self.jobs.get_mut(&id).filter(|job| place < job.place) else { return };
-        self.queue.set_waiting(job.place, id, false);
-        job.place = place;
+        let position = self.queue.position(client);
+        let Some(job) = self.jobs.get_mut(&id).filter(|job| position < job.position) else { return };
+        self.queue.set_waiting(job.position, id, false);
+        job.position = position;
         self.refile(id);
     }
 
@@ -175,7 +175,7 @@ impl Scheduler {
             return Err(RegisterRefusal::Full);
         }
         let (name, used) = (&introduction.name, &mut self.used_labels);
-        let acquaintance = self.known.entry(id).or_insert_with(|| Acquaintance::new(name, used));
+        let acquaintance = self.identities.entry(id).or_insert_with(|| WorkerIdentity::new(name, used));
         let label = acquaintance.label.clone();
         self.workers.insert(id, Worker::new(now));
         self.idle += 1;
@@ -220,7 +220,7 @@ impl Scheduler {
             answer.jobs = self.lease_jobs(id, poll.wanted, now);
         }
         if !answer.is_empty() {
-            self.queue.set_hungry(id, None); // it hears back at once, and will ask again
+            self.queue.set_idle_poll(id, None); // it hears back at once, and will ask again
         }
         Ok(answer)
     }
@@ -244,7 +244,7 @@ impl Scheduler {
     /// Gives up the workers that have been silent for longer than a lease lasts, and the leases that have gone on for
     /// longer than any job may; notices when work cannot go on.
     ///
-    /// To be called often. After a pause between two calls of more than half a lease it was the coordinator that did
+    /// To be woken often. After a pause between two wakeups of more than half a lease it was the coordinator that did
     /// not listen (it was stopped, or its machine slept), so no worker is blamed for that time.
     pub fn expire(&mut self, now: Instant) {
         let pause = self.last_look.map_or(Duration::ZERO, |last| now.saturating_duration_since(last));
@@ -262,17 +262,17 @@ impl Scheduler {
             self.remove_worker(id, Departure::Lost, now);
         }
         self.expire_leases(now);
-        self.queue.forget_calls();
+        self.queue.forget_wakeups();
         self.notice_undecided(now);
         self.notice_starving(now);
     }
 
-    /// Shows out a worker that is on the deny list: its leases are free at once.
+    /// Removes a worker that is on the deny list: its leases are free at once.
     pub fn deny(&mut self, id: WorkerId, now: Instant) {
         self.remove_worker(id, Departure::Denied, now);
     }
 
-    /// Whether anybody is there to work, and to decide.
+    /// Whether there are workers, and enough of them to decide.
     pub fn staffing(&self, now: Instant) -> Staffing {
         let grace_over = |since: Instant| now.saturating_duration_since(since) > self.limits.worker_grace;
         match (self.alone_since, self.undecided_since) {
@@ -316,7 +316,7 @@ impl Scheduler {
 
     /// The worker that results name like this: no two are named alike.
     pub fn id_of(&self, label: &str) -> Option<WorkerId> {
-        self.known.iter().find(|(_, known)| known.label == label).map(|(id, _)| *id)
+        self.identities.iter().find(|(_, known)| known.label == label).map(|(id, _)| *id)
     }
 
     /// How many jobs have no answer.
@@ -356,25 +356,25 @@ impl Scheduler {
 
     /// Workers whose last poll had an empty answer and for whom there is a job by now, idle ones first, and no more of them than
     /// there are jobs. Each should ask for it soon by [`Scheduler::lease_later`].
-    pub fn call(&mut self, now: Instant) -> Vec<WorkerId> {
-        let mut calls = self.queue.calls(now);
-        let mut called = Vec::new();
-        if calls > 0 {
-            for (busy, id) in self.queue.hungry() {
+    pub fn wake(&mut self, now: Instant) -> Vec<WorkerId> {
+        let mut wakeups = self.queue.wakeups(now);
+        let mut woken = Vec::new();
+        if wakeups > 0 {
+            for (busy, id) in self.queue.idle_polls() {
                 // The others are as busy, and as little allowed to take a job ahead.
-                if calls == 0 || busy && self.queue.waiting() <= self.idle {
+                if wakeups == 0 || busy && self.queue.waiting() <= self.idle {
                     break;
                 }
                 if self.next_job(id, now).is_some() {
-                    called.push(id);
-                    calls -= 1;
+                    woken.push(id);
+                    wakeups -= 1;
                 }
             }
         }
-        for id in &called {
-            self.queue.call(*id);
+        for id in &woken {
+            self.queue.note_wakeup(*id);
         }
-        called
+        woken
     }
 
     /// The one place where a worker goes, whoever noticed: its leases go back to the queue, and losing the last
@@ -395,16 +395,16 @@ impl Scheduler {
             self.alone_since = Some(now);
         }
         self.note_departure(id, why, leases.len(), now);
-        if self.known.get(&id).is_some_and(|known| known.answers == 0) {
+        if self.identities.get(&id).is_some_and(|known| known.answers == 0) {
             // It is in no result: strangers that come and go must not fill the memory with their names.
-            self.known.remove(&id);
+            self.identities.remove(&id);
             self.used_labels.remove(&label);
         }
         self.settle_for_want_of_others(now);
     }
 
     fn note_departure(&mut self, id: WorkerId, why: Departure, leases: usize, now: Instant) {
-        let answers = self.known.get(&id).map_or(0, |known| known.answers);
+        let answers = self.identities.get(&id).map_or(0, |known| known.answers);
         let label = self.label(id);
         self.emit(now, EventKind::Departed { worker: id, label, departure: why, leases, answers });
     }
@@ -423,7 +423,7 @@ impl Scheduler {
     }
 
     fn notice_starving(&mut self, now: Instant) {
-        let idle = || self.queue.hungry().take_while(|(busy, _)| !busy).count();
+        let idle = || self.queue.idle_polls().take_while(|(busy, _)| !busy).count();
         let unfinished = || self.jobs.values().filter(|job| !job.delivered).count();
         let waiting = self.queue.waiting() > 0;
         let (idle, unfinished) = if waiting { (0, 0) } else { (idle(), unfinished()) };
@@ -444,7 +444,7 @@ impl Scheduler {
 
     /// The label of a worker that is here or has answered a job.
     pub fn label(&self, id: WorkerId) -> String {
-        self.known.get(&id).map_or_else(|| id.to_string(), |known| known.label.clone())
+        self.identities.get(&id).map_or_else(|| id.to_string(), |known| known.label.clone())
     }
 }
 

@@ -1,4 +1,4 @@
-//! What earlier starts of a run have left: workers that may still be there, and the jobs that they hold.
+//! Restores what earlier starts of a run have left: workers that may still be there, and the jobs that they hold.
 
 use std::collections::BTreeMap;
 use std::time::Instant;
@@ -7,7 +7,7 @@ use proto::{JobId, WorkerId};
 
 use super::Scheduler;
 use super::job::Job;
-use super::worker::{Acquaintance, Worker};
+use super::worker::{Worker, WorkerIdentity};
 use crate::events::EventKind;
 use crate::journal::{Member, Recorded};
 
@@ -23,7 +23,7 @@ impl Scheduler {
             self.workers.insert(id, Worker::new(now));
             self.idle += 1;
             let answers = u64::from(labels.contains(label));
-            self.known.insert(id, Acquaintance { label: worker.clone(), answers });
+            self.identities.insert(id, WorkerIdentity { label: worker.clone(), answers });
             self.used_labels.insert(worker.clone());
             self.emit(now, EventKind::Joined { worker: id, label: worker, introduction });
         }

@@ -98,7 +98,7 @@ impl Bench {
     }
 
     fn labels(&self) -> Vec<&str> {
-        self.scheduler.workers.keys().map(|id| self.scheduler.known[id].label.as_str()).collect()
+        self.scheduler.workers.keys().map(|id| self.scheduler.identities[id].label.as_str()).collect()
     }
 
     /// Workers that went since the last call, with the reason.
@@ -377,7 +377,7 @@ fn a_job_that_another_asks_for_too_is_handed_out_as_early_as_for_the_one_that_wa
     let mut bench = Bench::new(1);
     let jobs: Vec<JobId> = (0..20).map(|_| bench.submit()).collect();
     bench.scheduler.share(jobs[15], ClientId(2));
-    bench.scheduler.check_books();
+    bench.scheduler.check_invariants();
     let order: Vec<JobId> = bench.poll(1, &[], 20).jobs.iter().map(|(lease, _)| lease.job).collect();
     assert_eq!((order.len(), order[1]), (20, jobs[15]));
 }
@@ -487,7 +487,7 @@ proptest! {
                 }
             }
             answered.extend(bench.scheduler.drain_finished().into_iter().map(|finished| finished.job));
-            bench.scheduler.check_books();
+            bench.scheduler.check_invariants();
         }
         let unique: BTreeSet<JobId> = answered.iter().copied().collect();
         prop_assert_eq!(answered.len(), unique.len());

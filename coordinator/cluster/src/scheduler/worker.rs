@@ -58,15 +58,15 @@ impl Worker {
     }
 }
 
-/// What is remembered of a worker that may be gone.
-pub(super) struct Acquaintance {
+/// What is kept of a worker that may be gone.
+pub(super) struct WorkerIdentity {
     pub(super) label: String,
     /// Valid answers to jobs that were open.
     pub(super) answers: u64,
 }
 
-impl Acquaintance {
-    /// Somebody new; the label is taken from those that are left.
+impl WorkerIdentity {
+    /// A new worker; the label is taken from those that are left.
     pub(super) fn new(name: &str, used_labels: &mut BTreeSet<String>) -> Self {
         let label = unique_label(name, used_labels);
         used_labels.insert(label.clone());

@@ -1,4 +1,4 @@
-//! Several clients of one cluster: what they share, and what each is told.
+//! Several clients of one cluster: what they share, and what is delivered to each.
 
 use std::cell::Cell;
 
@@ -30,7 +30,7 @@ async fn labour(cluster: &Cluster, number: u8, answers: &Cell<usize>, correct: i
         }
         tokio::task::yield_now().await; // an answer that is there at once would leave nobody else a turn
     }
-    std::future::pending().await // it was shown out
+    std::future::pending().await // it was removed
 }
 
 /// How many clouds each descriptor recognises, in the order of asking.

@@ -162,12 +162,12 @@ impl World {
         while let Some(((time, _), happening)) = self.agenda.pop_first() {
             self.clock = time;
             self.happens(happening);
-            self.scheduler.check_books();
+            self.scheduler.check_invariants();
             if self.generations == 0 && self.is_over() {
                 self.driver.check();
                 self.check_quarantined();
                 self.scheduler.close(self.now());
-                self.scheduler.check_books();
+                self.scheduler.check_invariants();
                 return self.mishaps;
             }
             assert!(self.clock < END, "{} answers are missing", self.driver.missing());
@@ -201,7 +201,7 @@ impl World {
             let id = self.actors[*index].id;
             let fresh = self.scheduler.workers.get(&id).is_some_and(|worker| worker.sequence == *sequence);
             if fresh && self.scheduler.next_job(id, self.now()).is_some() {
-                assert_eq!(self.scheduler.queue.calls(self.now()), 0, "worker {index} was not called");
+                assert_eq!(self.scheduler.queue.wakeups(self.now()), 0, "worker {index} was not called");
                 let since = self.neglected.get(index).copied().unwrap_or(self.clock);
                 assert!(self.clock - since < NEGLECT, "worker {index} is not called");
                 neglected.insert(*index, since);
@@ -367,7 +367,7 @@ impl World {
     fn look(&mut self) {
         let now = self.now();
         self.driver.look(&mut self.scheduler, now);
-        let mut called = self.scheduler.call(now);
+        let mut called = self.scheduler.wake(now);
         while let Some(id) = called.pop() {
             let index = self.actors.iter().position(|actor| actor.id == id).expect("a worker");
             let Some((sequence, wanted, call)) = self.held.remove(&index) else { continue };
@@ -379,7 +379,7 @@ impl World {
                 }
                 Err(refusal) => self.send(index, Happening::Reply(index, Err(refusal), call)),
             }
-            called.extend(self.scheduler.call(now));
+            called.extend(self.scheduler.wake(now));
         }
         self.check_nobody_is_left_waiting();
     }

@@ -47,7 +47,7 @@ fn a_job_that_takes_too_long_is_given_to_an_idle_worker_too_and_the_first_answer
     // The median is 10 s: after 14 s nothing is late, after 15 s it is.
     assert!(bench.poll(1, &[], 2).jobs.is_empty());
     bench.pass(1);
-    assert_eq!(bench.scheduler.call(bench.now), [worker(1)]);
+    assert_eq!(bench.scheduler.wake(bench.now), [worker(1)]);
     let again = bench.scheduler.lease_later(worker(1), bench.sequence, 2, bench.now).unwrap()[0].0;
     assert_eq!(again, Lease { job: slow.job, attempt: 2 });
     bench.scheduler.drain_finished();

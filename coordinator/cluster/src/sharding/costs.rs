@@ -1,4 +1,4 @@
-//! What pieces of an evaluation will take.
+//! How long shards and tiles of an evaluation will take.
 
 use std::collections::VecDeque;
 
@@ -57,7 +57,7 @@ impl Costs {
                 let (queries, database) = (tile.evaluation.queries, tile.evaluation.database_clouds);
                 self.pairs.add(seconds / pairs(queries, database));
             }
-            Task::GridCell(_) | Task::Description(_) => {} // never in pieces
+            Task::GridCell(_) | Task::Description(_) => {} // never sharded
         }
     }
 

@@ -5,24 +5,24 @@ use std::sync::Arc;
 
 use proto::{JobId, Lease, WorkerId};
 
-use crate::assembly::Cut;
 use crate::events::Event;
-use crate::journal::{Accepted, Entry, Journal, Mark, Member};
+use crate::journal::{Accepted, Entry, Journal, LogSequence, Member};
 use crate::scheduler::Finished;
+use crate::sharding::ShardPlan;
 use crate::task::Task;
 
 /// The cluster's side of the journal. Without one, as for a single evaluation, nothing is kept and nothing recalled.
 #[derive(Default)]
-pub struct Ledger {
+pub struct Durability {
     journal: Option<Arc<Journal>>,
     /// Answers of earlier starts that have not been asked for again yet.
     recalled: BTreeMap<JobId, Accepted>,
     /// Accepted by this start, and not known to be on the disk: the worker that gave it keeps it.
-    pending: BTreeMap<Lease, Mark>,
+    pending: BTreeMap<Lease, LogSequence>,
 }
 
-impl Ledger {
-    /// A ledger that goes on where earlier starts ended.
+impl Durability {
+    /// A durability that goes on where earlier starts ended.
     pub fn new(journal: Arc<Journal>, recalled: BTreeMap<JobId, Accepted>) -> Self {
         Self { journal: Some(journal), recalled, pending: BTreeMap::new() }
     }
@@ -47,13 +47,13 @@ impl Ledger {
         let (Some(journal), Some(result)) = (&self.journal, finished.result.kept()) else { return };
         let (job, attempt) = (finished.job, finished.attempt);
         let accepted = Accepted { result, ..finished.clone() };
-        let mark = journal.record(Entry::Accepted(Box::new(accepted)));
-        self.pending.insert(Lease { job, attempt }, mark);
+        let sequence = journal.record(Entry::Accepted(Box::new(accepted)));
+        self.pending.insert(Lease { job, attempt }, sequence);
     }
 
-    /// Keeps how the evaluation of this job is cut: the answers to its pieces are of no use to any other cut.
-    pub fn cut(&self, job: JobId, cut: Cut) {
-        self.record(|| Entry::Cut(job, cut));
+    /// Keeps how the evaluation of this job is sharded: the answers to its subtasks are of no use to any other plan.
+    pub fn plan(&self, job: JobId, plan: ShardPlan) {
+        self.record(|| Entry::Sharded(job, plan));
     }
 
     /// Keeps who holds a job.
@@ -72,17 +72,17 @@ impl Ledger {
     }
 
     /// Takes back an answer: it is in doubt.
-    pub fn strike(&self, job: JobId) {
-        self.record(|| Entry::Struck(job));
+    pub fn retract(&self, job: JobId) {
+        self.record(|| Entry::Retracted(job));
     }
 
     /// Takes back what this worker has answered in earlier starts and was not asked for again: it was wrong. The run
     /// stays marked as one in which a worker was.
     pub fn distrust(&mut self, worker: &str, id: WorkerId) {
-        self.record(|| Entry::Distrusted(id));
+        self.record(|| Entry::Quarantined(id));
         let doubtful = self.recalled.extract_if(.., |_, accepted| accepted.worker == worker);
         for (job, _) in doubtful.collect::<Vec<_>>() {
-            self.strike(job);
+            self.retract(job);
         }
     }
 
@@ -102,7 +102,7 @@ impl Ledger {
         let Some(journal) = &self.journal else { return Vec::new() };
         let pending = &mut self.pending;
         let is_pending = |lease: &mut Lease| match pending.get(lease) {
-            Some(mark) if journal.is_durable(*mark) => {
+            Some(sequence) if journal.is_durable(*sequence) => {
                 pending.remove(lease);
                 false
             }
@@ -118,17 +118,17 @@ impl Ledger {
     }
 
     /// Until when all that was kept so far is on the disk.
-    pub fn end(&self) -> Option<Mark> {
+    pub fn end(&self) -> Option<LogSequence> {
         self.journal.as_ref().map(|journal| journal.end())
     }
 
-    /// Whether everything up to the mark is on the disk.
-    pub fn is_durable(&self, mark: Mark) -> bool {
-        self.journal.as_ref().is_none_or(|journal| journal.is_durable(mark))
+    /// Whether everything up to the sequence is on the disk.
+    pub fn is_durable(&self, sequence: LogSequence) -> bool {
+        self.journal.as_ref().is_none_or(|journal| journal.is_durable(sequence))
     }
 
     /// Until when the last of these leases is on the disk.
-    pub fn mark(&self, leases: &[Lease]) -> Option<Mark> {
+    pub fn sequence(&self, leases: &[Lease]) -> Option<LogSequence> {
         leases.iter().filter_map(|lease| self.pending.get(lease)).max().copied()
     }
 }
@@ -164,29 +164,29 @@ mod tests {
     fn an_answer_is_withheld_until_it_is_on_the_disk_and_nothing_else_is() {
         let (journal, held) = Journal::held();
         let job = task(10).job(0);
-        let mut ledger = Ledger::new(Arc::new(journal), [(job, accepted(job))].into());
-        let finished = ledger.recall(job, &task(10)).unwrap();
-        assert!(!ledger.has(job) && ledger.recall(job, &task(10)).is_none());
+        let mut durability = Durability::new(Arc::new(journal), [(job, accepted(job))].into());
+        let finished = durability.recall(job, &task(10)).unwrap();
+        assert!(!durability.has(job) && durability.recall(job, &task(10)).is_none());
 
-        ledger.accept(&finished);
+        durability.accept(&finished);
         let (lease, other) = (Lease { job, attempt: 3 }, Lease { job, attempt: 2 });
         let mut acknowledged = vec![lease, other];
-        assert_eq!(ledger.withhold(&mut acknowledged), [lease]);
+        assert_eq!(durability.withhold(&mut acknowledged), [lease]);
         assert_eq!(acknowledged, [other]);
-        assert!(ledger.mark(&[lease]).is_some());
+        assert!(durability.sequence(&[lease]).is_some());
         assert_eq!(held.commit(), 1);
         let mut acknowledged = vec![lease, other];
-        assert_eq!(ledger.withhold(&mut acknowledged), []);
+        assert_eq!(durability.withhold(&mut acknowledged), []);
         assert_eq!(acknowledged, [lease, other]);
-        assert!(ledger.mark(&[lease]).is_none());
+        assert!(durability.sequence(&[lease]).is_none());
     }
 
     #[test]
     fn an_answer_that_cannot_be_one_is_not_recalled() {
         let (journal, _held) = Journal::held();
         let job = task(9).job(0);
-        let mut ledger = Ledger::new(Arc::new(journal), [(job, accepted(job))].into());
-        assert!(ledger.has(job));
-        assert!(ledger.recall(job, &task(9)).is_none());
+        let mut durability = Durability::new(Arc::new(journal), [(job, accepted(job))].into());
+        assert!(durability.has(job));
+        assert!(durability.recall(job, &task(9)).is_none());
     }
 }

@@ -1,4 +1,4 @@
-//! Evaluations in pieces give what they give whole, whatever the cut and the order of arrival.
+//! Sharded evaluations give what they give whole, whatever the plan and the order of arrival.
 
 use std::time::Duration;
 
@@ -153,10 +153,10 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
 
     #[test]
-    fn pieces_in_any_order_are_the_whole(
+    fn subtasks_in_any_order_are_the_whole(
         queries in toys(14),
         databases in prop::collection::vec(toys(16), 1..3),
-        pieces in 1u32..30,
+        count in 1u32..30,
         want_matches in any::<bool>(),
         seed in any::<u64>(),
     ) {
@@ -174,9 +174,9 @@ proptest! {
         };
         let other = Parameters { shape_bins: 9, ..Parameters::PAPER_BEST };
         let evaluations = [evaluation.clone(), Evaluation { parameters: other, ..evaluation.clone() }];
-        let pieces = Pieces::Fixed(pieces.try_into().unwrap());
+        let shard_count = ShardCount::Fixed(count.try_into().unwrap());
         let mut planner = Planner::default();
-        planner.set_pieces(pieces);
+        planner.set_shard_count(shard_count);
         let (done, tasks) = carry_out(&world, &evaluations, &mut planner, seed);
         let bits = |found: &Match| {
             let runner_up = found.runner_up.map(|(index, distance)| (index, distance.to_bits()));
@@ -189,7 +189,7 @@ proptest! {
             prop_assert_eq!(&both[0], &both[1]);
             prop_assert_eq!(finished.job, Task::Evaluation(evaluation.clone()).job(0));
         }
-        // Once more: the same pieces, whatever a planner would decide by now.
+        // Once more: the same plan, whatever a planner would decide by now.
         planner.observe(&Task::Evaluation(evaluation), 1e9);
         let (again, tasks_again) = carry_out(&world, &evaluations, &mut planner, !seed);
         prop_assert_eq!(tasks_again, tasks);
@@ -216,7 +216,7 @@ fn slow() -> (World, Evaluation, Planner) {
 }
 
 #[test]
-fn pieces_are_accounted_for_together() {
+fn subtasks_are_accounted_for_together() {
     let (world, evaluation, mut planner) = slow();
     let (done, tasks) = carry_out(&world, std::slice::from_ref(&evaluation), &mut planner, 7);
     assert!(tasks > 16, "{tasks}");
@@ -229,25 +229,25 @@ fn pieces_are_accounted_for_together() {
 fn a_run_that_goes_on_keeps_to_its_cuts_and_to_what_it_asked_whole() {
     let (world, evaluation, mut planner) = slow();
     let load = Load { jobs: 0, workers: 8 };
-    let cuts = planner.decide(std::slice::from_ref(&evaluation), load, |_| false);
+    let plans = planner.decide(std::slice::from_ref(&evaluation), load, |_| false);
     let job = Task::Evaluation(evaluation.clone()).job(0);
-    assert_eq!(cuts[0].0, job);
+    assert_eq!(plans[0].0, job);
 
     // Nobody has come back yet, and nothing was measured.
-    let mut again = Planner::new(cuts.iter().copied().collect());
-    assert!(again.has_cut(job));
+    let mut again = Planner::new(plans.iter().copied().collect());
+    assert!(again.has_plan(job));
     let alone = Load { jobs: 0, workers: 0 };
     assert_eq!(again.decide(std::slice::from_ref(&evaluation), alone, |_| false), []);
-    assert_eq!(again.lay_out(evaluation.clone(), &world.blobs).1.unwrap().0, cuts[0].1);
+    assert_eq!(again.lay_out(evaluation.clone(), &world.blobs).1.unwrap().0, plans[0].1);
 
-    // A cut that nobody can have made is none.
-    let side = SideCut { shards: 4000, ranges: 2 };
-    let foreign = Cut { query: side, database: side };
+    // A plan that nobody can have made is none.
+    let side = SidePlan { shards: 4000, ranges: 2 };
+    let foreign = ShardPlan { query: side, database: side };
     let mut damaged = Planner::new([(job, foreign)].into());
     assert_eq!(damaged.decide(std::slice::from_ref(&evaluation), alone, |_| false), []);
     assert!(damaged.lay_out(evaluation.clone(), &world.blobs).1.is_none());
 
-    // What a worker may still hold is not cut.
+    // What a worker may still hold is not plan.
     let (_, _, mut slow) = self::slow();
     assert_eq!(slow.decide(std::slice::from_ref(&evaluation), load, |asked| asked == job), []);
     assert!(slow.lay_out(evaluation, &world.blobs).1.is_none());

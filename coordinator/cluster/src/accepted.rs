@@ -11,7 +11,7 @@ use crate::task::Task;
 
 /// Accepted answers by job.
 #[derive(Default)]
-pub struct Book {
+pub struct AcceptedResults {
     answers: BTreeMap<JobId, Accepted>,
     /// Jobs that ask again, by name: which answer each of them checks.
     rechecks: BTreeMap<JobId, JobId>,
@@ -54,7 +54,7 @@ impl Accepted {
     }
 }
 
-impl Book {
+impl AcceptedResults {
     /// Takes in an answer to a job of this task. Cells of a grid are large, and have files of their own: who writes those
     /// keeps book of them.
     pub fn accept(&mut self, task: &Arc<Task>, finished: &Finished) {
@@ -144,22 +144,22 @@ mod tests {
 
     #[test]
     fn what_a_doubtful_worker_answered_is_asked_again_and_a_changed_answer_replaces_it() {
-        let mut book = Book::default();
+        let mut accepted = AcceptedResults::default();
         for (bins, worker) in [(8, "good"), (9, "bad"), (10, "bad")] {
-            book.accept(&task(bins), &finished(task(bins).job(0), worker, 5));
+            accepted.accept(&task(bins), &finished(task(bins).job(0), worker, 5));
         }
-        assert!(book.recall(task(11).job(0)).is_none(), "nobody has asked that");
-        let asked = book.doubt("bad");
-        assert!(book.is_checking());
+        assert!(accepted.recall(task(11).job(0)).is_none(), "nobody has asked that");
+        let asked = accepted.doubt("bad");
+        assert!(accepted.is_checking());
         for Recheck { job, of, task: asked } in &asked {
             let correct = if *asked == task(9) { 5 } else { 6 };
-            let checked = book.check(&finished(*job, "good", correct)).unwrap();
+            let checked = accepted.check(&finished(*job, "good", correct)).unwrap();
             assert_eq!(checked.finished.job, *of);
             assert_eq!(checked.corrected, (correct == 6).then(|| task(10)));
         }
-        assert!(!book.is_checking());
-        assert!(book.check(&finished(asked[0].job, "good", 5)).is_none(), "an answer checks once");
-        assert!(book.doubt("bad").is_empty(), "each answer is another's by now");
-        assert_eq!(book.recall(task(10).job(0)), Some(finished(task(10).job(0), "good", 6)));
+        assert!(!accepted.is_checking());
+        assert!(accepted.check(&finished(asked[0].job, "good", 5)).is_none(), "an answer checks once");
+        assert!(accepted.doubt("bad").is_empty(), "each answer is another's by now");
+        assert_eq!(accepted.recall(task(10).job(0)), Some(finished(task(10).job(0), "good", 6)));
     }
 }

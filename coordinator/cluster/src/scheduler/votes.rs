@@ -1,4 +1,4 @@
-//! Answers: which one counts, who is contradicted, and what follows for a worker that was wrong.
+//! Votes: which result of a job counts, which workers are contradicted, and how a worker that was wrong is quarantined.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -55,7 +55,7 @@ impl Scheduler {
         };
         let result = vote.result.filter(|_| !job.delivered);
         job.votes.push(Vote { result, ..vote });
-        if let Some(known) = self.known.get_mut(&id) {
+        if let Some(known) = self.identities.get_mut(&id) {
             known.answers += 1;
         }
         if held == Some(attempt) {
@@ -109,7 +109,7 @@ impl Scheduler {
         } else {
             self.note_departure(id, Departure::Quarantined, 0, now);
         }
-        self.strike_votes(id, now);
+        self.retract_votes(id, now);
         self.settle_for_want_of_others(now);
     }
 
@@ -157,11 +157,11 @@ impl Scheduler {
 
     /// Takes back every answer of a worker to jobs that are still open. What it has answered before is re-checked by
     /// who keeps the answers.
-    fn strike_votes(&mut self, id: WorkerId, now: Instant) {
-        let struck = self.jobs.iter_mut().filter_map(|(job_id, job)| {
+    fn retract_votes(&mut self, id: WorkerId, now: Instant) {
+        let retracted = self.jobs.iter_mut().filter_map(|(job_id, job)| {
             job.answered_by(id).then(|| job.votes.retain(|vote| vote.worker != id)).map(|()| *job_id)
         });
-        for job_id in struck.collect::<Vec<_>>() {
+        for job_id in retracted.collect::<Vec<_>>() {
             // Settling one may end another.
             match self.jobs.get(&job_id) {
                 Some(job) if job.delivered && job.votes.is_empty() => self.abandon(job_id, now),

@@ -10,45 +10,45 @@ use tokio::sync::Notify;
 
 use super::ClusterNews;
 use super::clients::Clients;
-use crate::book::{Book, Checked};
+use crate::accepted::{AcceptedResults, Checked};
+use crate::durability::Durability;
 use crate::events::{Event, EventKind, EventLog};
-use crate::journal::{Mark, Member};
-use crate::ledger::Ledger;
+use crate::journal::{LogSequence, Member};
 use crate::scheduler::{
     Answer, ClientId, Doubt, Emitted, Finished, Introduction, Poll, PollRefusal, RegisterRefusal, Scheduler,
 };
 use crate::shard::Description;
 use crate::task::Task;
 
-pub(super) struct Floor {
+pub(super) struct ClusterState {
     pub(super) scheduler: Scheduler,
-    pub(super) ledger: Ledger,
-    pub(super) book: Book,
+    pub(super) durability: Durability,
+    pub(super) accepted: AcceptedResults,
     pub(super) events: Arc<EventLog>,
     pub(super) clients: Clients,
     /// Until when the last answer that was taken back is on the disk.
-    struck: Option<Mark>,
+    retracted: Option<LogSequence>,
     /// What wakes the poll of each worker that is held back.
-    bells: BTreeMap<WorkerId, Arc<Notify>>,
+    wakeups: BTreeMap<WorkerId, Arc<Notify>>,
     /// Two readings of the clocks at one moment: decisions are timed by one, events by the other.
     started: (Instant, SystemTime),
 }
 
-impl Floor {
+impl ClusterState {
     pub(super) fn new(
         scheduler: Scheduler,
-        ledger: Ledger,
+        durability: Durability,
         events: Arc<EventLog>,
         started: (Instant, SystemTime),
     ) -> Self {
         Self {
             scheduler,
-            ledger,
-            book: Book::default(),
+            durability,
+            accepted: AcceptedResults::default(),
             events,
             clients: Clients::default(),
-            struck: None,
-            bells: BTreeMap::new(),
+            retracted: None,
+            wakeups: BTreeMap::new(),
             started,
         }
     }
@@ -62,33 +62,33 @@ impl Floor {
     ) -> Result<String, RegisterRefusal> {
         let label = self.scheduler.register(id, introduction.clone(), now)?;
         if !in_process {
-            self.ledger.join(id, || Member { label: label.clone(), introduction });
+            self.durability.join(id, || Member { label: label.clone(), introduction });
         }
         self.settle(now);
         Ok(label)
     }
 
-    /// The answer to a poll, which `bell` wakes if it is held back, and the leases whose reports are accepted and not on
+    /// The answer to a poll, which `wakeup` wakes if it is held back, and the leases whose reports are accepted and not on
     /// the disk yet.
     pub(super) fn poll(
         &mut self,
         id: WorkerId,
         poll: Poll,
-        bell: &Arc<Notify>,
+        wakeup: &Arc<Notify>,
         now: Instant,
     ) -> Result<(Answer, Vec<Lease>), PollRefusal> {
         let answer = self.scheduler.poll(id, poll, now);
         // One that was held back before is out of date, and may end; unless it is this one that is.
         if answer.is_ok()
-            && let Some(before) = self.bells.insert(id, Arc::clone(bell))
+            && let Some(before) = self.wakeups.insert(id, Arc::clone(wakeup))
         {
             before.notify_one();
         }
         self.settle(now);
-        self.call(now); // a failure, a goodbye or a lost reply may have put jobs back
+        self.wake(now); // a failure, a goodbye or a lost reply may have put jobs back
         let mut answer = answer?;
         self.keep_leases(&answer.jobs, id);
-        let withheld = self.ledger.withhold(&mut answer.acknowledged);
+        let withheld = self.durability.withhold(&mut answer.acknowledged);
         Ok((answer, withheld))
     }
 
@@ -102,7 +102,7 @@ impl Floor {
     ) -> Result<Vec<(Lease, Arc<Task>)>, PollRefusal> {
         let jobs = self.scheduler.lease_later(id, sequence, wanted, now)?;
         self.keep_leases(&jobs, id);
-        self.call(now); // now that this one is busy, others may take a job ahead
+        self.wake(now); // now that this one is busy, others may take a job ahead
         Ok(jobs)
     }
 
@@ -110,7 +110,7 @@ impl Floor {
     pub(super) fn deny(&mut self, id: WorkerId, now: Instant) {
         self.scheduler.deny(id, now);
         self.settle(now);
-        self.call(now);
+        self.wake(now);
     }
 
     /// Asks for a task: it is submitted, unless its answer is there or another client waits for it. Returns the name of
@@ -118,7 +118,7 @@ impl Floor {
     pub(super) fn ask(&mut self, client: ClientId, task: Arc<Task>, now: Instant) -> JobId {
         let job = self.clients.name(client, &task);
         match self.recall(job, &task) {
-            Some(finished) => self.clients.tell(client, finished),
+            Some(finished) => self.clients.deliver_one(client, finished),
             None if self.clients.wait_for(client, job, &task) => {
                 self.scheduler.submit(job, task, client, now);
             }
@@ -129,39 +129,39 @@ impl Floor {
 
     /// The answer to a job that was asked before, by this start or an earlier one.
     fn recall(&mut self, job: JobId, task: &Arc<Task>) -> Option<Finished> {
-        self.book.recall(job).or_else(|| {
-            let finished = self.ledger.recall(job, task)?;
-            self.book.accept(task, &finished);
+        self.accepted.recall(job).or_else(|| {
+            let finished = self.durability.recall(job, task)?;
+            self.accepted.accept(task, &finished);
             Some(finished)
         })
     }
 
     /// Whether this job was asked for before, by this start or an earlier one.
     pub(super) fn was_asked(&self, job: JobId) -> bool {
-        self.ledger.has(job) || self.book.has(job) || self.scheduler.was_handed_out(job)
+        self.durability.has(job) || self.accepted.has(job) || self.scheduler.was_handed_out(job)
     }
 
     /// Wakes as many of the polls that are held back as there are jobs for them: waking all for each job would cost
     /// as much as the jobs.
-    pub(super) fn call(&mut self, now: Instant) {
-        for id in self.scheduler.call(now) {
-            if let Some(bell) = self.bells.get(&id) {
-                bell.notify_one();
+    pub(super) fn wake(&mut self, now: Instant) {
+        for id in self.scheduler.wake(now) {
+            if let Some(wakeup) = self.wakeups.get(&id) {
+                wakeup.notify_one();
             }
         }
     }
 
-    /// One tick of the clock: removes silent workers, and wakes all clients, whose patience may be over.
+    /// One tick of the clock: removes silent workers, and wakes all clients, for whom a grace may be over.
     pub(super) fn expire(&mut self, now: Instant) {
         self.scheduler.expire(now);
         self.settle(now);
-        self.call(now);
+        self.wake(now);
         let scheduler = &self.scheduler;
-        self.bells.retain(|id, _| scheduler.knows(*id));
-        self.clients.ring();
+        self.wakeups.retain(|id, _| scheduler.knows(*id));
+        self.clients.wake_all();
     }
 
-    /// What happened since somebody last looked, for a client that is told `finished` answers.
+    /// What happened since a client last looked, with `finished` results for it.
     pub(super) fn news(&mut self, client: ClientId, finished: usize, now: Instant) -> ClusterNews {
         ClusterNews {
             finished,
@@ -173,13 +173,13 @@ impl Floor {
     }
 
     /// Until when everything that was taken back is on the disk, unless it is.
-    pub(super) fn struck(&self) -> Option<Mark> {
-        self.struck.filter(|mark| !self.ledger.is_durable(*mark))
+    pub(super) fn retracted(&self) -> Option<LogSequence> {
+        self.retracted.filter(|sequence| !self.durability.is_durable(*sequence))
     }
 
     /// Whether accepted answers are being checked. It looks at all jobs.
     pub(super) fn is_in_doubt(&self) -> bool {
-        self.book.is_checking() || self.scheduler.in_doubt()
+        self.accepted.is_checking() || self.scheduler.in_doubt()
     }
 
     /// A client will ask for nothing more.
@@ -196,7 +196,7 @@ impl Floor {
         let mut is_news = false;
         for Emitted { at, kind } in self.scheduler.drain_events() {
             if let EventKind::Departed { worker, .. } = &kind {
-                self.ledger.leave(*worker);
+                self.durability.leave(*worker);
             }
             is_news |= self.append(at, kind).kind.is_news();
         }
@@ -204,7 +204,7 @@ impl Floor {
             self.doubt(&doubt, now);
         }
         if is_news {
-            self.clients.ring();
+            self.clients.wake_all();
         }
     }
 
@@ -213,46 +213,46 @@ impl Floor {
         let (started, time) = self.started;
         let event = self.events.append(time + at.saturating_duration_since(started), kind);
         if !event.omitted {
-            self.ledger.event(Arc::clone(&event));
+            self.durability.event(Arc::clone(&event));
         }
         event
     }
 
     /// Keeps an answer and tells it to those who wait for it.
     fn accept(&mut self, finished: &Finished) {
-        if let Some(Checked { finished, corrected }) = self.book.check(finished) {
-            self.ledger.accept(&finished);
+        if let Some(Checked { finished, corrected }) = self.accepted.check(finished) {
+            self.durability.accept(&finished);
             if let Some(task) = corrected {
                 self.clients.correct(finished.job, &task);
             }
-            self.clients.ring(); // they may have waited for this doubt to end
+            self.clients.wake_all(); // they may have waited for this doubt to end
             return;
         }
         // What is in doubt is no answer to go on with: the next start asks again.
         if finished.settled {
-            self.ledger.accept(finished);
+            self.durability.accept(finished);
         }
         if let Some(task) = self.clients.deliver(finished) {
-            self.book.accept(&task, finished);
+            self.accepted.accept(&task, finished);
         }
     }
 
     /// Takes back what is in doubt, and tells all clients; what a quarantined worker has answered is asked again.
     fn doubt(&mut self, doubt: &Doubt, now: Instant) {
         match doubt {
-            Doubt::Disagreement { job, .. } => self.ledger.strike(*job),
+            Doubt::Disagreement { job, .. } => self.durability.retract(*job),
             Doubt::Quarantined(id) => {
                 let worker = self.scheduler.label(*id);
-                self.ledger.distrust(&worker, *id);
-                for recheck in self.book.doubt(&worker) {
+                self.durability.distrust(&worker, *id);
+                for recheck in self.accepted.doubt(&worker) {
                     // Until it is checked, it is no answer to go on with.
-                    self.ledger.strike(recheck.of);
+                    self.durability.retract(recheck.of);
                     self.clients.note_check(recheck.job);
                     self.scheduler.submit(recheck.job, recheck.task, ClientId::AUDITOR, now);
                 }
             }
         }
-        self.struck = self.ledger.end();
+        self.retracted = self.durability.end();
         self.clients.doubt(doubt);
     }
 
@@ -266,7 +266,7 @@ impl Floor {
             let description = Task::Description(Description { descriptor, manifest, clouds });
             // Under each name by which it was asked for.
             let names = (0..).map(|occurrence| description.job(occurrence));
-            names.take_while(|job| self.clients.was_asked(*job)).for_each(|job| self.ledger.strike(job));
+            names.take_while(|job| self.clients.was_asked(*job)).for_each(|job| self.durability.retract(job));
         }
     }
 
@@ -287,7 +287,7 @@ impl Floor {
 
     fn keep_leases(&self, jobs: &[(Lease, Arc<Task>)], holder: WorkerId) {
         for (lease, _) in jobs {
-            self.ledger.lease(*lease, holder);
+            self.durability.lease(*lease, holder);
         }
     }
 }
