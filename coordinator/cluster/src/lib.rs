@@ -2,10 +2,9 @@
 //!
 //! No gRPC, no tables: the service feeds polls in, the run driver submits evaluations and waits for them.
 
-mod accepted;
 pub mod blobs;
 mod cluster;
-mod durability;
+mod cost;
 pub mod evaluation;
 pub mod events;
 pub mod journal;
@@ -13,6 +12,7 @@ mod lock;
 pub mod scheduler;
 pub mod shard;
 pub mod sharding;
+pub mod store;
 pub mod task;
 
 pub use cluster::{CellAnswer, Client, Cluster, ClusterError, ClusterNews};

@@ -1,4 +1,4 @@
-//! One of those who ask for evaluations: a run, or a member of a sweep.
+//! A client of the cluster: a run, or a member of a sweep.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -14,11 +14,11 @@ use crate::scheduler::{ClientId, Finished, Staffing};
 use crate::shard::{Described, Description};
 use crate::task::{GridCell, Task, TaskResult};
 
-/// Tasks by job, with their place among all that were asked for together.
+/// Tasks by job, with their index among all that were submitted together.
 type Asked = BTreeMap<JobId, (usize, Arc<Task>)>;
 
-/// Asks a cluster for evaluations and waits for them. Several clients share its workers fairly, and the answers to equal
-/// questions.
+/// Submits tasks to a cluster and waits for their results. Several clients share its workers fairly, and the results of
+/// equal tasks.
 pub struct Client {
     id: ClientId,
     cluster: Arc<Cluster>,
@@ -29,7 +29,7 @@ pub struct Client {
 /// A cell of the grid that was counted.
 #[derive(Debug)]
 pub struct CellAnswer {
-    /// Its place among those that were submitted.
+    /// Its index among those that were submitted.
     pub place: usize,
     /// How many queries each descriptor recognises.
     pub counts: Vec<u32>,
@@ -86,13 +86,14 @@ impl Client {
         cells: Vec<GridCell>,
         mut take: impl FnMut(&ClusterNews, Vec<CellAnswer>) -> Result<(), E>,
     ) -> Result<(), E> {
-        let cluster = Arc::clone(&self.cluster);
         self.perform(cells.into_iter().map(Task::GridCell).collect(), |news, finished| {
             let answer = |(place, finished): (usize, Finished)| match finished.result {
-                TaskResult::GridCell(counts) => {
-                    let worker_id = cluster.state().scheduler.id_of(&finished.worker);
-                    Some(CellAnswer { place, counts, worker_id, settled: finished.settled })
-                }
+                TaskResult::GridCell(counts) => Some(CellAnswer {
+                    place,
+                    counts,
+                    worker_id: Some(finished.worker_id),
+                    settled: finished.settled,
+                }),
                 TaskResult::Evaluation(_) | TaskResult::Description(_) => None, // `Task::check` lets none pass
             };
             take(news, finished.into_iter().filter_map(answer).collect()).map(|()| Vec::new())
@@ -126,7 +127,7 @@ impl Client {
                 })
                 .await;
             match done {
-                // Answered from what still holds, and anew.
+                // Results that still hold are delivered again, the others computed anew.
                 Err(ClusterError::Corrected(_)) => continue,
                 done => done?,
             }
@@ -172,7 +173,7 @@ impl Client {
             let further = take(&mut news, finished)?;
             self.cluster.check_failures(&news)?;
             if !further.is_empty() {
-                // What is asked by the name of an answer must not be handed out before the next start would know it.
+                // Tasks that name a result must not be handed out before the next start would know that result.
                 self.cluster.flush().await?;
                 self.ask(further, &mut asked);
                 continue; // their answers may be there
@@ -186,8 +187,7 @@ impl Client {
         }
     }
 
-    /// Asks for tasks, and adds them to those that were asked for. Answers come by [`Client::look`], those that are there
-    /// at once.
+    /// Submits tasks, and adds them to `asked`. Results come by [`Client::look`], those that are there already at once.
     fn ask(&mut self, tasks: Vec<Task>, asked: &mut Asked) {
         let (mut state, now) = (self.cluster.state(), now());
         for task in tasks {
@@ -197,14 +197,14 @@ impl Client {
         state.wake(now);
     }
 
-    /// It waits for something that had no answer, and has asked for everything else that it could.
+    /// Notes that this client waits for a result and has submitted everything else that it could.
     fn arrive(&self) {
         let mut state = self.cluster.state();
         state.clients.account(self.id).arrive();
         self.cluster.begin_if_all_arrived(&state);
     }
 
-    /// What happened since the last look, and the answers that have come.
+    /// What happened since the last look, and the results that have come.
     async fn look(&mut self) -> Result<(ClusterNews, Vec<Finished>), ClusterError> {
         let (finished, news, retracted) = {
             let (mut state, now) = (self.cluster.state(), now());
@@ -241,7 +241,7 @@ impl Client {
         self.wakeup.notified().await;
     }
 
-    /// Has no more to ask, as far as it knows: what waits for the first question of every client need not wait for this.
+    /// Has nothing more to submit, as far as it knows: polls that wait for every client's first task need not wait for this.
     pub fn rest(&mut self) {
         self.arrive();
     }

@@ -1,6 +1,7 @@
-//! The scheduler as several tasks share it: the service feeds it, runs wait on it, a clock removes silent workers.
+//! The cluster as async tasks share it: the service hands polls in, clients wait for results, a clock removes silent
+//! workers.
 //!
-//! Here is the workers' side; `client` is the side of those who ask.
+//! This file is the workers' side, `client` the clients'; `state` is what they share, under one lock.
 
 mod client;
 mod clients;
@@ -14,7 +15,6 @@ use tokio::sync::{Notify, watch};
 use tokio::time::MissedTickBehavior;
 
 use crate::blobs::BlobStore;
-use crate::durability::Durability;
 use crate::evaluation::Evaluation;
 use crate::events::{EventCursor, EventKind, EventLog};
 use crate::journal::{Journal, JournalError, LogSequence, Recorded};
@@ -24,7 +24,7 @@ use crate::scheduler::{
     Staffing,
 };
 use crate::shard::Described;
-use crate::sharding::{Batch, Load, Planner, ShardCount};
+use crate::sharding::{Batch, Layouts, ShardCount};
 use crate::task::{Task, TaskResult};
 pub use client::{CellAnswer, Client};
 use state::ClusterState;
@@ -54,15 +54,15 @@ pub enum ClusterError {
         /// Since when.
         seconds: u64,
     },
-    /// Answers cannot be kept any more.
+    /// The journal cannot be written any more.
     #[error(transparent)]
     Journal(JournalError),
-    /// Descriptions that were not kept.
+    /// Descriptions are no longer in memory.
     #[error(
         "descriptions: they were dropped for want of memory before they were used\nrun the same command again"
     )]
     Gone,
-    /// Answers that had been accepted were wrong.
+    /// Results that had been accepted were wrong.
     #[error("{} answers of a worker that was wrong were corrected\nrun the same command again", .0.len())]
     Corrected(Vec<Arc<Task>>),
 }
@@ -73,20 +73,22 @@ fn first_lines(failures: &[String]) -> String {
     lines.join("\n  ")
 }
 
-/// Scheduler, blobs and the signals between those who use them.
+/// The shared state of a run: workers, jobs, blobs, events.
 pub struct Cluster {
     /// Names the run to its workers.
     pub session: SessionId,
     /// What workers may fetch.
     pub blobs: BlobStore,
     limits: Limits,
+    /// Everything that is decided, under the one lock.
     state: Mutex<ClusterState>,
-    planner: Mutex<Planner>,
+    /// Only a cache: nothing is decided under its lock.
+    layouts: Mutex<Layouts>,
     events: Arc<EventLog>,
     journal: Option<Arc<Journal>>,
-    /// Earlier starts have left answers.
+    /// Earlier starts have left results.
     has_past: bool,
-    /// Whether every client has asked for something that had no answer.
+    /// Whether every client waits for a result, or has nothing to submit.
     begun: watch::Sender<bool>,
 }
 
@@ -96,9 +98,8 @@ impl Cluster {
         let session = SessionId(rand::random());
         let events = Arc::new(EventLog::new(Vec::new()));
         let started = (now(), SystemTime::now());
-        let state =
-            ClusterState::new(Scheduler::new(limits), Durability::default(), Arc::clone(&events), started);
-        Self::with(limits, session, (None, false), state, Planner::default(), events)
+        let state = ClusterState::new(Scheduler::new(limits), None, Arc::clone(&events), started);
+        Self::with(limits, session, (None, false), state, events)
     }
 
     /// The cluster of a run that keeps what it accepts, and goes on where earlier starts ended. To be called within a
@@ -114,18 +115,17 @@ impl Cluster {
         if recorded.starts > 1 {
             scheduler.restore(&recorded, now);
         }
+        scheduler.jobs.restore(&recorded);
         let events = Arc::new(EventLog::new(recorded.events));
-        let has_past = !recorded.accepted.is_empty();
-        let durability = Durability::new(Arc::clone(&journal), recorded.accepted);
-        let mut state =
-            ClusterState::new(scheduler, durability, Arc::clone(&events), (now, SystemTime::now()));
+        let (started, kept) = ((now, SystemTime::now()), Some(Arc::clone(&journal)));
+        let mut state = ClusterState::new(scheduler, kept, Arc::clone(&events), started);
         for (worker, label) in events.present() {
             if !recorded.members.contains_key(&worker) {
                 state.append(now, EventKind::Ended { worker, label });
             }
         }
-        let planner = Planner::new(recorded.plans);
-        Self::with(limits, session, (Some(journal), has_past), state, planner, events)
+        let has_past = !recorded.accepted.is_empty();
+        Self::with(limits, session, (Some(journal), has_past), state, events)
     }
 
     fn with(
@@ -133,7 +133,6 @@ impl Cluster {
         session: SessionId,
         (journal, has_past): (Option<Arc<Journal>>, bool),
         state: ClusterState,
-        planner: Planner,
         events: Arc<EventLog>,
     ) -> Arc<Self> {
         let cluster = Arc::new(Self {
@@ -141,7 +140,7 @@ impl Cluster {
             blobs: BlobStore::default(),
             limits,
             state: Mutex::new(state),
-            planner: Mutex::new(planner),
+            layouts: Mutex::default(),
             events,
             journal,
             has_past,
@@ -151,13 +150,12 @@ impl Cluster {
         cluster
     }
 
-    /// Follows what happens from this start of the coordinator on. Each observer needs a cursor of its own.
+    /// A cursor at the first event of this start of the coordinator. Each observer needs one of its own.
     pub fn events(&self) -> EventCursor {
         self.events.follow()
     }
 
-    /// Somebody new who asks for evaluations. To be called for all who will ask before the first of them does
-    /// ([`Cluster::begun`]).
+    /// A new client. All clients have to be made before the first of them submits anything ([`Cluster::begun`]).
     pub fn client(self: &Arc<Self>) -> Client {
         Client::new(self)
     }
@@ -183,8 +181,8 @@ impl Cluster {
     }
 
     /// Waits until every client has submitted its first job, as long as a poll may be held back; `false` if one has not.
-    /// A run that was started again is not before that where it was: it can judge neither leases nor reports, and has
-    /// not released what its workers may ask for.
+    /// Before that, a run that was started again has not come back to where it was: it can judge neither leases nor
+    /// reports, and has not published the blobs that its workers may fetch.
     pub async fn begun(&self) -> bool {
         let mut begun = self.begun.subscribe();
         tokio::time::timeout(self.hold(), begun.wait_for(|begun| *begun)).await.is_ok()
@@ -201,7 +199,7 @@ impl Cluster {
         self.state().deny(id, now());
     }
 
-    /// Answers a poll; holds the answer back while it would be empty and the worker wants jobs.
+    /// Answers a poll; holds the reply back while it would be empty and the worker wants jobs.
     pub async fn poll(&self, id: WorkerId, poll: Poll) -> Result<Answer, PollRefusal> {
         let deadline = tokio::time::Instant::now() + self.hold();
         self.state().scheduler.heard_from(id, now());
@@ -233,8 +231,10 @@ impl Cluster {
             let (answer, sequence) = {
                 let (mut state, now) = (self.state(), now());
                 let jobs = state.lease_later(id, sequence, wanted, now)?;
-                let acknowledged = state.durability.release(&mut withheld);
-                (Answer { jobs, acknowledged, ..Answer::default() }, state.durability.sequence(&withheld))
+                let still = state.withhold(&mut withheld);
+                let acknowledged = std::mem::replace(&mut withheld, still);
+                let sequence = state.scheduler.jobs.last_pending(&withheld);
+                (Answer { jobs, acknowledged, ..Answer::default() }, sequence)
             };
             if !answer.is_empty() {
                 return Ok(answer);
@@ -247,17 +247,17 @@ impl Cluster {
         }
     }
 
-    /// The leases among these whose reports are on the disk, or are in time.
+    /// Those of these leases whose reports are on the disk before the deadline.
     async fn wait_for_journal(&self, mut leases: Vec<Lease>, deadline: tokio::time::Instant) -> Vec<Lease> {
-        let sequence = self.state().durability.sequence(&leases);
+        let sequence = self.state().scheduler.jobs.last_pending(&leases);
         if tokio::time::timeout_at(deadline, self.kept(sequence)).await.is_err() {
             return Vec::new();
         }
-        self.state().durability.withhold(&mut leases);
+        self.state().withhold(&mut leases);
         leases
     }
 
-    /// Waits until the journal has come to the sequence; for ever if there is none, or nothing will be kept any more.
+    /// Waits until the journal is durable up to a sequence number; for ever if there is none, or the journal has failed.
     async fn kept(&self, sequence: Option<LogSequence>) {
         if let (Some(journal), Some(sequence)) = (&self.journal, sequence)
             && journal.durable(sequence).await.is_ok()
@@ -267,7 +267,7 @@ impl Cluster {
         std::future::pending().await
     }
 
-    /// Waits until every answer that was accepted is on the disk.
+    /// Waits until every result that was accepted is on the disk.
     pub async fn flush(&self) -> Result<(), ClusterError> {
         match &self.journal {
             Some(journal) => self.durable(journal.end()).await,
@@ -275,7 +275,7 @@ impl Cluster {
         }
     }
 
-    /// Waits until everything up to the sequence is on the disk.
+    /// Waits until the journal is durable up to a sequence number.
     async fn durable(&self, sequence: LogSequence) -> Result<(), ClusterError> {
         match &self.journal {
             Some(journal) => journal.durable(sequence).await.map_err(ClusterError::Journal),
@@ -288,43 +288,36 @@ impl Cluster {
         self.state().clients.share();
     }
 
-    /// Whether earlier starts have left answers.
+    /// Whether earlier starts have left results.
     pub fn has_past(&self) -> bool {
         self.has_past
     }
 
-    /// Whether the answer to this evaluation is there, because an earlier start has accepted it, or this one has; or
-    /// whether it was sharded.
+    /// Whether this evaluation was computed by this run: an earlier start or this one has accepted its result, or has
+    /// sharded it.
     pub fn recalls(&self, evaluation: Evaluation) -> bool {
         let job = Task::Evaluation(evaluation).job(0);
-        if self.planner().has_plan(job) {
-            return true;
-        }
         let state = self.state();
-        state.durability.has(job) || state.accepted.has(job)
+        let jobs = &state.scheduler.jobs;
+        jobs.has_result(job) || jobs.plan(job).flatten().is_some()
     }
 
-    /// From here on, evaluations are sharded like this.
+    /// Sets into how many shards evaluations are divided from here on.
     pub fn set_shard_count(&self, shard_count: ShardCount) {
-        self.planner().set_shard_count(shard_count);
+        self.state().planner.set_shard_count(shard_count);
     }
 
-    /// Decides which evaluations are sharded, and keeps that before the first subtask is asked for.
+    /// Evaluations, whole or sharded as it is decided, and their first tasks.
     fn plan(&self, evaluations: Vec<Evaluation>) -> (Batch, Vec<Task>) {
-        let mut planner = self.planner();
-        {
-            let state = self.state();
-            let load = Load { jobs: state.scheduler.open_jobs(), workers: state.scheduler.worker_count() };
-            for (job, plan) in planner.decide(&evaluations, load, |job| state.was_asked(job)) {
-                state.durability.plan(job, plan);
-            }
-        }
-        Batch::new(evaluations.into_iter().map(|one| planner.lay_out(one, &self.blobs)).collect())
+        let plans = self.state().plan(&evaluations);
+        let mut layouts = lock(&self.layouts);
+        let planned = evaluations.into_iter().zip(plans);
+        Batch::new(planned.map(|(one, plan)| layouts.lay_out(one, plan, &self.blobs)).collect())
     }
 
-    /// Takes in what an answer tells beside its result: what such tasks take, and a description for others to use.
+    /// Learns from a result how long such tasks take, and publishes a description for tiles to use.
     fn learn(&self, task: &Task, answer: &Finished) {
-        self.planner().observe(task, answer.run_seconds);
+        self.state().planner.observe(task, answer.run_seconds);
         if let TaskResult::Description(Described { digest, parts: Some(parts) }) = &answer.result {
             self.blobs.publish_description(*digest, parts);
         }
@@ -342,7 +335,7 @@ impl Cluster {
         Ok(())
     }
 
-    /// Whether there has been nobody for too long who can evaluate, or decide.
+    /// Whether there have been too few workers for too long.
     fn check_staffing(&self, news: &ClusterNews) -> Result<(), ClusterError> {
         let seconds = self.limits.worker_grace.as_secs();
         match news.staffing {
@@ -357,14 +350,9 @@ impl Cluster {
         self.state().close(now());
     }
 
-    /// Whether no worker of this run was wrong; else what it has computed may be wrong where nobody has looked.
+    /// Whether no worker of this run was quarantined; otherwise results that were not audited may be wrong.
     pub fn is_trusted(&self) -> bool {
         self.state().scheduler.is_trusted()
-    }
-
-    /// Not to be called by who holds the state.
-    fn planner(&self) -> MutexGuard<'_, Planner> {
-        lock(&self.planner)
     }
 
     fn state(&self) -> MutexGuard<'_, ClusterState> {
@@ -384,7 +372,7 @@ async fn tick(cluster: Weak<Cluster>) {
     }
 }
 
-/// The time that decisions are made by.
+/// The time by which decisions are made.
 fn now() -> Instant {
     tokio::time::Instant::now().into_std()
 }

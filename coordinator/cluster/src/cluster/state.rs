@@ -1,4 +1,4 @@
-//! What a cluster decides under one lock: who gets what, what is kept of it, and what is told.
+//! What a cluster decides under its one lock: who gets which job, what the journal keeps of it, and who is woken.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -10,47 +10,59 @@ use tokio::sync::Notify;
 
 use super::ClusterNews;
 use super::clients::Clients;
-use crate::accepted::{AcceptedResults, Checked};
-use crate::durability::Durability;
+use crate::evaluation::Evaluation;
 use crate::events::{Event, EventKind, EventLog};
-use crate::journal::{LogSequence, Member};
+use crate::journal::{Accepted, Entry, Journal, LogSequence, Member};
 use crate::scheduler::{
     Answer, ClientId, Doubt, Emitted, Finished, Introduction, Poll, PollRefusal, RegisterRefusal, Scheduler,
 };
 use crate::shard::Description;
+use crate::sharding::{Load, Planner, ShardPlan};
+use crate::store::Checked;
 use crate::task::Task;
 
 pub(super) struct ClusterState {
+    /// Workers, and the store of jobs.
     pub(super) scheduler: Scheduler,
-    pub(super) durability: Durability,
-    pub(super) accepted: AcceptedResults,
-    pub(super) events: Arc<EventLog>,
     pub(super) clients: Clients,
-    /// Until when the last answer that was taken back is on the disk.
+    pub(super) planner: Planner,
+    /// Without one, as for a single evaluation, nothing is kept.
+    journal: Option<Arc<Journal>>,
+    events: Arc<EventLog>,
+    /// The entry of the journal with which the last retraction is on the disk.
     retracted: Option<LogSequence>,
     /// What wakes the poll of each worker that is held back.
     wakeups: BTreeMap<WorkerId, Arc<Notify>>,
-    /// Two readings of the clocks at one moment: decisions are timed by one, events by the other.
+    /// Both clocks, read at one moment: decisions use one, events the other.
     started: (Instant, SystemTime),
 }
 
 impl ClusterState {
     pub(super) fn new(
         scheduler: Scheduler,
-        durability: Durability,
+        journal: Option<Arc<Journal>>,
         events: Arc<EventLog>,
         started: (Instant, SystemTime),
     ) -> Self {
         Self {
             scheduler,
-            durability,
-            accepted: AcceptedResults::default(),
-            events,
             clients: Clients::default(),
+            planner: Planner::default(),
+            journal,
+            events,
             retracted: None,
             wakeups: BTreeMap::new(),
             started,
         }
+    }
+
+    /// Hands an entry to the journal.
+    fn record(&self, entry: impl FnOnce() -> Entry) -> Option<LogSequence> {
+        self.journal.as_ref().map(|journal| journal.record(entry()))
+    }
+
+    fn is_durable(&self, sequence: LogSequence) -> bool {
+        self.journal.as_ref().is_none_or(|journal| journal.is_durable(sequence))
     }
 
     pub(super) fn register(
@@ -62,7 +74,7 @@ impl ClusterState {
     ) -> Result<String, RegisterRefusal> {
         let label = self.scheduler.register(id, introduction.clone(), now)?;
         if !in_process {
-            self.durability.join(id, || Member { label: label.clone(), introduction });
+            self.record(|| Entry::Joined(id, Member { label: label.clone(), introduction }));
         }
         self.settle(now);
         Ok(label)
@@ -78,7 +90,7 @@ impl ClusterState {
         now: Instant,
     ) -> Result<(Answer, Vec<Lease>), PollRefusal> {
         let answer = self.scheduler.poll(id, poll, now);
-        // One that was held back before is out of date, and may end; unless it is this one that is.
+        // An older poll that is held back is out of date, and may end; unless this one is the older.
         if answer.is_ok()
             && let Some(before) = self.wakeups.insert(id, Arc::clone(wakeup))
         {
@@ -88,8 +100,15 @@ impl ClusterState {
         self.wake(now); // a failure, a goodbye or a lost reply may have put jobs back
         let mut answer = answer?;
         self.keep_leases(&answer.jobs, id);
-        let withheld = self.durability.withhold(&mut answer.acknowledged);
+        let withheld = self.withhold(&mut answer.acknowledged);
         Ok((answer, withheld))
+    }
+
+    /// Takes out of `acknowledged` the leases whose reports are accepted and not on the disk yet.
+    pub(super) fn withhold(&mut self, acknowledged: &mut Vec<Lease>) -> Vec<Lease> {
+        let journal = self.journal.as_deref();
+        let is_durable = |sequence| journal.is_none_or(|journal| journal.is_durable(sequence));
+        self.scheduler.jobs.withhold(acknowledged, is_durable)
     }
 
     /// See [`Scheduler::lease_later`].
@@ -113,32 +132,35 @@ impl ClusterState {
         self.wake(now);
     }
 
-    /// Asks for a task: it is submitted, unless its answer is there or another client waits for it. Returns the name of
-    /// its job.
+    /// Submits a task for a client, unless its result is there or another client waits for it. Returns its job.
     pub(super) fn ask(&mut self, client: ClientId, task: Arc<Task>, now: Instant) -> JobId {
         let job = self.clients.name(client, &task);
-        match self.recall(job, &task) {
-            Some(finished) => self.clients.deliver_one(client, finished),
-            None if self.clients.wait_for(client, job, &task) => {
-                self.scheduler.submit(job, task, client, now);
-            }
-            None => self.scheduler.share(job, client),
+        let jobs = &mut self.scheduler.jobs;
+        jobs.ask(job);
+        if let Some(finished) = jobs.recall(job, &task) {
+            self.clients.deliver_one(client, finished);
+            return job;
+        }
+        self.clients.wait(client);
+        if jobs.wait_for(job, &task, client) {
+            self.scheduler.submit(job, task, client, now);
+        } else {
+            self.scheduler.share(job, client);
         }
         job
     }
 
-    /// The answer to a job that was asked before, by this start or an earlier one.
-    fn recall(&mut self, job: JobId, task: &Arc<Task>) -> Option<Finished> {
-        self.accepted.recall(job).or_else(|| {
-            let finished = self.durability.recall(job, task)?;
-            self.accepted.accept(task, &finished);
-            Some(finished)
-        })
-    }
-
-    /// Whether this job was asked for before, by this start or an earlier one.
-    pub(super) fn was_asked(&self, job: JobId) -> bool {
-        self.durability.has(job) || self.accepted.has(job) || self.scheduler.was_handed_out(job)
+    /// Decides which evaluations are sharded, and keeps that before the first shard is asked for: results of shards and
+    /// tiles are of no use to any other plan.
+    pub(super) fn plan(&mut self, evaluations: &[Evaluation]) -> Vec<Option<ShardPlan>> {
+        let load = Load { jobs: self.scheduler.open_jobs(), workers: self.scheduler.worker_count() };
+        for (job, plan) in self.planner.decide(evaluations, load, &mut self.scheduler.jobs) {
+            self.record(|| Entry::Sharded(job, plan));
+        }
+        let plan = |evaluation: &Evaluation| {
+            self.scheduler.jobs.plan(Task::Evaluation(evaluation.clone()).job(0)).flatten()
+        };
+        evaluations.iter().map(plan).collect()
     }
 
     /// Wakes as many of the polls that are held back as there are jobs for them: waking all for each job would cost
@@ -172,17 +194,17 @@ impl ClusterState {
         }
     }
 
-    /// Until when everything that was taken back is on the disk, unless it is.
+    /// The sequence number up to which the journal has to be durable before anything is delivered, if it is not.
     pub(super) fn retracted(&self) -> Option<LogSequence> {
-        self.retracted.filter(|sequence| !self.durability.is_durable(*sequence))
+        self.retracted.filter(|sequence| !self.is_durable(*sequence))
     }
 
-    /// Whether accepted answers are being checked. It looks at all jobs.
+    /// Whether accepted results are being checked. Looks at all open jobs.
     pub(super) fn is_in_doubt(&self) -> bool {
-        self.accepted.is_checking() || self.scheduler.in_doubt()
+        self.scheduler.jobs.is_checking() || self.scheduler.in_doubt()
     }
 
-    /// A client will ask for nothing more.
+    /// A client will submit nothing more.
     pub(super) fn leave(&mut self, client: ClientId) {
         self.clients.leave(client);
         self.scheduler.forget_client(client);
@@ -196,7 +218,7 @@ impl ClusterState {
         let mut is_news = false;
         for Emitted { at, kind } in self.scheduler.drain_events() {
             if let EventKind::Departed { worker, .. } = &kind {
-                self.durability.leave(*worker);
+                self.record(|| Entry::Left(*worker));
             }
             is_news |= self.append(at, kind).kind.is_news();
         }
@@ -213,60 +235,77 @@ impl ClusterState {
         let (started, time) = self.started;
         let event = self.events.append(time + at.saturating_duration_since(started), kind);
         if !event.omitted {
-            self.durability.event(Arc::clone(&event));
+            self.record(|| Entry::Event(Arc::clone(&event)));
         }
         event
     }
 
-    /// Keeps an answer and tells it to those who wait for it.
+    /// Accepts a result, and delivers it to the clients that wait for it.
     fn accept(&mut self, finished: &Finished) {
-        if let Some(Checked { finished, corrected }) = self.accepted.check(finished) {
-            self.durability.accept(&finished);
+        if let Some(Checked { finished, corrected }) = self.scheduler.jobs.check(finished) {
+            self.keep(&finished);
             if let Some(task) = corrected {
                 self.clients.correct(finished.job, &task);
             }
             self.clients.wake_all(); // they may have waited for this doubt to end
             return;
         }
-        // What is in doubt is no answer to go on with: the next start asks again.
+        // A result in doubt is nothing to go on with: the next start computes it again.
         if finished.settled {
-            self.durability.accept(finished);
+            self.keep(finished);
         }
-        if let Some(task) = self.clients.deliver(finished) {
-            self.accepted.accept(&task, finished);
+        if let Some((task, clients)) = self.scheduler.jobs.take_waiting(finished.job) {
+            self.clients.deliver(clients, finished);
+            self.scheduler.jobs.accept(&task, finished);
         }
     }
 
-    /// Takes back what is in doubt, and tells all clients; what a quarantined worker has answered is asked again.
+    /// Has the journal keep a result, as far as such results are kept.
+    fn keep(&mut self, finished: &Finished) {
+        let Some(result) = finished.result.kept() else { return };
+        let (job, attempt) = (finished.job, finished.attempt);
+        let entry = || Entry::Accepted(Box::new(Accepted { result, ..finished.clone() }));
+        if let Some(sequence) = self.record(entry) {
+            self.scheduler.jobs.set_pending(Lease { job, attempt }, sequence);
+        }
+    }
+
+    /// Retracts what is in doubt, and tells all clients; results of a quarantined worker are computed again.
     fn doubt(&mut self, doubt: &Doubt, now: Instant) {
         match doubt {
-            Doubt::Disagreement { job, .. } => self.durability.retract(*job),
-            Doubt::Quarantined(id) => {
-                let worker = self.scheduler.label(*id);
-                self.durability.distrust(&worker, *id);
-                for recheck in self.accepted.doubt(&worker) {
-                    // Until it is checked, it is no answer to go on with.
-                    self.durability.retract(recheck.of);
-                    self.clients.note_check(recheck.job);
+            Doubt::Disagreement { job, .. } => self.retract(*job),
+            Doubt::Quarantined(worker) => {
+                self.record(|| Entry::Quarantined(*worker));
+                for job in self.scheduler.jobs.drop_recorded(*worker) {
+                    self.retract(job);
+                }
+                for recheck in self.scheduler.jobs.recheck(*worker) {
+                    // Until it is checked, it is nothing to go on with.
+                    self.retract(recheck.of);
                     self.scheduler.submit(recheck.job, recheck.task, ClientId::AUDITOR, now);
                 }
             }
         }
-        self.retracted = self.durability.end();
+        self.retracted = self.journal.as_ref().map(|journal| journal.end());
         self.clients.doubt(doubt);
     }
 
-    /// Takes back the descriptions that a task rests on, because it failed for good, and they may be why: the next start
-    /// asks for them again.
+    /// Retracts a result: it is in doubt.
+    fn retract(&self, job: JobId) {
+        self.record(|| Entry::Retracted(job));
+    }
+
+    /// Retracts the descriptions that a task uses, because it failed for good and they may be the cause: the next start
+    /// computes them again.
     pub(super) fn doubt_descriptions(&self, task: &Task) {
         let Task::Tile(tile) = task else { return };
         let descriptor = Descriptor::DiskRing(tile.evaluation.parameters);
         for &manifest in tile.evaluation.query.iter().chain(&tile.evaluation.database) {
             let clouds = tile.evaluation.queries; // no part of the name
             let description = Task::Description(Description { descriptor, manifest, clouds });
-            // Under each name by which it was asked for.
+            // Under each job that it was submitted as.
             let names = (0..).map(|occurrence| description.job(occurrence));
-            names.take_while(|job| self.clients.was_asked(*job)).for_each(|job| self.durability.retract(job));
+            names.take_while(|job| self.scheduler.jobs.was_asked(*job)).for_each(|job| self.retract(job));
         }
     }
 
@@ -279,7 +318,7 @@ impl ClusterState {
     /// The events that concern a client: all but attempts at jobs that only others have asked for.
     pub(super) fn concerning(&self, client: ClientId, mut events: Vec<Arc<Event>>) -> Vec<Arc<Event>> {
         events.retain(|event| match &event.kind {
-            EventKind::Attempt(attempt) => self.clients.concerns(client, attempt.job),
+            EventKind::Attempt(attempt) => self.clients.concerns(client, attempt.job, &self.scheduler.jobs),
             _ => true,
         });
         events
@@ -287,7 +326,7 @@ impl ClusterState {
 
     fn keep_leases(&self, jobs: &[(Lease, Arc<Task>)], holder: WorkerId) {
         for (lease, _) in jobs {
-            self.durability.lease(*lease, holder);
+            self.record(|| Entry::Leased(*lease, holder));
         }
     }
 }

@@ -107,7 +107,7 @@ async fn a_poll_that_waits_is_answered_when_its_report_is_on_the_disk() {
         async move { cluster.client().evaluate(vec![evaluation()], |_| {}).await }
     });
     let (lease, poll) = reported(&cluster).await;
-    // The search goes on with the answer before that.
+    // The search goes on with the result before that.
     assert_eq!(evaluated.await.unwrap().unwrap()[0].attempt, 1);
     assert!(!poll.is_finished());
     assert_eq!(held.commit(), 5, "the worker, its lease, its answer, and the events of worker and attempt");

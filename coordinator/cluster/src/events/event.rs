@@ -154,7 +154,7 @@ pub enum Departure {
     Left,
     /// It fell silent for longer than a lease lasts.
     Lost,
-    /// Two other workers agreed on an answer that differs from its own.
+    /// Two other workers agreed on a result that differs from its own.
     Quarantined,
     /// It is on the deny list.
     Denied,
@@ -219,15 +219,15 @@ impl Attempt {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "end", content = "reason", rename_all = "snake_case")]
 pub enum AttemptEnd {
-    /// The first answer to its job.
+    /// The first result of its job.
     Answered,
-    /// The same answer as another worker's.
+    /// The same result as another worker's.
     Agreed,
-    /// Another answer than another worker's.
+    /// Another result than another worker's.
     Disagreed,
-    /// A valid answer on a lease that had been given up.
+    /// A valid result on a lease that had been given up.
     Late,
-    /// The worker said why it has no answer, or its answer cannot be one.
+    /// The worker reported why it has no result, or a result that cannot be one.
     Failed(String),
     /// No result within the time a job may take.
     Overdue,

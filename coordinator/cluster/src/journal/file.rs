@@ -12,14 +12,14 @@ use redb::{
 
 use super::{Entry, Header, JournalError, Recorded, record};
 use crate::events::Event;
-use crate::sharding::{ShardPlan, SidePlan};
+use crate::sharding::plan::{ShardPlan, SidePlan};
 use crate::task::TaskResult;
 
 /// One row: [`Header`].
 const HEADER: TableDefinition<&str, &[u8]> = TableDefinition::new("header");
 /// Starts, and milliseconds at work.
 const TALLY: TableDefinition<&str, u64> = TableDefinition::new("tally");
-/// Answers by job.
+/// Results by job.
 const ACCEPTED: TableDefinition<u64, &[u8]> = TableDefinition::new("accepted");
 /// Digests of descriptions by job.
 const DESCRIBED: TableDefinition<u64, &[u8]> = TableDefinition::new("described");

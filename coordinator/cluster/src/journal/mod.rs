@@ -1,6 +1,6 @@
-//! The journal of a run: every answer that was accepted, kept through any end of the coordinator.
+//! The journal of a run: every result that was accepted, kept through any end of the coordinator.
 //!
-//! A search is deterministic, so that going on is doing it again with the answers that are there. `header`, `record`
+//! A search is deterministic, so that going on is doing it again with the results that are there. `header`, `record`
 //! and `file` turn what is kept into bytes and back; `writer` commits it in groups on a thread of its own.
 
 mod file;
@@ -15,9 +15,9 @@ use std::time::Duration;
 
 use proto::{JobId, Lease, WorkerId};
 
-use crate::events::Event;
-use crate::scheduler::{Finished, Introduction};
-use crate::sharding::ShardPlan;
+use crate::events::{Event, Introduction};
+use crate::scheduler::messages::Finished;
+use crate::sharding::plan::ShardPlan;
 pub use file::JournalFile;
 pub use header::Header;
 pub use writer::{Journal, LogSequence};
@@ -77,7 +77,7 @@ impl JournalError {
     }
 }
 
-/// An answer as it is kept, with who gave it and when: of an evaluation or a tile whole, of a description its digest.
+/// A result as it is kept, with who gave it and when: of an evaluation or a tile whole, of a description its digest.
 pub type Accepted = Finished;
 
 /// A worker as it is kept.
@@ -92,7 +92,7 @@ pub struct Member {
 /// What is to be kept.
 #[derive(Clone, Debug)]
 pub enum Entry {
-    /// An answer was accepted. It ends what is kept of the job's leases.
+    /// A result was accepted. It ends what is kept of the job's leases.
     Accepted(Box<Accepted>),
     /// A worker joined.
     Joined(WorkerId, Member),
@@ -100,7 +100,7 @@ pub enum Entry {
     Left(WorkerId),
     /// A job was handed out.
     Leased(Lease, WorkerId),
-    /// An answer is in doubt, and none to go on with.
+    /// A result is in doubt, and none to go on with.
     Retracted(JobId),
     /// A worker was wrong, and is quarantined.
     Quarantined(WorkerId),
@@ -117,13 +117,13 @@ pub struct Recorded {
     pub starts: u64,
     /// Time they were at work.
     pub at_work: Duration,
-    /// Every answer.
+    /// Every result.
     pub accepted: BTreeMap<JobId, Accepted>,
     /// Workers that had not gone.
     pub members: BTreeMap<WorkerId, Member>,
     /// How evaluations were sharded, by job.
     pub plans: BTreeMap<JobId, ShardPlan>,
-    /// Leases of jobs that have no answer, with those they were given to, in order of jobs and attempts.
+    /// Leases of jobs that have no result, with those they were given to, in order of jobs and attempts.
     pub leases: Vec<(Lease, WorkerId)>,
     /// Workers that were wrong.
     pub quarantined: BTreeSet<WorkerId>,
@@ -143,7 +143,7 @@ impl Recorded {
     }
 }
 
-/// Whether these bytes are an answer as it is kept; if so, they are what would be written of it.
+/// Whether these bytes are a result as it is kept; if so, they are what would be written of it.
 pub fn reads_answer(job: JobId, bytes: &[u8]) -> bool {
     let written = |accepted: Accepted| record::encode_accepted(&accepted).is_some_and(|again| again == bytes);
     [record::decode_accepted(job, bytes), record::decode_described(job, bytes)]

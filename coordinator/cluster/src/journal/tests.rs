@@ -40,6 +40,7 @@ fn accepted(job: u64, matches: usize) -> Accepted {
             category_correct: 6,
             matches: (0..matches).map(found).collect(),
         }),
+        worker_id: WorkerId([3; 16]),
         worker: "rack-3".to_owned(),
         attempt: 2,
         queued: Duration::from_nanos(1_234_567_891),
@@ -279,7 +280,7 @@ fn records_of_version_1_are_read() {
         "started_milliseconds":1700000000123}"#;
     assert_eq!(Header::decode(text.as_bytes(), Path::new("journal")).unwrap(), header());
 
-    let digits = "02000000d3029649000000009a9999999999b93f060000007261636b2d330a00000004000000060000000200\
+    let digits = "02000000d3029649000000009a9999999999b93f03030303030303030303030303030303060000007261636b2d330a00000004000000060000000200\
         0000000000009a9999999999b93f00010000009a9999999999f13f0109000000333333333333d33f";
     let byte = |at| u8::from_str_radix(&digits[at..at + 2], 16).unwrap();
     let bytes: Vec<u8> = (0..digits.len()).step_by(2).map(byte).collect();

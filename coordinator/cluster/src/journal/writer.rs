@@ -69,7 +69,7 @@ impl Journal {
         self.progress.borrow().durable >= sequence.0
     }
 
-    /// Waits until everything up to the sequence is on the disk.
+    /// Waits until the journal is durable up to a sequence number.
     ///
     /// # Errors
     /// Why it never will be.

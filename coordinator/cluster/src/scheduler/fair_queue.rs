@@ -10,13 +10,13 @@ use std::collections::BTreeMap;
 pub struct ClientId(pub u32);
 
 impl ClientId {
-    /// Whoever checks answers, for all others.
+    /// Checks results, for all others.
     pub const AUDITOR: Self = Self(0);
 }
 
 /// Where a job stands among those that wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct QueuePosition {
+pub struct QueuePosition {
     virtual_start: u64,
     /// Grows with each job: within one virtual start time, who asked first comes first.
     number: u64,

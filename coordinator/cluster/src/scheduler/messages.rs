@@ -30,7 +30,7 @@ pub struct Report {
     pub lease: Lease,
     /// Seconds on the worker's clock.
     pub run_seconds: f64,
-    /// The answer, or why there is none.
+    /// The result, or why there is none.
     pub outcome: Result<TaskResult, String>,
 }
 
@@ -59,7 +59,7 @@ pub enum PollRefusal {
     UnknownWorker,
     /// A newer poll of the same worker was seen.
     Stale,
-    /// The worker gave a wrong answer.
+    /// The worker reported a wrong result.
     Quarantined,
 }
 
@@ -68,7 +68,7 @@ pub enum PollRefusal {
 pub enum RegisterRefusal {
     /// There are as many as there may be.
     Full,
-    /// The worker gave a wrong answer.
+    /// The worker reported a wrong result.
     Quarantined,
 }
 
@@ -77,17 +77,19 @@ pub enum RegisterRefusal {
 pub struct Finished<R = TaskResult> {
     /// Which job.
     pub job: JobId,
-    /// The answer that counts.
+    /// The result that counts.
     pub result: R,
-    /// Label of the worker that gave it first.
+    /// The worker that reported it first; of a sharded evaluation, one of those that did.
+    pub worker_id: WorkerId,
+    /// Its label, for people; of a sharded evaluation, how many there were.
     pub worker: String,
     /// Which attempt it was.
     pub attempt: u32,
-    /// From submission to the lease of the attempt that gave the answer.
+    /// From submission to the lease of the attempt that reported the result.
     pub queued: Duration,
     /// Seconds on the worker's clock.
     pub run_seconds: f64,
-    /// As many workers agree as have to. `false`: it was taken because there was nobody else to ask, and is in doubt.
+    /// As many workers agree as have to. `false`: it was accepted because there was no other worker, and is in doubt.
     pub settled: bool,
 }
 
@@ -117,13 +119,13 @@ pub enum Doubt {
 /// A job that failed as often as the limit allows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JobFailed {
-    /// What was asked.
+    /// The task.
     pub task: Arc<Task>,
     /// `worker: reason` of every failure, oldest first.
     pub failures: Vec<String>,
 }
 
-/// Whether anybody is there to work.
+/// Whether there are workers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Staffing {
     /// At least one worker.

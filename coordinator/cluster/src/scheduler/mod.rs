@@ -3,10 +3,9 @@
 //! Nothing here does IO or waits. The service feeds polls in, the run driver submits jobs and drains outcomes.
 
 mod audit;
-mod fair_queue;
-mod job;
+pub mod fair_queue;
 mod leases;
-mod messages;
+pub mod messages;
 mod queue;
 mod restore;
 mod run_times;
@@ -21,10 +20,10 @@ use proto::{JobId, Lease, WorkerId};
 
 pub use crate::events::Introduction;
 use crate::events::{AttemptEnd, Departure, EventKind};
+use crate::store::{Job, JobStore};
 use crate::task::Task;
 pub use audit::Audit;
 pub use fair_queue::ClientId;
-use job::Job;
 pub use messages::{
     Answer, Doubt, Emitted, Finished, JobFailed, Poll, PollRefusal, RegisterRefusal, Report, Staffing,
 };
@@ -32,7 +31,7 @@ use queue::Queue;
 use run_times::RunTimes;
 use worker::{Worker, WorkerIdentity};
 
-/// Workers that have nothing to do for so long are reported, …
+/// Workers that have been idle for so long are reported, …
 const STARVING_AFTER: Duration = Duration::from_secs(10);
 /// … and again after so long.
 const STARVING_AGAIN: Duration = Duration::from_secs(120);
@@ -76,30 +75,30 @@ pub struct Scheduler {
     workers: BTreeMap<WorkerId, Worker>,
     /// How many workers have no lease.
     idle: usize,
-    jobs: BTreeMap<JobId, Job>,
+    /// One entry per job; the scheduler works on those that are open.
+    pub jobs: JobStore,
     queue: Queue,
-    /// Jobs whose answers differ and are not decided.
+    /// Jobs whose results differ and are not decided.
     disputed: BTreeSet<JobId>,
-    /// Workers that gave a wrong answer: they get no more jobs, and none of their answers counts.
+    /// Workers that reported a wrong result: they get no more jobs, and none of their results counts.
     quarantined: BTreeSet<WorkerId>,
     run_times: RunTimes,
     finished: Vec<Finished>,
     failed: Option<JobFailed>,
     events: Vec<Emitted>,
     doubts: Vec<Doubt>,
-    /// Those who are here and those who have answered a job: no label names two workers in the results, and a worker
-    /// that returns keeps its own.
+    /// Workers that are here and those that have reported a result: no label names two workers in the results, and a
+    /// worker that returns keeps its own.
     identities: BTreeMap<WorkerId, WorkerIdentity>,
     used_labels: BTreeSet<String>,
     last_look: Option<Instant>,
     alone_since: Option<Instant>,
     undecided_since: Option<Instant>,
     starving_since: Option<Instant>,
-    /// Whether it was said that audits wait for another worker.
+    /// Whether the event that audits wait for another worker was emitted.
     unaudited: bool,
-    /// Leases that an earlier start handed out, by job, for jobs that have not been submitted again yet; `None` if there
-    /// was no earlier start.
-    earlier: Option<BTreeMap<JobId, Vec<(WorkerId, u32)>>>,
+    /// There was an earlier start, which may have granted leases that are not recorded.
+    restarted: bool,
 }
 
 impl Scheduler {
@@ -109,7 +108,7 @@ impl Scheduler {
             limits,
             workers: BTreeMap::new(),
             idle: 0,
-            jobs: BTreeMap::new(),
+            jobs: JobStore::default(),
             queue: Queue::default(),
             disputed: BTreeSet::new(),
             quarantined: BTreeSet::new(),
@@ -125,18 +124,18 @@ impl Scheduler {
             undecided_since: None,
             starving_since: None,
             unaudited: false,
-            earlier: None,
+            restarted: false,
         }
     }
 
-    /// Adds a job under its name ([`Names`](crate::task::Names)). Clients take fair_queue; the jobs of one are handed out in
+    /// Adds a job under its name ([`Names`](crate::task::Names)). Clients are served in turn; the jobs of one are handed out in
     /// the order of submission. A job that a worker was given by an earlier start is still its own.
     pub fn submit(&mut self, id: JobId, task: Arc<Task>, client: ClientId, now: Instant) {
         self.abandon(id, now); // of the same name before the run began again
         let audited = self.limits.audit.covers(&task);
         let mut job = Job::new(task, self.queue.position(client), audited, now);
         let lease = self.restore_attempts(id, &mut job, now);
-        self.jobs.insert(id, job);
+        self.jobs.open(id, job);
         match lease {
             Some((holder, attempt)) => self.add_lease(id, holder, attempt, now),
             None => self.refile(id),
@@ -146,7 +145,7 @@ impl Scheduler {
     /// Another client asks for a job that is there: it is handed out as early as for the one that waits less.
     pub fn share(&mut self, id: JobId, client: ClientId) {
         let position = self.queue.position(client);
-        let Some(job) = self.jobs.get_mut(&id).filter(|job| position < job.position) else { return };
+        let Some(job) = self.jobs.get_mut(id).filter(|job| position < job.position) else { return };
         self.queue.set_waiting(job.position, id, false);
         job.position = position;
         self.refile(id);
@@ -157,7 +156,7 @@ impl Scheduler {
         self.queue.forget_client(client);
     }
 
-    /// Introduces a worker, or welcomes one back, and returns its unique label.
+    /// Registers a worker, or one that comes back, and returns its unique label.
     pub fn register(
         &mut self,
         id: WorkerId,
@@ -204,9 +203,9 @@ impl Scheduler {
         for report in poll.finished {
             let lease = report.lease;
             self.accept(id, report, now);
-            // A vote counts when the answer is delivered. Until then nothing is kept of it but here.
+            // A vote counts when the result is delivered. Until then it is kept nowhere but here.
             let is_open = |job: &Job| !job.delivered && job.answered_by(id);
-            if !self.jobs.get(&lease.job).is_some_and(is_open) {
+            if !self.jobs.get(lease.job).is_some_and(is_open) {
                 answer.acknowledged.push(lease);
             }
         }
@@ -244,7 +243,7 @@ impl Scheduler {
     /// Gives up the workers that have been silent for longer than a lease lasts, and the leases that have gone on for
     /// longer than any job may; notices when work cannot go on.
     ///
-    /// To be woken often. After a pause between two wakeups of more than half a lease it was the coordinator that did
+    /// To be called often. After a pause between two calls of more than half a lease it was the coordinator that did
     /// not listen (it was stopped, or its machine slept), so no worker is blamed for that time.
     pub fn expire(&mut self, now: Instant) {
         let pause = self.last_look.map_or(Duration::ZERO, |last| now.saturating_duration_since(last));
@@ -314,19 +313,9 @@ impl Scheduler {
         self.workers.len()
     }
 
-    /// The worker that results name like this: no two are named alike.
-    pub fn id_of(&self, label: &str) -> Option<WorkerId> {
-        self.identities.iter().find(|(_, known)| known.label == label).map(|(id, _)| *id)
-    }
-
-    /// How many jobs have no answer.
+    /// How many jobs have no result.
     pub fn open_jobs(&self) -> usize {
-        self.jobs.values().filter(|job| !job.delivered).count()
-    }
-
-    /// Whether an earlier start has handed out this job, and this one has not asked for it yet.
-    pub fn was_handed_out(&self, job: JobId) -> bool {
-        self.earlier.as_ref().is_some_and(|earlier| earlier.contains_key(&job))
+        self.jobs.iter().filter(|(_, job)| !job.delivered).count()
     }
 
     /// Whether this worker is registered.
@@ -334,28 +323,28 @@ impl Scheduler {
         self.workers.contains_key(&id)
     }
 
-    /// Whether an answer that was given out is still in doubt, and somebody may remove the doubt: two workers differ,
+    /// Whether a result that was delivered is still in doubt, and a worker may remove the doubt: two workers differ,
     /// or it was to be audited when there was one worker only, and there is another now.
     pub fn in_doubt(&self) -> bool {
         let doubtful =
             |job: &Job| job.delivered && job.needs() > 0 && (job.is_disputed() || self.somebody_else(job));
-        self.jobs.values().any(doubtful)
+        self.jobs.iter().any(|(_, job)| doubtful(job))
     }
 
     /// Ends all leases, because the run ends.
     pub fn close(&mut self, now: Instant) {
         let leases =
-            self.jobs.iter().flat_map(|(id, job)| job.leases.iter().map(|(holder, _)| (*id, *holder)));
+            self.jobs.iter().flat_map(|(id, job)| job.leases.iter().map(move |(holder, _)| (id, *holder)));
         for (job, holder) in leases.collect::<Vec<_>>() {
             self.end_lease(job, holder, AttemptEnd::Dropped, None, now);
         }
-        self.jobs.clear();
+        self.jobs.close_all();
         self.disputed.clear();
         self.queue = Queue::default();
     }
 
-    /// Workers whose last poll had an empty answer and for whom there is a job by now, idle ones first, and no more of them than
-    /// there are jobs. Each should ask for it soon by [`Scheduler::lease_later`].
+    /// Workers whose poll found nothing and for which there is a job by now, idle ones first, and no more of them than there
+    /// are jobs. Each should ask for it soon by [`Scheduler::lease_later`].
     pub fn wake(&mut self, now: Instant) -> Vec<WorkerId> {
         let mut wakeups = self.queue.wakeups(now);
         let mut woken = Vec::new();
@@ -410,7 +399,8 @@ impl Scheduler {
     }
 
     fn notice_undecided(&mut self, now: Instant) {
-        let undecided = self.disputed.iter().map(|id| &self.jobs[id]).find(|job| !self.somebody_else(job));
+        let undecided =
+            self.disputed.iter().filter_map(|id| self.jobs.get(*id)).find(|job| !self.somebody_else(job));
         match (undecided, self.undecided_since) {
             (Some(job), None) => {
                 let task = job.task.to_string();
@@ -424,7 +414,7 @@ impl Scheduler {
 
     fn notice_starving(&mut self, now: Instant) {
         let idle = || self.queue.idle_polls().take_while(|(busy, _)| !busy).count();
-        let unfinished = || self.jobs.values().filter(|job| !job.delivered).count();
+        let unfinished = || self.jobs.iter().filter(|(_, job)| !job.delivered).count();
         let waiting = self.queue.waiting() > 0;
         let (idle, unfinished) = if waiting { (0, 0) } else { (idle(), unfinished()) };
         if idle == 0 || unfinished == 0 {
@@ -442,7 +432,7 @@ impl Scheduler {
         self.events.push(Emitted { at, kind });
     }
 
-    /// The label of a worker that is here or has answered a job.
+    /// The label of a worker that is here or has reported a result.
     pub fn label(&self, id: WorkerId) -> String {
         self.identities.get(&id).map_or_else(|| id.to_string(), |known| known.label.clone())
     }

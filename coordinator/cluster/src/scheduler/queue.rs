@@ -13,10 +13,10 @@ const MAX_HEDGES_AT_ONCE: usize = 16;
 /// Jobs and workers in the order in which they are matched.
 #[derive(Debug, Default)]
 pub(super) struct Queue {
-    /// Jobs that need more answers than they have leases, by position.
+    /// Jobs that need more results than they have leases, by position.
     waiting: BTreeMap<QueuePosition, JobId>,
     fair_queue: FairQueue,
-    /// Jobs that need the one answer of the one lease they have, by when a second worker may take them.
+    /// Jobs that need the one result of the one lease they have, by when a second worker may take them.
     covered: BTreeSet<(Instant, JobId)>,
     /// Workers that polled in vain, those without a lease first.
     idle_polls: BTreeSet<(bool, WorkerId)>,
@@ -91,7 +91,7 @@ impl Queue {
         self.idle_polls.iter().copied()
     }
 
-    /// How many more workers to call: one a job, less those that are on their way.
+    /// How many more polls to wake: one a job, less those that were woken and have not asked yet.
     pub(super) fn wakeups(&self, now: Instant) -> usize {
         let jobs = self.waiting.len() + self.overdue(now).take(MAX_HEDGES_AT_ONCE).count();
         jobs.saturating_sub(self.woken.len())
@@ -102,7 +102,7 @@ impl Queue {
         self.woken.insert(id);
     }
 
-    /// A call may not have been heard, because the poll was given up meanwhile: others may be woken instead.
+    /// A wakeup may be lost, because the poll was given up meanwhile: others may be woken instead.
     pub(super) fn forget_wakeups(&mut self) {
         self.woken.clear();
     }

@@ -9,7 +9,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::evaluation::{Evaluation, EvaluationResult};
-use crate::scheduler::job::UNRECORDED;
+use crate::store::UNRECORDED;
 use crate::task::{Names, TaskResult};
 
 const LIMITS: Limits = Limits { max_failures: 3, ..Limits::SAMPLE };
@@ -156,11 +156,11 @@ fn the_jobs_of_a_silent_worker_go_to_another_and_a_late_answer_still_counts() {
     bench.join(2).unwrap();
     let again = bench.take(2);
     assert_eq!(again, Lease { job, attempt: 2 });
-    // The first worker was only cut off: it registers again and hands in its answer.
+    // The first worker was only cut off: it registers again and hands in its result.
     bench.join(1).unwrap();
     assert_eq!(bench.report(1, lost, good()).acknowledged, [lost]);
     assert_eq!(bench.scheduler.drain_finished()[0].attempt, 1);
-    // The second worker has begun: it goes on, and its answer is compared and changes nothing.
+    // The second worker has begun: it goes on, and its result is compared and changes nothing.
     assert!(bench.poll(2, &[again], 0).revoked.is_empty());
     assert_eq!(bench.report(2, again, good()).acknowledged, [again]);
     assert!(bench.scheduler.drain_finished().is_empty());
@@ -225,7 +225,7 @@ fn a_failed_job_goes_to_another_worker_and_ends_after_the_limit() {
     assert!(bench.poll(1, &[], 1).jobs.is_empty(), "not where it failed, while another worker is there");
     let lease = bench.take(2);
     assert_eq!((lease.job, lease.attempt), (job, 2));
-    // An answer that cannot be one is a failure, too.
+    // A result that cannot be one is a failure, too.
     bench.report(2, lease, result(11));
     assert_eq!(bench.scheduler.failed(), None);
     let lease = bench.take(1); // it failed everywhere: anyone may try again

@@ -51,7 +51,7 @@ impl Worker {
         self.leases.retain(|(other, _)| *other != job);
     }
 
-    /// Takes a pause of the coordinator's out of every reckoning.
+    /// Leaves a pause of the coordinator out of all times.
     pub(super) fn forgive(&mut self, pause: Duration, now: Instant) {
         self.last_seen = (self.last_seen + pause).min(now);
         self.first_since = (self.first_since + pause).min(now);
@@ -61,7 +61,7 @@ impl Worker {
 /// What is kept of a worker that may be gone.
 pub(super) struct WorkerIdentity {
     pub(super) label: String,
-    /// Valid answers to jobs that were open.
+    /// Valid results of jobs that were open.
     pub(super) answers: u64,
 }
 

@@ -8,7 +8,7 @@ use super::plan::ShardPlan;
 use super::sharded::{ShardedEvaluation, Subtask};
 use super::side::Side;
 use crate::evaluation::{Evaluation, EvaluationResult};
-use crate::scheduler::Finished;
+use crate::scheduler::messages::Finished;
 use crate::task::{Task, TaskResult};
 
 /// An evaluation with how it is sharded, if it is.
@@ -48,7 +48,7 @@ impl Batch {
         (batch, first)
     }
 
-    /// Takes in the answer to a task, and returns what can be done by now.
+    /// Takes in the result of a task, and returns what can be done by now.
     pub fn take(&mut self, task: usize, finished: Finished) -> Vec<Task> {
         let (index, subtask) = self.tasks[task];
         let (further, result) = match (&mut self.evaluations[index], subtask) {
@@ -87,10 +87,10 @@ impl Batch {
 }
 
 fn whole(finished: Finished) -> Option<Finished<EvaluationResult>> {
-    let Finished { job, result, worker, attempt, queued, run_seconds, settled } = finished;
+    let Finished { job, result, worker_id, worker, attempt, queued, run_seconds, settled } = finished;
     match result {
         TaskResult::Evaluation(result) => {
-            Some(Finished { job, result, worker, attempt, queued, run_seconds, settled })
+            Some(Finished { job, result, worker_id, worker, attempt, queued, run_seconds, settled })
         }
         TaskResult::GridCell(_) | TaskResult::Description(_) => None, // `Task::check` lets none pass
     }

@@ -3,14 +3,16 @@
 
 mod batch;
 mod costs;
+mod layout;
 mod listing;
 mod merge;
-mod plan;
+pub mod plan;
 mod planner;
 mod sharded;
 mod side;
 
 pub use batch::Batch;
+pub use layout::Layouts;
 pub use plan::{Load, MAX_SHARDS, ShardCount, ShardPlan, SidePlan};
 pub use planner::Planner;
 pub use side::Side;

@@ -179,8 +179,7 @@ mod tests {
     fn a_fixed_number_is_kept_as_far_as_there_are_clouds() {
         let load = Load { jobs: 100, workers: 1 };
         let plan = |count, queries, database| {
-            let plan =
-                ShardPlan::of(&evaluation(queries, database), fixed(count), load, &Costs::default());
+            let plan = ShardPlan::of(&evaluation(queries, database), fixed(count), load, &Costs::default());
             let ShardPlan { query, database } = plan.unwrap();
             [query.shards, query.ranges, database.shards, database.ranges]
         };

@@ -1,18 +1,18 @@
 //! One sharded evaluation, from its first description to its result.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
 use descriptor::{Correct, Descriptor};
-use proto::{Digest, JobId};
+use proto::{Digest, JobId, WorkerId};
 
 use super::merge::Merged;
 use super::plan::{ShardPlan, shares};
 use super::side::Side;
 use crate::evaluation::{Evaluation, EvaluationResult};
-use crate::scheduler::Finished;
+use crate::scheduler::messages::Finished;
 use crate::shard::{Described, Description, Tile};
 use crate::task::{Task, TaskResult};
 
@@ -40,10 +40,11 @@ pub struct ShardedEvaluation {
     halves: [Half; 2],
     /// Which tiles were asked for, row by row.
     asked: Vec<bool>,
-    /// Tiles without an answer.
+    /// Tiles without a result.
     missing: usize,
     merged: Merged,
-    workers: BTreeSet<String>,
+    /// Who reported, with labels.
+    workers: BTreeMap<WorkerId, String>,
     attempt: u32,
     queued: Option<Duration>,
     run_seconds: f64,
@@ -86,7 +87,7 @@ impl ShardedEvaluation {
             asked: vec![false; tiles],
             missing: tiles,
             merged,
-            workers: BTreeSet::new(),
+            workers: BTreeMap::new(),
             attempt: 1,
             queued: None,
             run_seconds: 0.0,
@@ -116,7 +117,7 @@ impl ShardedEvaluation {
         self.queued.get_or_insert(finished.queued);
         self.run_seconds += finished.run_seconds;
         self.settled &= finished.settled;
-        self.workers.insert(finished.worker);
+        self.workers.insert(finished.worker_id, finished.worker);
         match (subtask, finished.result) {
             (Subtask::Shard { side, index }, TaskResult::Description(Described { digest, .. })) => {
                 self.halves[side].descriptions[index] = Some(digest);
@@ -168,7 +169,7 @@ impl ShardedEvaluation {
         })
     }
 
-    /// The result under the name of the whole evaluation, once every tile has its answer.
+    /// The result under the name of the whole evaluation, once every tile has its result.
     pub fn finish(&mut self, job: JobId) -> Option<Finished<EvaluationResult>> {
         if self.missing > 0 {
             return None;
@@ -176,7 +177,8 @@ impl ShardedEvaluation {
         let matches = std::mem::take(&mut self.merged).finish();
         let [queries, database] = self.halves.each_ref().map(|half| &half.side.labels[..]);
         let correct = Correct::of_nearest(matches.iter().map(|found| found.nearest), queries, database);
-        let mut workers = std::mem::take(&mut self.workers);
+        let count = self.workers.len();
+        let (worker_id, label) = std::mem::take(&mut self.workers).pop_first()?;
         Some(Finished {
             job,
             result: EvaluationResult {
@@ -185,10 +187,8 @@ impl ShardedEvaluation {
                 category_correct: correct.category as u32,
                 matches: if self.evaluation.want_matches { matches } else { Vec::new() },
             },
-            worker: match workers.len() {
-                1 => workers.pop_first().unwrap_or_default(),
-                count => format!("{count} workers"),
-            },
+            worker_id,
+            worker: if count == 1 { label } else { format!("{count} workers") },
             attempt: self.attempt,
             queued: self.queued.unwrap_or_default(),
             run_seconds: self.run_seconds,

@@ -10,7 +10,7 @@ fn evaluation_of(shape_bins: u32) -> Evaluation {
     Evaluation { parameters: Parameters { shape_bins, ..Parameters::PAPER_BEST }, ..evaluation() }
 }
 
-/// A worker that recognises as many clouds as `correct` has for the bins; counts its answers.
+/// A worker that recognises as many clouds as `correct` has for the bins; counts its results.
 async fn labour(cluster: &Cluster, number: u8, answers: &Cell<usize>, correct: impl Fn(u32) -> u32) {
     let id = WorkerId([number; 16]);
     let introduction = Introduction::sample("host");
@@ -40,7 +40,7 @@ async fn ask(client: &mut Client, bins: &[u32]) -> Result<Vec<u32>, ClusterError
     Ok(finished.iter().map(|finished| finished.result.object_correct).collect())
 }
 
-/// The same, where the answers are there, or never will be.
+/// The same, where the results are there, or never will be.
 async fn ask_nobody(client: &mut Client, bins: &[u32]) -> Option<Vec<u32>> {
     tokio::select! {
         biased;
@@ -148,7 +148,7 @@ async fn whatever_stops_one_stops_all() {
     let (cluster, answers) = (Cluster::new(LIMITS), Cell::new(0));
     let [mut first, mut second] = [cluster.client(), cluster.client()];
     let both = async { tokio::join!(ask(&mut first, &[1]), ask(&mut second, &[2])) };
-    // More than there are clouds: no answer at all.
+    // More than there are clouds: no result at all.
     let (one, two) = tokio::select! {
         ended = both => ended,
         () = labour(&cluster, 1, &answers, |bins| if bins == 1 { 10 } else { bins }) => unreachable!(),

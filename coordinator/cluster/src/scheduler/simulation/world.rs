@@ -30,7 +30,7 @@ enum Happening {
     /// A registration or a poll reaches the coordinator.
     Register(usize),
     Poll(usize, Poll, u64),
-    /// An answer reaches a worker, unless it has given up that call.
+    /// A reply reaches a worker, unless it has given up that call.
     Registered(usize, bool),
     Reply(usize, Result<Answer, PollRefusal>, u64),
     /// A poll has been held back for long enough.
@@ -175,7 +175,7 @@ impl World {
         unreachable!("the coordinator always looks around once more")
     }
 
-    /// Whether every task has its answer, given that there is somebody to doubt it.
+    /// Whether every task has its result, given that there is somebody to doubt it.
     fn is_over(&self) -> bool {
         self.scheduler.worker_count() >= 2 && self.driver.is_done(&self.scheduler)
     }
@@ -187,7 +187,7 @@ impl World {
         self.mishaps.disagreed = self.driver.disagreements;
         self.mishaps.quarantined = self.driver.quarantined.len() as u64;
         let liar = |label: &String| label.starts_with("Lying");
-        assert!(self.driver.quarantined.iter().all(liar), "{:?}", self.driver.quarantined);
+        assert!(self.driver.quarantined.values().all(liar), "{:?}", self.driver.quarantined);
     }
 
     /// No job waits while a worker that may have it waits, too, unless another was called for it; and that one was

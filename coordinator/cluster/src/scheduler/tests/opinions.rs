@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A valid answer that is wrong.
+/// A valid result that is wrong.
 fn lie() -> Result<TaskResult, String> {
     Ok(TaskResult::Evaluation(EvaluationResult {
         queries: 10,
@@ -164,7 +164,7 @@ fn a_worker_has_one_voice_and_only_on_what_it_was_given() {
         bench.report(1, lease, lie());
     }
     assert!(bench.scheduler.drain_finished().is_empty());
-    assert_eq!(bench.scheduler.jobs[&job].votes.len(), 1);
+    assert_eq!(bench.scheduler.jobs.get(job).unwrap().votes.len(), 1);
 }
 
 #[test]
