@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::{Duration, SystemTime};
 
 use prost::Message as _;
-use proto::{JobId, SessionId, v1};
+use proto::{JobId, SessionId, WorkerId, v1};
 
 use crate::experiment::{Experiment, Overrides};
 use cluster::evaluation::EvaluationResult;
@@ -67,6 +67,7 @@ pub fn sample_journal(path: &Path) -> Option<Vec<u8>> {
     let answer = journal::Accepted {
         job: JobId(1),
         result,
+        worker_id: WorkerId([1; 16]),
         worker,
         attempt: 1,
         queued,

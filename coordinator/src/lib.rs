@@ -14,6 +14,7 @@ mod console;
 mod evaluate;
 mod in_process;
 mod manifest;
+mod observers;
 mod prepared;
 mod reopen;
 mod result_cache;

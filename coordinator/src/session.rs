@@ -99,7 +99,7 @@ impl<'a> Session<'a> {
         store: Arc<Store>,
         memory: ByteSize,
     ) -> Result<Self, DataError> {
-        cluster.set_pieces(experiment.coordinator().pieces);
+        cluster.set_shard_count(experiment.coordinator().pieces);
         let splits = SplitBlobs::publish(dataset, &cluster.blobs);
         let preparation = manifest::preparation(experiment.preprocess(), genes);
         let quantiser = Quantiser::new(genes)?;

@@ -3,11 +3,13 @@
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock};
+use std::sync::{Arc, Mutex, PoisonError, RwLock};
 use std::{fs, io};
 
 use cache::Lru;
 use proto::Digest;
+
+use crate::lock::lock;
 
 /// Memory for descriptions, bytes; what was used least recently goes first, and is made again where it is needed.
 const DESCRIPTIONS: usize = 256 << 20;
@@ -67,7 +69,7 @@ impl BlobStore {
 
     /// Releases the description of a shard, as long as there is room for it.
     pub fn publish_description(&self, digest: Digest, parts: &Arc<[u8]>) {
-        self.descriptions().insert(digest, Arc::clone(parts), parts.len());
+        lock(&self.descriptions).insert(digest, Arc::clone(parts), parts.len());
     }
 
     /// Whether workers may have this blob.
@@ -79,17 +81,13 @@ impl BlobStore {
     pub fn read(&self, digest: Digest) -> Result<Vec<u8>, BlobError> {
         let source = self.sources.read().unwrap_or_else(PoisonError::into_inner).get(&digest).cloned();
         match source {
-            None => match self.descriptions().get(&digest) {
+            None => match lock(&self.descriptions).get(&digest) {
                 Some(parts) => Ok(parts.to_vec()),
                 None => Err(BlobError::Unknown(digest)),
             },
             Some(Source::Bytes(bytes)) => Ok(bytes),
             Some(Source::File(path)) => read_file(&path, digest),
         }
-    }
-
-    fn descriptions(&self) -> MutexGuard<'_, Lru<Digest, Arc<[u8]>>> {
-        self.descriptions.lock().unwrap_or_else(PoisonError::into_inner) // values are inserted whole
     }
 
     fn insert(&self, digest: Digest, source: Source) {

@@ -1,17 +1,18 @@
-//! Who computes what: workers, jobs and leases, the journal of accepted answers, and the events that tell of them.
+//! Who computes what: workers, jobs and leases, sharding, the journal of accepted results, and the event log.
 //!
 //! No gRPC, no tables: the service feeds polls in, the run driver submits evaluations and waits for them.
 
-pub mod assembly;
 pub mod blobs;
-mod book;
-pub mod chronicle;
 mod cluster;
+mod cost;
 pub mod evaluation;
+pub mod events;
 pub mod journal;
-mod ledger;
+mod lock;
 pub mod scheduler;
 pub mod shard;
+pub mod sharding;
+pub mod store;
 pub mod task;
 
 pub use cluster::{CellAnswer, Client, Cluster, ClusterError, ClusterNews};

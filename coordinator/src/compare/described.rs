@@ -5,10 +5,10 @@ use std::sync::Arc;
 use descriptor::{Descriptor, Label, SignatureError, Signatures};
 use proto::MAX_DESCRIPTION_BYTES;
 
-use cluster::assembly;
 use cluster::blobs::BlobStore;
 use cluster::evaluation::Evaluation;
 use cluster::shard::Description;
+use cluster::sharding;
 
 /// Clouds that are described together: few, because PFHRGB takes a tenth of a second for each.
 const SHARD: u32 = 16;
@@ -26,7 +26,7 @@ pub struct Described {
 
 /// All test queries and their database, cut into shards.
 pub struct Shards {
-    sides: [Arc<assembly::Side>; 2],
+    sides: [Arc<sharding::Side>; 2],
 }
 
 impl Shards {
@@ -36,7 +36,7 @@ impl Shards {
         let one = descriptors.iter().map(|descriptor| descriptor.signature_bytes(1)).max().unwrap_or(1);
         let fitting = u32::try_from(MAX_DESCRIPTION_BYTES / one.max(1)).unwrap_or(SHARD).clamp(1, SHARD);
         let side = |splits, clouds: u32| {
-            assembly::Side::publish(splits, clouds, clouds.div_ceil(fitting), blobs).map(Arc::new)
+            sharding::Side::publish(splits, clouds, clouds.div_ceil(fitting), blobs).map(Arc::new)
         };
         Some(Self {
             sides: [

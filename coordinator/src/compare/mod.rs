@@ -161,6 +161,7 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
         Session::new(&genes, experiment, dataset, Arc::clone(&store), memory).map_err(RunError::from)?;
     let mut client = session.cluster.client();
     let settings = experiment.coordinator();
+    progress.follow(&session.cluster);
     session.start(listener, settings.local_workers).await;
     let descriptors = distinct(&candidates);
     out.record_look(&LookRow {

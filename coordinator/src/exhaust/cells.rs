@@ -1,7 +1,7 @@
 //! Who counted which cell of the grid, and which cells are in doubt for it.
 
 use super::grid::Grid;
-use cluster::scheduler::{Departure, What};
+use cluster::scheduler::Doubt;
 use cluster::task::Task;
 
 /// The cells that are in the folder.
@@ -21,14 +21,13 @@ impl Cells {
 
     /// The cells that are in doubt after this, which are there no longer: that on which workers differ, and all that a
     /// worker which was wrong has counted, in whichever start of the search.
-    pub fn doubt(&mut self, what: &What, grid: &Grid) -> Vec<usize> {
-        let doubtful = |cell: usize, worker_id: Option<&str>| match what {
-            What::Disagreement { task, .. } => match &**task {
+    pub fn doubt(&mut self, doubt: &Doubt, grid: &Grid) -> Vec<usize> {
+        let doubtful = |cell: usize, worker_id: Option<&str>| match doubt {
+            Doubt::Disagreement { task, .. } => match &**task {
                 Task::GridCell(asked) => grid.radii(cell) == (asked.disk_um, asked.ring_um),
                 _ => false,
             },
-            What::Gone { id, why: Departure::Quarantined, .. } => worker_id == Some(&id.to_string()),
-            _ => false,
+            Doubt::Quarantined(id) => worker_id == Some(&id.to_string()),
         };
         let gone = self.there.extract_if(.., |(cell, worker_id)| doubtful(*cell, worker_id.as_deref()));
         let gone: Vec<usize> = gone.map(|(cell, _)| cell).collect();

@@ -92,7 +92,7 @@ impl GridSearch<'_> {
                 progress.cell_done(&report);
             }
             // Before anything else is done: a search that is killed now must not go on with what is in doubt.
-            for cell in news.doubts.iter().flat_map(|event| cells.doubt(&event.what, grid)) {
+            for cell in news.doubts.iter().flat_map(|doubt| cells.doubt(doubt, grid)) {
                 folder.remove_cell(&spec.cell_name(cell))?;
             }
             progress.news(news);

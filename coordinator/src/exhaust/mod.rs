@@ -64,6 +64,7 @@ pub async fn exhaust(
     let folder = open_folder(&out, &spec)?;
     let mut client = session.cluster.client();
     let settings = experiment.coordinator();
+    progress.follow(&session.cluster);
     session.start(listener, settings.local_workers).await;
     let console = progress.console().clone();
     let search = async {

@@ -31,7 +31,7 @@ use descriptor::{GeneTable, Preprocess};
 use evolution::{Encoding, GaSettings, Method, StopSettings};
 
 use crate::dataset::DatasetSettings;
-use cluster::assembly::Pieces;
+use cluster::sharding::ShardCount;
 pub use error::ExperimentError;
 use error::Fault;
 pub(crate) use error::shortened;
@@ -102,7 +102,7 @@ pub struct CoordinatorSettings {
     /// Share of the evaluations that two workers have to agree on, 0 to 1.
     pub audit: f64,
     /// Into how many pieces an evaluation is cut.
-    pub pieces: Pieces,
+    pub pieces: ShardCount,
 }
 
 /// How many workers run inside the coordinator.

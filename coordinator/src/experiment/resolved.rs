@@ -9,7 +9,7 @@ use evolution::{Encoding, Scaling};
 
 use super::{DEFAULT_RESULTS_DIR, Experiment, LocalWorkers};
 use crate::dataset::{Layout, SeededSplit, SplitRule};
-use cluster::assembly::Pieces;
+use cluster::sharding::ShardCount;
 
 /// Every key; see [`Experiment::resolved_toml`].
 pub(super) fn resolved_toml(experiment: &Experiment) -> String {
@@ -59,8 +59,8 @@ pub(super) fn resolved_toml(experiment: &Experiment) -> String {
     }
     toml.key("audit", float(coordinator.audit));
     match coordinator.pieces {
-        Pieces::Auto => toml.key("pieces", quoted("auto")),
-        Pieces::Fixed(count) => toml.key("pieces", count),
+        ShardCount::Auto => toml.key("pieces", quoted("auto")),
+        ShardCount::Fixed(count) => toml.key("pieces", count),
     }
     toml.section("results");
     match &experiment.results_dir {

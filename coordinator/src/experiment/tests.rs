@@ -141,7 +141,7 @@ fn the_first_version_of_the_file_stays_readable() {
         worker_grace: Duration::from_secs(60),
         deadline: Some(Duration::from_secs(86_400)),
         audit: 0.25,
-        pieces: Pieces::Fixed(8.try_into().unwrap()),
+        pieces: ShardCount::Fixed(8.try_into().unwrap()),
     };
     assert_eq!(sample.coordinator(), &coordinator);
     assert_eq!(sample.results_dir(), Path::new("exp/out"));

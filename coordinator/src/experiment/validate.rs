@@ -17,7 +17,7 @@ use super::raw::{RawCoordinator, RawExperiment, RawGa, RawOff, RawPreprocess, Ra
 use super::validate_dataset::dataset;
 use super::validate_genes::genes;
 use super::{CoordinatorSettings, Experiment, LocalWorkers, MAX_LOCAL_WORKERS, Overrides};
-use cluster::assembly::{MAX_PIECES, Pieces};
+use cluster::sharding::{MAX_SHARDS, ShardCount};
 
 /// Checks the meaning of every key; the first mistake in the order of the file's sections is reported.
 pub(super) fn experiment(
@@ -165,10 +165,10 @@ fn coordinator(raw: &RawCoordinator, overrides: Overrides) -> Result<Coordinator
         },
         audit: share("coordinator.audit", raw.audit)?,
         pieces: match raw.pieces {
-            NumberOr::Word(_) => Pieces::Auto,
+            NumberOr::Word(_) => ShardCount::Auto,
             NumberOr::Number(count) => {
-                let count = between("pieces", count, 1, MAX_PIECES, "pieces")?;
-                NonZeroU32::new(count).map_or(Pieces::Auto, Pieces::Fixed)
+                let count = between("pieces", count, 1, MAX_SHARDS, "pieces")?;
+                NonZeroU32::new(count).map_or(ShardCount::Auto, ShardCount::Fixed)
             }
         },
     })

@@ -10,6 +10,7 @@ use crate::compare::EVOLVED;
 use crate::dataset::Dataset;
 use crate::exhaust::{best_of_all, known_optimum};
 use crate::experiment::Experiment;
+use crate::observers::tables;
 use crate::result_cache::Known;
 use crate::run::progress::Progress;
 use crate::run::search::{SearchLoop, SearchResult};
@@ -79,13 +80,13 @@ impl RunDriver<'_> {
     /// Writes what has happened so far into the folder of a run that has failed: the cause may be in there. That it could
     /// not be written says less than the cause.
     pub fn tell_what_happened(&self) {
-        let _ = self.folder.write_log(&self.client.proceedings());
+        let _ = self.folder.write_log(&tables::rows(&self.client));
     }
 
     /// Writes the tables; the run is finished with the last of them.
     pub fn finish(&self, outcome: &Outcome) -> Result<Summary, RunError> {
         let (Self { experiment, dataset, folder, .. }, finals) = (self, &outcome.finals);
-        folder.write_log(&self.client.proceedings())?;
+        folder.write_log(&tables::rows(&self.client))?;
         folder.write_skipped(&rows::skipped(dataset))?;
         for (split, matching, result) in [
             (PredictionSplit::Validation, Matching::Validation, &finals.validation),

@@ -62,7 +62,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     if let Some(summary) = already_finished(&out, experiment, &store)? {
         return Ok(summary);
     }
-    let progress = Progress::new(experiment.stop().generations);
+    let mut progress = Progress::new(experiment.stop().generations);
     // First what may be wrong with search space, port and data: then no folder is made and nothing in one is touched.
     if experiment.method() == Method::Exhaustive {
         Grid::new(experiment.genes())?;
@@ -97,6 +97,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let mut session = Session::with_journal(past, experiment, &dataset, Arc::clone(&store), memory)?;
     let client = session.cluster.client();
     let settings = experiment.coordinator();
+    progress.follow(&session.cluster);
     session.start(listener, settings.local_workers).await;
     let memory = |matching| session.splits.memory(&store, experiment.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);

@@ -1,7 +1,7 @@
 //! What a run shows while it works: a live line on a terminal, plain lines elsewhere, always on standard error.
 
 use std::io::IsTerminal as _;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use descriptor::Parameters;
@@ -10,7 +10,8 @@ use results::Counts;
 
 use crate::console::Console;
 use crate::run::tally::Tally;
-use cluster::ClusterNews;
+use cluster::events::EventCursor;
+use cluster::{Cluster, ClusterNews};
 
 /// What there is to say at the end of a generation.
 pub struct GenerationReport<'a> {
@@ -70,6 +71,8 @@ pub struct Progress {
     remembered: u64,
     /// Of a run of a sweep: its name, and what all of them have done.
     member: Option<(String, Arc<Tally>)>,
+    /// Events that are not printed yet; all runs of a sweep share it, so that each line is printed once.
+    events: Option<Arc<Mutex<EventCursor>>>,
 }
 
 impl Progress {
@@ -100,6 +103,7 @@ impl Progress {
             finished: 0,
             remembered: 0,
             member: None,
+            events: None,
         }
     }
 
@@ -125,6 +129,20 @@ impl Progress {
             finished: 0,
             remembered: 0,
             member,
+            events: self.events.clone(),
+        }
+    }
+
+    /// Prints what happens in a cluster from now on, whenever there is news.
+    pub fn follow(&mut self, cluster: &Cluster) {
+        self.events = Some(Arc::new(Mutex::new(cluster.events())));
+    }
+
+    fn print_events(&self) {
+        let Some(events) = &self.events else { return };
+        let events = events.lock().unwrap_or_else(PoisonError::into_inner).read_to_end();
+        for event in events.iter().filter(|event| event.kind.is_news()) {
+            self.console.say(&event.kind.to_string());
         }
     }
 
@@ -205,9 +223,7 @@ impl Progress {
 
     /// Workers came or went, evaluations were finished.
     pub fn news(&mut self, news: &ClusterNews) {
-        for event in news.events.iter().filter(|event| event.what.is_news()) {
-            self.console.say(&event.what.to_string()); // of a sweep, whoever hears of it says it for all
-        }
+        self.print_events();
         let changed = self.workers != news.workers || news.finished > 0;
         self.workers = news.workers;
         self.finished += news.finished as u64;

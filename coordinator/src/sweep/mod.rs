@@ -64,7 +64,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     make_folder(&out, sweep)?;
     let texts = (sweep.search_toml(), sweep.record_toml());
     let (header, journal, recorded) = open_journal(texts, &dataset, &out, started_at, || Ok(()))?;
-    let (trusted, begun) = (recorded.trusted, recorded.starts > 1);
+    let (trusted, begun) = (recorded.is_trusted(), recorded.starts > 1);
     let start = Start { now, first: header.started_at, before: recorded.at_work };
     if begun {
         let there = recorded.accepted.len();
@@ -79,6 +79,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     session.cluster.share();
     let clients: Vec<_> = folders.iter().map(|_| session.cluster.client()).collect();
     let settings = base.coordinator();
+    progress.follow(&session.cluster);
     session.start(listener, settings.local_workers).await;
     let memory = |matching| session.splits.memory(&store, base.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);

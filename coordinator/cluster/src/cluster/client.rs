@@ -1,35 +1,35 @@
-//! One of those who ask for evaluations: a run, or a member of a sweep.
+//! A client of the cluster: a run, or a member of a sweep.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use proto::{Digest, JobId, WorkerId};
-use results::RunLog;
 use tokio::sync::Notify;
 
-use super::{Cluster, ClusterError, ClusterNews, TICK};
+use super::{Cluster, ClusterError, ClusterNews, now};
 use crate::evaluation::{Evaluation, EvaluationResult};
+use crate::events::{Event, EventKind, Omitted};
 use crate::scheduler::{ClientId, Finished, Staffing};
 use crate::shard::{Described, Description};
 use crate::task::{GridCell, Task, TaskResult};
 
-/// Tasks by job, with their place among all that were asked for together.
+/// Tasks by job, with their index among all that were submitted together.
 type Asked = BTreeMap<JobId, (usize, Arc<Task>)>;
 
-/// Asks a cluster for evaluations and waits for them. Several clients share its workers fairly, and the answers to equal
-/// questions.
+/// Submits tasks to a cluster and waits for their results. Several clients share its workers fairly, and the results of
+/// equal tasks.
 pub struct Client {
     id: ClientId,
     cluster: Arc<Cluster>,
-    /// There is something to tell.
-    bell: Arc<Notify>,
+    /// Wakes it when there is news.
+    wakeup: Arc<Notify>,
 }
 
 /// A cell of the grid that was counted.
 #[derive(Debug)]
 pub struct CellAnswer {
-    /// Its place among those that were submitted.
+    /// Its index among those that were submitted.
     pub place: usize,
     /// How many queries each descriptor recognises.
     pub counts: Vec<u32>,
@@ -41,18 +41,18 @@ pub struct CellAnswer {
 
 impl Client {
     pub(super) fn new(cluster: &Arc<Cluster>) -> Self {
-        let (id, bell) = cluster.floor().clients.join();
-        Self { id, cluster: Arc::clone(cluster), bell }
+        let (id, wakeup) = cluster.state().clients.join();
+        Self { id, cluster: Arc::clone(cluster), wakeup }
     }
 
     /// As [`Cluster::wait_for_worker`].
     pub(super) async fn wait_for_worker(&self, mut still_waiting: impl FnMut(Duration)) {
-        let begun = Instant::now();
+        let begun = now();
         let mut next = Duration::from_secs(60);
-        // Without reading what happened: that is for whoever watches the evaluations.
-        while self.cluster.floor().scheduler.staffing(Instant::now()) != Staffing::Staffed {
-            if begun.elapsed() >= next {
-                still_waiting(begun.elapsed());
+        while self.cluster.state().scheduler.staffing(now()) != Staffing::Staffed {
+            let waited = now().saturating_duration_since(begun);
+            if waited >= next {
+                still_waiting(waited);
                 next += Duration::from_secs(60);
             }
             self.wait().await;
@@ -60,7 +60,7 @@ impl Client {
     }
 
     /// Submits evaluations and waits for all of them; results are in the order of submission, whatever the order
-    /// of arrival. `watch` is shown every piece of news.
+    /// of arrival. `watch` is shown all news.
     pub async fn evaluate(
         &mut self,
         evaluations: Vec<Evaluation>,
@@ -78,7 +78,7 @@ impl Client {
         Ok(batch.finish())
     }
 
-    /// Submits cells of the grid and waits for all of them. `take` is given every piece of news, with the counts of
+    /// Submits cells of the grid and waits for all of them. `take` is given all news, with the counts of
     /// the cells that were finished, numbered in the order of submission, and who counted them; its error ends the
     /// waiting.
     pub async fn evaluate_cells<E: From<ClusterError>>(
@@ -86,13 +86,14 @@ impl Client {
         cells: Vec<GridCell>,
         mut take: impl FnMut(&ClusterNews, Vec<CellAnswer>) -> Result<(), E>,
     ) -> Result<(), E> {
-        let cluster = Arc::clone(&self.cluster);
         self.perform(cells.into_iter().map(Task::GridCell).collect(), |news, finished| {
             let answer = |(place, finished): (usize, Finished)| match finished.result {
-                TaskResult::GridCell(counts) => {
-                    let worker_id = cluster.floor().scheduler.id_of(&finished.worker);
-                    Some(CellAnswer { place, counts, worker_id, settled: finished.settled })
-                }
+                TaskResult::GridCell(counts) => Some(CellAnswer {
+                    place,
+                    counts,
+                    worker_id: Some(finished.worker_id),
+                    settled: finished.settled,
+                }),
                 TaskResult::Evaluation(_) | TaskResult::Description(_) => None, // `Task::check` lets none pass
             };
             take(news, finished.into_iter().filter_map(answer).collect()).map(|()| Vec::new())
@@ -101,7 +102,7 @@ impl Client {
     }
 
     /// Asks for descriptions and waits for all of them; they are in the order of the shards, whatever the order of
-    /// arrival. `watch` is shown every piece of news.
+    /// arrival. `watch` is shown all news.
     ///
     /// # Errors
     /// As for evaluations, and [`ClusterError::Gone`].
@@ -126,7 +127,7 @@ impl Client {
                 })
                 .await;
             match done {
-                // Answered from what still holds, and anew.
+                // Results that still hold are delivered again, the others computed anew.
                 Err(ClusterError::Corrected(_)) => continue,
                 done => done?,
             }
@@ -138,7 +139,7 @@ impl Client {
         }
     }
 
-    /// Submits tasks and waits for all of them. `take` is given every piece of news, with the tasks that were
+    /// Submits tasks and waits for all of them. `take` is given all news, with the tasks that were
     /// finished, numbered in the order of submission, and returns tasks that are to be submitted as well; its error ends
     /// the waiting.
     async fn perform<E: From<ClusterError>>(
@@ -172,7 +173,7 @@ impl Client {
             let further = take(&mut news, finished)?;
             self.cluster.check_failures(&news)?;
             if !further.is_empty() {
-                // What is asked by the name of an answer must not be handed out before the next start would know it.
+                // Tasks that name a result must not be handed out before the next start would know that result.
                 self.cluster.flush().await?;
                 self.ask(further, &mut asked);
                 continue; // their answers may be there
@@ -186,89 +187,93 @@ impl Client {
         }
     }
 
-    /// Asks for tasks, and adds them to those that were asked for. Answers come by [`Client::look`], those that are there
-    /// at once.
+    /// Submits tasks, and adds them to `asked`. Results come by [`Client::look`], those that are there already at once.
     fn ask(&mut self, tasks: Vec<Task>, asked: &mut Asked) {
-        let (mut floor, now) = (self.cluster.floor(), Instant::now());
+        let (mut state, now) = (self.cluster.state(), now());
         for task in tasks {
             let (place, task) = (asked.len(), Arc::new(task));
-            asked.insert(floor.ask(self.id, Arc::clone(&task), now), (place, task));
+            asked.insert(state.ask(self.id, Arc::clone(&task), now), (place, task));
         }
-        floor.call(now);
+        state.wake(now);
     }
 
-    /// It waits for something that had no answer, and has asked for everything else that it could.
+    /// Notes that this client waits for a result and has submitted everything else that it could.
     fn arrive(&self) {
-        let mut floor = self.cluster.floor();
-        floor.clients.account(self.id).arrive();
-        self.cluster.begin_if_all_arrived(&floor);
+        let mut state = self.cluster.state();
+        state.clients.account(self.id).arrive();
+        self.cluster.begin_if_all_arrived(&state);
     }
 
-    /// What happened since the last look, and the answers that have come.
+    /// What happened since the last look, and the results that have come.
     async fn look(&mut self) -> Result<(ClusterNews, Vec<Finished>), ClusterError> {
-        let (finished, news, struck) = {
-            let (mut floor, now) = (self.cluster.floor(), Instant::now());
-            floor.expire(now);
-            let finished = floor.clients.account(self.id).take_inbox();
-            let news = floor.news(self.id, finished.len(), now);
-            (finished, news, floor.struck())
+        let (finished, news, retracted) = {
+            let (mut state, now) = (self.cluster.state(), now());
+            let finished = state.clients.account(self.id).take_inbox();
+            let news = state.news(self.id, finished.len(), now);
+            (finished, news, state.retracted())
         };
-        if let Some(mark) = struck {
-            // Before anybody is told: a coordinator that is killed now must not go on with what is in doubt.
-            self.cluster.durable(mark).await?;
+        if let Some(sequence) = retracted {
+            // Before anything is delivered: a coordinator that is killed now must not go on with what is in doubt.
+            self.cluster.durable(sequence).await?;
         }
         Ok((news, finished))
     }
 
-    /// Whether every answer was told, and none of them is in doubt.
+    /// Whether every result was delivered, and none of them is in doubt.
     ///
     /// # Errors
-    /// If answers that were told have turned out to be wrong: what was made of them has to be made again, by the
-    /// same calls in the same order. They are answered from what is known, as far as it still holds.
+    /// If results that were delivered have turned out to be wrong: what was made of them has to be made again, by the
+    /// same calls in the same order. Those that still hold are delivered again at once.
     fn has_all(&mut self) -> Result<bool, ClusterError> {
-        let mut floor = self.cluster.floor();
-        if !floor.clients.account(self.id).has_all() || floor.is_in_doubt() {
+        let mut state = self.cluster.state();
+        if !state.clients.account(self.id).has_all() || state.is_in_doubt() {
             return Ok(false);
         }
-        let account = floor.clients.account(self.id);
+        let account = state.clients.account(self.id);
         if account.corrected.is_empty() {
             return Ok(true);
         }
         Err(ClusterError::Corrected(account.begin_again()))
     }
 
-    /// Waits until there is something to tell, for a while: silence has to be looked for.
+    /// Waits for news, or the next tick of the clock: a grace may be over.
     async fn wait(&self) {
-        let _ = tokio::time::timeout(TICK, self.bell.notified()).await;
+        self.wakeup.notified().await;
     }
 
-    /// Has no more to ask, as far as it knows: what waits for the first question of every client need not wait for this.
+    /// Has nothing more to submit, as far as it knows: polls that wait for every client's first task need not wait for this.
     pub fn rest(&mut self) {
         self.arrive();
     }
 
-    /// Whether answers that it was told have turned out to be wrong since its last question; then it begins again.
+    /// Whether results that were delivered to it have turned out to be wrong since it last asked; then it begins again.
     pub fn begins_again(&mut self) -> bool {
-        let mut floor = self.cluster.floor();
-        let account = floor.clients.account(self.id);
+        let mut state = self.cluster.state();
+        let account = state.clients.account(self.id);
         !account.corrected.is_empty() && !account.begin_again().is_empty()
     }
 
     /// Notes that the run begins again, and why.
     pub fn note_rewind(&self, generation: u32, why: String) {
-        self.cluster.floor().note_rewind(Instant::now(), generation, why);
+        self.cluster.state().append(now(), EventKind::Rewind { generation, why });
     }
 
-    /// What is to be told so far of workers and events, and of the attempts at what this client has asked for.
-    pub fn proceedings(&self) -> RunLog {
-        self.cluster.floor().proceedings(self.id, Instant::now())
+    /// Everything that has happened in all starts of the run, without attempts at what only others have asked for.
+    pub fn events(&self) -> Vec<Arc<Event>> {
+        let events = self.cluster.events.follow_from_first().read_to_end();
+        self.cluster.state().concerning(self.id, events)
+    }
+
+    /// How many events had no room in the log since this start.
+    pub fn omitted_events(&self) -> Omitted {
+        self.cluster.events.omitted()
     }
 }
 
 impl Drop for Client {
     fn drop(&mut self) {
-        let mut floor = self.cluster.floor();
-        floor.leave(self.id);
-        self.cluster.begin_if_all_arrived(&floor);
+        let mut state = self.cluster.state();
+        state.leave(self.id);
+        self.cluster.begin_if_all_arrived(&state);
     }
 }

@@ -1,33 +1,35 @@
-//! The scheduler as several tasks share it: the service feeds it, runs wait on it, a clock expires leases.
+//! The cluster as async tasks share it: the service hands polls in, clients wait for results, a clock removes silent
+//! workers.
 //!
-//! Here is the workers' side; `client` is the side of those who ask.
+//! This file is the workers' side, `client` the clients'; `state` is what they share, under one lock.
 
 mod client;
 mod clients;
-mod floor;
+mod state;
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, Weak};
 use std::time::{Duration, Instant, SystemTime};
 
 use proto::{Lease, SessionId, WorkerId};
 use tokio::sync::{Notify, watch};
+use tokio::time::MissedTickBehavior;
 
-use crate::assembly::{Batch, Load, Pieces, Planner};
 use crate::blobs::BlobStore;
-use crate::chronicle::Chronicle;
 use crate::evaluation::Evaluation;
-use crate::journal::{Journal, JournalError, Mark, Recorded};
-use crate::ledger::Ledger;
+use crate::events::{EventCursor, EventKind, EventLog};
+use crate::journal::{Journal, JournalError, LogSequence, Recorded};
+use crate::lock::lock;
 use crate::scheduler::{
-    Answer, Event, Finished, Introduction, JobFailed, Limits, Poll, PollRefusal, RegisterRefusal, Scheduler,
+    Answer, Doubt, Finished, Introduction, JobFailed, Limits, Poll, PollRefusal, RegisterRefusal, Scheduler,
     Staffing,
 };
 use crate::shard::Described;
+use crate::sharding::{Batch, Layouts, ShardCount};
 use crate::task::{Task, TaskResult};
 pub use client::{CellAnswer, Client};
-use floor::Floor;
+use state::ClusterState;
 
-/// How often silence is looked for.
+/// How often silent workers are looked for.
 const TICK: Duration = Duration::from_millis(500);
 
 /// Why evaluations stopped for good.
@@ -52,15 +54,15 @@ pub enum ClusterError {
         /// Since when.
         seconds: u64,
     },
-    /// Answers cannot be kept any more.
+    /// The journal cannot be written any more.
     #[error(transparent)]
     Journal(JournalError),
-    /// Descriptions that were not kept.
+    /// Descriptions are no longer in memory.
     #[error(
         "descriptions: they were dropped for want of memory before they were used\nrun the same command again"
     )]
     Gone,
-    /// Answers that had been accepted were wrong.
+    /// Results that had been accepted were wrong.
     #[error("{} answers of a worker that was wrong were corrected\nrun the same command again", .0.len())]
     Corrected(Vec<Arc<Task>>),
 }
@@ -71,33 +73,37 @@ fn first_lines(failures: &[String]) -> String {
     lines.join("\n  ")
 }
 
-/// Scheduler, blobs and the signals between those who use them.
+/// The shared state of a run: workers, jobs, blobs, events.
 pub struct Cluster {
     /// Names the run to its workers.
     pub session: SessionId,
     /// What workers may fetch.
     pub blobs: BlobStore,
     limits: Limits,
-    floor: Mutex<Floor>,
-    planner: Mutex<Planner>,
+    /// Everything that is decided, under the one lock.
+    state: Mutex<ClusterState>,
+    /// Only a cache: nothing is decided under its lock.
+    layouts: Mutex<Layouts>,
+    events: Arc<EventLog>,
     journal: Option<Arc<Journal>>,
-    /// Earlier starts have left answers.
+    /// Earlier starts have left results.
     has_past: bool,
-    /// Whether every client has asked for something that had no answer.
+    /// Whether every client waits for a result, or has nothing to submit.
     begun: watch::Sender<bool>,
 }
 
 impl Cluster {
-    /// A cluster without workers that keeps nothing.
+    /// A cluster without workers that keeps nothing. To be called within a tokio runtime.
     pub fn new(limits: Limits) -> Arc<Self> {
         let session = SessionId(rand::random());
-        let (scheduler, ledger) = (Scheduler::new(limits), Ledger::default());
-        let chronicle = Chronicle::begin(Instant::now(), SystemTime::now(), &Recorded::default());
-        let floor = Floor::new(scheduler, ledger, chronicle);
-        Self::with(limits, session, (None, false), floor, Planner::default())
+        let events = Arc::new(EventLog::new(Vec::new()));
+        let started = (now(), SystemTime::now());
+        let state = ClusterState::new(Scheduler::new(limits), None, Arc::clone(&events), started);
+        Self::with(limits, session, (None, false), state, events)
     }
 
-    /// The cluster of a run that keeps what it accepts, and goes on where earlier starts ended.
+    /// The cluster of a run that keeps what it accepts, and goes on where earlier starts ended. To be called within a
+    /// tokio runtime.
     pub fn with_journal(
         limits: Limits,
         session: SessionId,
@@ -105,38 +111,51 @@ impl Cluster {
         recorded: Recorded,
     ) -> Arc<Self> {
         let journal = Arc::new(journal);
-        let (mut scheduler, now) = (Scheduler::new(limits), Instant::now());
+        let (mut scheduler, now) = (Scheduler::new(limits), now());
         if recorded.starts > 1 {
             scheduler.restore(&recorded, now);
         }
-        let chronicle = Chronicle::begin(now, SystemTime::now(), &recorded);
+        scheduler.jobs.restore(&recorded);
+        let events = Arc::new(EventLog::new(recorded.events));
+        let (started, kept) = ((now, SystemTime::now()), Some(Arc::clone(&journal)));
+        let mut state = ClusterState::new(scheduler, kept, Arc::clone(&events), started);
+        for (worker, label) in events.present() {
+            if !recorded.members.contains_key(&worker) {
+                state.append(now, EventKind::Ended { worker, label });
+            }
+        }
         let has_past = !recorded.accepted.is_empty();
-        let ledger = Ledger::new(Arc::clone(&journal), recorded.accepted);
-        let floor = Floor::new(scheduler, ledger, chronicle);
-        Self::with(limits, session, (Some(journal), has_past), floor, Planner::new(recorded.cuts))
+        Self::with(limits, session, (Some(journal), has_past), state, events)
     }
 
     fn with(
         limits: Limits,
         session: SessionId,
         (journal, has_past): (Option<Arc<Journal>>, bool),
-        floor: Floor,
-        planner: Planner,
+        state: ClusterState,
+        events: Arc<EventLog>,
     ) -> Arc<Self> {
-        Arc::new(Self {
+        let cluster = Arc::new(Self {
             session,
             blobs: BlobStore::default(),
             limits,
-            floor: Mutex::new(floor),
-            planner: Mutex::new(planner),
+            state: Mutex::new(state),
+            layouts: Mutex::default(),
+            events,
             journal,
             has_past,
             begun: watch::Sender::new(false),
-        })
+        });
+        tokio::spawn(tick(Arc::downgrade(&cluster)));
+        cluster
     }
 
-    /// Somebody new who asks for evaluations. To be called for all who will ask before the first of them does
-    /// ([`Cluster::begun`]).
+    /// A cursor at the first event of this start of the coordinator. Each observer needs one of its own.
+    pub fn events(&self) -> EventCursor {
+        self.events.follow()
+    }
+
+    /// A new client. All clients have to be made before the first of them submits anything ([`Cluster::begun`]).
     pub fn client(self: &Arc<Self>) -> Client {
         Client::new(self)
     }
@@ -158,42 +177,43 @@ impl Cluster {
         introduction: Introduction,
         in_process: bool,
     ) -> Result<String, RegisterRefusal> {
-        self.floor().register(id, introduction, in_process, Instant::now())
+        self.state().register(id, introduction, in_process, now())
     }
 
     /// Waits until every client has submitted its first job, as long as a poll may be held back; `false` if one has not.
-    /// A run that was started again is not before that where it was: it can judge neither leases nor reports, and has
-    /// not released what its workers may ask for.
+    /// Before that, a run that was started again has not come back to where it was: it can judge neither leases nor
+    /// reports, and has not published the blobs that its workers may fetch.
     pub async fn begun(&self) -> bool {
         let mut begun = self.begun.subscribe();
         tokio::time::timeout(self.hold(), begun.wait_for(|begun| *begun)).await.is_ok()
     }
 
-    fn begin_if_all_arrived(&self, floor: &Floor) {
-        if floor.clients.have_arrived() {
+    fn begin_if_all_arrived(&self, state: &ClusterState) {
+        if state.clients.have_arrived() {
             self.begun.send_if_modified(|begun| !std::mem::replace(begun, true));
         }
     }
 
     /// See [`Scheduler::deny`].
     pub fn deny(&self, id: WorkerId) {
-        self.floor().deny(id, Instant::now());
+        self.state().deny(id, now());
     }
 
-    /// Answers a poll; holds the answer back while it would be empty and the worker wants jobs.
+    /// Answers a poll; holds the reply back while it would be empty and the worker wants jobs.
     pub async fn poll(&self, id: WorkerId, poll: Poll) -> Result<Answer, PollRefusal> {
         let deadline = tokio::time::Instant::now() + self.hold();
+        self.state().scheduler.heard_from(id, now());
         if !self.begun().await {
             return Ok(Answer::default());
         }
         let (sequence, wanted, leaving) = (poll.sequence, poll.wanted, poll.leaving);
-        let bell = Arc::new(Notify::new());
-        let (mut answer, withheld) = self.floor().poll(id, poll, &bell, Instant::now())?;
+        let wakeup = Arc::new(Notify::new());
+        let (mut answer, withheld) = self.state().poll(id, poll, &wakeup, now())?;
         if leaving && !withheld.is_empty() {
-            // It would not come back to be told.
+            // It will not poll again.
             answer.acknowledged.extend(self.wait_for_journal(withheld, deadline).await);
         } else if answer.is_empty() && wanted > 0 && !leaving {
-            return self.wait_for_jobs(id, (sequence, wanted), withheld, &bell, deadline).await;
+            return self.wait_for_jobs(id, (sequence, wanted), withheld, &wakeup, deadline).await;
         }
         Ok(answer)
     }
@@ -204,48 +224,50 @@ impl Cluster {
         id: WorkerId,
         (sequence, wanted): (u64, usize),
         mut withheld: Vec<Lease>,
-        bell: &Notify,
+        wakeup: &Notify,
         deadline: tokio::time::Instant,
     ) -> Result<Answer, PollRefusal> {
         loop {
-            let (answer, mark) = {
-                let (mut floor, now) = (self.floor(), Instant::now());
-                let jobs = floor.lease_later(id, sequence, wanted, now)?;
-                let acknowledged = floor.ledger.release(&mut withheld);
-                (Answer { jobs, acknowledged, ..Answer::default() }, floor.ledger.mark(&withheld))
+            let (answer, sequence) = {
+                let (mut state, now) = (self.state(), now());
+                let jobs = state.lease_later(id, sequence, wanted, now)?;
+                let still = state.withhold(&mut withheld);
+                let acknowledged = std::mem::replace(&mut withheld, still);
+                let sequence = state.scheduler.jobs.last_pending(&withheld);
+                (Answer { jobs, acknowledged, ..Answer::default() }, sequence)
             };
             if !answer.is_empty() {
                 return Ok(answer);
             }
             tokio::select! {
-                () = bell.notified() => {}
-                () = self.kept(mark) => {}
+                () = wakeup.notified() => {}
+                () = self.kept(sequence) => {}
                 () = tokio::time::sleep_until(deadline) => return Ok(answer),
             }
         }
     }
 
-    /// The leases among these whose reports are on the disk, or are in time.
+    /// Those of these leases whose reports are on the disk before the deadline.
     async fn wait_for_journal(&self, mut leases: Vec<Lease>, deadline: tokio::time::Instant) -> Vec<Lease> {
-        let mark = self.floor().ledger.mark(&leases);
-        if tokio::time::timeout_at(deadline, self.kept(mark)).await.is_err() {
+        let sequence = self.state().scheduler.jobs.last_pending(&leases);
+        if tokio::time::timeout_at(deadline, self.kept(sequence)).await.is_err() {
             return Vec::new();
         }
-        self.floor().ledger.withhold(&mut leases);
+        self.state().withhold(&mut leases);
         leases
     }
 
-    /// Waits until the journal has come to the mark; for ever if there is none, or nothing will be kept any more.
-    async fn kept(&self, mark: Option<Mark>) {
-        if let (Some(journal), Some(mark)) = (&self.journal, mark)
-            && journal.durable(mark).await.is_ok()
+    /// Waits until the journal is durable up to a sequence number; for ever if there is none, or the journal has failed.
+    async fn kept(&self, sequence: Option<LogSequence>) {
+        if let (Some(journal), Some(sequence)) = (&self.journal, sequence)
+            && journal.durable(sequence).await.is_ok()
         {
             return;
         }
         std::future::pending().await
     }
 
-    /// Waits until every answer that was accepted is on the disk.
+    /// Waits until every result that was accepted is on the disk.
     pub async fn flush(&self) -> Result<(), ClusterError> {
         match &self.journal {
             Some(journal) => self.durable(journal.end()).await,
@@ -253,56 +275,49 @@ impl Cluster {
         }
     }
 
-    /// Waits until everything up to the mark is on the disk.
-    async fn durable(&self, mark: Mark) -> Result<(), ClusterError> {
+    /// Waits until the journal is durable up to a sequence number.
+    async fn durable(&self, sequence: LogSequence) -> Result<(), ClusterError> {
         match &self.journal {
-            Some(journal) => journal.durable(mark).await.map_err(ClusterError::Journal),
+            Some(journal) => journal.durable(sequence).await.map_err(ClusterError::Journal),
             None => Ok(()),
         }
     }
 
     /// Its clients are members of a sweep, of which some may be finished.
     pub fn share(&self) {
-        self.floor().clients.share();
+        self.state().clients.share();
     }
 
-    /// Whether earlier starts have left answers.
+    /// Whether earlier starts have left results.
     pub fn has_past(&self) -> bool {
         self.has_past
     }
 
-    /// Whether the answer to this evaluation is there, because an earlier start has accepted it, or this one has; or
-    /// whether it was asked for in pieces.
+    /// Whether this evaluation was computed by this run: an earlier start or this one has accepted its result, or has
+    /// sharded it.
     pub fn recalls(&self, evaluation: Evaluation) -> bool {
         let job = Task::Evaluation(evaluation).job(0);
-        if self.planner().has_cut(job) {
-            return true;
-        }
-        let floor = self.floor();
-        floor.ledger.has(job) || floor.book.has(job)
+        let state = self.state();
+        let jobs = &state.scheduler.jobs;
+        jobs.has_result(job) || jobs.plan(job).flatten().is_some()
     }
 
-    /// From here on, evaluations are cut like this.
-    pub fn set_pieces(&self, pieces: Pieces) {
-        self.planner().set_pieces(pieces);
+    /// Sets into how many shards evaluations are divided from here on.
+    pub fn set_shard_count(&self, shard_count: ShardCount) {
+        self.state().planner.set_shard_count(shard_count);
     }
 
-    /// Decides which evaluations are cut, and keeps that before the first piece is asked for.
+    /// Evaluations, whole or sharded as it is decided, and their first tasks.
     fn plan(&self, evaluations: Vec<Evaluation>) -> (Batch, Vec<Task>) {
-        let mut planner = self.planner();
-        {
-            let floor = self.floor();
-            let load = Load { jobs: floor.scheduler.open_jobs(), workers: floor.scheduler.worker_count() };
-            for (job, cut) in planner.decide(&evaluations, load, |job| floor.was_asked(job)) {
-                floor.ledger.cut(job, cut);
-            }
-        }
-        Batch::new(evaluations.into_iter().map(|one| planner.lay_out(one, &self.blobs)).collect())
+        let plans = self.state().plan(&evaluations);
+        let mut layouts = lock(&self.layouts);
+        let planned = evaluations.into_iter().zip(plans);
+        Batch::new(planned.map(|(one, plan)| layouts.lay_out(one, plan, &self.blobs)).collect())
     }
 
-    /// Takes in what an answer tells beside its result: what such tasks take, and a description for others to use.
+    /// Learns from a result how long such tasks take, and publishes a description for tiles to use.
     fn learn(&self, task: &Task, answer: &Finished) {
-        self.planner().observe(task, answer.run_seconds);
+        self.state().planner.observe(task, answer.run_seconds);
         if let TaskResult::Description(Described { digest, parts: Some(parts) }) = &answer.result {
             self.blobs.publish_description(*digest, parts);
         }
@@ -314,13 +329,13 @@ impl Cluster {
             return Err(ClusterError::Journal(failure));
         }
         if let Some(failed) = &news.failed {
-            self.floor().doubt_descriptions(&failed.task);
+            self.state().doubt_descriptions(&failed.task);
             return Err(ClusterError::JobFailed(failed.clone()));
         }
         Ok(())
     }
 
-    /// Whether there has been nobody for too long who can evaluate, or decide.
+    /// Whether there have been too few workers for too long.
     fn check_staffing(&self, news: &ClusterNews) -> Result<(), ClusterError> {
         let seconds = self.limits.worker_grace.as_secs();
         match news.staffing {
@@ -337,23 +352,34 @@ impl Cluster {
 
     /// Ends all leases, because nobody waits for them any more.
     pub fn close(&self) {
-        self.floor().close(Instant::now());
+        self.state().close(now());
     }
 
-    /// Whether no worker of this run was wrong; else what it has computed may be wrong where nobody has looked.
+    /// Whether no worker of this run was quarantined; otherwise results that were not audited may be wrong.
     pub fn is_trusted(&self) -> bool {
-        self.floor().chronicle.is_trusted()
+        self.state().scheduler.is_trusted()
     }
 
-    /// Not to be called by who holds the floor.
-    fn planner(&self) -> MutexGuard<'_, Planner> {
-        self.planner.lock().unwrap_or_else(PoisonError::into_inner) // as below
+    fn state(&self) -> MutexGuard<'_, ClusterState> {
+        lock(&self.state)
     }
+}
 
-    fn floor(&self) -> MutexGuard<'_, Floor> {
-        // Decisions are made in one go: a panic in one of them is a bug, but leaves no half-made state to fear.
-        self.floor.lock().unwrap_or_else(PoisonError::into_inner)
+/// The clock: removes silent workers, whether anybody waits for results or not, until the cluster is dropped.
+async fn tick(cluster: Weak<Cluster>) {
+    let mut ticks = tokio::time::interval(TICK);
+    // After a pause there is no silence to catch up with.
+    ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        ticks.tick().await;
+        let Some(cluster) = cluster.upgrade() else { return };
+        cluster.state().expire(now());
     }
+}
+
+/// The time by which decisions are made.
+fn now() -> Instant {
+    tokio::time::Instant::now().into_std()
 }
 
 /// What happened since the last look.
@@ -361,10 +387,8 @@ impl Cluster {
 pub struct ClusterNews {
     /// How many evaluations or cells were finished.
     pub finished: usize,
-    /// Workers that came and went, attempts that ended, answers that differ. Each is told to one client.
-    pub events: Vec<Event>,
-    /// Those of them after which answers that were taken may be wrong. Each is told to all clients.
-    pub doubts: Vec<Event>,
+    /// Why results that were accepted may be wrong. Each goes to all clients.
+    pub doubts: Vec<Doubt>,
     /// How many workers are there.
     pub workers: usize,
     staffing: Staffing,

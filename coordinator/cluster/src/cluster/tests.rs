@@ -1,10 +1,11 @@
-//! The cluster as workers and the run meet it: places, acknowledgements, ends.
+//! The cluster as workers and clients use it: polls, acknowledgements, the clock, failures.
 
 mod sharing;
 
 use super::*;
 use crate::evaluation::EvaluationResult;
-use crate::journal::Journal;
+use crate::events::Departure;
+use crate::journal::{Journal, Member};
 use crate::scheduler::{Audit, Report};
 use crate::task::{GridCell, TaskResult};
 
@@ -106,10 +107,10 @@ async fn a_poll_that_waits_is_answered_when_its_report_is_on_the_disk() {
         async move { cluster.client().evaluate(vec![evaluation()], |_| {}).await }
     });
     let (lease, poll) = reported(&cluster).await;
-    // The search goes on with the answer before that.
+    // The search goes on with the result before that.
     assert_eq!(evaluated.await.unwrap().unwrap()[0].attempt, 1);
     assert!(!poll.is_finished());
-    assert_eq!(held.commit(), 5, "the worker, its lease, its answer, and what is told of worker and attempt");
+    assert_eq!(held.commit(), 5, "the worker, its lease, its answer, and the events of worker and attempt");
     assert_eq!(poll.await.unwrap().acknowledged, [lease]);
     cluster.flush().await.unwrap();
 }
@@ -130,4 +131,49 @@ async fn a_cell_that_is_never_answered_well_is_named() {
     let message = failed.unwrap_err().to_string();
     assert!(message.starts_with("grid cell of R1=0.6 cm R2=2.1 cm: failed 2 times, got\n"), "{message}");
     assert!(message.contains("one: counts: must be 2, got 3"), "{message}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_silent_worker_is_removed_although_nobody_waits_for_results() {
+    let cluster = Cluster::new(LIMITS);
+    let id = WorkerId([1; 16]);
+    cluster.register(id, Introduction::sample("one"), false).unwrap();
+    let (registered, mut events) = (tokio::time::Instant::now(), cluster.events());
+    let removed = loop {
+        events.wait().await;
+        let departed = |kind: &EventKind| match kind {
+            EventKind::Departed { worker, departure, .. } => Some((*worker, *departure)),
+            _ => None,
+        };
+        if let Some(removed) = events.read().iter().find_map(|event| departed(&event.kind)) {
+            break removed;
+        }
+    };
+    assert_eq!(removed, (id, Departure::Lost));
+    let waited = registered.elapsed();
+    assert!((LIMITS.lease..LIMITS.lease + 2 * TICK).contains(&waited), "{waited:?}");
+    cluster.begun.send_replace(true);
+    assert_eq!(cluster.poll(id, Poll::default()).await.unwrap_err(), PollRefusal::UnknownWorker);
+}
+
+#[tokio::test]
+async fn workers_of_an_earlier_start_of_this_process_have_ended_and_others_go_on() {
+    let [own, other] = [WorkerId([1; 16]), WorkerId([2; 16])];
+    let first = Arc::new(EventLog::new(Vec::new()));
+    for (worker, label) in [(own, "own"), (other, "other")] {
+        let (label, introduction) = (label.to_owned(), Introduction::sample("host"));
+        first.append(SystemTime::UNIX_EPOCH, EventKind::Joined { worker, label, introduction });
+    }
+    let events = first.follow().read_to_end().iter().map(|event| (**event).clone()).collect();
+    let member = Member { label: "other".to_owned(), introduction: Introduction::sample("host") };
+    let recorded = Recorded { starts: 2, events, members: [(other, member)].into(), ..Recorded::default() };
+    let (journal, held) = Journal::held();
+    let cluster = Cluster::with_journal(LIMITS, SessionId([1; 16]), journal, recorded);
+    let ended = cluster.events().read_to_end();
+    let [ended] = &ended[..] else { panic!("{ended:?}") };
+    assert_eq!(
+        (ended.sequence, &ended.kind),
+        (2, &EventKind::Ended { worker: own, label: "own".to_owned() })
+    );
+    assert_eq!(held.commit(), 1, "it is kept");
 }

@@ -7,43 +7,40 @@ use std::time::{Duration, Instant};
 
 use proto::{JobId, Lease, WorkerId};
 use redb::{
-    Database, Durability, Error, ReadOnlyTable, ReadTransaction, ReadableDatabase as _, ReadableTable,
-    TableDefinition, TableError, backends::FileBackend,
+    Database, Durability, Error, ReadTransaction, ReadableDatabase as _, ReadableTable as _, TableDefinition,
+    backends::FileBackend,
 };
-use results::RunLog;
-use serde::de::DeserializeOwned;
 
-use super::{Entry, Header, JournalError, Recorded, Told, record};
-use crate::assembly::{Cut, SideCut};
+use super::{Entry, Header, JournalError, Recorded, record};
+use crate::events::Event;
+use crate::sharding::plan::{ShardPlan, SidePlan};
 use crate::task::TaskResult;
 
 /// One row: [`Header`].
 const HEADER: TableDefinition<&str, &[u8]> = TableDefinition::new("header");
-/// Starts, milliseconds at work, and whether a worker was wrong.
+/// Starts, and milliseconds at work.
 const TALLY: TableDefinition<&str, u64> = TableDefinition::new("tally");
-/// Answers by job.
+/// Results by job.
 const ACCEPTED: TableDefinition<u64, &[u8]> = TableDefinition::new("accepted");
-/// Digests of descriptions by job; not in journals that earlier releases have made.
+/// Digests of descriptions by job.
 const DESCRIBED: TableDefinition<u64, &[u8]> = TableDefinition::new("described");
-/// Shards and ranges of queries and database by job of the whole evaluation; as above.
-const CUTS: TableDefinition<u64, (u32, u32, u32, u32)> = TableDefinition::new("cuts");
+/// Shards and ranges of queries and database by job of the whole evaluation.
+const PLANS: TableDefinition<u64, (u32, u32, u32, u32)> = TableDefinition::new("plans");
 /// Workers by id.
 const MEMBERS: TableDefinition<&[u8; 16], &[u8]> = TableDefinition::new("members");
 /// Workers by job and attempt.
 const LEASES: TableDefinition<(u64, u32), &[u8; 16]> = TableDefinition::new("leases");
-
-/// Workers that were wrong, by id. Journals of earlier releases have none.
+/// Workers that were wrong, by id.
 const QUARANTINED: TableDefinition<&[u8; 16], ()> = TableDefinition::new("quarantined");
-/// What is told, by table ([`WORKERS`], [`ATTEMPTS`] or [`EVENTS`]) and place. Journals of earlier releases have none.
-const TOLD: TableDefinition<(u8, u32), &[u8]> = TableDefinition::new("told");
-const WORKERS: u8 = 0;
-const ATTEMPTS: u8 = 1;
-const EVENTS: u8 = 2;
+/// Events as JSON, by sequence number.
+const EVENTS: TableDefinition<u64, &[u8]> = TableDefinition::new("events");
 
 /// Memory for pages: a journal is written at its end and read once.
 const CACHE_BYTES: usize = 8 << 20;
 /// Highest attempt that is believed: more failures and losses end a run long before.
 pub(super) const MAX_ATTEMPT: u32 = 100_000;
+/// Highest sequence number that is believed.
+const MAX_SEQUENCE: u64 = 1 << 53;
 
 /// A journal that this process has open; no other can open it meanwhile.
 pub struct JournalFile {
@@ -107,7 +104,8 @@ impl JournalFile {
             let mut members = transaction.open_table(MEMBERS)?;
             let mut leases = transaction.open_table(LEASES)?;
             let mut described = transaction.open_table(DESCRIBED)?;
-            let mut cuts = transaction.open_table(CUTS)?;
+            let mut plans = transaction.open_table(PLANS)?;
+            let mut events = transaction.open_table(EVENTS)?;
             for entry in entries {
                 match entry {
                     Entry::Accepted(answer) => {
@@ -129,26 +127,20 @@ impl JournalFile {
                     Entry::Leased(lease, id) => {
                         leases.insert((lease.job.0, lease.attempt), &id.0)?;
                     }
-                    Entry::Struck(job) => {
+                    Entry::Retracted(job) => {
                         accepted.remove(job.0)?;
                         described.remove(job.0)?;
                     }
-                    Entry::Cut(job, Cut { query, database }) => {
+                    Entry::Sharded(job, ShardPlan { query, database }) => {
                         let numbers = (query.shards, query.ranges, database.shards, database.ranges);
-                        cuts.insert(job.0, numbers)?;
+                        plans.insert(job.0, numbers)?;
                     }
-                    Entry::Distrusted(id) => {
-                        transaction.open_table(TALLY)?.insert("distrusted", 1)?;
+                    Entry::Quarantined(id) => {
                         transaction.open_table(QUARANTINED)?.insert(&id.0, ())?;
                     }
-                    Entry::Told(place, told) => {
-                        let (table, bytes) = match &**told {
-                            Told::Worker(row) => (WORKERS, serde_json::to_vec(row)),
-                            Told::Attempt(row) => (ATTEMPTS, serde_json::to_vec(row)),
-                            Told::Event(row) => (EVENTS, serde_json::to_vec(row)),
-                        };
-                        let bytes = bytes.map_err(std::io::Error::from)?;
-                        transaction.open_table(TOLD)?.insert((table, *place), bytes.as_slice())?;
+                    Entry::Event(event) => {
+                        let bytes = serde_json::to_vec(&**event).map_err(std::io::Error::from)?;
+                        events.insert(event.sequence, bytes.as_slice())?;
                     }
                 }
             }
@@ -177,6 +169,10 @@ fn write_header(file: File, header: &Header) -> Result<(), Error> {
     transaction.open_table(ACCEPTED)?;
     transaction.open_table(MEMBERS)?;
     transaction.open_table(LEASES)?;
+    transaction.open_table(DESCRIBED)?;
+    transaction.open_table(PLANS)?;
+    transaction.open_table(QUARANTINED)?;
+    transaction.open_table(EVENTS)?;
     Ok(transaction.commit()?)
 }
 
@@ -192,101 +188,75 @@ fn read_header(transaction: &ReadTransaction, path: &Path) -> Result<Header, Jou
 }
 
 fn read_recorded(transaction: &ReadTransaction) -> Result<Recorded, String> {
-    let said = |error: Error| error.to_string();
     let mut recorded = Recorded::default();
-    let tally = transaction.open_table(TALLY).map_err(|error| said(error.into()))?;
-    let number = |name: &str| -> Result<u64, Error> { Ok(tally.get(name)?.map_or(0, |value| value.value())) };
-    recorded.starts = number("starts").map_err(said)?.min(u64::MAX / 2);
-    recorded.at_work = Duration::from_millis(number("milliseconds").map_err(said)?);
-    recorded.trusted = number("distrusted").map_err(said)? == 0;
+    let tally = transaction.open_table(TALLY).map_err(|error| error.to_string())?;
+    let number = |name: &str| -> Result<u64, String> {
+        Ok(tally.get(name).map_err(|error| error.to_string())?.map_or(0, |value| value.value()))
+    };
+    recorded.starts = number("starts")?.min(u64::MAX / 2);
+    recorded.at_work = Duration::from_millis(number("milliseconds")?);
 
-    let table = transaction.open_table(ACCEPTED).map_err(|error| said(error.into()))?;
-    for row in table.iter().map_err(|error| said(error.into()))? {
-        let (job, bytes) = row.map_err(|error| said(error.into()))?;
-        let job = JobId(job.value());
-        let accepted = record::decode_accepted(job, bytes.value());
-        recorded.accepted.insert(job, accepted.ok_or_else(|| format!("no answer to job {job}"))?);
-    }
-    if let Some(table) = later_table(transaction, DESCRIBED)? {
-        for row in table.iter().map_err(|error| said(error.into()))? {
-            let (job, bytes) = row.map_err(|error| said(error.into()))?;
-            let job = JobId(job.value());
-            let described = record::decode_described(job, bytes.value());
-            recorded.accepted.insert(job, described.ok_or_else(|| format!("no description to job {job}"))?);
-        }
-    }
-    if let Some(table) = later_table(transaction, CUTS)? {
-        for row in table.iter().map_err(|error| said(error.into()))? {
-            let (job, cut) = row.map_err(|error| said(error.into()))?;
-            let (of_query, query_ranges, of_database, database_ranges) = cut.value();
-            let query = SideCut { shards: of_query, ranges: query_ranges };
-            let database = SideCut { shards: of_database, ranges: database_ranges };
-            recorded.cuts.insert(JobId(job.value()), Cut { query, database });
-        }
-    }
-    let table = transaction.open_table(MEMBERS).map_err(|error| said(error.into()))?;
-    for row in table.iter().map_err(|error| said(error.into()))? {
-        let (id, bytes) = row.map_err(|error| said(error.into()))?;
-        let id = WorkerId(*id.value());
-        let member = record::decode_member(bytes.value());
+    for_each(transaction, ACCEPTED, |job, bytes| {
+        let accepted = record::decode_accepted(JobId(job), bytes);
+        recorded.accepted.insert(JobId(job), accepted.ok_or_else(|| format!("no answer to job {job}"))?);
+        Ok(())
+    })?;
+    for_each(transaction, DESCRIBED, |job, bytes| {
+        let described = record::decode_described(JobId(job), bytes);
+        recorded
+            .accepted
+            .insert(JobId(job), described.ok_or_else(|| format!("no description to job {job}"))?);
+        Ok(())
+    })?;
+    for_each(transaction, PLANS, |job, (of_query, query_ranges, of_database, database_ranges)| {
+        let query = SidePlan { shards: of_query, ranges: query_ranges };
+        let database = SidePlan { shards: of_database, ranges: database_ranges };
+        recorded.plans.insert(JobId(job), ShardPlan { query, database });
+        Ok(())
+    })?;
+    for_each(transaction, MEMBERS, |id, bytes| {
+        let (id, member) = (WorkerId(*id), record::decode_member(bytes));
         recorded.members.insert(id, member.ok_or_else(|| format!("no worker under {id}"))?);
-    }
-    let table = transaction.open_table(LEASES).map_err(|error| said(error.into()))?;
-    for row in table.iter().map_err(|error| said(error.into()))? {
-        let (lease, id) = row.map_err(|error| said(error.into()))?;
-        let (job, attempt) = lease.value();
+        Ok(())
+    })?;
+    for_each(transaction, LEASES, |(job, attempt), id| {
         if attempt == 0 || attempt > MAX_ATTEMPT {
             return Err(format!("attempt {attempt} of job {job}"));
         }
-        recorded.leases.push((Lease { job: JobId(job), attempt }, WorkerId(*id.value())));
-    }
-    if let Some(table) = later_table(transaction, QUARANTINED)? {
-        for row in table.iter().map_err(|error| said(error.into()))? {
-            let (id, _) = row.map_err(|error| said(error.into()))?;
-            recorded.quarantined.insert(WorkerId(*id.value()));
+        recorded.leases.push((Lease { job: JobId(job), attempt }, WorkerId(*id)));
+        Ok(())
+    })?;
+    for_each(transaction, QUARANTINED, |id, ()| {
+        recorded.quarantined.insert(WorkerId(*id));
+        Ok(())
+    })?;
+    for_each(transaction, EVENTS, |sequence, bytes| {
+        let event: Event = serde_json::from_slice(bytes).map_err(|error| format!("no event: {error}"))?;
+        if event.sequence != sequence || sequence > MAX_SEQUENCE {
+            return Err(format!("event {} where {sequence} should be", event.sequence));
         }
-    }
-    if let Some(table) = later_table(transaction, TOLD)? {
-        recorded.proceedings = RunLog {
-            workers: read_told(&table, WORKERS)?,
-            attempts: read_told(&table, ATTEMPTS)?,
-            events: read_told(&table, EVENTS)?,
-        };
-    }
+        recorded.events.push(event);
+        Ok(())
+    })?;
     Ok(recorded)
 }
 
-/// The rows of one table of what is told, in order.
-fn read_told<R: DeserializeOwned>(
-    told: &impl ReadableTable<(u8, u32), &'static [u8]>,
-    table: u8,
-) -> Result<Vec<R>, String> {
-    let said = |error: redb::StorageError| error.to_string();
-    let mut rows = Vec::new();
-    for row in told.range((table, 0)..=(table, u32::MAX)).map_err(said)? {
-        let (key, bytes) = row.map_err(said)?;
-        if key.value().1 as usize != rows.len() {
-            return Err(format!("row {} of what is told where {} should be", key.value().1, rows.len()));
-        }
-        rows.push(serde_json::from_slice(bytes.value()).map_err(|error| error.to_string())?);
-    }
-    Ok(rows)
-}
-
-/// A table that journals of earlier releases do not have.
-fn later_table<K: redb::Key, V: redb::Value>(
+/// Hands each row of a table to `take`, in the order of keys.
+fn for_each<K: redb::Key, V: redb::Value>(
     transaction: &ReadTransaction,
     table: TableDefinition<'_, K, V>,
-) -> Result<Option<ReadOnlyTable<K, V>>, String> {
-    match transaction.open_table(table) {
-        Ok(table) => Ok(Some(table)),
-        Err(TableError::TableDoesNotExist(_)) => Ok(None),
-        Err(error) => Err(error.to_string()),
+    mut take: impl FnMut(K::SelfType<'_>, V::SelfType<'_>) -> Result<(), String>,
+) -> Result<(), String> {
+    let table = transaction.open_table(table).map_err(|error| error.to_string())?;
+    for row in table.iter().map_err(|error| error.to_string())? {
+        let (key, value) = row.map_err(|error| error.to_string())?;
+        take(key.value(), value.value())?;
     }
+    Ok(())
 }
 
-/// Damage needs other advice than a disk that fails or another process. It may show late: a file that was cut is missed
-/// where it was cut.
+/// Damage needs other advice than a disk that fails or another process. It may show late: a file that was sharded is missed
+/// where it was sharded.
 fn classified(path: &Path, error: Error) -> JournalError {
     match error {
         Error::Io(error) if !matches!(error.kind(), ErrorKind::InvalidData | ErrorKind::UnexpectedEof) => {

@@ -1,6 +1,6 @@
-//! The journal of a run: every answer that was accepted, kept through any end of the coordinator.
+//! The journal of a run: every result that was accepted, kept through any end of the coordinator.
 //!
-//! A search is deterministic, so that going on is doing it again with the answers that are there. `header`, `record`
+//! A search is deterministic, so that going on is doing it again with the results that are there. `header`, `record`
 //! and `file` turn what is kept into bytes and back; `writer` commits it in groups on a thread of its own.
 
 mod file;
@@ -10,16 +10,17 @@ mod writer;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 
 use proto::{JobId, Lease, WorkerId};
-use results::{AttemptRow, EventRow, RunLog, WorkerRow};
 
-use crate::assembly::Cut;
-use crate::scheduler::{Finished, Introduction};
+use crate::events::{Event, Introduction};
+use crate::scheduler::messages::Finished;
+use crate::sharding::plan::ShardPlan;
 pub use file::JournalFile;
 pub use header::Header;
-pub use writer::{Journal, Mark};
+pub use writer::{Journal, LogSequence};
 
 /// File in a run folder.
 pub const JOURNAL_FILE: &str = "journal.redb";
@@ -76,7 +77,7 @@ impl JournalError {
     }
 }
 
-/// An answer as it is kept, with who gave it and when: of an evaluation or a tile whole, of a description its digest.
+/// A result as it is kept, with who gave it and when: of an evaluation or a tile whole, of a description its digest.
 pub type Accepted = Finished;
 
 /// A worker as it is kept.
@@ -91,7 +92,7 @@ pub struct Member {
 /// What is to be kept.
 #[derive(Clone, Debug)]
 pub enum Entry {
-    /// An answer was accepted. It ends what is kept of the job's leases.
+    /// A result was accepted. It ends what is kept of the job's leases.
     Accepted(Box<Accepted>),
     /// A worker joined.
     Joined(WorkerId, Member),
@@ -99,74 +100,50 @@ pub enum Entry {
     Left(WorkerId),
     /// A job was handed out.
     Leased(Lease, WorkerId),
-    /// An answer is in doubt, and none to go on with.
-    Struck(JobId),
+    /// A result is in doubt, and none to go on with.
+    Retracted(JobId),
     /// A worker was wrong, and is quarantined.
-    Distrusted(WorkerId),
-    /// What is told of workers, attempts and events: the row at this place of its table.
-    Told(u32, Box<Told>),
-    /// The evaluation of this job is asked for in pieces.
-    Cut(JobId, Cut),
-}
-
-/// A row of what is told.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Told {
-    /// Of the table `workers`.
-    Worker(WorkerRow),
-    /// Of the table `attempts`.
-    Attempt(AttemptRow),
-    /// Of the table `events`.
-    Event(EventRow),
+    Quarantined(WorkerId),
+    /// Something happened.
+    Event(Arc<Event>),
+    /// The evaluation of this job is sharded.
+    Sharded(JobId, ShardPlan),
 }
 
 /// What earlier starts of a run have left.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Recorded {
     /// Starts of the coordinator so far.
     pub starts: u64,
     /// Time they were at work.
     pub at_work: Duration,
-    /// No worker was found to be wrong.
-    pub trusted: bool,
-    /// Every answer.
+    /// Every result.
     pub accepted: BTreeMap<JobId, Accepted>,
     /// Workers that had not gone.
     pub members: BTreeMap<WorkerId, Member>,
-    /// How evaluations were cut, by job.
-    pub cuts: BTreeMap<JobId, Cut>,
-    /// Leases of jobs that have no answer, with those they were given to, in order of jobs and attempts.
+    /// How evaluations were sharded, by job.
+    pub plans: BTreeMap<JobId, ShardPlan>,
+    /// Leases of jobs that have no result, with those they were given to, in order of jobs and attempts.
     pub leases: Vec<(Lease, WorkerId)>,
     /// Workers that were wrong.
     pub quarantined: BTreeSet<WorkerId>,
-    /// What was told.
-    pub proceedings: RunLog,
-}
-
-impl Default for Recorded {
-    fn default() -> Self {
-        Self {
-            starts: 0,
-            at_work: Duration::ZERO,
-            trusted: true,
-            accepted: BTreeMap::new(),
-            members: BTreeMap::new(),
-            cuts: BTreeMap::new(),
-            leases: Vec::new(),
-            quarantined: BTreeSet::new(),
-            proceedings: RunLog::default(),
-        }
-    }
+    /// What happened, in order.
+    pub events: Vec<Event>,
 }
 
 impl Recorded {
+    /// Whether no worker was found to be wrong.
+    pub fn is_trusted(&self) -> bool {
+        self.quarantined.is_empty()
+    }
+
     /// Labels under which results are recorded.
     pub fn labels(&self) -> BTreeSet<String> {
         self.accepted.values().map(|accepted| accepted.worker.clone()).collect()
     }
 }
 
-/// Whether these bytes are an answer as it is kept; if so, they are what would be written of it.
+/// Whether these bytes are a result as it is kept; if so, they are what would be written of it.
 pub fn reads_answer(job: JobId, bytes: &[u8]) -> bool {
     let written = |accepted: Accepted| record::encode_accepted(&accepted).is_some_and(|again| again == bytes);
     [record::decode_accepted(job, bytes), record::decode_described(job, bytes)]

@@ -2,12 +2,12 @@
 
 use std::time::Duration;
 
-use proto::{Digest, JobId, MAX_NAME_BYTES};
+use proto::{Digest, JobId, MAX_NAME_BYTES, WorkerId};
 use serde::{Deserialize, Serialize};
 
 use super::{Accepted, Member};
 use crate::evaluation::{EvaluationResult, Match};
-use crate::scheduler::Introduction;
+use crate::events::Introduction;
 use crate::shard::Described;
 use crate::task::TaskResult;
 
@@ -16,11 +16,12 @@ const MAX_TEXT_BYTES: usize = 2 * MAX_NAME_BYTES;
 
 /// Bytes of an answer; its job is the key under which they are kept. `None` of one that is not kept.
 pub(super) fn encode_accepted(accepted: &Accepted) -> Option<Vec<u8>> {
-    let Accepted { job: _, result, worker, attempt, queued, run_seconds, settled: _ } = accepted;
+    let Accepted { job: _, result, worker_id, worker, attempt, queued, run_seconds, settled: _ } = accepted;
     let mut bytes = Vec::with_capacity(128);
     bytes.extend(attempt.to_le_bytes());
     bytes.extend((queued.as_nanos() as u64).to_le_bytes());
     bytes.extend(run_seconds.to_le_bytes());
+    bytes.extend(worker_id.0);
     bytes.extend((worker.len() as u32).to_le_bytes());
     bytes.extend(worker.as_bytes());
     match result {
@@ -67,12 +68,13 @@ fn decode(
     let attempt = rest.u32()?;
     let queued = Duration::from_nanos(u64::from_le_bytes(rest.take()?));
     let run_seconds = rest.f64()?;
+    let worker_id = WorkerId(rest.take()?);
     let length = rest.u32()? as usize;
     let worker = String::from_utf8(rest.bytes(length)?.to_vec()).ok()?;
     let result = result(&mut rest)?;
     let sound = rest.0.is_empty() && run_seconds >= 0.0 && worker.len() <= MAX_TEXT_BYTES;
     // Nothing else is kept.
-    sound.then_some(Accepted { job, result, worker, attempt, queued, run_seconds, settled: true })
+    sound.then_some(Accepted { job, result, worker_id, worker, attempt, queued, run_seconds, settled: true })
 }
 
 fn decode_result(rest: &mut Reader<'_>) -> Option<EvaluationResult> {

@@ -5,12 +5,14 @@ use std::time::SystemTime;
 
 use proptest::prelude::*;
 use proto::{Digest, SessionId};
+use redb::TableHandle as _;
 use tempfile::TempDir;
 
 use super::*;
-use crate::assembly::SideCut;
 use crate::evaluation::{EvaluationResult, Match};
+use crate::events::EventKind;
 use crate::shard::Described;
+use crate::sharding::SidePlan;
 use crate::task::TaskResult;
 
 fn header() -> Header {
@@ -38,6 +40,7 @@ fn accepted(job: u64, matches: usize) -> Accepted {
             category_correct: 6,
             matches: (0..matches).map(found).collect(),
         }),
+        worker_id: WorkerId([3; 16]),
         worker: "rack-3".to_owned(),
         attempt: 2,
         queued: Duration::from_nanos(1_234_567_891),
@@ -55,11 +58,13 @@ fn member(label: &str) -> Member {
     Member { label: label.to_owned(), introduction }
 }
 
-fn told(place: u32, event: &str) -> Entry {
+fn event(sequence: u64, generation: u32) -> Event {
     let at = SystemTime::UNIX_EPOCH + Duration::from_millis(1_700_000_000_123);
-    let (event, message) = (event.to_owned(), "why".to_owned());
-    let row = EventRow { at, event, worker: None, generation: Some(3), message };
-    Entry::Told(place, Box::new(Told::Event(row)))
+    Event { sequence, at, kind: EventKind::Rewind { generation, why: "why".to_owned() }, omitted: false }
+}
+
+fn happened(sequence: u64, generation: u32) -> Entry {
+    Entry::Event(Arc::new(event(sequence, generation)))
 }
 
 fn lease(job: u64, attempt: u32) -> Lease {
@@ -87,10 +92,10 @@ fn what_was_committed_is_there_at_the_next_start() {
         answer(5, 0),
         answer(u64::MAX, 3),
         Entry::Left(two),
-        told(0, "joined"),
-        told(1, "left"),
-        told(0, "lost"),
-        Entry::Distrusted(two),
+        happened(0, 9),
+        happened(1, 8),
+        happened(7, 3),
+        Entry::Quarantined(two),
     ]);
     let (_file, read, recorded) = JournalFile::open(&path).unwrap();
     assert_eq!(read, header());
@@ -102,31 +107,37 @@ fn what_was_committed_is_there_at_the_next_start() {
     assert_eq!(recorded.members, [(one, member("rack"))].into());
     // An answered job is nobody's any more.
     assert_eq!(recorded.leases, [(lease(6, 1), one)]);
-    // What is told twice is what was told last.
-    let events: Vec<&str> = recorded.proceedings.events.iter().map(|row| row.event.as_str()).collect();
-    assert_eq!(events, ["lost", "left"]);
-    assert_eq!((recorded.quarantined, recorded.trusted), ([two].into(), false));
+    // In order; numbers between belong to events that were not to be kept.
+    assert_eq!(recorded.events, [event(0, 9), event(1, 8), event(7, 3)]);
+    assert!(!recorded.is_trusted());
+    assert_eq!(recorded.quarantined, [two].into());
 }
 
 #[test]
-fn a_journal_of_a_release_that_kept_nothing_of_what_is_told_is_read() {
-    let (_folder, path) = journal(&[answer(5, 0)]);
-    let recorded = JournalFile::open(&path).unwrap().2;
-    assert_eq!(recorded.proceedings, RunLog::default());
-    assert_eq!(recorded.accepted.len(), 1);
+fn an_event_under_another_number_or_of_no_known_kind_is_damage() {
+    let event = serde_json::to_vec(&event(1, 3)).unwrap();
+    let message = |sequence: u64, bytes: &[u8]| {
+        let (_folder, path) = journal(&[]);
+        let database = redb::Database::create(&path).unwrap();
+        let transaction = database.begin_write().unwrap();
+        let events = redb::TableDefinition::<u64, &[u8]>::new("events");
+        transaction.open_table(events).unwrap().insert(sequence, bytes).unwrap();
+        transaction.commit().unwrap();
+        drop(database);
+        JournalFile::open(&path).err().map(|error| error.to_string()).unwrap_or_default()
+    };
+    assert_eq!(message(1, &event), "");
+    assert!(message(2, &event).contains("event 1 where 2 should be"));
+    assert!(message(2, b"{}").contains("no event"));
+    let last =
+        String::from_utf8(event).unwrap().replace("\"sequence\":1,", "\"sequence\":18446744073709551615,");
+    assert!(message(u64::MAX, last.as_bytes()).contains("should be"));
 }
 
 #[test]
-fn what_is_told_with_a_gap_is_damage() {
-    let (_folder, path) = journal(&[told(0, "joined"), told(2, "left")]);
-    let error = JournalFile::open(&path).err().unwrap().to_string();
-    assert!(error.contains("row 2 of what is told where 1 should be"), "{error}");
-}
-
-#[test]
-fn pieces_of_evaluations_are_there_at_the_next_start() {
-    let side = |shards, ranges| SideCut { shards, ranges };
-    let cut = Cut { query: side(4, 2), database: side(8, 8) };
+fn subtasks_of_evaluations_are_there_at_the_next_start() {
+    let side = |shards, ranges| SidePlan { shards, ranges };
+    let plan = ShardPlan { query: side(4, 2), database: side(8, 8) };
     let described = |job: u64| {
         let result = TaskResult::Description(Described::named(Digest([7; 32])));
         Accepted { result, ..accepted(job, 0) }
@@ -134,33 +145,32 @@ fn pieces_of_evaluations_are_there_at_the_next_start() {
     let entry = |job| Entry::Accepted(Box::new(described(job)));
     let holder = WorkerId([1; 16]);
     let (_folder, path) = journal(&[
-        Entry::Cut(JobId(9), cut),
+        Entry::Sharded(JobId(9), plan),
         Entry::Leased(lease(5, 1), holder),
         entry(5),
         entry(6),
         answer(7, 3),
-        Entry::Struck(JobId(6)),
+        Entry::Retracted(JobId(6)),
     ]);
     let recorded = JournalFile::open(&path).unwrap().2;
     assert_eq!(recorded.accepted.values().cloned().collect::<Vec<_>>(), [described(5), accepted(7, 3)]);
-    assert_eq!(recorded.cuts, [(JobId(9), cut)].into());
+    assert_eq!(recorded.plans, [(JobId(9), plan)].into());
     assert_eq!(recorded.leases, []);
 }
 
-/// A journal of a release that knew no pieces has no table for them.
 #[test]
-fn a_journal_without_pieces_is_read() {
-    let (_folder, path) = journal(&[]);
-    let database = redb::Database::create(&path).unwrap();
-    let transaction = database.begin_write().unwrap();
-    let described = redb::TableDefinition::<u64, &[u8]>::new("described");
-    let cuts = redb::TableDefinition::<u64, (u32, u32, u32, u32)>::new("cuts");
-    assert!(transaction.delete_table(described).unwrap() && transaction.delete_table(cuts).unwrap());
-    transaction.commit().unwrap();
-    drop(database);
-    let recorded = JournalFile::open(&path).unwrap().2;
-    assert_eq!((recorded.starts, recorded.accepted.len(), recorded.cuts.len()), (2, 0, 0));
-    JournalFile::open(&path).unwrap().0.commit(&[answer(5, 0)]).unwrap();
+fn a_journal_without_one_of_its_tables_is_damaged() {
+    let (_folder, path) = journal(&[answer(5, 0)]);
+    for table in ["accepted", "described", "plans", "quarantined", "events"] {
+        let (_folder, path) = journal(&[answer(5, 0)]);
+        let database = redb::Database::create(&path).unwrap();
+        let transaction = database.begin_write().unwrap();
+        let named = transaction.list_tables().unwrap().find(|listed| listed.name() == table).unwrap();
+        assert!(transaction.delete_table(named).unwrap());
+        transaction.commit().unwrap();
+        drop(database);
+        assert!(matches!(JournalFile::open(&path), Err(JournalError::Damaged { .. })), "{table}");
+    }
     assert_eq!(JournalFile::open(&path).unwrap().2.accepted.len(), 1);
 }
 
@@ -190,8 +200,8 @@ fn what_is_no_journal_is_said_to_be_damaged_or_of_another_version() {
     };
     let (_folder, path) = journal(&[answer(5, 40)]);
     let whole = fs::read(&path).unwrap();
-    let cuts = (1..16).map(|part| &whole[..whole.len() * part / 16]);
-    for bytes in [b"".as_slice(), b"redb", &[0; 8192], &whole[..1]].into_iter().chain(cuts) {
+    let plans = (1..16).map(|part| &whole[..whole.len() * part / 16]);
+    for bytes in [b"".as_slice(), b"redb", &[0; 8192], &whole[..1]].into_iter().chain(plans) {
         fs::write(&path, bytes).unwrap();
         damaged(&path);
     }
@@ -270,7 +280,7 @@ fn records_of_version_1_are_read() {
         "started_milliseconds":1700000000123}"#;
     assert_eq!(Header::decode(text.as_bytes(), Path::new("journal")).unwrap(), header());
 
-    let digits = "02000000d3029649000000009a9999999999b93f060000007261636b2d330a00000004000000060000000200\
+    let digits = "02000000d3029649000000009a9999999999b93f03030303030303030303030303030303060000007261636b2d330a00000004000000060000000200\
         0000000000009a9999999999b93f00010000009a9999999999f13f0109000000333333333333d33f";
     let byte = |at| u8::from_str_radix(&digits[at..at + 2], 16).unwrap();
     let bytes: Vec<u8> = (0..digits.len()).step_by(2).map(byte).collect();
@@ -284,10 +294,10 @@ fn records_of_version_1_are_read() {
 async fn a_mark_is_durable_when_the_file_has_what_was_recorded() {
     let (_folder, path) = journal(&[]);
     let journal = Journal::start(JournalFile::open(&path).unwrap().0).unwrap();
-    let marks: Vec<Mark> = (0..100).map(|job| journal.record(answer(job, 0))).collect();
-    assert_eq!(marks.last(), Some(&journal.end()));
-    journal.durable(marks[99]).await.unwrap();
-    assert!(marks.iter().all(|mark| journal.is_durable(*mark)) && journal.failure().is_none());
+    let sequences: Vec<LogSequence> = (0..100).map(|job| journal.record(answer(job, 0))).collect();
+    assert_eq!(sequences.last(), Some(&journal.end()));
+    journal.durable(sequences[99]).await.unwrap();
+    assert!(sequences.iter().all(|sequence| journal.is_durable(*sequence)) && journal.failure().is_none());
     let later = journal.record(answer(100, 0));
     journal.durable(later).await.unwrap();
     drop(journal);

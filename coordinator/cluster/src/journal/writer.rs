@@ -1,20 +1,21 @@
 //! The journal at work: entries go in without waiting, a thread commits them in groups and says how far it has come.
 
 use std::path::PathBuf;
-use std::sync::{Mutex, PoisonError, mpsc};
+use std::sync::{Mutex, mpsc};
 use std::thread;
 use std::time::Instant;
 
 use tokio::sync::watch;
 
 use super::{Entry, JournalError, JournalFile};
+use crate::lock::lock;
 
 /// Most entries of one commit. What comes while a commit waits for the disk is the next group.
 const GROUP: usize = 4096;
 
-/// A place in the journal: everything that was recorded up to it.
+/// A log sequence number: stands for everything that was recorded up to it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Mark(u64);
+pub struct LogSequence(u64);
 
 /// How far the thread has come.
 #[derive(Clone, Debug, Default)]
@@ -49,32 +50,32 @@ impl Journal {
         Ok(Self { outbox: Mutex::new(Outbox { entries: sender, recorded: 0 }), progress, path })
     }
 
-    /// Hands an entry to the thread. It is on the disk once its mark is durable.
-    pub fn record(&self, entry: Entry) -> Mark {
-        let mut outbox = self.outbox.lock().unwrap_or_else(PoisonError::into_inner);
-        // Nobody takes it any more once a commit has failed: then no mark is ever durable again.
+    /// Hands an entry to the thread. It is on the disk once its sequence is durable.
+    pub fn record(&self, entry: Entry) -> LogSequence {
+        let mut outbox = lock(&self.outbox);
+        // Nobody takes it any more once a commit has failed: then no sequence is ever durable again.
         let _ = outbox.entries.send(entry);
         outbox.recorded += 1;
-        Mark(outbox.recorded)
+        LogSequence(outbox.recorded)
     }
 
     /// The place after everything recorded so far.
-    pub fn end(&self) -> Mark {
-        Mark(self.outbox.lock().unwrap_or_else(PoisonError::into_inner).recorded)
+    pub fn end(&self) -> LogSequence {
+        LogSequence(lock(&self.outbox).recorded)
     }
 
-    /// Whether everything up to the mark is on the disk.
-    pub fn is_durable(&self, mark: Mark) -> bool {
-        self.progress.borrow().durable >= mark.0
+    /// Whether everything up to the sequence is on the disk.
+    pub fn is_durable(&self, sequence: LogSequence) -> bool {
+        self.progress.borrow().durable >= sequence.0
     }
 
-    /// Waits until everything up to the mark is on the disk.
+    /// Waits until the journal is durable up to a sequence number.
     ///
     /// # Errors
     /// Why it never will be.
-    pub async fn durable(&self, mark: Mark) -> Result<(), JournalError> {
+    pub async fn durable(&self, sequence: LogSequence) -> Result<(), JournalError> {
         let mut progress = self.progress.clone();
-        let settled = |progress: &Progress| progress.durable >= mark.0 || progress.failure.is_some();
+        let settled = |progress: &Progress| progress.durable >= sequence.0 || progress.failure.is_some();
         match progress.wait_for(settled).await.map(|progress| progress.failure.clone()) {
             Ok(None) => Ok(()),
             Ok(Some(failure)) => Err(failure),

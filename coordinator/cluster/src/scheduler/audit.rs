@@ -1,10 +1,10 @@
-//! Which evaluations are given to a second worker, too.
+//! Which evaluations are audited: given to a second worker as well.
 
 use crate::task::Task;
 
-/// A share of all evaluations, chosen by what they ask and never by when they come.
+/// A share of all evaluations, chosen by their tasks and never by when they are submitted.
 ///
-/// Whoever knows the seed can tell which evaluations are audited: a share below 1 finds machines that err, and only
+/// Anybody who knows the seed can tell which evaluations are audited: a share below 1 finds machines that err, and only
 /// 1 holds against one that means to deceive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Audit {

@@ -6,8 +6,9 @@ use std::time::{Duration, Instant};
 use proto::{JobId, Lease, WorkerId};
 
 use super::Scheduler;
-use super::event::{Attempt, AttemptEnd, What};
-use super::job::Job;
+use crate::cost::counted_cost;
+use crate::events::{Attempt, AttemptEnd, EventKind};
+use crate::store::Job;
 use crate::task::Task;
 
 /// A job is given to an idle second worker when it has run for this many times the median of its kind.
@@ -28,7 +29,7 @@ impl Scheduler {
             leased.extend(self.lease(id, job, now));
         }
         let busy = self.workers.get(&id).is_some_and(|worker| !worker.is_idle());
-        self.queue.set_hungry(id, (wanted > 0 && leased.is_empty()).then_some(busy));
+        self.queue.set_idle_poll(id, (wanted > 0 && leased.is_empty()).then_some(busy));
         leased
     }
 
@@ -40,14 +41,14 @@ impl Scheduler {
             return None;
         }
         let waiting = self.queue.in_order().find(|job| self.may_take(id, *job));
-        // Only who has nothing else to do doubles the work of another.
+        // Only an idle worker doubles the work of another.
         waiting.or_else(|| self.queue.overdue(now).find(|job| idle && self.may_take(id, *job)))
     }
 
-    /// Whether a worker may take a job that wants one: it must neither work on it nor have answered it, and a job that
+    /// Whether a worker may take a job that wants one: it must neither work on it nor have reported a result of it, and a job that
     /// failed on it goes to another, as long as there is one that may take it.
     fn may_take(&self, id: WorkerId, job: JobId) -> bool {
-        let job = &self.jobs[&job];
+        let Some(job) = self.jobs.get(job) else { return false };
         let tried = |worker: WorkerId| job.answered_by(worker) || job.failed_on(worker);
         !job.answered_by(id)
             && job.lease_of(id).is_none()
@@ -55,15 +56,15 @@ impl Scheduler {
     }
 
     fn lease(&mut self, id: WorkerId, job_id: JobId, now: Instant) -> Option<(Lease, Arc<Task>)> {
-        let job = self.jobs.get_mut(&job_id)?;
+        let job = self.jobs.get_mut(job_id)?;
         let (attempt, task) = (job.hand_out(id, now), Arc::clone(&job.task));
-        self.queue.serve(job.place);
-        self.book_lease(job_id, id, attempt, now);
+        self.queue.serve(job.position);
+        self.add_lease(job_id, id, attempt, now);
         Some((Lease { job: job_id, attempt }, task))
     }
 
-    pub(super) fn book_lease(&mut self, job_id: JobId, id: WorkerId, attempt: u32, now: Instant) {
-        if let (Some(job), Some(worker)) = (self.jobs.get_mut(&job_id), self.workers.get_mut(&id)) {
+    pub(super) fn add_lease(&mut self, job_id: JobId, id: WorkerId, attempt: u32, now: Instant) {
+        if let (Some(job), Some(worker)) = (self.jobs.get_mut(job_id), self.workers.get_mut(&id)) {
             job.leases.push((id, attempt));
             self.idle -= usize::from(worker.is_idle());
             worker.take(job_id, attempt, now);
@@ -71,7 +72,7 @@ impl Scheduler {
         }
     }
 
-    /// Brings the leases on our books in line with those the worker says it holds; returns those that it should drop.
+    /// Reconciles the leases that are recorded with those the worker says it holds; returns those that it should drop.
     pub(super) fn reconcile(&mut self, id: WorkerId, held: &[Lease], now: Instant) -> Vec<Lease> {
         let booked = self.workers.get(&id).map_or_else(Vec::new, |worker| worker.leases().to_vec());
         for (job, attempt) in booked {
@@ -81,12 +82,12 @@ impl Scheduler {
         }
         let mut revoked = Vec::new();
         for &lease in held {
-            let job = self.jobs.get(&lease.job);
+            let job = self.jobs.get(lease.job);
             match job.and_then(|job| job.lease_of(id)) {
                 Some(attempt) if attempt == lease.attempt => {}
                 // Given up while the worker was out of reach, and nobody else has begun: it may go on.
                 None if job.is_some_and(|job| may_go_on(job, id, lease.attempt)) => {
-                    self.book_lease(lease.job, id, lease.attempt, now);
+                    self.add_lease(lease.job, id, lease.attempt, now);
                 }
                 _ => revoked.push(lease),
             }
@@ -105,13 +106,13 @@ impl Scheduler {
         }
     }
 
-    /// Ends a lease without an answer.
+    /// Ends a lease without a result.
     pub(super) fn release(&mut self, job: JobId, holder: WorkerId, end: AttemptEnd, now: Instant) {
         self.end_lease(job, holder, end, None, now);
         self.refile(job);
     }
 
-    /// Takes a lease off the books. The caller files the job anew.
+    /// Removes a lease. The caller files the job anew.
     pub(super) fn end_lease(
         &mut self,
         job_id: JobId,
@@ -120,10 +121,10 @@ impl Scheduler {
         run_seconds: Option<f64>,
         now: Instant,
     ) {
-        let Some(job) = self.jobs.get_mut(&job_id) else { return };
+        let Some(job) = self.jobs.get_mut(job_id) else { return };
         let Some(attempt) = job.lease_of(id) else { return };
         job.leases.retain(|(holder, _)| *holder != id);
-        let (kind, mut ran) = (job.task.likeness(), None);
+        let (cost, mut ran) = (counted_cost(&job.task), None);
         let mut next = None;
         if let Some(worker) = self.workers.get_mut(&id) {
             ran = worker.works_on(job_id).map(|since| now.saturating_duration_since(since));
@@ -140,7 +141,7 @@ impl Scheduler {
         }
         let answered = matches!(end, AttemptEnd::Answered | AttemptEnd::Agreed);
         if let Some(ran) = ran.filter(|_| answered)
-            && self.run_times.add(kind, ran)
+            && self.run_times.add(cost, ran)
         {
             self.refile_all(); // until then nobody knew how long is too long
         }
@@ -155,18 +156,19 @@ impl Scheduler {
         run_seconds: Option<f64>,
         now: Instant,
     ) {
-        let worker = self.label(id);
-        let Some(job) = self.jobs.get(&job_id) else { return };
+        let Some(job) = self.jobs.get(job_id) else { return };
         let Some(handed_out) = job.handed_out_at(id, number) else { return };
-        let task = Arc::clone(&job.task);
-        let attempt = Attempt { job: job_id, number, task, worker, handed_out, end, run_seconds };
-        self.events.add(now, What::Attempt(attempt));
+        let (task, label) = (job.task.to_string(), self.label(id));
+        let held_seconds = now.saturating_duration_since(handed_out).as_secs_f64();
+        let attempt =
+            Attempt { job: job_id, number, task, worker: id, label, held_seconds, run_seconds, end };
+        self.emit(now, EventKind::Attempt(attempt));
     }
 
     /// Puts a job where it belongs after any change: among those that wait, among those a second worker may take, or
-    /// away, when its answer is delivered and nobody works on it.
+    /// away, when its result is delivered and nobody works on it.
     pub(super) fn refile(&mut self, id: JobId) {
-        let Some(job) = self.jobs.get(&id) else { return };
+        let Some(job) = self.jobs.get(id) else { return };
         let needs = job.needs();
         if job.delivered && needs == 0 && job.leases.is_empty() {
             return self.forget(id);
@@ -175,11 +177,11 @@ impl Scheduler {
             [(holder, attempt)] if needs == 1 => self.hedge_from(id, job, holder, attempt),
             _ => None,
         };
-        let (place, waits) = (job.place, needs > job.leases.len());
-        let Some(job) = self.jobs.get_mut(&id) else { return };
+        let (position, waits) = (job.position, needs > job.leases.len());
+        let Some(job) = self.jobs.get_mut(id) else { return };
         let before = std::mem::replace(&mut job.hedge_from, hedge_from);
         self.queue.move_covered(id, before, hedge_from);
-        self.queue.set_waiting(place, id, waits);
+        self.queue.set_waiting(position, id, waits);
     }
 
     /// From when on an idle worker may take the job that this one has: at once while it waits behind another; when it
@@ -188,23 +190,23 @@ impl Scheduler {
         match self.workers.get(&holder)?.works_on(id) {
             None => job.handed_out_at(holder, attempt),
             Some(since) => {
-                let median = self.run_times.median(job.task.likeness())?;
+                let median = self.run_times.median(counted_cost(&job.task))?;
                 Some(since + median.mul_f64(PATIENCE).max(Duration::from_millis(1)))
             }
         }
     }
 
     pub(super) fn refile_all(&mut self) {
-        for id in self.jobs.keys().copied().collect::<Vec<_>>() {
+        for id in self.jobs.iter().map(|(id, _)| id).collect::<Vec<_>>() {
             self.refile(id);
         }
     }
 
     /// Drops a job from every list.
     pub(super) fn forget(&mut self, id: JobId) {
-        let Some(job) = self.jobs.remove(&id) else { return };
+        let Some(job) = self.jobs.close(id) else { return };
         self.queue.move_covered(id, job.hedge_from, None);
-        self.queue.set_waiting(job.place, id, false);
+        self.queue.set_waiting(job.position, id, false);
         self.disputed.remove(&id);
     }
 }
@@ -219,24 +221,25 @@ fn may_go_on(job: &Job, id: WorkerId, attempt: u32) -> bool {
 
 #[cfg(test)]
 impl Scheduler {
-    /// Whether all lists say the same.
-    pub(super) fn check_books(&self) {
+    /// Asserts that all lists agree.
+    pub(super) fn check_invariants(&self) {
         let idle = self.workers.values().filter(|worker| worker.is_idle()).count();
         assert_eq!(self.idle, idle, "idle workers");
         for (id, worker) in &self.workers {
             for (job, attempt) in worker.leases() {
-                assert_eq!(self.jobs[job].lease_of(*id), Some(*attempt), "{id} and job {job}");
+                assert_eq!(self.jobs.get(*job).unwrap().lease_of(*id), Some(*attempt), "{id} and job {job}");
             }
         }
-        for (id, job) in &self.jobs {
+        for (id, job) in self.jobs.iter() {
             for (holder, attempt) in &job.leases {
-                assert!(self.workers[holder].leases().contains(&(*id, *attempt)), "job {id} and {holder}");
+                assert!(self.workers[holder].leases().contains(&(id, *attempt)), "job {id} and {holder}");
             }
-            let waits = self.queue.in_order().any(|waiting| waiting == *id);
+            let waits = self.queue.in_order().any(|waiting| waiting == id);
             assert_eq!(waits, job.needs() > job.leases.len(), "job {id} waits");
             assert!(!job.delivered || job.needs() > 0 || !job.leases.is_empty(), "job {id} is over");
         }
         assert!(self.queue.waiting() <= self.jobs.len());
-        assert!(self.disputed.iter().all(|id| self.jobs[id].is_disputed() && self.jobs[id].needs() > 0));
+        let disputed = |job: &Job| job.is_disputed() && job.needs() > 0;
+        assert!(self.disputed.iter().all(|id| self.jobs.get(*id).is_some_and(disputed)));
     }
 }

@@ -1,10 +1,11 @@
 //! What goes into the scheduler and what comes out of it.
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
-use proto::{JobId, Lease};
+use proto::{JobId, Lease, WorkerId};
 
+use crate::events::EventKind;
 use crate::task::{Task, TaskResult};
 
 /// What one worker says in one poll.
@@ -29,7 +30,7 @@ pub struct Report {
     pub lease: Lease,
     /// Seconds on the worker's clock.
     pub run_seconds: f64,
-    /// The answer, or why there is none.
+    /// The result, or why there is none.
     pub outcome: Result<TaskResult, String>,
 }
 
@@ -58,7 +59,7 @@ pub enum PollRefusal {
     UnknownWorker,
     /// A newer poll of the same worker was seen.
     Stale,
-    /// The worker gave a wrong answer.
+    /// The worker reported a wrong result.
     Quarantined,
 }
 
@@ -67,7 +68,7 @@ pub enum PollRefusal {
 pub enum RegisterRefusal {
     /// There are as many as there may be.
     Full,
-    /// The worker gave a wrong answer.
+    /// The worker reported a wrong result.
     Quarantined,
 }
 
@@ -76,30 +77,55 @@ pub enum RegisterRefusal {
 pub struct Finished<R = TaskResult> {
     /// Which job.
     pub job: JobId,
-    /// The answer that counts.
+    /// The result that counts.
     pub result: R,
-    /// Label of the worker that gave it first.
+    /// The worker that reported it first; of a sharded evaluation, one of those that did.
+    pub worker_id: WorkerId,
+    /// Its label, for people; of a sharded evaluation, how many there were.
     pub worker: String,
     /// Which attempt it was.
     pub attempt: u32,
-    /// From submission to the lease of the attempt that gave the answer.
+    /// From submission to the lease of the attempt that reported the result.
     pub queued: Duration,
     /// Seconds on the worker's clock.
     pub run_seconds: f64,
-    /// As many workers agree as have to. `false`: it was taken because there was nobody else to ask, and is in doubt.
+    /// As many workers agree as have to. `false`: it was accepted because there was no other worker, and is in doubt.
     pub settled: bool,
+}
+
+/// Something that happened, for the event log.
+#[derive(Clone, Debug)]
+pub struct Emitted {
+    /// When.
+    pub at: Instant,
+    /// What.
+    pub kind: EventKind,
+}
+
+/// Why accepted results may be wrong.
+#[derive(Clone, Debug)]
+pub enum Doubt {
+    /// Two workers reported different results of one job.
+    Disagreement {
+        /// The job.
+        job: JobId,
+        /// Its task.
+        task: Arc<Task>,
+    },
+    /// A worker was quarantined.
+    Quarantined(WorkerId),
 }
 
 /// A job that failed as often as the limit allows.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JobFailed {
-    /// What was asked.
+    /// The task.
     pub task: Arc<Task>,
     /// `worker: reason` of every failure, oldest first.
     pub failures: Vec<String>,
 }
 
-/// Whether anybody is there to work.
+/// Whether there are workers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Staffing {
     /// At least one worker.

@@ -3,15 +3,13 @@
 //! Nothing here does IO or waits. The service feeds polls in, the run driver submits jobs and drains outcomes.
 
 mod audit;
-mod event;
-mod job;
+pub mod fair_queue;
 mod leases;
-mod messages;
+pub mod messages;
 mod queue;
 mod restore;
 mod run_times;
-mod turns;
-mod verdict;
+mod votes;
 mod worker;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -20,19 +18,20 @@ use std::time::{Duration, Instant};
 
 use proto::{JobId, Lease, WorkerId};
 
+pub use crate::events::Introduction;
+use crate::events::{AttemptEnd, Departure, EventKind};
+use crate::store::{Job, JobStore};
 use crate::task::Task;
 pub use audit::Audit;
-use event::Events;
-pub use event::{Attempt, AttemptEnd, Departure, Event, What};
-use job::Job;
-pub use messages::{Answer, Finished, JobFailed, Poll, PollRefusal, RegisterRefusal, Report, Staffing};
+pub use fair_queue::ClientId;
+pub use messages::{
+    Answer, Doubt, Emitted, Finished, JobFailed, Poll, PollRefusal, RegisterRefusal, Report, Staffing,
+};
 use queue::Queue;
 use run_times::RunTimes;
-pub use turns::ClientId;
-pub use worker::Introduction;
-use worker::{Acquaintance, Worker};
+use worker::{Worker, WorkerIdentity};
 
-/// Workers that have nothing to do for so long are reported, …
+/// Workers that have been idle for so long are reported, …
 const STARVING_AFTER: Duration = Duration::from_secs(10);
 /// … and again after so long.
 const STARVING_AGAIN: Duration = Duration::from_secs(120);
@@ -76,29 +75,30 @@ pub struct Scheduler {
     workers: BTreeMap<WorkerId, Worker>,
     /// How many workers have no lease.
     idle: usize,
-    jobs: BTreeMap<JobId, Job>,
+    /// One entry per job; the scheduler works on those that are open.
+    pub jobs: JobStore,
     queue: Queue,
-    /// Jobs whose answers differ and are not decided.
+    /// Jobs whose results differ and are not decided.
     disputed: BTreeSet<JobId>,
-    /// Workers that gave a wrong answer: they get no more jobs, and none of their answers counts.
+    /// Workers that reported a wrong result: they get no more jobs, and none of their results counts.
     quarantined: BTreeSet<WorkerId>,
     run_times: RunTimes,
     finished: Vec<Finished>,
     failed: Option<JobFailed>,
-    events: Events,
-    /// Those who are here and those who have answered a job: no label names two workers in the results, and a worker
-    /// that returns keeps its own.
-    known: BTreeMap<WorkerId, Acquaintance>,
+    events: Vec<Emitted>,
+    doubts: Vec<Doubt>,
+    /// Workers that are here and those that have reported a result: no label names two workers in the results, and a
+    /// worker that returns keeps its own.
+    identities: BTreeMap<WorkerId, WorkerIdentity>,
     used_labels: BTreeSet<String>,
     last_look: Option<Instant>,
     alone_since: Option<Instant>,
     undecided_since: Option<Instant>,
     starving_since: Option<Instant>,
-    /// Whether it was said that audits wait for another worker.
+    /// Whether the event that audits wait for another worker was emitted.
     unaudited: bool,
-    /// Leases that an earlier start handed out, by job, for jobs that have not been submitted again yet; `None` if there
-    /// was no earlier start.
-    earlier: Option<BTreeMap<JobId, Vec<(WorkerId, u32)>>>,
+    /// There was an earlier start, which may have granted leases that are not recorded.
+    restarted: bool,
 }
 
 impl Scheduler {
@@ -108,45 +108,46 @@ impl Scheduler {
             limits,
             workers: BTreeMap::new(),
             idle: 0,
-            jobs: BTreeMap::new(),
+            jobs: JobStore::default(),
             queue: Queue::default(),
             disputed: BTreeSet::new(),
             quarantined: BTreeSet::new(),
             run_times: RunTimes::default(),
             finished: Vec::new(),
             failed: None,
-            events: Events::default(),
-            known: BTreeMap::new(),
+            events: Vec::new(),
+            doubts: Vec::new(),
+            identities: BTreeMap::new(),
             used_labels: BTreeSet::new(),
             last_look: None,
             alone_since: None,
             undecided_since: None,
             starving_since: None,
             unaudited: false,
-            earlier: None,
+            restarted: false,
         }
     }
 
-    /// Adds a job under its name ([`Names`](crate::task::Names)). Clients take turns; the jobs of one are handed out in
+    /// Adds a job under its name ([`Names`](crate::task::Names)). Clients are served in turn; the jobs of one are handed out in
     /// the order of submission. A job that a worker was given by an earlier start is still its own.
     pub fn submit(&mut self, id: JobId, task: Arc<Task>, client: ClientId, now: Instant) {
         self.abandon(id, now); // of the same name before the run began again
         let audited = self.limits.audit.covers(&task);
-        let mut job = Job::new(task, self.queue.place(client), audited, now);
+        let mut job = Job::new(task, self.queue.position(client), audited, now);
         let lease = self.restore_attempts(id, &mut job, now);
-        self.jobs.insert(id, job);
+        self.jobs.open(id, job);
         match lease {
-            Some((holder, attempt)) => self.book_lease(id, holder, attempt, now),
+            Some((holder, attempt)) => self.add_lease(id, holder, attempt, now),
             None => self.refile(id),
         }
     }
 
     /// Another client asks for a job that is there: it is handed out as early as for the one that waits less.
     pub fn share(&mut self, id: JobId, client: ClientId) {
-        let place = self.queue.place(client);
-        let Some(job) = self.jobs.get_mut(&id).filter(|job| place < job.place) else { return };
-        self.queue.set_waiting(job.place, id, false);
-        job.place = place;
+        let position = self.queue.position(client);
+        let Some(job) = self.jobs.get_mut(id).filter(|job| position < job.position) else { return };
+        self.queue.set_waiting(job.position, id, false);
+        job.position = position;
         self.refile(id);
     }
 
@@ -155,7 +156,7 @@ impl Scheduler {
         self.queue.forget_client(client);
     }
 
-    /// Introduces a worker, or welcomes one back, and returns its unique label.
+    /// Registers a worker, or one that comes back, and returns its unique label.
     pub fn register(
         &mut self,
         id: WorkerId,
@@ -173,13 +174,20 @@ impl Scheduler {
             return Err(RegisterRefusal::Full);
         }
         let (name, used) = (&introduction.name, &mut self.used_labels);
-        let acquaintance = self.known.entry(id).or_insert_with(|| Acquaintance::new(name, used));
+        let acquaintance = self.identities.entry(id).or_insert_with(|| WorkerIdentity::new(name, used));
         let label = acquaintance.label.clone();
         self.workers.insert(id, Worker::new(now));
         self.idle += 1;
-        self.events.add(now, What::Joined { worker: label.clone(), id, introduction });
+        self.emit(now, EventKind::Joined { worker: id, label: label.clone(), introduction });
         self.alone_since = None;
         Ok(label)
+    }
+
+    /// Notes a sign of life that cannot be answered yet.
+    pub fn heard_from(&mut self, id: WorkerId, now: Instant) {
+        if let Some(worker) = self.workers.get_mut(&id) {
+            worker.last_seen = now;
+        }
     }
 
     /// One poll: heartbeat, finished work, request for more.
@@ -195,9 +203,9 @@ impl Scheduler {
         for report in poll.finished {
             let lease = report.lease;
             self.accept(id, report, now);
-            // A vote counts when the answer is delivered. Until then nothing is kept of it but here.
+            // A vote counts when the result is delivered. Until then it is kept nowhere but here.
             let is_open = |job: &Job| !job.delivered && job.answered_by(id);
-            if !self.jobs.get(&lease.job).is_some_and(is_open) {
+            if !self.jobs.get(lease.job).is_some_and(is_open) {
                 answer.acknowledged.push(lease);
             }
         }
@@ -211,7 +219,7 @@ impl Scheduler {
             answer.jobs = self.lease_jobs(id, poll.wanted, now);
         }
         if !answer.is_empty() {
-            self.queue.set_hungry(id, None); // it hears back at once, and will ask again
+            self.queue.set_idle_poll(id, None); // it hears back at once, and will ask again
         }
         Ok(answer)
     }
@@ -253,17 +261,17 @@ impl Scheduler {
             self.remove_worker(id, Departure::Lost, now);
         }
         self.expire_leases(now);
-        self.queue.forget_calls();
+        self.queue.forget_wakeups();
         self.notice_undecided(now);
         self.notice_starving(now);
     }
 
-    /// Shows out a worker that is on the deny list: its leases are free at once.
+    /// Removes a worker that is on the deny list: its leases are free at once.
     pub fn deny(&mut self, id: WorkerId, now: Instant) {
         self.remove_worker(id, Departure::Denied, now);
     }
 
-    /// Whether anybody is there to work, and to decide.
+    /// Whether there are workers, and enough of them to decide.
     pub fn staffing(&self, now: Instant) -> Staffing {
         let grace_over = |since: Instant| now.saturating_duration_since(since) > self.limits.worker_grace;
         match (self.alone_since, self.undecided_since) {
@@ -281,8 +289,13 @@ impl Scheduler {
     }
 
     /// What happened since the last call.
-    pub fn drain_events(&mut self) -> Vec<Event> {
-        self.events.drain()
+    pub fn drain_events(&mut self) -> Vec<Emitted> {
+        std::mem::take(&mut self.events)
+    }
+
+    /// What came up since the last call that makes accepted results doubtful.
+    pub fn drain_doubts(&mut self) -> Vec<Doubt> {
+        std::mem::take(&mut self.doubts)
     }
 
     /// The first job that failed for good, if any.
@@ -290,24 +303,19 @@ impl Scheduler {
         self.failed.as_ref()
     }
 
+    /// Whether no worker was quarantined, in this start or an earlier one.
+    pub fn is_trusted(&self) -> bool {
+        self.quarantined.is_empty()
+    }
+
     /// How many workers there are.
     pub fn worker_count(&self) -> usize {
         self.workers.len()
     }
 
-    /// The worker that results name like this: no two are named alike.
-    pub fn id_of(&self, label: &str) -> Option<WorkerId> {
-        self.known.iter().find(|(_, known)| known.label == label).map(|(id, _)| *id)
-    }
-
-    /// How many jobs have no answer.
+    /// How many jobs have no result.
     pub fn open_jobs(&self) -> usize {
-        self.jobs.values().filter(|job| !job.delivered).count()
-    }
-
-    /// Whether an earlier start has handed out this job, and this one has not asked for it yet.
-    pub fn was_handed_out(&self, job: JobId) -> bool {
-        self.earlier.as_ref().is_some_and(|earlier| earlier.contains_key(&job))
+        self.jobs.iter().filter(|(_, job)| !job.delivered).count()
     }
 
     /// Whether this worker is registered.
@@ -315,47 +323,47 @@ impl Scheduler {
         self.workers.contains_key(&id)
     }
 
-    /// Whether an answer that was given out is still in doubt, and somebody may remove the doubt: two workers differ,
+    /// Whether a result that was delivered is still in doubt, and a worker may remove the doubt: two workers differ,
     /// or it was to be audited when there was one worker only, and there is another now.
     pub fn in_doubt(&self) -> bool {
         let doubtful =
             |job: &Job| job.delivered && job.needs() > 0 && (job.is_disputed() || self.somebody_else(job));
-        self.jobs.values().any(doubtful)
+        self.jobs.iter().any(|(_, job)| doubtful(job))
     }
 
     /// Ends all leases, because the run ends.
     pub fn close(&mut self, now: Instant) {
         let leases =
-            self.jobs.iter().flat_map(|(id, job)| job.leases.iter().map(|(holder, _)| (*id, *holder)));
+            self.jobs.iter().flat_map(|(id, job)| job.leases.iter().map(move |(holder, _)| (id, *holder)));
         for (job, holder) in leases.collect::<Vec<_>>() {
             self.end_lease(job, holder, AttemptEnd::Dropped, None, now);
         }
-        self.jobs.clear();
+        self.jobs.close_all();
         self.disputed.clear();
         self.queue = Queue::default();
     }
 
-    /// Workers whose last poll had an empty answer and for whom there is a job by now, idle ones first, and no more of them than
-    /// there are jobs. Each should ask for it soon by [`Scheduler::lease_later`].
-    pub fn call(&mut self, now: Instant) -> Vec<WorkerId> {
-        let mut calls = self.queue.calls(now);
-        let mut called = Vec::new();
-        if calls > 0 {
-            for (busy, id) in self.queue.hungry() {
+    /// Workers whose poll found nothing and for which there is a job by now, idle ones first, and no more of them than there
+    /// are jobs. Each should ask for it soon by [`Scheduler::lease_later`].
+    pub fn wake(&mut self, now: Instant) -> Vec<WorkerId> {
+        let mut wakeups = self.queue.wakeups(now);
+        let mut woken = Vec::new();
+        if wakeups > 0 {
+            for (busy, id) in self.queue.idle_polls() {
                 // The others are as busy, and as little allowed to take a job ahead.
-                if calls == 0 || busy && self.queue.waiting() <= self.idle {
+                if wakeups == 0 || busy && self.queue.waiting() <= self.idle {
                     break;
                 }
                 if self.next_job(id, now).is_some() {
-                    called.push(id);
-                    calls -= 1;
+                    woken.push(id);
+                    wakeups -= 1;
                 }
             }
         }
-        for id in &called {
-            self.queue.call(*id);
+        for id in &woken {
+            self.queue.note_wakeup(*id);
         }
-        called
+        woken
     }
 
     /// The one place where a worker goes, whoever noticed: its leases go back to the queue, and losing the last
@@ -376,24 +384,27 @@ impl Scheduler {
             self.alone_since = Some(now);
         }
         self.note_departure(id, why, leases.len(), now);
-        if self.known.get(&id).is_some_and(|known| known.answers == 0) {
+        if self.identities.get(&id).is_some_and(|known| known.answers == 0) {
             // It is in no result: strangers that come and go must not fill the memory with their names.
-            self.known.remove(&id);
+            self.identities.remove(&id);
             self.used_labels.remove(&label);
         }
         self.settle_for_want_of_others(now);
     }
 
     fn note_departure(&mut self, id: WorkerId, why: Departure, leases: usize, now: Instant) {
-        let answers = self.known.get(&id).map_or(0, |known| known.answers);
-        self.events.add(now, What::Gone { worker: self.label(id), id, why, leases, answers });
+        let answers = self.identities.get(&id).map_or(0, |known| known.answers);
+        let label = self.label(id);
+        self.emit(now, EventKind::Departed { worker: id, label, departure: why, leases, answers });
     }
 
     fn notice_undecided(&mut self, now: Instant) {
-        let undecided = self.disputed.iter().map(|id| &self.jobs[id]).find(|job| !self.somebody_else(job));
+        let undecided =
+            self.disputed.iter().filter_map(|id| self.jobs.get(*id)).find(|job| !self.somebody_else(job));
         match (undecided, self.undecided_since) {
             (Some(job), None) => {
-                self.events.add(now, What::Undecided { task: Arc::clone(&job.task) });
+                let task = job.task.to_string();
+                self.emit(now, EventKind::Undecided { task });
                 self.undecided_since = Some(now);
             }
             (Some(_), Some(_)) => {}
@@ -402,8 +413,8 @@ impl Scheduler {
     }
 
     fn notice_starving(&mut self, now: Instant) {
-        let idle = || self.queue.hungry().take_while(|(busy, _)| !busy).count();
-        let unfinished = || self.jobs.values().filter(|job| !job.delivered).count();
+        let idle = || self.queue.idle_polls().take_while(|(busy, _)| !busy).count();
+        let unfinished = || self.jobs.iter().filter(|(_, job)| !job.delivered).count();
         let waiting = self.queue.waiting() > 0;
         let (idle, unfinished) = if waiting { (0, 0) } else { (idle(), unfinished()) };
         if idle == 0 || unfinished == 0 {
@@ -412,13 +423,18 @@ impl Scheduler {
         }
         let since = *self.starving_since.get_or_insert(now);
         if now.saturating_duration_since(since) > STARVING_AFTER {
-            self.events.add(now, What::Starving { idle, unfinished });
+            self.emit(now, EventKind::Starving { idle, unfinished });
             self.starving_since = Some(now + (STARVING_AGAIN - STARVING_AFTER));
         }
     }
 
-    fn label(&self, id: WorkerId) -> String {
-        self.known.get(&id).map_or_else(|| id.to_string(), |known| known.label.clone())
+    fn emit(&mut self, at: Instant, kind: EventKind) {
+        self.events.push(Emitted { at, kind });
+    }
+
+    /// The label of a worker that is here or has reported a result.
+    pub fn label(&self, id: WorkerId) -> String {
+        self.identities.get(&id).map_or_else(|| id.to_string(), |known| known.label.clone())
     }
 }
 

@@ -1,27 +1,27 @@
-//! Who may get something next: jobs that wait, jobs that a second worker may take, workers that polled in vain.
+//! What is matched next: waiting jobs, jobs due for a hedge, workers whose poll found nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Instant;
 
 use proto::{JobId, WorkerId};
 
-use super::turns::{ClientId, Place, Turns};
+use super::fair_queue::{ClientId, FairQueue, QueuePosition};
 
-/// Jobs that are overdue and workers that are called for them at once.
+/// Jobs that are overdue and workers that are woken for them at once.
 const MAX_HEDGES_AT_ONCE: usize = 16;
 
 /// Jobs and workers in the order in which they are matched.
 #[derive(Debug, Default)]
 pub(super) struct Queue {
-    /// Jobs that need more answers than they have leases, by place.
-    waiting: BTreeMap<Place, JobId>,
-    turns: Turns,
-    /// Jobs that need the one answer of the one lease they have, by when a second worker may take them.
+    /// Jobs that need more results than they have leases, by position.
+    waiting: BTreeMap<QueuePosition, JobId>,
+    fair_queue: FairQueue,
+    /// Jobs that need the one result of the one lease they have, by when a second worker may take them.
     covered: BTreeSet<(Instant, JobId)>,
     /// Workers that polled in vain, those without a lease first.
-    hungry: BTreeSet<(bool, WorkerId)>,
-    /// Workers that were called and have not asked yet.
-    called: BTreeSet<WorkerId>,
+    idle_polls: BTreeSet<(bool, WorkerId)>,
+    /// Workers that were woken and have not asked yet.
+    woken: BTreeSet<WorkerId>,
 }
 
 impl Queue {
@@ -35,25 +35,25 @@ impl Queue {
         self.waiting.values().copied()
     }
 
-    /// The place of a client's next job.
-    pub(super) fn place(&mut self, client: ClientId) -> Place {
-        self.turns.place(client)
+    /// The position of a client's next job.
+    pub(super) fn position(&mut self, client: ClientId) -> QueuePosition {
+        self.fair_queue.position(client)
     }
 
-    /// Notes that the job at this place is handed out.
-    pub(super) fn serve(&mut self, place: Place) {
-        self.turns.serve(place);
+    /// Notes that the job at this position is handed out.
+    pub(super) fn serve(&mut self, position: QueuePosition) {
+        self.fair_queue.serve(position);
     }
 
     pub(super) fn forget_client(&mut self, client: ClientId) {
-        self.turns.forget(client);
+        self.fair_queue.forget(client);
     }
 
-    pub(super) fn set_waiting(&mut self, place: Place, job: JobId, waits: bool) {
+    pub(super) fn set_waiting(&mut self, position: QueuePosition, job: JobId, waits: bool) {
         if waits {
-            self.waiting.insert(place, job);
+            self.waiting.insert(position, job);
         } else {
-            self.waiting.remove(&place);
+            self.waiting.remove(&position);
         }
     }
 
@@ -73,43 +73,43 @@ impl Queue {
     }
 
     /// Notes whether a worker, busy or idle, polled in vain.
-    pub(super) fn set_hungry(&mut self, id: WorkerId, busy: Option<bool>) {
+    pub(super) fn set_idle_poll(&mut self, id: WorkerId, busy: Option<bool>) {
         self.forget_worker(id);
         if let Some(busy) = busy {
-            self.hungry.insert((busy, id));
+            self.idle_polls.insert((busy, id));
         }
     }
 
     /// A worker that may have polled in vain while it was busy has nothing more to do.
     pub(super) fn comes_free(&mut self, id: WorkerId) {
-        if self.hungry.remove(&(true, id)) {
-            self.hungry.insert((false, id));
+        if self.idle_polls.remove(&(true, id)) {
+            self.idle_polls.insert((false, id));
         }
     }
 
-    pub(super) fn hungry(&self) -> impl Iterator<Item = (bool, WorkerId)> {
-        self.hungry.iter().copied()
+    pub(super) fn idle_polls(&self) -> impl Iterator<Item = (bool, WorkerId)> {
+        self.idle_polls.iter().copied()
     }
 
-    /// How many more workers to call: one a job, less those that are on their way.
-    pub(super) fn calls(&self, now: Instant) -> usize {
+    /// How many more polls to wake: one a job, less those that were woken and have not asked yet.
+    pub(super) fn wakeups(&self, now: Instant) -> usize {
         let jobs = self.waiting.len() + self.overdue(now).take(MAX_HEDGES_AT_ONCE).count();
-        jobs.saturating_sub(self.called.len())
+        jobs.saturating_sub(self.woken.len())
     }
 
-    pub(super) fn call(&mut self, id: WorkerId) {
+    pub(super) fn note_wakeup(&mut self, id: WorkerId) {
         self.forget_worker(id);
-        self.called.insert(id);
+        self.woken.insert(id);
     }
 
-    /// A call may not have been heard, because the poll was given up meanwhile: others may be called instead.
-    pub(super) fn forget_calls(&mut self) {
-        self.called.clear();
+    /// A wakeup may be lost, because the poll was given up meanwhile: others may be woken instead.
+    pub(super) fn forget_wakeups(&mut self) {
+        self.woken.clear();
     }
 
     pub(super) fn forget_worker(&mut self, id: WorkerId) {
-        self.hungry.remove(&(false, id));
-        self.hungry.remove(&(true, id));
-        self.called.remove(&id);
+        self.idle_polls.remove(&(false, id));
+        self.idle_polls.remove(&(true, id));
+        self.woken.remove(&id);
     }
 }

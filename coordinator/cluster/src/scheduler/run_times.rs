@@ -1,18 +1,18 @@
-//! How long tasks of one kind take: what says when one takes too long.
+//! How long tasks of equal counted cost take: what says when one takes too long.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
-use crate::task::Likeness;
+use crate::cost::CountedCost;
 
 /// Run times a median is taken of: so many that one slow machine does not move it, so few that it follows caches that
 /// warm up.
 const RECENT: usize = 63;
 
-/// Recent run times of tasks of each kind.
+/// Recent run times of tasks of each cost.
 #[derive(Debug, Default)]
 pub(super) struct RunTimes {
-    kinds: BTreeMap<Likeness, Recent>,
+    costs: BTreeMap<CountedCost, Recent>,
 }
 
 #[derive(Debug, Default)]
@@ -22,9 +22,9 @@ struct Recent {
 }
 
 impl RunTimes {
-    /// Adds a run time and returns whether it is the first of its kind.
-    pub(super) fn add(&mut self, kind: Likeness, time: Duration) -> bool {
-        let recent = self.kinds.entry(kind).or_default();
+    /// Adds a run time and returns whether it is the first of its cost.
+    pub(super) fn add(&mut self, cost: CountedCost, time: Duration) -> bool {
+        let recent = self.costs.entry(cost).or_default();
         if recent.in_order.len() == RECENT
             && let Some(oldest) = recent.in_order.pop_front()
             && let Ok(place) = recent.sorted.binary_search(&oldest)
@@ -37,9 +37,9 @@ impl RunTimes {
         recent.sorted.len() == 1
     }
 
-    /// The median of the recent ones of its kind, if there was one.
-    pub(super) fn median(&self, kind: Likeness) -> Option<Duration> {
-        let sorted = &self.kinds.get(&kind)?.sorted;
+    /// The median of the recent ones of its cost, if there was one.
+    pub(super) fn median(&self, cost: CountedCost) -> Option<Duration> {
+        let sorted = &self.costs.get(&cost)?.sorted;
         sorted.get(sorted.len() / 2).copied()
     }
 }
@@ -47,23 +47,25 @@ impl RunTimes {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cost::Work;
 
     #[test]
-    fn the_median_follows_the_recent_ones_of_its_kind() {
+    fn the_median_follows_the_recent_ones_of_its_cost() {
         let mut times = RunTimes::default();
-        let (kind, other) = ([0, 1, 2], [0, 1, 3]);
-        assert_eq!(times.median(kind), None);
-        assert!(times.add(kind, Duration::from_secs(9)));
-        assert_eq!(times.median(kind), Some(Duration::from_secs(9)));
+        let cost = |pairs| CountedCost { work: Work::Tile, clouds: 0, pairs };
+        let (cost, other) = (cost(2), cost(3));
+        assert_eq!(times.median(cost), None);
+        assert!(times.add(cost, Duration::from_secs(9)));
+        assert_eq!(times.median(cost), Some(Duration::from_secs(9)));
         for seconds in [1, 2, 1, 2] {
-            assert!(!times.add(kind, Duration::from_secs(seconds)));
+            assert!(!times.add(cost, Duration::from_secs(seconds)));
         }
-        assert_eq!(times.median(kind), Some(Duration::from_secs(2)));
+        assert_eq!(times.median(cost), Some(Duration::from_secs(2)));
         for _ in 0..RECENT {
-            times.add(kind, Duration::from_secs(5));
+            times.add(cost, Duration::from_secs(5));
         }
-        assert_eq!(times.median(kind), Some(Duration::from_secs(5)));
-        assert_eq!(times.kinds[&kind].sorted.len(), RECENT);
+        assert_eq!(times.median(cost), Some(Duration::from_secs(5)));
+        assert_eq!(times.costs[&cost].sorted.len(), RECENT);
         assert_eq!(times.median(other), None);
     }
 }

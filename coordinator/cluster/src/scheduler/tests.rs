@@ -9,7 +9,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::evaluation::{Evaluation, EvaluationResult};
-use crate::scheduler::job::UNRECORDED;
+use crate::store::UNRECORDED;
 use crate::task::{Names, TaskResult};
 
 const LIMITS: Limits = Limits { max_failures: 3, ..Limits::SAMPLE };
@@ -98,13 +98,13 @@ impl Bench {
     }
 
     fn labels(&self) -> Vec<&str> {
-        self.scheduler.workers.keys().map(|id| self.scheduler.known[id].label.as_str()).collect()
+        self.scheduler.workers.keys().map(|id| self.scheduler.identities[id].label.as_str()).collect()
     }
 
     /// Workers that went since the last call, with the reason.
     fn departures(&mut self) -> Vec<(String, Departure)> {
-        let went = |event: Event| match event.what {
-            What::Gone { worker, why, .. } => Some((worker, why)),
+        let went = |event: Emitted| match event.kind {
+            EventKind::Departed { label, departure, .. } => Some((label, departure)),
             _ => None,
         };
         self.scheduler.drain_events().into_iter().filter_map(went).collect()
@@ -142,7 +142,7 @@ fn labels_are_unique_and_kept_by_a_worker_that_returns() {
     assert_eq!(bench.join(3).as_deref(), Ok("host"));
     assert_eq!(bench.join(2).as_deref(), Ok("host-2"));
     assert_eq!(bench.join(4).as_deref(), Ok("host-3"));
-    let joined = |event: &Event| matches!(event.what, What::Joined { .. });
+    let joined = |event: &Emitted| matches!(event.kind, EventKind::Joined { .. });
     assert_eq!(bench.scheduler.drain_events().iter().filter(|event| joined(event)).count(), 5);
 }
 
@@ -156,11 +156,11 @@ fn the_jobs_of_a_silent_worker_go_to_another_and_a_late_answer_still_counts() {
     bench.join(2).unwrap();
     let again = bench.take(2);
     assert_eq!(again, Lease { job, attempt: 2 });
-    // The first worker was only cut off: it registers again and hands in its answer.
+    // The first worker was only cut off: it registers again and hands in its result.
     bench.join(1).unwrap();
     assert_eq!(bench.report(1, lost, good()).acknowledged, [lost]);
     assert_eq!(bench.scheduler.drain_finished()[0].attempt, 1);
-    // The second worker has begun: it goes on, and its answer is compared and changes nothing.
+    // The second worker has begun: it goes on, and its result is compared and changes nothing.
     assert!(bench.poll(2, &[again], 0).revoked.is_empty());
     assert_eq!(bench.report(2, again, good()).acknowledged, [again]);
     assert!(bench.scheduler.drain_finished().is_empty());
@@ -225,7 +225,7 @@ fn a_failed_job_goes_to_another_worker_and_ends_after_the_limit() {
     assert!(bench.poll(1, &[], 1).jobs.is_empty(), "not where it failed, while another worker is there");
     let lease = bench.take(2);
     assert_eq!((lease.job, lease.attempt), (job, 2));
-    // An answer that cannot be one is a failure, too.
+    // A result that cannot be one is a failure, too.
     bench.report(2, lease, result(11));
     assert_eq!(bench.scheduler.failed(), None);
     let lease = bench.take(1); // it failed everywhere: anyone may try again
@@ -377,7 +377,7 @@ fn a_job_that_another_asks_for_too_is_handed_out_as_early_as_for_the_one_that_wa
     let mut bench = Bench::new(1);
     let jobs: Vec<JobId> = (0..20).map(|_| bench.submit()).collect();
     bench.scheduler.share(jobs[15], ClientId(2));
-    bench.scheduler.check_books();
+    bench.scheduler.check_invariants();
     let order: Vec<JobId> = bench.poll(1, &[], 20).jobs.iter().map(|(lease, _)| lease.job).collect();
     assert_eq!((order.len(), order[1]), (20, jobs[15]));
 }
@@ -487,7 +487,7 @@ proptest! {
                 }
             }
             answered.extend(bench.scheduler.drain_finished().into_iter().map(|finished| finished.job));
-            bench.scheduler.check_books();
+            bench.scheduler.check_invariants();
         }
         let unique: BTreeSet<JobId> = answered.iter().copied().collect();
         prop_assert_eq!(answered.len(), unique.len());

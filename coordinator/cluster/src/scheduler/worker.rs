@@ -5,27 +5,6 @@ use std::time::{Duration, Instant};
 
 use proto::JobId;
 
-/// How a worker introduces itself.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Introduction {
-    /// The name its operator gave it.
-    pub name: String,
-    /// Threads that evaluate.
-    pub threads: u32,
-    /// Which build it is.
-    pub build: String,
-    /// What it showed at the door: `token`, or `certificate` and its fingerprint; `None` where nothing is asked for.
-    pub credential: Option<String>,
-}
-
-#[cfg(test)]
-impl Introduction {
-    /// For tests: a worker of that name, let in without a credential.
-    pub fn sample(name: &str) -> Self {
-        Self { name: name.to_owned(), threads: 1, build: "test".to_owned(), credential: None }
-    }
-}
-
 pub(super) struct Worker {
     pub(super) last_seen: Instant,
     pub(super) sequence: u64,
@@ -72,22 +51,22 @@ impl Worker {
         self.leases.retain(|(other, _)| *other != job);
     }
 
-    /// Takes a pause of the coordinator's out of every reckoning.
+    /// Leaves a pause of the coordinator out of all times.
     pub(super) fn forgive(&mut self, pause: Duration, now: Instant) {
         self.last_seen = (self.last_seen + pause).min(now);
         self.first_since = (self.first_since + pause).min(now);
     }
 }
 
-/// What is remembered of a worker that may be gone.
-pub(super) struct Acquaintance {
+/// What is kept of a worker that may be gone.
+pub(super) struct WorkerIdentity {
     pub(super) label: String,
-    /// Valid answers to jobs that were open.
+    /// Valid results of jobs that were open.
     pub(super) answers: u64,
 }
 
-impl Acquaintance {
-    /// Somebody new; the label is taken from those that are left.
+impl WorkerIdentity {
+    /// A new worker; the label is taken from those that are left.
     pub(super) fn new(name: &str, used_labels: &mut BTreeSet<String>) -> Self {
         let label = unique_label(name, used_labels);
         used_labels.insert(label.clone());

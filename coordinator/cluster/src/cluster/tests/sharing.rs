@@ -1,4 +1,4 @@
-//! Several clients of one cluster: what they share, and what each is told.
+//! Several clients of one cluster: what they share, and what is delivered to each.
 
 use std::cell::Cell;
 
@@ -10,7 +10,7 @@ fn evaluation_of(shape_bins: u32) -> Evaluation {
     Evaluation { parameters: Parameters { shape_bins, ..Parameters::PAPER_BEST }, ..evaluation() }
 }
 
-/// A worker that recognises as many clouds as `correct` has for the bins; counts its answers.
+/// A worker that recognises as many clouds as `correct` has for the bins; counts its results.
 async fn labour(cluster: &Cluster, number: u8, answers: &Cell<usize>, correct: impl Fn(u32) -> u32) {
     let id = WorkerId([number; 16]);
     let introduction = Introduction::sample("host");
@@ -30,7 +30,7 @@ async fn labour(cluster: &Cluster, number: u8, answers: &Cell<usize>, correct: i
         }
         tokio::task::yield_now().await; // an answer that is there at once would leave nobody else a turn
     }
-    std::future::pending().await // it was shown out
+    std::future::pending().await // it was removed
 }
 
 /// How many clouds each descriptor recognises, in the order of asking.
@@ -40,7 +40,7 @@ async fn ask(client: &mut Client, bins: &[u32]) -> Result<Vec<u32>, ClusterError
     Ok(finished.iter().map(|finished| finished.result.object_correct).collect())
 }
 
-/// The same, where the answers are there, or never will be.
+/// The same, where the results are there, or never will be.
 async fn ask_nobody(client: &mut Client, bins: &[u32]) -> Option<Vec<u32>> {
     tokio::select! {
         biased;
@@ -133,10 +133,14 @@ async fn each_is_told_of_attempts_at_what_it_has_asked_and_of_all_workers() {
         () = labour(&cluster, 1, &answers, |bins| bins) => unreachable!(),
     };
     first.note_rewind(1, "for a test".to_owned());
-    let [one, two] = [first.proceedings(), second.proceedings()];
-    assert_eq!((one.attempts.len(), two.attempts.len()), (2, 3));
-    assert_eq!((one.workers.len(), two.workers.len()), (1, 1));
-    assert_eq!((one.events.len(), two.events.len()), (1, 1));
+    for (client, attempts) in [(first, 2), (second, 3)] {
+        let events = client.events();
+        let count = |is_it: fn(&EventKind) -> bool| events.iter().filter(|event| is_it(&event.kind)).count();
+        assert_eq!(count(|kind| matches!(kind, EventKind::Attempt(_))), attempts);
+        assert_eq!(count(|kind| matches!(kind, EventKind::Joined { .. })), 1);
+        assert_eq!(count(|kind| matches!(kind, EventKind::Rewind { generation: 1, .. })), 1);
+        assert_eq!(events.len(), attempts + 2);
+    }
 }
 
 #[tokio::test]
@@ -144,7 +148,7 @@ async fn whatever_stops_one_stops_all() {
     let (cluster, answers) = (Cluster::new(LIMITS), Cell::new(0));
     let [mut first, mut second] = [cluster.client(), cluster.client()];
     let both = async { tokio::join!(ask(&mut first, &[1]), ask(&mut second, &[2])) };
-    // More than there are clouds: no answer at all.
+    // More than there are clouds: no result at all.
     let (one, two) = tokio::select! {
         ended = both => ended,
         () = labour(&cluster, 1, &answers, |bins| if bins == 1 { 10 } else { bins }) => unreachable!(),

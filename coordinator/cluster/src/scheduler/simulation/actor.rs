@@ -12,11 +12,11 @@ use crate::task::{Task, TaskResult};
 /// What a worker makes of its jobs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Nature {
-    /// The right answer.
+    /// The right result.
     Honest,
-    /// The right answer, or none.
+    /// The right result, or none.
     Failing,
-    /// An answer of its own.
+    /// A result of its own.
     Lying,
 }
 
@@ -40,7 +40,7 @@ pub struct Actor {
     finished: Vec<Report>,
 }
 
-/// The descriptor of a task stands for the task, and its number decides the answer.
+/// The descriptor of a task stands for the task, and its number decides the result.
 pub fn number(task: &Task) -> u32 {
     match task {
         Task::GridCell(cell) => cell.disk_um,
@@ -48,7 +48,7 @@ pub fn number(task: &Task) -> u32 {
     }
 }
 
-/// The right answer.
+/// The right result.
 pub fn truth(number: u32) -> u32 {
     number * 7 % 100
 }

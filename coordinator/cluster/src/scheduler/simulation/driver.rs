@@ -1,15 +1,16 @@
-//! What a run does with the scheduler: submits tasks, keeps the answers, and asks again where a worker was wrong.
+//! What a run does with the scheduler: submits tasks, keeps the results, and asks again where a worker was wrong.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Instant;
 
 use descriptor::Parameters;
-use proto::JobId;
+use proto::{JobId, WorkerId};
 
-use super::super::{ClientId, Departure, Scheduler, What};
+use super::super::{ClientId, Scheduler};
 use super::actor::truth;
 use crate::evaluation::Evaluation;
+use crate::events::{Departure, EventKind};
 use crate::task::{Names, Task, TaskResult};
 
 /// Runs that share the workers.
@@ -19,11 +20,12 @@ const CLIENTS: u32 = 3;
 #[derive(Default)]
 pub struct Driver {
     open: BTreeMap<JobId, u32>,
-    /// By task: the answer and who gave it.
-    answers: BTreeMap<u32, (u32, String)>,
+    /// By task: the result and who gave it.
+    answers: BTreeMap<u32, (u32, WorkerId)>,
     asked: BTreeSet<u32>,
     names: Names,
-    pub quarantined: Vec<String>,
+    /// By id, with their labels.
+    pub quarantined: BTreeMap<WorkerId, String>,
     pub disagreements: u64,
 }
 
@@ -45,16 +47,18 @@ impl Driver {
         for finished in scheduler.drain_finished() {
             let number = self.open.remove(&finished.job).expect("an answer to no open job");
             let TaskResult::Evaluation(result) = finished.result else { panic!("another kind of answer") };
-            self.answers.insert(number, (result.object_correct, finished.worker));
+            self.answers.insert(number, (result.object_correct, finished.worker_id));
         }
         for event in scheduler.drain_events() {
-            match event.what {
-                What::Gone { worker, why: Departure::Quarantined, .. } => self.quarantined.push(worker),
-                What::Disagreement { .. } => self.disagreements += 1,
+            match event.kind {
+                EventKind::Departed { worker, label, departure: Departure::Quarantined, .. } => {
+                    self.quarantined.insert(worker, label);
+                }
+                EventKind::Disagreement { .. } => self.disagreements += 1,
                 _ => {}
             }
         }
-        let doubtful = self.answers.iter().filter(|(_, (_, worker))| self.quarantined.contains(worker));
+        let doubtful = self.answers.iter().filter(|(_, (_, worker))| self.quarantined.contains_key(worker));
         for number in doubtful.map(|(number, _)| *number).collect::<Vec<_>>() {
             self.answers.remove(&number);
             self.submit(scheduler, number, now);
@@ -65,12 +69,12 @@ impl Driver {
         self.open.is_empty() && !scheduler.in_doubt()
     }
 
-    /// How many answers are still missing.
+    /// How many results are still missing.
     pub fn missing(&self) -> usize {
         self.open.len()
     }
 
-    /// That every answer is there, and right.
+    /// That every result is there, and right.
     pub fn check(&self) {
         assert_eq!(self.answers.keys().copied().collect::<BTreeSet<_>>(), self.asked);
         for (number, (answer, worker)) in &self.answers {

@@ -8,9 +8,10 @@ use descriptor::random::stream;
 use proto::Lease;
 use rand::RngExt;
 
-use super::super::{Answer, Audit, Introduction, Limits, Poll, PollRefusal, Scheduler};
+use super::super::{Answer, Audit, Limits, Poll, PollRefusal, Scheduler};
 use super::actor::{Actor, Nature};
 use super::driver::Driver;
+use crate::events::Introduction;
 
 const TICK: Duration = Duration::from_millis(500);
 const HOLD: Duration = Duration::from_secs(10);
@@ -29,7 +30,7 @@ enum Happening {
     /// A registration or a poll reaches the coordinator.
     Register(usize),
     Poll(usize, Poll, u64),
-    /// An answer reaches a worker, unless it has given up that call.
+    /// A reply reaches a worker, unless it has given up that call.
     Registered(usize, bool),
     Reply(usize, Result<Answer, PollRefusal>, u64),
     /// A poll has been held back for long enough.
@@ -161,12 +162,12 @@ impl World {
         while let Some(((time, _), happening)) = self.agenda.pop_first() {
             self.clock = time;
             self.happens(happening);
-            self.scheduler.check_books();
+            self.scheduler.check_invariants();
             if self.generations == 0 && self.is_over() {
                 self.driver.check();
                 self.check_quarantined();
                 self.scheduler.close(self.now());
-                self.scheduler.check_books();
+                self.scheduler.check_invariants();
                 return self.mishaps;
             }
             assert!(self.clock < END, "{} answers are missing", self.driver.missing());
@@ -174,7 +175,7 @@ impl World {
         unreachable!("the coordinator always looks around once more")
     }
 
-    /// Whether every task has its answer, given that there is somebody to doubt it.
+    /// Whether every task has its result, given that there is somebody to doubt it.
     fn is_over(&self) -> bool {
         self.scheduler.worker_count() >= 2 && self.driver.is_done(&self.scheduler)
     }
@@ -186,7 +187,7 @@ impl World {
         self.mishaps.disagreed = self.driver.disagreements;
         self.mishaps.quarantined = self.driver.quarantined.len() as u64;
         let liar = |label: &String| label.starts_with("Lying");
-        assert!(self.driver.quarantined.iter().all(liar), "{:?}", self.driver.quarantined);
+        assert!(self.driver.quarantined.values().all(liar), "{:?}", self.driver.quarantined);
     }
 
     /// No job waits while a worker that may have it waits, too, unless another was called for it; and that one was
@@ -200,7 +201,7 @@ impl World {
             let id = self.actors[*index].id;
             let fresh = self.scheduler.workers.get(&id).is_some_and(|worker| worker.sequence == *sequence);
             if fresh && self.scheduler.next_job(id, self.now()).is_some() {
-                assert_eq!(self.scheduler.queue.calls(self.now()), 0, "worker {index} was not called");
+                assert_eq!(self.scheduler.queue.wakeups(self.now()), 0, "worker {index} was not called");
                 let since = self.neglected.get(index).copied().unwrap_or(self.clock);
                 assert!(self.clock - since < NEGLECT, "worker {index} is not called");
                 neglected.insert(*index, since);
@@ -366,7 +367,7 @@ impl World {
     fn look(&mut self) {
         let now = self.now();
         self.driver.look(&mut self.scheduler, now);
-        let mut called = self.scheduler.call(now);
+        let mut called = self.scheduler.wake(now);
         while let Some(id) = called.pop() {
             let index = self.actors.iter().position(|actor| actor.id == id).expect("a worker");
             let Some((sequence, wanted, call)) = self.held.remove(&index) else { continue };
@@ -378,7 +379,7 @@ impl World {
                 }
                 Err(refusal) => self.send(index, Happening::Reply(index, Err(refusal), call)),
             }
-            called.extend(self.scheduler.call(now));
+            called.extend(self.scheduler.wake(now));
         }
         self.check_nobody_is_left_waiting();
     }

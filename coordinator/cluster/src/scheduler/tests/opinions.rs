@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A valid answer that is wrong.
+/// A valid result that is wrong.
 fn lie() -> Result<TaskResult, String> {
     Ok(TaskResult::Evaluation(EvaluationResult {
         queries: 10,
@@ -20,15 +20,15 @@ fn audited(workers: u8) -> Bench {
 
 /// How the attempts that are over by now have ended.
 fn ends(bench: &mut Bench) -> Vec<AttemptEnd> {
-    let end = |event: Event| match event.what {
-        What::Attempt(attempt) => Some(attempt.end),
+    let end = |event: Emitted| match event.kind {
+        EventKind::Attempt(attempt) => Some(attempt.end),
         _ => None,
     };
     bench.scheduler.drain_events().into_iter().filter_map(end).collect()
 }
 
-fn said(bench: &mut Bench, is_it: impl Fn(&What) -> bool) -> usize {
-    bench.scheduler.drain_events().iter().filter(|event| is_it(&event.what)).count()
+fn said(bench: &mut Bench, is_it: impl Fn(&EventKind) -> bool) -> usize {
+    bench.scheduler.drain_events().iter().filter(|event| is_it(&event.kind)).count()
 }
 
 #[test]
@@ -47,7 +47,7 @@ fn a_job_that_takes_too_long_is_given_to_an_idle_worker_too_and_the_first_answer
     // The median is 10 s: after 14 s nothing is late, after 15 s it is.
     assert!(bench.poll(1, &[], 2).jobs.is_empty());
     bench.pass(1);
-    assert_eq!(bench.scheduler.call(bench.now), [worker(1)]);
+    assert_eq!(bench.scheduler.wake(bench.now), [worker(1)]);
     let again = bench.scheduler.lease_later(worker(1), bench.sequence, 2, bench.now).unwrap()[0].0;
     assert_eq!(again, Lease { job: slow.job, attempt: 2 });
     bench.scheduler.drain_finished();
@@ -146,7 +146,7 @@ fn an_answer_that_was_accepted_is_taken_back_when_its_hedge_and_a_third_contradi
     assert_eq!(bench.scheduler.drain_finished().len(), 2);
     bench.report(2, again, good());
     assert!(bench.scheduler.in_doubt());
-    assert_eq!(said(&mut bench, |what| matches!(what, What::Disagreement { .. })), 1);
+    assert_eq!(said(&mut bench, |kind| matches!(kind, EventKind::Disagreement { .. })), 1);
     bench.join(3).unwrap();
     let decides = bench.take(3);
     bench.report(3, decides, good());
@@ -164,7 +164,7 @@ fn a_worker_has_one_voice_and_only_on_what_it_was_given() {
         bench.report(1, lease, lie());
     }
     assert!(bench.scheduler.drain_finished().is_empty());
-    assert_eq!(bench.scheduler.jobs[&job].votes.len(), 1);
+    assert_eq!(bench.scheduler.jobs.get(job).unwrap().votes.len(), 1);
 }
 
 #[test]
@@ -179,7 +179,7 @@ fn a_single_worker_is_believed_until_another_joins() {
     bench.report(1, second, lie());
     assert_eq!(bench.scheduler.drain_finished().len(), 2);
     assert!(!bench.scheduler.in_doubt(), "there is nobody who could tell");
-    assert_eq!(said(&mut bench, |what| matches!(what, What::Unaudited)), 1, "once for both");
+    assert_eq!(said(&mut bench, |kind| matches!(kind, EventKind::Unaudited)), 1, "once for both");
     bench.join(2).unwrap();
     assert!(bench.scheduler.in_doubt());
     let checks = bench.poll(2, &[], 2).jobs;
@@ -219,7 +219,10 @@ fn two_workers_that_differ_wait_for_a_third_no_longer_than_the_grace() {
             bench.poll(1, &[], 0);
             bench.poll(2, &[], 0);
         }
-        (bench.scheduler.staffing(bench.now), said(&mut bench, |what| matches!(what, What::Undecided { .. })))
+        (
+            bench.scheduler.staffing(bench.now),
+            said(&mut bench, |kind| matches!(kind, EventKind::Undecided { .. })),
+        )
     };
     assert_eq!(wait(300), (Staffing::Staffed, 1));
     assert_eq!(wait(20), (Staffing::Undecided, 0));
@@ -239,7 +242,7 @@ fn workers_that_idle_for_want_of_jobs_are_reported_now_and_then() {
         bench.pass(10);
         bench.poll(1, &[lease], 0);
         bench.poll(2, &[], 1);
-        reports += said(&mut bench, |what| matches!(what, What::Starving { idle: 1, unfinished: 1 }));
+        reports += said(&mut bench, |kind| matches!(kind, EventKind::Starving { idle: 1, unfinished: 1 }));
     }
     assert_eq!(reports, 2, "after 10 s and 120 s more");
 }

@@ -8,6 +8,7 @@ fn answered(label: &str) -> Finished {
     Finished {
         job: JobId(1),
         result: TaskResult::Evaluation(result),
+        worker_id: worker(9),
         worker: label.to_owned(),
         attempt: 1,
         queued: Duration::ZERO,
@@ -27,9 +28,10 @@ fn resumed() -> (Bench, Lease) {
         leases: vec![(Lease { attempt: 1, ..lease }, worker(9)), (lease, worker(1))],
         ..Recorded::default()
     };
-    // A worker that has answered and gone, and one that was wrong.
+    // A worker that has reported and gone, and one that was wrong.
     recorded.quarantined = [worker(8)].into();
     recorded.accepted = [JobId(1), JobId(2)].into_iter().zip(["host", "host-2"].map(answered)).collect();
+    bench.scheduler.jobs.restore(&recorded);
     bench.scheduler.restore(&recorded, bench.now);
     assert_eq!(bench.submit(), lease.job);
     (bench, lease)

@@ -1,4 +1,4 @@
-//! How an evaluation is cut: into how many shards and tiles, and where.
+//! The shard plan of an evaluation: how many shards and tiles, and which clouds fall to each.
 
 use std::num::NonZeroU32;
 use std::ops::Range;
@@ -9,20 +9,20 @@ use proto::MAX_DESCRIPTION_BYTES;
 use super::costs::Costs;
 use crate::evaluation::Evaluation;
 
-/// A piece that is predicted to take less costs more than it gives, seconds.
+/// A shard or tile that is predicted to take less is not worth its overhead, seconds.
 const LEAST_SECONDS: f64 = 0.1;
-/// Pieces for each worker: so that one that is slower does not hold up all others.
-const PIECES_A_WORKER: usize = 2;
-/// The most pieces of each kind that one evaluation is cut into.
-pub const MAX_PIECES: u32 = 4096;
+/// Shards per worker: several, so that a slow one does not hold up all others.
+const SHARDS_PER_WORKER: usize = 2;
+/// The most shards, and the most tiles, of one evaluation.
+pub const MAX_SHARDS: u32 = 4096;
 
-/// What the experiment says about it.
+/// Into how many shards and tiles the experiment wants an evaluation divided.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Pieces {
+pub enum ShardCount {
     /// As many as keep the workers busy.
     #[default]
     Auto,
-    /// This many of each kind, as far as there are clouds; 1 cuts nothing.
+    /// This many of each kind, as far as there are clouds; 1 shards nothing.
     Fixed(NonZeroU32),
 }
 
@@ -35,37 +35,37 @@ pub struct Load {
     pub workers: usize,
 }
 
-/// How one side, queries or database, is cut.
+/// How one side, queries or database, is sharded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct SideCut {
+pub struct SidePlan {
     /// Shards, in which clouds are described, at least 1.
     pub shards: u32,
     /// Ranges of shards, which are sides of tiles, 1 to `shards`.
     pub ranges: u32,
 }
 
-/// How an evaluation is cut.
+/// How an evaluation is sharded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Cut {
+pub struct ShardPlan {
     /// The queries.
-    pub query: SideCut,
+    pub query: SidePlan,
     /// The database.
-    pub database: SideCut,
+    pub database: SidePlan,
 }
 
-impl Cut {
-    /// How to cut an evaluation; `None`: not at all.
-    pub fn of(evaluation: &Evaluation, pieces: Pieces, load: Load, costs: &Costs) -> Option<Self> {
+impl ShardPlan {
+    /// How to shard an evaluation; `None`: not at all.
+    pub fn of(evaluation: &Evaluation, shard_count: ShardCount, load: Load, costs: &Costs) -> Option<Self> {
         let (queries, database) = (evaluation.queries, evaluation.database_clouds);
         if queries == 0 || database == 0 {
             return None;
         }
-        let (shards, tiles) = match pieces {
-            Pieces::Fixed(count) => (count.get(), count.get()),
-            Pieces::Auto if load.workers < 2 => return None,
-            Pieces::Auto => {
-                let wanted = (PIECES_A_WORKER * load.workers).div_ceil(load.jobs.max(1));
-                let wanted = u32::try_from(wanted).unwrap_or(MAX_PIECES).min(MAX_PIECES);
+        let (shards, tiles) = match shard_count {
+            ShardCount::Fixed(count) => (count.get(), count.get()),
+            ShardCount::Auto if load.workers < 2 => return None,
+            ShardCount::Auto => {
+                let wanted = (SHARDS_PER_WORKER * load.workers).div_ceil(load.jobs.max(1));
+                let wanted = u32::try_from(wanted).unwrap_or(MAX_SHARDS).min(MAX_SHARDS);
                 let worth_while = |seconds: f64| (seconds / LEAST_SECONDS) as u32;
                 let clouds = u64::from(queries) + u64::from(database);
                 let pairs = u64::from(queries) * u64::from(database);
@@ -84,20 +84,20 @@ impl Cut {
             let share = u64::from(shards) * u64::from(clouds) / (u64::from(queries) + u64::from(database));
             let shards = share.max(least(clouds)).max(u64::from(ranges));
             let shards = shards.next_power_of_two().clamp(1, u64::from(clouds)) as u32;
-            SideCut { shards, ranges: ranges.min(shards) }
+            SidePlan { shards, ranges: ranges.min(shards) }
         };
-        let cut = Self { query: side(queries, of_query), database: side(database, of_database) };
+        let plan = Self { query: side(queries, of_query), database: side(database, of_database) };
         // A cloud that no message can describe is described where it is matched.
-        let fits = |SideCut { shards, .. }: SideCut, clouds: u32| {
+        let fits = |SidePlan { shards, .. }: SidePlan, clouds: u32| {
             let largest = clouds.div_ceil(shards);
             descriptor.signature_bytes(largest) <= MAX_DESCRIPTION_BYTES
         };
-        (fits(cut.query, queries) && fits(cut.database, database)).then_some(cut)
+        (fits(plan.query, queries) && fits(plan.database, database)).then_some(plan)
     }
 
-    /// Whether an evaluation of so many clouds can be cut like this.
+    /// Whether an evaluation of so many clouds can be sharded like this.
     pub fn suits(&self, evaluation: &Evaluation) -> bool {
-        let suits = |SideCut { shards, ranges }: SideCut, clouds: u32| {
+        let suits = |SidePlan { shards, ranges }: SidePlan, clouds: u32| {
             (1..=shards).contains(&ranges) && shards <= clouds
         };
         suits(self.query, evaluation.queries) && suits(self.database, evaluation.database_clouds)
@@ -134,14 +134,14 @@ mod tests {
         Evaluation::sample(queries, database_clouds)
     }
 
-    fn fixed(count: u32) -> Pieces {
-        Pieces::Fixed(NonZeroU32::new(count).unwrap())
+    fn fixed(count: u32) -> ShardCount {
+        ShardCount::Fixed(NonZeroU32::new(count).unwrap())
     }
 
-    /// How ten evaluations of so many clouds are cut for so many workers.
-    fn auto(clouds: u32, workers: usize) -> Option<Cut> {
+    /// How ten evaluations of so many clouds are sharded for so many workers.
+    fn auto(clouds: u32, workers: usize) -> Option<ShardPlan> {
         let load = Load { jobs: 10, workers };
-        Cut::of(&evaluation(clouds, clouds), Pieces::Auto, load, &Costs::default())
+        ShardPlan::of(&evaluation(clouds, clouds), ShardCount::Auto, load, &Costs::default())
     }
 
     #[test]
@@ -152,50 +152,56 @@ mod tests {
         }
         let load = Load { jobs: 1, workers: 100 };
         for (queries, database) in [(0, 9), (9, 0)] {
-            assert_eq!(Cut::of(&evaluation(queries, database), fixed(9), load, &Costs::default()), None);
+            assert_eq!(
+                ShardPlan::of(&evaluation(queries, database), fixed(9), load, &Costs::default()),
+                None
+            );
         }
-        assert_eq!(Cut::of(&evaluation(9, 9), fixed(1), load, &Costs::default()), None);
+        assert_eq!(ShardPlan::of(&evaluation(9, 9), fixed(1), load, &Costs::default()), None);
     }
 
     #[test]
     fn more_workers_get_more_pieces_of_at_least_a_tenth_of_a_second() {
-        let tiles = |cut: Cut| cut.query.ranges * cut.database.ranges;
+        let tiles = |plan: ShardPlan| plan.query.ranges * plan.database.ranges;
         let of_workers = [10, 100, 1000].map(|workers| auto(100_000, workers).unwrap());
         assert_eq!(of_workers.map(tiles), [2, 20, 196]);
-        // Describing takes some ten seconds, which are not cut into more than a hundred pieces.
-        assert!(of_workers.iter().all(|cut| cut.query.shards + cut.database.shards <= 256), "{of_workers:?}");
+        // Describing takes some ten seconds, which are not divided into more than a hundred shards.
+        assert!(
+            of_workers.iter().all(|plan| plan.query.shards + plan.database.shards <= 256),
+            "{of_workers:?}"
+        );
         // Only describing is worth while.
-        let cut = auto(4000, 100).unwrap();
-        assert!(cut.query.shards > 1 && tiles(cut) > 1, "{cut:?}");
+        let plan = auto(4000, 100).unwrap();
+        assert!(plan.query.shards > 1 && tiles(plan) > 1, "{plan:?}");
     }
 
     #[test]
     fn a_fixed_number_is_kept_as_far_as_there_are_clouds() {
         let load = Load { jobs: 100, workers: 1 };
-        let cut = |pieces, queries, database| {
-            let cut = Cut::of(&evaluation(queries, database), fixed(pieces), load, &Costs::default());
-            let Cut { query, database } = cut.unwrap();
+        let plan = |count, queries, database| {
+            let plan = ShardPlan::of(&evaluation(queries, database), fixed(count), load, &Costs::default());
+            let ShardPlan { query, database } = plan.unwrap();
             [query.shards, query.ranges, database.shards, database.ranges]
         };
-        assert_eq!(cut(16, 100, 100), [8, 4, 8, 4]);
-        assert_eq!(cut(16, 10, 1000), [1, 1, 16, 16]);
-        assert_eq!(cut(4096, 3, 5), [3, 3, 5, 5]);
-        assert_eq!(cut(3, 10, 10), [2, 2, 1, 1]);
+        assert_eq!(plan(16, 100, 100), [8, 4, 8, 4]);
+        assert_eq!(plan(16, 10, 1000), [1, 1, 16, 16]);
+        assert_eq!(plan(4096, 3, 5), [3, 3, 5, 5]);
+        assert_eq!(plan(3, 10, 10), [2, 2, 1, 1]);
     }
 
     #[test]
     fn shards_fit_into_messages() {
         let load = Load { jobs: 1, workers: 1 };
         let huge = evaluation(1_000_000, 10);
-        let cut = Cut::of(&huge, fixed(2), load, &Costs::default()).unwrap();
-        let largest = shares(1_000_000, cut.query.shards).map(|share| share.len() as u32).max().unwrap();
+        let plan = ShardPlan::of(&huge, fixed(2), load, &Costs::default()).unwrap();
+        let largest = shares(1_000_000, plan.query.shards).map(|share| share.len() as u32).max().unwrap();
         assert!(
             Descriptor::DiskRing(huge.parameters).signature_bytes(largest) <= MAX_DESCRIPTION_BYTES,
-            "{cut:?}"
+            "{plan:?}"
         );
         let vast = Parameters { colour_bins: 1000, ..Parameters::PAPER_BEST };
         let undescribable = Evaluation { parameters: vast, ..evaluation(10, 10) };
-        assert_eq!(Cut::of(&undescribable, fixed(4), load, &Costs::default()), None);
+        assert_eq!(ShardPlan::of(&undescribable, fixed(4), load, &Costs::default()), None);
     }
 
     proptest! {
@@ -203,16 +209,16 @@ mod tests {
         fn every_cut_suits_its_evaluation_and_shares_are_all_there_is(
             queries in 0u32..500,
             database in 0u32..500,
-            pieces in 1u32..=MAX_PIECES,
+            count in 1u32..=MAX_SHARDS,
             workers in 0usize..3000,
             jobs in 0usize..100,
         ) {
             let evaluation = evaluation(queries, database);
             let slow = Costs::slower(1e4);
-            for pieces in [fixed(pieces), Pieces::Auto] {
-                let Some(cut) = Cut::of(&evaluation, pieces, Load { jobs, workers }, &slow) else { continue };
-                prop_assert!(cut.suits(&evaluation), "{cut:?}");
-                let shares: Vec<_> = shares(queries, cut.query.shards).collect();
+            for shard_count in [fixed(count), ShardCount::Auto] {
+                let Some(plan) = ShardPlan::of(&evaluation, shard_count, Load { jobs, workers }, &slow) else { continue };
+                prop_assert!(plan.suits(&evaluation), "{plan:?}");
+                let shares: Vec<_> = shares(queries, plan.query.shards).collect();
                 prop_assert!(shares.iter().all(|share| !share.is_empty()));
                 let all: Vec<u32> = shares.into_iter().flatten().collect();
                 prop_assert_eq!(all, (0..queries).collect::<Vec<u32>>());

@@ -1,4 +1,4 @@
-//! One job: who works on it, what was answered, and how many answers it still needs.
+//! One job: who works on it, what was reported, and how many results it still needs.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use proto::{Digest, WorkerId};
 
-use super::turns::Place;
+use crate::scheduler::fair_queue::QueuePosition;
 use crate::task::{Task, TaskResult};
 
 /// Attempts that are remembered: a worker that never gets its replies must not fill the memory.
@@ -14,19 +14,19 @@ const MAX_ATTEMPTS: usize = 256;
 
 /// Attempts that may have been handed out and not recorded when a coordinator was killed: each takes longer than the
 /// commit that records it.
-pub(super) const UNRECORDED: u32 = 8;
+pub const UNRECORDED: u32 = 8;
 
-/// One worker's answer.
-pub(super) struct Vote {
-    pub(super) worker: WorkerId,
-    pub(super) label: String,
-    pub(super) attempt: u32,
-    /// Equal for answers that are equal bit for bit.
-    pub(super) fingerprint: Digest,
-    /// The answer, until one is delivered.
-    pub(super) result: Option<TaskResult>,
-    pub(super) queued: Duration,
-    pub(super) run_seconds: f64,
+/// One worker's result.
+pub struct Vote {
+    pub worker: WorkerId,
+    pub label: String,
+    pub attempt: u32,
+    /// Equal for results that are equal bit for bit.
+    pub fingerprint: Digest,
+    /// The result, until one is delivered.
+    pub result: Option<TaskResult>,
+    pub queued: Duration,
+    pub run_seconds: f64,
 }
 
 /// One time that the job was handed out.
@@ -36,32 +36,32 @@ struct HandedOut {
     at: Instant,
 }
 
-pub(super) struct Job {
-    pub(super) task: Arc<Task>,
+pub struct Job {
+    pub task: Arc<Task>,
     /// Jobs are handed out in this order.
-    pub(super) place: Place,
-    pub(super) submitted: Instant,
-    /// Two workers have to agree on the answer.
-    pub(super) audited: bool,
-    /// An answer has been given to who submitted the job.
-    pub(super) delivered: bool,
+    pub position: QueuePosition,
+    pub submitted: Instant,
+    /// Two workers have to agree on the result.
+    pub audited: bool,
+    /// A result has been delivered.
+    pub delivered: bool,
     /// Who works on it, on which attempt.
-    pub(super) leases: Vec<(WorkerId, u32)>,
+    pub leases: Vec<(WorkerId, u32)>,
     handed_out: Vec<HandedOut>,
     /// Attempts that an earlier start may have handed out without a record of it, to whom nobody knows.
     unrecorded: Range<u32>,
-    pub(super) votes: Vec<Vote>,
-    pub(super) failures: Vec<(WorkerId, String)>,
-    pub(super) losses: Vec<String>,
+    pub votes: Vec<Vote>,
+    pub failures: Vec<(WorkerId, String)>,
+    pub losses: Vec<String>,
     /// From when on a second worker may take it beside the one that has it, as it stands in the scheduler's list.
-    pub(super) hedge_from: Option<Instant>,
+    pub hedge_from: Option<Instant>,
 }
 
 impl Job {
-    pub(super) fn new(task: Arc<Task>, place: Place, audited: bool, submitted: Instant) -> Self {
+    pub fn new(task: Arc<Task>, position: QueuePosition, audited: bool, submitted: Instant) -> Self {
         Self {
             task,
-            place,
+            position,
             submitted,
             audited,
             delivered: false,
@@ -76,14 +76,14 @@ impl Job {
     }
 
     /// When this attempt was handed out to this worker; `None` if it never was.
-    pub(super) fn handed_out_at(&self, worker: WorkerId, attempt: u32) -> Option<Instant> {
+    pub fn handed_out_at(&self, worker: WorkerId, attempt: u32) -> Option<Instant> {
         let is_it = |handed_out: &&HandedOut| handed_out.attempt == attempt && handed_out.worker == worker;
         let recorded = self.handed_out.iter().find(is_it).map(|handed_out| handed_out.at);
         recorded.or_else(|| self.unrecorded.contains(&attempt).then_some(self.submitted))
     }
 
     /// Notes the attempts that earlier starts have made, in order.
-    pub(super) fn restore_attempts(&mut self, attempts: &[(WorkerId, u32)], now: Instant) {
+    pub fn restore_attempts(&mut self, attempts: &[(WorkerId, u32)], now: Instant) {
         let kept = attempts.iter().rev().take(MAX_ATTEMPTS).rev();
         let handed_out = |&(worker, attempt): &(WorkerId, u32)| HandedOut { attempt, worker, at: now };
         self.handed_out = kept.map(handed_out).collect();
@@ -92,7 +92,7 @@ impl Job {
     }
 
     /// Notes that the job is handed out once more, and returns which attempt that is.
-    pub(super) fn hand_out(&mut self, worker: WorkerId, at: Instant) -> u32 {
+    pub fn hand_out(&mut self, worker: WorkerId, at: Instant) -> u32 {
         let attempt = self.handed_out.last().map_or(1, |last| last.attempt.saturating_add(1));
         if self.handed_out.len() == MAX_ATTEMPTS {
             self.handed_out.remove(0);
@@ -102,20 +102,20 @@ impl Job {
     }
 
     /// The attempt on which this worker holds a lease.
-    pub(super) fn lease_of(&self, worker: WorkerId) -> Option<u32> {
+    pub fn lease_of(&self, worker: WorkerId) -> Option<u32> {
         self.leases.iter().find(|(holder, _)| *holder == worker).map(|(_, attempt)| *attempt)
     }
 
-    pub(super) fn failed_on(&self, worker: WorkerId) -> bool {
+    pub fn failed_on(&self, worker: WorkerId) -> bool {
         self.failures.iter().any(|(failed, _)| *failed == worker)
     }
 
-    pub(super) fn answered_by(&self, worker: WorkerId) -> bool {
+    pub fn answered_by(&self, worker: WorkerId) -> bool {
         self.votes.iter().any(|vote| vote.worker == worker)
     }
 
-    /// Whether two answers differ.
-    pub(super) fn is_disputed(&self) -> bool {
+    /// Whether two results differ.
+    pub fn is_disputed(&self) -> bool {
         self.votes.iter().any(|vote| vote.fingerprint != self.votes[0].fingerprint)
     }
 
@@ -123,15 +123,15 @@ impl Job {
         self.votes.iter().filter(|vote| vote.fingerprint == fingerprint).count()
     }
 
-    /// The first of the votes for the answer that most workers gave, the earliest on ties.
-    pub(super) fn leading(&self) -> Option<&Vote> {
+    /// The first of the votes for the result that most workers gave, the earliest on ties.
+    pub fn leading(&self) -> Option<&Vote> {
         // Of several that are equally good, `max_by_key` takes the last.
         self.votes.iter().rev().max_by_key(|vote| self.agreeing(vote.fingerprint))
     }
 
-    /// How many more equal answers it needs. Two workers have to agree where the job is audited, or where answers
+    /// How many more equal results it needs. Two workers have to agree where the job is audited, or where results
     /// differ.
-    pub(super) fn needs(&self) -> usize {
+    pub fn needs(&self) -> usize {
         let agreeing = self.leading().map_or(0, |vote| self.agreeing(vote.fingerprint));
         let wanted = if self.audited || self.is_disputed() { 2 } else { 1 };
         wanted - agreeing.min(wanted)

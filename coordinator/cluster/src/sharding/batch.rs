@@ -1,30 +1,30 @@
-//! Evaluations that are asked for together, each whole or in pieces, from tasks to results.
+//! Evaluations that are asked for together, each whole or sharded, from tasks to results.
 
 use std::sync::Arc;
 
 use proto::JobId;
 
-use super::cut::Cut;
+use super::plan::ShardPlan;
+use super::sharded::{ShardedEvaluation, Subtask};
 use super::side::Side;
-use super::under_way::{Piece, UnderWay};
 use crate::evaluation::{Evaluation, EvaluationResult};
-use crate::scheduler::Finished;
+use crate::scheduler::messages::Finished;
 use crate::task::{Task, TaskResult};
 
-/// An evaluation with how it is cut, if it is.
-pub type Planned = (Evaluation, Option<(Cut, [Arc<Side>; 2])>);
+/// An evaluation with how it is sharded, if it is.
+pub type Planned = (Evaluation, Option<(ShardPlan, [Arc<Side>; 2])>);
 
 /// Evaluations under way. Its tasks are numbered in the order in which it gives them.
 pub struct Batch {
     evaluations: Vec<State>,
-    /// Evaluation and piece of each task so far; `None` of a whole evaluation.
-    tasks: Vec<(usize, Option<Piece>)>,
+    /// Evaluation and subtask of each task so far; `None` of a whole evaluation.
+    tasks: Vec<(usize, Option<Subtask>)>,
     done: usize,
 }
 
 enum State {
     Whole,
-    InPieces(JobId, Box<UnderWay>),
+    Sharded(JobId, Box<ShardedEvaluation>),
     Done(Finished<EvaluationResult>),
 }
 
@@ -33,28 +33,28 @@ impl Batch {
     pub fn new(planned: Vec<Planned>) -> (Self, Vec<Task>) {
         let mut batch = Self { evaluations: Vec::new(), tasks: Vec::new(), done: 0 };
         let mut first = Vec::new();
-        for (index, (evaluation, cut)) in planned.into_iter().enumerate() {
+        for (index, (evaluation, plan)) in planned.into_iter().enumerate() {
             let whole = Task::Evaluation(evaluation.clone());
-            let Some((cut, sides)) = cut else {
+            let Some((plan, sides)) = plan else {
                 batch.evaluations.push(State::Whole);
                 batch.tasks.push((index, None));
                 first.push(whole);
                 continue;
             };
-            let under_way = UnderWay::new(evaluation, cut, sides);
-            first.extend(batch.number(index, under_way.begin()));
-            batch.evaluations.push(State::InPieces(whole.job(0), Box::new(under_way)));
+            let sharded = ShardedEvaluation::new(evaluation, plan, sides);
+            first.extend(batch.number(index, sharded.begin()));
+            batch.evaluations.push(State::Sharded(whole.job(0), Box::new(sharded)));
         }
         (batch, first)
     }
 
-    /// Takes in the answer to a task, and returns what can be done by now.
+    /// Takes in the result of a task, and returns what can be done by now.
     pub fn take(&mut self, task: usize, finished: Finished) -> Vec<Task> {
-        let (index, piece) = self.tasks[task];
-        let (further, result) = match (&mut self.evaluations[index], piece) {
-            (State::InPieces(job, under_way), Some(piece)) => {
-                let further = under_way.take(piece, finished);
-                (further, under_way.finish(*job))
+        let (index, subtask) = self.tasks[task];
+        let (further, result) = match (&mut self.evaluations[index], subtask) {
+            (State::Sharded(job, sharded), Some(subtask)) => {
+                let further = sharded.take(subtask, finished);
+                (further, sharded.finish(*job))
             }
             (State::Whole, None) => (Vec::new(), whole(finished)),
             _ => (Vec::new(), None), // answered before
@@ -75,22 +75,22 @@ impl Batch {
     pub fn finish(self) -> Vec<Finished<EvaluationResult>> {
         let result = |state| match state {
             State::Done(finished) => Some(finished),
-            State::Whole | State::InPieces(..) => None,
+            State::Whole | State::Sharded(..) => None,
         };
         self.evaluations.into_iter().filter_map(result).collect()
     }
 
-    fn number(&mut self, evaluation: usize, tasks: Vec<(Piece, Task)>) -> Vec<Task> {
-        self.tasks.extend(tasks.iter().map(|(piece, _)| (evaluation, Some(*piece))));
+    fn number(&mut self, evaluation: usize, tasks: Vec<(Subtask, Task)>) -> Vec<Task> {
+        self.tasks.extend(tasks.iter().map(|(subtask, _)| (evaluation, Some(*subtask))));
         tasks.into_iter().map(|(_, task)| task).collect()
     }
 }
 
 fn whole(finished: Finished) -> Option<Finished<EvaluationResult>> {
-    let Finished { job, result, worker, attempt, queued, run_seconds, settled } = finished;
+    let Finished { job, result, worker_id, worker, attempt, queued, run_seconds, settled } = finished;
     match result {
         TaskResult::Evaluation(result) => {
-            Some(Finished { job, result, worker, attempt, queued, run_seconds, settled })
+            Some(Finished { job, result, worker_id, worker, attempt, queued, run_seconds, settled })
         }
         TaskResult::GridCell(_) | TaskResult::Description(_) => None, // `Task::check` lets none pass
     }

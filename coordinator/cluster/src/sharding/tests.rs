@@ -1,4 +1,4 @@
-//! Evaluations in pieces give what they give whole, whatever the cut and the order of arrival.
+//! Sharded evaluations give what they give whole, whatever the plan and the order of arrival.
 
 use std::time::Duration;
 
@@ -6,13 +6,16 @@ use descriptor::recognise::recognise_from;
 use descriptor::{Correct, DistanceMatrix, Label, Parameters, Signature, Signatures};
 use proptest::prelude::*;
 use prost::Message as _;
-use proto::{Digest, JobId, v1};
+use proto::{Digest, JobId, Lease, WorkerId, v1};
 
+use super::batch::Planned;
 use super::*;
 use crate::blobs::BlobStore;
 use crate::evaluation::{Evaluation, EvaluationResult, Match};
-use crate::scheduler::Finished;
+use crate::journal::Recorded;
+use crate::scheduler::messages::Finished;
 use crate::shard::{Described, Tile};
+use crate::store::JobStore;
 use crate::task::{Task, TaskResult};
 
 /// A cloud whose descriptor is one number, so that few numbers make many equal distances.
@@ -53,7 +56,7 @@ impl World {
         clouds
     }
 
-    /// What a worker answers to an evaluation.
+    /// What a worker reports for an evaluation.
     fn evaluate(&self, evaluation: &Evaluation) -> EvaluationResult {
         let [queries, database] = [&evaluation.query, &evaluation.database].map(|side| self.clouds(side));
         let labels = [&queries, &database].map(|side| side.iter().map(label).collect::<Vec<Label>>());
@@ -75,7 +78,7 @@ impl World {
         }
     }
 
-    /// What a worker answers.
+    /// What a worker reports.
     fn answer(&self, task: &Task) -> TaskResult {
         match task {
             Task::Evaluation(evaluation) => TaskResult::Evaluation(self.evaluate(evaluation)),
@@ -115,19 +118,30 @@ fn signatures(clouds: &[Toy]) -> Signatures {
 
 fn finished(job: JobId, result: TaskResult, worker: &str) -> Finished {
     let queued = Duration::from_millis(5);
-    Finished { job, result, worker: worker.to_owned(), attempt: 1, queued, run_seconds: 0.5, settled: true }
+    let worker_id = WorkerId([worker.len() as u8; 16]);
+    Finished {
+        job,
+        result,
+        worker_id,
+        worker: worker.to_owned(),
+        attempt: 1,
+        queued,
+        run_seconds: 0.5,
+        settled: true,
+    }
 }
 
 /// Results of evaluations whose tasks are answered in an order that `seed` decides, with the number of tasks.
 fn carry_out(
     world: &World,
     evaluations: &[Evaluation],
-    planner: &mut Planner,
+    planner: &Planner,
+    jobs: &mut JobStore,
     seed: u64,
 ) -> (Vec<Finished<EvaluationResult>>, usize) {
     let load = Load { jobs: 0, workers: 8 };
-    planner.decide(evaluations, load, |_| false);
-    let planned = evaluations.iter().map(|one| planner.lay_out(one.clone(), &world.blobs)).collect();
+    planner.decide(evaluations, load, jobs);
+    let planned = evaluations.iter().map(|one| lay_out(world, one, jobs)).collect();
     let (mut batch, first) = Batch::new(planned);
     let mut open: Vec<(usize, Task)> = first.into_iter().enumerate().collect();
     let (mut given, mut draw) = (open.len(), seed);
@@ -144,6 +158,11 @@ fn carry_out(
     (batch.finish(), given)
 }
 
+fn lay_out(world: &World, evaluation: &Evaluation, jobs: &JobStore) -> Planned {
+    let plan = jobs.plan(Task::Evaluation(evaluation.clone()).job(0)).flatten();
+    Layouts::default().lay_out(evaluation.clone(), plan, &world.blobs)
+}
+
 fn toys(most: usize) -> impl Strategy<Value = Vec<Toy>> {
     let toy = (0u8..=8, 0u32..5).prop_map(|(number, instance)| Toy { number, instance });
     prop::collection::vec(toy, 1..most)
@@ -153,10 +172,10 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(400))]
 
     #[test]
-    fn pieces_in_any_order_are_the_whole(
+    fn subtasks_in_any_order_are_the_whole(
         queries in toys(14),
         databases in prop::collection::vec(toys(16), 1..3),
-        pieces in 1u32..30,
+        count in 1u32..30,
         want_matches in any::<bool>(),
         seed in any::<u64>(),
     ) {
@@ -174,10 +193,11 @@ proptest! {
         };
         let other = Parameters { shape_bins: 9, ..Parameters::PAPER_BEST };
         let evaluations = [evaluation.clone(), Evaluation { parameters: other, ..evaluation.clone() }];
-        let pieces = Pieces::Fixed(pieces.try_into().unwrap());
+        let shard_count = ShardCount::Fixed(count.try_into().unwrap());
         let mut planner = Planner::default();
-        planner.set_pieces(pieces);
-        let (done, tasks) = carry_out(&world, &evaluations, &mut planner, seed);
+        planner.set_shard_count(shard_count);
+        let mut jobs = JobStore::default();
+        let (done, tasks) = carry_out(&world, &evaluations, &planner, &mut jobs, seed);
         let bits = |found: &Match| {
             let runner_up = found.runner_up.map(|(index, distance)| (index, distance.to_bits()));
             (found.nearest, found.distance.to_bits(), runner_up)
@@ -189,9 +209,9 @@ proptest! {
             prop_assert_eq!(&both[0], &both[1]);
             prop_assert_eq!(finished.job, Task::Evaluation(evaluation.clone()).job(0));
         }
-        // Once more: the same pieces, whatever a planner would decide by now.
+        // Once more: the same plan, whatever a planner would decide by now.
         planner.observe(&Task::Evaluation(evaluation), 1e9);
-        let (again, tasks_again) = carry_out(&world, &evaluations, &mut planner, !seed);
+        let (again, tasks_again) = carry_out(&world, &evaluations, &planner, &mut jobs, !seed);
         prop_assert_eq!(tasks_again, tasks);
         prop_assert_eq!(&again[0].result, &done[0].result);
     }
@@ -216,9 +236,10 @@ fn slow() -> (World, Evaluation, Planner) {
 }
 
 #[test]
-fn pieces_are_accounted_for_together() {
-    let (world, evaluation, mut planner) = slow();
-    let (done, tasks) = carry_out(&world, std::slice::from_ref(&evaluation), &mut planner, 7);
+fn subtasks_are_accounted_for_together() {
+    let (world, evaluation, planner) = slow();
+    let mut jobs = JobStore::default();
+    let (done, tasks) = carry_out(&world, std::slice::from_ref(&evaluation), &planner, &mut jobs, 7);
     assert!(tasks > 16, "{tasks}");
     let Finished { worker, attempt, run_seconds, settled, .. } = &done[0];
     assert_eq!((worker.as_str(), *attempt, *settled), ("2 workers", 1, true));
@@ -226,37 +247,45 @@ fn pieces_are_accounted_for_together() {
 }
 
 #[test]
-fn a_run_that_goes_on_keeps_to_its_cuts_and_to_what_it_asked_whole() {
-    let (world, evaluation, mut planner) = slow();
+fn a_run_that_goes_on_keeps_to_its_plans_and_to_what_it_asked_whole() {
+    let (world, evaluation, planner) = slow();
     let load = Load { jobs: 0, workers: 8 };
-    let cuts = planner.decide(std::slice::from_ref(&evaluation), load, |_| false);
+    let asked = std::slice::from_ref(&evaluation);
+    let plans = planner.decide(asked, load, &mut JobStore::default());
     let job = Task::Evaluation(evaluation.clone()).job(0);
-    assert_eq!(cuts[0].0, job);
+    assert_eq!(plans[0].0, job);
+    let restored = |plan| {
+        let mut jobs = JobStore::default();
+        jobs.restore(&Recorded { plans: [(job, plan)].into(), ..Recorded::default() });
+        jobs
+    };
 
     // Nobody has come back yet, and nothing was measured.
-    let mut again = Planner::new(cuts.iter().copied().collect());
-    assert!(again.has_cut(job));
+    let (again, mut jobs) = (Planner::default(), restored(plans[0].1));
+    assert_eq!(jobs.plan(job), Some(Some(plans[0].1)));
     let alone = Load { jobs: 0, workers: 0 };
-    assert_eq!(again.decide(std::slice::from_ref(&evaluation), alone, |_| false), []);
-    assert_eq!(again.lay_out(evaluation.clone(), &world.blobs).1.unwrap().0, cuts[0].1);
+    assert_eq!(again.decide(asked, alone, &mut jobs), []);
+    assert_eq!(lay_out(&world, &evaluation, &jobs).1.unwrap().0, plans[0].1);
 
-    // A cut that nobody can have made is none.
-    let side = SideCut { shards: 4000, ranges: 2 };
-    let foreign = Cut { query: side, database: side };
-    let mut damaged = Planner::new([(job, foreign)].into());
-    assert_eq!(damaged.decide(std::slice::from_ref(&evaluation), alone, |_| false), []);
-    assert!(damaged.lay_out(evaluation.clone(), &world.blobs).1.is_none());
+    // A plan that nobody can have made is none.
+    let side = SidePlan { shards: 4000, ranges: 2 };
+    let mut damaged = restored(ShardPlan { query: side, database: side });
+    assert_eq!(again.decide(asked, alone, &mut damaged), []);
+    assert!(lay_out(&world, &evaluation, &damaged).1.is_none());
 
-    // What a worker may still hold is not cut.
-    let (_, _, mut slow) = self::slow();
-    assert_eq!(slow.decide(std::slice::from_ref(&evaluation), load, |asked| asked == job), []);
-    assert!(slow.lay_out(evaluation, &world.blobs).1.is_none());
+    // What a worker may still hold is not sharded.
+    let mut held = JobStore::default();
+    let leases = vec![(Lease { job, attempt: 1 }, WorkerId([1; 16]))];
+    held.restore(&Recorded { leases, ..Recorded::default() });
+    assert_eq!(planner.decide(asked, load, &mut held), []);
+    assert!(lay_out(&world, &evaluation, &held).1.is_none());
 }
 
 #[test]
-fn what_is_not_released_is_not_cut() {
-    let (mut world, evaluation, mut planner) = slow();
-    planner.decide(std::slice::from_ref(&evaluation), Load { jobs: 0, workers: 8 }, |_| false);
+fn what_is_not_published_is_not_sharded() {
+    let (mut world, evaluation, planner) = slow();
+    let mut jobs = JobStore::default();
+    planner.decide(std::slice::from_ref(&evaluation), Load { jobs: 0, workers: 8 }, &mut jobs);
     world.blobs = BlobStore::default();
-    assert!(planner.lay_out(evaluation, &world.blobs).1.is_none());
+    assert!(lay_out(&world, &evaluation, &jobs).1.is_none());
 }

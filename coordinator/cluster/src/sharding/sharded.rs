@@ -1,31 +1,31 @@
-//! One evaluation in pieces, from its first description to its result.
+//! One sharded evaluation, from its first description to its result.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
 use descriptor::{Correct, Descriptor};
-use proto::{Digest, JobId};
+use proto::{Digest, JobId, WorkerId};
 
-use super::cut::{Cut, shares};
 use super::merge::Merged;
+use super::plan::{ShardPlan, shares};
 use super::side::Side;
 use crate::evaluation::{Evaluation, EvaluationResult};
-use crate::scheduler::Finished;
+use crate::scheduler::messages::Finished;
 use crate::shard::{Described, Description, Tile};
 use crate::task::{Task, TaskResult};
 
-/// A piece of an evaluation. Side 0 are the queries, side 1 is the database.
+/// A shard or a tile of an evaluation. Side 0 are the queries, side 1 is the database.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Piece {
+pub enum Subtask {
     /// A shard of a side.
     Shard { side: usize, index: usize },
     /// A tile, by its ranges of shards of each side.
     Tile { ranges: [usize; 2] },
 }
 
-/// One side of an evaluation under way.
+/// One side of a sharded evaluation.
 struct Half {
     side: Arc<Side>,
     /// Digest of each shard's description, as far as it is known.
@@ -34,16 +34,17 @@ struct Half {
     ranges: Vec<Range<usize>>,
 }
 
-/// An evaluation in pieces.
-pub struct UnderWay {
+/// An evaluation that is divided into shards and tiles.
+pub struct ShardedEvaluation {
     evaluation: Evaluation,
     halves: [Half; 2],
     /// Which tiles were asked for, row by row.
     asked: Vec<bool>,
-    /// Tiles without an answer.
+    /// Tiles without a result.
     missing: usize,
     merged: Merged,
-    workers: BTreeSet<String>,
+    /// Who reported, with labels.
+    workers: BTreeMap<WorkerId, String>,
     attempt: u32,
     queued: Option<Duration>,
     run_seconds: f64,
@@ -74,11 +75,11 @@ impl Half {
     }
 }
 
-impl UnderWay {
+impl ShardedEvaluation {
     /// An evaluation of which nothing is there yet.
-    pub fn new(evaluation: Evaluation, cut: Cut, [query, database]: [Arc<Side>; 2]) -> Self {
+    pub fn new(evaluation: Evaluation, plan: ShardPlan, [query, database]: [Arc<Side>; 2]) -> Self {
         let merged = Merged::new(query.labels.len());
-        let halves = [Half::new(query, cut.query.ranges), Half::new(database, cut.database.ranges)];
+        let halves = [Half::new(query, plan.query.ranges), Half::new(database, plan.database.ranges)];
         let tiles = halves[0].ranges.len() * halves[1].ranges.len();
         Self {
             evaluation,
@@ -86,7 +87,7 @@ impl UnderWay {
             asked: vec![false; tiles],
             missing: tiles,
             merged,
-            workers: BTreeSet::new(),
+            workers: BTreeMap::new(),
             attempt: 1,
             queued: None,
             run_seconds: 0.0,
@@ -95,7 +96,7 @@ impl UnderWay {
     }
 
     /// What is to be done first: every shard has to be described.
-    pub fn begin(&self) -> Vec<(Piece, Task)> {
+    pub fn begin(&self) -> Vec<(Subtask, Task)> {
         let mut tasks = Vec::new();
         for (side, half) in self.halves.iter().enumerate() {
             for (index, shard) in half.side.shards.iter().enumerate() {
@@ -104,25 +105,25 @@ impl UnderWay {
                     manifest: shard.manifest,
                     clouds: shard.clouds.len() as u32,
                 };
-                tasks.push((Piece::Shard { side, index }, Task::Description(description)));
+                tasks.push((Subtask::Shard { side, index }, Task::Description(description)));
             }
         }
         tasks
     }
 
-    /// Takes in a piece, and returns what can be done by now.
-    pub fn take(&mut self, piece: Piece, finished: Finished) -> Vec<(Piece, Task)> {
+    /// Takes in the result of a subtask, and returns what can be done by now.
+    pub fn take(&mut self, subtask: Subtask, finished: Finished) -> Vec<(Subtask, Task)> {
         self.attempt = self.attempt.max(finished.attempt);
         self.queued.get_or_insert(finished.queued);
         self.run_seconds += finished.run_seconds;
         self.settled &= finished.settled;
-        self.workers.insert(finished.worker);
-        match (piece, finished.result) {
-            (Piece::Shard { side, index }, TaskResult::Description(Described { digest, .. })) => {
+        self.workers.insert(finished.worker_id, finished.worker);
+        match (subtask, finished.result) {
+            (Subtask::Shard { side, index }, TaskResult::Description(Described { digest, .. })) => {
                 self.halves[side].descriptions[index] = Some(digest);
                 self.ready(side, index)
             }
-            (Piece::Tile { ranges }, TaskResult::Evaluation(result)) => {
+            (Subtask::Tile { ranges }, TaskResult::Evaluation(result)) => {
                 self.missing -= 1;
                 let [query, database] = &self.halves;
                 let first = query.clouds(ranges[0]).start as usize;
@@ -135,7 +136,7 @@ impl UnderWay {
     }
 
     /// Tiles that waited for this shard and wait for no other.
-    fn ready(&mut self, side: usize, shard: usize) -> Vec<(Piece, Task)> {
+    fn ready(&mut self, side: usize, shard: usize) -> Vec<(Subtask, Task)> {
         let mut tasks = Vec::new();
         let range = self.halves[side].ranges.partition_point(|range| range.end <= shard);
         for across in 0..self.halves[1 - side].ranges.len() {
@@ -145,7 +146,7 @@ impl UnderWay {
                 && let Some(tile) = self.tile(ranges)
             {
                 self.asked[place] = true;
-                tasks.push((Piece::Tile { ranges }, Task::Tile(tile)));
+                tasks.push((Subtask::Tile { ranges }, Task::Tile(tile)));
             }
         }
         tasks
@@ -168,7 +169,7 @@ impl UnderWay {
         })
     }
 
-    /// The result under the name of the whole evaluation, once every tile has its answer.
+    /// The result under the name of the whole evaluation, once every tile has its result.
     pub fn finish(&mut self, job: JobId) -> Option<Finished<EvaluationResult>> {
         if self.missing > 0 {
             return None;
@@ -176,7 +177,8 @@ impl UnderWay {
         let matches = std::mem::take(&mut self.merged).finish();
         let [queries, database] = self.halves.each_ref().map(|half| &half.side.labels[..]);
         let correct = Correct::of_nearest(matches.iter().map(|found| found.nearest), queries, database);
-        let mut workers = std::mem::take(&mut self.workers);
+        let count = self.workers.len();
+        let (worker_id, label) = std::mem::take(&mut self.workers).pop_first()?;
         Some(Finished {
             job,
             result: EvaluationResult {
@@ -185,10 +187,8 @@ impl UnderWay {
                 category_correct: correct.category as u32,
                 matches: if self.evaluation.want_matches { matches } else { Vec::new() },
             },
-            worker: match workers.len() {
-                1 => workers.pop_first().unwrap_or_default(),
-                count => format!("{count} workers"),
-            },
+            worker_id,
+            worker: if count == 1 { label } else { format!("{count} workers") },
             attempt: self.attempt,
             queued: self.queued.unwrap_or_default(),
             run_seconds: self.run_seconds,

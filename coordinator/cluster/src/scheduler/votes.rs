@@ -1,22 +1,22 @@
-//! Answers: which one counts, who is contradicted, and what follows for a worker that was wrong.
+//! Votes: which result of a job counts, which workers are contradicted, and how a worker that was wrong is quarantined.
 
 use std::sync::Arc;
 use std::time::Instant;
 
 use proto::{JobId, Lease, WorkerId};
 
-use super::event::{AttemptEnd, What};
-use super::job::{Job, Vote};
-use super::{Departure, Finished, JobFailed, Report, Scheduler};
+use super::{Doubt, Emitted, Finished, JobFailed, Report, Scheduler};
+use crate::events::{AttemptEnd, Departure, EventKind};
+use crate::store::{Job, Vote};
 
 impl Scheduler {
-    /// Takes one report; a valid answer counts from whichever lease, once a worker.
+    /// Takes one report; a valid result counts from whichever lease, once a worker.
     pub(super) fn accept(&mut self, id: WorkerId, report: Report, now: Instant) {
         let Lease { job: job_id, attempt } = report.lease;
-        let Some(job) = self.jobs.get(&job_id) else {
+        let Some(job) = self.jobs.get(job_id) else {
             return; // answered before, by this worker or another
         };
-        // An attempt that this worker was never given is an invention.
+        // This worker was never given such an attempt.
         let Some(handed_out) = job.handed_out_at(id, attempt).filter(|_| !job.answered_by(id)) else {
             return;
         };
@@ -45,7 +45,7 @@ impl Scheduler {
     }
 
     fn count_vote(&mut self, job_id: JobId, vote: Vote, now: Instant) {
-        let Some(job) = self.jobs.get_mut(&job_id) else { return };
+        let Some(job) = self.jobs.get_mut(job_id) else { return };
         let (id, attempt, run_seconds) = (vote.worker, vote.attempt, Some(vote.run_seconds));
         let held = job.lease_of(id);
         let end = match &job.votes[..] {
@@ -55,7 +55,7 @@ impl Scheduler {
         };
         let result = vote.result.filter(|_| !job.delivered);
         job.votes.push(Vote { result, ..vote });
-        if let Some(known) = self.known.get_mut(&id) {
+        if let Some(known) = self.identities.get_mut(&id) {
             known.answers += 1;
         }
         if held == Some(attempt) {
@@ -67,20 +67,23 @@ impl Scheduler {
         self.settle(job_id, now);
     }
 
-    /// Draws the consequences of the answers that a job has.
+    /// Draws the consequences of the results that a job has.
     fn settle(&mut self, job_id: JobId, now: Instant) {
-        let Some(job) = self.jobs.get(&job_id) else { return };
+        let Some(job) = self.jobs.get(job_id) else { return };
         let (settled, disputed) = (job.needs() == 0, job.is_disputed());
         if disputed && self.disputed.insert(job_id) {
-            let workers = job.votes.iter().map(|vote| vote.label.clone()).collect();
-            self.events.add(now, What::Disagreement { job: job_id, task: Arc::clone(&job.task), workers });
+            let (workers, task) =
+                (job.votes.iter().map(|vote| vote.label.clone()).collect(), Arc::clone(&job.task));
+            let kind = EventKind::Disagreement { job: job_id, task: task.to_string(), workers };
+            self.events.push(Emitted { at: now, kind });
+            self.doubts.push(Doubt::Disagreement { job: job_id, task });
         }
         if !disputed || settled {
             self.disputed.remove(&job_id);
         }
         let alone = !settled && !disputed && !job.votes.is_empty() && !self.somebody_else(job);
         if alone && !job.delivered && !std::mem::replace(&mut self.unaudited, true) {
-            self.events.add(now, What::Unaudited);
+            self.events.push(Emitted { at: now, kind: EventKind::Unaudited });
         }
         if settled || alone {
             self.deliver(job_id);
@@ -95,31 +98,34 @@ impl Scheduler {
         }
     }
 
-    /// Ends all dealings with a worker that was wrong, whether it is here or gone.
+    /// Quarantines a worker that was wrong, whether it is here or gone.
     fn quarantine(&mut self, id: WorkerId, now: Instant) {
         if !self.quarantined.insert(id) {
             return;
         }
+        self.doubts.push(Doubt::Quarantined(id));
         if self.knows(id) {
             self.remove_worker(id, Departure::Quarantined, now);
         } else {
             self.note_departure(id, Departure::Quarantined, 0, now);
         }
-        self.strike_votes(id, now);
+        self.retract_votes(id, now);
         self.settle_for_want_of_others(now);
     }
 
-    /// Gives the leading answer to who submitted the job, once.
+    /// Delivers the leading result, once.
     fn deliver(&mut self, job_id: JobId) {
-        let Some(job) = self.jobs.get_mut(&job_id).filter(|job| !job.delivered) else { return };
+        let Some(job) = self.jobs.get_mut(job_id).filter(|job| !job.delivered) else { return };
         let settled = job.needs() == 0;
-        let Some(Vote { label, attempt, queued, run_seconds, result: Some(result), .. }) = job.leading()
+        let Some(Vote { worker, label, attempt, queued, run_seconds, result: Some(result), .. }) =
+            job.leading()
         else {
             return;
         };
         self.finished.push(Finished {
             job: job_id,
             result: result.clone(),
+            worker_id: *worker,
             worker: label.clone(),
             attempt: *attempt,
             queued: *queued,
@@ -133,9 +139,9 @@ impl Scheduler {
     }
 
     /// Ends the leases on a settled job that wait behind another. Those in hand go on: a worker cannot drop what it
-    /// computes, and its answer is one more to compare.
+    /// computes, and its result is one more to compare.
     fn revoke_queued(&mut self, job_id: JobId, now: Instant) {
-        let Some(job) = self.jobs.get(&job_id) else { return };
+        let Some(job) = self.jobs.get(job_id) else { return };
         let works =
             |id: &WorkerId| self.workers.get(id).is_some_and(|worker| worker.works_on(job_id).is_some());
         let queued = job.leases.iter().map(|(holder, _)| *holder).filter(|holder| !works(holder));
@@ -144,22 +150,26 @@ impl Scheduler {
         }
     }
 
-    /// Workers whose answer to a settled job is not the one that counts.
+    /// Workers whose result to a settled job is not the one that counts.
     fn contradicted(&self, job_id: JobId) -> Vec<WorkerId> {
-        let Some(job) = self.jobs.get(&job_id) else { return Vec::new() };
+        let Some(job) = self.jobs.get(job_id) else { return Vec::new() };
         let Some(right) = job.leading().map(|vote| vote.fingerprint) else { return Vec::new() };
         job.votes.iter().filter(|vote| vote.fingerprint != right).map(|vote| vote.worker).collect()
     }
 
-    /// Takes back every answer of a worker to jobs that are still open. What it has answered before is re-checked by
-    /// who keeps the answers.
-    fn strike_votes(&mut self, id: WorkerId, now: Instant) {
-        let struck = self.jobs.iter_mut().filter_map(|(job_id, job)| {
-            job.answered_by(id).then(|| job.votes.retain(|vote| vote.worker != id)).map(|()| *job_id)
-        });
-        for job_id in struck.collect::<Vec<_>>() {
+    /// Takes back every result of a worker to jobs that are still open. What was accepted from it before is
+    /// checked by jobs of its own.
+    fn retract_votes(&mut self, id: WorkerId, now: Instant) {
+        let answered = self.jobs.iter().filter(|(_, job)| job.answered_by(id)).map(|(job_id, _)| job_id);
+        let answered: Vec<JobId> = answered.collect();
+        for &job_id in &answered {
+            if let Some(job) = self.jobs.get_mut(job_id) {
+                job.votes.retain(|vote| vote.worker != id);
+            }
+        }
+        for job_id in answered {
             // Settling one may end another.
-            match self.jobs.get(&job_id) {
+            match self.jobs.get(job_id) {
                 Some(job) if job.delivered && job.votes.is_empty() => self.abandon(job_id, now),
                 _ => self.settle(job_id, now),
             }
@@ -168,17 +178,17 @@ impl Scheduler {
 
     /// Ends a job and all leases on it.
     pub(super) fn abandon(&mut self, job_id: JobId, now: Instant) {
-        let Some(job) = self.jobs.get(&job_id) else { return };
+        let Some(job) = self.jobs.get(job_id) else { return };
         for (holder, _) in job.leases.clone() {
             self.end_lease(job_id, holder, AttemptEnd::Revoked, None, now);
         }
         self.forget(job_id);
     }
 
-    /// Delivers the answers that were to be audited by somebody who has gone.
+    /// Delivers the results that were to be audited by somebody who has gone.
     pub(super) fn settle_for_want_of_others(&mut self, now: Instant) {
         let waiting = |job: &Job| !job.delivered && !job.votes.is_empty() && !self.somebody_else(job);
-        let alone = self.jobs.iter().filter(|(_, job)| waiting(job)).map(|(id, _)| *id);
+        let alone = self.jobs.iter().filter(|(_, job)| waiting(job)).map(|(id, _)| id);
         for job_id in alone.collect::<Vec<_>>() {
             self.settle(job_id, now);
         }
@@ -190,8 +200,8 @@ impl Scheduler {
     }
 
     pub(super) fn count_failure(&mut self, job_id: JobId, id: WorkerId, failure: String) {
-        // Once its answer counts, a job has nothing to fail at.
-        let Some(job) = self.jobs.get_mut(&job_id).filter(|job| job.needs() > 0) else { return };
+        // Once its result counts, a job has nothing to fail at.
+        let Some(job) = self.jobs.get_mut(job_id).filter(|job| job.needs() > 0) else { return };
         job.failures.push((id, failure));
         if job.failures.len() >= self.limits.max_failures as usize && self.failed.is_none() {
             let failures = job.failures.iter().map(|(_, failure)| failure.clone()).collect();
@@ -201,7 +211,7 @@ impl Scheduler {
 
     /// A worker went with the job in hand: no fault of the job's, until it has happened too often.
     pub(super) fn count_loss(&mut self, job_id: JobId, loss: String) {
-        let Some(job) = self.jobs.get_mut(&job_id).filter(|job| job.needs() > 0) else { return };
+        let Some(job) = self.jobs.get_mut(job_id).filter(|job| job.needs() > 0) else { return };
         job.losses.push(loss);
         if job.losses.len() >= self.limits.max_losses as usize && self.failed.is_none() {
             let (task, failures) = (Arc::clone(&job.task), job.losses.clone());

@@ -1,4 +1,4 @@
-//! Whose job is next: clients take turns, so that one that asks for a thousand jobs at once does not hold up one that
+//! Whose job is next: clients are served in turn, so that one that asks for a thousand jobs at once does not hold up one that
 //! asks for ten.
 //!
 //! Start-time fair queueing (Goyal, Vin and Cheng, 1996) with jobs of equal length and clients of equal weight.
@@ -10,41 +10,41 @@ use std::collections::BTreeMap;
 pub struct ClientId(pub u32);
 
 impl ClientId {
-    /// Whoever checks answers, for all others.
+    /// Checks results, for all others.
     pub const AUDITOR: Self = Self(0);
 }
 
 /// Where a job stands among those that wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) struct Place {
-    turn: u64,
-    /// Grows with each job: within one turn, who asked first comes first.
+pub struct QueuePosition {
+    virtual_start: u64,
+    /// Grows with each job: within one virtual start time, who asked first comes first.
     number: u64,
 }
 
-/// Gives places.
+/// Assigns positions in the queue.
 #[derive(Debug, Default)]
-pub(super) struct Turns {
-    /// Turn of the job that was handed out last.
+pub(super) struct FairQueue {
+    /// Virtual start time of the job that was handed out last.
     current: u64,
-    /// Next turn of each client. One that did not ask for a while has saved up nothing.
+    /// Virtual start time of the next job of each client. One that did not ask for a while has saved up nothing.
     next: BTreeMap<ClientId, u64>,
-    places: u64,
+    positions: u64,
 }
 
-impl Turns {
-    /// The place of a client's next job: after its other jobs, and not before what was handed out already.
-    pub(super) fn place(&mut self, client: ClientId) -> Place {
+impl FairQueue {
+    /// The position of a client's next job: after its other jobs, and not before what was handed out already.
+    pub(super) fn position(&mut self, client: ClientId) -> QueuePosition {
         let next = self.next.entry(client).or_default();
-        let turn = self.current.max(*next);
-        *next = turn + 1;
-        self.places += 1;
-        Place { turn, number: self.places }
+        let virtual_start = self.current.max(*next);
+        *next = virtual_start + 1;
+        self.positions += 1;
+        QueuePosition { virtual_start, number: self.positions }
     }
 
-    /// Notes that the job at this place is handed out.
-    pub(super) fn serve(&mut self, place: Place) {
-        self.current = self.current.max(place.turn);
+    /// Notes that the job at this position is handed out.
+    pub(super) fn serve(&mut self, position: QueuePosition) {
+        self.current = self.current.max(position.virtual_start);
     }
 
     pub(super) fn forget(&mut self, client: ClientId) {
@@ -59,23 +59,23 @@ mod tests {
     /// Lets clients ask and be served one by one; returns which client each job that was handed out was for.
     #[derive(Default)]
     struct Line {
-        turns: Turns,
-        waiting: BTreeMap<Place, u32>,
+        fair_queue: FairQueue,
+        waiting: BTreeMap<QueuePosition, u32>,
     }
 
     impl Line {
         fn ask(&mut self, client: u32, jobs: u32) {
             for _ in 0..jobs {
-                self.waiting.insert(self.turns.place(ClientId(client)), client);
+                self.waiting.insert(self.fair_queue.position(ClientId(client)), client);
             }
         }
 
         fn serve(&mut self, jobs: usize) -> Vec<u32> {
             let mut served = Vec::new();
             while served.len() < jobs
-                && let Some((place, client)) = self.waiting.pop_first()
+                && let Some((position, client)) = self.waiting.pop_first()
             {
-                self.turns.serve(place);
+                self.fair_queue.serve(position);
                 served.push(client);
             }
             served
@@ -84,17 +84,17 @@ mod tests {
 
     #[test]
     fn one_client_is_served_in_the_order_in_which_it_asks() {
-        let mut turns = Turns::default();
-        let places: Vec<Place> = (0..100)
+        let mut fair_queue = FairQueue::default();
+        let positions: Vec<QueuePosition> = (0..100)
             .map(|asked| {
-                let place = turns.place(ClientId(1));
+                let position = fair_queue.position(ClientId(1));
                 if asked % 3 == 0 {
-                    turns.serve(place);
+                    fair_queue.serve(position);
                 }
-                place
+                position
             })
             .collect();
-        assert!(places.is_sorted());
+        assert!(positions.is_sorted());
     }
 
     #[test]

@@ -1,10 +1,8 @@
-//! What pieces of an evaluation will take.
+//! How long shards and tiles of an evaluation will take.
 
 use std::collections::VecDeque;
 
-use descriptor::Descriptor;
-
-use crate::shard::Description;
+use crate::cost::{CountedCost, Work, counted_cost};
 use crate::task::Task;
 
 /// Describing one cloud on one thread of the machine of the figures in `tests/benches`, seconds.
@@ -43,21 +41,13 @@ impl Costs {
 
     /// Takes in what a task has taken.
     pub fn observe(&mut self, task: &Task, seconds: f64) {
-        let pairs = |queries: u32, database: u32| f64::from(queries) * f64::from(database) * PAIR_SECONDS;
-        match task {
-            Task::Evaluation(whole) => {
-                let clouds = f64::from(whole.queries) + f64::from(whole.database_clouds);
-                let predicted = clouds * CLOUD_SECONDS + pairs(whole.queries, whole.database_clouds);
-                self.whole.add(seconds / predicted);
-            }
-            Task::Description(Description { descriptor: Descriptor::DiskRing(_), clouds, .. }) => {
-                self.clouds.add(seconds / (f64::from(*clouds) * CLOUD_SECONDS));
-            }
-            Task::Tile(tile) => {
-                let (queries, database) = (tile.evaluation.queries, tile.evaluation.database_clouds);
-                self.pairs.add(seconds / pairs(queries, database));
-            }
-            Task::GridCell(_) | Task::Description(_) => {} // never in pieces
+        let CountedCost { work, clouds, pairs } = counted_cost(task);
+        let factor = seconds / (clouds as f64 * CLOUD_SECONDS + pairs as f64 * PAIR_SECONDS);
+        match work {
+            Work::Evaluation => self.whole.add(factor),
+            Work::Description => self.clouds.add(factor),
+            Work::Tile => self.pairs.add(factor),
+            Work::GridCell | Work::FixedDescription(..) => {} // never sharded
         }
     }
 
@@ -91,11 +81,12 @@ impl Factor {
 
 #[cfg(test)]
 mod tests {
-    use descriptor::Parameters;
+    use descriptor::{Descriptor, Parameters};
     use proto::Digest;
 
     use super::*;
     use crate::evaluation::Evaluation;
+    use crate::shard::Description;
 
     #[test]
     fn predictions_follow_the_median_of_what_recent_tasks_took() {

@@ -1,12 +1,12 @@
-//! One side of an evaluation, queries or database, as it is cut: shards with their manifests.
+//! One side of an evaluation, queries or database: its shards with their manifests.
 
 use std::ops::Range;
 
 use descriptor::Label;
 use proto::Digest;
 
-use super::cut::shares;
 use super::listing::Listing;
+use super::plan::shares;
 use crate::blobs::BlobStore;
 
 /// A shard: clouds that are described together.
@@ -23,12 +23,12 @@ pub struct Shard {
 pub struct Side {
     /// What they show, in order.
     pub labels: Vec<Label>,
-    /// How they are cut, in order.
+    /// How they are sharded, in order.
     pub shards: Vec<Shard>,
 }
 
 impl Side {
-    /// Cuts the `clouds` clouds of some splits, one after the other, into shards, and releases their manifests; `None`
+    /// Divides the `clouds` clouds of some splits, one after the other, into shards, and releases their manifests; `None`
     /// if a split is not released, or they list other clouds.
     pub fn publish(splits: &[Digest], clouds: u32, shards: u32, blobs: &BlobStore) -> Option<Self> {
         let mut listing = Listing::default();

@@ -1,0 +1,332 @@
+//! What a cluster decides under its one lock: who gets which job, what the journal keeps of it, and who is woken.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::{Instant, SystemTime};
+
+use descriptor::Descriptor;
+use proto::{JobId, Lease, WorkerId};
+use tokio::sync::Notify;
+
+use super::ClusterNews;
+use super::clients::Clients;
+use crate::evaluation::Evaluation;
+use crate::events::{Event, EventKind, EventLog};
+use crate::journal::{Accepted, Entry, Journal, LogSequence, Member};
+use crate::scheduler::{
+    Answer, ClientId, Doubt, Emitted, Finished, Introduction, Poll, PollRefusal, RegisterRefusal, Scheduler,
+};
+use crate::shard::Description;
+use crate::sharding::{Load, Planner, ShardPlan};
+use crate::store::Checked;
+use crate::task::Task;
+
+pub(super) struct ClusterState {
+    /// Workers, and the store of jobs.
+    pub(super) scheduler: Scheduler,
+    pub(super) clients: Clients,
+    pub(super) planner: Planner,
+    /// Without one, as for a single evaluation, nothing is kept.
+    journal: Option<Arc<Journal>>,
+    events: Arc<EventLog>,
+    /// The entry of the journal with which the last retraction is on the disk.
+    retracted: Option<LogSequence>,
+    /// What wakes the poll of each worker that is held back.
+    wakeups: BTreeMap<WorkerId, Arc<Notify>>,
+    /// Both clocks, read at one moment: decisions use one, events the other.
+    started: (Instant, SystemTime),
+}
+
+impl ClusterState {
+    pub(super) fn new(
+        scheduler: Scheduler,
+        journal: Option<Arc<Journal>>,
+        events: Arc<EventLog>,
+        started: (Instant, SystemTime),
+    ) -> Self {
+        Self {
+            scheduler,
+            clients: Clients::default(),
+            planner: Planner::default(),
+            journal,
+            events,
+            retracted: None,
+            wakeups: BTreeMap::new(),
+            started,
+        }
+    }
+
+    /// Hands an entry to the journal.
+    fn record(&self, entry: impl FnOnce() -> Entry) -> Option<LogSequence> {
+        self.journal.as_ref().map(|journal| journal.record(entry()))
+    }
+
+    fn is_durable(&self, sequence: LogSequence) -> bool {
+        self.journal.as_ref().is_none_or(|journal| journal.is_durable(sequence))
+    }
+
+    pub(super) fn register(
+        &mut self,
+        id: WorkerId,
+        introduction: Introduction,
+        in_process: bool,
+        now: Instant,
+    ) -> Result<String, RegisterRefusal> {
+        let label = self.scheduler.register(id, introduction.clone(), now)?;
+        if !in_process {
+            self.record(|| Entry::Joined(id, Member { label: label.clone(), introduction }));
+        }
+        self.settle(now);
+        Ok(label)
+    }
+
+    /// The answer to a poll, which `wakeup` wakes if it is held back, and the leases whose reports are accepted and not on
+    /// the disk yet.
+    pub(super) fn poll(
+        &mut self,
+        id: WorkerId,
+        poll: Poll,
+        wakeup: &Arc<Notify>,
+        now: Instant,
+    ) -> Result<(Answer, Vec<Lease>), PollRefusal> {
+        let answer = self.scheduler.poll(id, poll, now);
+        // An older poll that is held back is out of date, and may end; unless this one is the older.
+        if answer.is_ok()
+            && let Some(before) = self.wakeups.insert(id, Arc::clone(wakeup))
+        {
+            before.notify_one();
+        }
+        self.settle(now);
+        self.wake(now); // a failure, a goodbye or a lost reply may have put jobs back
+        let mut answer = answer?;
+        self.keep_leases(&answer.jobs, id);
+        let withheld = self.withhold(&mut answer.acknowledged);
+        Ok((answer, withheld))
+    }
+
+    /// Takes out of `acknowledged` the leases whose reports are accepted and not on the disk yet.
+    pub(super) fn withhold(&mut self, acknowledged: &mut Vec<Lease>) -> Vec<Lease> {
+        let journal = self.journal.as_deref();
+        let is_durable = |sequence| journal.is_none_or(|journal| journal.is_durable(sequence));
+        self.scheduler.jobs.withhold(acknowledged, is_durable)
+    }
+
+    /// See [`Scheduler::lease_later`].
+    pub(super) fn lease_later(
+        &mut self,
+        id: WorkerId,
+        sequence: u64,
+        wanted: usize,
+        now: Instant,
+    ) -> Result<Vec<(Lease, Arc<Task>)>, PollRefusal> {
+        let jobs = self.scheduler.lease_later(id, sequence, wanted, now)?;
+        self.keep_leases(&jobs, id);
+        self.wake(now); // now that this one is busy, others may take a job ahead
+        Ok(jobs)
+    }
+
+    /// See [`Scheduler::deny`].
+    pub(super) fn deny(&mut self, id: WorkerId, now: Instant) {
+        self.scheduler.deny(id, now);
+        self.settle(now);
+        self.wake(now);
+    }
+
+    /// Submits a task for a client, unless its result is there or another client waits for it. Returns its job.
+    pub(super) fn ask(&mut self, client: ClientId, task: Arc<Task>, now: Instant) -> JobId {
+        let job = self.clients.name(client, &task);
+        let jobs = &mut self.scheduler.jobs;
+        jobs.ask(job);
+        if let Some(finished) = jobs.recall(job, &task) {
+            self.clients.deliver_one(client, finished);
+            return job;
+        }
+        self.clients.wait(client);
+        if jobs.wait_for(job, &task, client) {
+            self.scheduler.submit(job, task, client, now);
+        } else {
+            self.scheduler.share(job, client);
+        }
+        job
+    }
+
+    /// Decides which evaluations are sharded, and keeps that before the first shard is asked for: results of shards and
+    /// tiles are of no use to any other plan.
+    pub(super) fn plan(&mut self, evaluations: &[Evaluation]) -> Vec<Option<ShardPlan>> {
+        let load = Load { jobs: self.scheduler.open_jobs(), workers: self.scheduler.worker_count() };
+        for (job, plan) in self.planner.decide(evaluations, load, &mut self.scheduler.jobs) {
+            self.record(|| Entry::Sharded(job, plan));
+        }
+        let plan = |evaluation: &Evaluation| {
+            self.scheduler.jobs.plan(Task::Evaluation(evaluation.clone()).job(0)).flatten()
+        };
+        evaluations.iter().map(plan).collect()
+    }
+
+    /// Wakes as many of the polls that are held back as there are jobs for them: waking all for each job would cost
+    /// as much as the jobs.
+    pub(super) fn wake(&mut self, now: Instant) {
+        for id in self.scheduler.wake(now) {
+            if let Some(wakeup) = self.wakeups.get(&id) {
+                wakeup.notify_one();
+            }
+        }
+    }
+
+    /// One tick of the clock: removes silent workers, and wakes all clients, for whom a grace may be over.
+    pub(super) fn expire(&mut self, now: Instant) {
+        self.scheduler.expire(now);
+        self.settle(now);
+        self.wake(now);
+        let scheduler = &self.scheduler;
+        self.wakeups.retain(|id, _| scheduler.knows(*id));
+        self.clients.wake_all();
+    }
+
+    /// What happened since a client last looked, with `finished` results for it.
+    pub(super) fn news(&mut self, client: ClientId, finished: usize, now: Instant) -> ClusterNews {
+        ClusterNews {
+            finished,
+            doubts: std::mem::take(&mut self.clients.account(client).doubts),
+            workers: self.scheduler.worker_count(),
+            staffing: self.scheduler.staffing(now),
+            failed: self.scheduler.failed().cloned(),
+        }
+    }
+
+    /// The sequence number up to which the journal has to be durable before anything is delivered, if it is not.
+    pub(super) fn retracted(&self) -> Option<LogSequence> {
+        self.retracted.filter(|sequence| !self.is_durable(*sequence))
+    }
+
+    /// Whether accepted results are being checked. Looks at all open jobs.
+    pub(super) fn is_in_doubt(&self) -> bool {
+        self.scheduler.jobs.is_checking() || self.scheduler.in_doubt()
+    }
+
+    /// A client will submit nothing more.
+    pub(super) fn leave(&mut self, client: ClientId) {
+        self.clients.leave(client);
+        self.scheduler.forget_client(client);
+    }
+
+    /// Draws the consequences of what the scheduler has decided since the last call.
+    fn settle(&mut self, now: Instant) {
+        for finished in self.scheduler.drain_finished() {
+            self.accept(&finished);
+        }
+        let mut is_news = false;
+        for Emitted { at, kind } in self.scheduler.drain_events() {
+            if let EventKind::Departed { worker, .. } = &kind {
+                self.record(|| Entry::Left(*worker));
+            }
+            is_news |= self.append(at, kind).kind.is_news();
+        }
+        for doubt in self.scheduler.drain_doubts() {
+            self.doubt(&doubt, now);
+        }
+        if is_news {
+            self.clients.wake_all();
+        }
+    }
+
+    /// Appends an event to the log, and keeps it.
+    pub(super) fn append(&mut self, at: Instant, kind: EventKind) -> Arc<Event> {
+        let (started, time) = self.started;
+        let event = self.events.append(time + at.saturating_duration_since(started), kind);
+        if !event.omitted {
+            self.record(|| Entry::Event(Arc::clone(&event)));
+        }
+        event
+    }
+
+    /// Accepts a result, and delivers it to the clients that wait for it.
+    fn accept(&mut self, finished: &Finished) {
+        if let Some(Checked { finished, corrected }) = self.scheduler.jobs.check(finished) {
+            self.keep(&finished);
+            if let Some(task) = corrected {
+                self.clients.correct(finished.job, &task);
+            }
+            self.clients.wake_all(); // they may have waited for this doubt to end
+            return;
+        }
+        // A result in doubt is nothing to go on with: the next start computes it again.
+        if finished.settled {
+            self.keep(finished);
+        }
+        if let Some((task, clients)) = self.scheduler.jobs.take_waiting(finished.job) {
+            self.clients.deliver(clients, finished);
+            self.scheduler.jobs.accept(&task, finished);
+        }
+    }
+
+    /// Has the journal keep a result, as far as such results are kept.
+    fn keep(&mut self, finished: &Finished) {
+        let Some(result) = finished.result.kept() else { return };
+        let (job, attempt) = (finished.job, finished.attempt);
+        let entry = || Entry::Accepted(Box::new(Accepted { result, ..finished.clone() }));
+        if let Some(sequence) = self.record(entry) {
+            self.scheduler.jobs.set_pending(Lease { job, attempt }, sequence);
+        }
+    }
+
+    /// Retracts what is in doubt, and tells all clients; results of a quarantined worker are computed again.
+    fn doubt(&mut self, doubt: &Doubt, now: Instant) {
+        match doubt {
+            Doubt::Disagreement { job, .. } => self.retract(*job),
+            Doubt::Quarantined(worker) => {
+                self.record(|| Entry::Quarantined(*worker));
+                for job in self.scheduler.jobs.drop_recorded(*worker) {
+                    self.retract(job);
+                }
+                for recheck in self.scheduler.jobs.recheck(*worker) {
+                    // Until it is checked, it is nothing to go on with.
+                    self.retract(recheck.of);
+                    self.scheduler.submit(recheck.job, recheck.task, ClientId::AUDITOR, now);
+                }
+            }
+        }
+        self.retracted = self.journal.as_ref().map(|journal| journal.end());
+        self.clients.doubt(doubt);
+    }
+
+    /// Retracts a result: it is in doubt.
+    fn retract(&self, job: JobId) {
+        self.record(|| Entry::Retracted(job));
+    }
+
+    /// Retracts the descriptions that a task uses, because it failed for good and they may be the cause: the next start
+    /// computes them again.
+    pub(super) fn doubt_descriptions(&self, task: &Task) {
+        let Task::Tile(tile) = task else { return };
+        let descriptor = Descriptor::DiskRing(tile.evaluation.parameters);
+        for &manifest in tile.evaluation.query.iter().chain(&tile.evaluation.database) {
+            let clouds = tile.evaluation.queries; // no part of the name
+            let description = Task::Description(Description { descriptor: descriptor.clone(), manifest, clouds });
+            // Under each job that it was submitted as.
+            let names = (0..).map(|occurrence| description.job(occurrence));
+            names.take_while(|job| self.scheduler.jobs.was_asked(*job)).for_each(|job| self.retract(job));
+        }
+    }
+
+    /// Ends all leases.
+    pub(super) fn close(&mut self, now: Instant) {
+        self.scheduler.close(now);
+        self.settle(now);
+    }
+
+    /// The events that concern a client: all but attempts at jobs that only others have asked for.
+    pub(super) fn concerning(&self, client: ClientId, mut events: Vec<Arc<Event>>) -> Vec<Arc<Event>> {
+        events.retain(|event| match &event.kind {
+            EventKind::Attempt(attempt) => self.clients.concerns(client, attempt.job, &self.scheduler.jobs),
+            _ => true,
+        });
+        events
+    }
+
+    fn keep_leases(&self, jobs: &[(Lease, Arc<Task>)], holder: WorkerId) {
+        for (lease, _) in jobs {
+            self.record(|| Entry::Leased(*lease, holder));
+        }
+    }
+}

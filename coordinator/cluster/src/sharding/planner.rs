@@ -1,0 +1,57 @@
+//! Which evaluations are sharded, and how: decided once for each, so that a run that begins again asks for the same
+//! shards and tiles.
+
+use proto::JobId;
+
+use super::costs::Costs;
+use super::plan::{Load, ShardCount, ShardPlan};
+use crate::evaluation::Evaluation;
+use crate::store::JobStore;
+use crate::task::Task;
+
+/// Decides by what the experiment says and what recent tasks took; the store of jobs remembers what was decided.
+#[derive(Default)]
+pub struct Planner {
+    shard_count: ShardCount,
+    costs: Costs,
+}
+
+impl Planner {
+    /// What it decides from here on.
+    pub fn set_shard_count(&mut self, shard_count: ShardCount) {
+        self.shard_count = shard_count;
+    }
+
+    /// Takes in what a task has taken.
+    pub fn observe(&mut self, task: &Task, seconds: f64) {
+        self.costs.observe(task, seconds);
+    }
+
+    /// Decides for each evaluation that is not decided about whether and how it is sharded, and returns the plans that
+    /// are new, by job. What was asked as a whole by an earlier start stays whole; `load` is without these evaluations.
+    pub fn decide(
+        &self,
+        evaluations: &[Evaluation],
+        load: Load,
+        jobs: &mut JobStore,
+    ) -> Vec<(JobId, ShardPlan)> {
+        let mut undecided = Vec::new();
+        for evaluation in evaluations {
+            let job = Task::Evaluation(evaluation.clone()).job(0);
+            match jobs.plan(job) {
+                Some(Some(plan)) if !plan.suits(evaluation) => undecided.push((job, evaluation)),
+                Some(_) => {}
+                None if jobs.is_known(job) => jobs.set_plan(job, None),
+                None => undecided.push((job, evaluation)),
+            }
+        }
+        let load = Load { jobs: load.jobs + undecided.len(), ..load };
+        let mut new = Vec::new();
+        for (job, evaluation) in undecided {
+            let plan = ShardPlan::of(evaluation, self.shard_count, load, &self.costs);
+            jobs.set_plan(job, plan);
+            new.extend(plan.map(|plan| (job, plan)));
+        }
+        new
+    }
+}

@@ -1,0 +1,328 @@
+//! The one store of jobs: all that is known of a job stands in one entry, whoever needs it.
+//!
+//! Nothing here does IO, waits or reads a clock. The scheduler works on the entries of open jobs; clients, journal,
+//! rechecks and sharding have their parts of the same entries.
+
+mod job;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use proto::{Digest, JobId, Lease, WorkerId};
+
+#[cfg(test)]
+pub use job::UNRECORDED;
+pub use job::{Job, Vote};
+
+use crate::journal::{LogSequence, Recorded};
+use crate::scheduler::fair_queue::ClientId;
+use crate::scheduler::messages::Finished;
+use crate::sharding::plan::ShardPlan;
+use crate::task::Task;
+
+/// All jobs of a run, through all starts of the coordinator.
+#[derive(Default)]
+pub struct JobStore {
+    entries: BTreeMap<JobId, Entry>,
+    /// Index: the entries whose job is open.
+    open: BTreeSet<JobId>,
+    /// Jobs that check an accepted result so far, which names the next.
+    checks: u32,
+    /// How many of them have no result.
+    unchecked: usize,
+}
+
+/// What is known of one job.
+#[derive(Default)]
+struct Entry {
+    /// Some client of this start has asked for it.
+    asked: bool,
+    /// Its task and the clients that wait for its result, while there are any.
+    waiting: Option<(Arc<Task>, Vec<ClientId>)>,
+    /// While the scheduler works on it: leases, attempts, votes, failures. A job may be open although its result is
+    /// accepted, as long as an audit is to confirm it.
+    open: Option<Box<Job>>,
+    /// Leases that an earlier start granted, until this one asks for the job.
+    earlier_leases: Vec<(WorkerId, u32)>,
+    result: Option<Box<StoredResult>>,
+    /// Reports of it that were accepted and are not known to be on the disk: the worker keeps them.
+    pending: BTreeMap<u32, LogSequence>,
+    /// The job whose accepted result it checks, and whether it still has to.
+    check: Option<(JobId, bool)>,
+    /// Whether and how the evaluation is sharded, once that is decided.
+    plan: Option<Option<ShardPlan>>,
+}
+
+enum StoredResult {
+    /// Accepted by an earlier start; nobody has asked for it since, so that its task is not known.
+    Recorded(Finished),
+    /// Accepted, with what is kept of it.
+    Accepted { task: Arc<Task>, fingerprint: Digest, finished: Finished },
+}
+
+impl StoredResult {
+    /// `None` if nothing is kept of such a result.
+    fn accepted(task: Arc<Task>, finished: &Finished) -> Option<Self> {
+        let (fingerprint, kept) = (finished.result.fingerprint(), finished.result.kept()?);
+        Some(Self::Accepted { task, fingerprint, finished: Finished { result: kept, ..finished.clone() } })
+    }
+}
+
+/// A job that checks an accepted result.
+pub struct Recheck {
+    /// The job.
+    pub job: JobId,
+    /// The job whose result it checks.
+    pub of: JobId,
+    /// The task of both.
+    pub task: Arc<Task>,
+}
+
+/// The result of a job that checks another.
+pub struct Checked {
+    /// As a result of the job that it checks.
+    pub finished: Finished,
+    /// The task, if the result that was accepted before was wrong.
+    pub corrected: Option<Arc<Task>>,
+}
+
+// Open jobs, for the scheduler.
+impl JobStore {
+    /// An open job.
+    pub fn get(&self, job: JobId) -> Option<&Job> {
+        self.entries.get(&job)?.open.as_deref()
+    }
+
+    /// An open job.
+    pub fn get_mut(&mut self, job: JobId) -> Option<&mut Job> {
+        self.entries.get_mut(&job)?.open.as_deref_mut()
+    }
+
+    /// All open jobs.
+    pub fn iter(&self) -> impl Iterator<Item = (JobId, &Job)> {
+        self.open.iter().filter_map(|&job| Some((job, self.get(job)?)))
+    }
+
+    /// How many jobs are open.
+    pub fn len(&self) -> usize {
+        self.open.len()
+    }
+
+    /// Whether no job is open.
+    pub fn is_empty(&self) -> bool {
+        self.open.is_empty()
+    }
+
+    /// Opens a job.
+    pub fn open(&mut self, id: JobId, job: Job) {
+        self.entries.entry(id).or_default().open = Some(Box::new(job));
+        self.open.insert(id);
+    }
+
+    /// Closes a job; what else is known of it stays.
+    pub fn close(&mut self, id: JobId) -> Option<Job> {
+        self.open.remove(&id);
+        self.entries.get_mut(&id)?.open.take().map(|job| *job)
+    }
+
+    /// Closes all jobs.
+    pub fn close_all(&mut self) {
+        for id in std::mem::take(&mut self.open) {
+            self.close(id);
+        }
+    }
+
+    /// Takes the leases on a job that an earlier start granted.
+    pub fn take_earlier_leases(&mut self, job: JobId) -> Vec<(WorkerId, u32)> {
+        self.entries.get_mut(&job).map(|entry| std::mem::take(&mut entry.earlier_leases)).unwrap_or_default()
+    }
+}
+
+// Who asks.
+impl JobStore {
+    /// A client asks for a job.
+    pub fn ask(&mut self, job: JobId) {
+        self.entries.entry(job).or_default().asked = true;
+    }
+
+    /// Whether a client of this start has asked for a job.
+    pub fn was_asked(&self, job: JobId) -> bool {
+        self.entries.get(&job).is_some_and(|entry| entry.asked)
+    }
+
+    /// Lets a client wait for the result of a job; `false` if another waits for it already.
+    pub fn wait_for(&mut self, job: JobId, task: &Arc<Task>, client: ClientId) -> bool {
+        let waiting = &mut self.entries.entry(job).or_default().waiting;
+        let (_, clients) = waiting.get_or_insert_with(|| (Arc::clone(task), Vec::new()));
+        clients.push(client);
+        clients.len() == 1
+    }
+
+    /// The clients that wait for the result of a job, and its task: they wait no longer.
+    pub fn take_waiting(&mut self, job: JobId) -> Option<(Arc<Task>, Vec<ClientId>)> {
+        self.entries.get_mut(&job)?.waiting.take()
+    }
+}
+
+// Accepted results.
+impl JobStore {
+    /// Takes over what earlier starts have left.
+    pub fn restore(&mut self, recorded: &Recorded) {
+        for (lease, worker) in &recorded.leases {
+            let entry = self.entries.entry(lease.job).or_default();
+            entry.earlier_leases.push((*worker, lease.attempt));
+        }
+        for (job, finished) in &recorded.accepted {
+            let result = StoredResult::Recorded(finished.clone());
+            self.entries.entry(*job).or_default().result = Some(Box::new(result));
+        }
+        for (job, plan) in &recorded.plans {
+            self.set_plan(*job, Some(*plan));
+        }
+    }
+
+    /// Accepts a result of a job of this task. Cells of a grid are not kept here: they are large, and have files of their
+    /// own.
+    pub fn accept(&mut self, task: &Arc<Task>, finished: &Finished) {
+        if let Some(result) = StoredResult::accepted(Arc::clone(task), finished) {
+            self.entries.entry(finished.job).or_default().result = Some(Box::new(result));
+        }
+    }
+
+    /// The result of a job that was accepted before, by this start or an earlier one, if it is one to this task.
+    pub fn recall(&mut self, job: JobId, task: &Arc<Task>) -> Option<Finished> {
+        let entry = self.entries.get_mut(&job)?;
+        let recorded = match entry.result.as_deref()? {
+            StoredResult::Accepted { finished, .. } => return Some(finished.clone()),
+            StoredResult::Recorded(finished) => finished.clone(),
+        };
+        entry.result = None;
+        if let Err(what) = task.check(&recorded.result) {
+            tracing::warn!("journal: {task} is computed again, its answer cannot be one: {what}");
+            return None;
+        }
+        self.accept(task, &recorded);
+        Some(recorded)
+    }
+
+    /// Whether a result of this job was accepted, by this start or an earlier one.
+    pub fn has_result(&self, job: JobId) -> bool {
+        self.entries.get(&job).is_some_and(|entry| entry.result.is_some())
+    }
+
+    /// Whether this job was asked for before: it has a result, or an earlier start has granted a lease on it and this one
+    /// has not asked for it yet.
+    pub fn is_known(&self, job: JobId) -> bool {
+        let known = |entry: &Entry| entry.result.is_some() || !entry.earlier_leases.is_empty();
+        self.entries.get(&job).is_some_and(known)
+    }
+
+    /// Drops the results of a worker that nobody has asked for in this start. Returns their jobs.
+    pub fn drop_recorded(&mut self, worker: WorkerId) -> Vec<JobId> {
+        let mut dropped = Vec::new();
+        for (job, entry) in &mut self.entries {
+            let is_its_own = |result: &mut Box<StoredResult>| matches!(&**result, StoredResult::Recorded(finished) if finished.worker_id == worker);
+            if entry.result.take_if(is_its_own).is_some() {
+                dropped.push(*job);
+            }
+        }
+        dropped
+    }
+
+    /// Jobs that ask again for all accepted results of a worker. First askings are numbered from 0, these from the other
+    /// end.
+    pub fn recheck(&mut self, worker: WorkerId) -> Vec<Recheck> {
+        let mut rechecks = Vec::new();
+        for (&of, entry) in &self.entries {
+            if let Some(StoredResult::Accepted { task, finished, .. }) = entry.result.as_deref()
+                && finished.worker_id == worker
+            {
+                let job = task.job(u32::MAX - self.checks);
+                self.checks += 1;
+                rechecks.push(Recheck { job, of, task: Arc::clone(task) });
+            }
+        }
+        for Recheck { job, of, .. } in &rechecks {
+            self.entries.entry(*job).or_default().check = Some((*of, true));
+        }
+        self.unchecked += rechecks.len();
+        rechecks
+    }
+
+    /// Accepts the result of a job that checks another; `None` if it checks none, or has done so.
+    pub fn check(&mut self, finished: &Finished) -> Option<Checked> {
+        let (of, unchecked) = self.entries.get_mut(&finished.job)?.check.as_mut()?;
+        if !std::mem::take(unchecked) {
+            return None;
+        }
+        self.unchecked -= 1;
+        let finished = Finished { job: *of, ..finished.clone() };
+        let mut corrected = None;
+        if let Some(entry) = self.entries.get_mut(&finished.job)
+            && let Some(StoredResult::Accepted { task, fingerprint, .. }) = entry.result.as_deref()
+            && let Some(after) = StoredResult::accepted(Arc::clone(task), &finished)
+        {
+            corrected = (*fingerprint != finished.result.fingerprint()).then(|| Arc::clone(task));
+            entry.result = Some(Box::new(after));
+        }
+        Some(Checked { finished, corrected })
+    }
+
+    /// Whether this job checks the result of another.
+    pub fn is_check(&self, job: JobId) -> bool {
+        self.entries.get(&job).is_some_and(|entry| entry.check.is_some())
+    }
+
+    /// Whether results are still being checked.
+    pub fn is_checking(&self) -> bool {
+        self.unchecked > 0
+    }
+}
+
+// Which reports are on the disk: no worker is told that its report was accepted before that.
+impl JobStore {
+    /// Notes that the report on a lease was accepted, and will be on the disk with this entry of the journal.
+    pub fn set_pending(&mut self, lease: Lease, sequence: LogSequence) {
+        self.entries.entry(lease.job).or_default().pending.insert(lease.attempt, sequence);
+    }
+
+    /// Takes out of `acknowledged` the reports that are not on the disk.
+    pub fn withhold(
+        &mut self,
+        acknowledged: &mut Vec<Lease>,
+        is_durable: impl Fn(LogSequence) -> bool,
+    ) -> Vec<Lease> {
+        let is_pending = |lease: &mut Lease| {
+            let Some(entry) = self.entries.get_mut(&lease.job) else { return false };
+            let pending = entry.pending.get(&lease.attempt).copied();
+            if pending.is_some_and(&is_durable) {
+                entry.pending.remove(&lease.attempt);
+                return false;
+            }
+            pending.is_some()
+        };
+        acknowledged.extract_if(.., is_pending).collect()
+    }
+
+    /// The entry of the journal with which the last of these reports is on the disk.
+    pub fn last_pending(&self, leases: &[Lease]) -> Option<LogSequence> {
+        let pending = |lease: &Lease| self.entries.get(&lease.job)?.pending.get(&lease.attempt).copied();
+        leases.iter().filter_map(pending).max()
+    }
+}
+
+// How evaluations are sharded.
+impl JobStore {
+    /// Whether and how the evaluation of this job is sharded; `None` before that is decided.
+    pub fn plan(&self, job: JobId) -> Option<Option<ShardPlan>> {
+        self.entries.get(&job)?.plan
+    }
+
+    /// Decides whether and how the evaluation of this job is sharded.
+    pub fn set_plan(&mut self, job: JobId, plan: Option<ShardPlan>) {
+        self.entries.entry(job).or_default().plan = Some(plan);
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,134 @@
+//! One entry a job: accepted results and their checks, reports that are not on the disk, what earlier starts have left.
+
+use std::time::Duration;
+
+use descriptor::Parameters;
+
+use super::*;
+use crate::evaluation::{Evaluation, EvaluationResult};
+use crate::journal::Journal;
+use crate::task::TaskResult;
+
+const GOOD: WorkerId = WorkerId([1; 16]);
+const BAD: WorkerId = WorkerId([2; 16]);
+
+fn task(shape_bins: u32) -> Arc<Task> {
+    Arc::new(Task::Evaluation(Evaluation {
+        parameters: Parameters { shape_bins, ..Parameters::PAPER_BEST },
+        ..Evaluation::sample(10, 10)
+    }))
+}
+
+fn finished(job: JobId, worker_id: WorkerId, correct: u32) -> Finished {
+    let result =
+        EvaluationResult { queries: 10, object_correct: correct, category_correct: correct, matches: vec![] };
+    Finished {
+        job,
+        result: TaskResult::Evaluation(result),
+        worker_id,
+        worker: "host".to_owned(), // two workers may have had one label
+        attempt: 3,
+        queued: Duration::ZERO,
+        run_seconds: 1.0,
+        settled: true,
+    }
+}
+
+/// A store that goes on after an earlier start, which has accepted these results.
+fn restored(accepted: &[Finished]) -> JobStore {
+    let mut store = JobStore::default();
+    let accepted = accepted.iter().map(|finished| (finished.job, finished.clone())).collect();
+    store.restore(&Recorded { accepted, ..Recorded::default() });
+    store
+}
+
+#[test]
+fn what_a_wrong_worker_answered_is_asked_again_and_a_changed_result_replaces_it() {
+    let mut store = JobStore::default();
+    for (bins, worker) in [(8, GOOD), (9, BAD), (10, BAD)] {
+        store.accept(&task(bins), &finished(task(bins).job(0), worker, 5));
+    }
+    assert!(store.recall(task(11).job(0), &task(11)).is_none(), "nobody has asked that");
+    let asked = store.recheck(BAD);
+    assert_eq!(asked.len(), 2, "although all have one label");
+    assert!(store.is_checking());
+    for Recheck { job, of, task: asked } in &asked {
+        assert!(store.is_check(*job) && !store.is_check(*of));
+        let correct = if *asked == task(9) { 5 } else { 6 };
+        let checked = store.check(&finished(*job, GOOD, correct)).unwrap();
+        assert_eq!(checked.finished.job, *of);
+        assert_eq!(checked.corrected, (correct == 6).then(|| task(10)));
+    }
+    assert!(!store.is_checking());
+    assert!(store.check(&finished(asked[0].job, GOOD, 5)).is_none(), "a result checks once");
+    assert!(store.recheck(BAD).is_empty(), "each result is another's by now");
+    let job = task(10).job(0);
+    assert_eq!(store.recall(job, &task(10)), Some(finished(job, GOOD, 6)));
+}
+
+#[test]
+fn a_report_is_withheld_until_it_is_on_the_disk_and_nothing_else_is() {
+    let (journal, held) = Journal::held();
+    let (task, job) = (task(8), task(8).job(0));
+    let mut store = restored(&[finished(job, GOOD, 5)]);
+    assert_eq!(store.recall(job, &task), Some(finished(job, GOOD, 5)));
+
+    let (lease, other) = (Lease { job, attempt: 3 }, Lease { job, attempt: 2 });
+    store.set_pending(lease, journal.record(crate::journal::Entry::Retracted(job)));
+    let mut acknowledged = vec![lease, other];
+    let is_durable = |sequence| journal.is_durable(sequence);
+    assert_eq!(store.withhold(&mut acknowledged, is_durable), [lease]);
+    assert_eq!(acknowledged, [other]);
+    assert!(store.last_pending(&[lease]).is_some());
+    assert_eq!(held.commit(), 1);
+    let mut acknowledged = vec![lease, other];
+    assert_eq!(store.withhold(&mut acknowledged, is_durable), []);
+    assert_eq!(acknowledged, [lease, other]);
+    assert!(store.last_pending(&[lease]).is_none());
+}
+
+#[test]
+fn a_recorded_result_that_cannot_be_one_is_not_recalled() {
+    let small = Arc::new(Task::Evaluation(Evaluation::sample(9, 3)));
+    let job = small.job(0);
+    let mut store = restored(&[finished(job, GOOD, 5)]);
+    assert!(store.has_result(job));
+    assert!(store.recall(job, &small).is_none());
+    assert!(!store.has_result(job));
+}
+
+#[test]
+fn recorded_results_of_a_wrong_worker_are_dropped_until_they_are_asked_for() {
+    let jobs = [8, 9, 10].map(|bins| task(bins).job(0));
+    let mut store =
+        restored(&[finished(jobs[0], GOOD, 5), finished(jobs[1], BAD, 5), finished(jobs[2], BAD, 5)]);
+    assert!(store.recall(jobs[2], &task(10)).is_some());
+    assert_eq!(store.drop_recorded(BAD), [jobs[1]]);
+    assert_eq!(jobs.map(|job| store.has_result(job)), [true, false, true]);
+    // That of which the task is known is checked.
+    let rechecks: Vec<JobId> = store.recheck(BAD).iter().map(|recheck| recheck.of).collect();
+    assert_eq!(rechecks, [jobs[2]]);
+}
+
+#[test]
+fn a_job_with_a_lease_of_an_earlier_start_is_known_until_it_is_asked_for() {
+    let mut store = JobStore::default();
+    let job = task(8).job(0);
+    let leases = vec![(Lease { job, attempt: 1 }, BAD), (Lease { job, attempt: 2 }, GOOD)];
+    store.restore(&Recorded { leases, ..Recorded::default() });
+    assert!(store.is_known(job) && !store.was_asked(job));
+    assert_eq!(store.take_earlier_leases(job), [(BAD, 1), (GOOD, 2)]);
+    assert!(!store.is_known(job));
+}
+
+#[test]
+fn equal_questions_share_one_entry() {
+    let mut store = JobStore::default();
+    let job = task(8).job(0);
+    store.ask(job);
+    assert!(store.was_asked(job));
+    assert!(store.wait_for(job, &task(8), ClientId(1)));
+    assert!(!store.wait_for(job, &task(8), ClientId(2)));
+    assert_eq!(store.take_waiting(job), Some((task(8), vec![ClientId(1), ClientId(2)])));
+    assert_eq!(store.take_waiting(job), None);
+}

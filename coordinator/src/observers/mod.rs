@@ -1,0 +1,3 @@
+//! Who follows what happens in a run: each observer has a cursor of its own in the event log.
+
+pub mod tables;
