@@ -87,7 +87,7 @@ impl Descriptor {
     /// The counted cost of describing so many clouds and matching so many pairs of clouds: see [`cost`].
     pub fn cost(&self, clouds: u64, pairs: u64) -> u64 {
         let describing = match self {
-            Self::DiskRing(parameters) => cost::disk_ring(parameters),
+            Self::DiskRing(parameters) => cost::disk_ring(parameters, self.size_of_cloud() / 2),
             Self::Fixed(fixed) => cost::fixed(fixed),
             Self::GlobalHue(_) => cost::global_hue(),
         };

@@ -163,9 +163,9 @@ impl Transposed {
         for cloud in 0..database.clouds() {
             let block = &mut blocks[cloud / LANES * pairs..][..pairs];
             let (centroids, deviations) = block.split_at_mut(pairs / 2);
-            for (half, values) in [centroids, deviations].into_iter().zip(database.get(cloud)) {
+            for (part, values) in [centroids, deviations].into_iter().zip(database.get(cloud)) {
                 for (bin, &value) in values.iter().enumerate() {
-                    half[bin / 2][bin % 2][cloud % LANES] = value;
+                    part[bin / 2][bin % 2][cloud % LANES] = value;
                 }
             }
         }

@@ -1,4 +1,7 @@
 //! Radius search: every point of a cloud within a distance, decided exactly and in a fixed order.
+//!
+//! Serves few queries on a cloud, such as whether any keypoint has enough neighbours. Where many points ask at once,
+//! [`crate::cell_list`] and [`crate::surface`] are faster.
 
 use std::cmp::Ordering;
 

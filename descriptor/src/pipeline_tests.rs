@@ -127,8 +127,8 @@ fn check_rows(cloud: &Cloud, quantiser: &Quantiser, parameters: &Parameters) {
         assert_eq!(shape_rows(prepared, &binning), shape, "shape, {parameters}");
         assert_eq!(colour_rows(prepared, &binning), colour, "colour, {parameters}");
     }
-    let halves = if quantiser.has_colour() { 2 } else { 1 };
-    assert!(prepared.bytes() > halves * prepared.records());
+    let features = if quantiser.has_colour() { 2 } else { 1 };
+    assert!(prepared.bytes() > features * prepared.records());
 }
 
 proptest! {

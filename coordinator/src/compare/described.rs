@@ -100,9 +100,9 @@ impl Described {
             }
         }
         // Every channel tells the same.
-        let told = channels[0].iter().map(|side| side.keypoints().map(|all| all.iter().copied()));
-        let told: Option<Vec<_>> = told.collect();
-        let keypoints = told.map(|sides| sides.into_iter().flatten().map(u64::from).sum());
+        let told: Vec<&[u32]> = channels[0].iter().filter_map(Signatures::keypoints).collect();
+        let all = told.iter().copied().flatten().map(|&keypoints| u64::from(keypoints));
+        let keypoints = (!told.is_empty()).then(|| all.sum());
         let mut clouds = [Vec::new(), Vec::new()];
         let channels = channels.into_iter().map(|sides| {
             let [(queries, query), (database, known)] = sides.map(Signatures::into_described);

@@ -18,7 +18,7 @@ const _: () = {
 /// half of the neighbours on a smooth surface fall into the same bin.
 const INTERLEAVED: usize = 4;
 
-/// Entries of a table: a few more than bins, as equal places of tables 4096 bytes apart pass for the same address until
+/// Entries of a table: a few more than bins, as equal positions of tables 4096 bytes apart pass for the same address until
 /// late, and their counts wait for each other.
 const TABLE: usize = MAX_BINS + 16;
 
@@ -81,7 +81,7 @@ pub(crate) enum Counter<'a> {
 }
 
 impl<'a> Counter<'a> {
-    /// For codes that are places in a list of classes, or, without one, classes.
+    /// For codes that are positions in a list of classes, or, without one, classes.
     pub(crate) fn new(bins: &'a BinOfClass, listed: Option<&[u16]>) -> Self {
         fn of_codes<'a, T: Clone>(of_classes: &'a [T], listed: Option<&[u16]>) -> Cow<'a, [T]> {
             let Some(listed) = listed else { return Cow::Borrowed(of_classes) };
@@ -189,11 +189,12 @@ mod tests {
             let mut found = vec![f32::NAN; bins];
             by_class.shares(classes, &mut found);
             assert_eq!(found, expected, "{} neighbours", classes.len());
-            let place =
-                |&class: &u16| listed.len().checked_sub(1 + usize::from(class)).map(|place| place as u8);
-            if let Some(places) = classes.iter().map(place).collect::<Option<Vec<u8>>>() {
-                by_place.shares(&places, &mut found);
-                assert_eq!(found, expected, "{} neighbours by place", classes.len());
+            let position = |&class: &u16| {
+                listed.len().checked_sub(1 + usize::from(class)).map(|position| position as u8)
+            };
+            if let Some(positions) = classes.iter().map(position).collect::<Option<Vec<u8>>>() {
+                by_place.shares(&positions, &mut found);
+                assert_eq!(found, expected, "{} neighbours by position", classes.len());
             }
         }
     }

@@ -25,11 +25,11 @@ const HEADER_BYTES: usize = 32 + 4 + 8 + 2 + 2;
 impl QuantisedCloud {
     /// All numbers in little-endian order: digest of the quantiser (32 bytes), keypoints (u32), records (u64), lengths
     /// of the lists of angle classes and of colour classes (u16, 0 for no list); the lists (u16); for each radius and
-    /// keypoint the records within (u32); the angle of every record; with colour, the colour of every record: its place
+    /// keypoint the records within (u32); the angle of every record; with colour, the colour of every record: its position
     /// in the list (u8), or its class if there is none (u16).
     pub fn encode(&self) -> Vec<u8> {
-        let halves = [&self.angles, &self.colours];
-        let lists = halves.map(|half| half.listed().unwrap_or_default());
+        let features = [&self.angles, &self.colours];
+        let lists = features.map(|feature| feature.listed().unwrap_or_default());
         let numbers = size_of_val(self.within.as_slice()) + self.angles.bytes() + self.colours.bytes();
         let mut bytes = Vec::with_capacity(HEADER_BYTES + numbers);
         bytes.extend_from_slice(&self.digest);
@@ -38,8 +38,8 @@ impl QuantisedCloud {
         bytes.extend(lists.iter().flat_map(|list| (list.len() as u16).to_le_bytes()));
         bytes.extend(lists.iter().flat_map(|list| list.iter()).flat_map(|class| class.to_le_bytes()));
         bytes.extend(self.within.iter().flat_map(|count| count.to_le_bytes()));
-        for half in halves {
-            half.encode_to(&mut bytes);
+        for feature in features {
+            feature.encode_to(&mut bytes);
         }
         bytes
     }
@@ -90,12 +90,12 @@ impl QuantisedCloud {
             lists_of.as_chunks::<2>().0.iter().map(|&class| u16::from_le_bytes(class)).collect();
         let (of_angles, of_colours) = list.split_at(lists[0] as usize);
         let [angle_classes, colour_classes] = quantiser.classes();
-        let half = |list: &[u16], codes, classes| {
+        let feature = |list: &[u16], codes, classes| {
             Records::decode(list.to_vec(), codes, classes).map_err(inconsistent)
         };
         Ok(Self {
-            angles: half(of_angles, angles, angle_classes)?,
-            colours: half(of_colours, colours, colour_classes)?,
+            angles: feature(of_angles, angles, angle_classes)?,
+            colours: feature(of_colours, colours, colour_classes)?,
             starts,
             within,
             digest: quantiser.digest(),
@@ -174,10 +174,10 @@ mod tests {
         let binning = quantiser.binning(&Parameters::PAPER_BEST).unwrap();
         let bytes = prepared(&quantiser).encode();
         let (mut refused, mut used) = (0, 0);
-        for place in 0..bytes.len().min(4000) {
+        for position in 0..bytes.len().min(4000) {
             for bit in [0, 3, 7] {
                 let mut flipped = bytes.clone();
-                flipped[place] ^= 1 << bit;
+                flipped[position] ^= 1 << bit;
                 match QuantisedCloud::decode(&flipped, &quantiser) {
                     Ok(cloud) => {
                         used += 1;
@@ -203,20 +203,21 @@ mod tests {
         };
         let (angles, colours) = (&cloud.angles, &cloud.colours);
         let Records::Plain(plain) = angles else { panic!("600 classes fit no byte") };
-        let Records::Listed { classes, places } = colours else { panic!("a sheet has few colours") };
+        let Records::Listed { classes, positions } = colours else { panic!("a sheet has few colours") };
         assert!(!refused(angles.clone(), colours.clone()));
 
         let mut beyond = plain.clone();
         beyond[7] = angle_classes as u16;
         assert!(refused(Records::Plain(beyond), colours.clone()));
-        let listed =
-            |classes: Vec<u16>, places: Vec<u8>| refused(angles.clone(), Records::Listed { classes, places });
+        let listed = |classes: Vec<u16>, positions: Vec<u8>| {
+            refused(angles.clone(), Records::Listed { classes, positions })
+        };
         assert!(classes.len() > 1, "one colour has no order");
-        assert!(listed(classes.iter().rev().copied().collect(), places.clone()));
-        assert!(listed(vec![classes[0]; classes.len()], places.clone()));
+        assert!(listed(classes.iter().rev().copied().collect(), positions.clone()));
+        assert!(listed(vec![classes[0]; classes.len()], positions.clone()));
         let beyond = [&classes[..classes.len() - 1], &[colour_classes as u16]].concat();
-        assert!(listed(beyond, places.clone()));
-        assert!(listed(classes.clone(), vec![classes.len() as u8; places.len()]));
-        assert!(listed((0..257).collect(), places.clone()));
+        assert!(listed(beyond, positions.clone()));
+        assert!(listed(classes.clone(), vec![classes.len() as u8; positions.len()]));
+        assert!(listed((0..257).collect(), positions.clone()));
     }
 }

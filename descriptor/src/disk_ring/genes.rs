@@ -218,7 +218,7 @@ impl GeneTable {
         Self::new(GENES.each_ref().map(domain), self.colour && parameters.has_colour())
     }
 
-    /// Whether descriptors of this table have a colour part.
+    /// Whether descriptors of this table have colour.
     pub fn has_colour(&self) -> bool {
         self.colour
     }
@@ -391,7 +391,7 @@ impl Parameters {
         GENES[kind as usize].value(self.ticks(kind))
     }
 
-    /// Whether the descriptor has a colour part.
+    /// Whether the descriptor has colour.
     pub fn has_colour(&self) -> bool {
         self.colour_bins > 0
     }

@@ -75,7 +75,7 @@ impl Feature {
         let regions = cloud.regions([binning.disk, binning.ring]);
         let mut counter = Counter::new(bin_of_class, records.listed());
         match records {
-            Records::Listed { places, .. } => count(places, &regions, &mut counter, bins, rows),
+            Records::Listed { positions, .. } => count(positions, &regions, &mut counter, bins, rows),
             Records::Plain(classes) => count(classes, &regions, &mut counter, bins, rows),
         }
     }

@@ -1,15 +1,15 @@
-//! The neighbour records of a cloud for one half of the descriptor, in as few bytes as they need.
+//! The neighbour records of a cloud of one feature, in as few bytes as they need.
 
 use std::ops::Range;
 
-/// Most classes of which a place fits a byte.
+/// Most classes of which a position fits a byte.
 const MAX_LISTED: usize = 256;
 
 /// Codes of the classes of all records, and what they stand for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Records {
-    /// Places in a list of classes.
-    Listed { classes: Vec<u16>, places: Vec<u8> },
+    /// Positions in a list of classes.
+    Listed { classes: Vec<u16>, positions: Vec<u8> },
     /// The classes themselves.
     Plain(Vec<u16>),
 }
@@ -18,7 +18,7 @@ impl Records {
     /// No records yet, of these classes, if they are few enough; otherwise of any.
     pub(crate) fn of_classes(classes: Vec<u16>) -> Self {
         if (1..=MAX_LISTED).contains(&classes.len()) {
-            Self::Listed { classes, places: Vec::new() }
+            Self::Listed { classes, positions: Vec::new() }
         } else {
             Self::Plain(Vec::new())
         }
@@ -46,7 +46,7 @@ impl Records {
     #[inline(always)]
     pub(crate) fn count(&self, records: Range<usize>, counts: &mut [u32]) {
         match self {
-            Self::Listed { places, .. } => count(&places[records], counts),
+            Self::Listed { positions, .. } => count(&positions[records], counts),
             Self::Plain(classes) => count(&classes[records], counts),
         }
     }
@@ -54,7 +54,7 @@ impl Records {
     /// Number of records.
     pub(crate) fn len(&self) -> usize {
         match self {
-            Self::Listed { places, .. } => places.len(),
+            Self::Listed { positions, .. } => positions.len(),
             Self::Plain(classes) => classes.len(),
         }
     }
@@ -62,17 +62,17 @@ impl Records {
     /// Memory that they take, bytes.
     pub(crate) fn bytes(&self) -> usize {
         match self {
-            Self::Listed { classes, places } => {
-                size_of_val(classes.as_slice()) + size_of_val(places.as_slice())
+            Self::Listed { classes, positions } => {
+                size_of_val(classes.as_slice()) + size_of_val(positions.as_slice())
             }
             Self::Plain(classes) => size_of_val(classes.as_slice()),
         }
     }
 
-    /// Adds records of these codes: places in the list, if there is one.
+    /// Adds records of these codes: positions in the list, if there is one.
     pub(crate) fn extend(&mut self, codes: impl Iterator<Item = u16>) {
         match self {
-            Self::Listed { places, .. } => places.extend(codes.map(|place| place as u8)),
+            Self::Listed { positions, .. } => positions.extend(codes.map(|position| position as u8)),
             Self::Plain(classes) => classes.extend(codes),
         }
     }
@@ -80,7 +80,7 @@ impl Records {
     /// Gives memory back that was kept for more.
     pub(crate) fn shrink_to_fit(&mut self) {
         match self {
-            Self::Listed { places, .. } => places.shrink_to_fit(),
+            Self::Listed { positions, .. } => positions.shrink_to_fit(),
             Self::Plain(classes) => classes.shrink_to_fit(),
         }
     }
@@ -88,7 +88,7 @@ impl Records {
     /// The records as bytes, in little-endian order.
     pub(crate) fn encode_to(&self, bytes: &mut Vec<u8>) {
         match self {
-            Self::Listed { places, .. } => bytes.extend_from_slice(places),
+            Self::Listed { positions, .. } => bytes.extend_from_slice(positions),
             Self::Plain(classes) => bytes.extend(classes.iter().flat_map(|class| class.to_le_bytes())),
         }
     }
@@ -107,7 +107,7 @@ impl Records {
         } else {
             let is_listed = bytes.iter().max().is_none_or(|&most| usize::from(most) < listed.len());
             let is_list = listed.len() <= MAX_LISTED && listed.is_sorted_by(|a, b| a < b) && below(&listed);
-            (Self::Listed { classes: listed, places: bytes.to_vec() }, is_list && is_listed)
+            (Self::Listed { classes: listed, positions: bytes.to_vec() }, is_list && is_listed)
         };
         if is_sound { Ok(records) } else { Err("records must be of the quantiser's classes") }
     }

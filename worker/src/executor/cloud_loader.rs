@@ -71,7 +71,7 @@ impl CloudLoader {
             listed.iter().filter_map(|cloud| Some((cloud.digest, clouds.get(cloud.digest)?))).collect()
         };
         if !cache.preparer.is_kept() {
-            found.extend(self.prepare(cache, listed.to_vec()).await?);
+            found.extend(self.from_source(cache, listed.to_vec()).await?);
         }
         let absent = listed.iter().filter(|cloud| !found.contains_key(&cloud.digest));
         let mut missing: BTreeMap<Digest, &Listed> = absent.map(|cloud| (cloud.digest, cloud)).collect();
@@ -88,7 +88,7 @@ impl CloudLoader {
                 self.store.wait(key).await;
                 continue;
             }
-            found.extend(self.bring(cache, ours).await?);
+            found.extend(self.load(cache, ours).await?);
             drop(claims);
             missing.retain(|digest, _| !found.contains_key(digest));
         }
@@ -102,15 +102,15 @@ impl CloudLoader {
     }
 
     /// Clouds that are not in memory, from the nearest place that has them.
-    async fn bring(
+    async fn load(
         &self,
         cache: &Arc<PreparationCache>,
         wanted: Vec<Listed>,
     ) -> Result<Loaded, EvaluationError> {
         let fetched_before = self.blobs.fetched();
-        let (loaded, wanted) = self.load(cache, wanted).await;
-        let (fetched, wanted) = self.fetch(cache, wanted).await;
-        let prepared = self.prepare(cache, wanted).await?;
+        let (loaded, wanted) = self.from_disk(cache, wanted).await;
+        let (fetched, wanted) = self.from_coordinator(cache, wanted).await;
+        let prepared = self.from_source(cache, wanted).await?;
         let counts = [loaded.len(), fetched.len(), prepared.len()].map(|count| count as u64);
         {
             let mut work = self.work();
@@ -118,35 +118,39 @@ impl CloudLoader {
             work.fetched += counts[1];
             work.prepared += counts[2];
         }
-        let brought: Loaded = loaded.into_iter().chain(fetched).chain(prepared).collect();
+        let all: Loaded = loaded.into_iter().chain(fetched).chain(prepared).collect();
         let mut clouds = cache.clouds();
-        let unseen = brought.iter().filter(|(digest, cloud)| clouds.admit(*digest, cloud)).count();
+        let unseen = all.iter().filter(|(digest, cloud)| clouds.admit(*digest, cloud)).count();
         if unseen > 0 {
             let fetched = self.blobs.fetched() - fetched_before;
             let [loaded, _, prepared] = counts;
             tracing::info!(
                 "prepared {prepared} and loaded {loaded} of {} clouds, {fetched} of them fetched",
-                brought.len()
+                all.len()
             );
         }
-        Ok(brought)
+        Ok(all)
     }
 
     /// From this machine's disk or the shared folder; the second list is what neither has.
-    async fn load(&self, cache: &Arc<PreparationCache>, wanted: Vec<Listed>) -> (Loaded, Vec<Listed>) {
+    async fn from_disk(&self, cache: &Arc<PreparationCache>, wanted: Vec<Listed>) -> (Loaded, Vec<Listed>) {
         if !self.store.is_kept() {
             return (Loaded::new(), wanted);
         }
         let (store, cache) = (Arc::clone(&self.store), Arc::clone(cache));
         let load = move |cloud: Listed| {
             let payload = cache.entry_key(cloud.digest).and_then(|key| store.get(PREPARED_CLOUD, key));
-            sort(&cache, cloud, payload)
+            decoded(&cache, cloud, payload)
         };
         self.computing.run(move || wanted.into_par_iter().partition_map(load)).await
     }
 
     /// From the coordinator's own store; the second list is what it does not have.
-    async fn fetch(&self, cache: &Arc<PreparationCache>, wanted: Vec<Listed>) -> (Loaded, Vec<Listed>) {
+    async fn from_coordinator(
+        &self,
+        cache: &Arc<PreparationCache>,
+        wanted: Vec<Listed>,
+    ) -> (Loaded, Vec<Listed>) {
         let ask = async |cloud: Listed| {
             let entry = match cache.entry_key(cloud.digest) {
                 Some(key) => self.blobs.derived(PREPARED_CLOUD, key).await.map(|bytes| (key, bytes)),
@@ -164,13 +168,13 @@ impl CloudLoader {
                     None
                 }
             });
-            sort(&cache, cloud, payload)
+            decoded(&cache, cloud, payload)
         };
         self.computing.run(move || answers.into_par_iter().partition_map(adopt)).await
     }
 
     /// From the source files.
-    async fn prepare(
+    async fn from_source(
         &self,
         cache: &Arc<PreparationCache>,
         wanted: Vec<Listed>,
@@ -192,7 +196,7 @@ impl CloudLoader {
 }
 
 /// A cloud with the payload of its entry, or the cloud as it was if there is none of use.
-fn sort(
+fn decoded(
     cache: &PreparationCache,
     cloud: Listed,
     payload: Option<Vec<u8>>,

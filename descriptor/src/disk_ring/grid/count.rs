@@ -71,9 +71,9 @@ impl Cell {
             let nearest_in_shape = lowest(shapes);
             for (m, counts) in counts.chunks_exact_mut(self.weights.len()).enumerate() {
                 let colours = colour.row(m, query);
-                let rivals =
+                let leaders =
                     [nearest_in_shape, nearest_in_colour[m]].map(|cloud| (shapes[cloud], colours[cloud]));
-                filter.select(shapes, colours, same, &rivals);
+                filter.select(shapes, colours, same, &leaders);
                 filter.count(&self.weights, counts);
             }
         }
@@ -130,7 +130,7 @@ struct Candidate {
 ///
 /// A cloud that is farther than another one in both shape and colour is farther for every w in [0, 1], as w·s and
 /// (1 − w)·c and their sum never decrease with s and c, however they round, and the difference of two f32 values is
-/// far above the rounding of an f64 sum of them. So only clouds that none of some `rivals` dominates are candidates; the
+/// far above the rounding of an f64 sum of them. So only clouds that none of some `leaders` dominates are candidates; the
 /// set distance of those is computed as the evaluator does, for every w of the grid.
 #[derive(Default)]
 struct CandidateFilter {
@@ -140,9 +140,9 @@ struct CandidateFilter {
 }
 
 impl CandidateFilter {
-    fn select(&mut self, shapes: &[f32], colours: &[f32], same: &[bool], rivals: &[(f32, f32)]) {
+    fn select(&mut self, shapes: &[f32], colours: &[f32], same: &[bool], leaders: &[(f32, f32)]) {
         self.candidates.clear();
-        widest(Select { shapes, colours, same, rivals, candidates: &mut self.candidates });
+        widest(Select { shapes, colours, same, leaders, candidates: &mut self.candidates });
     }
 
     /// Adds one to the count of every w whose nearest cloud is of the same object.
@@ -181,7 +181,7 @@ struct Select<'a> {
     shapes: &'a [f32],
     colours: &'a [f32],
     same: &'a [bool],
-    rivals: &'a [(f32, f32)],
+    leaders: &'a [(f32, f32)],
     candidates: &'a mut Vec<Candidate>,
 }
 
@@ -195,7 +195,7 @@ impl NullaryFnOnce for Select<'_> {
             self.shapes.chunks(BLOCK).zip(self.colours.chunks(BLOCK)).enumerate()
         {
             let mut is_candidate = [1u8; BLOCK];
-            for &(shape, colour) in self.rivals {
+            for &(shape, colour) in self.leaders {
                 for ((is_candidate, &s), &c) in is_candidate.iter_mut().zip(shapes).zip(colours) {
                     *is_candidate &= u8::from((s <= shape) | (c <= colour));
                 }
