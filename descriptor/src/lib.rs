@@ -36,6 +36,7 @@
 
 pub mod angle;
 mod bins;
+pub mod bytes;
 pub mod cloud;
 pub mod colour;
 mod cubes;

@@ -2,19 +2,21 @@
 //! whether it was accepted, and must not panic, hang or reserve memory on the word of its input.
 
 use prost::Message as _;
-use proto::{Digest, v1};
+use proto::{Digest, v2};
 
 use crate::desk::Desk;
 use crate::store::Store;
-use crate::wire;
+use crate::wire::{self, Job};
+use crate::workshop::decoded::Decoded;
 use crate::workshop::manifest::Manifest;
 
 /// A reply to a poll, with the jobs in it.
 pub fn reply(bytes: &[u8]) -> bool {
-    let Ok(reply) = v1::PollReply::decode(bytes) else { return false };
-    let mut desk = Desk::new(1);
+    let Ok(reply) = v2::PollReply::decode(bytes) else { return false };
+    let (reply, mut desk) = (wire::reply(reply), Desk::new(1));
     desk.absorb(reply.clone());
-    reply.jobs.into_iter().filter(|job| wire::task(job.clone()).is_ok()).count() > 0
+    let sound = |job: &Job| job.task.as_ref().is_ok_and(|task| Decoded::new(task).is_ok());
+    reply.jobs.iter().any(sound)
 }
 
 /// The list of a split's clouds.

@@ -24,8 +24,7 @@ use std::future::Future;
 use std::sync::Arc;
 use std::time::Duration;
 
-use proto::v1::coordinator_client::CoordinatorClient;
-use proto::{MAX_MESSAGE_BYTES, WorkerId};
+use proto::WorkerId;
 
 use backoff::Backoff;
 use blobs::Blobs;
@@ -34,6 +33,7 @@ use session::Session;
 pub use size::{InvalidSize, Size};
 pub use storage::{Storage, StorageArgs};
 use store::Store;
+use wire::Client;
 pub use workshop::Lru;
 use workshop::Workshop;
 
@@ -93,9 +93,7 @@ pub async fn run(
     options: Options,
     shutdown: impl Future<Output = ()>,
 ) -> Result<(), WorkerError> {
-    let client = CoordinatorClient::new(link)
-        .max_decoding_message_size(MAX_MESSAGE_BYTES)
-        .max_encoding_message_size(MAX_MESSAGE_BYTES);
+    let client = Client::new(link);
     let Options { identity, store, memory, source_blobs, patience } = options;
     let blobs = Blobs::new(client.clone(), source_blobs.then(|| Arc::clone(&store)));
     let workshop = Arc::new(Workshop::new(identity.threads as usize, memory, blobs, store)?);

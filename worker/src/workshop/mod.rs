@@ -2,6 +2,7 @@
 //! changed is not computed again.
 
 mod computing;
+pub(crate) mod decoded;
 mod fixed;
 mod lru;
 pub(crate) mod manifest;
@@ -15,7 +16,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use descriptor::grid::Cell;
 use descriptor::recognise::{RecogniseError, recognise_from};
-use descriptor::{Correct, Descriptor, GeneTable, Match, Parameters, Preprocess, QuantiseError, description};
+use descriptor::{Correct, Match, Parameters, QuantiseError, description};
+use proto::task::{
+    Described, Description, Evaluation, EvaluationResult, Failure, FailureReason, GridCell, Task, TaskResult, Tile,
+};
 use proto::{Digest, MAX_DESCRIPTION_BYTES};
 
 pub use computing::Computing;
@@ -25,6 +29,8 @@ pub use work::Work;
 use crate::blobs::{BlobError, Blobs};
 use crate::size::Size;
 use crate::store::Store;
+pub(crate) use decoded::Preparation;
+use decoded::{Decoded, InvalidTask, Subject};
 use manifest::{Manifest, labels};
 use matching::Source;
 use shelf::Shelf;
@@ -33,106 +39,12 @@ use supply::Supply;
 /// Memory for split manifests, which are small and wanted by every job, bytes.
 const MANIFESTS: usize = 8 << 20;
 
-/// What is computed once for all parameters of a run.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub struct Preparation {
-    /// Keypoints and normals.
-    pub preprocess: Preprocess,
-    /// The search space: how finely neighbours are recorded.
-    pub genes: GeneTable,
-}
-
-/// What a job asks for.
-#[derive(Clone, Debug)]
-pub enum Task {
-    /// One descriptor.
-    Evaluation(Evaluation),
-    /// All descriptors with one R1 and one R2.
-    GridCell(GridCell),
-    /// The clouds of one shard under one descriptor.
-    Description(Description),
-    /// One descriptor, on shards that were described before.
-    Tile(Tile),
-}
-
-/// Splits to match with each other.
-#[derive(Clone, Debug)]
-pub struct Splits {
-    /// Split manifests of the queries, in order.
-    pub query: Vec<Digest>,
-    /// Split manifests of the database, in order.
-    pub database: Vec<Digest>,
-}
-
-/// One descriptor to be evaluated.
-#[derive(Clone, Debug)]
-pub struct Evaluation {
-    /// How clouds are prepared.
-    pub preparation: Preparation,
-    /// The descriptor, one of the preparation's search space.
-    pub parameters: Parameters,
-    /// What is matched with what.
-    pub splits: Splits,
-    /// Whether each query's match is wanted, or only the counts.
-    pub want_matches: bool,
-}
-
-/// One cell of the exhaustive search.
-#[derive(Clone, Debug)]
-pub struct GridCell {
-    /// How clouds are prepared.
-    pub preparation: Preparation,
-    /// R1, micrometres.
-    pub disk_um: u32,
-    /// R2, micrometres.
-    pub ring_um: u32,
-    /// What is matched with what.
-    pub splits: Splits,
-}
-
-/// One shard to be described.
-#[derive(Clone, Debug)]
-pub struct Description {
-    /// How clouds are prepared.
-    pub preparation: Preparation,
-    /// The descriptor, of the paper's kind one of the preparation's search space.
-    pub descriptor: Descriptor,
-    /// The shard: a split manifest.
-    pub manifest: Digest,
-}
-
-/// One tile of the matrix of distances.
-#[derive(Clone, Debug)]
-pub struct Tile {
-    /// Of some shards.
-    pub evaluation: Evaluation,
-    /// For each of them the digest of its description.
-    pub descriptions: Splits,
-}
-
-/// What comes of a task.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Outcome {
-    /// Of an evaluation.
-    Evaluation(Recognition),
-    /// Of a grid cell: recognised queries (object), in the order of [`Cell::object_correct`].
-    GridCell(Vec<u32>),
-    /// Of a shard: the parts of its clouds, see [`description::encode`] and [`descriptor::fixed::description::encode`].
-    Description(Vec<u8>),
-}
-
-/// What an evaluation gives.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Recognition {
-    /// How many queries were recognised.
-    pub correct: Correct,
-    /// One a query if they were wanted.
-    pub matches: Vec<Match>,
-}
-
 /// Why an evaluation has no result.
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluationError {
+    /// The task cannot be read.
+    #[error(transparent)]
+    Invalid(#[from] InvalidTask),
     /// A blob is not to be had.
     #[error(transparent)]
     Blob(#[from] BlobError),
@@ -183,6 +95,27 @@ pub enum EvaluationError {
     },
 }
 
+impl EvaluationError {
+    fn reason(&self) -> FailureReason {
+        match self {
+            Self::Invalid(_)
+            | Self::Manifest { .. }
+            | Self::Quantise(_)
+            | Self::Recognise(_)
+            | Self::TooLarge { .. } => FailureReason::InvalidJob,
+            Self::Blob(_) => FailureReason::Data,
+            Self::Cloud { .. } => FailureReason::Cloud,
+            Self::Description { .. } | Self::Undecodable(_) => FailureReason::Description,
+        }
+    }
+}
+
+impl From<EvaluationError> for Failure {
+    fn from(error: EvaluationError) -> Self {
+        Self::new(error.reason(), error)
+    }
+}
+
 /// Carries out tasks, one at a time, each on all threads of its pool.
 pub struct Workshop {
     computing: Computing,
@@ -226,73 +159,88 @@ impl Workshop {
     }
 
     /// Fetches what is missing and computes.
-    pub async fn carry_out(self: Arc<Self>, task: Task) -> Result<Outcome, EvaluationError> {
-        let outcome = match task {
-            Task::Evaluation(evaluation) => self.evaluate(&evaluation).await.map(Outcome::Evaluation),
-            Task::GridCell(cell) => self.count_cell(&cell).await.map(Outcome::GridCell),
-            Task::Description(Description { preparation, descriptor, manifest }) => {
-                let described = match &descriptor {
-                    Descriptor::DiskRing(parameters) => {
-                        self.describe(&preparation, parameters, manifest).await
+    pub async fn carry_out(self: Arc<Self>, task: Task) -> Result<TaskResult, EvaluationError> {
+        let Decoded { preparation, subject } = Decoded::new(&task)?;
+        let result = match (&task, subject) {
+            (Task::Evaluation(evaluation), Subject::DiskRing(parameters)) => {
+                self.evaluate(&preparation, &parameters, evaluation).await.map(TaskResult::Evaluation)
+            }
+            (Task::Tile(tile), Subject::DiskRing(parameters)) => {
+                self.match_tile(&preparation, &parameters, tile).await.map(TaskResult::Evaluation)
+            }
+            (Task::GridCell(cell), Subject::Cell(radii_um)) => {
+                self.count_cell(&preparation, radii_um, cell).await.map(TaskResult::GridCell)
+            }
+            (Task::Description(Description { manifest, .. }), subject) => {
+                let bytes = match &subject {
+                    Subject::DiskRing(parameters) => self.describe(&preparation, parameters, *manifest).await,
+                    Subject::Fixed(fixed) => {
+                        self.describe_fixed(&preparation.preprocess, *fixed, *manifest).await
                     }
-                    Descriptor::Fixed(fixed) => {
-                        self.describe_fixed(&preparation.preprocess, *fixed, manifest).await
-                    }
+                    Subject::Cell(_) => return Err(InvalidTask::Subject.into()),
                 };
-                described.map(Outcome::Description)
+                bytes.map(|bytes| TaskResult::Description(Described::new(bytes)))
             }
-            Task::Tile(tile) => {
-                let Tile { evaluation, descriptions } = &tile;
-                self.match_tile(evaluation, descriptions).await.map(Outcome::Evaluation)
-            }
+            _ => return Err(InvalidTask::Subject.into()),
         };
         tracing::debug!("work so far: {:?}", self.work());
-        outcome
+        result
     }
 
-    async fn evaluate(&self, evaluation: &Evaluation) -> Result<Recognition, EvaluationError> {
-        let query = self.manifests(&evaluation.splits.query).await?.into_iter().map(Source::split).collect();
-        let database = self.manifests(&evaluation.splits.database).await?;
-        self.recognise(evaluation, query, database.into_iter().map(Source::split).collect()).await
+    async fn evaluate(
+        &self,
+        preparation: &Preparation,
+        parameters: &Parameters,
+        evaluation: &Evaluation,
+    ) -> Result<EvaluationResult, EvaluationError> {
+        let query = self.manifests(&evaluation.query).await?.into_iter().map(Source::split).collect();
+        let database = self.manifests(&evaluation.database).await?.into_iter().map(Source::split).collect();
+        self.recognise(preparation, parameters, [query, database], evaluation.want_matches).await
     }
 
     async fn match_tile(
         &self,
-        evaluation: &Evaluation,
-        descriptions: &Splits,
-    ) -> Result<Recognition, EvaluationError> {
-        let query = self.manifests(&evaluation.splits.query).await?;
-        let database = self.manifests(&evaluation.splits.database).await?;
-        let query = query.into_iter().zip(&descriptions.query).map(Source::shard).collect();
-        let database = database.into_iter().zip(&descriptions.database).map(Source::shard).collect();
-        self.recognise(evaluation, query, database).await
+        preparation: &Preparation,
+        parameters: &Parameters,
+        Tile { evaluation, query_descriptions, database_descriptions }: &Tile,
+    ) -> Result<EvaluationResult, EvaluationError> {
+        let query = self.manifests(&evaluation.query).await?;
+        let database = self.manifests(&evaluation.database).await?;
+        let query = query.into_iter().zip(query_descriptions).map(Source::shard).collect();
+        let database = database.into_iter().zip(database_descriptions).map(Source::shard).collect();
+        self.recognise(preparation, parameters, [query, database], evaluation.want_matches).await
     }
 
     async fn recognise(
         &self,
-        evaluation: &Evaluation,
-        query: Vec<Source>,
-        database: Vec<Source>,
-    ) -> Result<Recognition, EvaluationError> {
-        let shelf = self.shelf(&evaluation.preparation)?;
-        let [shape, colour] = self.distances(&shelf, &evaluation.parameters, &query, &database).await?;
+        preparation: &Preparation,
+        parameters: &Parameters,
+        [query, database]: [Vec<Source>; 2],
+        want_matches: bool,
+    ) -> Result<EvaluationResult, EvaluationError> {
+        let shelf = self.shelf(preparation)?;
+        let [shape, colour] = self.distances(&shelf, parameters, &query, &database).await?;
         let [queries, database] = [query, database]
             .map(|sources| labels(&sources.into_iter().map(|source| source.manifest).collect::<Vec<_>>()));
-        let weight = evaluation.parameters.shape_weight();
-        let want_matches = evaluation.want_matches;
+        let weight = parameters.shape_weight();
         let recognise = move || {
             let matches = recognise_from(queries.len(), &shape, &colour, &database, weight)?;
             let correct = Correct::count(&matches, &queries, &database);
-            Ok(Recognition { correct, matches: if want_matches { matches } else { Vec::new() } })
+            Ok(result(&correct, if want_matches { &matches } else { &[] }))
         };
         self.computing.run(recognise).await
     }
 
-    async fn count_cell(&self, task: &GridCell) -> Result<Vec<u32>, EvaluationError> {
-        let shelf = self.shelf(&task.preparation)?;
-        let cell = Arc::new(Cell::new(&shelf.quantiser, task.disk_um, task.ring_um)?);
-        let query = self.manifests(&task.splits.query).await?;
-        let database = self.manifests(&task.splits.database).await?;
+    async fn count_cell(
+        &self,
+        preparation: &Preparation,
+        [disk_um, ring_um]: [u32; 2],
+        task: &GridCell,
+    ) -> Result<Vec<u32>, EvaluationError> {
+        let shelf = self.shelf(preparation)?;
+        let cell = Arc::new(Cell::new(&shelf.quantiser, disk_um, ring_um)?);
+        let query = self.manifests(&task.query).await?;
+        let database = self.manifests(&task.database).await?;
         let queries = self.cell_parts(&shelf, &cell, &query).await?;
         let entries = self.cell_parts(&shelf, &cell, &database).await?;
         self.supply.work().cells += 1;
@@ -330,6 +278,20 @@ impl Workshop {
         let manifest = Arc::new(Manifest::decode(digest, &bytes)?);
         known().insert(digest, Arc::clone(&manifest), manifest.bytes());
         Ok(manifest)
+    }
+}
+
+fn result(correct: &Correct, matches: &[Match]) -> EvaluationResult {
+    let found = |found: &Match| proto::task::Match {
+        nearest: found.nearest.index,
+        distance: found.nearest.distance,
+        runner_up: found.runner_up.map(|hit| (hit.index, hit.distance)),
+    };
+    EvaluationResult {
+        queries: correct.queries as u32,
+        object_correct: correct.object as u32,
+        category_correct: correct.category as u32,
+        matches: matches.iter().map(found).collect(),
     }
 }
 

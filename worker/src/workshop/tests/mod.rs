@@ -7,8 +7,12 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
+use descriptor::bytes::{cell_to_bytes, preparation_to_bytes};
 use descriptor::genes::Domain;
-use descriptor::{PreparedCloud, Quantiser, pcd, recognise, summarise};
+use descriptor::{
+    Descriptor, GeneTable, PreparedCloud, Preprocess, Quantiser, pcd, recognise, summarise,
+};
+use proto::task;
 
 use super::*;
 use crate::storage::Storage;
@@ -45,19 +49,33 @@ fn descriptors() -> [Parameters; 6] {
     ]
 }
 
-/// Training (train1 against train2) or validation (validation against both).
-fn splits(archive: &Archive, validation: bool) -> Splits {
+/// Training (train1 against train2) or validation (validation against both): query and database.
+fn splits(archive: &Archive, validation: bool) -> [Vec<Digest>; 2] {
     let [train1, train2, of_validation] = archive.splits[..] else { panic!("three splits") };
     if validation {
-        Splits { query: vec![of_validation], database: vec![train1, train2] }
+        [vec![of_validation], vec![train1, train2]]
     } else {
-        Splits { query: vec![train1], database: vec![train2] }
+        [vec![train1], vec![train2]]
     }
 }
 
+fn subject(descriptor: Vec<u8>) -> task::Subject {
+    let Preparation { preprocess, genes } = preparation();
+    task::Subject {
+        preparation: preparation_to_bytes(&preprocess, &genes).try_into().unwrap(),
+        descriptor: descriptor.try_into().unwrap(),
+        facts: task::Facts::default(),
+    }
+}
+
+fn evaluation(archive: &Archive, parameters: Parameters, validation: bool) -> Evaluation {
+    let [query, database] = splits(archive, validation);
+    let subject = subject(Descriptor::DiskRing(parameters).to_bytes());
+    Evaluation { subject, query, database, queries: 0, database_clouds: 0, want_matches: true }
+}
+
 fn task(archive: &Archive, parameters: Parameters, validation: bool) -> Task {
-    let splits = splits(archive, validation);
-    Task::Evaluation(Evaluation { preparation: preparation(), parameters, splits, want_matches: true })
+    Task::Evaluation(evaluation(archive, parameters, validation))
 }
 
 static QUANTISER: LazyLock<Quantiser> = LazyLock::new(|| Quantiser::new(&preparation().genes).unwrap());
@@ -75,7 +93,7 @@ static PREPARED: LazyLock<HashMap<Digest, PreparedCloud>> = LazyLock::new(|| {
 });
 
 /// The evaluation as it is defined, without anything that saves work.
-fn plain(archive: &Archive, parameters: Parameters, validation: bool) -> Outcome {
+fn plain(archive: &Archive, parameters: Parameters, validation: bool) -> TaskResult {
     let binning = QUANTISER.binning(&parameters).unwrap();
     let manifests = |digests: &[Digest]| -> Vec<Arc<Manifest>> {
         let decode = |digest: &Digest| Manifest::decode(*digest, &archive.blobs[&digest.to_vec()]).unwrap();
@@ -86,12 +104,12 @@ fn plain(archive: &Archive, parameters: Parameters, validation: bool) -> Outcome
         let clouds: Vec<_> = manifests.iter().flat_map(|manifest| &manifest.clouds).map(prepared).collect();
         summarise(&clouds, &binning)
     };
-    let Splits { query, database } = splits(archive, validation);
+    let [query, database] = splits(archive, validation);
     let (query, database) = (manifests(&query), manifests(&database));
     let weight = parameters.shape_weight();
     let matches = recognise(&summaries(&query), &summaries(&database), &labels(&database), weight).unwrap();
     let correct = Correct::count(&matches, &labels(&query), &labels(&database));
-    Outcome::Evaluation(Recognition { correct, matches })
+    TaskResult::Evaluation(result(&correct, &matches))
 }
 
 fn store(cache: Option<PathBuf>) -> Arc<Store> {
@@ -104,7 +122,7 @@ fn workshop(archive: &Archive, memory: Size, store: &Arc<Store>) -> Arc<Workshop
     Arc::new(Workshop::new(2, memory, blobs, Arc::clone(store)).unwrap())
 }
 
-async fn carry_out(workshop: &Arc<Workshop>, task: Task) -> Outcome {
+async fn carry_out(workshop: &Arc<Workshop>, task: Task) -> TaskResult {
     Arc::clone(workshop).carry_out(task).await.unwrap()
 }
 
@@ -263,20 +281,19 @@ async fn the_coordinators_entries_are_used_if_they_are_sound() {
 }
 
 async fn describe(workshop: &Arc<Workshop>, parameters: Parameters, manifest: Digest) -> Vec<u8> {
-    let shard =
-        Description { preparation: preparation(), descriptor: Descriptor::DiskRing(parameters), manifest };
-    match carry_out(workshop, Task::Description(shard)).await {
-        Outcome::Description(bytes) => bytes,
-        outcome => panic!("{outcome:?}"),
+    let subject = subject(Descriptor::DiskRing(parameters).to_bytes());
+    match carry_out(workshop, Task::Description(Description { subject, manifest, clouds: 0 })).await {
+        TaskResult::Description(Described { bytes: Some(bytes), .. }) => bytes.to_vec(),
+        result => panic!("{result:?}"),
     }
 }
 
 /// Validation as a tile of described shards.
 fn tile(archive: &Archive, parameters: Parameters, descriptions: [Digest; 3]) -> Task {
-    let Task::Evaluation(evaluation) = task(archive, parameters, true) else { panic!("another task") };
+    let evaluation = evaluation(archive, parameters, true);
     let [query, first, second] = descriptions;
-    let descriptions = Splits { query: vec![query], database: vec![first, second] };
-    Task::Tile(Tile { evaluation, descriptions })
+    let (query_descriptions, database_descriptions) = (vec![query], vec![first, second]);
+    Task::Tile(Tile { evaluation, query_descriptions, database_descriptions })
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -350,9 +367,10 @@ async fn a_grid_cell_is_its_descriptors() {
     let archive = Archive::new();
     for memory in [LARGE, SMALL] {
         let workshop = workshop(&archive, memory, &store(None));
-        let (preparation, splits) = (preparation(), splits(&archive, true));
-        let cell = GridCell { preparation, disk_um: 15_000, ring_um: 40_000, splits };
-        let Outcome::GridCell(counts) = carry_out(&workshop, Task::GridCell(cell)).await else {
+        let ([query, database], subject) = (splits(&archive, true), subject(cell_to_bytes([15_000, 40_000])));
+        let (queries, database_clouds, descriptors) = (0, 0, 3 * 2 * 5);
+        let cell = GridCell { subject, query, database, queries, database_clouds, descriptors };
+        let TaskResult::GridCell(counts) = carry_out(&workshop, Task::GridCell(cell)).await else {
             panic!("another outcome")
         };
         let mut expected = Vec::new();
@@ -360,8 +378,8 @@ async fn a_grid_cell_is_its_descriptors() {
             for m in [3, 5] {
                 for weight in [0, 250_000, 500_000, 750_000, 1_000_000] {
                     let descriptor = parameters([shape_bins, m, 15_000, 40_000, weight]);
-                    let Outcome::Evaluation(found) = plain(&archive, descriptor, true) else { panic!() };
-                    expected.push(found.correct.object as u32);
+                    let TaskResult::Evaluation(found) = plain(&archive, descriptor, true) else { panic!() };
+                    expected.push(found.object_correct);
                 }
             }
         }
