@@ -7,10 +7,11 @@ use std::time::{Duration, SystemTime};
 use prost::Message as _;
 use proto::{JobId, SessionId, v1};
 
-use crate::evaluation::EvaluationResult;
 use crate::experiment::{Experiment, Overrides};
-use crate::task::TaskResult;
-use crate::{journal, wire};
+use cluster::evaluation::EvaluationResult;
+use cluster::journal;
+use cluster::task::TaskResult;
+use transport::wire;
 
 /// An experiment as TOML.
 pub fn experiment(text: &str) -> bool {

@@ -10,7 +10,7 @@ use worker::store::Store;
 use worker::{Credentials, Identity, Link, Options, Size, WorkerError};
 
 use crate::experiment::LocalWorkers;
-use crate::server::Servers;
+use transport::Servers;
 
 /// Threads of each in-process worker: the cores are shared out, and each worker has at least one.
 pub fn threads(workers: LocalWorkers) -> Vec<u32> {

@@ -7,8 +7,8 @@ use descriptor::{Preprocess, Quantiser};
 use proto::Digest;
 use worker::store::{PREPARED_CLOUD, Store, prepared_cloud_key};
 
-use crate::blobs::BlobStore;
 use crate::dataset::CloudEntry;
+use cluster::blobs::BlobStore;
 
 /// Which entries of the store are of this run's clouds. Keys from the wire are only looked up among these.
 pub struct PreparedClouds {

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use clap::Args;
 use proto::DEFAULT_PORT;
 
-use crate::certs::{self, CertsError, Site};
+use transport::certs::{self, CertsError, Site};
 
 /// Make certificates and a token for encrypted connections; print the join address
 ///

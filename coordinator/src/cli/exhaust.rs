@@ -7,10 +7,10 @@ use std::process::ExitCode;
 use clap::Args;
 use worker::StorageArgs;
 
-use crate::door::Protection;
 use crate::exhaust;
 use crate::experiment::{Experiment, LocalWorkers, Overrides};
 use crate::run::RunOptions;
+use transport::Protection;
 
 /// Evaluate every descriptor of an experiment's search space on the training clouds; workers may join at any time
 ///

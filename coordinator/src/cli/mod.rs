@@ -22,9 +22,9 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::cluster::ClusterError;
 use crate::compare::CompareError;
 use crate::run::RunError;
+use cluster::ClusterError;
 
 /// Evolves 3D point-cloud descriptors, on this machine and on as many others as join.
 ///

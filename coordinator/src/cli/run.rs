@@ -7,10 +7,10 @@ use std::process::ExitCode;
 use clap::Args;
 use worker::StorageArgs;
 
-use crate::door::Protection;
 use crate::experiment::{LocalWorkers, Overrides, Plan};
 use crate::run::{self, RunOptions};
 use crate::sweep;
+use transport::Protection;
 
 /// Run an experiment; workers may join at any time
 ///

@@ -7,10 +7,10 @@ use descriptor::fixed::description::{self as fixed, DescribedClouds};
 use descriptor::{Descriptor, FixedKind, Label, Parameters, Parts};
 use proto::MAX_DESCRIPTION_BYTES;
 
-use crate::assembly;
-use crate::blobs::BlobStore;
-use crate::evaluation::Evaluation;
-use crate::shard::Description;
+use cluster::assembly;
+use cluster::blobs::BlobStore;
+use cluster::evaluation::Evaluation;
+use cluster::shard::Description;
 
 /// Clouds that are described together: few, because PFHRGB takes a tenth of a second for each.
 const SHARD: u32 = 16;

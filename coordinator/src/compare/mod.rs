@@ -20,21 +20,21 @@ use results::{ComparedRow, Counts, LookRow, RunFolder, wilson};
 use worker::Storage;
 use worker::store::Store;
 
-use crate::cluster::{Client, ClusterNews};
-use crate::door::Protection;
 use crate::evaluate::EvaluateError;
-use crate::evaluation::Match;
 use crate::experiment::{LocalWorkers, Overrides};
 use crate::reopen::{ReopenError, Reopened, reopen};
 use crate::run::progress::Progress;
-use crate::run::{DataError, Matching, RunError, Workplace, host, listen, refuse_other_data, rows};
-use crate::shard::Description;
+use crate::run::{DataError, Matching, RunError, Workplace, listen, refuse_other_data, rows};
+use cluster::evaluation::Match;
+use cluster::shard::Description;
+use cluster::{Client, ClusterNews};
 pub use contestant::{Contestant, EVOLVED, Named, contestants};
 use described::Shards;
 use differences::{Level, Outcomes, error_interval, pairs};
 use recognition::{MAX_PAIRS, Recognition};
 pub use summary::Comparison;
 use timing::{Timed, time};
+use transport::Protection;
 
 /// What is compared, and how.
 #[derive(Clone, Debug)]
@@ -141,7 +141,7 @@ impl From<results::Error> for CompareError {
 /// Compares descriptors on the test clouds of a finished run, and writes the tables into its folder.
 pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, CompareError> {
     let mut progress = Progress::quiet();
-    let store = Arc::new(Store::open(&options.storage, &host()));
+    let store = Arc::new(Store::open(&options.storage, &transport::host_name()));
     let Reopened { finished: run, experiment, dataset } =
         &reopen(folder, options.data.as_deref(), options.overrides, &store)?;
     refuse_other_data(folder, &run.row.data_digest, dataset)?;
@@ -156,12 +156,13 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
 
     let local_workers = experiment.coordinator().local_workers;
     let can_do_alone = local_workers != LocalWorkers::Count(0);
-    let door = listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
+    let listener =
+        listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
     let memory = options.storage.memory;
     let mut workplace = Workplace::for_genes(&genes, experiment, dataset, Arc::clone(&store), memory)
         .map_err(|error| RunError::from(DataError::from(error)))?;
-    if let Some(door) = door {
-        workplace.open(door).await;
+    if let Some(listener) = listener {
+        workplace.open(listener).await;
     }
     let mut client = workplace.cluster.client();
     let mut crew = workplace.staff(local_workers);

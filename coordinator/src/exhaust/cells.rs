@@ -1,8 +1,8 @@
 //! Who counted which cell of the grid, and which cells are in doubt for it.
 
 use super::grid::Grid;
-use crate::scheduler::{Departure, What};
-use crate::task::Task;
+use cluster::scheduler::{Departure, What};
+use cluster::task::Task;
 
 /// The cells that are in the folder.
 #[derive(Debug, Default)]

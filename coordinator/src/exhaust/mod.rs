@@ -21,12 +21,12 @@ use std::sync::Arc;
 use results::{FinishedGrid, GridFolder};
 use worker::store::Store;
 
-use crate::cluster::Client;
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{Experiment, LocalWorkers};
 use crate::run::place::{beside, claim, difference, refuse_another};
 use crate::run::progress::Progress;
-use crate::run::{DataError, RunError, RunOptions, Workplace, host, listen, open_data, rows};
+use crate::run::{DataError, RunError, RunOptions, Workplace, listen, open_data, rows};
+use cluster::Client;
 pub use optimum::Optimum;
 use question::Question;
 pub use recheck::{MOST as MOST_RECHECKED, Recheck};
@@ -44,7 +44,7 @@ pub async fn exhaust(
     let mut progress = Progress::new(1);
     let local_workers = experiment.coordinator().local_workers;
     let can_do_alone = local_workers != LocalWorkers::Count(0);
-    let store = Arc::new(Store::open(&options.storage, &host()));
+    let store = Arc::new(Store::open(&options.storage, &transport::host_name()));
     let dataset = open_data(experiment, Wanted::Training, Some(&store), |line| progress.say(line))?;
     let question = Question::new(experiment, &dataset)?;
     let base = options.out.clone().unwrap_or_else(|| default_folder(experiment, &question));
@@ -57,13 +57,14 @@ pub async fn exhaust(
             return Ok(GridSummary { grid: grid.clone(), out, recheck: None });
         }
     }
-    let door = listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
+    let listener =
+        listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
     // Before a folder is made: the search space may be too fine.
     let mut workplace = Workplace::new(experiment, &dataset, Arc::clone(&store), options.storage.memory)
         .map_err(DataError::from)?;
     let folder = open_folder(&out, &question)?;
-    if let Some(door) = door {
-        workplace.open(door).await;
+    if let Some(listener) = listener {
+        workplace.open(listener).await;
     }
     let mut client = workplace.cluster.client();
     let mut crew = workplace.staff(local_workers);

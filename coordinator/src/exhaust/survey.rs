@@ -8,9 +8,9 @@ use results::{FinishedGrid, GridFolder, GridRow, GridTables, read_grid};
 use super::cells::Cells;
 use super::landscape::Landscape;
 use super::question::Question;
-use crate::cluster::{CellAnswer, Client, ClusterNews};
 use crate::run::progress::{CellReport, Progress};
 use crate::run::{RunError, Workplace};
+use cluster::{CellAnswer, Client, ClusterNews};
 
 /// Counts of a cell, and the id of the worker that counted.
 type Counted = (Vec<u32>, Option<String>);

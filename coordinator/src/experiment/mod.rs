@@ -28,9 +28,9 @@ use std::time::Duration;
 
 use descriptor::{GeneTable, Preprocess};
 
-use crate::assembly::Pieces;
 use crate::dataset::DatasetSettings;
 use crate::evolution::{GaSettings, Method, StopSettings};
+use cluster::assembly::Pieces;
 pub use error::ExperimentError;
 use error::Fault;
 pub(crate) use error::shortened;

@@ -7,9 +7,9 @@ use descriptor::preprocess::Unit;
 use descriptor::{Encoding, GeneSpec};
 
 use super::{DEFAULT_RESULTS_DIR, Experiment, LocalWorkers};
-use crate::assembly::Pieces;
 use crate::dataset::{Layout, SeededSplit, SplitRule};
 use crate::evolution::{Method, Scaling};
+use cluster::assembly::Pieces;
 
 /// Every key; see [`Experiment::resolved_toml`].
 pub(super) fn resolved_toml(experiment: &Experiment) -> String {

@@ -17,8 +17,8 @@ use super::raw::{
 use super::validate_dataset::dataset;
 use super::validate_genes::genes;
 use super::{CoordinatorSettings, Experiment, LocalWorkers, MAX_LOCAL_WORKERS, MAX_SEED, Overrides};
-use crate::assembly::{MAX_PIECES, Pieces};
 use crate::evolution::{GaSettings, StopSettings};
+use cluster::assembly::{MAX_PIECES, Pieces};
 
 /// Checks the meaning of every key; the first mistake in the order of the file's sections is reported.
 pub(super) fn experiment(

@@ -11,8 +11,8 @@ use proto::Digest;
 use results::Counts;
 use worker::store::Store;
 
-use crate::evaluation::Evaluation;
 use crate::storage;
+use cluster::evaluation::Evaluation;
 
 /// Kind of the entries in the store.
 const KIND: &str = "remembered counts";

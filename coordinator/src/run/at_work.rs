@@ -5,10 +5,8 @@ use std::time::{Duration, Instant, SystemTime};
 use results::{Counts, LookRow, PredictionSplit, RunFolder, RunRow};
 use worker::store::Store;
 
-use crate::cluster::{Client, ClusterError};
 use crate::compare::EVOLVED;
 use crate::dataset::Dataset;
-use crate::evaluation::EvaluationResult;
 use crate::evolution::{Evolution, Individual, Method, RandomSearch};
 use crate::exhaust::{best_of_all, known_optimum};
 use crate::experiment::Experiment;
@@ -18,7 +16,9 @@ use crate::run::search::{Found, Search};
 use crate::run::source::Source;
 use crate::run::splits::Matching;
 use crate::run::summary::Summary;
-use crate::run::{RunError, Workplace, data_digest, host, rows};
+use crate::run::{RunError, Workplace, data_digest, rows};
+use cluster::evaluation::EvaluationResult;
+use cluster::{Client, ClusterError};
 
 /// A run and all that it needs.
 pub struct RunAtWork<'a> {
@@ -116,7 +116,7 @@ impl RunAtWork<'_> {
             evaluation_version: descriptor::EVALUATION_VERSION,
             program_version: env!("CARGO_PKG_VERSION").to_owned(),
             build: worker::BUILD.to_owned(),
-            host: host(),
+            host: transport::host_name(),
             started_at: start.first,
             finished_at: SystemTime::now(),
             seconds: (start.before + start.now.elapsed()).as_secs_f64(),

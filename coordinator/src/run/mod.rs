@@ -20,18 +20,19 @@ use std::sync::Arc;
 use std::time::{Duration, Instant, SystemTime};
 
 use results::RunFolder;
+use transport::host_name;
 use worker::Storage;
 use worker::store::Store;
 
-use crate::cluster::ClusterError;
 use crate::dataset::{Dataset, DatasetError, Wanted};
-use crate::door::{Door, DoorError, Protection};
 use crate::evolution::{Method, SettingsError};
 use crate::exhaust::grid::{Grid, GridError};
 use crate::experiment::{Experiment, ExperimentError, LocalWorkers};
-use crate::journal::JournalError;
 use crate::local::CrewError;
 use crate::memory::Known;
+use cluster::ClusterError;
+use cluster::journal::JournalError;
+use transport::{ListenError, Listener, Protection};
 
 use at_work::compare_with_optimum;
 pub use at_work::{RunAtWork, Start};
@@ -77,7 +78,7 @@ pub enum RunError {
     Grid(#[from] GridError),
     /// Nobody can connect.
     #[error(transparent)]
-    Door(#[from] DoorError),
+    Listen(#[from] ListenError),
     /// Evaluations stopped for good.
     #[error(transparent)]
     Cluster(#[from] ClusterError),
@@ -198,7 +199,7 @@ pub enum RunError {
 /// Runs an experiment to its stop reason; a finished run is only shown again.
 pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summary, RunError> {
     let (started, started_at) = (Instant::now(), SystemTime::now());
-    let store = Arc::new(Store::open(&options.storage, &host()));
+    let store = Arc::new(Store::open(&options.storage, &host_name()));
     let out = folder(experiment, options.out.clone(), options.fresh);
     if let Some(summary) = already_finished(&out, experiment, &store)? {
         return Ok(summary);
@@ -210,7 +211,8 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     }
     let local_workers = experiment.coordinator().local_workers;
     let can_do_alone = local_workers != LocalWorkers::Count(0);
-    let door = listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
+    let listener =
+        listen(experiment.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
     let dataset = open_data(experiment, Wanted::All, Some(&store), |line| progress.say(line))?;
     if experiment.stop().validation_patience.is_some() && dataset.splits.validation.is_empty() {
         return Err(RunError::NoValidation);
@@ -239,8 +241,8 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let memory = options.storage.memory;
     let mut workplace = Workplace::with_journal(past, experiment, &dataset, Arc::clone(&store), memory)
         .map_err(DataError::from)?;
-    if let Some(door) = door {
-        workplace.open(door).await;
+    if let Some(listener) = listener {
+        workplace.open(listener).await;
     }
     let memory = |matching| workplace.splits.memory(&store, experiment.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
@@ -353,11 +355,6 @@ pub fn refuse_other_data(folder: &Path, then: &str, dataset: &Dataset) -> Result
     Err(RunError::OtherData { folder: folder.to_owned(), then: then.to_owned(), now })
 }
 
-/// This machine's name.
-pub fn host() -> String {
-    hostname::get().map_or_else(|_| "unknown".to_owned(), |name| name.to_string_lossy().into_owned())
-}
-
 /// Digest of a data set.
 pub fn data_digest(dataset: &Dataset) -> String {
     proto::Digest(dataset.clouds.digest).to_string()
@@ -369,10 +366,10 @@ pub async fn listen(
     can_do_alone: bool,
     protection: &Protection,
     progress: &Progress,
-) -> Result<Option<Door>, RunError> {
-    let door = match Door::open(wanted.unwrap_or(DEFAULT_LISTEN), protection).await {
-        Ok(door) => door,
-        Err(DoorError::PortInUse { address }) if wanted.is_none() && can_do_alone => {
+) -> Result<Option<Listener>, RunError> {
+    let listener = match Listener::bind(wanted.unwrap_or(DEFAULT_LISTEN), protection).await {
+        Ok(listener) => listener,
+        Err(ListenError::PortInUse { address }) if wanted.is_none() && can_do_alone => {
             progress.say(&format!(
                 "port {} is in use, so that no remote worker can join; --listen chooses another",
                 address.port()
@@ -381,8 +378,8 @@ pub async fn listen(
         }
         Err(error) => return Err(error.into()),
     };
-    for notice in door.notices() {
+    for notice in listener.notices() {
         progress.say(&notice);
     }
-    Ok(Some(door))
+    Ok(Some(listener))
 }

@@ -8,8 +8,8 @@ use descriptor::Parameters;
 use indicatif::{ProgressBar, ProgressStyle};
 use results::Counts;
 
-use crate::cluster::{Client, ClusterNews};
 use crate::run::tally::Tally;
+use cluster::{Client, ClusterNews};
 
 /// What there is to say at the end of a generation.
 pub struct GenerationReport<'a> {

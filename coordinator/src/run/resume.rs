@@ -8,11 +8,11 @@ use proto::SessionId;
 
 use crate::dataset::Dataset;
 use crate::experiment::{Overrides, Plan};
-use crate::journal::{Header, JOURNAL_FILE, Journal, JournalFile, Recorded};
 use crate::run::place::difference;
 use crate::run::{RunError, data_digest};
 use crate::sweep::SWEEP_FILE;
 use crate::sweep::recorded_sweep;
+use cluster::journal::{Header, JOURNAL_FILE, Journal, JournalFile, Recorded};
 
 /// The journal in `folder`, at work, of what `search` determines and `record` tells in full; a new one if the folder has
 /// none, after `discard` has removed all that was kept.

@@ -6,10 +6,10 @@ use descriptor::{GENES, GeneKind, Parameters};
 use results::{Computed, Counts, EvaluationRow, GeneColumn, PredictionRow, RunnerUp, SkippedRow};
 
 use crate::dataset::Dataset;
-use crate::evaluation::{EvaluationResult, Match};
 use crate::evolution::Individual;
 use crate::run::splits::Matching;
-use crate::scheduler::Finished;
+use cluster::evaluation::{EvaluationResult, Match};
+use cluster::scheduler::Finished;
 
 /// The gene columns of every table that has them.
 pub fn gene_columns() -> Vec<GeneColumn> {

@@ -7,8 +7,6 @@ use std::time::Instant;
 use descriptor::Parameters;
 use results::{Counts, RunFolder};
 
-use crate::cluster::Client;
-use crate::evaluation::EvaluationResult;
 use crate::evolution::{GenerationBest, Individual, StopReason, StopRule, Winner, selection};
 use crate::experiment::Experiment;
 use crate::memory::Known;
@@ -17,8 +15,10 @@ use crate::run::rows;
 use crate::run::source::Source;
 use crate::run::splits::Matching;
 use crate::run::{RunError, Workplace};
-use crate::scheduler::Finished;
-use crate::task::Task;
+use cluster::Client;
+use cluster::evaluation::EvaluationResult;
+use cluster::scheduler::Finished;
+use cluster::task::Task;
 
 /// What a search found.
 pub struct Found {

@@ -5,12 +5,12 @@ use prost::Message as _;
 use proto::Digest;
 use worker::store::Store;
 
-use crate::blobs::BlobStore;
 use crate::dataset::{Dataset, SPLITS, Splits};
-use crate::evaluation::Evaluation;
+use crate::manifest;
 use crate::memory::Memory;
-use crate::task::GridCell;
-use crate::wire;
+use cluster::blobs::BlobStore;
+use cluster::evaluation::Evaluation;
+use cluster::task::GridCell;
 
 /// Position of the test split in [`SPLITS`].
 const TEST: usize = 3;
@@ -63,7 +63,11 @@ impl<'a> SplitBlobs<'a> {
     pub fn publish(dataset: &'a Dataset, blobs: &BlobStore) -> Self {
         let manifests = std::array::from_fn(|split| {
             let released = split != TEST;
-            if released { publish(dataset, split, blobs) } else { Digest::of(&manifest(dataset, split)) }
+            if released {
+                publish(dataset, split, blobs)
+            } else {
+                Digest::of(&split_manifest(dataset, split))
+            }
         });
         Self { dataset, manifests }
     }
@@ -106,9 +110,9 @@ impl<'a> SplitBlobs<'a> {
     }
 }
 
-fn manifest(dataset: &Dataset, split: usize) -> Vec<u8> {
+fn split_manifest(dataset: &Dataset, split: usize) -> Vec<u8> {
     let clouds = clouds_of(dataset, split).iter().map(|&index| &dataset.clouds.entries[index as usize]);
-    wire::manifest(SPLITS[split], clouds).encode_to_vec()
+    manifest::manifest(SPLITS[split], clouds).encode_to_vec()
 }
 
 fn publish(dataset: &Dataset, split: usize, blobs: &BlobStore) -> Digest {
@@ -116,5 +120,5 @@ fn publish(dataset: &Dataset, split: usize, blobs: &BlobStore) -> Digest {
         let cloud = &dataset.clouds.entries[index as usize];
         blobs.publish_file(Digest(cloud.digest), dataset.clouds.file(cloud));
     }
-    blobs.publish_bytes(manifest(dataset, split))
+    blobs.publish_bytes(split_manifest(dataset, split))
 }

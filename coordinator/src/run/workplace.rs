@@ -8,18 +8,18 @@ use results::Counts;
 use worker::Size;
 use worker::store::Store;
 
-use crate::cluster::{Cluster, ClusterError};
 use crate::dataset::Dataset;
-use crate::door::Door;
 use crate::experiment::{Experiment, LocalWorkers};
-use crate::journal::{Journal, Recorded};
 use crate::local::{self, Crew};
+use crate::manifest;
 use crate::prepared::PreparedClouds;
 use crate::run::rows;
 use crate::run::splits::{Matching, SplitBlobs};
-use crate::scheduler::{Audit, Limits};
-use crate::server::Servers;
-use crate::wire;
+use cluster::journal::{Journal, Recorded};
+use cluster::scheduler::{Audit, Limits};
+use cluster::{Cluster, ClusterError};
+use transport::Listener;
+use transport::{Release, Servers};
 
 /// Workers beyond which registration is refused.
 const MAX_WORKERS: usize = 10_000;
@@ -107,11 +107,14 @@ impl<'a> Workplace<'a> {
     ) -> Result<Self, QuantiseError> {
         cluster.set_pieces(experiment.coordinator().pieces);
         let splits = SplitBlobs::publish(dataset, &cluster.blobs);
-        let preparation = wire::preparation(experiment.preprocess(), genes);
+        let preparation = manifest::preparation(experiment.preprocess(), genes);
         let quantiser = Quantiser::new(genes)?;
         let entries = &dataset.clouds.entries;
         let prepared = PreparedClouds::new(Arc::clone(&store), experiment.preprocess(), &quantiser, entries);
-        let servers = Servers::new(Arc::clone(&cluster), preparation, prepared);
+        let release = Release { build: worker::BUILD, evaluation_version: descriptor::EVALUATION_VERSION };
+        let released = Arc::clone(&cluster);
+        let derived = Arc::new(move |kind: &str, key| prepared.read(kind, key, &released.blobs));
+        let servers = Servers::new(Arc::clone(&cluster), preparation, release, derived);
         Ok(Self { cluster, splits, servers, store, memory })
     }
 
@@ -121,8 +124,8 @@ impl<'a> Workplace<'a> {
     }
 
     /// Lets remote workers in.
-    pub async fn open(&mut self, door: Door) {
-        self.servers.serve(door).await;
+    pub async fn open(&mut self, listener: Listener) {
+        self.servers.serve(listener).await;
     }
 
     /// Training counts of some descriptors, in their order.

@@ -20,7 +20,7 @@ use crate::run::summary::Summary;
 use crate::run::tally::Tally;
 use crate::run::{
     DataError, Matching, RunAtWork, RunError, RunOptions, Start, Workplace, compare_with_data, finished,
-    host, in_time, listen, open_data, open_journal, refuse_other_data, remove_journal, rows,
+    in_time, listen, open_data, open_journal, refuse_other_data, remove_journal, rows,
 };
 pub use summary::SweepSummary;
 
@@ -57,7 +57,7 @@ pub fn run_folders(folder: &Path) -> Result<Vec<(String, PathBuf)>, RunError> {
 /// Runs all members of a sweep to their stop reasons; those that are finished are only shown again.
 pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, RunError> {
     let (now, started_at, base) = (Instant::now(), SystemTime::now(), sweep.base());
-    let store = Arc::new(Store::open(&options.storage, &host()));
+    let store = Arc::new(Store::open(&options.storage, &transport::host_name()));
     let out = folder(sweep, options.out.clone(), options.fresh);
     let members = sweep.members();
     refuse_another(&out, &sweep.search_toml())?;
@@ -68,7 +68,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let mut progress = Progress::new(generations.fold(0, u32::saturating_add));
     let local_workers = base.coordinator().local_workers;
     let can_do_alone = local_workers != LocalWorkers::Count(0);
-    let door = listen(base.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
+    let listener = listen(base.coordinator().listen, can_do_alone, &options.protection, &progress).await?;
     let dataset = open_data(base, Wanted::All, Some(&store), |line| progress.say(line))?;
     let validates = |member: &Member| member.experiment.stop().validation_patience.is_some();
     if members.iter().any(validates) && dataset.splits.validation.is_empty() {
@@ -90,8 +90,8 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let memory = options.storage.memory;
     let mut workplace =
         Workplace::with_journal(past, base, &dataset, Arc::clone(&store), memory).map_err(DataError::from)?;
-    if let Some(door) = door {
-        workplace.open(door).await;
+    if let Some(listener) = listener {
+        workplace.open(listener).await;
     }
     let memory = |matching| workplace.splits.memory(&store, base.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
@@ -220,7 +220,7 @@ fn already_finished(
     store: &Store,
 ) -> Result<Option<Vec<(String, Summary)>>, RunError> {
     // A journal is there until the last of them is sure.
-    if recorded_sweep(out)?.is_none() || out.join(crate::journal::JOURNAL_FILE).exists() {
+    if recorded_sweep(out)?.is_none() || out.join(cluster::journal::JOURNAL_FILE).exists() {
         return Ok(None);
     }
     let mut summaries = Vec::new();

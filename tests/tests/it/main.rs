@@ -3,6 +3,7 @@
 //! - `artefact`: what is taken away from a run
 //! - `programs`: every command as a user runs it
 //! - `bad_input`: what users get wrong, and what they are told
+//! - `circles`: no file imports another in a circle
 //! - `comparisons`: descriptors on the test clouds of a run
 //! - `determinism`: one digest, whatever the workers do
 //! - `remembering`: caches and what is kept from run to run
@@ -27,6 +28,7 @@
 
 mod artefact;
 mod bad_input;
+mod circles;
 mod comparisons;
 mod determinism;
 mod exhaust;

@@ -112,7 +112,7 @@ fn start_coordinator(place: &Path) -> Running {
     command.arg("run").arg(place.join("load.toml"));
     command.arg("--out").arg(place.join("run")).arg("--cache").arg(place.join("cache"));
     command.args(["--listen", "127.0.0.1:0", "--local-workers", "0", "--json"]);
-    command.env("DESCRY_LOG", "warn,coordinator::journal=debug");
+    command.env("DESCRY_LOG", "warn,cluster::journal=debug");
     Running::start(command)
 }
 

@@ -5,10 +5,10 @@ use std::ops::Range;
 use std::time::{Duration, SystemTime};
 use std::{fs, thread};
 
-use coordinator::certs::{Authority, Subject};
 use tonic::Code;
 use tonic_health::pb::HealthCheckRequest;
 use tonic_health::pb::health_client::HealthClient;
+use transport::certs::{Authority, Subject};
 
 use super::{Site, digest, http2};
 use crate::experiments::Experiment;

@@ -1,4 +1,4 @@
-//! Where workers connect: through the door for remote ones, over memory for those in this process.
+//! The servers of a run: on the port for remote workers, in memory for those of this process.
 
 use std::io;
 use std::sync::Arc;
@@ -14,10 +14,10 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::transport::{Channel, Endpoint, Server};
 use tower::service_fn;
 
-use crate::cluster::Cluster;
-use crate::door::{Admission, Door, Guard};
-use crate::prepared::PreparedClouds;
-use crate::service::Service;
+use crate::auth_layer::AuthLayer;
+use crate::listener::{Accepting, Listener};
+use crate::service::{DerivedEntries, Release, Service};
+use cluster::Cluster;
 
 /// Bytes on their way between the two ends of an in-process connection.
 const PIPE_BYTES: usize = 256 << 10;
@@ -26,35 +26,43 @@ const PIPE_BYTES: usize = 256 << 10;
 const MAX_STREAMS: u32 = 64;
 /// How often a silent connection is asked whether it is still there.
 const KEEPALIVE: Duration = Duration::from_secs(20);
+
 /// The running servers of one run; they end when this is dropped.
 pub struct Servers {
     cluster: Arc<Cluster>,
     preparation: v1::Preparation,
-    prepared: Arc<PreparedClouds>,
+    release: Release,
+    derived: DerivedEntries,
     tasks: JoinSet<()>,
 }
 
 impl Servers {
     /// No server yet.
-    pub fn new(cluster: Arc<Cluster>, preparation: v1::Preparation, prepared: PreparedClouds) -> Self {
-        Self { cluster, preparation, prepared: Arc::new(prepared), tasks: JoinSet::new() }
+    pub fn new(
+        cluster: Arc<Cluster>,
+        preparation: v1::Preparation,
+        release: Release,
+        derived: DerivedEntries,
+    ) -> Self {
+        Self { cluster, preparation, release, derived, tasks: JoinSet::new() }
     }
 
     /// Serves remote workers, health probes and reflection.
-    pub async fn serve(&mut self, door: Door) {
+    pub async fn serve(&mut self, listener: Listener) {
         let (health, health_service) = tonic_health::server::health_reporter();
         health.set_serving::<proto::v1::coordinator_server::CoordinatorServer<Service>>().await;
         let reflection = tonic_reflection::server::Builder::configure()
             .register_encoded_file_descriptor_set(proto::FILE_DESCRIPTOR_SET)
             .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
             .build_v1();
-        let mut router = server().layer(Guard).add_service(self.service(false)).add_service(health_service);
+        let Accepting { connections, access, run } = listener.accept(Arc::clone(&self.cluster));
+        let mut router =
+            server().layer(AuthLayer(access)).add_service(self.service(false)).add_service(health_service);
         match reflection {
             Ok(service) => router = router.add_service(service),
             Err(error) => tracing::warn!("gRPC reflection is off, got {error}"),
         }
-        let Admission { connections, tend } = door.admit(Arc::clone(&self.cluster));
-        self.tasks.spawn(tend);
+        self.tasks.spawn(run);
         self.spawn(router.serve_with_incoming(ReceiverStream::new(connections)));
     }
 
@@ -77,8 +85,8 @@ impl Servers {
     }
 
     fn service(&self, in_process: bool) -> CoordinatorServer<Service> {
-        let (cluster, prepared) = (Arc::clone(&self.cluster), Arc::clone(&self.prepared));
-        Service::server(cluster, self.preparation.clone(), prepared, in_process)
+        let (cluster, derived) = (Arc::clone(&self.cluster), Arc::clone(&self.derived));
+        Service::server(cluster, self.preparation.clone(), (self.release, derived), in_process)
     }
 
     fn spawn(&mut self, server: impl Future<Output = Result<(), tonic::transport::Error>> + Send + 'static) {

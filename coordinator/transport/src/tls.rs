@@ -1,4 +1,4 @@
-//! TLS at the door: the coordinator's side of the handshake.
+//! TLS: the coordinator's side of the handshake.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -15,20 +15,21 @@ use tokio::net::TcpStream;
 use tokio_rustls::TlsAcceptor;
 use worker::tls::{ALPN, CERTIFICATE_FILE, fingerprint, read_certificates, read_identity};
 
+use crate::access::{AccessControl, Requirement};
 use crate::certs::{self, CA_FILE, JOIN_FILE};
-use crate::door::gate::{Key, Presence};
-use crate::door::guest::{ARRIVAL, Guest, GuestStream};
-use crate::door::{Connection, DoorError};
+use crate::connection::{Connection, FIRST_CALL, Stream};
+use crate::limiter::ConnectionPermit;
+use crate::listen_error::ListenError;
 
 /// First byte of a TLS handshake.
 const TLS_HANDSHAKE: u8 = 22;
 
-/// TLS as the coordinator speaks it, and what lets a call in.
+/// TLS as the coordinator speaks it, and what a call has to show.
 pub struct Tls {
     /// Shakes hands.
     pub acceptor: TlsAcceptor,
     /// What a call has to show.
-    pub key: Key,
+    pub requirement: Requirement,
     /// Where certificates, token and deny list are.
     pub folder: PathBuf,
     /// The join address in that folder.
@@ -37,8 +38,8 @@ pub struct Tls {
 
 impl Tls {
     /// TLS with the certificates and the token in a folder of `coordinator certs`.
-    pub fn read(folder: &Path) -> Result<Self, DoorError> {
-        let unfit = |reason: String| DoorError::Unfit { folder: folder.to_owned(), reason };
+    pub fn read(folder: &Path) -> Result<Self, ListenError> {
+        let unfit = |reason: String| ListenError::Unfit { folder: folder.to_owned(), reason };
         let provider = Arc::new(rustls::crypto::ring::default_provider());
         let mut roots = RootCertStore::empty();
         let authorities = read_certificates(&folder.join(CA_FILE))?;
@@ -68,7 +69,7 @@ impl Tls {
         config.send_tls13_tickets = 0; // no session is resumed: each connection shows its certificate anew
         Ok(Self {
             acceptor: TlsAcceptor::from(Arc::new(config)),
-            key: Key::Credentials(certs::token(folder)?),
+            requirement: Requirement::Credential(certs::token(folder)?),
             folder: folder.to_owned(),
             join,
         })
@@ -93,8 +94,9 @@ fn issued(
 pub async fn shake_hands(
     acceptor: &TlsAcceptor,
     stream: TcpStream,
-    presence: Presence,
-) -> Option<Connection> {
+    permit: ConnectionPermit,
+    access: &AccessControl,
+) -> Option<(Box<dyn Stream>, Arc<Connection>)> {
     let handshake = async {
         let mut first = [0];
         if stream.peek(&mut first).await? == 1 && first[0] != TLS_HANDSHAKE {
@@ -103,20 +105,19 @@ pub async fn shake_hands(
         }
         acceptor.accept(stream).await
     };
-    let reason = match tokio::time::timeout(ARRIVAL, handshake).await {
+    let reason = match tokio::time::timeout(FIRST_CALL, handshake).await {
         Ok(Ok(stream)) => {
             let shown = stream.get_ref().1.peer_certificates();
             let certificate = shown.and_then(|chain| chain.first()).map(fingerprint);
-            let guest = Guest::new(presence, certificate);
-            return Some(GuestStream::new(Box::new(stream), guest));
+            return Some((Box::new(stream), access.connect(permit, certificate)));
         }
         Ok(Err(error)) => {
-            tracing::debug!("door: {}: no TLS handshake, got {error}", presence.address());
+            tracing::debug!("transport: {}: no TLS handshake, got {error}", permit.address());
             "no TLS handshake"
         }
         Err(_) => "no TLS handshake in time",
     };
-    presence.gate().note_stopped(reason, presence.address());
+    access.refusals.note(reason, permit.address());
     None
 }
 
@@ -166,8 +167,8 @@ mod tests {
             "{}",
             refused(JOIN_FILE)
         );
-        assert!(matches!(Tls::read(&one).unwrap().key, Key::Credentials(Some(_))));
+        assert!(matches!(Tls::read(&one).unwrap().requirement, Requirement::Credential(Some(_))));
         fs::remove_file(one.join(TOKEN_FILE)).unwrap();
-        assert!(matches!(Tls::read(&one).unwrap().key, Key::Credentials(None)));
+        assert!(matches!(Tls::read(&one).unwrap().requirement, Requirement::Credential(None)));
     }
 }

@@ -6,8 +6,8 @@ use descriptor::Label;
 use proto::Digest;
 
 use super::cut::shares;
+use super::listing::Listing;
 use crate::blobs::BlobStore;
-use crate::wire;
 
 /// A shard: clouds that are described together.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -31,7 +31,7 @@ impl Side {
     /// Cuts the `clouds` clouds of some splits, one after the other, into shards, and releases their manifests; `None`
     /// if a split is not released, or they list other clouds.
     pub fn publish(splits: &[Digest], clouds: u32, shards: u32, blobs: &BlobStore) -> Option<Self> {
-        let mut listing = wire::Listing::default();
+        let mut listing = Listing::default();
         for split in splits {
             listing.append(&blobs.read(*split).ok()?)?;
         }

@@ -1,4 +1,4 @@
-//! The guard before every service: who calls, how often, and how much it sends.
+//! The layer before every service: who calls, how often, and how much it sends.
 
 use std::pin::Pin;
 use std::sync::Arc;
@@ -15,7 +15,8 @@ use tonic::codegen::http::{Request, Response};
 use tonic::codegen::{BoxFuture, Bytes};
 use tower::{Layer, Service};
 
-use crate::door::guest::Guest;
+use crate::access::AccessControl;
+use crate::connection::Connection;
 
 /// The call that adds a worker.
 const REGISTER: &str = "/descry.v1.Coordinator/Register";
@@ -24,25 +25,26 @@ const BODY_TIME: Duration = Duration::from_secs(20);
 /// Bytes of requests of one connection that are not whole: the largest message, and small ones beside it.
 const MAX_RECEIVING: usize = MAX_MESSAGE_BYTES + (1 << 20);
 
-/// Puts a [`Guarded`] before services.
-#[derive(Clone, Copy, Debug)]
-pub struct Guard;
+/// Puts an [`AuthService`] before services.
+#[derive(Clone)]
+pub struct AuthLayer(pub Arc<AccessControl>);
 
-impl<S> Layer<S> for Guard {
-    type Service = Guarded<S>;
+impl<S> Layer<S> for AuthLayer {
+    type Service = AuthService<S>;
 
-    fn layer(&self, inner: S) -> Guarded<S> {
-        Guarded { inner }
+    fn layer(&self, inner: S) -> AuthService<S> {
+        AuthService { inner, access: Arc::clone(&self.0) }
     }
 }
 
-/// A service whose every call has passed the gate.
-#[derive(Clone, Debug)]
-pub struct Guarded<S> {
+/// A service of which only those calls are made that access control lets in.
+#[derive(Clone)]
+pub struct AuthService<S> {
     inner: S,
+    access: Arc<AccessControl>,
 }
 
-impl<S> Service<Request<Body>> for Guarded<S>
+impl<S> Service<Request<Body>> for AuthService<S>
 where
     S: Service<Request<Body>, Response = Response<Body>> + Clone + Send + 'static,
     S::Future: Send,
@@ -56,48 +58,50 @@ where
     }
 
     fn call(&mut self, request: Request<Body>) -> Self::Future {
-        let (guest, wait) = match admit(&request) {
+        let (connection, wait) = match admit(&self.access, &request) {
             Ok(admitted) => admitted,
             Err(status) => return Box::pin(async move { Ok(status.into_http()) }),
         };
-        let inner = self.inner.clone();
+        let (inner, access) = (self.inner.clone(), Arc::clone(&self.access));
         let mut ready = std::mem::replace(&mut self.inner, inner); // the one that said it is ready
         Box::pin(async move {
             if !wait.is_zero() {
                 tokio::time::sleep(wait).await;
             }
-            ready.call(request.map(|body| Body::new(Incoming { body, guest, bytes: 0, late: None }))).await
+            let incoming = |body| Incoming { body, connection, access, bytes: 0, late: None };
+            ready.call(request.map(|body| Body::new(incoming(body)))).await
         })
     }
 }
 
 /// Lets a call in, with the time it has to wait, or says why not and ends its connection.
-fn admit(request: &Request<Body>) -> Result<(Arc<Guest>, Duration), Status> {
-    let Some(guest) = request.extensions().get::<Arc<Guest>>() else {
-        return Err(Status::internal("this call came through no door"));
+fn admit(access: &AccessControl, request: &Request<Body>) -> Result<(Arc<Connection>, Duration), Status> {
+    let Some(connection) = request.extensions().get::<Arc<Connection>>() else {
+        return Err(Status::internal("this call has no connection"));
     };
     let now = Instant::now();
     let authorization = request.headers().get("authorization").and_then(|value| value.to_str().ok());
-    if let Err(status) = guest.gate().check(guest, authorization) {
-        guest.gate().stop(guest, "not let in");
+    if let Err(status) = access.check(connection, authorization) {
+        access.stop(connection, "not let in");
         return Err(status);
     }
     if request.uri().path() == REGISTER
-        && let Err(wait) = guest.registration(now)
+        && let Err(wait) = connection.registration(now)
     {
-        guest.gate().stop(guest, "too many registrations");
+        access.stop(connection, "too many registrations");
         return Err(Status::resource_exhausted(format!(
             "registrations: too many over one connection\ntry again in {} s, each worker over its own",
             wait.as_secs() + 1
         )));
     }
-    Ok((Arc::clone(guest), guest.call(now)))
+    Ok((Arc::clone(connection), connection.call(now)))
 }
 
 /// A request on its way in: bounded in time, and in bytes together with the others of its connection.
 struct Incoming {
     body: Body,
-    guest: Arc<Guest>,
+    connection: Arc<Connection>,
+    access: Arc<AccessControl>,
     bytes: usize,
     /// Set once the request keeps us waiting.
     late: Option<Pin<Box<Sleep>>>,
@@ -115,15 +119,15 @@ impl http_body::Body for Incoming {
         let Poll::Ready(frame) = Pin::new(&mut this.body).poll_frame(context) else {
             let late = this.late.get_or_insert_with(|| Box::pin(tokio::time::sleep(BODY_TIME)));
             return late.as_mut().poll(context).map(|()| {
-                this.guest.gate().stop(&this.guest, "a request that does not end");
+                this.access.stop(&this.connection, "a request that does not end");
                 Some(Err(Status::deadline_exceeded("the request was not whole in time\nsend it again")))
             });
         };
         if let Some(data) = frame.as_ref().and_then(|frame| frame.as_ref().ok()?.data_ref()) {
             this.bytes += data.len();
-            let receiving = this.guest.receiving.fetch_add(data.len(), Ordering::Relaxed) + data.len();
+            let receiving = this.connection.receiving.fetch_add(data.len(), Ordering::Relaxed) + data.len();
             if receiving > MAX_RECEIVING {
-                this.guest.gate().stop(&this.guest, "too many bytes at once");
+                this.access.stop(&this.connection, "too many bytes at once");
                 return Poll::Ready(Some(Err(Status::resource_exhausted(
                     "requests: too many bytes at once over one connection\nsend one after the other",
                 ))));
@@ -139,6 +143,6 @@ impl http_body::Body for Incoming {
 
 impl Drop for Incoming {
     fn drop(&mut self) {
-        self.guest.receiving.fetch_sub(self.bytes, Ordering::Relaxed);
+        self.connection.receiving.fetch_sub(self.bytes, Ordering::Relaxed);
     }
 }

@@ -4,6 +4,7 @@
 mod batch;
 mod costs;
 mod cut;
+mod listing;
 mod merge;
 mod planner;
 mod side;

@@ -3,17 +3,16 @@
 use std::sync::Arc;
 
 use proto::v1::coordinator_server::{Coordinator, CoordinatorServer};
-use proto::{LEAST_PROTOCOL_MINOR, MAX_MESSAGE_BYTES, MAX_NAME_BYTES, PROTOCOL_MAJOR, WorkerId, v1};
+use proto::{Digest, LEAST_PROTOCOL_MINOR, MAX_MESSAGE_BYTES, MAX_NAME_BYTES, PROTOCOL_MAJOR, WorkerId, v1};
 use tokio::sync::Semaphore;
 use tonic::{Request, Response, Status};
 
-use crate::blobs::BlobError;
-use crate::cluster::Cluster;
-use crate::door::Guest;
-use crate::pieces::Pieces;
-use crate::prepared::PreparedClouds;
-use crate::scheduler::{Introduction, PollRefusal, RegisterRefusal};
+use crate::blob_stream::BlobStream;
+use crate::connection::Connection;
 use crate::wire;
+use cluster::Cluster;
+use cluster::blobs::BlobError;
+use cluster::scheduler::{Introduction, PollRefusal, RegisterRefusal};
 
 /// See [`Service::blobs`].
 const BLOBS_AT_ONCE: usize = 64;
@@ -21,11 +20,25 @@ const BLOBS_AT_ONCE: usize = 64;
 /// What a worker is told that was wrong.
 const QUARANTINED: &str = "answers: two other workers contradict one that this worker gave, so that none of its answers counts any more\ncheck this machine's memory and clock rate, and start the worker again";
 
+/// Entries that the coordinator has in its own store, by kind and key: `None` if there is none, or if it must not be
+/// given away yet.
+pub type DerivedEntries = Arc<dyn Fn(&str, Digest) -> Option<Vec<u8>> + Send + Sync>;
+
+/// What this program is, for workers of another release.
+#[derive(Clone, Copy, Debug)]
+pub struct Release {
+    /// Its name and version.
+    pub build: &'static str,
+    /// Version of the numbers that an evaluation gives.
+    pub evaluation_version: u32,
+}
+
 /// Answers workers on behalf of one run.
 pub struct Service {
     cluster: Arc<Cluster>,
     preparation: v1::Preparation,
-    prepared: Arc<PreparedClouds>,
+    release: Release,
+    derived: DerivedEntries,
     /// Blobs and entries in memory at once, over all connections: who does not read what it asked for must not fill it.
     blobs: Arc<Semaphore>,
     /// Whether it serves workers of this process.
@@ -37,11 +50,11 @@ impl Service {
     pub fn server(
         cluster: Arc<Cluster>,
         preparation: v1::Preparation,
-        prepared: Arc<PreparedClouds>,
+        (release, derived): (Release, DerivedEntries),
         in_process: bool,
     ) -> CoordinatorServer<Self> {
         let blobs = Arc::new(Semaphore::new(BLOBS_AT_ONCE));
-        CoordinatorServer::new(Self { cluster, preparation, prepared, blobs, in_process })
+        CoordinatorServer::new(Self { cluster, preparation, release, derived, blobs, in_process })
             .max_decoding_message_size(MAX_MESSAGE_BYTES)
             .max_encoding_message_size(MAX_MESSAGE_BYTES)
     }
@@ -51,30 +64,30 @@ impl Service {
     /// Sends the bytes that `read` gives, when there is room for them.
     async fn send(
         &self,
-        guest: Option<Arc<Guest>>,
+        connection: Option<Arc<Connection>>,
         read: impl FnOnce() -> Result<Vec<u8>, Status> + Send + 'static,
-    ) -> Result<Response<Pieces>, Status> {
-        // First its own place: a guest that does not read must not take those of all others.
-        let own = match guest {
-            Some(guest) => guest.blob_place().await,
+    ) -> Result<Response<BlobStream>, Status> {
+        // Its own permit first: a connection that does not read must not take those of all others.
+        let own = match connection {
+            Some(connection) => connection.blob_permit().await,
             None => None,
         };
-        let place = Arc::clone(&self.blobs).acquire_owned().await;
-        let place = place.map_err(|error| Status::internal(error.to_string()))?;
+        let permit = Arc::clone(&self.blobs).acquire_owned().await;
+        let permit = permit.map_err(|error| Status::internal(error.to_string()))?;
         let read = tokio::task::spawn_blocking(read).await;
         let bytes = read.map_err(|error| Status::internal(error.to_string()))??;
-        Ok(Response::new(Pieces::of(bytes, (own, place))))
+        Ok(Response::new(BlobStream::of(bytes, (own, permit))))
     }
 }
 
-/// Who calls; nobody the door knows of for workers in this process.
-fn guest<T>(request: &Request<T>) -> Option<Arc<Guest>> {
+/// The connection of a call; none for workers of this process.
+fn connection<T>(request: &Request<T>) -> Option<Arc<Connection>> {
     request.extensions().get().cloned()
 }
 
-/// Notes which worker speaks over which connection, so that both can be shown out.
-fn note(guest: Option<Arc<Guest>>, worker: WorkerId) -> Result<(), Status> {
-    guest.map_or(Ok(()), |guest| guest.note(worker))
+/// Notes which worker speaks over which connection, so that denying one ends the other.
+fn note(connection: Option<Arc<Connection>>, worker: WorkerId) -> Result<(), Status> {
+    connection.map_or(Ok(()), |connection| connection.note(worker))
 }
 
 fn refused(reason: v1::RefusalReason, message: String) -> Response<v1::RegisterReply> {
@@ -88,15 +101,14 @@ impl Coordinator for Service {
         &self,
         request: Request<v1::RegisterRequest>,
     ) -> Result<Response<v1::RegisterReply>, Status> {
-        let guest = guest(&request);
+        let connection = connection(&request);
         let request = request.into_inner();
         if request.protocol_major != PROTOCOL_MAJOR {
             return Ok(refused(
                 v1::RefusalReason::ProtocolVersion,
                 format!(
                     "protocol version: must be {PROTOCOL_MAJOR}, got {}\ninstall the coordinator's release ({}) on this worker",
-                    request.protocol_major,
-                    worker::BUILD
+                    request.protocol_major, self.release.build
                 ),
             ));
         }
@@ -105,19 +117,16 @@ impl Coordinator for Service {
                 v1::RefusalReason::ProtocolVersion,
                 format!(
                     "protocol version: must be {PROTOCOL_MAJOR}.{LEAST_PROTOCOL_MINOR} or later, got {PROTOCOL_MAJOR}.{}\ninstall the coordinator's release ({}) on this worker: an older one does not know all jobs",
-                    request.protocol_minor,
-                    worker::BUILD
+                    request.protocol_minor, self.release.build
                 ),
             ));
         }
-        if request.evaluation_version != descriptor::EVALUATION_VERSION {
+        if request.evaluation_version != self.release.evaluation_version {
             return Ok(refused(
                 v1::RefusalReason::EvaluationVersion,
                 format!(
                     "evaluation version: must be {}, got {}\ninstall the coordinator's release ({}) on this worker: another one computes other numbers",
-                    descriptor::EVALUATION_VERSION,
-                    request.evaluation_version,
-                    worker::BUILD
+                    self.release.evaluation_version, request.evaluation_version, self.release.build
                 ),
             ));
         }
@@ -131,8 +140,8 @@ impl Coordinator for Service {
                 ),
             ));
         }
-        let credential = guest.as_ref().and_then(|guest| guest.credential());
-        note(guest, id)?;
+        let credential = connection.as_ref().and_then(|connection| connection.credential());
+        note(connection, id)?;
         let introduction = Introduction {
             name: request.name,
             threads: request.threads,
@@ -162,12 +171,12 @@ impl Coordinator for Service {
     }
 
     async fn poll(&self, request: Request<v1::PollRequest>) -> Result<Response<v1::PollReply>, Status> {
-        let guest = guest(&request);
+        let connection = connection(&request);
         let (worker, session, poll) = wire::poll(request.into_inner())?;
         if session != self.cluster.session {
             return Err(Status::not_found("another run: register again"));
         }
-        note(guest, worker)?;
+        note(connection, worker)?;
         match self.cluster.poll(worker, poll).await {
             Ok(answer) => Ok(Response::new(wire::reply(answer, &self.preparation))),
             Err(PollRefusal::UnknownWorker) => Err(Status::not_found("unknown worker: register again")),
@@ -176,13 +185,13 @@ impl Coordinator for Service {
         }
     }
 
-    type FetchBlobStream = Pieces;
+    type FetchBlobStream = BlobStream;
 
     async fn fetch_blob(
         &self,
         request: Request<v1::FetchBlobRequest>,
     ) -> Result<Response<Self::FetchBlobStream>, Status> {
-        let guest = guest(&request);
+        let connection = connection(&request);
         let digest = wire::blob_digest(&request.into_inner())?;
         self.cluster.begun().await; // what is not released by then is told so
         let cluster = Arc::clone(&self.cluster);
@@ -192,27 +201,25 @@ impl Coordinator for Service {
                 BlobError::Read { .. } | BlobError::Changed(_) => Status::data_loss(error.to_string()),
             })
         };
-        self.send(guest, read).await
+        self.send(connection, read).await
     }
 
-    type FetchDerivedStream = Pieces;
+    type FetchDerivedStream = BlobStream;
 
     async fn fetch_derived(
         &self,
         request: Request<v1::FetchDerivedRequest>,
     ) -> Result<Response<Self::FetchDerivedStream>, Status> {
-        let guest = guest(&request);
+        let connection = connection(&request);
         let request = request.into_inner();
         let (kind, key) = wire::derived_key(&request)?;
         self.cluster.begun().await;
-        let (kind, cluster, prepared) =
-            (kind.to_owned(), Arc::clone(&self.cluster), Arc::clone(&self.prepared));
+        let (kind, derived) = (kind.to_owned(), Arc::clone(&self.derived));
         let read = move || {
-            let entry = prepared.read(&kind, key, &cluster.blobs);
-            entry.ok_or_else(|| {
+            derived(&kind, key).ok_or_else(|| {
                 Status::not_found(format!("derived entry {key}: this coordinator has none of this name"))
             })
         };
-        self.send(guest, read).await
+        self.send(connection, read).await
     }
 }

@@ -1,4 +1,4 @@
-//! The deny list: certificates, by fingerprint or by worker, and the token, that no longer let anybody in.
+//! The deny list: certificates, by fingerprint or by worker, and the token, that are no longer accepted.
 
 use std::collections::BTreeSet;
 use std::fs::File;

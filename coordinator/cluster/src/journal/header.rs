@@ -20,7 +20,7 @@ const MAX_BYTES: usize = 8 << 20;
 pub struct Header {
     /// What determines the search, as canonical TOML.
     pub search: String,
-    /// The whole experiment, as [`Experiment::record_toml`](crate::experiment::Experiment::record_toml) gives it.
+    /// The whole experiment, as canonical TOML.
     pub experiment: String,
     /// Digest of the clouds.
     pub data_digest: String,

@@ -1,72 +1,13 @@
 //! From wire types to the coordinator's own and back: the only file here that knows both.
 
-use std::ops::Range;
-
-use descriptor::{Descriptor, FixedDescriptor, FixedKind, GENES, Label, Parameters, Preprocess, Unit};
-use prost::Message as _;
+use descriptor::{Descriptor, FixedDescriptor, FixedKind, Parameters};
 use proto::{Digest, Lease, MAX_POLL_ITEMS, SessionId, WorkerId, v1};
 use tonic::Status;
 
-use crate::dataset::CloudEntry;
-use crate::evaluation::{Evaluation, EvaluationResult, Match};
-use crate::scheduler::{Answer, Poll, Report};
-use crate::shard::{Described, Description, Tile};
-use crate::task::{GridCell, Task, TaskResult};
-
-/// What every job of a run has in common.
-pub fn preparation(preprocess: &Preprocess, genes: &descriptor::GeneTable) -> v1::Preparation {
-    let unit = match preprocess.unit {
-        Unit::Metre => v1::LengthUnit::Metre,
-        Unit::Millimetre => v1::LengthUnit::Millimetre,
-    };
-    let domains = GENES.iter().map(|spec| {
-        let domain = genes.domain(spec.kind).copied().unwrap_or(descriptor::genes::Domain::fixed(0));
-        v1::Domain { low: domain.low, step: domain.step, count: domain.count }
-    });
-    v1::Preparation {
-        leaf_um: preprocess.leaf_um,
-        normal_radius_um: preprocess.normal_radius_um,
-        min_points: preprocess.min_points,
-        colour: preprocess.colour,
-        unit: unit.into(),
-        domains: domains.collect(),
-    }
-}
-
-/// The blob that lists one split's clouds.
-pub fn manifest<'a>(split: &str, clouds: impl Iterator<Item = &'a CloudEntry>) -> v1::SplitManifest {
-    let listed = clouds.map(|cloud| v1::ManifestCloud {
-        digest: cloud.digest.to_vec(),
-        bytes: cloud.bytes,
-        category: cloud.category,
-        instance: cloud.instance,
-        path: cloud.path.clone(),
-    });
-    v1::SplitManifest { split: split.to_owned(), clouds: listed.collect() }
-}
-
-/// Clouds as split manifests list them, one manifest after the other.
-#[derive(Default)]
-pub struct Listing(Vec<v1::ManifestCloud>);
-
-impl Listing {
-    /// Adds the clouds of a manifest; `None` if it is none.
-    pub fn append(&mut self, manifest: &[u8]) -> Option<()> {
-        self.0.extend(v1::SplitManifest::decode(manifest).ok()?.clouds);
-        Some(())
-    }
-
-    /// What the clouds show.
-    pub fn labels(&self) -> Vec<Label> {
-        let label = |cloud: &v1::ManifestCloud| Label { category: cloud.category, instance: cloud.instance };
-        self.0.iter().map(label).collect()
-    }
-
-    /// The manifest of some of the clouds.
-    pub fn manifest(&self, clouds: Range<usize>) -> Vec<u8> {
-        v1::SplitManifest { split: String::new(), clouds: self.0[clouds].to_vec() }.encode_to_vec()
-    }
-}
+use cluster::evaluation::{Evaluation, EvaluationResult, Match};
+use cluster::scheduler::{Answer, Poll, Report};
+use cluster::shard::{Described, Description, Tile};
+use cluster::task::{GridCell, Task, TaskResult};
 
 fn job(lease: Lease, task: &Task, preparation: &v1::Preparation) -> v1::Job {
     let mut job = v1::Job { lease: Some(lease.into()), ..v1::Job::default() };

@@ -101,7 +101,7 @@ pub fn make_folder(folder: &Path, site: &Site, valid: &Range<SystemTime>) -> Res
     let new = |name: &str, text: &str| write_secret(&made.path().join(name), text);
     new(CA_FILE, &authority.pem)?;
     new(CA_KEY_FILE, &authority.issuer.key().serialize_pem())?;
-    let hosts = if site.hosts.is_empty() { vec![crate::run::host()] } else { site.hosts.clone() };
+    let hosts = if site.hosts.is_empty() { vec![crate::host_name()] } else { site.hosts.clone() };
     let here = ["localhost", "127.0.0.1", "::1"].map(str::to_owned);
     let names = hosts.iter().filter(|host| !here.contains(host)).cloned().chain(here.clone());
     let certified = authority.certify(&Subject::Coordinator(names.collect()), valid)?;
@@ -109,7 +109,7 @@ pub fn make_folder(folder: &Path, site: &Site, valid: &Range<SystemTime>) -> Res
     new(KEY_FILE, &certified.key)?;
     let token = Token::new(rand::random());
     new(TOKEN_FILE, &format!("{}\n", token.reveal()))?;
-    let host = hosts.into_iter().next().unwrap_or_else(crate::run::host);
+    let host = hosts.into_iter().next().unwrap_or_else(crate::host_name);
     let bracketed = if host.contains(':') { format!("[{host}]") } else { host.clone() };
     let address: Result<JoinAddress, _> = format!("http://{bracketed}:{}", site.port).parse();
     let mut address = address.map_err(|source| CertsError::Host { host, source })?;

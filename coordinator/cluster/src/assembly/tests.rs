@@ -11,12 +11,10 @@ use proto::{Digest, JobId, v1};
 
 use super::*;
 use crate::blobs::BlobStore;
-use crate::dataset::CloudEntry;
 use crate::evaluation::{Evaluation, EvaluationResult, Match};
 use crate::scheduler::Finished;
 use crate::shard::{Described, Tile};
 use crate::task::{Task, TaskResult};
-use crate::wire;
 
 /// A cloud whose descriptor is one number, so that few numbers make many equal distances.
 #[derive(Clone, Copy, Debug)]
@@ -34,15 +32,15 @@ struct World {
 impl World {
     /// The manifest of some clouds, which are told apart by where they are.
     fn publish(&self, name: &str, clouds: &[Toy]) -> Digest {
-        let entry = |(index, cloud): (usize, &Toy)| CloudEntry {
-            path: format!("{name}/{index}/{}", cloud.number),
+        let entry = |(index, cloud): (usize, &Toy)| v1::ManifestCloud {
+            digest: vec![cloud.number; 32],
+            bytes: 1,
             category: cloud.instance / 2,
             instance: cloud.instance,
-            digest: [cloud.number; 32],
-            bytes: 1,
+            path: format!("{name}/{index}/{}", cloud.number),
         };
-        let entries: Vec<CloudEntry> = clouds.iter().enumerate().map(entry).collect();
-        self.blobs.publish_bytes(wire::manifest(name, entries.iter()).encode_to_vec())
+        let clouds = clouds.iter().enumerate().map(entry).collect();
+        self.blobs.publish_bytes(v1::SplitManifest { split: name.to_owned(), clouds }.encode_to_vec())
     }
 
     /// The clouds of manifests, shards among them.

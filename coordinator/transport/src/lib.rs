@@ -1,0 +1,26 @@
+//! Where workers connect: the gRPC service, TLS, access control and the limits of connections.
+
+mod access;
+mod auth_layer;
+mod blob_stream;
+pub mod certs;
+mod connection;
+mod deny_list;
+mod limiter;
+mod listen_error;
+mod listener;
+mod refusals;
+mod server;
+mod service;
+mod tls;
+pub mod wire;
+
+pub use listen_error::ListenError;
+pub use listener::{Listener, Protection};
+pub use server::Servers;
+pub use service::{DerivedEntries, Release};
+
+/// This machine's name.
+pub fn host_name() -> String {
+    hostname::get().map_or_else(|_| "unknown".to_owned(), |name| name.to_string_lossy().into_owned())
+}

@@ -1,0 +1,50 @@
+//! Why workers cannot connect.
+
+use std::io;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+
+use worker::tls::TlsFilesError;
+
+use crate::certs::CertsError;
+
+/// Why workers cannot connect.
+#[derive(Debug, thiserror::Error)]
+pub enum ListenError {
+    /// The port is taken.
+    #[error("--listen {address}: the port is in use\nstop the program that uses it, or choose another port")]
+    PortInUse {
+        /// The wanted address.
+        address: SocketAddr,
+    },
+    /// Any other reason.
+    #[error("--listen {address}: cannot listen there, got {source}\nchoose an address of this machine")]
+    Listen {
+        /// The wanted address.
+        address: SocketAddr,
+        /// Why.
+        source: io::Error,
+    },
+    /// Plain text must not leave the machine by accident.
+    #[error(
+        "--listen {address}: connections from other machines must be encrypted, got neither --tls nor --insecure\nmake certificates with `coordinator certs DIR` and add --tls DIR, or add --insecure inside a trusted network"
+    )]
+    NotLoopback {
+        /// The wanted address.
+        address: SocketAddr,
+    },
+    /// The folder of certificates.
+    #[error(transparent)]
+    Certs(#[from] CertsError),
+    /// A file in it.
+    #[error(transparent)]
+    Files(#[from] TlsFilesError),
+    /// Files that do not fit together.
+    #[error("--tls {folder}: cannot be used, got {reason}\nmake another folder with `coordinator certs`")]
+    Unfit {
+        /// The folder.
+        folder: PathBuf,
+        /// Why.
+        reason: String,
+    },
+}

@@ -1,0 +1,189 @@
+//! The port on which workers of other machines connect.
+
+use std::io;
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use clap::Args;
+use proto::JoinAddress;
+use tokio::net::TcpListener;
+use tokio::sync::mpsc;
+use tokio_rustls::TlsAcceptor;
+
+use crate::access::{AccessControl, Requirement};
+use crate::certs;
+use crate::connection::{ConnectionStream, Stream};
+use crate::deny_list::{self, DenyList};
+use crate::host_name;
+use crate::limiter::ConnectionLimits;
+use crate::listen_error::ListenError;
+use crate::tls::{Tls, shake_hands};
+use cluster::Cluster;
+
+/// Pause after a connection that could not be accepted.
+const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
+/// How often the deny list is looked at.
+const DENY_INTERVAL: Duration = Duration::from_secs(1);
+
+/// How connections from other machines are protected.
+#[derive(Clone, Debug, Default, Args)]
+pub struct Protection {
+    /// Folder of certificates and token, as `coordinator certs` makes it, for example tls: only workers with one of them
+    /// are let in, and connections are encrypted
+    #[arg(long, value_name = "DIR")]
+    pub tls: Option<PathBuf>,
+    /// Accept unencrypted connections from other machines, for example inside a trusted network
+    #[arg(long, conflicts_with = "tls")]
+    pub insecure: bool,
+}
+
+/// A bound port that accepts no connection yet.
+pub struct Listener {
+    listener: TcpListener,
+    address: SocketAddr,
+    tls: Option<Tls>,
+}
+
+impl Listener {
+    /// Binds the port.
+    pub async fn bind(address: SocketAddr, protection: &Protection) -> Result<Self, ListenError> {
+        if !address.ip().is_loopback() && protection.tls.is_none() && !protection.insecure {
+            return Err(ListenError::NotLoopback { address });
+        }
+        let tls = protection.tls.as_deref().map(Tls::read).transpose()?;
+        if let Some(tls) = &tls {
+            DenyList::check(&tls.folder).map_err(|error| ListenError::Unfit {
+                folder: tls.folder.clone(),
+                reason: format!("{} that cannot be read: {error}", deny_list::DENY_FILE),
+            })?;
+        }
+        let listener = TcpListener::bind(address).await.map_err(|source| match source.kind() {
+            io::ErrorKind::AddrInUse => ListenError::PortInUse { address },
+            _ => ListenError::Listen { address, source },
+        })?;
+        let address = listener.local_addr().map_err(|source| ListenError::Listen { address, source })?;
+        Ok(Self { listener, address, tls })
+    }
+
+    /// What there is to say to people: how workers join, and what may have been overlooked. Without secrets.
+    pub fn notices(&self) -> Vec<String> {
+        let (ip, port) = (self.address.ip(), self.address.port());
+        let mut notices = Vec::new();
+        if let Some(Tls { folder, join, requirement, .. }) = &self.tls {
+            let file = folder.join(certs::JOIN_FILE);
+            notices.push(if matches!(requirement, Requirement::Credential(None)) {
+                let workers = folder.join(certs::WORKERS_FOLDER);
+                format!(
+                    "workers may join with a certificate: worker --tls {}",
+                    workers.join("NAME").display()
+                )
+            } else {
+                format!("workers may join with: worker --coordinator-file {}", file.display())
+            });
+            if join.port != port {
+                let file = file.display();
+                notices.push(format!(
+                    "warning: {file}: names port {}, and this port is {port}: workers need an address with this one",
+                    join.port
+                ));
+            }
+            return notices;
+        }
+        if !ip.is_loopback() {
+            notices.push(
+                "warning: --insecure: whoever reaches this port can read the clouds and send results"
+                    .to_owned(),
+            );
+        }
+        // An unspecified address means every address of this machine, which others know by its name.
+        let host = if ip.is_unspecified() { host_name() } else { ip.to_string() };
+        let join = JoinAddress { host, port, trust: None };
+        notices.push(format!("workers may join with: worker --coordinator {join}"));
+        notices
+    }
+
+    /// Accepts connections, and shakes hands.
+    pub fn accept(self, cluster: Arc<Cluster>) -> Accepting {
+        let requirement = self.tls.as_ref().map_or(Requirement::Nothing, |tls| tls.requirement.clone());
+        let limits = ConnectionLimits::within(open_files().unwrap_or(1024));
+        let access = AccessControl::new(cluster, requirement, limits);
+        let mut deny = self.tls.as_ref().map(|tls| DenyList::new(&tls.folder));
+        read_deny_list(&mut deny, &access); // before the first connection
+        let acceptor = self.tls.map(|tls| tls.acceptor);
+        let (sender, connections) = mpsc::channel(64);
+        let (accepting, watching) = (Arc::clone(&access), Arc::clone(&access));
+        let run = async move {
+            tokio::join!(accept(self.listener, acceptor, accepting, sender), watch(deny, watching));
+        };
+        Accepting { connections, access, run: Box::pin(run) }
+    }
+}
+
+/// The bytes of a connection, ready for HTTP/2.
+pub type Incoming = ConnectionStream<Box<dyn Stream>>;
+
+/// A port that accepts connections.
+pub struct Accepting {
+    /// Those that have shaken hands.
+    pub connections: mpsc::Receiver<io::Result<Incoming>>,
+    /// Which calls are let in.
+    pub access: Arc<AccessControl>,
+    /// Accepts connections as long as it is polled; never ends.
+    pub run: std::pin::Pin<Box<dyn Future<Output = ()> + Send>>,
+}
+
+async fn accept(
+    listener: TcpListener,
+    acceptor: Option<TlsAcceptor>,
+    access: Arc<AccessControl>,
+    sender: mpsc::Sender<io::Result<Incoming>>,
+) {
+    loop {
+        let (stream, peer) = match listener.accept().await {
+            Ok(accepted) => accepted,
+            Err(error) => {
+                // Out of file descriptors, most likely: trying again at once would only burn a core.
+                tracing::warn!("cannot accept a connection, got {error}");
+                tokio::time::sleep(ACCEPT_PAUSE).await;
+                continue;
+            }
+        };
+        let _ = stream.set_nodelay(true); // only latency is at stake
+        let Some(permit) = access.admit(peer.ip()) else { continue };
+        let (acceptor, access, sender) = (acceptor.clone(), Arc::clone(&access), sender.clone());
+        // A task each: a peer that is slow to shake hands delays no other. It ends in bounded time.
+        tokio::spawn(async move {
+            let stream = match acceptor {
+                None => Some((Box::new(stream) as Box<dyn Stream>, access.connect(permit, None))),
+                Some(acceptor) => shake_hands(&acceptor, stream, permit, &access).await,
+            };
+            if let Some((stream, connection)) = stream {
+                let _ = sender.send(Ok(ConnectionStream::new(stream, connection))).await; // the server has ended
+            }
+        });
+    }
+}
+
+/// Keeps the deny list in force.
+async fn watch(mut deny: Option<DenyList>, access: Arc<AccessControl>) {
+    while deny.is_some() {
+        tokio::time::sleep(DENY_INTERVAL).await;
+        read_deny_list(&mut deny, &access); // a small file, once a second: not worth a thread of its own
+    }
+}
+
+fn read_deny_list(deny: &mut Option<DenyList>, access: &AccessControl) {
+    if let Some(denied) = deny.as_mut().and_then(DenyList::look) {
+        access.deny(denied);
+    }
+}
+
+/// How many files this process may have open.
+fn open_files() -> Option<usize> {
+    let limits = std::fs::read_to_string("/proc/self/limits").ok()?;
+    let line = limits.lines().find_map(|line| line.strip_prefix("Max open files"))?;
+    let soft = line.split_whitespace().next()?;
+    if soft == "unlimited" { Some(usize::MAX) } else { soft.parse().ok() }
+}
