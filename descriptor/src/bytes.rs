@@ -17,7 +17,9 @@ pub const MAX_RADIUS_UM: u32 = 1_000_000;
 
 /// Bytes that no release of this version has written.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-#[error("{what}: must be as this release writes it, got {got}\nuse a worker and a coordinator of the same release")]
+#[error(
+    "{what}: must be as this release writes it, got {got}\nuse a worker and a coordinator of the same release"
+)]
 pub struct BytesError {
     what: &'static str,
     got: String,
@@ -97,7 +99,8 @@ pub fn preparation_to_bytes(preprocess: &Preprocess, genes: &GeneTable) -> Vec<u
 pub fn preparation_from_bytes(bytes: &[u8]) -> Result<(Preprocess, GeneTable), BytesError> {
     let error = |got: String| BytesError { what: "preparation", got };
     let numbers = decode(bytes).filter(|_| bytes.first() == Some(&PREPARATION)).unwrap_or_default();
-    let [leaf_um, normal_radius_um, min_points, colour @ 0..=1, unit @ 0..=1, domains @ ..] = &numbers[..] else {
+    let [leaf_um, normal_radius_um, min_points, colour @ 0..=1, unit @ 0..=1, domains @ ..] = &numbers[..]
+    else {
         return Err(error(format!("{} other bytes", bytes.len())));
     };
     let unit = if *unit == Unit::Metre as u32 { Unit::Metre } else { Unit::Millimetre };
@@ -124,7 +127,9 @@ fn encode(kind: u8, numbers: impl IntoIterator<Item = u32>) -> Vec<u8> {
 
 /// The numbers after kind and version, if the version is this one.
 fn decode(bytes: &[u8]) -> Option<Vec<u32>> {
-    let (numbers, []) = bytes.strip_prefix(&[*bytes.first()?, VERSION])?.as_chunks::<4>() else { return None };
+    let (numbers, []) = bytes.strip_prefix(&[*bytes.first()?, VERSION])?.as_chunks::<4>() else {
+        return None;
+    };
     Some(numbers.iter().map(|number| u32::from_le_bytes(*number)).collect())
 }
 

@@ -52,12 +52,7 @@ pub struct Session {
 
 impl Session {
     /// A worker that has not talked to anybody yet.
-    pub fn new(
-        client: Client,
-        identity: Identity,
-        id: WorkerId,
-        workshop: Arc<Workshop>,
-    ) -> Self {
+    pub fn new(client: Client, identity: Identity, id: WorkerId, workshop: Arc<Workshop>) -> Self {
         // At most one job is in hand, so the queue holds at most a few stale reports.
         let (done_sender, done) = mpsc::unbounded_channel();
         Self {

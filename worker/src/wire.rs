@@ -80,11 +80,7 @@ impl Client {
     /// Calls over a link.
     pub fn new(link: Link) -> Self {
         let client = CoordinatorClient::new(link);
-        Self(
-            client
-                .max_decoding_message_size(MAX_MESSAGE_BYTES)
-                .max_encoding_message_size(MAX_MESSAGE_BYTES),
-        )
+        Self(client.max_decoding_message_size(MAX_MESSAGE_BYTES).max_encoding_message_size(MAX_MESSAGE_BYTES))
     }
 
     /// Introduces a worker.

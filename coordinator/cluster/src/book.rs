@@ -4,10 +4,10 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use proto::task::Task;
 use proto::{Digest, JobId};
 
 use crate::scheduler::Finished;
-use crate::task::Task;
 
 /// Accepted answers by job.
 #[derive(Default)]
@@ -111,17 +111,11 @@ impl Book {
 mod tests {
     use std::time::Duration;
 
-    use descriptor::Parameters;
-
     use super::*;
-    use crate::evaluation::{Evaluation, EvaluationResult};
-    use crate::task::TaskResult;
+    use proto::task::{Evaluation, EvaluationResult, TaskResult};
 
-    fn task(shape_bins: u32) -> Arc<Task> {
-        Arc::new(Task::Evaluation(Evaluation {
-            parameters: Parameters { shape_bins, ..Parameters::PAPER_BEST },
-            ..Evaluation::sample(10, 10)
-        }))
+    fn task(number: u32) -> Arc<Task> {
+        Arc::new(Task::Evaluation(Evaluation::sample(number, 10, 10)))
     }
 
     fn finished(job: JobId, worker: &str, correct: u32) -> Finished {

@@ -140,7 +140,7 @@ impl Chronicle {
             handed_out_at: self.time(attempt.handed_out),
             ended_at: at,
             end: attempt.end.as_str().to_owned(),
-            reason: attempt.end.reason().map(str::to_owned),
+            reason: attempt.end.reason(),
             run_seconds: attempt.run_seconds,
         };
         if add(&mut self.rows.attempts, row.clone(), &mut self.omitted[1]) {

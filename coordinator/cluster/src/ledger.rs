@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use proto::task::Task;
 use proto::{JobId, Lease, WorkerId};
 
 use crate::assembly::Cut;
 use crate::journal::{Accepted, Entry, Journal, Mark, Member, Told};
 use crate::scheduler::Finished;
-use crate::task::Task;
 
 /// The cluster's side of the journal. Without one, as for a single evaluation, nothing is kept and nothing recalled.
 #[derive(Default)]
@@ -139,11 +139,10 @@ mod tests {
     use std::time::Duration;
 
     use super::*;
-    use crate::evaluation::{Evaluation, EvaluationResult};
-    use crate::task::TaskResult;
+    use proto::task::{Evaluation, EvaluationResult, TaskResult};
 
     fn task(queries: u32) -> Task {
-        Task::Evaluation(Evaluation::sample(queries, 3))
+        Task::Evaluation(Evaluation::sample(1, queries, 3))
     }
 
     fn accepted(job: JobId) -> Accepted {

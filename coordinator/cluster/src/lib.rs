@@ -7,11 +7,9 @@ pub mod blobs;
 mod book;
 pub mod chronicle;
 mod cluster;
-pub mod evaluation;
+mod job_names;
 pub mod journal;
 mod ledger;
 pub mod scheduler;
-pub mod shard;
-pub mod task;
 
 pub use cluster::{CellAnswer, Client, Cluster, ClusterError, ClusterNews};

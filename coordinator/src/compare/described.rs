@@ -6,11 +6,11 @@ use descriptor::description::{self, DescriptionError};
 use descriptor::fixed::description::{self as fixed, DescribedClouds};
 use descriptor::{Descriptor, FixedKind, Label, Parameters, Parts};
 use proto::MAX_DESCRIPTION_BYTES;
+use proto::task::{self, Description, Evaluation, Preparation};
 
+use crate::tasks;
 use cluster::assembly;
 use cluster::blobs::BlobStore;
-use cluster::evaluation::Evaluation;
-use cluster::shard::Description;
 
 /// Clouds that are described together: few, because PFHRGB takes a tenth of a second for each.
 const SHARD: u32 = 16;
@@ -37,7 +37,9 @@ pub enum DescribedParts {
 
 /// All test queries and their database, cut into shards.
 pub struct Shards {
+    preparation: Preparation,
     sides: [Arc<assembly::Side>; 2],
+    labels: [Vec<Label>; 2],
 }
 
 impl Shards {
@@ -49,25 +51,27 @@ impl Shards {
         let side = |splits, clouds: u32| {
             assembly::Side::publish(splits, clouds, clouds.div_ceil(fitting), blobs).map(Arc::new)
         };
-        Some(Self {
-            sides: [
-                side(&evaluation.query, evaluation.queries)?,
-                side(&evaluation.database, evaluation.database_clouds)?,
-            ],
-        })
+        let sides = [
+            side(&evaluation.query, evaluation.queries)?,
+            side(&evaluation.database, evaluation.database_clouds)?,
+        ];
+        let label = |&task::Label { category, instance }: &task::Label| Label { category, instance };
+        let labels = sides.each_ref().map(|side| side.labels.iter().map(label).collect());
+        Some(Self { preparation: evaluation.subject.preparation.clone(), sides, labels })
     }
 
     /// What queries and database show.
     pub fn labels(&self) -> [&[Label]; 2] {
-        self.sides.each_ref().map(|side| &side.labels[..])
+        self.labels.each_ref().map(Vec::as_slice)
     }
 
     /// What workers are asked for: each descriptor in turn, queries before database.
     pub fn tasks(&self, descriptors: &[Descriptor]) -> Vec<Description> {
-        let of = |&descriptor: &Descriptor| {
+        let of = |descriptor: &Descriptor| {
+            let subject = tasks::subject(&self.preparation, descriptor);
             let shards = self.sides.iter().flat_map(|side| &side.shards);
             shards.map(move |shard| Description {
-                descriptor,
+                subject: subject.clone(),
                 manifest: shard.manifest,
                 clouds: shard.clouds.len() as u32,
             })

@@ -17,8 +17,8 @@ use crate::run::source::Source;
 use crate::run::splits::Matching;
 use crate::run::summary::Summary;
 use crate::run::{RunError, Workplace, data_digest, rows};
-use cluster::evaluation::EvaluationResult;
 use cluster::{Client, ClusterError};
+use proto::task::EvaluationResult;
 
 /// A run and all that it needs.
 pub struct RunAtWork<'a> {

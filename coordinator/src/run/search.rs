@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Instant;
 
-use descriptor::Parameters;
+use descriptor::{Descriptor, Parameters};
 use results::{Counts, RunFolder};
 
 use crate::evolution::{GenerationBest, Individual, StopReason, StopRule, Winner, selection};
@@ -15,10 +15,10 @@ use crate::run::rows;
 use crate::run::source::Source;
 use crate::run::splits::Matching;
 use crate::run::{RunError, Workplace};
+use crate::tasks;
 use cluster::Client;
-use cluster::evaluation::EvaluationResult;
 use cluster::scheduler::Finished;
-use cluster::task::Task;
+use proto::task::{DescriptorBytes, EvaluationResult, Task};
 
 /// What a search found.
 pub struct Found {
@@ -49,7 +49,7 @@ pub struct Search<'a> {
     /// Nothing is evaluated twice.
     known: Known,
     /// In which generation each descriptor was first evaluated.
-    born: BTreeMap<Parameters, u32>,
+    born: BTreeMap<DescriptorBytes, u32>,
     computed: u64,
     remembered: u64,
 }
@@ -84,7 +84,7 @@ impl<'a> Search<'a> {
 
     /// Notes to which generation the corrected answers take the run back.
     pub fn note_rewind(&self, tasks: &[Arc<Task>]) {
-        let born = tasks.iter().filter_map(|task| self.born.get(task.parameters()?));
+        let born = tasks.iter().filter_map(|task| self.born.get(&task.subject().descriptor));
         let generation = born.min().copied().unwrap_or(1);
         let why = format!("{} answers of a worker that was wrong are corrected", tasks.len());
         self.progress.say(&format!("back to generation {generation}: {why}"));
@@ -189,7 +189,8 @@ impl<'a> Search<'a> {
                 new.push((index, *parameters));
             }
         }
-        self.born.extend(new.iter().map(|(_, parameters)| (*parameters, generation)));
+        let bytes = |parameters| tasks::descriptor_bytes(&Descriptor::DiskRing(parameters));
+        self.born.extend(new.iter().map(|(_, parameters)| (bytes(*parameters), generation)));
         self.computed += new.len() as u64;
         self.remembered += (population.len() - new.len()) as u64;
         let evaluations = new

@@ -11,10 +11,10 @@ use worker::store::Store;
 use crate::dataset::Dataset;
 use crate::experiment::{Experiment, LocalWorkers};
 use crate::local::{self, Crew};
-use crate::manifest;
 use crate::prepared::PreparedClouds;
 use crate::run::rows;
 use crate::run::splits::{Matching, SplitBlobs};
+use crate::tasks;
 use cluster::journal::{Journal, Recorded};
 use cluster::scheduler::{Audit, Limits};
 use cluster::{Cluster, ClusterError};
@@ -38,6 +38,7 @@ fn limits(experiment: &Experiment) -> Limits {
         worker_grace: settings.worker_grace,
         max_workers: MAX_WORKERS,
         audit: Audit { share: settings.audit, seed: experiment.seed() },
+        check_description: tasks::CHECK_DESCRIPTION,
     }
 }
 
@@ -106,15 +107,15 @@ impl<'a> Workplace<'a> {
         memory: Size,
     ) -> Result<Self, QuantiseError> {
         cluster.set_pieces(experiment.coordinator().pieces);
-        let splits = SplitBlobs::publish(dataset, &cluster.blobs);
-        let preparation = manifest::preparation(experiment.preprocess(), genes);
+        let preparation = tasks::preparation(experiment.preprocess(), genes);
+        let splits = SplitBlobs::publish(dataset, preparation, &cluster.blobs);
         let quantiser = Quantiser::new(genes)?;
         let entries = &dataset.clouds.entries;
         let prepared = PreparedClouds::new(Arc::clone(&store), experiment.preprocess(), &quantiser, entries);
         let release = Release { build: worker::BUILD, evaluation_version: descriptor::EVALUATION_VERSION };
         let released = Arc::clone(&cluster);
         let derived = Arc::new(move |kind: &str, key| prepared.read(kind, key, &released.blobs));
-        let servers = Servers::new(Arc::clone(&cluster), preparation, release, derived);
+        let servers = Servers::new(Arc::clone(&cluster), release, derived);
         Ok(Self { cluster, splits, servers, store, memory })
     }
 

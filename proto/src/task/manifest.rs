@@ -2,6 +2,7 @@
 
 use prost::Message as _;
 
+use super::Label;
 use super::wire::InvalidMessage;
 use crate::{Digest, v2};
 
@@ -12,10 +13,8 @@ pub struct CloudEntry {
     pub digest: Digest,
     /// Size of the source file by the manifest's account, bytes.
     pub bytes: u64,
-    /// What category it shows.
-    pub category: u32,
-    /// What object it shows; instances are numbered across categories.
-    pub instance: u32,
+    /// What it shows.
+    pub label: Label,
     /// Its path in the data set, for messages.
     pub path: String,
 }
@@ -35,8 +34,8 @@ impl SplitManifest {
         let listed = |cloud: CloudEntry| v2::ManifestCloud {
             digest: cloud.digest.to_vec(),
             bytes: cloud.bytes,
-            category: cloud.category,
-            instance: cloud.instance,
+            category: cloud.label.category,
+            instance: cloud.label.instance,
             path: cloud.path,
         };
         let Self { split, clouds } = self;
@@ -53,8 +52,7 @@ impl SplitManifest {
             Ok(CloudEntry {
                 digest: Digest::try_from(&cloud.digest[..])?,
                 bytes: cloud.bytes,
-                category: cloud.category,
-                instance: cloud.instance,
+                label: Label { category: cloud.category, instance: cloud.instance },
                 path: cloud.path,
             })
         };

@@ -13,7 +13,7 @@ use std::fmt;
 use prost::Message as _;
 
 pub use manifest::{CloudEntry, SplitManifest};
-pub use opaque::{DescriptorBytes, MAX_DESCRIPTOR_BYTES, MAX_PREPARATION_BYTES, Preparation, TooLong};
+pub use opaque::{DescriptorBytes, MAX_DESCRIPTOR_BYTES, MAX_PREPARATION_BYTES, Preparation};
 pub use result::{
     Described, EvaluationResult, Failure, FailureReason, InvalidResult, Match, Report, TaskResult,
 };
@@ -35,6 +35,28 @@ pub enum Task {
     Description(Description),
     /// One descriptor, on shards that are described.
     Tile(Tile),
+}
+
+/// A kind of task.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum TaskKind {
+    /// [`Task::Evaluation`].
+    Evaluation,
+    /// [`Task::GridCell`].
+    GridCell,
+    /// [`Task::Description`].
+    Description,
+    /// [`Task::Tile`].
+    Tile,
+}
+
+/// What a cloud shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Label {
+    /// Its category.
+    pub category: u32,
+    /// Its object; instances are numbered across categories.
+    pub instance: u32,
 }
 
 /// The descriptor that a task is about, or all descriptors of a grid cell, with what scheduling has to know of it.
@@ -147,6 +169,16 @@ impl Task {
         }
     }
 
+    /// Its kind.
+    pub fn kind(&self) -> TaskKind {
+        match self {
+            Self::Evaluation(_) => TaskKind::Evaluation,
+            Self::GridCell(_) => TaskKind::GridCell,
+            Self::Description(_) => TaskKind::Description,
+            Self::Tile(_) => TaskKind::Tile,
+        }
+    }
+
     /// Counted cost, in units of matching one pair of clouds under the disk-ring descriptor.
     pub fn cost(&self) -> u64 {
         let (clouds, pairs) = match self {
@@ -186,7 +218,8 @@ impl Tile {
     pub fn shards(&self) -> impl Iterator<Item = Description> + use<'_> {
         let Evaluation { subject, query, database, .. } = &self.evaluation;
         // How many clouds a shard has is no part of the name by which its description is asked for.
-        let shard = |manifest: &Digest| Description { subject: subject.clone(), manifest: *manifest, clouds: 0 };
+        let shard =
+            |manifest: &Digest| Description { subject: subject.clone(), manifest: *manifest, clouds: 0 };
         query.iter().chain(database).map(shard)
     }
 }
@@ -211,8 +244,8 @@ impl Subject {
     pub fn sample(number: u32) -> Self {
         let label = format!("descriptor {number}");
         Self {
-            preparation: Preparation::from([1]),
-            descriptor: DescriptorBytes::from(number.to_le_bytes()),
+            preparation: vec![1].into(),
+            descriptor: number.to_le_bytes().to_vec().into(),
             facts: Facts { label, description_bytes: 8, cloud_cost: 1000, pair_cost: 1 },
         }
     }

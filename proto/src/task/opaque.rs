@@ -5,22 +5,13 @@ use std::sync::Arc;
 
 use crate::ids::hex;
 
-/// The longest descriptor, bytes.
+/// The longest descriptor or grid cell that is taken from a message, bytes.
 pub const MAX_DESCRIPTOR_BYTES: usize = 4 << 10;
-/// The longest preparation, bytes.
+/// The longest preparation that is taken from a message, bytes.
 pub const MAX_PREPARATION_BYTES: usize = 64 << 10;
 
-/// More bytes than a descriptor, a grid cell or a preparation may have.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{what}: length must be at most {most} bytes, got {got}\nreport this as a bug")]
-pub struct TooLong {
-    what: &'static str,
-    most: usize,
-    got: usize,
-}
-
 macro_rules! opaque {
-    ($(#[$meta:meta])* $name:ident, $most:ident, $what:literal) => {
+    ($(#[$meta:meta])* $name:ident) => {
         $(#[$meta])*
         #[derive(Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
         pub struct $name(Arc<[u8]>);
@@ -32,21 +23,9 @@ macro_rules! opaque {
             }
         }
 
-        impl TryFrom<Vec<u8>> for $name {
-            type Error = TooLong;
-
-            fn try_from(bytes: Vec<u8>) -> Result<Self, TooLong> {
-                if bytes.len() > $most {
-                    return Err(TooLong { what: $what, most: $most, got: bytes.len() });
-                }
-                Ok(Self(bytes.into()))
-            }
-        }
-
-        impl<const N: usize> From<[u8; N]> for $name {
-            fn from(bytes: [u8; N]) -> Self {
-                const { assert!(N <= $most) };
-                Self(Arc::new(bytes))
+        impl From<Vec<u8>> for $name {
+            fn from(bytes: Vec<u8>) -> Self {
+                Self(bytes.into())
             }
         }
 
@@ -60,13 +39,9 @@ macro_rules! opaque {
 
 opaque!(
     /// A descriptor, or the coordinates of a grid cell: canonical, so that equal bytes mean equal descriptors.
-    DescriptorBytes,
-    MAX_DESCRIPTOR_BYTES,
-    "descriptor"
+    DescriptorBytes
 );
 opaque!(
     /// What is computed once for all descriptors of a run: preprocessing and search space.
-    Preparation,
-    MAX_PREPARATION_BYTES,
-    "preparation"
+    Preparation
 );

@@ -20,8 +20,8 @@ fn subject() -> impl Strategy<Value = Subject> {
     (bytes(), bytes(), ".{0,60}", any::<[u64; 3]>()).prop_map(|(preparation, descriptor, label, numbers)| {
         let [description_bytes, cloud_cost, pair_cost] = numbers;
         Subject {
-            preparation: preparation.try_into().unwrap(),
-            descriptor: descriptor.try_into().unwrap(),
+            preparation: preparation.into(),
+            descriptor: descriptor.into(),
             facts: Facts { label, description_bytes, cloud_cost, pair_cost },
         }
     })
@@ -66,8 +66,11 @@ fn task() -> impl Strategy<Value = Task> {
 fn found() -> impl Strategy<Value = Match> {
     let distance = || 0.0..1e9;
     let runner_up = prop::option::of((any::<u32>(), distance()));
-    (any::<u32>(), distance(), runner_up)
-        .prop_map(|(nearest, distance, runner_up)| Match { nearest, distance, runner_up })
+    (any::<u32>(), distance(), runner_up).prop_map(|(nearest, distance, runner_up)| Match {
+        nearest,
+        distance,
+        runner_up,
+    })
 }
 
 fn result() -> impl Strategy<Value = TaskResult> {
@@ -121,7 +124,7 @@ proptest! {
         clouds in prop::collection::vec((digest(), any::<u64>(), any::<[u32; 2]>(), ".{0,9}"), 0..5),
     ) {
         let entry = |(digest, bytes, [category, instance], path): (Digest, u64, [u32; 2], String)| {
-            CloudEntry { digest, bytes, category, instance, path }
+            CloudEntry { digest, bytes, label: Label { category, instance }, path }
         };
         let manifest = SplitManifest { split, clouds: clouds.into_iter().map(entry).collect() };
         prop_assert_eq!(SplitManifest::decode(&manifest.clone().encode()).unwrap(), manifest);
@@ -140,7 +143,11 @@ proptest! {
 }
 
 fn base() -> Evaluation {
-    Evaluation { query: vec![Digest([1; 32])], database: vec![Digest([2; 32])], ..Evaluation::sample(1, 2, 3) }
+    Evaluation {
+        query: vec![Digest([1; 32])],
+        database: vec![Digest([2; 32])],
+        ..Evaluation::sample(1, 2, 3)
+    }
 }
 
 fn cell_of(evaluation: Evaluation, descriptors: u32) -> GridCell {
@@ -152,7 +159,7 @@ fn cell_of(evaluation: Evaluation, descriptors: u32) -> GridCell {
 fn a_job_is_named_by_all_that_is_asked_and_by_how_often() {
     let base = base();
     let other = Subject::sample(2);
-    let prepared = Subject { preparation: Preparation::from([2]), ..base.subject.clone() };
+    let prepared = Subject { preparation: vec![2].into(), ..base.subject.clone() };
     let shard = Description { subject: base.subject.clone(), manifest: Digest([1; 32]), clouds: 2 };
     let cell = cell_of(base.clone(), 3);
     let tile = Tile {
@@ -204,7 +211,8 @@ fn the_name_of_a_job_stays() {
 #[test]
 fn the_shards_of_a_tile_are_named_as_they_were_asked_for() {
     let tile = Tile { evaluation: base(), query_descriptions: vec![], database_descriptions: vec![] };
-    let asked = |manifest| Description { subject: Subject::sample(1), manifest: Digest([manifest; 32]), clouds: 7 };
+    let asked =
+        |manifest| Description { subject: Subject::sample(1), manifest: Digest([manifest; 32]), clouds: 7 };
     let names: Vec<JobId> = tile.shards().map(|shard| Task::Description(shard).job(0)).collect();
     assert_eq!(names, [1, 2].map(|manifest| Task::Description(asked(manifest)).job(0)));
 }
@@ -243,8 +251,7 @@ fn a_task_takes_results_of_its_own_kind_and_size_only() {
     let cell = Task::GridCell(cell_of(Evaluation::sample(1, 2, 3), 3));
     let shard = Description { subject: Subject::sample(1), manifest: Digest([1; 32]), clouds: 3 };
     let shard = Task::Description(shard);
-    let result =
-        EvaluationResult { queries: 2, object_correct: 1, category_correct: 2, matches: vec![] };
+    let result = EvaluationResult { queries: 2, object_correct: 1, category_correct: 2, matches: vec![] };
     let result = TaskResult::Evaluation(result);
     assert_eq!(evaluation.check(&result), Ok(()));
     assert!(cell.check(&result).is_err() && shard.check(&result).is_err());
@@ -324,11 +331,17 @@ fn messages_that_lack_something_or_hold_too_much_are_refused() {
         (|task| task.ask = None, "task: what is asked: missing"),
         (|task| tile(task).evaluation = None, "tile: evaluation: missing"),
         (|task| tile(task).query_descriptions.clear(), "description of a shard: missing"),
-        (|task| tile(task).database_descriptions.push(vec![0; 32]), "must be 0 to 1, got 2"),
+        (|task| tile(task).database_descriptions.push(vec![0; 32]), "must be at most 1, got 2"),
         (|task| tile(task).database_descriptions[0].truncate(31), "digest: length must be 32 bytes, got 31"),
-        (|task| evaluation(task).descriptor = vec![0; MAX_DESCRIPTOR_BYTES + 1], "at most 4096 bytes, got 4097"),
-        (|task| evaluation(task).preparation = vec![0; MAX_PREPARATION_BYTES + 1], "at most 65536 bytes"),
-        (|task| task.facts.as_mut().unwrap().label = "x".repeat(257), "must be 0 to 256, got 257"),
+        (
+            |task| evaluation(task).descriptor = vec![0; MAX_DESCRIPTOR_BYTES + 1],
+            "bytes of a descriptor: must be at most 4096, got 4097",
+        ),
+        (
+            |task| evaluation(task).preparation = vec![0; MAX_PREPARATION_BYTES + 1],
+            "bytes of a preparation: must be at most 65536, got 65537",
+        ),
+        (|task| task.facts.as_mut().unwrap().label = "x".repeat(257), "must be at most 256, got 257"),
     ];
     for (change, expected) in cases {
         let message = refused(change);
@@ -336,7 +349,9 @@ fn messages_that_lack_something_or_hold_too_much_are_refused() {
     }
     let mut cell = v2::Task::from(&Task::GridCell(cell_of(base(), 3)));
     cell.facts.as_mut().unwrap().descriptors = u32::MAX;
-    assert!(Task::try_from(cell).unwrap_err().to_string().contains("must be 0 to 1048576, got 4294967295"));
+    assert!(
+        Task::try_from(cell).unwrap_err().to_string().contains("must be at most 1048576, got 4294967295")
+    );
 }
 
 #[test]

@@ -2,7 +2,8 @@
 
 use super::{
     Described, Description, DescriptorBytes, Evaluation, EvaluationResult, Facts, Failure, FailureReason,
-    GridCell, MAX_LABEL_BYTES, Match, Preparation, Report, Subject, Task, TaskResult, Tile, TooLong,
+    GridCell, MAX_DESCRIPTOR_BYTES, MAX_LABEL_BYTES, MAX_PREPARATION_BYTES, Match, Preparation, Report,
+    Subject, Task, TaskResult, Tile,
 };
 use crate::{Digest, InvalidId, MAX_CELL, v2};
 
@@ -15,19 +16,14 @@ pub enum InvalidMessage {
     /// An id or a digest of another length.
     #[error(transparent)]
     Id(#[from] InvalidId),
-    /// More bytes than allowed.
-    #[error(transparent)]
-    TooLong(#[from] TooLong),
-    /// A number outside its bounds.
-    #[error("{what}: must be {least} to {most}, got {got}\nuse a worker and a coordinator of the same release")]
-    OutOfBounds {
-        /// Which number.
+    /// More than allowed.
+    #[error("{what}: must be at most {most}, got {got}\nuse a worker and a coordinator of the same release")]
+    TooMany {
+        /// Of what.
         what: &'static str,
-        /// The least it may be.
-        least: u64,
         /// The most it may be.
         most: u64,
-        /// What it is.
+        /// How many there are.
         got: u64,
     },
     /// Bytes that are no message at all.
@@ -116,7 +112,8 @@ impl TryFrom<v2::Task> for Task {
                 database: parsed_digests(&cell.database)?,
                 queries: facts.queries,
                 database_clouds: facts.database_clouds,
-                descriptors: bounded("descriptors of a grid cell", facts.descriptors.into(), MAX_CELL)? as u32,
+                descriptors: bounded("descriptors of a grid cell", facts.descriptors.into(), MAX_CELL)?
+                    as u32,
                 subject: subject(cell.preparation, cell.cell, &facts)?,
             }),
             Ask::Description(shard) => Self::Description(Description {
@@ -157,9 +154,11 @@ fn evaluation(message: v2::Evaluation, facts: &v2::Facts) -> Result<Evaluation, 
 
 fn subject(preparation: Vec<u8>, descriptor: Vec<u8>, facts: &v2::Facts) -> Result<Subject, InvalidMessage> {
     bounded("bytes of a label", facts.label.len() as u64, MAX_LABEL_BYTES as u64)?;
+    bounded("bytes of a preparation", preparation.len() as u64, MAX_PREPARATION_BYTES as u64)?;
+    bounded("bytes of a descriptor", descriptor.len() as u64, MAX_DESCRIPTOR_BYTES as u64)?;
     Ok(Subject {
-        preparation: Preparation::try_from(preparation)?,
-        descriptor: DescriptorBytes::try_from(descriptor)?,
+        preparation: Preparation::from(preparation),
+        descriptor: DescriptorBytes::from(descriptor),
         facts: Facts {
             label: facts.label.clone(),
             description_bytes: facts.description_bytes,
@@ -171,7 +170,7 @@ fn subject(preparation: Vec<u8>, descriptor: Vec<u8>, facts: &v2::Facts) -> Resu
 
 fn bounded(what: &'static str, got: u64, most: u64) -> Result<u64, InvalidMessage> {
     if got > most {
-        return Err(InvalidMessage::OutOfBounds { what, least: 0, most, got });
+        return Err(InvalidMessage::TooMany { what, most, got });
     }
     Ok(got)
 }

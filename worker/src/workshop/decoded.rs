@@ -41,7 +41,9 @@ pub enum InvalidTask {
     #[error(transparent)]
     Bytes(#[from] BytesError),
     /// A descriptor or a cell of another search space.
-    #[error("{what}: must lie in the search space, got {got}\nuse a worker and a coordinator of the same release")]
+    #[error(
+        "{what}: must lie in the search space, got {got}\nuse a worker and a coordinator of the same release"
+    )]
     OutsideSpace {
         /// Which part of it.
         what: &'static str,
@@ -59,7 +61,9 @@ pub enum InvalidTask {
         got: u64,
     },
     /// A kind of descriptor that the kind of task cannot have.
-    #[error("task: its kind of descriptor cannot be evaluated like this\nuse a worker and a coordinator of the same release")]
+    #[error(
+        "task: its kind of descriptor cannot be evaluated like this\nuse a worker and a coordinator of the same release"
+    )]
     Subject,
 }
 
@@ -111,7 +115,7 @@ mod tests {
     use descriptor::FixedKind;
     use descriptor::bytes::{cell_to_bytes, preparation_to_bytes};
     use descriptor::genes::Domain;
-    use proto::task::{Description, DescriptorBytes, Evaluation, Preparation as Bytes};
+    use proto::task::{Description, Evaluation};
     use proto::{Digest, task};
 
     use super::*;
@@ -119,8 +123,8 @@ mod tests {
     fn subject(genes: &GeneTable, bytes: Vec<u8>) -> task::Subject {
         let preparation = preparation_to_bytes(&Preprocess::default(), genes);
         task::Subject {
-            preparation: Bytes::try_from(preparation).unwrap(),
-            descriptor: DescriptorBytes::try_from(bytes).unwrap(),
+            preparation: preparation.into(),
+            descriptor: bytes.into(),
             ..task::Subject::sample(1)
         }
     }
@@ -151,7 +155,9 @@ mod tests {
             let subject = subject(genes, cell_to_bytes(radii_um));
             let (queries, database_clouds) = (2, 3);
             let cell = GridCell { subject, query, database, queries, database_clouds, descriptors };
-            Decoded::new(&Task::GridCell(cell)).map(|decoded| decoded.subject).map_err(|error| error.to_string())
+            Decoded::new(&Task::GridCell(cell))
+                .map(|decoded| decoded.subject)
+                .map_err(|error| error.to_string())
         };
         let paper = GeneTable::paper();
         let descriptors = 57 * 6 * 101;

@@ -41,7 +41,7 @@ impl Manifest {
         let listed = |cloud: CloudEntry| Listed {
             digest: cloud.digest,
             bytes: cloud.bytes,
-            label: Label { category: cloud.category, instance: cloud.instance },
+            label: Label { category: cloud.label.category, instance: cloud.label.instance },
             path: cloud.path,
         };
         Ok(Self { digest, clouds: manifest.clouds.into_iter().map(listed).collect() })

@@ -18,7 +18,8 @@ use descriptor::grid::Cell;
 use descriptor::recognise::{RecogniseError, recognise_from};
 use descriptor::{Correct, Match, Parameters, QuantiseError, description};
 use proto::task::{
-    Described, Description, Evaluation, EvaluationResult, Failure, FailureReason, GridCell, Task, TaskResult, Tile,
+    Described, Description, Evaluation, EvaluationResult, Failure, FailureReason, GridCell, Task, TaskResult,
+    Tile,
 };
 use proto::{Digest, MAX_DESCRIPTION_BYTES};
 

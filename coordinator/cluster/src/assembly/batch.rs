@@ -3,13 +3,12 @@
 use std::sync::Arc;
 
 use proto::JobId;
+use proto::task::{Evaluation, EvaluationResult, Task, TaskResult};
 
 use super::cut::Cut;
 use super::side::Side;
 use super::under_way::{Piece, UnderWay};
-use crate::evaluation::{Evaluation, EvaluationResult};
 use crate::scheduler::Finished;
-use crate::task::{Task, TaskResult};
 
 /// An evaluation with how it is cut, if it is.
 pub type Planned = (Evaluation, Option<(Cut, [Arc<Side>; 2])>);

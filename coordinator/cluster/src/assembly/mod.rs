@@ -4,7 +4,6 @@
 mod batch;
 mod costs;
 mod cut;
-mod listing;
 mod merge;
 mod planner;
 mod side;

@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
+use proto::task::{Evaluation, Task};
 use proto::{Digest, JobId};
 
 use super::batch::Planned;
@@ -10,8 +11,6 @@ use super::costs::Costs;
 use super::cut::{Cut, Load, Pieces, SideCut};
 use super::side::Side;
 use crate::blobs::BlobStore;
-use crate::evaluation::Evaluation;
-use crate::task::Task;
 
 /// Decides, and remembers what it has decided.
 #[derive(Default)]

@@ -4,15 +4,13 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use proto::task::{Described, Description, Evaluation, EvaluationResult, GridCell, Task, TaskResult};
 use proto::{Digest, JobId, WorkerId};
 use results::Proceedings;
 use tokio::sync::Notify;
 
 use super::{Cluster, ClusterError, ClusterNews, TICK};
-use crate::evaluation::{Evaluation, EvaluationResult};
 use crate::scheduler::{ClientId, Finished, Staffing};
-use crate::shard::{Described, Description};
-use crate::task::{GridCell, Task, TaskResult};
 
 /// Tasks by job, with their place among all that were asked for together.
 type Asked = BTreeMap<JobId, (usize, Arc<Task>)>;
@@ -117,8 +115,8 @@ impl Client {
                 .perform(tasks, |news, finished| {
                     news.finished = finished.len();
                     for (place, finished) in finished {
-                        if let TaskResult::Description(Described { digest, parts }) = finished.result {
-                            names[place] = Some((digest, parts));
+                        if let TaskResult::Description(Described { digest, bytes }) = finished.result {
+                            names[place] = Some((digest, bytes));
                         }
                     }
                     watch(news);

@@ -4,10 +4,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use proto::JobId;
+use proto::task::Task;
 use tokio::sync::Notify;
 
+use crate::job_names::JobNames;
 use crate::scheduler::{ClientId, Event, Finished};
-use crate::task::{Names, Task};
 
 /// Doubts that are kept for a client that does not look: one that is finished needs none of them.
 const MAX_DOUBTS: usize = 10_000;
@@ -36,9 +37,9 @@ struct Question {
 #[derive(Default)]
 pub(super) struct Account {
     /// What it has asked for since it began.
-    names: Names,
+    names: JobNames,
     /// What it had asked for before it began again.
-    past: Vec<Names>,
+    past: Vec<JobNames>,
     /// How many of its jobs have no answer.
     waits_for: usize,
     /// Answers that it has not been told.

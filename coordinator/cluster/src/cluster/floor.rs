@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Instant;
 
-use descriptor::Descriptor;
+use proto::task::Task;
 use proto::{JobId, Lease, WorkerId};
 use results::Proceedings;
 use tokio::sync::Notify;
@@ -19,8 +19,6 @@ use crate::scheduler::{
     Answer, ClientId, Departure, Event, Finished, Introduction, Poll, PollRefusal, RegisterRefusal,
     Scheduler, What,
 };
-use crate::shard::Description;
-use crate::task::Task;
 
 /// Pieces of news beyond which no more are kept until somebody reads them: the chronicle has them all.
 const MAX_UNREAD: usize = 10_000;
@@ -269,10 +267,7 @@ impl Floor {
     /// asks for them again.
     pub(super) fn doubt_descriptions(&self, task: &Task) {
         let Task::Tile(tile) = task else { return };
-        let descriptor = Descriptor::DiskRing(tile.evaluation.parameters);
-        for &manifest in tile.evaluation.query.iter().chain(&tile.evaluation.database) {
-            let clouds = tile.evaluation.queries; // no part of the name
-            let description = Task::Description(Description { descriptor, manifest, clouds });
+        for description in tile.shards().map(Task::Description) {
             // Under each name by which it was asked for.
             let names = (0..).map(|occurrence| description.job(occurrence));
             names.take_while(|job| self.clients.was_asked(*job)).for_each(|job| self.ledger.strike(job));

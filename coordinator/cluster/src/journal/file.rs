@@ -7,15 +7,13 @@ use std::time::{Duration, Instant};
 
 use proto::{JobId, Lease, WorkerId};
 use redb::{
-    Database, Durability, Error, ReadOnlyTable, ReadTransaction, ReadableDatabase as _, ReadableTable,
-    TableDefinition, TableError,
+    Database, Durability, Error, ReadTransaction, ReadableDatabase as _, ReadableTable, TableDefinition,
 };
 use results::Proceedings;
 use serde::de::DeserializeOwned;
 
 use super::{Entry, Header, JournalError, Recorded, Told, record};
 use crate::assembly::{Cut, SideCut};
-use crate::task::TaskResult;
 
 /// One row: [`Header`].
 const HEADER: TableDefinition<&str, &[u8]> = TableDefinition::new("header");
@@ -23,18 +21,15 @@ const HEADER: TableDefinition<&str, &[u8]> = TableDefinition::new("header");
 const TALLY: TableDefinition<&str, u64> = TableDefinition::new("tally");
 /// Answers by job.
 const ACCEPTED: TableDefinition<u64, &[u8]> = TableDefinition::new("accepted");
-/// Digests of descriptions by job; not in journals that earlier releases have made.
-const DESCRIBED: TableDefinition<u64, &[u8]> = TableDefinition::new("described");
-/// Shards and ranges of queries and database by job of the whole evaluation; as above.
+/// Shards and ranges of queries and database by job of the whole evaluation.
 const CUTS: TableDefinition<u64, (u32, u32, u32, u32)> = TableDefinition::new("cuts");
 /// Workers by id.
 const MEMBERS: TableDefinition<&[u8; 16], &[u8]> = TableDefinition::new("members");
 /// Workers by job and attempt.
 const LEASES: TableDefinition<(u64, u32), &[u8; 16]> = TableDefinition::new("leases");
-
-/// Workers that were wrong, by id. Journals of earlier releases have none.
+/// Workers that were wrong, by id.
 const QUARANTINED: TableDefinition<&[u8; 16], ()> = TableDefinition::new("quarantined");
-/// What is told, by table ([`WORKERS`], [`ATTEMPTS`] or [`EVENTS`]) and place. Journals of earlier releases have none.
+/// What is told, by table ([`WORKERS`], [`ATTEMPTS`] or [`EVENTS`]) and place.
 const TOLD: TableDefinition<(u8, u32), &[u8]> = TableDefinition::new("told");
 const WORKERS: u8 = 0;
 const ATTEMPTS: u8 = 1;
@@ -113,22 +108,17 @@ impl JournalFile {
             let mut accepted = transaction.open_table(ACCEPTED)?;
             let mut members = transaction.open_table(MEMBERS)?;
             let mut leases = transaction.open_table(LEASES)?;
-            let mut described = transaction.open_table(DESCRIBED)?;
             let mut cuts = transaction.open_table(CUTS)?;
             for entry in entries {
                 match entry {
                     Entry::Accepted(answer) => {
                         let job = answer.job.0;
                         let Some(bytes) = record::encode_accepted(answer) else { continue };
-                        match answer.result {
-                            TaskResult::Description(_) => described.insert(job, bytes.as_slice())?,
-                            _ => accepted.insert(job, bytes.as_slice())?,
-                        };
+                        accepted.insert(job, bytes.as_slice())?;
                         leases.retain_in((job, 0)..=(job, u32::MAX), |_, _| false)?;
                     }
                     Entry::Joined(id, member) => {
-                        let bytes = record::encode_member(member).map_err(std::io::Error::from)?;
-                        members.insert(&id.0, bytes.as_slice())?;
+                        members.insert(&id.0, record::encode_member(member).as_slice())?;
                     }
                     Entry::Left(id) => {
                         members.remove(&id.0)?;
@@ -138,7 +128,6 @@ impl JournalFile {
                     }
                     Entry::Struck(job) => {
                         accepted.remove(job.0)?;
-                        described.remove(job.0)?;
                     }
                     Entry::Cut(job, Cut { query, database }) => {
                         let numbers = (query.shards, query.ranges, database.shards, database.ranges);
@@ -184,6 +173,9 @@ fn write_header(path: &Path, header: &Header) -> Result<(), Error> {
     transaction.open_table(ACCEPTED)?;
     transaction.open_table(MEMBERS)?;
     transaction.open_table(LEASES)?;
+    transaction.open_table(CUTS)?;
+    transaction.open_table(QUARANTINED)?;
+    transaction.open_table(TOLD)?;
     Ok(transaction.commit()?)
 }
 
@@ -214,22 +206,13 @@ fn read_recorded(transaction: &ReadTransaction) -> Result<Recorded, String> {
         let accepted = record::decode_accepted(job, bytes.value());
         recorded.accepted.insert(job, accepted.ok_or_else(|| format!("no answer to job {job}"))?);
     }
-    if let Some(table) = later_table(transaction, DESCRIBED)? {
-        for row in table.iter().map_err(|error| said(error.into()))? {
-            let (job, bytes) = row.map_err(|error| said(error.into()))?;
-            let job = JobId(job.value());
-            let described = record::decode_described(job, bytes.value());
-            recorded.accepted.insert(job, described.ok_or_else(|| format!("no description to job {job}"))?);
-        }
-    }
-    if let Some(table) = later_table(transaction, CUTS)? {
-        for row in table.iter().map_err(|error| said(error.into()))? {
-            let (job, cut) = row.map_err(|error| said(error.into()))?;
-            let (of_query, query_ranges, of_database, database_ranges) = cut.value();
-            let query = SideCut { shards: of_query, ranges: query_ranges };
-            let database = SideCut { shards: of_database, ranges: database_ranges };
-            recorded.cuts.insert(JobId(job.value()), Cut { query, database });
-        }
+    let table = transaction.open_table(CUTS).map_err(|error| said(error.into()))?;
+    for row in table.iter().map_err(|error| said(error.into()))? {
+        let (job, cut) = row.map_err(|error| said(error.into()))?;
+        let (of_query, query_ranges, of_database, database_ranges) = cut.value();
+        let query = SideCut { shards: of_query, ranges: query_ranges };
+        let database = SideCut { shards: of_database, ranges: database_ranges };
+        recorded.cuts.insert(JobId(job.value()), Cut { query, database });
     }
     let table = transaction.open_table(MEMBERS).map_err(|error| said(error.into()))?;
     for row in table.iter().map_err(|error| said(error.into()))? {
@@ -247,19 +230,17 @@ fn read_recorded(transaction: &ReadTransaction) -> Result<Recorded, String> {
         }
         recorded.leases.push((Lease { job: JobId(job), attempt }, WorkerId(*id.value())));
     }
-    if let Some(table) = later_table(transaction, QUARANTINED)? {
-        for row in table.iter().map_err(|error| said(error.into()))? {
-            let (id, _) = row.map_err(|error| said(error.into()))?;
-            recorded.quarantined.insert(WorkerId(*id.value()));
-        }
+    let table = transaction.open_table(QUARANTINED).map_err(|error| said(error.into()))?;
+    for row in table.iter().map_err(|error| said(error.into()))? {
+        let (id, _) = row.map_err(|error| said(error.into()))?;
+        recorded.quarantined.insert(WorkerId(*id.value()));
     }
-    if let Some(table) = later_table(transaction, TOLD)? {
-        recorded.proceedings = Proceedings {
-            workers: read_told(&table, WORKERS)?,
-            attempts: read_told(&table, ATTEMPTS)?,
-            events: read_told(&table, EVENTS)?,
-        };
-    }
+    let table = transaction.open_table(TOLD).map_err(|error| said(error.into()))?;
+    recorded.proceedings = Proceedings {
+        workers: read_told(&table, WORKERS)?,
+        attempts: read_told(&table, ATTEMPTS)?,
+        events: read_told(&table, EVENTS)?,
+    };
     Ok(recorded)
 }
 
@@ -278,18 +259,6 @@ fn read_told<R: DeserializeOwned>(
         rows.push(serde_json::from_slice(bytes.value()).map_err(|error| error.to_string())?);
     }
     Ok(rows)
-}
-
-/// A table that journals of earlier releases do not have.
-fn later_table<K: redb::Key, V: redb::Value>(
-    transaction: &ReadTransaction,
-    table: TableDefinition<'_, K, V>,
-) -> Result<Option<ReadOnlyTable<K, V>>, String> {
-    match transaction.open_table(table) {
-        Ok(table) => Ok(Some(table)),
-        Err(TableError::TableDoesNotExist(_)) => Ok(None),
-        Err(error) => Err(error.to_string()),
-    }
 }
 
 /// Damage needs other advice than a disk that fails or another process. It may show late: a file that was cut is missed

@@ -4,10 +4,10 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::Instant;
 
+use proto::task::{Failure, Task};
 use proto::{JobId, WorkerId};
 
 use super::worker::Introduction;
-use crate::task::Task;
 
 /// Events beyond which no more are kept until somebody reads them.
 const MAX_UNREAD: usize = 100_000;
@@ -188,7 +188,7 @@ pub enum AttemptEnd {
     /// A valid answer on a lease that had been given up.
     Late,
     /// The worker said why it has no answer, or its answer cannot be one.
-    Failed(String),
+    Failed(Failure),
     /// No result within the time a job may take.
     Overdue,
     /// The reply that carried the lease did not arrive.
@@ -219,10 +219,10 @@ impl AttemptEnd {
     }
 
     /// What more there is to say of it.
-    pub fn reason(&self) -> Option<&str> {
+    pub fn reason(&self) -> Option<String> {
         match self {
-            Self::Failed(reason) => Some(reason),
-            Self::Gone(departure) => Some(departure.reason()),
+            Self::Failed(failure) => Some(failure.to_string()),
+            Self::Gone(departure) => Some(departure.reason().to_owned()),
             _ => None,
         }
     }

@@ -4,10 +4,11 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use proto::task::{Task, TaskResult};
 use proto::{Digest, WorkerId};
 
+use super::messages::WorkerFailure;
 use super::turns::Place;
-use crate::task::{Task, TaskResult};
 
 /// Attempts that are remembered: a worker that never gets its replies must not fill the memory.
 const MAX_ATTEMPTS: usize = 256;
@@ -51,8 +52,8 @@ pub(super) struct Job {
     /// Attempts that an earlier start may have handed out without a record of it, to whom nobody knows.
     unrecorded: Range<u32>,
     pub(super) votes: Vec<Vote>,
-    pub(super) failures: Vec<(WorkerId, String)>,
-    pub(super) losses: Vec<String>,
+    pub(super) failures: Vec<(WorkerId, WorkerFailure)>,
+    pub(super) losses: Vec<WorkerFailure>,
     /// From when on a second worker may take it beside the one that has it, as it stands in the scheduler's list.
     pub(super) hedge_from: Option<Instant>,
 }

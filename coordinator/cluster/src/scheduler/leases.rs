@@ -3,12 +3,12 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use proto::task::{Failure, FailureReason, Task};
 use proto::{JobId, Lease, WorkerId};
 
 use super::Scheduler;
 use super::event::{Attempt, AttemptEnd, What};
 use super::job::Job;
-use crate::task::Task;
 
 /// A job is given to an idle second worker when it has run for this many times the median of its kind.
 const PATIENCE: f64 = 1.5;
@@ -100,7 +100,8 @@ impl Scheduler {
         let late = in_hand.filter(|(_, (_, since))| now.saturating_duration_since(*since) > self.limits.job);
         for (holder, (job, _)) in late.collect::<Vec<_>>() {
             self.release(job, holder, AttemptEnd::Overdue, now);
-            let failure = format!("{}: no result within {} s", self.label(holder), self.limits.job.as_secs());
+            let seconds = self.limits.job.as_secs();
+            let failure = Failure::new(FailureReason::Overdue, format_args!("no result within {seconds} s"));
             self.count_failure(job, holder, failure);
         }
     }
@@ -123,7 +124,7 @@ impl Scheduler {
         let Some(job) = self.jobs.get_mut(&job_id) else { return };
         let Some(attempt) = job.lease_of(id) else { return };
         job.leases.retain(|(holder, _)| *holder != id);
-        let (kind, mut ran) = (job.task.likeness(), None);
+        let (task, mut ran) = (Arc::clone(&job.task), None);
         let mut next = None;
         if let Some(worker) = self.workers.get_mut(&id) {
             ran = worker.works_on(job_id).map(|since| now.saturating_duration_since(since));
@@ -140,7 +141,7 @@ impl Scheduler {
         }
         let answered = matches!(end, AttemptEnd::Answered | AttemptEnd::Agreed);
         if let Some(ran) = ran.filter(|_| answered)
-            && self.run_times.add(kind, ran)
+            && self.run_times.add(&task, ran)
         {
             self.refile_all(); // until then nobody knew how long is too long
         }
@@ -188,8 +189,8 @@ impl Scheduler {
         match self.workers.get(&holder)?.works_on(id) {
             None => job.handed_out_at(holder, attempt),
             Some(since) => {
-                let median = self.run_times.median(job.task.likeness())?;
-                Some(since + median.mul_f64(PATIENCE).max(Duration::from_millis(1)))
+                let expected = self.run_times.expected(&job.task)?;
+                Some(since + expected.mul_f64(PATIENCE).max(Duration::from_millis(1)))
             }
         }
     }

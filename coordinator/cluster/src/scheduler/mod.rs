@@ -18,14 +18,16 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use proto::task::{Failure, FailureReason, Subject, Task};
 use proto::{JobId, Lease, WorkerId};
 
-use crate::task::Task;
 pub use audit::Audit;
 use event::Events;
 pub use event::{Attempt, AttemptEnd, Departure, Event, What};
 use job::Job;
-pub use messages::{Answer, Finished, JobFailed, Poll, PollRefusal, RegisterRefusal, Report, Staffing};
+pub use messages::{
+    Answer, Finished, JobFailed, Poll, PollRefusal, RegisterRefusal, Staffing, WorkerFailure,
+};
 use queue::Queue;
 use run_times::RunTimes;
 pub use turns::ClientId;
@@ -36,6 +38,9 @@ use worker::{Acquaintance, Worker};
 const STARVING_AFTER: Duration = Duration::from_secs(10);
 /// … and again after so long.
 const STARVING_AGAIN: Duration = Duration::from_secs(120);
+
+/// Whether bytes can be the description of so many clouds under a descriptor; what is wrong with them, if not.
+pub type CheckDescription = fn(&Subject, &[u8], u32) -> Result<(), String>;
 
 /// Bounds that the experiment sets.
 #[derive(Clone, Copy, Debug)]
@@ -54,6 +59,8 @@ pub struct Limits {
     pub max_workers: usize,
     /// Which evaluations two workers have to agree on.
     pub audit: Audit,
+    /// Looks into descriptions, which only the crate `descriptor` reads.
+    pub check_description: CheckDescription,
 }
 
 #[cfg(test)]
@@ -67,6 +74,7 @@ impl Limits {
         worker_grace: Duration::from_secs(300),
         max_workers: 4,
         audit: Audit::NONE,
+        check_description: |_, _, _| Ok(()),
     };
 }
 
@@ -127,7 +135,7 @@ impl Scheduler {
         }
     }
 
-    /// Adds a job under its name ([`Names`](crate::task::Names)). Clients take turns; the jobs of one are handed out in
+    /// Adds a job under its name ([`JobNames`](crate::job_names::JobNames)). Clients take turns; the jobs of one are handed out in
     /// the order of submission. A job that a worker was given by an earlier start is still its own.
     pub fn submit(&mut self, id: JobId, task: Arc<Task>, client: ClientId, now: Instant) {
         self.abandon(id, now); // of the same name before the run began again
@@ -366,7 +374,8 @@ impl Scheduler {
         for &(job, _) in &leases {
             self.release(job, id, AttemptEnd::Gone(why), now);
             if why == Departure::Lost {
-                self.count_loss(job, format!("{label}: lost: {}", why.reason()));
+                let failure = Failure::new(FailureReason::Lost, why.reason());
+                self.count_loss(job, WorkerFailure { worker: label.clone(), failure });
             }
         }
         self.workers.remove(&id);

@@ -6,7 +6,7 @@ use std::sync::{Arc, LazyLock, Mutex};
 
 use descriptor::pcd::{self, DataEncoding};
 use descriptor::synth::{SynthSettings, catalogue, render};
-use proto::task::{CloudEntry, SplitManifest};
+use proto::task::{CloudEntry, Label, SplitManifest};
 use proto::v2::coordinator_server::{Coordinator, CoordinatorServer};
 use proto::{Digest, v2};
 use tonic::transport::server::TcpIncoming;
@@ -51,8 +51,7 @@ impl Archive {
                 CloudEntry {
                     bytes: bytes.len() as u64,
                     digest: archive.add(bytes),
-                    category: object.index % 2,
-                    instance: object.index,
+                    label: Label { category: object.index % 2, instance: object.index },
                     path: object.path(view),
                 }
             });

@@ -9,9 +9,7 @@ use std::sync::LazyLock;
 
 use descriptor::bytes::{cell_to_bytes, preparation_to_bytes};
 use descriptor::genes::Domain;
-use descriptor::{
-    Descriptor, GeneTable, PreparedCloud, Preprocess, Quantiser, pcd, recognise, summarise,
-};
+use descriptor::{Descriptor, GeneTable, PreparedCloud, Preprocess, Quantiser, pcd, recognise, summarise};
 use proto::task;
 
 use super::*;
@@ -52,18 +50,14 @@ fn descriptors() -> [Parameters; 6] {
 /// Training (train1 against train2) or validation (validation against both): query and database.
 fn splits(archive: &Archive, validation: bool) -> [Vec<Digest>; 2] {
     let [train1, train2, of_validation] = archive.splits[..] else { panic!("three splits") };
-    if validation {
-        [vec![of_validation], vec![train1, train2]]
-    } else {
-        [vec![train1], vec![train2]]
-    }
+    if validation { [vec![of_validation], vec![train1, train2]] } else { [vec![train1], vec![train2]] }
 }
 
 fn subject(descriptor: Vec<u8>) -> task::Subject {
     let Preparation { preprocess, genes } = preparation();
     task::Subject {
-        preparation: preparation_to_bytes(&preprocess, &genes).try_into().unwrap(),
-        descriptor: descriptor.try_into().unwrap(),
+        preparation: preparation_to_bytes(&preprocess, &genes).into(),
+        descriptor: descriptor.into(),
         facts: task::Facts::default(),
     }
 }

@@ -4,13 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Instant;
 
-use descriptor::Parameters;
 use proto::JobId;
+use proto::task::{Evaluation, Task, TaskResult};
 
 use super::super::{ClientId, Departure, Scheduler, What};
 use super::actor::truth;
-use crate::evaluation::Evaluation;
-use crate::task::{Names, Task, TaskResult};
+use crate::job_names::JobNames;
 
 /// Runs that share the workers.
 const CLIENTS: u32 = 3;
@@ -22,17 +21,14 @@ pub struct Driver {
     /// By task: the answer and who gave it.
     answers: BTreeMap<u32, (u32, String)>,
     asked: BTreeSet<u32>,
-    names: Names,
+    names: JobNames,
     pub quarantined: Vec<String>,
     pub disagreements: u64,
 }
 
 impl Driver {
     pub fn submit(&mut self, scheduler: &mut Scheduler, number: u32, now: Instant) {
-        let task = Task::Evaluation(Evaluation {
-            parameters: Parameters { shape_bins: number, ..Parameters::PAPER_BEST },
-            ..Evaluation::sample(1000, 10)
-        });
+        let task = Task::Evaluation(Evaluation::sample(number, 1000, 10));
         let job = self.names.next(&task);
         let client = ClientId(number % CLIENTS);
         scheduler.submit(job, Arc::new(task), client, now);
