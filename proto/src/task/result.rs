@@ -5,7 +5,6 @@ use std::sync::Arc;
 
 use prost::Message as _;
 
-use super::wire;
 use crate::{Digest, Lease, MAX_TEXT_BYTES, truncate, v2};
 
 /// What a task gives.
@@ -255,13 +254,6 @@ impl fmt::Display for Failure {
 impl From<InvalidResult> for Failure {
     fn from(error: InvalidResult) -> Self {
         Self::new(FailureReason::InvalidResult, error)
-    }
-}
-
-impl From<wire::InvalidMessage> for Failure {
-    /// Of a task that a worker cannot read.
-    fn from(error: wire::InvalidMessage) -> Self {
-        Self::new(FailureReason::InvalidJob, error)
     }
 }
 

@@ -260,6 +260,13 @@ impl From<Failure> for v2::Failure {
     }
 }
 
+impl From<InvalidMessage> for Failure {
+    /// Of a task that a worker cannot read.
+    fn from(error: InvalidMessage) -> Self {
+        Self::new(FailureReason::InvalidJob, error)
+    }
+}
+
 impl From<v2::Failure> for Failure {
     fn from(message: v2::Failure) -> Self {
         use v2::FailureReason as Wire;
