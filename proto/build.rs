@@ -6,12 +6,25 @@ use std::{env, fs};
 
 use prost::Message;
 
+const FILES: [&str; 4] = [
+    "descry/v1/coordinator.proto",
+    "descry/v2/coordinator.proto",
+    "descry/v2/task.proto",
+    "descry/v2/journal.proto",
+];
+/// Clients and servers need tonic; messages do not.
+const SERVICES: &str = "#[cfg(feature = \"services\")]";
+
 fn main() -> Result<(), Box<dyn Error>> {
-    let file = "descry/v1/coordinator.proto";
-    println!("cargo:rerun-if-changed={file}");
-    let descriptors = protox::compile([file], ["."])?;
+    for file in FILES {
+        println!("cargo:rerun-if-changed={file}");
+    }
+    let descriptors = protox::compile(FILES, ["."])?;
     let out = PathBuf::from(env::var("OUT_DIR")?);
     fs::write(out.join("descriptor_set.bin"), descriptors.encode_to_vec())?;
-    tonic_prost_build::configure().compile_fds(descriptors)?;
+    tonic_prost_build::configure()
+        .client_mod_attribute(".", SERVICES)
+        .server_mod_attribute(".", SERVICES)
+        .compile_fds(descriptors)?;
     Ok(())
 }

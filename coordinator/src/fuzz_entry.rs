@@ -5,12 +5,11 @@ use std::path::Path;
 use std::time::{Duration, SystemTime};
 
 use prost::Message as _;
-use proto::{JobId, SessionId, WorkerId, v1};
+use proto::task::{EvaluationResult, TaskResult};
+use proto::{JobId, SessionId, WorkerId, v2};
 
 use crate::experiment::{Experiment, Overrides};
-use cluster::evaluation::EvaluationResult;
 use cluster::journal;
-use cluster::task::TaskResult;
 use transport::wire;
 
 /// An experiment as TOML.
@@ -30,14 +29,14 @@ pub fn sample_artefact_settings() -> String {
 
 /// A poll of a worker.
 pub fn poll(bytes: &[u8]) -> bool {
-    v1::PollRequest::decode(bytes).is_ok_and(|request| wire::poll(request).is_ok())
+    v2::PollRequest::decode(bytes).is_ok_and(|request| wire::poll(request).is_ok())
 }
 
 /// What a worker fetches by.
 pub fn fetch(bytes: &[u8]) -> bool {
-    let blob = v1::FetchBlobRequest::decode(bytes).is_ok_and(|request| wire::blob_digest(&request).is_ok());
+    let blob = v2::FetchBlobRequest::decode(bytes).is_ok_and(|request| wire::blob_digest(&request).is_ok());
     let entry =
-        v1::FetchDerivedRequest::decode(bytes).is_ok_and(|request| wire::derived_key(&request).is_ok());
+        v2::FetchDerivedRequest::decode(bytes).is_ok_and(|request| wire::derived_key(&request).is_ok());
     blob || entry
 }
 

@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use cache::{ByteSize, Store};
-use descriptor::{GeneTable, Parameters, Quantiser};
+use descriptor::{GeneTable, Parameters, Quantiser, SearchSpace};
 use proto::SessionId;
 use results::Counts;
 
@@ -14,10 +14,10 @@ use crate::console::Console;
 use crate::dataset::Dataset;
 use crate::experiment::{Experiment, LocalWorkers};
 use crate::in_process::{self, InProcessWorkers};
-use crate::manifest;
 use crate::prepared::PreparedClouds;
 use crate::run::splits::{Matching, SplitBlobs};
 use crate::run::{DataError, RunError, rows};
+use crate::tasks;
 use cluster::journal::{Journal, Recorded};
 use cluster::scheduler::{Audit, Limits};
 use cluster::{Cluster, ClusterError};
@@ -43,6 +43,7 @@ fn limits(experiment: &Experiment) -> Limits {
         worker_grace: settings.worker_grace,
         max_workers: MAX_WORKERS,
         audit: Audit { share: settings.audit, seed: experiment.seed() },
+        check_description: tasks::CHECK_DESCRIPTION,
     }
 }
 
@@ -100,15 +101,15 @@ impl<'a> Session<'a> {
         memory: ByteSize,
     ) -> Result<Self, DataError> {
         cluster.set_shard_count(experiment.coordinator().pieces);
-        let splits = SplitBlobs::publish(dataset, &cluster.blobs);
-        let preparation = manifest::preparation(experiment.preprocess(), genes);
+        let preparation = tasks::preparation(experiment.preprocess(), SearchSpace::DiskRing(genes.clone()));
+        let splits = SplitBlobs::publish(dataset, preparation, &cluster.blobs);
         let quantiser = Quantiser::new(genes)?;
         let entries = &dataset.clouds.entries;
         let prepared = PreparedClouds::new(Arc::clone(&store), experiment.preprocess(), &quantiser, entries);
         let release = Release { build: worker::BUILD, evaluation_version: descriptor::EVALUATION_VERSION };
         let released = Arc::clone(&cluster);
         let derived = Arc::new(move |kind: &str, key| prepared.read(kind, key, &released.blobs));
-        let servers = Servers::new(Arc::clone(&cluster), preparation, release, derived);
+        let servers = Servers::new(Arc::clone(&cluster), release, derived);
         Ok(Self { cluster, splits, store, servers, memory, in_process: Mutex::new(None) })
     }
 

@@ -46,6 +46,19 @@ pub enum BytesError {
         /// After tag and version.
         got: usize,
     },
+    /// No settings of preprocessing.
+    #[error(
+        "preparation: version {version} of 5 settings and a search space expected, got {got} other bytes\nuse programs of the same release"
+    )]
+    Settings {
+        /// The only version so far.
+        version: u8,
+        /// Number of bytes.
+        got: usize,
+    },
+    /// A search space with colour, and clouds without.
+    #[error("preparation: clouds with colour expected, got clouds without\nuse programs of the same release")]
+    Colour,
     /// Numbers that nothing of the family has.
     #[error("{what}: values of {family} expected, got {reason}")]
     Values {

@@ -66,6 +66,7 @@ mod global_hue;
 mod channel;
 pub mod cost;
 mod descriptor;
+mod preparation;
 mod prepared;
 mod search_space;
 
@@ -103,6 +104,7 @@ pub use domain::Domain;
 pub use family::Family;
 pub use fixed::{FixedDescriptor, FixedKind};
 pub use global_hue::GlobalHue;
+pub use preparation::Preparation;
 pub use prepare_error::{PrepareError, Skip};
 pub use prepared::{PreparedCloud, Preparer};
 pub use preprocess::{Preprocess, Unit};

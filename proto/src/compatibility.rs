@@ -6,7 +6,9 @@ use std::{env, fs};
 use prost::Message;
 use prost_types::{DescriptorProto, EnumDescriptorProto, FileDescriptorSet};
 
-const COMMITTED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/compatibility/v1.binpb");
+const COMMITTED: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/compatibility/v2.binpb");
+/// Version 1 as it was released.
+const RELEASED_V1: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/compatibility/v1.binpb");
 
 /// Every promise of a descriptor set as `path -> what it is`.
 fn promises(set: &FileDescriptorSet) -> BTreeMap<String, String> {
@@ -95,6 +97,19 @@ fn todays_protocol_keeps_every_promise_of_the_committed_one() {
     );
 }
 
+/// A worker of version 1 has to understand its refusal.
+#[test]
+fn what_is_left_of_version_1_is_as_it_was_released() {
+    let released = promises(&FileDescriptorSet::decode(&*fs::read(RELEASED_V1).unwrap()).unwrap());
+    let mut left = today();
+    left.file.retain(|file| file.package() == "descry.v1");
+    let left = promises(&left);
+    assert!(left.contains_key("descry.v1.Refused#2"));
+    for (path, is) in left {
+        assert_eq!(released.get(&path), Some(&is), "{path}");
+    }
+}
+
 #[test]
 fn a_renumbered_removed_or_retyped_field_is_a_breaking_change() {
     let changes: [fn(&mut DescriptorProto); 4] = [
@@ -105,8 +120,8 @@ fn a_renumbered_removed_or_retyped_field_is_a_breaking_change() {
     ];
     for change in changes {
         let mut changed = today();
-        let poll = changed.file[0].message_type.iter_mut().find(|message| message.name() == "PollRequest");
-        change(poll.unwrap());
+        let mut messages = changed.file.iter_mut().flat_map(|file| &mut file.message_type);
+        change(messages.find(|message| message.name() == "PollRequest").unwrap());
         assert_eq!(broken(&today(), &changed).len(), 1);
     }
 }

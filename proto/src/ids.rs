@@ -138,14 +138,14 @@ pub struct Lease {
     pub attempt: u32,
 }
 
-impl From<Lease> for crate::v1::Lease {
+impl From<Lease> for crate::v2::Lease {
     fn from(lease: Lease) -> Self {
         Self { job: lease.job.0, attempt: lease.attempt }
     }
 }
 
-impl From<crate::v1::Lease> for Lease {
-    fn from(lease: crate::v1::Lease) -> Self {
+impl From<crate::v2::Lease> for Lease {
+    fn from(lease: crate::v2::Lease) -> Self {
         Self { job: JobId(lease.job), attempt: lease.attempt }
     }
 }

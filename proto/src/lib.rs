@@ -1,28 +1,33 @@
-//! The protocol between coordinator and workers: generated messages, ids, versions and bounds.
+//! The protocol between coordinator and workers: the vocabulary of tasks, generated messages, ids, versions and bounds.
 //!
-//! `descry/v1/coordinator.proto` is the manual.
+//! `descry/v2/coordinator.proto` and `descry/v2/task.proto` are the manual.
 
 mod ids;
 mod join;
+pub mod task;
 
 pub use ids::{Digest, Fingerprint, InvalidFingerprint, InvalidId, JobId, Lease, SessionId, WorkerId};
 pub use join::{DEFAULT_PORT, InvalidJoinAddress, InvalidToken, JoinAddress, Token, Trust};
 
-/// Messages, client and server of `descry.v1`.
+/// What is left of `descry.v1`: the refusal of its workers.
 pub mod v1 {
     #![allow(missing_docs, clippy::all, clippy::disallowed_methods, clippy::unwrap_used)] // generated code
-    tonic::include_proto!("descry.v1");
+    include!(concat!(env!("OUT_DIR"), "/descry.v1.rs"));
+}
+
+/// Messages of `descry.v2`; with the feature `services` its client and server.
+pub mod v2 {
+    #![allow(missing_docs, clippy::all, clippy::disallowed_methods, clippy::unwrap_used)] // generated code
+    include!(concat!(env!("OUT_DIR"), "/descry.v2.rs"));
 }
 
 /// The compiled .proto files, for gRPC reflection and the test of compatibility.
 pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "/descriptor_set.bin"));
 
 /// Must be equal on both sides.
-pub const PROTOCOL_MAJOR: u32 = 1;
+pub const PROTOCOL_MAJOR: u32 = 2;
 /// Grows when the protocol grows.
-pub const PROTOCOL_MINOR: u32 = 3;
-/// The least that a worker must know: descriptors without genes.
-pub const LEAST_PROTOCOL_MINOR: u32 = 3;
+pub const PROTOCOL_MINOR: u32 = 0;
 
 /// The largest message either side accepts, bytes: some 300 000 matches of one final test.
 pub const MAX_MESSAGE_BYTES: usize = 16 << 20;
@@ -30,8 +35,6 @@ pub const MAX_MESSAGE_BYTES: usize = 16 << 20;
 pub const BLOB_CHUNK_BYTES: usize = 64 << 10;
 /// The largest blob a worker accepts, bytes: a cloud of 16 million points.
 pub const MAX_BLOB_BYTES: u64 = 256 << 20;
-/// The largest radius of a descriptor without genes, micrometres.
-pub const MAX_RADIUS_UM: u32 = 1_000_000;
 /// The longest worker name, bytes.
 pub const MAX_NAME_BYTES: usize = 64;
 /// The longest message for people that is kept of what a worker says, bytes.

@@ -3,14 +3,18 @@
 use std::fs;
 use std::path::PathBuf;
 
-use cache::Store;
-use cache::{ByteSize, Storage};
-use descriptor::genes::Domain;
+use cache::{ByteSize, Storage, Store};
 use descriptor::pcd::{self, DataEncoding};
 use descriptor::synth::{self, SynthSettings};
-use descriptor::{Cloud, Descriptor, GENES, GeneTable, Parameters, Preprocess, QuantisedCloud, Quantiser};
+use descriptor::{
+    Cloud, Descriptor, GeneTable, Parameters, Preprocess, QuantisedCloud, Quantiser, SearchSpace, grid,
+};
 use prost::Message as _;
-use proto::{Digest, v1};
+use proto::task::{
+    CloudEntry, Described, Description, Evaluation, EvaluationResult, Failure, FailureReason, GridCell,
+    Label, Match, Report, SplitManifest, Subject, Task, TaskResult, Tile,
+};
+use proto::{Digest, JobId, Lease, v2};
 
 /// Of the descriptions that are fed: few bytes a cloud.
 const DESCRIPTOR: Descriptor =
@@ -75,12 +79,7 @@ pub fn all(folder: PathBuf) -> Vec<Reader> {
         reader("poll", &[], vec![poll().encode_to_vec()], coordinator::fuzz_entry::poll),
         reader("fetch", &["..", "/", "prepared-cloud"], fetches(), coordinator::fuzz_entry::fetch),
         reader("reply", &[], vec![reply().encode_to_vec()], worker::fuzz_entry::reply),
-        reader(
-            "manifest",
-            &["..", "/etc/passwd"],
-            vec![manifest().encode_to_vec()],
-            worker::fuzz_entry::manifest,
-        ),
+        reader("manifest", &["..", "/etc/passwd"], vec![manifest()], worker::fuzz_entry::manifest),
         entry(folder),
         reader("join address", JOIN_WORDS, join_addresses(), move |bytes| {
             let Ok(address) = text(bytes).parse::<proto::JoinAddress>() else { return false };
@@ -164,101 +163,87 @@ fn experiments() -> Vec<Vec<u8>> {
     .to_vec()
 }
 
-fn lease() -> Option<v1::Lease> {
-    Some(v1::Lease { job: 7, attempt: 2 })
+fn lease() -> Lease {
+    Lease { job: JobId(7), attempt: 2 }
 }
 
-fn poll() -> v1::PollRequest {
-    let found = v1::Match { nearest: 3, distance: 0.25, runner_up: Some(4), runner_up_distance: Some(0.5) };
-    let result =
-        v1::EvaluationResult { queries: 9, object_correct: 5, category_correct: 6, matches: vec![found; 3] };
-    let failure = v1::JobFailure { reason: 1, message: "disk full".to_owned() };
-    let report = |outcome| v1::JobReport { lease: lease(), run_seconds: 0.5, outcome: Some(outcome) };
-    v1::PollRequest {
+fn poll() -> v2::PollRequest {
+    let found = Match { nearest: 3, distance: 0.25, runner_up: Some((4, 0.5)) };
+    let evaluation =
+        EvaluationResult { queries: 9, object_correct: 5, category_correct: 6, matches: vec![found; 3] };
+    let outcomes = [
+        Ok(TaskResult::Evaluation(evaluation)),
+        Err(Failure::new(FailureReason::Data, "disk full")),
+        Ok(TaskResult::GridCell(vec![1, 2, 3])),
+        Ok(TaskResult::Description(Described::new(vec![0; 12]))),
+    ];
+    let report = |outcome| Report { lease: lease(), run_seconds: 0.5, outcome }.into();
+    v2::PollRequest {
         worker_id: vec![1; 16],
         session_id: vec![2; 16],
-        sequence: 9,
-        held: lease().into_iter().collect(),
-        finished: vec![
-            report(v1::job_report::Outcome::Result(result)),
-            report(v1::job_report::Outcome::Failure(failure)),
-            report(v1::job_report::Outcome::GridCell(v1::GridCellResult { object_correct: vec![1, 2, 3] })),
-            report(v1::job_report::Outcome::Description(v1::DescriptionResult { parts: vec![0; 12] })),
-        ],
+        sequence: 3,
+        held: vec![lease().into()],
+        finished: outcomes.into_iter().map(report).collect(),
         wanted: 2,
         leaving: false,
     }
 }
 
-fn reply() -> v1::PollReply {
-    let domain = |domain: &Domain| v1::Domain { low: domain.low, step: domain.step, count: domain.count };
-    let table = GeneTable::paper();
-    let preparation = v1::Preparation {
-        leaf_um: 20_000,
-        normal_radius_um: 10_000,
-        min_points: 10,
-        colour: true,
-        unit: v1::LengthUnit::Metre.into(),
-        domains: GENES.iter().filter_map(|spec| table.domain(spec.kind)).map(domain).collect(),
+fn reply() -> v2::PollReply {
+    let space = SearchSpace::DiskRing(GeneTable::paper());
+    let preparation = descriptor::Preparation { preprocess: Preprocess::default(), space }.to_bytes();
+    let subject = |descriptor: Vec<u8>| Subject {
+        preparation: preparation.clone().into(),
+        descriptor: descriptor.into(),
+        ..Subject::sample(1)
     };
-    let parameters = v1::Parameters {
-        shape_bins: 60,
-        colour_bins: 8,
-        disk_um: 13_000,
-        ring_um: 36_000,
-        shape_weight_ppm: 670_000,
-    };
-    let splits = || vec![vec![3; 32]];
-    let evaluation = v1::Evaluation {
-        preparation: Some(preparation.clone()),
-        parameters: Some(parameters),
+    let best = subject(Descriptor::DiskRing(Parameters::PAPER_BEST).to_bytes());
+    let splits = || vec![Digest([3; 32])];
+    let (queries, database_clouds) = (9, 9);
+    let evaluation = Evaluation {
+        subject: best.clone(),
         query: splits(),
         database: splits(),
+        queries,
+        database_clouds,
         want_matches: true,
     };
-    let cell = v1::GridCell {
-        preparation: Some(preparation),
-        disk_um: 13_000,
-        ring_um: 36_000,
+    let cell = GridCell {
+        subject: subject(grid::cell_to_bytes([13_000, 36_000])),
         query: splits(),
         database: splits(),
+        queries,
+        database_clouds,
+        descriptors: 57 * 6 * 101,
     };
-    let description = v1::Description {
-        preparation: evaluation.preparation.clone(),
-        parameters: Some(parameters),
-        manifest: vec![3; 32],
-        fixed: None,
-    };
-    let tile =
-        v1::Tile { evaluation: Some(evaluation.clone()), query_parts: splits(), database_parts: splits() };
-    let job = v1::Job { lease: lease(), ..v1::Job::default() };
-    v1::PollReply {
-        acknowledged: lease().into_iter().collect(),
-        revoked: lease().into_iter().collect(),
-        jobs: vec![
-            v1::Job { evaluation: Some(evaluation), ..job.clone() },
-            v1::Job { grid_cell: Some(cell), ..job.clone() },
-            v1::Job { description: Some(description), ..job.clone() },
-            v1::Job { tile: Some(tile), ..job },
-        ],
+    let tasks = [
+        Task::Evaluation(evaluation.clone()),
+        Task::GridCell(cell),
+        Task::Description(Description { subject: best, manifest: Digest([3; 32]), clouds: 9 }),
+        Task::Tile(Tile { evaluation, query_descriptions: splits(), database_descriptions: splits() }),
+    ];
+    let job = |task| v2::Job { lease: Some(lease().into()), task: Some(v2::Task::from(task)) };
+    v2::PollReply {
+        acknowledged: vec![lease().into()],
+        revoked: vec![lease().into()],
+        jobs: tasks.iter().map(job).collect(),
     }
 }
 
 fn fetches() -> Vec<Vec<u8>> {
-    let blob = v1::FetchBlobRequest { digest: vec![5; 32] };
-    let entry = v1::FetchDerivedRequest { kind: "prepared-cloud".to_owned(), key: vec![6; 32] };
+    let blob = v2::FetchBlobRequest { digest: vec![5; 32] };
+    let entry = v2::FetchDerivedRequest { kind: "prepared-cloud".to_owned(), key: vec![6; 32] };
     vec![blob.encode_to_vec(), entry.encode_to_vec()]
 }
 
-fn manifest() -> v1::SplitManifest {
-    let cloud = v1::ManifestCloud {
-        digest: vec![4; 32],
+fn manifest() -> Vec<u8> {
+    let cloud = CloudEntry {
+        digest: Digest([4; 32]),
         bytes: 1000,
-        category: 1,
-        instance: 2,
+        label: Label { category: 1, instance: 2 },
         path: "a/a_1/a_1_1_1.pcd".to_owned(),
     };
-    v1::SplitManifest { split: "train1".to_owned(), clouds: vec![cloud; 3] }
+    SplitManifest { split: "train1".to_owned(), clouds: vec![cloud; 3] }.encode()
 }
 
 /// An entry that another machine has written, as it lies in a store.
@@ -283,21 +268,24 @@ fn join_addresses() -> Vec<Vec<u8>> {
 }
 
 fn header() -> Vec<u8> {
-    br#"{"magic":"descry journal","version":1,"search":"seed = 1\n","experiment":"version = 1\n","data_digest":"00","evaluation_version":2,"session":[7,7,7,7,7,7,7,7,7,7,7,7,7,7,7,7],"started_milliseconds":1700000000123}"#.to_vec()
+    br#"{"magic":"descry journal","version":2,"search":"seed = 1\n","experiment":"version = 1\n","data_digest":"00","evaluation_version":2,"session":[7,7,7,7,7,7,7,7,7,7,7,7,7,7,7,7],"started_milliseconds":1700000000123}"#.to_vec()
 }
 
-/// As version 1 writes them: attempt, nanoseconds, seconds, label, counts, matches.
+/// As version 2 writes them: an evaluation and a description.
 fn answers() -> Vec<Vec<u8>> {
-    let mut bytes = Vec::new();
-    bytes.extend(2u32.to_le_bytes());
-    bytes.extend(1_234_567_891u64.to_le_bytes());
-    bytes.extend(0.1f64.to_le_bytes());
-    bytes.extend(6u32.to_le_bytes());
-    bytes.extend(b"rack-3");
-    for number in [10u32, 4, 6, 1, 3] {
-        bytes.extend(number.to_le_bytes());
-    }
-    bytes.extend(0.25f64.to_le_bytes());
-    bytes.push(0);
-    vec![bytes]
+    use v2::accepted_result::Result;
+    let found = v2::Match { nearest: 3, distance: 0.25, runner_up: None };
+    let evaluation =
+        v2::EvaluationResult { queries: 10, object_correct: 4, category_correct: 6, matches: vec![found] };
+    let answer = |result| v2::AcceptedResult {
+        worker: "rack-3".to_owned(),
+        worker_id: vec![3; 16],
+        attempt: 2,
+        queued_nanoseconds: 1_234_567_891,
+        run_seconds: 0.1,
+        result: Some(result),
+    };
+    [Result::Evaluation(evaluation), Result::Description(vec![7; 32])]
+        .map(|result| answer(result).encode_to_vec())
+        .to_vec()
 }

@@ -4,14 +4,13 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use cache::{MAX_ENTRY_BYTES, Store};
-use proto::v1::coordinator_client::CoordinatorClient;
-use proto::{Digest, MAX_BLOB_BYTES, v1};
+use proto::{Digest, MAX_BLOB_BYTES};
 use tokio::sync::Semaphore;
 use tokio::task::spawn_blocking;
-use tonic::{Code, Status, Streaming};
+use tonic::{Code, Status};
 
 use crate::backoff::Backoff;
-use crate::link::Link;
+use crate::wire::Client;
 
 /// Why a blob is not to be had.
 #[derive(Debug, thiserror::Error)]
@@ -55,7 +54,7 @@ const RETRIES: u32 = 6;
 /// The coordinator's blobs and entries.
 #[derive(Debug)]
 pub struct Blobs {
-    client: CoordinatorClient<Link>,
+    client: Client,
     /// Where copies of blobs are kept; `None` for a worker inside the coordinator's process, which has them all, and
     /// whose store is the coordinator's.
     copies: Option<Arc<Store>>,
@@ -67,7 +66,7 @@ pub struct Blobs {
 
 impl Blobs {
     /// Blobs from `client`, with copies kept in `copies`.
-    pub fn new(client: CoordinatorClient<Link>, copies: Option<Arc<Store>>) -> Self {
+    pub fn new(client: Client, copies: Option<Arc<Store>>) -> Self {
         Self {
             client,
             copies,
@@ -110,9 +109,7 @@ impl Blobs {
     pub async fn derived(&self, kind: &str, key: Digest) -> Option<Vec<u8>> {
         self.copies.as_ref().filter(|store| store.is_kept())?;
         let _permit = self.streams.acquire().await;
-        let request = v1::FetchDerivedRequest { kind: kind.to_owned(), key: key.to_vec() };
-        let stream = self.client.clone().fetch_derived(request).await.ok()?.into_inner();
-        collect(stream, MAX_ENTRY_BYTES).await.ok()?
+        self.client.fetch_derived(kind, key, MAX_ENTRY_BYTES).await.ok()?
     }
 
     /// Tries again after faults of the network, which are no faults of the job.
@@ -141,23 +138,9 @@ impl Blobs {
 
     async fn fetch_once(&self, digest: Digest) -> Result<Vec<u8>, BlobError> {
         let failed = |status| BlobError::Fetch { digest, status };
-        let request = v1::FetchBlobRequest { digest: digest.to_vec() };
-        let stream = self.client.clone().fetch_blob(request).await.map_err(failed)?.into_inner();
-        let bytes = collect(stream, MAX_BLOB_BYTES).await.map_err(failed)?;
+        let bytes = self.client.fetch_blob(digest, MAX_BLOB_BYTES).await.map_err(failed)?;
         let bytes = bytes.ok_or(BlobError::TooLarge { digest })?;
         let got = Digest::of(&bytes);
         if got == digest { Ok(bytes) } else { Err(BlobError::Mismatch { digest, got }) }
     }
-}
-
-/// All bytes of a stream; `None` if there are more than `most`.
-async fn collect(mut stream: Streaming<v1::BlobChunk>, most: u64) -> Result<Option<Vec<u8>>, Status> {
-    let mut bytes = Vec::new();
-    while let Some(chunk) = stream.message().await? {
-        if (bytes.len() + chunk.data.len()) as u64 > most {
-            return Ok(None);
-        }
-        bytes.extend_from_slice(&chunk.data);
-    }
-    Ok(Some(bytes))
 }

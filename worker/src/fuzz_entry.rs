@@ -3,18 +3,20 @@
 
 use cache::Store;
 use prost::Message as _;
-use proto::{Digest, v1};
+use proto::{Digest, v2};
 
+use crate::executor::decoded::Decoded;
 use crate::executor::manifest::Manifest;
 use crate::job_slots::JobSlots;
-use crate::wire;
+use crate::wire::{self, Job};
 
 /// A reply to a poll, with the jobs in it.
 pub fn reply(bytes: &[u8]) -> bool {
-    let Ok(reply) = v1::PollReply::decode(bytes) else { return false };
-    let mut slots = JobSlots::new(1);
+    let Ok(reply) = v2::PollReply::decode(bytes) else { return false };
+    let (reply, mut slots) = (wire::reply(reply), JobSlots::new(1));
     slots.absorb(reply.clone());
-    reply.jobs.into_iter().filter(|job| wire::task(job.clone()).is_ok()).count() > 0
+    let sound = |job: &Job| job.task.as_ref().is_ok_and(|task| Decoded::new(task).is_ok());
+    reply.jobs.iter().any(sound)
 }
 
 /// The list of a split's clouds.

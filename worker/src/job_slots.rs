@@ -2,8 +2,10 @@
 
 use std::collections::VecDeque;
 
-use prost::Message as _;
-use proto::{Lease, MAX_MESSAGE_BYTES, v1};
+use proto::task::Report;
+use proto::{Lease, MAX_MESSAGE_BYTES};
+
+use crate::wire::{Job, Reply};
 
 /// Reports that go with one poll, …
 const MOST_REPORTS: usize = 64;
@@ -16,12 +18,12 @@ const MOST_REPORT_BYTES: usize = MAX_MESSAGE_BYTES / 2;
 pub struct JobSlots {
     /// Jobs taken in advance, so that the next one can start while the last report is in transit.
     ahead: usize,
-    queue: VecDeque<(Lease, v1::Job)>,
+    queue: VecDeque<Job>,
     /// The running job; `Some(None)` once its lease was revoked: its result is of no use any more, but it keeps
     /// the threads busy until it ends.
     running: Option<Option<Lease>>,
     /// With their bytes, oldest first.
-    finished: Vec<(Lease, v1::JobReport, usize)>,
+    finished: Vec<(Report, usize)>,
 }
 
 impl JobSlots {
@@ -32,13 +34,13 @@ impl JobSlots {
 
     /// Every lease held: running, queued, or with a report that has to wait for a later poll.
     pub fn held(&self) -> Vec<Lease> {
-        let waiting = self.finished.iter().skip(self.handed_in()).map(|(lease, ..)| *lease);
+        let waiting = self.finished.iter().skip(self.handed_in()).map(|(report, _)| report.lease);
         self.unfinished().chain(waiting).collect()
     }
 
     /// The oldest reports that are not acknowledged yet, as many as go with one poll.
-    pub fn finished(&self) -> Vec<v1::JobReport> {
-        self.finished.iter().take(self.handed_in()).map(|(_, report, _)| report.clone()).collect()
+    pub fn finished(&self) -> Vec<Report> {
+        self.finished.iter().take(self.handed_in()).map(|(report, _)| report.clone()).collect()
     }
 
     /// How many more jobs are wanted now; none while a revoked one runs, or while reports have to wait for a later poll.
@@ -54,13 +56,13 @@ impl JobSlots {
 
     /// Leases that are running or queued.
     fn unfinished(&self) -> impl Iterator<Item = Lease> {
-        self.running.flatten().into_iter().chain(self.queue.iter().map(|(lease, _)| *lease))
+        self.running.flatten().into_iter().chain(self.queue.iter().map(|job| job.lease))
     }
 
     /// How many reports go with one poll.
     fn handed_in(&self) -> usize {
         let mut room = MOST_REPORT_BYTES;
-        let fits = |(_, _, bytes): &&(Lease, v1::JobReport, usize)| {
+        let fits = |(_, bytes): &&(Report, usize)| {
             let left = room.checked_sub(*bytes);
             room = left.unwrap_or(0);
             left.is_some()
@@ -70,38 +72,35 @@ impl JobSlots {
     }
 
     /// Takes in a reply: drops what is acknowledged or revoked, queues what is new.
-    pub fn absorb(&mut self, reply: v1::PollReply) {
-        let acknowledged: Vec<Lease> = reply.acknowledged.into_iter().map(Lease::from).collect();
-        self.finished.retain(|(lease, ..)| !acknowledged.contains(lease));
-        let revoked: Vec<Lease> = reply.revoked.into_iter().map(Lease::from).collect();
-        self.queue.retain(|(lease, _)| !revoked.contains(lease));
+    pub fn absorb(&mut self, reply: Reply) {
+        let Reply { acknowledged, revoked, jobs } = reply;
+        self.finished.retain(|(report, _)| !acknowledged.contains(&report.lease));
+        self.queue.retain(|job| !revoked.contains(&job.lease));
         if let Some(running) = &mut self.running {
             *running = running.filter(|lease| !revoked.contains(lease));
         }
-        for job in reply.jobs {
-            // A job without a lease cannot be reported: it is as good as not sent.
-            let Some(lease) = job.lease.map(Lease::from) else { continue };
-            if !self.held().contains(&lease) {
-                self.queue.push_back((lease, job));
+        for job in jobs {
+            if !self.held().contains(&job.lease) {
+                self.queue.push_back(job);
             }
         }
     }
 
     /// The next job to start, if none is running; it is running from now on.
-    pub fn start(&mut self) -> Option<(Lease, v1::Job)> {
+    pub fn start(&mut self) -> Option<Job> {
         if self.running.is_some() {
             return None;
         }
         let next = self.queue.pop_front()?;
-        self.running = Some(Some(next.0));
+        self.running = Some(Some(next.lease));
         Some(next)
     }
 
     /// The running job is done; its report is kept, unless its lease was revoked.
-    pub fn finish(&mut self, report: v1::JobReport) {
-        if let Some(Some(lease)) = self.running.take() {
+    pub fn finish(&mut self, report: Report) {
+        if let Some(Some(_)) = self.running.take() {
             let bytes = report.encoded_len();
-            self.finished.push((lease, report, bytes));
+            self.finished.push((report, bytes));
         }
     }
 
@@ -116,6 +115,7 @@ impl JobSlots {
 #[cfg(test)]
 mod tests {
     use proto::JobId;
+    use proto::task::{Described, Failure, FailureReason, InvalidMessage, TaskResult};
 
     use super::*;
 
@@ -123,9 +123,14 @@ mod tests {
         Lease { job: JobId(job), attempt: 1 }
     }
 
-    fn reply(jobs: &[u64]) -> v1::PollReply {
-        let job = |job: &u64| v1::Job { lease: Some(lease(*job).into()), ..v1::Job::default() };
-        v1::PollReply { jobs: jobs.iter().map(job).collect(), ..Default::default() }
+    fn reply(jobs: &[u64]) -> Reply {
+        let job = |job: &u64| Job { lease: lease(*job), task: Err(InvalidMessage::Missing("task")) };
+        Reply { jobs: jobs.iter().map(job).collect(), ..Reply::default() }
+    }
+
+    fn report(job: u64) -> Report {
+        let outcome = Err(Failure::new(FailureReason::Data, "disk full"));
+        Report { lease: lease(job), run_seconds: 0.5, outcome }
     }
 
     #[test]
@@ -134,12 +139,12 @@ mod tests {
         assert_eq!(slots.wanted(), 2);
         slots.absorb(reply(&[1, 2]));
         assert_eq!(slots.wanted(), 0);
-        assert_eq!(slots.start().unwrap().0, lease(1));
+        assert_eq!(slots.start().unwrap().lease, lease(1));
         assert!(slots.start().is_none());
         assert_eq!(slots.held(), [lease(1), lease(2)]);
-        slots.finish(v1::JobReport::default());
+        slots.finish(report(1));
         assert_eq!(slots.wanted(), 1);
-        assert_eq!(slots.start().unwrap().0, lease(2));
+        assert_eq!(slots.start().unwrap().lease, lease(2));
     }
 
     #[test]
@@ -147,10 +152,10 @@ mod tests {
         let mut slots = JobSlots::new(0);
         slots.absorb(reply(&[1]));
         slots.start();
-        slots.finish(v1::JobReport::default());
-        slots.absorb(v1::PollReply::default());
+        slots.finish(report(1));
+        slots.absorb(Reply::default());
         assert_eq!(slots.finished().len(), 1);
-        slots.absorb(v1::PollReply { acknowledged: vec![lease(1).into()], ..Default::default() });
+        slots.absorb(Reply { acknowledged: vec![lease(1)], ..Default::default() });
         assert!(slots.finished().is_empty());
     }
 
@@ -160,9 +165,8 @@ mod tests {
         for job in 1..=reports {
             slots.absorb(reply(&[job]));
             slots.start();
-            let result = v1::DescriptionResult { parts: vec![0; bytes] };
-            let outcome = Some(v1::job_report::Outcome::Description(result));
-            slots.finish(v1::JobReport { outcome, ..Default::default() });
+            let result = TaskResult::Description(Described::new(vec![0; bytes]));
+            slots.finish(Report { outcome: Ok(result), ..report(job) });
         }
         slots
     }
@@ -175,8 +179,8 @@ mod tests {
         let waiting: Vec<Lease> = (MOST_REPORTS as u64 + 1..=300).map(lease).collect();
         assert_eq!(slots.held(), waiting);
         assert!(slots.only_reports());
-        let acknowledged = (1..=250).map(|job| lease(job).into()).collect();
-        slots.absorb(v1::PollReply { acknowledged, ..Default::default() });
+        let acknowledged = (1..=250).map(|job| lease(job)).collect();
+        slots.absorb(Reply { acknowledged, ..Default::default() });
         assert_eq!((slots.finished().len(), slots.wanted(), slots.held()), (50, 2, vec![]));
         assert!(!slots.only_reports());
 
@@ -190,14 +194,14 @@ mod tests {
     fn revoked_and_repeated_jobs_are_not_queued() {
         let mut slots = JobSlots::new(3);
         slots.absorb(reply(&[1, 2]));
-        slots.absorb(v1::PollReply { revoked: vec![lease(1).into()], ..reply(&[2, 3]) });
+        slots.absorb(Reply { revoked: vec![lease(1)], ..reply(&[2, 3]) });
         assert_eq!(slots.held(), [lease(2), lease(3)]);
     }
 
     #[test]
     fn a_revoked_job_that_runs_is_not_held_and_blocks_the_slot_until_it_ends() {
         let revoke = |slots: &mut JobSlots| {
-            slots.absorb(v1::PollReply { revoked: vec![lease(1).into()], ..Default::default() });
+            slots.absorb(Reply { revoked: vec![lease(1)], ..Default::default() });
         };
         for drop_it in [revoke, JobSlots::clear] {
             let mut slots = JobSlots::new(1);
@@ -209,9 +213,9 @@ mod tests {
             // The same numbers again, from another coordinator, are another job.
             slots.absorb(reply(&[1]));
             assert!(slots.start().is_none());
-            slots.finish(v1::JobReport::default());
+            slots.finish(report(1));
             assert!(slots.finished().is_empty());
-            assert_eq!(slots.start().unwrap().0, lease(1));
+            assert_eq!(slots.start().unwrap().lease, lease(1));
         }
     }
 }

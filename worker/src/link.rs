@@ -123,6 +123,10 @@ pub fn hopeless(status: &Status) -> Option<String> {
         Code::PermissionDenied if innermost.is_some() => Some(
             "the coordinator speaks TLS only\nuse its join address, https://…, which `coordinator certs` has made".to_owned(),
         ),
+        Code::Unimplemented => Some(format!(
+            "the coordinator does not speak version {} of the protocol\ninstall the coordinator's release on this worker",
+            proto::PROTOCOL_MAJOR
+        )),
         // The same call again would get the same answer.
         Code::InvalidArgument
         | Code::OutOfRange

@@ -5,8 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use cache::{ByteSize, Store};
-use proto::v1::coordinator_client::CoordinatorClient;
-use proto::{MAX_MESSAGE_BYTES, WorkerId};
+use proto::WorkerId;
 
 use crate::backoff::Backoff;
 use crate::blobs::Blobs;
@@ -14,6 +13,7 @@ use crate::executor::Executor;
 use crate::identity::Identity;
 use crate::link::Link;
 use crate::session::{Session, WorkerError};
+use crate::wire::Client;
 
 /// What a worker needs beside its connection.
 #[derive(Clone, Debug)]
@@ -37,9 +37,7 @@ pub async fn run(
     options: Options,
     shutdown: impl Future<Output = ()>,
 ) -> Result<(), WorkerError> {
-    let client = CoordinatorClient::new(link)
-        .max_decoding_message_size(MAX_MESSAGE_BYTES)
-        .max_encoding_message_size(MAX_MESSAGE_BYTES);
+    let client = Client::new(link);
     let Options { identity, store, memory, source_blobs, patience } = options;
     let blobs = Blobs::new(client.clone(), source_blobs.then(|| Arc::clone(&store)));
     let executor = Arc::new(Executor::new(identity.threads as usize, memory, blobs, store)?);

@@ -6,17 +6,17 @@ use std::pin::Pin;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use proto::v1::coordinator_client::CoordinatorClient;
-use proto::{SessionId, WorkerId, v1};
+use proto::task::{Failure, FailureReason, Report};
+use proto::{SessionId, WorkerId};
 use tokio::sync::mpsc;
-use tonic::{Code, Request, Status};
+use tonic::{Code, Status};
 
 use crate::backoff::Backoff;
 use crate::executor::Executor;
-use crate::identity::{BUILD, Identity};
+use crate::identity::Identity;
 use crate::job_slots::JobSlots;
-use crate::link::{Link, hopeless};
-use crate::wire::{self, Failure};
+use crate::link::hopeless;
+use crate::wire::{Accepted, Client, Job, Poll, Registration};
 
 /// Until reports that are not acknowledged yet are handed in again, when they keep a worker from taking a job.
 const REPORTS_PAUSE: Duration = Duration::from_millis(50);
@@ -61,25 +61,20 @@ enum End {
 
 /// One worker.
 pub struct Session {
-    client: CoordinatorClient<Link>,
+    client: Client,
     identity: Identity,
     id: WorkerId,
     executor: Arc<Executor>,
     slots: JobSlots,
     sequence: u64,
     current: Option<SessionId>,
-    done_sender: mpsc::UnboundedSender<v1::JobReport>,
-    done: mpsc::UnboundedReceiver<v1::JobReport>,
+    done_sender: mpsc::UnboundedSender<Report>,
+    done: mpsc::UnboundedReceiver<Report>,
 }
 
 impl Session {
     /// A worker that is not registered yet.
-    pub fn new(
-        client: CoordinatorClient<Link>,
-        identity: Identity,
-        id: WorkerId,
-        executor: Arc<Executor>,
-    ) -> Self {
+    pub fn new(client: Client, identity: Identity, id: WorkerId, executor: Arc<Executor>) -> Self {
         // At most one job is running, so the queue holds at most a few stale reports.
         let (done_sender, done) = mpsc::unbounded_channel();
         Self {
@@ -143,13 +138,12 @@ impl Session {
                 Err(end) => return end,
             },
         };
-        let heartbeat = Duration::from_millis(accepted.heartbeat_milliseconds.max(1).into());
-        let timeout = Duration::from_millis(accepted.hold_milliseconds.into()) + CALL_MARGIN;
+        let timeout = accepted.hold + CALL_MARGIN;
 
         loop {
             self.start_next();
             let request = self.request(false);
-            let reply = poll(self.client.clone(), request, timeout);
+            let reply = self.client.clone().poll(request, timeout);
             tokio::select! {
                 biased;
                 () = &mut shutdown => {
@@ -176,7 +170,7 @@ impl Session {
             if self.slots.wanted() == 0 {
                 // Busy: the next poll is due when a job is done, or as a heartbeat. Reports that were handed in and are
                 // not acknowledged yet go with it; where there is nothing else to do, they wait for a slow disk.
-                let pause = if self.slots.only_reports() { REPORTS_PAUSE } else { heartbeat };
+                let pause = if self.slots.only_reports() { REPORTS_PAUSE } else { accepted.heartbeat };
                 tokio::select! {
                     () = &mut shutdown => {
                         self.leave().await;
@@ -200,43 +194,30 @@ impl Session {
         }
     }
 
-    async fn register(&mut self) -> Result<v1::Accepted, End> {
-        let mut request = Request::new(v1::RegisterRequest {
-            protocol_major: proto::PROTOCOL_MAJOR,
-            protocol_minor: proto::PROTOCOL_MINOR,
-            evaluation_version: descriptor::EVALUATION_VERSION,
-            worker_id: self.id.to_vec(),
-            name: self.identity.name.clone(),
-            threads: self.identity.threads,
-            build: BUILD.to_owned(),
-        });
-        request.set_timeout(CALL_MARGIN);
-        let reply = self.client.register(request).await.map_err(failed)?.into_inner();
-        let accepted = match reply.outcome {
-            Some(v1::register_reply::Outcome::Accepted(accepted)) => accepted,
-            Some(v1::register_reply::Outcome::Refused(refused)) => return Err(End::Refused(refused.message)),
-            None => return Err(End::Lost(Status::internal("the reply to the registration is empty"))),
+    async fn register(&mut self) -> Result<Accepted, End> {
+        let registered = self.client.register(self.id, &self.identity, CALL_MARGIN).await;
+        let accepted = match registered.map_err(failed)? {
+            Registration::Accepted(accepted) => accepted,
+            Registration::Refused(message) => return Err(End::Refused(message)),
         };
-        let session = SessionId::try_from(&accepted.session_id[..])
-            .map_err(|error| End::Lost(Status::internal(error.to_string())))?;
-        if self.current != Some(session) {
+        if self.current != Some(accepted.session) {
             self.slots.clear();
-            self.current = Some(session);
-            self.executor.name_run(session.to_string());
+            self.current = Some(accepted.session);
+            self.executor.name_run(accepted.session.to_string());
             tracing::info!("joined as {}", accepted.name);
         }
         Ok(accepted)
     }
 
-    fn request(&mut self, leaving: bool) -> v1::PollRequest {
+    fn request(&mut self, leaving: bool) -> Poll {
         self.sequence += 1;
-        v1::PollRequest {
-            worker_id: self.id.to_vec(),
-            session_id: self.current.map_or_else(Vec::new, SessionId::to_vec),
+        Poll {
+            worker: self.id,
+            session: self.current,
             sequence: self.sequence,
-            held: if leaving { vec![] } else { self.slots.held().into_iter().map(Into::into).collect() },
+            held: if leaving { vec![] } else { self.slots.held() },
             finished: self.slots.finished(),
-            wanted: if leaving { 0 } else { self.slots.wanted() as u32 },
+            wanted: if leaving { 0 } else { self.slots.wanted() },
             leaving,
         }
     }
@@ -247,7 +228,7 @@ impl Session {
             self.slots.finish(done);
         }
         let request = self.request(true);
-        match poll(self.client.clone(), request, LEAVE_TIMEOUT).await {
+        match self.client.clone().poll(request, LEAVE_TIMEOUT).await {
             Ok(_) => tracing::info!("left"),
             Err(status) => tracing::warn!("left, but the coordinator could not be told: {}", reason(&status)),
         }
@@ -255,23 +236,26 @@ impl Session {
 
     /// Starts the next job if none is running.
     fn start_next(&mut self) {
-        let Some((lease, job)) = self.slots.start() else { return };
+        let Some(Job { lease, task }) = self.slots.start() else { return };
         tracing::debug!("job {}, attempt {}: begun", lease.job, lease.attempt);
         let executor = Arc::clone(&self.executor);
         let sender = self.done_sender.clone();
         tokio::spawn(async move {
             let started = Instant::now();
-            let outcome = match wire::task(job) {
+            let outcome = match task {
                 Ok(task) => match tokio::spawn(executor.carry_out(task)).await {
                     Ok(outcome) => outcome.map_err(Failure::from),
-                    Err(error) => Err(Failure::Panic(panic_message(error))),
+                    Err(error) => Err(Failure::new(
+                        FailureReason::Panic,
+                        format_args!("evaluation panicked: {}", panic_message(error)),
+                    )),
                 },
                 Err(error) => Err(Failure::from(error)),
             };
             if let Err(failure) = &outcome {
                 tracing::error!("job {}: {failure}", lease.job);
             }
-            let report = wire::report(lease, started.elapsed().as_secs_f64(), outcome);
+            let report = Report { lease, run_seconds: started.elapsed().as_secs_f64(), outcome };
             let _ = sender.send(report); // the receiver is gone only when the worker has stopped
         });
     }
@@ -280,16 +264,6 @@ impl Session {
 /// What a call that failed means for the session.
 fn failed(status: Status) -> End {
     hopeless(&status).map_or(End::Lost(status), End::Refused)
-}
-
-async fn poll(
-    mut client: CoordinatorClient<Link>,
-    request: v1::PollRequest,
-    timeout: Duration,
-) -> Result<v1::PollReply, Status> {
-    let mut request = Request::new(request);
-    request.set_timeout(timeout);
-    client.poll(request).await.map(tonic::Response::into_inner)
 }
 
 /// The innermost cause says most: "connection refused" rather than "transport error".

@@ -5,14 +5,12 @@
 pub mod blobs;
 mod cluster;
 mod cost;
-pub mod evaluation;
 pub mod events;
+mod job_names;
 pub mod journal;
 mod lock;
 pub mod scheduler;
-pub mod shard;
 pub mod sharding;
 pub mod store;
-pub mod task;
 
 pub use cluster::{CellAnswer, Client, Cluster, ClusterError, ClusterNews};

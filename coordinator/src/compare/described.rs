@@ -2,12 +2,12 @@
 
 use std::sync::Arc;
 
-use descriptor::{Descriptor, Label, SignatureError, Signatures};
+use descriptor::{Descriptor, Label, Preprocess, SearchSpace, SignatureError, Signatures};
 use proto::MAX_DESCRIPTION_BYTES;
+use proto::task::{self, Description, Evaluation, Preparation, Subject};
 
+use crate::tasks;
 use cluster::blobs::BlobStore;
-use cluster::evaluation::Evaluation;
-use cluster::shard::Description;
 use cluster::sharding;
 
 /// Clouds that are described together: few, because PFHRGB takes a tenth of a second for each.
@@ -26,38 +26,60 @@ pub struct Described {
 
 /// All test queries and their database, cut into shards.
 pub struct Shards {
+    preprocess: Preprocess,
+    /// For descriptors of the run's family.
+    preparation: Preparation,
     sides: [Arc<sharding::Side>; 2],
+    labels: [Vec<Label>; 2],
 }
 
 impl Shards {
     /// Cuts both sides of an evaluation so that each shard's description fits into a message, whichever of these
     /// descriptors it is under, and releases their manifests; `None` if a split is not released.
-    pub fn publish(evaluation: &Evaluation, descriptors: &[Descriptor], blobs: &BlobStore) -> Option<Self> {
+    pub fn publish(
+        evaluation: &Evaluation,
+        descriptors: &[Descriptor],
+        preprocess: &Preprocess,
+        blobs: &BlobStore,
+    ) -> Option<Self> {
         let one = descriptors.iter().map(|descriptor| descriptor.signature_bytes(1)).max().unwrap_or(1);
         let fitting = u32::try_from(MAX_DESCRIPTION_BYTES / one.max(1)).unwrap_or(SHARD).clamp(1, SHARD);
         let side = |splits, clouds: u32| {
             sharding::Side::publish(splits, clouds, clouds.div_ceil(fitting), blobs).map(Arc::new)
         };
-        Some(Self {
-            sides: [
-                side(&evaluation.query, evaluation.queries)?,
-                side(&evaluation.database, evaluation.database_clouds)?,
-            ],
-        })
+        let sides = [
+            side(&evaluation.query, evaluation.queries)?,
+            side(&evaluation.database, evaluation.database_clouds)?,
+        ];
+        let label = |&task::Label { category, instance }: &task::Label| Label { category, instance };
+        let labels = sides.each_ref().map(|side| side.labels.iter().map(label).collect());
+        let preparation = evaluation.subject.preparation.clone();
+        Some(Self { preprocess: *preprocess, preparation, sides, labels })
+    }
+
+    /// A descriptor as tasks have it: one of the run's family as one of its search space, any other as the only one of
+    /// its own.
+    fn subject(&self, descriptor: &Descriptor) -> Subject {
+        let own = match descriptor {
+            Descriptor::DiskRing(_) => None,
+            Descriptor::Fixed(_) | Descriptor::GlobalHue(_) => SearchSpace::single(descriptor).ok(),
+        };
+        let own = own.map(|space| tasks::preparation(&self.preprocess, space));
+        tasks::subject(own.as_ref().unwrap_or(&self.preparation), descriptor)
     }
 
     /// What queries and database show.
     pub fn labels(&self) -> [&[Label]; 2] {
-        self.sides.each_ref().map(|side| &side.labels[..])
+        self.labels.each_ref().map(Vec::as_slice)
     }
 
     /// What workers are asked for: each descriptor in turn, queries before database.
     pub fn tasks(&self, descriptors: &[Descriptor]) -> Vec<Description> {
         let of = |descriptor: &Descriptor| {
-            let descriptor = descriptor.clone();
+            let subject = self.subject(descriptor);
             let shards = self.sides.iter().flat_map(|side| &side.shards);
             shards.map(move |shard| Description {
-                descriptor: descriptor.clone(),
+                subject: subject.clone(),
                 manifest: shard.manifest,
                 clouds: shard.clouds.len() as u32,
             })

@@ -26,11 +26,10 @@ use crate::run::progress::Progress;
 use crate::run::{Matching, RunError, refuse_other_data, rows};
 use crate::session::{Session, listen};
 pub use candidate::{Candidate, EVOLVED, Named, candidates};
-use cluster::evaluation::Match;
-use cluster::shard::Description;
 use cluster::{Client, ClusterNews};
 use described::Shards;
 use differences::{Level, Outcomes, error_interval, pairs};
+use proto::task::{Description, Match};
 use recognition::{MAX_PAIRS, Recognition};
 pub use summary::Comparison;
 use timing::{Timed, time};
@@ -177,7 +176,8 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     let looks = results::read_table(folder, results::TableName::Looks)?.shape().0;
     session.splits.publish_test(&session.cluster.blobs);
     let question = session.splits.evaluation(evolved, Matching::Test, false);
-    let Some(shards) = Shards::publish(&question, &descriptors, &session.cluster.blobs) else {
+    let (preprocess, blobs) = (experiment.preprocess(), &session.cluster.blobs);
+    let Some(shards) = Shards::publish(&question, &descriptors, preprocess, blobs) else {
         return Err(CompareError::NoTest(folder.to_owned()));
     };
     let clouds = question.queries + question.database_clouds;

@@ -1,8 +1,9 @@
 //! Who counted which cell of the grid, and which cells are in doubt for it.
 
 use super::grid::Grid;
+use crate::tasks;
 use cluster::scheduler::Doubt;
-use cluster::task::Task;
+use proto::task::Task;
 
 /// The cells that are in the folder.
 #[derive(Debug, Default)]
@@ -24,7 +25,7 @@ impl Cells {
     pub fn doubt(&mut self, doubt: &Doubt, grid: &Grid) -> Vec<usize> {
         let doubtful = |cell: usize, worker_id: Option<&str>| match doubt {
             Doubt::Disagreement { task, .. } => match &**task {
-                Task::GridCell(asked) => grid.radii(cell) == (asked.disk_um, asked.ring_um),
+                Task::GridCell(asked) => tasks::cell_bytes(grid.radii(cell)) == asked.subject.descriptor,
                 _ => false,
             },
             Doubt::Quarantined(id) => worker_id == Some(&id.to_string()),

@@ -9,10 +9,10 @@ use std::collections::BTreeMap;
 use cache::Store;
 use descriptor::{Parameters, Preprocess};
 use proto::Digest;
+use proto::task::Evaluation;
 use results::Counts;
 
 use crate::storage;
-use cluster::evaluation::Evaluation;
 
 /// Kind of the entries in the store.
 const KIND: &str = "remembered counts";
@@ -91,12 +91,14 @@ fn merge(known: &mut Remembered, found: &Remembered) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use proto::task::Subject;
+
     use super::*;
 
     fn evaluation(query: &[u8], database: &[u8]) -> Evaluation {
         let digests = |bytes: &[u8]| bytes.iter().map(|&byte| Digest([byte; 32])).collect();
         Evaluation {
-            parameters: Parameters::PAPER_BEST,
+            subject: Subject::sample(1),
             query: digests(query),
             database: digests(database),
             queries: 10,
@@ -128,8 +130,8 @@ mod tests {
         here.keep(&remembered(&[(9, 4), (10, 5)]));
         assert_eq!(here.recall(), remembered(&[(8, 3), (9, 4), (10, 5)]));
 
-        let other = Parameters { shape_bins: 11, ..Parameters::PAPER_BEST };
-        let asked = Evaluation { parameters: other, want_matches: true, ..evaluation(&[1], &[2]) };
+        let subject = Subject::sample(2);
+        let asked = Evaluation { subject, want_matches: true, ..evaluation(&[1], &[2]) };
         assert_eq!(memory(&asked).recall(), here.recall());
         for elsewhere in [evaluation(&[2], &[1]), evaluation(&[1, 2], &[]), evaluation(&[1], &[2, 3])] {
             assert_eq!(memory(&elsewhere).recall(), Remembered::new());

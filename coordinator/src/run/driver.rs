@@ -19,8 +19,8 @@ use crate::run::splits::Matching;
 use crate::run::summary::Summary;
 use crate::run::{RunError, data_digest, rows};
 use crate::session::Session;
-use cluster::evaluation::EvaluationResult;
 use cluster::{Client, ClusterError};
+use proto::task::EvaluationResult;
 
 /// A run and all that it needs.
 pub struct RunDriver<'a> {

@@ -8,8 +8,8 @@ use results::{Computed, Counts, EvaluationRow, GeneColumn, PredictionRow, Runner
 
 use crate::dataset::Dataset;
 use crate::run::splits::Matching;
-use cluster::evaluation::{EvaluationResult, Match};
 use cluster::scheduler::Finished;
+use proto::task::{EvaluationResult, Match};
 
 /// The gene columns of every table that has them.
 pub fn gene_columns() -> Vec<GeneColumn> {

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Instant;
 
-use descriptor::Parameters;
+use descriptor::{Descriptor, Parameters};
 use evolution::{GenerationBest, Score, Search, StopReason};
 use results::{Counts, RunFolder};
 
@@ -16,10 +16,10 @@ use crate::run::rows;
 use crate::run::search_space;
 use crate::run::splits::Matching;
 use crate::session::Session;
+use crate::tasks;
 use cluster::Client;
-use cluster::evaluation::EvaluationResult;
 use cluster::scheduler::Finished;
-use cluster::task::Task;
+use proto::task::{DescriptorBytes, EvaluationResult, Task};
 
 /// What a search found.
 pub struct SearchResult {
@@ -50,7 +50,7 @@ pub struct SearchLoop<'a> {
     /// Counts of earlier runs and of this one: no descriptor is evaluated twice.
     counts: Known,
     /// The generation in which each descriptor was first evaluated.
-    first_evaluated: BTreeMap<Parameters, u32>,
+    first_evaluated: BTreeMap<DescriptorBytes, u32>,
     computed: u64,
     remembered: u64,
 }
@@ -94,7 +94,8 @@ impl<'a> SearchLoop<'a> {
 
     /// Logs to which generation the corrected answers take the run back.
     pub fn note_rewind(&self, tasks: &[Arc<Task>]) {
-        let generations = tasks.iter().filter_map(|task| self.first_evaluated.get(task.parameters()?));
+        let generations =
+            tasks.iter().filter_map(|task| self.first_evaluated.get(&task.subject().descriptor));
         let generation = generations.min().copied().unwrap_or(1);
         let why = format!("{} answers of a worker that was wrong are corrected", tasks.len());
         self.progress.say(&format!("back to generation {generation}: {why}"));
@@ -184,7 +185,8 @@ impl<'a> SearchLoop<'a> {
                 new.push((index, *descriptor));
             }
         }
-        self.first_evaluated.extend(new.iter().map(|(_, descriptor)| (*descriptor, generation)));
+        let bytes = |parameters| tasks::descriptor_bytes(&Descriptor::DiskRing(parameters));
+        self.first_evaluated.extend(new.iter().map(|(_, parameters)| (bytes(*parameters), generation)));
         self.computed += new.len() as u64;
         self.remembered += (descriptors.len() - new.len()) as u64;
         let evaluations = new

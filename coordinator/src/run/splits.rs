@@ -1,16 +1,14 @@
 //! The splits of a run as workers see them: manifests by digest, and what the coordinator needs to read answers.
 
 use cache::Store;
-use descriptor::{Parameters, Preprocess};
-use prost::Message as _;
+use descriptor::{Descriptor, Parameters, Preprocess};
 use proto::Digest;
+use proto::task::{Evaluation, GridCell, Preparation};
 
 use crate::dataset::{Dataset, SPLITS, Splits};
-use crate::manifest;
 use crate::result_cache::Memory;
+use crate::tasks;
 use cluster::blobs::BlobStore;
-use cluster::evaluation::Evaluation;
-use cluster::task::GridCell;
 
 /// Position of the test split in [`SPLITS`].
 const TEST: usize = 3;
@@ -56,11 +54,13 @@ fn clouds_of(dataset: &Dataset, split: usize) -> &[u32] {
 pub struct SplitBlobs<'a> {
     dataset: &'a Dataset,
     manifests: [Digest; SPLITS.len()],
+    /// What every task has in common.
+    preparation: Preparation,
 }
 
 impl<'a> SplitBlobs<'a> {
     /// Makes the manifests and releases everything but the test set, which no worker sees before the search is over.
-    pub fn publish(dataset: &'a Dataset, blobs: &BlobStore) -> Self {
+    pub fn publish(dataset: &'a Dataset, preparation: Preparation, blobs: &BlobStore) -> Self {
         let manifests = std::array::from_fn(|split| {
             let released = split != TEST;
             if released {
@@ -69,7 +69,7 @@ impl<'a> SplitBlobs<'a> {
                 Digest::of(&split_manifest(dataset, split))
             }
         });
-        Self { dataset, manifests }
+        Self { dataset, manifests, preparation }
     }
 
     /// Releases the test set.
@@ -84,14 +84,15 @@ impl<'a> SplitBlobs<'a> {
     }
 
     /// The evaluation on the training sets of all `descriptors` descriptors with one R1 and one R2, micrometres.
-    pub fn grid_cell(&self, (disk_um, ring_um): (u32, u32), descriptors: usize) -> GridCell {
+    pub fn grid_cell(&self, radii_um: (u32, u32), descriptors: usize) -> GridCell {
         let (query, database) = Matching::Train.splits();
+        let descriptors = descriptors as u32; // at most `MAX_CELL`
         GridCell {
-            disk_um,
-            ring_um,
+            subject: tasks::cell_subject(&self.preparation, radii_um, descriptors),
             query: vec![self.manifests[query]],
             database: database.iter().map(|&split| self.manifests[split]).collect(),
             queries: Matching::Train.query_clouds(self.dataset).len() as u32,
+            database_clouds: Matching::Train.database_clouds(self.dataset).len() as u32,
             descriptors,
         }
     }
@@ -100,7 +101,7 @@ impl<'a> SplitBlobs<'a> {
     pub fn evaluation(&self, parameters: Parameters, matching: Matching, want_matches: bool) -> Evaluation {
         let (query, database) = matching.splits();
         Evaluation {
-            parameters,
+            subject: tasks::subject(&self.preparation, &Descriptor::DiskRing(parameters)),
             query: vec![self.manifests[query]],
             database: database.iter().map(|&split| self.manifests[split]).collect(),
             queries: matching.query_clouds(self.dataset).len() as u32,
@@ -112,7 +113,7 @@ impl<'a> SplitBlobs<'a> {
 
 fn split_manifest(dataset: &Dataset, split: usize) -> Vec<u8> {
     let clouds = clouds_of(dataset, split).iter().map(|&index| &dataset.clouds.entries[index as usize]);
-    manifest::manifest(SPLITS[split], clouds).encode_to_vec()
+    tasks::split_manifest(SPLITS[split], clouds)
 }
 
 fn publish(dataset: &Dataset, split: usize, blobs: &BlobStore) -> Digest {

@@ -150,6 +150,7 @@ mod tests {
             worker_grace: Duration::from_secs(300),
             max_workers: 4,
             audit: Audit { share: 0.0, seed: 0 },
+            check_description: |_, _, _| Ok(()),
         };
         AccessControl::new(Cluster::new(limits), requirement, ConnectionLimits::within(1024))
     }

@@ -19,7 +19,7 @@ use crate::access::AccessControl;
 use crate::connection::Connection;
 
 /// The call that adds a worker.
-const REGISTER: &str = "/descry.v1.Coordinator/Register";
+const REGISTER: &str = "/descry.v2.Coordinator/Register";
 /// A request that is not whole after this time is given up.
 const BODY_TIME: Duration = Duration::from_secs(20);
 /// Bytes of requests of one connection that are not whole: the largest message, and small ones beside it.

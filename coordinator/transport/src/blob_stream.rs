@@ -4,7 +4,7 @@ use std::pin::Pin;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use proto::{BLOB_CHUNK_BYTES, v1};
+use proto::{BLOB_CHUNK_BYTES, v2};
 use tokio::sync::mpsc;
 use tokio_stream::Stream;
 use tonic::Status;
@@ -14,7 +14,7 @@ const READ_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// The chunks of one blob.
 pub struct BlobStream {
-    receiver: mpsc::Receiver<v1::BlobChunk>,
+    receiver: mpsc::Receiver<v2::BlobChunk>,
     missing: usize,
 }
 
@@ -31,7 +31,7 @@ impl BlobStream {
         tokio::spawn(async move {
             let _held_until_sent = permits;
             for chunk in bytes.chunks(BLOB_CHUNK_BYTES) {
-                let sent = sender.send(v1::BlobChunk { data: chunk.to_vec() });
+                let sent = sender.send(v2::BlobChunk { data: chunk.to_vec() });
                 if !matches!(tokio::time::timeout(timeout, sent).await, Ok(Ok(()))) {
                     return;
                 }
@@ -42,7 +42,7 @@ impl BlobStream {
 }
 
 impl Stream for BlobStream {
-    type Item = Result<v1::BlobChunk, Status>;
+    type Item = Result<v2::BlobChunk, Status>;
 
     fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
         if self.missing == 0 {

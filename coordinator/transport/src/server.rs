@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use hyper_util::rt::TokioIo;
 use proto::v1;
-use proto::v1::coordinator_server::CoordinatorServer;
+use proto::v2::coordinator_server::CoordinatorServer;
 use tokio::io::DuplexStream;
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
@@ -16,7 +16,7 @@ use tower::service_fn;
 
 use crate::auth_layer::AuthLayer;
 use crate::listener::{Accepting, Listener};
-use crate::service::{DerivedEntries, Release, Service};
+use crate::service::{DerivedEntries, RefusalOfV1, Release, Service};
 use cluster::Cluster;
 
 /// Bytes on their way between the two ends of an in-process connection.
@@ -30,7 +30,6 @@ const KEEPALIVE: Duration = Duration::from_secs(20);
 /// The running servers of one run; they end when this is dropped.
 pub struct Servers {
     cluster: Arc<Cluster>,
-    preparation: v1::Preparation,
     release: Release,
     derived: DerivedEntries,
     tasks: JoinSet<()>,
@@ -38,26 +37,25 @@ pub struct Servers {
 
 impl Servers {
     /// No server yet.
-    pub fn new(
-        cluster: Arc<Cluster>,
-        preparation: v1::Preparation,
-        release: Release,
-        derived: DerivedEntries,
-    ) -> Self {
-        Self { cluster, preparation, release, derived, tasks: JoinSet::new() }
+    pub fn new(cluster: Arc<Cluster>, release: Release, derived: DerivedEntries) -> Self {
+        Self { cluster, release, derived, tasks: JoinSet::new() }
     }
 
     /// Serves remote workers, health probes and reflection.
     pub async fn serve(&mut self, listener: Listener) {
         let (health, health_service) = tonic_health::server::health_reporter();
-        health.set_serving::<proto::v1::coordinator_server::CoordinatorServer<Service>>().await;
+        health.set_serving::<CoordinatorServer<Service>>().await;
         let reflection = tonic_reflection::server::Builder::configure()
             .register_encoded_file_descriptor_set(proto::FILE_DESCRIPTOR_SET)
             .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
             .build_v1();
         let Accepting { connections, access, run } = listener.accept(Arc::clone(&self.cluster));
-        let mut router =
-            server().layer(AuthLayer(access)).add_service(self.service(false)).add_service(health_service);
+        let refusal = v1::coordinator_server::CoordinatorServer::new(RefusalOfV1(self.release));
+        let mut router = server()
+            .layer(AuthLayer(access))
+            .add_service(self.service(false))
+            .add_service(refusal)
+            .add_service(health_service);
         match reflection {
             Ok(service) => router = router.add_service(service),
             Err(error) => tracing::warn!("gRPC reflection is off, got {error}"),
@@ -86,7 +84,7 @@ impl Servers {
 
     fn service(&self, in_process: bool) -> CoordinatorServer<Service> {
         let (cluster, derived) = (Arc::clone(&self.cluster), Arc::clone(&self.derived));
-        Service::server(cluster, self.preparation.clone(), (self.release, derived), in_process)
+        Service::server(cluster, (self.release, derived), in_process)
     }
 
     fn spawn(&mut self, server: impl Future<Output = Result<(), tonic::transport::Error>> + Send + 'static) {

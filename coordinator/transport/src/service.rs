@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use proto::v1::coordinator_server::{Coordinator, CoordinatorServer};
-use proto::{Digest, LEAST_PROTOCOL_MINOR, MAX_MESSAGE_BYTES, MAX_NAME_BYTES, PROTOCOL_MAJOR, WorkerId, v1};
+use proto::v2::coordinator_server::{Coordinator, CoordinatorServer};
+use proto::{Digest, MAX_MESSAGE_BYTES, MAX_NAME_BYTES, PROTOCOL_MAJOR, WorkerId, v1, v2};
 use tokio::sync::Semaphore;
 use tonic::{Request, Response, Status};
 
@@ -33,10 +33,31 @@ pub struct Release {
     pub evaluation_version: u32,
 }
 
+impl Release {
+    /// What a worker of another protocol version is told.
+    fn other_protocol(self, got: u32) -> String {
+        let Self { build, .. } = self;
+        format!(
+            "protocol version: must be {PROTOCOL_MAJOR}, got {got}\ninstall the coordinator's release ({build}) on this worker"
+        )
+    }
+}
+
+/// Answers workers of version 1 of the protocol, which cannot call the service of this one.
+pub struct RefusalOfV1(pub Release);
+
+#[tonic::async_trait]
+impl v1::coordinator_server::Coordinator for RefusalOfV1 {
+    async fn register(&self, _: Request<v1::RegisterRequest>) -> Result<Response<v1::RegisterReply>, Status> {
+        let reason = v1::RefusalReason::ProtocolVersion.into();
+        let refused = v1::Refused { reason, message: self.0.other_protocol(1) };
+        Ok(Response::new(v1::RegisterReply { outcome: Some(v1::register_reply::Outcome::Refused(refused)) }))
+    }
+}
+
 /// Answers workers on behalf of one run.
 pub struct Service {
     cluster: Arc<Cluster>,
-    preparation: v1::Preparation,
     release: Release,
     derived: DerivedEntries,
     /// Blobs and entries in memory at once, over all connections: who does not read what it asked for must not fill it.
@@ -49,12 +70,11 @@ impl Service {
     /// The service, ready to be added to a server.
     pub fn server(
         cluster: Arc<Cluster>,
-        preparation: v1::Preparation,
         (release, derived): (Release, DerivedEntries),
         in_process: bool,
     ) -> CoordinatorServer<Self> {
         let blobs = Arc::new(Semaphore::new(BLOBS_AT_ONCE));
-        CoordinatorServer::new(Self { cluster, preparation, release, derived, blobs, in_process })
+        CoordinatorServer::new(Self { cluster, release, derived, blobs, in_process })
             .max_decoding_message_size(MAX_MESSAGE_BYTES)
             .max_encoding_message_size(MAX_MESSAGE_BYTES)
     }
@@ -90,40 +110,26 @@ fn note(connection: Option<Arc<Connection>>, worker: WorkerId) -> Result<(), Sta
     connection.map_or(Ok(()), |connection| connection.note(worker))
 }
 
-fn refused(reason: v1::RefusalReason, message: String) -> Response<v1::RegisterReply> {
-    let refused = v1::Refused { reason: reason.into(), message };
-    Response::new(v1::RegisterReply { outcome: Some(v1::register_reply::Outcome::Refused(refused)) })
+fn refused(reason: v2::RefusalReason, message: String) -> Response<v2::RegisterReply> {
+    let refused = v2::Refused { reason: reason.into(), message };
+    Response::new(v2::RegisterReply { outcome: Some(v2::register_reply::Outcome::Refused(refused)) })
 }
 
 #[tonic::async_trait]
 impl Coordinator for Service {
     async fn register(
         &self,
-        request: Request<v1::RegisterRequest>,
-    ) -> Result<Response<v1::RegisterReply>, Status> {
+        request: Request<v2::RegisterRequest>,
+    ) -> Result<Response<v2::RegisterReply>, Status> {
         let connection = connection(&request);
         let request = request.into_inner();
         if request.protocol_major != PROTOCOL_MAJOR {
-            return Ok(refused(
-                v1::RefusalReason::ProtocolVersion,
-                format!(
-                    "protocol version: must be {PROTOCOL_MAJOR}, got {}\ninstall the coordinator's release ({}) on this worker",
-                    request.protocol_major, self.release.build
-                ),
-            ));
-        }
-        if request.protocol_minor < LEAST_PROTOCOL_MINOR {
-            return Ok(refused(
-                v1::RefusalReason::ProtocolVersion,
-                format!(
-                    "protocol version: must be {PROTOCOL_MAJOR}.{LEAST_PROTOCOL_MINOR} or later, got {PROTOCOL_MAJOR}.{}\ninstall the coordinator's release ({}) on this worker: an older one does not know all jobs",
-                    request.protocol_minor, self.release.build
-                ),
-            ));
+            let message = self.release.other_protocol(request.protocol_major);
+            return Ok(refused(v2::RefusalReason::ProtocolVersion, message));
         }
         if request.evaluation_version != self.release.evaluation_version {
             return Ok(refused(
-                v1::RefusalReason::EvaluationVersion,
+                v2::RefusalReason::EvaluationVersion,
                 format!(
                     "evaluation version: must be {}, got {}\ninstall the coordinator's release ({}) on this worker: another one computes other numbers",
                     self.release.evaluation_version, request.evaluation_version, self.release.build
@@ -134,7 +140,7 @@ impl Coordinator for Service {
         let unprintable = |text: &str| text.chars().any(char::is_control);
         if request.name.len() > MAX_NAME_BYTES || unprintable(&request.name) || unprintable(&request.build) {
             return Ok(refused(
-                v1::RefusalReason::InvalidRequest,
+                v2::RefusalReason::InvalidRequest,
                 format!(
                     "name and build: must be printable, and the name at most {MAX_NAME_BYTES} bytes\nchoose another --name"
                 ),
@@ -156,21 +162,21 @@ impl Coordinator for Service {
                 ));
             }
             Err(RegisterRefusal::Quarantined) => {
-                return Ok(refused(v1::RefusalReason::Quarantined, QUARANTINED.to_owned()));
+                return Ok(refused(v2::RefusalReason::Quarantined, QUARANTINED.to_owned()));
             }
         };
-        let accepted = v1::Accepted {
+        let accepted = v2::Accepted {
             name,
             session_id: self.cluster.session.to_vec(),
             heartbeat_milliseconds: self.cluster.heartbeat().as_millis() as u32,
             hold_milliseconds: self.cluster.hold().as_millis() as u32,
         };
-        Ok(Response::new(v1::RegisterReply {
-            outcome: Some(v1::register_reply::Outcome::Accepted(accepted)),
+        Ok(Response::new(v2::RegisterReply {
+            outcome: Some(v2::register_reply::Outcome::Accepted(accepted)),
         }))
     }
 
-    async fn poll(&self, request: Request<v1::PollRequest>) -> Result<Response<v1::PollReply>, Status> {
+    async fn poll(&self, request: Request<v2::PollRequest>) -> Result<Response<v2::PollReply>, Status> {
         let connection = connection(&request);
         let (worker, session, poll) = wire::poll(request.into_inner())?;
         if session != self.cluster.session {
@@ -178,7 +184,7 @@ impl Coordinator for Service {
         }
         note(connection, worker)?;
         match self.cluster.poll(worker, poll).await {
-            Ok(answer) => Ok(Response::new(wire::reply(answer, &self.preparation))),
+            Ok(answer) => Ok(Response::new(wire::reply(answer))),
             Err(PollRefusal::UnknownWorker) => Err(Status::not_found("unknown worker: register again")),
             Err(PollRefusal::Quarantined) => Err(Status::failed_precondition(QUARANTINED)),
             Err(PollRefusal::Stale) => Err(Status::aborted("a newer poll of this worker was seen")),
@@ -189,7 +195,7 @@ impl Coordinator for Service {
 
     async fn fetch_blob(
         &self,
-        request: Request<v1::FetchBlobRequest>,
+        request: Request<v2::FetchBlobRequest>,
     ) -> Result<Response<Self::FetchBlobStream>, Status> {
         let connection = connection(&request);
         let digest = wire::blob_digest(&request.into_inner())?;
@@ -208,7 +214,7 @@ impl Coordinator for Service {
 
     async fn fetch_derived(
         &self,
-        request: Request<v1::FetchDerivedRequest>,
+        request: Request<v2::FetchDerivedRequest>,
     ) -> Result<Response<Self::FetchDerivedStream>, Status> {
         let connection = connection(&request);
         let request = request.into_inner();

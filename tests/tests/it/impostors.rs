@@ -3,10 +3,11 @@
 use std::net::SocketAddr;
 use std::time::Duration;
 
-use descriptor::{Descriptor, Parameters};
-use proto::v1;
-use proto::v1::coordinator_client::CoordinatorClient;
-use proto::v1::coordinator_server::{Coordinator, CoordinatorServer};
+use descriptor::Descriptor;
+use proto::task::{Described, Evaluation, EvaluationResult, Match, Report, Task, TaskResult, Tile};
+use proto::v2;
+use proto::v2::coordinator_client::CoordinatorClient;
+use proto::v2::coordinator_server::{Coordinator, CoordinatorServer};
 use results::TableName;
 use tokio::net::TcpListener;
 use tokio_stream::wrappers::TcpListenerStream;
@@ -16,40 +17,31 @@ use tonic::{Code, Request, Response, Status};
 use crate::experiments::{Experiment, summary};
 use crate::process::{Running, run};
 
-/// The evaluation that a job asks for, whole or a tile of it.
-fn evaluation(job: &v1::Job) -> Option<&v1::Evaluation> {
-    job.evaluation.as_ref().or_else(|| job.tile.as_ref()?.evaluation.as_ref())
-}
-
-/// Valid in form, and wrong: nothing is ever recognised, or everything, in turn, and all clouds are alike. `clouds` are
-/// those of the queries, or those to be described.
-fn lie(job: &v1::Job, clouds: u32) -> v1::JobReport {
-    let outcome = match (&job.description, &job.grid_cell) {
-        (Some(shard), _) => {
-            let p = shard.parameters.unwrap();
-            let ticks = [p.shape_bins, p.colour_bins, p.disk_um, p.ring_um, p.shape_weight_ppm];
-            let length = Descriptor::DiskRing(Parameters::from_ticks(ticks)).signature_bytes(clouds);
-            v1::job_report::Outcome::Description(v1::DescriptionResult { parts: vec![0; length as usize] })
+/// Valid in form, and wrong: nothing is ever recognised, or everything, in turn, and all clouds are alike.
+fn lie(job: v2::Job) -> v2::JobReport {
+    let lease = job.lease.unwrap().into();
+    let result = match Task::try_from(job.task.unwrap()).unwrap() {
+        Task::Description(shard) => {
+            let length = u64::from(shard.clouds) * shard.subject.facts.description_bytes;
+            TaskResult::Description(Described::new(vec![0; length as usize]))
         }
-        (None, Some(cell)) => v1::job_report::Outcome::GridCell(lie_of_cell(cell)),
-        (None, None) => v1::job_report::Outcome::Result(lie_about(evaluation(job).unwrap(), clouds)),
+        Task::GridCell(cell) => TaskResult::GridCell(vec![1; cell.descriptors as usize]),
+        Task::Evaluation(evaluation) | Task::Tile(Tile { evaluation, .. }) => {
+            TaskResult::Evaluation(lie_about(&evaluation))
+        }
     };
-    v1::JobReport { lease: job.lease, run_seconds: 0.0, outcome: Some(outcome) }
+    Report { lease, run_seconds: 0.0, outcome: Ok(result) }.into()
 }
 
-fn lie_of_cell(cell: &v1::GridCell) -> v1::GridCellResult {
-    let domains = &cell.preparation.as_ref().unwrap().domains;
-    let descriptors = [0, 1, 4].map(|gene: usize| domains[gene].count).iter().product::<u32>();
-    v1::GridCellResult { object_correct: vec![1; descriptors as usize] }
-}
-
-fn lie_about(evaluation: &v1::Evaluation, queries: u32) -> v1::EvaluationResult {
-    let found = v1::Match { nearest: 0, distance: 1.0, runner_up: None, runner_up_distance: None };
-    let matches = if evaluation.want_matches { vec![found; queries as usize] } else { Vec::new() };
+fn lie_about(Evaluation { subject, queries, want_matches, .. }: &Evaluation) -> EvaluationResult {
+    let found = Match { nearest: 0, distance: 1.0, runner_up: None };
+    let matches = if *want_matches { vec![found; *queries as usize] } else { Vec::new() };
     // Always the same of the same descriptor: a winner that is measured twice must not give the liar away.
-    let shape_bins = evaluation.parameters.as_ref().unwrap().shape_bins;
-    let right = if shape_bins.is_multiple_of(2) { queries } else { 0 };
-    v1::EvaluationResult { queries, object_correct: right, category_correct: right, matches }
+    let Ok(Descriptor::DiskRing(parameters)) = Descriptor::from_bytes(subject.descriptor.bytes()) else {
+        panic!("{subject:?}")
+    };
+    let right = if parameters.shape_bins.is_multiple_of(2) { *queries } else { 0 };
+    EvaluationResult { queries: *queries, object_correct: right, category_correct: right, matches }
 }
 
 /// Works as a liar until the coordinator goes or wants no more of it, and returns the coordinator's last word. After
@@ -57,7 +49,7 @@ fn lie_about(evaluation: &v1::Evaluation, queries: u32) -> v1::EvaluationResult 
 async fn liar(address: String, most_answers: u32) -> Status {
     let mut client = CoordinatorClient::connect(address).await.unwrap();
     let worker_id = vec![9; 16];
-    let introduction = v1::RegisterRequest {
+    let introduction = v2::RegisterRequest {
         protocol_major: proto::PROTOCOL_MAJOR,
         protocol_minor: proto::PROTOCOL_MINOR,
         evaluation_version: descriptor::EVALUATION_VERSION,
@@ -67,12 +59,12 @@ async fn liar(address: String, most_answers: u32) -> Status {
         build: "liar".to_owned(),
     };
     let reply = client.register(introduction).await.unwrap().into_inner();
-    let Some(v1::register_reply::Outcome::Accepted(accepted)) = reply.outcome else { panic!("refused") };
+    let Some(v2::register_reply::Outcome::Accepted(accepted)) = reply.outcome else { panic!("refused") };
     let mut sequence = 0;
     let (mut finished, mut answers) = (Vec::new(), 0);
     loop {
         sequence += 1;
-        let poll = v1::PollRequest {
+        let poll = v2::PollRequest {
             worker_id: worker_id.clone(),
             session_id: accepted.session_id.clone(),
             sequence,
@@ -90,35 +82,9 @@ async fn liar(address: String, most_answers: u32) -> Status {
         };
         for job in reply.into_inner().jobs {
             answers += 1;
-            let manifests = match (&job.description, &job.grid_cell) {
-                (Some(shard), _) => vec![shard.manifest.clone()],
-                (None, Some(cell)) => cell.query.clone(),
-                (None, None) => evaluation(&job).unwrap().query.clone(),
-            };
-            let mut clouds = 0;
-            for manifest in manifests {
-                match clouds_in(&mut client, manifest).await {
-                    Ok(more) => clouds += more,
-                    Err(status) => return status,
-                }
-            }
-            finished.push(lie(&job, clouds));
+            finished.push(lie(job));
         }
     }
-}
-
-/// Number of clouds in a split manifest.
-async fn clouds_in(
-    client: &mut CoordinatorClient<tonic::transport::Channel>,
-    digest: Vec<u8>,
-) -> Result<u32, tonic::Status> {
-    let mut stream = client.fetch_blob(v1::FetchBlobRequest { digest }).await?.into_inner();
-    let mut bytes = Vec::new();
-    while let Some(chunk) = stream.message().await? {
-        bytes.extend(chunk.data);
-    }
-    let manifest: v1::SplitManifest = prost::Message::decode(&bytes[..]).unwrap();
-    Ok(manifest.clouds.len() as u32)
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -317,35 +283,35 @@ async fn a_lying_worker_changes_no_grid_where_everything_is_audited_before_a_res
 /// A coordinator that takes nobody.
 struct Refuser;
 
-type Blobs = tokio_stream::Empty<Result<v1::BlobChunk, Status>>;
+type Blobs = tokio_stream::Empty<Result<v2::BlobChunk, Status>>;
 
 #[tonic::async_trait]
 impl Coordinator for Refuser {
     async fn register(
         &self,
-        request: Request<v1::RegisterRequest>,
-    ) -> Result<Response<v1::RegisterReply>, Status> {
+        request: Request<v2::RegisterRequest>,
+    ) -> Result<Response<v2::RegisterReply>, Status> {
         assert_eq!(request.into_inner().name, "unlucky");
-        let refused = v1::Refused {
-            reason: v1::RefusalReason::EvaluationVersion.into(),
+        let refused = v2::Refused {
+            reason: v2::RefusalReason::EvaluationVersion.into(),
             message: "evaluation version: must be 7, got 1\ninstall release 7 on this worker".to_owned(),
         };
-        Ok(Response::new(v1::RegisterReply { outcome: Some(v1::register_reply::Outcome::Refused(refused)) }))
+        Ok(Response::new(v2::RegisterReply { outcome: Some(v2::register_reply::Outcome::Refused(refused)) }))
     }
 
-    async fn poll(&self, _: Request<v1::PollRequest>) -> Result<Response<v1::PollReply>, Status> {
+    async fn poll(&self, _: Request<v2::PollRequest>) -> Result<Response<v2::PollReply>, Status> {
         Err(Status::new(Code::NotFound, "nobody is registered here"))
     }
 
     type FetchBlobStream = Blobs;
 
-    async fn fetch_blob(&self, _: Request<v1::FetchBlobRequest>) -> Result<Response<Blobs>, Status> {
+    async fn fetch_blob(&self, _: Request<v2::FetchBlobRequest>) -> Result<Response<Blobs>, Status> {
         Err(Status::new(Code::NotFound, "nothing here"))
     }
 
     type FetchDerivedStream = Blobs;
 
-    async fn fetch_derived(&self, _: Request<v1::FetchDerivedRequest>) -> Result<Response<Blobs>, Status> {
+    async fn fetch_derived(&self, _: Request<v2::FetchDerivedRequest>) -> Result<Response<Blobs>, Status> {
         Err(Status::new(Code::NotFound, "nothing here"))
     }
 }

@@ -1,10 +1,12 @@
 //! The coordinator's port as a client sees it: health, reflection, refusals, nonsense.
 
-use proto::v1::coordinator_client::CoordinatorClient;
-use proto::{Digest, v1};
+use proto::task::{EvaluationResult, TaskResult};
+use proto::v2::coordinator_client::CoordinatorClient;
+use proto::{Digest, v1, v2};
 use tokio_stream::StreamExt as _;
-use tonic::Code;
-use tonic::transport::Channel;
+use tonic::transport::server::TcpIncoming;
+use tonic::transport::{Channel, Server};
+use tonic::{Code, Request, Response, Status};
 use tonic_health::pb::HealthCheckRequest;
 use tonic_health::pb::health_check_response::ServingStatus;
 use tonic_health::pb::health_client::HealthClient;
@@ -25,8 +27,8 @@ async fn coordinator(experiment: &Experiment) -> (Running, String, Channel) {
     (coordinator, address, channel)
 }
 
-fn introduction() -> v1::RegisterRequest {
-    v1::RegisterRequest {
+fn introduction() -> v2::RegisterRequest {
+    v2::RegisterRequest {
         protocol_major: proto::PROTOCOL_MAJOR,
         protocol_minor: proto::PROTOCOL_MINOR,
         evaluation_version: descriptor::EVALUATION_VERSION,
@@ -39,13 +41,13 @@ fn introduction() -> v1::RegisterRequest {
 
 async fn refusal(
     client: &mut CoordinatorClient<Channel>,
-    spoil: impl FnOnce(&mut v1::RegisterRequest),
-) -> v1::Refused {
+    spoil: impl FnOnce(&mut v2::RegisterRequest),
+) -> v2::Refused {
     let mut request = introduction();
     spoil(&mut request);
     match client.register(request).await.unwrap().into_inner().outcome.unwrap() {
-        v1::register_reply::Outcome::Refused(refused) => refused,
-        v1::register_reply::Outcome::Accepted(accepted) => panic!("{accepted:?}"),
+        v2::register_reply::Outcome::Refused(refused) => refused,
+        v2::register_reply::Outcome::Accepted(accepted) => panic!("{accepted:?}"),
     }
 }
 
@@ -54,7 +56,7 @@ async fn health_probes_and_reflection_work() {
     let experiment = Experiment::new("");
     let (_coordinator, _, channel) = coordinator(&experiment).await;
     let mut health = HealthClient::new(channel.clone());
-    for service in ["", "descry.v1.Coordinator"] {
+    for service in ["", "descry.v2.Coordinator"] {
         let request = HealthCheckRequest { service: service.to_owned() };
         let reply = health.check(request).await.unwrap().into_inner();
         assert_eq!(reply.status(), ServingStatus::Serving, "{service}");
@@ -70,25 +72,29 @@ async fn health_probes_and_reflection_work() {
     else {
         panic!("no list of services");
     };
-    assert!(service.iter().any(|service| service.name == "descry.v1.Coordinator"));
+    assert!(service.iter().any(|service| service.name == "descry.v2.Coordinator"));
 }
 
 #[tokio::test]
 async fn other_versions_are_refused_and_told_what_to_do() {
     let experiment = Experiment::new("");
     let (_coordinator, _, channel) = coordinator(&experiment).await;
+    // A worker of version 1 calls another service.
+    let mut earlier = v1::coordinator_client::CoordinatorClient::new(channel.clone());
+    let reply = earlier.register(v1::RegisterRequest {}).await.unwrap().into_inner();
+    let Some(v1::register_reply::Outcome::Refused(refused)) = reply.outcome else { panic!("no refusal") };
+    assert_eq!(refused.reason(), v1::RefusalReason::ProtocolVersion);
+    assert!(refused.message.contains("must be 2, got 1\ninstall"), "{}", refused.message);
+
     let mut client = CoordinatorClient::new(channel);
     let refused = refusal(&mut client, |request| request.protocol_major += 1).await;
-    assert_eq!(refused.reason(), v1::RefusalReason::ProtocolVersion);
-    assert!(refused.message.contains("must be 1, got 2\ninstall"), "{}", refused.message);
-    let refused = refusal(&mut client, |request| request.protocol_minor = 2).await;
-    assert_eq!(refused.reason(), v1::RefusalReason::ProtocolVersion);
-    assert!(refused.message.contains("must be 1.3 or later, got 1.2\ninstall"), "{}", refused.message);
+    assert_eq!(refused.reason(), v2::RefusalReason::ProtocolVersion);
+    assert!(refused.message.contains("must be 2, got 3\ninstall"), "{}", refused.message);
     let refused = refusal(&mut client, |request| request.evaluation_version += 1).await;
-    assert_eq!(refused.reason(), v1::RefusalReason::EvaluationVersion);
+    assert_eq!(refused.reason(), v2::RefusalReason::EvaluationVersion);
     assert!(refused.message.contains("evaluation version"), "{}", refused.message);
     let refused = refusal(&mut client, |request| request.name = "a\nb".to_owned()).await;
-    assert_eq!(refused.reason(), v1::RefusalReason::InvalidRequest);
+    assert_eq!(refused.reason(), v2::RefusalReason::InvalidRequest);
 }
 
 #[tokio::test]
@@ -99,24 +105,24 @@ async fn nonsense_gets_an_error_and_the_run_goes_on() {
     let mut client = CoordinatorClient::new(channel);
 
     let accepted = match client.register(introduction()).await.unwrap().into_inner().outcome.unwrap() {
-        v1::register_reply::Outcome::Accepted(accepted) => accepted,
-        v1::register_reply::Outcome::Refused(refused) => panic!("{refused:?}"),
+        v2::register_reply::Outcome::Accepted(accepted) => accepted,
+        v2::register_reply::Outcome::Refused(refused) => panic!("{refused:?}"),
     };
     assert_eq!(accepted.name, "stranger");
-    let poll = v1::PollRequest {
+    let poll = v2::PollRequest {
         worker_id: vec![7; 16],
         session_id: accepted.session_id.clone(),
         sequence: 1,
         ..Default::default()
     };
-    type Spoil = fn(&mut v1::PollRequest);
+    type Spoil = fn(&mut v2::PollRequest);
     let nonsense: [(Code, Spoil); 6] = [
         (Code::InvalidArgument, |poll| poll.worker_id.clear()),
         (Code::InvalidArgument, |poll| poll.session_id.push(0)),
         (Code::NotFound, |poll| poll.worker_id = vec![8; 16]),
         (Code::NotFound, |poll| poll.session_id = vec![0; 16]),
-        (Code::InvalidArgument, |poll| poll.finished = vec![v1::JobReport::default()]),
-        (Code::InvalidArgument, |poll| poll.held = vec![v1::Lease::default(); 1000]),
+        (Code::InvalidArgument, |poll| poll.finished = vec![v2::JobReport::default()]),
+        (Code::InvalidArgument, |poll| poll.held = vec![v2::Lease::default(); 1000]),
     ];
     for (code, spoil) in nonsense {
         let mut spoiled = poll.clone();
@@ -125,18 +131,18 @@ async fn nonsense_gets_an_error_and_the_run_goes_on() {
     }
 
     // Invented results are acknowledged, so that they stop coming, and not used.
-    let result = v1::EvaluationResult { queries: 1, object_correct: 1, category_correct: 1, matches: vec![] };
-    let report = v1::JobReport {
-        lease: Some(v1::Lease { job: 1, attempt: 99 }),
+    let result = EvaluationResult { queries: 1, object_correct: 1, category_correct: 1, matches: vec![] };
+    let report = v2::JobReport {
+        lease: Some(v2::Lease { job: 1, attempt: 99 }),
         run_seconds: f64::NAN,
-        outcome: Some(v1::job_report::Outcome::Result(result)),
+        outcome: Some(v2::job_report::Outcome::Result(TaskResult::Evaluation(result).into())),
     };
     let reply =
-        client.poll(v1::PollRequest { finished: vec![report], ..poll.clone() }).await.unwrap().into_inner();
-    assert_eq!(reply.acknowledged, [v1::Lease { job: 1, attempt: 99 }]);
+        client.poll(v2::PollRequest { finished: vec![report], ..poll.clone() }).await.unwrap().into_inner();
+    assert_eq!(reply.acknowledged, [v2::Lease { job: 1, attempt: 99 }]);
 
     // Blobs: only by the digests of this run's data, and the test set not before the search is over.
-    let mut fetch = async |digest: Vec<u8>| match client.fetch_blob(v1::FetchBlobRequest { digest }).await {
+    let mut fetch = async |digest: Vec<u8>| match client.fetch_blob(v2::FetchBlobRequest { digest }).await {
         Ok(stream) => {
             let mut bytes = Vec::new();
             let mut stream = stream.into_inner();
@@ -157,10 +163,32 @@ async fn nonsense_gets_an_error_and_the_run_goes_on() {
     assert_eq!(fetch(Digest::of(&training).to_vec()).await, Ok(training));
     assert_eq!(fetch(Digest::of(&test).to_vec()).await, Err(Code::NotFound));
 
-    client.poll(v1::PollRequest { sequence: 2, leaving: true, ..poll }).await.unwrap();
+    client.poll(v2::PollRequest { sequence: 2, leaving: true, ..poll }).await.unwrap();
     let worker = ["--coordinator", &address, "--cache", &experiment.path("cache")];
     let _worker = Running::start(experiment.folder(), "worker", "worker", worker);
     coordinator.wait().expect_success();
+}
+
+/// A coordinator that speaks version 1 only.
+struct Earlier;
+
+#[tonic::async_trait]
+impl v1::coordinator_server::Coordinator for Earlier {
+    async fn register(&self, _: Request<v1::RegisterRequest>) -> Result<Response<v1::RegisterReply>, Status> {
+        unreachable!("a worker of version 2 calls another service")
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_worker_of_an_earlier_coordinator_ends_and_says_what_to_do() {
+    let incoming = TcpIncoming::bind(([127, 0, 0, 1], 0).into()).unwrap();
+    let address = format!("http://{}", incoming.local_addr().unwrap());
+    let service = v1::coordinator_server::CoordinatorServer::new(Earlier);
+    tokio::spawn(Server::builder().add_service(service).serve_with_incoming(incoming));
+    let ended =
+        tokio::task::spawn_blocking(move || crate::process::run("worker", ["--coordinator", &address]));
+    let ended = ended.await.unwrap().expect_error();
+    assert!(ended.stderr.contains("does not speak version 2 of the protocol\ninstall"), "{ended}");
 }
 
 #[test]

@@ -2,13 +2,18 @@
 
 use descriptor::recognise::RecogniseError;
 use descriptor::{ChannelError, SignatureError};
+use proto::task::{Failure, FailureReason};
 use proto::{Digest, MAX_DESCRIPTION_BYTES};
 
 use crate::blobs::BlobError;
+use crate::executor::decoded::InvalidTask;
 
 /// Why an evaluation has no result.
 #[derive(Debug, thiserror::Error)]
 pub enum EvaluationError {
+    /// The task cannot be read.
+    #[error(transparent)]
+    Invalid(#[from] InvalidTask),
     /// A blob is not to be had.
     #[error(transparent)]
     Blob(#[from] BlobError),
@@ -57,4 +62,25 @@ pub enum EvaluationError {
         /// What is wrong with it.
         what: String,
     },
+}
+
+impl EvaluationError {
+    fn reason(&self) -> FailureReason {
+        match self {
+            Self::Invalid(_)
+            | Self::Manifest { .. }
+            | Self::Quantise(_)
+            | Self::Recognise(_)
+            | Self::TooLarge { .. } => FailureReason::InvalidJob,
+            Self::Blob(_) => FailureReason::Data,
+            Self::Cloud { .. } => FailureReason::Cloud,
+            Self::Description { .. } | Self::Undecodable(_) => FailureReason::Description,
+        }
+    }
+}
+
+impl From<EvaluationError> for Failure {
+    fn from(error: EvaluationError) -> Self {
+        Self::new(error.reason(), error)
+    }
 }

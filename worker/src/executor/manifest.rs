@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use descriptor::Label;
-use prost::Message as _;
-use proto::{Digest, v1};
+use proto::Digest;
+use proto::task::{CloudEntry, SplitManifest};
 
 use crate::executor::error::EvaluationError;
 
@@ -37,17 +37,14 @@ impl Manifest {
     /// [`EvaluationError::Manifest`] if it is no manifest.
     pub fn decode(digest: Digest, bytes: &[u8]) -> Result<Self, EvaluationError> {
         let broken = |what: String| EvaluationError::Manifest { digest, what };
-        let manifest = v1::SplitManifest::decode(bytes).map_err(|error| broken(error.to_string()))?;
-        let listed = |cloud: v1::ManifestCloud| {
-            Ok(Listed {
-                digest: Digest::try_from(&cloud.digest[..]).map_err(|error| broken(error.to_string()))?,
-                bytes: cloud.bytes,
-                label: Label { category: cloud.category, instance: cloud.instance },
-                path: cloud.path,
-            })
+        let manifest = SplitManifest::decode(bytes).map_err(|error| broken(error.to_string()))?;
+        let listed = |cloud: CloudEntry| Listed {
+            digest: cloud.digest,
+            bytes: cloud.bytes,
+            label: Label { category: cloud.label.category, instance: cloud.label.instance },
+            path: cloud.path,
         };
-        let clouds = manifest.clouds.into_iter().map(listed).collect::<Result<_, EvaluationError>>()?;
-        Ok(Self { digest, clouds })
+        Ok(Self { digest, clouds: manifest.clouds.into_iter().map(listed).collect() })
     }
 
     /// Memory that the manifest takes, bytes.

@@ -3,12 +3,12 @@
 
 mod cloud_loader;
 mod computing;
+pub(crate) mod decoded;
 mod error;
 pub(crate) mod manifest;
 mod matching;
 mod preparation_cache;
 mod reuse;
-mod task;
 mod work;
 
 use std::sync::{Arc, Mutex, PoisonError};
@@ -16,16 +16,17 @@ use std::sync::{Arc, Mutex, PoisonError};
 use cache::{ByteSize, Lru, Store};
 use descriptor::grid::Cell;
 use descriptor::recognise::recognise_from;
-use descriptor::{ChannelError, Correct, Family};
+use descriptor::{ChannelError, Correct, Descriptor, Family, Match, Preparation};
 use proto::Digest;
+use proto::task::{Described, Evaluation, EvaluationResult, GridCell, Task, TaskResult, Tile};
 
 pub use error::EvaluationError;
-pub use task::{Description, Evaluation, GridCell, Outcome, Preparation, Recognition, Splits, Task, Tile};
 pub use work::Work;
 
 use crate::blobs::Blobs;
 use cloud_loader::CloudLoader;
 use computing::Computing;
+use decoded::{Decoded, InvalidTask, Subject};
 use manifest::{Manifest, labels};
 use matching::{Matcher, Source};
 use preparation_cache::PreparationCache;
@@ -74,71 +75,85 @@ impl Executor {
     }
 
     /// Fetches what is missing and computes.
-    pub async fn carry_out(self: Arc<Self>, task: Task) -> Result<Outcome, EvaluationError> {
-        let outcome = match task {
-            Task::Evaluation(evaluation) => self.evaluate(&evaluation).await.map(Outcome::Evaluation),
-            Task::GridCell(cell) => self.count_cell(&cell).await.map(Outcome::GridCell),
-            Task::Description(Description { preparation, descriptor, manifest }) => {
-                let cache = self.preparation_cache(&preparation)?;
-                let manifest = self.manifest(manifest).await?;
-                self.matcher.describe(&cache, &descriptor, &manifest).await.map(Outcome::Description)
+    pub async fn carry_out(self: Arc<Self>, task: Task) -> Result<TaskResult, EvaluationError> {
+        let Decoded { preparation, subject } = Decoded::new(&task)?;
+        let cache = self.preparation_cache(&preparation)?;
+        let result = match (&task, &subject) {
+            (Task::Evaluation(evaluation), Subject::Descriptor(descriptor)) => {
+                self.evaluate(&cache, descriptor, evaluation).await.map(TaskResult::Evaluation)
             }
-            Task::Tile(tile) => {
-                let Tile { evaluation, descriptions } = &tile;
-                self.match_tile(evaluation, descriptions).await.map(Outcome::Evaluation)
+            (Task::Tile(tile), Subject::Descriptor(descriptor)) => {
+                self.match_tile(&cache, descriptor, tile).await.map(TaskResult::Evaluation)
             }
+            (Task::GridCell(cell), Subject::Cell(radii_um)) => {
+                self.count_cell(&cache, *radii_um, cell).await.map(TaskResult::GridCell)
+            }
+            (Task::Description(shard), Subject::Descriptor(descriptor)) => {
+                let manifest = self.manifest(shard.manifest).await?;
+                let bytes = self.matcher.describe(&cache, descriptor, &manifest).await;
+                bytes.map(|bytes| TaskResult::Description(Described::new(bytes)))
+            }
+            _ => return Err(InvalidTask::Subject.into()),
         };
         tracing::debug!("work so far: {:?}", self.work());
-        outcome
+        result
     }
 
-    async fn evaluate(&self, evaluation: &Evaluation) -> Result<Recognition, EvaluationError> {
-        let query = self.manifests(&evaluation.splits.query).await?.into_iter().map(Source::split).collect();
-        let database = self.manifests(&evaluation.splits.database).await?;
-        self.recognise(evaluation, query, database.into_iter().map(Source::split).collect()).await
+    async fn evaluate(
+        &self,
+        cache: &Arc<PreparationCache>,
+        descriptor: &Descriptor,
+        evaluation: &Evaluation,
+    ) -> Result<EvaluationResult, EvaluationError> {
+        let query = self.manifests(&evaluation.query).await?.into_iter().map(Source::split).collect();
+        let database = self.manifests(&evaluation.database).await?.into_iter().map(Source::split).collect();
+        self.recognise(cache, descriptor, [query, database], evaluation.want_matches).await
     }
 
     async fn match_tile(
         &self,
-        evaluation: &Evaluation,
-        descriptions: &Splits,
-    ) -> Result<Recognition, EvaluationError> {
-        let query = self.manifests(&evaluation.splits.query).await?;
-        let database = self.manifests(&evaluation.splits.database).await?;
-        let query = query.into_iter().zip(&descriptions.query).map(Source::shard).collect();
-        let database = database.into_iter().zip(&descriptions.database).map(Source::shard).collect();
-        self.recognise(evaluation, query, database).await
+        cache: &Arc<PreparationCache>,
+        descriptor: &Descriptor,
+        Tile { evaluation, query_descriptions, database_descriptions }: &Tile,
+    ) -> Result<EvaluationResult, EvaluationError> {
+        let query = self.manifests(&evaluation.query).await?;
+        let database = self.manifests(&evaluation.database).await?;
+        let query = query.into_iter().zip(query_descriptions).map(Source::shard).collect();
+        let database = database.into_iter().zip(database_descriptions).map(Source::shard).collect();
+        self.recognise(cache, descriptor, [query, database], evaluation.want_matches).await
     }
 
     async fn recognise(
         &self,
-        evaluation: &Evaluation,
-        query: Vec<Source>,
-        database: Vec<Source>,
-    ) -> Result<Recognition, EvaluationError> {
-        let cache = self.preparation_cache(&evaluation.preparation)?;
-        let distances = self.matcher.distances(&cache, &evaluation.descriptor, &query, &database).await?;
+        cache: &Arc<PreparationCache>,
+        descriptor: &Descriptor,
+        [query, database]: [Vec<Source>; 2],
+        want_matches: bool,
+    ) -> Result<EvaluationResult, EvaluationError> {
+        let distances = self.matcher.distances(cache, descriptor, &query, &database).await?;
         let [queries, database] = [query, database]
             .map(|sources| labels(&sources.into_iter().map(|source| source.manifest).collect::<Vec<_>>()));
-        let want_matches = evaluation.want_matches;
         let recognise = move || {
             let matches = recognise_from(queries.len(), &distances, &database)?;
             let correct = Correct::count(&matches, &queries, &database);
-            Ok(Recognition { correct, matches: if want_matches { matches } else { Vec::new() } })
+            Ok(result(&correct, if want_matches { &matches } else { &[] }))
         };
         self.matcher.loader.computing.run(recognise).await
     }
 
-    async fn count_cell(&self, task: &GridCell) -> Result<Vec<u32>, EvaluationError> {
-        let cache = self.preparation_cache(&task.preparation)?;
+    async fn count_cell(
+        &self,
+        cache: &Arc<PreparationCache>,
+        [disk_um, ring_um]: [u32; 2],
+        task: &GridCell,
+    ) -> Result<Vec<u32>, EvaluationError> {
         let (channel, prepared) = (Family::DiskRing, cache.preparer.family());
         let quantiser = cache.preparer.quantiser().ok_or(ChannelError::Family { channel, prepared })?;
-        let cell = Cell::new(quantiser, task.disk_um, task.ring_um).map_err(ChannelError::from)?;
-        let cell = Arc::new(cell);
-        let query = self.manifests(&task.splits.query).await?;
-        let database = self.manifests(&task.splits.database).await?;
-        let queries = self.matcher.cell_signatures(&cache, &cell, &query).await?;
-        let entries = self.matcher.cell_signatures(&cache, &cell, &database).await?;
+        let cell = Arc::new(Cell::new(quantiser, disk_um, ring_um).map_err(ChannelError::from)?);
+        let query = self.manifests(&task.query).await?;
+        let database = self.manifests(&task.database).await?;
+        let queries = self.matcher.cell_signatures(cache, &cell, &query).await?;
+        let entries = self.matcher.cell_signatures(cache, &cell, &database).await?;
         self.matcher.loader.work().cells += 1;
         let labels = [labels(&query), labels(&database)];
         let count = move || cell.object_correct(&queries, &labels[0], &entries, &labels[1]);
@@ -177,6 +192,20 @@ impl Executor {
         let manifest = Arc::new(Manifest::decode(digest, &bytes)?);
         known().insert(digest, Arc::clone(&manifest), manifest.bytes());
         Ok(manifest)
+    }
+}
+
+fn result(correct: &Correct, matches: &[Match]) -> EvaluationResult {
+    let found = |found: &Match| proto::task::Match {
+        nearest: found.nearest.index,
+        distance: found.nearest.distance,
+        runner_up: found.runner_up.map(|hit| (hit.index, hit.distance)),
+    };
+    EvaluationResult {
+        queries: correct.queries as u32,
+        object_correct: correct.object as u32,
+        category_correct: correct.category as u32,
+        matches: matches.iter().map(found).collect(),
     }
 }
 

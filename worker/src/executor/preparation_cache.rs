@@ -4,11 +4,10 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use cache::ByteSize;
-use descriptor::{PreparedCloud, Preparer, QuantiseError};
+use descriptor::{Preparation, PreparedCloud, Preparer, QuantiseError};
 use proto::Digest;
 
 use crate::executor::manifest::Listed;
-use crate::executor::task::Preparation;
 use crate::prepared_cloud::prepared_cloud_key;
 
 /// A prepared cloud that was never seen is taken to be this many times as large as its source.

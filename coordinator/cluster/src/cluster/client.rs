@@ -4,15 +4,13 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
+use proto::task::{Described, Description, Evaluation, EvaluationResult, GridCell, Task, TaskResult};
 use proto::{Digest, JobId, WorkerId};
 use tokio::sync::Notify;
 
 use super::{Cluster, ClusterError, ClusterNews, now};
-use crate::evaluation::{Evaluation, EvaluationResult};
 use crate::events::{Event, EventKind, Omitted};
 use crate::scheduler::{ClientId, Finished, Staffing};
-use crate::shard::{Described, Description};
-use crate::task::{GridCell, Task, TaskResult};
 
 /// Tasks by job, with their index among all that were submitted together.
 type Asked = BTreeMap<JobId, (usize, Arc<Task>)>;
@@ -118,8 +116,8 @@ impl Client {
                 .perform(tasks, |news, finished| {
                     news.finished = finished.len();
                     for (place, finished) in finished {
-                        if let TaskResult::Description(Described { digest, parts }) = finished.result {
-                            names[place] = Some((digest, parts));
+                        if let TaskResult::Description(Described { digest, bytes }) = finished.result {
+                            names[place] = Some((digest, bytes));
                         }
                     }
                     watch(news);
@@ -131,8 +129,8 @@ impl Client {
                 Err(ClusterError::Corrected(_)) => continue,
                 done => done?,
             }
-            let bytes = |(digest, parts): (Digest, Option<Arc<[u8]>>)| match parts {
-                Some(parts) => Ok(parts),
+            let bytes = |(digest, bytes): (Digest, Option<Arc<[u8]>>)| match bytes {
+                Some(bytes) => Ok(bytes),
                 None => self.cluster.blobs.read(digest).map(Into::into).map_err(|_| ClusterError::Gone),
             };
             return names.into_iter().map(|name| name.ok_or(ClusterError::Gone).and_then(bytes)).collect();

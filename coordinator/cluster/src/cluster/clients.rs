@@ -4,11 +4,12 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use proto::JobId;
+use proto::task::Task;
 use tokio::sync::Notify;
 
+use crate::job_names::JobNames;
 use crate::scheduler::{ClientId, Doubt, Finished};
 use crate::store::JobStore;
-use crate::task::{Names, Task};
 
 /// Doubts that are kept for a client that does not look: one that has finished needs none of them.
 const MAX_DOUBTS: usize = 10_000;
@@ -26,9 +27,9 @@ pub(super) struct Clients {
 #[derive(Default)]
 pub(super) struct Account {
     /// What it has asked for since it began.
-    names: Names,
+    names: JobNames,
     /// What it had asked for before it began again.
-    past: Vec<Names>,
+    past: Vec<JobNames>,
     /// How many of its jobs have no result.
     waits_for: usize,
     /// Results to be delivered.

@@ -10,12 +10,12 @@ mod state;
 use std::sync::{Arc, Mutex, MutexGuard, Weak};
 use std::time::{Duration, Instant, SystemTime};
 
+use proto::task::{Described, Evaluation, Task, TaskResult};
 use proto::{Lease, SessionId, WorkerId};
 use tokio::sync::{Notify, watch};
 use tokio::time::MissedTickBehavior;
 
 use crate::blobs::BlobStore;
-use crate::evaluation::Evaluation;
 use crate::events::{EventCursor, EventKind, EventLog};
 use crate::journal::{Journal, JournalError, LogSequence, Recorded};
 use crate::lock::lock;
@@ -23,9 +23,7 @@ use crate::scheduler::{
     Answer, Doubt, Finished, Introduction, JobFailed, Limits, Poll, PollRefusal, RegisterRefusal, Scheduler,
     Staffing,
 };
-use crate::shard::Described;
 use crate::sharding::{Batch, Layouts, ShardCount};
-use crate::task::{Task, TaskResult};
 pub use client::{CellAnswer, Client};
 use state::ClusterState;
 
@@ -35,8 +33,8 @@ const TICK: Duration = Duration::from_millis(500);
 /// Why evaluations stopped for good.
 #[derive(Debug, thiserror::Error)]
 pub enum ClusterError {
-    /// A job failed as often as the limit allows.
-    #[error("{task}: failed {count} times, got\n  {failures}\nlook at the workers' logs; coordinator.max_failures and coordinator.job_seconds set the limits", task = .0.task, count = .0.failures.len(), failures = first_lines(&.0.failures))]
+    /// A job failed as often as the limit allows, or is malformed.
+    #[error("{}", job_failed(.0))]
     JobFailed(JobFailed),
     /// No worker is left, and none came back.
     #[error(
@@ -68,9 +66,20 @@ pub enum ClusterError {
 }
 
 /// What failed, a line each: advice given to one machine is not repeated for all.
-fn first_lines(failures: &[String]) -> String {
-    let lines: Vec<&str> = failures.iter().filter_map(|failure| failure.lines().next()).collect();
-    lines.join("\n  ")
+fn job_failed(failed: &JobFailed) -> String {
+    let JobFailed { task, failures } = failed;
+    let lines = failures.iter().map(ToString::to_string);
+    let lines: Vec<String> = lines.filter_map(|line| line.lines().next().map(str::to_owned)).collect();
+    let (lines, count) = (lines.join("\n  "), failures.len());
+    if failed.is_malformed() {
+        format!(
+            "{task}: malformed, got\n  {lines}\nuse workers of the coordinator's release; if they are, report this as a bug"
+        )
+    } else {
+        format!(
+            "{task}: failed {count} times, got\n  {lines}\nlook at the workers' logs; coordinator.max_failures and coordinator.job_seconds set the limits"
+        )
+    }
 }
 
 /// The shared state of a run: workers, jobs, blobs, events.
@@ -318,8 +327,8 @@ impl Cluster {
     /// Learns from a result how long such tasks take, and publishes a description for tiles to use.
     fn learn(&self, task: &Task, answer: &Finished) {
         self.state().planner.observe(task, answer.run_seconds);
-        if let TaskResult::Description(Described { digest, parts: Some(parts) }) = &answer.result {
-            self.blobs.publish_description(*digest, parts);
+        if let TaskResult::Description(Described { digest, bytes: Some(bytes) }) = &answer.result {
+            self.blobs.publish_description(*digest, bytes);
         }
     }
 

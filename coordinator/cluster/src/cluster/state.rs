@@ -4,22 +4,19 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Instant, SystemTime};
 
-use descriptor::Descriptor;
+use proto::task::{Evaluation, Task};
 use proto::{JobId, Lease, WorkerId};
 use tokio::sync::Notify;
 
 use super::ClusterNews;
 use super::clients::Clients;
-use crate::evaluation::Evaluation;
 use crate::events::{Event, EventKind, EventLog};
 use crate::journal::{Accepted, Entry, Journal, LogSequence, Member};
 use crate::scheduler::{
     Answer, ClientId, Doubt, Emitted, Finished, Introduction, Poll, PollRefusal, RegisterRefusal, Scheduler,
 };
-use crate::shard::Description;
 use crate::sharding::{Load, Planner, ShardPlan};
 use crate::store::Checked;
-use crate::task::Task;
 
 pub(super) struct ClusterState {
     /// Workers, and the store of jobs.
@@ -299,10 +296,7 @@ impl ClusterState {
     /// computes them again.
     pub(super) fn doubt_descriptions(&self, task: &Task) {
         let Task::Tile(tile) = task else { return };
-        let descriptor = Descriptor::DiskRing(tile.evaluation.parameters);
-        for &manifest in tile.evaluation.query.iter().chain(&tile.evaluation.database) {
-            let clouds = tile.evaluation.queries; // no part of the name
-            let description = Task::Description(Description { descriptor: descriptor.clone(), manifest, clouds });
+        for description in tile.shards().map(Task::Description) {
             // Under each job that it was submitted as.
             let names = (0..).map(|occurrence| description.job(occurrence));
             names.take_while(|job| self.scheduler.jobs.was_asked(*job)).for_each(|job| self.retract(job));

@@ -3,19 +3,25 @@
 mod sharing;
 
 use super::*;
-use crate::evaluation::EvaluationResult;
 use crate::events::Departure;
 use crate::journal::{Journal, Member};
-use crate::scheduler::{Audit, Report};
-use crate::task::{GridCell, TaskResult};
+use crate::scheduler::Audit;
+use proto::task::{EvaluationResult, GridCell, Report, Subject, TaskResult};
 
 const LIMITS: Limits = Limits::SAMPLE;
 
-fn cell(disk_um: u32) -> GridCell {
-    GridCell { disk_um, ring_um: 21_000, query: vec![], database: vec![], queries: 9, descriptors: 2 }
+fn cell(number: u32) -> GridCell {
+    let Evaluation { subject, query, database, queries, database_clouds, .. } =
+        Evaluation::sample(number, 9, 9);
+    GridCell { subject, query, database, queries, database_clouds, descriptors: 2 }
 }
 
-/// A worker that gives each cell the counts that `answer` has for its R1.
+/// What tells tasks apart.
+fn number(subject: &Subject) -> u32 {
+    u32::from_le_bytes(subject.descriptor.bytes().try_into().unwrap())
+}
+
+/// A worker that gives each cell the counts that `answer` has for its number.
 async fn work(cluster: &Cluster, answer: impl Fn(u32) -> Vec<u32>) {
     let id = WorkerId([1; 16]);
     let introduction = Introduction::sample("one");
@@ -26,7 +32,7 @@ async fn work(cluster: &Cluster, answer: impl Fn(u32) -> Vec<u32>) {
         let poll = Poll { sequence, finished: reports, wanted: 2, ..Poll::default() };
         for (lease, task) in cluster.poll(id, poll).await.unwrap().jobs.into_iter().rev() {
             let Task::GridCell(cell) = &*task else { panic!("{task}") };
-            let outcome = Ok(TaskResult::GridCell(answer(cell.disk_um)));
+            let outcome = Ok(TaskResult::GridCell(answer(number(&cell.subject))));
             finished.push(Report { lease, run_seconds: 0.1, outcome });
         }
         tokio::task::yield_now().await; // an answer that is there at once would leave nobody else a turn
@@ -37,7 +43,7 @@ async fn evaluate(answer: impl Fn(u32) -> Vec<u32>) -> Result<Vec<(usize, Vec<u3
     let cluster = Cluster::new(LIMITS);
     let mut all = Vec::new();
     let mut client = cluster.client();
-    let evaluation = client.evaluate_cells([5_000, 6_000, 7_000].map(cell).to_vec(), |_, answers| {
+    let evaluation = client.evaluate_cells([5, 6, 7].map(cell).to_vec(), |_, answers| {
         all.extend(answers.into_iter().map(|answer| {
             assert_eq!(answer.worker_id, Some(WorkerId([1; 16])));
             (answer.place, answer.counts)
@@ -64,7 +70,7 @@ async fn a_late_copy_of_an_older_poll_does_not_silence_the_one_that_is_held_back
     let late = async {
         tokio::task::yield_now().await; // the newer one comes first
         assert_eq!(poll(1).await.unwrap_err(), PollRefusal::Stale);
-        client.evaluate_cells(vec![cell(5_000)], |_, _| Ok::<_, ClusterError>(())).await
+        client.evaluate_cells(vec![cell(5)], |_, _| Ok::<_, ClusterError>(())).await
     };
     tokio::select! {
         biased;
@@ -75,12 +81,12 @@ async fn a_late_copy_of_an_older_poll_does_not_silence_the_one_that_is_held_back
 
 #[tokio::test]
 async fn cells_are_given_with_their_place_whatever_the_order_of_arrival() {
-    let counts = evaluate(|disk_um| vec![disk_um / 1000, 0]).await.unwrap();
+    let counts = evaluate(|number| vec![number, 0]).await.unwrap();
     assert_eq!(counts, [(0, vec![5, 0]), (1, vec![6, 0]), (2, vec![7, 0])]);
 }
 
 fn evaluation() -> Evaluation {
-    Evaluation::sample(9, 9)
+    Evaluation::sample(1, 9, 9)
 }
 
 /// One worker that has taken the only job of a cluster and reports it in a poll that waits for more.
@@ -127,10 +133,10 @@ async fn a_run_whose_answers_cannot_be_kept_ends() {
 
 #[tokio::test]
 async fn a_cell_that_is_never_answered_well_is_named() {
-    let failed = evaluate(|disk_um| vec![disk_um / 1000; if disk_um == 6_000 { 3 } else { 2 }]).await;
+    let failed = evaluate(|number| vec![number; if number == 6 { 3 } else { 2 }]).await;
     let message = failed.unwrap_err().to_string();
-    assert!(message.starts_with("grid cell of R1=0.6 cm R2=2.1 cm: failed 2 times, got\n"), "{message}");
-    assert!(message.contains("one: counts: must be 2, got 3"), "{message}");
+    assert!(message.starts_with("grid cell of descriptor 6: failed 2 times, got\n"), "{message}");
+    assert!(message.contains("one: invalid result: counts: must be 2, got 3"), "{message}");
 }
 
 #[tokio::test(start_paused = true)]

@@ -14,7 +14,6 @@ use redb::{
 use super::{Entry, Header, JournalError, Recorded, record};
 use crate::events::Event;
 use crate::sharding::plan::{ShardPlan, SidePlan};
-use crate::task::TaskResult;
 
 /// One row: [`Header`].
 const HEADER: TableDefinition<&str, &[u8]> = TableDefinition::new("header");
@@ -22,8 +21,6 @@ const HEADER: TableDefinition<&str, &[u8]> = TableDefinition::new("header");
 const TALLY: TableDefinition<&str, u64> = TableDefinition::new("tally");
 /// Results by job.
 const ACCEPTED: TableDefinition<u64, &[u8]> = TableDefinition::new("accepted");
-/// Digests of descriptions by job.
-const DESCRIBED: TableDefinition<u64, &[u8]> = TableDefinition::new("described");
 /// Shards and ranges of queries and database by job of the whole evaluation.
 const PLANS: TableDefinition<u64, (u32, u32, u32, u32)> = TableDefinition::new("plans");
 /// Workers by id.
@@ -103,7 +100,6 @@ impl JournalFile {
             let mut accepted = transaction.open_table(ACCEPTED)?;
             let mut members = transaction.open_table(MEMBERS)?;
             let mut leases = transaction.open_table(LEASES)?;
-            let mut described = transaction.open_table(DESCRIBED)?;
             let mut plans = transaction.open_table(PLANS)?;
             let mut events = transaction.open_table(EVENTS)?;
             for entry in entries {
@@ -111,15 +107,11 @@ impl JournalFile {
                     Entry::Accepted(answer) => {
                         let job = answer.job.0;
                         let Some(bytes) = record::encode_accepted(answer) else { continue };
-                        match answer.result {
-                            TaskResult::Description(_) => described.insert(job, bytes.as_slice())?,
-                            _ => accepted.insert(job, bytes.as_slice())?,
-                        };
+                        accepted.insert(job, bytes.as_slice())?;
                         leases.retain_in((job, 0)..=(job, u32::MAX), |_, _| false)?;
                     }
                     Entry::Joined(id, member) => {
-                        let bytes = record::encode_member(member).map_err(std::io::Error::from)?;
-                        members.insert(&id.0, bytes.as_slice())?;
+                        members.insert(&id.0, record::encode_member(member).as_slice())?;
                     }
                     Entry::Left(id) => {
                         members.remove(&id.0)?;
@@ -129,7 +121,6 @@ impl JournalFile {
                     }
                     Entry::Retracted(job) => {
                         accepted.remove(job.0)?;
-                        described.remove(job.0)?;
                     }
                     Entry::Sharded(job, ShardPlan { query, database }) => {
                         let numbers = (query.shards, query.ranges, database.shards, database.ranges);
@@ -169,7 +160,6 @@ fn write_header(file: File, header: &Header) -> Result<(), Error> {
     transaction.open_table(ACCEPTED)?;
     transaction.open_table(MEMBERS)?;
     transaction.open_table(LEASES)?;
-    transaction.open_table(DESCRIBED)?;
     transaction.open_table(PLANS)?;
     transaction.open_table(QUARANTINED)?;
     transaction.open_table(EVENTS)?;
@@ -199,13 +189,6 @@ fn read_recorded(transaction: &ReadTransaction) -> Result<Recorded, String> {
     for_each(transaction, ACCEPTED, |job, bytes| {
         let accepted = record::decode_accepted(JobId(job), bytes);
         recorded.accepted.insert(JobId(job), accepted.ok_or_else(|| format!("no answer to job {job}"))?);
-        Ok(())
-    })?;
-    for_each(transaction, DESCRIBED, |job, bytes| {
-        let described = record::decode_described(JobId(job), bytes);
-        recorded
-            .accepted
-            .insert(JobId(job), described.ok_or_else(|| format!("no description to job {job}"))?);
         Ok(())
     })?;
     for_each(transaction, PLANS, |job, (of_query, query_ranges, of_database, database_ranges)| {

@@ -4,16 +4,14 @@ use std::fs;
 use std::time::SystemTime;
 
 use proptest::prelude::*;
+use proto::task::{Described, EvaluationResult, Match, TaskResult};
 use proto::{Digest, SessionId};
 use redb::TableHandle as _;
 use tempfile::TempDir;
 
 use super::*;
-use crate::evaluation::{EvaluationResult, Match};
-use crate::events::EventKind;
-use crate::shard::Described;
+use crate::events::{Attempt, AttemptEnd, EventKind};
 use crate::sharding::SidePlan;
-use crate::task::TaskResult;
 
 fn header() -> Header {
     Header {
@@ -138,10 +136,6 @@ fn an_event_under_another_number_or_of_no_known_kind_is_damage() {
 fn subtasks_of_evaluations_are_there_at_the_next_start() {
     let side = |shards, ranges| SidePlan { shards, ranges };
     let plan = ShardPlan { query: side(4, 2), database: side(8, 8) };
-    let described = |job: u64| {
-        let result = TaskResult::Description(Described::named(Digest([7; 32])));
-        Accepted { result, ..accepted(job, 0) }
-    };
     let entry = |job| Entry::Accepted(Box::new(described(job)));
     let holder = WorkerId([1; 16]);
     let (_folder, path) = journal(&[
@@ -161,7 +155,7 @@ fn subtasks_of_evaluations_are_there_at_the_next_start() {
 #[test]
 fn a_journal_without_one_of_its_tables_is_damaged() {
     let (_folder, path) = journal(&[answer(5, 0)]);
-    for table in ["accepted", "described", "plans", "quarantined", "events"] {
+    for table in ["accepted", "plans", "members", "leases", "quarantined", "events"] {
         let (_folder, path) = journal(&[answer(5, 0)]);
         let database = redb::Database::create(&path).unwrap();
         let transaction = database.begin_write().unwrap();
@@ -215,9 +209,9 @@ fn what_is_no_journal_is_said_to_be_damaged_or_of_another_version() {
         assert!(Header::decode(text.replace(from, to).as_bytes(), &path).is_err(), "{from}");
     }
     let text = String::from_utf8(header().encode().unwrap()).unwrap();
-    let later = text.replace("\"version\":1", "\"version\":2,\"more\":0");
+    let later = text.replace("\"version\":2", "\"version\":3,\"more\":0");
     let error = Header::decode(later.as_bytes(), &path).unwrap_err();
-    assert!(matches!(error, JournalError::Version { got: 2, .. }), "{error}");
+    assert!(matches!(error, JournalError::Version { got: 3, .. }), "{error}");
 }
 
 #[test]
@@ -267,27 +261,100 @@ proptest! {
 #[test]
 fn a_length_that_no_bytes_follow_reserves_nothing() {
     let mut bytes = record::encode_accepted(&accepted(5, 0)).unwrap();
-    let length = bytes.len();
-    bytes[length - 4..].copy_from_slice(&u32::MAX.to_le_bytes());
+    for end in 0..bytes.len() {
+        assert_eq!(record::decode_accepted(JobId(5), &bytes[..end]), None);
+    }
+    // Field 5, the evaluation, of 4 GiB.
+    let place = bytes.iter().rposition(|&byte| byte == 5 << 3 | 2).unwrap();
+    bytes.truncate(place + 1);
+    bytes.extend([0xff, 0xff, 0xff, 0xff, 0x0f]);
     assert_eq!(record::decode_accepted(JobId(5), &bytes), None);
 }
 
-/// What version 1 has written: it must be read for as long as journals of version 1 are.
+/// A header as version 1 has written it.
 #[test]
-fn records_of_version_1_are_read() {
+fn a_journal_of_version_1_is_refused_with_what_can_finish_it() {
     let text = r#"{"magic":"descry journal","version":1,"search":"seed = 1\n","experiment":"version = 1\n",
         "data_digest":"00","evaluation_version":2,"session":[7,7,7,7,7,7,7,7,7,7,7,7,7,7,7,7],
         "started_milliseconds":1700000000123}"#;
-    assert_eq!(Header::decode(text.as_bytes(), Path::new("journal")).unwrap(), header());
+    let error = Header::decode(text.as_bytes(), Path::new("journal")).unwrap_err().to_string();
+    let expected = "journal: version must be 2, got 1, written by Descry 0.1\nfinish this run with that release, or start another with --fresh";
+    assert_eq!(error, expected);
+}
 
-    let digits = "02000000d3029649000000009a9999999999b93f03030303030303030303030303030303060000007261636b2d330a00000004000000060000000200\
-        0000000000009a9999999999b93f00010000009a9999999999f13f0109000000333333333333d33f";
-    let byte = |at| u8::from_str_radix(&digits[at..at + 2], 16).unwrap();
-    let bytes: Vec<u8> = (0..digits.len()).step_by(2).map(byte).collect();
-    assert_eq!(record::decode_accepted(JobId(5), &bytes), Some(accepted(5, 2)));
+/// A journal with an entry of every kind, as this version has written it.
+const SAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/testdata/journal-v2.redb");
 
-    let text = br#"{"label":"rack-2","name":"rack","threads":4,"build":"test"}"#;
-    assert_eq!(record::decode_member(text), Some(member("rack-2")));
+fn described(job: u64) -> Accepted {
+    let result = TaskResult::Description(Described::named(Digest([7; 32])));
+    Accepted { result, ..accepted(job, 0) }
+}
+
+/// What was committed to the sample, and what has to be read from it.
+fn sample() -> (Vec<Entry>, Recorded) {
+    let [one, two] = [WorkerId([1; 16]), WorkerId([2; 16])];
+    let at = SystemTime::UNIX_EPOCH + Duration::from_millis(1_700_000_000_123);
+    let attempt = EventKind::Attempt(Attempt {
+        job: JobId(5),
+        number: 2,
+        task: "evaluation of descriptor 1".to_owned(),
+        worker: one,
+        label: "rack".to_owned(),
+        held_seconds: 0.5,
+        run_seconds: Some(0.1),
+        end: AttemptEnd::Failed("panic: out of memory".to_owned()),
+    });
+    let attempt = Event { sequence: 1, at, kind: attempt, omitted: false };
+    let side = |shards, ranges| SidePlan { shards, ranges };
+    let plan = ShardPlan { query: side(4, 2), database: side(8, 8) };
+    let credential = Some("token 1".to_owned());
+    let member = Member {
+        label: "rack".to_owned(),
+        introduction: Introduction { threads: 4, credential, ..Introduction::sample("rack") },
+    };
+    let entries = vec![
+        Entry::Joined(one, member.clone()),
+        Entry::Joined(two, member.clone()),
+        Entry::Leased(lease(8, 3), one),
+        Entry::Accepted(Box::new(accepted(5, 2))),
+        Entry::Accepted(Box::new(described(6))),
+        Entry::Accepted(Box::new(accepted(7, 0))),
+        Entry::Retracted(JobId(7)),
+        Entry::Left(two),
+        Entry::Quarantined(two),
+        happened(0, 9),
+        Entry::Event(Arc::new(attempt.clone())),
+        Entry::Sharded(JobId(9), plan),
+    ];
+    let recorded = Recorded {
+        starts: 2,
+        at_work: Duration::ZERO,
+        accepted: [(JobId(5), accepted(5, 2)), (JobId(6), described(6))].into(),
+        members: [(one, member)].into(),
+        plans: [(JobId(9), plan)].into(),
+        leases: vec![(lease(8, 3), one)],
+        quarantined: [two].into(),
+        events: vec![event(0, 9), attempt],
+    };
+    (entries, recorded)
+}
+
+/// It must be read for as long as journals of version 2 are. After a change of version:
+/// `UPDATE_EXPECT=1 cargo test --release --workspace --lib sample_of_this_version`.
+#[test]
+fn the_sample_of_this_version_is_read() {
+    let (entries, expected) = sample();
+    if std::env::var_os("UPDATE_EXPECT").is_some() {
+        let (_folder, path) = journal(&entries);
+        fs::copy(path, SAMPLE).unwrap();
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(JOURNAL_FILE);
+    fs::copy(SAMPLE, &path).unwrap();
+    let (_file, read, mut recorded) = JournalFile::open(&path).unwrap();
+    assert_eq!(read, header());
+    recorded.at_work = Duration::ZERO; // as long as it took
+    assert_eq!(recorded, expected);
 }
 
 #[tokio::test]

@@ -1,6 +1,6 @@
 //! Which evaluations are audited: given to a second worker as well.
 
-use crate::task::Task;
+use proto::task::Task;
 
 /// A share of all evaluations, chosen by their tasks and never by when they are submitted.
 ///
@@ -36,16 +36,11 @@ impl Audit {
 
 #[cfg(test)]
 mod tests {
-    use descriptor::Parameters;
-
     use super::*;
-    use crate::evaluation::Evaluation;
+    use proto::task::Evaluation;
 
-    fn task(shape_bins: u32) -> Task {
-        Task::Evaluation(Evaluation {
-            parameters: Parameters { shape_bins, ..Parameters::PAPER_BEST },
-            ..Evaluation::sample(10, 10)
-        })
+    fn task(number: u32) -> Task {
+        Task::Evaluation(Evaluation::sample(number, 10, 10))
     }
 
     #[test]

@@ -3,13 +3,13 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use proto::task::{Failure, FailureReason, Task};
 use proto::{JobId, Lease, WorkerId};
 
 use super::Scheduler;
 use crate::cost::counted_cost;
 use crate::events::{Attempt, AttemptEnd, EventKind};
 use crate::store::Job;
-use crate::task::Task;
 
 /// A job is given to an idle second worker when it has run for this many times the median of its kind.
 const PATIENCE: f64 = 1.5;
@@ -101,7 +101,8 @@ impl Scheduler {
         let late = in_hand.filter(|(_, (_, since))| now.saturating_duration_since(*since) > self.limits.job);
         for (holder, (job, _)) in late.collect::<Vec<_>>() {
             self.release(job, holder, AttemptEnd::Overdue, now);
-            let failure = format!("{}: no result within {} s", self.label(holder), self.limits.job.as_secs());
+            let seconds = self.limits.job.as_secs();
+            let failure = Failure::new(FailureReason::Overdue, format_args!("no result within {seconds} s"));
             self.count_failure(job, holder, failure);
         }
     }
@@ -190,8 +191,8 @@ impl Scheduler {
         match self.workers.get(&holder)?.works_on(id) {
             None => job.handed_out_at(holder, attempt),
             Some(since) => {
-                let median = self.run_times.median(counted_cost(&job.task))?;
-                Some(since + median.mul_f64(PATIENCE).max(Duration::from_millis(1)))
+                let expected = self.run_times.expected(counted_cost(&job.task))?;
+                Some(since + expected.mul_f64(PATIENCE).max(Duration::from_millis(1)))
             }
         }
     }

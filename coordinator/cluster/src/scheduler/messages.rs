@@ -1,12 +1,13 @@
 //! What goes into the scheduler and what comes out of it.
 
+use std::fmt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use proto::task::{Failure, FailureReason, Report, Task, TaskResult};
 use proto::{JobId, Lease, WorkerId};
 
 use crate::events::EventKind;
-use crate::task::{Task, TaskResult};
 
 /// What one worker says in one poll.
 #[derive(Debug, Default)]
@@ -21,17 +22,6 @@ pub struct Poll {
     pub wanted: usize,
     /// The worker is about to stop.
     pub leaving: bool,
-}
-
-/// A finished lease.
-#[derive(Clone, Debug)]
-pub struct Report {
-    /// Which lease.
-    pub lease: Lease,
-    /// Seconds on the worker's clock.
-    pub run_seconds: f64,
-    /// The result, or why there is none.
-    pub outcome: Result<TaskResult, String>,
 }
 
 /// What a poll is answered with.
@@ -116,13 +106,35 @@ pub enum Doubt {
     Quarantined(WorkerId),
 }
 
-/// A job that failed as often as the limit allows.
+/// A job that failed as often as the limit allows, or is malformed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct JobFailed {
     /// The task.
     pub task: Arc<Task>,
-    /// `worker: reason` of every failure, oldest first.
-    pub failures: Vec<String>,
+    /// Every failure, oldest first.
+    pub failures: Vec<WorkerFailure>,
+}
+
+/// One worker's failure at a job.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct WorkerFailure {
+    /// Label of the worker.
+    pub worker: String,
+    /// Why there is no result.
+    pub failure: Failure,
+}
+
+impl JobFailed {
+    /// Whether the job cannot be carried out by any worker of this release.
+    pub fn is_malformed(&self) -> bool {
+        self.failures.iter().any(|one| one.failure.reason == FailureReason::InvalidJob)
+    }
+}
+
+impl fmt::Display for WorkerFailure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.worker, self.failure)
+    }
 }
 
 /// Whether there are workers.

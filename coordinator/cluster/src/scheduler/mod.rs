@@ -16,16 +16,16 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use proto::task::{Failure, FailureReason, Subject, Task};
 use proto::{JobId, Lease, WorkerId};
 
 pub use crate::events::Introduction;
 use crate::events::{AttemptEnd, Departure, EventKind};
 use crate::store::{Job, JobStore};
-use crate::task::Task;
 pub use audit::Audit;
 pub use fair_queue::ClientId;
 pub use messages::{
-    Answer, Doubt, Emitted, Finished, JobFailed, Poll, PollRefusal, RegisterRefusal, Report, Staffing,
+    Answer, Doubt, Emitted, Finished, JobFailed, Poll, PollRefusal, RegisterRefusal, Staffing, WorkerFailure,
 };
 use queue::Queue;
 use run_times::RunTimes;
@@ -35,6 +35,9 @@ use worker::{Worker, WorkerIdentity};
 const STARVING_AFTER: Duration = Duration::from_secs(10);
 /// … and again after so long.
 const STARVING_AGAIN: Duration = Duration::from_secs(120);
+
+/// Whether bytes can be the description of so many clouds under a descriptor; what is wrong with them, if not.
+pub type CheckDescription = fn(&Subject, &[u8], u32) -> Result<(), String>;
 
 /// Bounds that the experiment sets.
 #[derive(Clone, Copy, Debug)]
@@ -53,6 +56,8 @@ pub struct Limits {
     pub max_workers: usize,
     /// Which evaluations two workers have to agree on.
     pub audit: Audit,
+    /// Looks into descriptions, which only the crate `descriptor` reads.
+    pub check_description: CheckDescription,
 }
 
 #[cfg(test)]
@@ -66,6 +71,7 @@ impl Limits {
         worker_grace: Duration::from_secs(300),
         max_workers: 4,
         audit: Audit::NONE,
+        check_description: |_, _, _| Ok(()),
     };
 }
 
@@ -128,7 +134,7 @@ impl Scheduler {
         }
     }
 
-    /// Adds a job under its name ([`Names`](crate::task::Names)). Clients are served in turn; the jobs of one are handed out in
+    /// Adds a job under its name ([`JobNames`](crate::job_names::JobNames)). Clients are served in turn; the jobs of one are handed out in
     /// the order of submission. A job that a worker was given by an earlier start is still its own.
     pub fn submit(&mut self, id: JobId, task: Arc<Task>, client: ClientId, now: Instant) {
         self.abandon(id, now); // of the same name before the run began again
@@ -374,7 +380,8 @@ impl Scheduler {
         for &(job, _) in &leases {
             self.release(job, id, AttemptEnd::Gone(why), now);
             if why == Departure::Lost {
-                self.count_loss(job, format!("{label}: lost: {}", why.reason()));
+                let failure = Failure::new(FailureReason::Lost, why.reason());
+                self.count_loss(job, WorkerFailure { worker: label.clone(), failure });
             }
         }
         self.workers.remove(&id);

@@ -8,17 +8,19 @@ use std::collections::BTreeSet;
 use proptest::prelude::*;
 
 use super::*;
-use crate::evaluation::{Evaluation, EvaluationResult};
+use crate::events::Attempt;
+use crate::job_names::JobNames;
 use crate::store::UNRECORDED;
-use crate::task::{Names, TaskResult};
+use proto::Digest;
+use proto::task::{Described, Evaluation, EvaluationResult, Report, TaskResult};
 
 const LIMITS: Limits = Limits { max_failures: 3, ..Limits::SAMPLE };
 
 fn evaluation() -> Arc<Task> {
-    Arc::new(Task::Evaluation(Evaluation::sample(10, 10)))
+    Arc::new(Task::Evaluation(Evaluation::sample(1, 10, 10)))
 }
 
-fn result(queries: u32) -> Result<TaskResult, String> {
+fn result(queries: u32) -> Result<TaskResult, Failure> {
     Ok(TaskResult::Evaluation(EvaluationResult {
         queries,
         object_correct: 4,
@@ -27,7 +29,11 @@ fn result(queries: u32) -> Result<TaskResult, String> {
     }))
 }
 
-fn good() -> Result<TaskResult, String> {
+fn panicked(message: &str) -> Result<TaskResult, Failure> {
+    Err(Failure::new(FailureReason::Panic, message))
+}
+
+fn good() -> Result<TaskResult, Failure> {
     result(10)
 }
 
@@ -38,7 +44,7 @@ fn worker(number: u8) -> WorkerId {
 /// A scheduler with a clock that only tests move, and a sequence number for each poll.
 struct Bench {
     scheduler: Scheduler,
-    names: Names,
+    names: JobNames,
     now: Instant,
     sequence: u64,
 }
@@ -47,7 +53,7 @@ impl Bench {
     fn new(workers: u8) -> Self {
         let mut bench = Self {
             scheduler: Scheduler::new(LIMITS),
-            names: Names::default(),
+            names: JobNames::default(),
             now: Instant::now(),
             sequence: 0,
         };
@@ -85,7 +91,7 @@ impl Bench {
         self.poll(number, &[], 1).jobs[0].0
     }
 
-    fn report(&mut self, number: u8, lease: Lease, outcome: Result<TaskResult, String>) -> Answer {
+    fn report(&mut self, number: u8, lease: Lease, outcome: Result<TaskResult, Failure>) -> Answer {
         let finished = vec![Report { lease, run_seconds: 0.5, outcome }];
         self.try_poll(number, Poll { finished, ..Poll::default() }).unwrap()
     }
@@ -221,7 +227,7 @@ fn a_failed_job_goes_to_another_worker_and_ends_after_the_limit() {
     let mut bench = Bench::new(2);
     let job = bench.submit();
     let lease = bench.take(1);
-    bench.report(1, lease, Err("panic: index out of bounds".to_owned()));
+    bench.report(1, lease, panicked("index out of bounds"));
     assert!(bench.poll(1, &[], 1).jobs.is_empty(), "not where it failed, while another worker is there");
     let lease = bench.take(2);
     assert_eq!((lease.job, lease.attempt), (job, 2));
@@ -229,16 +235,65 @@ fn a_failed_job_goes_to_another_worker_and_ends_after_the_limit() {
     bench.report(2, lease, result(11));
     assert_eq!(bench.scheduler.failed(), None);
     let lease = bench.take(1); // it failed everywhere: anyone may try again
-    bench.report(1, lease, Err("panic: index out of bounds".to_owned()));
+    bench.report(1, lease, panicked("index out of bounds"));
     let failed = bench.scheduler.failed().unwrap();
+    let failures: Vec<String> = failed.failures.iter().map(ToString::to_string).collect();
     assert_eq!(
-        failed.failures,
+        failures,
         [
             "host: panic: index out of bounds",
-            "host-2: queries: must be 10, got 11",
+            "host-2: invalid result: queries: must be 10, got 11",
             "host: panic: index out of bounds"
         ]
     );
+    assert!(!failed.is_malformed());
+}
+
+#[test]
+fn a_malformed_job_fails_at_once_and_whatever_else_goes_wrong_is_tried_elsewhere() {
+    use FailureReason::*;
+    for reason in [Other, Data, Panic, Cloud, Description, InvalidResult, InvalidJob] {
+        let mut bench = Bench::new(2);
+        bench.submit();
+        let lease = bench.take(1);
+        bench.report(1, lease, Err(Failure::new(reason, "what")));
+        let failed = bench.scheduler.failed();
+        assert_eq!(failed.is_some(), reason == InvalidJob, "{reason}");
+        assert!(failed.is_none_or(JobFailed::is_malformed));
+        if let Some(failed) = failed {
+            let message = crate::ClusterError::JobFailed(failed.clone()).to_string();
+            let expected =
+                "evaluation of descriptor 1: malformed, got\n  host: invalid job: what\nuse workers of";
+            assert!(message.starts_with(expected), "{message}");
+        } else {
+            assert_eq!(bench.take(2).attempt, 2, "{reason}");
+        }
+    }
+}
+
+#[test]
+fn a_description_that_its_family_refuses_is_a_failure() {
+    let mut bench = Bench::new(1);
+    bench.scheduler.limits.check_description = |_, bytes, clouds| match bytes[0] {
+        0 => Ok(()),
+        first => Err(format!("{clouds} clouds, got {first}")),
+    };
+    let shard =
+        proto::task::Description { subject: Subject::sample(1), manifest: Digest([1; 32]), clouds: 3 };
+    let task = Arc::new(Task::Description(shard));
+    bench.scheduler.submit(task.job(0), Arc::clone(&task), ClientId(1), bench.now);
+    let described = |byte| Ok(TaskResult::Description(Described::new(vec![byte; 24])));
+    let lease = bench.take(1);
+    bench.report(1, lease, described(7));
+    assert_eq!(bench.scheduler.drain_finished(), []);
+    let lease = bench.take(1);
+    bench.report(1, lease, described(0));
+    assert_eq!(bench.scheduler.drain_finished().len(), 1);
+    let failed = bench.scheduler.drain_events().into_iter().find_map(|event| match event.kind {
+        EventKind::Attempt(Attempt { end: AttemptEnd::Failed(reason), .. }) => Some(reason),
+        _ => None,
+    });
+    assert_eq!(failed.as_deref(), Some("invalid result: 3 clouds, got 7"));
 }
 
 #[test]
@@ -250,14 +305,14 @@ fn a_failure_on_a_lease_that_was_given_up_is_not_counted() {
     bench.join(1).unwrap();
     bench.join(2).unwrap();
     let again = bench.take(2);
-    bench.report(1, lost, Err("late".to_owned()));
+    bench.report(1, lost, panicked("late"));
     assert_eq!(bench.poll(2, &[again], 0).revoked, []);
-    bench.report(2, again, Err("first".to_owned()));
+    bench.report(2, again, panicked("first"));
     let third = bench.take(1);
-    bench.report(1, third, Err("second".to_owned()));
+    bench.report(1, third, panicked("second"));
     assert_eq!(bench.scheduler.failed(), None, "two failures of three");
     let fourth = bench.take(2);
-    bench.report(2, fourth, Err("third".to_owned()));
+    bench.report(2, fourth, panicked("third"));
     assert_eq!(bench.scheduler.failed().unwrap().failures.len(), 3);
 }
 

@@ -3,9 +3,11 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use proto::task::{Described, Failure, FailureReason, InvalidResult, Report, Task, TaskResult};
 use proto::{JobId, Lease, WorkerId};
 
-use super::{Doubt, Emitted, Finished, JobFailed, Report, Scheduler};
+use super::messages::WorkerFailure;
+use super::{Doubt, Emitted, Finished, JobFailed, Scheduler};
 use crate::events::{AttemptEnd, Departure, EventKind};
 use crate::store::{Job, Vote};
 
@@ -20,7 +22,7 @@ impl Scheduler {
         let Some(handed_out) = job.handed_out_at(id, attempt).filter(|_| !job.answered_by(id)) else {
             return;
         };
-        match report.outcome.and_then(|result| job.task.check(&result).map(|()| result)) {
+        match report.outcome.and_then(|result| self.checked(&job.task, result)) {
             Ok(result) => {
                 let vote = Vote {
                     worker: id,
@@ -34,14 +36,26 @@ impl Scheduler {
                 self.count_vote(job_id, vote, now);
             }
             // A failure on a lease that was given up has been counted when it was.
-            Err(reason) if job.lease_of(id) == Some(attempt) => {
-                let failure = format!("{}: {reason}", self.label(id));
-                self.end_lease(job_id, id, AttemptEnd::Failed(reason), Some(report.run_seconds), now);
+            Err(failure) if job.lease_of(id) == Some(attempt) => {
+                let end = AttemptEnd::Failed(failure.to_string());
+                self.end_lease(job_id, id, end, Some(report.run_seconds), now);
                 self.refile(job_id);
                 self.count_failure(job_id, id, failure);
             }
             Err(_) => {}
         }
+    }
+
+    /// The result, if it can be one of this task.
+    fn checked(&self, task: &Task, result: TaskResult) -> Result<TaskResult, Failure> {
+        task.check(&result)?;
+        if let (Task::Description(shard), TaskResult::Description(Described { bytes: Some(bytes), .. })) =
+            (task, &result)
+        {
+            (self.limits.check_description)(&shard.subject, bytes, shard.clouds)
+                .map_err(InvalidResult::Description)?;
+        }
+        Ok(result)
     }
 
     fn count_vote(&mut self, job_id: JobId, vote: Vote, now: Instant) {
@@ -199,18 +213,22 @@ impl Scheduler {
         self.workers.keys().any(|id| !job.answered_by(*id))
     }
 
-    pub(super) fn count_failure(&mut self, job_id: JobId, id: WorkerId, failure: String) {
+    /// Counts a failure by its reason. A malformed job is as malformed to every other worker, so that it fails at once;
+    /// whatever else went wrong may go right elsewhere.
+    pub(super) fn count_failure(&mut self, job_id: JobId, id: WorkerId, failure: Failure) {
+        let (worker, max_failures) = (self.label(id), self.limits.max_failures as usize);
         // Once its result counts, a job has nothing to fail at.
         let Some(job) = self.jobs.get_mut(job_id).filter(|job| job.needs() > 0) else { return };
-        job.failures.push((id, failure));
-        if job.failures.len() >= self.limits.max_failures as usize && self.failed.is_none() {
+        let malformed = failure.reason == FailureReason::InvalidJob;
+        job.failures.push((id, WorkerFailure { worker, failure }));
+        if (malformed || job.failures.len() >= max_failures) && self.failed.is_none() {
             let failures = job.failures.iter().map(|(_, failure)| failure.clone()).collect();
             self.failed = Some(JobFailed { task: Arc::clone(&job.task), failures });
         }
     }
 
     /// A worker went with the job in hand: no fault of the job's, until it has happened too often.
-    pub(super) fn count_loss(&mut self, job_id: JobId, loss: String) {
+    pub(super) fn count_loss(&mut self, job_id: JobId, loss: WorkerFailure) {
         let Some(job) = self.jobs.get_mut(job_id).filter(|job| job.needs() > 0) else { return };
         job.losses.push(loss);
         if job.losses.len() >= self.limits.max_losses as usize && self.failed.is_none() {

@@ -3,13 +3,12 @@
 use std::sync::Arc;
 
 use proto::JobId;
+use proto::task::{Evaluation, EvaluationResult, Task, TaskResult};
 
 use super::plan::ShardPlan;
 use super::sharded::{ShardedEvaluation, Subtask};
 use super::side::Side;
-use crate::evaluation::{Evaluation, EvaluationResult};
 use crate::scheduler::messages::Finished;
-use crate::task::{Task, TaskResult};
 
 /// An evaluation with how it is sharded, if it is.
 pub type Planned = (Evaluation, Option<(ShardPlan, [Arc<Side>; 2])>);

@@ -2,13 +2,12 @@
 
 use std::collections::VecDeque;
 
-use crate::cost::{CountedCost, Work, counted_cost};
-use crate::task::Task;
+use proto::task::{Task, TaskKind};
 
-/// Describing one cloud on one thread of the machine of the figures in `tests/benches`, seconds.
-const CLOUD_SECONDS: f64 = 60e-6;
-/// Matching one pair of clouds on it, seconds.
-const PAIR_SECONDS: f64 = 60e-9;
+use crate::cost::{CountedCost, counted_cost};
+
+/// One unit of counted cost on one thread of the machine of the figures in `tests/benches`, seconds.
+const UNIT_SECONDS: f64 = 1e-9;
 /// Measurements a median is taken of.
 const RECENT: usize = 63;
 /// A factor beyond these is none of a machine's.
@@ -29,26 +28,26 @@ pub struct Costs {
 struct Factor(VecDeque<f64>);
 
 impl Costs {
-    /// So many seconds of one worker for describing clouds.
-    pub fn describing(&self, clouds: u64) -> f64 {
-        clouds as f64 * CLOUD_SECONDS * self.clouds.median().or(self.whole.median()).unwrap_or(1.0)
+    /// Seconds of one worker for describing clouds of so much counted cost.
+    pub fn describing(&self, cost: u64) -> f64 {
+        cost as f64 * UNIT_SECONDS * self.clouds.median().or(self.whole.median()).unwrap_or(1.0)
     }
 
-    /// So many seconds of one worker for matching pairs of clouds.
-    pub fn matching(&self, pairs: u64) -> f64 {
-        pairs as f64 * PAIR_SECONDS * self.pairs.median().or(self.whole.median()).unwrap_or(1.0)
+    /// Seconds of one worker for matching pairs of clouds of so much counted cost.
+    pub fn matching(&self, cost: u64) -> f64 {
+        cost as f64 * UNIT_SECONDS * self.pairs.median().or(self.whole.median()).unwrap_or(1.0)
     }
 
     /// Takes in what a task has taken.
     pub fn observe(&mut self, task: &Task, seconds: f64) {
-        let CountedCost { work, clouds, pairs } = counted_cost(task);
-        let factor = seconds / (clouds as f64 * CLOUD_SECONDS + pairs as f64 * PAIR_SECONDS);
-        match work {
-            Work::Evaluation => self.whole.add(factor),
-            Work::Description => self.clouds.add(factor),
-            Work::Tile => self.pairs.add(factor),
-            Work::GridCell | Work::FixedDescription(..) => {} // never sharded
-        }
+        let CountedCost { kind, units } = counted_cost(task);
+        let factor = match kind {
+            TaskKind::Evaluation => &mut self.whole,
+            TaskKind::Description => &mut self.clouds,
+            TaskKind::Tile => &mut self.pairs,
+            TaskKind::GridCell => return, // never sharded
+        };
+        factor.add(seconds / (units as f64 * UNIT_SECONDS));
     }
 
     /// Those of machines that are slower by this.
@@ -81,41 +80,35 @@ impl Factor {
 
 #[cfg(test)]
 mod tests {
-    use descriptor::{Descriptor, Parameters};
     use proto::Digest;
+    use proto::task::{Description, Evaluation};
 
     use super::*;
-    use crate::evaluation::Evaluation;
-    use crate::shard::Description;
 
     #[test]
     fn predictions_follow_the_median_of_what_recent_tasks_took() {
-        let (parameters, manifest) = (Parameters::PAPER_BEST, Digest([0; 32]));
-        let evaluation = Evaluation { parameters, ..Evaluation::sample(1000, 1000) };
+        let evaluation = Evaluation::sample(1, 1000, 1000);
+        let (subject, manifest) = (evaluation.subject.clone(), Digest([0; 32]));
         let mut costs = Costs::default();
-        let [describing, matching] = [costs.describing(2000), costs.matching(1_000_000)];
+        let [describing, matching] = [costs.describing(120_000_000), costs.matching(60_000_000)];
         let whole = Task::Evaluation(evaluation);
         costs.observe(&whole, 3.0 * (describing + matching));
         let about =
             |seconds: f64, expected: f64| assert!((seconds / expected - 1.0).abs() < 1e-9, "{seconds}");
-        about(costs.describing(2000), 3.0 * describing);
-        about(costs.matching(1_000_000), 3.0 * matching);
+        about(costs.describing(120_000_000), 3.0 * describing);
+        about(costs.matching(60_000_000), 3.0 * matching);
 
         // What was measured by itself counts before what was measured with something else.
-        let shard = Task::Description(Description {
-            descriptor: Descriptor::DiskRing(parameters),
-            manifest,
-            clouds: 1000,
-        });
+        let shard = Task::Description(Description { subject, manifest, clouds: 1000 });
         for factor in [2.0, 2.0, 1e9] {
             costs.observe(&shard, factor * describing / 2.0);
         }
-        about(costs.describing(2000), 2.0 * describing);
-        about(costs.matching(1_000_000), 3.0 * matching);
+        about(costs.describing(120_000_000), 2.0 * describing);
+        about(costs.matching(60_000_000), 3.0 * matching);
         for _ in 0..RECENT {
             costs.observe(&shard, f64::INFINITY);
         }
-        about(costs.describing(2000), FACTORS[1] * describing);
+        about(costs.describing(120_000_000), FACTORS[1] * describing);
         assert_eq!(costs.clouds.0.len(), RECENT);
     }
 }

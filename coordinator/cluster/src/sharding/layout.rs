@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use proto::Digest;
+use proto::task::Evaluation;
 
 use super::batch::Planned;
 use super::plan::{ShardPlan, SidePlan};
 use super::side::Side;
 use crate::blobs::BlobStore;
-use crate::evaluation::Evaluation;
 
 /// Sides that were laid out, by splits and number of shards.
 #[derive(Default)]

@@ -2,9 +2,7 @@
 
 use std::cmp::Ordering;
 
-use descriptor::Label;
-
-use crate::evaluation::Match;
+use proto::task::{Label, Match};
 
 /// The matches of some queries with the part of the database that was looked at so far.
 #[derive(Clone, Debug, Default)]

@@ -4,7 +4,6 @@
 mod batch;
 mod costs;
 mod layout;
-mod listing;
 mod merge;
 pub mod plan;
 mod planner;

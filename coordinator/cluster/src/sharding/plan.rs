@@ -3,11 +3,10 @@
 use std::num::NonZeroU32;
 use std::ops::Range;
 
-use descriptor::Descriptor;
 use proto::MAX_DESCRIPTION_BYTES;
+use proto::task::{Evaluation, Facts};
 
 use super::costs::Costs;
-use crate::evaluation::Evaluation;
 
 /// A shard or tile that is predicted to take less is not worth its overhead, seconds.
 const LEAST_SECONDS: f64 = 0.1;
@@ -67,8 +66,9 @@ impl ShardPlan {
                 let wanted = (SHARDS_PER_WORKER * load.workers).div_ceil(load.jobs.max(1));
                 let wanted = u32::try_from(wanted).unwrap_or(MAX_SHARDS).min(MAX_SHARDS);
                 let worth_while = |seconds: f64| (seconds / LEAST_SECONDS) as u32;
-                let clouds = u64::from(queries) + u64::from(database);
-                let pairs = u64::from(queries) * u64::from(database);
+                let Facts { cloud_cost, pair_cost, .. } = evaluation.subject.facts;
+                let clouds = (u64::from(queries) + u64::from(database)).saturating_mul(cloud_cost);
+                let pairs = (u64::from(queries) * u64::from(database)).saturating_mul(pair_cost);
                 // Of few sizes: each has manifests of its own.
                 let shards = previous_power(worth_while(costs.describing(clouds)));
                 (shards.min(wanted.next_power_of_two()), worth_while(costs.matching(pairs)).min(wanted))
@@ -78,8 +78,9 @@ impl ShardPlan {
             return None;
         }
         let [of_query, of_database] = tile_sides(tiles, queries, database);
-        let descriptor = Descriptor::DiskRing(evaluation.parameters);
-        let least = |clouds| descriptor.signature_bytes(clouds).div_ceil(MAX_DESCRIPTION_BYTES);
+        let length =
+            |clouds: u32| u64::from(clouds).saturating_mul(evaluation.subject.facts.description_bytes);
+        let least = |clouds| length(clouds).div_ceil(MAX_DESCRIPTION_BYTES);
         let side = |clouds: u32, ranges: u32| {
             let share = u64::from(shards) * u64::from(clouds) / (u64::from(queries) + u64::from(database));
             let shards = share.max(least(clouds)).max(u64::from(ranges));
@@ -90,7 +91,7 @@ impl ShardPlan {
         // A cloud that no message can describe is described where it is matched.
         let fits = |SidePlan { shards, .. }: SidePlan, clouds: u32| {
             let largest = clouds.div_ceil(shards);
-            descriptor.signature_bytes(largest) <= MAX_DESCRIPTION_BYTES
+            length(largest) <= MAX_DESCRIPTION_BYTES
         };
         (fits(plan.query, queries) && fits(plan.database, database)).then_some(plan)
     }
@@ -125,13 +126,17 @@ fn previous_power(number: u32) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use descriptor::Parameters;
     use proptest::prelude::*;
 
     use super::*;
 
+    /// Bytes of a cloud's description under the paper's best descriptor.
+    const SIGNATURE: u64 = 1504;
+
     fn evaluation(queries: u32, database_clouds: u32) -> Evaluation {
-        Evaluation::sample(queries, database_clouds)
+        let mut evaluation = Evaluation::sample(1, queries, database_clouds);
+        evaluation.subject.facts.description_bytes = SIGNATURE;
+        evaluation
     }
 
     fn fixed(count: u32) -> ShardCount {
@@ -176,6 +181,20 @@ mod tests {
     }
 
     #[test]
+    fn what_costs_more_is_divided_more_finely() {
+        let plan = |factor: u64| {
+            let mut evaluation = evaluation(1000, 1000);
+            let Facts { cloud_cost, pair_cost, .. } = &mut evaluation.subject.facts;
+            (*cloud_cost, *pair_cost) = (*cloud_cost * factor, *pair_cost * factor);
+            ShardPlan::of(&evaluation, ShardCount::Auto, Load { jobs: 10, workers: 1000 }, &Costs::default())
+        };
+        assert_eq!(plan(1), None, "some tenths of a second");
+        let dear = plan(100).unwrap();
+        assert_eq!((dear.query.ranges, dear.database.ranges), (8, 7));
+        assert_eq!(dear.query.shards + dear.database.shards, 64);
+    }
+
+    #[test]
     fn a_fixed_number_is_kept_as_far_as_there_are_clouds() {
         let load = Load { jobs: 100, workers: 1 };
         let plan = |count, queries, database| {
@@ -195,12 +214,9 @@ mod tests {
         let huge = evaluation(1_000_000, 10);
         let plan = ShardPlan::of(&huge, fixed(2), load, &Costs::default()).unwrap();
         let largest = shares(1_000_000, plan.query.shards).map(|share| share.len() as u32).max().unwrap();
-        assert!(
-            Descriptor::DiskRing(huge.parameters).signature_bytes(largest) <= MAX_DESCRIPTION_BYTES,
-            "{plan:?}"
-        );
-        let vast = Parameters { colour_bins: 1000, ..Parameters::PAPER_BEST };
-        let undescribable = Evaluation { parameters: vast, ..evaluation(10, 10) };
+        assert!(u64::from(largest) * SIGNATURE <= MAX_DESCRIPTION_BYTES, "{plan:?}");
+        let mut undescribable = evaluation(10, 10);
+        undescribable.subject.facts.description_bytes = MAX_DESCRIPTION_BYTES + 1;
         assert_eq!(ShardPlan::of(&undescribable, fixed(4), load, &Costs::default()), None);
     }
 

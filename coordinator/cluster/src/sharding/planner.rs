@@ -2,12 +2,11 @@
 //! shards and tiles.
 
 use proto::JobId;
+use proto::task::{Evaluation, Task};
 
 use super::costs::Costs;
 use super::plan::{Load, ShardCount, ShardPlan};
-use crate::evaluation::Evaluation;
 use crate::store::JobStore;
-use crate::task::Task;
 
 /// Decides by what the experiment says and what recent tasks took; the store of jobs remembers what was decided.
 #[derive(Default)]

@@ -5,16 +5,13 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
-use descriptor::{Correct, Descriptor};
+use proto::task::{Described, Description, Evaluation, EvaluationResult, Task, TaskResult, Tile};
 use proto::{Digest, JobId, WorkerId};
 
 use super::merge::Merged;
 use super::plan::{ShardPlan, shares};
 use super::side::Side;
-use crate::evaluation::{Evaluation, EvaluationResult};
 use crate::scheduler::messages::Finished;
-use crate::shard::{Described, Description, Tile};
-use crate::task::{Task, TaskResult};
 
 /// A shard or a tile of an evaluation. Side 0 are the queries, side 1 is the database.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -101,7 +98,7 @@ impl ShardedEvaluation {
         for (side, half) in self.halves.iter().enumerate() {
             for (index, shard) in half.side.shards.iter().enumerate() {
                 let description = Description {
-                    descriptor: Descriptor::DiskRing(self.evaluation.parameters),
+                    subject: self.evaluation.subject.clone(),
                     manifest: shard.manifest,
                     clouds: shard.clouds.len() as u32,
                 };
@@ -157,15 +154,15 @@ impl ShardedEvaluation {
         let [query, database] = &self.halves;
         Some(Tile {
             evaluation: Evaluation {
-                parameters: self.evaluation.parameters,
+                subject: self.evaluation.subject.clone(),
                 query: query.manifests(ranges[0]),
                 database: database.manifests(ranges[1]),
                 queries: query.clouds(ranges[0]).len() as u32,
                 database_clouds: database.clouds(ranges[1]).len() as u32,
                 want_matches: true,
             },
-            query_parts: query.descriptions(ranges[0])?,
-            database_parts: database.descriptions(ranges[1])?,
+            query_descriptions: query.descriptions(ranges[0])?,
+            database_descriptions: database.descriptions(ranges[1])?,
         })
     }
 
@@ -176,15 +173,17 @@ impl ShardedEvaluation {
         }
         let matches = std::mem::take(&mut self.merged).finish();
         let [queries, database] = self.halves.each_ref().map(|half| &half.side.labels[..]);
-        let correct = Correct::of_nearest(matches.iter().map(|found| found.nearest), queries, database);
+        let pairs = || matches.iter().map(|found| &database[found.nearest as usize]).zip(queries);
+        let object_correct = pairs().filter(|(found, query)| found.instance == query.instance).count();
+        let category_correct = pairs().filter(|(found, query)| found.category == query.category).count();
         let count = self.workers.len();
         let (worker_id, label) = std::mem::take(&mut self.workers).pop_first()?;
         Some(Finished {
             job,
             result: EvaluationResult {
                 queries: queries.len() as u32,
-                object_correct: correct.object as u32,
-                category_correct: correct.category as u32,
+                object_correct: object_correct as u32,
+                category_correct: category_correct as u32,
                 matches: if self.evaluation.want_matches { matches } else { Vec::new() },
             },
             worker_id,

@@ -2,10 +2,9 @@
 
 use std::ops::Range;
 
-use descriptor::Label;
 use proto::Digest;
+use proto::task::{CloudEntry, Label, SplitManifest};
 
-use super::listing::Listing;
 use super::plan::shares;
 use crate::blobs::BlobStore;
 
@@ -31,16 +30,17 @@ impl Side {
     /// Divides the `clouds` clouds of some splits, one after the other, into shards, and releases their manifests; `None`
     /// if a split is not released, or they list other clouds.
     pub fn publish(splits: &[Digest], clouds: u32, shards: u32, blobs: &BlobStore) -> Option<Self> {
-        let mut listing = Listing::default();
+        let mut listed: Vec<CloudEntry> = Vec::new();
         for split in splits {
-            listing.append(&blobs.read(*split).ok()?)?;
+            listed.extend(SplitManifest::decode(&blobs.read(*split).ok()?).ok()?.clouds);
         }
-        let labels = listing.labels();
-        if labels.len() != clouds as usize || !(1..=clouds).contains(&shards) {
+        if listed.len() != clouds as usize || !(1..=clouds).contains(&shards) {
             return None;
         }
+        let labels = listed.iter().map(|cloud| cloud.label).collect();
         let shard = |clouds: Range<u32>| {
-            let manifest = listing.manifest(clouds.start as usize..clouds.end as usize);
+            let (split, listed) = (String::new(), &listed[clouds.start as usize..clouds.end as usize]);
+            let manifest = SplitManifest { split, clouds: listed.to_vec() }.encode();
             Shard { manifest: blobs.publish_bytes(manifest), clouds }
         };
         let shards = shares(clouds, shards).map(shard).collect();

@@ -3,20 +3,20 @@
 use std::time::Duration;
 
 use descriptor::recognise::recognise_from;
-use descriptor::{Correct, DistanceMatrix, Label, Parameters, Signature, Signatures};
+use descriptor::{Correct, DistanceMatrix, Signature, Signatures};
 use proptest::prelude::*;
-use prost::Message as _;
-use proto::{Digest, JobId, Lease, WorkerId, v1};
+use proto::task::{
+    CloudEntry, Described, Evaluation, EvaluationResult, Label, Match, SplitManifest, Subject, Task,
+    TaskResult, Tile,
+};
+use proto::{Digest, JobId, Lease, WorkerId};
 
 use super::batch::Planned;
 use super::*;
 use crate::blobs::BlobStore;
-use crate::evaluation::{Evaluation, EvaluationResult, Match};
 use crate::journal::Recorded;
 use crate::scheduler::messages::Finished;
-use crate::shard::{Described, Tile};
 use crate::store::JobStore;
-use crate::task::{Task, TaskResult};
 
 /// A cloud whose descriptor is one number, so that few numbers make many equal distances.
 #[derive(Clone, Copy, Debug)]
@@ -34,15 +34,14 @@ struct World {
 impl World {
     /// The manifest of some clouds, which are told apart by where they are.
     fn publish(&self, name: &str, clouds: &[Toy]) -> Digest {
-        let entry = |(index, cloud): (usize, &Toy)| v1::ManifestCloud {
-            digest: vec![cloud.number; 32],
+        let entry = |(index, cloud): (usize, &Toy)| CloudEntry {
+            digest: Digest([cloud.number; 32]),
             bytes: 1,
-            category: cloud.instance / 2,
-            instance: cloud.instance,
+            label: label(cloud),
             path: format!("{name}/{index}/{}", cloud.number),
         };
         let clouds = clouds.iter().enumerate().map(entry).collect();
-        self.blobs.publish_bytes(v1::SplitManifest { split: name.to_owned(), clouds }.encode_to_vec())
+        self.blobs.publish_bytes(SplitManifest { split: name.to_owned(), clouds }.encode())
     }
 
     /// The clouds of manifests, shards among them.
@@ -50,8 +49,10 @@ impl World {
         let mut clouds = Vec::new();
         for manifest in manifests {
             let bytes = self.blobs.read(*manifest).unwrap();
-            let listed = v1::SplitManifest::decode(&bytes[..]).unwrap().clouds;
-            clouds.extend(listed.iter().map(|one| Toy { number: one.digest[0], instance: one.instance }));
+            let listed = SplitManifest::decode(&bytes).unwrap().clouds;
+            clouds.extend(
+                listed.iter().map(|one| Toy { number: one.digest.0[0], instance: one.label.instance }),
+            );
         }
         clouds
     }
@@ -59,10 +60,13 @@ impl World {
     /// What a worker reports for an evaluation.
     fn evaluate(&self, evaluation: &Evaluation) -> EvaluationResult {
         let [queries, database] = [&evaluation.query, &evaluation.database].map(|side| self.clouds(side));
-        let labels = [&queries, &database].map(|side| side.iter().map(label).collect::<Vec<Label>>());
+        let label = |cloud: &Toy| {
+            let Label { category, instance } = label(cloud);
+            descriptor::Label { category, instance }
+        };
+        let labels = [&queries, &database].map(|side| side.iter().map(label).collect::<Vec<_>>());
         let distances = DistanceMatrix::new(&signatures(&queries), &signatures(&database));
-        let weight = evaluation.parameters.shape_weight();
-        let channels = [(&distances, weight), (&distances, 1.0 - weight)];
+        let channels = [(&distances, 0.67), (&distances, 1.0 - 0.67)];
         let found = recognise_from(queries.len(), &channels, &labels[1]).unwrap();
         let correct = Correct::count(&found, &labels[0], &labels[1]);
         let matches = found.iter().map(|found| Match {
@@ -86,10 +90,10 @@ impl World {
                 assert_eq!(self.clouds(&[shard.manifest]).len(), shard.clouds as usize);
                 TaskResult::Description(described(shard.manifest))
             }
-            Task::Tile(Tile { evaluation, query_parts, database_parts }) => {
+            Task::Tile(Tile { evaluation, query_descriptions, database_descriptions }) => {
                 let shards = evaluation.query.iter().chain(&evaluation.database);
                 let expected: Vec<Digest> = shards.map(|shard| described(*shard).digest).collect();
-                assert_eq!([&query_parts[..], database_parts].concat(), expected);
+                assert_eq!([&query_descriptions[..], database_descriptions].concat(), expected);
                 let result = TaskResult::Evaluation(self.evaluate(evaluation));
                 task.check(&result).unwrap();
                 result
@@ -184,15 +188,15 @@ proptest! {
         let database: Vec<Digest> =
             databases.iter().enumerate().map(|(index, side)| world.publish(&index.to_string(), side)).collect();
         let evaluation = Evaluation {
-            parameters: Parameters::PAPER_BEST,
+            subject: Subject::sample(1),
             query,
             database,
             queries: queries.len() as u32,
             database_clouds: databases.iter().map(Vec::len).sum::<usize>() as u32,
             want_matches,
         };
-        let other = Parameters { shape_bins: 9, ..Parameters::PAPER_BEST };
-        let evaluations = [evaluation.clone(), Evaluation { parameters: other, ..evaluation.clone() }];
+        let subject = Subject::sample(2);
+        let evaluations = [evaluation.clone(), Evaluation { subject, ..evaluation.clone() }];
         let shard_count = ShardCount::Fixed(count.try_into().unwrap());
         let mut planner = Planner::default();
         planner.set_shard_count(shard_count);
@@ -223,7 +227,7 @@ fn slow() -> (World, Evaluation, Planner) {
     let toys: Vec<Toy> =
         (0..30).map(|index| Toy { number: index % 9, instance: u32::from(index) % 4 }).collect();
     let evaluation = Evaluation {
-        parameters: Parameters::PAPER_BEST,
+        subject: Subject::sample(1),
         query: vec![world.publish("query", &toys[..20])],
         database: vec![world.publish("database", &toys)],
         queries: 20,

@@ -4,10 +4,11 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use proto::task::{Task, TaskResult};
 use proto::{Digest, WorkerId};
 
 use crate::scheduler::fair_queue::QueuePosition;
-use crate::task::{Task, TaskResult};
+use crate::scheduler::messages::WorkerFailure;
 
 /// Attempts that are remembered: a worker that never gets its replies must not fill the memory.
 const MAX_ATTEMPTS: usize = 256;
@@ -51,8 +52,8 @@ pub struct Job {
     /// Attempts that an earlier start may have handed out without a record of it, to whom nobody knows.
     unrecorded: Range<u32>,
     pub votes: Vec<Vote>,
-    pub failures: Vec<(WorkerId, String)>,
-    pub losses: Vec<String>,
+    pub failures: Vec<(WorkerId, WorkerFailure)>,
+    pub losses: Vec<WorkerFailure>,
     /// From when on a second worker may take it beside the one that has it, as it stands in the scheduler's list.
     pub hedge_from: Option<Instant>,
 }

@@ -8,6 +8,7 @@ mod job;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
+use proto::task::Task;
 use proto::{Digest, JobId, Lease, WorkerId};
 
 #[cfg(test)]
@@ -18,7 +19,6 @@ use crate::journal::{LogSequence, Recorded};
 use crate::scheduler::fair_queue::ClientId;
 use crate::scheduler::messages::Finished;
 use crate::sharding::plan::ShardPlan;
-use crate::task::Task;
 
 /// All jobs of a run, through all starts of the coordinator.
 #[derive(Default)]

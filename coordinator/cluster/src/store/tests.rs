@@ -2,21 +2,16 @@
 
 use std::time::Duration;
 
-use descriptor::Parameters;
+use proto::task::{Evaluation, EvaluationResult, TaskResult};
 
 use super::*;
-use crate::evaluation::{Evaluation, EvaluationResult};
 use crate::journal::Journal;
-use crate::task::TaskResult;
 
 const GOOD: WorkerId = WorkerId([1; 16]);
 const BAD: WorkerId = WorkerId([2; 16]);
 
-fn task(shape_bins: u32) -> Arc<Task> {
-    Arc::new(Task::Evaluation(Evaluation {
-        parameters: Parameters { shape_bins, ..Parameters::PAPER_BEST },
-        ..Evaluation::sample(10, 10)
-    }))
+fn task(number: u32) -> Arc<Task> {
+    Arc::new(Task::Evaluation(Evaluation::sample(number, 10, 10)))
 }
 
 fn finished(job: JobId, worker_id: WorkerId, correct: u32) -> Finished {
@@ -45,8 +40,8 @@ fn restored(accepted: &[Finished]) -> JobStore {
 #[test]
 fn what_a_wrong_worker_answered_is_asked_again_and_a_changed_result_replaces_it() {
     let mut store = JobStore::default();
-    for (bins, worker) in [(8, GOOD), (9, BAD), (10, BAD)] {
-        store.accept(&task(bins), &finished(task(bins).job(0), worker, 5));
+    for (number, worker) in [(8, GOOD), (9, BAD), (10, BAD)] {
+        store.accept(&task(number), &finished(task(number).job(0), worker, 5));
     }
     assert!(store.recall(task(11).job(0), &task(11)).is_none(), "nobody has asked that");
     let asked = store.recheck(BAD);
@@ -89,7 +84,7 @@ fn a_report_is_withheld_until_it_is_on_the_disk_and_nothing_else_is() {
 
 #[test]
 fn a_recorded_result_that_cannot_be_one_is_not_recalled() {
-    let small = Arc::new(Task::Evaluation(Evaluation::sample(9, 3)));
+    let small = Arc::new(Task::Evaluation(Evaluation::sample(1, 9, 3)));
     let job = small.job(0);
     let mut store = restored(&[finished(job, GOOD, 5)]);
     assert!(store.has_result(job));
@@ -99,7 +94,7 @@ fn a_recorded_result_that_cannot_be_one_is_not_recalled() {
 
 #[test]
 fn recorded_results_of_a_wrong_worker_are_dropped_until_they_are_asked_for() {
-    let jobs = [8, 9, 10].map(|bins| task(bins).job(0));
+    let jobs = [8, 9, 10].map(|number| task(number).job(0));
     let mut store =
         restored(&[finished(jobs[0], GOOD, 5), finished(jobs[1], BAD, 5), finished(jobs[2], BAD, 5)]);
     assert!(store.recall(jobs[2], &task(10)).is_some());

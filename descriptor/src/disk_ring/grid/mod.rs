@@ -9,8 +9,27 @@ mod signatures;
 
 pub use signatures::CellSignatures;
 
+use crate::bytes::{self, BytesError, Reader};
 use crate::disk_ring::quantise::{Binning, QuantiseError, Quantiser};
+use crate::family::Family;
 use crate::{GeneKind, Parameters};
+
+/// Canonical bytes of the cell of one R1 and one R2, micrometres: tag of the family, version, numbers.
+pub fn cell_to_bytes(radii_um: [u32; 2]) -> Vec<u8> {
+    bytes::write(Family::DiskRing, radii_um)
+}
+
+/// Undoes [`cell_to_bytes`].
+///
+/// # Errors
+/// If the bytes are no cell.
+pub fn cell_from_bytes(bytes: &[u8]) -> Result<[u32; 2], BytesError> {
+    let reader = Reader::new("grid cell", bytes)?;
+    match reader.family {
+        Family::DiskRing => reader.numbers(),
+        _ => Err(reader.refuse("a family without grid cells")),
+    }
+}
 
 /// The descriptors of a table with one R1 and one R2: every shape_bins × m × w.
 #[derive(Clone, Debug)]

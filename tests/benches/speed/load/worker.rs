@@ -5,10 +5,14 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use descriptor::{Descriptor, Parameters};
+use descriptor::Descriptor;
 use prost::Message as _;
-use proto::v1::coordinator_client::CoordinatorClient;
-use proto::{Digest, v1};
+use proto::task::{
+    Described, Description, Evaluation, EvaluationResult, Match, Report, SplitManifest, Task, TaskResult,
+    Tile,
+};
+use proto::v2::coordinator_client::CoordinatorClient;
+use proto::{Digest, v2};
 use tokio::sync::{Mutex, mpsc};
 use tonic::Status;
 use tonic::transport::Channel;
@@ -25,7 +29,7 @@ pub struct Manner {
     /// Jobs taken ahead.
     pub ahead: usize,
     /// Clouds in split manifests, by digest.
-    pub clouds: Mutex<BTreeMap<Vec<u8>, u32>>,
+    pub clouds: Mutex<BTreeMap<Digest, u32>>,
 }
 
 /// What jobs take.
@@ -44,7 +48,7 @@ pub enum Effort {
 
 impl Effort {
     /// Of a job that describes clouds and matches pairs of them.
-    fn of(self, lease: v1::Lease, clouds: u32, pairs: u64) -> Duration {
+    fn of(self, lease: v2::Lease, clouds: u32, pairs: u64) -> Duration {
         match self {
             // A job's name is a hash: its lower half is as good as random.
             Self::About(time) => time.mul_f64(0.5 + f64::from(lease.job as u32) / f64::from(u32::MAX)),
@@ -68,15 +72,15 @@ pub struct Worker {
     session: Vec<u8>,
     heartbeat: Duration,
     sequence: u64,
-    queue: VecDeque<v1::Job>,
-    hand: Option<v1::Lease>,
+    queue: VecDeque<v2::Job>,
+    hand: Option<v2::Lease>,
     /// Reports that are not acknowledged.
-    finished: Vec<v1::JobReport>,
-    done_sender: mpsc::UnboundedSender<(v1::JobReport, Span)>,
-    done: mpsc::UnboundedReceiver<(v1::JobReport, Span)>,
+    finished: Vec<v2::JobReport>,
+    done_sender: mpsc::UnboundedSender<(v2::JobReport, Span)>,
+    done: mpsc::UnboundedReceiver<(v2::JobReport, Span)>,
     record: Record,
     /// Descriptions that it has made or fetched.
-    described: Arc<Mutex<BTreeSet<Vec<u8>>>>,
+    described: Arc<Mutex<BTreeSet<Digest>>>,
     traffic: Arc<Traffic>,
 }
 
@@ -85,7 +89,7 @@ impl Worker {
     pub async fn join(manner: Arc<Manner>, name: String) -> Self {
         let mut client = CoordinatorClient::connect(manner.address.clone()).await.unwrap();
         let id: [u8; 16] = rand::random();
-        let introduction = v1::RegisterRequest {
+        let introduction = v2::RegisterRequest {
             protocol_major: proto::PROTOCOL_MAJOR,
             protocol_minor: proto::PROTOCOL_MINOR,
             evaluation_version: descriptor::EVALUATION_VERSION,
@@ -95,7 +99,7 @@ impl Worker {
             build: "load".to_owned(),
         };
         let reply = client.register(introduction).await.unwrap().into_inner();
-        let Some(v1::register_reply::Outcome::Accepted(accepted)) = reply.outcome else {
+        let Some(v2::register_reply::Outcome::Accepted(accepted)) = reply.outcome else {
             panic!("refused: {reply:?}")
         };
         let (done_sender, done) = mpsc::unbounded_channel();
@@ -155,13 +159,13 @@ impl Worker {
         (1 + self.manner.ahead).saturating_sub(self.held().count())
     }
 
-    fn held(&self) -> impl Iterator<Item = v1::Lease> {
+    fn held(&self) -> impl Iterator<Item = v2::Lease> {
         self.hand.into_iter().chain(self.queue.iter().filter_map(|job| job.lease))
     }
 
-    fn request(&mut self) -> v1::PollRequest {
+    fn request(&mut self) -> v2::PollRequest {
         self.sequence += 1;
-        v1::PollRequest {
+        v2::PollRequest {
             worker_id: self.id.to_vec(),
             session_id: self.session.clone(),
             sequence: self.sequence,
@@ -172,7 +176,7 @@ impl Worker {
         }
     }
 
-    fn absorb(&mut self, reply: v1::PollReply, sent: Instant, wanted: u32) {
+    fn absorb(&mut self, reply: v2::PollReply, sent: Instant, wanted: u32) {
         self.finished.retain(|report| report.lease.is_none_or(|lease| !reply.acknowledged.contains(&lease)));
         self.queue.retain(|job| job.lease.is_none_or(|lease| !reply.revoked.contains(&lease)));
         if wanted > 0 && !reply.jobs.is_empty() {
@@ -181,7 +185,7 @@ impl Worker {
         self.queue.extend(reply.jobs);
     }
 
-    fn finish(&mut self, (report, span): (v1::JobReport, Span)) {
+    fn finish(&mut self, (report, span): (v2::JobReport, Span)) {
         self.hand = None;
         self.finished.push(report);
         self.record.spans.push(span);
@@ -219,50 +223,53 @@ impl Worker {
 struct AtWork {
     client: CoordinatorClient<Channel>,
     manner: Arc<Manner>,
-    described: Arc<Mutex<BTreeSet<Vec<u8>>>>,
+    described: Arc<Mutex<BTreeSet<Digest>>>,
     traffic: Arc<Traffic>,
 }
 
 impl AtWork {
     /// Takes the time of a job, and answers.
-    async fn carry_out(&self, job: v1::Job) -> Result<(v1::JobReport, Span), Status> {
+    async fn carry_out(&self, job: v2::Job) -> Result<(v2::JobReport, Span), Status> {
         let (start, lease) = (Instant::now(), job.lease.unwrap());
-        let (took, outcome) = if let Some(shard) = job.description {
-            let clouds = self.clouds_in(std::slice::from_ref(&shard.manifest)).await?;
-            let parts = description(&shard, clouds);
-            self.described.lock().await.insert(Digest::of(&parts).to_vec());
-            let result = v1::DescriptionResult { parts };
-            (self.manner.effort.of(lease, clouds, 0), v1::job_report::Outcome::Description(result))
-        } else {
-            let is_whole = job.evaluation.is_some();
-            let tile = job.tile.unwrap_or_default();
-            let evaluation = job.evaluation.or(tile.evaluation).unwrap();
-            for parts in tile.query_parts.iter().chain(&tile.database_parts) {
-                if self.described.lock().await.insert(parts.clone()) {
-                    self.fetch(parts).await?;
-                }
+        let task = Task::try_from(job.task.unwrap()).unwrap();
+        let (took, result) = match &task {
+            Task::Description(shard) => {
+                let clouds = self.clouds_in(std::slice::from_ref(&shard.manifest)).await?;
+                let described = Described::new(description(shard, clouds));
+                self.described.lock().await.insert(described.digest);
+                (self.manner.effort.of(lease, clouds, 0), TaskResult::Description(described))
             }
-            let queries = self.clouds_in(&evaluation.query).await?;
-            let database = self.clouds_in(&evaluation.database).await?;
-            let clouds = if is_whole { queries + database } else { 0 };
-            let took = self.manner.effort.of(lease, clouds, u64::from(queries) * u64::from(database));
-            (took, v1::job_report::Outcome::Result(result(&evaluation, queries)))
+            Task::Evaluation(evaluation) | Task::Tile(Tile { evaluation, .. }) => {
+                if let Task::Tile(tile) = &task {
+                    for digest in tile.query_descriptions.iter().chain(&tile.database_descriptions) {
+                        if self.described.lock().await.insert(*digest) {
+                            self.fetch(*digest).await?;
+                        }
+                    }
+                }
+                let queries = self.clouds_in(&evaluation.query).await?;
+                let database = self.clouds_in(&evaluation.database).await?;
+                let clouds = if matches!(task, Task::Evaluation(_)) { queries + database } else { 0 };
+                let pairs = u64::from(queries) * u64::from(database);
+                let took = self.manner.effort.of(lease, clouds, pairs);
+                (took, TaskResult::Evaluation(result(evaluation, queries)))
+            }
+            Task::GridCell(_) => return Err(Status::unimplemented("no grid is searched here")),
         };
         tokio::time::sleep_until((start + took).into()).await;
         let run_seconds = start.elapsed().as_secs_f64();
-        let report = v1::JobReport { lease: Some(lease), run_seconds, outcome: Some(outcome) };
+        let report = Report { lease: lease.into(), run_seconds, outcome: Ok(result) }.into();
         Ok((report, Span { start, end: Instant::now(), took }))
     }
 
     /// Number of clouds in split manifests, each of which the first who asks fetches for all.
-    async fn clouds_in(&self, manifests: &[Vec<u8>]) -> Result<u32, Status> {
+    async fn clouds_in(&self, manifests: &[Digest]) -> Result<u32, Status> {
         let mut known = self.manner.clouds.lock().await;
         let mut clouds = 0;
         for manifest in manifests {
             if !known.contains_key(manifest) {
-                let bytes = self.fetch(manifest).await?;
-                let split: v1::SplitManifest = prost::Message::decode(&bytes[..]).unwrap();
-                known.insert(manifest.clone(), split.clouds.len() as u32);
+                let split = SplitManifest::decode(&self.fetch(*manifest).await?).unwrap();
+                known.insert(*manifest, split.clouds.len() as u32);
             }
             clouds += known[manifest];
         }
@@ -270,8 +277,8 @@ impl AtWork {
     }
 
     /// The bytes of a blob.
-    async fn fetch(&self, digest: &[u8]) -> Result<Vec<u8>, Status> {
-        let request = v1::FetchBlobRequest { digest: digest.to_vec() };
+    async fn fetch(&self, digest: Digest) -> Result<Vec<u8>, Status> {
+        let request = v2::FetchBlobRequest { digest: digest.to_vec() };
         let mut stream = self.client.clone().fetch_blob(request).await?.into_inner();
         let mut bytes = Vec::new();
         while let Some(chunk) = stream.message().await? {
@@ -283,20 +290,18 @@ impl AtWork {
 }
 
 /// Bytes that might describe so many clouds; those of each shard under each descriptor are others.
-fn description(shard: &v1::Description, clouds: u32) -> Vec<u8> {
-    let p = shard.parameters.unwrap();
-    let ticks = [p.shape_bins, p.colour_bins, p.disk_um, p.ring_um, p.shape_weight_ppm];
-    let descriptor = Descriptor::DiskRing(Parameters::from_ticks(ticks));
-    let noise = Digest::of(format!("{ticks:?} {:?}", shard.manifest).as_bytes()).0;
+fn description(shard: &Description, clouds: u32) -> Vec<u8> {
+    let noise = Digest::of(&[shard.subject.descriptor.bytes(), &shard.manifest.0].concat()).0;
     let values = noise.iter().cycle().flat_map(|byte| (f32::from(*byte) / 255.0).to_le_bytes());
-    values.take(descriptor.signature_bytes(clouds) as usize).collect()
+    values.take((u64::from(clouds) * shard.subject.facts.description_bytes) as usize).collect()
 }
 
-fn result(evaluation: &v1::Evaluation, queries: u32) -> v1::EvaluationResult {
-    let parameters = evaluation.parameters.unwrap();
+fn result(evaluation: &Evaluation, queries: u32) -> EvaluationResult {
+    let descriptor = Descriptor::from_bytes(evaluation.subject.descriptor.bytes());
+    let Ok(Descriptor::DiskRing(parameters)) = descriptor else { panic!("{descriptor:?}") };
     let correct = answer(parameters.shape_bins, parameters.colour_bins, queries);
-    let found = v1::Match { nearest: 0, distance: 1.0, runner_up: Some(1), runner_up_distance: Some(1.0) };
-    v1::EvaluationResult {
+    let found = Match { nearest: 0, distance: 1.0, runner_up: Some((1, 1.0)) };
+    EvaluationResult {
         queries,
         object_correct: correct,
         category_correct: correct,

@@ -3,8 +3,8 @@
 use std::net::TcpStream;
 use std::process::Command;
 
-use proto::v1;
-use proto::v1::coordinator_client::CoordinatorClient;
+use proto::v2;
+use proto::v2::coordinator_client::CoordinatorClient;
 use tonic::Code;
 use tonic::transport::Channel;
 use tonic_health::pb::HealthCheckRequest;
@@ -14,8 +14,8 @@ use super::{SEARCH, digest, http2};
 use crate::experiments::Experiment;
 use crate::process::{Running, program};
 
-fn introduction(number: u8) -> v1::RegisterRequest {
-    v1::RegisterRequest {
+fn introduction(number: u8) -> v2::RegisterRequest {
+    v2::RegisterRequest {
         protocol_major: proto::PROTOCOL_MAJOR,
         protocol_minor: proto::PROTOCOL_MINOR,
         evaluation_version: descriptor::EVALUATION_VERSION,
@@ -46,14 +46,14 @@ async fn flood_registrations(address: &str) -> u8 {
 /// A poll of more bytes than any message may have.
 async fn send_a_huge_message(address: &str) -> Code {
     let mut client = CoordinatorClient::new(connect(address).await);
-    let poll = v1::PollRequest { worker_id: vec![0; proto::MAX_MESSAGE_BYTES + 1], ..Default::default() };
+    let poll = v2::PollRequest { worker_id: vec![0; proto::MAX_MESSAGE_BYTES + 1], ..Default::default() };
     client.poll(poll).await.unwrap_err().code()
 }
 
 /// Asks for derived entries by a path.
 async fn ask_for_a_path(address: &str) -> Code {
     let mut client = CoordinatorClient::new(connect(address).await);
-    let request = v1::FetchDerivedRequest { kind: "../../../etc/passwd".to_owned(), key: vec![0; 32] };
+    let request = v2::FetchDerivedRequest { kind: "../../../etc/passwd".to_owned(), key: vec![0; 32] };
     client.fetch_derived(request).await.unwrap_err().code()
 }
 

@@ -9,7 +9,7 @@ pub fn begin_a_poll(address: &str) -> TcpStream {
     stream.write_all(b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n").unwrap();
     frame(&mut stream, 4, 0, 0, &[]); // settings
     let mut headers = vec![0x83, 0x86]; // :method POST, :scheme http (RFC 7541, appendix A)
-    header(&mut headers, &[0x04], "/descry.v1.Coordinator/Poll");
+    header(&mut headers, &[0x04], "/descry.v2.Coordinator/Poll");
     header(&mut headers, &[0x01], address);
     header(&mut headers, &[0x0f, 0x10], "application/grpc"); // content-type
     header(&mut headers, b"\x00\x02te", "trailers");

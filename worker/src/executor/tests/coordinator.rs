@@ -6,15 +6,15 @@ use std::sync::{Arc, LazyLock, Mutex};
 
 use descriptor::pcd::{self, DataEncoding};
 use descriptor::synth::{SynthSettings, catalogue, render};
-use prost::Message as _;
-use proto::v1::coordinator_client::CoordinatorClient;
-use proto::v1::coordinator_server::{Coordinator, CoordinatorServer};
-use proto::{Digest, v1};
+use proto::task::{CloudEntry, Label, SplitManifest};
+use proto::v2::coordinator_server::{Coordinator, CoordinatorServer};
+use proto::{Digest, v2};
 use tonic::transport::server::TcpIncoming;
 use tonic::transport::{Endpoint, Server};
 use tonic::{Request, Response, Status};
 
 use crate::link::{Credentials, Link};
+use crate::wire::Client;
 
 /// Objects of the data set, each with two views a split.
 const OBJECTS: u32 = 3;
@@ -48,16 +48,15 @@ impl Archive {
             let views = objects.iter().flat_map(|object| [(object, first), (object, first + 1)]);
             let clouds = views.map(|(object, view)| {
                 let bytes = pcd::write(&render(&settings, object, view), DataEncoding::Binary);
-                v1::ManifestCloud {
+                CloudEntry {
                     bytes: bytes.len() as u64,
-                    digest: archive.add(bytes).to_vec(),
-                    category: object.index % 2,
-                    instance: object.index,
+                    digest: archive.add(bytes),
+                    label: Label { category: object.index % 2, instance: object.index },
                     path: object.path(view),
                 }
             });
             let clouds = clouds.collect();
-            let manifest = v1::SplitManifest { split: first.to_string(), clouds }.encode_to_vec();
+            let manifest = SplitManifest { split: first.to_string(), clouds }.encode();
             let manifest = archive.add(manifest);
             archive.splits.push(manifest);
         }
@@ -72,24 +71,24 @@ impl Archive {
     }
 
     /// Serves it until the test ends.
-    pub fn serve(self) -> CoordinatorClient<Link> {
+    pub fn serve(self) -> Client {
         let incoming = TcpIncoming::bind(SocketAddr::from(([127, 0, 0, 1], 0))).unwrap();
         let address = incoming.local_addr().unwrap();
         tokio::spawn(
             Server::builder().add_service(CoordinatorServer::new(self)).serve_with_incoming(incoming),
         );
         let endpoint = Endpoint::from_shared(format!("http://{address}")).unwrap();
-        CoordinatorClient::new(Link::new(endpoint.connect_lazy(), Credentials::default()))
+        Client::new(Link::new(endpoint.connect_lazy(), Credentials::default()))
     }
 }
 
 static SYNTHETIC: LazyLock<Archive> = LazyLock::new(Archive::synthetic);
 
-type Chunks = futures_util::stream::Iter<std::vec::IntoIter<Result<v1::BlobChunk, Status>>>;
+type Chunks = futures_util::stream::Iter<std::vec::IntoIter<Result<v2::BlobChunk, Status>>>;
 
 fn chunks(bytes: Option<&Vec<u8>>) -> Result<Response<Chunks>, Status> {
     let bytes = bytes.ok_or_else(|| Status::not_found("not here"))?;
-    let chunk = |data: &[u8]| Ok(v1::BlobChunk { data: data.to_vec() });
+    let chunk = |data: &[u8]| Ok(v2::BlobChunk { data: data.to_vec() });
     let chunks: Vec<_> = bytes.chunks(proto::BLOB_CHUNK_BYTES).map(chunk).collect();
     Ok(Response::new(futures_util::stream::iter(chunks)))
 }
@@ -99,21 +98,21 @@ impl Coordinator for Archive {
     type FetchBlobStream = Chunks;
     type FetchDerivedStream = Chunks;
 
-    async fn register(&self, _: Request<v1::RegisterRequest>) -> Result<Response<v1::RegisterReply>, Status> {
+    async fn register(&self, _: Request<v2::RegisterRequest>) -> Result<Response<v2::RegisterReply>, Status> {
         Err(Status::unimplemented("nobody registers here"))
     }
 
-    async fn poll(&self, _: Request<v1::PollRequest>) -> Result<Response<v1::PollReply>, Status> {
+    async fn poll(&self, _: Request<v2::PollRequest>) -> Result<Response<v2::PollReply>, Status> {
         Err(Status::unimplemented("nobody polls here"))
     }
 
-    async fn fetch_blob(&self, request: Request<v1::FetchBlobRequest>) -> Result<Response<Chunks>, Status> {
+    async fn fetch_blob(&self, request: Request<v2::FetchBlobRequest>) -> Result<Response<Chunks>, Status> {
         chunks(self.blobs.get(&request.into_inner().digest))
     }
 
     async fn fetch_derived(
         &self,
-        request: Request<v1::FetchDerivedRequest>,
+        request: Request<v2::FetchDerivedRequest>,
     ) -> Result<Response<Chunks>, Status> {
         chunks(self.derived.lock().unwrap().get(&request.into_inner().key))
     }

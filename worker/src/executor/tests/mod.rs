@@ -9,10 +9,12 @@ use std::sync::LazyLock;
 
 use cache::Storage;
 use descriptor::genes::Domain;
+use descriptor::grid::cell_to_bytes;
 use descriptor::{
-    Descriptor, EVALUATION_VERSION, FixedDescriptor, FixedKind, GeneTable, GlobalHue, Parameters,
-    PreparedCloud, Preprocess, QuantisedCloud, Quantiser, SearchSpace, pcd, recognise,
+    EVALUATION_VERSION, FixedDescriptor, FixedKind, GeneTable, GlobalHue, Parameters, PreparedCloud,
+    Preprocess, QuantisedCloud, Quantiser, SearchSpace, pcd, recognise,
 };
+use proto::task::{self, Description};
 
 use super::*;
 use coordinator::{Archive, CLOUDS, SPLIT};
@@ -52,19 +54,28 @@ fn descriptors() -> [Parameters; 6] {
     ]
 }
 
-/// Training (train1 against train2) or validation (validation against both).
-fn splits(archive: &Archive, validation: bool) -> Splits {
+/// Training (train1 against train2) or validation (validation against both): query and database.
+fn splits(archive: &Archive, validation: bool) -> [Vec<Digest>; 2] {
     let [train1, train2, of_validation] = archive.splits[..] else { panic!("three splits") };
-    if validation {
-        Splits { query: vec![of_validation], database: vec![train1, train2] }
-    } else {
-        Splits { query: vec![train1], database: vec![train2] }
+    if validation { [vec![of_validation], vec![train1, train2]] } else { [vec![train1], vec![train2]] }
+}
+
+fn subject(preparation: &Preparation, descriptor: Vec<u8>) -> task::Subject {
+    task::Subject {
+        preparation: preparation.to_bytes().into(),
+        descriptor: descriptor.into(),
+        facts: task::Facts::default(),
     }
 }
 
+fn evaluation(archive: &Archive, parameters: Parameters, validation: bool) -> Evaluation {
+    let [query, database] = splits(archive, validation);
+    let subject = subject(&preparation(), Descriptor::DiskRing(parameters).to_bytes());
+    Evaluation { subject, query, database, queries: 0, database_clouds: 0, want_matches: true }
+}
+
 fn task(archive: &Archive, parameters: Parameters, validation: bool) -> Task {
-    let (splits, descriptor) = (splits(archive, validation), Descriptor::DiskRing(parameters));
-    Task::Evaluation(Evaluation { preparation: preparation(), descriptor, splits, want_matches: true })
+    Task::Evaluation(evaluation(archive, parameters, validation))
 }
 
 static QUANTISER: LazyLock<Quantiser> = LazyLock::new(|| {
@@ -85,7 +96,7 @@ static PREPARED: LazyLock<HashMap<Digest, QuantisedCloud>> = LazyLock::new(|| {
 });
 
 /// The evaluation as it is defined, without anything that saves work.
-fn plain(archive: &Archive, parameters: Parameters, validation: bool) -> Outcome {
+fn plain(archive: &Archive, parameters: Parameters, validation: bool) -> TaskResult {
     let binning = QUANTISER.binning(&parameters).unwrap();
     let manifests = |digests: &[Digest]| -> Vec<Arc<Manifest>> {
         let decode = |digest: &Digest| Manifest::decode(*digest, &archive.blobs[&digest.to_vec()]).unwrap();
@@ -96,13 +107,13 @@ fn plain(archive: &Archive, parameters: Parameters, validation: bool) -> Outcome
         let clouds: Vec<_> = manifests.iter().flat_map(|manifest| &manifest.clouds).map(prepared).collect();
         binning.signatures(&clouds)
     };
-    let Splits { query, database } = splits(archive, validation);
+    let [query, database] = splits(archive, validation);
     let (query, database) = (manifests(&query), manifests(&database));
     let weights = [parameters.shape_weight(), 1.0 - parameters.shape_weight()];
     let (asked, known) = (signatures(&query), signatures(&database));
     let matches = recognise(&asked, &known, &weights, &labels(&database)).unwrap();
     let correct = Correct::count(&matches, &labels(&query), &labels(&database));
-    Outcome::Evaluation(Recognition { correct, matches })
+    TaskResult::Evaluation(result(&correct, &matches))
 }
 
 fn store(cache: Option<PathBuf>) -> Arc<Store> {
@@ -115,7 +126,7 @@ fn executor(archive: &Archive, memory: ByteSize, store: &Arc<Store>) -> Arc<Exec
     Arc::new(Executor::new(2, memory, blobs, Arc::clone(store)).unwrap())
 }
 
-async fn carry_out(executor: &Arc<Executor>, task: Task) -> Outcome {
+async fn carry_out(executor: &Arc<Executor>, task: Task) -> TaskResult {
     Arc::clone(executor).carry_out(task).await.unwrap()
 }
 
@@ -273,21 +284,24 @@ async fn the_coordinators_entries_are_used_if_they_are_sound() {
     assert_eq!((work.prepared, work.fetched), (CLOUDS, 0));
 }
 
-async fn describe(executor: &Arc<Executor>, parameters: Parameters, manifest: Digest) -> Vec<u8> {
-    let shard =
-        Description { preparation: preparation(), descriptor: Descriptor::DiskRing(parameters), manifest };
-    match carry_out(executor, Task::Description(shard)).await {
-        Outcome::Description(bytes) => bytes,
-        outcome => panic!("{outcome:?}"),
+async fn describe_under(executor: &Arc<Executor>, subject: task::Subject, manifest: Digest) -> Vec<u8> {
+    match carry_out(executor, Task::Description(Description { subject, manifest, clouds: 0 })).await {
+        TaskResult::Description(Described { bytes: Some(bytes), .. }) => bytes.to_vec(),
+        result => panic!("{result:?}"),
     }
+}
+
+async fn describe(executor: &Arc<Executor>, parameters: Parameters, manifest: Digest) -> Vec<u8> {
+    let descriptor = Descriptor::DiskRing(parameters).to_bytes();
+    describe_under(executor, subject(&preparation(), descriptor), manifest).await
 }
 
 /// Validation as a tile of described shards.
 fn tile(archive: &Archive, parameters: Parameters, descriptions: [Digest; 3]) -> Task {
-    let Task::Evaluation(evaluation) = task(archive, parameters, true) else { panic!("another task") };
+    let evaluation = evaluation(archive, parameters, true);
     let [query, first, second] = descriptions;
-    let descriptions = Splits { query: vec![query], database: vec![first, second] };
-    Task::Tile(Tile { evaluation, descriptions })
+    let (query_descriptions, database_descriptions) = (vec![query], vec![first, second]);
+    Task::Tile(Tile { evaluation, query_descriptions, database_descriptions })
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -361,9 +375,11 @@ async fn a_grid_cell_is_its_descriptors() {
     let archive = Archive::new();
     for memory in [LARGE, SMALL] {
         let executor = executor(&archive, memory, &store(None));
-        let (preparation, splits) = (preparation(), splits(&archive, true));
-        let cell = GridCell { preparation, disk_um: 15_000, ring_um: 40_000, splits };
-        let Outcome::GridCell(counts) = carry_out(&executor, Task::GridCell(cell)).await else {
+        let [query, database] = splits(&archive, true);
+        let subject = subject(&preparation(), cell_to_bytes([15_000, 40_000]));
+        let (queries, database_clouds, descriptors) = (0, 0, 3 * 2 * 5);
+        let cell = GridCell { subject, query, database, queries, database_clouds, descriptors };
+        let TaskResult::GridCell(counts) = carry_out(&executor, Task::GridCell(cell)).await else {
             panic!("another outcome")
         };
         let mut expected = Vec::new();
@@ -371,8 +387,8 @@ async fn a_grid_cell_is_its_descriptors() {
             for m in [3, 5] {
                 for weight in [0, 250_000, 500_000, 750_000, 1_000_000] {
                     let descriptor = parameters([shape_bins, m, 15_000, 40_000, weight]);
-                    let Outcome::Evaluation(found) = plain(&archive, descriptor, true) else { panic!() };
-                    expected.push(found.correct.object as u32);
+                    let TaskResult::Evaluation(found) = plain(&archive, descriptor, true) else { panic!() };
+                    expected.push(found.object_correct);
                 }
             }
         }
@@ -382,7 +398,7 @@ async fn a_grid_cell_is_its_descriptors() {
 }
 
 /// What each descriptor of another family is, one after the other, from nothing but its definition.
-fn plain_of(archive: &Archive, descriptor: &Descriptor) -> Outcome {
+fn plain_of(archive: &Archive, descriptor: &Descriptor) -> TaskResult {
     let preparer = SearchSpace::single(descriptor).unwrap().preparer().unwrap();
     let [train1, train2, validation] = archive.splits[..] else { panic!("three splits") };
     let decode =
@@ -399,7 +415,7 @@ fn plain_of(archive: &Archive, descriptor: &Descriptor) -> Outcome {
     let (queries, labels) = (labels(&query), labels(&database));
     let matches = recognise(&[asked], &[known], &[weight], &labels).unwrap();
     let correct = Correct::count(&matches, &queries, &labels);
-    Outcome::Evaluation(Recognition { correct, matches })
+    TaskResult::Evaluation(result(&correct, &matches))
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -421,11 +437,14 @@ async fn descriptors_of_other_families_are_evaluated_by_the_same_tasks() {
         ),
     ] {
         let preparation = Preparation { preprocess: Preprocess::default(), space };
-        let splits = splits(&archive, true);
+        let (subject, [query, database]) =
+            (subject(&preparation, descriptor.to_bytes()), splits(&archive, true));
         let evaluation = Evaluation {
-            preparation: preparation.clone(),
-            descriptor: descriptor.clone(),
-            splits: splits.clone(),
+            subject: subject.clone(),
+            query,
+            database,
+            queries: 0,
+            database_clouds: 0,
             want_matches: true,
         };
         let expected = plain_of(&archive, &descriptor);
@@ -437,16 +456,12 @@ async fn descriptors_of_other_families_are_evaluated_by_the_same_tasks() {
             assert_eq!(executor.work(), before, "computed twice");
 
             let mut digests = Vec::new();
-            for manifest in splits.query.iter().chain(&splits.database) {
-                let descriptor = descriptor.clone();
-                let shard = Description { preparation: preparation.clone(), descriptor, manifest: *manifest };
-                let outcome = carry_out(executor, Task::Description(shard)).await;
-                let Outcome::Description(bytes) = outcome else { panic!("{outcome:?}") };
+            for manifest in evaluation.query.iter().chain(&evaluation.database) {
+                let bytes = describe_under(executor, subject.clone(), *manifest).await;
                 digests.push(Digest::of(&bytes));
             }
-            let database = digests.split_off(1);
-            let tile =
-                Tile { evaluation: evaluation.clone(), descriptions: Splits { query: digests, database } };
+            let (database_descriptions, evaluation) = (digests.split_off(1), evaluation.clone());
+            let tile = Tile { evaluation, query_descriptions: digests, database_descriptions };
             assert_eq!(carry_out(executor, Task::Tile(tile)).await, expected, "{descriptor}");
         }
     }
@@ -461,14 +476,18 @@ async fn a_descriptor_outside_the_search_space_is_refused() {
         Descriptor::DiskRing(Parameters { disk_um: 12_345, ..descriptors()[0] }),
         Descriptor::GlobalHue(GlobalHue::new(8).unwrap()),
     ] {
-        let splits = splits(&archive, true);
-        let evaluation = Evaluation { preparation: preparation(), descriptor, splits, want_matches: true };
+        let subject = subject(&preparation(), descriptor.to_bytes());
+        let evaluation = Evaluation { subject, ..evaluation(&archive, descriptors()[0], true) };
         let refused = Arc::clone(&executor).carry_out(Task::Evaluation(evaluation)).await;
-        assert!(matches!(refused, Err(EvaluationError::Quantise(_))), "{refused:?}");
+        let outside = matches!(refused, Err(EvaluationError::Invalid(InvalidTask::OutsideSpace { .. })));
+        assert!(outside, "{refused:?}");
     }
     let space = SearchSpace::GlobalHue(GlobalHue::SPACE);
     let preparation = Preparation { preprocess: Preprocess::default(), space };
-    let cell = GridCell { preparation, disk_um: 15_000, ring_um: 40_000, splits: splits(&archive, true) };
+    let subject = subject(&preparation, cell_to_bytes([15_000, 40_000]));
+    let ([query, database], descriptors) = (splits(&archive, true), 30);
+    let cell = GridCell { subject, query, database, queries: 0, database_clouds: 0, descriptors };
     let refused = executor.carry_out(Task::GridCell(cell)).await;
-    assert!(matches!(refused, Err(EvaluationError::Quantise(_))), "{refused:?}");
+    let of_another_kind = matches!(refused, Err(EvaluationError::Invalid(InvalidTask::Subject)));
+    assert!(of_another_kind, "{refused:?}");
 }

@@ -2,17 +2,15 @@
 
 use std::cell::Cell;
 
-use descriptor::Parameters;
-
 use super::*;
 
-fn evaluation_of(shape_bins: u32) -> Evaluation {
-    Evaluation { parameters: Parameters { shape_bins, ..Parameters::PAPER_BEST }, ..evaluation() }
+fn evaluation_of(number: u32) -> Evaluation {
+    Evaluation::sample(number, 9, 9)
 }
 
-/// A worker that recognises as many clouds as `correct` has for the bins; counts its results.
-async fn labour(cluster: &Cluster, number: u8, answers: &Cell<usize>, correct: impl Fn(u32) -> u32) {
-    let id = WorkerId([number; 16]);
+/// A worker that recognises as many clouds as `correct` has for the number; counts its results.
+async fn labour(cluster: &Cluster, worker: u8, answers: &Cell<usize>, correct: impl Fn(u32) -> u32) {
+    let id = WorkerId([worker; 16]);
     let introduction = Introduction::sample("host");
     cluster.register(id, introduction, true).unwrap();
     let mut finished: Vec<Report> = Vec::new();
@@ -22,7 +20,7 @@ async fn labour(cluster: &Cluster, number: u8, answers: &Cell<usize>, correct: i
         let Ok(answer) = cluster.poll(id, poll).await else { break };
         for (lease, task) in answer.jobs {
             let Task::Evaluation(evaluation) = &*task else { panic!("{task}") };
-            let object_correct = correct(evaluation.parameters.shape_bins);
+            let object_correct = correct(number(&evaluation.subject));
             let result =
                 EvaluationResult { queries: 9, object_correct, category_correct: 9, matches: vec![] };
             finished.push(Report { lease, run_seconds: 0.1, outcome: Ok(TaskResult::Evaluation(result)) });

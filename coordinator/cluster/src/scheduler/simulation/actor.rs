@@ -3,11 +3,10 @@
 use std::collections::VecDeque;
 use std::time::Duration;
 
+use proto::task::{EvaluationResult, Failure, FailureReason, Report, Task, TaskResult};
 use proto::{Lease, WorkerId};
 
-use super::super::{Answer, Poll, Report};
-use crate::evaluation::EvaluationResult;
-use crate::task::{Task, TaskResult};
+use super::super::{Answer, Poll};
 
 /// What a worker makes of its jobs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,10 +41,7 @@ pub struct Actor {
 
 /// The descriptor of a task stands for the task, and its number decides the result.
 pub fn number(task: &Task) -> u32 {
-    match task {
-        Task::GridCell(cell) => cell.disk_um,
-        task => task.parameters().map_or(0, |parameters| parameters.shape_bins),
-    }
+    u32::from_le_bytes(task.subject().descriptor.bytes().try_into().unwrap())
 }
 
 /// The right result.
@@ -128,7 +124,7 @@ impl Actor {
             matches: vec![],
         };
         let outcome = match self.nature {
-            Nature::Failing if fails => Err("out of memory".to_owned()),
+            Nature::Failing if fails => Err(Failure::new(FailureReason::Panic, "out of memory")),
             _ => Ok(TaskResult::Evaluation(result)),
         };
         self.finished.push(Report { lease, run_seconds: 1.0, outcome });

@@ -4,14 +4,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Instant;
 
-use descriptor::Parameters;
+use proto::task::{Evaluation, Task, TaskResult};
 use proto::{JobId, WorkerId};
 
 use super::super::{ClientId, Scheduler};
 use super::actor::truth;
-use crate::evaluation::Evaluation;
 use crate::events::{Departure, EventKind};
-use crate::task::{Names, Task, TaskResult};
+use crate::job_names::JobNames;
 
 /// Runs that share the workers.
 const CLIENTS: u32 = 3;
@@ -23,7 +22,7 @@ pub struct Driver {
     /// By task: the result and who gave it.
     answers: BTreeMap<u32, (u32, WorkerId)>,
     asked: BTreeSet<u32>,
-    names: Names,
+    names: JobNames,
     /// By id, with their labels.
     pub quarantined: BTreeMap<WorkerId, String>,
     pub disagreements: u64,
@@ -31,10 +30,7 @@ pub struct Driver {
 
 impl Driver {
     pub fn submit(&mut self, scheduler: &mut Scheduler, number: u32, now: Instant) {
-        let task = Task::Evaluation(Evaluation {
-            parameters: Parameters { shape_bins: number, ..Parameters::PAPER_BEST },
-            ..Evaluation::sample(1000, 10)
-        });
+        let task = Task::Evaluation(Evaluation::sample(number, 1000, 10));
         let job = self.names.next(&task);
         let client = ClientId(number % CLIENTS);
         scheduler.submit(job, Arc::new(task), client, now);

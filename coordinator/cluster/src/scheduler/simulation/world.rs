@@ -128,6 +128,7 @@ impl World {
             worker_grace: Duration::from_secs(100_000),
             max_workers: 100,
             audit: Audit { share, seed },
+            check_description: |_, _, _| Ok(()),
         };
         let mut world = Self {
             scheduler: Scheduler::new(limits),

@@ -1,0 +1,261 @@
+//! The vocabulary of tasks: what a job asks of a worker. Coordinator, worker and journal use these types; `wire` turns
+//! them into messages and back.
+
+mod manifest;
+mod opaque;
+mod result;
+#[cfg(test)]
+mod tests;
+mod wire;
+
+use std::fmt;
+
+use prost::Message as _;
+
+pub use manifest::{CloudEntry, SplitManifest};
+pub use opaque::{DescriptorBytes, MAX_DESCRIPTOR_BYTES, MAX_PREPARATION_BYTES, Preparation};
+pub use result::{
+    Described, EvaluationResult, Failure, FailureReason, InvalidResult, Match, Report, TaskResult,
+};
+pub use wire::InvalidMessage;
+
+use crate::{Digest, JobId, truncate, v2};
+
+/// The longest label, bytes.
+pub const MAX_LABEL_BYTES: usize = 256;
+
+/// What one job asks for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Task {
+    /// One descriptor on all clouds of some splits.
+    Evaluation(Evaluation),
+    /// Every descriptor of one cell of the grid.
+    GridCell(GridCell),
+    /// The clouds of a shard under one descriptor.
+    Description(Description),
+    /// One descriptor, on shards that are described.
+    Tile(Tile),
+}
+
+/// A kind of task.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum TaskKind {
+    /// [`Task::Evaluation`].
+    Evaluation,
+    /// [`Task::GridCell`].
+    GridCell,
+    /// [`Task::Description`].
+    Description,
+    /// [`Task::Tile`].
+    Tile,
+}
+
+/// What a cloud shows.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Label {
+    /// Its category.
+    pub category: u32,
+    /// Its object; instances are numbered across categories.
+    pub instance: u32,
+}
+
+/// The descriptor that a task is about, or all descriptors of a grid cell, with what scheduling has to know of it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Subject {
+    /// How clouds are prepared.
+    pub preparation: Preparation,
+    /// The descriptor or the cell.
+    pub descriptor: DescriptorBytes,
+    /// What follows from them.
+    pub facts: Facts,
+}
+
+/// What whoever makes a task knows of its descriptor: no part of a job's name.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Facts {
+    /// For people, at most [`MAX_LABEL_BYTES`].
+    pub label: String,
+    /// Bytes that one cloud takes in a description.
+    pub description_bytes: u64,
+    /// Counted cost of describing one cloud, as the crate `descriptor` counts: about a nanosecond a unit.
+    pub cloud_cost: u64,
+    /// Counted cost of matching one pair of clouds, in the same unit.
+    pub pair_cost: u64,
+}
+
+/// Describe the clouds of some splits with one descriptor and match queries against the database.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Evaluation {
+    /// The descriptor.
+    pub subject: Subject,
+    /// Split manifests of the queries, in order.
+    pub query: Vec<Digest>,
+    /// Split manifests of the database, in order.
+    pub database: Vec<Digest>,
+    /// Clouds in `query`.
+    pub queries: u32,
+    /// Clouds in `database`.
+    pub database_clouds: u32,
+    /// Whether each query's match is wanted, or only the counts.
+    pub want_matches: bool,
+}
+
+/// Evaluate every descriptor of a grid cell.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GridCell {
+    /// The cell; its costs are those of all its descriptors.
+    pub subject: Subject,
+    /// Split manifests of the queries, in order.
+    pub query: Vec<Digest>,
+    /// Split manifests of the database, in order.
+    pub database: Vec<Digest>,
+    /// Clouds in `query`.
+    pub queries: u32,
+    /// Clouds in `database`.
+    pub database_clouds: u32,
+    /// How many descriptors the cell has.
+    pub descriptors: u32,
+}
+
+/// Describe the clouds of one shard.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Description {
+    /// The descriptor.
+    pub subject: Subject,
+    /// The shard: a split manifest.
+    pub manifest: Digest,
+    /// Clouds in it.
+    pub clouds: u32,
+}
+
+/// Match some shards whose clouds were described before.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Tile {
+    /// Of these shards.
+    pub evaluation: Evaluation,
+    /// For each shard of the queries its description.
+    pub query_descriptions: Vec<Digest>,
+    /// For each shard of the database its description.
+    pub database_descriptions: Vec<Digest>,
+}
+
+impl Facts {
+    /// The start of a text as a label.
+    pub fn label(text: &str) -> String {
+        truncate(text, MAX_LABEL_BYTES).to_owned()
+    }
+}
+
+impl Task {
+    /// The job that asks for this task, for the first time in a run (0), the second (1), …: the same name whenever the
+    /// run is started again, so that a lease handed out by one start means the same job to the next.
+    pub fn job(&self, occurrence: u32) -> JobId {
+        let asked = v2::Task { ask: Some(wire::ask(self)), facts: None };
+        let mut hasher = blake3::Hasher::new_derive_key("descry job v2");
+        hasher.update(&asked.encode_to_vec());
+        hasher.update(&occurrence.to_le_bytes());
+        let mut name = [0; 8];
+        hasher.finalize_xof().fill(&mut name);
+        JobId(u64::from_le_bytes(name))
+    }
+
+    /// What it is about.
+    pub fn subject(&self) -> &Subject {
+        match self {
+            Self::Evaluation(evaluation) => &evaluation.subject,
+            Self::GridCell(cell) => &cell.subject,
+            Self::Description(shard) => &shard.subject,
+            Self::Tile(tile) => &tile.evaluation.subject,
+        }
+    }
+
+    /// Its kind.
+    pub fn kind(&self) -> TaskKind {
+        match self {
+            Self::Evaluation(_) => TaskKind::Evaluation,
+            Self::GridCell(_) => TaskKind::GridCell,
+            Self::Description(_) => TaskKind::Description,
+            Self::Tile(_) => TaskKind::Tile,
+        }
+    }
+
+    /// Counted cost, in the units of [`Facts`].
+    pub fn cost(&self) -> u64 {
+        let (clouds, pairs) = match self {
+            Self::Evaluation(Evaluation { queries, database_clouds, .. })
+            | Self::GridCell(GridCell { queries, database_clouds, .. }) => {
+                (u64::from(*queries) + u64::from(*database_clouds), [*queries, *database_clouds])
+            }
+            Self::Description(shard) => (u64::from(shard.clouds), [0, 0]),
+            Self::Tile(tile) => (0, [tile.evaluation.queries, tile.evaluation.database_clouds]),
+        };
+        let Facts { cloud_cost, pair_cost, .. } = self.subject().facts;
+        let pairs = u64::from(pairs[0]) * u64::from(pairs[1]);
+        clouds.saturating_mul(cloud_cost).saturating_add(pairs.saturating_mul(pair_cost))
+    }
+
+    /// Refuses a result that cannot be one of this task: of another kind or size, impossible counts, indices out of
+    /// range, distances that are no distances. What a description holds is not looked at.
+    pub fn check(&self, result: &TaskResult) -> Result<(), InvalidResult> {
+        match (self, result) {
+            (Self::Evaluation(evaluation), TaskResult::Evaluation(result))
+            | (Self::Tile(Tile { evaluation, .. }), TaskResult::Evaluation(result)) => {
+                result.check(evaluation.queries, evaluation.database_clouds, evaluation.want_matches)
+            }
+            (Self::GridCell(cell), TaskResult::GridCell(counts)) => {
+                result::check_counts(counts, cell.descriptors, cell.queries)
+            }
+            (Self::Description(shard), TaskResult::Description(described)) => {
+                described.check(u64::from(shard.clouds).saturating_mul(shard.subject.facts.description_bytes))
+            }
+            (_, result) => Err(InvalidResult::Kind { got: result.kind() }),
+        }
+    }
+}
+
+impl Tile {
+    /// What describing each of its shards asks for: queries, then database.
+    pub fn shards(&self) -> impl Iterator<Item = Description> + use<'_> {
+        let Evaluation { subject, query, database, .. } = &self.evaluation;
+        // How many clouds a shard has is no part of the name by which its description is asked for.
+        let shard =
+            |manifest: &Digest| Description { subject: subject.clone(), manifest: *manifest, clouds: 0 };
+        query.iter().chain(database).map(shard)
+    }
+}
+
+impl fmt::Display for Task {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let label = &self.subject().facts.label;
+        match self {
+            Self::Evaluation(_) => write!(f, "evaluation of {label}"),
+            Self::GridCell(_) => write!(f, "grid cell of {label}"),
+            Self::Description(shard) => write!(f, "description of {} clouds under {label}", shard.clouds),
+            Self::Tile(Tile { evaluation: Evaluation { queries, database_clouds, .. }, .. }) => {
+                write!(f, "tile of {queries} by {database_clouds} clouds of the evaluation of {label}")
+            }
+        }
+    }
+}
+
+impl Subject {
+    /// For tests: a descriptor that differs from others in `number`.
+    #[doc(hidden)]
+    pub fn sample(number: u32) -> Self {
+        let label = format!("descriptor {number}");
+        Self {
+            preparation: vec![1].into(),
+            descriptor: number.to_le_bytes().to_vec().into(),
+            facts: Facts { label, description_bytes: 8, cloud_cost: 60_000, pair_cost: 60 },
+        }
+    }
+}
+
+impl Evaluation {
+    /// For tests: counts of [`Subject::sample`] on so many queries and database clouds, of no split in particular.
+    #[doc(hidden)]
+    pub fn sample(number: u32, queries: u32, database_clouds: u32) -> Self {
+        let (query, database, want_matches) = (Vec::new(), Vec::new(), false);
+        Self { subject: Subject::sample(number), query, database, queries, database_clouds, want_matches }
+    }
+}

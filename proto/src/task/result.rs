@@ -1,0 +1,274 @@
+//! What workers answer: results, which of them can be one at all, and failures with their reason.
+
+use std::fmt;
+use std::sync::Arc;
+
+use prost::Message as _;
+
+use crate::{Digest, Lease, MAX_TEXT_BYTES, truncate, v2};
+
+/// What a task gives.
+#[derive(Clone, Debug, PartialEq)]
+pub enum TaskResult {
+    /// Of one descriptor, on all clouds or those of a tile.
+    Evaluation(EvaluationResult),
+    /// How many queries each descriptor of the cell recognises (object), in the order in which the cell lists them.
+    GridCell(Vec<u32>),
+    /// Of a shard.
+    Description(Described),
+}
+
+/// What an evaluation gives.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct EvaluationResult {
+    /// Number of queries.
+    pub queries: u32,
+    /// Queries whose nearest cloud is of the same object.
+    pub object_correct: u32,
+    /// Queries whose nearest cloud is of the same category.
+    pub category_correct: u32,
+    /// One a query if they were wanted, else none.
+    pub matches: Vec<Match>,
+}
+
+/// A query's nearest database cloud.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Match {
+    /// Index of the nearest cloud.
+    pub nearest: u32,
+    /// Its set distance.
+    pub distance: f64,
+    /// Index and set distance of the nearest cloud of another object, if there is one.
+    pub runner_up: Option<(u32, f64)>,
+}
+
+/// What describing a shard gives.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Described {
+    /// Names the description.
+    pub digest: Digest,
+    /// The description itself; `None` of one of which only the name is kept.
+    pub bytes: Option<Arc<[u8]>>,
+}
+
+/// A finished lease.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Report {
+    /// Which lease.
+    pub lease: Lease,
+    /// From taking up the job to its end, seconds on the worker's clock.
+    pub run_seconds: f64,
+    /// The result, or why there is none.
+    pub outcome: Result<TaskResult, Failure>,
+}
+
+/// Why there is no result.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Failure {
+    /// What kind of failure it is: what follows from it rests on this.
+    pub reason: FailureReason,
+    /// For people, at most [`MAX_TEXT_BYTES`], without control characters but line ends.
+    pub message: String,
+}
+
+/// A kind of failure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum FailureReason {
+    /// A reason that this release does not know.
+    Other,
+    /// A blob is not to be had, or is damaged.
+    Data,
+    /// The evaluation panicked.
+    Panic,
+    /// The job is malformed: no worker of this release can do it.
+    InvalidJob,
+    /// A cloud cannot be described.
+    Cloud,
+    /// A shard has another description than the job names.
+    Description,
+    /// The result cannot be one of this job.
+    InvalidResult,
+    /// No result in the time that a job may take.
+    Overdue,
+    /// The worker was lost with the job in hand.
+    Lost,
+}
+
+/// A result that cannot be one of its task.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InvalidResult {
+    /// Of another kind of task.
+    #[error("result: must be of the kind that was asked for, got {got}")]
+    Kind {
+        /// Its kind.
+        got: &'static str,
+    },
+    /// Too many or too few.
+    #[error("{what}: must be {expected}, got {got}")]
+    Number {
+        /// Of what.
+        what: &'static str,
+        /// How many there must be.
+        expected: u64,
+        /// How many there are.
+        got: u64,
+    },
+    /// The same object is of the same category, so the category can only be right more often.
+    #[error("counts: must be object <= category <= {queries}, got {object} and {category}")]
+    Counts {
+        /// Number of queries.
+        queries: u32,
+        /// Recognised objects.
+        object: u32,
+        /// Recognised categories.
+        category: u32,
+    },
+    /// More recognised queries than there are.
+    #[error("count: must be at most {queries}, got {got}")]
+    Count {
+        /// Number of queries.
+        queries: u32,
+        /// Recognised ones.
+        got: u32,
+    },
+    /// No cloud of the database, or no distance.
+    #[error("match: must name one of {clouds} clouds at a finite distance, got {index} at {distance}")]
+    Match {
+        /// Clouds in the database.
+        clouds: u32,
+        /// Index that was given.
+        index: u32,
+        /// Distance that was given.
+        distance: f64,
+    },
+    /// Bytes that are no description.
+    #[error("{0}")]
+    Description(String),
+}
+
+impl TaskResult {
+    /// Name of its kind, with an article.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Evaluation(_) => "an evaluation",
+            Self::GridCell(_) => "a grid cell",
+            Self::Description(_) => "a description",
+        }
+    }
+
+    /// What is kept of it to the end of the run. Cells of a grid are large, and have files of their own; of a
+    /// description its name is enough, for it can be made again.
+    pub fn kept(&self) -> Option<Self> {
+        match self {
+            Self::Evaluation(_) => Some(self.clone()),
+            Self::GridCell(_) => None,
+            Self::Description(described) => Some(Self::Description(Described::named(described.digest))),
+        }
+    }
+
+    /// Equal for results that are equal bit for bit.
+    pub fn fingerprint(&self) -> Digest {
+        match self {
+            Self::Description(described) => described.digest,
+            _ => Digest::of(&v2::TaskResult::from(self.clone()).encode_to_vec()),
+        }
+    }
+}
+
+impl EvaluationResult {
+    pub(super) fn check(
+        &self,
+        queries: u32,
+        database_clouds: u32,
+        want_matches: bool,
+    ) -> Result<(), InvalidResult> {
+        number("queries", queries.into(), self.queries.into())?;
+        let (object, category) = (self.object_correct, self.category_correct);
+        if object > category || category > queries {
+            return Err(InvalidResult::Counts { queries, object, category });
+        }
+        let wanted = if want_matches { queries } else { 0 };
+        number("matches", wanted.into(), self.matches.len() as u64)?;
+        for found in &self.matches {
+            for (index, distance) in std::iter::once((found.nearest, found.distance)).chain(found.runner_up) {
+                if index >= database_clouds || !distance.is_finite() || distance < 0.0 {
+                    return Err(InvalidResult::Match { clouds: database_clouds, index, distance });
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+pub(super) fn check_counts(counts: &[u32], descriptors: u32, queries: u32) -> Result<(), InvalidResult> {
+    number("counts", descriptors.into(), counts.len() as u64)?;
+    match counts.iter().find(|&&count| count > queries) {
+        Some(&got) => Err(InvalidResult::Count { queries, got }),
+        None => Ok(()),
+    }
+}
+
+fn number(what: &'static str, expected: u64, got: u64) -> Result<(), InvalidResult> {
+    if got == expected { Ok(()) } else { Err(InvalidResult::Number { what, expected, got }) }
+}
+
+impl Described {
+    /// A description that a worker has made.
+    pub fn new(bytes: Vec<u8>) -> Self {
+        Self { digest: Digest::of(&bytes), bytes: Some(bytes.into()) }
+    }
+
+    /// Its name alone.
+    pub fn named(digest: Digest) -> Self {
+        Self { digest, bytes: None }
+    }
+
+    pub(super) fn check(&self, length: u64) -> Result<(), InvalidResult> {
+        let Some(bytes) = &self.bytes else { return Ok(()) };
+        number("description: bytes", length, bytes.len() as u64)
+    }
+}
+
+impl Report {
+    /// Bytes that it takes in a message.
+    pub fn encoded_len(&self) -> usize {
+        v2::JobReport::from(self.clone()).encoded_len()
+    }
+}
+
+impl Failure {
+    /// A failure with a message that is fit to be shown, whatever it holds.
+    pub fn new(reason: FailureReason, message: impl fmt::Display) -> Self {
+        let message = message.to_string();
+        let message = truncate(&message, MAX_TEXT_BYTES);
+        Self { reason, message: message.chars().filter(|c| *c == '\n' || !c.is_control()).collect() }
+    }
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.reason, self.message)
+    }
+}
+
+impl From<InvalidResult> for Failure {
+    fn from(error: InvalidResult) -> Self {
+        Self::new(FailureReason::InvalidResult, error)
+    }
+}
+
+impl fmt::Display for FailureReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Other => "failed",
+            Self::Data => "data",
+            Self::Panic => "panic",
+            Self::InvalidJob => "invalid job",
+            Self::Cloud => "cloud",
+            Self::Description => "description",
+            Self::InvalidResult => "invalid result",
+            Self::Overdue => "overdue",
+            Self::Lost => "lost",
+        })
+    }
+}

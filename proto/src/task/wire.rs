@@ -1,0 +1,316 @@
+//! The vocabulary of tasks as messages, and back: the one conversion for wire and journal.
+
+use super::{
+    Described, Description, DescriptorBytes, Evaluation, EvaluationResult, Facts, Failure, FailureReason,
+    GridCell, MAX_DESCRIPTOR_BYTES, MAX_LABEL_BYTES, MAX_PREPARATION_BYTES, Match, Preparation, Report,
+    Subject, Task, TaskResult, Tile,
+};
+use crate::{Digest, InvalidId, MAX_CELL, v2};
+
+/// A message that does not make sense.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum InvalidMessage {
+    /// A field that must be set is not.
+    #[error("{0}: missing\nuse a worker and a coordinator of the same release")]
+    Missing(&'static str),
+    /// An id or a digest of another length.
+    #[error(transparent)]
+    Id(#[from] InvalidId),
+    /// More than allowed.
+    #[error("{what}: must be at most {most}, got {got}\nuse a worker and a coordinator of the same release")]
+    TooMany {
+        /// Of what.
+        what: &'static str,
+        /// The most it may be.
+        most: u64,
+        /// How many there are.
+        got: u64,
+    },
+    /// Bytes that are no message at all.
+    #[error("message: cannot be decoded, got {0}\nuse a worker and a coordinator of the same release")]
+    Undecodable(String),
+}
+
+impl From<prost::DecodeError> for InvalidMessage {
+    fn from(error: prost::DecodeError) -> Self {
+        Self::Undecodable(error.to_string())
+    }
+}
+
+/// What a task asks: what its job is named by.
+pub(super) fn ask(task: &Task) -> v2::task::Ask {
+    use v2::task::Ask;
+    match task {
+        Task::Evaluation(evaluation) => Ask::Evaluation(evaluation_message(evaluation)),
+        Task::GridCell(cell) => Ask::GridCell(v2::GridCell {
+            preparation: cell.subject.preparation.bytes().to_vec(),
+            cell: cell.subject.descriptor.bytes().to_vec(),
+            query: digests(&cell.query),
+            database: digests(&cell.database),
+        }),
+        Task::Description(shard) => Ask::Description(v2::Description {
+            preparation: shard.subject.preparation.bytes().to_vec(),
+            descriptor: shard.subject.descriptor.bytes().to_vec(),
+            manifest: shard.manifest.to_vec(),
+        }),
+        Task::Tile(tile) => Ask::Tile(v2::Tile {
+            evaluation: Some(evaluation_message(&tile.evaluation)),
+            query_descriptions: digests(&tile.query_descriptions),
+            database_descriptions: digests(&tile.database_descriptions),
+        }),
+    }
+}
+
+fn evaluation_message(evaluation: &Evaluation) -> v2::Evaluation {
+    v2::Evaluation {
+        preparation: evaluation.subject.preparation.bytes().to_vec(),
+        descriptor: evaluation.subject.descriptor.bytes().to_vec(),
+        query: digests(&evaluation.query),
+        database: digests(&evaluation.database),
+        want_matches: evaluation.want_matches,
+    }
+}
+
+fn digests(digests: &[Digest]) -> Vec<Vec<u8>> {
+    digests.iter().map(|digest| digest.to_vec()).collect()
+}
+
+impl From<&Task> for v2::Task {
+    fn from(task: &Task) -> Self {
+        let (queries, database_clouds, descriptors) = match task {
+            Task::Evaluation(Evaluation { queries, database_clouds, .. })
+            | Task::Tile(Tile { evaluation: Evaluation { queries, database_clouds, .. }, .. }) => {
+                (*queries, *database_clouds, 0)
+            }
+            Task::GridCell(cell) => (cell.queries, cell.database_clouds, cell.descriptors),
+            Task::Description(shard) => (shard.clouds, 0, 0),
+        };
+        let Facts { label, description_bytes, cloud_cost, pair_cost } = task.subject().facts.clone();
+        let facts = v2::Facts {
+            label,
+            queries,
+            database_clouds,
+            descriptors,
+            description_bytes,
+            cloud_cost,
+            pair_cost,
+        };
+        Self { ask: Some(ask(task)), facts: Some(facts) }
+    }
+}
+
+impl TryFrom<v2::Task> for Task {
+    type Error = InvalidMessage;
+
+    fn try_from(message: v2::Task) -> Result<Self, InvalidMessage> {
+        use v2::task::Ask;
+        let facts = message.facts.ok_or(InvalidMessage::Missing("task: facts"))?;
+        Ok(match message.ask.ok_or(InvalidMessage::Missing("task: what is asked"))? {
+            Ask::Evaluation(evaluation) => Self::Evaluation(self::evaluation(evaluation, &facts)?),
+            Ask::GridCell(cell) => Self::GridCell(GridCell {
+                query: parsed_digests(&cell.query)?,
+                database: parsed_digests(&cell.database)?,
+                queries: facts.queries,
+                database_clouds: facts.database_clouds,
+                descriptors: bounded("descriptors of a grid cell", facts.descriptors.into(), MAX_CELL)?
+                    as u32,
+                subject: subject(cell.preparation, cell.cell, &facts)?,
+            }),
+            Ask::Description(shard) => Self::Description(Description {
+                manifest: Digest::try_from(&shard.manifest[..])?,
+                clouds: facts.queries,
+                subject: subject(shard.preparation, shard.descriptor, &facts)?,
+            }),
+            Ask::Tile(tile) => {
+                let evaluation = tile.evaluation.ok_or(InvalidMessage::Missing("tile: evaluation"))?;
+                let evaluation = self::evaluation(evaluation, &facts)?;
+                let descriptions = |digests: &[Vec<u8>], manifests: &[Digest]| {
+                    if digests.len() < manifests.len() {
+                        return Err(InvalidMessage::Missing("tile: description of a shard"));
+                    }
+                    bounded("descriptions of a tile", digests.len() as u64, manifests.len() as u64)?;
+                    parsed_digests(digests)
+                };
+                Self::Tile(Tile {
+                    query_descriptions: descriptions(&tile.query_descriptions, &evaluation.query)?,
+                    database_descriptions: descriptions(&tile.database_descriptions, &evaluation.database)?,
+                    evaluation,
+                })
+            }
+        })
+    }
+}
+
+fn evaluation(message: v2::Evaluation, facts: &v2::Facts) -> Result<Evaluation, InvalidMessage> {
+    Ok(Evaluation {
+        query: parsed_digests(&message.query)?,
+        database: parsed_digests(&message.database)?,
+        queries: facts.queries,
+        database_clouds: facts.database_clouds,
+        want_matches: message.want_matches,
+        subject: subject(message.preparation, message.descriptor, facts)?,
+    })
+}
+
+fn subject(preparation: Vec<u8>, descriptor: Vec<u8>, facts: &v2::Facts) -> Result<Subject, InvalidMessage> {
+    bounded("bytes of a label", facts.label.len() as u64, MAX_LABEL_BYTES as u64)?;
+    bounded("bytes of a preparation", preparation.len() as u64, MAX_PREPARATION_BYTES as u64)?;
+    bounded("bytes of a descriptor", descriptor.len() as u64, MAX_DESCRIPTOR_BYTES as u64)?;
+    Ok(Subject {
+        preparation: Preparation::from(preparation),
+        descriptor: DescriptorBytes::from(descriptor),
+        facts: Facts {
+            label: facts.label.clone(),
+            description_bytes: facts.description_bytes,
+            cloud_cost: facts.cloud_cost,
+            pair_cost: facts.pair_cost,
+        },
+    })
+}
+
+fn bounded(what: &'static str, got: u64, most: u64) -> Result<u64, InvalidMessage> {
+    if got > most {
+        return Err(InvalidMessage::TooMany { what, most, got });
+    }
+    Ok(got)
+}
+
+fn parsed_digests(bytes: &[Vec<u8>]) -> Result<Vec<Digest>, InvalidMessage> {
+    bytes.iter().map(|bytes| Ok(Digest::try_from(&bytes[..])?)).collect()
+}
+
+impl From<TaskResult> for v2::TaskResult {
+    /// Of a description of which only the name is kept, nothing.
+    fn from(result: TaskResult) -> Self {
+        use v2::task_result::Result;
+        Self {
+            result: match result {
+                TaskResult::Evaluation(result) => Some(Result::Evaluation(result.into())),
+                TaskResult::GridCell(object_correct) => {
+                    Some(Result::GridCell(v2::GridCellResult { object_correct }))
+                }
+                TaskResult::Description(Described { bytes, .. }) => {
+                    bytes.map(|bytes| Result::Description(v2::DescriptionResult { bytes: bytes.to_vec() }))
+                }
+            },
+        }
+    }
+}
+
+impl TryFrom<v2::TaskResult> for TaskResult {
+    type Error = InvalidMessage;
+
+    fn try_from(message: v2::TaskResult) -> Result<Self, InvalidMessage> {
+        Ok(match message.result.ok_or(InvalidMessage::Missing("result: what was asked"))? {
+            v2::task_result::Result::Evaluation(result) => Self::Evaluation(result.into()),
+            v2::task_result::Result::GridCell(result) => Self::GridCell(result.object_correct),
+            v2::task_result::Result::Description(result) => Self::Description(Described::new(result.bytes)),
+        })
+    }
+}
+
+impl From<EvaluationResult> for v2::EvaluationResult {
+    fn from(result: EvaluationResult) -> Self {
+        let found = |found: Match| v2::Match {
+            nearest: found.nearest,
+            distance: found.distance,
+            runner_up: found.runner_up.map(|(index, distance)| v2::Neighbour { index, distance }),
+        };
+        Self {
+            queries: result.queries,
+            object_correct: result.object_correct,
+            category_correct: result.category_correct,
+            matches: result.matches.into_iter().map(found).collect(),
+        }
+    }
+}
+
+impl From<v2::EvaluationResult> for EvaluationResult {
+    fn from(message: v2::EvaluationResult) -> Self {
+        // A message cannot tell -0 from a distance that is not there.
+        let found = |found: v2::Match| Match {
+            nearest: found.nearest,
+            distance: found.distance + 0.0,
+            runner_up: found.runner_up.map(|other| (other.index, other.distance + 0.0)),
+        };
+        Self {
+            queries: message.queries,
+            object_correct: message.object_correct,
+            category_correct: message.category_correct,
+            matches: message.matches.into_iter().map(found).collect(),
+        }
+    }
+}
+
+impl From<Failure> for v2::Failure {
+    fn from(Failure { reason, message }: Failure) -> Self {
+        use v2::FailureReason as Wire;
+        let reason = match reason {
+            FailureReason::Other => Wire::Unspecified,
+            FailureReason::Data => Wire::Data,
+            FailureReason::Panic => Wire::Panic,
+            FailureReason::InvalidJob => Wire::InvalidJob,
+            FailureReason::Cloud => Wire::Cloud,
+            FailureReason::Description => Wire::Description,
+            FailureReason::InvalidResult => Wire::InvalidResult,
+            FailureReason::Overdue => Wire::Overdue,
+            FailureReason::Lost => Wire::Lost,
+        };
+        Self { reason: reason.into(), message }
+    }
+}
+
+impl From<InvalidMessage> for Failure {
+    /// Of a task that a worker cannot read.
+    fn from(error: InvalidMessage) -> Self {
+        Self::new(FailureReason::InvalidJob, error)
+    }
+}
+
+impl From<v2::Failure> for Failure {
+    fn from(message: v2::Failure) -> Self {
+        use v2::FailureReason as Wire;
+        let reason = match message.reason() {
+            Wire::Unspecified => FailureReason::Other,
+            Wire::Data => FailureReason::Data,
+            Wire::Panic => FailureReason::Panic,
+            Wire::InvalidJob => FailureReason::InvalidJob,
+            Wire::Cloud => FailureReason::Cloud,
+            Wire::Description => FailureReason::Description,
+            Wire::InvalidResult => FailureReason::InvalidResult,
+            Wire::Overdue => FailureReason::Overdue,
+            Wire::Lost => FailureReason::Lost,
+        };
+        Self::new(reason, message.message)
+    }
+}
+
+impl From<Report> for v2::JobReport {
+    fn from(Report { lease, run_seconds, outcome }: Report) -> Self {
+        use v2::job_report::Outcome;
+        let outcome = match outcome {
+            Ok(result) => Outcome::Result(result.into()),
+            Err(failure) => Outcome::Failure(failure.into()),
+        };
+        Self { lease: Some(lease.into()), run_seconds, outcome: Some(outcome) }
+    }
+}
+
+impl TryFrom<v2::JobReport> for Report {
+    type Error = InvalidMessage;
+
+    /// A report that names its lease is one, whatever the rest of it holds: then it is of a failure.
+    fn try_from(message: v2::JobReport) -> Result<Self, InvalidMessage> {
+        use v2::job_report::Outcome;
+        let lease = message.lease.ok_or(InvalidMessage::Missing("report: lease"))?.into();
+        let run_seconds = message.run_seconds;
+        let run_seconds = if run_seconds.is_finite() && run_seconds >= 0.0 { run_seconds } else { 0.0 };
+        let invalid = |error| Failure::new(FailureReason::InvalidResult, error);
+        let outcome = match message.outcome {
+            Some(Outcome::Result(result)) => TaskResult::try_from(result).map_err(invalid),
+            Some(Outcome::Failure(failure)) => Err(failure.into()),
+            None => Err(invalid(InvalidMessage::Missing("report: outcome"))),
+        };
+        Ok(Self { lease, run_seconds, outcome })
+    }
+}
