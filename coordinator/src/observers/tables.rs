@@ -1,7 +1,6 @@
 //! The tables `workers`, `attempts` and `events`, made of a run's events.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::time::SystemTime;
 
 use cluster::Client;
@@ -122,6 +121,7 @@ fn attempt_row(attempt: &Attempt, ended_at: SystemTime) -> AttemptRow {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
     use std::time::Duration;
 
     use cluster::events::{AttemptEnd, EventLog, Introduction};
