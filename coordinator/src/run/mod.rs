@@ -30,6 +30,7 @@ use crate::exhaust::grid::{Grid, GridError};
 use crate::experiment::{Experiment, ExperimentError, LocalWorkers};
 use crate::local::CrewError;
 use crate::memory::Known;
+use crate::observers::event_file::{EventFile, EventFileError};
 use cluster::ClusterError;
 use cluster::journal::JournalError;
 use transport::{ListenError, Listener, Protection};
@@ -55,6 +56,8 @@ pub struct RunOptions {
     pub out: Option<PathBuf>,
     /// Begin another run, beside the one that is there.
     pub fresh: bool,
+    /// A file that events are appended to.
+    pub events: Option<PathBuf>,
     /// How connections from other machines are protected.
     pub protection: Protection,
     /// Where what runs find out is kept, and memory for the workers of this process.
@@ -85,6 +88,9 @@ pub enum RunError {
     /// What an earlier start has left.
     #[error(transparent)]
     Journal(#[from] JournalError),
+    /// The file that events are to be written to.
+    #[error(transparent)]
+    Events(#[from] EventFileError),
     /// It took too long.
     #[error(
         "coordinator.deadline_seconds: reached, got no result within {seconds} s\nrun the same command to go on, as long again, or raise the deadline"
@@ -248,6 +254,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
     let known = Known { train: train_memory.recall(), validation: validation_memory.recall() };
     progress.follow(&workplace.cluster);
+    let mut events = EventFile::open(options.events.as_deref(), &workplace.cluster).await?;
     let client = workplace.cluster.client();
     let mut crew = workplace.staff(local_workers);
     if !can_do_alone {
@@ -263,12 +270,14 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let ended = in_time(experiment.coordinator().deadline, crew.during(search)).await;
     if ended.is_err() {
         run.tell_what_happened();
+        EventFile::finish(events.take()).await;
     }
     let outcome = ended?;
     crew.stop().await;
     run.progress.finish();
     let trusted = workplace.cluster.is_trusted();
     workplace.cluster.close();
+    EventFile::finish(events).await;
     let summary = run.finish(&outcome)?;
     remove_journal(&out);
     // Not before the run is finished: what a failed one computed is in doubt, and so is what one with a worker that

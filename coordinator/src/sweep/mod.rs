@@ -14,6 +14,7 @@ use worker::store::Store;
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{LocalWorkers, Member, Overrides, Plan, Sweep};
 use crate::memory::Known;
+use crate::observers::event_file::EventFile;
 use crate::run::place::{chosen, claim, read_bounded, refuse_another, write_whole};
 use crate::run::progress::Progress;
 use crate::run::summary::Summary;
@@ -99,6 +100,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let tally = Arc::new(Tally::new(members.len(), summaries.len()));
     let (dataset, remembered) = (&dataset, &known);
     progress.follow(&workplace.cluster);
+    let mut events = EventFile::open(options.events.as_deref(), &workplace.cluster).await?;
     workplace.cluster.share();
     let clients: Vec<_> = folders.iter().map(|_| workplace.cluster.client()).collect();
     let mut crew = workplace.staff(local_workers);
@@ -121,9 +123,11 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let ended = in_time(base.coordinator().deadline, crew.during(work)).await;
     if ended.is_err() {
         runs.iter().for_each(|(_, run)| run.tell_what_happened());
+        EventFile::finish(events.take()).await;
     }
     let done = ended?;
     crew.stop().await;
+    EventFile::finish(events).await;
     progress.finish();
 
     remove_journal(&out);
