@@ -302,7 +302,8 @@ impl ClusterState {
         let descriptor = Descriptor::DiskRing(tile.evaluation.parameters);
         for &manifest in tile.evaluation.query.iter().chain(&tile.evaluation.database) {
             let clouds = tile.evaluation.queries; // no part of the name
-            let description = Task::Description(Description { descriptor: descriptor.clone(), manifest, clouds });
+            let description =
+                Task::Description(Description { descriptor: descriptor.clone(), manifest, clouds });
             // Under each job that it was submitted as.
             let names = (0..).map(|occurrence| description.job(occurrence));
             names.take_while(|job| self.scheduler.jobs.was_asked(*job)).for_each(|job| self.retract(job));
