@@ -114,7 +114,6 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     EventFile::finish(events).await;
     if searched.is_err() {
         run.tell_what_happened();
-        EventFile::finish(events.take()).await;
     }
     let outcome = searched?;
     run.progress.finish();

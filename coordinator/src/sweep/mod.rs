@@ -99,7 +99,6 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     EventFile::finish(events).await;
     if searched.is_err() {
         runs.iter().for_each(|(_, run)| run.tell_what_happened());
-        EventFile::finish(events.take()).await;
     }
     let done = searched?;
     progress.finish();

@@ -110,13 +110,14 @@ fn terminal_tables_and_a_file_of_events_follow_a_sweep_each_for_itself() {
     let events: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let sequences: Vec<u64> = events.iter().map(|event| event["sequence"].as_u64().unwrap()).collect();
     assert!(sequences.is_sorted_by(|one, next| one < next), "{sequences:?}");
-    let of_kind = |kind: &str| events.iter().filter(move |event| event["event"] == kind);
-    assert_eq!(of_kind("joined").count(), 2, "{text}");
+    let of_kind = |kind: &str| events.iter().filter(|event| event["event"] == kind).collect::<Vec<&Value>>();
+    assert_eq!(of_kind("joined").len(), 2, "{text}");
     for joined in of_kind("joined") {
         let line = format!("worker {}: joined,", joined["label"].as_str().unwrap());
         assert_eq!(finished.stderr.matches(&line).count(), 1, "{line} {finished}");
     }
-    let in_file = of_kind("attempt").filter(|attempt| attempt["end"] == "answered");
+    let attempts = of_kind("attempt").into_iter();
+    let in_file = attempts.filter(|attempt| attempt["end"] == "answered");
     let in_file: BTreeSet<u64> = in_file.map(|attempt| attempt["job"].as_u64().unwrap()).collect();
     let members = members(&finished).into_keys().map(|name| experiment.path(&format!("out/{name}")));
     let in_tables: BTreeSet<u64> = members.flat_map(|folder| answered(&folder)).collect();
