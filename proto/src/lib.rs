@@ -4,9 +4,11 @@
 
 mod ids;
 mod join;
+mod message;
 
 pub use ids::{Digest, Fingerprint, InvalidFingerprint, InvalidId, JobId, Lease, SessionId, WorkerId};
 pub use join::{DEFAULT_PORT, InvalidJoinAddress, InvalidToken, JoinAddress, Token, Trust};
+pub use message::Message;
 
 /// Messages, client and server of `descry.v1`.
 pub mod v1 {

@@ -20,6 +20,7 @@ use std::time::{Instant, SystemTime};
 use cache::Storage;
 use cache::Store;
 use evolution::Method;
+use proto::Message;
 use results::RunFolder;
 use transport::host_name;
 
@@ -174,8 +175,7 @@ pub fn compare_with_data(
         Ok(dataset) => dataset,
         // The data may be gone by now; if it is there, it must be the same.
         Err(error) => {
-            let error = error.to_string();
-            eprintln!("warning: cannot compare with the data: {}", error.lines().next().unwrap_or_default());
+            eprintln!("warning: cannot compare with the data: {}", Message::of(&error).what);
             return Ok(());
         }
     };

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use cache::{Claim, Store};
 use descriptor::{PreparedCloud, pcd};
-use proto::Digest;
+use proto::{Digest, Message};
 use rayon::iter::Either;
 use rayon::prelude::*;
 
@@ -204,8 +204,7 @@ fn decoded(
     match payload.map(|payload| cache.preparer.decode(&payload)) {
         Some(Ok(prepared)) => Either::Left((cloud.digest, Arc::new(prepared))),
         Some(Err(error)) => {
-            let error = error.to_string(); // whose second line, what to do, is what is done here
-            let what = error.lines().next().unwrap_or_default();
+            let what = Message::of(&error).what; // its advice is what is done here
             tracing::warn!("{}: kept entry is of no use, got {what}; preparing it again", cloud.path);
             Either::Right(cloud)
         }

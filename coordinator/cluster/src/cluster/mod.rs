@@ -10,7 +10,7 @@ mod state;
 use std::sync::{Arc, Mutex, MutexGuard, Weak};
 use std::time::{Duration, Instant, SystemTime};
 
-use proto::{Lease, SessionId, WorkerId};
+use proto::{Lease, Message, SessionId, WorkerId};
 use tokio::sync::{Notify, watch};
 use tokio::time::MissedTickBehavior;
 
@@ -69,7 +69,7 @@ pub enum ClusterError {
 
 /// What failed, a line each: advice given to one machine is not repeated for all.
 fn first_lines(failures: &[String]) -> String {
-    let lines: Vec<&str> = failures.iter().filter_map(|failure| failure.lines().next()).collect();
+    let lines: Vec<String> = failures.iter().map(|failure| Message::of(failure).what).collect();
     lines.join("\n  ")
 }
 
