@@ -283,7 +283,7 @@ fn join_addresses() -> Vec<Vec<u8>> {
 }
 
 fn header() -> Vec<u8> {
-    br#"{"magic":"descry journal","version":1,"search":"seed = 1\n","experiment":"version = 1\n","data_digest":"00","evaluation_version":2,"session":[7,7,7,7,7,7,7,7,7,7,7,7,7,7,7,7],"started_milliseconds":1700000000123}"#.to_vec()
+    br#"{"magic":"descry journal","version":2,"search":"seed = 1\n","experiment":"version = 1\n","data_digest":"00","evaluation_version":2,"session":[7,7,7,7,7,7,7,7,7,7,7,7,7,7,7,7],"started_milliseconds":1700000000123}"#.to_vec()
 }
 
 /// As version 1 writes them: attempt, nanoseconds, seconds, label, counts, matches.

@@ -215,9 +215,12 @@ fn what_is_no_journal_is_said_to_be_damaged_or_of_another_version() {
         assert!(Header::decode(text.replace(from, to).as_bytes(), &path).is_err(), "{from}");
     }
     let text = String::from_utf8(header().encode().unwrap()).unwrap();
-    let later = text.replace("\"version\":1", "\"version\":2,\"more\":0");
-    let error = Header::decode(later.as_bytes(), &path).unwrap_err();
-    assert!(matches!(error, JournalError::Version { got: 2, .. }), "{error}");
+    for (got, writer) in [(1, "an earlier build of Descry 0.1"), (3, "a later release of Descry")] {
+        let other = text.replace("\"version\":2", &format!("\"version\":{got},\"more\":0"));
+        let error = Header::decode(other.as_bytes(), &path).unwrap_err().to_string();
+        let said = format!("version must be 2, got {got}, written by {writer}\nfinish this run with that build,");
+        assert!(error.contains(&said), "{error}");
+    }
 }
 
 #[test]
@@ -272,10 +275,10 @@ fn a_length_that_no_bytes_follow_reserves_nothing() {
     assert_eq!(record::decode_accepted(JobId(5), &bytes), None);
 }
 
-/// What version 1 has written: it must be read for as long as journals of version 1 are.
+/// What version 2 has written: it must be read for as long as journals of version 2 are.
 #[test]
-fn records_of_version_1_are_read() {
-    let text = r#"{"magic":"descry journal","version":1,"search":"seed = 1\n","experiment":"version = 1\n",
+fn records_of_version_2_are_read() {
+    let text = r#"{"magic":"descry journal","version":2,"search":"seed = 1\n","experiment":"version = 1\n",
         "data_digest":"00","evaluation_version":2,"session":[7,7,7,7,7,7,7,7,7,7,7,7,7,7,7,7],
         "started_milliseconds":1700000000123}"#;
     assert_eq!(Header::decode(text.as_bytes(), Path::new("journal")).unwrap(), header());
