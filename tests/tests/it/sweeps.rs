@@ -110,7 +110,7 @@ fn terminal_tables_and_a_file_of_events_follow_a_sweep_each_for_itself() {
     let events: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
     let sequences: Vec<u64> = events.iter().map(|event| event["sequence"].as_u64().unwrap()).collect();
     assert!(sequences.is_sorted_by(|one, next| one < next), "{sequences:?}");
-    let of_kind = |kind: &str| events.iter().filter(move |event| event["event"] == kind);
+    let of_kind = |kind: &'static str| events.iter().filter(move |event| event["event"] == kind);
     assert_eq!(of_kind("joined").count(), 2, "{text}");
     for joined in of_kind("joined") {
         let line = format!("worker {}: joined,", joined["label"].as_str().unwrap());
