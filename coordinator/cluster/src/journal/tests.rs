@@ -218,7 +218,8 @@ fn what_is_no_journal_is_said_to_be_damaged_or_of_another_version() {
     for (got, writer) in [(1, "an earlier build of Descry 0.1"), (3, "a later release of Descry")] {
         let other = text.replace("\"version\":2", &format!("\"version\":{got},\"more\":0"));
         let error = Header::decode(other.as_bytes(), &path).unwrap_err().to_string();
-        let said = format!("version must be 2, got {got}, written by {writer}\nfinish this run with that build,");
+        let said =
+            format!("version must be 2, got {got}, written by {writer}\nfinish this run with that build,");
         assert!(error.contains(&said), "{error}");
     }
 }
