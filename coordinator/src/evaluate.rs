@@ -1,5 +1,6 @@
 //! One descriptor on given lists, in this process, with the time that each stage takes.
 
+use proto::Message;
 use std::ops::AddAssign;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -241,10 +242,7 @@ fn describe_file(
     match stages(&cloud, preprocess, describe, &mut seconds) {
         Ok(described) => Ok((Ok(described), seconds)),
         Err(FixedError::Prepare(PrepareError::Skip(skip))) => Ok((Err(skip.to_string()), seconds)),
-        Err(nothing @ FixedError::NothingDescribed { .. }) => {
-            let reason = nothing.to_string();
-            Ok((Err(reason.lines().next().unwrap_or_default().to_owned()), seconds))
-        }
+        Err(nothing @ FixedError::NothingDescribed { .. }) => Ok((Err(Message::of(&nothing).what), seconds)),
         Err(error) => Err(failed(error.to_string())),
     }
 }

@@ -135,7 +135,9 @@ impl<'a> Session<'a> {
         let workers = self.in_process.lock().unwrap_or_else(PoisonError::into_inner).take();
         let mut workers = workers.unwrap_or_default();
         if workers.is_empty() {
-            console.say("waiting for a worker");
+            console.say(
+                "waiting for a worker: none was started here (--local-workers 0); --local-workers auto starts one",
+            );
         }
         let waited = async {
             let waiting =

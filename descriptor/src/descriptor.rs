@@ -178,7 +178,7 @@ impl Descriptor {
         channels: &[Columns<'_>],
         clouds: u32,
     ) -> Result<Vec<Signatures>, SignatureError> {
-        self.layout().from_columns(channels, clouds)
+        self.layout().of_columns(channels, clouds)
     }
 }
 

@@ -131,8 +131,9 @@ impl Signature {
 /// in f64. They replace what is in `sums`.
 pub fn set_distances<M: Borrow<DistanceMatrix>>(channels: &[(M, f64)], query: usize, sums: &mut Vec<f64>) {
     sums.clear();
-    sums.resize(channels.first().map_or(0, |(matrix, _)| matrix.borrow().columns()), 0.0);
-    for (matrix, weight) in channels {
+    let Some(((matrix, weight), others)) = channels.split_first() else { return };
+    sums.extend(matrix.borrow().row(query).iter().map(|&distance| weight * f64::from(distance)));
+    for (matrix, weight) in others {
         for (sum, &distance) in sums.iter_mut().zip(matrix.borrow().row(query)) {
             *sum += weight * f64::from(distance);
         }

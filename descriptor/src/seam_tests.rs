@@ -52,8 +52,8 @@ proptest! {
 
         let (columns, values): (Vec<_>, Vec<_>) = descriptor.columns().into_iter().unzip();
         prop_assert_eq!(&columns, &space.columns());
-        prop_assert_eq!(space.from_values(&values), Some(descriptor));
-        prop_assert_eq!(space.from_values(&values[1..]), None);
+        prop_assert_eq!(space.of_values(&values), Some(descriptor));
+        prop_assert_eq!(space.of_values(&values[1..]), None);
     }
 
     #[test]
@@ -187,14 +187,14 @@ fn the_set_distance_is_the_weighted_sum_of_shape_and_colour_bit_for_bit() {
         let labels: Vec<Label> = (0..5).map(|instance| Label { category: 0, instance }).collect();
         let found = recognise_from(3, &distances, &labels).unwrap();
         let (mut sums, weight) = (Vec::new(), parameters.shape_weight());
-        for query in 0..3 {
+        for (query, found) in found.iter().enumerate() {
             crate::distance::set_distances(&distances, query, &mut sums);
             for (cloud, sum) in sums.iter().enumerate() {
                 let [a, b] = [(&queries, query), (&database, cloud)]
                     .map(|(side, cloud)| [one(&side[0], cloud), one(&side[1], cloud)]);
                 assert_eq!(sum.to_bits(), set_distance(&a, &b, weight).to_bits());
             }
-            let nearest = found[query].nearest;
+            let nearest = found.nearest;
             assert_eq!(nearest.distance.to_bits(), sums[nearest.index as usize].to_bits());
         }
     }

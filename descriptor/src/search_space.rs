@@ -125,7 +125,7 @@ impl SearchSpace {
     }
 
     /// The descriptor with these values in its columns, of this space or not; `None` if there is none.
-    pub fn from_values(&self, values: &[Option<f64>]) -> Option<Descriptor> {
+    pub fn of_values(&self, values: &[Option<f64>]) -> Option<Descriptor> {
         match self {
             Self::DiskRing(_) => Parameters::from_values(values).map(Descriptor::DiskRing),
             Self::Fixed(fixed) => {

@@ -111,7 +111,7 @@ impl Layout {
     ///
     /// # Errors
     /// If the columns cannot be those of so many clouds under the descriptor.
-    pub(crate) fn from_columns(
+    pub(crate) fn of_columns(
         &self,
         channels: &[Columns<'_>],
         clouds: u32,

@@ -4,10 +4,12 @@
 
 mod ids;
 mod join;
+mod message;
 pub mod task;
 
 pub use ids::{Digest, Fingerprint, InvalidFingerprint, InvalidId, JobId, Lease, SessionId, WorkerId};
 pub use join::{DEFAULT_PORT, InvalidJoinAddress, InvalidToken, JoinAddress, Token, Trust};
+pub use message::Message;
 
 /// What is left of `descry.v1`: the refusal of its workers.
 pub mod v1 {

@@ -1,5 +1,6 @@
 //! What can go wrong with an artefact.
 
+use proto::Message;
 use std::io;
 use std::path::PathBuf;
 
@@ -81,7 +82,7 @@ impl From<results::Error> for ArtefactError {
             return Self::Results(error);
         }
         // Its advice speaks of run folders.
-        Self::Database { what: error.to_string().lines().next().unwrap_or_default().to_owned() }
+        Self::Database { what: Message::of(&error).what }
     }
 }
 

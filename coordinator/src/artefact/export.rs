@@ -1,5 +1,6 @@
 //! From a finished run to an artefact: whole, read back, and answering as the run did.
 
+use proto::Message;
 use std::ffi::OsString;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -175,7 +176,7 @@ fn refuse_sweep(run: &Path) -> Result<(), ExportError> {
 fn refuse_unsound(run: &Path) -> Result<(), ExportError> {
     match results::verify(run)?.problems.first() {
         Some(problem) => {
-            let problem = problem.to_string().lines().next().unwrap_or_default().to_owned();
+            let problem = Message::of(problem).what;
             Err(ExportError::NotSound { run: run.to_owned(), problem })
         }
         None => Ok(()),

@@ -1,5 +1,6 @@
 //! An artefact at work: from the bytes of a cloud to the name of an object, on the calling thread.
 
+use proto::Message;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
@@ -107,21 +108,19 @@ impl Recogniser {
         parameters: Parameters,
         database: results::Database,
     ) -> Result<Self, String> {
-        let first_line =
-            |error: &dyn std::error::Error| error.to_string().lines().next().unwrap_or_default().to_owned();
-        let table = GeneTable::single(&parameters).map_err(|error| first_line(&error))?;
-        let quantiser = Quantiser::new(&table).map_err(|error| first_line(&error))?;
-        let binning = quantiser.binning(&parameters).map_err(|error| first_line(&error))?;
+        let table = GeneTable::single(&parameters).map_err(|error| Message::of(&error).what)?;
+        let quantiser = Quantiser::new(&table).map_err(|error| Message::of(&error).what)?;
+        let binning = quantiser.binning(&parameters).map_err(|error| Message::of(&error).what)?;
         let results::Database { clouds, shape, colour } = database;
         let columns = [&shape, &colour].map(|part| [part.centroids.as_slice(), part.deviations.as_slice()]);
         let count =
             u32::try_from(clouds.len()).map_err(|_| format!("too many clouds, got {}", clouds.len()))?;
         let descriptor = Descriptor::DiskRing(parameters);
         let signatures =
-            descriptor.signatures_of_columns(&columns, count).map_err(|error| first_line(&error))?;
+            descriptor.signatures_of_columns(&columns, count).map_err(|error| Message::of(&error).what)?;
         let weights = descriptor.channels().into_iter().map(|(_, weight)| weight);
         let channels: Vec<_> = signatures.iter().zip(weights).collect();
-        let database = Database::new(&channels, labels(&clouds)).map_err(|error| first_line(&error))?;
+        let database = Database::new(&channels, labels(&clouds)).map_err(|error| Message::of(&error).what)?;
         Ok(Self { preprocess, quantiser, binning, database, clouds })
     }
 

@@ -56,7 +56,7 @@ impl Compare {
                 Plan::Run(experiment) => run::folder(experiment, None, false),
                 Plan::Sweep(sweep) => sweep::folder(sweep, None, false),
             };
-            manner.run(&plan, out.clone())?;
+            manner.run(&plan, out.clone(), None)?;
             out
         } else {
             subject

@@ -57,7 +57,8 @@ impl Exhaust {
         let overrides = Overrides { seed: None, listen: self.listen, local_workers: self.local_workers };
         let experiment = Experiment::read(&self.experiment, overrides)?;
         let storage = self.storage.resolve();
-        let options = RunOptions { out: self.out, fresh: self.fresh, protection: self.protection, storage };
+        let (out, fresh, protection) = (self.out, self.fresh, self.protection);
+        let options = RunOptions { out, fresh, events: None, protection, storage };
         let summary = super::block_on(
             "run the same command to go on; with --fresh, name its folder with --out instead",
             async { Ok(exhaust::exhaust(&experiment, &options, self.sample).await?) },

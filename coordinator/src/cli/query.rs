@@ -1,5 +1,6 @@
 //! `coordinator query`: SQL over the tables of runs, sweeps and grids.
 
+use proto::Message;
 use std::io::{self, BufWriter, Read as _, Write as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -74,7 +75,6 @@ fn explained(error: QueryError) -> anyhow::Error {
         _ => return error.into(),
     };
     let there: Vec<&str> = there.iter().map(String::as_str).collect();
-    let message = error.to_string();
-    let what = message.lines().next().unwrap_or_default();
+    let what = Message::of(&error).what;
     anyhow::anyhow!("{what}\n{}", name_advice(got, &there, meaning))
 }

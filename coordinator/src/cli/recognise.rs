@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 use clap::Args;
+use proto::Message;
 use serde_json::{Map, Value, json};
 
 use crate::artefact::{Answer, CloudError, Named, Recogniser};
@@ -52,10 +53,10 @@ impl Recognise {
                 Ok(answer) => super::print(&self.text(&name, &answer, &seconds))?,
                 Err(error) => {
                     code = ExitCode::FAILURE;
-                    let error = error.to_string();
+                    let error = Message::of(&error);
                     eprintln!("error: {name}: {error}");
                     if self.json {
-                        let reason = error.lines().next().unwrap_or_default();
+                        let reason = error.what;
                         super::print(&format!("{}\n", json!({ "cloud": name, "error": reason })))?;
                     }
                 }

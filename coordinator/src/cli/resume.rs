@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 
-use super::run::Manner;
+use super::run::{Events, Manner};
 use crate::run;
 
 /// Go on with a run that was interrupted or killed, from the evaluation at which it was
@@ -19,12 +19,14 @@ pub struct Resume {
     #[arg(value_name = "DIR")]
     folder: PathBuf,
     #[command(flatten)]
+    events: Events,
+    #[command(flatten)]
     manner: Manner,
 }
 
 impl Resume {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let plan = run::recorded_plan(&self.folder, self.manner.overrides(None))?;
-        self.manner.execute(&plan, self.folder)
+        self.manner.execute(&plan, self.folder, self.events.file)
     }
 }

@@ -39,7 +39,17 @@ pub struct Run {
     #[arg(long)]
     fresh: bool,
     #[command(flatten)]
+    events: Events,
+    #[command(flatten)]
     manner: Manner,
+}
+
+/// Who else follows a run.
+#[derive(Debug, Args)]
+pub struct Events {
+    /// Append what happens, as it happens, to this file: one JSON object a line, for example events.jsonl
+    #[arg(long = "events", value_name = "FILE")]
+    pub(super) file: Option<PathBuf>,
 }
 
 /// How a run is carried out, which changes none of its results.
@@ -69,7 +79,7 @@ impl Run {
             Plan::Run(experiment) => run::folder(experiment, self.out, self.fresh),
             Plan::Sweep(sweep) => sweep::folder(sweep, self.out, self.fresh),
         };
-        self.manner.execute(&plan, out)
+        self.manner.execute(&plan, out, self.events.file)
     }
 }
 
@@ -79,20 +89,30 @@ impl Manner {
     }
 
     /// Runs an experiment or a sweep in a folder and shows the result.
-    pub(super) fn execute(self, plan: &Plan, out: PathBuf) -> anyhow::Result<ExitCode> {
-        let [json, text] = self.run(plan, out)?;
+    pub(super) fn execute(
+        self,
+        plan: &Plan,
+        out: PathBuf,
+        events: Option<PathBuf>,
+    ) -> anyhow::Result<ExitCode> {
+        let [json, text] = self.run(plan, out, events)?;
         super::print(if self.json { &json } else { &text })?;
         Ok(ExitCode::SUCCESS)
     }
 
     /// Runs an experiment or a sweep in a folder: the result as JSON and for people.
-    pub(super) fn run(&self, plan: &Plan, out: PathBuf) -> anyhow::Result<[String; 2]> {
+    pub(super) fn run(
+        &self,
+        plan: &Plan,
+        out: PathBuf,
+        events: Option<PathBuf>,
+    ) -> anyhow::Result<[String; 2]> {
         let advice = format!(
             "go on: the same command again, or coordinator resume {} with the same options",
             out.display()
         );
         let (protection, storage) = (self.protection.clone(), self.storage.clone().resolve());
-        let options = RunOptions { out: Some(out), fresh: false, protection, storage };
+        let options = RunOptions { out: Some(out), fresh: false, events, protection, storage };
         super::block_on(&advice, async {
             Ok(match plan {
                 Plan::Run(experiment) => {

@@ -8,6 +8,7 @@ mod recognition;
 mod summary;
 mod timing;
 
+use proto::Message;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -276,15 +277,15 @@ fn choose(
     if !named.contains(&Named::Paper) || genes.contains(paper) {
         return Ok((named, genes.clone()));
     }
-    let wider = genes.including(paper).map_err(|error| error.to_string());
+    let wider = genes.including(paper).map_err(|error| Message::of(&error));
     let usable = wider.and_then(|genes| match Quantiser::new(&genes) {
         Ok(_) => Ok(genes),
-        Err(error) => Err(error.to_string()),
+        Err(error) => Err(Message::of(&error)),
     });
     match usable {
         Ok(genes) => Ok((named, genes)),
         Err(error) => {
-            let what = error.lines().next().unwrap_or_default().to_owned();
+            let what = error.what;
             if options.descriptors.is_some() {
                 return Err(CompareError::FarFromPaper { what });
             }

@@ -3,6 +3,7 @@
 use cache::Store;
 use descriptor::prepare::usable;
 use descriptor::{Cloud, PrepareError, Preprocess, Skip, Unit, pcd};
+use proto::Message;
 use rayon::prelude::*;
 
 use super::findings::{Finding, Findings, Spacing};
@@ -97,22 +98,17 @@ fn inspect_one(
     }
     let cloud = match pcd::read(&bytes) {
         Ok(cloud) => cloud,
-        Err(error) => return unreadable(file, first_line(&error)),
+        Err(error) => return unreadable(file, Message::of(&error).what),
     };
     let state = match usable(&cloud, preprocess) {
         Ok(()) => State::Usable,
         Err(PrepareError::Skip(skip)) => State::Skipped(skip),
         Err(PrepareError::NoColours) => State::NoColour,
-        Err(error) => State::Unreadable(first_line(&error)),
+        Err(error) => State::Unreadable(Message::of(&error).what),
     };
     let spacing =
         if wants_spacing { median_spacing(&preprocess.in_metres(&cloud)) } else { Spacing::NotMeasured };
     Inspected { file, state, spacing }
-}
-
-/// What went wrong without what to do: the data set's own message says that once for all clouds.
-fn first_line(error: &impl std::fmt::Display) -> String {
-    error.to_string().lines().next().unwrap_or_default().to_owned()
 }
 
 /// Median, over points spread through the cloud, of the distance to the nearest other position.

@@ -1,5 +1,6 @@
 //! The evaluation of a whole grid: cells that are there are read, the others computed by the workers.
 
+use proto::Message;
 use std::time::{Instant, SystemTime};
 
 use descriptor::EVALUATION_VERSION;
@@ -122,9 +123,7 @@ impl GridSearch<'_> {
                     None => "it holds other descriptors".to_owned(),
                 }
             }
-            Err(error) if error.is_damage() => {
-                error.to_string().lines().next().unwrap_or_default().to_owned()
-            }
+            Err(error) if error.is_damage() => Message::of(&error).what,
             Err(error) => return Err(error.into()),
         };
         progress.say(&format!("warning: cell {name} is computed again: {what}"));

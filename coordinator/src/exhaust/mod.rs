@@ -14,6 +14,7 @@ mod grid_spec;
 mod optimum;
 mod recheck;
 
+use proto::Message;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -150,7 +151,7 @@ fn finished(out: &Path, spec: &GridSpec) -> Result<Option<FinishedGrid>, RunErro
             return Ok(None);
         }
         Err(error) if error.is_damage() => {
-            eprintln!("warning: {}", error.to_string().lines().next().unwrap_or_default());
+            eprintln!("warning: {}", Message::of(&error).what);
             return Ok(None);
         }
         Err(error) => return Err(error.into()),

@@ -1,5 +1,6 @@
 //! Counts of a finished grid, a sample of them, against the evaluator that runs ask.
 
+use proto::Message;
 use std::collections::BTreeMap;
 use std::fmt;
 
@@ -73,8 +74,7 @@ pub async fn recheck(
                 continue;
             }
             Err(error) => {
-                let error = error.to_string();
-                recheck.problems.push(error.lines().next().unwrap_or_default().to_owned());
+                recheck.problems.push(Message::of(&error).what);
                 continue;
             }
         };

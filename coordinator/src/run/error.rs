@@ -12,6 +12,7 @@ use crate::dataset::DatasetError;
 use crate::exhaust::grid::GridError;
 use crate::experiment::ExperimentError;
 use crate::in_process::InProcessError;
+use crate::observers::event_file::EventFileError;
 use crate::run::data::DataError;
 
 /// Why a run has no result.
@@ -32,6 +33,9 @@ pub enum RunError {
     /// Nobody can connect.
     #[error(transparent)]
     Listen(#[from] ListenError),
+    /// The file that events are to be written to.
+    #[error(transparent)]
+    Events(#[from] EventFileError),
     /// Evaluations stopped for good.
     #[error(transparent)]
     Cluster(#[from] ClusterError),

@@ -20,12 +20,14 @@ use std::time::{Instant, SystemTime};
 use cache::Storage;
 use cache::Store;
 use evolution::Method;
+use proto::Message;
 use results::RunFolder;
 use transport::host_name;
 
 use crate::dataset::{Dataset, Wanted};
 use crate::exhaust::grid::Grid;
 use crate::experiment::Experiment;
+use crate::observers::event_file::EventFile;
 use crate::result_cache::Known;
 use crate::session::{Session, listen};
 use transport::Protection;
@@ -48,6 +50,8 @@ pub struct RunOptions {
     pub out: Option<PathBuf>,
     /// Begin another run, beside the one that is there.
     pub fresh: bool,
+    /// A file that events are appended to.
+    pub events: Option<PathBuf>,
     /// How connections from other machines are protected.
     pub protection: Protection,
     /// Where what runs find out is kept, and memory for the workers of this process.
@@ -98,6 +102,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let client = session.cluster.client();
     let settings = experiment.coordinator();
     progress.follow(&session.cluster);
+    let events = EventFile::open(options.events.as_deref(), &session.cluster).await?;
     session.start(listener, settings.local_workers).await;
     let memory = |matching| session.splits.memory(&store, experiment.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
@@ -107,6 +112,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let (dataset, session, remembered) = (&dataset, &session, &known);
     let mut run = RunDriver { experiment, dataset, session, remembered, client, folder, progress, start };
     let searched = session.perform(&console, settings.deadline, run.search()).await;
+    EventFile::finish(events).await;
     if searched.is_err() {
         run.tell_what_happened();
     }
@@ -169,8 +175,7 @@ pub fn compare_with_data(
         Ok(dataset) => dataset,
         // The data may be gone by now; if it is there, it must be the same.
         Err(error) => {
-            let error = error.to_string();
-            eprintln!("warning: cannot compare with the data: {}", error.lines().next().unwrap_or_default());
+            eprintln!("warning: cannot compare with the data: {}", Message::of(&error).what);
             return Ok(());
         }
     };

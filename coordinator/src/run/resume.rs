@@ -33,7 +33,7 @@ pub fn open_journal(
         started_at: now,
     };
     if !path.exists() {
-        // Tables without a journal are of nobody knows which clouds.
+        // Without a journal nothing says which clouds these tables are of.
         discard()?;
         JournalFile::create(&path, &this)?;
     }

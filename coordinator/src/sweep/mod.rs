@@ -14,6 +14,7 @@ use results::RunFolder;
 
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{Member, Overrides, Plan, Sweep};
+use crate::observers::event_file::EventFile;
 use crate::result_cache::Known;
 use crate::run::directory::{chosen, claim, refuse_another};
 use crate::run::progress::Progress;
@@ -80,6 +81,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let clients: Vec<_> = folders.iter().map(|_| session.cluster.client()).collect();
     let settings = base.coordinator();
     progress.follow(&session.cluster);
+    let events = EventFile::open(options.events.as_deref(), &session.cluster).await?;
     session.start(listener, settings.local_workers).await;
     let memory = |matching| session.splits.memory(&store, base.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
@@ -94,6 +96,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     };
     let mut runs: Vec<(usize, RunDriver<'_>)> = folders.into_iter().zip(clients).map(driver).collect();
     let searched = session.perform(progress.console(), settings.deadline, run_all(&mut runs, &tally)).await;
+    EventFile::finish(events).await;
     if searched.is_err() {
         runs.iter().for_each(|(_, run)| run.tell_what_happened());
     }

@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
-use proto::Fingerprint;
+use proto::{Fingerprint, Message};
 use worker::tls::{CERTIFICATE_FILE, fingerprint, read_certificates};
 
 use crate::certs::{WORKERS_FOLDER, is_worker_name};
@@ -110,8 +110,7 @@ impl DenyList {
             match read_certificates(&certificate) {
                 Ok(chain) => certificates.extend(chain.first().map(fingerprint)),
                 Err(error) => {
-                    let error = error.to_string();
-                    let error = error.lines().next().unwrap_or_default();
+                    let error = Message::of(&error).what;
                     tracing::error!(
                         "{}: {worker} is not denied: {error}; write its fingerprint",
                         path.display()

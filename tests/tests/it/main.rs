@@ -8,6 +8,7 @@
 //! - `determinism`: one digest, whatever the workers do
 //! - `remembering`: caches and what is kept from run to run
 //! - `resuming`: coordinators that are killed and started again
+//! - `sessions`: bring-up, waiting and deadline of every command
 //! - `exhaust`: the exhaustive search, and what runs make of it
 //! - `grid`: grid cells against the evaluator on real clouds
 //! - `hill_climbing`: hill climbing end to end
@@ -46,6 +47,7 @@ mod remembering;
 mod report;
 mod repository;
 mod resuming;
+mod sessions;
 mod strangers;
 mod sweeps;
 

@@ -1,6 +1,6 @@
 //! Sweeps: several runs over one set of workers, each the same as alone.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use serde_json::Value;
 
@@ -90,6 +90,43 @@ fn a_sweep_that_is_killed_goes_on_and_its_variants_are_what_they_are_alone() {
     let mut expected = alone(&[1, 2, 3], &small, |seed| format!("small-seed-{seed}"));
     expected.extend(alone(&[1, 2, 3], &blind, |seed| format!("blind-seed-{seed}")));
     assert_eq!(digests(&finished), expected, "{finished}");
+}
+
+/// Jobs of a run that a worker answered, as its table of attempts has them.
+fn answered(folder: &str) -> BTreeSet<u64> {
+    let attempts = results::read_table(folder, results::TableName::Attempts).unwrap();
+    let jobs = attempts.column("job").unwrap().u64().unwrap().clone();
+    let ends = attempts.column("end").unwrap().str().unwrap().clone();
+    let answered = jobs.iter().zip(ends.iter()).filter(|(_, end)| *end == Some("answered"));
+    answered.map(|(job, _)| job.unwrap()).collect()
+}
+
+#[test]
+fn terminal_tables_and_a_file_of_events_follow_a_sweep_each_for_itself() {
+    let experiment = Experiment::new(&format!("{SEARCH}{SEEDS}"));
+    let file = experiment.path("events.jsonl");
+    let finished = experiment.run("out", &["--local-workers", "2", "--events", &file]).expect_success();
+    let text = std::fs::read_to_string(&file).unwrap();
+    let events: Vec<Value> = text.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    let sequences: Vec<u64> = events.iter().map(|event| event["sequence"].as_u64().unwrap()).collect();
+    assert!(sequences.is_sorted_by(|one, next| one < next), "{sequences:?}");
+    let of_kind = |kind: &str| events.iter().filter(|event| event["event"] == kind).collect::<Vec<&Value>>();
+    assert_eq!(of_kind("joined").len(), 2, "{text}");
+    for joined in of_kind("joined") {
+        let line = format!("worker {}: joined,", joined["label"].as_str().unwrap());
+        assert_eq!(finished.stderr.matches(&line).count(), 1, "{line} {finished}");
+    }
+    let attempts = of_kind("attempt").into_iter();
+    let in_file = attempts.filter(|attempt| attempt["end"] == "answered");
+    let in_file: BTreeSet<u64> = in_file.map(|attempt| attempt["job"].as_u64().unwrap()).collect();
+    let members = members(&finished).into_keys().map(|name| experiment.path(&format!("out/{name}")));
+    let in_tables: BTreeSet<u64> = members.flat_map(|folder| answered(&folder)).collect();
+    assert!(!in_file.is_empty());
+    assert_eq!(in_file, in_tables);
+
+    let folder = experiment.path("out");
+    let refused = experiment.run("other", &["--fresh", "--events", &folder]).expect_error();
+    assert!(refused.stderr.contains(&format!("--events {folder}: cannot be written, got")), "{refused}");
 }
 
 #[test]

@@ -86,7 +86,9 @@ impl Tier {
         match &self.place {
             Place::Disk { evictor, .. } if !evictor.has_room_for(bytes) => return Ok(()),
             Place::Disk { .. } => {}
-            Place::Shared { root } => drop(fs::metadata(root)?),
+            Place::Shared { root } => {
+                fs::metadata(root)?;
+            }
         }
         fs::create_dir_all(path.parent().unwrap_or(self.root()))?;
         atomic::write_unsynced(&path, pieces)?;

@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use cache::{Claim, Store};
 use descriptor::{PreparedCloud, pcd};
-use proto::Digest;
+use proto::{Digest, Message};
 use rayon::iter::Either;
 use rayon::prelude::*;
 
@@ -71,7 +71,7 @@ impl CloudLoader {
             listed.iter().filter_map(|cloud| Some((cloud.digest, clouds.get(cloud.digest)?))).collect()
         };
         if !cache.preparer.is_kept() {
-            found.extend(self.from_source(cache, listed.to_vec()).await?);
+            found.extend(self.prepare(cache, listed.to_vec()).await?);
         }
         let absent = listed.iter().filter(|cloud| !found.contains_key(&cloud.digest));
         let mut missing: BTreeMap<Digest, &Listed> = absent.map(|cloud| (cloud.digest, cloud)).collect();
@@ -88,7 +88,7 @@ impl CloudLoader {
                 self.store.wait(key).await;
                 continue;
             }
-            found.extend(self.load(cache, ours).await?);
+            found.extend(self.load_or_prepare(cache, ours).await?);
             drop(claims);
             missing.retain(|digest, _| !found.contains_key(digest));
         }
@@ -102,15 +102,15 @@ impl CloudLoader {
     }
 
     /// Clouds that are not in memory, from the nearest place that has them.
-    async fn load(
+    async fn load_or_prepare(
         &self,
         cache: &Arc<PreparationCache>,
         wanted: Vec<Listed>,
     ) -> Result<Loaded, EvaluationError> {
         let fetched_before = self.blobs.fetched();
-        let (loaded, wanted) = self.from_disk(cache, wanted).await;
-        let (fetched, wanted) = self.from_coordinator(cache, wanted).await;
-        let prepared = self.from_source(cache, wanted).await?;
+        let (loaded, wanted) = self.load_from_disk(cache, wanted).await;
+        let (fetched, wanted) = self.fetch(cache, wanted).await;
+        let prepared = self.prepare(cache, wanted).await?;
         let counts = [loaded.len(), fetched.len(), prepared.len()].map(|count| count as u64);
         {
             let mut work = self.work();
@@ -133,7 +133,11 @@ impl CloudLoader {
     }
 
     /// From this machine's disk or the shared folder; the second list is what neither has.
-    async fn from_disk(&self, cache: &Arc<PreparationCache>, wanted: Vec<Listed>) -> (Loaded, Vec<Listed>) {
+    async fn load_from_disk(
+        &self,
+        cache: &Arc<PreparationCache>,
+        wanted: Vec<Listed>,
+    ) -> (Loaded, Vec<Listed>) {
         if !self.store.is_kept() {
             return (Loaded::new(), wanted);
         }
@@ -146,11 +150,7 @@ impl CloudLoader {
     }
 
     /// From the coordinator's own store; the second list is what it does not have.
-    async fn from_coordinator(
-        &self,
-        cache: &Arc<PreparationCache>,
-        wanted: Vec<Listed>,
-    ) -> (Loaded, Vec<Listed>) {
+    async fn fetch(&self, cache: &Arc<PreparationCache>, wanted: Vec<Listed>) -> (Loaded, Vec<Listed>) {
         let ask = async |cloud: Listed| {
             let entry = match cache.entry_key(cloud.digest) {
                 Some(key) => self.blobs.derived(PREPARED_CLOUD, key).await.map(|bytes| (key, bytes)),
@@ -174,7 +174,7 @@ impl CloudLoader {
     }
 
     /// From the source files.
-    async fn from_source(
+    async fn prepare(
         &self,
         cache: &Arc<PreparationCache>,
         wanted: Vec<Listed>,
@@ -204,8 +204,7 @@ fn decoded(
     match payload.map(|payload| cache.preparer.decode(&payload)) {
         Some(Ok(prepared)) => Either::Left((cloud.digest, Arc::new(prepared))),
         Some(Err(error)) => {
-            let error = error.to_string(); // whose second line, what to do, is what is done here
-            let what = error.lines().next().unwrap_or_default();
+            let what = Message::of(&error).what; // its advice is what is done here
             tracing::warn!("{}: kept entry is of no use, got {what}; preparing it again", cloud.path);
             Either::Right(cloud)
         }

@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use proto::task::{Described, Description, Evaluation, EvaluationResult, GridCell, Task, TaskResult};
 use proto::{Digest, JobId, WorkerId};
 use tokio::sync::Notify;
 
-use super::{Cluster, ClusterError, ClusterNews, now};
+use super::{Cluster, ClusterError, ClusterNews};
 use crate::events::{Event, EventKind, Omitted};
 use crate::scheduler::{ClientId, Finished, Staffing};
 
@@ -45,10 +45,10 @@ impl Client {
 
     /// As [`Cluster::wait_for_worker`].
     pub(super) async fn wait_for_worker(&self, mut still_waiting: impl FnMut(Duration)) {
-        let begun = now();
+        let begun = Instant::now();
         let mut next = Duration::from_secs(60);
-        while self.cluster.state().scheduler.staffing(now()) != Staffing::Staffed {
-            let waited = now().saturating_duration_since(begun);
+        while self.cluster.state().scheduler.staffing(Instant::now()) != Staffing::Staffed {
+            let waited = Instant::now().saturating_duration_since(begun);
             if waited >= next {
                 still_waiting(waited);
                 next += Duration::from_secs(60);
@@ -187,7 +187,7 @@ impl Client {
 
     /// Submits tasks, and adds them to `asked`. Results come by [`Client::look`], those that are there already at once.
     fn ask(&mut self, tasks: Vec<Task>, asked: &mut Asked) {
-        let (mut state, now) = (self.cluster.state(), now());
+        let (mut state, now) = (self.cluster.state(), Instant::now());
         for task in tasks {
             let (place, task) = (asked.len(), Arc::new(task));
             asked.insert(state.ask(self.id, Arc::clone(&task), now), (place, task));
@@ -205,7 +205,7 @@ impl Client {
     /// What happened since the last look, and the results that have come.
     async fn look(&mut self) -> Result<(ClusterNews, Vec<Finished>), ClusterError> {
         let (finished, news, retracted) = {
-            let (mut state, now) = (self.cluster.state(), now());
+            let (mut state, now) = (self.cluster.state(), Instant::now());
             let finished = state.clients.account(self.id).take_inbox();
             let news = state.news(self.id, finished.len(), now);
             (finished, news, state.retracted())
@@ -253,7 +253,7 @@ impl Client {
 
     /// Notes that the run begins again, and why.
     pub fn note_rewind(&self, generation: u32, why: String) {
-        self.cluster.state().append(now(), EventKind::Rewind { generation, why });
+        self.cluster.state().append(Instant::now(), EventKind::Rewind { generation, why });
     }
 
     /// Everything that has happened in all starts of the run, without attempts at what only others have asked for.

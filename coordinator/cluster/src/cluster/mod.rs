@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, MutexGuard, Weak};
 use std::time::{Duration, Instant, SystemTime};
 
 use proto::task::{Described, Evaluation, Task, TaskResult};
-use proto::{Lease, SessionId, WorkerId};
+use proto::{Lease, Message, SessionId, WorkerId};
 use tokio::sync::{Notify, watch};
 use tokio::time::MissedTickBehavior;
 
@@ -68,8 +68,7 @@ pub enum ClusterError {
 /// What failed, a line each: advice given to one machine is not repeated for all.
 fn job_failed(failed: &JobFailed) -> String {
     let JobFailed { task, failures } = failed;
-    let lines = failures.iter().map(ToString::to_string);
-    let lines: Vec<String> = lines.filter_map(|line| line.lines().next().map(str::to_owned)).collect();
+    let lines: Vec<String> = failures.iter().map(|failure| Message::of(failure).what).collect();
     let (lines, count) = (lines.join("\n  "), failures.len());
     if failed.is_malformed() {
         format!(
@@ -106,7 +105,7 @@ impl Cluster {
     pub fn new(limits: Limits) -> Arc<Self> {
         let session = SessionId(rand::random());
         let events = Arc::new(EventLog::new(Vec::new()));
-        let started = (now(), SystemTime::now());
+        let started = (Instant::now(), SystemTime::now());
         let state = ClusterState::new(Scheduler::new(limits), None, Arc::clone(&events), started);
         Self::with(limits, session, (None, false), state, events)
     }
@@ -120,7 +119,7 @@ impl Cluster {
         recorded: Recorded,
     ) -> Arc<Self> {
         let journal = Arc::new(journal);
-        let (mut scheduler, now) = (Scheduler::new(limits), now());
+        let (mut scheduler, now) = (Scheduler::new(limits), Instant::now());
         if recorded.starts > 1 {
             scheduler.restore(&recorded, now);
         }
@@ -186,7 +185,7 @@ impl Cluster {
         introduction: Introduction,
         in_process: bool,
     ) -> Result<String, RegisterRefusal> {
-        self.state().register(id, introduction, in_process, now())
+        self.state().register(id, introduction, in_process, Instant::now())
     }
 
     /// Waits until every client has submitted its first job, as long as a poll may be held back; `false` if one has not.
@@ -205,19 +204,19 @@ impl Cluster {
 
     /// See [`Scheduler::deny`].
     pub fn deny(&self, id: WorkerId) {
-        self.state().deny(id, now());
+        self.state().deny(id, Instant::now());
     }
 
     /// Answers a poll; holds the reply back while it would be empty and the worker wants jobs.
     pub async fn poll(&self, id: WorkerId, poll: Poll) -> Result<Answer, PollRefusal> {
         let deadline = tokio::time::Instant::now() + self.hold();
-        self.state().scheduler.heard_from(id, now());
+        self.state().scheduler.heard_from(id, Instant::now());
         if !self.begun().await {
             return Ok(Answer::default());
         }
         let (sequence, wanted, leaving) = (poll.sequence, poll.wanted, poll.leaving);
         let wakeup = Arc::new(Notify::new());
-        let (mut answer, withheld) = self.state().poll(id, poll, &wakeup, now())?;
+        let (mut answer, withheld) = self.state().poll(id, poll, &wakeup, Instant::now())?;
         if leaving && !withheld.is_empty() {
             // It will not poll again.
             answer.acknowledged.extend(self.wait_for_journal(withheld, deadline).await);
@@ -238,7 +237,7 @@ impl Cluster {
     ) -> Result<Answer, PollRefusal> {
         loop {
             let (answer, sequence) = {
-                let (mut state, now) = (self.state(), now());
+                let (mut state, now) = (self.state(), Instant::now());
                 let jobs = state.lease_later(id, sequence, wanted, now)?;
                 let still = state.withhold(&mut withheld);
                 let acknowledged = std::mem::replace(&mut withheld, still);
@@ -361,7 +360,7 @@ impl Cluster {
 
     /// Ends all leases, because nobody waits for them any more.
     pub fn close(&self) {
-        self.state().close(now());
+        self.state().close(Instant::now());
     }
 
     /// Whether no worker of this run was quarantined; otherwise results that were not audited may be wrong.
@@ -382,13 +381,8 @@ async fn tick(cluster: Weak<Cluster>) {
     loop {
         ticks.tick().await;
         let Some(cluster) = cluster.upgrade() else { return };
-        cluster.state().expire(now());
+        cluster.state().expire(Instant::now());
     }
-}
-
-/// The time by which decisions are made.
-fn now() -> Instant {
-    tokio::time::Instant::now().into_std()
 }
 
 /// What happened since the last look.

@@ -139,12 +139,13 @@ async fn a_cell_that_is_never_answered_well_is_named() {
     assert!(message.contains("one: invalid result: counts: must be 2, got 3"), "{message}");
 }
 
-#[tokio::test(start_paused = true)]
+#[tokio::test]
 async fn a_silent_worker_is_removed_although_nobody_waits_for_results() {
-    let cluster = Cluster::new(LIMITS);
-    let id = WorkerId([1; 16]);
+    // Longer than two ticks, because time in which the coordinator seems to have been stopped counts against nobody.
+    let limits = Limits { lease: Duration::from_millis(1200), ..LIMITS };
+    let (cluster, id) = (Cluster::new(limits), WorkerId([1; 16]));
+    let (registered, mut events) = (std::time::Instant::now(), cluster.events());
     cluster.register(id, Introduction::sample("one"), false).unwrap();
-    let (registered, mut events) = (tokio::time::Instant::now(), cluster.events());
     let removed = loop {
         events.wait().await;
         let departed = |kind: &EventKind| match kind {
@@ -156,8 +157,7 @@ async fn a_silent_worker_is_removed_although_nobody_waits_for_results() {
         }
     };
     assert_eq!(removed, (id, Departure::Lost));
-    let waited = registered.elapsed();
-    assert!((LIMITS.lease..LIMITS.lease + 2 * TICK).contains(&waited), "{waited:?}");
+    assert!(registered.elapsed() >= limits.lease, "not before its lease ends");
     cluster.begun.send_replace(true);
     assert_eq!(cluster.poll(id, Poll::default()).await.unwrap_err(), PollRefusal::UnknownWorker);
 }

@@ -40,9 +40,9 @@ pub enum JournalError {
     },
     /// Another release wrote it.
     #[error(
-        "{path}: version must be {version}, got {got}, written by {writer}\nfinish this run with that release, or start another with --fresh",
+        "{path}: version must be {version}, got {got}, written by {writer}\nfinish this run with that build, or start another with --fresh",
         version = header::VERSION,
-        writer = if *got == 1 { "Descry 0.1" } else { "another release of Descry" }
+        writer = if *got < header::VERSION { "an earlier build of Descry 0.1" } else { "a later release of Descry" }
     )]
     Version {
         /// The journal.

@@ -209,9 +209,13 @@ fn what_is_no_journal_is_said_to_be_damaged_or_of_another_version() {
         assert!(Header::decode(text.replace(from, to).as_bytes(), &path).is_err(), "{from}");
     }
     let text = String::from_utf8(header().encode().unwrap()).unwrap();
-    let later = text.replace("\"version\":2", "\"version\":3,\"more\":0");
-    let error = Header::decode(later.as_bytes(), &path).unwrap_err();
-    assert!(matches!(error, JournalError::Version { got: 3, .. }), "{error}");
+    for (got, writer) in [(1, "an earlier build of Descry 0.1"), (3, "a later release of Descry")] {
+        let other = text.replace("\"version\":2", &format!("\"version\":{got},\"more\":0"));
+        let error = Header::decode(other.as_bytes(), &path).unwrap_err().to_string();
+        let said =
+            format!("version must be 2, got {got}, written by {writer}\nfinish this run with that build,");
+        assert!(error.contains(&said), "{error}");
+    }
 }
 
 #[test]
@@ -278,7 +282,7 @@ fn a_journal_of_version_1_is_refused_with_what_can_finish_it() {
         "data_digest":"00","evaluation_version":2,"session":[7,7,7,7,7,7,7,7,7,7,7,7,7,7,7,7],
         "started_milliseconds":1700000000123}"#;
     let error = Header::decode(text.as_bytes(), Path::new("journal")).unwrap_err().to_string();
-    let expected = "journal: version must be 2, got 1, written by Descry 0.1\nfinish this run with that release, or start another with --fresh";
+    let expected = "journal: version must be 2, got 1, written by an earlier build of Descry 0.1\nfinish this run with that build, or start another with --fresh";
     assert_eq!(error, expected);
 }
 

@@ -49,7 +49,7 @@ pub struct Job {
     /// Who works on it, on which attempt.
     pub leases: Vec<(WorkerId, u32)>,
     handed_out: Vec<HandedOut>,
-    /// Attempts that an earlier start may have handed out without a record of it, to whom nobody knows.
+    /// Attempts that an earlier start may have granted to some worker without a record of it.
     unrecorded: Range<u32>,
     pub votes: Vec<Vote>,
     pub failures: Vec<(WorkerId, WorkerFailure)>,

@@ -102,10 +102,10 @@ async fn whoever_asks_for_too_much_is_stopped_and_the_run_ends_as_if_alone() {
     let silent: Vec<TcpStream> = (0..100).map(|_| TcpStream::connect(host).unwrap()).collect();
     tokio::task::block_in_place(|| {
         for fired in [
-            "door: too many registrations: 1",
-            "door: too many connections: 1",
-            "door: no call after the handshake: 1",
-            "door: a request that does not end: 1",
+            "transport: too many registrations: 1",
+            "transport: too many connections: 1",
+            "transport: no call after the handshake: 1",
+            "transport: a request that does not end: 1",
         ] {
             coordinator.wait_for(fired);
         }

@@ -37,7 +37,7 @@ async fn probe(address: &str) -> Result<(), Code> {
 }
 
 #[tokio::test]
-async fn health_probes_pass_the_same_door() {
+async fn health_probes_need_a_credential_too() {
     let site = Site::new(&[]);
     let (mut coordinator, port) = site.coordinator("127.0.0.1");
     let address = site.address(port);
@@ -45,7 +45,7 @@ async fn health_probes_pass_the_same_door() {
     let (public, _) = address.split_once("&token=").unwrap();
     assert_eq!(probe(public).await, Err(Code::Unauthenticated));
     assert_eq!(probe(&address).await, Ok(()));
-    coordinator.wait_for("door: no TLS handshake in time: 1");
+    coordinator.wait_for("transport: no TLS handshake in time: 1");
     assert_eq!(http2::read_to_end(silent), 0);
     assert_eq!(probe(&address).await, Ok(()));
 }
@@ -81,7 +81,7 @@ fn strangers_are_refused_and_told_what_to_do_and_the_run_goes_on() {
     fs::write(format!("{expired}/key.pem"), certified.key).unwrap();
     check(refused(public, &["--tls", &expired]), "CertificateExpired");
 
-    for fired in ["door: not let in: 1", "door: no TLS handshake: 1"] {
+    for fired in ["transport: not let in: 1", "transport: no TLS handshake: 1"] {
         coordinator.wait_for(fired);
     }
     let mut honest = program("worker");

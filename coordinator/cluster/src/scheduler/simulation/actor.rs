@@ -1,4 +1,4 @@
-//! A worker as the protocol knows it, with a desk for one job beside the one in hand.
+//! A worker as the protocol knows it, with a slot for one job beside the one it works on.
 
 use std::collections::VecDeque;
 use std::time::Duration;

@@ -3,12 +3,12 @@
 use super::*;
 use crate::journal::{Member, Recorded};
 
-fn answered(label: &str) -> Finished {
+fn answered((label, worker_id): (&str, WorkerId)) -> Finished {
     let result = EvaluationResult { queries: 10, object_correct: 4, category_correct: 6, matches: vec![] };
     Finished {
         job: JobId(1),
         result: TaskResult::Evaluation(result),
-        worker_id: worker(9),
+        worker_id,
         worker: label.to_owned(),
         attempt: 1,
         queued: Duration::ZERO,
@@ -30,7 +30,10 @@ fn resumed() -> (Bench, Lease) {
     };
     // A worker that has reported and gone, and one that was wrong.
     recorded.quarantined = [worker(8)].into();
-    recorded.accepted = [JobId(1), JobId(2)].into_iter().zip(["host", "host-2"].map(answered)).collect();
+    recorded.accepted = [JobId(1), JobId(2)]
+        .into_iter()
+        .zip([("host", worker(1)), ("host-2", worker(9))].map(answered))
+        .collect();
     bench.scheduler.jobs.restore(&recorded);
     bench.scheduler.restore(&recorded, bench.now);
     assert_eq!(bench.submit(), lease.job);
