@@ -35,11 +35,6 @@ impl Domain {
         self.low + (self.count - 1) * self.step
     }
 
-    /// Bits of the gene in a chromosome: ⌈log₂ count⌉.
-    pub fn bits(&self) -> u32 {
-        self.count.next_power_of_two().trailing_zeros()
-    }
-
     /// Every value, in ticks, ascending.
     pub fn values(&self) -> impl Iterator<Item = u32> + use<> {
         let Self { low, step, count } = *self;

@@ -97,7 +97,7 @@ pub use cloud::Cloud;
 pub use column::Column;
 pub use database::Database;
 pub use descriptor::Descriptor;
-pub use disk_ring::genes::{self, Encoding, GENES, GeneKind, GeneSpec, GeneTable, Parameters};
+pub use disk_ring::genes::{self, GENES, GeneKind, GeneSpec, GeneTable, Parameters};
 pub use disk_ring::{Binning, QuantiseError, QuantisedCloud, Quantiser, grid};
 pub use distance::{DistanceMatrix, SetDistance};
 pub use domain::Domain;

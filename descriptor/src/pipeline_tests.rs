@@ -10,10 +10,10 @@ use crate::prepare::{Normals, keypoints, usable};
 use crate::random::stream;
 use crate::recognise::{Hit, RecogniseError, recognise_from};
 use crate::signature::{Signature, Signatures};
-use crate::testing::{by_channel, set_distance, sheet};
+use crate::testing::{by_channel, of_bits, set_distance, sheet};
 use crate::{
-    Cloud, Correct, DistanceMatrix, Encoding, GENES, GeneTable, Label, Match, Parameters, PrepareError,
-    Preprocess, QuantiseError, QuantisedCloud, Quantiser, Skip, Unit, oracle, recognise,
+    Cloud, Correct, DistanceMatrix, GENES, GeneTable, Label, Match, Parameters, PrepareError, Preprocess,
+    QuantiseError, QuantisedCloud, Quantiser, Skip, Unit, oracle, recognise,
 };
 
 fn paper() -> Quantiser {
@@ -136,7 +136,7 @@ proptest! {
 
     #[test]
     fn rebinned_records_are_the_definition(seed in 0u64..10_000, points in 60usize..700, bits in prop::collection::vec(any::<bool>(), 25)) {
-        let parameters = GeneTable::paper().decode(&bits, Encoding::Binary);
+        let parameters = of_bits(&bits);
         check_rows(&sheet(seed, points), &paper(), &parameters);
     }
 }

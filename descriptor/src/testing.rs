@@ -2,14 +2,26 @@
 
 use rand::{Rng, RngExt};
 
-use crate::Cloud;
 use crate::disk_ring::weighted;
 use crate::random::stream;
 use crate::signature::{Signature, Signatures};
+use crate::{Cloud, GeneTable, Parameters};
 
 /// A number in [0, 1) that f32 holds exactly.
 pub(crate) fn unit(rng: &mut impl Rng) -> f32 {
     (rng.random::<u32>() >> 8) as f32 / 16_777_216.0
+}
+
+/// The descriptor of the paper's space that a chromosome of 25 bits stands for (DESIGN 5.8).
+pub(crate) fn of_bits(bits: &[bool]) -> Parameters {
+    let table = GeneTable::paper();
+    let mut rest = bits.iter();
+    let indices = table.genes().map(|(_, domain)| {
+        let width = domain.count.next_power_of_two().trailing_zeros();
+        let code = rest.by_ref().take(width as usize).fold(0, |code, &bit| code << 1 | u32::from(bit));
+        (code * domain.count) >> width
+    });
+    table.at(&indices.collect::<Vec<_>>()).expect("every bit string is valid")
 }
 
 /// A point in the cube [0, side)³.

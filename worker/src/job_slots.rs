@@ -179,7 +179,7 @@ mod tests {
         let waiting: Vec<Lease> = (MOST_REPORTS as u64 + 1..=300).map(lease).collect();
         assert_eq!(slots.held(), waiting);
         assert!(slots.only_reports());
-        let acknowledged = (1..=250).map(|job| lease(job)).collect();
+        let acknowledged = (1..=250).map(lease).collect();
         slots.absorb(Reply { acknowledged, ..Default::default() });
         assert_eq!((slots.finished().len(), slots.wanted(), slots.held()), (50, 2, vec![]));
         assert!(!slots.only_reports());

@@ -8,7 +8,8 @@ use clap::Args;
 use crate::dataset::Wanted;
 use crate::exhaust::grid::Grid;
 use crate::experiment::{Experiment, Member, Overrides, Plan};
-use crate::run::{self, search_space};
+use crate::run;
+use crate::run::search_space;
 
 /// Validate an experiment and its data; print what would be run
 ///
@@ -47,7 +48,7 @@ impl Check {
         text.push_str(&format!(
             "# search space: {} descriptors, {} bits\n",
             experiment.genes().size(),
-            experiment.genes().bits()
+            search_space::genome(experiment.genes(), experiment.encoding()).bits()
         ));
         match &plan {
             Plan::Run(experiment) => text.push_str(&format!("# search: {}\n", search(experiment)?)),

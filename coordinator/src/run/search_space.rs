@@ -1,6 +1,6 @@
 //! Between descriptors and what a search knows of them: the value index of each gene.
 
-use descriptor::{GENES, GeneTable, Parameters};
+use descriptor::{GeneTable, Parameters};
 use evolution::{Encoding, Field, Genome};
 
 /// The genome of a search space: a field for each gene, in chromosome order.
@@ -10,19 +10,21 @@ pub fn genome(genes: &GeneTable, encoding: Encoding) -> Genome {
     Genome::new(fields.collect(), encoding)
 }
 
-/// The descriptor of value indices, one for each gene of the table.
+/// The descriptor of value indices of the table's genome.
+///
+/// # Panics
+/// If there is not one index for each gene, or one is beyond its gene's values: a programming error, as a genome makes
+/// no others.
 pub fn descriptor(genes: &GeneTable, values: &[u32]) -> Parameters {
-    let mut ticks = [0; GENES.len()];
-    for ((spec, domain), value) in genes.genes().zip(values) {
-        ticks[spec.kind as usize] = domain.low + value * domain.step;
-    }
-    Parameters::from_ticks(ticks)
+    genes.at(values).expect("value indices of the table's genome")
 }
 
-/// The value indices of a descriptor of the table, one for each gene.
+/// The value indices of a descriptor, one for each gene.
+///
+/// # Panics
+/// If the descriptor is not of the table: a programming error.
 pub fn values(genes: &GeneTable, parameters: &Parameters) -> Vec<u32> {
-    let index = |ticks: u32, low: u32, step: u32| ticks.saturating_sub(low) / step.max(1);
-    genes.genes().map(|(spec, domain)| index(parameters.ticks(spec.kind), domain.low, domain.step)).collect()
+    genes.indices(parameters).expect("a descriptor of the table")
 }
 
 #[cfg(test)]

@@ -1,10 +1,8 @@
-//! The table of genes: names, units, bounds and the mapping between bits, grid indices and values.
+//! The table of genes: names, units, bounds and the mapping between value indices and values.
 //!
 //! Everything that speaks of genes reads this table: validation, decoding, Parquet columns and reports.
 
 use std::fmt;
-
-use serde::{Deserialize, Serialize};
 
 use crate::column::Column;
 pub use crate::domain::Domain;
@@ -136,17 +134,6 @@ pub enum GeneError {
     RingInsideDisk { disk: f64, ring: f64 },
 }
 
-/// How value indices are written as bits.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Encoding {
-    /// Plain binary, most significant bit first (paper).
-    #[default]
-    Binary,
-    /// Reflected Gray code, most significant bit first: neighbouring indices differ in one bit.
-    Gray,
-}
-
 /// The search space of one experiment: a domain for every gene.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct GeneTable {
@@ -233,11 +220,6 @@ impl GeneTable {
         GENES.iter().zip(&self.domains).filter(|(spec, _)| self.colour || spec.kind != GeneKind::ColourBins)
     }
 
-    /// Bits of a chromosome.
-    pub fn bits(&self) -> usize {
-        self.genes().map(|(_, domain)| domain.bits() as usize).sum()
-    }
-
     /// Number of different descriptors.
     pub fn size(&self) -> u128 {
         self.genes().map(|(_, domain)| u128::from(domain.count)).product()
@@ -256,64 +238,13 @@ impl GeneTable {
 
     /// The descriptor whose genes have the values at these indices; `None` unless there is one for each gene.
     pub fn at(&self, indices: &[u32]) -> Option<Parameters> {
-        let is_value = |(&index, (_, domain)): (&u32, (_, &Domain))| index < domain.count;
-        let are_values =
-            indices.len() == self.genes().count() && indices.iter().zip(self.genes()).all(is_value);
-        are_values.then(|| self.of_values(indices))
-    }
-
-    /// As [`GeneTable::at`], of indices that are there.
-    fn of_values(&self, indices: &[u32]) -> Parameters {
         let mut ticks = [0; GENES.len()];
-        for ((spec, domain), index) in self.genes().zip(indices) {
+        let mut rest = indices.iter();
+        for (spec, domain) in self.genes() {
+            let index = *rest.next().filter(|index| **index < domain.count)?;
             ticks[spec.kind as usize] = domain.low + index * domain.step;
         }
-        Parameters::from_ticks(ticks)
-    }
-
-    /// The descriptor that a chromosome stands for; every bit string is valid.
-    ///
-    /// Genes are concatenated in table order, most significant bit first; a gene of b bits with n values whose
-    /// bits read k (after undoing Gray coding) has value index ⌊k·n/2^b⌋ (DESIGN 5.8).
-    ///
-    /// # Panics
-    /// If `chromosome` has not [`GeneTable::bits`] bits: a programming error, as chromosomes never come from outside.
-    pub fn decode(&self, chromosome: &[bool], encoding: Encoding) -> Parameters {
-        assert_eq!(chromosome.len(), self.bits(), "chromosome length");
-        let mut rest = chromosome;
-        let mut indices = Vec::new();
-        for (_, domain) in self.genes() {
-            let (gene, tail) = rest.split_at(domain.bits() as usize);
-            rest = tail;
-            let mut number = 0u64;
-            let mut previous = false;
-            for &bit in gene {
-                let bit = match encoding {
-                    Encoding::Binary => bit,
-                    Encoding::Gray => bit ^ previous,
-                };
-                previous = bit;
-                number = number << 1 | u64::from(bit);
-            }
-            indices.push(((number * u64::from(domain.count)) >> domain.bits()) as u32);
-        }
-        self.of_values(&indices)
-    }
-
-    /// A chromosome that [`GeneTable::decode`] turns into the descriptor, `None` if there is none. Of several it is
-    /// the one whose genes, read as numbers, are the lowest.
-    pub fn encode(&self, parameters: &Parameters, encoding: Encoding) -> Option<Vec<bool>> {
-        let mut chromosome = Vec::with_capacity(self.bits());
-        for (index, (_, domain)) in self.indices(parameters)?.into_iter().zip(self.genes()) {
-            // The lowest k with ⌊k·n/2^b⌋ = index.
-            let number = (u64::from(index) << domain.bits()).div_ceil(u64::from(domain.count));
-            let code = match encoding {
-                Encoding::Binary => number,
-                Encoding::Gray => number ^ number >> 1,
-            };
-            chromosome.extend((0..domain.bits()).rev().map(|bit| code >> bit & 1 == 1));
-        }
-        Some(chromosome)
+        rest.next().is_none().then(|| Parameters::from_ticks(ticks))
     }
 
     /// Whether genes have colour (0 or 1), then lowest value, step and number of values of each: the canonical numbers.
@@ -450,7 +381,6 @@ impl fmt::Display for Parameters {
 
 #[cfg(test)]
 mod tests {
-    use std::collections::BTreeMap;
 
     use proptest::prelude::*;
 
@@ -479,75 +409,28 @@ mod tests {
         assert_eq!(table.including(&Parameters::PAPER_BEST).unwrap(), table);
     }
 
-    fn bits_of(number: u64, width: u32) -> Vec<bool> {
-        (0..width).rev().map(|bit| number >> bit & 1 == 1).collect()
+    #[test]
+    fn the_papers_space_has_the_published_size() {
+        assert_eq!(GeneTable::paper().size(), 57 * 6 * 16 * 30 * 101);
     }
 
     #[test]
-    fn the_papers_space_has_the_published_size_and_bits() {
+    fn the_indices_of_each_gene_are_its_grid_values_in_order_and_nothing_else() {
         let table = GeneTable::paper();
-        assert_eq!(table.size(), 57 * 6 * 16 * 30 * 101);
-        assert_eq!(table.genes().map(|(_, d)| d.bits()).collect::<Vec<_>>(), [6, 3, 4, 5, 7]);
-        assert_eq!(table.bits(), 25);
-    }
-
-    #[test]
-    fn each_gene_decodes_to_every_grid_value_and_nothing_else() {
-        let table = GeneTable::paper();
-        for encoding in [Encoding::Binary, Encoding::Gray] {
-            let mut offset = 0;
-            for (spec, domain) in table.genes() {
-                let width = domain.bits();
-                let mut seen = BTreeMap::new();
-                for number in 0..1u64 << width {
-                    let mut chromosome = vec![false; table.bits()];
-                    chromosome[offset..offset + width as usize].copy_from_slice(&bits_of(number, width));
-                    *seen.entry(table.decode(&chromosome, encoding).ticks(spec.kind)).or_insert(0u32) += 1;
-                }
-                assert_eq!(seen.keys().copied().collect::<Vec<_>>(), domain.values().collect::<Vec<_>>());
-                // 2^b strings over n values: each value stands for ⌊2^b/n⌋ or one more.
-                let floor = (1u32 << width) / domain.count;
-                assert!(seen.values().all(|&strings| strings == floor || strings == floor + 1));
-                offset += width as usize;
+        let domains: Vec<_> = table.genes().collect();
+        for (gene, (spec, domain)) in domains.iter().enumerate() {
+            let mut indices = [0; GENES.len()];
+            for (index, ticks) in (0..).zip(domain.values()) {
+                indices[gene] = index;
+                let parameters = table.at(&indices).unwrap();
+                assert_eq!(parameters.ticks(spec.kind), ticks);
+                assert_eq!(table.indices(&parameters).unwrap(), indices);
             }
+            indices[gene] = domain.count;
+            assert_eq!(table.at(&indices), None);
         }
-    }
-
-    #[test]
-    fn gray_neighbours_differ_in_one_bit() {
-        let table = GeneTable::new(
-            [
-                Domain { low: 8, step: 1, count: 64 },
-                Domain::fixed(3),
-                Domain::fixed(5),
-                Domain::fixed(9),
-                Domain::fixed(0),
-            ],
-            true,
-        )
-        .unwrap();
-        let mut code_of = BTreeMap::new();
-        for number in 0..64u64 {
-            code_of.insert(table.decode(&bits_of(number, 6), Encoding::Gray).shape_bins, number);
-        }
-        let codes: Vec<u64> = code_of.into_values().collect();
-        assert_eq!(codes.len(), 64);
-        assert!(codes.windows(2).all(|pair| (pair[0] ^ pair[1]).count_ones() == 1));
-    }
-
-    #[test]
-    fn of_all_chromosomes_of_a_descriptor_the_lowest_is_made() {
-        let table = GeneTable::paper();
-        let mut lowest = BTreeMap::new();
-        for number in 0..64u64 {
-            let mut chromosome = vec![false; table.bits()];
-            chromosome[..6].copy_from_slice(&bits_of(number, 6));
-            lowest.entry(table.decode(&chromosome, Encoding::Binary)).or_insert(chromosome);
-        }
-        assert_eq!(lowest.len(), 57);
-        for (parameters, chromosome) in lowest {
-            assert_eq!(table.encode(&parameters, Encoding::Binary), Some(chromosome));
-        }
+        assert_eq!(table.at(&[0; 4]), None);
+        assert_eq!(table.at(&[0; 6]), None);
     }
 
     #[test]
@@ -574,29 +457,22 @@ mod tests {
     fn without_colour_m_is_dropped_and_w_is_one() {
         let paper = GeneTable::paper();
         let table = GeneTable::new(paper.domains, false).unwrap();
-        assert_eq!(table.bits(), 6 + 4 + 5);
-        let parameters = table.decode(&[true; 15], Encoding::Binary);
+        let parameters = table.at(&[56, 15, 29, 0]).unwrap();
         assert_eq!((parameters.colour_bins, parameters.shape_weight()), (0, 1.0));
         assert_eq!(parameters.to_string(), "shape_bins=64 R1=2 cm R2=5 cm w=1");
     }
 
     proptest! {
         #[test]
-        fn any_domain_decodes_inside_itself(count in 1u32..300, step in 1u32..50, number in any::<u64>()) {
+        fn any_domain_decodes_inside_itself(count in 1u32..300, step in 1u32..50, number in any::<u32>()) {
             let domain = Domain { low: 7, step, count };
             let table = GeneTable { domains: [domain; 5], colour: true };
-            let width = domain.bits();
-            let gene = bits_of(number & ((1 << width) - 1), width);
-            let chromosome: Vec<bool> = gene.iter().copied().cycle().take(table.bits()).collect();
-            let parameters = table.decode(&chromosome, Encoding::Gray);
+            let parameters = table.at(&[number % count; 5]).unwrap();
             prop_assert!(table.contains(&parameters));
-            for encoding in [Encoding::Binary, Encoding::Gray] {
-                let chromosome = table.encode(&parameters, encoding).unwrap();
-                prop_assert_eq!(table.decode(&chromosome, encoding), parameters);
-            }
+            prop_assert_eq!(table.indices(&parameters), Some(vec![number % count; 5]));
             let outside = Parameters { shape_bins: domain.high() + 1, ..parameters };
             prop_assert!(!table.contains(&outside));
-            prop_assert_eq!(table.encode(&outside, Encoding::Binary), None);
+            prop_assert_eq!(table.indices(&outside), None);
             let ticks = parameters.ticks(GeneKind::ShapeBins);
             prop_assert!(domain.values().any(|value| value == ticks));
         }

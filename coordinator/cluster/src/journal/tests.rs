@@ -1,8 +1,12 @@
 //! The journal's promises: what was committed is read back, and nothing else ever passes for it.
 
-use std::fs;
+use std::fs::{self, File};
+use std::io;
 use std::time::SystemTime;
 
+use flate2::Compression;
+use flate2::read::GzDecoder;
+use flate2::write::GzEncoder;
 use proptest::prelude::*;
 use proto::task::{Described, EvaluationResult, Match, TaskResult};
 use proto::{Digest, SessionId};
@@ -286,8 +290,8 @@ fn a_journal_of_version_1_is_refused_with_what_can_finish_it() {
     assert_eq!(error, expected);
 }
 
-/// A journal with an entry of every kind, as this version has written it.
-const SAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/testdata/journal-v2.redb");
+/// A journal with an entry of every kind, as this version has written it; compressed, for most of it is zeros.
+const SAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/testdata/journal-v2.redb.gz");
 
 fn described(job: u64) -> Accepted {
     let result = TaskResult::Description(Described::named(Digest([7; 32])));
@@ -350,11 +354,14 @@ fn the_sample_of_this_version_is_read() {
     let (entries, expected) = sample();
     if std::env::var_os("UPDATE_EXPECT").is_some() {
         let (_folder, path) = journal(&entries);
-        fs::copy(path, SAMPLE).unwrap();
+        let mut sample = GzEncoder::new(File::create(SAMPLE).unwrap(), Compression::best());
+        io::copy(&mut File::open(path).unwrap(), &mut sample).unwrap();
+        sample.finish().unwrap();
     }
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join(JOURNAL_FILE);
-    fs::copy(SAMPLE, &path).unwrap();
+    let mut sample = GzDecoder::new(File::open(SAMPLE).unwrap());
+    io::copy(&mut sample, &mut File::create(&path).unwrap()).unwrap();
     let (_file, read, mut recorded) = JournalFile::open(&path).unwrap();
     assert_eq!(read, header());
     recorded.at_work = Duration::ZERO; // as long as it took
