@@ -219,7 +219,8 @@ fn the_shards_of_a_tile_are_named_as_they_were_asked_for() {
 
 #[test]
 fn costs_are_counted_by_clouds_and_pairs() {
-    let base = base();
+    let mut base = base();
+    (base.subject.facts.cloud_cost, base.subject.facts.pair_cost) = (1000, 1);
     assert_eq!(Task::Evaluation(base.clone()).cost(), 5 * 1000 + 6);
     assert_eq!(Task::GridCell(cell_of(base.clone(), 3)).cost(), 5 * 1000 + 6);
     let shard = Description { subject: base.subject.clone(), manifest: Digest([1; 32]), clouds: 2 };
