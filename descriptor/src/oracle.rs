@@ -59,6 +59,10 @@ pub(crate) fn normal(
 pub(crate) fn shape_bin(cosine: f32, shape_bins: u32) -> usize {
     let degrees = libm::acos(f64::from(cosine).clamp(-1.0, 1.0)).to_degrees();
     let bin = degrees * f64::from(shape_bins - 1) / 360.0;
+    // Opposite normals are 180 degrees apart exactly, whatever the arc cosine rounds to.
+    if cosine == -1.0 {
+        return (shape_bins as usize - 1) / 2;
+    }
     assert!(
         bin < 0.5 || (bin - bin.round()).abs() > 1e-9,
         "cosine {cosine} lies on an edge of {shape_bins} bins"
