@@ -5,13 +5,11 @@ use std::ops::AddAssign;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use descriptor::fixed::FixedError;
-use descriptor::keypoints::Keypoints;
 use descriptor::prepare::{Normals, keypoints};
 use descriptor::recognise::{RecogniseError, recognise_from};
 use descriptor::{
-    Cloud, Correct, Descriptor, DistanceMatrix, GeneTable, Label, Match, PrepareError, Preprocess,
-    QuantisedCloud, Quantiser, SetDistance, Signature, Signatures, pcd,
+    Cloud, Correct, DescribeError, Described, Describer, DescriberError, Descriptor, DistanceMatrix, Label,
+    Match, PrepareError, Preprocess, SetDistance, Signature, Signatures, pcd,
 };
 use rayon::prelude::*;
 
@@ -100,10 +98,7 @@ pub enum EvaluateError {
     },
     /// The descriptor.
     #[error(transparent)]
-    Parameters(#[from] descriptor::genes::GeneError),
-    /// The descriptor.
-    #[error(transparent)]
-    Quantise(#[from] descriptor::QuantiseError),
+    Descriptor(#[from] DescriberError),
     /// Nothing to match with.
     #[error(transparent)]
     Recognise(#[from] RecogniseError),
@@ -112,47 +107,20 @@ pub enum EvaluateError {
     Threads(#[from] rayon::ThreadPoolBuildError),
 }
 
-/// What matching needs of a cloud, and how many of its keypoints it is made of.
-struct Described {
-    /// One a channel.
-    signatures: Vec<Signature>,
-    keypoints: usize,
-}
-
 /// Evaluates one descriptor.
 pub fn evaluate(request: &Request) -> Result<Report, EvaluateError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(request.threads).build()?;
-    pool.install(|| match &request.descriptor {
-        Descriptor::DiskRing(parameters) => {
-            let quantiser = Quantiser::new(&GeneTable::single(parameters)?)?;
-            let binning = quantiser.binning(parameters)?;
-            evaluate_by(request, |cloud, keypoints, normals| {
-                let cloud = QuantisedCloud::describe(cloud, keypoints, normals, &quantiser)?;
-                let signatures = binning.signature(&cloud).into();
-                Ok(Described { signatures, keypoints: cloud.keypoints() })
-            })
-        }
-        Descriptor::Fixed(descriptor) => evaluate_by(request, |cloud, keypoints, normals| {
-            let histograms = descriptor.describe(cloud, keypoints, normals)?;
-            Ok(Described { signatures: vec![histograms.signature()], keypoints: histograms.rows().len() })
-        }),
-        Descriptor::GlobalHue(descriptor) => evaluate_by(request, |cloud, keypoints, _| {
-            let colours = cloud.colours.as_ref().ok_or(PrepareError::NoColours)?;
-            Ok(Described { signatures: vec![descriptor.signature(colours)], keypoints: keypoints.len() })
-        }),
-    })
+    let describer = Describer::new(&request.descriptor)?;
+    pool.install(|| evaluate_by(request, &describer))
 }
 
-/// From the lists to the report, by any descriptor.
-fn evaluate_by(
-    request: &Request,
-    describe: impl Fn(&Cloud, &Keypoints, &Normals) -> Result<Described, FixedError> + Sync,
-) -> Result<Report, EvaluateError> {
+/// From the lists to the report.
+fn evaluate_by(request: &Request, describer: &Describer) -> Result<Report, EvaluateError> {
     let (started, listing) = (Instant::now(), &request.listing);
     let described: Vec<(Result<Described, String>, Seconds)> = listing
         .clouds
         .par_iter()
-        .map(|cloud| describe_file(&cloud.path, &cloud.file, &request.preprocess, &describe))
+        .map(|cloud| describe_file(&cloud.path, &cloud.file, &request.preprocess, describer))
         .collect::<Result<_, _>>()?;
 
     let mut seconds = Seconds::default();
@@ -229,7 +197,7 @@ fn describe_file(
     path: &str,
     file: &Path,
     preprocess: &Preprocess,
-    describe: impl Fn(&Cloud, &Keypoints, &Normals) -> Result<Described, FixedError>,
+    describer: &Describer,
 ) -> Result<(Result<Described, String>, Seconds), EvaluateError> {
     let failed = |what: String| EvaluateError::Cloud { path: path.to_owned(), what };
     let mut seconds = Seconds::default();
@@ -239,21 +207,23 @@ fn describe_file(
     let cloud = cloud.in_metres(preprocess.unit.metres());
     seconds.read = clock.elapsed();
 
-    match stages(&cloud, preprocess, describe, &mut seconds) {
+    match stages(&cloud, preprocess, describer, &mut seconds) {
         Ok(described) => Ok((Ok(described), seconds)),
-        Err(FixedError::Prepare(PrepareError::Skip(skip))) => Ok((Err(skip.to_string()), seconds)),
-        Err(nothing @ FixedError::NothingDescribed { .. }) => Ok((Err(Message::of(&nothing).what), seconds)),
+        Err(DescribeError::Prepare(PrepareError::Skip(skip))) => Ok((Err(skip.to_string()), seconds)),
+        Err(nothing @ DescribeError::NothingDescribed { .. }) => {
+            Ok((Err(Message::of(&nothing).what), seconds))
+        }
         Err(error) => Err(failed(error.to_string())),
     }
 }
 
-/// The stages of a cloud in metres, each timed: keypoints, normals, and `describe`.
-pub fn stages<S, E: From<PrepareError>>(
+/// The stages of a cloud in metres, each timed: keypoints, normals, and their description.
+pub fn stages(
     cloud: &Cloud,
     preprocess: &Preprocess,
-    describe: impl FnOnce(&Cloud, &Keypoints, &Normals) -> Result<S, E>,
+    describer: &Describer,
     seconds: &mut Seconds,
-) -> Result<S, E> {
+) -> Result<Described, DescribeError> {
     let clock = Instant::now();
     let keypoints = keypoints(cloud, preprocess)?;
     seconds.keypoints = clock.elapsed();
@@ -261,7 +231,7 @@ pub fn stages<S, E: From<PrepareError>>(
     let normals = Normals::new(cloud, &keypoints, preprocess)?;
     seconds.normals = clock.elapsed();
     let clock = Instant::now();
-    let described = describe(cloud, &keypoints, &normals)?;
+    let described = describer.describe(cloud, &keypoints, &normals)?;
     seconds.describe = clock.elapsed();
     Ok(described)
 }

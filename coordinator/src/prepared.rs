@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use cache::Store;
-use descriptor::{Preprocess, Quantiser};
+use descriptor::{Preparer, Preprocess};
 use proto::Digest;
 use worker::{PREPARED_CLOUD, prepared_cloud_key};
 
@@ -23,14 +23,14 @@ impl PreparedClouds {
     pub fn new(
         store: Arc<Store>,
         preprocess: &Preprocess,
-        quantiser: &Quantiser,
+        preparer: &Preparer,
         clouds: &[CloudEntry],
     ) -> Self {
         let source = |cloud: &CloudEntry| {
             let digest = Digest(cloud.digest);
-            (prepared_cloud_key(preprocess, quantiser, digest), digest)
+            Some((prepared_cloud_key(preprocess, preparer, digest)?, digest))
         };
-        Self { store, sources: clouds.iter().map(source).collect() }
+        Self { store, sources: clouds.iter().filter_map(source).collect() }
     }
 
     /// An entry, if there is one and its source cloud is released: no worker gets a test cloud in another form before
@@ -43,7 +43,7 @@ impl PreparedClouds {
 
 #[cfg(test)]
 mod tests {
-    use descriptor::GeneTable;
+    use descriptor::{GeneTable, SearchSpace};
 
     use super::*;
     use crate::storage::store_in;
@@ -52,13 +52,13 @@ mod tests {
     fn only_prepared_clouds_whose_source_is_released_are_given() {
         let folder = tempfile::tempdir().unwrap();
         let store = Arc::new(store_in(folder.path()));
-        let quantiser = Quantiser::new(&GeneTable::paper()).unwrap();
+        let preparer = SearchSpace::DiskRing(GeneTable::paper()).preparer().unwrap();
         let preprocess = Preprocess::default();
         let cloud = |source: Digest| {
             let path = "a/a_1/a_1_1_1.pcd".to_owned();
             CloudEntry { path, category: 0, instance: 0, digest: source.0, bytes: 5 }
         };
-        let key = |source| prepared_cloud_key(&preprocess, &quantiser, source);
+        let key = |source| prepared_cloud_key(&preprocess, &preparer, source).unwrap();
         let blobs = BlobStore::default();
         let train = blobs.publish_bytes(b"train".to_vec());
         let [test, foreign] = [Digest::of(b"test"), Digest::of(b"foreign")];
@@ -68,7 +68,7 @@ mod tests {
         }
         store.put("remembered counts", key(train), b"counts");
         let clouds = [cloud(train), cloud(test)];
-        let prepared = PreparedClouds::new(Arc::clone(&store), &preprocess, &quantiser, &clouds);
+        let prepared = PreparedClouds::new(Arc::clone(&store), &preprocess, &preparer, &clouds);
 
         assert_eq!(
             prepared.read(PREPARED_CLOUD, key(train), &blobs),

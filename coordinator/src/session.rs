@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use cache::{ByteSize, Store};
-use descriptor::{GeneTable, Parameters, Quantiser, SearchSpace};
+use descriptor::Descriptor;
 use proto::SessionId;
 use results::Counts;
 
@@ -68,13 +68,12 @@ impl<'a> Session<'a> {
     /// # Errors
     /// If the search space is too fine.
     pub fn new(
-        genes: &GeneTable,
         experiment: &Experiment,
         dataset: &'a Dataset,
         store: Arc<Store>,
         memory: ByteSize,
     ) -> Result<Self, DataError> {
-        Self::with(Cluster::new(limits(experiment)), genes, experiment, dataset, store, memory)
+        Self::with(Cluster::new(limits(experiment)), experiment, dataset, store, memory)
     }
 
     /// The session of a run with a journal: it goes on where earlier starts ended.
@@ -89,23 +88,22 @@ impl<'a> Session<'a> {
         memory: ByteSize,
     ) -> Result<Self, DataError> {
         let cluster = Cluster::with_journal(limits(experiment), id, journal, recorded);
-        Self::with(cluster, experiment.genes(), experiment, dataset, store, memory)
+        Self::with(cluster, experiment, dataset, store, memory)
     }
 
     fn with(
         cluster: Arc<Cluster>,
-        genes: &GeneTable,
         experiment: &Experiment,
         dataset: &'a Dataset,
         store: Arc<Store>,
         memory: ByteSize,
     ) -> Result<Self, DataError> {
         cluster.set_shard_count(experiment.coordinator().pieces);
-        let preparation = tasks::preparation(experiment.preprocess(), SearchSpace::DiskRing(genes.clone()));
+        let preparation = tasks::preparation(experiment.preprocess(), experiment.space().clone());
         let splits = SplitBlobs::publish(dataset, preparation, &cluster.blobs);
-        let quantiser = Quantiser::new(genes)?;
+        let preparer = experiment.space().preparer()?;
         let entries = &dataset.clouds.entries;
-        let prepared = PreparedClouds::new(Arc::clone(&store), experiment.preprocess(), &quantiser, entries);
+        let prepared = PreparedClouds::new(Arc::clone(&store), experiment.preprocess(), &preparer, entries);
         let release = Release { build: worker::BUILD, evaluation_version: descriptor::EVALUATION_VERSION };
         let released = Arc::clone(&cluster);
         let derived = Arc::new(move |kind: &str, key| prepared.read(kind, key, &released.blobs));
@@ -152,11 +150,10 @@ impl<'a> Session<'a> {
     }
 
     /// Training counts of some descriptors, in their order.
-    pub async fn train_counts(&self, parameters: &[Parameters]) -> Result<Vec<Counts>, ClusterError> {
-        let evaluation =
-            |parameters: &Parameters| self.splits.evaluation(*parameters, Matching::Train, false);
-        let finished =
-            self.cluster.client().evaluate(parameters.iter().map(evaluation).collect(), |_| {}).await?;
+    pub async fn train_counts(&self, descriptors: &[Descriptor]) -> Result<Vec<Counts>, ClusterError> {
+        let evaluation = |descriptor| self.splits.evaluation(descriptor, Matching::Train, false);
+        let evaluations = descriptors.iter().map(evaluation).collect();
+        let finished = self.cluster.client().evaluate(evaluations, |_| {}).await?;
         Ok(finished.iter().map(|finished| rows::counts(&finished.result)).collect())
     }
 }

@@ -7,14 +7,14 @@ use std::sync::Arc;
 
 use cache::Storage;
 use cache::Store;
-use descriptor::random;
+use descriptor::{Descriptor, random};
 use rand::RngExt as _;
 use results::EvaluationRow;
 
 use crate::console::Console;
 use crate::experiment::{LocalWorkers, Overrides};
 use crate::reopen::{ReopenError, Reopened, reopen};
-use crate::run::{RunError, data_digest, rows};
+use crate::run::{RunError, data_digest};
 use crate::session::Session;
 
 /// Why a run cannot be verified.
@@ -90,16 +90,16 @@ pub async fn verify(
     }
 
     let chosen = choose(results::read_evaluations(run)?, sample, &verdict.run_digest);
-    let Some(parameters) = chosen.iter().map(|row| rows::parameters(&row.genes)).collect::<Option<Vec<_>>>()
-    else {
+    let family = experiment.space().family();
+    let descriptors = chosen.iter().map(|row| Descriptor::from_values(family, &row.genes));
+    let Some(descriptors) = descriptors.collect::<Option<Vec<_>>>() else {
         verdict.problems.push("evaluations: gene values: must lie on the genes' grids".to_owned());
         return Ok(verdict);
     };
-    eprintln!("recomputing {} fitness values", parameters.len());
-    let mut session = Session::new(experiment.genes(), &experiment, &dataset, store, storage.memory)
-        .map_err(RunError::from)?;
+    eprintln!("recomputing {} fitness values", descriptors.len());
+    let mut session = Session::new(&experiment, &dataset, store, storage.memory).map_err(RunError::from)?;
     session.start(None, LocalWorkers::Auto).await;
-    let recomputed = async { Ok(session.train_counts(&parameters).await?) };
+    let recomputed = async { Ok(session.train_counts(&descriptors).await?) };
     let counts = session.perform(&Console::default(), None, recomputed).await?;
     verdict.recomputed = counts.len();
     for (row, counts) in chosen.iter().zip(&counts) {

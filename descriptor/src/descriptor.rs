@@ -5,17 +5,16 @@ use std::fmt;
 
 use crate::bytes::{self, BytesError, Reader};
 use crate::channel::Channel;
-use crate::column::Column;
 use crate::cost;
-use crate::disk_ring::{GENES, GeneKind, GeneSpec, Parameters};
+use crate::disk_ring::{GeneKind, Parameters};
 use crate::family::Family;
-use crate::fixed::FixedDescriptor;
+use crate::fixed::{FixedDescriptor, FixedKind};
 use crate::global_hue::GlobalHue;
 use crate::signature::Signatures;
 use crate::signature_bytes::{Columns, Layout, SignatureError};
 
 /// A descriptor of any family.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Descriptor {
     /// The paper's.
     DiskRing(Parameters),
@@ -44,16 +43,45 @@ impl Descriptor {
         }
     }
 
-    /// What its genes have in tables; `None` for a gene that it is without.
-    pub fn columns(&self) -> Vec<(Column, Option<f64>)> {
+    /// The one of a family that is computed unless values are given: of disk-ring the paper's best.
+    pub fn default_of(family: Family) -> Self {
+        let fixed =
+            |kind| Self::Fixed(FixedDescriptor { kind, radius_um: FixedDescriptor::DEFAULT_RADIUS_UM });
+        match family {
+            Family::DiskRing => Self::DiskRing(Parameters::PAPER_BEST),
+            Family::PfhRgb => fixed(FixedKind::PfhRgb),
+            Family::ShotColor => fixed(FixedKind::ShotColor),
+            Family::GlobalHue => Self::GlobalHue(GlobalHue::default()),
+        }
+    }
+
+    /// What it has in the columns of its family ([`Family::columns`]); `None` for a gene that it is without.
+    pub fn values(&self) -> Vec<Option<f64>> {
         match self {
             Self::DiskRing(parameters) => {
                 let is_there = |kind| kind != GeneKind::ColourBins || parameters.has_colour();
-                let value = |spec: &GeneSpec| is_there(spec.kind).then(|| parameters.value(spec.kind));
-                GENES.iter().map(|spec| (spec.column(), value(spec))).collect()
+                GeneKind::ALL.map(|kind| is_there(kind).then(|| parameters.value(kind))).to_vec()
             }
-            Self::Fixed(fixed) => vec![(FixedDescriptor::COLUMN, Some(fixed.radius_cm()))],
-            Self::GlobalHue(hue) => vec![(GlobalHue::COLUMN, Some(f64::from(hue.bins())))],
+            Self::Fixed(fixed) => vec![Some(fixed.radius_cm())],
+            Self::GlobalHue(hue) => vec![Some(f64::from(hue.bins()))],
+        }
+    }
+
+    /// Undoes [`Descriptor::values`]; `None` if the family has no such descriptor.
+    pub fn from_values(family: Family, values: &[Option<f64>]) -> Option<Self> {
+        match family {
+            Family::DiskRing => {
+                let parameters = Parameters::from_values(values)?;
+                parameters.check().is_ok().then_some(Self::DiskRing(parameters))
+            }
+            Family::PfhRgb | Family::ShotColor => {
+                let &[Some(radius_cm)] = values else { return None };
+                FixedDescriptor::from_value(family.fixed_kind()?, radius_cm).map(Self::Fixed)
+            }
+            Family::GlobalHue => {
+                let &[Some(bins)] = values else { return None };
+                GlobalHue::new(GlobalHue::GENE.ticks(bins)?).ok().map(Self::GlobalHue)
+            }
         }
     }
 
@@ -97,9 +125,7 @@ impl Descriptor {
     /// Canonical bytes: tag of the family, version, numbers. Equal for equal descriptors only.
     pub fn to_bytes(&self) -> Vec<u8> {
         match self {
-            Self::DiskRing(parameters) => {
-                bytes::write(self.family(), GENES.iter().map(|spec| parameters.ticks(spec.kind)))
-            }
+            Self::DiskRing(parameters) => bytes::write(self.family(), parameters.all_ticks()),
             Self::Fixed(fixed) => bytes::write(self.family(), [fixed.radius_um]),
             Self::GlobalHue(hue) => bytes::write(self.family(), [hue.bins()]),
         }
@@ -120,7 +146,7 @@ impl Descriptor {
             Family::PfhRgb | Family::ShotColor => read_fixed(&reader).map(Self::Fixed),
             Family::GlobalHue => {
                 let [bins] = reader.numbers()?;
-                GlobalHue::new(bins).map(Self::GlobalHue).map_err(|what| reader.refuse(what))
+                GlobalHue::new(bins).map(Self::GlobalHue).map_err(|error| reader.refuse(error.to_string()))
             }
         }
     }

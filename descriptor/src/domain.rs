@@ -14,17 +14,6 @@ pub struct Domain {
 }
 
 impl Domain {
-    /// The smallest evenly spaced domain that has all these values and one more.
-    pub(crate) fn including(&self, ticks: u32) -> Self {
-        let values = self.values();
-        let (low, high) = (self.low, values.last().unwrap_or(self.low));
-        let step = if self.count > 1 { self.step } else { 0 };
-        let common = gcd(step, ticks.abs_diff(low));
-        let (low, high) = (low.min(ticks), high.max(ticks));
-        let steps = (high - low).checked_div(common).unwrap_or(0);
-        Self { low, step: common.max(1), count: steps.saturating_add(1) }
-    }
-
     /// A gene that always has the same value.
     pub fn fixed(ticks: u32) -> Self {
         Self { low: ticks, step: 1, count: 1 }
@@ -47,8 +36,4 @@ impl Domain {
         let index = steps / self.step.max(1);
         (index < self.count && index.checked_mul(self.step) == Some(steps)).then_some(index)
     }
-}
-
-fn gcd(a: u32, b: u32) -> u32 {
-    if b == 0 { a } else { gcd(b, a % b) }
 }

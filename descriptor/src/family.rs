@@ -1,8 +1,13 @@
 //! The families of descriptors.
 
 use std::fmt;
+use std::slice;
 
-use crate::fixed::FixedKind;
+use crate::column::Column;
+use crate::disk_ring::GENES;
+use crate::fixed::{FixedDescriptor, FixedKind};
+use crate::gene::GeneSpec;
+use crate::global_hue::GlobalHue;
 
 /// A family of descriptors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -34,6 +39,23 @@ impl Family {
     /// The family of that name.
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|family| family.name() == name)
+    }
+
+    /// Its genes, in chromosome order; none of a family that is only compared with.
+    pub fn genes(self) -> &'static [GeneSpec] {
+        match self {
+            Self::DiskRing => &GENES,
+            Self::PfhRgb | Self::ShotColor => &[],
+            Self::GlobalHue => slice::from_ref(&GlobalHue::GENE),
+        }
+    }
+
+    /// The columns that its descriptors have in tables.
+    pub fn columns(self) -> Vec<Column> {
+        match self.fixed_kind() {
+            Some(_) => vec![FixedDescriptor::COLUMN],
+            None => self.genes().iter().map(GeneSpec::column).collect(),
+        }
     }
 
     /// The kind, of a family without genes.

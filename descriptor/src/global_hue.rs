@@ -4,61 +4,48 @@
 
 use crate::Cloud;
 use crate::colour::{Component, HueSaturation};
-use crate::column::Column;
 use crate::domain::Domain;
+use crate::gene::{GeneError, GeneSpec};
 use crate::prepare_error::{PrepareError, Skip};
 use crate::preprocess::Preprocess;
 use crate::signature::Signature;
 
-/// Fewest and most bins.
-const BINS: [u32; 2] = [2, 64];
-
 /// A descriptor of the family.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct GlobalHue {
     bins: u32,
 }
 
-impl GlobalHue {
-    /// The column of its gene.
-    pub const COLUMN: Column =
-        Column { name: "bins", unit: "", integer: true, meaning: "bins of the histogram of hue" };
+impl Default for GlobalHue {
+    fn default() -> Self {
+        Self { bins: 32 }
+    }
+}
 
-    /// The whole search space.
-    pub const SPACE: Domain = Domain { low: BINS[0], step: 1, count: BINS[1] - BINS[0] + 1 };
+impl GlobalHue {
+    /// Its only gene.
+    pub(crate) const GENE: GeneSpec = GeneSpec {
+        name: "bins",
+        unit: "",
+        meaning: "bins of the histogram of hue",
+        needs_colour: true,
+        ticks_per_unit: 1,
+        limits: (2, 64),
+        default: (2, 64, 1),
+    };
 
     /// With 2 to 64 bins.
     ///
     /// # Errors
     /// What is wrong with another number.
-    pub fn new(bins: u32) -> Result<Self, String> {
-        let [least, most] = BINS;
-        if (least..=most).contains(&bins) {
-            Ok(Self { bins })
-        } else {
-            Err(format!("bins: must be {least} to {most}, got {bins}\nchoose a value inside these limits"))
-        }
+    pub fn new(bins: u32) -> Result<Self, GeneError> {
+        Self::GENE.check(&Domain::fixed(bins))?;
+        Ok(Self { bins })
     }
 
     /// Number of bins.
     pub fn bins(self) -> u32 {
         self.bins
-    }
-
-    /// A search space of some numbers of bins.
-    ///
-    /// # Errors
-    /// What is wrong with them.
-    pub fn space(domain: Domain) -> Result<Domain, String> {
-        let is_sound = domain.count > 0
-            && (domain.step > 0 || domain.count == 1)
-            && domain.low >= BINS[0]
-            && u64::from(domain.low) + u64::from(domain.count - 1) * u64::from(domain.step)
-                <= u64::from(BINS[1]);
-        let [least, most] = BINS;
-        let got = || format!("{} values from {} in steps of {}", domain.count, domain.low, domain.step);
-        let refusal = || format!("bins: values must be {least} to {most}, got {}\nchoose others", got());
-        is_sound.then_some(domain).ok_or_else(refusal)
     }
 
     /// What signatures are made of: the colours of a cloud as stored.
@@ -155,9 +142,8 @@ mod tests {
         for bins in [0, 1, 65, u32::MAX] {
             assert!(GlobalHue::new(bins).is_err(), "{bins}");
         }
-        assert_eq!(GlobalHue::space(GlobalHue::SPACE), Ok(GlobalHue::SPACE));
-        for (low, step, count) in [(1, 1, 3), (2, 1, 64), (2, u32::MAX, u32::MAX), (5, 1, 0), (5, 0, 2)] {
-            assert!(GlobalHue::space(Domain { low, step, count }).is_err(), "{low} {step} {count}");
+        for bins in 2..=64 {
+            assert_eq!(GlobalHue::new(bins).map(GlobalHue::bins), Ok(bins));
         }
     }
 }

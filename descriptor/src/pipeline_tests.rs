@@ -4,7 +4,7 @@ use expect_test::expect;
 use proptest::prelude::*;
 use rand::RngExt;
 
-use crate::disk_ring::genes::Domain;
+use crate::Domain;
 use crate::disk_ring::histogram::{colour_rows, shape_rows};
 use crate::prepare::{Normals, keypoints, usable};
 use crate::random::stream;
@@ -94,7 +94,7 @@ fn clouds_that_cannot_be_used_are_refused() {
 #[test]
 fn tables_that_records_cannot_hold_are_refused() {
     let domains = |kind: usize, domain: Domain| {
-        let mut domains = GENES.each_ref().map(|spec| Domain::fixed(spec.paper.0));
+        let mut domains = GENES.each_ref().map(|spec| Domain::fixed(spec.default.0));
         domains[kind] = domain;
         GeneTable::new(domains, true).unwrap()
     };
@@ -157,7 +157,7 @@ fn one_descriptor_alone_and_one_without_colour_are_the_definition() {
 fn tables_of_few_radii_and_of_many_are_the_definition() {
     let cloud = sheet(4, 600);
     for disks in 1..=6 {
-        let mut domains = GENES.each_ref().map(|spec| Domain::fixed(Parameters::PAPER_BEST.ticks(spec.kind)));
+        let mut domains = Parameters::PAPER_BEST.all_ticks().map(Domain::fixed);
         domains[crate::GeneKind::DiskRadius as usize] = Domain { low: 9_000, step: 2_000, count: disks };
         let quantiser = Quantiser::new(&GeneTable::new(domains, true).unwrap()).unwrap();
         let disk_um = 9_000 + 2_000 * (disks - 1);

@@ -5,8 +5,9 @@ use proptest::prelude::*;
 use crate::recognise::recognise_from;
 use crate::testing::{set_distance, sheet};
 use crate::{
-    BytesError, ChannelError, Descriptor, Domain, Family, FixedDescriptor, FixedKind, GENES, GeneTable,
-    GlobalHue, Label, Parameters, PreparedCloud, Preprocess, SearchSpace, Signature, Signatures,
+    BytesError, ChannelError, Describer, Descriptor, Domain, Family, FixedDescriptor, FixedKind, GENES,
+    GeneError, GeneTable, GlobalHue, Label, Parameters, PreparedCloud, Preprocess, SearchSpace, Signature,
+    Signatures,
 };
 
 /// Search spaces of every family.
@@ -16,7 +17,7 @@ fn spaces() -> Vec<SearchSpace> {
         SearchSpace::DiskRing(GeneTable::paper()),
         SearchSpace::DiskRing(GeneTable::single(&colourless).unwrap()),
         SearchSpace::DiskRing(GeneTable::single(&Parameters::PAPER_BEST).unwrap()),
-        SearchSpace::GlobalHue(GlobalHue::SPACE),
+        SearchSpace::new(Family::GlobalHue, true, &[GlobalHue::GENE.default_domain()]).unwrap(),
         SearchSpace::GlobalHue(Domain { low: 4, step: 6, count: 10 }),
     ];
     let fixed = |kind| SearchSpace::Fixed(FixedDescriptor { kind, radius_um: 50_000 });
@@ -27,7 +28,7 @@ fn spaces() -> Vec<SearchSpace> {
 /// A space, indices into its fields, and what they stand for.
 fn descriptors() -> impl Strategy<Value = (SearchSpace, Vec<u32>, Descriptor)> {
     prop::sample::select(spaces()).prop_flat_map(|space| {
-        let index: Vec<_> = space.fields().into_iter().map(|field| 0..field.values).collect();
+        let index: Vec<_> = space.genes().into_iter().map(|(_, domain)| 0..domain.count).collect();
         (Just(space), index).prop_map(|(space, indices)| {
             let descriptor = space.decode(&indices).unwrap();
             (space, indices, descriptor)
@@ -50,10 +51,10 @@ proptest! {
         prop_assert!(SearchSpace::single(&descriptor).unwrap().contains(&descriptor));
         prop_assert_eq!(descriptor.family(), space.family());
 
-        let (columns, values): (Vec<_>, Vec<_>) = descriptor.columns().into_iter().unzip();
-        prop_assert_eq!(&columns, &space.columns());
-        prop_assert_eq!(space.of_values(&values), Some(descriptor));
-        prop_assert_eq!(space.of_values(&values[1..]), None);
+        let (family, values) = (space.family(), descriptor.values());
+        prop_assert_eq!(family.columns().len(), values.len());
+        prop_assert_eq!(Descriptor::from_values(family, &values[1..]), None);
+        prop_assert_eq!(Descriptor::from_values(family, &values), Some(descriptor));
     }
 
     #[test]
@@ -73,7 +74,7 @@ proptest! {
         }
         if let Ok(space) = SearchSpace::from_bytes(&bytes) {
             prop_assert_eq!(space.to_bytes(), bytes);
-            let highest: Vec<u32> = space.fields().iter().map(|field| field.values - 1).collect();
+            let highest: Vec<u32> = space.genes().iter().map(|(_, domain)| domain.count - 1).collect();
             let descriptor = space.decode(&highest).unwrap();
             prop_assert_eq!(Descriptor::from_bytes(&descriptor.to_bytes()), Ok(descriptor));
         }
@@ -99,11 +100,12 @@ fn search_spaces_are_read_as_they_are_written() {
         for length in 0..bytes.len() {
             assert!(SearchSpace::from_bytes(&bytes[..length]).is_err(), "{length} bytes");
         }
-        let fields = space.fields();
-        assert_eq!(space.size(), fields.iter().map(|field| u128::from(field.values)).product());
-        let beyond: Vec<u32> = fields.iter().map(|field| field.values).collect();
+        let counts: Vec<u32> = space.genes().iter().map(|(_, domain)| domain.count).collect();
+        assert_eq!(space.size(), counts.iter().map(|&count| u128::from(count)).product());
+        assert_eq!(space.only().is_some(), counts.iter().all(|&count| count == 1));
+        let beyond = counts.clone();
         assert_eq!(space.decode(&beyond).is_none(), !beyond.is_empty());
-        assert_eq!(space.decode(&vec![0; fields.len() + 1]), None);
+        assert_eq!(space.decode(&vec![0; counts.len() + 1]), None);
         assert_eq!(Family::named(space.family().name()), Some(space.family()));
     }
     assert_eq!(SearchSpace::DiskRing(GeneTable::paper()).size(), 16_580_160);
@@ -117,8 +119,8 @@ fn foreign_bytes_are_refused_by_what_is_wrong_with_them() {
     assert!(matches!(of(&[4, 2, 16, 0, 0, 0]), BytesError::Version { got: 2, .. }));
     assert!(matches!(of(&[4, 1, 16, 0, 0]), BytesError::Length { expected: 4, got: 3, .. }));
     expect_test::expect![[r#"
-        descriptor: values of global-hue expected, got bins: must be 2 to 64, got 65
-        choose a value inside these limits"#]]
+        descriptor: values of global-hue expected, got bins: value outside 2 to 64, got 65
+        choose values inside these limits"#]]
     .assert_eq(&of(&[4, 1, 65, 0, 0, 0]).to_string());
 }
 
@@ -126,7 +128,8 @@ fn foreign_bytes_are_refused_by_what_is_wrong_with_them() {
 fn tables_have_the_columns_of_the_genes() {
     let names = |descriptor: &Descriptor| {
         let name = |(column, value): (crate::Column, Option<f64>)| format!("{} {value:?}", column.name);
-        descriptor.columns().into_iter().map(name).collect::<Vec<_>>().join(", ")
+        let columns = descriptor.family().columns().into_iter().zip(descriptor.values());
+        columns.map(name).collect::<Vec<_>>().join(", ")
     };
     let colourless = Parameters { colour_bins: 0, shape_weight_ppm: 1_000_000, ..Parameters::PAPER_BEST };
     for (descriptor, expected, name) in [
@@ -150,8 +153,7 @@ fn tables_have_the_columns_of_the_genes() {
         assert_eq!(names(&descriptor), expected);
         assert_eq!(descriptor.to_string(), name);
     }
-    let columns = SearchSpace::DiskRing(GeneTable::paper()).columns();
-    for (column, spec) in columns.iter().zip(&GENES) {
+    for (column, spec) in Family::DiskRing.columns().iter().zip(&GENES) {
         assert_eq!((column.name, column.unit, column.integer), (spec.name, spec.unit, spec.is_integer()));
     }
 }
@@ -223,14 +225,14 @@ fn a_channel_of_another_family_has_no_signatures_of_prepared_clouds() {
     let spaces = spaces();
     for space in &spaces {
         let preparer = space.preparer().unwrap();
-        let lowest = space.decode(&vec![0; space.fields().len()]).unwrap();
+        let lowest = space.decode(&vec![0; space.genes().len()]).unwrap();
         assert!(lowest.channels().iter().all(|(channel, _)| channel.extractor(&preparer).is_ok()));
         let is_fixed = |family| matches!(family, Family::PfhRgb | Family::ShotColor);
         for other in spaces.iter().filter(|other| other.family() != space.family()) {
             if is_fixed(other.family()) && is_fixed(space.family()) {
                 continue; // both are computed from points with normals
             }
-            let foreign = other.decode(&vec![0; other.fields().len()]).unwrap();
+            let foreign = other.decode(&vec![0; other.genes().len()]).unwrap();
             let refused = foreign.channels()[0].0.extractor(&preparer).unwrap_err();
             assert!(matches!(refused, ChannelError::Family { .. }), "{refused}");
         }
@@ -265,7 +267,7 @@ fn global_hue_is_compared_by_its_only_histogram() {
 #[test]
 fn costs_are_in_proportion_to_clouds_and_pairs() {
     for space in spaces() {
-        let descriptor = space.decode(&vec![0; space.fields().len()]).unwrap();
+        let descriptor = space.decode(&vec![0; space.genes().len()]).unwrap();
         let [cloud, pairs] = [descriptor.cost(1, 0), descriptor.cost(0, 3000)];
         assert!(cloud > 0 && pairs > 0, "{descriptor}");
         assert_eq!(descriptor.cost(1000, 0), 1000 * cloud);
@@ -281,4 +283,56 @@ fn costs_are_in_proportion_to_clouds_and_pairs() {
     let hue = Descriptor::GlobalHue(GlobalHue::new(16).unwrap()).cost(1, 0);
     let all = [hue, paper.cost(1, 0), cost(FixedKind::ShotColor), cost(FixedKind::PfhRgb)];
     assert!(all.is_sorted_by(|a, b| 2 * a < *b), "{all:?}");
+}
+
+#[test]
+fn search_spaces_are_made_of_what_an_experiment_says() {
+    let defaults =
+        |family: Family| family.genes().iter().map(crate::GeneSpec::default_domain).collect::<Vec<_>>();
+    for family in Family::ALL {
+        let space = SearchSpace::new(family, true, &defaults(family));
+        match family.fixed_kind() {
+            Some(_) => assert_eq!(space, Err(GeneError::NoGenes { family: family.name() })),
+            None => {
+                let space = space.unwrap();
+                assert_eq!(space.family(), family);
+                assert!(space.contains(&Descriptor::default_of(family)));
+                let domains: Vec<Domain> = space.genes().into_iter().map(|(_, domain)| domain).collect();
+                assert_eq!(domains, defaults(family));
+                assert!(matches!(SearchSpace::new(family, true, &[]), Err(GeneError::Number { .. })));
+            }
+        }
+        assert_eq!(SearchSpace::single(&Descriptor::default_of(family)).unwrap().family(), family);
+    }
+    let paper = defaults(Family::DiskRing);
+    assert_eq!(
+        SearchSpace::new(Family::DiskRing, true, &paper),
+        Ok(SearchSpace::DiskRing(GeneTable::paper()))
+    );
+    let grey = SearchSpace::new(Family::GlobalHue, false, &defaults(Family::GlobalHue));
+    assert_eq!(grey, Err(GeneError::NeedsColour { family: "global-hue" }));
+    let bins = |low, step, count| SearchSpace::new(Family::GlobalHue, true, &[Domain { low, step, count }]);
+    for (low, step, count) in [(1, 1, 3), (2, 1, 64), (2, u32::MAX, u32::MAX), (5, 1, 0), (5, 0, 2)] {
+        assert!(bins(low, step, count).is_err(), "{low} {step} {count}");
+    }
+    assert_eq!(bins(16, 1, 1).unwrap().only(), Some(Descriptor::GlobalHue(GlobalHue::new(16).unwrap())));
+}
+
+/// Two ways from a cloud to its signatures, one for each use: they must not drift apart.
+#[test]
+fn a_cloud_alone_is_described_as_among_prepared_ones() {
+    for descriptor in Family::ALL.map(Descriptor::default_of) {
+        let describer = Describer::new(&descriptor).unwrap();
+        let expected = describe(&descriptor, 0..3);
+        for seed in 0..3 {
+            let (cloud, preprocess) = (sheet(seed, 300), Preprocess::default());
+            let keypoints = crate::prepare::keypoints(&cloud, &preprocess).unwrap();
+            let normals = crate::prepare::Normals::new(&cloud, &keypoints, &preprocess).unwrap();
+            let described = describer.describe(&cloud, &keypoints, &normals).unwrap();
+            let expected: Vec<Signature> =
+                expected.iter().map(|channel| one(channel, seed as usize)).collect();
+            assert_eq!(described.signatures, expected, "{descriptor}");
+            assert!(described.keypoints > 0);
+        }
+    }
 }

@@ -1,13 +1,12 @@
 //! Search spaces: a family and the values that its genes may take.
 
 use crate::bytes::{self, BytesError, Reader};
-use crate::column::Column;
 use crate::descriptor::{Descriptor, read_fixed};
-use crate::disk_ring::genes::GeneError;
-use crate::disk_ring::{GENES, GeneSpec, GeneTable, Parameters, QuantiseError};
+use crate::disk_ring::{GeneTable, QuantiseError};
 use crate::domain::Domain;
 use crate::family::Family;
 use crate::fixed::FixedDescriptor;
+use crate::gene::{GeneError, GeneSpec};
 use crate::global_hue::GlobalHue;
 use crate::prepared::Preparer;
 
@@ -18,20 +17,37 @@ pub enum SearchSpace {
     DiskRing(GeneTable),
     /// One descriptor without genes.
     Fixed(FixedDescriptor),
-    /// Numbers of bins, as [`GlobalHue::space`] allows them.
+    /// Numbers of bins, each one that [`GlobalHue::new`] takes.
     GlobalHue(Domain),
 }
 
-/// One gene of a genome.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Field {
-    /// Its name in TOML and tables.
-    pub name: &'static str,
-    /// How many values it has.
-    pub values: u32,
-}
-
 impl SearchSpace {
+    /// The space of these values, one domain for each of [`Family::genes`]; `colour`: whether clouds have colours.
+    /// Genes that mean nothing without colour are then fixed or dropped, whatever values are given for them.
+    ///
+    /// # Errors
+    /// If the family has other genes, or may not take these values.
+    pub fn new(family: Family, colour: bool, domains: &[Domain]) -> Result<Self, GeneError> {
+        let number = || {
+            let (expected, got) = (family.genes().len(), domains.len());
+            GeneError::Number { family: family.name(), expected, got }
+        };
+        match family {
+            Family::DiskRing => {
+                let domains = domains.try_into().map_err(|_| number())?;
+                GeneTable::new(domains, colour).map(Self::DiskRing)
+            }
+            Family::PfhRgb | Family::ShotColor => Err(GeneError::NoGenes { family: family.name() }),
+            Family::GlobalHue => {
+                let &[bins] = domains else { return Err(number()) };
+                GlobalHue::GENE.check(&bins)?;
+                colour
+                    .then_some(Self::GlobalHue(bins))
+                    .ok_or(GeneError::NeedsColour { family: family.name() })
+            }
+        }
+    }
+
     /// The space of one descriptor.
     ///
     /// # Errors
@@ -65,16 +81,12 @@ impl SearchSpace {
         }
     }
 
-    /// The genes of a genome, in order; those with a single value are among them.
-    pub fn fields(&self) -> Vec<Field> {
+    /// The genes of its chromosomes with their values, in order; those with a single value are among them.
+    pub fn genes(&self) -> Vec<(&'static GeneSpec, Domain)> {
         match self {
-            Self::DiskRing(table) => {
-                let field =
-                    |(spec, domain): (&GeneSpec, &Domain)| Field { name: spec.name, values: domain.count };
-                table.genes().map(field).collect()
-            }
+            Self::DiskRing(table) => table.genes().map(|(spec, domain)| (spec, *domain)).collect(),
             Self::Fixed(_) => Vec::new(),
-            Self::GlobalHue(bins) => vec![Field { name: GlobalHue::COLUMN.name, values: bins.count }],
+            Self::GlobalHue(bins) => vec![(&GlobalHue::GENE, *bins)],
         }
     }
 
@@ -111,33 +123,12 @@ impl SearchSpace {
 
     /// Number of different descriptors.
     pub fn size(&self) -> u128 {
-        self.fields().iter().map(|field| u128::from(field.values)).product()
+        self.genes().iter().map(|(_, domain)| u128::from(domain.count)).product()
     }
 
-    /// The columns that genes have in tables. There may be more than fields: a gene that an experiment does not use has
-    /// a column of nulls.
-    pub fn columns(&self) -> Vec<Column> {
-        match self {
-            Self::DiskRing(_) => GENES.iter().map(GeneSpec::column).collect(),
-            Self::Fixed(_) => vec![FixedDescriptor::COLUMN],
-            Self::GlobalHue(_) => vec![GlobalHue::COLUMN],
-        }
-    }
-
-    /// The descriptor with these values in its columns, of this space or not; `None` if there is none.
-    pub fn of_values(&self, values: &[Option<f64>]) -> Option<Descriptor> {
-        match self {
-            Self::DiskRing(_) => Parameters::from_values(values).map(Descriptor::DiskRing),
-            Self::Fixed(fixed) => {
-                let &[Some(radius)] = values else { return None };
-                FixedDescriptor::from_value(fixed.kind, radius).map(Descriptor::Fixed)
-            }
-            Self::GlobalHue(_) => {
-                let &[Some(bins)] = values else { return None };
-                let is_whole = bins.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&bins);
-                is_whole.then(|| GlobalHue::new(bins as u32).ok())?.map(Descriptor::GlobalHue)
-            }
-        }
+    /// Its descriptor, if there is only one.
+    pub fn only(&self) -> Option<Descriptor> {
+        (self.size() == 1).then(|| self.decode(&vec![0; self.genes().len()]))?
     }
 
     /// Canonical bytes: tag of the family, version, numbers.
@@ -162,8 +153,8 @@ impl SearchSpace {
             Family::PfhRgb | Family::ShotColor => read_fixed(&reader).map(Self::Fixed),
             Family::GlobalHue => {
                 let [low, step, count] = reader.numbers()?;
-                let bins = GlobalHue::space(Domain { low, step, count });
-                bins.map(Self::GlobalHue).map_err(|what| reader.refuse(what))
+                Self::new(reader.family, true, &[Domain { low, step, count }])
+                    .map_err(|error| reader.refuse(error.to_string()))
             }
         }
     }

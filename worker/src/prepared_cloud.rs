@@ -1,15 +1,16 @@
 //! Keys of cache entries that depend on how clouds are prepared.
 
 use cache::KeyBuilder;
-use descriptor::{EVALUATION_VERSION, Preprocess, Quantiser, Unit};
+use descriptor::{EVALUATION_VERSION, Preparer, Preprocess, Unit};
 use proto::Digest;
 
 /// The kind of entry that holds a cloud made ready for all descriptors of a search space, and the version of its bytes.
 pub const PREPARED_CLOUD: &str = "prepared cloud 2";
 
-/// The key of a prepared cloud, given the digest of its source file.
-pub fn prepared_cloud_key(preprocess: &Preprocess, quantiser: &Quantiser, cloud: Digest) -> Digest {
-    preprocess_key(PREPARED_CLOUD, preprocess).part(&quantiser.digest()).part(&cloud.0).finish()
+/// The key of a prepared cloud, given the digest of its source file; `None` of clouds that are prepared anew each time.
+pub fn prepared_cloud_key(preprocess: &Preprocess, preparer: &Preparer, cloud: Digest) -> Option<Digest> {
+    let quantiser = preparer.quantiser()?;
+    Some(preprocess_key(PREPARED_CLOUD, preprocess).part(&quantiser.digest()).part(&cloud.0).finish())
 }
 
 /// The key of an entry of this kind that depends on how clouds are prepared, so far without anything else.

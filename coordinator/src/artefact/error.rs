@@ -5,7 +5,7 @@ use std::io;
 use std::path::PathBuf;
 
 use descriptor::pcd::PcdError;
-use descriptor::{PrepareError, Skip};
+use descriptor::{DescribeError, Family, Skip};
 
 use crate::experiment::ExperimentError;
 use crate::reopen::ReopenError;
@@ -100,7 +100,7 @@ pub enum CloudError {
     Skip(Skip, &'static str),
     /// It cannot be described.
     #[error(transparent)]
-    Prepare(PrepareError),
+    Describe(DescribeError),
 }
 
 /// Why there is no artefact.
@@ -158,6 +158,16 @@ pub enum ExportError {
         run: PathBuf,
         /// What is wrong with it.
         what: String,
+    },
+    /// A descriptor that an artefact has no columns for.
+    #[error(
+        "{run}: an artefact holds a descriptor of disk-ring, got one of {got}\ntake the paper's with --descriptor paper, or run the experiment with family = \"disk-ring\"", run = .run.display()
+    )]
+    Family {
+        /// The run.
+        run: PathBuf,
+        /// The family of its descriptors.
+        got: Family,
     },
     /// Something else is in the way.
     #[error("{folder}: must be a new folder or an artefact, got {got}\nchoose another folder, or remove this one", folder = .folder.display())]

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use atomic::{Access, NewFolder};
 use cache::{Storage, Store};
-use descriptor::{GeneTable, Parameters, QuantisedCloud, Quantiser, SetDistance, Signature, pcd};
+use descriptor::{Describer, Descriptor, Family, SearchSpace, SetDistance, Signature, pcd};
 use rayon::prelude::*;
 use results::{DatabaseCloud, DatabasePart, PredictionRow, PredictionSplit};
 
@@ -17,16 +17,17 @@ use super::settings::{DatabaseSettings, Settings, TestVectorSettings, VERSION};
 use super::test_vector::{Example, Verdict, test_vector};
 use super::{Chosen, DATABASE, EXAMPLE, ExportError, FILES, README, SETTINGS, TEST_VECTOR};
 use crate::dataset::{CloudEntry, Dataset, read_file};
+use crate::evaluate::{Seconds, stages};
 use crate::experiment::{Overrides, of_one};
 use crate::reopen::{Reopened, reopen};
-use crate::run::{Matching, data_digest, rows};
+use crate::run::{Matching, data_digest};
 use crate::sweep;
 
 /// What was exported.
 #[derive(Clone, Debug)]
 pub struct Exported {
     /// The descriptor.
-    pub parameters: Parameters,
+    pub descriptor: Descriptor,
     /// Reference clouds.
     pub clouds: usize,
     /// The example's path below the data root.
@@ -60,16 +61,19 @@ pub fn export(
     }
     let winner = |what: String| ExportError::Winner { run: run.to_owned(), what };
     let preprocess = *experiment.preprocess();
-    let parameters = match chosen {
-        Chosen::Evolved => rows::parameters(&finished.row.best_genes)
+    let family = experiment.space().family();
+    let descriptor = match chosen {
+        Chosen::Evolved if family != Family::DiskRing => {
+            return Err(ExportError::Family { run: run.to_owned(), got: family });
+        }
+        Chosen::Evolved => Descriptor::from_values(family, &finished.row.best_genes)
             .ok_or_else(|| winner("gene values must lie on the genes' grids, got others".to_owned()))?,
-        Chosen::Paper if preprocess.colour => Parameters::PAPER_BEST,
-        Chosen::Paper => Parameters { colour_bins: 0, shape_weight_ppm: 1_000_000, ..Parameters::PAPER_BEST },
+        Chosen::Paper => paper(preprocess.colour).map_err(winner)?,
     };
 
-    let database = describe(&dataset, &preprocess, &parameters, winner)?;
+    let database = describe(&dataset, &preprocess, &descriptor, winner)?;
     let example = example(&dataset)?;
-    let recogniser = Recogniser::new(preprocess, parameters, database.clone()).map_err(winner)?;
+    let recogniser = Recogniser::new(preprocess, &descriptor, database.clone()).map_err(winner)?;
     let vector = |recogniser: &Recogniser, example: &Example| {
         test_vector(recogniser, example).map_err(|error| ExportError::Cloud {
             path: dataset.clouds.root.join(&example.cloud),
@@ -86,7 +90,8 @@ pub fn export(
     let failed = |source| ExportError::Write { folder: out.to_owned(), source };
     let new = NewFolder::beside(out, Access::Umask).map_err(failed)?;
     let digest = results::write_database(new.path().join(DATABASE), &database)?;
-    let (raw_preprocess, raw_descriptor) = of_one(&preprocess, &parameters);
+    let sections = of_one(&preprocess, &descriptor).map_err(|error| winner(Message::of(&error).what))?;
+    let (raw_preprocess, raw_descriptor) = sections;
     let settings = Settings {
         version: VERSION,
         digest: String::new(),
@@ -106,7 +111,7 @@ pub fn export(
     };
     let settings = settings.seal().map_err(|error| winner(error.to_string()))?;
     let clouds = &database.clouds;
-    let about = About { finished: &finished, chosen, parameters, preprocess, clouds };
+    let about = About { finished: &finished, chosen, descriptor: &descriptor, preprocess, clouds };
     for (name, bytes) in [
         (SETTINGS, settings.as_bytes()),
         (TEST_VECTOR, vector_text.as_bytes()),
@@ -133,12 +138,22 @@ pub fn export(
     refuse_occupied(out)?;
     new.replace(out).map_err(failed)?;
     Ok(Exported {
-        parameters,
+        descriptor,
         clouds: clouds.len(),
         example: example.cloud,
         answer: verdict.to_string(),
         bytes,
     })
+}
+
+/// The paper's descriptor, as clouds with or without colours have it.
+fn paper(colour: bool) -> Result<Descriptor, String> {
+    let paper = SearchSpace::single(&Descriptor::default_of(Family::DiskRing));
+    let domains =
+        |space: SearchSpace| space.genes().into_iter().map(|(_, domain)| domain).collect::<Vec<_>>();
+    let space = paper.and_then(|paper| SearchSpace::new(Family::DiskRing, colour, &domains(paper)));
+    let only = space.map_err(|error| Message::of(&error).what)?.only();
+    only.ok_or_else(|| "the paper's descriptor must be one, got many".to_owned())
 }
 
 /// Refuses a place that holds something else than an artefact, so that nobody's files are lost.
@@ -187,25 +202,23 @@ fn refuse_unsound(run: &Path) -> Result<(), ExportError> {
 fn describe(
     dataset: &Dataset,
     preprocess: &descriptor::Preprocess,
-    parameters: &Parameters,
+    descriptor: &Descriptor,
     winner: impl Fn(String) -> ExportError,
 ) -> Result<results::Database, ExportError> {
-    let table = GeneTable::single(parameters).map_err(|error| winner(error.to_string()))?;
-    let quantiser = Quantiser::new(&table).map_err(|error| winner(error.to_string()))?;
-    let binning = quantiser.binning(parameters).map_err(|error| winner(error.to_string()))?;
+    let describer = Describer::new(descriptor).map_err(|error| winner(error.to_string()))?;
     let entries: Vec<&CloudEntry> = Matching::Test
         .database_clouds(dataset)
         .iter()
         .map(|&index| &dataset.clouds.entries[index as usize])
         .collect();
-    let signatures: Vec<[Signature; 2]> = entries
+    let signatures: Vec<Vec<Signature>> = entries
         .par_iter()
         .map(|&entry| {
             let failed = |what: String| ExportError::Cloud { path: dataset.clouds.file(entry), what };
             let cloud = pcd::read(&read(dataset, entry)?).map_err(|error| failed(error.to_string()))?;
-            let prepared = QuantisedCloud::new(&cloud, preprocess, &quantiser)
-                .map_err(|error| failed(error.to_string()))?;
-            Ok(binning.signature(&prepared))
+            let cloud = preprocess.in_metres(&cloud);
+            let described = stages(&cloud, preprocess, &describer, &mut Seconds::default());
+            Ok(described.map_err(|error| failed(error.to_string()))?.signatures)
         })
         .collect::<Result<_, ExportError>>()?;
     let part = |channel: usize| DatabasePart {

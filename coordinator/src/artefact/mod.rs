@@ -34,9 +34,8 @@ pub(crate) fn reads_settings(text: &str) -> bool {
 
 /// The text of sound settings.
 pub(crate) fn sample_settings() -> String {
-    settings::Settings::sample(&Default::default(), &descriptor::Parameters::PAPER_BEST)
-        .seal()
-        .unwrap_or_default()
+    let paper = descriptor::Descriptor::default_of(descriptor::Family::DiskRing);
+    settings::Settings::sample(&Default::default(), &paper).seal().unwrap_or_default()
 }
 
 /// The descriptor's settings; digests of the other files.

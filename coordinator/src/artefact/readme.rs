@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
-use descriptor::{GENES, GeneKind, Parameters, Preprocess, Unit};
+use descriptor::{Descriptor, Preprocess, Unit};
 use results::{Counts, DatabaseCloud, FinishedRun, wilson};
 
 use super::{Chosen, DATABASE, EXAMPLE, SETTINGS, TEST_VECTOR};
@@ -13,7 +13,7 @@ use crate::run::progress::percent;
 pub(super) struct About<'a> {
     pub finished: &'a FinishedRun,
     pub chosen: Chosen,
-    pub parameters: Parameters,
+    pub descriptor: &'a Descriptor,
     pub preprocess: Preprocess,
     pub clouds: &'a [DatabaseCloud],
 }
@@ -21,7 +21,7 @@ pub(super) struct About<'a> {
 impl About<'_> {
     /// The text.
     pub(super) fn text(&self) -> String {
-        let Self { finished, chosen, parameters, preprocess, clouds } = self;
+        let Self { finished, chosen, descriptor, preprocess, clouds } = self;
         let run = &finished.row;
         let objects: BTreeSet<_> = clouds.iter().map(|row| (&row.category, &row.instance)).collect();
         let categories: BTreeSet<_> = clouds.iter().map(|row| &row.category).collect();
@@ -70,9 +70,10 @@ impl About<'_> {
              | gene | value | meaning |\n|---|---|---|\n",
             objects.len(),
         );
-        for spec in GENES.iter().filter(|spec| spec.kind != GeneKind::ColourBins || parameters.has_colour()) {
-            let value = format!("{} {}", parameters.value(spec.kind), spec.unit);
-            let _ = writeln!(text, "| {} | {} | {} |", spec.name, value.trim_end(), spec.meaning);
+        for (column, value) in descriptor.family().columns().iter().zip(descriptor.values()) {
+            let Some(value) = value else { continue };
+            let value = format!("{value} {}", column.unit);
+            let _ = writeln!(text, "| {} | {} | {} |", column.name, value.trim_end(), column.meaning);
         }
         let _ = write!(
             text,

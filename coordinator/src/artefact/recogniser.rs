@@ -6,8 +6,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use descriptor::{
-    Binning, Database, Descriptor, GeneTable, Label, Parameters, PrepareError, Preprocess, QuantisedCloud,
-    Quantiser, Signature, Unit, pcd,
+    Database, DescribeError, Described, Describer, Descriptor, Label, PrepareError, Preprocess, Unit, pcd,
 };
 use results::DatabaseCloud;
 
@@ -19,18 +18,9 @@ use crate::evaluate::{Seconds, stages};
 /// A descriptor with its reference clouds. Nothing here starts a thread.
 pub struct Recogniser {
     preprocess: Preprocess,
-    quantiser: Quantiser,
-    binning: Binning,
+    describer: Describer,
     database: Database,
     clouds: Vec<DatabaseCloud>,
-}
-
-/// One cloud under the descriptor.
-pub struct Described {
-    /// In shape and in colour: what is matched.
-    pub signatures: [Signature; 2],
-    /// How many keypoints it is made of.
-    pub keypoints: usize,
 }
 
 /// An object by its nearest reference cloud.
@@ -77,7 +67,7 @@ impl Recogniser {
     /// [`ArtefactError`] if files are missing, damaged, of another version or do not fit together.
     pub fn open(folder: &Path) -> Result<Self, ArtefactError> {
         let settings = Settings::read(folder)?;
-        let (preprocess, parameters) = settings.resolve(folder)?;
+        let (preprocess, descriptor) = settings.resolve(folder)?;
         let path = folder.join(DATABASE);
         let (database, digest) = results::read_database(&path)?;
         let (expected, got) = (&settings.database.digest, digest.to_hex());
@@ -99,29 +89,26 @@ impl Recogniser {
                 text.escape_debug()
             )));
         }
-        Self::new(preprocess, parameters, database).map_err(refused)
+        Self::new(preprocess, &descriptor, database).map_err(refused)
     }
 
     /// From what an artefact holds; `Err` says why that does not fit together.
     pub(super) fn new(
         preprocess: Preprocess,
-        parameters: Parameters,
+        descriptor: &Descriptor,
         database: results::Database,
     ) -> Result<Self, String> {
-        let table = GeneTable::single(&parameters).map_err(|error| Message::of(&error).what)?;
-        let quantiser = Quantiser::new(&table).map_err(|error| Message::of(&error).what)?;
-        let binning = quantiser.binning(&parameters).map_err(|error| Message::of(&error).what)?;
+        let describer = Describer::new(descriptor).map_err(|error| Message::of(&error).what)?;
         let results::Database { clouds, shape, colour } = database;
         let columns = [&shape, &colour].map(|part| [part.centroids.as_slice(), part.deviations.as_slice()]);
         let count =
             u32::try_from(clouds.len()).map_err(|_| format!("too many clouds, got {}", clouds.len()))?;
-        let descriptor = Descriptor::DiskRing(parameters);
         let signatures =
             descriptor.signatures_of_columns(&columns, count).map_err(|error| Message::of(&error).what)?;
         let weights = descriptor.channels().into_iter().map(|(_, weight)| weight);
         let channels: Vec<_> = signatures.iter().zip(weights).collect();
         let database = Database::new(&channels, labels(&clouds)).map_err(|error| Message::of(&error).what)?;
-        Ok(Self { preprocess, quantiser, binning, database, clouds })
+        Ok(Self { preprocess, describer, database, clouds })
     }
 
     /// The artefact's description of a cloud, given as the bytes of a PCD file; `seconds` takes the time of each stage.
@@ -130,19 +117,11 @@ impl Recogniser {
         let cloud = pcd::read(bytes)?;
         let cloud = self.preprocess.in_metres(&cloud);
         seconds.read += clock.elapsed();
-        let described = stages(
-            &cloud,
-            &self.preprocess,
-            |cloud, keypoints, normals| {
-                let cloud = QuantisedCloud::describe(cloud, keypoints, normals, &self.quantiser)?;
-                let signatures = self.binning.signature(&cloud);
-                Ok(Described { signatures, keypoints: cloud.keypoints() })
-            },
-            seconds,
-        );
-        described.map_err(|error| match error {
-            PrepareError::Skip(skip) => CloudError::Skip(skip, unit_name(self.preprocess.unit)),
-            other => CloudError::Prepare(other),
+        stages(&cloud, &self.preprocess, &self.describer, seconds).map_err(|error| match error {
+            DescribeError::Prepare(PrepareError::Skip(skip)) => {
+                CloudError::Skip(skip, unit_name(self.preprocess.unit))
+            }
+            other => CloudError::Describe(other),
         })
     }
 

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use descriptor::{Parameters, Preprocess, SetDistance, Unit};
+use descriptor::{Descriptor, Preprocess, SetDistance, Unit};
 use serde::{Deserialize, Serialize};
 
 use super::{ArtefactError, SETTINGS};
@@ -95,13 +95,14 @@ impl Settings {
     }
 
     /// What is done to a cloud, and by which descriptor.
-    pub(super) fn resolve(&self, folder: &Path) -> Result<(Preprocess, Parameters), ArtefactError> {
+    pub(super) fn resolve(&self, folder: &Path) -> Result<(Preprocess, Descriptor), ArtefactError> {
         Ok(one(&self.preprocess, self.unit, &self.descriptor, &folder.join(SETTINGS))?)
     }
 
     /// Settings of no artefact, for tests and fuzzing.
-    pub(super) fn sample(preprocess: &Preprocess, parameters: &Parameters) -> Self {
-        let (raw, descriptor) = of_one(preprocess, parameters);
+    pub(super) fn sample(preprocess: &Preprocess, descriptor: &Descriptor) -> Self {
+        let sections = of_one(preprocess, descriptor);
+        let (raw, descriptor) = sections.expect("a descriptor that experiments can ask for");
         Self {
             version: VERSION,
             digest: String::new(),
@@ -136,9 +137,14 @@ impl Settings {
 
 #[cfg(test)]
 mod tests {
+    use descriptor::{Family, Parameters};
     use expect_test::expect;
 
     use super::*;
+
+    fn paper() -> Descriptor {
+        Descriptor::default_of(Family::DiskRing)
+    }
 
     fn parse(text: &str) -> Result<Settings, ArtefactError> {
         Settings::parse(text, "folder/descriptor.toml".into())
@@ -146,18 +152,23 @@ mod tests {
 
     #[test]
     fn what_is_written_is_read_again() {
-        let colourless = Parameters { colour_bins: 0, shape_weight_ppm: 1_000_000, ..Parameters::PAPER_BEST };
+        let colourless = Descriptor::DiskRing(Parameters {
+            colour_bins: 0,
+            shape_weight_ppm: 1_000_000,
+            ..Parameters::PAPER_BEST
+        });
         let millimetres =
             Preprocess { leaf_um: 15_000, unit: Unit::Millimetre, colour: false, ..Preprocess::default() };
-        for (preprocess, parameters) in
-            [(Preprocess::default(), Parameters::PAPER_BEST), (millimetres, colourless)]
+        let hue = Descriptor::default_of(Family::GlobalHue);
+        for (preprocess, descriptor) in
+            [(Preprocess::default(), paper()), (millimetres, colourless), (Preprocess::default(), hue)]
         {
-            let text = Settings::sample(&preprocess, &parameters).seal().unwrap();
+            let text = Settings::sample(&preprocess, &descriptor).seal().unwrap();
             let read = parse(&text).unwrap();
-            assert_eq!(read.resolve("folder".as_ref()).unwrap(), (preprocess, parameters));
+            assert_eq!(read.resolve("folder".as_ref()).unwrap(), (preprocess, descriptor));
             assert_eq!(read.seal().unwrap(), text);
         }
-        let text = Settings::sample(&Preprocess::default(), &Parameters::PAPER_BEST).seal().unwrap();
+        let text = Settings::sample(&Preprocess::default(), &paper()).seal().unwrap();
         expect![[r#"
             version = 1
             digest = "8b7ebed4b395d92c47c45ce4c09b9eb0619e1c84da97946c523a58de395e0236"
@@ -195,7 +206,7 @@ mod tests {
 
     #[test]
     fn every_value_is_covered_by_the_digest() {
-        let text = Settings::sample(&Preprocess::default(), &Parameters::PAPER_BEST).seal().unwrap();
+        let text = Settings::sample(&Preprocess::default(), &paper()).seal().unwrap();
         for (from, to) in [
             ("sample", "simple"),
             ("abab", "abac"),
@@ -223,7 +234,7 @@ mod tests {
 
     #[test]
     fn settings_that_are_not_ours_are_refused_with_their_place() {
-        let text = Settings::sample(&Preprocess::default(), &Parameters::PAPER_BEST).seal().unwrap();
+        let text = Settings::sample(&Preprocess::default(), &paper()).seal().unwrap();
         for (from, to, complaint) in [
             ("version = 1", "version = 2", "version must be 1, got 2"),
             ("version = 1", "version = \"1\"", "version must be 1, got \"1\""),
@@ -244,7 +255,7 @@ mod tests {
     /// Whoever forges the digest, too, meets the checks of experiments.
     #[test]
     fn settings_that_mean_nothing_are_refused() {
-        let text = Settings::sample(&Preprocess::default(), &Parameters::PAPER_BEST).seal().unwrap();
+        let text = Settings::sample(&Preprocess::default(), &paper()).seal().unwrap();
         let forged = |from: &str, to: &str| {
             assert!(text.contains(from), "{from}");
             let table: toml::Table = toml::from_str(&text.replacen(from, to, 1)).unwrap();

@@ -1,10 +1,11 @@
 //! `test-vector.json`: one cloud with its summary and its answer, for whoever computes the same in another program.
 
+use descriptor::{Described, Signature};
 use serde::Serialize;
 
 use super::EXAMPLE;
 use super::error::CloudError;
-use super::recogniser::{Described, Recogniser};
+use super::recogniser::Recogniser;
 use crate::evaluate::Seconds;
 
 /// The format's version.
@@ -34,7 +35,7 @@ struct TestVector<'a> {
     runner_up_distance: Option<f64>,
 }
 
-#[derive(Serialize)]
+#[derive(Clone, Copy, Serialize)]
 struct Part<'a> {
     centroid: &'a [f32],
     deviation: &'a [f32],
@@ -75,7 +76,12 @@ pub(super) fn test_vector(
     let described = recogniser.describe(&example.bytes, &mut Seconds::default())?;
     let answer = recogniser.answer(&described, 2);
     let (nearest, runner_up) = (answer.nearest(), answer.runner_up());
-    let Described { signatures: [shape, colour], keypoints } = &described;
+    let Described { signatures, keypoints } = &described;
+    let no_part = Part { centroid: &[], deviation: &[] };
+    let part = |channel: usize| {
+        let signature: Option<&Signature> = signatures.get(channel);
+        signature.map_or(no_part, |it| Part { centroid: &it.centroid, deviation: &it.deviation })
+    };
     let vector = TestVector {
         version: VERSION,
         file: EXAMPLE,
@@ -84,8 +90,8 @@ pub(super) fn test_vector(
         instance: &example.instance,
         category: &example.category,
         keypoints: *keypoints,
-        shape: Part { centroid: &shape.centroid, deviation: &shape.deviation },
-        colour: Part { centroid: &colour.centroid, deviation: &colour.deviation },
+        shape: part(0),
+        colour: part(1),
         predicted_instance: nearest.instance,
         predicted_category: nearest.category,
         nearest_cloud: nearest.cloud,

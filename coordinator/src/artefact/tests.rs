@@ -4,7 +4,7 @@ use std::fs;
 use std::path::Path;
 
 use descriptor::synth::{self, SynthSettings};
-use descriptor::{Parameters, Preprocess, pcd};
+use descriptor::{Descriptor, Parameters, Preprocess, pcd};
 use results::{Database, DatabaseCloud, DatabasePart};
 use tempfile::TempDir;
 
@@ -13,7 +13,8 @@ use super::{ArtefactError, CloudError, DATABASE, Recogniser, SETTINGS};
 use crate::evaluate::Seconds;
 
 /// Few values a cloud.
-const DESCRIPTOR: Parameters = Parameters { shape_bins: 8, colour_bins: 3, ..Parameters::PAPER_BEST };
+const DESCRIPTOR: Descriptor =
+    Descriptor::DiskRing(Parameters { shape_bins: 8, colour_bins: 3, ..Parameters::PAPER_BEST });
 /// Values of a centroid: the bins up to 180 degrees, or hue x saturation, of disk and ring.
 const SHAPE: usize = 8;
 const COLOUR: usize = 18;
@@ -155,7 +156,7 @@ fn clouds_without_an_answer_say_why_and_others_have_one() {
     };
     assert_eq!(ask(&cloud).unwrap(), 1, "as if one had been asked for");
     let colours = cloud.colours.take();
-    assert!(matches!(ask(&cloud), Err(CloudError::Prepare(_))));
+    assert!(matches!(ask(&cloud), Err(CloudError::Describe(_))));
     cloud.colours = colours.map(|colours| colours[..9].to_vec());
     cloud.points.truncate(9);
     let said = ask(&cloud).unwrap_err().to_string();

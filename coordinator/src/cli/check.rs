@@ -47,8 +47,8 @@ impl Check {
         text.push_str(&format!("# data digest: {}\n", proto::Digest(dataset.clouds.digest)));
         text.push_str(&format!(
             "# search space: {} descriptors, {} bits\n",
-            experiment.genes().size(),
-            search_space::genome(experiment.genes(), experiment.encoding()).bits()
+            experiment.space().size(),
+            search_space::genome(experiment.space(), experiment.encoding()).bits()
         ));
         match &plan {
             Plan::Run(experiment) => text.push_str(&format!("# search: {}\n", search(experiment)?)),
@@ -66,7 +66,7 @@ impl Check {
 /// The method and what it evaluates.
 fn search(experiment: &Experiment) -> anyhow::Result<String> {
     let (method, generations) = (experiment.method(), experiment.stop().generations);
-    let genome = search_space::genome(experiment.genes(), experiment.encoding());
+    let genome = search_space::genome(experiment.space(), experiment.encoding());
     Ok(match method.strategy(&genome, *experiment.ga(), experiment.seed())? {
         Some(strategy) => {
             let largest = strategy.largest_generation();
@@ -74,7 +74,7 @@ fn search(experiment: &Experiment) -> anyhow::Result<String> {
             format!("{method}, at most {most} individuals in {generations} generations of {largest}")
         }
         None => {
-            let grid = Grid::new(experiment.genes())?;
+            let grid = Grid::new(experiment.space())?;
             let (descriptors, cells) = (grid.descriptors(), grid.cells());
             format!("{method}, all {descriptors} descriptors in {cells} grid cells")
         }

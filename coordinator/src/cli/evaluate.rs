@@ -6,8 +6,7 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 use clap::Args;
 use descriptor::{
-    Descriptor, Family, FixedDescriptor, FixedKind, GENES, GeneKind, GeneTable, Parameters, Preprocess,
-    SetDistance, Unit,
+    Descriptor, Domain, Family, FixedDescriptor, FixedKind, Preprocess, SearchSpace, SetDistance, Unit,
 };
 use serde_json::json;
 
@@ -15,7 +14,7 @@ use crate::dataset::{Layout, Listing};
 use crate::evaluate::{Report, Request, evaluate};
 use crate::experiment::name_advice;
 use crate::run::progress::percent;
-use crate::run::{rows, summary};
+use crate::run::summary;
 
 /// Evaluate one descriptor on lists of clouds
 ///
@@ -32,10 +31,11 @@ pub struct Evaluate {
     /// List of database clouds, for example train1.txt; repeatable
     #[arg(long, value_name = "LIST", required = true, num_args = 1..)]
     database: Vec<PathBuf>,
-    /// The paper's descriptor, or one that it is compared with, as PCL computes it, for example shotcolor
-    #[arg(long, value_name = "NAME", default_value = Family::DiskRing.name(), value_parser = [Family::DiskRing.name(), "pfhrgb", "shotcolor"])]
+    /// Family of the descriptor: the paper's, one that it is compared with, as PCL computes it, or a histogram of hue,
+    /// for example shotcolor
+    #[arg(long, value_name = "NAME", default_value = Family::DiskRing.name(), value_parser = Family::ALL.map(Family::name))]
     descriptor: String,
-    /// A gene's value, for example R1=1.3; repeatable. The others keep the values of the paper's best descriptor
+    /// A gene's value, for example R1=1.3; repeatable. The others keep the family's default: of disk-ring the paper's best
     #[arg(long, value_name = "gene=value")]
     set: Vec<String>,
     /// Radius of the region of pfhrgb and shotcolor in centimetres, for example 5
@@ -127,22 +127,18 @@ impl Evaluate {
     }
 
     fn descriptor(&self, radius_um: u32) -> anyhow::Result<Descriptor> {
-        let Some(kind) = FixedKind::named(&self.descriptor) else {
-            return Ok(Descriptor::DiskRing(parameters(&self.set, !self.no_colour)?));
-        };
-        let name = &self.descriptor;
-        anyhow::ensure!(
-            self.set.is_empty(),
-            "--set: {name} has no genes, got {}\nleave it out, or choose --descriptor {}",
-            self.set.join(" "),
-            Family::DiskRing.name()
-        );
-        anyhow::ensure!(
-            !self.no_colour,
-            "--no-colour: {name} needs colours, got none\nleave it out, or choose --descriptor {}",
-            Family::DiskRing.name()
-        );
-        Ok(Descriptor::Fixed(FixedDescriptor { kind, radius_um }))
+        let family = Family::named(&self.descriptor).unwrap_or(Family::DiskRing); // checked by clap
+        if let Some(kind) = FixedKind::named(&self.descriptor) {
+            let choose = format!("leave it out, or choose --descriptor {}", Family::DiskRing);
+            let set = self.set.join(" ");
+            anyhow::ensure!(self.set.is_empty(), "--set: {family} has no genes, got {set}\n{choose}");
+            anyhow::ensure!(!self.no_colour, "--no-colour: {family} needs colours, got none\n{choose}");
+            return Ok(Descriptor::Fixed(FixedDescriptor { kind, radius_um }));
+        }
+        let domains = domains(family, &self.set, !self.no_colour)?;
+        let space = SearchSpace::new(family, !self.no_colour, &domains);
+        let space = space.map_err(|error| anyhow::anyhow!("--set: {error}"))?;
+        space.only().context("--set: must give each gene one value, got more")
     }
 }
 
@@ -151,18 +147,22 @@ fn list_file(root: &Path, list: &Path) -> PathBuf {
     if list.exists() { list.to_owned() } else { root.join(list) }
 }
 
-fn parameters(set: &[String], colour: bool) -> anyhow::Result<Parameters> {
-    let best = Parameters::PAPER_BEST;
-    let mut ticks = GENES.each_ref().map(|spec| best.ticks(spec.kind));
+/// The values of a family's genes: those of its default descriptor, but for those that are set.
+fn domains(family: Family, set: &[String], colour: bool) -> anyhow::Result<Vec<Domain>> {
+    let genes = family.genes();
+    let default = SearchSpace::single(&Descriptor::default_of(family))?.genes();
+    let mut domains: Vec<Domain> = default.into_iter().map(|(_, domain)| domain).collect();
     let mut seen: Vec<&str> = Vec::new();
     for assignment in set {
         let (name, value) = assignment.split_once('=').with_context(|| {
             format!("--set: must be gene=value, got {assignment}\nwrite for example R1=1.3")
         })?;
-        let spec = GENES.iter().find(|spec| spec.name.eq_ignore_ascii_case(name)).with_context(|| {
-            let names = GENES.each_ref().map(|spec| spec.name);
-            format!("--set: unknown gene, got {name}\n{}", name_advice(name, &names, "genes are"))
-        })?;
+        let place =
+            genes.iter().position(|spec| spec.name.eq_ignore_ascii_case(name)).with_context(|| {
+                let names: Vec<&str> = genes.iter().map(|spec| spec.name).collect();
+                format!("--set: unknown gene, got {name}\n{}", name_advice(name, &names, "genes are"))
+            })?;
+        let spec = &genes[place];
         let number: f64 = value.parse().with_context(|| {
             format!("--set {name}: must be a number, got {value}\nwrite for example R1=1.3")
         })?;
@@ -171,49 +171,32 @@ fn parameters(set: &[String], colour: bool) -> anyhow::Result<Parameters> {
             "--set {name}: given twice, got {value}\nset each gene once"
         );
         seen.push(spec.name);
-        let is_of_colour = matches!(spec.kind, GeneKind::ColourBins | GeneKind::ShapeWeight);
         anyhow::ensure!(
-            colour || !is_of_colour,
+            colour || !spec.needs_colour,
             "--set {name}: has no meaning without colour, got {value}\nleave it out, or leave out --no-colour"
         );
-        let (low, high) = (spec.value(spec.limits.0), spec.value(spec.limits.1));
+        let (low, high) = spec.limits;
         anyhow::ensure!(
-            number >= low && number <= high,
-            "--set {name}: must be from {low} to {high} {}, got {value}\nchoose a value inside these limits",
-            spec.unit
+            (spec.value(low)..=spec.value(high)).contains(&number),
+            "--set {name}: must be from {} to {}, got {value}\nchoose a value inside these limits",
+            spec.value(low),
+            spec.text(high)
         );
-        ticks[spec.kind as usize] = spec.ticks(number).with_context(|| {
-            let finest = spec.value(1);
-            format!(
-                "--set {name}: must be a multiple of {finest} {}, got {value}\nround the value",
-                spec.unit
-            )
+        let ticks = spec.ticks(number).with_context(|| {
+            format!("--set {name}: must be a multiple of {}, got {value}\nround the value", spec.text(1))
         })?;
+        domains[place] = Domain::fixed(ticks);
     }
-    if !colour {
-        ticks[GeneKind::ColourBins as usize] = 0;
-        ticks[GeneKind::ShapeWeight as usize] = GENES[GeneKind::ShapeWeight as usize].limits.1;
-    }
-    let parameters = Parameters::from_ticks(ticks);
-    GeneTable::single(&parameters).map_err(|error| anyhow::anyhow!("--set: {error}"))?;
-    Ok(parameters)
+    Ok(domains)
 }
 
 fn json(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> String {
     let Report { correct, seconds, .. } = report;
     let error = |right: usize| (correct.queries - right) as f64 / correct.queries as f64;
-    let told = match descriptor {
-        Descriptor::DiskRing(parameters) => {
-            serde_json::Value::Object(summary::genes_json(&rows::gene_values(parameters)))
-        }
-        Descriptor::Fixed(fixed) => json!({
-            "name": fixed.kind.name(),
-            "radius_cm": fixed.radius() * 100.0,
-        }),
-        Descriptor::GlobalHue(hue) => json!({
-            "name": descriptor.family().name(),
-            "bins": hue.bins(),
-        }),
+    let family = descriptor.family();
+    let told = match family {
+        Family::DiskRing => summary::genes_json(family, &descriptor.values()),
+        _ => named_json(descriptor),
     };
     let skipped: Vec<_> =
         report.skipped.iter().map(|(path, reason)| json!({ "path": path, "reason": reason })).collect();
@@ -238,6 +221,18 @@ fn json(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> Stri
         },
     });
     format!("{value}\n")
+}
+
+/// A descriptor of another family than the paper's: the family's name, then the values with their units.
+fn named_json(descriptor: &Descriptor) -> serde_json::Map<String, serde_json::Value> {
+    let family = descriptor.family();
+    let values = summary::genes_json(family, &descriptor.values());
+    let keys = family.columns().into_iter().map(|column| match column.unit {
+        "" => column.name.to_owned(),
+        unit => format!("{}_{unit}", column.name),
+    });
+    let named = keys.zip(values.into_iter().map(|(_, value)| value));
+    std::iter::once(("name".to_owned(), json!(family.name()))).chain(named).collect()
 }
 
 fn text(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> String {

@@ -50,7 +50,7 @@ impl Export {
              example       {}: nearest is {}\n\
              artefact      {out}, {:.1} MB\n\
              to use it     coordinator recognise {out} CLOUD.pcd\n",
-            exported.parameters,
+            exported.descriptor,
             exported.clouds,
             exported.example,
             exported.answer,

@@ -1,6 +1,6 @@
 //! Who takes part in a comparison: descriptors with a set distance, each under a label.
 
-use descriptor::{Descriptor, FixedDescriptor, FixedKind, Parameters, SetDistance};
+use descriptor::{Descriptor, Family, FixedDescriptor, FixedKind, SetDistance};
 
 /// Label of the run's own descriptor.
 pub const EVOLVED: &str = "evolved";
@@ -24,10 +24,7 @@ pub struct Candidate {
 impl Candidate {
     /// What more there is to say.
     pub fn note(&self) -> Option<&'static str> {
-        match self.descriptor {
-            Descriptor::Fixed(FixedDescriptor { kind: FixedKind::ShotColor, .. }) => Some(SHOTCOLOR_NOTE),
-            _ => None,
-        }
+        (self.descriptor.family() == Family::ShotColor).then_some(SHOTCOLOR_NOTE)
     }
 }
 
@@ -62,10 +59,10 @@ impl Named {
     }
 
     /// The descriptor, in a run that has ended with `evolved`.
-    pub fn descriptor(self, evolved: Parameters, radius_um: u32) -> Descriptor {
+    pub fn descriptor(self, evolved: &Descriptor, radius_um: u32) -> Descriptor {
         match self {
-            Self::Evolved => Descriptor::DiskRing(evolved),
-            Self::Paper => Descriptor::DiskRing(Parameters::PAPER_BEST),
+            Self::Evolved => evolved.clone(),
+            Self::Paper => Descriptor::default_of(Family::DiskRing),
             Self::Fixed(kind) => Descriptor::Fixed(FixedDescriptor { kind, radius_um }),
         }
     }
@@ -75,7 +72,7 @@ impl Named {
 pub fn candidates(
     named: &[Named],
     distances: &[SetDistance],
-    evolved: Parameters,
+    evolved: &Descriptor,
     radius_um: u32,
 ) -> Vec<Candidate> {
     let of = |&named: &Named| {
@@ -99,7 +96,8 @@ mod tests {
 
     #[test]
     fn labels_are_unique_and_can_be_names_of_files() {
-        let all = candidates(&Named::ALL, &SetDistance::ALL, Parameters::PAPER_BEST, 50_000);
+        let all =
+            candidates(&Named::ALL, &SetDistance::ALL, &Descriptor::default_of(Family::DiskRing), 50_000);
         let labels: BTreeSet<&str> = all.iter().map(|one| one.label.as_str()).collect();
         assert_eq!(labels.len(), Named::ALL.len() * SetDistance::ALL.len());
         assert!(labels.iter().all(|label| label.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-')));

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use descriptor::{Descriptor, Label, Preprocess, SearchSpace, SignatureError, Signatures};
 use proto::MAX_DESCRIPTION_BYTES;
-use proto::task::{self, Description, Evaluation, Preparation, Subject};
+use proto::task::{self, Description, Evaluation, Subject};
 
 use crate::tasks;
 use cluster::blobs::BlobStore;
@@ -27,8 +27,8 @@ pub struct Described {
 /// All test queries and their database, cut into shards.
 pub struct Shards {
     preprocess: Preprocess,
-    /// For descriptors of the run's family.
-    preparation: Preparation,
+    /// The run's.
+    space: SearchSpace,
     sides: [Arc<sharding::Side>; 2],
     labels: [Vec<Label>; 2],
 }
@@ -38,6 +38,7 @@ impl Shards {
     /// descriptors it is under, and releases their manifests; `None` if a split is not released.
     pub fn publish(
         evaluation: &Evaluation,
+        space: &SearchSpace,
         descriptors: &[Descriptor],
         preprocess: &Preprocess,
         blobs: &BlobStore,
@@ -53,19 +54,15 @@ impl Shards {
         ];
         let label = |&task::Label { category, instance }: &task::Label| Label { category, instance };
         let labels = sides.each_ref().map(|side| side.labels.iter().map(label).collect());
-        let preparation = evaluation.subject.preparation.clone();
-        Some(Self { preprocess: *preprocess, preparation, sides, labels })
+        Some(Self { preprocess: *preprocess, space: space.clone(), sides, labels })
     }
 
-    /// A descriptor as tasks have it: one of the run's family as one of its search space, any other as the only one of
-    /// its own.
+    /// A descriptor as tasks have it: one of the run's search space as such, any other as the only one of its own.
     fn subject(&self, descriptor: &Descriptor) -> Subject {
-        let own = match descriptor {
-            Descriptor::DiskRing(_) => None,
-            Descriptor::Fixed(_) | Descriptor::GlobalHue(_) => SearchSpace::single(descriptor).ok(),
-        };
-        let own = own.map(|space| tasks::preparation(&self.preprocess, space));
-        tasks::subject(own.as_ref().unwrap_or(&self.preparation), descriptor)
+        let is_of_run = self.space.contains(descriptor);
+        let own = if is_of_run { None } else { SearchSpace::single(descriptor).ok() };
+        let space = own.unwrap_or_else(|| self.space.clone());
+        tasks::subject(&tasks::preparation(&self.preprocess, space), descriptor)
     }
 
     /// What queries and database show.

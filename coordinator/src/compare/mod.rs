@@ -8,7 +8,6 @@ mod recognition;
 mod summary;
 mod timing;
 
-use proto::Message;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -16,7 +15,7 @@ use std::time::SystemTime;
 use cache::Storage;
 use cache::Store;
 use descriptor::recognise::RecogniseError;
-use descriptor::{Descriptor, GeneTable, Label, Parameters, Quantiser, SetDistance, SignatureError};
+use descriptor::{Descriptor, Label, SetDistance, SignatureError};
 use indicatif::{ProgressBar, ProgressDrawTarget};
 use results::{ComparedRow, Counts, LookRow, RunFolder, wilson};
 
@@ -82,14 +81,6 @@ pub enum CompareError {
         /// Its name.
         name: &'static str,
     },
-    /// The paper's descriptor beside a search space that is far from it.
-    #[error(
-        "--descriptor paper: cannot be counted in one go with this run's search space, got {what}\nleave it out"
-    )]
-    FarFromPaper {
-        /// What stands in the way.
-        what: String,
-    },
     /// A worker's answer is no description.
     #[error(transparent)]
     Description(#[from] SignatureError),
@@ -149,16 +140,17 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     if Matching::Test.query_clouds(dataset).is_empty() {
         return Err(CompareError::NoTest(folder.to_owned()));
     }
-    let evolved =
-        rows::parameters(&run.row.best_genes).ok_or_else(|| CompareError::Genes(folder.to_owned()))?;
-    let (named, genes) = choose(options, experiment.genes(), |line| progress.say(line))?;
-    let candidates = candidates(&named, &options.distances, evolved, options.radius_um);
-    let out = RunFolder::create(folder, &rows::gene_columns())?;
+    let space = experiment.space();
+    let evolved = Descriptor::from_values(space.family(), &run.row.best_genes)
+        .ok_or_else(|| CompareError::Genes(folder.to_owned()))?;
+    let named = choose(options, experiment.preprocess().colour, |line| progress.say(line))?;
+    let candidates = candidates(&named, &options.distances, &evolved, options.radius_um);
+    let out = RunFolder::create(folder, &rows::gene_columns(space.family()))?;
 
     let listener = listen(experiment, &options.protection, progress.console()).await?;
     let memory = options.storage.memory;
     let mut session =
-        Session::new(&genes, experiment, dataset, Arc::clone(&store), memory).map_err(RunError::from)?;
+        Session::new(experiment, dataset, Arc::clone(&store), memory).map_err(RunError::from)?;
     let mut client = session.cluster.client();
     let settings = experiment.coordinator();
     progress.follow(&session.cluster);
@@ -176,9 +168,9 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     })?;
     let looks = results::read_table(folder, results::TableName::Looks)?.shape().0;
     session.splits.publish_test(&session.cluster.blobs);
-    let question = session.splits.evaluation(evolved, Matching::Test, false);
+    let question = session.splits.evaluation(&evolved, Matching::Test, false);
     let (preprocess, blobs) = (experiment.preprocess(), &session.cluster.blobs);
-    let Some(shards) = Shards::publish(&question, &descriptors, preprocess, blobs) else {
+    let Some(shards) = Shards::publish(&question, space, &descriptors, preprocess, blobs) else {
         return Err(CompareError::NoTest(folder.to_owned()));
     };
     let clouds = question.queries + question.database_clouds;
@@ -256,44 +248,18 @@ async fn describe(
     Ok(described?)
 }
 
-/// The descriptors that are to be compared, and a search space that has all of the paper's kind among them.
-fn choose(
-    options: &Options,
-    genes: &GeneTable,
-    say: impl Fn(&str),
-) -> Result<(Vec<Named>, GeneTable), CompareError> {
+/// The descriptors that are to be compared: those that were asked for, or all that clouds with or without colour allow.
+fn choose(options: &Options, colour: bool, say: impl Fn(&str)) -> Result<Vec<Named>, CompareError> {
     let mut named = options.descriptors.clone().unwrap_or_else(|| Named::ALL.to_vec());
-    if !genes.has_colour() {
-        let refused = named.iter().find(|one| one.needs_colour());
-        if let (Some(one), true) = (refused, options.descriptors.is_some()) {
-            return Err(CompareError::NeedsColour { name: one.name() });
-        }
-        if refused.is_some() {
-            say("clouds without colours: the paper's descriptor, pfhrgb and shotcolor are left out");
-        }
+    let refused = named.iter().find(|one| one.needs_colour() && !colour);
+    if let (Some(one), true) = (refused, options.descriptors.is_some()) {
+        return Err(CompareError::NeedsColour { name: one.name() });
+    }
+    if refused.is_some() {
+        say("clouds without colours: the paper's descriptor, pfhrgb and shotcolor are left out");
         named.retain(|one| !one.needs_colour());
     }
-    let paper = &Parameters::PAPER_BEST;
-    if !named.contains(&Named::Paper) || genes.contains(paper) {
-        return Ok((named, genes.clone()));
-    }
-    let wider = genes.including(paper).map_err(|error| Message::of(&error));
-    let usable = wider.and_then(|genes| match Quantiser::new(&genes) {
-        Ok(_) => Ok(genes),
-        Err(error) => Err(Message::of(&error)),
-    });
-    match usable {
-        Ok(genes) => Ok((named, genes)),
-        Err(error) => {
-            let what = error.what;
-            if options.descriptors.is_some() {
-                return Err(CompareError::FarFromPaper { what });
-            }
-            say(&format!("the paper's descriptor is left out: {what}"));
-            named.retain(|one| *one != Named::Paper);
-            Ok((named, genes.clone()))
-        }
-    }
+    Ok(named)
 }
 
 /// Each descriptor once, whatever the distances.

@@ -1,7 +1,7 @@
 //! Who counted which cell of the grid, and which cells are in doubt for it.
 
+use super::cell_task::cell_bytes;
 use super::grid::Grid;
-use crate::tasks;
 use cluster::scheduler::Doubt;
 use proto::task::Task;
 
@@ -25,7 +25,7 @@ impl Cells {
     pub fn doubt(&mut self, doubt: &Doubt, grid: &Grid) -> Vec<usize> {
         let doubtful = |cell: usize, worker_id: Option<&str>| match doubt {
             Doubt::Disagreement { task, .. } => match &**task {
-                Task::GridCell(asked) => tasks::cell_bytes(grid.radii(cell)) == asked.subject.descriptor,
+                Task::GridCell(asked) => cell_bytes(grid.radii(cell)) == asked.subject.descriptor,
                 _ => false,
             },
             Doubt::Quarantined(id) => worker_id == Some(&id.to_string()),

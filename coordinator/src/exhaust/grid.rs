@@ -1,6 +1,6 @@
 //! The search space as a grid of descriptors, in cells of one R1 and one R2 each.
 
-use descriptor::{GENES, GeneKind, GeneTable, Parameters};
+use descriptor::{Family, GENES, GeneKind, GeneTable, Parameters, SearchSpace};
 use proto::MAX_CELL;
 
 /// Most descriptors of a grid, some days of work.
@@ -27,6 +27,14 @@ pub enum GridError {
         /// How many there are.
         got: u128,
     },
+    /// Only descriptors with disk and ring are counted cell by cell.
+    #[error(
+        "descriptor.family: an exhaustive search needs disk-ring, got {got}\nchoose search.method = \"ga\", \"random\" or \"hill-climb\""
+    )]
+    Family {
+        /// The family.
+        got: Family,
+    },
 }
 
 /// Every descriptor of a gene table, by index along each gene.
@@ -41,8 +49,11 @@ impl Grid {
     /// The grid of a gene table.
     ///
     /// # Errors
-    /// [`GridError::TooLarge`] before anything is allocated.
-    pub fn new(table: &GeneTable) -> Result<Self, GridError> {
+    /// Before anything is allocated: [`GridError`].
+    pub fn new(space: &SearchSpace) -> Result<Self, GridError> {
+        let SearchSpace::DiskRing(table) = space else {
+            return Err(GridError::Family { got: space.family() });
+        };
         let count = |kind| table.domain(kind).map_or(1, |domain| u128::from(domain.count));
         let cells = count(GeneKind::DiskRadius) * count(GeneKind::RingRadius);
         let (mut values, mut pairs) = (0, 0);
@@ -62,7 +73,7 @@ impl Grid {
             }
         }
         let values = |kind| table.domain(kind).map_or_else(|| vec![0], |domain| domain.values().collect());
-        Ok(Self { table: table.clone(), axes: GENES.each_ref().map(|spec| values(spec.kind)) })
+        Ok(Self { table: table.clone(), axes: GeneKind::ALL.map(values) })
     }
 
     /// The gene table.
@@ -122,21 +133,37 @@ impl Grid {
 pub(super) mod tests {
     use std::collections::BTreeSet;
 
-    use descriptor::genes::Domain;
+    use descriptor::Domain;
 
     use super::*;
 
-    /// A table of so many values a gene.
-    pub fn table(counts: [u32; 5], colour: bool) -> GeneTable {
+    /// A grid of so many values a gene.
+    pub fn grid(counts: [u32; 5], colour: bool) -> Grid {
         let lows = [8, 3, 5_000, 21_000, 100_000];
         let steps = [2, 1, 1_000, 1_000, 10_000];
         let domain = |gene: usize| Domain { low: lows[gene], step: steps[gene], count: counts[gene] };
-        GeneTable::new(std::array::from_fn(domain), colour).unwrap()
+        let table = GeneTable::new(std::array::from_fn(domain), colour).unwrap();
+        Grid::new(&SearchSpace::DiskRing(table)).unwrap()
+    }
+
+    fn refused(domains: [Domain; 5]) -> GridError {
+        let table = GeneTable::new(domains, true).unwrap();
+        Grid::new(&SearchSpace::DiskRing(table)).map(|_| ()).unwrap_err()
+    }
+
+    #[test]
+    fn a_family_without_disk_and_ring_is_refused() {
+        let space =
+            SearchSpace::new(Family::GlobalHue, true, &[Domain { low: 2, step: 1, count: 9 }]).unwrap();
+        let error = Grid::new(&space).map(|_| ()).unwrap_err().to_string();
+        assert!(
+            error.starts_with("descriptor.family: an exhaustive search needs disk-ring, got global-hue\n")
+        );
     }
 
     #[test]
     fn the_papers_grid_has_480_cells_that_cover_it() {
-        let grid = Grid::new(&GeneTable::paper()).unwrap();
+        let grid = Grid::new(&SearchSpace::DiskRing(GeneTable::paper())).unwrap();
         assert_eq!((grid.cells(), grid.cell_len(), grid.descriptors()), (480, 57 * 6 * 101, 16_580_160));
         assert_eq!(grid.radii(0), (5_000, 21_000));
         assert_eq!(grid.radii(479), (20_000, 50_000));
@@ -145,7 +172,7 @@ pub(super) mod tests {
     #[test]
     fn every_descriptor_is_in_one_cell_and_in_order_there() {
         for colour in [true, false] {
-            let grid = Grid::new(&table([3, 2, 2, 4, 3], colour)).unwrap();
+            let grid = grid([3, 2, 2, 4, 3], colour);
             let mut all = BTreeSet::new();
             for cell in 0..grid.cells() {
                 let descriptors: Vec<Parameters> =
@@ -167,19 +194,18 @@ pub(super) mod tests {
     fn grids_that_would_never_end_are_refused() {
         let wide = |gene: usize, low, count| {
             let mut domains =
-                GENES.each_ref().map(|spec| Domain { low: spec.paper.0, step: spec.paper.2, count: 1 });
+                GENES.each_ref().map(|spec| Domain { low: spec.default.0, step: spec.default.2, count: 1 });
             domains[0].count = 57;
             domains[1].count = 6;
             domains[gene] = Domain { low, step: 1, count };
-            Grid::new(&GeneTable::new(domains, true).unwrap()).map(|_| ()).unwrap_err().to_string()
+            refused(domains).to_string()
         };
         assert!(wide(4, 0, 60_000).starts_with(
             "descriptor.genes: grid must have at most 1048576 descriptors with the same R1 and R2, got 20520000\n"
         ));
         let radii = |shape_bins, m, count, w| {
             let (disk, ring) = (Domain { low: 1, step: 1, count }, Domain { low: 21_000, step: 1, count });
-            let table = GeneTable::new([shape_bins, m, disk, ring, w], true).unwrap();
-            Grid::new(&table).map(|_| ()).unwrap_err()
+            refused([shape_bins, m, disk, ring, w])
         };
         assert_eq!(
             radii(Domain::fixed(8), Domain::fixed(3), 2_000, Domain::fixed(0)),
@@ -193,7 +219,7 @@ pub(super) mod tests {
         let disks_and_weights = |disks, weights| {
             let (disk, ring) = (many(1, disks), Domain::fixed(21_000));
             let domains = [Domain::fixed(8), Domain::fixed(3), disk, ring, many(0, weights)];
-            Grid::new(&GeneTable::new(domains, true).unwrap()).map(|_| ()).unwrap_err()
+            refused(domains)
         };
         assert_eq!(
             disks_and_weights(6_000, 60_000),

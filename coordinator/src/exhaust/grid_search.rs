@@ -6,6 +6,7 @@ use std::time::{Instant, SystemTime};
 use descriptor::EVALUATION_VERSION;
 use results::{FinishedGrid, GridFolder, GridRow, GridTables, read_grid};
 
+use super::cell_task::cell_subject;
 use super::cells::Cells;
 use super::grid_spec::GridSpec;
 use super::landscape::Landscape;
@@ -65,7 +66,12 @@ impl GridSearch<'_> {
         }
 
         let splits = &self.session.splits;
-        let tasks = missing.iter().map(|&cell| splits.grid_cell(grid.radii(cell), grid.cell_len())).collect();
+        let descriptors = grid.cell_len() as u32; // at most `MAX_CELL`
+        let task = |&cell: &usize| {
+            let subject = cell_subject(splits.preparation(), grid.radii(cell), descriptors);
+            splits.grid_cell(subject, descriptors)
+        };
+        let tasks = missing.iter().map(task).collect();
         let mut report = CellReport {
             done: found,
             cells: grid.cells(),

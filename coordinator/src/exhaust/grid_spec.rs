@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use descriptor::EVALUATION_VERSION;
+use descriptor::{Descriptor, EVALUATION_VERSION, GENES, Parameters};
 use proto::Digest;
 use results::{CellPoints, FinishedGrid};
 
@@ -10,7 +10,6 @@ use super::grid::{Grid, GridError};
 use super::optimum::Optimum;
 use crate::dataset::{CloudEntry, Dataset};
 use crate::experiment::Experiment;
-use crate::run::rows;
 
 /// A grid and the clouds it is evaluated on.
 #[derive(Clone, Debug)]
@@ -33,7 +32,7 @@ impl GridSpec {
     /// # Errors
     /// If the grid is too large.
     pub fn new(experiment: &Experiment, dataset: &Dataset) -> Result<Self, GridError> {
-        let grid = Grid::new(experiment.genes())?;
+        let grid = Grid::new(experiment.space())?;
         let train_digest = train_digest(dataset).to_hex().to_string();
         let text = format!(
             "# an exhaustive search\nevaluation_version = {EVALUATION_VERSION}\ntrain_digest = \"{train_digest}\"\n{}",
@@ -56,9 +55,10 @@ impl GridSpec {
 
     /// A cell's rows, as this worker counted them.
     pub fn points(&self, cell: usize, object_correct: Vec<u32>, worker_id: Option<String>) -> CellPoints {
-        let mut genes = vec![Vec::with_capacity(object_correct.len()); descriptor::GENES.len()];
+        let mut genes = vec![Vec::with_capacity(object_correct.len()); GENES.len()];
         for place in self.grid.places(cell) {
-            for (column, value) in genes.iter_mut().zip(rows::gene_values(&self.grid.descriptor(place))) {
+            let values = Descriptor::DiskRing(self.grid.descriptor(place)).values();
+            for (column, value) in genes.iter_mut().zip(values) {
                 column.push(value);
             }
         }
@@ -80,7 +80,7 @@ impl GridSpec {
     /// If the grid's row names a descriptor or count that it cannot have.
     pub fn optimum(&self, finished: &FinishedGrid, folder: &Path) -> Result<Optimum, results::Error> {
         let (genes, object_correct) = (&finished.row.best_genes, finished.row.best_object_correct);
-        let parameters = rows::parameters(genes).filter(|best| self.grid.table().contains(best));
+        let parameters = Parameters::from_values(genes).filter(|best| self.grid.table().contains(best));
         match parameters {
             Some(parameters) if object_correct <= self.queries => Ok(Optimum { parameters, object_correct }),
             _ => Err(results::Error::Damaged {

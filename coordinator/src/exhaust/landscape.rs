@@ -6,11 +6,10 @@ use std::cmp::Reverse;
 use std::collections::BTreeSet;
 
 use blake3::{Hash, Hasher};
-use descriptor::{GENES, GeneSpec, Parameters};
+use descriptor::{Descriptor, GENES, GeneKind, Parameters};
 use results::{BestRow, CountRow, LandscapeRow, MarginalRow};
 
 use super::grid::Grid;
-use crate::run::rows;
 
 /// How many of the best descriptors are listed.
 const BEST: usize = 1000;
@@ -34,7 +33,7 @@ pub struct Landscape<'a> {
 /// Two genes and, for each pair of their values, the second one's fastest, the highest and the sum of all counts.
 #[derive(Clone, Debug)]
 struct Pair {
-    genes: [usize; 2],
+    genes: [GeneKind; 2],
     best: Vec<u32>,
     sum: Vec<u64>,
 }
@@ -42,8 +41,8 @@ struct Pair {
 impl<'a> Landscape<'a> {
     /// No cell yet.
     pub fn new(grid: &'a Grid, queries: u32) -> Self {
-        let genes: Vec<usize> = grid.table().genes().map(|(spec, _)| spec.kind as usize).collect();
-        let values = |gene: usize| grid.axis(GENES[gene].kind).len();
+        let genes: Vec<GeneKind> = grid.table().kinds().collect();
+        let values = |gene| grid.axis(gene).len();
         let mut pairs = Vec::new();
         for (index, &a) in genes.iter().enumerate() {
             for &b in &genes[index + 1..] {
@@ -55,7 +54,7 @@ impl<'a> Landscape<'a> {
         Self {
             grid,
             queries,
-            marginals: std::array::from_fn(|gene| vec![histogram.clone(); values(gene)]),
+            marginals: GeneKind::ALL.map(|gene| vec![histogram.clone(); values(gene)]),
             histogram,
             pairs,
             best: BTreeSet::new(),
@@ -79,7 +78,7 @@ impl<'a> Landscape<'a> {
             }
             for pair in &mut self.pairs {
                 let [a, b] = pair.genes;
-                let index = place[a] * self.grid.axis(GENES[b].kind).len() + place[b];
+                let index = place[a as usize] * self.grid.axis(b).len() + place[b as usize];
                 pair.best[index] = pair.best[index].max(count);
                 pair.sum[index] += u64::from(count);
             }
@@ -121,7 +120,7 @@ impl<'a> Landscape<'a> {
     /// The best descriptors, best first: by count descending, then by their genes in table order, ascending.
     pub fn best(&self) -> Vec<BestRow> {
         let row = |(rank, &(Reverse(object_correct), ref parameters)): (u32, &(Reverse<u32>, Parameters))| {
-            BestRow { rank, genes: rows::gene_values(parameters), object_correct }
+            BestRow { rank, genes: Descriptor::DiskRing(*parameters).values(), object_correct }
         };
         (1..).zip(&self.best).map(row).collect()
     }
@@ -129,9 +128,9 @@ impl<'a> Landscape<'a> {
     /// For each gene and value, what its descriptors reach.
     pub fn marginals(&self) -> Vec<MarginalRow> {
         let mut rows = Vec::new();
-        for (spec, _) in self.grid.table().genes() {
-            let histograms = &self.marginals[spec.kind as usize];
-            for (&ticks, histogram) in self.grid.axis(spec.kind).iter().zip(histograms) {
+        for gene in self.grid.table().kinds() {
+            let (spec, histograms) = (gene.spec(), &self.marginals[gene as usize]);
+            for (&ticks, histogram) in self.grid.axis(gene).iter().zip(histograms) {
                 // A value without descriptors has no statistics; once all cells have come there is none.
                 let Some((worst, best)) = histogram.range() else { continue };
                 rows.push(MarginalRow {
@@ -152,8 +151,8 @@ impl<'a> Landscape<'a> {
     pub fn landscapes(&self) -> Vec<LandscapeRow> {
         let mut rows = Vec::new();
         for pair in &self.pairs {
-            let [a, b]: [&GeneSpec; 2] = pair.genes.map(|gene| &GENES[gene]);
-            let (axis_a, axis_b) = (self.grid.axis(a.kind), self.grid.axis(b.kind));
+            let [a, b] = pair.genes.map(GeneKind::spec);
+            let [axis_a, axis_b] = pair.genes.map(|gene| self.grid.axis(gene));
             let descriptors = self.grid.descriptors() / pair.best.len() as u64;
             let values =
                 axis_a.iter().flat_map(|&value_a| axis_b.iter().map(move |&value_b| (value_a, value_b)));
@@ -229,7 +228,7 @@ impl Histogram {
 mod tests {
     use proptest::prelude::*;
 
-    use super::super::grid::tests::table;
+    use super::super::grid::tests::grid;
     use super::*;
 
     /// Every descriptor of a grid with a count that depends on both and on nothing else.
@@ -267,7 +266,7 @@ mod tests {
             numbers in prop::collection::vec(0u32..=9, 5usize.pow(5)),
             backwards in any::<bool>(),
         ) {
-            let grid = Grid::new(&table(sizes, colour)).unwrap();
+            let grid = grid(sizes, colour);
             let counts = &numbers[..grid.descriptors() as usize];
             let mut order: Vec<usize> = (0..grid.cells()).collect();
             if backwards {
@@ -278,7 +277,7 @@ mod tests {
 
             all.sort_by_key(|&(parameters, count)| (Reverse(count), parameters));
             let best: Vec<BestRow> = (1..).zip(all.iter().take(BEST)).map(|(rank, (parameters, count))| {
-                BestRow { rank, genes: rows::gene_values(parameters), object_correct: *count }
+                BestRow { rank, genes: Descriptor::DiskRing(*parameters).values(), object_correct: *count }
             }).collect();
             prop_assert_eq!(landscape.best(), best);
             prop_assert_eq!(landscape.leader(), Some((all[0].1, all[0].0)));
@@ -294,13 +293,14 @@ mod tests {
             }
             prop_assert_eq!(landscape.counts(), histogram);
 
-            let genes: Vec<&GeneSpec> = grid.table().genes().map(|(spec, _)| spec).collect();
+            let genes: Vec<GeneKind> = grid.table().kinds().collect();
             prop_assert_eq!(genes.len(), if colour { 5 } else { 4 });
             let mut marginals = Vec::new();
             let mut landscapes = Vec::new();
-            for (index, a) in genes.iter().enumerate() {
-                for &ticks in grid.axis(a.kind) {
-                    let with = all.iter().filter(|(parameters, _)| parameters.ticks(a.kind) == ticks);
+            for (index, &gene_a) in genes.iter().enumerate() {
+                let a = gene_a.spec();
+                for &ticks in grid.axis(gene_a) {
+                    let with = all.iter().filter(|(parameters, _)| parameters.ticks(gene_a) == ticks);
                     let mut counts: Vec<u32> = with.map(|(_, count)| *count).collect();
                     marginals.push(MarginalRow {
                         gene: a.name.to_owned(),
@@ -312,11 +312,12 @@ mod tests {
                         worst: *counts.iter().min().unwrap(),
                     });
                 }
-                for b in &genes[index + 1..] {
-                    for &value_a in grid.axis(a.kind) {
-                        for &value_b in grid.axis(b.kind) {
+                for &gene_b in &genes[index + 1..] {
+                    let b = gene_b.spec();
+                    for &value_a in grid.axis(gene_a) {
+                        for &value_b in grid.axis(gene_b) {
                             let with = all.iter().filter(|(parameters, _)| {
-                                parameters.ticks(a.kind) == value_a && parameters.ticks(b.kind) == value_b
+                                parameters.ticks(gene_a) == value_a && parameters.ticks(gene_b) == value_b
                             });
                             let counts: Vec<u32> = with.map(|(_, count)| *count).collect();
                             landscapes.push(LandscapeRow {
@@ -341,7 +342,7 @@ mod tests {
             numbers in prop::collection::vec(0u32..9, 24),
             changed in 0usize..24,
         ) {
-            let grid = Grid::new(&table([2, 1, 2, 3, 2], true)).unwrap();
+            let grid = grid([2, 1, 2, 3, 2], true);
             let digest = |counts: &[u32], order: &[usize]| landscape(&grid, counts, order).digest().unwrap();
             let base = digest(&numbers, &[0, 1, 2, 3, 4, 5]);
             prop_assert_eq!(base, digest(&numbers, &[3, 5, 0, 4, 1, 2]));
@@ -353,7 +354,7 @@ mod tests {
 
     #[test]
     fn the_list_of_the_best_is_bounded() {
-        let grid = Grid::new(&table([10, 1, 2, 2, 60], true)).unwrap();
+        let grid = grid([10, 1, 2, 2, 60], true);
         let counts: Vec<u32> = (0..grid.descriptors() as u32).map(|number| number % 10).collect();
         let landscape = landscape(&grid, &counts, &[2, 0, 1, 3]);
         let best = landscape.best();

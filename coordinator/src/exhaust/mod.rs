@@ -8,6 +8,7 @@ pub mod grid;
 pub mod landscape;
 pub mod summary;
 
+mod cell_task;
 mod cells;
 mod grid_search;
 mod grid_spec;
@@ -20,6 +21,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use cache::Store;
+use descriptor::Family;
 use results::{FinishedGrid, GridFolder};
 
 use crate::dataset::{Dataset, Wanted};
@@ -29,6 +31,7 @@ use crate::run::progress::Progress;
 use crate::run::{RunError, RunOptions, open_data, rows};
 use crate::session::{Session, listen};
 use cluster::Client;
+use grid::Grid;
 use grid_search::GridSearch;
 use grid_spec::GridSpec;
 pub use optimum::Optimum;
@@ -46,6 +49,7 @@ pub async fn exhaust(
     let mut progress = Progress::new(1);
     let store =
         Arc::new(Store::open(&options.storage, &transport::host_name(), descriptor::EVALUATION_VERSION));
+    Grid::new(experiment.space())?;
     let dataset = open_data(experiment, Wanted::Training, Some(&store), |line| progress.say(line))?;
     let spec = GridSpec::new(experiment, &dataset)?;
     let base = options.out.clone().unwrap_or_else(|| default_folder(experiment, &spec));
@@ -61,7 +65,7 @@ pub async fn exhaust(
     let listener = listen(experiment, &options.protection, progress.console()).await?;
     // Before a folder is made: the search space may be too fine.
     let memory = options.storage.memory;
-    let mut session = Session::new(experiment.genes(), experiment, &dataset, Arc::clone(&store), memory)?;
+    let mut session = Session::new(experiment, &dataset, Arc::clone(&store), memory)?;
     let folder = open_folder(&out, &spec)?;
     let mut client = session.cluster.client();
     let settings = experiment.coordinator();
@@ -135,7 +139,7 @@ fn default_folder(experiment: &Experiment, spec: &GridSpec) -> PathBuf {
 /// A folder to evaluate the grid in, locked, and refused if it holds something else.
 fn open_folder(out: &Path, spec: &GridSpec) -> Result<GridFolder, RunError> {
     refuse_another(out, &spec.text)?;
-    let folder = GridFolder::create(out, &rows::gene_columns())?;
+    let folder = GridFolder::create(out, &rows::gene_columns(Family::DiskRing))?;
     claim(out, &spec.text)?;
     Ok(folder)
 }

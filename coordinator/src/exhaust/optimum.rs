@@ -1,7 +1,7 @@
 //! The best descriptor of a grid, remembered by the grid's key, so that every later run can say how far it is from it.
 
 use cache::Store;
-use descriptor::{GENES, Parameters};
+use descriptor::{Descriptor, GENES, Parameters};
 use proto::Digest;
 use serde::{Deserialize, Serialize};
 
@@ -35,6 +35,11 @@ struct Entry {
 }
 
 impl Optimum {
+    /// The descriptor as every family's.
+    pub fn descriptor(&self) -> Descriptor {
+        Descriptor::DiskRing(self.parameters)
+    }
+
     /// The optimum that a store has under a grid's key, if it is one of this grid.
     pub fn recall(store: &Store, key: Digest, grid: &Grid, queries: u32) -> Option<Self> {
         Self::decode(&store.get_local(KIND, key)?, grid, queries)
@@ -48,7 +53,7 @@ impl Optimum {
     }
 
     fn entry(&self, queries: u32) -> Entry {
-        let ticks = GENES.each_ref().map(|spec| self.parameters.ticks(spec.kind));
+        let ticks = self.parameters.all_ticks();
         Entry { version: VERSION, ticks, object_correct: self.object_correct, queries }
     }
 
@@ -72,7 +77,7 @@ impl Optimum {
 mod tests {
     use cache::{ByteSize, Storage};
 
-    use super::super::grid::tests::table;
+    use super::super::grid::tests::grid;
     use super::*;
 
     #[test]
@@ -82,7 +87,7 @@ mod tests {
         let storage =
             Storage { cache: Some(folder.path().to_owned()), cache_size: size, ..Storage::in_memory(size) };
         let store = Store::open(&storage, "test", descriptor::EVALUATION_VERSION);
-        let grid = Grid::new(&table([2, 2, 2, 2, 2], true)).unwrap();
+        let grid = grid([2, 2, 2, 2, 2], true);
         let optimum = Optimum { parameters: grid.descriptor([1, 0, 1, 0, 1]), object_correct: 7 };
         let (key, other) = (Digest::of(b"this"), Digest::of(b"other"));
         assert_eq!(Optimum::recall(&store, key, &grid, 9), None);
@@ -93,7 +98,7 @@ mod tests {
 
     #[test]
     fn an_entry_that_cannot_be_the_grids_optimum_is_none() {
-        let grid = Grid::new(&table([2, 2, 2, 2, 2], true)).unwrap();
+        let grid = grid([2, 2, 2, 2, 2], true);
         let optimum = Optimum { parameters: grid.descriptor([1, 0, 1, 0, 1]), object_correct: 7 };
         let good = || optimum.entry(9);
         let decode = |entry: &Entry| Optimum::decode(&serde_json::to_vec(entry).unwrap(), &grid, 9);

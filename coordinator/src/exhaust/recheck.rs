@@ -4,7 +4,7 @@ use proto::Message;
 use std::collections::BTreeMap;
 use std::fmt;
 
-use descriptor::{Parameters, random};
+use descriptor::{Descriptor, random};
 use rand::seq::index;
 use results::GridFolder;
 
@@ -80,9 +80,9 @@ pub async fn recheck(
         };
         let descriptors: Vec<_> = grid.places(cell).map(|place| grid.descriptor(place)).collect();
         for place in places {
-            batch.parameters.push(descriptors[place]);
+            batch.descriptors.push(Descriptor::DiskRing(descriptors[place]));
             batch.expected.push(counts[place]);
-            if batch.parameters.len() == BATCH {
+            if batch.descriptors.len() == BATCH {
                 batch.evaluate(session, &mut recheck).await?;
             }
         }
@@ -98,22 +98,22 @@ pub async fn recheck(
 /// Descriptors that are evaluated together, and what the grid says of them.
 #[derive(Default)]
 struct Batch {
-    parameters: Vec<Parameters>,
+    descriptors: Vec<Descriptor>,
     expected: Vec<u32>,
 }
 
 impl Batch {
     /// Evaluates, compares and empties it.
     async fn evaluate(&mut self, session: &Session<'_>, recheck: &mut Recheck) -> Result<(), RunError> {
-        let found = session.train_counts(&self.parameters).await?;
+        let found = session.train_counts(&self.descriptors).await?;
         recheck.recomputed += found.len();
-        for ((parameters, expected), found) in
-            self.parameters.drain(..).zip(self.expected.drain(..)).zip(found)
+        for ((descriptor, expected), found) in
+            self.descriptors.drain(..).zip(self.expected.drain(..)).zip(found)
         {
             if found.object_correct != expected {
                 recheck
                     .problems
-                    .push(format!("{parameters}: the grid has {expected}, got {}", found.object_correct));
+                    .push(format!("{descriptor}: the grid has {expected}, got {}", found.object_correct));
             }
         }
         Ok(())

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use descriptor::GENES;
+use descriptor::{Family, GENES};
 use results::{CountRow, FinishedGrid};
 use serde_json::{Value, json};
 
@@ -87,7 +87,7 @@ impl GridSummary {
             "descriptors": grid.descriptors,
             "cells": grid.cells,
             "queries": grid.queries,
-            "best": genes_json(&grid.best_genes),
+            "best": genes_json(Family::DiskRing, &grid.best_genes),
             "best_object_correct": grid.best_object_correct,
             "best_object_error": f64::from(missed(grid.best_object_correct)) / f64::from(grid.queries),
             "optimal_descriptors": grid.optimal_descriptors,

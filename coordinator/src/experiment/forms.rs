@@ -18,7 +18,7 @@ pub(crate) enum RawGene {
     Interval(RawInterval),
 }
 
-/// The values min, min + step, … max. What is not written is the paper's.
+/// The values min, min + step, … max. What is not written has its default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "interval")]
 pub(crate) struct RawInterval {

@@ -27,7 +27,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Duration;
 
-use descriptor::{GeneTable, Preprocess};
+use descriptor::{Preprocess, SearchSpace};
 use evolution::{Encoding, GaSettings, Method, StopSettings};
 
 use crate::dataset::DatasetSettings;
@@ -61,7 +61,7 @@ pub struct Experiment {
     seed: u64,
     dataset: DatasetSettings,
     preprocess: Preprocess,
-    genes: GeneTable,
+    space: SearchSpace,
     method: Method,
     ga: GaSettings,
     encoding: Encoding,
@@ -175,8 +175,8 @@ impl Experiment {
     }
 
     /// The search space.
-    pub fn genes(&self) -> &GeneTable {
-        &self.genes
+    pub fn space(&self) -> &SearchSpace {
+        &self.space
     }
 
     /// How the best descriptor is searched for.

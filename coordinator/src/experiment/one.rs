@@ -2,31 +2,38 @@
 
 use std::path::Path;
 
-use descriptor::{GENES, GeneKind, Parameters, Preprocess, Unit};
+use descriptor::{Descriptor, GeneError, Preprocess, SearchSpace, Unit};
 
 use super::ExperimentError;
 use super::error::Fault;
 use super::forms::RawGene;
-use super::raw::{RawDescriptor, RawGenes, RawPreprocess, RawUnit};
+use super::raw::{RawDescriptor, RawFamily, RawGenes, RawPreprocess, RawUnit};
 use super::{validate, validate_genes};
 
 /// Sections `[preprocess]` and `[descriptor]` that mean this.
-pub(crate) fn of_one(preprocess: &Preprocess, parameters: &Parameters) -> (RawPreprocess, RawDescriptor) {
-    let gene = |kind| Some(RawGene::Fixed(parameters.value(kind)));
-    let genes = RawGenes {
-        shape_bins: gene(GeneKind::ShapeBins),
-        m: gene(GeneKind::ColourBins).filter(|_| parameters.has_colour()),
-        disk: gene(GeneKind::DiskRadius),
-        ring: gene(GeneKind::RingRadius),
-        w: gene(GeneKind::ShapeWeight),
-    };
+///
+/// # Errors
+/// If no experiment can ask for the descriptor.
+pub(crate) fn of_one(
+    preprocess: &Preprocess,
+    descriptor: &Descriptor,
+) -> Result<(RawPreprocess, RawDescriptor), GeneError> {
+    let family = descriptor.family();
+    let family = RawFamily::of(family).ok_or(GeneError::NoGenes { family: family.name() })?;
+    let mut genes = RawGenes::default();
+    for (spec, domain) in SearchSpace::single(descriptor)?.genes() {
+        let place = genes.by_name().into_iter().find(|(name, _)| *name == spec.name);
+        if let Some((_, gene)) = place {
+            *gene = Some(RawGene::Fixed(spec.value(domain.low)));
+        }
+    }
     let Preprocess { leaf_um, normal_radius_um, min_points, colour, unit: _ } = *preprocess;
     let raw = RawPreprocess {
         leaf_cm: f64::from(leaf_um) / 1e4,
         normal_radius_cm: f64::from(normal_radius_um) / 1e4,
         min_points,
     };
-    (raw, RawDescriptor { colour, genes })
+    Ok((raw, RawDescriptor { family, colour, genes }))
 }
 
 /// What these sections of `file` mean, if every gene has one value.
@@ -35,7 +42,7 @@ pub(crate) fn one(
     unit: Unit,
     descriptor: &RawDescriptor,
     file: &Path,
-) -> Result<(Preprocess, Parameters), ExperimentError> {
+) -> Result<(Preprocess, Descriptor), ExperimentError> {
     resolve(raw, unit, descriptor).map_err(|fault| fault.in_file(file))
 }
 
@@ -43,23 +50,24 @@ fn resolve(
     raw: &RawPreprocess,
     unit: Unit,
     descriptor: &RawDescriptor,
-) -> Result<(Preprocess, Parameters), Fault> {
+) -> Result<(Preprocess, Descriptor), Fault> {
     let unit = match unit {
         Unit::Metre => RawUnit::M,
         Unit::Millimetre => RawUnit::Mm,
     };
     let preprocess = validate::preprocess(raw, unit, descriptor.colour)?;
-    let table = validate_genes::genes(descriptor)?;
-    let mut ticks = [0; GENES.len()];
-    for (spec, domain) in table.genes() {
-        if domain.count != 1 {
-            return Err(Fault::new(
-                format!("descriptor.genes.{}", spec.name),
-                format!("must have one value, got {}", domain.count),
-                format!("write a number: {} = …", spec.name),
-            ));
+    let space = validate_genes::search_space(descriptor)?;
+    let genes = space.genes();
+    let many = genes.iter().find(|(_, domain)| domain.count != 1);
+    match (many, space.only()) {
+        (None, Some(only)) => Ok((preprocess, only)),
+        (many, _) => {
+            let (name, got) = many.map_or(("", 0), |(spec, domain)| (spec.name, domain.count));
+            Err(Fault::new(
+                format!("descriptor.genes.{name}"),
+                format!("must have one value, got {got}"),
+                format!("write a number: {name} = …"),
+            ))
         }
-        ticks[spec.kind as usize] = domain.low;
     }
-    Ok((preprocess, Parameters::from_ticks(ticks)))
 }

@@ -4,8 +4,8 @@
 
 use std::collections::BTreeMap;
 
-use descriptor::Preprocess;
 use descriptor::synth::SynthSettings;
+use descriptor::{Family, Preprocess};
 use evolution::{Encoding, GaSettings, Method, Scaling, StopSettings};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -158,10 +158,13 @@ impl Default for RawPreprocess {
     }
 }
 
-/// The family of descriptors that is searched.
+/// The descriptors that are searched.
 #[derive(Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "descriptor")]
 pub(crate) struct RawDescriptor {
+    /// The family of descriptors.
+    #[serde(skip_serializing_if = "RawFamily::is_default")]
+    pub family: RawFamily,
     /// Use colour. Set it to false for clouds without: gene m is then dropped and w fixed at 1.
     pub colour: bool,
     pub genes: RawGenes,
@@ -169,12 +172,44 @@ pub(crate) struct RawDescriptor {
 
 impl Default for RawDescriptor {
     fn default() -> Self {
-        Self { colour: true, genes: RawGenes::default() }
+        Self { family: RawFamily::default(), colour: true, genes: RawGenes::default() }
     }
 }
 
-/// The genes: each a fixed value or an interval with a step. What is not written is the paper's.
-#[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
+/// A family of descriptors that can be searched.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "kebab-case", rename = "family")]
+pub(crate) enum RawFamily {
+    /// The paper's: shape and colour of a disk and a ring about each keypoint. Genes shape_bins, m, R1, R2 and w.
+    #[default]
+    DiskRing,
+    /// One histogram of the hue of all points, a cheap baseline. Gene bins.
+    GlobalHue,
+}
+
+impl RawFamily {
+    /// The family as files name it, if it can be searched.
+    pub(super) fn of(family: Family) -> Option<Self> {
+        [Self::DiskRing, Self::GlobalHue].into_iter().find(|&raw| Family::from(raw) == family)
+    }
+
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+impl From<RawFamily> for Family {
+    fn from(family: RawFamily) -> Self {
+        match family {
+            RawFamily::DiskRing => Self::DiskRing,
+            RawFamily::GlobalHue => Self::GlobalHue,
+        }
+    }
+}
+
+/// The genes of the family: each a fixed value or an interval with a step. What is not written has its default, which
+/// for disk-ring is the paper's.
+#[derive(Clone, Debug, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "genes")]
 pub(crate) struct RawGenes {
     /// Bins of a shape histogram over 360 degrees. Default: 8 to 64.
@@ -197,6 +232,18 @@ pub(crate) struct RawGenes {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "RawGene")]
     pub w: Option<RawGene>,
+    /// Of global-hue: bins of the histogram. Default: 2 to 64.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "RawGene")]
+    pub bins: Option<RawGene>,
+}
+
+impl RawGenes {
+    /// Every gene by its name.
+    pub(super) fn by_name(&mut self) -> [(&'static str, &mut Option<RawGene>); 6] {
+        let Self { shape_bins, m, disk, ring, w, bins } = self;
+        [("shape_bins", shape_bins), ("m", m), ("R1", disk), ("R2", ring), ("w", w), ("bins", bins)]
+    }
 }
 
 /// How the best descriptor is searched for.

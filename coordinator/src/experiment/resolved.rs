@@ -3,8 +3,8 @@
 use std::fmt::{Display, Write};
 use std::path::Path;
 
-use descriptor::GeneSpec;
 use descriptor::preprocess::Unit;
+use descriptor::{Family, GeneSpec};
 use evolution::{Encoding, Scaling};
 
 use super::{DEFAULT_RESULTS_DIR, Experiment, LocalWorkers};
@@ -194,9 +194,14 @@ fn space_sections(toml: &mut Toml, experiment: &Experiment) {
     toml.key("normal_radius_cm", float(f64::from(preprocess.normal_radius_um) / 1e4));
     toml.key("min_points", preprocess.min_points);
     toml.section("descriptor");
+    // The default is left out: runs of before there was a choice keep their digests.
+    let family = experiment.space.family();
+    if family != Family::DiskRing {
+        toml.key("family", quoted(family.name()));
+    }
     toml.key("colour", preprocess.colour);
     toml.section("descriptor.genes");
-    for (spec, domain) in experiment.genes.genes() {
+    for (spec, domain) in experiment.space.genes() {
         let low = gene_value(spec, domain.low);
         if domain.count == 1 {
             toml.key(spec.name, low);

@@ -10,7 +10,7 @@ use std::net::SocketAddr;
 use std::path::Path;
 use std::time::Duration;
 
-use descriptor::{GENES, GeneTable, Preprocess, Unit};
+use descriptor::{Domain, Family, GeneTable, Preprocess, SearchSpace, Unit};
 use evolution::Scaling;
 use expect_test::expect;
 
@@ -23,6 +23,7 @@ const HOUSEHOLD: &str = include_str!("../../../experiments/household.toml");
 const SAMPLE: &str = include_str!("../../testdata/experiment-v1.toml");
 const SAMPLE_SYNTHETIC: &str = include_str!("../../testdata/experiment-v1-synthetic.toml");
 const SAMPLE_SWEEP: &str = include_str!("../../testdata/experiment-v1-sweep.toml");
+const SAMPLE_FAMILY: &str = include_str!("../../testdata/experiment-v1-family.toml");
 
 /// The smallest experiment.
 const LEAST: &str = "version = 1\ndataset.root = 'clouds'\n";
@@ -40,7 +41,7 @@ fn parse(text: &str) -> Result<Experiment, ExperimentError> {
 fn what_is_not_written_is_the_papers() {
     let experiment = parse(LEAST).unwrap();
     assert_eq!((experiment.name(), experiment.seed()), ("x", 1));
-    assert_eq!(experiment.genes(), &GeneTable::paper());
+    assert_eq!(experiment.space(), &SearchSpace::DiskRing(GeneTable::paper()));
     assert_eq!(experiment.preprocess(), &Preprocess::default());
     assert_eq!(experiment.ga(), &GaSettings::default());
     assert_eq!(experiment.stop(), &StopSettings::default());
@@ -59,7 +60,7 @@ fn shipped_experiments_are_the_papers_search() {
         let path = Path::new("experiments").join(name).with_extension("toml");
         let experiment = Experiment::parse(text, &path, Overrides::default(), &no_variables).unwrap();
         assert_eq!(experiment.name(), name);
-        assert_eq!(experiment.genes(), &GeneTable::paper());
+        assert_eq!(experiment.space(), &SearchSpace::DiskRing(GeneTable::paper()));
         assert_eq!(experiment.preprocess(), &Preprocess::default());
         assert_eq!(experiment.ga(), &GaSettings::default());
         assert_eq!(experiment.stop().validation_patience.is_some(), stops_by_validation);
@@ -108,8 +109,9 @@ fn the_first_version_of_the_file_stays_readable() {
     };
     assert_eq!(sample.preprocess(), &preprocess);
     let values: Vec<Vec<f64>> = sample
+        .space()
         .genes()
-        .genes()
+        .into_iter()
         .map(|(spec, domain)| domain.values().map(|ticks| spec.value(ticks)).collect())
         .collect();
     let expected: [&[f64]; 5] = [
@@ -208,7 +210,7 @@ fn schema_keys(
 #[test]
 fn the_samples_use_every_key_of_the_schema_and_no_other() {
     let mut sampled = BTreeSet::new();
-    for sample in [SAMPLE, SAMPLE_SYNTHETIC, SAMPLE_SWEEP] {
+    for sample in [SAMPLE, SAMPLE_SYNTHETIC, SAMPLE_SWEEP, SAMPLE_FAMILY] {
         keys_of(&sample.parse().unwrap(), "", &mut sampled);
     }
     let schema = json_schema();
@@ -219,7 +221,7 @@ fn the_samples_use_every_key_of_the_schema_and_no_other() {
     // It may also be one word, "manifest".
     assert!(known.remove("dataset.splits"));
     assert_eq!(sampled, known);
-    for spec in &GENES {
+    for spec in Family::ALL.into_iter().flat_map(Family::genes) {
         assert!(known.contains(&format!("descriptor.genes.{}", spec.name)));
     }
 }
@@ -351,4 +353,21 @@ fn a_sweep_is_each_variant_with_each_seed_and_reads_back_as_the_same() {
     let Plan::Sweep(again) = read(&Plan::Sweep(sweep.clone()).resolved_toml()) else { panic!("one run") };
     assert_eq!(again.members(), members);
     assert_ne!(read(&SAMPLE_SWEEP.replace("3..5", "3..6")), Plan::Sweep(sweep));
+}
+
+#[test]
+fn another_family_has_its_own_genes_and_a_search_text_of_its_own() {
+    let sample = parse(SAMPLE_FAMILY).unwrap();
+    let bins = Domain { low: 8, step: 8, count: 4 };
+    assert_eq!(sample.space(), &SearchSpace::new(Family::GlobalHue, true, &[bins]).unwrap());
+    assert_eq!(parse(&sample.resolved_toml()), Ok(sample.clone()));
+    let text = sample.search_toml();
+    assert!(
+        text.contains("[descriptor]\nfamily = \"global-hue\"\ncolour = true\n\n[descriptor.genes]\nbins = {"),
+        "{text}"
+    );
+    // The default, written or not, is what it was before there was a choice.
+    let written = parse(&format!("{LEAST}descriptor.family = 'disk-ring'\n")).unwrap();
+    assert_eq!(written, parse(LEAST).unwrap());
+    assert!(!written.search_toml().contains("family"));
 }

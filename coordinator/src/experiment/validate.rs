@@ -6,7 +6,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use descriptor::preprocess::Unit;
-use descriptor::{GENES, GeneKind, Preprocess};
+use descriptor::{GeneKind, Preprocess};
 use evolution::{GaSettings, StopSettings};
 
 use super::checks::{checked_name, checked_seed};
@@ -15,7 +15,7 @@ use super::forms::NumberOr;
 use super::paths::{self, Lookup};
 use super::raw::{RawCoordinator, RawExperiment, RawGa, RawOff, RawPreprocess, RawStop, RawUnit};
 use super::validate_dataset::dataset;
-use super::validate_genes::genes;
+use super::validate_genes::search_space;
 use super::{CoordinatorSettings, Experiment, LocalWorkers, MAX_LOCAL_WORKERS, Overrides};
 use cluster::sharding::{MAX_SHARDS, ShardCount};
 
@@ -40,7 +40,7 @@ pub(super) fn experiment(
         },
         preprocess: preprocess(&raw.preprocess, raw.dataset.unit, colour)?,
         dataset: dataset(raw.dataset, &stop, folder, lookup)?,
-        genes: genes(&raw.descriptor)?,
+        space: search_space(&raw.descriptor)?,
         method: raw.search.method,
         ga: ga(&raw.ga)?,
         encoding: raw.ga.encoding,
@@ -78,7 +78,7 @@ pub(super) fn preprocess(raw: &RawPreprocess, unit: RawUnit, colour: bool) -> Re
 
 /// Whole micrometres from centimetres between 0.01 and 100.
 fn length_um(place: &str, cm: f64) -> Result<u32, Fault> {
-    match GENES[GeneKind::DiskRadius as usize].ticks(cm) {
+    match GeneKind::DiskRadius.spec().ticks(cm) {
         Some(um) if (100..=1_000_000).contains(&um) => Ok(um),
         _ => Err(Fault::new(
             place,

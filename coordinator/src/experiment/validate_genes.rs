@@ -1,37 +1,42 @@
 //! The meaning of `[descriptor]`: fixed values and intervals as exact ticks inside each gene's limits.
 
-use descriptor::genes::Domain;
-use descriptor::{GENES, GeneKind, GeneSpec, GeneTable};
+use descriptor::{Domain, Family, GeneError, GeneSpec, SearchSpace};
 
 use super::error::Fault;
 use super::forms::{RawGene, RawInterval};
 use super::raw::RawDescriptor;
+use super::suggest;
 
-/// Checks every gene and builds the search space; a gene that is not written is the paper's.
-pub(super) fn genes(raw: &RawDescriptor) -> Result<GeneTable, Fault> {
-    let written = &raw.genes;
-    let mut domains = [Domain::fixed(0); 5];
-    for (domain, spec) in domains.iter_mut().zip(&GENES) {
-        let gene = match spec.kind {
-            GeneKind::ShapeBins => written.shape_bins,
-            GeneKind::ColourBins => written.m,
-            GeneKind::DiskRadius => written.disk,
-            GeneKind::RingRadius => written.ring,
-            GeneKind::ShapeWeight => written.w,
-        };
-        *domain = self::domain(spec, gene)?;
-        if spec.kind == GeneKind::ColourBins && !raw.colour {
-            // Checked and dropped: experiments that differ in it only are equal.
-            *domain = Domain::fixed(0);
-        }
+/// Checks every gene and builds the search space; a gene that is not written has its default values.
+pub(super) fn search_space(raw: &RawDescriptor) -> Result<SearchSpace, Fault> {
+    let family = Family::from(raw.family);
+    let mut written = raw.genes.clone();
+    let written = written.by_name();
+    let has = |name: &str| family.genes().iter().any(|spec| spec.name == name);
+    if let Some((foreign, _)) = written.iter().find(|(name, gene)| gene.is_some() && !has(name)) {
+        let known: Vec<&str> = family.genes().iter().map(|spec| spec.name).collect();
+        let what = format!("no gene of family {family}, got `{foreign}`");
+        return Err(Fault::new("descriptor.genes", what, suggest::advice(foreign, &known, "its genes")));
     }
-    GeneTable::new(domains, raw.colour)
-        .map_err(|error| Fault::from_message("descriptor.genes.", &error.to_string()))
+    let domain = |spec: &GeneSpec| {
+        let gene = written.iter().find(|(name, _)| *name == spec.name).and_then(|(_, gene)| **gene);
+        domain(spec, gene)
+    };
+    let domains = family.genes().iter().map(domain).collect::<Result<Vec<Domain>, _>>()?;
+    SearchSpace::new(family, raw.colour, &domains).map_err(|error| {
+        let section = match error {
+            GeneError::Number { .. } | GeneError::NoGenes { .. } | GeneError::NeedsColour { .. } => {
+                "descriptor."
+            }
+            _ => "descriptor.genes.",
+        };
+        Fault::from_message(section, &error.to_string())
+    })
 }
 
 fn domain(spec: &GeneSpec, gene: Option<RawGene>) -> Result<Domain, Fault> {
     let key = format!("descriptor.genes.{}", spec.name);
-    let (low, high, step) = spec.paper;
+    let (low, high, step) = spec.default;
     let interval = match gene {
         Some(RawGene::Fixed(value)) => return value_ticks(spec, &key, value).map(Domain::fixed),
         Some(RawGene::Interval(interval)) => interval,
@@ -45,14 +50,14 @@ fn domain(spec: &GeneSpec, gene: Option<RawGene>) -> Result<Domain, Fault> {
         return Err(Fault::new(
             format!("{key}.step"),
             "not above 0, got 0",
-            format!("write a step such as {}, or a fixed value `{} = …`", text(spec.paper.2), spec.name),
+            format!("write a step such as {}, or a fixed value `{} = …`", text(spec.default.2), spec.name),
         ));
     }
     if low > high {
         return Err(Fault::new(
             key,
             format!("min above max, got min = {}, max = {}", text(low), text(high)),
-            "write min below max; what is not written is the paper's",
+            "write min below max; what is not written has its default",
         ));
     }
     let rest = (high - low) % step;

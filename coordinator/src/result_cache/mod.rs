@@ -7,9 +7,8 @@ mod records;
 use std::collections::BTreeMap;
 
 use cache::Store;
-use descriptor::{Parameters, Preprocess};
+use descriptor::{Descriptor, Preprocess};
 use proto::Digest;
-use proto::task::Evaluation;
 use results::Counts;
 
 use crate::storage;
@@ -18,7 +17,7 @@ use crate::storage;
 const KIND: &str = "remembered counts";
 
 /// Counts by descriptor.
-pub type Remembered = BTreeMap<Parameters, Counts>;
+pub type Remembered = BTreeMap<Descriptor, Counts>;
 
 /// What is remembered of a run's two matchings.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -37,13 +36,13 @@ pub struct Memory<'a> {
 }
 
 impl<'a> Memory<'a> {
-    /// The place for evaluations like this one, whatever their descriptor.
-    pub fn new(store: &'a Store, preprocess: &Preprocess, evaluation: &Evaluation) -> Self {
+    /// The place for counts of so many queries, whose manifests come first, against the database, whose manifests come
+    /// second.
+    pub fn new(store: &'a Store, preprocess: &Preprocess, manifests: [&[Digest]; 2], queries: u32) -> Self {
         // Two lists: the same manifests on other sides are another matching.
-        let list = |manifests: &[Digest]| manifests.iter().flat_map(|digest| digest.0).collect::<Vec<u8>>();
-        let inputs = [list(&evaluation.query), list(&evaluation.database)];
+        let inputs = manifests.map(|list| list.iter().flat_map(|digest| digest.0).collect::<Vec<u8>>());
         let key = storage::key(KIND, preprocess, &inputs.each_ref().map(Vec::as_slice));
-        Self { store, key, queries: evaluation.queries }
+        Self { store, key, queries }
     }
 
     /// What is remembered; nothing if there is any doubt.
@@ -70,17 +69,17 @@ impl<'a> Memory<'a> {
 /// neither is kept.
 fn merge(known: &mut Remembered, found: &Remembered) -> bool {
     let mut changed = false;
-    for (parameters, counts) in found {
-        match known.insert(*parameters, *counts) {
+    for (descriptor, counts) in found {
+        match known.insert(descriptor.clone(), *counts) {
             Some(before) if before == *counts => {}
             Some(before) => {
                 tracing::warn!(
-                    "cache: {KIND}: {parameters}: {} of {} recognised before, got {}\none of the two runs is wrong: check them with `coordinator verify`",
+                    "cache: {KIND}: {descriptor}: {} of {} recognised before, got {}\none of the two runs is wrong: check them with `coordinator verify`",
                     before.object_correct,
                     before.queries,
                     counts.object_correct
                 );
-                known.remove(parameters);
+                known.remove(descriptor);
                 changed = true;
             }
             None => changed = true,
@@ -91,20 +90,13 @@ fn merge(known: &mut Remembered, found: &Remembered) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use proto::task::Subject;
+    use descriptor::Parameters;
 
     use super::*;
 
-    fn evaluation(query: &[u8], database: &[u8]) -> Evaluation {
-        let digests = |bytes: &[u8]| bytes.iter().map(|&byte| Digest([byte; 32])).collect();
-        Evaluation {
-            subject: Subject::sample(1),
-            query: digests(query),
-            database: digests(database),
-            queries: 10,
-            database_clouds: 20,
-            want_matches: false,
-        }
+    fn memory<'a>(store: &'a Store, preprocess: &Preprocess, query: &[u8], database: &[u8]) -> Memory<'a> {
+        let digests = |bytes: &[u8]| bytes.iter().map(|&byte| Digest([byte; 32])).collect::<Vec<_>>();
+        Memory::new(store, preprocess, [&digests(query), &digests(database)], 10)
     }
 
     fn counts(object_correct: u32) -> Counts {
@@ -113,7 +105,8 @@ mod tests {
 
     fn remembered(descriptors: &[(u32, u32)]) -> Remembered {
         let one = |&(shape_bins, correct): &(u32, u32)| {
-            (Parameters { shape_bins, ..Parameters::PAPER_BEST }, counts(correct))
+            let parameters = Parameters { shape_bins, ..Parameters::PAPER_BEST };
+            (Descriptor::DiskRing(parameters), counts(correct))
         };
         descriptors.iter().map(one).collect()
     }
@@ -123,21 +116,18 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = storage::store_in(folder.path());
         let preprocess = Preprocess::default();
-        let memory = |evaluation: &Evaluation| Memory::new(&store, &preprocess, evaluation);
-        let here = memory(&evaluation(&[1], &[2]));
+        let here = memory(&store, &preprocess, &[1], &[2]);
         assert_eq!(here.recall(), Remembered::new());
         here.keep(&remembered(&[(8, 3), (9, 4)]));
         here.keep(&remembered(&[(9, 4), (10, 5)]));
         assert_eq!(here.recall(), remembered(&[(8, 3), (9, 4), (10, 5)]));
 
-        let subject = Subject::sample(2);
-        let asked = Evaluation { subject, want_matches: true, ..evaluation(&[1], &[2]) };
-        assert_eq!(memory(&asked).recall(), here.recall());
-        for elsewhere in [evaluation(&[2], &[1]), evaluation(&[1, 2], &[]), evaluation(&[1], &[2, 3])] {
-            assert_eq!(memory(&elsewhere).recall(), Remembered::new());
+        assert_eq!(memory(&store, &preprocess, &[1], &[2]).recall(), here.recall());
+        for (query, database) in [(&[2][..], &[1][..]), (&[1, 2], &[]), (&[1], &[2, 3])] {
+            assert_eq!(memory(&store, &preprocess, query, database).recall(), Remembered::new());
         }
         let coarser = Preprocess { leaf_um: 30_000, ..preprocess };
-        assert_eq!(Memory::new(&store, &coarser, &evaluation(&[1], &[2])).recall(), Remembered::new());
+        assert_eq!(memory(&store, &coarser, &[1], &[2]).recall(), Remembered::new());
     }
 
     #[test]
@@ -152,7 +142,7 @@ mod tests {
     fn a_payload_that_makes_no_sense_is_forgotten_and_replaced() {
         let folder = tempfile::tempdir().unwrap();
         let store = storage::store_in(folder.path());
-        let memory = Memory::new(&store, &Preprocess::default(), &evaluation(&[1], &[2]));
+        let memory = memory(&store, &Preprocess::default(), &[1], &[2]);
         store.put(KIND, memory.key, b"counts?");
         assert_eq!(memory.recall(), Remembered::new());
         memory.keep(&remembered(&[(8, 3)]));

@@ -5,9 +5,9 @@ use std::{fs, io};
 
 use atomic::{Access, NewFolder};
 use cache::Store;
+use descriptor::QuantiseError;
 use descriptor::pcd::{self, DataEncoding};
 use descriptor::synth::{self, SynthError, SynthSettings};
-use descriptor::{QuantiseError, Quantiser};
 use rayon::prelude::*;
 
 use crate::dataset::{Dataset, DatasetError, SyntheticSettings, Wanted};
@@ -56,7 +56,7 @@ pub fn open_data(
     say: impl Fn(&str),
 ) -> Result<Dataset, DataError> {
     // A search space that cannot be quantised would fail in every evaluation: say so before anything is read.
-    Quantiser::new(experiment.genes())?;
+    experiment.space().preparer()?;
     let settings = experiment.dataset();
     if let Some(synthetic) = &settings.synthetic
         && write_synthetic(&settings.root, synthetic)?

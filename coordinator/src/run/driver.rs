@@ -102,8 +102,9 @@ impl RunDriver<'_> {
         Ok(Summary {
             run,
             run_digest,
+            family: experiment.space().family(),
             skipped: dataset.clouds.skipped.len(),
-            descriptors: experiment.genes().size(),
+            descriptors: experiment.space().size(),
             out: folder.path().to_owned(),
         })
     }
@@ -130,7 +131,7 @@ impl RunDriver<'_> {
             winner_generation: found.winner.generation,
             winner_individual: found.winner.index,
             best_chromosome: found.winner.individual.bit_string(),
-            best_genes: rows::gene_values(&found.descriptor),
+            best_genes: found.descriptor.values(),
             train: found.train,
             validation: finals
                 .validation
@@ -173,13 +174,13 @@ async fn begin_search(
     client: &mut Client,
     progress: &mut Progress,
 ) -> Result<evolution::Search, RunError> {
-    let genome = search_space::genome(experiment.genes(), experiment.encoding());
+    let genome = search_space::genome(experiment.space(), experiment.encoding());
     let strategy = match experiment.method().strategy(&genome, *experiment.ga(), experiment.seed())? {
         Some(strategy) => strategy,
         None => {
             let best = best_of_all(experiment, dataset, session, client, progress).await?;
-            let best = search_space::values(experiment.genes(), &best.parameters);
-            Box::new(Exhaustive::new(best, &genome))
+            let best = experiment.space().encode(&best.descriptor());
+            Box::new(Exhaustive::new(best.expect("the best of the search space lies in it"), &genome))
         }
     };
     Ok(evolution::Search::new(strategy, *experiment.stop()))
@@ -217,10 +218,10 @@ impl Finals {
         splits.publish_test(&cluster.blobs);
         let wanted = [Matching::Validation, Matching::Test].map(|matching| {
             let has_queries = !matching.query_clouds(dataset).is_empty();
-            has_queries.then(|| splits.evaluation(found.descriptor, matching, true))
+            has_queries.then(|| splits.evaluation(winner, matching, true))
         });
         let measured = wanted.each_ref().map(Option::is_some);
-        let training = splits.evaluation(found.descriptor, Matching::Train, false);
+        let training = splits.evaluation(winner, Matching::Train, false);
         let evaluations = wanted.into_iter().flatten().chain([training]).collect();
         let mut finished = client.evaluate(evaluations, |news| progress.news(news)).await?;
         if let Some(training) = finished.pop() {
@@ -229,7 +230,7 @@ impl Finals {
         }
         let mut results = finished.into_iter().map(|finished| finished.result);
         let [validation, test] = measured.map(|measured| if measured { results.next() } else { None });
-        let known = found.counts.validation.get(&found.descriptor);
+        let known = found.counts.validation.get(winner);
         if let (Some(known), Some(validation)) = (known, &validation) {
             let remembered = remembered.validation.contains_key(winner);
             agree("validation", found, (known, remembered), &rows::counts(validation))?;
@@ -255,10 +256,10 @@ fn agree(
             counts.object_correct, counts.category_correct, counts.queries
         )
     };
-    let (parameters, computed, held) = (found.descriptor, said(computed), said(held));
+    let (descriptor, computed, held) = (found.descriptor.clone(), said(computed), said(held));
     Err(if remembered {
-        RunError::Contradiction { parameters, matching, computed, remembered: held }
+        RunError::Contradiction { descriptor, matching, computed, remembered: held }
     } else {
-        RunError::Disagreement { parameters, matching, computed, held }
+        RunError::Disagreement { descriptor, matching, computed, held }
     })
 }

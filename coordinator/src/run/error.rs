@@ -120,11 +120,11 @@ pub enum RunError {
     },
     /// A count of an earlier run is not what this one finds.
     #[error(
-        "remembered counts: {parameters}: {matching}: must be what was computed now, {computed}, got {remembered}\nrun again with --no-cache, and remove derived/remembered-counts from the cache: another run has kept wrong counts there"
+        "remembered counts: {descriptor}: {matching}: must be what was computed now, {computed}, got {remembered}\nrun again with --no-cache, and remove derived/remembered-counts from the cache: another run has kept wrong counts there"
     )]
     Contradiction {
         /// The winner.
-        parameters: descriptor::Parameters,
+        descriptor: descriptor::Descriptor,
         /// Which counts.
         matching: &'static str,
         /// Recognised objects and categories.
@@ -134,11 +134,11 @@ pub enum RunError {
     },
     /// Two answers of this run differ, and nobody compared them when they came.
     #[error(
-        "workers: {parameters}: {matching}: two of this run's own answers differ, got {computed} after {held}\nstart another run with --fresh and coordinator.audit = 1, on three workers: it finds the one that is wrong"
+        "workers: {descriptor}: {matching}: two of this run's own answers differ, got {computed} after {held}\nstart another run with --fresh and coordinator.audit = 1, on three workers: it finds the one that is wrong"
     )]
     Disagreement {
         /// The winner.
-        parameters: descriptor::Parameters,
+        descriptor: descriptor::Descriptor,
         /// Which counts.
         matching: &'static str,
         /// Recognised objects and categories.

@@ -69,7 +69,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let mut progress = Progress::new(experiment.stop().generations);
     // First what may be wrong with search space, port and data: then no folder is made and nothing in one is touched.
     if experiment.method() == Method::Exhaustive {
-        Grid::new(experiment.genes())?;
+        Grid::new(experiment.space())?;
     }
     let listener = listen(experiment, &options.protection, progress.console()).await?;
     let dataset = open_data(experiment, Wanted::All, Some(&store), |line| progress.say(line))?;
@@ -77,7 +77,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
         return Err(RunError::NoValidation);
     }
     refuse_another(&out, &experiment.search_toml())?;
-    let mut folder = RunFolder::create(&out, &rows::gene_columns())?;
+    let mut folder = RunFolder::create(&out, &rows::gene_columns(experiment.space().family()))?;
     claim(&out, &experiment.search_toml())?;
     // Another process may have finished it since.
     if folder.is_finished()
@@ -159,8 +159,8 @@ pub fn finished(out: &Path, experiment: &Experiment) -> Result<Option<Summary>, 
         return Err(RunError::OtherVersion { folder, then: run.evaluation_version });
     }
     let skipped = results::read_table(out, results::TableName::Skipped)?.shape().0;
-    let descriptors = experiment.genes().size();
-    Ok(Some(Summary { run, run_digest, skipped, descriptors, out: folder }))
+    let (family, descriptors) = (experiment.space().family(), experiment.space().size());
+    Ok(Some(Summary { run, run_digest, family, skipped, descriptors, out: folder }))
 }
 
 /// Refuses finished runs of other clouds than those of the experiment, if they are there, and notes how good the best

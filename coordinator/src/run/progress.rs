@@ -4,7 +4,7 @@ use std::io::IsTerminal as _;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use descriptor::Parameters;
+use descriptor::{Descriptor, Parameters};
 use indicatif::{ProgressBar, ProgressStyle};
 use results::Counts;
 
@@ -20,7 +20,7 @@ pub struct GenerationReport<'a> {
     /// Of every individual.
     pub counts: &'a [Counts],
     /// The generation's best.
-    pub best: &'a Parameters,
+    pub best: &'a Descriptor,
     /// Whether that is the winner so far.
     pub improved: bool,
     /// Counts of the best on the validation set, if measured.

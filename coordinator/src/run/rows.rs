@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use descriptor::{GENES, GeneKind, Parameters};
+use descriptor::{Column, Descriptor, Family};
 use evolution::Individual;
 use results::{Computed, Counts, EvaluationRow, GeneColumn, PredictionRow, RunnerUp, SkippedRow};
 
@@ -12,32 +12,14 @@ use cluster::scheduler::Finished;
 use proto::task::{EvaluationResult, Match};
 
 /// The gene columns of every table that has them.
-pub fn gene_columns() -> Vec<GeneColumn> {
-    let column = |spec: &descriptor::GeneSpec| GeneColumn {
-        name: spec.name.to_owned(),
-        unit: spec.unit.to_owned(),
-        integer: spec.is_integer(),
-        meaning: spec.meaning.to_owned(),
+pub fn gene_columns(family: Family) -> Vec<GeneColumn> {
+    let column = |column: Column| GeneColumn {
+        name: column.name.to_owned(),
+        unit: column.unit.to_owned(),
+        integer: column.integer,
+        meaning: column.meaning.to_owned(),
     };
-    GENES.iter().map(column).collect()
-}
-
-/// Values in the genes' units; m is absent without colour.
-pub fn gene_values(parameters: &Parameters) -> Vec<Option<f64>> {
-    let absent = |kind| kind == GeneKind::ColourBins && !parameters.has_colour();
-    GENES.iter().map(|spec| (!absent(spec.kind)).then(|| parameters.value(spec.kind))).collect()
-}
-
-/// The descriptor of gene values; `None` if one lies on none of its gene's ticks.
-pub fn parameters(values: &[Option<f64>]) -> Option<Parameters> {
-    let mut ticks = [0; GENES.len()];
-    for ((spec, value), ticks) in GENES.iter().zip(values).zip(&mut ticks) {
-        *ticks = match value {
-            Some(value) => spec.ticks(*value)?,
-            None => 0,
-        };
-    }
-    Some(Parameters::from_ticks(ticks))
+    family.columns().into_iter().map(column).collect()
 }
 
 /// The counts of a result.
@@ -67,16 +49,16 @@ pub fn recount(dataset: &Dataset, matching: Matching, result: &EvaluationResult)
 pub fn evaluations(
     generation: u32,
     population: &[Individual],
-    descriptors: &[Parameters],
+    descriptors: &[Descriptor],
     counts: &[Counts],
     computed: &BTreeMap<usize, Finished<EvaluationResult>>,
 ) -> Vec<EvaluationRow> {
-    type Evaluated<'a> = ((&'a Individual, &'a Parameters), &'a Counts);
+    type Evaluated<'a> = ((&'a Individual, &'a Descriptor), &'a Counts);
     let row = |(index, ((individual, descriptor), counts)): (usize, Evaluated<'_>)| EvaluationRow {
         generation,
         individual: index as u32,
         chromosome: individual.bit_string(),
-        genes: gene_values(descriptor),
+        genes: descriptor.values(),
         counts: *counts,
         parent_a: individual.parents[0],
         parent_b: individual.parents[1],

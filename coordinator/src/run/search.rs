@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Instant;
 
-use descriptor::{Descriptor, Parameters};
-use evolution::{GenerationBest, Score, Search, StopReason};
+use descriptor::{Descriptor, SearchSpace};
+use evolution::{GenerationBest, Individual, Score, Search, StopReason};
 use results::{Counts, RunFolder};
 
 use crate::experiment::Experiment;
@@ -13,7 +13,6 @@ use crate::result_cache::Known;
 use crate::run::RunError;
 use crate::run::progress::{GenerationReport, Progress};
 use crate::run::rows;
-use crate::run::search_space;
 use crate::run::splits::Matching;
 use crate::session::Session;
 use crate::tasks;
@@ -30,7 +29,7 @@ pub struct SearchResult {
     /// The winner.
     pub winner: GenerationBest,
     /// The descriptor that the winner stands for.
-    pub descriptor: Parameters,
+    pub descriptor: Descriptor,
     /// The winner on the training set.
     pub train: Counts,
     /// Individuals that a worker evaluated.
@@ -70,8 +69,8 @@ impl<'a> SearchLoop<'a> {
             for (matching, counts) in
                 [(Matching::Train, &mut cached.train), (Matching::Validation, &mut cached.validation)]
             {
-                let is_own = |parameters| cluster.recalls(splits.evaluation(parameters, matching, false));
-                counts.retain(|parameters, _| !is_own(*parameters));
+                counts
+                    .retain(|descriptor, _| !cluster.recalls(splits.evaluation(descriptor, matching, false)));
             }
         }
         let first_evaluated = BTreeMap::new();
@@ -108,20 +107,20 @@ impl<'a> SearchLoop<'a> {
         mut search: Search,
         folder: &mut RunFolder,
     ) -> Result<SearchResult, RunError> {
-        let genes = self.experiment.genes();
+        let space = self.experiment.space();
         loop {
             let started = Instant::now();
             let generation = search.generation();
             self.progress.generation_starts(generation);
             let population = search.ask().to_vec();
-            let descriptors: Vec<Parameters> =
-                population.iter().map(|one| search_space::descriptor(genes, &one.values)).collect();
+            let descriptors: Vec<Descriptor> =
+                population.iter().map(|individual| decode(space, individual)).collect();
             let computed = self.evaluate_new(generation, &descriptors).await?;
             let counts: Vec<Counts> =
                 descriptors.iter().map(|descriptor| self.counts.train[descriptor]).collect();
             let scores: Vec<Score> = counts.iter().map(score).collect();
             let validation = match search.to_validate(&scores) {
-                Some(index) => self.validate(descriptors[index as usize]).await?,
+                Some(index) => self.validate(&descriptors[index as usize]).await?,
                 None => None,
             };
             let state = search.tell(&scores, validation.as_ref().map(score));
@@ -157,7 +156,7 @@ impl<'a> SearchLoop<'a> {
             }
 
             if let Some(stop_reason) = state.stop {
-                let descriptor = search_space::descriptor(genes, &state.winner.individual.values);
+                let descriptor = decode(space, &state.winner.individual);
                 return Ok(SearchResult {
                     stop_reason,
                     generations: generation,
@@ -177,32 +176,32 @@ impl<'a> SearchLoop<'a> {
     async fn evaluate_new(
         &mut self,
         generation: u32,
-        descriptors: &[Parameters],
+        descriptors: &[Descriptor],
     ) -> Result<BTreeMap<usize, Finished<EvaluationResult>>, RunError> {
         let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
         for (index, descriptor) in descriptors.iter().enumerate() {
-            if !self.counts.train.contains_key(descriptor) && seen.insert(*descriptor) {
-                new.push((index, *descriptor));
+            if !self.counts.train.contains_key(descriptor) && seen.insert(descriptor) {
+                new.push((index, descriptor));
             }
         }
-        let bytes = |parameters| tasks::descriptor_bytes(&Descriptor::DiskRing(parameters));
-        self.first_evaluated.extend(new.iter().map(|(_, parameters)| (bytes(*parameters), generation)));
+        let bytes = new.iter().map(|(_, descriptor)| tasks::descriptor_bytes(descriptor));
+        self.first_evaluated.extend(bytes.map(|bytes| (bytes, generation)));
         self.computed += new.len() as u64;
         self.remembered += (descriptors.len() - new.len()) as u64;
         let evaluations = new
             .iter()
-            .map(|(_, descriptor)| self.session.splits.evaluation(*descriptor, Matching::Train, false));
+            .map(|(_, descriptor)| self.session.splits.evaluation(descriptor, Matching::Train, false));
         let progress = &mut *self.progress;
         let finished = self.client.evaluate(evaluations.collect(), |news| progress.news(news)).await?;
         for ((_, descriptor), finished) in new.iter().zip(&finished) {
-            self.counts.train.insert(*descriptor, rows::counts(&finished.result));
+            self.counts.train.insert((*descriptor).clone(), rows::counts(&finished.result));
         }
         Ok(new.into_iter().map(|(index, _)| index).zip(finished).collect())
     }
 
     /// Counts of a descriptor on the validation set.
-    async fn validate(&mut self, descriptor: Parameters) -> Result<Option<Counts>, RunError> {
-        if let Some(counts) = self.counts.validation.get(&descriptor) {
+    async fn validate(&mut self, descriptor: &Descriptor) -> Result<Option<Counts>, RunError> {
+        if let Some(counts) = self.counts.validation.get(descriptor) {
             return Ok(Some(*counts));
         }
         let evaluation = self.session.splits.evaluation(descriptor, Matching::Validation, false);
@@ -210,10 +209,18 @@ impl<'a> SearchLoop<'a> {
         let finished = self.client.evaluate(vec![evaluation], |news| progress.news(news)).await?;
         let counts = finished.first().map(|finished| rows::counts(&finished.result));
         if let Some(counts) = counts {
-            self.counts.validation.insert(descriptor, counts);
+            self.counts.validation.insert(descriptor.clone(), counts);
         }
         Ok(counts)
     }
+}
+
+/// What an individual stands for.
+///
+/// # Panics
+/// If it is not of the space: a programming error, as the genome is that of the space.
+fn decode(space: &SearchSpace, individual: &Individual) -> Descriptor {
+    space.decode(&individual.values).expect("value indices of the search space's genome")
 }
 
 fn score(counts: &Counts) -> Score {

@@ -1,9 +1,9 @@
 //! The splits of a run as workers see them: manifests by digest, and what the coordinator needs to read answers.
 
 use cache::Store;
-use descriptor::{Descriptor, Parameters, Preprocess};
+use descriptor::{Descriptor, Preprocess};
 use proto::Digest;
-use proto::task::{Evaluation, GridCell, Preparation};
+use proto::task::{Evaluation, GridCell, Preparation, Subject};
 
 use crate::dataset::{Dataset, SPLITS, Splits};
 use crate::result_cache::Memory;
@@ -79,35 +79,40 @@ impl<'a> SplitBlobs<'a> {
 
     /// Where counts of a matching are remembered.
     pub fn memory<'s>(&self, store: &'s Store, preprocess: &Preprocess, matching: Matching) -> Memory<'s> {
-        // The place is the same for every descriptor.
-        Memory::new(store, preprocess, &self.evaluation(Parameters::PAPER_BEST, matching, false))
+        let (query, database) = self.manifests(matching);
+        Memory::new(store, preprocess, [&[query], &database], self.sizes(matching)[0])
     }
 
-    /// The evaluation on the training sets of all `descriptors` descriptors with one R1 and one R2, micrometres.
-    pub fn grid_cell(&self, radii_um: (u32, u32), descriptors: usize) -> GridCell {
-        let (query, database) = Matching::Train.splits();
-        let descriptors = descriptors as u32; // at most `MAX_CELL`
-        GridCell {
-            subject: tasks::cell_subject(&self.preparation, radii_um, descriptors),
-            query: vec![self.manifests[query]],
-            database: database.iter().map(|&split| self.manifests[split]).collect(),
-            queries: Matching::Train.query_clouds(self.dataset).len() as u32,
-            database_clouds: Matching::Train.database_clouds(self.dataset).len() as u32,
-            descriptors,
-        }
+    /// The manifest of the queries, and those of the database.
+    fn manifests(&self, matching: Matching) -> (Digest, Vec<Digest>) {
+        let (query, database) = matching.splits();
+        (self.manifests[query], database.iter().map(|&split| self.manifests[split]).collect())
+    }
+
+    /// Number of queries, and of clouds in the database.
+    fn sizes(&self, matching: Matching) -> [u32; 2] {
+        [matching.query_clouds(self.dataset).len(), matching.database_clouds(self.dataset).len()]
+            .map(|clouds| clouds as u32)
+    }
+
+    /// How clouds are prepared for the tasks of this session.
+    pub fn preparation(&self) -> &Preparation {
+        &self.preparation
+    }
+
+    /// The evaluation on the training sets of the `descriptors` descriptors of a grid cell.
+    pub fn grid_cell(&self, subject: Subject, descriptors: u32) -> GridCell {
+        let (query, database) = self.manifests(Matching::Train);
+        let [queries, database_clouds] = self.sizes(Matching::Train);
+        GridCell { subject, query: vec![query], database, queries, database_clouds, descriptors }
     }
 
     /// The evaluation of one descriptor.
-    pub fn evaluation(&self, parameters: Parameters, matching: Matching, want_matches: bool) -> Evaluation {
-        let (query, database) = matching.splits();
-        Evaluation {
-            subject: tasks::subject(&self.preparation, &Descriptor::DiskRing(parameters)),
-            query: vec![self.manifests[query]],
-            database: database.iter().map(|&split| self.manifests[split]).collect(),
-            queries: matching.query_clouds(self.dataset).len() as u32,
-            database_clouds: matching.database_clouds(self.dataset).len() as u32,
-            want_matches,
-        }
+    pub fn evaluation(&self, descriptor: &Descriptor, matching: Matching, want_matches: bool) -> Evaluation {
+        let (query, database) = self.manifests(matching);
+        let [queries, database_clouds] = self.sizes(matching);
+        let subject = tasks::subject(&self.preparation, descriptor);
+        Evaluation { subject, query: vec![query], database, queries, database_clouds, want_matches }
     }
 }
 

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use descriptor::{GENES, GeneSpec};
+use descriptor::{Column, Family};
 use evolution::StopReason;
 use results::{Counts, RunRow, wilson};
 use serde_json::{Map, Value, json};
@@ -18,6 +18,8 @@ pub struct Summary {
     pub run: RunRow,
     /// Digest over everything that determines and makes up the result.
     pub run_digest: String,
+    /// Of the descriptors that were searched.
+    pub family: Family,
     /// Clouds that took no part.
     pub skipped: usize,
     /// Size of the search space.
@@ -39,9 +41,10 @@ impl Summary {
         let reason = known.map_or_else(|| run.stop_reason.clone(), |reason| reason.to_string());
         row("stopped", format!("after generation {}: {reason}", run.generations));
         row("winner", format!("generation {}, individual {}", run.winner_generation, run.winner_individual));
-        for (spec, value) in GENES.iter().zip(&run.best_genes) {
+        for (column, value) in self.family.columns().into_iter().zip(&run.best_genes) {
             if let Some(value) = value {
-                row("", format!("{:<12}{:<8}{}", spec.name, format!("{value} {}", spec.unit), spec.meaning));
+                let value = format!("{value} {}", column.unit);
+                row("", format!("{:<12}{value:<8}{}", column.name, column.meaning));
             }
         }
         let title = [("object error", "95 %"), ("category error", "95 %")];
@@ -101,7 +104,7 @@ impl Summary {
         json!({
             "name": run.name,
             "seed": run.seed,
-            "best": genes_json(&run.best_genes),
+            "best": genes_json(self.family, &run.best_genes),
             "train_error": object(Some(run.train)),
             "train_error_interval": interval(Some(run.train)),
             "train_category_error": category(Some(run.train)),
@@ -134,12 +137,13 @@ impl Summary {
     }
 }
 
-/// Gene values by name; genes that are not used are left out.
-pub fn genes_json(values: &[Option<f64>]) -> Map<String, Value> {
+/// The values of a descriptor of a family by name; genes that it is without are left out.
+pub fn genes_json(family: Family, values: &[Option<f64>]) -> Map<String, Value> {
     let number =
-        |spec: &GeneSpec, value: f64| if spec.is_integer() { json!(value as u32) } else { json!(value) };
-    let genes = GENES.iter().zip(values);
-    genes.filter_map(|(spec, value)| Some((spec.name.to_owned(), number(spec, (*value)?)))).collect()
+        |column: &Column, value: f64| if column.integer { json!(value as u32) } else { json!(value) };
+    let columns = family.columns();
+    let genes = columns.iter().zip(values);
+    genes.filter_map(|(column, value)| Some((column.name.to_owned(), number(column, (*value)?)))).collect()
 }
 
 fn path_text(path: &Path) -> String {

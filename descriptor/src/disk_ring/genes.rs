@@ -4,8 +4,8 @@
 
 use std::fmt;
 
-use crate::column::Column;
-pub use crate::domain::Domain;
+use crate::domain::Domain;
+use crate::gene::{GeneError, GeneSpec};
 
 /// What a gene sets (paper, section 3: the five evolved parameters).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -22,117 +22,65 @@ pub enum GeneKind {
     ShapeWeight,
 }
 
-/// What is fixed about a gene, whatever the experiment.
-#[derive(Debug)]
-pub struct GeneSpec {
-    /// Which parameter it sets.
-    pub kind: GeneKind,
-    /// Its name in TOML, on the command line, in Parquet and in reports.
-    pub name: &'static str,
-    /// Unit of its values, empty for a pure number.
-    pub unit: &'static str,
-    /// What it is, in a few words.
-    pub meaning: &'static str,
-    /// Ticks a unit: values are held as whole ticks, so that a decimal step is exact.
-    pub ticks_per_unit: u32,
-    /// Smallest and largest tick that any experiment may use.
-    pub limits: (u32, u32),
-    /// The paper's interval and step, in ticks: lowest, highest, step.
-    pub paper: (u32, u32, u32),
-}
+impl GeneKind {
+    /// All of them, in chromosome order.
+    pub const ALL: [Self; GENES.len()] =
+        [Self::ShapeBins, Self::ColourBins, Self::DiskRadius, Self::RingRadius, Self::ShapeWeight];
 
-impl GeneSpec {
-    /// A value in the gene's unit from ticks: 13 000 µm are 1.3 cm, rounded once.
-    pub fn value(&self, ticks: u32) -> f64 {
-        f64::from(ticks) / f64::from(self.ticks_per_unit)
-    }
-
-    /// Ticks from a value in the gene's unit, or `None` if it is not finite, negative, too large or between ticks.
-    pub fn ticks(&self, value: f64) -> Option<u32> {
-        let ticks = value * f64::from(self.ticks_per_unit);
-        let rounded = ticks.round();
-        let on_tick = (ticks - rounded).abs() <= 1e-6 * rounded.abs().max(1.0);
-        (on_tick && rounded >= 0.0 && rounded <= f64::from(u32::MAX)).then_some(rounded as u32)
-    }
-
-    /// Its column in tables.
-    pub fn column(&self) -> Column {
-        let &Self { name, unit, meaning, .. } = self;
-        Column { name, unit, integer: self.is_integer(), meaning }
-    }
-
-    /// Whether values are whole numbers.
-    pub fn is_integer(&self) -> bool {
-        self.ticks_per_unit == 1
+    /// What is fixed about the gene.
+    pub fn spec(self) -> &'static GeneSpec {
+        &GENES[self as usize]
     }
 }
 
 /// The genes in chromosome order (DESIGN 5.8; paper, table of parameters).
-pub const GENES: [GeneSpec; 5] = [
+pub static GENES: [GeneSpec; 5] = [
     GeneSpec {
-        kind: GeneKind::ShapeBins,
         name: "shape_bins",
         unit: "",
         meaning: "bins of a shape histogram over 360 degrees",
+        needs_colour: false,
         ticks_per_unit: 1,
         limits: (2, 512),
-        paper: (8, 64, 1),
+        default: (8, 64, 1),
     },
     GeneSpec {
-        kind: GeneKind::ColourBins,
         name: "m",
         unit: "",
         meaning: "bins a side of a hue x saturation histogram",
+        needs_colour: true,
         ticks_per_unit: 1,
         limits: (1, 32),
-        paper: (3, 8, 1),
+        default: (3, 8, 1),
     },
     GeneSpec {
-        kind: GeneKind::DiskRadius,
         name: "R1",
         unit: "cm",
         meaning: "radius of the disk",
+        needs_colour: false,
         ticks_per_unit: 10_000,
         limits: (1, 1_000_000),
-        paper: (5_000, 20_000, 1_000),
+        default: (5_000, 20_000, 1_000),
     },
     GeneSpec {
-        kind: GeneKind::RingRadius,
         name: "R2",
         unit: "cm",
         meaning: "outer radius of the ring",
+        needs_colour: false,
         ticks_per_unit: 10_000,
         limits: (1, 1_000_000),
-        paper: (21_000, 50_000, 1_000),
+        default: (21_000, 50_000, 1_000),
     },
     GeneSpec {
-        kind: GeneKind::ShapeWeight,
         name: "w",
         unit: "",
         meaning: "weight of shape against colour",
+        needs_colour: true,
         ticks_per_unit: 1_000_000,
         limits: (0, 1_000_000),
-        paper: (0, 1_000_000, 10_000),
+        default: (0, 1_000_000, 10_000),
     },
 ];
-
-/// Why a set of domains is no gene table.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum GeneError {
-    /// A value outside what the gene can mean.
-    #[error("{gene}: value outside {low} to {high} {unit}, got {got}\nchoose values inside these limits")]
-    OutOfLimits { gene: &'static str, low: String, high: String, unit: &'static str, got: String },
-    /// No value, or so many that indices overflow.
-    #[error(
-        "{gene}: number of values outside 1 to 65536, got {got}\nchoose a larger step or a smaller interval"
-    )]
-    Count { gene: &'static str, got: u32 },
-    /// The ring could be empty or inside out.
-    #[error(
-        "R2: every value must be larger than every value of R1, got R1 up to {disk} cm and R2 from {ring} cm\nraise R2's min or lower R1's max"
-    )]
-    RingInsideDisk { disk: f64, ring: f64 },
-}
 
 /// The search space of one experiment: a domain for every gene.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -143,66 +91,36 @@ pub struct GeneTable {
 
 impl GeneTable {
     /// Checks the domains, given in the order of [`GENES`]. Without colour, m is dropped and w is fixed at 1.
+    ///
+    /// # Errors
+    /// If a domain leaves its gene's limits, or a ring could lie inside its disk.
     pub fn new(mut domains: [Domain; 5], colour: bool) -> Result<Self, GeneError> {
         if !colour {
-            domains[4] = Domain::fixed(GENES[4].limits.1);
+            domains[GeneKind::ColourBins as usize] = Domain::fixed(0);
+            domains[GeneKind::ShapeWeight as usize] = Domain::fixed(GeneKind::ShapeWeight.spec().limits.1);
         }
-        for (spec, domain) in GENES.iter().zip(&domains) {
-            if spec.kind == GeneKind::ColourBins && !colour {
-                continue;
-            }
-            if domain.count == 0 || domain.count > 65_536 {
-                return Err(GeneError::Count { gene: spec.name, got: domain.count });
-            }
-            let (low, high) = spec.limits;
-            let end = u64::from(domain.low) + u64::from(domain.count - 1) * u64::from(domain.step);
-            if domain.low < low || end > u64::from(high) {
-                let got = if domain.low < low { domain.low } else { u32::try_from(end).unwrap_or(u32::MAX) };
-                return Err(GeneError::OutOfLimits {
-                    gene: spec.name,
-                    low: spec.value(low).to_string(),
-                    high: spec.value(high).to_string(),
-                    unit: spec.unit,
-                    got: spec.value(got).to_string(),
-                });
-            }
+        let table = Self { domains, colour };
+        table.genes().try_for_each(|(spec, domain)| spec.check(domain))?;
+        let [disk, ring] =
+            [domains[GeneKind::DiskRadius as usize].high(), domains[GeneKind::RingRadius as usize].low];
+        if disk < ring {
+            return Ok(table);
         }
-        if domains[2].high() >= domains[3].low {
-            return Err(GeneError::RingInsideDisk {
-                disk: GENES[2].value(domains[2].high()),
-                ring: GENES[3].value(domains[3].low),
-            });
-        }
-        Ok(Self { domains, colour })
+        let centimetres = |um| GeneKind::DiskRadius.spec().value(um);
+        Err(GeneError::RingInsideDisk { disk: centimetres(disk), ring: centimetres(ring) })
     }
 
     /// The paper's search space: 57 · 6 · 16 · 30 · 101 descriptors.
     pub fn paper() -> Self {
-        let domains = GENES.each_ref().map(|spec| {
-            let (low, high, step) = spec.paper;
-            Domain { low, step, count: (high - low) / step + 1 }
-        });
-        Self { domains, colour: true }
+        Self { domains: GENES.each_ref().map(GeneSpec::default_domain), colour: true }
     }
 
     /// The one-point space of one descriptor.
-    pub fn single(parameters: &Parameters) -> Result<Self, GeneError> {
-        Self::new(
-            GENES.each_ref().map(|spec| Domain::fixed(parameters.ticks(spec.kind))),
-            parameters.has_colour(),
-        )
-    }
-
-    /// The smallest regular space that has this table's descriptors and one more.
     ///
     /// # Errors
-    /// If the descriptor lies beyond what the genes allow, or so unevenly that a gene would have too many values.
-    pub fn including(&self, parameters: &Parameters) -> Result<Self, GeneError> {
-        let domain = |spec: &GeneSpec| {
-            let (domain, ticks) = (&self.domains[spec.kind as usize], parameters.ticks(spec.kind));
-            domain.including(ticks)
-        };
-        Self::new(GENES.each_ref().map(domain), self.colour && parameters.has_colour())
+    /// If no experiment may use the descriptor.
+    pub fn single(parameters: &Parameters) -> Result<Self, GeneError> {
+        Self::new(parameters.all_ticks().map(Domain::fixed), parameters.has_colour())
     }
 
     /// Whether descriptors of this table have colour.
@@ -217,7 +135,7 @@ impl GeneTable {
 
     /// The genes of the chromosome in order, with their domains. Fixed genes are in it with 0 bits.
     pub fn genes(&self) -> impl Iterator<Item = (&'static GeneSpec, &Domain)> {
-        GENES.iter().zip(&self.domains).filter(|(spec, _)| self.colour || spec.kind != GeneKind::ColourBins)
+        self.kinds().map(|kind| (kind.spec(), &self.domains[kind as usize]))
     }
 
     /// Number of different descriptors.
@@ -230,19 +148,26 @@ impl GeneTable {
         self.indices(parameters).is_some()
     }
 
+    /// The genes of the chromosome in order, by what they set.
+    pub fn kinds(&self) -> impl Iterator<Item = GeneKind> + use<> {
+        let colour = self.colour;
+        GeneKind::ALL.into_iter().filter(move |kind| colour || *kind != GeneKind::ColourBins)
+    }
+
     /// For each gene which of its values the descriptor has; `None` if it is not of this table.
     pub fn indices(&self, parameters: &Parameters) -> Option<Vec<u32>> {
-        let index = |(spec, domain): (&GeneSpec, &Domain)| domain.index_of(parameters.ticks(spec.kind));
-        (parameters.has_colour() == self.colour).then(|| self.genes().map(index).collect())?
+        let index = |kind: GeneKind| self.domains[kind as usize].index_of(parameters.ticks(kind));
+        (parameters.has_colour() == self.colour).then(|| self.kinds().map(index).collect())?
     }
 
     /// The descriptor whose genes have the values at these indices; `None` unless there is one for each gene.
     pub fn at(&self, indices: &[u32]) -> Option<Parameters> {
         let mut ticks = [0; GENES.len()];
         let mut rest = indices.iter();
-        for (spec, domain) in self.genes() {
+        for kind in self.kinds() {
+            let domain = &self.domains[kind as usize];
             let index = *rest.next().filter(|index| **index < domain.count)?;
-            ticks[spec.kind as usize] = domain.low + index * domain.step;
+            ticks[kind as usize] = domain.low + index * domain.step;
         }
         rest.next().is_none().then(|| Parameters::from_ticks(ticks))
     }
@@ -262,11 +187,11 @@ impl GeneTable {
             domains.as_chunks::<3>().0.iter().map(|&[low, step, count]| Domain { low, step, count });
         let domains = [(); GENES.len()].map(|()| given.next().unwrap_or(Domain::fixed(0)));
         let table = Self::new(domains, colour == 1).map_err(|error| error.to_string())?;
-        // Without colour the weight is fixed: what was written says so, too.
+        // Without colour m and w are fixed: what was written says so, too.
         if table.domains == domains {
             Ok(table)
         } else {
-            Err("w: must be 1 without colour, got another".to_owned())
+            Err("m, w: must be 0 and 1 without colour, got others".to_owned())
         }
     }
 }
@@ -317,9 +242,14 @@ impl Parameters {
         }
     }
 
+    /// All parameters in ticks, in the order of [`GENES`].
+    pub fn all_ticks(&self) -> [u32; GENES.len()] {
+        GeneKind::ALL.map(|kind| self.ticks(kind))
+    }
+
     /// One parameter in its gene's unit (centimetres for radii).
     pub fn value(&self, kind: GeneKind) -> f64 {
-        GENES[kind as usize].value(self.ticks(kind))
+        kind.spec().value(self.ticks(kind))
     }
 
     /// Whether the descriptor has colour.
@@ -368,11 +298,11 @@ impl Parameters {
 impl fmt::Display for Parameters {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut separator = "";
-        for spec in GENES.iter().filter(|spec| self.has_colour() || spec.kind != GeneKind::ColourBins) {
-            write!(f, "{separator}{}={}", spec.name, self.value(spec.kind))?;
-            if !spec.unit.is_empty() {
-                write!(f, " {}", spec.unit)?;
-            }
+        for kind in
+            GeneKind::ALL.into_iter().filter(|kind| self.has_colour() || *kind != GeneKind::ColourBins)
+        {
+            let spec = kind.spec();
+            write!(f, "{separator}{}={}", spec.name, spec.text(self.ticks(kind)))?;
             separator = " ";
         }
         Ok(())
@@ -385,29 +315,6 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-
-    #[test]
-    fn a_space_that_includes_a_descriptor_has_it_and_all_that_it_had() {
-        let values = |domain: Domain| domain.values().collect::<Vec<_>>();
-        for (low, step, count) in [(5, 3, 4), (5, 1, 1), (0, 10, 3), (7, 2, 6)] {
-            let domain = Domain { low, step, count };
-            for ticks in [0, 4, 5, 6, 7, 8, 14, 30, 31] {
-                let wider = values(domain.including(ticks));
-                assert!(wider.contains(&ticks), "{domain:?} {ticks}");
-                assert!(values(domain).iter().all(|value| wider.contains(value)), "{domain:?} {ticks}");
-                let ends = [values(domain).into_iter().min(), values(domain).into_iter().max()];
-                assert!(wider.first() == ends[0].min(Some(ticks)).as_ref(), "no more than is needed");
-                assert!(wider.last() == ends[1].max(Some(ticks)).as_ref(), "no more than is needed");
-                if values(domain).contains(&ticks) {
-                    assert_eq!(wider, values(domain));
-                }
-            }
-        }
-        let table = GeneTable::paper();
-        let foreign = Parameters { disk_um: 12_345, ..Parameters::PAPER_BEST };
-        assert!(!table.contains(&foreign) && table.including(&foreign).unwrap().contains(&foreign));
-        assert_eq!(table.including(&Parameters::PAPER_BEST).unwrap(), table);
-    }
 
     #[test]
     fn the_papers_space_has_the_published_size() {
@@ -423,7 +330,8 @@ mod tests {
             for (index, ticks) in (0..).zip(domain.values()) {
                 indices[gene] = index;
                 let parameters = table.at(&indices).unwrap();
-                assert_eq!(parameters.ticks(spec.kind), ticks);
+                assert_eq!(parameters.ticks(GeneKind::ALL[gene]), ticks);
+                assert_eq!(spec, &GeneKind::ALL[gene].spec());
                 assert_eq!(table.indices(&parameters).unwrap(), indices);
             }
             indices[gene] = domain.count;
@@ -447,7 +355,7 @@ mod tests {
 
     #[test]
     fn a_ring_that_could_lie_inside_the_disk_is_refused() {
-        let mut domains = GENES.each_ref().map(|spec| Domain::fixed(spec.paper.0));
+        let mut domains = GENES.each_ref().map(|spec| Domain::fixed(spec.default.0));
         domains[2] = Domain { low: 5_000, step: 1_000, count: 17 }; // up to 2.1 cm
         let error = GeneTable::new(domains, true).unwrap_err();
         assert_eq!(error, GeneError::RingInsideDisk { disk: 2.1, ring: 2.1 });

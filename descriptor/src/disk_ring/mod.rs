@@ -14,7 +14,7 @@ mod records;
 pub mod signature;
 mod step_table;
 
-pub use genes::{GENES, GeneKind, GeneSpec, GeneTable, Parameters};
+pub use genes::{GENES, GeneKind, GeneTable, Parameters};
 pub use quantise::{Binning, QuantiseError, Quantiser};
 pub use quantised::QuantisedCloud;
 pub use signature::weighted;

@@ -172,13 +172,14 @@ impl Quantiser {
     /// # Errors
     /// [`QuantiseError::NotInTable`] if a value is none of the table's.
     pub fn binning(&self, parameters: &Parameters) -> Result<Binning, QuantiseError> {
-        for (spec, domain) in self.table.genes() {
-            let ticks = parameters.ticks(spec.kind);
+        for kind in GeneKind::ALL {
+            let (spec, ticks) = (kind.spec(), parameters.ticks(kind));
+            let Some(domain) = self.table.domain(kind) else { continue };
             let in_domain = ticks >= domain.low
                 && ticks <= domain.high()
                 && (domain.count == 1 || (ticks - domain.low).is_multiple_of(domain.step));
             // The weight takes part in no histogram, so any will do.
-            if !in_domain && spec.kind != GeneKind::ShapeWeight {
+            if !in_domain && kind != GeneKind::ShapeWeight {
                 return Err(QuantiseError::NotInTable {
                     gene: spec.name,
                     got: spec.value(ticks).to_string(),

@@ -30,7 +30,7 @@ use crate::surface::{SORTED_ABOVE, Surface};
 use crate::{Cloud, Preprocess};
 
 /// The descriptors without genes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum FixedKind {
     /// Point feature histograms with colour (Rusu et al. 2009; PCL: `PFHRGBEstimation`): over all ordered pairs of a
     /// region's points, 125 bins of the three angles between their normals, and 125 of the ratios of their colours.
@@ -82,7 +82,7 @@ impl fmt::Display for FixedKind {
 }
 
 /// A descriptor without genes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct FixedDescriptor {
     /// How a region is described.
     pub kind: FixedKind,
@@ -92,7 +92,7 @@ pub struct FixedDescriptor {
 
 /// Why a cloud has no signature.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum FixedError {
+pub enum DescribeError {
     /// The cloud could not be prepared for any descriptor.
     #[error(transparent)]
     Prepare(#[from] PrepareError),
@@ -157,6 +157,9 @@ impl FixedDescriptor {
         meaning: "radius of the region about a keypoint",
     };
 
+    /// Radius unless another is given, micrometres.
+    pub const DEFAULT_RADIUS_UM: u32 = 50_000;
+
     /// With a radius from 1 µm to 1 m.
     ///
     /// # Errors
@@ -190,8 +193,8 @@ impl FixedDescriptor {
     /// All stages at once, from a cloud as stored.
     ///
     /// # Errors
-    /// As for [`OrientedCloud::new`], or [`FixedError::NothingDescribed`].
-    pub fn histograms(&self, cloud: &Cloud, preprocess: &Preprocess) -> Result<Histograms, FixedError> {
+    /// As for [`OrientedCloud::new`], or [`DescribeError::NothingDescribed`].
+    pub fn histograms(&self, cloud: &Cloud, preprocess: &Preprocess) -> Result<Histograms, DescribeError> {
         let OrientedCloud { cloud, keypoints, normals } = OrientedCloud::new(cloud, preprocess)?;
         self.describe(&cloud, &keypoints, &normals)
     }
@@ -200,24 +203,24 @@ impl FixedDescriptor {
     pub(crate) fn signature_or_zeros(&self, cloud: &OrientedCloud) -> Result<(u32, Signature), PrepareError> {
         match self.describe(&cloud.cloud, &cloud.keypoints, &cloud.normals) {
             Ok(histograms) => Ok((histograms.rows().len() as u32, histograms.signature())),
-            Err(FixedError::NothingDescribed { .. }) => {
+            Err(DescribeError::NothingDescribed { .. }) => {
                 let zeros = vec![0.0; self.kind.size()];
                 Ok((0, Signature { centroid: zeros.clone(), deviation: zeros }))
             }
-            Err(FixedError::Prepare(error)) => Err(error),
+            Err(DescribeError::Prepare(error)) => Err(error),
         }
     }
 
     /// The stage `describe`, for a cloud in metres.
     ///
     /// # Errors
-    /// [`PrepareError::NoColours`], or [`FixedError::NothingDescribed`].
+    /// [`PrepareError::NoColours`], or [`DescribeError::NothingDescribed`].
     pub fn describe(
         &self,
         cloud: &Cloud,
         keypoints: &Keypoints,
         normals: &Normals,
-    ) -> Result<Histograms, FixedError> {
+    ) -> Result<Histograms, DescribeError> {
         let (Some(colours), Some(keypoint_colours)) = (&cloud.colours, &keypoints.colours) else {
             return Err(PrepareError::NoColours.into());
         };
@@ -231,7 +234,7 @@ impl FixedDescriptor {
             FixedKind::ShotColor => shot::rows(&surface, &colours, keypoints, radius),
         };
         if rows.is_empty() {
-            return Err(FixedError::NothingDescribed { kind: self.kind, keypoints: count });
+            return Err(DescribeError::NothingDescribed { kind: self.kind, keypoints: count });
         }
         Ok(Histograms { size: self.kind.size(), rows })
     }

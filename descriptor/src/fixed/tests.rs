@@ -24,7 +24,7 @@ impl Scene {
         Self { cloud, keypoints, normals }
     }
 
-    fn describe(&self, kind: FixedKind, radius_um: u32) -> Result<Histograms, FixedError> {
+    fn describe(&self, kind: FixedKind, radius_um: u32) -> Result<Histograms, DescribeError> {
         FixedDescriptor { kind, radius_um }.describe(&self.cloud, &self.keypoints, &self.normals)
     }
 
@@ -153,7 +153,7 @@ fn a_keypoint_needs_neighbours() {
     for (kind, least) in [(FixedKind::PfhRgb, 3), (FixedKind::ShotColor, 5)] {
         assert_eq!(
             scene(least - 1).describe(kind, 50_000).unwrap_err(),
-            FixedError::NothingDescribed { kind, keypoints: 1 }
+            DescribeError::NothingDescribed { kind, keypoints: 1 }
         );
         let found = scene(least).describe(kind, 50_000).unwrap();
         let row = found.rows().next().unwrap();

@@ -5,6 +5,7 @@ use std::path::Path;
 use std::process::Command;
 
 use coordinator::run::rows::gene_columns;
+use descriptor::Family;
 use results::{GridFolder, TableName};
 use serde_json::Value;
 
@@ -191,7 +192,7 @@ fn a_sample_of_counts_is_computed_again_and_a_wrong_one_is_named() {
     let [disk, ring] =
         ["R1", "R2"].map(|gene| cells.column(gene).unwrap().get(0).unwrap().try_extract::<f64>().unwrap());
     let name = format!("{}-{}", disk * 10_000.0, ring * 10_000.0);
-    let folder = GridFolder::create(experiment.path("out"), &gene_columns()).unwrap();
+    let folder = GridFolder::create(experiment.path("out"), &gene_columns(Family::DiskRing)).unwrap();
     let mut points = folder.read_cell(&name).unwrap().unwrap();
     points.object_correct[3] += 1;
     folder.write_cell(&name, &points).unwrap();

@@ -9,8 +9,8 @@ use descriptor::disk_ring::weighted;
 use descriptor::grid::{Cell, CellSignatures};
 use descriptor::recognise::recognise_from;
 use descriptor::{
-    Correct, DistanceMatrix, GENES, GeneKind, GeneTable, Label, Parameters, Preprocess, QuantisedCloud,
-    Quantiser, pcd, random,
+    Correct, DistanceMatrix, GeneKind, GeneTable, Label, Parameters, Preprocess, QuantisedCloud, Quantiser,
+    pcd, random,
 };
 use rand::RngExt as _;
 use rayon::prelude::*;
@@ -139,7 +139,7 @@ impl Block<'_> {
             let [shape, colour] =
                 [0, 1].map(|half| DistanceMatrix::new(&of_queries[half], &of_database[half]));
             for w in places {
-                let weight = GENES[GeneKind::ShapeWeight as usize].value(weights[w]);
+                let weight = GeneKind::ShapeWeight.spec().value(weights[w]);
                 let found = recognise_from(
                     queries.clouds.len(),
                     &[(&shape, weight), (&colour, 1.0 - weight)],
@@ -180,7 +180,7 @@ static HOUSEHOLD: LazyLock<Option<Household>> = LazyLock::new(|| {
 impl Household {
     /// The values of every gene, in ticks.
     fn values(&self) -> [Vec<u32>; 5] {
-        GENES.each_ref().map(|spec| self.table.domain(spec.kind).unwrap().values().collect())
+        GeneKind::ALL.map(|kind| self.table.domain(kind).unwrap().values().collect())
     }
 }
 

@@ -6,6 +6,7 @@
 //! - `circles`: no file imports another in a circle
 //! - `comparisons`: descriptors on the test clouds of a run
 //! - `determinism`: one digest, whatever the workers do
+//! - `families`: another family than the paper's
 //! - `remembering`: caches and what is kept from run to run
 //! - `resuming`: coordinators that are killed and started again
 //! - `sessions`: bring-up, waiting and deadline of every command
@@ -34,6 +35,7 @@ mod circles;
 mod comparisons;
 mod determinism;
 mod exhaust;
+mod families;
 mod grid;
 mod hill_climbing;
 mod hosts;

@@ -210,11 +210,12 @@ fn improve_remembered_counts(cache: &str) -> usize {
             (0..32).map(|byte| u8::from_str_radix(&name[2 * byte..2 * byte + 2], 16).unwrap()).collect();
         let key = Digest::try_from(&bytes[..]).unwrap();
         let mut payload = store.get_local("remembered counts", key).unwrap();
-        // Magic (8 bytes) and queries (4); in a record of 28 bytes the counts are the last two numbers.
+        // Magic (8 bytes) and queries (4); a record has the length of a descriptor, its 22 bytes, and two counts.
         let queries: [u8; 4] = payload[8..12].try_into().unwrap();
-        for record in payload[12..].chunks_exact_mut(28) {
-            record[20..24].copy_from_slice(&queries);
-            record[24..28].copy_from_slice(&queries);
+        for record in payload[12..].chunks_exact_mut(31) {
+            assert_eq!(record[0], 22);
+            record[23..27].copy_from_slice(&queries);
+            record[27..31].copy_from_slice(&queries);
             improved += 1;
         }
         store.put_local("remembered counts", key, &payload);

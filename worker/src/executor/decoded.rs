@@ -98,7 +98,7 @@ fn radii(cell: &GridCell, space: &SearchSpace) -> Result<[u32; 2], InvalidTask> 
 
 #[cfg(test)]
 mod tests {
-    use descriptor::genes::Domain;
+    use descriptor::Domain;
     use descriptor::grid::cell_to_bytes;
     use descriptor::{FixedDescriptor, FixedKind, GeneTable, GlobalHue, Parameters, Preprocess};
     use proto::task::{Description, Evaluation};
@@ -162,7 +162,7 @@ mod tests {
             let error = cell(&paper, radii_um, descriptors).unwrap_err();
             assert!(error.contains(expected), "{error}");
         }
-        let mut domains = GENES.each_ref().map(|gene| *paper.domain(gene.kind).unwrap());
+        let mut domains = GeneKind::ALL.map(|gene| *paper.domain(gene).unwrap());
         domains[0] = Domain { low: 2, step: 1, count: 511 };
         domains[4] = Domain { low: 0, step: 1, count: 65_536 };
         let large = GeneTable::new(domains, true).unwrap();

@@ -67,8 +67,7 @@ impl PreparationCache {
 
     /// The name of a cloud's entry in the store; `None` of clouds that are prepared anew each time.
     pub fn entry_key(&self, cloud: Digest) -> Option<Digest> {
-        let quantiser = self.preparer.quantiser()?;
-        Some(prepared_cloud_key(&self.preparation.preprocess, quantiser, cloud))
+        prepared_cloud_key(&self.preparation.preprocess, &self.preparer, cloud)
     }
 
     /// The clouds in memory.

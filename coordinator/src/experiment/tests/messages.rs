@@ -151,7 +151,7 @@ fn keys() {
               did you mean `seed`? known keys here: version, name, seed, dataset, preprocess, descriptor, search, ga, stop, coordinator, results, sweep
             [descriptor.genes]\nr1 = 1.0
               descriptor.genes: unknown key, got `r1`
-              did you mean `R1`? known keys here: shape_bins, m, R1, R2, w
+              did you mean `R1`? known keys here: shape_bins, m, R1, R2, w, bins
             [descriptor.genes]\nR1 = { mni = 1.0 }
               descriptor.genes.R1: unknown key, got `mni`
               did you mean `min`? known keys here: min, max, step

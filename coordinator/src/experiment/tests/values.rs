@@ -221,10 +221,10 @@ fn genes() {
         expect![[r#"
             descriptor.genes.shape_bins = { min = 64, max = 8 }
               descriptor.genes.shape_bins: min above max, got min = 64, max = 8
-              write min below max; what is not written is the paper's
+              write min below max; what is not written has its default
             descriptor.genes.shape_bins = { min = 65 }
               descriptor.genes.shape_bins: min above max, got min = 65, max = 64
-              write min below max; what is not written is the paper's
+              write min below max; what is not written has its default
             descriptor.genes.m = { step = 0 }
               descriptor.genes.m.step: not above 0, got 0
               write a step such as 1, or a fixed value `m = …`
@@ -276,6 +276,40 @@ fn genes() {
             [descriptor.genes]\nR1 = 1.3\nR2 = 1.3
               descriptor.genes.R2: every value must be larger than every value of R1, got R1 up to 1.3 cm and R2 from 1.3 cm
               raise R2's min or lower R1's max
+        "#]],
+    );
+}
+
+#[test]
+fn families() {
+    check(
+        &[
+            "descriptor.family = 'shotcolor'",
+            "descriptor.family = 'disk-rings'",
+            "descriptor.genes.bins = 5",
+            "descriptor.family = 'global-hue'\ndescriptor.genes.R1 = 1.0",
+            "descriptor.family = 'global-hue'\ndescriptor.genes.bins = 65",
+            "descriptor.family = 'global-hue'\ndescriptor.colour = false",
+        ],
+        expect![[r#"
+            descriptor.family = \'shotcolor\'
+              descriptor.family: unknown word, got 'shotcolor'
+              known words here: disk-ring, global-hue
+            descriptor.family = \'disk-rings\'
+              descriptor.family: unknown word, got 'disk-rings'
+              did you mean `disk-ring`? known words here: disk-ring, global-hue
+            descriptor.genes.bins = 5
+              descriptor.genes: no gene of family disk-ring, got `bins`
+              its genes: shape_bins, m, R1, R2, w
+            descriptor.family = \'global-hue\'\ndescriptor.genes.R1 = 1.0
+              descriptor.genes: no gene of family global-hue, got `R1`
+              its genes: bins
+            descriptor.family = \'global-hue\'\ndescriptor.genes.bins = 65
+              descriptor.genes.bins: not between 2 and 64, got 65
+              choose the bins of the histogram of hue inside these limits
+            descriptor.family = \'global-hue\'\ndescriptor.colour = false
+              descriptor.family global-hue: needs colours, got none
+              set colour = true, or choose disk-ring
         "#]],
     );
 }

@@ -4,7 +4,7 @@ use proptest::prelude::*;
 use rand::RngExt;
 
 use super::*;
-use crate::disk_ring::genes::Domain;
+use crate::Domain;
 use crate::random::stream;
 use crate::signature::{Signature, Signatures};
 use crate::testing::sheet;

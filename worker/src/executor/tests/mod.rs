@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
 
 use cache::Storage;
-use descriptor::genes::Domain;
+use descriptor::Domain;
 use descriptor::grid::cell_to_bytes;
 use descriptor::{
     EVALUATION_VERSION, FixedDescriptor, FixedKind, GeneTable, GlobalHue, Parameters, PreparedCloud,
@@ -427,7 +427,7 @@ async fn descriptors_of_other_families_are_evaluated_by_the_same_tasks() {
     let kept = self::executor(&archive, LARGE, &store(Some(cache.path().to_owned())));
     let fixed = |kind| Descriptor::Fixed(FixedDescriptor { kind, radius_um: 30_000 });
     let hue = |bins| Descriptor::GlobalHue(GlobalHue::new(bins).unwrap());
-    let space = SearchSpace::GlobalHue(GlobalHue::SPACE);
+    let space = SearchSpace::GlobalHue(Domain { low: 2, step: 1, count: 63 });
     for (descriptor, space) in [
         (hue(7), space.clone()),
         (hue(30), space),
@@ -482,7 +482,7 @@ async fn a_descriptor_outside_the_search_space_is_refused() {
         let outside = matches!(refused, Err(EvaluationError::Invalid(InvalidTask::OutsideSpace { .. })));
         assert!(outside, "{refused:?}");
     }
-    let space = SearchSpace::GlobalHue(GlobalHue::SPACE);
+    let space = SearchSpace::GlobalHue(Domain { low: 2, step: 1, count: 63 });
     let preparation = Preparation { preprocess: Preprocess::default(), space };
     let subject = subject(&preparation, cell_to_bytes([15_000, 40_000]));
     let ([query, database], descriptors) = (splits(&archive, true), 30);

@@ -1,0 +1,93 @@
+//! A single cloud under a single descriptor, once its keypoints and normals are there: the path of whoever evaluates one
+//! descriptor, measures its stages, or recognises clouds as they come.
+
+use crate::descriptor::Descriptor;
+use crate::disk_ring::{Binning, QuantiseError, QuantisedCloud, Quantiser};
+use crate::fixed::{DescribeError, FixedDescriptor};
+use crate::gene::GeneError;
+use crate::global_hue::GlobalHue;
+use crate::keypoints::Keypoints;
+use crate::prepare::Normals;
+use crate::prepare_error::PrepareError;
+use crate::signature::Signature;
+use crate::{Cloud, GeneTable};
+
+/// What matching needs of a cloud.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Described {
+    /// One for each of the descriptor's channels.
+    pub signatures: Vec<Signature>,
+    /// How many keypoints they are made of.
+    pub keypoints: usize,
+}
+
+/// Describes clouds under one descriptor. The signatures are those that a [`Channel`](crate::Channel) makes of prepared
+/// clouds, bit for bit.
+#[derive(Clone, Debug)]
+pub struct Describer {
+    form: Form,
+}
+
+#[derive(Clone, Debug)]
+enum Form {
+    DiskRing(Box<(Quantiser, Binning)>),
+    Fixed(FixedDescriptor),
+    GlobalHue(GlobalHue),
+}
+
+/// Why there is no describer.
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
+pub enum DescriberError {
+    /// No experiment may use the descriptor.
+    #[error(transparent)]
+    Genes(#[from] GeneError),
+    /// Its search space has too many values.
+    #[error(transparent)]
+    Quantise(#[from] QuantiseError),
+}
+
+impl Describer {
+    /// For a descriptor.
+    ///
+    /// # Errors
+    /// If no experiment may use the descriptor.
+    pub fn new(descriptor: &Descriptor) -> Result<Self, DescriberError> {
+        let form = match descriptor {
+            Descriptor::DiskRing(parameters) => {
+                let quantiser = Quantiser::new(&GeneTable::single(parameters)?)?;
+                let binning = quantiser.binning(parameters)?;
+                Form::DiskRing(Box::new((quantiser, binning)))
+            }
+            Descriptor::Fixed(fixed) => Form::Fixed(*fixed),
+            Descriptor::GlobalHue(hue) => Form::GlobalHue(*hue),
+        };
+        Ok(Self { form })
+    }
+
+    /// The signatures of a cloud in metres.
+    ///
+    /// # Errors
+    /// If the cloud takes no part, or the descriptor says nothing about it.
+    pub fn describe(
+        &self,
+        cloud: &Cloud,
+        keypoints: &Keypoints,
+        normals: &Normals,
+    ) -> Result<Described, DescribeError> {
+        match &self.form {
+            Form::DiskRing(form) => {
+                let (quantiser, binning) = &**form;
+                let cloud = QuantisedCloud::describe(cloud, keypoints, normals, quantiser)?;
+                Ok(Described { signatures: binning.signature(&cloud).into(), keypoints: cloud.keypoints() })
+            }
+            Form::Fixed(fixed) => {
+                let histograms = fixed.describe(cloud, keypoints, normals)?;
+                Ok(Described { signatures: vec![histograms.signature()], keypoints: histograms.rows().len() })
+            }
+            Form::GlobalHue(hue) => {
+                let colours = cloud.colours.as_ref().ok_or(PrepareError::NoColours)?;
+                Ok(Described { signatures: vec![hue.signature(colours)], keypoints: keypoints.points.len() })
+            }
+        }
+    }
+}
