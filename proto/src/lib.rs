@@ -6,6 +6,8 @@ mod ids;
 mod join;
 mod message;
 pub mod task;
+#[cfg(feature = "services")]
+pub mod tls;
 
 pub use ids::{Digest, Fingerprint, InvalidFingerprint, InvalidId, JobId, Lease, SessionId, WorkerId};
 pub use join::{DEFAULT_PORT, InvalidJoinAddress, InvalidToken, JoinAddress, Token, Trust};

@@ -19,7 +19,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 11] = [
     ("worker", &["cache", "proto", "descriptor"]),
     ("coordinator/evolution", &["descriptor"]),
     ("coordinator/cluster", &["atomic", "cache", "proto", "descriptor"]),
-    ("coordinator/transport", &["atomic", "proto", "cluster", "worker"]),
+    ("coordinator/transport", &["atomic", "proto", "cluster"]),
     (
         "coordinator",
         &["atomic", "cache", "proto", "descriptor", "results", "worker", "cluster", "evolution", "transport"],
@@ -170,6 +170,10 @@ fn workers_link_no_polars_and_nobody_links_an_http_client_or_a_second_tls() {
     let cluster = linked("cluster");
     for foreign in ["tonic", "descriptor", "worker"] {
         assert!(!cluster.contains(foreign), "cluster must not link {foreign}");
+    }
+    let transport = linked("transport");
+    for foreign in ["descriptor", "worker"] {
+        assert!(!transport.contains(foreign), "transport must not link {foreign}");
     }
     let descriptor = linked("descriptor");
     for impure in ["tokio", "tonic", "prost", "polars"] {
