@@ -5,6 +5,7 @@ use std::path::Path;
 use std::time::{Duration, SystemTime};
 
 use prost::Message as _;
+use proto::journal::AcceptedResult;
 use proto::task::{EvaluationResult, TaskResult};
 use proto::{JobId, SessionId, WorkerId, v2};
 
@@ -42,7 +43,7 @@ pub fn fetch(bytes: &[u8]) -> bool {
 
 /// An answer as a journal keeps it; what is accepted is written again as it was read.
 pub fn journal_answer(bytes: &[u8]) -> bool {
-    journal::reads_answer(JobId(1), bytes)
+    AcceptedResult::decode(bytes).is_some()
 }
 
 /// The header of a journal.
@@ -63,19 +64,11 @@ pub fn sample_journal(path: &Path) -> Option<Vec<u8>> {
     let result = EvaluationResult { queries: 9, object_correct: 5, category_correct: 6, matches: vec![] };
     let result = TaskResult::Evaluation(result);
     let (worker, queued) = ("rack".to_owned(), Duration::from_secs(1));
-    let answer = journal::Accepted {
-        job: JobId(1),
-        result,
-        worker_id: WorkerId([1; 16]),
-        worker,
-        attempt: 1,
-        queued,
-        run_seconds: 0.5,
-        settled: true,
-    };
+    let answer =
+        AcceptedResult { result, worker_id: WorkerId([1; 16]), worker, attempt: 1, queued, run_seconds: 0.5 };
     journal::JournalFile::create(path, &header).ok()?;
     let (file, ..) = journal::JournalFile::open(path).ok()?;
-    file.commit(&[journal::Entry::Accepted(Box::new(answer))]).ok()?;
+    file.commit(&[journal::Entry::Accepted(JobId(1), Box::new(answer))]).ok()?;
     drop(file);
     std::fs::read(path).ok()
 }

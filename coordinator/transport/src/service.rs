@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use proto::v2::coordinator_server::{Coordinator, CoordinatorServer};
-use proto::{Digest, MAX_MESSAGE_BYTES, MAX_NAME_BYTES, PROTOCOL_MAJOR, WorkerId, v1, v2};
+use proto::{Digest, Introduction, MAX_MESSAGE_BYTES, MAX_NAME_BYTES, PROTOCOL_MAJOR, WorkerId, v1, v2};
 use tokio::sync::Semaphore;
 use tonic::{Request, Response, Status};
 
@@ -12,7 +12,7 @@ use crate::connection::Connection;
 use crate::wire;
 use cluster::Cluster;
 use cluster::blobs::BlobError;
-use cluster::scheduler::{Introduction, PollRefusal, RegisterRefusal};
+use cluster::scheduler::{PollRefusal, RegisterRefusal};
 
 /// See [`Service::blobs`].
 const BLOBS_AT_ONCE: usize = 64;
