@@ -4,14 +4,12 @@
 use std::path::Path;
 use std::time::{Duration, SystemTime};
 
-use prost::Message as _;
 use proto::journal::AcceptedResult;
 use proto::task::{EvaluationResult, TaskResult};
-use proto::{JobId, SessionId, WorkerId, v2};
+use proto::{JobId, SessionId, WorkerId};
 
 use crate::experiment::{Experiment, Overrides};
 use cluster::journal;
-use transport::wire;
 
 /// An experiment as TOML.
 pub fn experiment(text: &str) -> bool {
@@ -30,15 +28,12 @@ pub fn sample_artefact_settings() -> String {
 
 /// A poll of a worker.
 pub fn poll(bytes: &[u8]) -> bool {
-    v2::PollRequest::decode(bytes).is_ok_and(|request| wire::poll(request).is_ok())
+    transport::reads_poll(bytes)
 }
 
 /// What a worker fetches by.
 pub fn fetch(bytes: &[u8]) -> bool {
-    let blob = v2::FetchBlobRequest::decode(bytes).is_ok_and(|request| wire::blob_digest(&request).is_ok());
-    let entry =
-        v2::FetchDerivedRequest::decode(bytes).is_ok_and(|request| wire::derived_key(&request).is_ok());
-    blob || entry
+    transport::reads_fetch(bytes)
 }
 
 /// An answer as a journal keeps it; what is accepted is written again as it was read.

@@ -7,6 +7,7 @@ use std::process::Command;
 use serde_json::Value;
 use toml::Table;
 
+use crate::circles::{tokens, without_tests};
 use crate::experiments::repository;
 
 /// Which crate of the workspace may depend on which (DESIGN 2).
@@ -150,6 +151,26 @@ fn crates_depend_only_downwards() {
         }
         assert_eq!(manifest["lints"]["workspace"].as_bool(), Some(true), "{name}: lints.workspace = true");
     }
+}
+
+/// What changes with the protocol is changed in one place of each program.
+#[test]
+fn one_file_a_side_names_generated_types() {
+    let sides = ["coordinator/", "worker/"];
+    let is_production = |file: &str| {
+        sides.iter().any(|side| file.starts_with(side)) && file.contains("/src/") && !file.contains("/tests")
+    };
+    let names_them = |file: &str| {
+        let tokens = without_tests(&tokens(&read(file)));
+        tokens.iter().any(|token| ["v1", "v2"].contains(&token.as_str()))
+    };
+    let files = sources();
+    let found = files.iter().map(String::as_str).filter(|file| is_production(file) && names_them(file));
+    assert_eq!(
+        found.collect::<Vec<_>>(),
+        ["coordinator/transport/src/wire.rs", "worker/src/wire.rs"],
+        "only these name `proto::v1` or `proto::v2`: let them convert to types of the program's own, and back"
+    );
 }
 
 /// Names of the packages that a crate links, tests aside.
