@@ -4,13 +4,12 @@
 use std::path::Path;
 use std::time::{Duration, SystemTime};
 
-use prost::Message as _;
+use proto::journal::AcceptedResult;
 use proto::task::{EvaluationResult, TaskResult};
-use proto::{JobId, SessionId, WorkerId, v2};
+use proto::{JobId, SessionId, WorkerId};
 
 use crate::experiment::{Experiment, Overrides};
 use cluster::journal;
-use transport::wire;
 
 /// An experiment as TOML.
 pub fn experiment(text: &str) -> bool {
@@ -29,20 +28,17 @@ pub fn sample_artefact_settings() -> String {
 
 /// A poll of a worker.
 pub fn poll(bytes: &[u8]) -> bool {
-    v2::PollRequest::decode(bytes).is_ok_and(|request| wire::poll(request).is_ok())
+    transport::reads_poll(bytes)
 }
 
 /// What a worker fetches by.
 pub fn fetch(bytes: &[u8]) -> bool {
-    let blob = v2::FetchBlobRequest::decode(bytes).is_ok_and(|request| wire::blob_digest(&request).is_ok());
-    let entry =
-        v2::FetchDerivedRequest::decode(bytes).is_ok_and(|request| wire::derived_key(&request).is_ok());
-    blob || entry
+    transport::reads_fetch(bytes)
 }
 
 /// An answer as a journal keeps it; what is accepted is written again as it was read.
 pub fn journal_answer(bytes: &[u8]) -> bool {
-    journal::reads_answer(JobId(1), bytes)
+    AcceptedResult::decode(bytes).is_some()
 }
 
 /// The header of a journal.
@@ -63,19 +59,11 @@ pub fn sample_journal(path: &Path) -> Option<Vec<u8>> {
     let result = EvaluationResult { queries: 9, object_correct: 5, category_correct: 6, matches: vec![] };
     let result = TaskResult::Evaluation(result);
     let (worker, queued) = ("rack".to_owned(), Duration::from_secs(1));
-    let answer = journal::Accepted {
-        job: JobId(1),
-        result,
-        worker_id: WorkerId([1; 16]),
-        worker,
-        attempt: 1,
-        queued,
-        run_seconds: 0.5,
-        settled: true,
-    };
+    let answer =
+        AcceptedResult { result, worker_id: WorkerId([1; 16]), worker, attempt: 1, queued, run_seconds: 0.5 };
     journal::JournalFile::create(path, &header).ok()?;
     let (file, ..) = journal::JournalFile::open(path).ok()?;
-    file.commit(&[journal::Entry::Accepted(Box::new(answer))]).ok()?;
+    file.commit(&[journal::Entry::Accepted(JobId(1), Box::new(answer))]).ok()?;
     drop(file);
     std::fs::read(path).ok()
 }

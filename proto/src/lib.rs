@@ -3,11 +3,16 @@
 //! `descry/v2/coordinator.proto` and `descry/v2/task.proto` are the manual.
 
 mod ids;
+mod introduction;
 mod join;
+pub mod journal;
 mod message;
 pub mod task;
+#[cfg(feature = "services")]
+pub mod tls;
 
 pub use ids::{Digest, Fingerprint, InvalidFingerprint, InvalidId, JobId, Lease, SessionId, WorkerId};
+pub use introduction::Introduction;
 pub use join::{DEFAULT_PORT, InvalidJoinAddress, InvalidToken, JoinAddress, Token, Trust};
 pub use message::Message;
 

@@ -2,8 +2,7 @@
 //! and must not panic, hang or allocate what its input merely claims to need.
 
 use cache::Store;
-use prost::Message as _;
-use proto::{Digest, v2};
+use proto::Digest;
 
 use crate::executor::decoded::Decoded;
 use crate::executor::manifest::Manifest;
@@ -12,8 +11,8 @@ use crate::wire::{self, Job};
 
 /// A reply to a poll, with the jobs in it.
 pub fn reply(bytes: &[u8]) -> bool {
-    let Ok(reply) = v2::PollReply::decode(bytes) else { return false };
-    let (reply, mut slots) = (wire::reply(reply), JobSlots::new(1));
+    let Some(reply) = wire::decode_reply(bytes) else { return false };
+    let mut slots = JobSlots::new(1);
     slots.absorb(reply.clone());
     let sound = |job: &Job| job.task.as_ref().is_ok_and(|task| Decoded::new(task).is_ok());
     reply.jobs.iter().any(sound)

@@ -14,7 +14,7 @@ mod link;
 mod prepared_cloud;
 mod run;
 mod session;
-pub mod tls;
+mod tls;
 mod wire;
 
 pub use identity::{BUILD, Identity};

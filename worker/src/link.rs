@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use hyper_util::rt::TokioIo;
+use proto::tls::TlsFilesError;
 use proto::{JoinAddress, Token};
 use rustls::pki_types::ServerName;
 use tokio::io::{AsyncRead, AsyncWrite};
@@ -19,7 +20,7 @@ use tonic::transport::{Channel, Endpoint};
 use tonic::{Code, Request, Status};
 use tower::service_fn;
 
-use crate::tls::{self, TlsFilesError};
+use crate::tls;
 
 /// A connection that is made when it is needed and made again when it is lost.
 pub type Link = InterceptedService<Channel, Credentials>;

@@ -2,6 +2,7 @@
 
 use std::time::Duration;
 
+use prost::Message as _;
 use proto::task::{InvalidMessage, Report, Task};
 use proto::v2::coordinator_client::CoordinatorClient;
 use proto::v2::register_reply::Outcome;
@@ -142,7 +143,7 @@ impl Client {
 }
 
 /// What a reply says. A job without a lease cannot be reported: it is as good as not sent.
-pub fn reply(message: v2::PollReply) -> Reply {
+fn reply(message: v2::PollReply) -> Reply {
     let leases = |leases: Vec<v2::Lease>| leases.into_iter().map(Lease::from).collect();
     let job = |job: v2::Job| {
         let task = job.task.ok_or(InvalidMessage::Missing("job: task")).and_then(Task::try_from);
@@ -153,6 +154,11 @@ pub fn reply(message: v2::PollReply) -> Reply {
         revoked: leases(message.revoked),
         jobs: message.jobs.into_iter().filter_map(job).collect(),
     }
+}
+
+/// What bytes say as the reply to a poll; `None` if they are none.
+pub fn decode_reply(bytes: &[u8]) -> Option<Reply> {
+    v2::PollReply::decode(bytes).ok().map(reply)
 }
 
 /// All bytes of a stream; `None` if there are more than `most`.

@@ -124,7 +124,8 @@ mod tests {
     use std::sync::Arc;
     use std::time::Duration;
 
-    use cluster::events::{AttemptEnd, EventLog, Introduction};
+    use cluster::events::{AttemptEnd, EventLog};
+    use proto::Introduction;
     use proto::JobId;
 
     use super::*;

@@ -4,7 +4,7 @@ use std::pin::Pin;
 use std::task::{Context, Poll};
 use std::time::Duration;
 
-use proto::{BLOB_CHUNK_BYTES, v2};
+use proto::BLOB_CHUNK_BYTES;
 use tokio::sync::mpsc;
 use tokio_stream::Stream;
 use tonic::Status;
@@ -14,7 +14,7 @@ const READ_TIMEOUT: Duration = Duration::from_secs(120);
 
 /// The chunks of one blob.
 pub struct BlobStream {
-    receiver: mpsc::Receiver<v2::BlobChunk>,
+    receiver: mpsc::Receiver<Vec<u8>>,
     missing: usize,
 }
 
@@ -26,12 +26,12 @@ impl BlobStream {
 
     fn with_timeout(bytes: Vec<u8>, permits: impl Send + 'static, timeout: Duration) -> Self {
         let missing = bytes.len().div_ceil(BLOB_CHUNK_BYTES);
-        // BlobStream are cut when they are wanted: a slow reader holds one blob, not two.
+        // Chunks are cut when they are wanted: a slow reader holds one blob, not two.
         let (sender, receiver) = mpsc::channel(1);
         tokio::spawn(async move {
             let _held_until_sent = permits;
             for chunk in bytes.chunks(BLOB_CHUNK_BYTES) {
-                let sent = sender.send(v2::BlobChunk { data: chunk.to_vec() });
+                let sent = sender.send(chunk.to_vec());
                 if !matches!(tokio::time::timeout(timeout, sent).await, Ok(Ok(()))) {
                     return;
                 }
@@ -42,7 +42,7 @@ impl BlobStream {
 }
 
 impl Stream for BlobStream {
-    type Item = Result<v2::BlobChunk, Status>;
+    type Item = Result<Vec<u8>, Status>;
 
     fn poll_next(mut self: Pin<&mut Self>, context: &mut Context<'_>) -> Poll<Option<Self::Item>> {
         if self.missing == 0 {
@@ -70,7 +70,7 @@ mod tests {
         let bytes: Vec<u8> = (0..5 * BLOB_CHUNK_BYTES + 7).map(|index| index as u8).collect();
         let permit = async || Arc::clone(&permits).acquire_owned().await.unwrap();
         let chunks = BlobStream::of(bytes.clone(), permit().await);
-        let read: Vec<u8> = chunks.map(|chunk| chunk.unwrap().data).collect::<Vec<_>>().await.concat();
+        let read: Vec<u8> = chunks.map(|chunk| chunk.unwrap()).collect::<Vec<_>>().await.concat();
         assert!(read == bytes);
         assert!(BlobStream::of(vec![], permit().await).next().await.is_none());
 

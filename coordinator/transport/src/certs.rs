@@ -12,12 +12,12 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use atomic::{Access, NewFolder};
+use proto::tls::{CERTIFICATE_FILE, KEY_FILE, TlsFilesError, fingerprint, read_certificates};
 use proto::{JoinAddress, Token, Trust};
 use rcgen::{
     BasicConstraints, CertificateParams, DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyPair,
     KeyUsagePurpose,
 };
-use worker::tls::{CERTIFICATE_FILE, KEY_FILE, TlsFilesError, fingerprint, read_certificates};
 
 /// The CA's certificate.
 pub const CA_FILE: &str = "ca.pem";

@@ -61,6 +61,9 @@ struct Usage {
     workers: BTreeSet<WorkerId>,
 }
 
+/// The connection over which a call came; none from workers of this process.
+pub type Caller = Option<Arc<Connection>>;
+
 impl Connection {
     /// A connection without calls yet.
     pub fn new(

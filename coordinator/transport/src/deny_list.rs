@@ -5,8 +5,8 @@ use std::fs::File;
 use std::io::{self, Read as _};
 use std::path::{Path, PathBuf};
 
+use proto::tls::{CERTIFICATE_FILE, fingerprint, read_certificates};
 use proto::{Fingerprint, Message};
-use worker::tls::{CERTIFICATE_FILE, fingerprint, read_certificates};
 
 use crate::certs::{WORKERS_FOLDER, is_worker_name};
 

@@ -13,12 +13,14 @@ mod refusals;
 mod server;
 mod service;
 mod tls;
-pub mod wire;
+mod wire;
 
 pub use listen_error::ListenError;
 pub use listener::{Listener, Protection};
 pub use server::Servers;
 pub use service::{DerivedEntries, Release};
+#[doc(hidden)]
+pub use wire::{reads_fetch, reads_poll};
 
 /// This machine's name.
 pub fn host_name() -> String {

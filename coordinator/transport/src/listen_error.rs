@@ -4,7 +4,7 @@ use std::io;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use worker::tls::TlsFilesError;
+use proto::tls::TlsFilesError;
 
 use crate::certs::CertsError;
 

@@ -5,8 +5,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use hyper_util::rt::TokioIo;
-use proto::v1;
-use proto::v2::coordinator_server::CoordinatorServer;
 use tokio::io::DuplexStream;
 use tokio::sync::mpsc;
 use tokio::task::JoinSet;
@@ -16,7 +14,8 @@ use tower::service_fn;
 
 use crate::auth_layer::AuthLayer;
 use crate::listener::{Accepting, Listener};
-use crate::service::{DerivedEntries, RefusalOfV1, Release, Service};
+use crate::service::{DerivedEntries, Release, Service};
+use crate::wire::{self, Rpc};
 use cluster::Cluster;
 
 /// Bytes on their way between the two ends of an in-process connection.
@@ -44,17 +43,16 @@ impl Servers {
     /// Serves remote workers, health probes and reflection.
     pub async fn serve(&mut self, listener: Listener) {
         let (health, health_service) = tonic_health::server::health_reporter();
-        health.set_serving::<CoordinatorServer<Service>>().await;
+        health.set_serving::<Rpc>().await;
         let reflection = tonic_reflection::server::Builder::configure()
             .register_encoded_file_descriptor_set(proto::FILE_DESCRIPTOR_SET)
             .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
             .build_v1();
         let Accepting { connections, access, run } = listener.accept(Arc::clone(&self.cluster));
-        let refusal = v1::coordinator_server::CoordinatorServer::new(RefusalOfV1(self.release));
         let mut router = server()
             .layer(AuthLayer(access))
             .add_service(self.service(false))
-            .add_service(refusal)
+            .add_service(wire::refusal_of_v1(self.release))
             .add_service(health_service);
         match reflection {
             Ok(service) => router = router.add_service(service),
@@ -82,9 +80,9 @@ impl Servers {
         }))
     }
 
-    fn service(&self, in_process: bool) -> CoordinatorServer<Service> {
+    fn service(&self, in_process: bool) -> Rpc {
         let (cluster, derived) = (Arc::clone(&self.cluster), Arc::clone(&self.derived));
-        Service::server(cluster, (self.release, derived), in_process)
+        wire::rpc(Service::new(cluster, (self.release, derived), in_process))
     }
 
     fn spawn(&mut self, server: impl Future<Output = Result<(), tonic::transport::Error>> + Send + 'static) {

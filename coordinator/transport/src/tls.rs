@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use proto::JoinAddress;
+use proto::tls::{ALPN, CERTIFICATE_FILE, fingerprint, read_certificates, read_identity};
 use rustls::client::verify_server_cert_signed_by_trust_anchor;
 use rustls::crypto::CryptoProvider;
 use rustls::pki_types::{CertificateDer, UnixTime};
@@ -13,7 +14,6 @@ use rustls::{RootCertStore, ServerConfig};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::TcpStream;
 use tokio_rustls::TlsAcceptor;
-use worker::tls::{ALPN, CERTIFICATE_FILE, fingerprint, read_certificates, read_identity};
 
 use crate::access::{AccessControl, Requirement};
 use crate::certs::{self, CA_FILE, JOIN_FILE};

@@ -1,32 +1,110 @@
-//! From messages to the coordinator's own types and back: beside the service the only file here that knows both.
+//! The gRPC service: messages become the coordinator's own types and back. The only file here that knows wire types.
 
 use std::sync::Arc;
 
-use cluster::scheduler::{Answer, Poll};
-use proto::task::{Report, Task};
-use proto::{Digest, Lease, MAX_POLL_ITEMS, SessionId, WorkerId, v2};
-use tonic::Status;
+use prost::Message as _;
+use proto::task::{InvalidMessage, Report, Task};
+use proto::v2::coordinator_server::{Coordinator, CoordinatorServer};
+use proto::v2::register_reply::Outcome;
+use proto::{Digest, InvalidId, Lease, MAX_MESSAGE_BYTES, MAX_POLL_ITEMS, SessionId, WorkerId, v1, v2};
+use tokio_stream::StreamExt as _;
+use tokio_stream::adapters::Map;
+use tonic::{Request, Response, Status};
 
-/// A reply to a poll.
-pub fn reply(answer: Answer) -> v2::PollReply {
-    let job = |(lease, task): (Lease, Arc<Task>)| v2::Job {
-        lease: Some(lease.into()),
-        task: Some(v2::Task::from(&*task)),
-    };
-    v2::PollReply {
-        acknowledged: answer.acknowledged.into_iter().map(Into::into).collect(),
-        revoked: answer.revoked.into_iter().map(Into::into).collect(),
-        jobs: answer.jobs.into_iter().map(job).collect(),
+use crate::blob_stream::BlobStream;
+use crate::connection::Caller;
+use crate::service::{Accepted, Refusal, Registration, Release, Service};
+use cluster::scheduler::{Answer, Poll};
+
+/// What a call is answered with.
+type Answered<T> = Result<Response<T>, Status>;
+
+/// The service as a server takes it.
+pub type Rpc = CoordinatorServer<Service>;
+
+/// A service, ready to be added to a server.
+pub fn rpc(service: Service) -> Rpc {
+    CoordinatorServer::new(service)
+        .max_decoding_message_size(MAX_MESSAGE_BYTES)
+        .max_encoding_message_size(MAX_MESSAGE_BYTES)
+}
+
+/// What answers workers of version 1 of the protocol, which cannot call the service of this one.
+pub fn refusal_of_v1(release: Release) -> v1::coordinator_server::CoordinatorServer<Release> {
+    v1::coordinator_server::CoordinatorServer::new(release)
+}
+
+#[tonic::async_trait]
+impl v1::coordinator_server::Coordinator for Release {
+    async fn register(&self, _: Request<v1::RegisterRequest>) -> Answered<v1::RegisterReply> {
+        let message = Refusal::ProtocolVersion { got: 1, release: *self }.to_string();
+        let refused = v1::Refused { reason: v1::RefusalReason::ProtocolVersion.into(), message };
+        Ok(Response::new(v1::RegisterReply { outcome: Some(v1::register_reply::Outcome::Refused(refused)) }))
     }
 }
 
+#[tonic::async_trait]
+impl Coordinator for Service {
+    type FetchBlobStream = BlobChunks;
+    type FetchDerivedStream = BlobChunks;
+
+    async fn register(&self, request: Request<v2::RegisterRequest>) -> Answered<v2::RegisterReply> {
+        let (caller, request) = opened(request);
+        let worker = id(&request.worker_id)?;
+        let v2::RegisterRequest { protocol_major, evaluation_version, name, threads, build, .. } = request;
+        let registration = Registration { protocol_major, evaluation_version, worker, name, threads, build };
+        let outcome = match self.register(caller, registration) {
+            Ok(Accepted { name, session, heartbeat, hold }) => Outcome::Accepted(v2::Accepted {
+                name,
+                session_id: session.to_vec(),
+                heartbeat_milliseconds: heartbeat.as_millis() as u32,
+                hold_milliseconds: hold.as_millis() as u32,
+            }),
+            Err(refusal) => {
+                let reason = match refusal {
+                    Refusal::ProtocolVersion { .. } => v2::RefusalReason::ProtocolVersion,
+                    Refusal::EvaluationVersion { .. } => v2::RefusalReason::EvaluationVersion,
+                    Refusal::Unprintable => v2::RefusalReason::InvalidRequest,
+                    Refusal::Quarantined => v2::RefusalReason::Quarantined,
+                    Refusal::TooMany(status) => return Err(status),
+                };
+                Outcome::Refused(v2::Refused { reason: reason.into(), message: refusal.to_string() })
+            }
+        };
+        Ok(Response::new(v2::RegisterReply { outcome: Some(outcome) }))
+    }
+
+    async fn poll(&self, request: Request<v2::PollRequest>) -> Answered<v2::PollReply> {
+        let (caller, request) = opened(request);
+        let (worker, session, poll) = poll(request)?;
+        let answer = self.poll(caller, worker, session, poll).await?;
+        Ok(Response::new(reply(answer)))
+    }
+
+    async fn fetch_blob(&self, request: Request<v2::FetchBlobRequest>) -> Answered<BlobChunks> {
+        let (caller, request) = opened(request);
+        self.fetch_blob(caller, id(&request.digest)?).await.map(chunks)
+    }
+
+    async fn fetch_derived(&self, request: Request<v2::FetchDerivedRequest>) -> Answered<BlobChunks> {
+        let (caller, request) = opened(request);
+        let key = id(&request.key)?;
+        self.fetch_derived(caller, request.kind, key).await.map(chunks)
+    }
+}
+
+/// Who calls, and what is asked.
+fn opened<T>(request: Request<T>) -> (Caller, T) {
+    (request.extensions().get().cloned(), request.into_inner())
+}
+
 /// An id from the wire.
-pub fn id<T: for<'a> TryFrom<&'a [u8], Error = proto::InvalidId>>(bytes: &[u8]) -> Result<T, Status> {
+fn id<T: for<'a> TryFrom<&'a [u8], Error = InvalidId>>(bytes: &[u8]) -> Result<T, Status> {
     T::try_from(bytes).map_err(|error| Status::invalid_argument(error.to_string()))
 }
 
 /// Who polls in which session, and what it says.
-pub fn poll(request: v2::PollRequest) -> Result<(WorkerId, SessionId, Poll), Status> {
+fn poll(request: v2::PollRequest) -> Result<(WorkerId, SessionId, Poll), Status> {
     let worker = id(&request.worker_id)?;
     let session = id(&request.session_id)?;
     for (what, items) in [("held", request.held.len()), ("finished", request.finished.len())] {
@@ -36,7 +114,7 @@ pub fn poll(request: v2::PollRequest) -> Result<(WorkerId, SessionId, Poll), Sta
             )));
         }
     }
-    let invalid = |error: proto::task::InvalidMessage| Status::invalid_argument(error.to_string());
+    let invalid = |error: InvalidMessage| Status::invalid_argument(error.to_string());
     let reports = request.finished.into_iter().map(|report| Report::try_from(report).map_err(invalid));
     let poll = Poll {
         sequence: request.sequence,
@@ -48,12 +126,34 @@ pub fn poll(request: v2::PollRequest) -> Result<(WorkerId, SessionId, Poll), Sta
     Ok((worker, session, poll))
 }
 
-/// Kind and key of a derived entry that is asked for.
-pub fn derived_key(request: &v2::FetchDerivedRequest) -> Result<(&str, Digest), Status> {
-    Ok((&request.kind, id(&request.key)?))
+/// A reply to a poll.
+fn reply(answer: Answer) -> v2::PollReply {
+    let job = |(lease, task): (Lease, Arc<Task>)| v2::Job {
+        lease: Some(lease.into()),
+        task: Some(v2::Task::from(&*task)),
+    };
+    v2::PollReply {
+        acknowledged: answer.acknowledged.into_iter().map(Into::into).collect(),
+        revoked: answer.revoked.into_iter().map(Into::into).collect(),
+        jobs: answer.jobs.into_iter().map(job).collect(),
+    }
 }
 
-/// The digest a blob is asked for by.
-pub fn blob_digest(request: &v2::FetchBlobRequest) -> Result<Digest, Status> {
-    id(&request.digest)
+/// A blob as messages.
+type BlobChunks = Map<BlobStream, fn(Result<Vec<u8>, Status>) -> Result<v2::BlobChunk, Status>>;
+
+fn chunks(blob: BlobStream) -> Response<BlobChunks> {
+    Response::new(blob.map(|data| Ok(v2::BlobChunk { data: data? })))
+}
+
+/// Whether these bytes are a poll of a worker.
+pub fn reads_poll(bytes: &[u8]) -> bool {
+    v2::PollRequest::decode(bytes).is_ok_and(|request| poll(request).is_ok())
+}
+
+/// Whether these bytes ask for a blob or an entry.
+pub fn reads_fetch(bytes: &[u8]) -> bool {
+    let is_digest = |bytes: Vec<u8>| id::<Digest>(&bytes).is_ok();
+    v2::FetchBlobRequest::decode(bytes).is_ok_and(|request| is_digest(request.digest))
+        || v2::FetchDerivedRequest::decode(bytes).is_ok_and(|request| is_digest(request.key))
 }

@@ -16,7 +16,7 @@ struct Import {
 }
 
 /// Identifiers, `::` and single characters, without comments, strings and lifetimes.
-fn tokens(text: &str) -> Vec<String> {
+pub fn tokens(text: &str) -> Vec<String> {
     let chars: Vec<char> = text.chars().collect();
     let at = |index: usize| chars.get(index).copied().unwrap_or('\0');
     let is_word = |c: char| c.is_alphanumeric() || c == '_';
@@ -64,7 +64,7 @@ fn tokens(text: &str) -> Vec<String> {
 }
 
 /// Leaves out every item, or block, that is compiled for tests only.
-fn without_tests(tokens: &[String]) -> Vec<String> {
+pub fn without_tests(tokens: &[String]) -> Vec<String> {
     let is = |index: usize, text: &str| tokens.get(index).is_some_and(|token| token == text);
     let (mut kept, mut i) = (Vec::new(), 0);
     while i < tokens.len() {

@@ -7,6 +7,7 @@ use std::process::Command;
 use serde_json::Value;
 use toml::Table;
 
+use crate::circles::{tokens, without_tests};
 use crate::experiments::repository;
 
 /// Which crate of the workspace may depend on which (DESIGN 2).
@@ -19,7 +20,7 @@ const MAY_DEPEND_ON: [(&str, &[&str]); 11] = [
     ("worker", &["cache", "proto", "descriptor"]),
     ("coordinator/evolution", &["descriptor"]),
     ("coordinator/cluster", &["atomic", "cache", "proto", "descriptor"]),
-    ("coordinator/transport", &["atomic", "proto", "cluster", "worker"]),
+    ("coordinator/transport", &["atomic", "proto", "cluster"]),
     (
         "coordinator",
         &["atomic", "cache", "proto", "descriptor", "results", "worker", "cluster", "evolution", "transport"],
@@ -152,6 +153,26 @@ fn crates_depend_only_downwards() {
     }
 }
 
+/// What changes with the protocol is changed in one place of each program.
+#[test]
+fn one_file_a_side_names_generated_types() {
+    let sides = ["coordinator/", "worker/"];
+    let is_production = |file: &str| {
+        sides.iter().any(|side| file.starts_with(side)) && file.contains("/src/") && !file.contains("/tests")
+    };
+    let names_them = |file: &str| {
+        let tokens = without_tests(&tokens(&read(file)));
+        tokens.iter().any(|token| ["v1", "v2"].contains(&token.as_str()))
+    };
+    let files = sources();
+    let found = files.iter().map(String::as_str).filter(|file| is_production(file) && names_them(file));
+    assert_eq!(
+        found.collect::<Vec<_>>(),
+        ["coordinator/transport/src/wire.rs", "worker/src/wire.rs"],
+        "only these name `proto::v1` or `proto::v2`: let them convert to types of the program's own, and back"
+    );
+}
+
 /// Names of the packages that a crate links, tests aside.
 fn linked(package: &str) -> BTreeSet<String> {
     let tree = cargo(&["tree", "-p", package, "-e", "normal", "--prefix", "none", "-f", "{p}"]);
@@ -170,6 +191,10 @@ fn workers_link_no_polars_and_nobody_links_an_http_client_or_a_second_tls() {
     let cluster = linked("cluster");
     for foreign in ["tonic", "descriptor", "worker"] {
         assert!(!cluster.contains(foreign), "cluster must not link {foreign}");
+    }
+    let transport = linked("transport");
+    for foreign in ["descriptor", "worker"] {
+        assert!(!transport.contains(foreign), "transport must not link {foreign}");
     }
     let descriptor = linked("descriptor");
     for impure in ["tokio", "tonic", "prost", "polars"] {

@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex, MutexGuard, Weak};
 use std::time::{Duration, Instant, SystemTime};
 
 use proto::task::{Described, Evaluation, Task, TaskResult};
-use proto::{Lease, Message, SessionId, WorkerId};
+use proto::{Introduction, Lease, Message, SessionId, WorkerId};
 use tokio::sync::{Notify, watch};
 use tokio::time::MissedTickBehavior;
 
@@ -20,8 +20,7 @@ use crate::events::{EventCursor, EventKind, EventLog};
 use crate::journal::{Journal, JournalError, LogSequence, Recorded};
 use crate::lock::lock;
 use crate::scheduler::{
-    Answer, Doubt, Finished, Introduction, JobFailed, Limits, Poll, PollRefusal, RegisterRefusal, Scheduler,
-    Staffing,
+    Answer, Doubt, Finished, JobFailed, Limits, Poll, PollRefusal, RegisterRefusal, Scheduler, Staffing,
 };
 use crate::sharding::{Batch, Layouts, ShardCount};
 pub use client::{CellAnswer, Client};

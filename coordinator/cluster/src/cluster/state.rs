@@ -4,16 +4,17 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Instant, SystemTime};
 
+use proto::journal::Member;
 use proto::task::{Evaluation, Task};
-use proto::{JobId, Lease, WorkerId};
+use proto::{Introduction, JobId, Lease, WorkerId};
 use tokio::sync::Notify;
 
 use super::ClusterNews;
 use super::clients::Clients;
 use crate::events::{Event, EventKind, EventLog};
-use crate::journal::{Accepted, Entry, Journal, LogSequence, Member};
+use crate::journal::{Entry, Journal, LogSequence};
 use crate::scheduler::{
-    Answer, ClientId, Doubt, Emitted, Finished, Introduction, Poll, PollRefusal, RegisterRefusal, Scheduler,
+    Answer, ClientId, Doubt, Emitted, Finished, Poll, PollRefusal, RegisterRefusal, Scheduler,
 };
 use crate::sharding::{Load, Planner, ShardPlan};
 use crate::store::Checked;
@@ -259,10 +260,9 @@ impl ClusterState {
 
     /// Has the journal keep a result, as far as such results are kept.
     fn keep(&mut self, finished: &Finished) {
-        let Some(result) = finished.result.kept() else { return };
         let (job, attempt) = (finished.job, finished.attempt);
-        let entry = || Entry::Accepted(Box::new(Accepted { result, ..finished.clone() }));
-        if let Some(sequence) = self.record(entry) {
+        let Some(kept) = finished.kept() else { return };
+        if let Some(sequence) = self.record(|| Entry::Accepted(job, Box::new(kept))) {
             self.scheduler.jobs.set_pending(Lease { job, attempt }, sequence);
         }
     }

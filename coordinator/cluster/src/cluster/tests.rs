@@ -4,8 +4,9 @@ mod sharing;
 
 use super::*;
 use crate::events::Departure;
-use crate::journal::{Journal, Member};
+use crate::journal::Journal;
 use crate::scheduler::Audit;
+use proto::journal::Member;
 use proto::task::{EvaluationResult, GridCell, Report, Subject, TaskResult};
 
 const LIMITS: Limits = Limits::SAMPLE;

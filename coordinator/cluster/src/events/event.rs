@@ -3,10 +3,9 @@
 use std::fmt;
 use std::time::{Duration, SystemTime};
 
-use proto::{JobId, WorkerId};
+use proto::{Introduction, JobId, WorkerId};
 use serde::{Deserialize, Serialize};
 
-use super::introduction::Introduction;
 use super::serde_forms;
 
 /// Something that happened, and when. In JSON all fields stand side by side.
@@ -37,7 +36,7 @@ pub enum EventKind {
         /// Its unique label.
         label: String,
         /// How it introduced itself.
-        #[serde(flatten)]
+        #[serde(flatten, with = "serde_forms::Introduction")]
         introduction: Introduction,
     },
     /// A worker was removed.

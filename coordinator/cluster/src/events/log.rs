@@ -208,7 +208,9 @@ fn to_millisecond(at: SystemTime) -> SystemTime {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::events::{Attempt, AttemptEnd, Introduction};
+    use proto::Introduction;
+
+    use crate::events::{Attempt, AttemptEnd};
 
     fn joined(number: u8) -> EventKind {
         let introduction =

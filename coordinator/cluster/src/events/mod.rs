@@ -1,10 +1,8 @@
 //! What happened, as a stream: typed events in an append-only log that any number of observers follow.
 
 mod event;
-mod introduction;
 mod log;
 mod serde_forms;
 
 pub use event::{Attempt, AttemptEnd, Departure, Event, EventKind};
-pub use introduction::Introduction;
 pub use log::{EventCursor, EventLog, MAX_KEPT, Omitted};

@@ -1,4 +1,16 @@
-//! How ids and times of events are written in JSON.
+//! How ids, times and introductions of events are written in JSON.
+
+use serde::{Deserialize, Serialize};
+
+/// A worker's introduction as its fields.
+#[derive(Serialize, Deserialize)]
+#[serde(remote = "proto::Introduction")]
+pub struct Introduction {
+    name: String,
+    threads: u32,
+    build: String,
+    credential: Option<String>,
+}
 
 /// A worker id as 32 hexadecimal digits.
 pub mod worker_id {

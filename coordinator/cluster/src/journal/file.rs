@@ -5,13 +5,14 @@ use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use proto::journal::{AcceptedResult, Member};
 use proto::{JobId, Lease, WorkerId};
 use redb::{
     Database, Durability, Error, ReadTransaction, ReadableDatabase as _, ReadableTable as _, TableDefinition,
     backends::FileBackend,
 };
 
-use super::{Entry, Header, JournalError, Recorded, record};
+use super::{Entry, Header, JournalError, Recorded};
 use crate::events::Event;
 use crate::sharding::plan::{ShardPlan, SidePlan};
 
@@ -104,14 +105,13 @@ impl JournalFile {
             let mut events = transaction.open_table(EVENTS)?;
             for entry in entries {
                 match entry {
-                    Entry::Accepted(answer) => {
-                        let job = answer.job.0;
-                        let Some(bytes) = record::encode_accepted(answer) else { continue };
+                    Entry::Accepted(JobId(job), answer) => {
+                        let (job, Some(bytes)) = (*job, answer.encode()) else { continue };
                         accepted.insert(job, bytes.as_slice())?;
                         leases.retain_in((job, 0)..=(job, u32::MAX), |_, _| false)?;
                     }
                     Entry::Joined(id, member) => {
-                        members.insert(&id.0, record::encode_member(member).as_slice())?;
+                        members.insert(&id.0, member.encode().as_slice())?;
                     }
                     Entry::Left(id) => {
                         members.remove(&id.0)?;
@@ -187,7 +187,7 @@ fn read_recorded(transaction: &ReadTransaction) -> Result<Recorded, String> {
     recorded.at_work = Duration::from_millis(number("milliseconds")?);
 
     for_each(transaction, ACCEPTED, |job, bytes| {
-        let accepted = record::decode_accepted(JobId(job), bytes);
+        let accepted = AcceptedResult::decode(bytes);
         recorded.accepted.insert(JobId(job), accepted.ok_or_else(|| format!("no answer to job {job}"))?);
         Ok(())
     })?;
@@ -198,7 +198,7 @@ fn read_recorded(transaction: &ReadTransaction) -> Result<Recorded, String> {
         Ok(())
     })?;
     for_each(transaction, MEMBERS, |id, bytes| {
-        let (id, member) = (WorkerId(*id), record::decode_member(bytes));
+        let (id, member) = (WorkerId(*id), Member::decode(bytes));
         recorded.members.insert(id, member.ok_or_else(|| format!("no worker under {id}"))?);
         Ok(())
     })?;

@@ -1,11 +1,10 @@
 //! The journal of a run: every result that was accepted, kept through any end of the coordinator.
 //!
-//! A search is deterministic, so that going on is doing it again with the results that are there. `header`, `record`
-//! and `file` turn what is kept into bytes and back; `writer` commits it in groups on a thread of its own.
+//! A search is deterministic, so that going on is doing it again with the results that are there. `header`, `file` and
+//! `proto::journal` turn what is kept into bytes and back; `writer` commits it in groups on a thread of its own.
 
 mod file;
 mod header;
-mod record;
 mod writer;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -13,10 +12,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
+use proto::journal::{AcceptedResult, Member};
 use proto::{JobId, Lease, WorkerId};
 
-use crate::events::{Event, Introduction};
-use crate::scheduler::messages::Finished;
+use crate::events::Event;
 use crate::sharding::plan::ShardPlan;
 pub use file::JournalFile;
 pub use header::Header;
@@ -78,23 +77,11 @@ impl JournalError {
     }
 }
 
-/// A result as it is kept, with who gave it and when: of an evaluation or a tile whole, of a description its digest.
-pub type Accepted = Finished;
-
-/// A worker as it is kept.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Member {
-    /// Its unique label.
-    pub label: String,
-    /// How it introduced itself.
-    pub introduction: Introduction,
-}
-
 /// What is to be kept.
 #[derive(Clone, Debug)]
 pub enum Entry {
-    /// A result was accepted. It ends what is kept of the job's leases.
-    Accepted(Box<Accepted>),
+    /// A result of a job was accepted. It ends what is kept of the job's leases.
+    Accepted(JobId, Box<AcceptedResult>),
     /// A worker joined.
     Joined(WorkerId, Member),
     /// A worker went.
@@ -119,7 +106,7 @@ pub struct Recorded {
     /// Time they were at work.
     pub at_work: Duration,
     /// Every result.
-    pub accepted: BTreeMap<JobId, Accepted>,
+    pub accepted: BTreeMap<JobId, AcceptedResult>,
     /// Workers that had not gone.
     pub members: BTreeMap<WorkerId, Member>,
     /// How evaluations were sharded, by job.
@@ -142,11 +129,6 @@ impl Recorded {
     pub fn labels(&self) -> BTreeSet<String> {
         self.accepted.values().map(|accepted| accepted.worker.clone()).collect()
     }
-}
-
-/// Whether these bytes are a result as it is kept; if so, they are what would be written of it.
-pub fn reads_answer(job: JobId, bytes: &[u8]) -> bool {
-    record::decode_accepted(job, bytes).is_some()
 }
 
 #[cfg(test)]

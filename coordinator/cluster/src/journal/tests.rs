@@ -7,9 +7,8 @@ use std::time::SystemTime;
 use flate2::Compression;
 use flate2::read::GzDecoder;
 use flate2::write::GzEncoder;
-use proptest::prelude::*;
 use proto::task::{Described, EvaluationResult, Match, TaskResult};
-use proto::{Digest, SessionId};
+use proto::{Digest, Introduction, SessionId};
 use redb::TableHandle as _;
 use tempfile::TempDir;
 
@@ -28,14 +27,13 @@ fn header() -> Header {
     }
 }
 
-fn accepted(job: u64, matches: usize) -> Accepted {
+fn accepted(matches: usize) -> AcceptedResult {
     let found = |index: usize| Match {
         nearest: index as u32,
         distance: 0.1 + index as f64,
         runner_up: (index % 2 == 1).then_some((9, 0.3)),
     };
-    Accepted {
-        job: JobId(job),
+    AcceptedResult {
         result: TaskResult::Evaluation(EvaluationResult {
             queries: 10,
             object_correct: 4,
@@ -47,12 +45,11 @@ fn accepted(job: u64, matches: usize) -> Accepted {
         attempt: 2,
         queued: Duration::from_nanos(1_234_567_891),
         run_seconds: 0.1,
-        settled: true,
     }
 }
 
 fn answer(job: u64, matches: usize) -> Entry {
-    Entry::Accepted(Box::new(accepted(job, matches)))
+    Entry::Accepted(JobId(job), Box::new(accepted(matches)))
 }
 
 fn member(label: &str) -> Member {
@@ -102,10 +99,7 @@ fn what_was_committed_is_there_at_the_next_start() {
     let (_file, read, recorded) = JournalFile::open(&path).unwrap();
     assert_eq!(read, header());
     assert_eq!(recorded.starts, 2);
-    assert_eq!(
-        recorded.accepted.values().cloned().collect::<Vec<_>>(),
-        [accepted(5, 0), accepted(u64::MAX, 3)]
-    );
+    assert_eq!(recorded.accepted, [(JobId(5), accepted(0)), (JobId(u64::MAX), accepted(3))].into());
     assert_eq!(recorded.members, [(one, member("rack"))].into());
     // An answered job is nobody's any more.
     assert_eq!(recorded.leases, [(lease(6, 1), one)]);
@@ -140,7 +134,7 @@ fn an_event_under_another_number_or_of_no_known_kind_is_damage() {
 fn subtasks_of_evaluations_are_there_at_the_next_start() {
     let side = |shards, ranges| SidePlan { shards, ranges };
     let plan = ShardPlan { query: side(4, 2), database: side(8, 8) };
-    let entry = |job| Entry::Accepted(Box::new(described(job)));
+    let entry = |job| Entry::Accepted(JobId(job), Box::new(described()));
     let holder = WorkerId([1; 16]);
     let (_folder, path) = journal(&[
         Entry::Sharded(JobId(9), plan),
@@ -151,7 +145,7 @@ fn subtasks_of_evaluations_are_there_at_the_next_start() {
         Entry::Retracted(JobId(6)),
     ]);
     let recorded = JournalFile::open(&path).unwrap().2;
-    assert_eq!(recorded.accepted.values().cloned().collect::<Vec<_>>(), [described(5), accepted(7, 3)]);
+    assert_eq!(recorded.accepted, [(JobId(5), described()), (JobId(7), accepted(3))].into());
     assert_eq!(recorded.plans, [(JobId(9), plan)].into());
     assert_eq!(recorded.leases, []);
 }
@@ -246,39 +240,6 @@ fn a_flipped_bit_is_found_or_touches_nothing() {
     assert!(found > 10, "{found}");
 }
 
-proptest! {
-    #![proptest_config(ProptestConfig::with_cases(500))]
-
-    #[test]
-    fn arbitrary_bytes_are_refused_or_make_sense(
-        head in prop::collection::vec(any::<u8>(), 0..60),
-        spoilt in 0usize..200,
-        value in any::<u8>(),
-    ) {
-        let mut bytes = record::encode_accepted(&accepted(5, 3)).unwrap();
-        let place = spoilt % bytes.len();
-        bytes[place] = value;
-        for bytes in [head, bytes] {
-            if let Some(read) = record::decode_accepted(JobId(5), &bytes) {
-                prop_assert_eq!(record::encode_accepted(&read), Some(bytes));
-            }
-        }
-    }
-}
-
-#[test]
-fn a_length_that_no_bytes_follow_reserves_nothing() {
-    let mut bytes = record::encode_accepted(&accepted(5, 0)).unwrap();
-    for end in 0..bytes.len() {
-        assert_eq!(record::decode_accepted(JobId(5), &bytes[..end]), None);
-    }
-    // Field 5, the evaluation, of 4 GiB.
-    let place = bytes.iter().rposition(|&byte| byte == 5 << 3 | 2).unwrap();
-    bytes.truncate(place + 1);
-    bytes.extend([0xff, 0xff, 0xff, 0xff, 0x0f]);
-    assert_eq!(record::decode_accepted(JobId(5), &bytes), None);
-}
-
 /// A header as version 1 has written it.
 #[test]
 fn a_journal_of_version_1_is_refused_with_what_can_finish_it() {
@@ -293,9 +254,9 @@ fn a_journal_of_version_1_is_refused_with_what_can_finish_it() {
 /// A journal with an entry of every kind, as this version has written it; compressed, for most of it is zeros.
 const SAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/testdata/journal-v2.redb.gz");
 
-fn described(job: u64) -> Accepted {
+fn described() -> AcceptedResult {
     let result = TaskResult::Description(Described::named(Digest([7; 32])));
-    Accepted { result, ..accepted(job, 0) }
+    AcceptedResult { result, ..accepted(0) }
 }
 
 /// What was committed to the sample, and what has to be read from it.
@@ -324,9 +285,9 @@ fn sample() -> (Vec<Entry>, Recorded) {
         Entry::Joined(one, member.clone()),
         Entry::Joined(two, member.clone()),
         Entry::Leased(lease(8, 3), one),
-        Entry::Accepted(Box::new(accepted(5, 2))),
-        Entry::Accepted(Box::new(described(6))),
-        Entry::Accepted(Box::new(accepted(7, 0))),
+        answer(5, 2),
+        Entry::Accepted(JobId(6), Box::new(described())),
+        answer(7, 0),
         Entry::Retracted(JobId(7)),
         Entry::Left(two),
         Entry::Quarantined(two),
@@ -337,7 +298,7 @@ fn sample() -> (Vec<Entry>, Recorded) {
     let recorded = Recorded {
         starts: 2,
         at_work: Duration::ZERO,
-        accepted: [(JobId(5), accepted(5, 2)), (JobId(6), described(6))].into(),
+        accepted: [(JobId(5), accepted(2)), (JobId(6), described())].into(),
         members: [(one, member)].into(),
         plans: [(JobId(9), plan)].into(),
         leases: vec![(lease(8, 3), one)],

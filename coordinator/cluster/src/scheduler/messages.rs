@@ -4,6 +4,7 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use proto::journal::AcceptedResult;
 use proto::task::{Failure, FailureReason, Report, Task, TaskResult};
 use proto::{JobId, Lease, WorkerId};
 
@@ -81,6 +82,26 @@ pub struct Finished<R = TaskResult> {
     pub run_seconds: f64,
     /// As many workers agree as have to. `false`: it was accepted because there was no other worker, and is in doubt.
     pub settled: bool,
+}
+
+impl Finished {
+    /// What the journal keeps of it; `None` if nothing.
+    pub fn kept(&self) -> Option<AcceptedResult> {
+        Some(AcceptedResult {
+            result: self.result.kept()?,
+            worker_id: self.worker_id,
+            worker: self.worker.clone(),
+            attempt: self.attempt,
+            queued: self.queued,
+            run_seconds: self.run_seconds,
+        })
+    }
+
+    /// A result that the journal has kept, as it does of those that are settled.
+    pub fn recorded(job: JobId, accepted: AcceptedResult) -> Self {
+        let AcceptedResult { result, worker_id, worker, attempt, queued, run_seconds } = accepted;
+        Self { job, result, worker_id, worker, attempt, queued, run_seconds, settled: true }
+    }
 }
 
 /// Something that happened, for the event log.

@@ -17,9 +17,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use proto::task::{Failure, FailureReason, Subject, Task};
-use proto::{JobId, Lease, WorkerId};
+use proto::{Introduction, JobId, Lease, WorkerId};
 
-pub use crate::events::Introduction;
 use crate::events::{AttemptEnd, Departure, EventKind};
 use crate::store::{Job, JobStore};
 pub use audit::Audit;

@@ -3,12 +3,13 @@
 use std::collections::BTreeSet;
 use std::time::Instant;
 
+use proto::journal::Member;
 use proto::{JobId, WorkerId};
 
 use super::Scheduler;
 use super::worker::{Worker, WorkerIdentity};
 use crate::events::EventKind;
-use crate::journal::{Member, Recorded};
+use crate::journal::Recorded;
 use crate::store::Job;
 
 impl Scheduler {

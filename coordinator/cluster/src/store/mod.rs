@@ -8,6 +8,7 @@ mod job;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
+use proto::journal::AcceptedResult;
 use proto::task::Task;
 use proto::{Digest, JobId, Lease, WorkerId};
 
@@ -55,7 +56,7 @@ struct Entry {
 
 enum StoredResult {
     /// Accepted by an earlier start; nobody has asked for it since, so that its task is not known.
-    Recorded(Finished),
+    Recorded(AcceptedResult),
     /// Accepted, with what is kept of it.
     Accepted { task: Arc<Task>, fingerprint: Digest, finished: Finished },
 }
@@ -172,8 +173,8 @@ impl JobStore {
             let entry = self.entries.entry(lease.job).or_default();
             entry.earlier_leases.push((*worker, lease.attempt));
         }
-        for (job, finished) in &recorded.accepted {
-            let result = StoredResult::Recorded(finished.clone());
+        for (job, accepted) in &recorded.accepted {
+            let result = StoredResult::Recorded(accepted.clone());
             self.entries.entry(*job).or_default().result = Some(Box::new(result));
         }
         for (job, plan) in &recorded.plans {
@@ -194,7 +195,7 @@ impl JobStore {
         let entry = self.entries.get_mut(&job)?;
         let recorded = match entry.result.as_deref()? {
             StoredResult::Accepted { finished, .. } => return Some(finished.clone()),
-            StoredResult::Recorded(finished) => finished.clone(),
+            StoredResult::Recorded(accepted) => Finished::recorded(job, accepted.clone()),
         };
         entry.result = None;
         if let Err(what) = task.check(&recorded.result) {
@@ -221,7 +222,7 @@ impl JobStore {
     pub fn drop_recorded(&mut self, worker: WorkerId) -> Vec<JobId> {
         let mut dropped = Vec::new();
         for (job, entry) in &mut self.entries {
-            let is_its_own = |result: &mut Box<StoredResult>| matches!(&**result, StoredResult::Recorded(finished) if finished.worker_id == worker);
+            let is_its_own = |result: &mut Box<StoredResult>| matches!(&**result, StoredResult::Recorded(accepted) if accepted.worker_id == worker);
             if entry.result.take_if(is_its_own).is_some() {
                 dropped.push(*job);
             }

@@ -32,7 +32,7 @@ fn finished(job: JobId, worker_id: WorkerId, correct: u32) -> Finished {
 /// A store that goes on after an earlier start, which has accepted these results.
 fn restored(accepted: &[Finished]) -> JobStore {
     let mut store = JobStore::default();
-    let accepted = accepted.iter().map(|finished| (finished.job, finished.clone())).collect();
+    let accepted = accepted.iter().map(|finished| (finished.job, finished.kept().unwrap())).collect();
     store.restore(&Recorded { accepted, ..Recorded::default() });
     store
 }

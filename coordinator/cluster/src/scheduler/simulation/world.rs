@@ -5,13 +5,12 @@ use std::ops::AddAssign;
 use std::time::{Duration, Instant};
 
 use descriptor::random::stream;
-use proto::Lease;
+use proto::{Introduction, Lease};
 use rand::RngExt;
 
 use super::super::{Answer, Audit, Limits, Poll, PollRefusal, Scheduler};
 use super::actor::{Actor, Nature};
 use super::driver::Driver;
-use crate::events::Introduction;
 
 const TICK: Duration = Duration::from_millis(500);
 const HOLD: Duration = Duration::from_secs(10);

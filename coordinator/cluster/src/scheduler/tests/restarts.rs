@@ -1,19 +1,18 @@
 //! A scheduler that goes on where an earlier start of the coordinator ended.
 
 use super::*;
-use crate::journal::{Member, Recorded};
+use crate::journal::Recorded;
+use proto::journal::{AcceptedResult, Member};
 
-fn answered((label, worker_id): (&str, WorkerId)) -> Finished {
+fn answered((label, worker_id): (&str, WorkerId)) -> AcceptedResult {
     let result = EvaluationResult { queries: 10, object_correct: 4, category_correct: 6, matches: vec![] };
-    Finished {
-        job: JobId(1),
+    AcceptedResult {
         result: TaskResult::Evaluation(result),
         worker_id,
         worker: label.to_owned(),
         attempt: 1,
         queued: Duration::ZERO,
         run_seconds: 1.0,
-        settled: true,
     }
 }
 

@@ -1,9 +1,7 @@
 //! How a worker introduces itself when it registers.
 
-use serde::{Deserialize, Serialize};
-
 /// What a worker says of itself, and how it was authenticated.
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Introduction {
     /// The name its operator gave it.
     pub name: String,
@@ -15,9 +13,9 @@ pub struct Introduction {
     pub credential: Option<String>,
 }
 
-#[cfg(test)]
 impl Introduction {
-    /// An unauthenticated worker of this name, for tests.
+    /// For tests: an unauthenticated worker of this name.
+    #[doc(hidden)]
     pub fn sample(name: &str) -> Self {
         Self { name: name.to_owned(), threads: 1, build: "test".to_owned(), credential: None }
     }
