@@ -3,7 +3,7 @@
 use proto::Message;
 use std::time::{Instant, SystemTime};
 
-use descriptor::EVALUATION_VERSION;
+use descriptor::{Descriptor, EVALUATION_VERSION};
 use results::{FinishedGrid, GridFolder, GridRow, GridTables, read_grid};
 
 use super::cell_task::cell_subject;
@@ -95,7 +95,7 @@ impl GridSearch<'_> {
                 }
                 report.done += 1;
                 report.computed += 1;
-                report.best = landscape.leader();
+                report.best = landscape.leader().map(|(count, best)| (count, Descriptor::DiskRing(best)));
                 progress.cell_done(&report);
             }
             // Before anything else is done: a search that is killed now must not go on with what is in doubt.

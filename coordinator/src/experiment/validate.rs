@@ -5,8 +5,8 @@ use std::num::NonZeroU32;
 use std::path::Path;
 use std::time::Duration;
 
+use descriptor::Preprocess;
 use descriptor::preprocess::Unit;
-use descriptor::{GeneKind, Preprocess};
 use evolution::{GaSettings, StopSettings};
 
 use super::checks::{checked_name, checked_seed};
@@ -78,13 +78,15 @@ pub(super) fn preprocess(raw: &RawPreprocess, unit: RawUnit, colour: bool) -> Re
 
 /// Whole micrometres from centimetres between 0.01 and 100.
 fn length_um(place: &str, cm: f64) -> Result<u32, Fault> {
-    match GeneKind::DiskRadius.spec().ticks(cm) {
-        Some(um) if (100..=1_000_000).contains(&um) => Ok(um),
-        _ => Err(Fault::new(
+    let um = cm * 1e4;
+    if (100.0..=1e6).contains(&um) && (um - um.round()).abs() < 1e-3 {
+        Ok(um.round() as u32)
+    } else {
+        Err(Fault::new(
             place,
             format!("not between 0.01 and 100 cm with at most four decimals, got {cm}"),
             "write a length in centimetres, such as 2.0",
-        )),
+        ))
     }
 }
 

@@ -4,7 +4,7 @@ use std::io::IsTerminal as _;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use descriptor::{Descriptor, Parameters};
+use descriptor::Descriptor;
 use indicatif::{ProgressBar, ProgressStyle};
 use results::Counts;
 
@@ -30,7 +30,7 @@ pub struct GenerationReport<'a> {
 }
 
 /// What there is to say of an exhaustive search.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct CellReport {
     /// Cells that are done, those that were there already among them.
     pub done: usize,
@@ -43,7 +43,7 @@ pub struct CellReport {
     /// Training queries.
     pub queries: u32,
     /// The best descriptor so far with its count of correct answers.
-    pub best: Option<(u32, Parameters)>,
+    pub best: Option<(u32, Descriptor)>,
 }
 
 impl CellReport {
@@ -174,7 +174,7 @@ impl Progress {
     /// The evaluation of a grid begins; rates are counted from now.
     pub fn cells_start(&mut self, report: &CellReport) {
         self.started = Instant::now();
-        self.cells = Some(*report);
+        self.cells = Some(report.clone());
         if let Some(bar) = self.console.bar() {
             bar.set_length(report.cells as u64);
             bar.set_position(report.done as u64);
@@ -184,7 +184,7 @@ impl Progress {
 
     /// A cell of the grid is done. Where there is no live line, one is written for each per cent of the grid.
     pub fn cell_done(&mut self, report: &CellReport) {
-        let before = self.cells.replace(*report).map_or(0, |before| before.percent_done());
+        let before = self.cells.replace(report.clone()).map_or(0, |before| before.percent_done());
         match self.console.bar() {
             Some(bar) => {
                 bar.set_position(report.done as u64);
@@ -202,9 +202,9 @@ impl Progress {
         let elapsed = self.started.elapsed();
         let rate = (report.computed * report.cell_len) as f64 / elapsed.as_secs_f64().max(1e-3);
         let rest = (report.cells - report.done) as f64 / report.computed.max(1) as f64;
-        let best = report.best.map_or_else(String::new, |(correct, parameters)| {
+        let best = report.best.as_ref().map_or_else(String::new, |(correct, descriptor)| {
             let error = f64::from(report.queries - correct) / f64::from(report.queries);
-            format!(": best {} with {parameters}", percent(error))
+            format!(": best {} with {descriptor}", percent(error))
         });
         let (workers, left) = (self.workers(), clock(elapsed.mul_f64(rest)));
         let place = format!("cell {}/{}{best}", report.done, report.cells);

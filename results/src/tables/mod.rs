@@ -21,7 +21,7 @@ use log::{AttemptRow, EventRow, LookRow, WorkerRow};
 use run::{EvaluationRow, GenerationRow, PredictionRow, RunRow, SkippedRow};
 
 /// Stands for all gene columns in [`Declaration::digest`].
-const GENES: &str = "<gene>";
+const ANY_GENE: &str = "<gene>";
 
 const DESCRIPTOR: (&str, &str) =
     ("descriptor", "label of the descriptor, such as evolved, paper, pfhrgb, shotcolor-l1");
@@ -59,7 +59,7 @@ fn declaration(table: TableName) -> Declaration {
                     "generation",
                     "individual",
                     "chromosome",
-                    GENES,
+                    ANY_GENE,
                     "object_correct",
                     "category_correct",
                     "parent_a",
@@ -203,7 +203,7 @@ impl Table {
         let mut columns: Vec<Column> = first.chain(columns(&Field::default(), genes)).collect();
         let mut seen = BTreeSet::new();
         for column in &mut columns {
-            column.in_digest = digest.contains(&if column.gene { GENES } else { column.name.as_str() });
+            column.in_digest = digest.contains(&if column.gene { ANY_GENE } else { column.name.as_str() });
             if !seen.insert(column.name.clone()) {
                 return Err(Error::GeneName { name: column.name.clone() });
             }

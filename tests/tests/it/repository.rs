@@ -173,6 +173,23 @@ fn one_file_a_side_names_generated_types() {
     );
 }
 
+/// A descriptor is a value to everybody but its family, so that another family is another file in `descriptor`.
+#[test]
+fn only_the_grid_of_the_papers_family_names_its_genes() {
+    let genes = ["Parameters", "GeneTable", "GeneKind", "GENES", "Quantiser", "QuantisedCloud"];
+    let knows = |file: &str| {
+        // Cells of one R1 and one R2 are what only this family can be counted by.
+        let may = ["descriptor/", "coordinator/src/exhaust/", "worker/src/executor/decoded.rs", "tests/"];
+        let tokens = without_tests(&tokens(&read(file)));
+        let is_test = file.contains("/tests/") || file.contains("/tests.rs");
+        !is_test
+            && !may.iter().any(|may| file.starts_with(may))
+            && tokens.iter().any(|it| genes.contains(&it.as_str()))
+    };
+    let found: Vec<String> = sources().into_iter().filter(|file| knows(file)).collect();
+    assert!(found.is_empty(), "these must not know the genes of disk-ring: {found:?}");
+}
+
 /// Names of the packages that a crate links, tests aside.
 fn linked(package: &str) -> BTreeSet<String> {
     let tree = cargo(&["tree", "-p", package, "-e", "normal", "--prefix", "none", "-f", "{p}"]);
