@@ -47,8 +47,8 @@ record! {
         genes as "": Vec<Option<f64>>, "", "values of the genes, in their units";
         => fitness: f64, "share", "object_correct / queries" = |row, _| row.counts.fitness();
         counts as "": Counts, "", "first training set's clouds";
-        parent_a: Option<u32>, "", "first parent's index in the previous generation; null in generation 1";
-        parent_b: Option<u32>, "", "second parent's index; null in generation 1 and for an elite";
+        parent_a: Option<u32>, "", "first parent's index in the previous generation; null where it was drawn at random";
+        parent_b: Option<u32>, "", "second parent's index; null where it has one parent or none";
         elite: bool, "", "copied unmutated from the previous generation";
         => remembered: bool, "", "taken from an earlier evaluation instead of computed"
             = |row, _| row.computed.is_none();
