@@ -7,7 +7,7 @@ use descriptor::Preprocess;
 
 use super::check::{check_labels, check_overlap, equal_bytes_warning};
 use super::error::DatasetError;
-use super::inspect::{Inspected, State, inspect, spacing_warning};
+use super::inspect::{Inspected, State, inspect, refuse_unit, spacing_warning};
 use super::layout::Labelled;
 use super::root::Root;
 use super::{CloudEntry, Clouds, Instance, SPLITS, SkipReason, SkippedCloud};
@@ -69,6 +69,7 @@ pub(super) fn load(
     let listed: Vec<&Labelled> = lists.iter().flatten().collect();
     let inspected = inspect(&listed, root, preprocess, store);
     refuse(&listed, &inspected, skip_unreadable)?;
+    refuse_unit(&listed, &inspected, preprocess)?;
 
     let mut clouds = Clouds {
         root: root.path().to_owned(),
@@ -99,7 +100,7 @@ pub(super) fn load(
             clouds.skipped.push(SkippedCloud { path, split, reason });
         }
     }
-    clouds.warnings.extend(spacing_warning(&inspected, preprocess.unit));
+    clouds.warnings.extend(spacing_warning(&listed, &inspected, preprocess.unit));
     clouds.warnings.extend(equal_bytes_warning(&clouds, &indices));
     Ok((clouds, indices))
 }

@@ -233,11 +233,11 @@ impl Listing {
     ) -> Result<Self, DatasetError> {
         const SIDES: [&str; 2] = ["query", "database"];
         let root = Root::open(root)?;
-        let labels = Labels::read(layout, &root)?;
+        let labels = Labels::read(layout, &root).map_err(|error| error.of_option("manifest"))?;
         let mut lists = [Vec::new(), Vec::new()];
-        for (listed, files) in lists.iter_mut().zip([query, database]) {
+        for ((listed, files), side) in lists.iter_mut().zip([query, database]).zip(SIDES) {
             for file in files {
-                listed.extend(labels.list(file, &root)?);
+                listed.extend(labels.list(file, &root).map_err(|error| error.of_option(side))?);
             }
         }
         for (side, listed) in SIDES.into_iter().zip(&lists) {
