@@ -9,6 +9,7 @@ use super::check::{check_labels, check_overlap, equal_bytes_warning};
 use super::error::DatasetError;
 use super::inspect::{Inspected, State, inspect, refuse_unit, spacing_warning};
 use super::layout::Labelled;
+use super::record::{self, CloudRecord};
 use super::root::Root;
 use super::{CloudEntry, Clouds, Instance, SPLITS, SkipReason, SkippedCloud};
 
@@ -71,6 +72,7 @@ pub(super) fn load(
     refuse(&listed, &inspected, skip_unreadable)?;
     refuse_unit(&listed, &inspected, preprocess)?;
 
+    let records = records(lists, &inspected);
     let mut clouds = Clouds {
         root: root.path().to_owned(),
         entries: Vec::new(),
@@ -78,7 +80,8 @@ pub(super) fn load(
         instances: numbers.instances(),
         skipped: Vec::new(),
         warnings: Vec::new(),
-        digest: digest(lists, &inspected),
+        digest: record::data_digest(&records),
+        listed: records,
     };
     let mut indices = [const { Vec::new() }; 4];
     let mut found = inspected.iter();
@@ -128,30 +131,16 @@ fn refuse(listed: &[&Labelled], inspected: &[Inspected], skip_unreadable: bool) 
     Ok(())
 }
 
-/// The data digest: one altered bit, label or line of a list changes it.
-fn digest(lists: &[Vec<Labelled>; 4], inspected: &[Inspected]) -> [u8; 32] {
-    let mut hasher = blake3::Hasher::new_derive_key("descry data set v1");
-    let mut part = |bytes: &[u8]| {
-        hasher.update(&(bytes.len() as u64).to_le_bytes());
-        hasher.update(bytes);
+/// Every listed cloud with the digest of its file.
+fn records(lists: &[Vec<Labelled>; 4], inspected: &[Inspected]) -> Vec<CloudRecord> {
+    let listed =
+        lists.iter().enumerate().flat_map(|(split, clouds)| clouds.iter().map(move |one| (split, one)));
+    let record = |((split, cloud), inspected): ((usize, &Labelled), &Inspected)| CloudRecord {
+        split,
+        category: cloud.category.clone(),
+        instance: cloud.instance.clone(),
+        path: cloud.located.path.clone(),
+        digest: inspected.file.map(|(digest, _)| digest),
     };
-    let mut inspected = inspected.iter();
-    for (split, listed) in SPLITS.into_iter().zip(lists) {
-        for (cloud, inspected) in listed.iter().zip(&mut inspected) {
-            part(split.as_bytes());
-            part(cloud.category.as_bytes());
-            part(cloud.instance.as_bytes());
-            match &inspected.file {
-                Some((digest, _)) => {
-                    part(b"bytes");
-                    part(digest);
-                }
-                None => {
-                    part(b"unreadable");
-                    part(cloud.located.path.as_bytes());
-                }
-            }
-        }
-    }
-    *hasher.finalize().as_bytes()
+    listed.zip(inspected).map(record).collect()
 }
