@@ -13,6 +13,7 @@ mod compare;
 mod console;
 mod evaluate;
 mod in_process;
+mod lines;
 mod observers;
 mod prepared;
 mod reopen;

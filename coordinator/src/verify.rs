@@ -14,7 +14,7 @@ use results::EvaluationRow;
 use crate::console::Console;
 use crate::experiment::{LocalWorkers, Overrides};
 use crate::reopen::{ReopenError, Reopened, reopen};
-use crate::run::{RunError, data_digest};
+use crate::run::{RunError, clouds, data_digest};
 use crate::session::Session;
 
 /// Why a run cannot be verified.
@@ -85,7 +85,8 @@ pub async fn verify(
         reopen(run, data.as_deref(), Overrides::default(), &store)?;
     let (expected, digest) = (finished.row.data_digest, data_digest(&dataset));
     if digest != expected {
-        verdict.problems.push(format!("data: digest: expected {expected}, got {digest}"));
+        let difference = clouds::difference(run, &expected, &dataset);
+        verdict.problems.push(format!("data: digest: expected {expected}, got {digest}\n{difference}"));
         return Ok(verdict);
     }
 

@@ -134,7 +134,7 @@ pub enum ExportError {
         problem: String,
     },
     /// The clouds have changed.
-    #[error("{run}: data digest must be {expected}, got {got}\nbring the run's clouds back, or name their place with --data", run = .run.display())]
+    #[error("{run}: data digest must be {expected}, got {got}\n{difference}\nbring the run's clouds back, or name their place with --data", run = .run.display())]
     OtherData {
         /// The run.
         run: PathBuf,
@@ -142,6 +142,8 @@ pub enum ExportError {
         expected: String,
         /// Of the clouds as they are.
         got: String,
+        /// Which clouds differ.
+        difference: String,
     },
     /// A cloud that was usable when the data set was opened.
     #[error("{path}: {what}")]

@@ -20,7 +20,7 @@ use crate::dataset::{CloudEntry, Dataset, read_file};
 use crate::evaluate::{Seconds, stages};
 use crate::experiment::{Overrides, of_one};
 use crate::reopen::{Reopened, reopen};
-use crate::run::{Matching, data_digest};
+use crate::run::{Matching, clouds, data_digest};
 use crate::sweep;
 
 /// What was exported.
@@ -57,7 +57,9 @@ pub fn export(
     refuse_unsound(run)?;
     let (expected, got) = (&finished.row.data_digest, data_digest(&dataset));
     if *expected != got {
-        return Err(ExportError::OtherData { run: run.to_owned(), expected: expected.clone(), got });
+        let (run, expected) = (run.to_owned(), expected.clone());
+        let difference = clouds::difference(&run, &expected, &dataset);
+        return Err(ExportError::OtherData { run, expected, got, difference });
     }
     let winner = |what: String| ExportError::Winner { run: run.to_owned(), what };
     let preprocess = *experiment.preprocess();

@@ -13,6 +13,7 @@ use serde_json::json;
 use crate::dataset::{Layout, Listing};
 use crate::evaluate::{Report, Request, evaluate};
 use crate::experiment::name_advice;
+use crate::lines::wrapped;
 use crate::run::progress::percent;
 use crate::run::summary;
 
@@ -235,6 +236,11 @@ fn named_json(descriptor: &Descriptor) -> serde_json::Map<String, serde_json::Va
     std::iter::once(("name".to_owned(), json!(family.name()))).chain(named).collect()
 }
 
+/// In lines that fit a terminal, without the last line's end.
+fn fitting(line: &str) -> String {
+    wrapped(line, 16).trim_end().to_owned()
+}
+
 fn text(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> String {
     let Report { correct, seconds, .. } = report;
     let share = |part: usize| percent(part as f64 / correct.queries as f64);
@@ -242,21 +248,21 @@ fn text(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> Stri
     let by = distance.name();
     let told = format!("{descriptor} ({} values), by {by}", descriptor.size());
     let mut lines = vec![
-        format!("descriptor      {told}"),
+        fitting(&format!("descriptor      {told}")),
         format!("object error    {} ({object} of {})", share(object), correct.queries),
         format!("category error  {} ({category} of {})", share(category), correct.queries),
-        format!(
+        fitting(&format!(
             "outcomes        {} right object, {} other object of the category, {category} other category",
             correct.object,
             correct.category - correct.object
-        ),
+        )),
         format!("database        {} clouds", report.database),
         format!("keypoints       {}", report.keypoints),
         format!("skipped         {}", report.skipped.len()),
     ];
     lines.extend(report.skipped.iter().map(|(path, reason)| format!("                {path}: {reason}")));
     let time = |name: &str, time: std::time::Duration| format!("{name} {:.3}", time.as_secs_f64());
-    lines.push(format!(
+    lines.push(fitting(&format!(
         "seconds         {}, {}, {}, {}, {}, {}",
         time("read", seconds.read),
         time("keypoints", seconds.keypoints),
@@ -264,7 +270,7 @@ fn text(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> Stri
         time("describe", seconds.describe),
         time("match", seconds.matching),
         time("total", seconds.total)
-    ));
+    )));
     lines.push(String::new());
     lines.join("\n")
 }

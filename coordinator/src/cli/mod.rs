@@ -7,6 +7,8 @@ mod evaluate;
 mod exhaust;
 mod export;
 #[cfg(feature = "sql")]
+mod memory_limit;
+#[cfg(feature = "sql")]
 mod query;
 mod recognise;
 mod report;

@@ -5,9 +5,11 @@ use std::io::{self, BufWriter, Read as _, Write as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use cache::{ByteSize, default_memory, parse_size};
 use clap::Args;
 use results::{AnswerFormat, QueryError};
 
+use super::memory_limit;
 use crate::experiment::name_advice;
 
 /// Ask the tables of runs, sweeps and grids in SQL
@@ -28,11 +30,20 @@ pub struct Query {
     /// A table for people (floats rounded to six digits), or every digit as csv or json, for example csv
     #[arg(long, value_name = "FORMAT", default_value = "table", value_parser = ["table", "csv", "json"])]
     format: String,
+    /// Most memory that the program may hold, for example 2GiB: a query that takes more ends in an error; by default half
+    /// of what is available
+    #[arg(long, value_name = "SIZE", value_parser = parse_size)]
+    memory: Option<ByteSize>,
 }
+
+/// What to do about a query that takes too much memory.
+const LESS: &str =
+    "ask for fewer columns or rows (WHERE, GROUP BY, LIMIT), join by a column, or raise --memory";
 
 impl Query {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         quiet_panics();
+        memory_limit::bound(self.memory.unwrap_or_else(default_memory), LESS);
         let answer = results::query(&self.folders, &text(self.sql)?).map_err(explained)?;
         let format = match self.format.as_str() {
             "csv" => AnswerFormat::Csv,
@@ -71,7 +82,7 @@ fn quiet_panics() {
 fn explained(error: QueryError) -> anyhow::Error {
     let (got, there, meaning) = match &error {
         QueryError::Table { got, there, .. } => (got, there, "tables are"),
-        QueryError::Column { got, there } => (got, there, "columns are"),
+        QueryError::Column { got, there, elsewhere } if elsewhere.is_empty() => (got, there, "columns are"),
         _ => return error.into(),
     };
     let there: Vec<&str> = there.iter().map(String::as_str).collect();

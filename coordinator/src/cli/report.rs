@@ -5,18 +5,20 @@ use std::process::ExitCode;
 
 use clap::Args;
 
-use crate::sweep;
+use crate::experiment::DEFAULT_RESULTS_DIR;
+use crate::run::directory::SEARCH_FILE;
+use crate::sweep::{self, SWEEP_FILE};
 
 /// Write a report: one HTML page that needs nothing else, and each of its figures as an SVG file
 ///
 /// Of one run, finished or not, all there is to see; of a sweep or several runs, how results are distributed over seeds
 /// and how kinds of search compare. Tables are read and never changed.
 ///
-/// Example: coordinator report results/runs/demo-0123456789ab
+/// Example: coordinator report results/runs/demo-0123456789ab --out demo.html
 #[derive(Debug, Args)]
 pub struct Report {
-    /// Folders of runs or sweeps, for example results/runs/demo-0123456789ab
-    #[arg(value_name = "RUN", required = true)]
+    /// Folders of runs or sweeps, for example results/runs/demo-0123456789ab; by default the newest in results/runs
+    #[arg(value_name = "RUN")]
     runs: Vec<PathBuf>,
     /// The page, for example demo.html; by default RUN/report/report.html, needed with several RUN
     #[arg(long, value_name = "FILE")]
@@ -32,7 +34,9 @@ pub struct Report {
 
 impl Report {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
-        let page = match (self.out, self.runs.as_slice()) {
+        let runs =
+            if self.runs.is_empty() { vec![newest_run(Path::new(DEFAULT_RESULTS_DIR))?] } else { self.runs };
+        let page = match (self.out, runs.as_slice()) {
             (Some(out), _) => out,
             (None, [run]) => run.join("report").join("report.html"),
             (None, runs) => anyhow::bail!(
@@ -40,7 +44,7 @@ impl Report {
                 runs.len()
             ),
         };
-        let folders = folders(&self.runs)?;
+        let folders = folders(&runs)?;
         let report = match (folders.as_slice(), self.grid) {
             ([(_, folder)], grid) => results::Report::of_run(folder, grid.as_deref())?,
             (_, Some(grid)) => anyhow::bail!(
@@ -48,7 +52,7 @@ impl Report {
                 folders.len(),
                 grid.display()
             ),
-            (folders, None) => results::Report::of_runs(&title(&self.runs), folders)?,
+            (folders, None) => results::Report::of_runs(&title(&runs), folders)?,
         };
         let svg = self.svg.unwrap_or_else(|| page.parent().unwrap_or(Path::new("")).to_owned());
         let figures = report.write(&page, &svg)?.len();
@@ -56,6 +60,22 @@ impl Report {
         super::print(&format!("{}\n{figures} figures as SVG in {}\n", page.display(), svg.display()))?;
         Ok(ExitCode::SUCCESS)
     }
+}
+
+/// The folder in `parent` that was written to last, which is told.
+fn newest_run(parent: &Path) -> anyhow::Result<PathBuf> {
+    let time = |folder: &PathBuf| std::fs::metadata(folder).and_then(|folder| folder.modified()).ok();
+    let folders = std::fs::read_dir(parent).into_iter().flatten().flatten().map(|entry| entry.path());
+    let runs =
+        folders.filter(|folder| folder.join(SEARCH_FILE).is_file() || folder.join(SWEEP_FILE).is_file());
+    let Some(newest) = runs.max_by_key(|folder| (time(folder), folder.clone())) else {
+        anyhow::bail!(
+            "RUN: a run in {} expected, got none\nname the folder of a run, or start one: coordinator run EXP.toml",
+            parent.display()
+        )
+    };
+    eprintln!("{}: the newest run", newest.display());
+    Ok(newest)
 }
 
 /// The folders of all runs with what to call them, each folder once. Runs of a sweep that have not begun are not there.

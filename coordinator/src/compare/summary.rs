@@ -1,11 +1,13 @@
 //! A comparison for people and as JSON.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use results::{ComparedRow, PairRow};
 use serde_json::{Value, json};
 
+use crate::lines::{table, wrapped};
 use crate::run::progress::percent;
 
 /// Significance level of the remarks beside pairs.
@@ -24,24 +26,6 @@ pub struct Comparison {
     pub looks: usize,
     /// The run folder.
     pub folder: PathBuf,
-}
-
-/// Columns padded to their widest cell; the first to the left, the others to the right.
-fn columns(rows: &[Vec<String>]) -> String {
-    let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
-    let width = |column: usize| {
-        let cells = rows.iter().filter_map(|row| row.get(column));
-        cells.map(|cell| cell.chars().count()).max().unwrap_or(0)
-    };
-    let widths: Vec<usize> = (0..columns).map(width).collect();
-    let line = |row: &Vec<String>| {
-        let padded = row.iter().zip(&widths).enumerate().map(|(index, (cell, &width))| match index {
-            0 => format!("{cell:<width$}"),
-            _ => format!("{cell:>width$}"),
-        });
-        format!("{}\n", padded.collect::<Vec<_>>().join("  ").trim_end())
-    };
-    rows.iter().map(line).collect()
 }
 
 fn texts<const N: usize>(cells: [&str; N]) -> Vec<String> {
@@ -65,107 +49,116 @@ impl Comparison {
     /// Tables for a terminal.
     pub fn text(&self) -> String {
         let Some(first) = self.rows.first() else { return String::new() };
-        let mut text = format!(
-            "{}: {} test clouds against {}; 95 % intervals by Wilson (clouds) and bootstrap over objects\n\n",
-            self.name, first.counts.queries, first.database
+        let mut text = wrapped(
+            &format!(
+                "{}: {} test clouds against {}; 95 % intervals by Wilson (clouds) and bootstrap over objects",
+                self.name, first.counts.queries, first.database
+            ),
+            2,
         );
-        let title = [
-            "descriptor",
-            "object error",
-            "wrong",
-            "95 %, clouds",
-            "95 %, objects",
-            "category error",
-            "wrong",
-            "95 %, clouds",
-        ];
-        let mut lines = vec![texts(title)];
-        lines.extend(self.rows.iter().map(|row| {
-            let counts = &row.counts;
-            vec![
-                row.descriptor.clone(),
-                percent(counts.object_error()),
-                (counts.queries - counts.object_correct).to_string(),
-                range(row.object_wilson),
-                range(row.object_bootstrap),
-                percent(counts.category_error()),
-                (counts.queries - counts.category_correct).to_string(),
-                range(row.category_wilson),
-            ]
-        }));
-        text += &columns(&lines);
+        text += &self.errors_text("object error", |row| {
+            let wrong = row.counts.queries - row.counts.object_correct;
+            (row.counts.object_error(), wrong, row.object_wilson, row.object_bootstrap)
+        });
+        text += &self.errors_text("category error", |row| {
+            let wrong = row.counts.queries - row.counts.category_correct;
+            (row.counts.category_error(), wrong, row.category_wilson, row.category_bootstrap)
+        });
         text.push('\n');
-        let title =
-            ["descriptor", "size", "keypoints", "area", "nearest", "seconds", "normals", "describe", "match"];
+        let title = ["descriptor", "size", "keypoints", "area", "nearest"];
         let mut lines = vec![texts(title)];
         lines.extend(self.rows.iter().map(|row| {
-            let times = row.times.as_ref();
             vec![
                 row.descriptor.clone(),
                 row.size.to_string(),
                 optional(row.keypoints_per_cloud, 1),
                 optional(row.area, 3),
                 optional(row.nearest_area, 3),
+            ]
+        }));
+        text += &table(&lines);
+        text += &self.times_text();
+        for row in &self.rows {
+            text += &wrapped(&format!("{}: {}, by {}", row.descriptor, row.parameters, row.distance), 2);
+            if let Some(note) = &row.note {
+                text += &wrapped(&format!("{}: {note}", row.descriptor), 2);
+            }
+            if row.skipped > 0 {
+                text += &wrapped(
+                    &format!("{}: {} queries without a description", row.descriptor, row.skipped),
+                    2,
+                );
+            }
+        }
+        text += &self.pairs_text();
+        let times = if self.looks == 1 { "once".to_owned() } else { format!("{} times", self.looks) };
+        text += "\n";
+        text +=
+            &wrapped(&format!("the test clouds of this run have been looked at {times} (table looks)"), 2);
+        let _ = writeln!(text, "tables in {}", self.folder.display());
+        text
+    }
+
+    /// An error of all descriptors, with how many are wrong and both intervals.
+    fn errors_text(
+        &self,
+        error: &str,
+        of: impl Fn(&ComparedRow) -> (f64, u32, [f64; 2], [f64; 2]),
+    ) -> String {
+        let mut lines = vec![texts(["descriptor", error, "wrong", "interval, clouds", "interval, objects"])];
+        lines.extend(self.rows.iter().map(|row| {
+            let (error, wrong, wilson, bootstrap) = of(row);
+            vec![row.descriptor.clone(), percent(error), wrong.to_string(), range(wilson), range(bootstrap)]
+        }));
+        format!("\n{}", table(&lines))
+    }
+
+    /// Nothing if no times were measured.
+    fn times_text(&self) -> String {
+        let Some(first) = self.rows.iter().find_map(|row| row.times.as_ref()) else { return String::new() };
+        let mut lines = vec![texts(["descriptor", "seconds", "normals", "describe", "match"])];
+        lines.extend(self.rows.iter().map(|row| {
+            let times = row.times.as_ref();
+            vec![
+                row.descriptor.clone(),
                 optional(times.map(|times| times.total), 2),
                 optional(times.map(|times| times.normals), 2),
                 optional(times.map(|times| times.describe), 2),
                 optional(times.map(|times| times.matching), 2),
             ]
         }));
-        text += &columns(&lines);
-        if let Some(times) = self.rows.iter().find_map(|row| row.times.as_ref()) {
-            let _ = writeln!(
-                text,
-                "seconds: read to match, queries and database, one thread of {}",
-                times.hardware
-            );
-        }
-        for row in &self.rows {
-            let _ = writeln!(text, "{}: {}, by {}", row.descriptor, row.parameters, row.distance);
-            if let Some(note) = &row.note {
-                let _ = writeln!(text, "{}: {note}", row.descriptor);
-            }
-            if row.skipped > 0 {
-                let _ = writeln!(text, "{}: {} queries without a description", row.descriptor, row.skipped);
-            }
-        }
-        text += &self.pairs_text();
-        let times = if self.looks == 1 { "once".to_owned() } else { format!("{} times", self.looks) };
-        let _ = writeln!(text, "\nthe test clouds of this run have been looked at {times} (table looks)");
-        let _ = writeln!(text, "tables in {}", self.folder.display());
-        text
+        let seconds = "seconds: read to match, queries and database, one thread of";
+        format!("\n{}{}", table(&lines), wrapped(&format!("{seconds} {}", first.hardware), 2))
     }
 
     fn pairs_text(&self) -> String {
-        if self.pairs.is_empty() {
-            return String::new();
-        }
+        let levels: BTreeSet<&str> = self.pairs.iter().map(|pair| pair.level.as_str()).collect();
+        // Objects first.
+        levels.into_iter().rev().map(|level| self.level_text(level)).collect()
+    }
+
+    /// Every pair at one level. Right alone: clouds that only the first, and only the second recognises.
+    fn level_text(&self, level: &str) -> String {
         let mut lines = vec![texts([
-            "difference of errors",
-            "level",
+            &format!("{level} errors"),
             "points",
-            "95 %",
-            "only first",
-            "only second",
-            "p",
+            "95 % interval",
+            "right alone",
             "p (Holm)",
-            "",
+            "differ",
         ])];
-        lines.extend(self.pairs.iter().map(|pair| {
+        lines.extend(self.pairs.iter().filter(|pair| pair.level == level).map(|pair| {
             let [low, high] = [pair.difference_low, pair.difference_high];
             vec![
                 format!("{} - {}", pair.descriptor_a, pair.descriptor_b),
-                pair.level.clone(),
                 format!("{:+.2}", 100.0 * pair.error_difference()),
-                format!("{:+.1} - {:+.1}", 100.0 * low, 100.0 * high).replace(" - ", " .. "),
-                pair.only_a.to_string(),
-                pair.only_b.to_string(),
-                probability(pair.p_value),
+                format!("{:+.1} .. {:+.1}", 100.0 * low, 100.0 * high),
+                format!("{} : {}", pair.only_a, pair.only_b),
                 probability(pair.p_adjusted),
-                if pair.p_adjusted < LEVEL { "differ".to_owned() } else { "may be chance".to_owned() },
+                if pair.p_adjusted < LEVEL { "yes".to_owned() } else { "perhaps".to_owned() },
             ]
         }));
-        format!("\n{}", columns(&lines))
+        format!("\n{}", table(&lines))
     }
 
     /// The same as one JSON object; errors are fractions.

@@ -57,7 +57,7 @@ pub(super) fn unrecognisable_warning(
     for &index in database.iter().flat_map(|&group| &indices[group]) {
         known[clouds.entries[index as usize].instance as usize] = true;
     }
-    let mut queries = 0;
+    let (mut queries, all) = (0, indices[query].len());
     let mut missing = vec![false; known.len()];
     for &index in &indices[query] {
         let instance = clouds.entries[index as usize].instance as usize;
@@ -78,16 +78,19 @@ pub(super) fn unrecognisable_warning(
         .collect();
     let database: Vec<&str> = database.iter().map(|&group| SPLITS[group]).collect();
     Some(format!(
-        "split {}: queries of objects with a cloud in {} expected, got {queries} of {} without ({}{})\n\
-         they can never be recognised: list clouds of these objects in the database, or leave the queries out",
+        "split {}: clouds of objects in {} expected, got {queries} of {all} without ({}: {}{})\n\
+         they can never be recognised: the object error of {} cannot be below {}; list clouds of these objects in the \
+         database, leave the queries out, or go by category errors",
         SPLITS[query],
         database.join(" + "),
         match missing.len() {
-            1 => "an object".to_owned(),
+            1 => "1 object".to_owned(),
             objects => format!("{objects} objects"),
         },
         missing[..missing.len().min(NAMED)].join(", "),
         if missing.len() > NAMED { ", …" } else { "" },
+        SPLITS[query],
+        format_args!("{:.2} %", 100.0 * queries as f64 / all as f64),
     ))
 }
 

@@ -33,7 +33,7 @@ impl fmt::Display for Place {
 
 /// What is wrong with a data set. The first line of the text is `where: what, got value`, the last says what to
 /// do.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum DatasetError {
     /// The root is not there, no folder or not readable.
     #[error(
@@ -58,12 +58,16 @@ pub enum DatasetError {
     },
 
     /// A list or manifest that is not there, not readable or no text.
-    #[error("{}: readable UTF-8 text file expected, got {reason}\ncorrect the path in [dataset], or the file", .file.display())]
+    #[error("{key}: readable UTF-8 text file expected, got {} ({reason})\n{advice}", .file.display())]
     List {
+        /// The key or option that names it.
+        key: String,
         /// The list or manifest.
         file: PathBuf,
         /// The system's words.
         reason: String,
+        /// What to do.
+        advice: &'static str,
     },
 
     /// A path that is absolute, goes up or leads out of the root through a symbolic link.
@@ -219,6 +223,27 @@ pub enum DatasetError {
         first: Vec<String>,
     },
 
+    /// Clouds whose points are as far apart as in no cloud of the declared unit.
+    #[error(
+        "dataset.unit: points {} to {} mm apart expected, got {spacing} mm with unit = \"{unit}\" in {cloud}, the median of {clouds} clouds\n\
+         set dataset.unit = \"{other}\": the coordinates are in another unit",
+        .expected[0], .expected[1]
+    )]
+    Unit {
+        /// The cloud with the median spacing.
+        cloud: String,
+        /// Clouds that were looked at.
+        clouds: usize,
+        /// Median distance of its points to the nearest other, millimetres, if the unit were right.
+        spacing: f64,
+        /// Smallest and largest spacing that is accepted, millimetres.
+        expected: [f64; 2],
+        /// The declared unit.
+        unit: &'static str,
+        /// The one that is likely.
+        other: &'static str,
+    },
+
     /// Clouds without colour where colour is wanted.
     #[error(
         "dataset: clouds with an rgb or rgba field expected, got {count} without\n{}\n\
@@ -233,10 +258,43 @@ pub enum DatasetError {
     },
 }
 
+/// What to do about a list of a split.
+const LIST_ADVICE: &str = "write the list, or set dataset.splits: to other lists (relative paths start at dataset.root), \
+                           or to a draw, for example `splits = { seeded = {} }`";
+
+/// What to do about a manifest.
+const MANIFEST_ADVICE: &str =
+    "correct the path (a relative one starts at dataset.root) or write the CSV there";
+
+/// What to do about a file that an option names.
+const OPTION_ADVICE: &str = "correct the path, or the file";
+
 /// Skipped clouds named in a message; the others are only counted.
 const NAMED_SKIPS: usize = 5;
 
 impl DatasetError {
+    /// The same, if it is about a text file, with the split that names it as its list.
+    pub(super) fn of_list(self, split: &str) -> Self {
+        self.named(format!("dataset.splits.{split}"), LIST_ADVICE)
+    }
+
+    /// The same, if it is about a text file, with that being the manifest of an experiment.
+    pub(super) fn of_manifest(self) -> Self {
+        self.named("dataset.manifest".to_owned(), MANIFEST_ADVICE)
+    }
+
+    /// The same, if it is about a text file, with the option of a command that names it.
+    pub(super) fn of_option(self, option: &str) -> Self {
+        self.named(format!("--{option}"), OPTION_ADVICE)
+    }
+
+    fn named(self, key: String, advice: &'static str) -> Self {
+        match self {
+            Self::List { file, reason, .. } => Self::List { key, file, reason, advice },
+            other => other,
+        }
+    }
+
     /// No cloud is assigned to a split.
     pub(super) fn no_cloud(split: &'static str) -> Self {
         Self::EmptySplit { split, listed: 0, advice: "assign clouds to it".to_owned() }

@@ -6,6 +6,7 @@ use descriptor::{Cloud, PrepareError, Preprocess, Skip, Unit, pcd};
 use proto::Message;
 use rayon::prelude::*;
 
+use super::error::DatasetError;
 use super::findings::{Finding, Findings, Spacing};
 use super::layout::Labelled;
 use super::root::{Root, read_file};
@@ -19,6 +20,9 @@ const SPACING_POINTS: usize = 200;
 /// Plausible medians, metres. Depth cameras see household objects at 0.5 to 10 mm, desktop scanners down to
 /// 0.1 mm; beyond these bounds the unit is wrong, or no neighbourhood of some centimetres has points.
 const PLAUSIBLE_SPACING: std::ops::RangeInclusive<f64> = 0.000_05..=0.05;
+/// Below this median, metres, clouds of a plausible other unit are refused: a scanner with points 0.02 mm apart, taken
+/// for one in metres, would have them 2 cm apart, which is no longer clearly absurd.
+const LEAST_SPACING: f64 = 0.000_02;
 
 /// What reading one cloud gave.
 pub(super) struct Inspected {
@@ -133,27 +137,72 @@ fn median(mut values: Vec<f64>) -> Option<f64> {
     values.get(values.len().saturating_sub(1) / 2).copied()
 }
 
-/// A warning if the median point spacing of the clouds is implausible, naming the likely remedy.
-pub(super) fn spacing_warning(inspected: &[Inspected], unit: Unit) -> Option<String> {
-    let metres = |cloud: &Inspected| match cloud.spacing {
-        Spacing::Metres(metres) => Some(metres),
+/// The clouds whose points' spacing was measured, by that spacing in metres.
+fn spaced<'a>(listed: &[&'a Labelled], inspected: &[Inspected]) -> Vec<(f64, &'a Labelled)> {
+    let metres = |(cloud, inspected): (&&'a Labelled, &Inspected)| match inspected.spacing {
+        Spacing::Metres(metres) => Some((metres, *cloud)),
         Spacing::NotMeasured | Spacing::None => None,
     };
-    let spacing = median(inspected.iter().filter_map(metres).collect())?;
-    if PLAUSIBLE_SPACING.contains(&spacing) {
-        return None;
+    let mut spaced: Vec<_> = listed.iter().zip(inspected).filter_map(metres).collect();
+    spaced.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+    spaced
+}
+
+/// Refuses clouds of another unit than the one that is declared, where their spacing says so: it is that of no sensor,
+/// and would be that of one in the other unit. Normals over a larger radius than usual go with sparser clouds.
+pub(super) fn refuse_unit(
+    listed: &[&Labelled],
+    inspected: &[Inspected],
+    preprocess: &Preprocess,
+) -> Result<(), DatasetError> {
+    let spaced = spaced(listed, inspected);
+    let Some((spacing, cloud)) = spaced.get(spaced.len().saturating_sub(1) / 2) else { return Ok(()) };
+    let most = PLAUSIBLE_SPACING.end().max(preprocess.normal_radius());
+    let (unit, other, factor) = names(preprocess.unit);
+    if (LEAST_SPACING..=most).contains(spacing) || !PLAUSIBLE_SPACING.contains(&(spacing * factor)) {
+        return Ok(());
     }
-    let (name, other, factor) = match unit {
+    let millimetres = |metres| two_digits(metres * 1000.0);
+    Err(DatasetError::Unit {
+        cloud: cloud.located.path.clone(),
+        clouds: spaced.len(),
+        spacing: millimetres(*spacing),
+        expected: [LEAST_SPACING, most].map(millimetres),
+        unit,
+        other,
+    })
+}
+
+/// A unit's name, the other's, and what a length in metres is multiplied by to be read in the other.
+fn names(unit: Unit) -> (&'static str, &'static str, f64) {
+    match unit {
         Unit::Metre => ("m", "mm", 0.001),
         Unit::Millimetre => ("mm", "m", 1000.0),
-    };
+    }
+}
+
+/// A number to two significant digits, without an exponent.
+fn two_digits(value: f64) -> f64 {
+    format!("{value:.1e}").parse().unwrap_or(value)
+}
+
+/// A warning if the median point spacing of the clouds is implausible in any unit, or nearly so in its own.
+pub(super) fn spacing_warning(listed: &[&Labelled], inspected: &[Inspected], unit: Unit) -> Option<String> {
+    let spaced = spaced(listed, inspected);
+    let (spacing, cloud) = spaced.get(spaced.len().saturating_sub(1) / 2)?;
+    if PLAUSIBLE_SPACING.contains(spacing) {
+        return None;
+    }
+    let (unit, other, factor) = names(unit);
     let advice = if PLAUSIBLE_SPACING.contains(&(spacing * factor)) {
         format!("the clouds are probably in another unit: set dataset.unit = \"{other}\"")
     } else {
         "convert the clouds to metres or millimetres and set dataset.unit".to_owned()
     };
     Some(format!(
-        "dataset.unit: median point spacing of 0.05 mm to 5 cm expected, got {:.1e} mm with unit \"{name}\"\n{advice}",
-        spacing * 1000.0
+        "dataset.unit: points 0.05 to 50 mm apart expected, got {} mm with unit = \"{unit}\" in {}, the median of {} clouds\n{advice}",
+        two_digits(spacing * 1000.0),
+        cloud.located.path,
+        spaced.len(),
     ))
 }

@@ -7,8 +7,9 @@ use descriptor::Preprocess;
 
 use super::check::{check_labels, check_overlap, equal_bytes_warning};
 use super::error::DatasetError;
-use super::inspect::{Inspected, State, inspect, spacing_warning};
+use super::inspect::{Inspected, State, inspect, refuse_unit, spacing_warning};
 use super::layout::Labelled;
+use super::record::{self, CloudRecord};
 use super::root::Root;
 use super::{CloudEntry, Clouds, Instance, SPLITS, SkipReason, SkippedCloud};
 
@@ -69,7 +70,9 @@ pub(super) fn load(
     let listed: Vec<&Labelled> = lists.iter().flatten().collect();
     let inspected = inspect(&listed, root, preprocess, store);
     refuse(&listed, &inspected, skip_unreadable)?;
+    refuse_unit(&listed, &inspected, preprocess)?;
 
+    let records = records(lists, &inspected);
     let mut clouds = Clouds {
         root: root.path().to_owned(),
         entries: Vec::new(),
@@ -77,7 +80,8 @@ pub(super) fn load(
         instances: numbers.instances(),
         skipped: Vec::new(),
         warnings: Vec::new(),
-        digest: digest(lists, &inspected),
+        digest: record::data_digest(&records),
+        listed: records,
     };
     let mut indices = [const { Vec::new() }; 4];
     let mut found = inspected.iter();
@@ -99,7 +103,7 @@ pub(super) fn load(
             clouds.skipped.push(SkippedCloud { path, split, reason });
         }
     }
-    clouds.warnings.extend(spacing_warning(&inspected, preprocess.unit));
+    clouds.warnings.extend(spacing_warning(&listed, &inspected, preprocess.unit));
     clouds.warnings.extend(equal_bytes_warning(&clouds, &indices));
     Ok((clouds, indices))
 }
@@ -127,30 +131,16 @@ fn refuse(listed: &[&Labelled], inspected: &[Inspected], skip_unreadable: bool) 
     Ok(())
 }
 
-/// The data digest: one altered bit, label or line of a list changes it.
-fn digest(lists: &[Vec<Labelled>; 4], inspected: &[Inspected]) -> [u8; 32] {
-    let mut hasher = blake3::Hasher::new_derive_key("descry data set v1");
-    let mut part = |bytes: &[u8]| {
-        hasher.update(&(bytes.len() as u64).to_le_bytes());
-        hasher.update(bytes);
+/// Every listed cloud with the digest of its file.
+fn records(lists: &[Vec<Labelled>; 4], inspected: &[Inspected]) -> Vec<CloudRecord> {
+    let listed =
+        lists.iter().enumerate().flat_map(|(split, clouds)| clouds.iter().map(move |one| (split, one)));
+    let record = |((split, cloud), inspected): ((usize, &Labelled), &Inspected)| CloudRecord {
+        split,
+        category: cloud.category.clone(),
+        instance: cloud.instance.clone(),
+        path: cloud.located.path.clone(),
+        digest: inspected.file.map(|(digest, _)| digest),
     };
-    let mut inspected = inspected.iter();
-    for (split, listed) in SPLITS.into_iter().zip(lists) {
-        for (cloud, inspected) in listed.iter().zip(&mut inspected) {
-            part(split.as_bytes());
-            part(cloud.category.as_bytes());
-            part(cloud.instance.as_bytes());
-            match &inspected.file {
-                Some((digest, _)) => {
-                    part(b"bytes");
-                    part(digest);
-                }
-                None => {
-                    part(b"unreadable");
-                    part(cloud.located.path.as_bytes());
-                }
-            }
-        }
-    }
-    *hasher.finalize().as_bytes()
+    listed.zip(inspected).map(record).collect()
 }

@@ -9,6 +9,7 @@ mod inspect;
 mod layout;
 mod load;
 mod protocol;
+pub mod record;
 mod root;
 mod settings;
 mod split;
@@ -24,6 +25,7 @@ use descriptor::{Preprocess, Skip};
 
 pub use error::{DatasetError, Place};
 pub use protocol::{Fold, Folds, Protocol};
+use record::CloudRecord;
 pub use settings::{DatasetSettings, Layout, SeededSplit, SplitRule, SyntheticSettings};
 
 use check::{check_overlap, unrecognisable_warning};
@@ -106,6 +108,8 @@ pub struct Clouds {
     /// The data digest: BLAKE3 over, for each listed cloud in order, split, category, instance and the digest of
     /// the file's bytes (its path if they cannot be read). Clouds skipped for what they hold are part of it.
     pub digest: [u8; 32],
+    /// What the digest is of: every listed cloud, split after split.
+    pub listed: Vec<CloudRecord>,
 }
 
 impl Clouds {
@@ -233,11 +237,11 @@ impl Listing {
     ) -> Result<Self, DatasetError> {
         const SIDES: [&str; 2] = ["query", "database"];
         let root = Root::open(root)?;
-        let labels = Labels::read(layout, &root)?;
+        let labels = Labels::read(layout, &root).map_err(|error| error.of_option("manifest"))?;
         let mut lists = [Vec::new(), Vec::new()];
-        for (listed, files) in lists.iter_mut().zip([query, database]) {
+        for ((listed, files), side) in lists.iter_mut().zip([query, database]).zip(SIDES) {
             for file in files {
-                listed.extend(labels.list(file, &root)?);
+                listed.extend(labels.list(file, &root).map_err(|error| error.of_option(side))?);
             }
         }
         for (side, listed) in SIDES.into_iter().zip(&lists) {

@@ -87,7 +87,12 @@ pub(crate) fn read_file(file: &Path) -> Result<Vec<u8>, String> {
 
 /// A list or manifest as text.
 pub(super) fn read_text(file: &Path) -> Result<String, DatasetError> {
-    let error = |reason| DatasetError::List { file: file.to_owned(), reason };
+    let error = |reason| DatasetError::List {
+        key: "list".to_owned(),
+        file: file.to_owned(),
+        reason,
+        advice: "correct the path, or the file",
+    };
     if fs::metadata(file).is_ok_and(|metadata| !metadata.is_file()) {
         return Err(error("no regular file".to_owned()));
     }

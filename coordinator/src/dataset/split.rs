@@ -20,13 +20,13 @@ pub(super) fn split(
     wanted: Wanted,
     ignored: &mut Vec<String>,
 ) -> Result<[Vec<Labelled>; 4], DatasetError> {
-    let labels = Labels::read(&settings.layout, root)?;
+    let labels = Labels::read(&settings.layout, root).map_err(DatasetError::of_manifest)?;
     let mut splits = match &settings.splits {
         SplitRule::Files { train1, train2, validation, test } => {
             let mut splits = [const { Vec::new() }; 4];
             let files = [train1, train2, validation, test];
-            for (split, file) in splits.iter_mut().zip(files).take(wanted.count()) {
-                *split = labels.list(file, root)?;
+            for ((split, file), name) in splits.iter_mut().zip(files).zip(SPLITS).take(wanted.count()) {
+                *split = labels.list(file, root).map_err(|error| error.of_list(name))?;
             }
             splits
         }

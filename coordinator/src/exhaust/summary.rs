@@ -9,6 +9,7 @@ use results::{CountRow, FinishedGrid};
 use serde_json::{Value, json};
 
 use super::Recheck;
+use crate::lines::labelled;
 use crate::run::progress::{clock, percent};
 use crate::run::summary::genes_json;
 
@@ -34,7 +35,7 @@ impl GridSummary {
         let grid = &self.grid.row;
         let mut text = String::new();
         let mut row = |label: &str, value: String| {
-            let _ = writeln!(text, "{label:<14}{value}"); // writing to a String cannot fail
+            text += &labelled(label, 14, &value);
         };
         row("experiment", grid.name.clone());
         row("grid", format!("{} descriptors in {} cells", grid.descriptors, grid.cells));
@@ -68,7 +69,7 @@ impl GridSummary {
         if let Some(recheck) = &self.recheck {
             row("recomputed", recheck.to_string());
         }
-        row("results", self.out.display().to_string());
+        let _ = writeln!(text, "{:<14}{}", "results", self.out.display()); // writing to a String cannot fail
         text
     }
 

@@ -66,15 +66,16 @@ pub(super) struct RawSplitTable {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "String", example = &"train1.txt")]
     pub train1: Option<String>,
-    /// List of the database of the fitness. Default: train2.txt
+    /// List of the database of the fitness; relative to root. Default: train2.txt
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "String", example = &"train2.txt")]
     pub train2: Option<String>,
-    /// List of the queries against train1 and train2 that may stop the search. Default: validation.txt
+    /// List of the queries against train1 and train2 that may stop the search; relative to root. Default:
+    /// validation.txt
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "String", example = &"validation.txt")]
     pub validation: Option<String>,
-    /// List of the queries of the final test, against the other three. Default: test.txt
+    /// List of the queries of the final test, against the other three; relative to root. Default: test.txt
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "String", example = &"test.txt")]
     pub test: Option<String>,

@@ -53,19 +53,19 @@ fn one() -> u64 {
 
 /// The clouds, their labels and their splits.
 ///
-/// In every path ${VAR} and ${VAR:-default} stand for environment variables, and a relative path is relative to
-/// the folder of the experiment file.
+/// In every path ${VAR} and ${VAR:-default} stand for environment variables. A relative root is relative to the folder
+/// of the experiment file; manifest and lists, and the paths in them, are relative to root.
 #[derive(Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, rename = "dataset")]
 pub(super) struct RawDataset {
-    /// Folder that holds the clouds.
+    /// Folder that holds the clouds; a relative path is relative to the folder of the experiment file.
     #[schemars(example = &"${UW_RGBD:-../../rgbd-dataset}")]
     pub root: String,
     /// How the labels of a cloud are found.
     #[serde(default)]
     pub layout: RawLayout,
-    /// CSV with the columns path (relative to root), category, instance and, if wanted, sequence and split. Only
-    /// for layout = "manifest".
+    /// CSV with the columns path (relative to root), category, instance and, if wanted, sequence and split; a relative
+    /// path is relative to root. Only for layout = "manifest".
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "String", example = &"clouds.csv")]
     pub manifest: Option<String>,
@@ -449,7 +449,8 @@ impl Word for RawFitting {
 #[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "results")]
 pub(super) struct RawResults {
-    /// Folder that the run's own folder is made in. Default: results/runs in the current folder.
+    /// Folder that the run's own folder is made in; a relative path is relative to the folder of the experiment file.
+    /// Default: results/runs in the current folder.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "String", example = &"../results/runs")]
     pub dir: Option<String>,

@@ -22,7 +22,7 @@ pub(super) fn resolved_toml(experiment: &Experiment) -> String {
     toml.section("dataset");
     toml.key("root", path(&dataset.root, folder));
     if let Layout::Manifest { file } = &dataset.layout {
-        toml.key("manifest", path(file, folder));
+        toml.key("manifest", path(file, &dataset.root));
     }
     dataset_labels(&mut toml, experiment);
     match &dataset.splits {

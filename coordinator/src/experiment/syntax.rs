@@ -41,6 +41,7 @@ pub(super) fn parse(text: &str) -> Result<RawExperiment, Fault> {
     // Before all other keys: a newer file will have keys that are unknown here.
     check_version(text, root.get_ref())?;
     check_sections(text, root.get_ref())?;
+    check_names(root.get_ref(), "")?;
     RawExperiment::deserialize(Deserializer::from(root.clone()))
         .map_err(|error| key_fault(text, root.get_ref(), &error))
 }
@@ -120,6 +121,39 @@ fn check_sections(text: &str, root: &DeTable<'_>) -> Result<(), Fault> {
         }
     }
     Ok(())
+}
+
+/// Refuses a section that is none of [`SECTIONS`], before a key is missed that stands in it. `place` is the path of the
+/// table, empty at the top.
+fn check_names(table: &DeTable<'_>, place: &str) -> Result<(), Fault> {
+    let here = |section: &&str| section.rsplit_once('.').map_or("", |(parent, _)| parent) == place;
+    if !SECTIONS.iter().any(here) {
+        return Ok(());
+    }
+    for (key, value) in table {
+        let DeValue::Table(inner) = value.get_ref() else { continue };
+        let name = key.get_ref().as_ref();
+        let section = if place.is_empty() { name.to_owned() } else { format!("{place}.{name}") };
+        if !SECTIONS.contains(&section.as_str()) {
+            let place = if place.is_empty() { "top level" } else { place };
+            let got = format!("unknown section, got [{}]", shortened(&section, EXCERPT));
+            return Err(Fault::new(place, got, section_advice(name)));
+        }
+        check_names(inner, &section)?;
+    }
+    Ok(())
+}
+
+/// The section whose last word was probably meant, and all of them.
+fn section_advice(name: &str) -> String {
+    let last = |section: &'static str| section.rsplit_once('.').map_or(section, |(_, last)| last);
+    let meant = suggest::nearest_name(name, &SECTIONS.map(last));
+    let meant = meant.and_then(|meant| SECTIONS.into_iter().find(|section| last(section) == meant));
+    let list = SECTIONS.map(|section| format!("[{section}]")).join(", ");
+    match meant {
+        Some(meant) => format!("did you mean [{meant}]? sections are: {list}"),
+        None => format!("sections are: {list}"),
+    }
 }
 
 /// A mistake in the TOML itself.

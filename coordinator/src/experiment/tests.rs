@@ -87,7 +87,7 @@ fn the_first_version_of_the_file_stays_readable() {
     assert_eq!(sample.path(), Path::new("exp/old.toml"));
     let dataset = sample.dataset();
     assert_eq!(dataset.root, Path::new("/data/all"));
-    assert_eq!(dataset.layout, Layout::Manifest { file: "exp/clouds.csv".into() });
+    assert_eq!(dataset.layout, Layout::Manifest { file: "/data/all/clouds.csv".into() });
     let list = |name: &str| Path::new("/data/all/lists").join(name);
     assert_eq!(
         dataset.splits,

@@ -24,7 +24,7 @@ pub(super) fn dataset(
         (RawLayout::Uw, None) => Layout::Uw,
         (RawLayout::Folders, None) => Layout::Folders,
         (RawLayout::Manifest, Some(file)) => {
-            Layout::Manifest { file: paths::resolve("dataset.manifest", &file, folder, lookup)? }
+            Layout::Manifest { file: paths::resolve("dataset.manifest", &file, &root, lookup)? }
         }
         (RawLayout::Manifest, None) => {
             return Err(Fault::new(

@@ -7,7 +7,7 @@ use crate::experiment::Experiment;
 use crate::run::RunError;
 
 /// File in a run or grid folder that says which search it holds.
-const SEARCH_FILE: &str = "search.toml";
+pub const SEARCH_FILE: &str = "search.toml";
 
 /// The folder of an experiment's run: `out`, or one that the same search finds again; `fresh`: one that is not there.
 pub fn folder(experiment: &Experiment, out: Option<PathBuf>, fresh: bool) -> PathBuf {

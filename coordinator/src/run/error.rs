@@ -97,7 +97,7 @@ pub enum RunError {
     },
     /// The same search has run on other clouds.
     #[error(
-        "{folder}: is a run of other clouds, got data digest {now} instead of {then}\nstart another with --fresh, or choose another --out"
+        "{folder}: is a run of other clouds, got data digest {now} instead of {then}\n{difference}\nbring its clouds back, start another with --fresh, or choose another --out"
     )]
     OtherData {
         /// The folder.
@@ -106,6 +106,8 @@ pub enum RunError {
         then: String,
         /// Data digest of the clouds as they are.
         now: String,
+        /// Which clouds differ.
+        difference: String,
     },
     /// The run is of a release that computes other numbers.
     #[error(

@@ -1,5 +1,6 @@
 //! One run from an experiment to its results: data, workers, search, final test, tables.
 
+pub mod clouds;
 mod data;
 pub mod directory;
 mod driver;
@@ -194,7 +195,8 @@ pub fn refuse_other_data(folder: &Path, then: &str, dataset: &Dataset) -> Result
     if then == now {
         return Ok(());
     }
-    Err(RunError::OtherData { folder: folder.to_owned(), then: then.to_owned(), now })
+    let difference = clouds::difference(folder, then, dataset);
+    Err(RunError::OtherData { folder: folder.to_owned(), then: then.to_owned(), now, difference })
 }
 
 /// Digest of a data set.

@@ -25,8 +25,6 @@ pub struct GenerationReport<'a> {
     pub improved: bool,
     /// Counts of the best on the validation set, if measured.
     pub validation: Option<Counts>,
-    /// Evaluations that were known already.
-    pub remembered: u64,
 }
 
 /// What there is to say of an exhaustive search.
@@ -60,14 +58,17 @@ pub struct Progress {
     cells: Option<CellReport>,
     started: Instant,
     generation: u32,
-    /// Generations that earlier starts had written: they say nothing of how long the rest will take.
-    found: u32,
+    /// Generations that are complete, and how many of them this start has completed: those that were there already say
+    /// nothing of how long the rest will take.
+    complete: u32,
+    completed: u32,
     /// Errors of the last complete generation.
     errors: String,
     workers: usize,
-    /// Evaluations finished by workers since the run began, validation included.
+    /// Answers of workers since the run began, whatever was asked: what rates are made of.
     finished: u64,
-    /// Individuals whose descriptor was known already.
+    /// Individuals whose descriptor was evaluated, and those whose descriptor was known already, as in the summary.
+    computed: u64,
     remembered: u64,
     /// Of a run of a sweep: its name, and what all of them have done.
     member: Option<(String, Arc<Tally>)>,
@@ -97,10 +98,12 @@ impl Progress {
             cells: None,
             started,
             generation: 0,
-            found: 0,
+            complete: 0,
+            completed: 0,
             errors,
             workers: 0,
             finished: 0,
+            computed: 0,
             remembered: 0,
             member: None,
             events: None,
@@ -123,10 +126,12 @@ impl Progress {
             cells: None,
             started: Instant::now(),
             generation: 0,
-            found: 0,
+            complete: 0,
+            completed: 0,
             errors: String::new(),
             workers: 0,
             finished: 0,
+            computed: 0,
             remembered: 0,
             member,
             events: self.events.clone(),
@@ -163,9 +168,11 @@ impl Progress {
     /// Rates are counted from now: what came before was no evaluation. `found` generations are there already.
     pub fn search_starts(&mut self, found: u32) {
         self.started = Instant::now();
-        self.found = found;
+        self.complete = found;
+        self.completed = 0;
         self.cells = None;
         self.finished = 0;
+        self.counted(0, 0);
         if let (Some(bar), None) = (self.console.bar(), &self.member) {
             bar.set_length(self.generations.into());
         }
@@ -221,18 +228,36 @@ impl Progress {
         self.redraw();
     }
 
-    /// Workers came or went, evaluations were finished.
+    /// Workers came or went, answers came.
     pub fn news(&mut self, news: &ClusterNews) {
         self.print_events();
-        let changed = self.workers != news.workers || news.finished > 0;
-        self.workers = news.workers;
-        self.finished += news.finished as u64;
+        self.answered(news.finished as u64, news.workers);
+    }
+
+    /// As [`news`](Self::news), of answers that are individuals' evaluations.
+    pub fn evaluations(&mut self, news: &ClusterNews) {
+        self.counted(self.computed + news.finished as u64, self.remembered);
+        self.news(news);
+    }
+
+    fn answered(&mut self, answers: u64, workers: usize) {
+        let changed = self.workers != workers || answers > 0;
+        self.workers = workers;
+        self.finished += answers;
         if let Some((_, tally)) = &self.member {
-            tally.evaluated(news.finished as u64, news.workers);
+            tally.answered(answers, workers);
         }
         if changed {
             self.redraw();
         }
+    }
+
+    /// How many individuals were evaluated and how many known, as the summary will count them.
+    pub fn counted(&mut self, computed: u64, remembered: u64) {
+        if let Some((_, tally)) = &self.member {
+            tally.computed(self.computed, computed);
+        }
+        (self.computed, self.remembered) = (computed, remembered);
     }
 
     /// A generation is complete.
@@ -241,7 +266,7 @@ impl Progress {
         let mean = report.counts.iter().map(Counts::object_error).sum::<f64>() / report.counts.len() as f64;
         let validation = report.validation.map_or("off".to_owned(), |counts| percent(counts.object_error()));
         self.errors = format!("best {} mean {} validation {validation}", percent(best), percent(mean));
-        self.remembered = report.remembered;
+        (self.complete, self.completed) = (report.generation, self.completed + 1);
         let done = match &self.member {
             Some((_, tally)) => tally.generation_done(),
             None => report.generation.into(),
@@ -274,19 +299,20 @@ impl Progress {
         format!("generation {}/{}", self.generation, self.generations)
     }
 
-    /// What has been done, by whom, how fast, and how long the rest takes if no stop rule ends it earlier.
+    /// What has been done, by whom, how fast, and how long the rest takes if no stop rule ends it earlier. Before the
+    /// first generation is complete nobody knows, and after the last there is no rest.
     fn work(&self) -> String {
         let elapsed = self.started.elapsed();
         let rate = self.finished as f64 / elapsed.as_secs_f64().max(1e-3);
-        let done = self.generation.saturating_sub(self.found).max(1);
-        let rest = f64::from(self.generations.saturating_sub(self.generation)) / f64::from(done);
-        format!(
-            "{} evaluated, {} remembered | {}, {rate:.1}/s | at most {} left",
-            self.finished,
-            self.remembered,
-            self.workers(),
-            clock(elapsed.mul_f64(rest)),
-        )
+        let rest = self.generations.saturating_sub(self.complete);
+        let left = if self.completed == 0 || rest == 0 {
+            String::new()
+        } else {
+            let left = elapsed.mul_f64(f64::from(rest) / f64::from(self.completed));
+            format!(" | at most {} left", clock(left.max(Duration::from_secs(1))))
+        };
+        let Self { computed, remembered, .. } = self;
+        format!("{computed} computed, {remembered} remembered | {}, {rate:.1}/s{left}", self.workers())
     }
 
     fn redraw(&self) {
@@ -331,5 +357,35 @@ mod tests {
         assert_eq!(clock(Duration::from_secs(61)), "1 min 01 s");
         assert_eq!(clock(Duration::from_secs(7_260)), "2 h 01 min");
         assert_eq!(percent(104.0 / 352.0), "29.55 %");
+    }
+
+    #[test]
+    fn the_line_counts_as_the_summary_does_and_says_how_long_only_when_that_is_known() {
+        let counts = [Counts { object_correct: 1, category_correct: 1, queries: 2 }];
+        let done = |generation| GenerationReport {
+            generation,
+            counts: &counts,
+            best: &Descriptor::default_of(descriptor::Family::DiskRing),
+            improved: true,
+            validation: None,
+        };
+        // A start that finds the first of four generations.
+        let mut progress = Progress { generations: 4, ..Progress::quiet() };
+        progress.search_starts(1);
+        progress.counted(3, 1);
+        progress.generation_starts(2);
+        assert!(progress.work().starts_with("3 computed, 1 remembered | 0 workers"), "{}", progress.work());
+        assert!(!progress.work().contains("left"), "{}", progress.work());
+        progress.counted(5, 1);
+        progress.answered(2, 1);
+        assert!(progress.work().starts_with("5 computed, 1 remembered | 1 worker"), "{}", progress.work());
+        // Two of the generation's individuals were equal, and its best was measured on the validation set.
+        progress.counted(5, 2);
+        progress.answered(1, 1);
+        progress.generation_done(&done(2));
+        assert!(progress.work().starts_with("5 computed, 2 remembered"), "{}", progress.work());
+        assert!(progress.work().ends_with(" s left"), "{}", progress.work());
+        progress.generation_done(&done(4));
+        assert!(!progress.work().contains("left"), "{}", progress.work());
     }
 }

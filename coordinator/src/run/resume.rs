@@ -9,7 +9,7 @@ use proto::SessionId;
 use crate::dataset::Dataset;
 use crate::experiment::{Overrides, Plan};
 use crate::run::directory::difference;
-use crate::run::{RunError, data_digest};
+use crate::run::{RunError, clouds, data_digest, refuse_other_data};
 use crate::sweep::SWEEP_FILE;
 use crate::sweep::recorded_sweep;
 use cluster::journal::{Header, JOURNAL_FILE, Journal, JournalFile, Recorded};
@@ -38,11 +38,12 @@ pub fn open_journal(
         JournalFile::create(&path, &this)?;
     }
     let (file, header, recorded) = JournalFile::open(&path)?;
-    refuse_another(folder, &header, &this)?;
+    refuse_another(folder, &header, &this, dataset)?;
+    clouds::keep(folder, dataset)?;
     Ok((header, Journal::start(file)?, recorded))
 }
 
-fn refuse_another(folder: &Path, then: &Header, now: &Header) -> Result<(), RunError> {
+fn refuse_another(folder: &Path, then: &Header, now: &Header, dataset: &Dataset) -> Result<(), RunError> {
     let folder = folder.to_owned();
     if then.search != now.search {
         let difference = difference(&then.search, &now.search);
@@ -52,8 +53,7 @@ fn refuse_another(folder: &Path, then: &Header, now: &Header) -> Result<(), RunE
         return Err(RunError::OtherVersion { folder, then: then.evaluation_version });
     }
     if then.data_digest != now.data_digest {
-        let (then, now) = (then.data_digest.clone(), now.data_digest.clone());
-        return Err(RunError::OtherData { folder, then, now });
+        refuse_other_data(&folder, &then.data_digest, dataset)?;
     }
     Ok(())
 }

@@ -151,7 +151,6 @@ impl<'a> SearchLoop<'a> {
                     best: &descriptors[state.best as usize],
                     improved: state.improved,
                     validation,
-                    remembered: self.remembered,
                 });
             }
 
@@ -192,7 +191,8 @@ impl<'a> SearchLoop<'a> {
             .iter()
             .map(|(_, descriptor)| self.session.splits.evaluation(descriptor, Matching::Train, false));
         let progress = &mut *self.progress;
-        let finished = self.client.evaluate(evaluations.collect(), |news| progress.news(news)).await?;
+        let finished = self.client.evaluate(evaluations.collect(), |news| progress.evaluations(news)).await?;
+        progress.counted(self.computed, self.remembered);
         for ((_, descriptor), finished) in new.iter().zip(&finished) {
             self.counts.train.insert((*descriptor).clone(), rows::counts(&finished.result));
         }

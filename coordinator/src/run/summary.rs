@@ -9,6 +9,7 @@ use evolution::StopReason;
 use results::{Counts, RunRow, wilson};
 use serde_json::{Map, Value, json};
 
+use crate::lines::labelled;
 use crate::run::progress::{clock, percent};
 
 /// What a finished run amounts to; made from the row of table `run`, so that it can be shown again at any time.
@@ -34,7 +35,7 @@ impl Summary {
         let run = &self.run;
         let mut text = String::new();
         let mut row = |label: &str, value: String| {
-            let _ = writeln!(text, "{label:<14}{value}"); // writing to a String cannot fail
+            text += &labelled(label, 14, &value);
         };
         row("experiment", format!("{}, seed {}", run.name, run.seed));
         let known = StopReason::ALL.into_iter().find(|reason| reason.as_str() == run.stop_reason);
@@ -47,8 +48,8 @@ impl Summary {
                 row("", format!("{:<12}{value:<8}{}", column.name, column.meaning));
             }
         }
-        let title = [("object error", "95 %"), ("category error", "95 %")];
-        let title = title.map(|(error, interval)| format!("{error:<16}{interval:<16}")).concat();
+        let title = [("object error", "95 % interval"), ("category error", "95 % interval")];
+        let title = title.map(|(error, interval)| format!("{error:<14} {interval:<14} ")).concat();
         row("", format!("{title}clouds"));
         for (split, counts) in self.errors() {
             let Some(counts) = counts else {
@@ -60,7 +61,7 @@ impl Summary {
                 let [low, high] = wilson(wrong, counts.queries).map(|end| 100.0 * end);
                 let (error, interval) =
                     (format!("{} ({wrong})", percent(share)), format!("{low:.1} - {high:.1} %"));
-                format!("{error:<16}{interval:<16}")
+                format!("{error:<14} {interval:<14} ")
             };
             let object = error(counts.object_error(), counts.object_correct);
             let category = error(counts.category_error(), counts.category_correct);
@@ -89,7 +90,7 @@ impl Summary {
         );
         row("time", clock(Duration::try_from_secs_f64(run.seconds).unwrap_or_default()));
         row("run digest", self.run_digest.clone());
-        row("results", self.out.display().to_string());
+        let _ = writeln!(text, "{:<14}{}", "results", self.out.display()); // writing to a String cannot fail
         text
     }
 

@@ -14,7 +14,9 @@ pub struct Tally {
 struct Counts {
     finished: usize,
     generations: u64,
-    evaluated: u64,
+    /// Answers to whatever the runs asked, and individuals that were evaluated for them.
+    answered: u64,
+    computed: u64,
     workers: usize,
 }
 
@@ -26,10 +28,16 @@ impl Tally {
     }
 
     /// A run was told answers.
-    pub fn evaluated(&self, answers: u64, workers: usize) {
+    pub fn answered(&self, answers: u64, workers: usize) {
         let mut counts = self.counts();
-        counts.evaluated += answers;
+        counts.answered += answers;
         counts.workers = workers;
+    }
+
+    /// A run has had so many individuals evaluated.
+    pub fn computed(&self, before: u64, now: u64) {
+        let mut counts = self.counts();
+        counts.computed = counts.computed.saturating_sub(before) + now;
     }
 
     /// A run has completed a generation; how many all have.
@@ -46,12 +54,12 @@ impl Tally {
 
     /// Two lines that fit 80 columns.
     pub fn lines(&self) -> [String; 2] {
-        let Counts { finished, generations, evaluated, workers } = *self.counts();
-        let rate = evaluated as f64 / self.started.elapsed().as_secs_f64().max(1e-3);
+        let Counts { finished, generations, answered, computed, workers } = *self.counts();
+        let rate = answered as f64 / self.started.elapsed().as_secs_f64().max(1e-3);
         let noun = if workers == 1 { "worker" } else { "workers" };
         [
             format!("{finished} of {} runs finished, {generations} generations", self.runs),
-            format!("{evaluated} evaluated | {workers} {noun}, {rate:.1}/s"),
+            format!("{computed} computed | {workers} {noun}, {rate:.1}/s"),
         ]
     }
 

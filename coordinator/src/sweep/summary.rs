@@ -6,8 +6,12 @@ use std::path::PathBuf;
 use results::Counts;
 use serde_json::{Value, json};
 
+use crate::lines::table;
 use crate::run::progress::percent;
 use crate::run::summary::Summary;
+
+/// Digits of a run digest that tell a sweep's runs apart at a glance; `verify` and the tables have all.
+const DIGEST: usize = 8;
 
 /// What a finished sweep amounts to.
 #[derive(Clone, Debug)]
@@ -21,29 +25,23 @@ pub struct SweepSummary {
 impl SweepSummary {
     /// The result table, a line a member. Errors are those of objects.
     pub fn text(&self) -> String {
-        let width = self.summaries.iter().map(|(name, _)| name.len()).max().unwrap_or(0).max("run".len());
-        let mut text = String::new();
-        let mut row = |[name, generations, train, validation, test, seconds, digest]: [&str; 7]| {
-            // Writing to a String cannot fail.
-            let _ = writeln!(
-                text,
-                "{name:<width$}  {generations:>11}  {train:>9}  {validation:>10}  {test:>9}  {seconds:>9}  {digest}"
-            );
-        };
-        row(["run", "generations", "train", "validation", "test", "seconds", "run digest"]);
+        let title = ["run", "generations", "train", "validation", "test", "seconds", "digest"];
+        let mut rows = vec![title.map(str::to_owned).to_vec()];
         let error =
             |counts: Option<Counts>| counts.map_or("-".to_owned(), |counts| percent(counts.object_error()));
-        for (name, Summary { run, run_digest, .. }) in &self.summaries {
-            row([
-                name,
-                &run.generations.to_string(),
-                &error(Some(run.train)),
-                &error(run.validation),
-                &error(run.test),
-                &format!("{:.1}", run.seconds),
-                run_digest.get(..12).unwrap_or(run_digest),
-            ]);
-        }
+        rows.extend(self.summaries.iter().map(|(name, Summary { run, run_digest, .. })| {
+            vec![
+                name.clone(),
+                run.generations.to_string(),
+                error(Some(run.train)),
+                error(run.validation),
+                error(run.test),
+                format!("{:.1}", run.seconds),
+                run_digest.get(..DIGEST).unwrap_or(run_digest).to_owned(),
+            ]
+        }));
+        let mut text = table(&rows);
+        // Writing to a String cannot fail.
         let _ = writeln!(text, "results in {}", self.out.display());
         text
     }

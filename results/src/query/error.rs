@@ -51,13 +51,35 @@ pub enum QueryError {
         there: Vec<String>,
     },
     /// The tables of the statement have no such column.
-    #[error("query: unknown column, got {got:?}\ncolumns are: {}", .there.join(", "))]
+    #[error(
+        "query: {}, got {got:?}\ncolumns are: {}",
+        if .elsewhere.is_empty() {
+            "unknown column".to_owned()
+        } else {
+            format!("column of another table ({})", .elsewhere.join(", "))
+        },
+        .there.join(", ")
+    )]
     Column {
         /// The name in the statement.
         got: String,
-        /// The columns of all tables that the statement names.
+        /// The columns of all tables that the statement names, or of the one in it that is asked for this.
         there: Vec<String>,
+        /// Tables that have such a column, which the statement does not name.
+        elsewhere: Vec<String>,
     },
+    /// A column is asked of a table that the statement does not read.
+    #[error(
+        "query: unknown table in front of a column, got {0:?}\nname it after FROM or JOIN, for example FROM evaluations AS {0}"
+    )]
+    Alias(String),
+    /// A SELECT in a place in which polars cannot answer one.
+    #[error(
+        "query: a SELECT inside stands only after FROM, JOIN and WITH, and after IN with one column, got one elsewhere\n\
+         join it instead, for example SELECT e.* FROM evaluations AS e CROSS JOIN (SELECT MAX(fitness) AS best FROM evaluations) AS b \
+         WHERE e.fitness = b.best"
+    )]
+    Subquery,
     /// The statement gives the name of a table that it reads to one of its own.
     #[error(
         "query: a table of this name is in the folder and read, got WITH {0:?} AS (…)\nchoose another name"
@@ -98,9 +120,36 @@ fn root(error: &PolarsError) -> &PolarsError {
     }
 }
 
+/// Whether polars refuses a SELECT for the place in which it stands.
+fn is_subquery(message: &str) -> bool {
+    [
+        "unexpected subquery",
+        "subquery comparisons with",
+        "expression Exists {",
+        "SQL subquery returns more than one",
+    ]
+    .iter()
+    .any(|refusal| message.contains(refusal))
+}
+
+/// The columns that an error of polars lists: `valid columns: ["a", "b"]`.
+fn valid_columns(message: &str) -> Option<Vec<String>> {
+    let list = between(message, "valid columns: [", "]")?;
+    Some(list.split(", ").map(|name| name.trim_matches('"').to_owned()).collect())
+}
+
+/// Characters of a message of polars that are passed on: the rest is the parsed statement.
+const LONGEST: usize = 200;
+
 /// What an error of polars means to whoever asked, with tables of these columns open.
 pub(super) fn of_polars<'a>(error: &PolarsError, columns: impl Iterator<Item = &'a str>) -> QueryError {
     let message = root(error).to_string();
+    if is_subquery(&message) {
+        return QueryError::Subquery;
+    }
+    if let Some(alias) = between(&message, "no table or struct column named '", "' found") {
+        return QueryError::Alias(alias.to_owned());
+    }
     let column =
         match root(error) {
             PolarsError::ColumnNotFound(_)
@@ -110,7 +159,12 @@ pub(super) fn of_polars<'a>(error: &PolarsError, columns: impl Iterator<Item = &
             _ => None,
         };
     // What follows an empty line is the plan, which says nothing to whoever wrote SQL.
-    let polars = || QueryError::Polars { what: message.split("\n\n").next().unwrap_or_default().to_owned() };
+    let polars = || {
+        let what = message.split('\n').next().unwrap_or_default();
+        let end = what.char_indices().nth(LONGEST).map_or(what.len(), |(end, _)| end);
+        let more = if end < what.len() { "…" } else { "" };
+        QueryError::Polars { what: format!("{}{more}", &what[..end]) }
+    };
     match column {
         Some(got) => {
             let mut there: Vec<String> = Vec::new();
@@ -119,11 +173,14 @@ pub(super) fn of_polars<'a>(error: &PolarsError, columns: impl Iterator<Item = &
                     there.push(name.to_owned());
                 }
             }
-            // There is such a column, but not in that place, as behind a UNION.
+            // There is such a column, but not in that place: of a table of the statement's own, or behind a UNION.
             if there.iter().any(|known| known == got) {
-                return polars();
+                match valid_columns(&message).filter(|valid| valid.iter().all(|name| name != got)) {
+                    Some(valid) => there = valid,
+                    None => return polars(),
+                }
             }
-            QueryError::Column { got: got.to_owned(), there }
+            QueryError::Column { got: got.to_owned(), there, elsewhere: Vec::new() }
         }
         None => polars(),
     }

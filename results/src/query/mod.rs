@@ -146,7 +146,8 @@ impl Tables {
                 error::missing_table(&error).filter(|name| open.iter().all(|(open, _)| open != name))
             else {
                 let columns = open.iter().flat_map(|(_, table)| table.schema().iter_names());
-                return Err(error::of_polars(&error, columns.map(|name| name.as_str())));
+                let columns = columns.map(|name| name.as_str()).chain([RUN_FOLDER]);
+                return Err(self.with_tables(error::of_polars(&error, columns), &open)?);
             };
             let table = self.open(missing)?;
             if tokens.define(missing) {
@@ -154,6 +155,19 @@ impl Tables {
             }
             open.push((missing.to_owned(), table));
         }
+    }
+
+    /// An unknown column with the tables that have it and are not open.
+    fn with_tables(&self, error: QueryError, open: &[(String, OpenTable)]) -> Result<QueryError, Error> {
+        let QueryError::Column { got, there, .. } = error else { return Ok(error) };
+        let mut elsewhere = Vec::new();
+        for table in self.present()? {
+            let has = Table::new(table, &[])?.columns.iter().any(|column| column.name == got);
+            if has && open.iter().all(|(name, _)| name != table.as_str()) {
+                elsewhere.push(table.as_str().to_owned());
+            }
+        }
+        Ok(QueryError::Column { got, there, elsewhere })
     }
 
     /// Runs the statement over the tables that are open, in a thread with a stack that is large enough, and whose

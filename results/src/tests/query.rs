@@ -309,9 +309,10 @@ fn unknown_columns_are_named_with_those_that_there_are() {
         "SELECT generation FROM evaluations ORDER BY fitnes",
     ] {
         match refused(folder.path(), sql) {
-            QueryError::Column { got, there } => {
+            QueryError::Column { got, there, elsewhere } => {
                 assert_eq!(got, "fitnes", "{sql}");
                 assert!(there.iter().any(|name| name == "fitness") && there.len() > 15, "{sql}: {there:?}");
+                assert_eq!(elsewhere, Vec::<String>::new(), "{sql}");
             }
             error => panic!("{sql}: {error}"),
         }
@@ -334,4 +335,64 @@ fn statements_that_are_too_long_or_too_deep_end_in_an_error() {
     // Longer ones take polars long, and end as well.
     let long = format!("SELECT (individual{}) AS c FROM evaluations LIMIT 1", " < 1".repeat(1000));
     assert!(query(&[folder.path()], &long).is_ok());
+}
+
+#[test]
+fn a_column_of_another_table_or_of_an_earlier_select_is_told_as_such() {
+    let folder = tempdir().unwrap();
+    fixture::write(folder.path());
+    let column = |sql: &str| match refused(folder.path(), sql) {
+        QueryError::Column { got, there, elsewhere } => (got, there, elsewhere),
+        error => panic!("{sql}: {error}"),
+    };
+    let (got, there, elsewhere) = column("SELECT best_fitness FROM run");
+    assert_eq!((got.as_str(), elsewhere), ("best_fitness", vec!["generations".to_owned()]));
+    assert!(there.iter().any(|name| name == "seed") && there.iter().all(|name| name != "best_fitness"));
+    let (got, there, _) =
+        column("WITH a AS (SELECT generation AS gen FROM generations) SELECT generation FROM a");
+    assert_eq!((got.as_str(), there), ("generation", vec!["gen".to_owned()]));
+    let (_, there, _) = column("SELECT run_foldr FROM generations");
+    assert!(there.iter().any(|name| name == "run_folder"));
+    let error = refused(folder.path(), "SELECT x.R1 FROM evaluations AS e");
+    assert!(matches!(&error, QueryError::Alias(alias) if alias == "x"), "{error}");
+}
+
+#[test]
+fn a_select_inside_is_answered_or_refused_in_words() {
+    let folder = tempdir().unwrap();
+    fixture::write(folder.path());
+    for sql in [
+        "SELECT * FROM evaluations WHERE fitness = (SELECT MAX(fitness) FROM evaluations)",
+        "SELECT * FROM evaluations WHERE fitness > (SELECT AVG(fitness) FROM evaluations)",
+        "SELECT generation, (SELECT MAX(fitness) FROM evaluations) AS best FROM generations",
+        "SELECT generation FROM generations WHERE EXISTS (SELECT 1 FROM run)",
+        "SELECT generation FROM generations WHERE NOT EXISTS (SELECT 1 FROM run)",
+        "SELECT generation FROM generations WHERE generation > ALL (SELECT generation FROM evaluations)",
+        "SELECT generation FROM generations WHERE generation IN (SELECT generation, individual FROM evaluations)",
+        "SELECT generation FROM generations ORDER BY (SELECT 1)",
+    ] {
+        let error = refused(folder.path(), sql);
+        assert!(matches!(error, QueryError::Subquery), "{sql}: {error}");
+    }
+    // The advice, and the places that are left.
+    let best = "SELECT MAX(fitness) AS best FROM evaluations";
+    let joined =
+        format!("SELECT e.fitness FROM evaluations AS e CROSS JOIN ({best}) AS b WHERE e.fitness = b.best");
+    let expected = rows(&[folder.path()], &best.replace("best", "fitness"));
+    for sql in [
+        joined,
+        format!("SELECT fitness FROM evaluations WHERE fitness IN ({best})"),
+        format!("WITH b AS ({best}) SELECT e.fitness FROM evaluations e JOIN b ON e.fitness = b.best"),
+    ] {
+        assert_eq!(rows(&[folder.path()], &sql)[0], expected[0], "{sql}");
+    }
+}
+
+#[test]
+fn what_polars_says_stays_short() {
+    let folder = tempdir().unwrap();
+    fixture::write(folder.path());
+    let error = refused(folder.path(), "SELECT MAX(fitness) FROM evaluations HAVING MAX(fitness) > 1");
+    assert!(matches!(error, QueryError::Polars { .. }) && error.to_string().lines().count() == 2, "{error}");
+    assert!(error.to_string().len() < 400, "{error}");
 }

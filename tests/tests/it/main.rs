@@ -16,6 +16,7 @@
 //! - `hosts`: workers on other hosts, behind links that are cut, slow, lossy or late
 //! - `pieces`: evaluations in pieces
 //! - `protocol`: the coordinator's port as a client sees it
+//! - `messages`: what a user who begins is told
 //! - `impostors`: peers that are not what they seem
 //! - `query`: SQL over what runs have written
 //! - `sweeps`: several runs over one set of workers
@@ -40,6 +41,7 @@ mod grid;
 mod hill_climbing;
 mod hosts;
 mod impostors;
+mod messages;
 mod parity;
 mod pieces;
 mod programs;

@@ -130,7 +130,7 @@ fn a_run_shows_a_table_for_people() {
         "shape_bins",
         "R1",
         "cm",
-        "object error    95 %            category error  95 %            clouds",
+        "object error   95 % interval  category error 95 % interval  clouds",
         "train",
         "validation",
         "test",

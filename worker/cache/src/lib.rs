@@ -6,6 +6,7 @@ mod evictor;
 mod key;
 mod layout;
 mod lru;
+mod memory;
 mod options;
 mod single_flight;
 mod size;
@@ -16,8 +17,10 @@ pub use bytesize::ByteSize;
 pub use entry::{Damage, MAX_ENTRY_BYTES};
 pub use key::KeyBuilder;
 pub use lru::Lru;
-pub use options::{Storage, StorageArgs};
+pub use memory::held_memory;
+pub use options::{Storage, StorageArgs, default_memory};
 pub use single_flight::Claim;
+pub use size::parse_size;
 pub use store::Store;
 
 #[cfg(test)]

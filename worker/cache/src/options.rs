@@ -93,7 +93,7 @@ fn shared_folder(url: &str) -> Result<PathBuf, String> {
 }
 
 /// Half of what this process may still use: of the machine, and of a container that grants less.
-fn default_memory() -> ByteSize {
+pub fn default_memory() -> ByteSize {
     let mut system = System::new();
     system.refresh_memory();
     let granted = system.cgroup_limits().map(|limits| limits.total_memory);

@@ -56,14 +56,14 @@ fn lists_that_are_no_text() {
     check(
         |fixture| fs::remove_file(fixture.root().join("train2.txt")).unwrap(),
         expect![[r#"
-            train2.txt: readable UTF-8 text file expected, got No such file or directory (os error 2)
-            correct the path in [dataset], or the file"#]],
+            dataset.splits.train2: readable UTF-8 text file expected, got train2.txt (No such file or directory (os error 2))
+            write the list, or set dataset.splits: to other lists (relative paths start at dataset.root), or to a draw, for example `splits = { seeded = {} }`"#]],
     );
     check(
         |fixture| fixture.write("train2.txt", b"# one\nball/\xff.pcd\n"),
         expect![[r#"
-            train2.txt: readable UTF-8 text file expected, got other bytes in line 2
-            correct the path in [dataset], or the file"#]],
+            dataset.splits.train2: readable UTF-8 text file expected, got train2.txt (other bytes in line 2)
+            write the list, or set dataset.splits: to other lists (relative paths start at dataset.root), or to a draw, for example `splits = { seeded = {} }`"#]],
     );
     check(
         |fixture| {
@@ -71,8 +71,8 @@ fn lists_that_are_no_text() {
             fs::create_dir(fixture.root().join("train2.txt")).unwrap();
         },
         expect![[r#"
-            train2.txt: readable UTF-8 text file expected, got no regular file
-            correct the path in [dataset], or the file"#]],
+            dataset.splits.train2: readable UTF-8 text file expected, got train2.txt (no regular file)
+            write the list, or set dataset.splits: to other lists (relative paths start at dataset.root), or to a draw, for example `splits = { seeded = {} }`"#]],
     );
 }
 

@@ -59,10 +59,10 @@ fn a_query_whose_object_is_not_in_the_database_is_warned_of() {
     fixture.cloud("cup/cup_8/cup_8_1_3.pcd");
     fixture.append("test.txt", "cup/cup_8/cup_8_1_3.pcd\n");
     expect![[r#"
-        split train1: queries of objects with a cloud in train2 expected, got 1 of an object without (cup_9)
-        they can never be recognised: list clouds of these objects in the database, or leave the queries out
-        split validation: queries of objects with a cloud in train1 + train2 expected, got 2 of an object without (cup_8)
-        they can never be recognised: list clouds of these objects in the database, or leave the queries out"#]]
+        split train1: clouds of objects in train2 expected, got 1 of 5 without (1 object: cup_9)
+        they can never be recognised: the object error of train1 cannot be below 20.00 %; list clouds of these objects in the database, leave the queries out, or go by category errors
+        split validation: clouds of objects in train1 + train2 expected, got 2 of 6 without (1 object: cup_8)
+        they can never be recognised: the object error of validation cannot be below 33.33 %; list clouds of these objects in the database, leave the queries out, or go by category errors"#]]
     .assert_eq(&fixture.load().unwrap().clouds.warnings.join("\n"));
 }
 
@@ -77,8 +77,8 @@ fn copies_in_different_splits_are_warned_of() {
     .assert_eq(&fixture.load().unwrap().clouds.warnings.join("\n"));
 }
 
-/// The warnings about clouds whose points are `spacing` units apart.
-fn spacing_warnings(spacing: f32, unit: Unit) -> String {
+/// What is said of clouds whose points are `spacing` units apart: warnings, or the refusal.
+fn said_of_spacing(spacing: f32, preprocess: &Preprocess) -> String {
     let fixture = Fixture::new();
     for (tone, split) in (0..).zip(["train1", "train2", "validation", "test"]) {
         let list = std::fs::read_to_string(fixture.root().join(format!("{split}.txt"))).unwrap();
@@ -86,26 +86,39 @@ fn spacing_warnings(spacing: f32, unit: Unit) -> String {
             fixture.write(path, pcd::write(&patch(spacing, 10 * tone + index), DataEncoding::Binary));
         }
     }
-    // A grid and a radius so large that every cloud is usable, whatever its unit is taken for.
-    let preprocess =
-        Preprocess { leaf_um: 1_000_000, normal_radius_um: 2_000_000_000, unit, ..Preprocess::default() };
-    Dataset::load(&fixture.settings(), &preprocess, Wanted::All, None).unwrap().clouds.warnings.join("\n")
+    match Dataset::load(&fixture.settings(), preprocess, Wanted::All, None) {
+        Ok(dataset) => dataset.clouds.warnings.join("\n"),
+        Err(error) => format!("refused: {error}"),
+    }
 }
 
 #[test]
 fn a_point_spacing_that_no_sensor_has_names_the_likely_unit() {
-    assert_eq!(spacing_warnings(0.0015, Unit::Metre), "");
-    assert_eq!(spacing_warnings(1.5, Unit::Millimetre), "");
+    let said = |spacing, unit| said_of_spacing(spacing, &Preprocess { unit, ..Preprocess::default() });
+    assert_eq!(said(0.0015, Unit::Metre), "");
+    assert_eq!(said(1.5, Unit::Millimetre), "");
     expect![[r#"
-        dataset.unit: median point spacing of 0.05 mm to 5 cm expected, got 1.5e3 mm with unit "m"
-        the clouds are probably in another unit: set dataset.unit = "mm""#]]
-    .assert_eq(&spacing_warnings(1.5, Unit::Metre));
+        refused: dataset.unit: points 0.02 to 50 mm apart expected, got 1500 mm with unit = "m" in cup/cup_2/cup_2_1_2.pcd, the median of 16 clouds
+        set dataset.unit = "mm": the coordinates are in another unit"#]]
+    .assert_eq(&said(1.5, Unit::Metre));
     expect![[r#"
-        dataset.unit: median point spacing of 0.05 mm to 5 cm expected, got 1.5e-3 mm with unit "mm"
+        refused: dataset.unit: points 0.02 to 50 mm apart expected, got 0.0015 mm with unit = "mm" in cup/cup_2/cup_2_1_2.pcd, the median of 16 clouds
+        set dataset.unit = "m": the coordinates are in another unit"#]]
+    .assert_eq(&said(0.0015, Unit::Millimetre));
+    // A dense scanner's, or that of clouds that are sparse in metres.
+    expect![[r#"
+        dataset.unit: points 0.05 to 50 mm apart expected, got 0.03 mm with unit = "mm" in cup/cup_2/cup_2_1_2.pcd, the median of 16 clouds
         the clouds are probably in another unit: set dataset.unit = "m""#]]
-    .assert_eq(&spacing_warnings(0.0015, Unit::Millimetre));
+    .assert_eq(&said(0.03, Unit::Millimetre));
     expect![[r#"
-        dataset.unit: median point spacing of 0.05 mm to 5 cm expected, got 1.5e-2 mm with unit "m"
+        dataset.unit: points 0.05 to 50 mm apart expected, got 0.015 mm with unit = "m" in cup/cup_2/cup_2_1_2.pcd, the median of 16 clouds
         convert the clouds to metres or millimetres and set dataset.unit"#]]
-    .assert_eq(&spacing_warnings(0.000_015, Unit::Metre));
+    .assert_eq(&said(0.000_015, Unit::Metre));
+}
+
+#[test]
+fn sparse_clouds_are_accepted_where_normals_are_fitted_in_larger_neighbourhoods() {
+    let wide = Preprocess { leaf_um: 1_000_000, normal_radius_um: 1_000_000, ..Preprocess::default() };
+    assert!(said_of_spacing(0.2, &wide).starts_with("dataset.unit: points"));
+    assert!(said_of_spacing(0.2, &Preprocess::default()).starts_with("refused: dataset.unit: points"));
 }

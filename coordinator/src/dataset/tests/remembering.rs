@@ -72,13 +72,12 @@ fn a_data_set_is_the_same_whether_its_inspection_is_remembered_or_not() {
 #[test]
 fn a_remembered_spacing_is_warned_of_again() {
     let fixture = Fixture::new();
-    let preprocess =
-        Preprocess { leaf_um: 20_000_000, normal_radius_um: 200_000_000, ..Preprocess::default() };
+    let preprocess = Preprocess::default();
     for (tone, split) in (1..).zip(["train1", "train2", "validation", "test"]) {
         for (number, path) in
             (0..).zip(fs::read_to_string(fixture.root().join(format!("{split}.txt"))).unwrap().lines())
         {
-            fixture.write(path, pcd::write(&patch(1.5, 10 * tone + number), DataEncoding::Binary));
+            fixture.write(path, pcd::write(&patch(0.000_015, 10 * tone + number), DataEncoding::Binary));
         }
     }
     let kept = Kept::new();

@@ -118,7 +118,16 @@ fn version() {
 #[test]
 fn keys() {
     check_file(
-        &["version = 1", "version = 1\n[dataset]", "version = 1\n[dataset.synthetic]\nobjects = 6"],
+        &[
+            "version = 1",
+            "version = 1\n[dataset]",
+            "version = 1\n[dataset.synthetic]\nobjects = 6",
+            "version = 1\n[dataste]\nroot = 'clouds'",
+            "version = 1\n[dataset]\n[dataste]\nroot = 'clouds'",
+            "version = 1\n[splits]\ntrain1 = 'a.txt'",
+            "version = 1\n[dataset.splits.seedde]\nseed = 1",
+            "version = 1\n[colours]\nseed = 1",
+        ],
         expect![[r#"
             version = 1
               top level: required key missing, got no `dataset`
@@ -129,11 +138,27 @@ fn keys() {
             version = 1\n[dataset.synthetic]\nobjects = 6
               dataset: required key missing, got no `root`
               add `root = …`
+            version = 1\n[dataste]\nroot = \'clouds\'
+              top level: unknown section, got [dataste]
+              did you mean [dataset]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [ga], [stop], [coordinator], [results], [sweep]
+            version = 1\n[dataset]\n[dataste]\nroot = \'clouds\'
+              top level: unknown section, got [dataste]
+              did you mean [dataset]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [ga], [stop], [coordinator], [results], [sweep]
+            version = 1\n[splits]\ntrain1 = \'a.txt\'
+              top level: unknown section, got [splits]
+              did you mean [dataset.splits]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [ga], [stop], [coordinator], [results], [sweep]
+            version = 1\n[dataset.splits.seedde]\nseed = 1
+              dataset.splits: unknown section, got [dataset.splits.seedde]
+              did you mean [dataset.splits.seeded]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [ga], [stop], [coordinator], [results], [sweep]
+            version = 1\n[colours]\nseed = 1
+              top level: unknown section, got [colours]
+              sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [ga], [stop], [coordinator], [results], [sweep]
         "#]],
     );
     check(
         &[
             "[ga]\npopulaton = 10",
+            "ga.crossover_raet = 0.5",
             "sede = 1",
             "[descriptor.genes]\nr1 = 1.0",
             "[descriptor.genes]\nR1 = { mni = 1.0 }",
@@ -146,6 +171,9 @@ fn keys() {
             [ga]\npopulaton = 10
               ga: unknown key, got `populaton`
               did you mean `population`? known keys here: population, elite, selection, scaling, crossover, crossover_rate, mutation, mutation_rate, mutation_decay, encoding
+            ga.crossover_raet = 0.5
+              ga: unknown key, got `crossover_raet`
+              did you mean `crossover_rate`? known keys here: population, elite, selection, scaling, crossover, crossover_rate, mutation, mutation_rate, mutation_decay, encoding
             sede = 1
               top level: unknown key, got `sede`
               did you mean `seed`? known keys here: version, name, seed, dataset, preprocess, descriptor, search, ga, stop, coordinator, results, sweep

@@ -102,7 +102,7 @@ fn dataset() {
               did you mean `uw`? known words here: uw, folders, manifest
             dataset.unit = \'cm\'
               dataset.unit: unknown word, got 'cm'
-              did you mean `mm`? known words here: m, mm
+              known words here: m, mm
             dataset.splits = \'manifest\'
               dataset.splits: there is no manifest in this layout, got "manifest"
               write `layout = "manifest"`, or name lists or a seeded draw in [dataset.splits]
