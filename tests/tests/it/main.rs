@@ -6,6 +6,7 @@
 //! - `circles`: no file imports another in a circle
 //! - `comparisons`: descriptors on the test clouds of a run
 //! - `determinism`: one digest, whatever the workers do
+//! - `documents`: commands, links and generated pages of the documents
 //! - `remembering`: caches and what is kept from run to run
 //! - `resuming`: coordinators that are killed and started again
 //! - `sessions`: bring-up, waiting and deadline of every command
@@ -33,6 +34,7 @@ mod bad_input;
 mod circles;
 mod comparisons;
 mod determinism;
+mod documents;
 mod exhaust;
 mod grid;
 mod hill_climbing;
