@@ -43,6 +43,33 @@ pub fn clouds() -> &'static Path {
     ROOT.get_or_init(|| folder.path().join("data"))
 }
 
+/// A finished run of the demo in the folder `results/runs/demo`, and its clouds: made once, to be read or copied.
+pub fn run_demo() -> &'static Experiment {
+    static DEMO: OnceLock<Experiment> = OnceLock::new();
+    DEMO.get_or_init(|| {
+        let demo = Experiment::with("");
+        copy_folder(&repository().join("experiments"), &demo.folder().join("experiments"));
+        let toml = demo.path("experiments/demo.toml");
+        let out = demo.path("results/runs/demo");
+        run("coordinator", ["run", &toml, "--out", &out, "--listen", "127.0.0.1:0"]).expect_success();
+        demo
+    })
+}
+
+/// Copies a folder with everything in it.
+pub fn copy_folder(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap() {
+        let entry = entry.unwrap();
+        let target = to.join(entry.file_name());
+        if entry.file_type().unwrap().is_dir() {
+            copy_folder(&entry.path(), &target);
+        } else {
+            fs::copy(entry.path(), target).unwrap();
+        }
+    }
+}
+
 /// An experiment in a folder of its own.
 pub struct Experiment {
     folder: TempDir,

@@ -13,7 +13,7 @@ use crate::run::search_space;
 
 /// Validate an experiment and its data; print what would be run
 ///
-/// Example: coordinator check experiments/household.toml
+/// Example: coordinator check experiments/demo.toml
 #[derive(Debug, Args)]
 pub struct Check {
     /// The experiment, for example experiments/demo.toml

@@ -17,7 +17,7 @@ use crate::{run, sweep};
 /// 1 - precision; and whether the differences may be chance. All of it becomes tables in the run folder; each use is
 /// a look at the test clouds and is noted there. Of an experiment, the run is made first if it is not finished.
 ///
-/// Example: coordinator compare experiments/household.toml
+/// Example: coordinator compare experiments/demo.toml
 #[derive(Debug, Args)]
 pub struct Compare {
     /// An experiment, or the folder of a finished run or sweep, for example results/runs/demo-0123456789ab

@@ -19,7 +19,7 @@ use crate::run::summary;
 
 /// Evaluate one descriptor on lists of clouds
 ///
-/// Example: coordinator evaluate --data ../shared/data/household-rgbd --query test.txt
+/// Example: coordinator evaluate --data results/data/demo --query test.txt
 /// --database train1.txt --database train2.txt --database validation.txt --set shape_bins=60 --set R1=1.3
 #[derive(Debug, Args)]
 pub struct Evaluate {

@@ -17,7 +17,7 @@ use transport::Protection;
 /// Killed, the same command goes on with the cells that are missing. Later runs on the same training clouds report how
 /// far they are from the best. Neither validation nor test clouds are read.
 ///
-/// Example: coordinator exhaust experiments/household.toml
+/// Example: coordinator exhaust experiments/demo.toml
 #[derive(Debug, Args)]
 pub struct Exhaust {
     /// The experiment, for example experiments/household.toml

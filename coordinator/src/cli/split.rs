@@ -14,7 +14,7 @@ use crate::dataset::{Fold, Folds, Layout, Protocol, SPLITS};
 /// The same clouds and seed give the same lists. No frame is in two of them: clouds whose bytes are those of another are
 /// left out.
 ///
-/// Example: coordinator split ../shared/data/household-rgbd --out results/data/splits --protocol leave-sequence-out
+/// Example: coordinator split results/data/demo --out results/data/splits --protocol leave-sequence-out
 #[derive(Debug, Args)]
 pub struct Split {
     /// Folder that holds the clouds, for example my-objects

@@ -362,10 +362,11 @@ mod tests {
     #[test]
     fn the_line_counts_as_the_summary_does_and_says_how_long_only_when_that_is_known() {
         let counts = [Counts { object_correct: 1, category_correct: 1, queries: 2 }];
+        let best = Descriptor::default_of(descriptor::Family::DiskRing);
         let done = |generation| GenerationReport {
             generation,
             counts: &counts,
-            best: &Descriptor::default_of(descriptor::Family::DiskRing),
+            best: &best,
             improved: true,
             validation: None,
         };

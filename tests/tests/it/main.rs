@@ -7,6 +7,7 @@
 //! - `comparisons`: descriptors on the test clouds of a run
 //! - `determinism`: one digest, whatever the workers do
 //! - `families`: another family than the paper's
+//! - `documents`: commands, links and generated pages of the documents
 //! - `remembering`: caches and what is kept from run to run
 //! - `resuming`: coordinators that are killed and started again
 //! - `sessions`: bring-up, waiting and deadline of every command
@@ -35,6 +36,7 @@ mod bad_input;
 mod circles;
 mod comparisons;
 mod determinism;
+mod documents;
 mod exhaust;
 mod families;
 mod grid;

@@ -122,6 +122,45 @@ fn architecture_md_names_every_crate_and_no_other() {
     assert_eq!(named, members, "ARCHITECTURE.md has one section `### `name/`` for each crate");
 }
 
+/// What a crate reaches along dependencies.
+fn reached<'a>(from: &'a str, edges: &BTreeSet<(&'a str, &'a str)>) -> BTreeSet<&'a str> {
+    let mut reached = BTreeSet::new();
+    let mut open = vec![from];
+    while let Some(at) = open.pop() {
+        let next = edges.iter().filter(|(origin, _)| *origin == at).map(|(_, target)| *target);
+        open.extend(next.filter(|target| reached.insert(*target)));
+    }
+    reached
+}
+
+#[test]
+fn the_picture_in_architecture_md_is_what_the_manifests_say() {
+    let text = read("ARCHITECTURE.md");
+    let (_, picture) = text.split_once("```mermaid\nflowchart").unwrap();
+    let (picture, _) = picture.split_once("```").unwrap();
+    let drawn: BTreeSet<(&str, &str)> =
+        picture.lines().filter_map(|line| line.trim().split_once(" --> ")).collect();
+
+    let members: Vec<String> = members().into_iter().filter(|folder| folder != "tests").collect();
+    let manifests: Vec<Table> =
+        members.iter().map(|folder| manifest(&format!("{folder}/Cargo.toml"))).collect();
+    let names: BTreeSet<&str> = members.iter().map(|folder| crate_name(folder)).collect();
+    let mut built = BTreeSet::new();
+    for (folder, manifest) in members.iter().zip(&manifests) {
+        let dependencies = manifest.get("dependencies").and_then(|section| section.as_table());
+        let targets = dependencies.into_iter().flat_map(|section| section.keys());
+        let targets = targets.filter_map(|target| names.get(target.as_str()));
+        built.extend(targets.map(|target| (crate_name(folder), *target)));
+    }
+    for &name in &names {
+        assert_eq!(reached(name, &drawn), reached(name, &built), "ARCHITECTURE.md: what {name} depends on");
+    }
+    for edge in &drawn {
+        let others = drawn.iter().filter(|other| *other != edge).copied().collect();
+        assert!(!reached(edge.0, &others).contains(edge.1), "ARCHITECTURE.md: {edge:?} follows from others");
+    }
+}
+
 #[test]
 fn crates_depend_only_downwards() {
     let members: BTreeSet<String> = members().into_iter().collect();
@@ -250,20 +289,21 @@ fn the_readme_has_the_commands_that_ci_runs() {
     let (readme, ci) = (read("README.md"), read(".ci/run"));
     let demo = "cargo run --release --bin coordinator -- run experiments/demo.toml";
     for command in [demo, "cargo test --release --workspace"] {
-        assert!(readme.lines().any(|line| line.trim() == command), "README.md: no line `{command}`");
+        let has = readme.lines().any(|line| line.trim().trim_start_matches("$ ") == command);
+        assert!(has, "README.md: no line `{command}`");
         assert!(ci.contains(command), ".ci/run: does not run `{command}`");
     }
 }
 
 #[test]
-fn the_readmes_rust_example_is_the_one_that_is_compiled() {
-    let example = read("results/examples/best_fitness.rs");
+fn the_books_rust_example_is_the_one_that_is_compiled() {
+    let (example, page) = (read("results/examples/best_fitness.rs"), "docs/src/how-to/polars.md");
     let (_, code) = example.split_once('\n').unwrap();
-    assert!(read("README.md").contains(&format!("```rust\n{code}```")), "README.md: the example has changed");
+    assert!(read(page).contains(&format!("```rust\n{code}```")), "{page}: the example has changed:\n{code}");
 }
 
 #[test]
-fn the_readmes_library_example_is_the_one_that_is_run() {
+fn the_books_library_example_is_the_one_that_is_run() {
     let library = read("descriptor/src/lib.rs");
     let example = library.lines().skip_while(|line| *line != "//! ```").skip(1);
     let code: String = example
@@ -274,7 +314,8 @@ fn the_readmes_library_example_is_the_one_that_is_run() {
     assert!(code.lines().count() > 10, "{code}");
     let unindented =
         |text: &str| text.lines().map(|line| line.trim_start().to_owned() + "\n").collect::<String>();
-    assert!(unindented(&read("README.md")).contains(&code), "README.md: the example has changed:\n{code}");
+    let page = "docs/src/how-to/recognise.md";
+    assert!(unindented(&read(page)).contains(&code), "{page}: the example has changed:\n{code}");
 }
 
 #[test]
@@ -289,17 +330,6 @@ fn the_rust_answers_of_results_readme_are_those_that_are_compiled() {
     for answer in answers {
         assert!(example.contains(answer), "results/README.md: an answer has changed:\n{answer}");
     }
-}
-
-#[test]
-fn the_readmes_experiment_is_valid() {
-    let readme = read("README.md");
-    let (_, rest) = readme.split_once("```toml\n").unwrap();
-    let (toml, _) = rest.split_once("```").unwrap();
-    let experiment = crate::experiments::Experiment::with(toml);
-    let path = experiment.path("exp.toml");
-    let read = coordinator::experiment::Experiment::read(path.as_ref(), Default::default());
-    assert!(read.is_ok(), "README.md: {}", read.unwrap_err());
 }
 
 #[test]
