@@ -1,6 +1,6 @@
 //! The rules of this repository, as tests that name the file and the rule.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 use std::fs;
 use std::process::Command;
 
@@ -266,21 +266,44 @@ fn workers_link_no_polars_and_nobody_links_an_http_client_or_a_second_tls() {
     }
 }
 
-/// Features of every package that `cargo run` builds, as the two commands of the README resolve them.
+/// Every package that a command builds, with each set of its features: `name version|features`.
+///
+/// A package that build scripts and macros need, too, may be built once more for them.
+fn resolved(selection: &[&str], edges: &str) -> BTreeSet<String> {
+    let mut args = vec!["tree", "-e", edges, "--prefix", "none", "-f", "{p}|{f}"];
+    args.extend(selection);
+    let tree = cargo(&args);
+    let packages = tree.lines().map(|line| line.trim_end_matches(" (*)").replace(" (proc-macro)", ""));
+    packages.filter(|package| package.contains('|')).collect()
+}
+
+/// Otherwise the second command builds again what the first has built. `cargo run --bin coordinator` resolves the
+/// features of the whole workspace, tests aside; `-p worker` those of one crate and all below it.
 #[test]
-fn run_and_test_resolve_the_same_features() {
-    let resolved = |edges: &str| -> BTreeMap<String, String> {
-        let tree = cargo(&["tree", "--workspace", "-e", edges, "--prefix", "none", "-f", "{p}|{f}"]);
-        tree.lines()
-            .filter_map(|line| line.trim_end_matches(" (*)").split_once('|'))
-            .map(|(package, features)| (package.to_owned(), features.to_owned()))
-            .collect()
-    };
-    let run = resolved("normal,build");
-    let test = resolved("normal,build,dev");
-    assert!(run.len() > 200, "only {} packages", run.len());
-    for (package, features) in &run {
-        assert_eq!(Some(features), test.get(package), "{package}: features differ between run and test");
+fn the_readmes_commands_resolve_the_same_features() {
+    for (kind, edges, edges_of_tests) in [
+        ("all", "normal,build", "normal,build,dev"),
+        ("linked", "no-build,no-dev,no-proc-macro", "no-build,no-proc-macro"),
+    ] {
+        let run = resolved(&["--workspace"], edges);
+        assert!(run.len() > 200, "only {} packages", run.len());
+        for program in ["worker", "coordinator"] {
+            let alone = resolved(&["-p", program], edges);
+            assert!(alone.len() > 100, "{program}: only {} packages", alone.len());
+            let again: Vec<&String> = alone.difference(&run).collect();
+            assert!(
+                again.is_empty(),
+                "{kind}: `cargo build -p {program}` would build again: {again:#?}\n\
+                 give them their missing features in [workspace.dependencies] and let {program} depend on them"
+            );
+        }
+        let test = resolved(&["--workspace"], edges_of_tests);
+        let again: Vec<&String> = run.difference(&test).collect();
+        assert!(
+            again.is_empty(),
+            "{kind}: `cargo test` would build again: {again:#?}\n\
+             move the dev-dependency that adds features to them to the crate `tests`"
+        );
     }
 }
 
