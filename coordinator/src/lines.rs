@@ -26,10 +26,11 @@ fn wrapped_line(line: &str, indent: usize) -> String {
 
 /// Where a line that is too long ends; `None` if it is not, or is a single word.
 fn end_of_line(line: &str, indent: usize) -> Option<usize> {
-    let (limit, _) = line.char_indices().nth(COLUMNS)?;
+    // The first character that is too many may be the space at which the line ends.
+    let (limit, after) = line.char_indices().nth(COLUMNS).map(|(at, c)| (at, at + c.len_utf8()))?;
     let begin = line.char_indices().nth(indent).map_or(limit, |(begin, _)| begin);
     let begin = begin + (line[begin..].len() - line[begin..].trim_start().len());
-    let within = (begin < limit).then(|| line[begin..=limit].rfind(' ')).flatten();
+    let within = (begin < limit).then(|| line[begin..after].rfind(' ')).flatten();
     let end = begin + within.or_else(|| line[begin..].find(' '))?;
     (!line[end..].trim().is_empty()).then_some(end)
 }

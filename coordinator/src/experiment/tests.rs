@@ -273,7 +273,7 @@ fn the_schema_describes_keys_and_gives_defaults() {
     expect![[r#"
         {
           "type": "string",
-          "description": "Folder that holds the clouds.",
+          "description": "Folder that holds the clouds; a relative path is relative to the folder of the experiment file.",
           "examples": [
             "${UW_RGBD:-../../rgbd-dataset}"
           ]

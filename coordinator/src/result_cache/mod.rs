@@ -48,6 +48,9 @@ impl<'a> Memory<'a> {
     /// What is remembered; nothing if there is any doubt.
     pub fn recall(&self) -> Remembered {
         let Some(payload) = self.store.get_local(KIND, self.key) else { return Remembered::new() };
+        if records::is_older(&payload) {
+            return Remembered::new(); // of an earlier release: nothing is wrong with it
+        }
         records::decode(&payload, self.queries).unwrap_or_else(|what| {
             tracing::warn!("cache: {KIND} {} are not used, got {what}", self.key);
             Remembered::new()

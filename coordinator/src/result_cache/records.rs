@@ -12,6 +12,11 @@ const MAGIC: &[u8; 8] = b"counts 2";
 /// 31 MB.
 const MAX_RECORDS: usize = 1 << 20;
 
+/// Whether a payload has a form that earlier releases wrote.
+pub(super) fn is_older(payload: &[u8]) -> bool {
+    payload.starts_with(b"counts 1")
+}
+
 /// Leaves at most [`MAX_RECORDS`], those with most objects recognised: searches come back to good descriptors. What
 /// is left does not depend on the order in which runs ended.
 pub(super) fn truncate(known: &mut Remembered) {
@@ -165,6 +170,8 @@ mod tests {
         assert!(spoilt(0, 0, 1).is_err(), "a gene outside its limits");
         assert!(spoilt(0, 5, 21).is_err(), "more objects than categories");
         assert!(spoilt(0, 6, QUERIES + 1).is_err(), "more categories than queries");
+        let older = [b"counts 1", &sound[MAGIC.len()..]].concat();
+        assert!(is_older(&older) && !is_older(&sound) && decode(&older, QUERIES).is_err());
     }
 
     #[test]
