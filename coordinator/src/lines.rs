@@ -30,7 +30,10 @@ fn end_of_line(line: &str, indent: usize) -> Option<usize> {
     let (limit, after) = line.char_indices().nth(COLUMNS).map(|(at, c)| (at, at + c.len_utf8()))?;
     let begin = line.char_indices().nth(indent).map_or(limit, |(begin, _)| begin);
     let begin = begin + (line[begin..].len() - line[begin..].trim_start().len());
-    let within = (begin < limit).then(|| line[begin..after].rfind(' ')).flatten();
+    // A number stays with its unit, and a share with its count in brackets.
+    let may_end = |at: &usize| !line[begin + at..].trim_start().starts_with(['%', '(']);
+    let spaces = |text: &str| text.match_indices(' ').map(|(at, _)| at).filter(may_end).last();
+    let within = (begin < limit).then(|| spaces(&line[begin..after])).flatten();
     let end = begin + within.or_else(|| line[begin..].find(' '))?;
     (!line[end..].trim().is_empty()).then_some(end)
 }
@@ -70,8 +73,8 @@ mod tests {
     fn long_values_go_on_below_themselves() {
         let value = "1.42 % (5 of 352): the best of all 16580160 descriptors has 28.12 % (99)";
         expect![[r#"
-            regret        1.42 % (5 of 352): the best of all 16580160 descriptors has 28.12
-                          % (99)
+            regret        1.42 % (5 of 352): the best of all 16580160 descriptors has
+                          28.12 % (99)
         "#]]
         .assert_eq(&labelled("regret", 14, value));
         let path = "/".repeat(90);
