@@ -32,7 +32,7 @@ fn end_of_line(line: &str, indent: usize) -> Option<usize> {
     let begin = begin + (line[begin..].len() - line[begin..].trim_start().len());
     // A number stays with its unit, and a share with its count in brackets.
     let may_end = |at: &usize| !line[begin + at..].trim_start().starts_with(['%', '(']);
-    let spaces = |text: &str| text.match_indices(' ').map(|(at, _)| at).filter(may_end).last();
+    let spaces = |text: &str| text.match_indices(' ').map(|(at, _)| at).filter(may_end).next_back();
     let within = (begin < limit).then(|| spaces(&line[begin..after])).flatten();
     let end = begin + within.or_else(|| line[begin..].find(' '))?;
     (!line[end..].trim().is_empty()).then_some(end)

@@ -77,6 +77,7 @@ pub(super) fn test_vector(
     let answer = recogniser.answer(&described, 2);
     let (nearest, runner_up) = (answer.nearest(), answer.runner_up());
     let Described { signatures, keypoints } = &described;
+    // Of disk-ring, as all artefacts are: shape, then colour.
     let no_part = Part { centroid: &[], deviation: &[] };
     let part = |channel: usize| {
         let signature: Option<&Signature> = signatures.get(channel);
