@@ -1,4 +1,5 @@
-//! One descriptor on given lists, in this process, with the time that each stage takes.
+//! One descriptor on given lists, under one or several set distances, in this process, with the time that each stage
+//! takes.
 
 use proto::Message;
 use std::ops::AddAssign;
@@ -13,7 +14,7 @@ use descriptor::{
 };
 use rayon::prelude::*;
 
-use crate::dataset::{Listing, read_file};
+use crate::dataset::{ListedCloud, Listing, read_file};
 
 /// What to evaluate.
 #[derive(Clone, Debug)]
@@ -24,13 +25,12 @@ pub struct Request {
     pub preprocess: Preprocess,
     /// The descriptor.
     pub descriptor: Descriptor,
-    /// How clouds are compared by it.
-    pub distance: SetDistance,
     /// Threads; stages are timed on each of them and added up.
     pub threads: usize,
 }
 
-/// Time of each stage, added up over clouds and threads; `total` is wall time from the first cloud to the last match.
+/// Time of each stage, added up over clouds and threads; `total` is wall time from the first cloud to the last
+/// match of one set distance.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Seconds {
     /// Reading and decoding files.
@@ -58,7 +58,7 @@ impl AddAssign for Seconds {
     }
 }
 
-/// What an evaluation gives.
+/// What an evaluation under one set distance gives.
 #[derive(Clone, Debug)]
 pub struct Report {
     /// Counts of recognised queries.
@@ -107,72 +107,95 @@ pub enum EvaluateError {
     Threads(#[from] rayon::ThreadPoolBuildError),
 }
 
-/// Evaluates one descriptor.
-pub fn evaluate(request: &Request) -> Result<Report, EvaluateError> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(request.threads).build()?;
-    let describer = Describer::new(&request.descriptor)?;
-    pool.install(|| evaluate_by(request, &describer))
+/// Queries and database under one descriptor: they are described once, whatever they are compared by.
+pub struct DescribedClouds {
+    pool: rayon::ThreadPool,
+    descriptor: Descriptor,
+    query: Side,
+    database: Side,
+    skipped: Vec<(String, String)>,
+    keypoints: usize,
+    /// Of everything so far.
+    seconds: Seconds,
 }
 
-/// From the lists to the report.
-fn evaluate_by(request: &Request, describer: &Describer) -> Result<Report, EvaluateError> {
-    let (started, listing) = (Instant::now(), &request.listing);
-    let described: Vec<(Result<Described, String>, Seconds)> = listing
-        .clouds
-        .par_iter()
-        .map(|cloud| describe_file(&cloud.path, &cloud.file, &request.preprocess, describer))
-        .collect::<Result<_, _>>()?;
+impl DescribedClouds {
+    /// Describes all clouds; `watch` is called after each.
+    pub fn new(request: &Request, watch: &(dyn Fn() + Sync)) -> Result<Self, EvaluateError> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(request.threads).build()?;
+        let describer = Describer::new(&request.descriptor)?;
+        let (started, listing) = (Instant::now(), &request.listing);
+        let describe = |cloud: &ListedCloud| {
+            let described = describe_file(&cloud.path, &cloud.file, &request.preprocess, &describer)?;
+            watch();
+            Ok(described)
+        };
+        let described: Vec<(Result<Described, String>, Seconds)> =
+            pool.install(|| listing.clouds.par_iter().map(describe).collect::<Result<_, EvaluateError>>())?;
 
-    let mut seconds = Seconds::default();
-    let mut skipped: Vec<(String, String)> = Vec::new();
-    let mut total_keypoints = 0;
-    let mut sides = [Side::default(), Side::default()];
-    for (index, (cloud, (described, time))) in listing.clouds.iter().zip(described).enumerate() {
-        seconds += time;
-        let side = &mut sides[usize::from(index >= listing.queries)];
-        match described {
-            Ok(Described { signatures, keypoints }) => {
-                total_keypoints += keypoints;
-                side.signatures.push(signatures);
-                side.labels.push(Label { category: cloud.category, instance: cloud.instance });
-                side.paths.push(cloud.path.clone());
-            }
-            Err(reason) => {
-                skipped.push((cloud.path.clone(), reason));
-                side.skipped += 1;
+        let mut seconds = Seconds::default();
+        let mut skipped: Vec<(String, String)> = Vec::new();
+        let mut total_keypoints = 0;
+        let mut sides = [Side::default(), Side::default()];
+        for (index, (cloud, (described, time))) in listing.clouds.iter().zip(described).enumerate() {
+            seconds += time;
+            let side = &mut sides[usize::from(index >= listing.queries)];
+            match described {
+                Ok(Described { signatures, keypoints }) => {
+                    total_keypoints += keypoints;
+                    side.signatures.push(signatures);
+                    side.labels.push(Label { category: cloud.category, instance: cloud.instance });
+                    side.paths.push(cloud.path.clone());
+                }
+                Err(reason) => {
+                    skipped.push((cloud.path.clone(), reason));
+                    side.skipped += 1;
+                }
             }
         }
-    }
-    let [query, database] = sides;
-    for (which, side) in [("--query", &query), ("--database", &database)] {
-        if side.signatures.is_empty() {
-            return Err(EvaluateError::Empty { which, skipped: side.skipped });
+        let [query, database] = sides;
+        for (which, side) in [("--query", &query), ("--database", &database)] {
+            if side.signatures.is_empty() {
+                return Err(EvaluateError::Empty { which, skipped: side.skipped });
+            }
         }
+        seconds.total = started.elapsed();
+        let (descriptor, keypoints) = (request.descriptor.clone(), total_keypoints);
+        Ok(Self { pool, descriptor, query, database, skipped, keypoints, seconds })
     }
-    let matching = Instant::now();
-    let weights = request.descriptor.channels().into_iter().enumerate();
-    let distances: Vec<(DistanceMatrix, f64)> = weights
-        .map(|(channel, (_, weight))| {
-            let [queries, database] = [&query, &database].map(|side| side.channel(channel));
-            (DistanceMatrix::by(request.distance, &queries, &database), weight)
-        })
-        .collect();
-    let matches = recognise_from(query.signatures.len(), &distances, &database.labels)?;
-    let correct = Correct::count(&matches, &query.labels, &database.labels);
-    seconds.matching = matching.elapsed();
-    seconds.total = started.elapsed();
-    let named =
-        query.paths.iter().zip(&matches).map(|(path, found)| {
+
+    /// Matches them by a set distance; the time that it took to describe them is part of the report.
+    pub fn report(&self, distance: SetDistance) -> Result<Report, EvaluateError> {
+        self.pool.install(|| self.matched_by(distance))
+    }
+
+    fn matched_by(&self, distance: SetDistance) -> Result<Report, EvaluateError> {
+        let Self { query, database, .. } = self;
+        let matching = Instant::now();
+        let weights = self.descriptor.channels().into_iter().enumerate();
+        let distances: Vec<(DistanceMatrix, f64)> = weights
+            .map(|(channel, (_, weight))| {
+                let [queries, database] = [query, database].map(|side| side.channel(channel));
+                (DistanceMatrix::by(distance, &queries, &database), weight)
+            })
+            .collect();
+        let matches = recognise_from(query.signatures.len(), &distances, &database.labels)?;
+        let correct = Correct::count(&matches, &query.labels, &database.labels);
+        let mut seconds = self.seconds;
+        seconds.matching = matching.elapsed();
+        seconds.total += seconds.matching;
+        let named = query.paths.iter().zip(&matches).map(|(path, found)| {
             (path.clone(), database.paths[found.nearest.index as usize].clone(), *found)
         });
-    Ok(Report {
-        correct,
-        database: database.signatures.len(),
-        skipped,
-        keypoints: total_keypoints,
-        seconds,
-        matches: named.collect(),
-    })
+        Ok(Report {
+            correct,
+            database: database.signatures.len(),
+            skipped: self.skipped.clone(),
+            keypoints: self.keypoints,
+            seconds,
+            matches: named.collect(),
+        })
+    }
 }
 
 /// Queries, or the database.

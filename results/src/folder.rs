@@ -191,6 +191,21 @@ impl RunFolder {
         sync_folder(&self.folder)
     }
 
+    /// Prepares the comparison in the folder for further descriptors: it stays until [`RunFolder::write_comparison`]
+    /// replaces it. Removes what an unfinished one has left of descriptors other than these, which are its own.
+    pub fn extend_comparison(&self, descriptors: &[&str]) -> Result<(), Error> {
+        for table in [TableName::Distances, TableName::Answers, TableName::RecallPrecision] {
+            let folder = self.folder.join(table.as_str());
+            fs::create_dir_all(&folder).map_err(|source| opening(&folder, source))?;
+            let is_own = |name: &str| {
+                name.strip_suffix(".parquet").is_none_or(|descriptor| descriptors.contains(&descriptor))
+            };
+            remove(&folder, |name| is_temporary(name) || !is_own(name))?;
+            sync_folder(&folder)?;
+        }
+        sync_folder(&self.folder)
+    }
+
     /// Writes what one descriptor makes of the test clouds: its answers in query order, its curves, and the distances
     /// of queries to database clouds. The label becomes the file's name.
     pub fn write_compared(

@@ -43,7 +43,7 @@ pub use population::PopulationSummary;
 pub use problem::Problem;
 #[cfg(feature = "sql")]
 pub use query::{Answer, AnswerFormat, LONGEST_QUERY, QueryError, query};
-pub use read::{FinishedRun, read_evaluations, read_predictions, read_run, read_table};
+pub use read::{FinishedRun, read_comparison, read_evaluations, read_predictions, read_run, read_table};
 pub use report::Report;
 pub use schema::schema_markdown;
 pub use statistics::{Cluster, RankSum, bootstrap, holm, mcnemar, rank_sum, wilson};

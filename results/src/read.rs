@@ -12,6 +12,7 @@ use crate::file::names;
 use crate::parquet;
 use crate::table_name::TableName;
 use crate::tables::TableFile;
+use crate::tables::comparison::ComparedRow;
 use crate::tables::run::{EvaluationRow, PredictionRow, PredictionSplit, RunRow};
 
 /// Name of a generation's file in its table's folder.
@@ -171,6 +172,15 @@ pub fn read_evaluations(run: impl AsRef<Path>) -> Result<Vec<EvaluationRow>, Err
         rows.extend(read_file(&file, TableName::Evaluations)?.rows::<EvaluationRow>()?);
     }
     Ok(rows)
+}
+
+/// The descriptors of the comparison in a run folder, in its order; none if there is none, or none that is whole.
+///
+/// # Errors
+/// If the file cannot be read, or is damaged.
+pub fn read_comparison(run: impl AsRef<Path>) -> Result<Vec<ComparedRow>, Error> {
+    let file = run.as_ref().join(TableName::Comparison.as_str()).join(TableName::Comparison.file());
+    read_file_if_any(&file, TableName::Comparison)?.map_or(Ok(Vec::new()), |content| content.rows())
 }
 
 /// The winner's answers to the queries of one split, in query order; none where the run has not measured it.

@@ -13,4 +13,4 @@ pub mod scheduler;
 pub mod sharding;
 pub mod store;
 
-pub use cluster::{CellAnswer, Client, Cluster, ClusterError, ClusterNews};
+pub use cluster::{CellAnswer, Client, Cluster, ClusterError, ClusterNews, DescriptionAnswer};

@@ -17,6 +17,9 @@ use crate::{run, sweep};
 /// 1 - precision; and whether the differences may be chance. All of it becomes tables in the run folder; each use is
 /// a look at the test clouds and is noted there. Of an experiment, the run is made first if it is not finished.
 ///
+/// A further comparison adds to the tables: descriptors that are there stay, with their times. Stopped at any moment,
+/// the same command goes on: descriptions are kept in the cache as they arrive, times in the table.
+///
 /// Example: coordinator compare experiments/demo.toml
 #[derive(Debug, Args)]
 pub struct Compare {
@@ -30,10 +33,15 @@ pub struct Compare {
     /// --distance chi2 --distance l1
     #[arg(long, value_name = "NAME", value_parser = ["chi2", "l1"])]
     distance: Vec<String>,
-    /// Radius of the region of pfhrgb and shotcolor in centimetres, for example 5
-    #[arg(long, value_name = "CM", default_value_t = 5.0)]
-    radius_cm: f64,
-    /// Measure no times, for example where only errors are wanted: PFHRGB takes a tenth of a second a cloud
+    /// Radius of the region of pfhrgb and shotcolor in centimetres, for example 2.5; by default that of the comparison
+    /// in the run folder, or else 5. One comparison has one radius: another is refused without --replace
+    #[arg(long, value_name = "CM")]
+    radius_cm: Option<f64>,
+    /// Begin the comparison anew instead of adding to the one in the run folder, for example to measure times again
+    #[arg(long)]
+    replace: bool,
+    /// Measure no times, for example where only errors are wanted: PFHRGB takes a tenth of a second a cloud. Otherwise
+    /// those that the table does not have are measured
     #[arg(long)]
     no_times: bool,
     /// Why the test clouds are looked at, for example "table 1 of the paper"; kept in table looks
@@ -48,8 +56,8 @@ pub struct Compare {
 
 impl Compare {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
-        let Self { subject, descriptor, distance, radius_cm, no_times, reason, data, manner } = self;
-        let radius_um = super::micrometres("--radius-cm", radius_cm)?;
+        let Self { subject, descriptor, distance, radius_cm, replace, no_times, reason, data, manner } = self;
+        let radius_um = radius_cm.map(|cm| super::micrometres("--radius-cm", cm)).transpose()?;
         let folder = if subject.is_file() {
             let plan = Plan::read(&subject, manner.overrides(None))?;
             let out = match &plan {
@@ -65,14 +73,13 @@ impl Compare {
         if distances.is_empty() {
             distances.push(SetDistance::default());
         }
-        distances.sort_by_key(|distance| distance.name());
-        distances.dedup();
         let asked = |one: &Named| descriptor.iter().any(|name| name == one.name());
         let named: Vec<Named> = Named::ALL.into_iter().filter(asked).collect();
         let options = Options {
             descriptors: (!named.is_empty()).then_some(named),
             distances,
             radius_um,
+            replace,
             times: !no_times,
             reason,
             data,
@@ -81,7 +88,7 @@ impl Compare {
             storage: manner.storage.clone().resolve(),
         };
         for (member, folder) in sweep::run_folders(&folder)? {
-            let comparison = super::block_on("run the same command to begin again", async {
+            let comparison = super::block_on("go on: the same command again", async {
                 Ok(compare(&folder, &options).await?)
             })?;
             let title = if member.is_empty() { member } else { format!("{member}\n") };

@@ -11,7 +11,7 @@ use descriptor::{
 use serde_json::json;
 
 use crate::dataset::{Layout, Listing};
-use crate::evaluate::{Report, Request, evaluate};
+use crate::evaluate::{DescribedClouds, Report, Request};
 use crate::experiment::name_advice;
 use crate::lines::wrapped;
 use crate::run::progress::percent;
@@ -101,10 +101,9 @@ impl Evaluate {
             listing: Listing::load(&self.data, &layout, &place(&self.query), &place(&self.database))?,
             preprocess,
             descriptor: descriptor.clone(),
-            distance,
             threads,
         };
-        let report = evaluate(&request)?;
+        let report = DescribedClouds::new(&request, &|| ())?.report(distance)?;
         if let Some(file) = &self.nearest {
             let lines: String = report
                 .matches

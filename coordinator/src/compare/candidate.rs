@@ -15,6 +15,8 @@ const SHOTCOLOR_NOTE: &str = "the paper counts 1353: with the 9 values of the re
 pub struct Candidate {
     /// Unique; can be a file's name.
     pub label: String,
+    /// The descriptor's name, whatever the distance.
+    pub name: &'static str,
     /// The descriptor.
     pub descriptor: Descriptor,
     /// How clouds are compared by it.
@@ -68,24 +70,40 @@ impl Named {
     }
 }
 
-/// Every descriptor under every set distance; χ², the paper's, goes without saying.
-pub fn candidates(
-    named: &[Named],
-    distances: &[SetDistance],
-    evolved: &Descriptor,
-    radius_um: u32,
-) -> Vec<Candidate> {
-    let of = |&named: &Named| {
-        distances.iter().map(move |&distance| Candidate {
-            label: match distance {
-                SetDistance::ChiSquared => named.name().to_owned(),
-                SetDistance::L1 => format!("{}-{}", named.name(), distance.name()),
-            },
-            descriptor: named.descriptor(evolved, radius_um),
-            distance,
-        })
-    };
-    named.iter().flat_map(of).collect()
+/// A named descriptor under one set distance.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Choice {
+    /// Which descriptor.
+    pub named: Named,
+    /// How clouds are compared by it.
+    pub distance: SetDistance,
+}
+
+impl Choice {
+    /// All that there are, in the order in which they are shown.
+    pub fn all() -> impl Iterator<Item = Self> {
+        let of = |named| SetDistance::ALL.into_iter().map(move |distance| Self { named, distance });
+        Named::ALL.into_iter().flat_map(of)
+    }
+
+    /// The one with this label.
+    pub fn labelled(label: &str) -> Option<Self> {
+        Self::all().find(|choice| choice.label() == label)
+    }
+
+    /// Its label; χ², the paper's distance, goes without saying.
+    pub fn label(self) -> String {
+        match self.distance {
+            SetDistance::ChiSquared => self.named.name().to_owned(),
+            SetDistance::L1 => format!("{}-{}", self.named.name(), self.distance.name()),
+        }
+    }
+
+    /// What is compared, in a run that has ended with `evolved`.
+    pub fn candidate(self, evolved: &Descriptor, radius_um: u32) -> Candidate {
+        let descriptor = self.named.descriptor(evolved, radius_um);
+        Candidate { label: self.label(), name: self.named.name(), descriptor, distance: self.distance }
+    }
 }
 
 #[cfg(test)]
@@ -95,11 +113,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn labels_are_unique_and_can_be_names_of_files() {
-        let all =
-            candidates(&Named::ALL, &SetDistance::ALL, &Descriptor::default_of(Family::DiskRing), 50_000);
-        let labels: BTreeSet<&str> = all.iter().map(|one| one.label.as_str()).collect();
+    fn labels_are_unique_name_their_choice_and_can_be_names_of_files() {
+        let labels: BTreeSet<String> = Choice::all().map(Choice::label).collect();
         assert_eq!(labels.len(), Named::ALL.len() * SetDistance::ALL.len());
         assert!(labels.iter().all(|label| label.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-')));
+        for choice in Choice::all() {
+            assert_eq!(Choice::labelled(&choice.label()), Some(choice));
+        }
+        assert_eq!(Choice::labelled("evolved-chi2"), None);
     }
 }

@@ -1,5 +1,6 @@
 //! Whether descriptors differ: every pair of them on the same test clouds.
 
+use std::borrow::Borrow;
 use std::collections::BTreeMap;
 
 use descriptor::{Label, random};
@@ -52,11 +53,11 @@ pub fn error_interval(outcomes: &Outcomes, level: Level, queries: &[Label], seed
 }
 
 /// Every pair of descriptors, on the queries that both describe.
-pub fn pairs(all: &[Outcomes], level: Level, queries: &[Label], seed: u64) -> Vec<PairRow> {
+pub fn pairs(all: &[impl Borrow<Outcomes>], level: Level, queries: &[Label], seed: u64) -> Vec<PairRow> {
     let mut rows = Vec::new();
     for (index, a) in all.iter().enumerate() {
         for b in &all[index + 1..] {
-            rows.extend(pair([a, b], level, queries, seed));
+            rows.extend(pair([a.borrow(), b.borrow()], level, queries, seed));
         }
     }
     let adjusted = holm(&rows.iter().map(|row| row.p_value).collect::<Vec<f64>>());

@@ -1,12 +1,12 @@
 //! How long a descriptor takes: all test queries and their database, from files to matches, on one thread of this
 //! process.
 
-use descriptor::Preprocess;
-use results::Times;
+use descriptor::{Descriptor, Preprocess, SetDistance};
+use results::{PredictionRow, Times};
 
-use super::candidate::Candidate;
+use super::error::CompareError;
 use crate::dataset::{Dataset, ListedCloud, Listing};
-use crate::evaluate::{EvaluateError, Request, evaluate};
+use crate::evaluate::{DescribedClouds, EvaluateError, Report, Request};
 use crate::run::Matching;
 
 /// Times and, so that they can be compared with those of workers, answers.
@@ -16,47 +16,77 @@ pub struct Timed {
     /// Mean number of keypoints that are described.
     pub keypoints_per_cloud: f64,
     /// Path of each query that could be described, in their order, path of its nearest cloud and distance.
-    pub nearest: Vec<(String, String, f64)>,
+    nearest: Vec<(String, String, f64)>,
 }
 
-/// Measures one candidate.
+/// Measures one descriptor under each of these set distances: the stages before matching once for all of them. `watch`
+/// is called after each cloud.
 ///
 /// # Errors
-/// As [`evaluate`].
+/// As [`DescribedClouds::new`] and [`DescribedClouds::report`].
 pub fn time(
     dataset: &Dataset,
     preprocess: &Preprocess,
-    candidate: &Candidate,
-) -> Result<Timed, EvaluateError> {
+    descriptor: &Descriptor,
+    distances: &[SetDistance],
+    watch: &(dyn Fn() + Sync),
+) -> Result<Vec<Timed>, EvaluateError> {
     let listing = listing(dataset);
     let clouds = listing.clouds.len();
-    let request = Request {
-        listing,
-        preprocess: *preprocess,
-        descriptor: candidate.descriptor.clone(),
-        distance: candidate.distance,
-        threads: 1,
-    };
-    let report = evaluate(&request)?;
-    let seconds = report.seconds;
-    let described = clouds - report.skipped.len();
-    Ok(Timed {
-        times: Times {
-            read: seconds.read.as_secs_f64(),
-            keypoints: seconds.keypoints.as_secs_f64(),
-            normals: seconds.normals.as_secs_f64(),
-            describe: seconds.describe.as_secs_f64(),
-            matching: seconds.matching.as_secs_f64(),
-            total: seconds.total.as_secs_f64(),
-            hardware: hardware(),
-        },
-        keypoints_per_cloud: report.keypoints as f64 / described.max(1) as f64,
-        nearest: report
-            .matches
-            .into_iter()
-            .map(|(query, nearest, found)| (query, nearest, found.nearest.distance))
-            .collect(),
-    })
+    let request = Request { listing, preprocess: *preprocess, descriptor: descriptor.clone(), threads: 1 };
+    let described = DescribedClouds::new(&request, watch)?;
+    distances.iter().map(|&distance| Ok(Timed::new(described.report(distance)?, clouds))).collect()
+}
+
+impl Timed {
+    fn new(report: Report, clouds: usize) -> Self {
+        let seconds = report.seconds;
+        let described = clouds - report.skipped.len();
+        Self {
+            times: Times {
+                read: seconds.read.as_secs_f64(),
+                keypoints: seconds.keypoints.as_secs_f64(),
+                normals: seconds.normals.as_secs_f64(),
+                describe: seconds.describe.as_secs_f64(),
+                matching: seconds.matching.as_secs_f64(),
+                total: seconds.total.as_secs_f64(),
+                hardware: hardware(),
+            },
+            keypoints_per_cloud: report.keypoints as f64 / described.max(1) as f64,
+            nearest: report
+                .matches
+                .into_iter()
+                .map(|(query, nearest, found)| (query, nearest, found.nearest.distance))
+                .collect(),
+        }
+    }
+
+    /// Refuses answers of workers to the candidate with this label that this process does not find as well.
+    ///
+    /// # Errors
+    /// [`CompareError::Contradiction`].
+    pub fn confirm(&self, label: &str, answers: &[PredictionRow]) -> Result<(), CompareError> {
+        let told = answers.iter().map(|row| (&row.cloud, &row.nearest_cloud, row.distance.to_bits()));
+        let found =
+            self.nearest.iter().map(|(query, nearest, distance)| (query, nearest, distance.to_bits()));
+        let differs = told.clone().zip(found.clone()).find(|(told, found)| told != found);
+        if differs.is_none() && told.len() == found.len() {
+            return Ok(());
+        }
+        let said = |answer: (&String, &String, u64)| {
+            format!("{} for {} at {}", answer.1, answer.0, f64::from_bits(answer.2))
+        };
+        let (then, now) = match differs {
+            Some((told, found)) => (said(told), said(found)),
+            None => (format!("{} answers", told.len()), format!("{} answers", found.len())),
+        };
+        Err(CompareError::Contradiction {
+            label: label.to_owned(),
+            what: "what this process finds",
+            then,
+            now,
+        })
+    }
 }
 
 /// The usable clouds of the final test.

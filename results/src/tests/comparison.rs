@@ -132,10 +132,18 @@ fn a_comparison_is_whole_or_not_there_and_leaves_the_run_as_it_is() {
     assert!(verify(folder.path()).unwrap().problems.is_empty());
     assert_eq!(read_run(folder.path()).unwrap().run_digest, digest);
 
+    // It stays while others are added, until they are whole.
+    assert_eq!(read_comparison(folder.path()).unwrap(), rows());
+    out.write_compared("abandoned", &[], &[], &DISTANCES).unwrap();
+    out.extend_comparison(&["evolved", "pfhrgb-l1"]).unwrap();
+    assert_eq!(TableName::COMPARISON.map(|table| height(table).unwrap()), [8, 6, 10, 1, 2]);
+    assert_eq!(read_comparison(folder.path()).unwrap(), rows());
+
     // Another one that does not come to its end.
     out.begin_comparison().unwrap();
     out.write_compared("evolved", &[], &[], &[]).unwrap();
     assert!(height(TableName::Comparison).is_err());
+    assert_eq!(read_comparison(folder.path()).unwrap(), []);
     // Not a number.
     out.write_compared("evolved", &[], &[], &[distance(0, 0, f32::NAN)]).unwrap_err();
 }

@@ -2,11 +2,12 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
+use std::path::{Path, PathBuf};
 
 use results::{TableName, read_run, read_table};
 use serde_json::Value;
 
-use crate::experiments::{Experiment, summary};
+use crate::experiments::{Experiment, begun, copy_folder, free_address, summary};
 use crate::process::{Finished, Running, run};
 
 const SEARCH: &str = "[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n";
@@ -275,4 +276,160 @@ fn the_papers_descriptor_is_compared_with_any_search_space() {
     experiment.run("out", &[]).expect_success();
     let told = summary(&compare(&experiment.path("out"), &["--descriptor", "paper"]).expect_success());
     assert_eq!(told["descriptors"][0]["parameters"], "shape_bins=60 m=8 R1=1.3 cm R2=3.6 cm w=0.67");
+}
+
+/// Files of this kind in a cache.
+fn entries(cache: &str, kind: &str) -> BTreeSet<PathBuf> {
+    fn below(folder: &Path, found: &mut BTreeSet<PathBuf>) {
+        for entry in fs::read_dir(folder).into_iter().flatten() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                below(&path, found);
+            } else {
+                found.insert(path);
+            }
+        }
+    }
+    let mut found = BTreeSet::new();
+    below(Path::new(cache), &mut found);
+    // Beside them may lie what a kill has left half written.
+    let is_whole = |path: &Path| path.file_name().is_some_and(|name| name.len() == 64);
+    found.retain(|path| path.components().any(|part| part.as_os_str() == kind) && is_whole(path));
+    found
+}
+
+/// The tables of a comparison.
+fn tables(out: &str) -> [Rows; 5] {
+    TableName::COMPARISON.map(|table| Rows::read(out, table))
+}
+
+#[test]
+fn a_comparison_that_is_killed_asks_only_for_the_descriptions_that_are_missing() {
+    const KIND: &str = "descriptions";
+    // Nothing is in doubt where one worker is alone.
+    let experiment = Experiment::new(&format!("{SEARCH}[coordinator]\naudit = 0\n"));
+    experiment.run("out", &[]).expect_success();
+    let (out, undisturbed, cache) =
+        (experiment.path("out"), experiment.path("undisturbed"), experiment.path("kept"));
+    copy_folder(Path::new(&out), Path::new(&undisturbed));
+    compare(&undisturbed, &["--no-times", "--no-cache"]).expect_success();
+    assert_eq!(entries(&cache, KIND), BTreeSet::new());
+
+    let address = free_address();
+    let args = ["compare", &out, "--no-times", "--json", "--listen", &address, "--cache", &cache];
+    let with = |workers: &'static str| args.into_iter().chain(["--local-workers", workers]);
+    let mut coordinator = Running::start(experiment.folder(), "killed", "coordinator", with("0"));
+    let worker = experiment.worker("first", &address);
+    coordinator.wait_for("described ");
+    // Nobody is left who could finish before the coordinator is gone.
+    worker.signal("STOP");
+    coordinator.signal("KILL");
+    assert_eq!(coordinator.wait().status.code(), None, "the fault came too late");
+    drop(worker);
+    let there = entries(&cache, KIND);
+    assert!(!there.is_empty());
+    assert!(read_table(&out, TableName::Comparison).is_err());
+
+    // One of those that are there is damaged.
+    let damaged = there.first().unwrap();
+    let sound = fs::read(damaged).unwrap();
+    fs::write(damaged, &sound[..sound.len() - 1]).unwrap();
+    let mut coordinator = Running::start(experiment.folder(), "again", "coordinator", with("0"));
+    let worker = experiment.worker("second", &address);
+    let again = coordinator.wait().expect_success();
+    assert!(again.stderr.contains("descriptions are there already"), "{again}");
+    assert!(again.stderr.contains("is truncated, making it again"), "{again}");
+    let all = entries(&cache, KIND);
+    let missing = all.len() - (there.len() - 1);
+    assert!(missing > 1, "the fault came too late: {} of {}", there.len(), all.len());
+    assert_eq!(begun(&worker.log()).values().sum::<usize>(), missing, "{}", worker.log());
+    assert_eq!(fs::read(damaged).unwrap().len(), sound.len());
+    assert!(tables(&out) == tables(&undisturbed));
+
+    // All is there: nobody is needed.
+    let alone = run("coordinator", with("0")).expect_success();
+    assert!(!alone.stderr.contains("waiting for a worker"), "{alone}");
+    assert!(tables(&out) == tables(&undisturbed));
+}
+
+#[test]
+fn comparisons_add_up_to_one_of_all_their_descriptors_and_keep_times() {
+    let experiment = Experiment::new(SEARCH);
+    experiment.run("out", &[]).expect_success();
+    let (out, at_once) = (experiment.path("out"), experiment.path("at-once"));
+    copy_folder(Path::new(&out), Path::new(&at_once));
+    let radius = ["--radius-cm", "2.5"];
+    let named = |names: &[&'static str]| -> Vec<&str> {
+        names.iter().flat_map(|&name| ["--descriptor", name]).chain(radius).collect()
+    };
+    compare(&at_once, &[&named(&["evolved", "paper", "pfhrgb", "shotcolor"])[..], &["--no-times"]].concat())
+        .expect_success();
+
+    let distances = ["--distance", "l1", "--distance", "chi2"];
+    let first = compare(&out, &[&named(&["evolved", "shotcolor"])[..], &distances].concat()).expect_success();
+    // Each descriptor is described once, whatever the distances.
+    assert_eq!(first.stderr.matches("measuring ").count(), 2, "{first}");
+    let seconds = |out: &str| {
+        let comparison = Rows::read(out, TableName::Comparison);
+        let labels = comparison.texts("descriptor");
+        let cells = ["read", "keypoints", "normals", "describe", "match", "total"]
+            .map(|stage| comparison.0[&format!("seconds_{stage}")].clone());
+        let of = |row: usize| cells.each_ref().map(|stage| stage[row].clone());
+        labels.into_iter().enumerate().map(|(row, label)| (label, of(row))).collect::<BTreeMap<_, _>>()
+    };
+    let measured = seconds(&out);
+    assert_eq!(measured["evolved"][..4], measured["evolved-l1"][..4]);
+    assert!(measured.values().flatten().all(|cell| matches!(cell, Cell::Number(_))), "{measured:?}");
+
+    // A refused one leaves everything as it is.
+    let before = tables(&out);
+    let refused = compare(&out, &["--descriptor", "pfhrgb", "--radius-cm", "3"]).expect_error();
+    assert!(
+        refused.stderr.contains("shotcolor must be of radius=2.5 cm as before, got radius=3 cm"),
+        "{refused}"
+    );
+    assert!(tables(&out) == before);
+
+    // Without a radius it is the table's. Times that are there are not measured again.
+    let added = compare(&out, &["--descriptor", "pfhrgb", "--descriptor", "paper", "--no-times"]);
+    let told = summary(&added.expect_success());
+    assert_eq!(told["descriptors"].as_array().unwrap().len(), 6);
+    let more = compare(&out, &["--descriptor", "paper", "--descriptor", "evolved"]).expect_success();
+    assert!(
+        more.stderr.contains("measuring paper: ") && !more.stderr.contains("measuring evolved"),
+        "{more}"
+    );
+    assert!(more.stderr.contains("clouds under paper"), "{more}");
+    let after = seconds(&out);
+    for (label, times) in &measured {
+        assert_eq!(after[label], *times, "{label}");
+    }
+    assert!(matches!(after["paper"][5], Cell::Number(_)), "{after:?}");
+    assert_eq!(after["pfhrgb"][5], Cell::Null);
+
+    // One call with the same descriptors under the same distances, times and what is counted with them aside.
+    let all_chi2 = ["evolved", "paper", "pfhrgb", "shotcolor"];
+    let [distances, answers, curves, _, comparison] = tables(&out);
+    let [one_distances, one_answers, one_curves, _, one_comparison] = tables(&at_once);
+    for label in all_chi2 {
+        assert!(distances.of("descriptor", label) == one_distances.of("descriptor", label), "{label}");
+        assert!(answers.of("descriptor", label) == one_answers.of("descriptor", label), "{label}");
+        assert!(curves.of("descriptor", label) == one_curves.of("descriptor", label), "{label}");
+        let untimed = |rows: &Rows| {
+            let mut row = rows.of("descriptor", label);
+            row.0.retain(|name, _| {
+                !name.starts_with("seconds_") && !["hardware", "keypoints_per_cloud"].contains(&name.as_str())
+            });
+            row
+        };
+        assert_eq!(untimed(&comparison), untimed(&one_comparison), "{label}");
+    }
+
+    // Begun anew, with fewer; then the rest: all tables are those of one call.
+    compare(&out, &[&named(&["paper", "shotcolor"])[..], &["--no-times", "--replace"]].concat())
+        .expect_success();
+    assert_eq!(Rows::read(&out, TableName::Comparison).texts("descriptor"), ["paper", "shotcolor"]);
+    assert_eq!(Rows::read(&out, TableName::Answers).texts("descriptor").first().unwrap(), "paper");
+    compare(&out, &["--descriptor", "pfhrgb", "--descriptor", "evolved", "--no-times"]).expect_success();
+    assert!(tables(&out) == tables(&at_once));
 }

@@ -83,6 +83,13 @@ impl Store {
         put(self.local(), kind, key, &[&header, payload]);
     }
 
+    /// Removes an entry of [`Store::put_local`].
+    pub fn remove_local(&self, kind: &str, key: Digest) {
+        if let (Some(disk), Some(name)) = (self.local(), layout::derived(kind, key)) {
+            disk.remove(&name);
+        }
+    }
+
     /// Keeps an entry that came from another machine, if it is sound, and returns its payload.
     ///
     /// # Errors

@@ -234,6 +234,11 @@ fn a_local_entry_neither_goes_to_the_shared_folder_nor_comes_from_there() {
     store.put_local(KIND, key(), b"local");
     assert!(!path(shared.path()).exists());
     assert_eq!(store.get_local(KIND, key()).as_deref(), Some(&b"local"[..]));
+    store.remove_local(KIND, key());
+    assert_eq!(store.get_local(KIND, key()), None);
+    let ((), warned) = warnings(|| store.remove_local(KIND, key()));
+    assert!(warned.is_empty(), "it is gone already: {warned:?}");
+    store.put_local(KIND, key(), b"local");
     fs::remove_file(path(cache.path())).unwrap();
     open(shared.path()).put(KIND, key(), b"of others");
     assert_eq!(store.get_local(KIND, key()), None);

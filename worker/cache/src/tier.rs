@@ -62,6 +62,11 @@ impl Tier {
         self.ok(self.write(name, pieces));
     }
 
+    /// Removes a file, if it is there.
+    pub fn remove(&self, name: &Path) {
+        self.ok(there(fs::remove_file(self.root().join(name))));
+    }
+
     /// Removes a file that turned out damaged, and says so: once, as it is gone afterwards, and of many at 1, 2, 4, …
     pub fn remove_damaged(&self, name: &Path, what: &dyn Display) {
         let path = self.root().join(name);

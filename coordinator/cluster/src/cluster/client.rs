@@ -37,6 +37,17 @@ pub struct CellAnswer {
     pub settled: bool,
 }
 
+/// A shard that was described.
+#[derive(Clone, Debug)]
+pub struct DescriptionAnswer {
+    /// Its index among those that were submitted.
+    pub place: usize,
+    /// Its description; `None` of one of which only the name is kept.
+    pub bytes: Option<Arc<[u8]>>,
+    /// As [`Finished::settled`].
+    pub settled: bool,
+}
+
 impl Client {
     pub(super) fn new(cluster: &Arc<Cluster>) -> Self {
         let (id, wakeup) = cluster.state().clients.join();
@@ -100,27 +111,29 @@ impl Client {
     }
 
     /// Asks for descriptions and waits for all of them; they are in the order of the shards, whatever the order of
-    /// arrival. `watch` is shown all news.
+    /// arrival. `watch` is called whenever there is news, with the descriptions that have come; one that was in doubt may
+    /// come again.
     ///
     /// # Errors
     /// As for evaluations, and [`ClusterError::Gone`].
     pub async fn describe(
         &mut self,
         shards: &[Description],
-        mut watch: impl FnMut(&ClusterNews),
+        mut watch: impl FnMut(Vec<DescriptionAnswer>),
     ) -> Result<Vec<Arc<[u8]>>, ClusterError> {
         loop {
             let mut names = vec![None; shards.len()];
             let tasks = shards.iter().cloned().map(Task::Description).collect();
             let done = self
-                .perform(tasks, |news, finished| {
-                    news.finished = finished.len();
-                    for (place, finished) in finished {
-                        if let TaskResult::Description(Described { digest, bytes }) = finished.result {
-                            names[place] = Some((digest, bytes));
+                .perform(tasks, |_, finished| {
+                    let mut answers = Vec::new();
+                    for (place, Finished { result, settled, .. }) in finished {
+                        if let TaskResult::Description(Described { digest, bytes }) = result {
+                            names[place] = Some((digest, bytes.clone()));
+                            answers.push(DescriptionAnswer { place, bytes, settled });
                         }
                     }
-                    watch(news);
+                    watch(answers);
                     Ok::<_, ClusterError>(Vec::new())
                 })
                 .await;

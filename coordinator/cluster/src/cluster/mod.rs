@@ -23,7 +23,7 @@ use crate::scheduler::{
     Answer, Doubt, Finished, JobFailed, Limits, Poll, PollRefusal, RegisterRefusal, Scheduler, Staffing,
 };
 use crate::sharding::{Batch, Layouts, ShardCount};
-pub use client::{CellAnswer, Client};
+pub use client::{CellAnswer, Client, DescriptionAnswer};
 use state::ClusterState;
 
 /// How often silent workers are looked for.

@@ -1,0 +1,198 @@
+//! The comparison that a run folder has already: what a further one adds to.
+
+use std::path::Path;
+
+use descriptor::{Descriptor, FixedDescriptor};
+use results::{ComparedRow, Times};
+
+use super::candidate::{Candidate, Choice, Named};
+use super::error::CompareError;
+
+/// Times of a descriptor, and its mean number of keypoints, which is counted with them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Measured {
+    /// Seconds of each stage.
+    pub times: Times,
+    /// Mean number of keypoints that are described.
+    pub keypoints_per_cloud: Option<f64>,
+}
+
+/// The rows of a comparison of the same run.
+#[derive(Clone, Debug, Default)]
+pub struct Earlier {
+    rows: Vec<(Choice, ComparedRow)>,
+}
+
+impl Earlier {
+    /// What the folder has; nothing if there is no comparison, or none that is whole.
+    ///
+    /// # Errors
+    /// If it cannot be read, or has a descriptor that this program does not know.
+    pub fn read(folder: &Path) -> Result<Self, CompareError> {
+        let rows = results::read_comparison(folder).map_err(CompareError::Earlier)?;
+        let known = |row: ComparedRow| match Choice::labelled(&row.descriptor) {
+            Some(choice) => Ok((choice, row)),
+            None => {
+                Err(CompareError::UnknownEarlier { folder: folder.to_owned(), label: row.descriptor.clone() })
+            }
+        };
+        Ok(Self { rows: rows.into_iter().map(known).collect::<Result<_, _>>()? })
+    }
+
+    /// The labels of its descriptors.
+    pub fn labels(&self) -> Vec<&str> {
+        self.rows.iter().map(|(_, row)| row.descriptor.as_str()).collect()
+    }
+
+    /// What was measured of a descriptor when it was the same.
+    pub fn measured(&self, now: &ComparedRow) -> Option<Measured> {
+        let same = |row: &&ComparedRow| row.descriptor == now.descriptor && row.counts == now.counts;
+        let row = self.rows.iter().map(|(_, row)| row).find(same)?;
+        Some(Measured { times: row.times.clone()?, keypoints_per_cloud: row.keypoints_per_cloud })
+    }
+
+    /// Those that were asked for and those that are there, in the order in which they are shown. All descriptors
+    /// without genes have one radius: that of the table, unless none is there.
+    ///
+    /// # Errors
+    /// If one that is there has other parameters now.
+    pub fn candidates(
+        &self,
+        folder: &Path,
+        asked: &[Choice],
+        evolved: &Descriptor,
+        radius_um: Option<u32>,
+    ) -> Result<Vec<Candidate>, CompareError> {
+        let radius_um = radius_um.or_else(|| self.radius_um()).unwrap_or(FixedDescriptor::DEFAULT_RADIUS_UM);
+        for (choice, row) in &self.rows {
+            let now = choice.candidate(evolved, radius_um).descriptor.parameters();
+            if now != row.parameters {
+                let (folder, label) = (folder.to_owned(), row.descriptor.clone());
+                return Err(CompareError::OtherEarlier { folder, label, then: row.parameters.clone(), now });
+            }
+        }
+        let is_there = |choice: &Choice| self.rows.iter().any(|(there, _)| there == choice);
+        let wanted = Choice::all().filter(|choice| asked.contains(choice) || is_there(choice));
+        Ok(wanted.map(|choice| choice.candidate(evolved, radius_um)).collect())
+    }
+
+    /// The radius of its first descriptor without genes.
+    fn radius_um(&self) -> Option<u32> {
+        self.rows.iter().find_map(|(choice, row)| {
+            let Named::Fixed(kind) = choice.named else { return None };
+            // The text that `Descriptor::parameters` makes.
+            let cm: f64 = row.parameters.strip_prefix("radius=")?.strip_suffix(" cm")?.parse().ok()?;
+            FixedDescriptor::new(kind, (cm * 1e4).round() as u32).ok().map(|fixed| fixed.radius_um)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use descriptor::{Family, FixedKind, SetDistance};
+    use results::Counts;
+
+    use super::*;
+
+    const PFHRGB: Named = Named::Fixed(FixedKind::PfhRgb);
+
+    fn evolved() -> Descriptor {
+        Descriptor::default_of(Family::DiskRing)
+    }
+
+    fn chi2(named: Named) -> Choice {
+        Choice { named, distance: SetDistance::ChiSquared }
+    }
+
+    fn row(choice: Choice, radius_um: u32, times: Option<Times>) -> ComparedRow {
+        let Candidate { label, descriptor, distance, .. } = choice.candidate(&evolved(), radius_um);
+        ComparedRow {
+            descriptor: label,
+            kind: descriptor.family().name().to_owned(),
+            distance: distance.name().to_owned(),
+            parameters: descriptor.parameters(),
+            size: descriptor.size() as u32,
+            note: None,
+            counts: Counts { object_correct: 3, category_correct: 4, queries: 5 },
+            object_wilson: [0.0, 1.0],
+            category_wilson: [0.0, 1.0],
+            object_bootstrap: [0.0, 1.0],
+            category_bootstrap: [0.0, 1.0],
+            skipped: 0,
+            database: 9,
+            keypoints_per_cloud: times.as_ref().map(|_| 7.5),
+            times,
+            area: None,
+            nearest_area: None,
+        }
+    }
+
+    fn times() -> Times {
+        Times {
+            read: 1.0,
+            keypoints: 1.0,
+            normals: 1.0,
+            describe: 1.0,
+            matching: 1.0,
+            total: 5.0,
+            hardware: "some".to_owned(),
+        }
+    }
+
+    fn with(choices: &[Choice], radius_um: u32) -> Earlier {
+        Earlier { rows: choices.iter().map(|&choice| (choice, row(choice, radius_um, None))).collect() }
+    }
+
+    fn labels(candidates: Result<Vec<Candidate>, CompareError>) -> Vec<String> {
+        candidates.unwrap().into_iter().map(|candidate| candidate.label).collect()
+    }
+
+    #[test]
+    fn what_is_there_and_what_is_asked_for_are_compared_in_one_order_whichever_came_first() {
+        let (folder, evolved) = (Path::new("run"), evolved());
+        let all: Vec<Choice> = Choice::all().collect();
+        let in_one_call = labels(Earlier::default().candidates(folder, &all, &evolved, None));
+        assert_eq!(in_one_call.len(), all.len());
+        for cut in 0..=all.len() {
+            let (asked, there) = all.split_at(cut);
+            assert_eq!(labels(with(there, 50_000).candidates(folder, asked, &evolved, None)), in_one_call);
+        }
+        let again = with(&[chi2(PFHRGB)], 50_000).candidates(folder, &[chi2(PFHRGB)], &evolved, None);
+        assert_eq!(labels(again), ["pfhrgb"]);
+    }
+
+    #[test]
+    fn the_radius_is_the_tables_and_another_is_refused() {
+        let (folder, evolved) = (Path::new("run"), evolved());
+        for radius_um in [1, 24_999, 25_000, 50_000, 1_000_000] {
+            let there = with(&[chi2(Named::Evolved), chi2(PFHRGB)], radius_um);
+            let shot = [chi2(Named::Fixed(FixedKind::ShotColor))];
+            for radius in [None, Some(radius_um)] {
+                let added = there.candidates(folder, &shot, &evolved, radius).unwrap();
+                assert_eq!(added[2].descriptor, shot[0].named.descriptor(&evolved, radius_um));
+            }
+            let refused = there.candidates(folder, &shot, &evolved, Some(radius_um ^ 1)).unwrap_err();
+            assert!(refused.to_string().contains("--replace"), "{refused}");
+        }
+        // Nothing that is there has a radius.
+        let there = with(&[chi2(Named::Evolved)], 50_000);
+        let added = there.candidates(folder, &[chi2(PFHRGB)], &evolved, Some(7)).unwrap();
+        assert_eq!(added[1].descriptor, PFHRGB.descriptor(&evolved, 7));
+        let other = Descriptor::default_of(Family::GlobalHue);
+        let refused = there.candidates(folder, &[], &other, None).unwrap_err();
+        assert!(matches!(refused, CompareError::OtherEarlier { .. }), "{refused}");
+    }
+
+    #[test]
+    fn times_stay_where_the_answers_are_the_same() {
+        let choice = chi2(PFHRGB);
+        let earlier = Earlier { rows: vec![(choice, row(choice, 50_000, Some(times())))] };
+        let now = row(choice, 50_000, None);
+        let measured = Measured { times: times(), keypoints_per_cloud: Some(7.5) };
+        assert_eq!(earlier.measured(&now), Some(measured));
+        let other_counts = Counts { object_correct: 2, ..now.counts };
+        assert_eq!(earlier.measured(&ComparedRow { counts: other_counts, ..now }), None);
+        assert_eq!(earlier.measured(&row(chi2(Named::Paper), 50_000, None)), None);
+        assert_eq!(with(&[choice], 50_000).measured(&row(choice, 50_000, None)), None);
+    }
+}

@@ -1,0 +1,139 @@
+//! What the tables have of each candidate: from its descriptions to answers, curves and a row.
+
+use descriptor::Label;
+use proto::task::Match;
+use results::{ComparedRow, Counts, PairRow, PredictionRow, RunFolder, RunRow, wilson};
+
+use super::candidate::{Candidate, EVOLVED};
+use super::described::Described;
+use super::differences::{Level, Outcomes, error_interval, pairs};
+use super::error::CompareError;
+use super::recognition::Recognition;
+use crate::dataset::Dataset;
+use crate::run::{Matching, rows};
+
+/// What is the same for all candidates.
+pub struct Tables<'a> {
+    /// The run's row.
+    pub run: &'a RunRow,
+    /// Its clouds.
+    pub dataset: &'a Dataset,
+    /// What test queries and their database show.
+    pub labels: [&'a [Label]; 2],
+    /// Where tables are written.
+    pub out: &'a RunFolder,
+}
+
+/// One candidate's answers.
+pub struct Compared {
+    /// Its row, without times.
+    pub row: ComparedRow,
+    /// Its nearest clouds.
+    pub answers: Vec<PredictionRow>,
+    /// Whether distances and the curve of all pairs are left out, because they are too many.
+    pub is_abridged: bool,
+    outcomes: Outcomes,
+}
+
+impl Tables<'_> {
+    /// Matches a candidate's clouds and writes answers, curves and distances.
+    ///
+    /// # Errors
+    /// If it describes nothing, differs from the run's own final test, or cannot be written.
+    pub fn add(&self, candidate: &Candidate, described: &Described) -> Result<Compared, CompareError> {
+        let recognition = Recognition::new(candidate, described, self.labels)
+            .map_err(|source| CompareError::Recognise { label: candidate.label.clone(), source })?;
+        let matches = recognition.matches.iter().map(|&(query, found)| (query, numbered(found)));
+        let answers = rows::answers(self.dataset, Matching::Test, matches);
+        let outcomes = judge(candidate, &recognition, self.labels);
+        let counts = counts(candidate, &outcomes)?;
+        self.confirm(candidate, counts)?;
+        let (curves, distances) = (&recognition.curves, &recognition.distances);
+        self.out.write_compared(&candidate.label, &answers, curves, distances)?;
+        let queries = (self.labels[0], self.run.seed);
+        let row = row(candidate, &recognition, (counts, &outcomes), queries);
+        Ok(Compared { row, answers, is_abridged: distances.is_empty(), outcomes })
+    }
+
+    /// Refuses counts of the evolved descriptor that differ from those of the run's final test.
+    fn confirm(&self, candidate: &Candidate, counts: Counts) -> Result<(), CompareError> {
+        let then = self.run.test.filter(|then| candidate.label == EVOLVED && *then != counts);
+        let Some(then) = then else { return Ok(()) };
+        let [then, now] =
+            [then, counts].map(|counts| format!("{} of {}", counts.object_correct, counts.queries));
+        let label = EVOLVED.to_owned();
+        Err(CompareError::Contradiction { label, what: "objects of the final test", then, now })
+    }
+
+    /// Every pair of candidates, objects first.
+    pub fn pairs(&self, all: &[Compared]) -> Vec<PairRow> {
+        let outcomes: Vec<&Outcomes> = all.iter().map(|one| &one.outcomes).collect();
+        let of = |level| pairs(&outcomes, level, self.labels[0], self.run.seed);
+        Level::ALL.into_iter().flat_map(of).collect()
+    }
+}
+
+fn numbered(found: descriptor::Match) -> Match {
+    Match {
+        nearest: found.nearest.index,
+        distance: found.nearest.distance,
+        runner_up: found.runner_up.map(|hit| (hit.index, hit.distance)),
+    }
+}
+
+fn judge(candidate: &Candidate, recognition: &Recognition, [queries, database]: [&[Label]; 2]) -> Outcomes {
+    let mut right = vec![None; queries.len()];
+    for (query, found) in &recognition.matches {
+        let (asked, got) = (queries[*query as usize], database[found.nearest.index as usize]);
+        right[*query as usize] = Some([asked.instance == got.instance, asked.category == got.category]);
+    }
+    Outcomes { label: candidate.label.clone(), right }
+}
+
+fn counts(candidate: &Candidate, judged: &Outcomes) -> Result<Counts, CompareError> {
+    let described = || judged.right.iter().flatten();
+    let counts = Counts {
+        object_correct: described().filter(|right| right[0]).count() as u32,
+        category_correct: described().filter(|right| right[1]).count() as u32,
+        queries: described().count() as u32,
+    };
+    if counts.queries == 0 {
+        return Err(CompareError::NothingDescribed { label: candidate.label.clone() });
+    }
+    Ok(counts)
+}
+
+fn row(
+    candidate: &Candidate,
+    recognition: &Recognition,
+    (counts, judged): (Counts, &Outcomes),
+    (queries, seed): (&[Label], u64),
+) -> ComparedRow {
+    let intervals = |correct: u32, level| {
+        let by_wilson = wilson(counts.queries - correct, counts.queries);
+        [by_wilson, error_interval(judged, level, queries, seed).unwrap_or(by_wilson)]
+    };
+    let area =
+        |name| recognition.curves.iter().find(|curve| curve.name == name).and_then(results::Curve::area);
+    let [object_wilson, object_bootstrap] = intervals(counts.object_correct, Level::Object);
+    let [category_wilson, category_bootstrap] = intervals(counts.category_correct, Level::Category);
+    ComparedRow {
+        descriptor: candidate.label.clone(),
+        kind: candidate.descriptor.family().name().to_owned(),
+        distance: candidate.distance.name().to_owned(),
+        parameters: candidate.descriptor.parameters(),
+        size: candidate.descriptor.size() as u32,
+        note: candidate.note().map(str::to_owned),
+        counts,
+        object_wilson,
+        category_wilson,
+        object_bootstrap,
+        category_bootstrap,
+        skipped: queries.len() as u32 - counts.queries,
+        database: recognition.database,
+        keypoints_per_cloud: recognition.keypoints_per_cloud,
+        times: None,
+        area: area("all"),
+        nearest_area: area("nearest"),
+    }
+}
