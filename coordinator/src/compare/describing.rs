@@ -34,7 +34,8 @@ impl<'a> Describing<'a> {
         let all = names.len() as u64 * u64::from(each);
         let there = shards.iter().zip(&found).filter(|(_, found)| found.is_some());
         let there: u64 = there.map(|(shard, _)| u64::from(shard.clouds)).sum();
-        let begun = format!("describing {each} clouds under {} descriptors", names.len());
+        let descriptors = if names.len() == 1 { "descriptor" } else { "descriptors" };
+        let begun = format!("describing {each} clouds under {} {descriptors}", names.len());
         display.say(&match there {
             0 => begun,
             _ => format!("{begun}: {there} of {all} descriptions are there already"),
