@@ -22,6 +22,7 @@ mod verify;
 use std::io::IsTerminal as _;
 use std::process::ExitCode;
 
+use anyhow::Context as _;
 use clap::{Parser, Subcommand};
 
 use crate::compare::CompareError;
@@ -145,12 +146,11 @@ async fn interruption() -> std::io::Result<i32> {
 
 /// A length given in centimetres.
 fn micrometres(option: &str, cm: f64) -> anyhow::Result<u32> {
-    let um = cm * 10_000.0;
-    anyhow::ensure!(
-        (1.0..=1e6).contains(&um) && (um - um.round()).abs() < 1e-6,
-        "{option}: must be from 0.0001 to 100 in steps of 0.0001, got {cm}\nchoose a length in centimetres"
-    );
-    Ok(um.round() as u32)
+    crate::experiment::micrometres(cm).with_context(|| {
+        format!(
+            "{option}: must be from 0.0001 to 100 in steps of 0.0001, got {cm}\nchoose a length in centimetres"
+        )
+    })
 }
 
 /// Writes data to standard output; a reader that has seen enough is no error.

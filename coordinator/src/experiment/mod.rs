@@ -39,6 +39,7 @@ pub(crate) use one::{of_one, one};
 pub(crate) use raw::{RawDescriptor, RawPreprocess};
 pub(crate) use suggest::advice as name_advice;
 pub use sweep::{MAX_MEMBERS, Member, Plan, Sweep};
+pub(crate) use validate::micrometres;
 
 /// Bytes of the largest file that is read.
 const MAX_BYTES: u64 = 1 << 20;

@@ -76,18 +76,21 @@ pub(super) fn preprocess(raw: &RawPreprocess, unit: RawUnit, colour: bool) -> Re
     })
 }
 
+/// Whole micrometres from centimetres; `None` beyond 1 µm to 1 m, or between two micrometres.
+pub(crate) fn micrometres(cm: f64) -> Option<u32> {
+    let um = cm * 1e4;
+    ((1.0..=1e6).contains(&um) && (um - um.round()).abs() < 1e-6).then(|| um.round() as u32)
+}
+
 /// Whole micrometres from centimetres between 0.01 and 100.
 fn length_um(place: &str, cm: f64) -> Result<u32, Fault> {
-    let um = cm * 1e4;
-    if (100.0..=1e6).contains(&um) && (um - um.round()).abs() < 1e-3 {
-        Ok(um.round() as u32)
-    } else {
-        Err(Fault::new(
+    micrometres(cm).filter(|um| *um >= 100).ok_or_else(|| {
+        Fault::new(
             place,
             format!("not between 0.01 and 100 cm with at most four decimals, got {cm}"),
             "write a length in centimetres, such as 2.0",
-        ))
-    }
+        )
+    })
 }
 
 fn ga(raw: &RawGa) -> Result<GaSettings, Fault> {

@@ -29,7 +29,7 @@ record! {
     pub struct ComparedRow {
         /// Unique in the comparison:
         descriptor: String, "", "label of the descriptor, such as evolved, paper, pfhrgb, shotcolor-l1";
-        kind: String, "", "disk-ring, pfhrgb or shotcolor";
+        kind: String, "", "family of the descriptor, for example disk-ring or pfhrgb";
         distance: String, "", "set distance: chi2 or l1";
         parameters: String, "", "values of its genes, or its radius";
         size: u32, "values", "real values of one keypoint's descriptor";
