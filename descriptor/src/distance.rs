@@ -16,7 +16,7 @@ pub(crate) const LANES: usize = 16;
 const LEAST: f32 = 1e-18;
 
 /// How the centroids of two clouds are compared, and, added to that, their deviations.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum SetDistance {
     /// [`chi_squared`], the paper's.
     #[default]

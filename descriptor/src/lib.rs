@@ -63,6 +63,7 @@ mod family;
 pub mod fixed;
 mod gene;
 mod global_hue;
+pub mod structure;
 
 mod channel;
 pub mod cost;
