@@ -108,17 +108,54 @@ impl<'a> Reader<'a> {
     /// # Errors
     /// If they are not.
     pub(crate) fn numbers<const N: usize>(&self) -> Result<[u32; N], BytesError> {
-        let (numbers, rest) = self.rest.as_chunks::<4>();
-        let wrong = || {
+        let wrong = |_| {
             let (expected, got) = (4 * N, self.rest.len());
             BytesError::Length { what: self.what, family: self.family, expected, got }
         };
-        let numbers = <&[[u8; 4]; N]>::try_from(numbers).map_err(|_| wrong())?;
-        if rest.is_empty() { Ok(numbers.map(u32::from_le_bytes)) } else { Err(wrong()) }
+        self.all_numbers().map_err(drop).and_then(|numbers| numbers.try_into().map_err(drop)).map_err(wrong)
+    }
+
+    /// The numbers, however many there are.
+    ///
+    /// # Errors
+    /// If the last one is not whole.
+    pub(crate) fn all_numbers(&self) -> Result<Vec<u32>, BytesError> {
+        let (numbers, rest) = self.rest.as_chunks::<4>();
+        if !rest.is_empty() {
+            return Err(self.refuse(format!(
+                "{} bytes, which are no whole numbers\nuse programs of the same release",
+                self.rest.len()
+            )));
+        }
+        Ok(numbers.iter().map(|&bytes| u32::from_le_bytes(bytes)).collect())
     }
 
     /// That the numbers are none that anything of the family has.
     pub(crate) fn refuse(&self, reason: impl Into<String>) -> BytesError {
         BytesError::Values { what: self.what, family: self.family, reason: reason.into() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_read_in_whole() {
+        let bytes = write(Family::DiskRing, [7, u32::MAX]);
+        let reader = Reader::new("descriptor", &bytes).unwrap();
+        assert_eq!(reader.all_numbers(), Ok(vec![7, u32::MAX]));
+        assert_eq!(reader.numbers(), Ok([7, u32::MAX]));
+        assert_eq!(Reader::new("descriptor", &bytes[..2]).unwrap().all_numbers(), Ok(vec![]));
+
+        let cut = Reader::new("descriptor", &bytes[..9]).unwrap();
+        assert_eq!(
+            cut.all_numbers().unwrap_err().to_string(),
+            "descriptor: values of disk-ring expected, got 7 bytes, which are no whole numbers\n\
+             use programs of the same release"
+        );
+        for cut in [cut, Reader::new("descriptor", &bytes[..6]).unwrap()] {
+            assert!(matches!(cut.numbers::<2>(), Err(BytesError::Length { expected: 8, .. })));
+        }
     }
 }

@@ -69,6 +69,19 @@ pub struct StructureChannel {
     pub metric: SetDistance,
 }
 
+impl Scale {
+    /// Both of them.
+    pub const ALL: [Self; 2] = [Self::Quantile, Self::None];
+
+    /// Its name in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Quantile => "quantile",
+            Self::None => "none",
+        }
+    }
+}
+
 impl Pairs {
     /// All of them, in the order of their codes in a genome.
     pub const ALL: [Self; 4] = [Self::KeypointNeighbour, Self::Neighbours, Self::Keypoints, Self::Cloud];

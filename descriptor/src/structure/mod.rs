@@ -1,11 +1,22 @@
 //! The family `structure`: descriptors that are lists of channels, each of which bins features of pairs of points
 //! (DESIGN 5b).
 
+mod bytes;
 mod channel;
+mod check;
+mod columns;
 mod feature;
+mod genes;
+mod genome;
+mod shells;
+#[cfg(test)]
+mod testing;
+mod text;
 
 pub use channel::{Axis, Pairs, Scale, StructureChannel};
+pub use check::StructureError;
 pub use feature::{Feature, Range};
+pub use genome::{FieldSpec, StructureSpace};
 
 /// A descriptor of the family: its channels, in the order in which their distances are added up.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

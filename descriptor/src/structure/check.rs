@@ -1,0 +1,216 @@
+//! Which structures any experiment may use: one check for those that are read from bytes, files and tables.
+
+use std::ops::RangeInclusive;
+
+use crate::structure::{Axis, Feature, Pairs, Structure, StructureChannel, Weighted};
+
+/// Why something is no structure, or no space of structures.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{place}: {what}\n{advice}")]
+pub struct StructureError {
+    /// Which value: a key of structure files, after the channel that it is of, such as `channel 2: squash`.
+    pub place: String,
+    /// What is wrong, ending in the value that was found.
+    pub what: String,
+    /// What to do about it.
+    pub advice: &'static str,
+}
+
+impl StructureError {
+    pub(super) fn new(place: impl Into<String>, what: impl Into<String>, advice: &'static str) -> Self {
+        Self { place: place.into(), what: what.into(), advice }
+    }
+
+    /// The same, in a channel, counted from 1.
+    pub(super) fn in_channel(self, number: usize) -> Self {
+        Self { place: format!("channel {number}: {}", self.place), ..self }
+    }
+}
+
+/// Micrometres as centimetres.
+pub(super) fn centimetres(um: u32) -> f64 {
+    f64::from(um) / 1e4
+}
+
+/// Ticks as a value in the unit of which there are so many.
+fn in_units(ticks: u32, per_unit: u32) -> f64 {
+    f64::from(ticks) / f64::from(per_unit)
+}
+
+fn within(
+    key: &'static str,
+    ticks: u32,
+    per_unit: u32,
+    limits: RangeInclusive<u32>,
+) -> Result<(), StructureError> {
+    if limits.contains(&ticks) {
+        return Ok(());
+    }
+    let [low, high, got] = [*limits.start(), *limits.end(), ticks].map(|ticks| in_units(ticks, per_unit));
+    let what = format!("must be {low} to {high}, got {got}");
+    Err(StructureError::new(key, what, "choose a value inside these limits"))
+}
+
+impl Structure {
+    /// Whether any experiment may use it.
+    ///
+    /// # Errors
+    /// The first thing that is wrong with it.
+    pub fn check(&self) -> Result<(), StructureError> {
+        let (most, got) = (Self::MAX_CHANNELS, self.channels.len());
+        if !(1..=most).contains(&got) {
+            let what = format!("there must be 1 to {most}, got {got}");
+            return Err(StructureError::new("channel", what, "write one [[channel]] for each"));
+        }
+        let mut numbered = (1..).zip(&self.channels);
+        numbered.try_for_each(|(number, weighted)| weighted.check().map_err(|error| error.in_channel(number)))
+    }
+}
+
+impl Weighted {
+    /// Largest weight, millionths.
+    const MAX_WEIGHT_PPM: u32 = 1_000_000_000;
+
+    fn check(&self) -> Result<(), StructureError> {
+        self.channel.check()?;
+        within("weight", self.weight_ppm, 1_000_000, 1..=Self::MAX_WEIGHT_PPM)
+    }
+}
+
+impl StructureChannel {
+    /// Most shells of a channel.
+    pub const MAX_SHELLS: usize = 8;
+
+    /// Most values of a row.
+    pub const MAX_ROW: u64 = 16_384;
+
+    /// Numbers of bins that a feature may have.
+    pub(super) const BINS: RangeInclusive<u32> = 2..=64;
+
+    /// Largest radius, and largest edge of the grid, micrometres.
+    const METRE: u32 = 1_000_000;
+
+    /// Whether any experiment may use it. Of several ways to say the same only one is allowed, so that equal channels are
+    /// equal values.
+    ///
+    /// # Errors
+    /// The first thing that is wrong with it.
+    pub fn check(&self) -> Result<(), StructureError> {
+        self.check_features()?;
+        self.check_squash()?;
+        within("radius_cm", self.radius_um, 10_000, 1..=Self::METRE)?;
+        self.check_shells()?;
+        self.check_points()?;
+        if self.bins() > Self::MAX_ROW {
+            let what = format!("must make at most {} values a row, got {}", Self::MAX_ROW, self.bins());
+            return Err(StructureError::new("features", what, "take fewer bins, features or shells"));
+        }
+        Ok(())
+    }
+
+    fn check_features(&self) -> Result<(), StructureError> {
+        let wrong = |what: String, advice| Err(StructureError::new("features", what, advice));
+        let axes = &self.axes;
+        if !(1..=Self::MAX_AXES).contains(&axes.len()) {
+            let what = format!("must be 1 to {}, got {}", Self::MAX_AXES, axes.len());
+            return wrong(what, "name what is binned, such as \"hue 6\"");
+        }
+        for (place, &Axis { feature, bins, full_turn }) in axes.iter().enumerate() {
+            if axes[..place].iter().any(|axis| axis.feature == feature) {
+                return wrong(format!("must differ, got {feature} twice"), "write each feature once");
+            }
+            if !Self::BINS.contains(&bins) {
+                let (least, most) = Self::BINS.into_inner();
+                let what = format!("must have {least} to {most} bins, got {bins} of {feature}");
+                return wrong(what, "choose a number inside these limits");
+            }
+            if full_turn && feature != Feature::Angle {
+                let what = format!("only bins of angle may be over 360 degrees, got {feature}");
+                return wrong(what, "write its bins alone");
+            }
+        }
+        if axes.len() == 1 && !self.is_joint {
+            let what = "must be false for a single feature, got true";
+            return Err(StructureError::new("side_by_side", what, "leave it out"));
+        }
+        Ok(())
+    }
+
+    fn check_squash(&self) -> Result<(), StructureError> {
+        let squashed = self.axes.iter().map(|axis| axis.feature).find(|feature| feature.is_squashed());
+        match (squashed, self.squash_milli) {
+            (None, 0) => Ok(()),
+            (None, got) => {
+                let what = format!("needed by no feature, got {}", in_units(got, 1000));
+                Err(StructureError::new("squash", what, "leave it out"))
+            }
+            (Some(feature), 0) => {
+                let what = format!("needed by {feature}, got none");
+                Err(StructureError::new("squash", what, "write one, such as 0.3"))
+            }
+            (Some(_), got) => within("squash", got, 1000, 1..=10_000),
+        }
+    }
+
+    fn check_shells(&self) -> Result<(), StructureError> {
+        let wrong = |what: String, advice| Err(StructureError::new("shells_cm", what, advice));
+        let shells = &self.shells_um;
+        if !(1..=Self::MAX_SHELLS).contains(&shells.len()) {
+            let what = format!("must be 1 to {}, got {}", Self::MAX_SHELLS, shells.len());
+            return wrong(what, "write the outer bound of each");
+        }
+        let mut inner = 0;
+        for &outer in shells {
+            if outer <= inner {
+                let what = format!(
+                    "must ascend from above 0, got {} after {}",
+                    centimetres(outer),
+                    centimetres(inner)
+                );
+                return wrong(what, "write outer bounds from the smallest to the largest");
+            }
+            inner = outer;
+        }
+        if inner > self.longest_um() {
+            let (longest, got) = (centimetres(self.longest_um()), centimetres(inner));
+            let what = format!("must be at most {longest}, the longest distance of a pair, got {got}");
+            return wrong(what, "lower it or raise the radius");
+        }
+        if !self.has_pairs() {
+            let (last, got) = (centimetres(inner), centimetres(self.least_um));
+            let what = format!("must be below {last}, where the last shell ends, got {got}");
+            return Err(StructureError::new("least_cm", what, "lower it, so that there are pairs"));
+        }
+        Ok(())
+    }
+
+    /// The points that are paired.
+    fn check_points(&self) -> Result<(), StructureError> {
+        let pairs = self.pairs.name();
+        if self.pairs != Pairs::Cloud {
+            within("grid_cm", self.grid_um, 10_000, 1_000..=Self::METRE)?;
+        } else if self.grid_um != 0 {
+            let what = format!("pairs of a cloud have no keypoints, got {}", centimetres(self.grid_um));
+            return Err(StructureError::new("grid_cm", what, "leave it out"));
+        }
+        let most = if self.pairs.is_sampled() { 65_536 } else { 0 };
+        if self.samples > most {
+            let error = |what: String, advice| Err(StructureError::new("samples", what, advice));
+            return match most {
+                0 => error(format!("all {pairs} pairs are taken, got {}", self.samples), "leave it out"),
+                _ => error(
+                    format!("must be 1 to {most}, got {}", self.samples),
+                    "lower it, or leave it out for all",
+                ),
+            };
+        }
+        let needing = self.axes.iter().find(|axis| axis.feature.needs_normals());
+        match needing.filter(|_| self.oriented) {
+            Some(axis) => {
+                let what = format!("implied by {}, got true", axis.feature);
+                Err(StructureError::new("normals_only", what, "leave it out"))
+            }
+            None => Ok(()),
+        }
+    }
+}
