@@ -6,6 +6,7 @@ mod channel;
 mod check;
 mod columns;
 mod feature;
+mod file;
 mod genes;
 mod genome;
 mod shells;
@@ -16,6 +17,7 @@ mod text;
 pub use channel::{Axis, Pairs, Scale, StructureChannel};
 pub use check::StructureError;
 pub use feature::{Feature, Range};
+pub use file::{ChannelFile, StructureFile};
 pub use genome::{FieldSpec, StructureSpace};
 
 /// A descriptor of the family: its channels, in the order in which their distances are added up.

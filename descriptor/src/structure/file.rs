@@ -1,0 +1,516 @@
+//! Structures as TOML that people write: keys as they stand in a file, and what they mean.
+
+use serde::{Deserialize, Serialize, Serializer};
+
+use crate::distance::SetDistance;
+use crate::structure::check::{StructureError, centimetres};
+use crate::structure::{Axis, Feature, Pairs, Scale, Structure, StructureChannel, Weighted};
+
+/// A structure file, not yet checked.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct StructureFile {
+    /// Version of this format: 1.
+    pub version: u32,
+    /// The channels, in the order in which their distances are added up.
+    #[serde(rename = "channel", default)]
+    pub channels: Vec<ChannelFile>,
+}
+
+/// A channel of a structure file.
+#[derive(Clone, Debug, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct ChannelFile {
+    /// Which pairs of points: `keypoint-neighbour`, `neighbours`, `keypoints` or `cloud`.
+    pub pairs: String,
+    /// What is binned, and into how many bins: `hue 6`, or `angle 60 over 360`.
+    pub features: Vec<String>,
+    /// One histogram for each feature, side by side, instead of one bin for each combination of their bins.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub side_by_side: bool,
+    /// s of the squash of unbounded features; only with one, and then needed.
+    #[serde(default, skip_serializing_if = "Option::is_none", serialize_with = "shortest_of")]
+    pub squash: Option<f64>,
+    /// Radius of the neighbourhood; for `keypoints` and `cloud` the longest distance of a pair.
+    #[serde(serialize_with = "shortest")]
+    pub radius_cm: f64,
+    /// Shells by the distance of a pair, so many of equal width. Default: 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub shells: Option<u32>,
+    /// Their outer bounds, instead.
+    #[serde(default, skip_serializing_if = "Option::is_none", serialize_with = "all_shortest")]
+    pub shells_cm: Option<Vec<f64>>,
+    /// Smallest distance of a pair. Default: 0.
+    #[serde(default, skip_serializing_if = "Option::is_none", serialize_with = "shortest_of")]
+    pub least_cm: Option<f64>,
+    /// Edge of the voxels whose centroids are the keypoints; not for `cloud`, which has none. Default: 2.
+    #[serde(default, skip_serializing_if = "Option::is_none", serialize_with = "shortest_of")]
+    pub grid_cm: Option<f64>,
+    /// Pairs that are drawn at each keypoint (`neighbours`) or of the cloud (`cloud`). Default: all of them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub samples: Option<u32>,
+    /// Leave out points without a normal although no feature needs one.
+    #[serde(default, skip_serializing_if = "is_false")]
+    pub normals_only: bool,
+    /// How rows are compared. Default: `chi2`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub metric: Option<String>,
+    /// What the channel's distances are multiplied by. Default: 1.
+    #[serde(default, skip_serializing_if = "Option::is_none", serialize_with = "shortest_of")]
+    pub weight: Option<f64>,
+    /// What they are divided by before: `quantile`, the distance below which a twentieth of those between labelled
+    /// clouds lie, or `none`. Default: `quantile`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scale: Option<String>,
+}
+
+/// Edge of the keypoint grid where none is written, centimetres.
+const GRID_CM: f64 = 2.0;
+
+fn is_false(value: &bool) -> bool {
+    !value
+}
+
+/// A whole number without a point, as people write it.
+fn shortest<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+    Number(*value).serialize(serializer)
+}
+
+fn shortest_of<S: Serializer>(value: &Option<f64>, serializer: S) -> Result<S::Ok, S::Error> {
+    value.map(Number).serialize(serializer)
+}
+
+fn all_shortest<S: Serializer>(values: &Option<Vec<f64>>, serializer: S) -> Result<S::Ok, S::Error> {
+    let numbers = values.as_ref().map(|values| values.iter().map(|&value| Number(value)).collect::<Vec<_>>());
+    numbers.serialize(serializer)
+}
+
+struct Number(f64);
+
+impl Serialize for Number {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let whole = self.0.fract() == 0.0 && self.0.abs() < 1e9;
+        if whole { serializer.serialize_i64(self.0 as i64) } else { serializer.serialize_f64(self.0) }
+    }
+}
+
+impl StructureFile {
+    /// What the file means.
+    ///
+    /// # Errors
+    /// The first thing in it that no structure can have.
+    pub fn structure(&self) -> Result<Structure, StructureError> {
+        if self.version != 1 {
+            let what = format!("must be 1, got {}", self.version);
+            return Err(StructureError::new(
+                "version",
+                what,
+                "use a program of the release that wrote the file",
+            ));
+        }
+        let channels = (1..).zip(&self.channels);
+        let channels =
+            channels.map(|(number, channel)| channel.weighted().map_err(|error| error.in_channel(number)));
+        let structure = Structure { channels: channels.collect::<Result<_, _>>()? };
+        structure.check()?;
+        Ok(structure)
+    }
+}
+
+impl From<&Structure> for StructureFile {
+    /// The file of which [`StructureFile::structure`] makes the structure. What has its default is left out.
+    fn from(structure: &Structure) -> Self {
+        Self { version: 1, channels: structure.channels.iter().map(ChannelFile::from).collect() }
+    }
+}
+
+impl ChannelFile {
+    fn weighted(&self) -> Result<Weighted, StructureError> {
+        let pairs = named("pairs", &self.pairs, Pairs::ALL, Pairs::name)?;
+        let axes = self.features.iter().map(|text| axis(text)).collect::<Result<Vec<_>, _>>()?;
+        let needs_normals = axes.iter().any(|axis| axis.feature.needs_normals());
+        let grid_cm = self.grid_cm.unwrap_or(if pairs == Pairs::Cloud { 0.0 } else { GRID_CM });
+        let scale = self.scale.as_deref().map(|name| named("scale", name, Scale::ALL, Scale::name));
+        let metric =
+            self.metric.as_deref().map(|name| named("metric", name, SetDistance::ALL, SetDistance::name));
+        if self.squash == Some(0.0) {
+            return Err(StructureError::new("squash", "must be above 0, got 0", "write one, such as 0.3"));
+        }
+        if self.samples == Some(0) {
+            return Err(StructureError::new(
+                "samples",
+                "must be above 0, got 0",
+                "leave it out for all pairs",
+            ));
+        }
+        let mut channel = StructureChannel {
+            pairs,
+            is_joint: !self.side_by_side || axes.len() == 1,
+            axes,
+            squash_milli: self.squash.map_or(Ok(0), |value| ticks("squash", value, 1000))?,
+            radius_um: micrometres("radius_cm", self.radius_cm)?,
+            shells_um: Vec::new(),
+            least_um: micrometres("least_cm", self.least_cm.unwrap_or(0.0))?,
+            grid_um: micrometres("grid_cm", grid_cm)?,
+            samples: self.samples.unwrap_or(0),
+            oriented: self.normals_only && !needs_normals,
+            metric: metric.transpose()?.unwrap_or_default(),
+        };
+        channel.shells_um = self.shells_um(&channel)?;
+        Ok(Weighted {
+            channel,
+            weight_ppm: ticks("weight", self.weight.unwrap_or(1.0), 1_000_000)?,
+            scale: scale.transpose()?.unwrap_or_default(),
+        })
+    }
+
+    fn shells_um(&self, channel: &StructureChannel) -> Result<Vec<u32>, StructureError> {
+        let most = StructureChannel::MAX_SHELLS as u32;
+        match (self.shells, &self.shells_cm) {
+            (Some(_), Some(_)) => {
+                let what = "not beside shells_cm, got both";
+                Err(StructureError::new("shells", what, "write one of them"))
+            }
+            (None, Some(bounds)) => bounds.iter().map(|&bound| micrometres("shells_cm", bound)).collect(),
+            (Some(shells), None) if !(1..=most).contains(&shells) => {
+                let what = format!("must be 1 to {most}, got {shells}");
+                Err(StructureError::new("shells", what, "choose a number inside these limits"))
+            }
+            (shells, None) => Ok(channel.equal_shells(shells.unwrap_or(1))),
+        }
+    }
+}
+
+impl From<&Weighted> for ChannelFile {
+    fn from(weighted: &Weighted) -> Self {
+        let Weighted { channel, weight_ppm, scale } = weighted;
+        let shells = channel.shells_um.len() as u32;
+        let is_equal = channel.has_equal_shells();
+        let bounds = || channel.shells_um.iter().map(|&um| centimetres(um)).collect();
+        Self {
+            pairs: channel.pairs.name().to_owned(),
+            features: channel.axes.iter().map(Axis::to_string).collect(),
+            side_by_side: !channel.is_joint,
+            squash: (channel.squash_milli > 0).then(|| f64::from(channel.squash_milli) / 1000.0),
+            radius_cm: centimetres(channel.radius_um),
+            shells: (is_equal && shells > 1).then_some(shells),
+            shells_cm: (!is_equal).then(bounds),
+            least_cm: (channel.least_um > 0).then(|| centimetres(channel.least_um)),
+            grid_cm: (channel.pairs != Pairs::Cloud).then(|| centimetres(channel.grid_um)),
+            samples: (channel.samples > 0).then_some(channel.samples),
+            normals_only: channel.oriented,
+            metric: (channel.metric != SetDistance::default()).then(|| channel.metric.name().to_owned()),
+            weight: Some(f64::from(*weight_ppm) / 1e6),
+            scale: (*scale != Scale::default()).then(|| scale.name().to_owned()),
+        }
+    }
+}
+
+/// The value of that name.
+fn named<T: Copy, const N: usize>(
+    key: &'static str,
+    name: &str,
+    values: [T; N],
+    name_of: fn(T) -> &'static str,
+) -> Result<T, StructureError> {
+    let unknown = || {
+        let what = format!("one of {} expected, got {}", values.map(name_of).join(", "), quoted(name));
+        StructureError::new(key, what, "write one of these names")
+    };
+    values.into_iter().find(|&value| name_of(value) == name).ok_or_else(unknown)
+}
+
+/// What is binned, from a text such as `hue 6` or `angle 60 over 360`.
+fn axis(text: &str) -> Result<Axis, StructureError> {
+    let words: Vec<&str> = text.split_ascii_whitespace().take(5).collect();
+    let (name, bins, full_turn) = match words[..] {
+        [name, bins] => (name, bins, false),
+        [name, bins, "over", "360"] => (name, bins, true),
+        _ => ("", "", false),
+    };
+    let Ok(bins) = bins.parse() else {
+        let what = format!("name and number of bins expected, got {}", quoted(text));
+        return Err(StructureError::new(
+            "features",
+            what,
+            "write them as \"hue 6\" or \"angle 60 over 360\"",
+        ));
+    };
+    Ok(Axis { feature: named("features", name, Feature::ALL, Feature::name)?, bins, full_turn })
+}
+
+fn micrometres(key: &'static str, value: f64) -> Result<u32, StructureError> {
+    ticks(key, value, 10_000)
+}
+
+/// A value as ticks, of which there are so many in its unit.
+fn ticks(key: &'static str, value: f64, per_unit: u32) -> Result<u32, StructureError> {
+    let ticks = value * f64::from(per_unit);
+    let rounded = ticks.round();
+    if !(0.0..=f64::from(u32::MAX)).contains(&rounded) {
+        let what = format!("must be a number from 0 to {}, got {value}", u32::MAX / per_unit);
+        return Err(StructureError::new(key, what, "choose a value inside these limits"));
+    }
+    // A decimal is no exact double.
+    if (ticks - rounded).abs() > 1e-6 * rounded.max(1.0) {
+        let what = format!("must be a multiple of {}, got {value}", 1.0 / f64::from(per_unit));
+        return Err(StructureError::new(key, what, "round it"));
+    }
+    Ok(rounded as u32)
+}
+
+/// What a file says, for a message: bounded and on one line.
+fn quoted(text: &str) -> String {
+    let short: String = text.chars().take(40).collect();
+    if short.len() < text.len() { format!("{short:?}…") } else { format!("{short:?}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::Parameters;
+    use crate::structure::testing::{point, structure};
+
+    fn read(text: &str) -> Result<Structure, StructureError> {
+        toml::from_str::<StructureFile>(text).unwrap().structure()
+    }
+
+    /// The text of a file with one channel, sound but for these lines.
+    fn error(lines: &str) -> String {
+        let key = |line: &str| line.split(' ').next().unwrap_or_default().to_owned();
+        let changed: Vec<String> = lines.lines().map(key).collect();
+        let sound = ["pairs = \"keypoint-neighbour\"", "features = [\"hue 6\"]", "radius_cm = 5"];
+        let sound = sound.into_iter().filter(|line| !changed.contains(&key(line)));
+        let channel = sound.chain(lines.lines()).collect::<Vec<_>>().join("\n");
+        read(&format!("version = 1\n[[channel]]\n{channel}\n")).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn the_papers_best_is_a_file() {
+        let Parameters { shape_bins, colour_bins, disk_um, ring_um, shape_weight_ppm } =
+            Parameters::PAPER_BEST;
+        let colour = StructureChannel {
+            pairs: Pairs::KeypointNeighbour,
+            axes: [Feature::Hue, Feature::Saturation]
+                .map(|feature| Axis { feature, bins: colour_bins, full_turn: false })
+                .to_vec(),
+            is_joint: true,
+            squash_milli: 0,
+            radius_um: ring_um,
+            shells_um: vec![disk_um, ring_um],
+            least_um: 0,
+            grid_um: 20_000,
+            samples: 0,
+            oriented: true,
+            metric: SetDistance::ChiSquared,
+        };
+        let shape = StructureChannel {
+            axes: vec![Axis { feature: Feature::Angle, bins: shape_bins, full_turn: true }],
+            oriented: false,
+            ..colour.clone()
+        };
+        assert_eq!([shape.bins(), colour.bins()], Parameters::PAPER_BEST.channel_bins());
+        let weighted = |channel, weight_ppm| Weighted { channel, weight_ppm, scale: Scale::None };
+        let channels =
+            vec![weighted(shape, shape_weight_ppm), weighted(colour, 1_000_000 - shape_weight_ppm)];
+        assert_eq!(
+            read(include_str!("../../../experiments/descriptors/paper.toml")),
+            Ok(Structure { channels })
+        );
+    }
+
+    #[test]
+    fn ready_made_files_are_these() {
+        let pfhrgb = read(include_str!("../../../experiments/descriptors/pfhrgb.toml")).unwrap();
+        assert_eq!(
+            pfhrgb.to_string(),
+            "neighbours f1 5·f2 5·f3 5, 5 cm, all pairs, grid 2 cm, unscaled, weight 1.0 + \
+             neighbours qr 5·qg 5·qb 5, 5 cm, all pairs, grid 2 cm, normals only, unscaled, weight 1.0"
+        );
+        assert!(pfhrgb.channels.iter().all(|it| it.channel.bins() == 125));
+        let cospair = read(include_str!("../../../experiments/descriptors/cospair.toml")).unwrap();
+        assert_eq!(
+            cospair.to_string(),
+            "keypoint-neighbour f1 9 | a2 9 | a3 9 | L 9 | a 9 | b 9, 5 cm, 7 shells, grid 2 cm, unscaled, weight 1.0"
+        );
+        let channel = &cospair.channels[0].channel;
+        assert_eq!(channel.bins(), 7 * 6 * 9);
+        assert_eq!(channel.shells_um, [7_143, 14_286, 21_429, 28_571, 35_714, 42_857, 50_000]);
+    }
+
+    #[test]
+    fn what_is_not_written_has_its_default() {
+        let structure =
+            read("version = 1\n[[channel]]\npairs = \"neighbours\"\nfeatures = [\"f1 5\"]\nradius_cm = 5\n");
+        let channel = StructureChannel {
+            pairs: Pairs::Neighbours,
+            axes: vec![Axis { feature: Feature::F1, bins: 5, full_turn: false }],
+            is_joint: true,
+            squash_milli: 0,
+            radius_um: 50_000,
+            shells_um: vec![100_000],
+            least_um: 0,
+            grid_um: 20_000,
+            samples: 0,
+            oriented: false,
+            metric: SetDistance::ChiSquared,
+        };
+        let weighted = Weighted { channel, weight_ppm: 1_000_000, scale: Scale::Quantile };
+        assert_eq!(structure, Ok(Structure { channels: vec![weighted] }));
+    }
+
+    #[test]
+    fn redundant_switches_say_nothing() {
+        let of = |line: &str| {
+            read(&format!(
+                "version = 1\n[[channel]]\npairs = \"neighbours\"\nfeatures = [\"f1 5\"]\nradius_cm = 5\n{line}\n"
+            ))
+        };
+        assert_eq!(of("normals_only = true"), of(""));
+        assert_eq!(of("side_by_side = true"), of(""));
+        assert_eq!(of("shells_cm = [10]"), of(""));
+        assert_ne!(of("shells_cm = [5]"), of(""));
+    }
+
+    #[test]
+    fn mistakes_are_told_with_channel_and_key() {
+        for (lines, message) in [
+            (
+                "pairs = \"points\"",
+                "pairs: one of keypoint-neighbour, neighbours, keypoints, cloud expected, got \"points\"\nwrite one of these names",
+            ),
+            ("features = []", "features: must be 1 to 8, got 0\nname what is binned, such as \"hue 6\""),
+            (
+                "features = [\"hue\"]",
+                "features: name and number of bins expected, got \"hue\"\nwrite them as \"hue 6\" or \"angle 60 over 360\"",
+            ),
+            (
+                "features = [\"hue 65\"]",
+                "features: must have 2 to 64 bins, got 65 of hue\nchoose a number inside these limits",
+            ),
+            (
+                "features = [\"hue 6\", \"d 5\", \"hue 7\"]",
+                "features: must differ, got hue twice\nwrite each feature once",
+            ),
+            (
+                "features = [\"hue 6 over 360\"]",
+                "features: only bins of angle may be over 360 degrees, got hue\nwrite its bins alone",
+            ),
+            (
+                "features = [\"d 64\", \"hue 64\", \"a 5\"]",
+                "features: must make at most 16384 values a row, got 20480\ntake fewer bins, features or shells",
+            ),
+            ("features = [\"c1 6\"]", "squash: needed by c1, got none\nwrite one, such as 0.3"),
+            ("squash = 0.3", "squash: needed by no feature, got 0.3\nleave it out"),
+            ("features = [\"c1 6\"]\nsquash = 0", "squash: must be above 0, got 0\nwrite one, such as 0.3"),
+            (
+                "features = [\"c1 6\"]\nsquash = 11",
+                "squash: must be 0.001 to 10, got 11\nchoose a value inside these limits",
+            ),
+            ("radius_cm = 0", "radius_cm: must be 0.0001 to 100, got 0\nchoose a value inside these limits"),
+            (
+                "radius_cm = 101",
+                "radius_cm: must be 0.0001 to 100, got 101\nchoose a value inside these limits",
+            ),
+            (
+                "radius_cm = nan",
+                "radius_cm: must be a number from 0 to 429496, got NaN\nchoose a value inside these limits",
+            ),
+            (
+                "radius_cm = -1",
+                "radius_cm: must be a number from 0 to 429496, got -1\nchoose a value inside these limits",
+            ),
+            ("radius_cm = 1.23456", "radius_cm: must be a multiple of 0.0001, got 1.23456\nround it"),
+            ("shells_cm = []", "shells_cm: must be 1 to 8, got 0\nwrite the outer bound of each"),
+            (
+                "shells_cm = [2, 2]",
+                "shells_cm: must ascend from above 0, got 2 after 2\nwrite outer bounds from the smallest to the largest",
+            ),
+            (
+                "shells_cm = [2, 6]",
+                "shells_cm: must be at most 5, the longest distance of a pair, got 6\nlower it or raise the radius",
+            ),
+            ("shells = 9", "shells: must be 1 to 8, got 9\nchoose a number inside these limits"),
+            ("shells = 2\nshells_cm = [1]", "shells: not beside shells_cm, got both\nwrite one of them"),
+            (
+                "least_cm = 5",
+                "least_cm: must be below 5, where the last shell ends, got 5\nlower it, so that there are pairs",
+            ),
+            ("grid_cm = 0.05", "grid_cm: must be 0.1 to 100, got 0.05\nchoose a value inside these limits"),
+            (
+                "pairs = \"cloud\"\ngrid_cm = 2",
+                "grid_cm: pairs of a cloud have no keypoints, got 2\nleave it out",
+            ),
+            ("samples = 64", "samples: all keypoint-neighbour pairs are taken, got 64\nleave it out"),
+            ("pairs = \"cloud\"\nsamples = 0", "samples: must be above 0, got 0\nleave it out for all pairs"),
+            (
+                "pairs = \"cloud\"\nsamples = 65537",
+                "samples: must be 1 to 65536, got 65537\nlower it, or leave it out for all",
+            ),
+            ("metric = \"l2\"", "metric: one of "),
+            ("scale = \"1\"", "scale: one of quantile, none expected, got \"1\"\nwrite one of these names"),
+            ("weight = 0", "weight: must be 0.000001 to 1000, got 0\nchoose a value inside these limits"),
+            (
+                "weight = 1001",
+                "weight: must be 0.000001 to 1000, got 1001\nchoose a value inside these limits",
+            ),
+        ] {
+            let (message, got) = (format!("channel 1: {message}"), error(lines));
+            assert!(
+                got == message || message.ends_with("one of ") && got.starts_with(&message),
+                "{got}\nnot\n{message}"
+            );
+        }
+        let long = error(&format!("pairs = \"{}\"", "x\\n".repeat(100)));
+        assert!(long.contains(&format!("got \"{}\"…\n", "x\\n".repeat(20))), "{long}");
+
+        let second = "version = 1\n[[channel]]\npairs = \"cloud\"\nfeatures = [\"d 5\"]\nradius_cm = 20\n\
+                      [[channel]]\npairs = \"cloud\"\nfeatures = [\"c1 6\"]\nradius_cm = 20\n";
+        let message = "channel 2: squash: needed by c1, got none\nwrite one, such as 0.3";
+        assert_eq!(read(second).unwrap_err().to_string(), message);
+        assert_eq!(
+            read("version = 1").unwrap_err().to_string(),
+            "channel: there must be 1 to 8, got 0\nwrite one [[channel]] for each"
+        );
+        assert_eq!(
+            read("version = 2").unwrap_err().to_string(),
+            "version: must be 1, got 2\nuse a program of the release that wrote the file"
+        );
+        for unknown in ["version = 1\nchannels = 1", "version = 1\n[[channel]]\nradius = 1"] {
+            let error = toml::from_str::<StructureFile>(unknown).unwrap_err().to_string();
+            assert!(error.contains("unknown field"), "{error}");
+        }
+    }
+
+    #[test]
+    fn files_are_written_as_people_write_them() {
+        let text = include_str!("../../../experiments/descriptors/cospair.toml");
+        let written = toml::to_string(&StructureFile::from(&read(text).unwrap())).unwrap();
+        assert_eq!(
+            written,
+            "version = 1\n\n[[channel]]\npairs = \"keypoint-neighbour\"\n\
+             features = [\"f1 9\", \"a2 9\", \"a3 9\", \"L 9\", \"a 9\", \"b 9\"]\nside_by_side = true\n\
+             radius_cm = 5\nshells = 7\ngrid_cm = 2\nweight = 1\nscale = \"none\"\n"
+        );
+    }
+
+    fn is_given_back(structure: &Structure) -> Result<(), TestCaseError> {
+        let text = toml::to_string(&StructureFile::from(structure)).unwrap();
+        prop_assert_eq!(&read(&text), &Ok(structure.clone()), "{}", text);
+        Ok(())
+    }
+
+    proptest! {
+        #[test]
+        fn a_file_gives_its_structure_back(structure in structure()) {
+            is_given_back(&structure)?;
+        }
+
+        #[test]
+        fn a_file_gives_a_searched_structure_back((space, indices) in point()) {
+            is_given_back(&space.decode(&indices).unwrap())?;
+        }
+    }
+}
