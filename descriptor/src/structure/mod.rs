@@ -2,10 +2,27 @@
 //! (DESIGN 5b).
 
 mod channel;
+mod cloud;
+mod colours;
+mod counts;
+mod edges;
+mod encoding;
+mod extract;
 mod feature;
+mod lanes;
+mod pairs;
+mod plan;
+mod sampling;
+
+#[cfg(test)]
+mod oracle;
+#[cfg(test)]
+mod tests;
 
 pub use channel::{Axis, Pairs, Scale, StructureChannel};
+pub use cloud::StructureCloud;
 pub use feature::{Feature, Range};
+pub use plan::StructurePlan;
 
 /// A descriptor of the family: its channels, in the order in which their distances are added up.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
