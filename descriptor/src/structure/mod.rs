@@ -13,6 +13,7 @@ mod lanes;
 mod pairs;
 mod plan;
 mod sampling;
+mod scale;
 
 #[cfg(test)]
 mod oracle;
@@ -23,6 +24,7 @@ pub use channel::{Axis, Pairs, Scale, StructureChannel};
 pub use cloud::StructureCloud;
 pub use feature::{Feature, Range};
 pub use plan::StructurePlan;
+pub use scale::scale;
 
 /// A descriptor of the family: its channels, in the order in which their distances are added up.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
