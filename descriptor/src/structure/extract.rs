@@ -148,14 +148,14 @@ fn among(plan: &StructurePlan, points: &Groups, near: &[u32], counts: &mut Count
     let [mut first, mut second] = [Group::EMPTY; 2];
     let samples = plan.channel.samples;
     for start in (0..samples).step_by(LANES) {
-        for lane in 0..LANES {
-            let number = start.saturating_add(lane as u32);
-            let [one, other] = draw(number, near.len() as u32).map(|index| near[index as usize] as usize);
-            let (from, place) = points.find(one);
-            first.set(lane, plan, from, place);
-            let (from, place) = points.find(other);
-            second.set(lane, plan, from, place);
-            if (one == other) | (number >= samples) {
+        let [mut ones, mut others] = [[0; LANES]; 2];
+        for ((number, one), other) in (start..).zip(&mut ones).zip(&mut others) {
+            [*one, *other] = draw(number, near.len() as u32).map(|index| near[index as usize]);
+        }
+        first.gather(plan, points, &ones);
+        second.gather(plan, points, &others);
+        for (lane, (one, other)) in ones.into_iter().zip(others).enumerate() {
+            if (one == other) | (lane as u32 >= samples - start) {
                 second.clear(lane);
             }
         }

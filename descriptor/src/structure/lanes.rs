@@ -7,7 +7,7 @@ use crate::structure::colours::values;
 use crate::structure::plan::{Column, StructurePlan};
 
 /// Points that are looked at together, each in a lane of its own.
-pub(super) const LANES: usize = 16;
+pub(super) const LANES: usize = 64;
 
 /// What is known of a group of points.
 #[derive(Clone, Copy)]
@@ -44,19 +44,30 @@ impl Group {
         self.position[0][lane] = f32::NAN;
     }
 
-    /// Takes over what a plan needs of one lane of another group.
+    /// Takes over what a plan needs of points of other groups, lane by lane.
     #[inline(always)]
-    pub(super) fn set(&mut self, lane: usize, plan: &StructurePlan, other: &Self, from: usize) {
-        for axis in 0..3 {
-            self.position[axis][lane] = other.position[axis][from];
-        }
-        if plan.has_angles {
-            for axis in 0..3 {
-                self.normal[axis][lane] = other.normal[axis][from];
+    pub(super) fn gather(&mut self, plan: &StructurePlan, points: &Groups, indices: &[u32]) {
+        let gather = |values: &mut [f32; LANES], of: fn(&Group) -> &[f32; LANES]| {
+            for (value, &index) in values.iter_mut().zip(indices) {
+                let (group, lane) = points.find(index as usize);
+                *value = of(group)[lane];
             }
+        };
+        let [x, y, z] = &mut self.position;
+        gather(x, |group| &group.position[0]);
+        gather(y, |group| &group.position[1]);
+        gather(z, |group| &group.position[2]);
+        if plan.has_angles {
+            let [x, y, z] = &mut self.normal;
+            gather(x, |group| &group.normal[0]);
+            gather(y, |group| &group.normal[1]);
+            gather(z, |group| &group.normal[2]);
         }
-        for column in 0..plan.columns.len().min(StructureChannel::MAX_AXES) {
-            self.columns[column][lane] = other.columns[column][from];
+        for (column, values) in self.columns.iter_mut().enumerate().take(plan.columns.len()) {
+            for (value, &index) in values.iter_mut().zip(indices) {
+                let (group, lane) = points.find(index as usize);
+                *value = group.columns[column][lane];
+            }
         }
     }
 
@@ -129,10 +140,7 @@ impl Groups {
         let mut gathered = Self { points: points.len(), ..Self::default() };
         for points in points.chunks(LANES) {
             let mut group = Group::EMPTY;
-            for (lane, &point) in points.iter().enumerate() {
-                let (from, place) = self.find(point as usize);
-                group.set(lane, plan, from, place);
-            }
+            group.gather(plan, self, points);
             gathered.boxes.push(bounds(&group));
             gathered.groups.push(group);
         }

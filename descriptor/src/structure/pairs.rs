@@ -39,19 +39,14 @@ pub(super) fn count(plan: &StructurePlan, [first, second]: [&Group; 2], counts: 
             }
         }
         for (lane, code) in codes.iter_mut().enumerate() {
-            *code = if shells.counts[lane] { shells.first[lane] + *code } else { counts.none(lane) };
+            *code = if shells[lane] == NO_SHELL { counts.none(lane) } else { shells[lane] + *code };
         }
         counts.add(&codes);
     }
 }
 
-/// Which shells pairs are in.
-struct Shells {
-    /// The first bin of the shell.
-    first: [u32; LANES],
-    /// Whether the pair counts at all.
-    counts: [bool; LANES],
-}
+/// In place of the first bin of a pair's shell: the pair does not count.
+const NO_SHELL: u32 = u32::MAX;
 
 /// What features are made of; zeros where no feature of the plan is.
 struct Pairs {
@@ -102,17 +97,21 @@ impl Pairs {
         pairs
     }
 
-    /// Shells, and none for pairs that are too far, too close, or have no frame though one is needed.
+    /// First bins of the pairs' shells; none of pairs that are too far, too close, or without a frame where one is needed.
     #[inline(always)]
-    fn shells(&self, plan: &StructurePlan) -> Shells {
-        let mut shells = Shells { first: [0; LANES], counts: [false; LANES] };
-        for lane in 0..LANES {
-            let has_frame = !plan.has_frame | (self.across2[lane] > 0.0);
-            shells.counts[lane] = (self.d2[lane] >= plan.least2) & (self.d2[lane] <= plan.most2) & has_frame;
-        }
+    fn shells(&self, plan: &StructurePlan) -> [u32; LANES] {
+        let mut shells = [0; LANES];
         for &bound in &plan.shells2 {
-            for lane in 0..LANES {
-                shells.first[lane] += if self.d2[lane] > bound { plan.shell_bins } else { 0 };
+            for (shell, &d2) in shells.iter_mut().zip(&self.d2) {
+                *shell += if d2 > bound { plan.shell_bins } else { 0 };
+            }
+        }
+        for (shell, &d2) in shells.iter_mut().zip(&self.d2) {
+            *shell = if (d2 >= plan.least2) & (d2 <= plan.most2) { *shell } else { NO_SHELL };
+        }
+        if plan.has_frame {
+            for (shell, &across2) in shells.iter_mut().zip(&self.across2) {
+                *shell = if across2 > 0.0 { *shell } else { NO_SHELL };
             }
         }
         shells
@@ -133,13 +132,11 @@ impl Pairs {
     #[inline(always)]
     fn turns(&self, turns: &Turns) -> [u32; LANES] {
         let (mut x, mut y, mut least) = ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
-        let mut is_below = [false; LANES];
         for lane in 0..LANES {
             y[lane] = self.along[1][lane] - self.cosine[lane] * self.along[0][lane];
             x[lane] = self.cosine[lane] * self.across2[lane].sqrt();
-            is_below[lane] = y[lane] < 0.0;
             // Below 0 degrees bins are mirrored, but edges still belong to the bins above them.
-            least[lane] = if is_below[lane] { f32::from_bits(1) } else { 0.0 };
+            least[lane] = if y[lane] < 0.0 { f32::from_bits(1) } else { 0.0 };
             // No direction is one of 0 degrees.
             x[lane] = if (x[lane] == 0.0) & (y[lane] == 0.0) { 1.0 } else { x[lane] };
         }
@@ -153,7 +150,7 @@ impl Pairs {
         for lane in 0..LANES {
             let [above, below] =
                 [turns.of_zero + reached[lane], turns.below_zero.wrapping_sub(reached[lane])];
-            reached[lane] = if is_below[lane] { below } else { above };
+            reached[lane] = if y[lane] < 0.0 { below } else { above };
         }
         reached
     }
@@ -200,7 +197,14 @@ impl Pairs {
 #[inline(always)]
 fn reached(values: &Lanes, edges: &[f32]) -> [u32; LANES] {
     let mut reached = [0; LANES];
-    for &edge in edges {
+    let (fours, rest) = edges.as_chunks::<4>();
+    for &[a, b, c, d] in fours {
+        for (reached, &value) in reached.iter_mut().zip(values) {
+            *reached += (u32::from(value >= a) + u32::from(value >= b))
+                + (u32::from(value >= c) + u32::from(value >= d));
+        }
+    }
+    for &edge in rest {
         for (reached, &value) in reached.iter_mut().zip(values) {
             *reached += u32::from(value >= edge);
         }
