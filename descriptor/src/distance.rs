@@ -1,4 +1,4 @@
-//! χ² and L1 distances of histograms, and matrices of them.
+//! χ², L1 and Hellinger distances of histograms, and matrices of them.
 
 use std::borrow::Borrow;
 use std::marker::PhantomData;
@@ -23,17 +23,20 @@ pub enum SetDistance {
     ChiSquared,
     /// [`l1`].
     L1,
+    /// [`hellinger`].
+    Hellinger,
 }
 
 impl SetDistance {
     /// All of them.
-    pub const ALL: [Self; 2] = [Self::ChiSquared, Self::L1];
+    pub const ALL: [Self; 3] = [Self::ChiSquared, Self::L1, Self::Hellinger];
 
     /// Its name in files and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::ChiSquared => "chi2",
             Self::L1 => "l1",
+            Self::Hellinger => "hellinger",
         }
     }
 
@@ -60,6 +63,15 @@ pub fn chi_squared(a: &[f32], b: &[f32]) -> f32 {
 /// If the lengths differ: a programming error.
 pub fn l1(a: &[f32], b: &[f32]) -> f32 {
     sum_of::<L1>(a, b)
+}
+
+/// Squared Hellinger distance ½ Σ (√a − √b)² of two histograms of equal length, in f32, in the order of the bins, two at
+/// once.
+///
+/// # Panics
+/// If the lengths differ: a programming error.
+pub fn hellinger(a: &[f32], b: &[f32]) -> f32 {
+    sum_of::<Hellinger>(a, b)
 }
 
 /// What a distance is the sum of.
@@ -100,6 +112,18 @@ impl Terms for L1 {
     }
 }
 
+struct Hellinger;
+
+impl Terms for Hellinger {
+    const FACTOR: f32 = 0.5;
+
+    #[inline(always)]
+    fn of_two(a: [f32; 2], b: [f32; 2]) -> f32 {
+        let (x, y) = (a[0].sqrt() - b[0].sqrt(), a[1].sqrt() - b[1].sqrt());
+        x * x + y * y
+    }
+}
+
 fn sum_of<T: Terms>(a: &[f32], b: &[f32]) -> f32 {
     assert_eq!(a.len(), b.len(), "histograms of different channels");
     let (a, a_last) = a.as_chunks::<2>();
@@ -122,6 +146,7 @@ impl Signature {
         let of_two = match distance {
             SetDistance::ChiSquared => chi_squared,
             SetDistance::L1 => l1,
+            SetDistance::Hellinger => hellinger,
         };
         of_two(&self.centroid, &other.centroid) + of_two(&self.deviation, &other.deviation)
     }
@@ -237,11 +262,12 @@ impl DistanceMatrix {
         Self::of_terms::<ChiSquared>(queries, database)
     }
 
-    /// As [`DistanceMatrix::new`], with either set distance.
+    /// As [`DistanceMatrix::new`], with any set distance.
     pub fn by(distance: SetDistance, queries: &Signatures, database: &Signatures) -> Self {
         match distance {
             SetDistance::ChiSquared => Self::of_terms::<ChiSquared>(queries, database),
             SetDistance::L1 => Self::of_terms::<L1>(queries, database),
+            SetDistance::Hellinger => Self::of_terms::<Hellinger>(queries, database),
         }
     }
 
@@ -305,11 +331,25 @@ mod tests {
             prop_assert_eq!(chi_squared(&a, &b).to_bits(), chi_squared(&b, &a).to_bits());
             prop_assert_eq!(chi_squared(&a, &a), 0.0);
         }
+
+        #[test]
+        fn hellinger_is_its_definition(pair in pair()) {
+            let (a, b): (Vec<f32>, Vec<f32>) = pair.iter().copied().unzip();
+            let terms = || pair.iter().map(|&(a, b)| f64::from(a).sqrt() - f64::from(b).sqrt());
+            let plain = 0.5 * terms().map(|difference| difference * difference).sum::<f64>();
+            let found = f64::from(hellinger(&a, &b));
+            // The difference of two roots near 1 is exact to 1e-7 only.
+            let rounding = 1e-5 * plain + 2e-7 * terms().map(f64::abs).sum::<f64>();
+            prop_assert!((found - plain).abs() <= rounding + 1e-12, "{} instead of {}", found, plain);
+            prop_assert_eq!(hellinger(&a, &b).to_bits(), hellinger(&b, &a).to_bits());
+            prop_assert_eq!(hellinger(&a, &a), 0.0);
+        }
     }
 
     #[test]
     fn disjoint_histograms_are_one_apart() {
         assert_eq!(chi_squared(&[0.5, 0.5, 0.0], &[0.0, 0.0, 1.0]), 1.0);
+        assert_eq!(hellinger(&[0.25, 0.75, 0.0], &[0.0, 0.0, 1.0]), 1.0);
         assert_eq!(chi_squared(&[0.0; 40], &[0.0; 40]), 0.0);
         assert_eq!(chi_squared(&[], &[]), 0.0);
     }

@@ -114,6 +114,12 @@ impl Signatures {
         (clouds, described)
     }
 
+    /// Some clouds that follow one another.
+    pub(crate) fn stripe(&self, first: usize, clouds: usize) -> Self {
+        let values = self.values[first * self.width..][..clouds * self.width].to_vec();
+        Self { values, clouds, keypoints: Vec::new(), ..*self }
+    }
+
     /// One cloud's centroid and deviation.
     pub fn get(&self, cloud: usize) -> [&[f32]; 2] {
         let (centroid, deviation) = self.values[cloud * self.width..][..self.width].split_at(self.bins);

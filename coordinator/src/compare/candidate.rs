@@ -95,7 +95,9 @@ impl Choice {
     pub fn label(self) -> String {
         match self.distance {
             SetDistance::ChiSquared => self.named.name().to_owned(),
-            SetDistance::L1 => format!("{}-{}", self.named.name(), self.distance.name()),
+            SetDistance::L1 | SetDistance::Hellinger => {
+                format!("{}-{}", self.named.name(), self.distance.name())
+            }
         }
     }
 

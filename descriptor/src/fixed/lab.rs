@@ -8,7 +8,7 @@ const STEPS: usize = 4000;
 
 /// L*/100, a*/120 and b*/120 of sRGB colours under daylight, from the tables that PCL uses
 /// (`SHOTColorEstimation::RGB2CIELAB`, `RGB2sRGB_LUT`, `XYZ2LAB_LUT`).
-pub(super) struct Lab {
+pub(crate) struct Lab {
     /// Light of each value of a channel, 0 to 1.
     light: [f32; 256],
     /// Cube root of i/[`STEPS`], linear near 0.
@@ -17,7 +17,7 @@ pub(super) struct Lab {
 
 impl Lab {
     /// The tables; powers and roots are the pure-Rust libm's, the same on every target.
-    pub(super) fn tables() -> &'static Self {
+    pub(crate) fn tables() -> &'static Self {
         static TABLES: LazyLock<Lab> = LazyLock::new(|| Lab {
             light: array::from_fn(|channel| light(channel as f32 / 255.0)),
             root: array::from_fn(|step| root(step as f32 / STEPS as f32)),
@@ -26,7 +26,7 @@ impl Lab {
     }
 
     /// One colour.
-    pub(super) fn of(&self, colour: [u8; 3]) -> [f32; 3] {
+    pub(crate) fn of(&self, colour: [u8; 3]) -> [f32; 3] {
         let [r, g, b] = colour.map(|channel| self.light[usize::from(channel)]);
         let x = r * 0.412_453 + g * 0.357_58 + b * 0.180_423;
         let y = r * 0.212_671 + g * 0.715_16 + b * 0.072_169;

@@ -6,10 +6,10 @@
 
 mod arctangent;
 mod frame;
-mod lab;
+pub(crate) mod lab;
 mod neighbourhood;
 mod pfhrgb;
-mod ratio;
+pub(crate) mod ratio;
 mod shot;
 
 #[cfg(test)]

@@ -53,14 +53,23 @@ impl Ratio {
     }
 }
 
-/// The bin of one : other, in the arithmetic of PCL (`computeRGBPairFeatures`, `PFHRGBEstimation`): ratios above 1 become
-/// the opposite of their inverse, and 1 stands for those to 0. Ratios of small numbers on the edge of a bin are common,
-/// so that rounding shows in the histograms.
+/// The bin of one : other, in five. Ratios of small numbers on the edge of a bin are common, so that rounding shows in the
+/// histograms.
 pub(super) fn bin(one: u8, other: u8) -> u8 {
+    part(ratio(one, other), BINS)
+}
+
+/// The ratio of one : other, in the arithmetic of PCL (`computeRGBPairFeatures`): those above 1 become the opposite of their
+/// inverse, and 1 stands for those to 0.
+pub(crate) fn ratio(one: u8, other: u8) -> f32 {
     let ratio = if other == 0 { 1.0 } else { f32::from(one) / f32::from(other) };
-    let ratio = if ratio > 1.0 { -1.0 / ratio } else { ratio };
-    let feature = (f64::from(BINS) * ((f64::from(ratio) + 1.0) * 0.5)) as f32;
-    (feature as u8).min(BINS - 1)
+    if ratio > 1.0 { -1.0 / ratio } else { ratio }
+}
+
+/// Which of so many equal parts of [−1, 1] a ratio is in, in the arithmetic of PCL (`PFHRGBEstimation`).
+pub(crate) fn part(ratio: f32, parts: u8) -> u8 {
+    let feature = (f64::from(parts) * ((f64::from(ratio) + 1.0) * 0.5)) as f32;
+    (feature as u8).min(parts - 1)
 }
 
 #[cfg(test)]

@@ -3,22 +3,29 @@
 
 mod bytes;
 mod channel;
-mod check;
-mod columns;
+mod cloud;
+mod colours;
+mod counts;
+mod edges;
+mod encoding;
+mod extract;
 mod feature;
-mod file;
-mod genes;
-mod genome;
-mod shells;
+mod lanes;
+mod pairs;
+mod plan;
+mod sampling;
+mod scale;
+
 #[cfg(test)]
-mod testing;
-mod text;
+mod oracle;
+#[cfg(test)]
+mod tests;
 
 pub use channel::{Axis, Pairs, Scale, StructureChannel};
-pub use check::StructureError;
+pub use cloud::StructureCloud;
 pub use feature::{Feature, Range};
-pub use file::{ChannelFile, StructureFile};
-pub use genome::{FieldSpec, StructureSpace};
+pub use plan::StructurePlan;
+pub use scale::scale;
 
 /// A descriptor of the family: its channels, in the order in which their distances are added up.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]

@@ -1,0 +1,150 @@
+//! How many pairs of a row fall into each bin.
+
+use crate::structure::lanes::LANES;
+
+/// Tables that lanes in turn are counted in: a count that was just changed takes time until it can be changed again.
+const TABLES: usize = 4;
+
+/// The counts of one row.
+pub(super) struct Counts {
+    /// Bins of a row, which are followed by a place for each lane of what is not counted.
+    bins: usize,
+    /// Table after table.
+    tables: Vec<u32>,
+    /// Lanes that have been counted in the tables, and how many fit.
+    counted: u64,
+    room: u64,
+    /// Sums over the tables.
+    merged: Vec<u32>,
+    /// What no longer fitted the tables; empty as long as everything does.
+    totals: Vec<u64>,
+}
+
+impl Counts {
+    /// For rows of so many bins.
+    pub(super) fn new(bins: usize) -> Self {
+        Self::with_room(bins, u64::from(u32::MAX))
+    }
+
+    fn with_room(bins: usize, room: u64) -> Self {
+        let tables = vec![0; TABLES * (bins + LANES)];
+        Self { bins, tables, counted: 0, room, merged: vec![0; bins], totals: Vec::new() }
+    }
+
+    /// The code of a lane that is not to be counted.
+    #[inline(always)]
+    pub(super) fn none(&self, lane: usize) -> u32 {
+        (self.bins + lane) as u32
+    }
+
+    /// Counts a group: codes are bins, or [`Counts::none`].
+    #[inline(always)]
+    pub(super) fn add(&mut self, codes: &[u32; LANES]) {
+        self.counted += LANES as u64;
+        if self.counted > self.room {
+            self.empty_tables();
+            self.counted = LANES as u64;
+        }
+        let table = self.bins + LANES;
+        for (lane, &code) in codes.iter().enumerate() {
+            self.tables[lane % TABLES * table + code as usize] += 1;
+        }
+    }
+
+    /// Moves what the tables hold to the totals.
+    #[cold]
+    fn empty_tables(&mut self) {
+        self.totals.resize(self.bins, 0);
+        self.merge();
+        for (total, &count) in self.totals.iter_mut().zip(&self.merged) {
+            *total += u64::from(count);
+        }
+    }
+
+    /// Sums the tables up and empties them.
+    #[inline(always)]
+    fn merge(&mut self) {
+        self.merged.fill(0);
+        for table in self.tables.chunks_exact_mut(self.bins + LANES) {
+            for (sum, count) in self.merged.iter_mut().zip(table) {
+                *sum += std::mem::take(count);
+            }
+        }
+        self.counted = 0;
+    }
+
+    /// Ends a row: appends the share of each bin in the pairs of its shell, zeros in an empty one. A shell has
+    /// `shell_bins` bins, of which the first `histogram_bins` count each pair once.
+    #[inline(always)]
+    pub(super) fn take_shares(&mut self, shell_bins: usize, histogram_bins: usize, rows: &mut Vec<f32>) {
+        if self.totals.is_empty() {
+            self.merge();
+            shares(&self.merged, shell_bins, histogram_bins, rows);
+        } else {
+            let counts = self.take();
+            shares(&counts, shell_bins, histogram_bins, rows);
+        }
+    }
+
+    /// Ends a row with its counts.
+    pub(super) fn take(&mut self) -> Vec<u64> {
+        self.empty_tables();
+        std::mem::take(&mut self.totals)
+    }
+}
+
+#[inline(always)]
+fn shares<C: Copy + Into<u64>>(counts: &[C], shell_bins: usize, histogram_bins: usize, rows: &mut Vec<f32>) {
+    let start = rows.len();
+    rows.resize(start + counts.len(), 0.0);
+    let shells = counts.chunks_exact(shell_bins).zip(rows[start..].chunks_exact_mut(shell_bins));
+    for (counts, shares) in shells {
+        let pairs: u64 = counts[..histogram_bins].iter().map(|&count| count.into()).sum();
+        let divisor = pairs.max(1) as f32;
+        for (share, &count) in shares.iter_mut().zip(counts) {
+            *share = count.into() as f32 / divisor;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_that_do_not_fit_the_tables_are_kept() {
+        let codes = |counts: &Counts, group: u32| -> [u32; LANES] {
+            std::array::from_fn(|lane| if lane == 3 { counts.none(lane) } else { (group + lane as u32) % 6 })
+        };
+        let (mut wide, mut narrow) = (Counts::new(6), Counts::with_room(6, 2 * LANES as u64));
+        let mut expected = vec![0; 6];
+        for row in 1..4u32 {
+            for group in 0..5 * row {
+                for (lane, code) in codes(&wide, group).into_iter().enumerate() {
+                    expected[code as usize % 6] += u64::from(lane != 3);
+                }
+                for counts in [&mut wide, &mut narrow] {
+                    let codes = codes(counts, group);
+                    counts.add(&codes);
+                }
+            }
+            assert!(wide.totals.is_empty() && !narrow.totals.is_empty());
+            let [mut all, mut parts] = [Vec::new(), Vec::new()];
+            if row == 2 {
+                assert_eq!([wide.take(), narrow.take()], [expected.clone(), expected.clone()]);
+            } else {
+                wide.take_shares(3, 2, &mut all);
+                narrow.take_shares(3, 2, &mut parts);
+                assert_eq!(all, parts);
+                let pairs = |shell: usize| (expected[shell] + expected[shell + 1]) as f32;
+                let of_shell = |bin: usize| expected[bin] as f32 / pairs(bin / 3 * 3);
+                assert_eq!(all, (0..6).map(of_shell).collect::<Vec<f32>>());
+            }
+            expected.fill(0);
+        }
+        wide.take_shares(3, 3, &mut Vec::new());
+        let mut empty = Vec::new();
+        wide.take_shares(3, 3, &mut empty);
+        assert_eq!(empty, [0.0; 6]);
+    }
+}
