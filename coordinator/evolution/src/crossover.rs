@@ -1,4 +1,6 @@
-//! Uniform crossover (DESIGN 5.9).
+//! Crossover: uniform, bit by bit (DESIGN 5.9), or by whole slots (DESIGN 5b).
+
+use std::ops::Range;
 
 use rand::{Rng, RngExt};
 
@@ -10,6 +12,31 @@ use rand::{Rng, RngExt};
 pub fn uniform(a: &[bool], b: &[bool], rate: f64, rng: &mut impl Rng) -> (Vec<bool>, Vec<bool>) {
     assert_eq!(a.len(), b.len(), "parents of one length");
     a.iter().zip(b).map(|(&a, &b)| if rng.random_bool(rate) { (b, a) } else { (a, b) }).unzip()
+}
+
+/// Two children of two parents of equal length: of each slot, independently with probability `rate`, the first child
+/// takes the second parent's bits and the second child the first's, all of them; else each takes its own parent's.
+/// `slots`: the bits of each ([`Genome::slots`](crate::Genome::slots)).
+///
+/// # Panics
+/// If the parents differ in length, a slot has bits beyond it, or `rate` is not between 0 and 1.
+pub fn by_slots(
+    a: &[bool],
+    b: &[bool],
+    slots: &[Vec<Range<usize>>],
+    rate: f64,
+    rng: &mut impl Rng,
+) -> (Vec<bool>, Vec<bool>) {
+    assert_eq!(a.len(), b.len(), "parents of one length");
+    let (mut first, mut second) = (a.to_vec(), b.to_vec());
+    for slot in slots {
+        if rng.random_bool(rate) {
+            for bits in slot {
+                first[bits.clone()].swap_with_slice(&mut second[bits.clone()]);
+            }
+        }
+    }
+    (first, second)
 }
 
 #[cfg(test)]
@@ -50,7 +77,77 @@ mod tests {
         }
     }
 
+    /// The places of single bits.
+    fn places(bits: &[usize]) -> Vec<Range<usize>> {
+        bits.iter().map(|&bit| bit..bit + 1).collect()
+    }
+
+    #[test]
+    fn slots_are_swapped_whole_independently_and_with_the_rate() {
+        // Slot 1 lies in two places, slot 2 has no bits.
+        let slots = [vec![0..1, 1..3], vec![3..4, 6..9], vec![], vec![4..5, 5..6]];
+        const TRIALS: u64 = 8_000;
+        for rate in [0.5, 0.2] {
+            let (mut swapped, mut both) = ([0u32; 4], 0);
+            for trial in 0..TRIALS {
+                let mut rng = stream(4, "test", &[trial]);
+                // Parents of all zeros and all ones show the mask itself.
+                let (mask, _) = by_slots(&[false; 9], &[true; 9], &slots, rate, &mut rng);
+                for (count, slot) in swapped.iter_mut().zip(&slots) {
+                    let bits: Vec<bool> = slot.iter().flat_map(|bits| &mask[bits.clone()]).copied().collect();
+                    assert!(bits.windows(2).all(|pair| pair[0] == pair[1]), "a slot in two: {mask:?}");
+                    *count += u32::from(bits.first() == Some(&true));
+                }
+                both += u32::from(mask[0] && mask[3]);
+            }
+            let near = |count: u32, share: f64| {
+                let trials = TRIALS as f64;
+                (f64::from(count) - trials * share).abs() < 5.0 * (trials * share * (1.0 - share)).sqrt()
+            };
+            assert!([0, 1, 3].iter().all(|&slot| near(swapped[slot], rate)), "{swapped:?}");
+            assert!(near(both, rate * rate), "{both}");
+        }
+    }
+
     proptest! {
+        #[test]
+        fn children_by_slots_are_complementary_and_each_slot_is_of_one_parent(
+            parents in prop::collection::vec(any::<(bool, bool)>(), 0..40),
+            // The slot of each bit, in no order.
+            numbers in prop::collection::vec(0usize..5, 40),
+            rate in 0.0..=1.0f64,
+            seed in any::<u64>(),
+        ) {
+            let (a, b): (Vec<bool>, Vec<bool>) = parents.into_iter().unzip();
+            let bits_of = |slot| (0..a.len()).filter(|&bit| numbers[bit] == slot).collect::<Vec<usize>>();
+            let slots: Vec<Vec<usize>> = (0..5).map(bits_of).collect();
+            let ranges: Vec<_> = slots.iter().map(|slot| places(slot)).collect();
+            let (first, second) = by_slots(&a, &b, &ranges, rate, &mut stream(seed, "test", &[]));
+            prop_assert_eq!((first.len(), second.len()), (a.len(), a.len()));
+            for slot in slots {
+                let kept = slot.iter().all(|&bit| (first[bit], second[bit]) == (a[bit], b[bit]));
+                let swapped = slot.iter().all(|&bit| (first[bit], second[bit]) == (b[bit], a[bit]));
+                prop_assert!(kept || swapped);
+            }
+            let mut rng = stream(seed, "test", &[]);
+            prop_assert_eq!(by_slots(&a, &b, &ranges, 0.0, &mut rng), (a.clone(), b.clone()));
+            prop_assert_eq!(by_slots(&a, &b, &ranges, 1.0, &mut rng), (b, a));
+        }
+
+        #[test]
+        fn with_a_slot_for_each_bit_it_is_uniform_crossover(
+            parents in prop::collection::vec(any::<(bool, bool)>(), 0..60),
+            rate in 0.0..=1.0f64,
+            seed in any::<u64>(),
+        ) {
+            let (a, b): (Vec<bool>, Vec<bool>) = parents.into_iter().unzip();
+            let slots: Vec<_> = (0..a.len()).map(|bit| places(&[bit])).collect();
+            prop_assert_eq!(
+                by_slots(&a, &b, &slots, rate, &mut stream(seed, "test", &[])),
+                uniform(&a, &b, rate, &mut stream(seed, "test", &[]))
+            );
+        }
+
         #[test]
         fn children_are_complementary_bit_by_bit(
             parents in prop::collection::vec(any::<(bool, bool)>(), 0..60),

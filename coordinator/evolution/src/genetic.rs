@@ -1,4 +1,4 @@
-//! The paper's genetic algorithm: elitism, roulette, uniform crossover, in-order mutation (DESIGN 5.8 and 5.9).
+//! The genetic algorithm: elitism, roulette, crossover and mutation, by default the paper's (DESIGN 5.8, 5.9 and 5b).
 
 use descriptor::random;
 
@@ -6,7 +6,7 @@ use crate::genome::Genome;
 use crate::individual::Individual;
 use crate::score::{Score, best_first};
 use crate::selection::Roulette;
-use crate::settings::{GaSettings, SettingsError};
+use crate::settings::{Crossover, GaSettings, Mutation, SettingsError};
 use crate::strategy::Strategy;
 use crate::{crossover, mutation};
 
@@ -48,17 +48,25 @@ impl Strategy for GeneticAlgorithm {
 
         let correct: Vec<u32> = scores.iter().map(|score| score.correct).collect();
         let roulette = Roulette::new(&correct, settings.scaling);
+        let slots = genome.slots();
         let pairs = (population.len() - children.len()).div_ceil(2);
         for pair in 0..pairs as u64 {
             let mut rng = random::stream(*seed, "evolution.selection", &[next, pair]);
             let (a, b) = (roulette.draw(&mut rng), roulette.draw(&mut rng));
             let mut rng = random::stream(*seed, "evolution.crossover", &[next, pair]);
             let [first, second] = [a, b].map(|parent| &population[parent as usize].chromosome);
-            let (first, second) = crossover::uniform(first, second, settings.crossover_rate, &mut rng);
+            let exchanged = settings.crossover_rate;
+            let (first, second) = match settings.crossover {
+                Crossover::Uniform => crossover::uniform(first, second, exchanged, &mut rng),
+                Crossover::Slots => crossover::by_slots(first, second, &slots, exchanged, &mut rng),
+            };
             for (mut chromosome, parents) in [(first, [Some(a), Some(b)]), (second, [Some(b), Some(a)])] {
                 let index = children.len() as u64;
                 let mut rng = random::stream(*seed, "evolution.mutation", &[next, index]);
-                mutation::in_order(&mut chromosome, rate, &mut rng);
+                match settings.mutation {
+                    Mutation::InOrder => mutation::in_order(&mut chromosome, rate, &mut rng),
+                    Mutation::Field => mutation::by_field(&mut chromosome, genome, rate, &mut rng),
+                }
                 children.push(Individual::new(chromosome, parents, genome));
             }
         }

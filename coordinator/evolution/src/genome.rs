@@ -1,5 +1,7 @@
 //! The genome: what is searched over, as a table of fields, and the mapping between bits and value indices.
 
+use std::ops::Range;
+
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -21,9 +23,19 @@ pub struct Field {
     pub name: String,
     /// Number of values, at least 1.
     pub values: u32,
+    /// Whether neighbouring value indices stand for values that are alike, such as 7 and 8 bins. Categories are in no
+    /// order.
+    pub ordered: bool,
+    /// Fields of one slot are exchanged together by crossover by slots; `None`: the field is a slot of its own.
+    pub slot: Option<u32>,
 }
 
 impl Field {
+    /// An ordered field that is a slot of its own.
+    pub fn new(name: &str, values: u32) -> Self {
+        Self { name: name.to_owned(), values, ordered: true, slot: None }
+    }
+
     /// Bits of the field in a chromosome: ⌈log₂ values⌉, none for a single value.
     pub fn bits(&self) -> u32 {
         u32::BITS - (self.values - 1).leading_zeros()
@@ -60,27 +72,48 @@ impl Genome {
         self.fields.iter().map(|field| field.bits() as usize).sum()
     }
 
+    /// Each field with the place of its bits in a chromosome.
+    pub fn fields_with_bits(&self) -> impl Iterator<Item = (&Field, Range<usize>)> {
+        let mut end = 0;
+        self.fields.iter().map(move |field| {
+            let start = end;
+            end += field.bits() as usize;
+            (field, start..end)
+        })
+    }
+
+    /// The slots in the order of their first fields, each with the places of its fields' bits.
+    pub fn slots(&self) -> Vec<Vec<Range<usize>>> {
+        let mut slots: Vec<(Option<u32>, Vec<Range<usize>>)> = Vec::new();
+        for (field, bits) in self.fields_with_bits() {
+            match slots.iter_mut().find(|(slot, _)| slot.is_some() && *slot == field.slot) {
+                Some((_, places)) => places.push(bits),
+                None => slots.push((field.slot, vec![bits])),
+            }
+        }
+        slots.into_iter().map(|(_, places)| places).collect()
+    }
+
     /// The value index of each field, below its number of values.
     ///
     /// # Panics
     /// If `chromosome` has not [`Genome::bits`] bits: a programming error, as chromosomes never come from outside.
     pub fn decode(&self, chromosome: &[bool]) -> Vec<u32> {
         assert_eq!(chromosome.len(), self.bits(), "chromosome length");
-        let mut rest = chromosome;
-        let decode = |field: &Field| {
-            let (bits, tail) = rest.split_at(field.bits() as usize);
-            rest = tail;
-            let (mut code, mut previous) = (0u64, false);
-            for &bit in bits {
-                previous = match self.encoding {
-                    Encoding::Binary => bit,
-                    Encoding::Gray => bit ^ previous,
-                };
-                code = code << 1 | u64::from(previous);
-            }
-            ((code * u64::from(field.values)) >> field.bits()) as u32
-        };
-        self.fields.iter().map(decode).collect()
+        self.fields_with_bits().map(|(field, bits)| self.read(field, &chromosome[bits])).collect()
+    }
+
+    /// The value index that the bits of one field stand for.
+    pub(crate) fn read(&self, field: &Field, bits: &[bool]) -> u32 {
+        let (mut code, mut previous) = (0u64, false);
+        for &bit in bits {
+            previous = match self.encoding {
+                Encoding::Binary => bit,
+                Encoding::Gray => bit ^ previous,
+            };
+            code = code << 1 | u64::from(previous);
+        }
+        ((code * u64::from(field.values)) >> field.bits()) as u32
     }
 
     /// A chromosome that [`Genome::decode`] turns into these value indices: of several the one with the lowest code in
@@ -90,18 +123,28 @@ impl Genome {
     /// If there is not one index for each field, below its number of values: a programming error.
     pub fn encode(&self, values: &[u32]) -> Vec<bool> {
         assert_eq!(values.len(), self.fields.len(), "one value index for each field");
-        let mut chromosome = Vec::with_capacity(self.bits());
-        for (field, &value) in self.fields.iter().zip(values) {
-            assert!(value < field.values, "{}: value index {value} of {}", field.name, field.values);
-            // The lowest k with ⌊k·n/2^b⌋ = value.
-            let code = (u64::from(value) << field.bits()).div_ceil(u64::from(field.values));
-            let code = match self.encoding {
-                Encoding::Binary => code,
-                Encoding::Gray => code ^ code >> 1,
-            };
-            chromosome.extend((0..field.bits()).rev().map(|bit| code >> bit & 1 == 1));
+        let mut chromosome = vec![false; self.bits()];
+        for ((field, bits), &value) in self.fields_with_bits().zip(values) {
+            self.write(field, value, &mut chromosome[bits]);
         }
         chromosome
+    }
+
+    /// Sets the bits of one field to the lowest code that [`Genome::read`] turns into this value index.
+    ///
+    /// # Panics
+    /// If the field has no such index: a programming error.
+    pub(crate) fn write(&self, field: &Field, value: u32, bits: &mut [bool]) {
+        assert!(value < field.values, "{}: value index {value} of {}", field.name, field.values);
+        // The lowest k with ⌊k·n/2^b⌋ = value.
+        let code = (u64::from(value) << field.bits()).div_ceil(u64::from(field.values));
+        let code = match self.encoding {
+            Encoding::Binary => code,
+            Encoding::Gray => code ^ code >> 1,
+        };
+        for (bit, place) in bits.iter_mut().zip((0..field.bits()).rev()) {
+            *bit = code >> place & 1 == 1;
+        }
     }
 }
 
@@ -116,7 +159,7 @@ mod tests {
     const ENCODINGS: [Encoding; 2] = [Encoding::Binary, Encoding::Gray];
 
     fn genome(values: &[u32], encoding: Encoding) -> Genome {
-        let field = |(index, &values): (usize, &u32)| Field { name: format!("field {index}"), values };
+        let field = |(index, &values): (usize, &u32)| Field::new(&format!("field {index}"), values);
         Genome::new(values.iter().enumerate().map(field).collect(), encoding)
     }
 
@@ -178,6 +221,25 @@ mod tests {
             let [before, after] = [index - 1, index].map(|index| genome.encode(&[index]));
             assert_eq!(before.iter().zip(&after).filter(|(a, b)| a != b).count(), 1, "{index}");
         }
+    }
+
+    #[test]
+    fn slots_are_in_the_order_of_their_first_fields_and_a_field_without_is_its_own() {
+        let field = |values, slot| Field { slot, ..Field::new("field", values) };
+        let fields = [
+            field(4, Some(7)),
+            field(5, None),
+            field(1, Some(2)),
+            field(2, Some(7)),
+            field(2, None),
+            field(9, Some(2)),
+        ];
+        let genome = Genome::new(fields.into(), Encoding::Binary);
+        assert_eq!(format!("{:?}", genome.slots()), "[[0..2, 5..6], [2..5], [5..5, 7..11], [6..7]]");
+        assert_eq!(genome.bits(), 11);
+        let fields: Vec<u32> = genome.fields_with_bits().map(|(field, _)| field.values).collect();
+        assert_eq!(fields, [4, 5, 1, 2, 2, 9]);
+        assert!(Genome::new(Vec::new(), Encoding::Gray).slots().is_empty());
     }
 
     #[test]

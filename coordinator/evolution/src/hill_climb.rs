@@ -10,8 +10,8 @@ use crate::strategy::Strategy;
 /// From a random point to the best of its neighbours, as long as that is better; then from another random point.
 ///
 /// A climb takes several generations. Its first is the start alone, which has no parents. Each further one is the point
-/// that has been reached, as the elite, and all its neighbours: every field by one value index down, then up, in the
-/// order of the fields. Their parent is that point in the generation before. If no neighbour has a strictly better
+/// that has been reached, as the elite, and all its neighbours: every field, ordered or not, by one value index down,
+/// then up, in the order of the fields. Their parent is that point in the generation before. If no neighbour has a strictly better
 /// score, the next generation is the start of another climb; of equal ones the lowest index is gone to. Generations
 /// and stop rule count through all climbs.
 #[derive(Clone, Debug)]
@@ -66,13 +66,15 @@ impl Strategy for HillClimb {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use proptest::prelude::*;
 
     use super::*;
     use crate::score::tests::scores;
     use crate::strategy::Strategy; // the prelude of proptest has another
     use crate::tests::{Generation, run_strategy};
-    use crate::{Encoding, Field, Search, StopReason, StopSettings};
+    use crate::{Encoding, Field, Search, StopReason, StopSettings, WinnerRule};
 
     /// Separable, with a local optimum of the first field at 2 and the global one at 8.
     const FIRST: [u32; 9] = [0, 3, 6, 4, 1, 2, 5, 8, 9];
@@ -83,7 +85,7 @@ mod tests {
     }
 
     fn genome(values: &[u32], encoding: Encoding) -> Genome {
-        let field = |&values: &u32| Field { name: "field".to_owned(), values };
+        let field = |&values: &u32| Field::new("field", values);
         Genome::new(values.iter().map(field).collect(), encoding)
     }
 
@@ -192,16 +194,21 @@ mod tests {
 
     #[test]
     fn the_same_seed_and_scores_repeat_every_generation_and_the_budget_ends_the_search() {
-        let stop =
-            StopSettings { perfect: false, validation_patience: None, stagnation: None, generations: 30 };
-        let begin = |seed| Search::new(Box::new(peaks_search(seed)), stop);
+        let stop = StopSettings {
+            perfect: false,
+            validation_patience: None,
+            stagnation: None,
+            generations: 30,
+            evaluations: None,
+        };
+        let begin = |seed| Search::new(Box::new(peaks_search(seed)), stop, WinnerRule::Fitness);
         let mut search = begin(5);
         let mut told = Vec::new();
         let last = loop {
             let population = search.ask().to_vec();
             let correct: Vec<u32> = population.iter().map(two_peaks).collect();
             told.push((population, scores(&correct)));
-            let state = search.tell(&scores(&correct), None);
+            let state = search.tell(&scores(&correct), None, 0);
             assert_eq!(state.mutation_rate, 0.0);
             if let Some(reason) = state.stop {
                 break (reason, state.winner.score.correct);
@@ -212,9 +219,33 @@ mod tests {
         let mut again = begin(5);
         for (population, scores) in &told {
             assert_eq!(again.ask(), population);
-            again.tell(scores, None);
+            again.tell(scores, None, 0);
         }
         assert_ne!(begin(6).ask(), told[0].0);
+    }
+
+    #[test]
+    fn a_budget_of_evaluations_ends_the_search_after_the_climb_that_reaches_it() {
+        let stop = StopSettings {
+            perfect: false,
+            validation_patience: None,
+            stagnation: None,
+            generations: 1000,
+            evaluations: Some(25),
+        };
+        let mut search = Search::new(Box::new(peaks_search(5)), stop, WinnerRule::Fitness);
+        let mut met = BTreeSet::new();
+        loop {
+            let before = met.len();
+            met.extend(search.ask().iter().map(|individual| individual.values.clone()));
+            let correct: Vec<u32> = search.ask().iter().map(two_peaks).collect();
+            let state = search.tell(&scores(&correct), None, met.len() as u64);
+            assert_eq!(state.stop, (met.len() >= 25).then_some(StopReason::Evaluations));
+            if state.stop.is_some() {
+                assert!(before < 25 && met.len() < 25 + 5, "{before} to {}", met.len());
+                break;
+            }
+        }
     }
 
     proptest! {
@@ -224,9 +255,11 @@ mod tests {
             number in any::<u64>(),
             seed in any::<u64>(),
             gray in any::<bool>(),
+            ordered in any::<bool>(),
         ) {
             let encoding = if gray { Encoding::Gray } else { Encoding::Binary };
-            let search = HillClimb::new(genome(&values, encoding), seed);
+            let field = |&values: &u32| Field { ordered, slot: Some(0), ..Field::new("field", values) };
+            let search = HillClimb::new(Genome::new(values.iter().map(field).collect(), encoding), seed);
             let landscape = |_, _, individual: &Individual| {
                 let point: Vec<u64> = individual.values.iter().map(|&value| u64::from(value)).collect();
                 use rand::RngExt;

@@ -1,6 +1,9 @@
-//! In-order mutation (Engelbrecht, *Computational Intelligence*, section on binary mutation; DESIGN 5.9).
+//! Mutation: in order (Engelbrecht, *Computational Intelligence*, section on binary mutation; DESIGN 5.9), or by field
+//! (DESIGN 5b).
 
 use rand::{Rng, RngExt};
+
+use crate::genome::{Field, Genome};
 
 /// Mutates a chromosome: two points, then a chance `rate` for each bit between them. An empty chromosome stays.
 ///
@@ -32,12 +35,46 @@ pub fn flip_between(chromosome: &mut [bool], (low, high): (usize, usize), rate: 
     }
 }
 
+/// Mutates a chromosome field by field: each field of two values or more gets another value, independently with
+/// probability `rate`. Fields that keep their value keep their bits; of the codes of the new value the lowest is written.
+///
+/// The new value of an ordered field is, with probability ½, a neighbour: one index down or up, equally likely, at
+/// either end the only one there is. Else, and always where the field is not ordered, each other index is equally
+/// likely.
+///
+/// # Panics
+/// If the chromosome is not of this genome, or `rate` is not between 0 and 1.
+pub fn by_field(chromosome: &mut [bool], genome: &Genome, rate: f64, rng: &mut impl Rng) {
+    assert_eq!(chromosome.len(), genome.bits(), "chromosome length");
+    for (field, bits) in genome.fields_with_bits() {
+        if field.values > 1 && rng.random_bool(rate) {
+            let bits = &mut chromosome[bits];
+            let value = another(field, genome.read(field, bits), rng);
+            genome.write(field, value, bits);
+        }
+    }
+}
+
+/// A value index of the field, of at least two, that is not `value`.
+fn another(field: &Field, value: u32, rng: &mut impl Rng) -> u32 {
+    if field.ordered && rng.random_bool(0.5) {
+        let (down, up) = (value.checked_sub(1), Some(value + 1).filter(|&up| up < field.values));
+        if let (Some(down), Some(up)) = (down, up) {
+            return if rng.random_bool(0.5) { down } else { up };
+        }
+        return down.or(up).unwrap_or(value);
+    }
+    let other = rng.random_range(0..field.values - 1);
+    other + u32::from(other >= value)
+}
+
 #[cfg(test)]
 mod tests {
     use descriptor::random::stream;
     use proptest::prelude::*;
 
     use super::*;
+    use crate::genome::Encoding;
 
     #[test]
     fn points_are_uniform_with_replacement() {
@@ -114,7 +151,96 @@ mod tests {
         assert_eq!(one, [true]);
     }
 
+    /// χ² of what one ordered or unordered field of `values` values becomes from `value`, against the definition.
+    fn chi_squared(values: u32, value: u32, ordered: bool) -> f64 {
+        const TRIALS: u64 = 20_000;
+        let genome = Genome::new(vec![Field { ordered, ..Field::new("field", values) }], Encoding::Binary);
+        let mut observed = vec![0u32; values as usize];
+        for trial in 0..TRIALS {
+            let mut chromosome = genome.encode(&[value]);
+            by_field(&mut chromosome, &genome, 1.0, &mut stream(8, "test", &[trial]));
+            observed[genome.decode(&chromosome)[0] as usize] += 1;
+        }
+        assert_eq!(observed[value as usize], 0, "the value stayed");
+        let neighbours: Vec<u32> =
+            (0..values).filter(|&other| other + 1 == value || value + 1 == other).collect();
+        let share = |other: u32| {
+            let uniform = 1.0 / f64::from(values - 1);
+            let near = if neighbours.contains(&other) { 1.0 / neighbours.len() as f64 } else { 0.0 };
+            if ordered { 0.5 * near + 0.5 * uniform } else { uniform }
+        };
+        let term = |other: u32| {
+            let expected = share(other) * TRIALS as f64;
+            let difference = f64::from(observed[other as usize]) - expected;
+            difference * difference / expected
+        };
+        (0..values).filter(|&other| other != value).map(term).sum()
+    }
+
+    #[test]
+    fn the_new_value_is_a_neighbour_half_of_the_time_where_the_field_is_ordered() {
+        for ordered in [true, false] {
+            for value in [0, 1, 3, 6] {
+                let got = chi_squared(7, value, ordered);
+                assert!(got < 25.7, "above the 99.99 % point with 5 degrees of freedom, got {got}");
+            }
+            // There is one other value.
+            assert_eq!([0, 1].map(|value| chi_squared(2, value, ordered)), [0.0; 2]);
+        }
+    }
+
+    #[test]
+    fn each_field_changes_with_the_rate_and_none_with_another() {
+        let genome = Genome::new(vec![Field::new("field", 25); 10], Encoding::Binary);
+        const TRIALS: u64 = 4_000;
+        for rate in [0.06, 0.4] {
+            let (mut changed, mut pairs) = ([0u32; 10], 0);
+            for trial in 0..TRIALS {
+                let mut chromosome = genome.encode(&[12; 10]);
+                by_field(&mut chromosome, &genome, rate, &mut stream(9, "test", &[trial]));
+                let now = genome.decode(&chromosome);
+                for (count, &value) in changed.iter_mut().zip(&now) {
+                    *count += u32::from(value != 12);
+                }
+                pairs += u32::from(now[0] != 12 && now[1] != 12);
+            }
+            let near = |count: u32, share: f64| {
+                let trials = TRIALS as f64;
+                (f64::from(count) - trials * share).abs() < 5.0 * (trials * share * (1.0 - share)).sqrt()
+            };
+            assert!(changed.iter().all(|&count| near(count, rate)), "{changed:?}");
+            assert!(near(pairs, rate * rate), "{pairs}");
+        }
+    }
+
     proptest! {
+        #[test]
+        fn by_field_writes_other_values_and_leaves_the_bits_of_those_that_stay(
+            table in prop::collection::vec((1u32..12, any::<bool>()), 0..8),
+            bits in prop::collection::vec(any::<bool>(), 32),
+            gray in any::<bool>(),
+            rate in prop::sample::select(vec![0.0, 0.3, 1.0]),
+            seed in any::<u64>(),
+        ) {
+            let field = |&(values, ordered): &(u32, bool)| Field { ordered, ..Field::new("field", values) };
+            let encoding = if gray { Encoding::Gray } else { Encoding::Binary };
+            let genome = Genome::new(table.iter().map(field).collect(), encoding);
+            // Any bits, so that most values are not written by their lowest code.
+            let before = &bits[..genome.bits()];
+            let mut after = before.to_vec();
+            by_field(&mut after, &genome, rate, &mut stream(seed, "test", &[]));
+            let values = [before, &after].map(|chromosome| genome.decode(chromosome));
+            let lowest = genome.encode(&values[1]);
+            for (index, (field, bits)) in genome.fields_with_bits().enumerate() {
+                let changed = values[0][index] != values[1][index];
+                let expected = if changed { &lowest } else { before };
+                prop_assert_eq!(&after[bits.clone()], &expected[bits]);
+                if rate != 0.3 {
+                    prop_assert_eq!(changed, rate == 1.0 && field.values > 1);
+                }
+            }
+        }
+
         #[test]
         fn no_bit_outside_its_points_is_touched(
             before in prop::collection::vec(any::<bool>(), 1..60),

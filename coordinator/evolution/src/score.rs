@@ -1,20 +1,26 @@
 //! How good an individual is. Scores are compared here and nowhere else.
+//!
+//! The order of individuals goes by count, then margin. What the paper defines by counts (weights of the roulette, a
+//! perfect score, stagnation, a rise of the validation error) goes by the count alone.
 
 use std::cmp::Ordering;
 
 /// What an evaluation found out about an individual.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Score {
     /// Queries answered with the right object.
     pub correct: u32,
     /// Queries asked.
     pub queries: u32,
+    /// Soft margin, −1 to 1: how much nearer the right object is than the nearest wrong one, mean over the queries. 0
+    /// where none is computed.
+    pub margin: f64,
 }
 
 impl Score {
-    /// Greater is better. Scores of one set of queries only are comparable.
+    /// Greater is better: the count, then the margin. Scores of one set of queries only are comparable.
     pub fn compare(&self, other: &Self) -> Ordering {
-        self.correct.cmp(&other.correct)
+        self.correct.cmp(&other.correct).then(self.margin.total_cmp(&other.margin))
     }
 
     /// Whether it is strictly better.
@@ -54,7 +60,12 @@ pub(crate) mod tests {
 
     /// Scores of so many correct answers to 500 queries.
     pub(crate) fn scores(correct: &[u32]) -> Vec<Score> {
-        correct.iter().map(|&correct| Score { correct, queries: 500 }).collect()
+        correct.iter().map(|&correct| score(correct, 500)).collect()
+    }
+
+    /// A score without margin.
+    pub(crate) fn score(correct: u32, queries: u32) -> Score {
+        Score { correct, queries, margin: 0.0 }
     }
 
     #[test]
@@ -67,18 +78,33 @@ pub(crate) mod tests {
 
     #[test]
     fn without_queries_nothing_was_answered() {
-        let score = |correct, queries| Score { correct, queries };
         assert!(score(3, 3).is_perfect() && !score(2, 3).is_perfect() && !score(0, 0).is_perfect());
         assert_eq!((score(1, 4).fitness(), score(0, 0).fitness()), (0.25, 0.0));
     }
 
+    #[test]
+    fn the_margin_decides_between_equal_counts_only() {
+        let score = |correct, margin| Score { correct, queries: 9, margin };
+        let scores = [score(4, 1.0), score(5, -1.0), score(5, 0.25), score(5, -0.5), score(5, 0.25)];
+        assert_eq!(best_first(&scores), [2, 4, 3, 1, 0]);
+        assert_eq!(best(&scores), 2);
+        assert!(scores[1].is_better_than(&scores[0]) && !scores[4].is_better_than(&scores[2]));
+        // Neither perfection nor fitness knows of it.
+        assert!(score(9, -1.0).is_perfect() && !score(8, 1.0).is_perfect());
+        assert_eq!(score(3, -1.0).fitness(), score(3, 1.0).fitness());
+    }
+
     proptest! {
         #[test]
-        fn the_best_is_the_first_of_the_order(correct in prop::collection::vec(0u32..5, 1..12)) {
-            let order = best_first(&scores(&correct));
-            prop_assert_eq!(Some(best(&scores(&correct))), order.first().copied());
+        fn the_best_is_the_first_of_the_order(table in prop::collection::vec((0u32..4, -2i32..=2), 1..12)) {
+            let one = |&(correct, margin): &(u32, i32)| {
+                Score { correct, queries: 500, margin: f64::from(margin) / 2.0 }
+            };
+            let scores: Vec<Score> = table.iter().map(one).collect();
+            let order = best_first(&scores);
+            prop_assert_eq!(Some(best(&scores)), order.first().copied());
             for pair in order.windows(2) {
-                let [a, b] = [pair[0], pair[1]].map(|index| correct[index as usize]);
+                let [a, b] = [pair[0], pair[1]].map(|index| table[index as usize]);
                 prop_assert!(a > b || (a == b && pair[0] < pair[1]));
             }
         }

@@ -5,7 +5,7 @@ use crate::score::{self, Score};
 use crate::settings::StopSettings;
 use crate::stop::{StopReason, StopRule};
 use crate::strategy::Strategy;
-use crate::winner::GenerationBest;
+use crate::winner::{GenerationBest, WinnerRule};
 
 /// A strategy with its current generation, its stop rule and the winner so far.
 pub struct Search {
@@ -14,6 +14,7 @@ pub struct Search {
     population: Vec<Individual>,
     validates: bool,
     stop: StopRule,
+    rule: WinnerRule,
     winner: Option<GenerationBest>,
 }
 
@@ -35,11 +36,12 @@ pub struct State {
 }
 
 impl Search {
-    /// A search at generation 1.
-    pub fn new(strategy: Box<dyn Strategy>, stop: StopSettings) -> Self {
+    /// A search at generation 1. Generations are validated if stop or winner go by that.
+    pub fn new(strategy: Box<dyn Strategy>, stop: StopSettings, rule: WinnerRule) -> Self {
         let population = strategy.first();
-        let validates = stop.validation_patience.is_some();
-        Self { strategy, generation: 1, population, validates, stop: StopRule::new(stop), winner: None }
+        let validates = rule.validates(&stop);
+        let stop = StopRule::new(stop);
+        Self { strategy, generation: 1, population, validates, stop, rule, winner: None }
     }
 
     /// The current generation, counted from 1.
@@ -58,12 +60,13 @@ impl Search {
         self.validates.then(|| score::best(scores))
     }
 
-    /// Takes the scores of the current generation, in individual order, and the validation score of the individual that
-    /// [`Search::to_validate`] named; makes the next generation, unless the search ends with this one.
+    /// Takes the scores of the current generation, in individual order, the validation score of the individual that
+    /// [`Search::to_validate`] named, and how many different individuals have been evaluated, this generation included;
+    /// makes the next generation, unless the search ends with this one.
     ///
     /// # Panics
     /// If there is not one score for each individual: a programming error, as the caller waits for all of them.
-    pub fn tell(&mut self, scores: &[Score], validation: Option<Score>) -> State {
+    pub fn tell(&mut self, scores: &[Score], validation: Option<Score>, evaluations: u64) -> State {
         assert_eq!(scores.len(), self.population.len(), "one score for each individual");
         let generation = self.generation;
         let best = score::best(scores);
@@ -74,9 +77,9 @@ impl Search {
             score: scores[best as usize],
             validation,
         };
-        let (best_so_far, stop) = self.stop.observe(candidate.score, validation);
+        let (best_so_far, stop) = self.stop.observe(candidate.score, validation, evaluations);
         let stop = self.strategy.exhausted().or(stop);
-        let winner = candidate.or_leader(self.winner.take());
+        let winner = candidate.or_leader(self.winner.take(), self.rule);
         self.winner = Some(winner.clone());
         if stop.is_none() {
             self.population = self.strategy.next(generation, &self.population, scores);

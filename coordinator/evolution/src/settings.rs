@@ -19,7 +19,30 @@ pub enum Scaling {
     Rank,
 }
 
-/// How generations are made (DESIGN 5.8 and 5.9).
+/// How two parents make two children.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase", rename = "crossover")]
+pub enum Crossover {
+    /// Each bit is exchanged with the same probability (paper).
+    #[default]
+    Uniform,
+    /// Each slot is exchanged as a whole with the same probability. Where the family has no slots, each gene is one.
+    Slots,
+}
+
+/// How children are changed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case", rename = "mutation")]
+pub enum Mutation {
+    /// Bits between two random points flip with some probability (paper).
+    #[default]
+    InOrder,
+    /// Each gene gets another value with some probability: in half of the cases one step up or down, else any other;
+    /// always any other where the values are in no order.
+    Field,
+}
+
+/// How generations are made (DESIGN 5.8, 5.9 and 5b).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GaSettings {
     /// Individuals a generation, 2 to [`MAX_POPULATION`]. Default 10 (paper).
@@ -28,9 +51,13 @@ pub struct GaSettings {
     pub elite: u32,
     /// Scaling of fitness before the roulette. Default none (paper).
     pub scaling: Scaling,
-    /// Probability that uniform crossover swaps a bit, 0 to 1. Default 0.5 (paper).
+    /// How two parents make two children. Default uniform (paper).
+    pub crossover: Crossover,
+    /// Probability that crossover swaps a bit or slot, 0 to 1. Default 0.5 (paper).
     pub crossover_rate: f64,
-    /// Probability p(1) that in-order mutation flips a bit between its points, 0 to 1. Default 0.40 (paper).
+    /// How children are changed. Default in order (paper).
+    pub mutation: Mutation,
+    /// Probability p(1) that mutation flips a bit between its points, or changes a field, 0 to 1. Default 0.40 (paper).
     pub mutation_rate: f64,
     /// Factor r of p(g + 1) = p(g)·r, 0 to 1. Default 0.97 (the paper lowers the rate but gives no factor).
     pub mutation_decay: f64,
@@ -42,7 +69,9 @@ impl Default for GaSettings {
             population: 10,
             elite: 1,
             scaling: Scaling::None,
+            crossover: Crossover::Uniform,
             crossover_rate: 0.5,
+            mutation: Mutation::InOrder,
             mutation_rate: 0.40,
             mutation_decay: 0.97,
         }
@@ -94,11 +123,20 @@ pub struct StopSettings {
     pub stagnation: Option<u32>,
     /// Stop after this many generations, at least 1. Default 200 (paper).
     pub generations: u32,
+    /// Stop with the generation in which this many different individuals have been evaluated, at least 1; `None`: never
+    /// for this reason. Default none (paper).
+    pub evaluations: Option<u32>,
 }
 
 impl Default for StopSettings {
     fn default() -> Self {
-        Self { perfect: true, validation_patience: Some(1), stagnation: Some(40), generations: 200 }
+        Self {
+            perfect: true,
+            validation_patience: Some(1),
+            stagnation: Some(40),
+            generations: 200,
+            evaluations: None,
+        }
     }
 }
 
@@ -113,6 +151,9 @@ impl StopSettings {
             if got == Some(0) {
                 return Err(SettingsError::Generations { key });
             }
+        }
+        if self.evaluations == Some(0) {
+            return Err(SettingsError::Evaluations);
         }
         Ok(self)
     }
@@ -137,6 +178,9 @@ pub enum SettingsError {
     /// A number of generations that could never pass.
     #[error("{key}: not at least 1, got 0\nset it to a number of generations from 1")]
     Generations { key: &'static str },
+    /// A budget that is spent before the first generation.
+    #[error("stop.evaluations: not at least 1, got 0\nset it to a number of evaluations from 1")]
+    Evaluations,
 }
 
 #[cfg(test)]
@@ -152,12 +196,14 @@ mod tests {
     fn defaults_are_the_papers_and_valid() {
         let ga = GA().validate().unwrap();
         assert_eq!((ga.population, ga.elite, ga.scaling), (10, 1, Scaling::None));
+        assert_eq!((ga.crossover, ga.mutation), (Crossover::Uniform, Mutation::InOrder));
         assert_eq!((ga.crossover_rate, ga.mutation_rate, ga.mutation_decay), (0.5, 0.40, 0.97));
         let stop = STOP().validate().unwrap();
         assert_eq!(
             (stop.perfect, stop.validation_patience, stop.stagnation, stop.generations),
             (true, Some(1), Some(40), 200)
         );
+        assert_eq!(stop.evaluations, None);
     }
 
     #[test]
@@ -178,9 +224,16 @@ mod tests {
                 }
             }
         }
-        let stop =
-            StopSettings { perfect: false, validation_patience: None, stagnation: None, generations: 1 };
-        assert_eq!(stop.validate(), Ok(stop));
+        for evaluations in [None, Some(1), Some(u32::MAX)] {
+            let stop = StopSettings {
+                perfect: false,
+                validation_patience: None,
+                stagnation: None,
+                generations: 1,
+                evaluations,
+            };
+            assert_eq!(stop.validate(), Ok(stop));
+        }
     }
 
     #[test]
@@ -210,6 +263,8 @@ mod tests {
         ] {
             assert_eq!(stop.validate(), Err(SettingsError::Generations { key }));
         }
+        let stop = StopSettings { evaluations: Some(0), ..STOP() };
+        assert_eq!(stop.validate(), Err(SettingsError::Evaluations));
     }
 
     #[test]
@@ -219,6 +274,7 @@ mod tests {
             SettingsError::Elite { got: 10, population: 10 },
             SettingsError::Rate { key: "ga.mutation_rate", got: 1.5 },
             SettingsError::Generations { key: "stop.stagnation" },
+            SettingsError::Evaluations,
         ];
         expect![[r#"
             ga.population: not between 2 and 65536, got 1
@@ -228,7 +284,9 @@ mod tests {
             ga.mutation_rate: not between 0 and 1, got 1.5
             set it to a probability or factor in this range
             stop.stagnation: not at least 1, got 0
-            set it to a number of generations from 1"#]]
+            set it to a number of generations from 1
+            stop.evaluations: not at least 1, got 0
+            set it to a number of evaluations from 1"#]]
         .assert_eq(&errors.map(|error| error.to_string()).join("\n"));
     }
 

@@ -16,14 +16,22 @@ pub enum StopReason {
     Stagnation,
     /// The allowed number of generations is done.
     Generations,
+    /// The allowed number of different individuals has been evaluated.
+    Evaluations,
     /// Every descriptor of the search space was evaluated: the end of an exhaustive search, whatever the rule.
     Exhaustive,
 }
 
 impl StopReason {
     /// Every reason; those of the stop rule first, in order of precedence.
-    pub const ALL: [Self; 5] =
-        [Self::Perfect, Self::Validation, Self::Stagnation, Self::Generations, Self::Exhaustive];
+    pub const ALL: [Self; 6] = [
+        Self::Perfect,
+        Self::Validation,
+        Self::Stagnation,
+        Self::Generations,
+        Self::Evaluations,
+        Self::Exhaustive,
+    ];
 
     /// Its name in Parquet and JSON.
     pub fn as_str(self) -> &'static str {
@@ -32,6 +40,7 @@ impl StopReason {
             Self::Validation => "validation",
             Self::Stagnation => "stagnation",
             Self::Generations => "generations",
+            Self::Evaluations => "evaluations",
             Self::Exhaustive => "exhaustive",
         }
     }
@@ -44,6 +53,7 @@ impl fmt::Display for StopReason {
             Self::Validation => "validation errors rose",
             Self::Stagnation => "the training fitness no longer improved",
             Self::Generations => "the last generation was reached",
+            Self::Evaluations => "the budget of evaluations was spent",
             Self::Exhaustive => "the whole grid was evaluated",
         })
     }
@@ -73,27 +83,27 @@ impl StopRule {
         }
     }
 
-    /// Takes the score of the next generation's best and its validation score, `None` without validation; returns the
-    /// best score so far, and why the run ends with this generation.
+    /// Takes the score of the next generation's best, its validation score, `None` without validation, and how many
+    /// different individuals have been evaluated so far; returns the best score so far, and why the run ends with this
+    /// generation.
     ///
     /// Validation *rises* when there are more errors than in the previous generation; as many or fewer end a series of
-    /// rises.
-    pub fn observe(&mut self, score: Score, validation: Option<Score>) -> (Score, Option<StopReason>) {
+    /// rises. Neither for that nor for an improvement of the training fitness does the margin count.
+    pub fn observe(
+        &mut self,
+        score: Score,
+        validation: Option<Score>,
+        evaluations: u64,
+    ) -> (Score, Option<StopReason>) {
         self.generations = self.generations.saturating_add(1);
-        let best = match self.best {
-            Some(best) if !score.is_better_than(&best) => {
-                self.generations_without_improvement = self.generations_without_improvement.saturating_add(1);
-                best
-            }
-            _ => {
-                self.generations_without_improvement = 0;
-                score
-            }
-        };
+        let improves = self.best.is_none_or(|best| score.correct > best.correct);
+        self.generations_without_improvement =
+            if improves { 0 } else { self.generations_without_improvement.saturating_add(1) };
+        let best = self.best.filter(|best| !score.is_better_than(best)).unwrap_or(score);
         self.best = Some(best);
         let rises = matches!(
             (self.previous_validation, validation),
-            (Some(previous), Some(now)) if previous.is_better_than(&now)
+            (Some(previous), Some(now)) if now.correct < previous.correct
         );
         self.validation_rises = if rises { self.validation_rises.saturating_add(1) } else { 0 };
         self.previous_validation = validation;
@@ -104,6 +114,9 @@ impl StopRule {
             StopReason::Validation => reached(self.validation_rises, self.settings.validation_patience),
             StopReason::Stagnation => reached(self.generations_without_improvement, self.settings.stagnation),
             StopReason::Generations => self.generations >= self.settings.generations,
+            StopReason::Evaluations => {
+                self.settings.evaluations.is_some_and(|budget| evaluations >= u64::from(budget))
+            }
             StopReason::Exhaustive => false,
         };
         (best, StopReason::ALL.into_iter().find(holds))
@@ -116,13 +129,15 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::score::tests::score;
 
-    const NEVER: StopSettings =
-        StopSettings { perfect: false, validation_patience: None, stagnation: None, generations: u32::MAX };
-
-    fn score(correct: u32, queries: u32) -> Score {
-        Score { correct, queries }
-    }
+    const NEVER: StopSettings = StopSettings {
+        perfect: false,
+        validation_patience: None,
+        stagnation: None,
+        generations: u32::MAX,
+        evaluations: None,
+    };
 
     fn errors(errors: u32) -> Score {
         score(50 - errors, 50)
@@ -136,7 +151,7 @@ mod tests {
     ) {
         let mut rule = StopRule::new(settings);
         let stop = generations.iter().enumerate().find_map(|(index, &(correct, wrong))| {
-            let (best, reason) = rule.observe(score(correct, 10), wrong.map(errors));
+            let (best, reason) = rule.observe(score(correct, 10), wrong.map(errors), 0);
             assert_eq!(Some(best.correct), generations[..=index].iter().map(|generation| generation.0).max());
             reason.map(|reason| (index + 1, reason))
         });
@@ -158,7 +173,7 @@ mod tests {
         check(settings, &without_validation(&[10]), Some((1, StopReason::Perfect)));
         check(settings, &without_validation(&[9, 9, 9]), None);
         check(NEVER, &without_validation(&[10, 10]), None);
-        assert_eq!(StopRule::new(settings).observe(score(0, 0), None), (score(0, 0), None));
+        assert_eq!(StopRule::new(settings).observe(score(0, 0), None, 0), (score(0, 0), None));
     }
 
     #[test]
@@ -206,25 +221,49 @@ mod tests {
     }
 
     #[test]
+    fn the_budget_of_evaluations_ends_with_the_generation_that_reaches_it() {
+        for (budget, expected) in [(1, 1), (10, 1), (11, 2), (25, 3), (26, 4)] {
+            let mut rule = StopRule::new(StopSettings { evaluations: Some(budget), ..NEVER });
+            let ends = [10, 19, 25, 40].map(|evaluations| rule.observe(score(5, 10), None, evaluations).1);
+            let first = ends.iter().position(Option::is_some);
+            assert_eq!(first, Some(expected - 1), "{budget}");
+            assert!(ends.iter().flatten().all(|&reason| reason == StopReason::Evaluations));
+        }
+        assert_eq!(StopRule::new(NEVER).observe(score(5, 10), None, u64::MAX).1, None);
+    }
+
+    #[test]
+    fn a_margin_is_no_improvement_of_fitness_and_no_rise_of_errors() {
+        let settings = StopSettings { stagnation: Some(2), validation_patience: Some(1), ..NEVER };
+        let mut rule = StopRule::new(settings);
+        let with = |margin| Score { margin, ..score(5, 10) };
+        assert_eq!(rule.observe(with(0.1), Some(with(0.9)), 0), (with(0.1), None));
+        assert_eq!(rule.observe(with(0.3), Some(with(0.1)), 0), (with(0.3), None));
+        assert_eq!(rule.observe(with(0.2), Some(with(-0.1)), 0), (with(0.3), Some(StopReason::Stagnation)));
+    }
+
+    #[test]
     fn of_two_reasons_in_one_generation_the_first_in_order_counts() {
         // After these four generations every reason that is switched on holds for the first time: fitness is as good
-        // as possible from the start, errors rise once, three generations pass without improvement, four in all.
+        // as possible from the start, errors rise once, three generations pass without improvement, four in all, of
+        // eight individuals each.
         // Perfection alone holds from the first, so it is given queries to reach at the fourth.
         let enabled = |on: &[StopReason]| StopSettings {
             perfect: on.contains(&StopReason::Perfect),
             validation_patience: on.contains(&StopReason::Validation).then_some(1),
             stagnation: on.contains(&StopReason::Stagnation).then_some(3),
             generations: if on.contains(&StopReason::Generations) { 4 } else { u32::MAX },
+            evaluations: on.contains(&StopReason::Evaluations).then_some(32),
         };
         let run = |settings| {
             let mut rule = StopRule::new(settings);
             let mut reasons = Vec::new();
-            for (queries, wrong) in [(11, 4), (11, 4), (11, 4), (10, 5)] {
-                reasons.push(rule.observe(score(10, queries), Some(errors(wrong))).1);
+            for (queries, wrong, evaluations) in [(11, 4, 8), (11, 4, 16), (11, 4, 24), (10, 5, 32)] {
+                reasons.push(rule.observe(score(10, queries), Some(errors(wrong)), evaluations).1);
             }
             reasons
         };
-        let rule = &StopReason::ALL[..4];
+        let rule = &StopReason::ALL[..5];
         for (i, &first) in rule.iter().enumerate() {
             assert_eq!(run(enabled(&[first])), [None, None, None, Some(first)]);
             for &second in &rule[i + 1..] {
@@ -242,6 +281,7 @@ mod tests {
             validation: validation errors rose
             stagnation: the training fitness no longer improved
             generations: the last generation was reached
+            evaluations: the budget of evaluations was spent
             exhaustive: the whole grid was evaluated
         "#]]
         .assert_eq(&text);
@@ -250,17 +290,23 @@ mod tests {
     proptest! {
         #[test]
         fn the_rule_is_its_definition_over_the_whole_history(
-            generations in prop::collection::vec((0u32..=10, prop::option::weighted(0.9, 0u32..6)), 1..40),
+            generations in prop::collection::vec(
+                (0u32..=10, prop::option::weighted(0.9, 0u32..6), 0u32..5),
+                1..40,
+            ),
             perfect in any::<bool>(),
             validation_patience in prop::option::of(1u32..4),
             stagnation in prop::option::of(1u32..8),
             limit in 1u32..50,
+            evaluations in prop::option::of(1u32..100),
         ) {
-            let settings = StopSettings { perfect, validation_patience, stagnation, generations: limit };
+            let settings =
+                StopSettings { perfect, validation_patience, stagnation, generations: limit, evaluations };
             let mut rule = StopRule::new(settings);
             for end in 1..=generations.len() {
                 let history = &generations[..end];
-                let (correct, wrong) = history[end - 1];
+                let (correct, wrong, _) = history[end - 1];
+                let evaluated: u32 = history.iter().map(|generation| generation.2).sum();
                 let rises = |g: usize| {
                     g > 0 && matches!((history[g - 1].1, history[g].1), (Some(a), Some(b)) if b > a)
                 };
@@ -281,10 +327,12 @@ mod tests {
                     Some(StopReason::Validation)
                 } else if stagnation.is_some_and(stagnant) {
                     Some(StopReason::Stagnation)
+                } else if end as u32 >= limit {
+                    Some(StopReason::Generations)
                 } else {
-                    (end as u32 >= limit).then_some(StopReason::Generations)
+                    evaluations.filter(|&budget| evaluated >= budget).map(|_| StopReason::Evaluations)
                 };
-                let (_, reason) = rule.observe(score(correct, 10), wrong.map(errors));
+                let (_, reason) = rule.observe(score(correct, 10), wrong.map(errors), evaluated.into());
                 prop_assert_eq!(reason, expected);
             }
         }

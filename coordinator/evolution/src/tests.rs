@@ -5,7 +5,7 @@ use proptest::prelude::*;
 use rand::RngExt;
 
 use super::*;
-use crate::score::{best, best_first, tests::scores};
+use crate::score::{best, best_first, tests::score, tests::scores};
 use crate::strategy::Strategy; // the prelude of proptest has another
 
 /// The genome of the paper's search space: 25 bits.
@@ -14,7 +14,7 @@ pub(crate) fn paper() -> Genome {
 }
 
 fn paper_in(encoding: Encoding) -> Genome {
-    let field = |(name, values): (&str, u32)| Field { name: name.to_owned(), values };
+    let field = |(name, values): (&str, u32)| Field::new(name, values);
     let fields = [("shape_bins", 57), ("m", 6), ("R1", 16), ("R2", 30), ("w", 101)].map(field);
     Genome::new(fields.into(), encoding)
 }
@@ -60,11 +60,16 @@ fn run(
     run_strategy(&genetic(settings, seed), generations, fitness)
 }
 
-const NEVER: StopSettings =
-    StopSettings { perfect: false, validation_patience: None, stagnation: None, generations: u32::MAX };
+const NEVER: StopSettings = StopSettings {
+    perfect: false,
+    validation_patience: None,
+    stagnation: None,
+    generations: u32::MAX,
+    evaluations: None,
+};
 
 fn search(settings: GaSettings, seed: u64, stop: StopSettings) -> Search {
-    Search::new(Box::new(genetic(settings, seed)), stop)
+    Search::new(Box::new(genetic(settings, seed)), stop, WinnerRule::paper(&stop))
 }
 
 /// All settings that change which way the code takes.
@@ -72,10 +77,34 @@ fn every_setting() -> Vec<GaSettings> {
     let mut all = Vec::new();
     for (population, elite) in [(2, 0), (2, 1), (7, 0), (7, 3), (10, 1)] {
         for scaling in [Scaling::None, Scaling::Linear, Scaling::Rank] {
-            all.push(GaSettings { population, elite, scaling, ..GaSettings::default() });
+            for (crossover, mutation) in
+                [(Crossover::Uniform, Mutation::InOrder), (Crossover::Slots, Mutation::Field)]
+            {
+                let operators = GaSettings { crossover, mutation, ..GaSettings::default() };
+                all.push(GaSettings { population, elite, scaling, ..operators });
+            }
         }
     }
     all
+}
+
+/// Four slots of three fields, the middle one of categories: 32 bits.
+fn slotted() -> Genome {
+    let field = |slot, values, ordered| Field { slot: Some(slot), ordered, ..Field::new("field", values) };
+    let slot = |slot| [field(slot, 8, true), field(slot, 5, false), field(slot, 3, true)];
+    Genome::new((0..4).flat_map(slot).collect(), Encoding::Binary)
+}
+
+/// The settings of [`slotted`].
+fn by_slots_and_fields(population: u32) -> GaSettings {
+    GaSettings {
+        population,
+        crossover: Crossover::Slots,
+        mutation: Mutation::Field,
+        mutation_rate: 0.1,
+        mutation_decay: 1.0,
+        ..GaSettings::default()
+    }
 }
 
 /// A fitness without structure: the landscape's number picks it.
@@ -165,6 +194,55 @@ fn without_mutation_siblings_share_out_their_parents_bits() {
 }
 
 #[test]
+fn without_mutation_siblings_share_out_their_parents_slots() {
+    let settings = GaSettings { elite: 2, mutation_rate: 0.0, ..by_slots_and_fields(12) };
+    let genome = slotted();
+    let strategy = GeneticAlgorithm::new(genome.clone(), settings, 8).unwrap();
+    let (mut kept, mut swapped) = (0, 0);
+    for pair in run_strategy(&strategy, 5, landscape(1)).windows(2) {
+        let ((parents, _), (children, _)) = (&pair[0], &pair[1]);
+        for siblings in children[2..].chunks(2) {
+            let [Some(a), Some(b)] = siblings[0].parents else { panic!("no parents") };
+            let (a, b) = (&parents[a as usize].values, &parents[b as usize].values);
+            let (first, second) = (&siblings[0].values, &siblings[1].values);
+            for slot in (0..12).step_by(3).map(|start| start..start + 3) {
+                let [a, b, first, second] = [a, b, first, second].map(|values| &values[slot.clone()]);
+                assert!([(a, b), (b, a)].contains(&(first, second)), "a slot in two");
+                kept += u32::from((first, second) == (a, b) && a != b);
+                swapped += u32::from((first, second) == (b, a) && a != b);
+            }
+        }
+    }
+    assert!(kept > 20 && swapped > 20, "{kept} kept, {swapped} swapped");
+}
+
+#[test]
+fn by_field_children_of_generation_g_change_each_field_with_p_of_g() {
+    let settings = GaSettings {
+        elite: 1,
+        crossover_rate: 0.0,
+        mutation_rate: 0.4,
+        mutation_decay: 0.5,
+        ..by_slots_and_fields(1_000)
+    };
+    let strategy = GeneticAlgorithm::new(slotted(), settings, 2).unwrap();
+    // The first individual is the only parent.
+    let log = run_strategy(&strategy, 4, |_, index, _| u32::from(index == 0));
+    for (generation, rate) in [(1, 0.40), (2, 0.20), (3, 0.10)] {
+        let parent = &log[generation - 1].0[0].values;
+        let children = &log[generation].0[1..];
+        let changes = |child: &Individual| child.values.iter().zip(parent).filter(|(a, b)| a != b).count();
+        let changed: usize = children.iter().map(changes).sum();
+        let fields = (children.len() * parent.len()) as f64;
+        let deviation = (fields * rate * (1.0 - rate)).sqrt();
+        assert!(
+            (changed as f64 - fields * rate).abs() < 5.0 * deviation,
+            "generation {generation}: {changed}"
+        );
+    }
+}
+
+#[test]
 fn children_of_generation_g_are_mutated_with_p_of_g() {
     // Crossing nothing over and drawing one parent only shows the flips themselves: of a pair of points on 25 bits
     // (2·(25 − d) ordered draws at distance d > 0, 25 at 0) the mean number of bits between, both included, is
@@ -240,7 +318,7 @@ fn the_current_mutation_rate_follows_the_schedule() {
     let mut search = search(GaSettings::default(), 1, NEVER);
     let mut rate = 0.40;
     for _ in 0..10 {
-        assert_eq!(search.tell(&scores(&[1; 10]), None).mutation_rate, rate);
+        assert_eq!(search.tell(&scores(&[1; 10]), None, 0).mutation_rate, rate);
         rate *= 0.97;
     }
 }
@@ -261,22 +339,22 @@ fn a_generation_depends_on_the_population_and_counts_not_on_how_they_came_about(
     // they go on as one.
     let begin = || search(GaSettings::default(), 6, NEVER);
     let (mut uniform_by_zeros, mut uniform_by_ones) = (begin(), begin());
-    uniform_by_zeros.tell(&scores(&[0; 10]), None);
-    uniform_by_ones.tell(&scores(&[1; 10]), None);
+    uniform_by_zeros.tell(&scores(&[0; 10]), None, 0);
+    uniform_by_ones.tell(&scores(&[1; 10]), None, 0);
     // Draws from ten slots of width 1 either way: equal parents, equal children.
     assert_eq!(uniform_by_zeros.ask(), uniform_by_ones.ask());
     let correct = scores(&[3, 1, 4, 1, 5, 9, 2, 6, 5, 3]);
-    uniform_by_zeros.tell(&correct, None);
-    uniform_by_ones.tell(&correct, None);
+    uniform_by_zeros.tell(&correct, None, 0);
+    uniform_by_ones.tell(&correct, None, 0);
     assert_eq!(uniform_by_zeros.ask(), uniform_by_ones.ask());
     let mut different = begin();
-    different.tell(&scores(&[9, 0, 0, 0, 0, 0, 0, 0, 0, 0]), None);
+    different.tell(&scores(&[9, 0, 0, 0, 0, 0, 0, 0, 0, 0]), None, 0);
     assert_ne!(uniform_by_zeros.ask(), different.ask());
 }
 
 #[test]
 fn chromosomes_without_bits_are_evolved_too() {
-    let fixed = Field { name: "fixed".to_owned(), values: 1 };
+    let fixed = Field::new("fixed", 1);
     let genome = Genome::new(vec![fixed; 5], Encoding::Binary);
     for settings in every_setting() {
         let strategy = GeneticAlgorithm::new(genome.clone(), settings, 1).unwrap();
@@ -292,7 +370,7 @@ fn chromosomes_without_bits_are_evolved_too() {
 #[test]
 #[should_panic(expected = "one score for each individual")]
 fn a_missing_score_is_a_programming_error() {
-    search(GaSettings::default(), 1, NEVER).tell(&scores(&[1; 9]), None);
+    search(GaSettings::default(), 1, NEVER).tell(&scores(&[1; 9]), None, 0);
 }
 
 #[test]
@@ -346,6 +424,54 @@ fn counting_ones_climbs_to_near_all_of_them() {
 }
 
 #[test]
+fn by_slots_and_fields_a_separable_optimum_is_found() {
+    // The sum of the ordered fields and a point for each right category: at most 4·(7 + 2 + 1).
+    let fitness = |_, _, individual: &Individual| {
+        let slot = |values: &[u32]| values[0] + values[2] + u32::from(values[1] == 3);
+        individual.values.chunks(3).map(slot).sum()
+    };
+    for seed in 0..20 {
+        let settings = GaSettings { elite: 2, scaling: Scaling::Rank, ..by_slots_and_fields(40) };
+        let log = run_strategy(&GeneticAlgorithm::new(slotted(), settings, seed).unwrap(), 60, fitness);
+        let best = |generation: usize| *log[generation].1.iter().max().unwrap();
+        assert!(best(0) < 36 && best(59) == 40, "seed {seed}: {} to {}", best(0), best(59));
+    }
+}
+
+#[test]
+fn the_elite_and_the_best_go_by_the_margin_and_selection_does_not() {
+    let genome = slotted();
+    let strategy = GeneticAlgorithm::new(genome, by_slots_and_fields(6), 3).unwrap();
+    let population = strategy.first();
+    let with = |margins: [f64; 6]| margins.map(|margin| Score { margin, ..score(4, 9) });
+    let [one, other] = [with([0.0, 0.1, 0.5, 0.2, -0.1, 0.5]), with([0.0; 6])];
+    let next = |scores| strategy.next(1, &population, scores);
+    let (one, other) = (next(&one[..]), next(&other[..]));
+    assert_eq!([&one[0], &other[0]].map(|elite| elite.parents[0]), [Some(2), Some(0)]);
+    assert_eq!(one[1..], other[1..]);
+}
+
+#[test]
+fn a_winner_by_validation_is_validated_without_a_patience_and_one_by_fitness_with_it() {
+    let (first, second) = (scores(&[1, 4, 4, 2]), scores(&[1, 4, 5, 2]));
+    let settings = GaSettings { population: 4, ..GaSettings::default() };
+    let begin = |stop, rule| Search::new(Box::new(genetic(settings, 1)), stop, rule);
+    let patient = StopSettings { validation_patience: Some(1), ..NEVER };
+    for (stop, rule, validated, (winner, reason)) in [
+        (NEVER, WinnerRule::Validation, true, (1, None)),
+        (patient, WinnerRule::Fitness, true, (2, Some(StopReason::Validation))),
+        (NEVER, WinnerRule::Fitness, false, (2, None)),
+    ] {
+        let mut search = begin(stop, rule);
+        assert_eq!(search.to_validate(&first), validated.then_some(1));
+        let validation = |correct| validated.then(|| score(correct, 50));
+        search.tell(&first, validation(30), 4);
+        let state = search.tell(&second, validation(29), 8);
+        assert_eq!((state.winner.generation, state.stop), (winner, reason), "{rule:?}");
+    }
+}
+
+#[test]
 fn a_search_counts_generations_keeps_the_winner_and_ends_with_the_stop_rule() {
     let stop = StopSettings { generations: 4, validation_patience: Some(9), ..NEVER };
     let settings = GaSettings { population: 4, ..GaSettings::default() };
@@ -359,8 +485,8 @@ fn a_search_counts_generations_keeps_the_winner_and_ends_with_the_stop_rule() {
         let asked = search.ask().to_vec();
         let scores = scores(&correct);
         assert_eq!(search.to_validate(&scores), Some(best));
-        let validation = Score { correct: validated, queries: 50 };
-        let state = search.tell(&scores, Some(validation));
+        let validation = score(validated, 50);
+        let state = search.tell(&scores, Some(validation), 0);
         assert_eq!((state.best, state.best_so_far.correct), (best, best_so_far));
         assert_eq!((state.winner.generation, state.winner.index), winner);
         assert_eq!(state.improved, winner.0 == generation);
@@ -386,11 +512,12 @@ fn the_best_of_a_grid_is_the_only_individual_of_the_only_generation() {
     let best = vec![52, 5, 8, 15, 67];
     for encoding in [Encoding::Binary, Encoding::Gray] {
         let genome = paper_in(encoding);
-        let mut search = Search::new(Box::new(Exhaustive::new(best.clone(), &genome)), NEVER);
+        let mut search =
+            Search::new(Box::new(Exhaustive::new(best.clone(), &genome)), NEVER, WinnerRule::Fitness);
         let [only] = search.ask() else { panic!("one individual") };
         assert_eq!((&only.values, only.parents, only.elite), (&best, [None, None], false));
         assert_eq!(genome.decode(&only.chromosome), best);
-        let state = search.tell(&scores(&[7]), None);
+        let state = search.tell(&scores(&[7]), None, 0);
         assert_eq!((state.stop, state.mutation_rate), (Some(StopReason::Exhaustive), 0.0));
         assert_eq!((state.winner.generation, state.winner.index), (1, 0));
     }
@@ -400,8 +527,8 @@ fn the_best_of_a_grid_is_the_only_individual_of_the_only_generation() {
 #[test]
 fn the_streams_and_operators_are_pinned() {
     let settings = GaSettings { population: 4, ..GaSettings::default() };
-    let text = |method: Method| {
-        let strategy = method.strategy(&paper(), settings, 5).unwrap().unwrap();
+    let text = |method: Method, genome: &Genome, settings| {
+        let strategy = method.strategy(genome, settings, 5).unwrap().unwrap();
         let log = run_strategy(strategy.as_ref(), 3, |_, _, individual| ones(individual));
         let line = |individual: &Individual| {
             format!("{} {:?} {:?}\n", individual.bit_string(), individual.values, individual.parents)
@@ -422,7 +549,22 @@ fn the_streams_and_operators_are_pinned() {
         1100011110111011011000011 [43, 5, 7, 12, 52] [Some(0), Some(0)]
         0111010111101000101111101 [25, 2, 13, 1, 98] [Some(3), Some(3)]
     "#]]
-    .assert_eq(&text(Method::Ga));
+    .assert_eq(&text(Method::Ga, &paper(), settings));
+    expect_test::expect![[r#"
+        01110100101000110101111001001001 [3, 3, 0, 5, 0, 2, 2, 4, 1, 2, 1, 0] [None, None]
+        01111101110000001100010010111000 [3, 4, 0, 6, 0, 0, 6, 0, 0, 5, 3, 0] [None, None]
+        01010011011101110011011100011101 [2, 2, 2, 3, 3, 2, 1, 3, 2, 0, 4, 0] [None, None]
+        11000111101110111111000110101110 [6, 0, 2, 5, 3, 2, 7, 2, 0, 5, 1, 1] [None, None]
+        11000111101110111111000110101110 [6, 0, 2, 5, 3, 2, 7, 2, 0, 5, 1, 1] [Some(3), None]
+        01110100010000111100010010111000 [3, 3, 0, 2, 0, 2, 6, 0, 0, 5, 3, 0] [Some(1), Some(0)]
+        01111101110000000101111001101001 [3, 4, 0, 6, 0, 0, 2, 4, 1, 3, 1, 0] [Some(0), Some(1)]
+        01111101011010111100100010111000 [3, 4, 0, 3, 1, 2, 6, 1, 0, 5, 3, 0] [Some(1), Some(2)]
+        11000111101110111111000110101110 [6, 0, 2, 5, 3, 2, 7, 2, 0, 5, 1, 1] [Some(0), None]
+        11000111101111111111000110101110 [6, 0, 2, 5, 4, 2, 7, 2, 0, 5, 1, 1] [Some(0), Some(0)]
+        11000111101110111111000110101110 [6, 0, 2, 5, 3, 2, 7, 2, 0, 5, 1, 1] [Some(0), Some(0)]
+        01111101011010111110100010101000 [3, 4, 0, 3, 1, 2, 7, 1, 0, 5, 1, 0] [Some(3), Some(3)]
+    "#]]
+    .assert_eq(&text(Method::Ga, &slotted(), by_slots_and_fields(4)));
     expect_test::expect![[r#"
         1011100011001111111111001 [40, 0, 9, 29, 95] [None, None]
         0001011001010011101010001 [4, 3, 10, 13, 63] [None, None]
@@ -437,5 +579,5 @@ fn the_streams_and_operators_are_pinned() {
         0000110100001111010011111 [2, 1, 1, 27, 24] [None, None]
         0111101101000100011111010 [26, 4, 8, 15, 96] [None, None]
     "#]]
-    .assert_eq(&text(Method::Random));
+    .assert_eq(&text(Method::Random, &paper(), settings));
 }

@@ -1,10 +1,36 @@
-//! The winner of a search: the best of its generations' bests (DESIGN 5.10).
+//! The winner of a search: the best of its generations' bests (DESIGN 5.10 and 5b).
+
+use schemars::JsonSchema;
+use serde::{Deserialize, Serialize};
 
 use crate::individual::Individual;
 use crate::score::Score;
+use crate::settings::StopSettings;
+
+/// Which of the generations' bests is the winner.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "lowercase", rename = "winner")]
+pub enum WinnerRule {
+    /// The one that does best on the validation clouds. Every generation's best is then validated.
+    Validation,
+    /// The one with the best training fitness.
+    Fitness,
+}
+
+impl WinnerRule {
+    /// The paper's: by validation if the search may stop for it, else by fitness.
+    pub fn paper(stop: &StopSettings) -> Self {
+        if stop.validation_patience.is_some() { Self::Validation } else { Self::Fitness }
+    }
+
+    /// Whether the best of each generation is validated, for this rule or for the stop rule.
+    pub fn validates(self, stop: &StopSettings) -> bool {
+        self == Self::Validation || stop.validation_patience.is_some()
+    }
+}
 
 /// The best individual of one generation: the best score, the lowest index on ties.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct GenerationBest {
     /// Its generation, counted from 1.
     pub generation: u32,
@@ -14,28 +40,28 @@ pub struct GenerationBest {
     pub individual: Individual,
     /// Its score on the training queries.
     pub score: Score,
-    /// Its score on the validation queries; `None` if validation is off.
+    /// Its score on the validation queries; `None` if it was not validated.
     pub validation: Option<Score>,
 }
 
 impl GenerationBest {
     /// The winner, given that of the generations before.
     ///
-    /// With validation it is the one with the best validation score, without it the one with the best score, in both
-    /// cases the earliest on ties. A generation that was validated comes before one that was not.
-    pub(crate) fn or_leader(self, leader: Option<Self>) -> Self {
+    /// By validation it is the one with the best validation score, by fitness the one with the best score, in both cases
+    /// the earliest on ties. By validation, a generation that was validated comes before one that was not.
+    pub(crate) fn or_leader(self, leader: Option<Self>, rule: WinnerRule) -> Self {
         match leader {
-            Some(leader) if !self.beats(&leader) => leader,
+            Some(leader) if !self.beats(&leader, rule) => leader,
             _ => self,
         }
     }
 
-    fn beats(&self, leader: &Self) -> bool {
-        match (self.validation, leader.validation) {
+    fn beats(&self, leader: &Self, rule: WinnerRule) -> bool {
+        match (rule, self.validation, leader.validation) {
+            (WinnerRule::Fitness, ..) | (_, None, None) => self.score.is_better_than(&leader.score),
             // The training score has no part in it, not even on ties.
-            (Some(this), Some(leaders)) => this.is_better_than(&leaders),
-            (None, None) => self.score.is_better_than(&leader.score),
-            (this, _) => this.is_some(),
+            (WinnerRule::Validation, Some(this), Some(leaders)) => this.is_better_than(&leaders),
+            (WinnerRule::Validation, this, _) => this.is_some(),
         }
     }
 }
@@ -45,9 +71,14 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::score::tests::score;
 
-    /// The generation that wins among (correct, validation errors), from 1.
+    /// The generation that wins by validation among (correct, validation errors), from 1.
     fn check(generations: &[(u32, Option<u32>)], expected: Option<u32>) {
+        check_rule(WinnerRule::Validation, generations, expected);
+    }
+
+    fn check_rule(rule: WinnerRule, generations: &[(u32, Option<u32>)], expected: Option<u32>) {
         let mut winner = None;
         for (index, &(correct, errors)) in generations.iter().enumerate() {
             let best = GenerationBest {
@@ -59,10 +90,10 @@ mod tests {
                     parents: [None, None],
                     elite: false,
                 },
-                score: Score { correct, queries: 10 },
-                validation: errors.map(|errors| Score { correct: 20 - errors, queries: 20 }),
+                score: score(correct, 10),
+                validation: errors.map(|errors| score(20 - errors, 20)),
             };
-            winner = Some(best.or_leader(winner));
+            winner = Some(best.or_leader(winner, rule));
         }
         assert_eq!(winner.map(|best| best.generation), expected, "{generations:?}");
     }
@@ -82,6 +113,45 @@ mod tests {
     fn without_validation_the_best_training_fitness_wins_and_ties_go_to_the_earliest() {
         check(&[(5, None), (9, None), (9, None), (6, None)], Some(2));
         check(&[(0, None), (0, None)], Some(1));
+    }
+
+    #[test]
+    fn by_fitness_the_best_training_fitness_wins_whatever_the_validation() {
+        let check = |generations: &[_], expected| check_rule(WinnerRule::Fitness, generations, expected);
+        check(&[(5, Some(0)), (9, Some(9)), (9, Some(1)), (6, Some(0))], Some(2));
+        check(&[(9, None), (1, Some(0)), (10, Some(9))], Some(3));
+        check(&[(5, None), (9, None), (9, None)], Some(2));
+    }
+
+    #[test]
+    fn between_equal_counts_the_margin_decides() {
+        let best = |generation, [training, validated]: [f64; 2]| GenerationBest {
+            generation,
+            index: 0,
+            individual: Individual {
+                chromosome: vec![],
+                values: vec![],
+                parents: [None, None],
+                elite: false,
+            },
+            score: Score { margin: training, ..score(5, 10) },
+            validation: Some(Score { margin: validated, ..score(7, 10) }),
+        };
+        let (first, second) = (best(1, [0.5, 0.2]), best(2, [0.4, 0.3]));
+        let winner = |rule| second.clone().or_leader(Some(first.clone()), rule).generation;
+        assert_eq!([winner(WinnerRule::Fitness), winner(WinnerRule::Validation)], [1, 2]);
+    }
+
+    #[test]
+    fn what_the_paper_goes_by_and_what_is_validated_follow_from_the_stop_rule() {
+        let on = StopSettings::default();
+        let off = StopSettings { validation_patience: None, ..on };
+        assert_eq!(
+            [on, off].map(|stop| WinnerRule::paper(&stop)),
+            [WinnerRule::Validation, WinnerRule::Fitness]
+        );
+        assert!(WinnerRule::Fitness.validates(&on) && WinnerRule::Validation.validates(&off));
+        assert!(!WinnerRule::Fitness.validates(&off));
     }
 
     #[test]
@@ -108,6 +178,7 @@ mod tests {
             let most = pairs.iter().map(|pair| pair.0).max().unwrap();
             let first = pairs.iter().position(|pair| pair.0 == most).unwrap();
             check(&trained, Some(first as u32 + 1));
+            check_rule(WinnerRule::Fitness, &validated, Some(first as u32 + 1));
         }
     }
 }

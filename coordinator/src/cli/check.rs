@@ -71,7 +71,10 @@ fn search(experiment: &Experiment) -> anyhow::Result<String> {
         Some(strategy) => {
             let largest = strategy.largest_generation();
             let most = u64::from(largest) * u64::from(generations);
-            format!("{method}, at most {most} individuals in {generations} generations of {largest}")
+            let budget = experiment.stop().evaluations.map_or_else(String::new, |budget| {
+                format!(", or until {budget} different descriptors are evaluated")
+            });
+            format!("{method}, at most {most} individuals in {generations} generations of {largest}{budget}")
         }
         None => {
             let grid = Grid::new(experiment.space())?;

@@ -4,6 +4,7 @@
 //! the program sees only an [`Experiment`], which is valid by construction.
 
 mod checks;
+mod defaults;
 mod error;
 mod forms;
 mod one;
@@ -28,7 +29,7 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use descriptor::{Preprocess, SearchSpace};
-use evolution::{Encoding, GaSettings, Method, StopSettings};
+use evolution::{Encoding, GaSettings, Method, StopSettings, WinnerRule};
 
 use crate::dataset::DatasetSettings;
 use cluster::sharding::ShardCount;
@@ -64,6 +65,7 @@ pub struct Experiment {
     preprocess: Preprocess,
     space: SearchSpace,
     method: Method,
+    winner: WinnerRule,
     ga: GaSettings,
     encoding: Encoding,
     stop: StopSettings,
@@ -183,6 +185,16 @@ impl Experiment {
     /// How the best descriptor is searched for.
     pub fn method(&self) -> Method {
         self.method
+    }
+
+    /// Which of the generations' bests wins.
+    pub fn winner(&self) -> WinnerRule {
+        self.winner
+    }
+
+    /// Whether the best of each generation is measured on the validation clouds.
+    pub fn validates(&self) -> bool {
+        self.winner.validates(&self.stop)
     }
 
     /// The genetic algorithm.

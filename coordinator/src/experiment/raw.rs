@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 
 use descriptor::synth::SynthSettings;
 use descriptor::{Family, Preprocess};
-use evolution::{Encoding, GaSettings, Method, Scaling, StopSettings};
+use evolution::{Crossover, Encoding, GaSettings, Method, Mutation, Scaling, StopSettings, WinnerRule};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -252,107 +252,102 @@ impl RawGenes {
 pub(super) struct RawSearch {
     /// How descriptors to evaluate are found.
     pub method: Method,
+    /// Which of the generations' bests wins, the earliest on ties. Default: "validation" if stop.validation_patience is
+    /// on, else "fitness".
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "WinnerRule")]
+    pub winner: Option<WinnerRule>,
 }
 
-/// The genetic algorithm. Other methods use some of these keys, see search.method.
-#[derive(Debug, Deserialize, Serialize, JsonSchema)]
+/// The genetic algorithm. Other methods use some of these keys, see search.method. Defaults are the paper's where it has
+/// the key; they are the same for every family.
+#[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "ga")]
 pub(super) struct RawGa {
     /// Individuals a generation.
-    #[schemars(range(min = 2, max = 65_536))]
-    pub population: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "u32", range(min = 2, max = 65_536), extend("default" = GaSettings::default().population))]
+    pub population: Option<u32>,
     /// Best individuals that are copied unchanged; fewer than population.
-    pub elite: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "u32", extend("default" = GaSettings::default().elite))]
+    pub elite: Option<u32>,
     /// How parents are chosen.
     pub selection: RawSelection,
     /// How fitness becomes selection weight: "none" is the fitness itself, "linear" lets the best expect twice the
     /// mean, "rank" goes by rank alone.
-    pub scaling: Scaling,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Scaling", extend("default" = GaSettings::default().scaling))]
+    pub scaling: Option<Scaling>,
     /// How two parents make two children.
-    pub crossover: RawCrossover,
-    /// Probability that a bit is exchanged.
-    #[schemars(range(min = 0, max = 1))]
-    pub crossover_rate: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Crossover", extend("default" = GaSettings::default().crossover))]
+    pub crossover: Option<Crossover>,
+    /// Probability that a bit is exchanged; with crossover = "slots", a slot.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "f64", range(min = 0, max = 1), extend("default" = GaSettings::default().crossover_rate))]
+    pub crossover_rate: Option<f64>,
     /// How children are changed.
-    pub mutation: RawMutation,
-    /// Probability that a bit between the two points flips, in the first generation.
-    #[schemars(range(min = 0, max = 1))]
-    pub mutation_rate: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Mutation", extend("default" = GaSettings::default().mutation))]
+    pub mutation: Option<Mutation>,
+    /// Probability that a bit between the two points flips, in the first generation; with mutation = "field", that a
+    /// gene changes.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "f64", range(min = 0, max = 1), extend("default" = GaSettings::default().mutation_rate))]
+    pub mutation_rate: Option<f64>,
     /// Factor on that probability from each generation to the next.
-    #[schemars(range(min = 0, max = 1))]
-    pub mutation_decay: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "f64", range(min = 0, max = 1), extend("default" = GaSettings::default().mutation_decay))]
+    pub mutation_decay: Option<f64>,
     /// How gene values are written as bits.
     pub encoding: Encoding,
 }
 
-impl Default for RawGa {
-    fn default() -> Self {
-        let ga = GaSettings::default();
-        Self {
-            population: ga.population,
-            elite: ga.elite,
-            selection: RawSelection::Roulette,
-            scaling: ga.scaling,
-            crossover: RawCrossover::Uniform,
-            crossover_rate: ga.crossover_rate,
-            mutation: RawMutation::InOrder,
-            mutation_rate: ga.mutation_rate,
-            mutation_decay: ga.mutation_decay,
-            encoding: Encoding::default(),
-        }
-    }
-}
-
 /// How parents are chosen.
-#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "lowercase", rename = "selection")]
 pub(super) enum RawSelection {
     /// In proportion to their weight, with replacement.
+    #[default]
     Roulette,
 }
 
-/// How two parents make two children.
-#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
-#[serde(rename_all = "lowercase", rename = "crossover")]
-pub(super) enum RawCrossover {
-    /// Each bit is exchanged with the same probability.
-    Uniform,
-}
-
-/// How children are changed.
-#[derive(Clone, Copy, Debug, Deserialize, Serialize, JsonSchema)]
-#[serde(rename_all = "kebab-case", rename = "mutation")]
-pub(super) enum RawMutation {
-    /// Bits between two random points flip with some probability.
-    InOrder,
-}
-
-/// When the search ends: at the first of these.
-#[derive(Debug, Deserialize, Serialize, JsonSchema)]
+/// When the search ends: at the first of these. Defaults are the paper's; they are the same for every family.
+#[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "stop")]
 pub(super) struct RawStop {
     /// After this many generations.
-    #[schemars(range(min = 1))]
-    pub generations: u32,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "u32", range(min = 1), extend("default" = StopSettings::default().generations))]
+    pub generations: Option<u32>,
     /// After this many generations without a better training fitness, or "off".
-    pub stagnation: NumberOr<RawOff>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "NumberOr<RawOff>", extend("default" = number_or_off(StopSettings::default().stagnation)))]
+    pub stagnation: Option<NumberOr<RawOff>>,
     /// When the validation error has risen this many generations in a row, or "off".
-    pub validation_patience: NumberOr<RawOff>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(
+        with = "NumberOr<RawOff>",
+        extend("default" = number_or_off(StopSettings::default().validation_patience))
+    )]
+    pub validation_patience: Option<NumberOr<RawOff>>,
     /// When every training query is recognised.
-    pub perfect: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "bool", extend("default" = StopSettings::default().perfect))]
+    pub perfect: Option<bool>,
+    /// When this many different descriptors have been evaluated, or "off". Those whose result an earlier run has left
+    /// count, too. A generation is always completed, so that there may be somewhat more.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(
+        with = "NumberOr<RawOff>",
+        extend("default" = number_or_off(StopSettings::default().evaluations))
+    )]
+    pub evaluations: Option<NumberOr<RawOff>>,
 }
 
-impl Default for RawStop {
-    fn default() -> Self {
-        let stop = StopSettings::default();
-        let times = |limit: Option<u32>| limit.map_or(NumberOr::Word(RawOff::Off), NumberOr::Number);
-        Self {
-            generations: stop.generations,
-            stagnation: times(stop.stagnation),
-            validation_patience: times(stop.validation_patience),
-            perfect: stop.perfect,
-        }
-    }
+fn number_or_off(limit: Option<u32>) -> NumberOr<RawOff> {
+    limit.map_or(NumberOr::Word(RawOff::Off), NumberOr::Number)
 }
 
 /// Never for this reason.

@@ -5,8 +5,9 @@ use std::path::Path;
 
 use descriptor::preprocess::Unit;
 use descriptor::{Family, GeneSpec};
-use evolution::{Encoding, Scaling};
+use evolution::{Crossover, Encoding, Mutation, Scaling, WinnerRule};
 
+use super::defaults::SearchDefaults;
 use super::{DEFAULT_RESULTS_DIR, Experiment, LocalWorkers};
 use crate::dataset::{Layout, SeededSplit, SplitRule};
 use cluster::sharding::ShardCount;
@@ -136,11 +137,15 @@ fn search_sections(toml: &mut Toml, experiment: &Experiment) {
         toml.key("seed", synthetic.seed);
     }
     space_sections(toml, experiment);
-    method_sections(toml, "", experiment);
+    method_sections(toml, "", experiment, Later::of(experiment));
 }
 
-/// The part of a sweep, below the experiment that its runs are variants of; see [`Sweep`](super::Sweep).
-pub(super) fn sweep_section(seeds: Option<&[u64]>, variants: &[(String, Experiment)]) -> String {
+/// The part of a sweep, below the experiment `base` that its runs are variants of; see [`Sweep`](super::Sweep).
+pub(super) fn sweep_section(
+    seeds: Option<&[u64]>,
+    base: &Experiment,
+    variants: &[(String, Experiment)],
+) -> String {
     let mut toml = Toml::default();
     toml.section("sweep");
     if let Some(seeds) = seeds {
@@ -148,15 +153,44 @@ pub(super) fn sweep_section(seeds: Option<&[u64]>, variants: &[(String, Experime
         toml.key("seeds", format!("[{}]", seeds.join(", ")));
     }
     for (name, experiment) in variants {
-        method_sections(&mut toml, &format!("sweep.variants.{name}."), experiment);
+        // What the base has written, a variant must undo.
+        let (own, bases) = (Later::of(experiment), Later::of(base));
+        let later =
+            Later { winner: own.winner || bases.winner, evaluations: own.evaluations || bases.evaluations };
+        method_sections(&mut toml, &format!("sweep.variants.{name}."), experiment, later);
     }
     toml.text
 }
 
+/// Which of the keys are written that came later than others; see [`SearchDefaults::hashes_every_key`].
+#[derive(Clone, Copy)]
+struct Later {
+    winner: bool,
+    evaluations: bool,
+}
+
+impl Later {
+    fn of(experiment: &Experiment) -> Self {
+        let defaults = SearchDefaults::of(experiment.space.family());
+        let every = defaults.hashes_every_key;
+        Self {
+            winner: every || experiment.winner != defaults.winner(&experiment.stop),
+            evaluations: every || experiment.stop.evaluations != defaults.stop.evaluations,
+        }
+    }
+}
+
 /// The sections that say how is searched, and when the search ends, below `parent`.
-fn method_sections(toml: &mut Toml, parent: &str, experiment: &Experiment) {
+fn method_sections(toml: &mut Toml, parent: &str, experiment: &Experiment, later: Later) {
     toml.section(&format!("{parent}search"));
     toml.key("method", quoted(experiment.method.as_str()));
+    if later.winner {
+        let winner = match experiment.winner {
+            WinnerRule::Validation => "validation",
+            WinnerRule::Fitness => "fitness",
+        };
+        toml.key("winner", quoted(winner));
+    }
     let ga = &experiment.ga;
     toml.section(&format!("{parent}ga"));
     toml.key("population", ga.population);
@@ -168,9 +202,17 @@ fn method_sections(toml: &mut Toml, parent: &str, experiment: &Experiment) {
         Scaling::Rank => "rank",
     };
     toml.key("scaling", quoted(scaling));
-    toml.key("crossover", quoted("uniform"));
+    let crossover = match ga.crossover {
+        Crossover::Uniform => "uniform",
+        Crossover::Slots => "slots",
+    };
+    toml.key("crossover", quoted(crossover));
     toml.key("crossover_rate", float(ga.crossover_rate));
-    toml.key("mutation", quoted("in-order"));
+    let mutation = match ga.mutation {
+        Mutation::InOrder => "in-order",
+        Mutation::Field => "field",
+    };
+    toml.key("mutation", quoted(mutation));
     toml.key("mutation_rate", float(ga.mutation_rate));
     toml.key("mutation_decay", float(ga.mutation_decay));
     let encoding = match experiment.encoding {
@@ -184,6 +226,9 @@ fn method_sections(toml: &mut Toml, parent: &str, experiment: &Experiment) {
     toml.key("stagnation", limit(stop.stagnation));
     toml.key("validation_patience", limit(stop.validation_patience));
     toml.key("perfect", stop.perfect);
+    if later.evaluations {
+        toml.key("evaluations", limit(stop.evaluations));
+    }
 }
 
 /// The sections that say which descriptors there are and what is computed once for each cloud.

@@ -191,7 +191,7 @@ impl Sweep {
     }
 
     fn section(&self) -> String {
-        resolved::sweep_section(self.seeds.as_deref(), &self.variants)
+        resolved::sweep_section(self.seeds.as_deref(), &self.base, &self.variants)
     }
 }
 

@@ -11,7 +11,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use descriptor::{Domain, Family, GeneTable, Preprocess, SearchSpace, Unit};
-use evolution::Scaling;
+use evolution::{Crossover, Mutation, Scaling};
 use expect_test::expect;
 
 use super::*;
@@ -20,10 +20,12 @@ use crate::dataset::{Layout, SplitRule};
 const DEMO: &str = include_str!("../../../experiments/demo.toml");
 const PAPER: &str = include_str!("../../../experiments/paper.toml");
 const HOUSEHOLD: &str = include_str!("../../../experiments/household.toml");
+const SWEEP: &str = include_str!("../../../experiments/sweep.toml");
 const SAMPLE: &str = include_str!("../../testdata/experiment-v1.toml");
 const SAMPLE_SYNTHETIC: &str = include_str!("../../testdata/experiment-v1-synthetic.toml");
 const SAMPLE_SWEEP: &str = include_str!("../../testdata/experiment-v1-sweep.toml");
 const SAMPLE_FAMILY: &str = include_str!("../../testdata/experiment-v1-family.toml");
+const SAMPLE_SEARCH: &str = include_str!("../../testdata/experiment-v1-search.toml");
 
 /// The smallest experiment.
 const LEAST: &str = "version = 1\ndataset.root = 'clouds'\n";
@@ -45,6 +47,7 @@ fn what_is_not_written_is_the_papers() {
     assert_eq!(experiment.preprocess(), &Preprocess::default());
     assert_eq!(experiment.ga(), &GaSettings::default());
     assert_eq!(experiment.stop(), &StopSettings::default());
+    assert_eq!((experiment.winner(), experiment.validates()), (WinnerRule::Validation, true));
     assert_eq!(experiment.dataset().root, Path::new("exp/clouds"));
     assert_eq!(experiment.dataset().layout, Layout::Uw);
     let SplitRule::Files { train1, .. } = &experiment.dataset().splits else { panic!("lists") };
@@ -126,14 +129,21 @@ fn the_first_version_of_the_file_stays_readable() {
         population: 20,
         elite: 2,
         scaling: Scaling::Rank,
+        crossover: Crossover::Uniform,
         crossover_rate: 0.6,
+        mutation: Mutation::InOrder,
         mutation_rate: 0.3,
         mutation_decay: 0.95,
     };
     assert_eq!((sample.ga(), sample.encoding()), (&ga, Encoding::Gray));
-    let stop =
-        StopSettings { generations: 100, stagnation: Some(25), validation_patience: None, perfect: false };
-    assert_eq!(sample.stop(), &stop);
+    let stop = StopSettings {
+        generations: 100,
+        stagnation: Some(25),
+        validation_patience: None,
+        perfect: false,
+        evaluations: None,
+    };
+    assert_eq!((sample.stop(), sample.winner()), (&stop, WinnerRule::Fitness));
     let coordinator = CoordinatorSettings {
         listen: Some(SocketAddr::from(([127, 0, 0, 1], 7701))),
         local_workers: LocalWorkers::Count(2),
@@ -156,6 +166,17 @@ fn the_first_version_of_the_file_stays_readable() {
     let SplitRule::Seeded(splits) = &synthetic.dataset().splits else { panic!("a draw") };
     assert_eq!((splits.seed, splits.shares, splits.stratified), (2, [0.4, 0.3, 0.3, 0.0], false));
     assert_eq!(splits.test_sequences, ["2", "4"]);
+
+    let search = parse(SAMPLE_SEARCH).unwrap();
+    let ga = GaSettings {
+        crossover: Crossover::Slots,
+        mutation: Mutation::Field,
+        mutation_rate: 0.1,
+        ..GaSettings::default()
+    };
+    let stop = StopSettings { validation_patience: None, evaluations: Some(500), ..StopSettings::default() };
+    assert_eq!((search.ga(), search.stop()), (&ga, &stop));
+    assert_eq!((search.winner(), search.validates()), (WinnerRule::Validation, true));
 }
 
 /// Every dotted key of a table.
@@ -210,7 +231,7 @@ fn schema_keys(
 #[test]
 fn the_samples_use_every_key_of_the_schema_and_no_other() {
     let mut sampled = BTreeSet::new();
-    for sample in [SAMPLE, SAMPLE_SYNTHETIC, SAMPLE_SWEEP, SAMPLE_FAMILY] {
+    for sample in [SAMPLE, SAMPLE_SYNTHETIC, SAMPLE_SWEEP, SAMPLE_FAMILY, SAMPLE_SEARCH] {
         keys_of(&sample.parse().unwrap(), "", &mut sampled);
     }
     let schema = json_schema();
@@ -353,6 +374,40 @@ fn a_sweep_is_each_variant_with_each_seed_and_reads_back_as_the_same() {
     let Plan::Sweep(again) = read(&Plan::Sweep(sweep.clone()).resolved_toml()) else { panic!("one run") };
     assert_eq!(again.members(), members);
     assert_ne!(read(&SAMPLE_SWEEP.replace("3..5", "3..6")), Plan::Sweep(sweep));
+}
+
+/// What is written of a variant is read over what its base has written.
+#[test]
+fn variants_may_differ_in_every_key_of_the_search_and_read_back_as_the_same() {
+    let path = Path::new("exp/x.toml");
+    let read = |text: &str| Plan::parse(text, path, Overrides::default(), &no_variables).unwrap();
+    let variants = "[sweep.variants.blind]\nstop = { evaluations = 'off', validation_patience = 'off' }\n\
+        [sweep.variants.fit]\nsearch.winner = 'fitness'\n\
+        [sweep.variants.patient.stop]\nvalidation_patience = 3\n\
+        [sweep.variants.plain]\nsearch.winner = 'validation'\n\
+        ga = { crossover = 'uniform', mutation = 'in-order' }\nstop.evaluations = 'off'\n\
+        [sweep.variants.short]\nstop = { evaluations = 7 }\n";
+    for base in [
+        "",
+        "search.winner = 'fitness'\n",
+        "search.winner = 'validation'\nga = { crossover = 'slots', mutation = 'field' }\nstop.evaluations = 90\n",
+        "stop = { validation_patience = 'off', evaluations = 90 }\n",
+    ] {
+        let plan = read(&format!("{LEAST}{base}{variants}"));
+        let Plan::Sweep(sweep) = &plan else { panic!("one run") };
+        let Plan::Sweep(again) = read(&plan.resolved_toml()) else { panic!("one run") };
+        assert_eq!((again.members(), again.base()), (sweep.members(), sweep.base()), "{base}");
+        assert_eq!(again.search_toml(), sweep.search_toml());
+        let members = sweep.members();
+        let [blind, fit, _, plain, short] =
+            &members.iter().map(|one| &one.experiment).collect::<Vec<_>>()[..]
+        else {
+            panic!("five variants")
+        };
+        assert_eq!((blind.stop().evaluations, short.stop().evaluations), (None, Some(7)));
+        assert_eq!((fit.winner(), plain.winner()), (WinnerRule::Fitness, WinnerRule::Validation));
+        assert_eq!((plain.ga(), plain.stop().evaluations), (&GaSettings::default(), None));
+    }
 }
 
 #[test]

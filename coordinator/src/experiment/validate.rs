@@ -10,6 +10,7 @@ use descriptor::preprocess::Unit;
 use evolution::{GaSettings, StopSettings};
 
 use super::checks::{checked_name, checked_seed};
+use super::defaults::SearchDefaults;
 use super::error::Fault;
 use super::forms::NumberOr;
 use super::paths::{self, Lookup};
@@ -28,7 +29,9 @@ pub(super) fn experiment(
 ) -> Result<Experiment, Fault> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let colour = raw.descriptor.colour;
-    let stop = stop(&raw.stop)?;
+    let defaults = SearchDefaults::of(raw.descriptor.family.into());
+    let stop = stop(&raw.stop, &defaults.stop)?;
+    let winner = raw.search.winner.unwrap_or_else(|| defaults.winner(&stop));
     let results_dir =
         raw.results.dir.map(|dir| paths::resolve("results.dir", &dir, folder, lookup)).transpose()?;
     Ok(Experiment {
@@ -39,10 +42,11 @@ pub(super) fn experiment(
             None => checked_seed("seed", raw.seed)?,
         },
         preprocess: preprocess(&raw.preprocess, raw.dataset.unit, colour)?,
-        dataset: dataset(raw.dataset, &stop, folder, lookup)?,
+        dataset: dataset(raw.dataset, winner.validates(&stop), folder, lookup)?,
         space: search_space(&raw.descriptor)?,
         method: raw.search.method,
-        ga: ga(&raw.ga)?,
+        winner,
+        ga: ga(&raw.ga, &defaults.ga)?,
         encoding: raw.ga.encoding,
         stop,
         coordinator: coordinator(&raw.coordinator, overrides)?,
@@ -93,30 +97,35 @@ fn length_um(place: &str, cm: f64) -> Result<u32, Fault> {
     })
 }
 
-fn ga(raw: &RawGa) -> Result<GaSettings, Fault> {
+fn ga(raw: &RawGa, defaults: &GaSettings) -> Result<GaSettings, Fault> {
+    // Adding 0 turns the rate -0 into 0: they mean the same and must read the same.
+    let rate = |written: Option<f64>, default: f64| written.unwrap_or(default) + 0.0;
     GaSettings {
-        population: raw.population,
-        elite: raw.elite,
-        scaling: raw.scaling,
-        // Adding 0 turns the rate -0 into 0: they mean the same and must read the same.
-        crossover_rate: raw.crossover_rate + 0.0,
-        mutation_rate: raw.mutation_rate + 0.0,
-        mutation_decay: raw.mutation_decay + 0.0,
+        population: raw.population.unwrap_or(defaults.population),
+        elite: raw.elite.unwrap_or(defaults.elite),
+        scaling: raw.scaling.unwrap_or(defaults.scaling),
+        crossover: raw.crossover.unwrap_or(defaults.crossover),
+        crossover_rate: rate(raw.crossover_rate, defaults.crossover_rate),
+        mutation: raw.mutation.unwrap_or(defaults.mutation),
+        mutation_rate: rate(raw.mutation_rate, defaults.mutation_rate),
+        mutation_decay: rate(raw.mutation_decay, defaults.mutation_decay),
     }
     .validate()
     .map_err(|error| Fault::from_message("", &error.to_string()))
 }
 
-fn stop(raw: &RawStop) -> Result<StopSettings, Fault> {
-    let limit = |limit: NumberOr<RawOff>| match limit {
-        NumberOr::Number(times) => Some(times),
-        NumberOr::Word(RawOff::Off) => None,
+fn stop(raw: &RawStop, defaults: &StopSettings) -> Result<StopSettings, Fault> {
+    let limit = |written: Option<NumberOr<RawOff>>, default: Option<u32>| match written {
+        Some(NumberOr::Number(limit)) => Some(limit),
+        Some(NumberOr::Word(RawOff::Off)) => None,
+        None => default,
     };
     StopSettings {
-        perfect: raw.perfect,
-        validation_patience: limit(raw.validation_patience),
-        stagnation: limit(raw.stagnation),
-        generations: raw.generations,
+        perfect: raw.perfect.unwrap_or(defaults.perfect),
+        validation_patience: limit(raw.validation_patience, defaults.validation_patience),
+        stagnation: limit(raw.stagnation, defaults.stagnation),
+        generations: raw.generations.unwrap_or(defaults.generations),
+        evaluations: limit(raw.evaluations, defaults.evaluations),
     }
     .validate()
     .map_err(|error| Fault::from_message("", &error.to_string()))

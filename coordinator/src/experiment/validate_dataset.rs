@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use descriptor::synth::SynthSettings;
-use evolution::StopSettings;
 
 use super::checks::checked_seed;
 use super::error::Fault;
@@ -12,10 +11,11 @@ use super::paths::{self, Lookup};
 use super::raw::{RawDataset, RawLayout, RawSynthetic, RawUnit};
 use crate::dataset::{DatasetSettings, Layout, SeededSplit, SplitRule, SyntheticSettings};
 
-/// Checks `[dataset]`. Paths are expanded and joined, not looked at.
+/// Checks `[dataset]`. Paths are expanded and joined, not looked at. `validates`: whether the search needs the validation
+/// split.
 pub(super) fn dataset(
     raw: RawDataset,
-    stop: &StopSettings,
+    validates: bool,
     folder: &Path,
     lookup: Lookup<'_>,
 ) -> Result<DatasetSettings, Fault> {
@@ -43,9 +43,9 @@ pub(super) fn dataset(
     };
     let splits = match raw.splits {
         Some(RawSplits::Word(RawSplitWord::Manifest)) => SplitRule::Manifest,
-        Some(RawSplits::Table(table)) => split_table(*table, &layout, stop, &root, lookup)?,
+        Some(RawSplits::Table(table)) => split_table(*table, &layout, validates, &root, lookup)?,
         None if matches!(layout, Layout::Manifest { .. }) => SplitRule::Manifest,
-        None => split_table(RawSplitTable::default(), &layout, stop, &root, lookup)?,
+        None => split_table(RawSplitTable::default(), &layout, validates, &root, lookup)?,
     };
     if splits == SplitRule::Manifest && !matches!(layout, Layout::Manifest { .. }) {
         return Err(Fault::new(
@@ -62,7 +62,7 @@ pub(super) fn dataset(
 fn split_table(
     raw: RawSplitTable,
     layout: &Layout,
-    stop: &StopSettings,
+    validates: bool,
     root: &Path,
     lookup: Lookup<'_>,
 ) -> Result<SplitRule, Fault> {
@@ -77,7 +77,7 @@ fn split_table(
                 ));
             }
         }
-        return seeded_split(seeded, layout, stop).map(SplitRule::Seeded);
+        return seeded_split(seeded, layout, validates).map(SplitRule::Seeded);
     }
     let list = |key: &str, given: Option<String>| {
         let list = given.unwrap_or_else(|| format!("{key}.txt"));
@@ -91,7 +91,7 @@ fn split_table(
     })
 }
 
-fn seeded_split(raw: RawSeeded, layout: &Layout, stop: &StopSettings) -> Result<SeededSplit, Fault> {
+fn seeded_split(raw: RawSeeded, layout: &Layout, validates: bool) -> Result<SeededSplit, Fault> {
     const WHOLE: u32 = 1_000_000;
     let place = |key: &str| format!("dataset.splits.seeded.{key}");
     // In whole millionths, so that shares add up exactly.
@@ -109,7 +109,7 @@ fn seeded_split(raw: RawSeeded, layout: &Layout, stop: &StopSettings) -> Result<
     let needed = [
         ("train1", raw.train1, true),
         ("train2", raw.train2, true),
-        ("validation", raw.validation, stop.validation_patience.is_some()),
+        ("validation", raw.validation, validates),
     ];
     let mut parts = [0; 4];
     for (part, (key, value, needed)) in parts.iter_mut().zip(needed) {
@@ -118,7 +118,7 @@ fn seeded_split(raw: RawSeeded, layout: &Layout, stop: &StopSettings) -> Result<
             return Err(Fault::new(
                 place(key),
                 "a split without clouds, got 0",
-                "write a share above 0 (validation may be 0 if stop.validation_patience is \"off\")",
+                "write a share above 0 (validation may be 0 with stop.validation_patience = \"off\" and search.winner = \"fitness\")",
             ));
         }
     }

@@ -183,7 +183,7 @@ async fn begin_search(
             Box::new(Exhaustive::new(best.expect("the best of the search space lies in it"), &genome))
         }
     };
-    Ok(evolution::Search::new(strategy, *experiment.stop()))
+    Ok(evolution::Search::new(strategy, *experiment.stop(), experiment.winner()))
 }
 
 /// Notes how good the best descriptor there is would have been, if that is known.

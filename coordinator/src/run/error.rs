@@ -150,7 +150,7 @@ pub enum RunError {
     },
     /// Nothing would ever be computed.
     #[error(
-        "validation: stop.validation_patience needs validation clouds, got none that is usable\nset stop.validation_patience = \"off\" or give the validation split some clouds"
+        "validation: stop.validation_patience and search.winner = \"validation\" need validation clouds, got none that is usable\nset stop.validation_patience = \"off\" and search.winner = \"fitness\", or give the validation split some clouds"
     )]
     NoValidation,
 }

@@ -74,7 +74,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     }
     let listener = listen(experiment, &options.protection, progress.console()).await?;
     let dataset = open_data(experiment, Wanted::All, Some(&store), |line| progress.say(line))?;
-    if experiment.stop().validation_patience.is_some() && dataset.splits.validation.is_empty() {
+    if experiment.validates() && dataset.splits.validation.is_empty() {
         return Err(RunError::NoValidation);
     }
     refuse_another(&out, &experiment.search_toml())?;

@@ -48,8 +48,9 @@ pub struct SearchLoop<'a> {
     progress: &'a mut Progress,
     /// Counts of earlier runs and of this one: no descriptor is evaluated twice.
     counts: Known,
-    /// The generation in which each descriptor was first evaluated.
-    first_evaluated: BTreeMap<DescriptorBytes, u32>,
+    /// The generation in which the search has first come upon each descriptor: their number is what a budget of
+    /// evaluations is spent on, whatever earlier runs have left.
+    first_met: BTreeMap<DescriptorBytes, u32>,
     computed: u64,
     remembered: u64,
 }
@@ -73,14 +74,13 @@ impl<'a> SearchLoop<'a> {
                     .retain(|descriptor, _| !cluster.recalls(splits.evaluation(descriptor, matching, false)));
             }
         }
-        let first_evaluated = BTreeMap::new();
         Self {
             experiment,
             session,
             client,
             progress,
             counts: cached,
-            first_evaluated,
+            first_met: BTreeMap::new(),
             computed: 0,
             remembered: 0,
         }
@@ -93,8 +93,7 @@ impl<'a> SearchLoop<'a> {
 
     /// Logs to which generation the corrected answers take the run back.
     pub fn note_rewind(&self, tasks: &[Arc<Task>]) {
-        let generations =
-            tasks.iter().filter_map(|task| self.first_evaluated.get(&task.subject().descriptor));
+        let generations = tasks.iter().filter_map(|task| self.first_met.get(&task.subject().descriptor));
         let generation = generations.min().copied().unwrap_or(1);
         let why = format!("{} answers of a worker that was wrong are corrected", tasks.len());
         self.progress.say(&format!("back to generation {generation}: {why}"));
@@ -115,7 +114,10 @@ impl<'a> SearchLoop<'a> {
             let population = search.ask().to_vec();
             let descriptors: Vec<Descriptor> =
                 population.iter().map(|individual| decode(space, individual)).collect();
-            let computed = self.evaluate_new(generation, &descriptors).await?;
+            for descriptor in descriptors.iter().map(tasks::descriptor_bytes) {
+                self.first_met.entry(descriptor).or_insert(generation);
+            }
+            let computed = self.evaluate_new(&descriptors).await?;
             let counts: Vec<Counts> =
                 descriptors.iter().map(|descriptor| self.counts.train[descriptor]).collect();
             let scores: Vec<Score> = counts.iter().map(score).collect();
@@ -123,7 +125,7 @@ impl<'a> SearchLoop<'a> {
                 Some(index) => self.validate(&descriptors[index as usize]).await?,
                 None => None,
             };
-            let state = search.tell(&scores, validation.as_ref().map(score));
+            let state = search.tell(&scores, validation.as_ref().map(score), self.first_met.len() as u64);
 
             let individuals = rows::evaluations(generation, &population, &descriptors, &counts, &computed);
             let row = results::GenerationRow {
@@ -174,7 +176,6 @@ impl<'a> SearchLoop<'a> {
     /// it.
     async fn evaluate_new(
         &mut self,
-        generation: u32,
         descriptors: &[Descriptor],
     ) -> Result<BTreeMap<usize, Finished<EvaluationResult>>, RunError> {
         let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
@@ -183,8 +184,6 @@ impl<'a> SearchLoop<'a> {
                 new.push((index, descriptor));
             }
         }
-        let bytes = new.iter().map(|(_, descriptor)| tasks::descriptor_bytes(descriptor));
-        self.first_evaluated.extend(bytes.map(|bytes| (bytes, generation)));
         self.computed += new.len() as u64;
         self.remembered += (descriptors.len() - new.len()) as u64;
         let evaluations = new
@@ -224,5 +223,5 @@ fn decode(space: &SearchSpace, individual: &Individual) -> Descriptor {
 }
 
 fn score(counts: &Counts) -> Score {
-    Score { correct: counts.object_correct, queries: counts.queries }
+    Score { correct: counts.object_correct, queries: counts.queries, margin: 0.0 }
 }

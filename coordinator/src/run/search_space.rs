@@ -7,7 +7,7 @@ use evolution::{Encoding, Field, Genome};
 /// other.
 pub fn genome(space: &SearchSpace, encoding: Encoding) -> Genome {
     let fields = space.genes().into_iter();
-    let fields = fields.map(|(spec, domain)| Field { name: spec.name.to_owned(), values: domain.count });
+    let fields = fields.map(|(spec, domain)| Field::new(spec.name, domain.count));
     Genome::new(fields.collect(), encoding)
 }
 

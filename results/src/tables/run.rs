@@ -84,7 +84,7 @@ record! {
         best_so_far_fitness: f64, "share", "highest fitness of this and all earlier generations";
         validation as "validation_": Option<Counts>, "", "validation clouds";
         mutation_rate: f64, "",
-            "probability of a flip per bit between the two mutation points, for this generation's children";
+            "probability with which this generation's children are mutated: per bit between the two points, or per gene";
         => diversity: f64, "share", "mean pairwise Hamming distance of chromosomes, per bit"
             = |_, file| file.population.diversity;
         => evaluations_computed: u32, "", "individuals evaluated by a worker"

@@ -18,6 +18,7 @@
 //! - `pieces`: evaluations in pieces
 //! - `protocol`: the coordinator's port as a client sees it
 //! - `messages`: what a user who begins is told
+//! - `operators`: settings of a search beyond the paper's
 //! - `impostors`: peers that are not what they seem
 //! - `query`: SQL over what runs have written
 //! - `sweeps`: several runs over one set of workers
@@ -44,6 +45,7 @@ mod hill_climbing;
 mod hosts;
 mod impostors;
 mod messages;
+mod operators;
 mod parity;
 mod pieces;
 mod programs;

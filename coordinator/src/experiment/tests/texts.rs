@@ -58,7 +58,9 @@ const RELEVANT: &[(&str, &str, &[&[&str]])] = &[
     ("ga", "population", &[&["", "10"], &["12"]]),
     ("ga", "elite", &[&["", "1"], &["0"]]),
     ("ga", "scaling", &[&["", "'none'"], &["'linear'"], &["'rank'"]]),
+    ("ga", "crossover", &[&["", "'uniform'"], &["'slots'"]]),
     ("ga", "crossover_rate", &[&["", "0.5", "5e-1"], &["0.50000000000000011"]]),
+    ("ga", "mutation", &[&["", "'in-order'"], &["'field'"]]),
     ("ga", "mutation_rate", &[&["", "0.40", "0.4"], &["0", "0.0", "-0.0"], &["1", "1.0"]]),
     ("ga", "mutation_decay", &[&["", "0.97"], &["1"]]),
     ("ga", "encoding", &[&["", "'binary'"], &["'gray'"]]),
@@ -66,6 +68,7 @@ const RELEVANT: &[(&str, &str, &[&[&str]])] = &[
     ("stop", "stagnation", &[&["", "40"], &["'off'"], &["41"]]),
     ("stop", "validation_patience", &[&["", "1"], &["\"off\"", "'off'"], &["2"]]),
     ("stop", "perfect", &[&["", "true"], &["false"]]),
+    ("stop", "evaluations", &[&["", "'off'"], &["1"], &["3000", "3_000"]]),
 ];
 
 /// Keys that do not, with values of different meaning.
@@ -73,8 +76,6 @@ const IRRELEVANT: &[(&str, &str, &[&str])] = &[
     ("", "name", &["", "'other'"]),
     ("dataset", "root", &["'clouds'", "'/elsewhere'", "'${ROOT:-here}'"]),
     ("ga", "selection", &["", "'roulette'"]),
-    ("ga", "crossover", &["", "'uniform'"]),
-    ("ga", "mutation", &["", "'in-order'"]),
     ("coordinator", "listen", &["", "'127.0.0.1:7700'", "'[::1]:0'"]),
     ("coordinator", "local_workers", &["", "0", "3", "'auto'"]),
     ("coordinator", "lease_seconds", &["", "10"]),
@@ -229,6 +230,28 @@ fn other_labels_and_synthetic_clouds_change_the_search_text() {
     );
     equal("splits.seeded.test_sequences = ['4', '2', '4']", "splits.seeded.test_sequences = ['2', '4']");
     equal("synthetic = {}", "synthetic = { objects = 18, views = 24, seed = 1 }");
+}
+
+#[test]
+fn the_winner_changes_the_search_text_where_it_is_not_what_the_stop_rule_implies() {
+    let text = |patience: &str, winner: &str| {
+        let lines = format!("{LEAST}stop.validation_patience = {patience}\n{winner}");
+        let experiment = parse(&lines).unwrap();
+        assert_eq!(parse(&experiment.resolved_toml()), Ok(experiment.clone()));
+        experiment.search_toml()
+    };
+    let [validation, fitness] = ["search.winner = 'validation'", "search.winner = 'fitness'"];
+    for (patience, implied, other, line) in [
+        ("1", validation, fitness, "\n[search]\nmethod = \"ga\"\nwinner = \"fitness\"\n\n"),
+        ("'off'", fitness, validation, "\n[search]\nmethod = \"ga\"\nwinner = \"validation\"\n\n"),
+    ] {
+        let plain = text(patience, "");
+        assert_eq!(text(patience, implied), plain);
+        assert!(!plain.contains("winner"), "{plain}");
+        let with = text(patience, other);
+        assert_eq!(with.replace(line, "\n[search]\nmethod = \"ga\"\n\n"), plain);
+        assert_ne!(with, plain);
+    }
 }
 
 #[test]
@@ -468,8 +491,47 @@ fn the_search_text_is_pinned() {
         perfect = true
     "#]]
     .assert_eq(&parse(SAMPLE_SYNTHETIC).unwrap().search_toml());
-    let household =
-        Experiment::parse(HOUSEHOLD, Path::new("household.toml"), Overrides::default(), &no_variables)
-            .unwrap();
-    expect!["household-b50d1935cfb3"].assert_eq(&household.run_folder_name());
+    let text = parse(SAMPLE_SEARCH).unwrap().search_toml();
+    let searches = text.split_once("[search]").map(|(_, searches)| searches);
+    expect![[r#"
+
+        method = "ga"
+        winner = "validation"
+
+        [ga]
+        population = 10
+        elite = 1
+        selection = "roulette"
+        scaling = "none"
+        crossover = "slots"
+        crossover_rate = 0.5
+        mutation = "field"
+        mutation_rate = 0.1
+        mutation_decay = 0.97
+        encoding = "binary"
+
+        [stop]
+        generations = 200
+        stagnation = 40
+        validation_patience = "off"
+        perfect = true
+        evaluations = 500
+    "#]]
+    .assert_eq(searches.unwrap());
+}
+
+/// The digest of the search text is in the names of folders, which documents show.
+#[test]
+fn the_folders_of_shipped_experiments_are_pinned() {
+    let folder = |name: &str, text: &str| {
+        let path = Path::new(name);
+        match Plan::parse(text, path, Overrides::default(), &no_variables).unwrap() {
+            Plan::Run(experiment) => experiment.run_folder_name(),
+            Plan::Sweep(sweep) => sweep.folder_name(),
+        }
+    };
+    expect!["demo-9c8cd1e943e6"].assert_eq(&folder("demo.toml", DEMO));
+    expect!["household-b50d1935cfb3"].assert_eq(&folder("household.toml", HOUSEHOLD));
+    expect!["paper-c8f262f6e092"].assert_eq(&folder("paper.toml", PAPER));
+    expect!["sweep-sweep-42d72c3a8cad"].assert_eq(&folder("sweep.toml", SWEEP));
 }

@@ -78,6 +78,7 @@ fn dataset() {
             "dataset.splits.seeded.train2 = 0",
             "dataset.splits.seeded.train2 = 0.3333333333",
             "dataset.splits.seeded.validation = 0",
+            "dataset.splits.seeded.validation = 0\nsearch.winner = 'validation'\nstop.validation_patience = 'off'",
             "dataset.splits.seeded.train2 = 0.9",
             "dataset.splits.seeded.test = 0",
             "dataset.splits.seeded.train2 = 0.58",
@@ -120,13 +121,16 @@ fn dataset() {
               write a share of all clouds, such as 0.25
             dataset.splits.seeded.train2 = 0
               dataset.splits.seeded.train2: a split without clouds, got 0
-              write a share above 0 (validation may be 0 if stop.validation_patience is "off")
+              write a share above 0 (validation may be 0 with stop.validation_patience = "off" and search.winner = "fitness")
             dataset.splits.seeded.train2 = 0.3333333333
               dataset.splits.seeded.train2: not between 0 and 1 with at most six decimals, got 0.3333333333
               write a share of all clouds, such as 0.25
             dataset.splits.seeded.validation = 0
               dataset.splits.seeded.validation: a split without clouds, got 0
-              write a share above 0 (validation may be 0 if stop.validation_patience is "off")
+              write a share above 0 (validation may be 0 with stop.validation_patience = "off" and search.winner = "fitness")
+            dataset.splits.seeded.validation = 0\nsearch.winner = \'validation\'\nstop.valid
+              dataset.splits.seeded.validation: a split without clouds, got 0
+              write a share above 0 (validation may be 0 with stop.validation_patience = "off" and search.winner = "fitness")
             dataset.splits.seeded.train2 = 0.9
               dataset.splits.seeded: shares add up to more than 1, got 1.32
               lower train1, train2, validation or test
@@ -326,6 +330,13 @@ fn search_and_stop() {
             "stop.generations = 0",
             "stop.stagnation = 0",
             "stop.validation_patience = 0",
+            "stop.evaluations = 0",
+            "stop.evaluations = 'of'",
+            "stop.evaluations = -1",
+            "ga.crossover = 'slot'",
+            "ga.mutation = 'gene'",
+            "search.winner = 'test'",
+            "search.winner = true",
         ],
         expect![[r#"
             ga.population = 0
@@ -352,6 +363,27 @@ fn search_and_stop() {
             stop.validation_patience = 0
               stop.validation_patience: not at least 1, got 0
               set it to a number of generations from 1
+            stop.evaluations = 0
+              stop.evaluations: not at least 1, got 0
+              set it to a number of evaluations from 1
+            stop.evaluations = \'of\'
+              stop.evaluations: expected a whole number from 0 to 4294967295 or "off", got 'of'
+              write one of these
+            stop.evaluations = -1
+              stop.evaluations: expected a whole number from 0 to 4294967295 or "off", got -1
+              write one of these
+            ga.crossover = \'slot\'
+              ga.crossover: unknown word, got 'slot'
+              did you mean `slots`? known words here: uniform, slots
+            ga.mutation = \'gene\'
+              ga.mutation: unknown word, got 'gene'
+              known words here: in-order, field
+            search.winner = \'test\'
+              search.winner: unknown word, got 'test'
+              known words here: validation, fitness
+            search.winner = true
+              search.winner: expected a word, got true
+              write a word in quotes
         "#]],
     );
 }

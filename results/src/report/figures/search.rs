@@ -48,13 +48,14 @@ pub(crate) fn convergence(generations: &Rows, finished: Option<&FinishedRun>) ->
     Ok(Figure::single("convergence", "Convergence", caption, panel))
 }
 
-/// The probability of a flip from generation to generation.
+/// The probability of a mutation from generation to generation.
 pub(crate) fn mutation(generations: &Rows) -> Result<Figure, Error> {
     let x = generations.numbers("generation")?;
     let rates: Vec<[f64; 2]> = zip(&x, &generations.numbers("mutation_rate")?).collect();
-    let y = Axis::numbers("mutation rate", "per bit").including(0.0);
+    let y = Axis::numbers("mutation rate", "probability").including(0.0);
     let panel = panel(generations_axis(), y, vec![Series::line("", Colour::Blue, rates)]);
-    let caption = "Probability that a bit between the two mutation points of a child flips.";
+    let caption = "Probability that a bit between the two mutation points of a child flips; with mutation by field, that a \
+                   gene changes.";
     Ok(Figure::single("mutation", "Mutation schedule", caption, panel))
 }
 
