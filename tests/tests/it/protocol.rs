@@ -131,7 +131,12 @@ async fn nonsense_gets_an_error_and_the_run_goes_on() {
     }
 
     // Invented results are acknowledged, so that they stop coming, and not used.
-    let result = EvaluationResult { queries: 1, object_correct: 1, category_correct: 1, matches: vec![] };
+    let result = EvaluationResult {
+        queries: 1,
+        object_correct: 1,
+        category_correct: 1,
+        ..EvaluationResult::default()
+    };
     let report = v2::JobReport {
         lease: Some(v2::Lease { job: 1, attempt: 99 }),
         run_seconds: f64::NAN,
