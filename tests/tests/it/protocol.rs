@@ -90,6 +90,9 @@ async fn other_versions_are_refused_and_told_what_to_do() {
     let refused = refusal(&mut client, |request| request.protocol_major += 1).await;
     assert_eq!(refused.reason(), v2::RefusalReason::ProtocolVersion);
     assert!(refused.message.contains("must be 2, got 3\ninstall"), "{}", refused.message);
+    let refused = refusal(&mut client, |request| request.protocol_minor = 0).await;
+    assert_eq!(refused.reason(), v2::RefusalReason::ProtocolVersion);
+    assert!(refused.message.contains("must be at least 2.1, got 2.0\ninstall"), "{}", refused.message);
     let refused = refusal(&mut client, |request| request.evaluation_version += 1).await;
     assert_eq!(refused.reason(), v2::RefusalReason::EvaluationVersion);
     assert!(refused.message.contains("evaluation version"), "{}", refused.message);
