@@ -56,8 +56,10 @@ pub fn sample_journal(path: &Path) -> Option<Vec<u8>> {
         session: SessionId([7; 16]),
         started_at: SystemTime::UNIX_EPOCH,
     };
-    let result = EvaluationResult { queries: 9, object_correct: 5, category_correct: 6, matches: vec![] };
-    let result = TaskResult::Evaluation(result);
+    let (queries, object_correct, category_correct) = (9, 5, 6);
+    let counts =
+        EvaluationResult { queries, object_correct, category_correct, ..EvaluationResult::default() };
+    let result = TaskResult::Evaluation(counts);
     let (worker, queued) = ("rack".to_owned(), Duration::from_secs(1));
     let answer =
         AcceptedResult { result, worker_id: WorkerId([1; 16]), worker, attempt: 1, queued, run_seconds: 0.5 };

@@ -44,6 +44,7 @@ pub fn split_manifest<'a>(split: &str, clouds: impl Iterator<Item = &'a CloudEnt
         bytes: cloud.bytes,
         label: Label { category: cloud.category, instance: cloud.instance },
         path: cloud.path.clone(),
+        sequence: None,
     });
     SplitManifest { split: split.to_owned(), clouds: listed.collect() }.encode()
 }

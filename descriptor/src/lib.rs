@@ -75,6 +75,7 @@ mod search_space;
 
 pub mod database;
 pub mod distance;
+pub mod fitness;
 pub mod recognise;
 pub mod signature;
 pub mod signature_bytes;

@@ -5,7 +5,7 @@ use std::time::Duration;
 use prost::Message as _;
 
 use crate::introduction::Introduction;
-use crate::task::{Described, TaskResult};
+use crate::task::{Described, TaskResult, is_scale};
 use crate::v2::accepted_result::Result as Kept;
 use crate::{Digest, MAX_NAME_BYTES, WorkerId, v2};
 
@@ -15,7 +15,7 @@ const MAX_WORKER_TEXT_BYTES: usize = 2 * MAX_NAME_BYTES;
 /// An accepted result, with who gave it and when; its job is the key under which it is kept.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AcceptedResult {
-    /// Of an evaluation or a tile whole, of a description its digest.
+    /// Of an evaluation, a tile or a scale whole, of a description its digest.
     pub result: TaskResult,
     /// The worker that gave it.
     pub worker_id: WorkerId,
@@ -35,6 +35,7 @@ impl AcceptedResult {
         let result = match &self.result {
             TaskResult::Evaluation(result) => Kept::Evaluation(result.clone().into()),
             TaskResult::Description(described) => Kept::Description(described.digest.to_vec()),
+            TaskResult::Scale(scale) => Kept::Scale(*scale),
             TaskResult::GridCell(_) => return None,
         };
         let message = v2::AcceptedResult {
@@ -56,6 +57,7 @@ impl AcceptedResult {
             Kept::Description(digest) => {
                 TaskResult::Description(Described::named(Digest::try_from(&digest[..]).ok()?))
             }
+            Kept::Scale(scale) => TaskResult::Scale(scale),
         };
         let accepted = Self {
             result,
@@ -72,9 +74,10 @@ impl AcceptedResult {
 
     fn is_sound(&self) -> bool {
         let finite = match &self.result {
-            TaskResult::Evaluation(result) => result.matches.iter().all(|found| {
-                found.distance.is_finite() && found.runner_up.is_none_or(|(_, distance)| distance.is_finite())
-            }),
+            TaskResult::Evaluation(result) => {
+                result.named().map(|(_, distance)| distance).chain(result.margin).all(f64::is_finite)
+            }
+            TaskResult::Scale(scale) => is_scale(*scale),
             TaskResult::GridCell(_) | TaskResult::Description(_) => true,
         };
         let sound_time = self.run_seconds.is_finite() && self.run_seconds >= 0.0;
@@ -114,7 +117,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::task::{EvaluationResult, Match};
+    use crate::task::{EvaluationResult, Match, Nearest};
 
     fn accepted(matches: u32) -> AcceptedResult {
         let found = |index: u32| Match {
@@ -123,7 +126,9 @@ mod tests {
             runner_up: (index % 2 == 1).then_some((9, 0.3)),
         };
         let matches = (0..matches).map(found).collect();
-        let result = EvaluationResult { queries: 10, object_correct: 4, category_correct: 6, matches };
+        let (queries, object_correct, category_correct) = (10, 4, 6);
+        let result =
+            EvaluationResult { queries, object_correct, category_correct, matches, ..Default::default() };
         AcceptedResult {
             result: TaskResult::Evaluation(result),
             worker_id: WorkerId([3; 16]),
@@ -137,12 +142,29 @@ mod tests {
     #[test]
     fn results_and_workers_come_back_from_their_bytes_and_unsound_ones_do_not() {
         let named = TaskResult::Description(Described::named(Digest([7; 32])));
-        for accepted in [accepted(0), accepted(3), AcceptedResult { result: named, ..accepted(0) }] {
+        let scale = |scale| AcceptedResult { result: TaskResult::Scale(scale), ..accepted(0) };
+        let under_a_rule = |distance, margin| {
+            let nearest = vec![Nearest { same: Some((3, distance)), other: None }, Nearest::default()];
+            let result = EvaluationResult { queries: 1, nearest, margin, ..EvaluationResult::default() };
+            AcceptedResult { result: TaskResult::Evaluation(result), ..accepted(0) }
+        };
+        for accepted in [
+            accepted(0),
+            accepted(3),
+            AcceptedResult { result: named, ..accepted(0) },
+            scale(0.25),
+            under_a_rule(0.5, None),
+            under_a_rule(0.5, Some(0.0)),
+        ] {
             assert_eq!(AcceptedResult::decode(&accepted.encode().unwrap()), Some(accepted));
         }
         let cell = AcceptedResult { result: TaskResult::GridCell(vec![1]), ..accepted(0) };
         assert_eq!(cell.encode(), None);
         for unsound in [
+            scale(0.0),
+            scale(f64::NAN),
+            under_a_rule(f64::NAN, None),
+            under_a_rule(0.5, Some(f64::INFINITY)),
             AcceptedResult { run_seconds: -1.0, ..accepted(0) },
             AcceptedResult { run_seconds: f64::NAN, ..accepted(0) },
             AcceptedResult { worker: "x".repeat(MAX_WORKER_TEXT_BYTES + 1), ..accepted(0) },

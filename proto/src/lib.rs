@@ -34,7 +34,7 @@ pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "
 /// Must be equal on both sides.
 pub const PROTOCOL_MAJOR: u32 = 2;
 /// Grows when the protocol grows.
-pub const PROTOCOL_MINOR: u32 = 0;
+pub const PROTOCOL_MINOR: u32 = 1;
 
 /// The largest message either side accepts, bytes: some 300 000 matches of one final test.
 pub const MAX_MESSAGE_BYTES: usize = 16 << 20;

@@ -7,12 +7,14 @@ use cache::{ByteSize, Storage, Store};
 use descriptor::pcd::{self, DataEncoding};
 use descriptor::synth::{self, SynthSettings};
 use descriptor::{
-    Cloud, Descriptor, GeneTable, Parameters, Preprocess, QuantisedCloud, Quantiser, SearchSpace, grid,
+    Cloud, Descriptor, GeneTable, GlobalHue, Parameters, Preprocess, QuantisedCloud, Quantiser, SearchSpace,
+    grid,
 };
 use prost::Message as _;
 use proto::task::{
-    CloudEntry, Described, Description, Evaluation, EvaluationResult, Failure, FailureReason, GridCell,
-    Label, Match, Report, SplitManifest, Subject, Task, TaskResult, Tile,
+    CloudEntry, Described, Description, Evaluation, EvaluationResult, Exclusion, Failure, FailureReason,
+    GridCell, Label, Match, MatchingRule, Nearest, Objective, Report, Scale, SplitManifest, Subject, Task,
+    TaskResult, Tile,
 };
 use proto::{Digest, JobId, Lease, v2};
 
@@ -169,10 +171,15 @@ fn lease() -> Lease {
 
 fn poll() -> v2::PollRequest {
     let found = Match { nearest: 3, distance: 0.25, runner_up: Some((4, 0.5)) };
-    let evaluation =
-        EvaluationResult { queries: 9, object_correct: 5, category_correct: 6, matches: vec![found; 3] };
+    let (queries, object_correct, category_correct) = (9, 5, 6);
+    let counts =
+        EvaluationResult { queries, object_correct, category_correct, ..EvaluationResult::default() };
+    let nearest = Nearest { same: Some((3, 0.25)), other: Some((4, 0.5)) };
+    let ruled = EvaluationResult { nearest: vec![nearest; 3], margin: Some(2.5), ..counts.clone() };
     let outcomes = [
-        Ok(TaskResult::Evaluation(evaluation)),
+        Ok(TaskResult::Evaluation(EvaluationResult { matches: vec![found; 3], ..counts })),
+        Ok(TaskResult::Evaluation(ruled)),
+        Ok(TaskResult::Scale(0.25)),
         Err(Failure::new(FailureReason::Data, "disk full")),
         Ok(TaskResult::GridCell(vec![1, 2, 3])),
         Ok(TaskResult::Description(Described::new(vec![0; 12]))),
@@ -207,6 +214,20 @@ fn reply() -> v2::PollReply {
         queries,
         database_clouds,
         want_matches: true,
+        rule: MatchingRule::default(),
+        scales: Vec::new(),
+    };
+    let rule =
+        MatchingRule { exclude: Exclusion::SameSequence, objective: Objective::Category, margin: true };
+    let hue = Descriptor::GlobalHue(GlobalHue::default());
+    let scaled = descriptor::Preparation {
+        preprocess: Preprocess::default(),
+        space: SearchSpace::single(&hue).expect("a space of one descriptor"),
+    };
+    let scaled = Subject {
+        preparation: scaled.to_bytes().into(),
+        descriptor: hue.to_bytes().into(),
+        ..Subject::sample(1)
     };
     let cell = GridCell {
         subject: subject(grid::cell_to_bytes([13_000, 36_000])),
@@ -218,6 +239,8 @@ fn reply() -> v2::PollReply {
     };
     let tasks = [
         Task::Evaluation(evaluation.clone()),
+        Task::Evaluation(Evaluation { rule, scales: vec![0.5, 0.25], ..evaluation.clone() }),
+        Task::Scale(Scale { subject: scaled, splits: splits(), clouds: 9 }),
         Task::GridCell(cell),
         Task::Description(Description { subject: best, manifest: Digest([3; 32]), clouds: 9 }),
         Task::Tile(Tile { evaluation, query_descriptions: splits(), database_descriptions: splits() }),
@@ -242,8 +265,10 @@ fn manifest() -> Vec<u8> {
         bytes: 1000,
         label: Label { category: 1, instance: 2 },
         path: "a/a_1/a_1_1_1.pcd".to_owned(),
+        sequence: None,
     };
-    SplitManifest { split: "train1".to_owned(), clouds: vec![cloud; 3] }.encode()
+    let numbered = CloudEntry { sequence: Some(2), ..cloud.clone() };
+    SplitManifest { split: "train1".to_owned(), clouds: vec![cloud.clone(), cloud, numbered] }.encode()
 }
 
 /// An entry that another machine has written, as it lies in a store.
@@ -271,12 +296,17 @@ fn header() -> Vec<u8> {
     br#"{"magic":"descry journal","version":2,"search":"seed = 1\n","experiment":"version = 1\n","data_digest":"00","evaluation_version":2,"session":[7,7,7,7,7,7,7,7,7,7,7,7,7,7,7,7],"started_milliseconds":1700000000123}"#.to_vec()
 }
 
-/// As version 2 writes them: an evaluation and a description.
+/// As version 2 writes them: evaluations by the paper's rule and by another, a description and a scale.
 fn answers() -> Vec<Vec<u8>> {
     use v2::accepted_result::Result;
     let found = v2::Match { nearest: 3, distance: 0.25, runner_up: None };
-    let evaluation =
-        v2::EvaluationResult { queries: 10, object_correct: 4, category_correct: 6, matches: vec![found] };
+    let (queries, object_correct, category_correct) = (10, 4, 6);
+    let counts =
+        v2::EvaluationResult { queries, object_correct, category_correct, ..v2::EvaluationResult::default() };
+    let evaluation = v2::EvaluationResult { matches: vec![found], ..counts.clone() };
+    let same = Some(v2::Neighbour { index: 3, distance: 0.25 });
+    let nearest = vec![v2::Nearest { same, other: None }];
+    let ruled = v2::EvaluationResult { nearest, margin: Some(2.5), ..counts };
     let answer = |result| v2::AcceptedResult {
         worker: "rack-3".to_owned(),
         worker_id: vec![3; 16],
@@ -285,7 +315,8 @@ fn answers() -> Vec<Vec<u8>> {
         run_seconds: 0.1,
         result: Some(result),
     };
-    [Result::Evaluation(evaluation), Result::Description(vec![7; 32])]
+    let description = Result::Description(vec![7; 32]);
+    [Result::Evaluation(evaluation), Result::Evaluation(ruled), description, Result::Scale(0.25)]
         .map(|result| answer(result).encode_to_vec())
         .to_vec()
 }

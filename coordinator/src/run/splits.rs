@@ -3,7 +3,7 @@
 use cache::Store;
 use descriptor::{Descriptor, Preprocess};
 use proto::Digest;
-use proto::task::{Evaluation, GridCell, Preparation, Subject};
+use proto::task::{Evaluation, GridCell, MatchingRule, Preparation, Subject};
 
 use crate::dataset::{Dataset, SPLITS, Splits};
 use crate::result_cache::Memory;
@@ -112,7 +112,16 @@ impl<'a> SplitBlobs<'a> {
         let (query, database) = self.manifests(matching);
         let [queries, database_clouds] = self.sizes(matching);
         let subject = tasks::subject(&self.preparation, descriptor);
-        Evaluation { subject, query: vec![query], database, queries, database_clouds, want_matches }
+        Evaluation {
+            subject,
+            query: vec![query],
+            database,
+            queries,
+            database_clouds,
+            want_matches,
+            rule: MatchingRule::default(),
+            scales: Vec::new(),
+        }
     }
 }
 

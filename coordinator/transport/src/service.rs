@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use proto::{Digest, Introduction, MAX_NAME_BYTES, PROTOCOL_MAJOR, SessionId, WorkerId};
+use proto::{Digest, Introduction, MAX_NAME_BYTES, PROTOCOL_MAJOR, PROTOCOL_MINOR, SessionId, WorkerId};
 use tokio::sync::Semaphore;
 use tonic::Status;
 
@@ -33,6 +33,8 @@ pub struct Release {
 pub struct Registration {
     /// Version of the protocol that it speaks.
     pub protocol_major: u32,
+    /// What was added to that version as far as it knows.
+    pub protocol_minor: u32,
     /// Version of the numbers that its evaluations give.
     pub evaluation_version: u32,
     /// Its id.
@@ -67,6 +69,17 @@ pub enum Refusal {
     )]
     ProtocolVersion {
         /// Its version.
+        got: u32,
+        /// What this program is.
+        release: Release,
+    },
+    /// It would pass over what was added to tasks since its release, and compute something else.
+    #[error(
+        "protocol version: must be at least {PROTOCOL_MAJOR}.{PROTOCOL_MINOR}, got {PROTOCOL_MAJOR}.{got}\ninstall the coordinator's release ({build}) on this worker",
+        build = .release.build
+    )]
+    EarlierProtocol {
+        /// Its minor version.
         got: u32,
         /// What this program is.
         release: Release,
@@ -122,10 +135,14 @@ impl Service {
 
     /// Registers a worker, or says why not.
     pub fn register(&self, caller: Caller, registration: Registration) -> Result<Accepted, Refusal> {
-        let Registration { protocol_major, evaluation_version, worker, name, threads, build } = registration;
+        let Registration { protocol_major, protocol_minor, evaluation_version, worker, name, threads, build } =
+            registration;
         let release = self.release;
         if protocol_major != PROTOCOL_MAJOR {
             return Err(Refusal::ProtocolVersion { got: protocol_major, release });
+        }
+        if protocol_minor < PROTOCOL_MINOR {
+            return Err(Refusal::EarlierProtocol { got: protocol_minor, release });
         }
         if evaluation_version != release.evaluation_version {
             return Err(Refusal::EvaluationVersion { got: evaluation_version, release });

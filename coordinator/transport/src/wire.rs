@@ -51,8 +51,10 @@ impl Coordinator for Service {
     async fn register(&self, request: Request<v2::RegisterRequest>) -> Answered<v2::RegisterReply> {
         let (caller, request) = opened(request);
         let worker = id(&request.worker_id)?;
-        let v2::RegisterRequest { protocol_major, evaluation_version, name, threads, build, .. } = request;
-        let registration = Registration { protocol_major, evaluation_version, worker, name, threads, build };
+        let v2::RegisterRequest { protocol_major, protocol_minor, evaluation_version, .. } = request;
+        let v2::RegisterRequest { name, threads, build, .. } = request;
+        let registration =
+            Registration { protocol_major, protocol_minor, evaluation_version, worker, name, threads, build };
         let outcome = match self.register(caller, registration) {
             Ok(Accepted { name, session, heartbeat, hold }) => Outcome::Accepted(v2::Accepted {
                 name,
@@ -62,7 +64,9 @@ impl Coordinator for Service {
             }),
             Err(refusal) => {
                 let reason = match refusal {
-                    Refusal::ProtocolVersion { .. } => v2::RefusalReason::ProtocolVersion,
+                    Refusal::ProtocolVersion { .. } | Refusal::EarlierProtocol { .. } => {
+                        v2::RefusalReason::ProtocolVersion
+                    }
                     Refusal::EvaluationVersion { .. } => v2::RefusalReason::EvaluationVersion,
                     Refusal::Unprintable => v2::RefusalReason::InvalidRequest,
                     Refusal::Quarantined => v2::RefusalReason::Quarantined,

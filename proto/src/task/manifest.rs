@@ -17,6 +17,8 @@ pub struct CloudEntry {
     pub label: Label,
     /// Its path in the data set, for messages.
     pub path: String,
+    /// The sequence that it was taken in, numbered across objects; `None` where no evaluation asks for it.
+    pub sequence: Option<u32>,
 }
 
 /// The clouds of one split or shard.
@@ -37,6 +39,7 @@ impl SplitManifest {
             category: cloud.label.category,
             instance: cloud.label.instance,
             path: cloud.path,
+            sequence: cloud.sequence,
         };
         let Self { split, clouds } = self;
         v2::SplitManifest { split, clouds: clouds.into_iter().map(listed).collect() }.encode_to_vec()
@@ -54,6 +57,7 @@ impl SplitManifest {
                 bytes: cloud.bytes,
                 label: Label { category: cloud.category, instance: cloud.instance },
                 path: cloud.path,
+                sequence: cloud.sequence,
             })
         };
         Ok(Self { split, clouds: clouds.into_iter().map(listed).collect::<Result<_, InvalidMessage>>()? })

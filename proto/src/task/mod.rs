@@ -4,6 +4,7 @@
 mod manifest;
 mod opaque;
 mod result;
+mod rule;
 #[cfg(test)]
 mod tests;
 mod wire;
@@ -17,6 +18,7 @@ pub use opaque::{DescriptorBytes, MAX_DESCRIPTOR_BYTES, MAX_PREPARATION_BYTES, P
 pub use result::{
     Described, EvaluationResult, Failure, FailureReason, InvalidResult, Match, Report, TaskResult,
 };
+pub use rule::{Exclusion, MatchingRule, Nearest, Objective, is_nearer};
 pub use wire::InvalidMessage;
 
 use crate::{Digest, JobId, truncate, v2};
@@ -25,7 +27,7 @@ use crate::{Digest, JobId, truncate, v2};
 pub const MAX_LABEL_BYTES: usize = 256;
 
 /// What one job asks for.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Task {
     /// One descriptor on all clouds of some splits.
     Evaluation(Evaluation),
@@ -35,6 +37,8 @@ pub enum Task {
     Description(Description),
     /// One descriptor, on shards that are described.
     Tile(Tile),
+    /// What the distances in a channel are divided by.
+    Scale(Scale),
 }
 
 /// A kind of task.
@@ -48,6 +52,8 @@ pub enum TaskKind {
     Description,
     /// [`Task::Tile`].
     Tile,
+    /// [`Task::Scale`].
+    Scale,
 }
 
 /// What a cloud shows.
@@ -84,7 +90,7 @@ pub struct Facts {
 }
 
 /// Describe the clouds of some splits with one descriptor and match queries against the database.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Evaluation {
     /// The descriptor.
     pub subject: Subject,
@@ -98,6 +104,10 @@ pub struct Evaluation {
     pub database_clouds: u32,
     /// Whether each query's match is wanted, or only the counts.
     pub want_matches: bool,
+    /// Which clouds a query is compared with, and what is counted.
+    pub rule: MatchingRule,
+    /// What the distances in each channel are divided by, see [`is_scale`]; empty: by 1.
+    pub scales: Vec<f64>,
 }
 
 /// Evaluate every descriptor of a grid cell.
@@ -129,7 +139,7 @@ pub struct Description {
 }
 
 /// Match some shards whose clouds were described before.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Tile {
     /// Of these shards.
     pub evaluation: Evaluation,
@@ -137,6 +147,26 @@ pub struct Tile {
     pub query_descriptions: Vec<Digest>,
     /// For each shard of the database its description.
     pub database_descriptions: Vec<Digest>,
+}
+
+/// Compute the scale of a channel over all clouds of some splits: of the distances of all unordered pairs, sorted, the
+/// one at index ⌊pairs / 20⌋; 1 if it is 0, or if there is no pair.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Scale {
+    /// A descriptor that has one channel. Its weight changes no scale, but the job's name: equal channels are asked for
+    /// once if they are asked for with equal weights.
+    pub subject: Subject,
+    /// Split manifests, in order.
+    pub splits: Vec<Digest>,
+    /// Clouds in them.
+    pub clouds: u32,
+}
+
+/// Whether a number can be the scale of a channel: a distance, which is a 32-bit float, above 0. Distances that are
+/// divided by it and weighted are finite.
+pub fn is_scale(scale: f64) -> bool {
+    let distance = scale as f32;
+    distance.is_finite() && distance > 0.0
 }
 
 impl Facts {
@@ -166,6 +196,7 @@ impl Task {
             Self::GridCell(cell) => &cell.subject,
             Self::Description(shard) => &shard.subject,
             Self::Tile(tile) => &tile.evaluation.subject,
+            Self::Scale(scale) => &scale.subject,
         }
     }
 
@@ -176,21 +207,23 @@ impl Task {
             Self::GridCell(_) => TaskKind::GridCell,
             Self::Description(_) => TaskKind::Description,
             Self::Tile(_) => TaskKind::Tile,
+            Self::Scale(_) => TaskKind::Scale,
         }
     }
 
     /// Counted cost, in the units of [`Facts`].
     pub fn cost(&self) -> u64 {
+        let pairs = |queries: u32, database: u32| u64::from(queries) * u64::from(database);
         let (clouds, pairs) = match self {
             Self::Evaluation(Evaluation { queries, database_clouds, .. })
             | Self::GridCell(GridCell { queries, database_clouds, .. }) => {
-                (u64::from(*queries) + u64::from(*database_clouds), [*queries, *database_clouds])
+                (u64::from(*queries) + u64::from(*database_clouds), pairs(*queries, *database_clouds))
             }
-            Self::Description(shard) => (u64::from(shard.clouds), [0, 0]),
-            Self::Tile(tile) => (0, [tile.evaluation.queries, tile.evaluation.database_clouds]),
+            Self::Description(shard) => (u64::from(shard.clouds), 0),
+            Self::Tile(tile) => (0, pairs(tile.evaluation.queries, tile.evaluation.database_clouds)),
+            Self::Scale(scale) => (u64::from(scale.clouds), pairs(scale.clouds, scale.clouds) / 2),
         };
         let Facts { cloud_cost, pair_cost, .. } = self.subject().facts;
-        let pairs = u64::from(pairs[0]) * u64::from(pairs[1]);
         clouds.saturating_mul(cloud_cost).saturating_add(pairs.saturating_mul(pair_cost))
     }
 
@@ -200,7 +233,7 @@ impl Task {
         match (self, result) {
             (Self::Evaluation(evaluation), TaskResult::Evaluation(result))
             | (Self::Tile(Tile { evaluation, .. }), TaskResult::Evaluation(result)) => {
-                result.check(evaluation.queries, evaluation.database_clouds, evaluation.want_matches)
+                result.check(evaluation)
             }
             (Self::GridCell(cell), TaskResult::GridCell(counts)) => {
                 result::check_counts(counts, cell.descriptors, cell.queries)
@@ -208,6 +241,8 @@ impl Task {
             (Self::Description(shard), TaskResult::Description(described)) => {
                 described.check(u64::from(shard.clouds).saturating_mul(shard.subject.facts.description_bytes))
             }
+            (Self::Scale(_), TaskResult::Scale(got)) if is_scale(*got) => Ok(()),
+            (Self::Scale(_), TaskResult::Scale(got)) => Err(InvalidResult::Scale { got: *got }),
             (_, result) => Err(InvalidResult::Kind { got: result.kind() }),
         }
     }
@@ -234,6 +269,7 @@ impl fmt::Display for Task {
             Self::Tile(Tile { evaluation: Evaluation { queries, database_clouds, .. }, .. }) => {
                 write!(f, "tile of {queries} by {database_clouds} clouds of the evaluation of {label}")
             }
+            Self::Scale(scale) => write!(f, "scale of {label} on {} clouds", scale.clouds),
         }
     }
 }
@@ -255,7 +291,15 @@ impl Evaluation {
     /// For tests: counts of [`Subject::sample`] on so many queries and database clouds, of no split in particular.
     #[doc(hidden)]
     pub fn sample(number: u32, queries: u32, database_clouds: u32) -> Self {
-        let (query, database, want_matches) = (Vec::new(), Vec::new(), false);
-        Self { subject: Subject::sample(number), query, database, queries, database_clouds, want_matches }
+        Self {
+            subject: Subject::sample(number),
+            query: Vec::new(),
+            database: Vec::new(),
+            queries,
+            database_clouds,
+            want_matches: false,
+            rule: MatchingRule::default(),
+            scales: Vec::new(),
+        }
     }
 }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use prost::Message as _;
 
+use super::{Evaluation, Nearest};
 use crate::{Digest, Lease, MAX_TEXT_BYTES, truncate, v2};
 
 /// What a task gives.
@@ -16,19 +17,25 @@ pub enum TaskResult {
     GridCell(Vec<u32>),
     /// Of a shard.
     Description(Described),
+    /// Of a channel.
+    Scale(f64),
 }
 
 /// What an evaluation gives.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct EvaluationResult {
-    /// Number of queries.
+    /// Number of queries; under a rule other than the default, of those that count.
     pub queries: u32,
-    /// Queries whose nearest cloud is of the same object.
+    /// Of these, queries whose nearest cloud is of the same object.
     pub object_correct: u32,
-    /// Queries whose nearest cloud is of the same category.
+    /// Of these, queries whose nearest cloud is of the same category.
     pub category_correct: u32,
-    /// One a query if they were wanted, else none.
+    /// One a query if they were wanted, else none; none under a rule other than the default.
     pub matches: Vec<Match>,
+    /// Under a rule other than the default one a query if matches were wanted, else none.
+    pub nearest: Vec<Nearest>,
+    /// The sum of the margins of the queries that count, if the rule asks for it: [`super::MatchingRule::count`].
+    pub margin: Option<f64>,
 }
 
 /// A query's nearest database cloud.
@@ -141,6 +148,20 @@ pub enum InvalidResult {
         /// Distance that was given.
         distance: f64,
     },
+    /// More than all margins can add up to, or no number at all.
+    #[error("margin: must be a sum of {queries} margins from -1 to 1, got {got}")]
+    Margin {
+        /// Queries that count.
+        queries: u32,
+        /// The sum that was given.
+        got: f64,
+    },
+    /// No distance that others can be divided by.
+    #[error("scale: must be a distance above 0, got {got}")]
+    Scale {
+        /// What was given.
+        got: f64,
+    },
     /// Bytes that are no description.
     #[error("{0}")]
     Description(String),
@@ -153,6 +174,7 @@ impl TaskResult {
             Self::Evaluation(_) => "an evaluation",
             Self::GridCell(_) => "a grid cell",
             Self::Description(_) => "a description",
+            Self::Scale(_) => "a scale",
         }
     }
 
@@ -160,7 +182,7 @@ impl TaskResult {
     /// description its name is enough, for it can be made again.
     pub fn kept(&self) -> Option<Self> {
         match self {
-            Self::Evaluation(_) => Some(self.clone()),
+            Self::Evaluation(_) | Self::Scale(_) => Some(self.clone()),
             Self::GridCell(_) => None,
             Self::Description(described) => Some(Self::Description(Described::named(described.digest))),
         }
@@ -176,27 +198,47 @@ impl TaskResult {
 }
 
 impl EvaluationResult {
-    pub(super) fn check(
-        &self,
-        queries: u32,
-        database_clouds: u32,
-        want_matches: bool,
-    ) -> Result<(), InvalidResult> {
-        number("queries", queries.into(), self.queries.into())?;
+    pub(super) fn check(&self, asked: &Evaluation) -> Result<(), InvalidResult> {
+        let &Evaluation { queries: asked_for, database_clouds: clouds, want_matches, ref rule, .. } = asked;
+        let queries = self.queries;
+        if rule.is_default() {
+            number("queries", asked_for.into(), queries.into())?;
+        } else if queries > asked_for {
+            return Err(InvalidResult::Count { queries: asked_for, got: queries });
+        }
         let (object, category) = (self.object_correct, self.category_correct);
         if object > category || category > queries {
             return Err(InvalidResult::Counts { queries, object, category });
         }
-        let wanted = if want_matches { queries } else { 0 };
-        number("matches", wanted.into(), self.matches.len() as u64)?;
-        for found in &self.matches {
-            for (index, distance) in std::iter::once((found.nearest, found.distance)).chain(found.runner_up) {
-                if index >= database_clouds || !distance.is_finite() || distance < 0.0 {
-                    return Err(InvalidResult::Match { clouds: database_clouds, index, distance });
-                }
+        let listed = |wanted: bool| if want_matches && wanted { u64::from(asked_for) } else { 0 };
+        number("matches", listed(rule.is_default()), self.matches.len() as u64)?;
+        number("nearest clouds", listed(!rule.is_default()), self.nearest.len() as u64)?;
+        if want_matches && !rule.is_default() {
+            let of_own = self.nearest.iter().filter(|nearest| nearest.same.is_some()).count();
+            number("queries", of_own as u64, queries.into())?;
+        }
+        for (index, distance) in self.named() {
+            if index >= clouds || !distance.is_finite() || distance < 0.0 {
+                return Err(InvalidResult::Match { clouds, index, distance });
             }
         }
-        Ok(())
+        number("margins", rule.margin.into(), self.margin.is_some().into())?;
+        match self.margin {
+            // Of terms between -1 and 1 no partial sum is rounded beyond their number.
+            Some(got) if got.is_nan() || got.abs() > f64::from(queries) => {
+                Err(InvalidResult::Margin { queries, got })
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Every cloud that is named, with its distance.
+    pub(crate) fn named(&self) -> impl Iterator<Item = (u32, f64)> {
+        let matches = self
+            .matches
+            .iter()
+            .flat_map(|found| std::iter::once((found.nearest, found.distance)).chain(found.runner_up));
+        matches.chain(self.nearest.iter().flat_map(|nearest| nearest.same.into_iter().chain(nearest.other)))
     }
 }
 

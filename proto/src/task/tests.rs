@@ -1,5 +1,8 @@
 //! Tasks, results and failures come back from their messages as they were; names, checks and bounds.
 
+mod golden;
+mod rule;
+
 use std::collections::BTreeSet;
 
 use proptest::prelude::*;
@@ -27,15 +30,25 @@ fn subject() -> impl Strategy<Value = Subject> {
     })
 }
 
+fn rule() -> impl Strategy<Value = MatchingRule> {
+    let exclude = vec![Exclusion::None, Exclusion::SameCloud, Exclusion::SameSequence];
+    let objective = vec![Objective::Object, Objective::Category];
+    let parts = (prop::sample::select(exclude), prop::sample::select(objective), any::<bool>());
+    parts.prop_map(|(exclude, objective, margin)| MatchingRule { exclude, objective, margin })
+}
+
 fn evaluation() -> impl Strategy<Value = Evaluation> {
-    (subject(), digests(3), digests(3), any::<[u32; 2]>(), any::<bool>()).prop_map(
-        |(subject, query, database, [queries, database_clouds], want_matches)| Evaluation {
+    let asked = (any::<[u32; 2]>(), any::<bool>(), rule(), prop::collection::vec(1e-9f64..1e9, 0..4));
+    (subject(), digests(3), digests(3), asked).prop_map(
+        |(subject, query, database, ([queries, database_clouds], want_matches, rule, scales))| Evaluation {
             subject,
             query,
             database,
             queries,
             database_clouds,
             want_matches,
+            rule,
+            scales,
         },
     )
 }
@@ -51,8 +64,10 @@ fn task() -> impl Strategy<Value = Task> {
         let of = |count| prop::collection::vec(digest(), count);
         (Just(evaluation), of(query), of(database))
     });
+    let scale = (subject(), digests(3), any::<u32>());
     prop_oneof![
         evaluation().prop_map(Task::Evaluation),
+        scale.prop_map(|(subject, splits, clouds)| Task::Scale(Scale { subject, splits, clouds })),
         cell.prop_map(Task::GridCell),
         shard.prop_map(|(subject, manifest, clouds)| {
             Task::Description(Description { subject, manifest, clouds })
@@ -73,12 +88,29 @@ fn found() -> impl Strategy<Value = Match> {
     })
 }
 
+fn nearest() -> impl Strategy<Value = Nearest> {
+    let neighbour = || prop::option::of((any::<u32>(), 0.0..1e9));
+    (neighbour(), neighbour()).prop_map(|(same, other)| Nearest { same, other })
+}
+
+fn evaluation_result() -> impl Strategy<Value = EvaluationResult> {
+    let lists = (prop::collection::vec(found(), 0..5), prop::collection::vec(nearest(), 0..5));
+    (any::<[u32; 3]>(), lists, prop::option::of(-1e9f64..1e9)).prop_map(
+        |([queries, object_correct, category_correct], (matches, nearest), margin)| EvaluationResult {
+            queries,
+            object_correct,
+            category_correct,
+            matches,
+            nearest,
+            margin,
+        },
+    )
+}
+
 fn result() -> impl Strategy<Value = TaskResult> {
-    let evaluation = (any::<[u32; 3]>(), prop::collection::vec(found(), 0..5));
     prop_oneof![
-        evaluation.prop_map(|([queries, object_correct, category_correct], matches)| {
-            TaskResult::Evaluation(EvaluationResult { queries, object_correct, category_correct, matches })
-        }),
+        evaluation_result().prop_map(TaskResult::Evaluation),
+        (0.0f64..1e9).prop_map(TaskResult::Scale),
         prop::collection::vec(any::<u32>(), 0..9).prop_map(TaskResult::GridCell),
         prop::collection::vec(any::<u8>(), 0..99)
             .prop_map(|bytes| TaskResult::Description(Described::new(bytes))),
@@ -90,6 +122,18 @@ fn failure() -> impl Strategy<Value = Failure> {
     let reasons = [Other, Data, Panic, InvalidJob, Cloud, Description, InvalidResult, Overdue, Lost];
     (prop::sample::select(reasons.to_vec()), ".{0,40}")
         .prop_map(|(reason, message)| Failure::new(reason, message))
+}
+
+fn cloud() -> impl Strategy<Value = CloudEntry> {
+    (digest(), any::<u64>(), any::<[u32; 2]>(), ".{0,9}", any::<Option<u32>>()).prop_map(
+        |(digest, bytes, [category, instance], path, sequence)| CloudEntry {
+            digest,
+            bytes,
+            label: Label { category, instance },
+            path,
+            sequence,
+        },
+    )
 }
 
 proptest! {
@@ -121,12 +165,9 @@ proptest! {
     #[test]
     fn a_manifest_comes_back_from_its_bytes(
         split in ".{0,9}",
-        clouds in prop::collection::vec((digest(), any::<u64>(), any::<[u32; 2]>(), ".{0,9}"), 0..5),
+        clouds in prop::collection::vec(cloud(), 0..5),
     ) {
-        let entry = |(digest, bytes, [category, instance], path): (Digest, u64, [u32; 2], String)| {
-            CloudEntry { digest, bytes, label: Label { category, instance }, path }
-        };
-        let manifest = SplitManifest { split, clouds: clouds.into_iter().map(entry).collect() };
+        let manifest = SplitManifest { split, clouds };
         prop_assert_eq!(SplitManifest::decode(&manifest.clone().encode()).unwrap(), manifest);
     }
 
@@ -167,6 +208,12 @@ fn a_job_is_named_by_all_that_is_asked_and_by_how_often() {
         query_descriptions: vec![Digest([3; 32])],
         database_descriptions: vec![Digest([4; 32])],
     };
+    let by = |change: fn(&mut MatchingRule)| {
+        let mut rule = MatchingRule::default();
+        change(&mut rule);
+        rule
+    };
+    let scale = Scale { subject: base.subject.clone(), splits: base.database.clone(), clouds: 3 };
     let names = [
         Task::Description(shard.clone()).job(0),
         Task::Description(Description { subject: other.clone(), ..shard.clone() }).job(0),
@@ -188,6 +235,24 @@ fn a_job_is_named_by_all_that_is_asked_and_by_how_often() {
             ..base.clone()
         })
         .job(0),
+        Task::Evaluation(Evaluation { rule: by(|rule| rule.exclude = Exclusion::SameCloud), ..base.clone() })
+            .job(0),
+        Task::Evaluation(Evaluation {
+            rule: by(|rule| rule.exclude = Exclusion::SameSequence),
+            ..base.clone()
+        })
+        .job(0),
+        Task::Evaluation(Evaluation {
+            rule: by(|rule| rule.objective = Objective::Category),
+            ..base.clone()
+        })
+        .job(0),
+        Task::Evaluation(Evaluation { rule: by(|rule| rule.margin = true), ..base.clone() }).job(0),
+        Task::Evaluation(Evaluation { scales: vec![1.0], ..base.clone() }).job(0),
+        Task::Evaluation(Evaluation { scales: vec![1.0, 0.5], ..base.clone() }).job(0),
+        Task::Scale(scale.clone()).job(0),
+        Task::Scale(Scale { subject: other.clone(), ..scale.clone() }).job(0),
+        Task::Scale(Scale { splits: vec![Digest([1; 32])], ..scale.clone() }).job(0),
         Task::GridCell(cell.clone()).job(0),
         Task::GridCell(GridCell { subject: other, ..cell }).job(0),
     ];
@@ -200,6 +265,7 @@ fn a_job_is_named_by_all_that_is_asked_and_by_how_often() {
     described.subject.facts = Facts::default();
     assert_eq!(names[7], Task::Evaluation(Evaluation { queries: 9, ..described }).job(0));
     assert_eq!(names[0], Task::Description(Description { clouds: 9, ..shard }).job(0));
+    assert_eq!(Task::Scale(scale.clone()).job(0), Task::Scale(Scale { clouds: 9, ..scale }).job(0));
 }
 
 /// A run that was begun by one release of this protocol version goes on with the next: names must not change.
@@ -225,6 +291,8 @@ fn costs_are_counted_by_clouds_and_pairs() {
     assert_eq!(Task::GridCell(cell_of(base.clone(), 3)).cost(), 5 * 1000 + 6);
     let shard = Description { subject: base.subject.clone(), manifest: Digest([1; 32]), clouds: 2 };
     assert_eq!(Task::Description(shard).cost(), 2 * 1000);
+    let scale = Scale { subject: base.subject.clone(), splits: vec![], clouds: 5 };
+    assert_eq!(Task::Scale(scale).cost(), 5 * 1000 + 12);
     let mut dear = base;
     dear.subject.facts.pair_cost = 100;
     let tile = Tile { evaluation: dear.clone(), query_descriptions: vec![], database_descriptions: vec![] };
@@ -252,10 +320,26 @@ fn a_task_takes_results_of_its_own_kind_and_size_only() {
     let cell = Task::GridCell(cell_of(Evaluation::sample(1, 2, 3), 3));
     let shard = Description { subject: Subject::sample(1), manifest: Digest([1; 32]), clouds: 3 };
     let shard = Task::Description(shard);
-    let result = EvaluationResult { queries: 2, object_correct: 1, category_correct: 2, matches: vec![] };
-    let result = TaskResult::Evaluation(result);
+    let scale = Task::Scale(Scale { subject: Subject::sample(1), splits: vec![], clouds: 3 });
+    let counts =
+        EvaluationResult { queries: 2, object_correct: 1, category_correct: 2, ..Default::default() };
+    let result = TaskResult::Evaluation(counts);
     assert_eq!(evaluation.check(&result), Ok(()));
-    assert!(cell.check(&result).is_err() && shard.check(&result).is_err());
+    assert!([&cell, &shard, &scale].iter().all(|task| task.check(&result).is_err()));
+    for (distance, good) in [
+        (0.25, true),
+        (f64::from(f32::MAX), true),
+        (0.0, false),
+        (-0.5, false),
+        (f64::NAN, false),
+        (f64::INFINITY, false),
+        (1e-60, false),
+        (1e60, false),
+    ] {
+        let result = TaskResult::Scale(distance);
+        assert_eq!(scale.check(&result).is_ok(), good, "{distance}");
+        assert!([&cell, &shard, &evaluation].iter().all(|task| task.check(&result).is_err()));
+    }
     for (counts, good) in [
         (vec![0, 2, 1], true),
         (vec![0, 3, 1], false),
@@ -282,10 +366,18 @@ fn impossible_results_are_refused() {
     let asked = Evaluation { want_matches: true, ..Evaluation::sample(1, 2, 3) };
     let task = Task::Evaluation(asked.clone());
     let found = Match { nearest: 2, distance: 0.5, runner_up: Some((0, 0.75)) };
-    let good =
-        EvaluationResult { queries: 2, object_correct: 1, category_correct: 2, matches: vec![found, found] };
+    let good = EvaluationResult {
+        queries: 2,
+        object_correct: 1,
+        category_correct: 2,
+        matches: vec![found, found],
+        ..EvaluationResult::default()
+    };
     assert_eq!(task.check(&TaskResult::Evaluation(good.clone())), Ok(()));
-    let bad: [fn(&mut EvaluationResult); 8] = [
+    let bad: [fn(&mut EvaluationResult); 11] = [
+        |result| result.queries = 1,
+        |result| result.margin = Some(0.0),
+        |result| result.nearest.push(Nearest::default()),
         |result| result.queries = 3,
         |result| result.object_correct = 3,
         |result| result.category_correct = 0,
@@ -303,6 +395,60 @@ fn impossible_results_are_refused() {
     }
     let counts_only = Task::Evaluation(Evaluation { want_matches: false, ..asked });
     assert!(counts_only.check(&TaskResult::Evaluation(good)).is_err());
+}
+
+#[test]
+fn impossible_results_under_a_rule_are_refused() {
+    let rule = MatchingRule { exclude: Exclusion::SameSequence, margin: true, ..MatchingRule::default() };
+    let asked = Evaluation { rule, want_matches: true, ..Evaluation::sample(1, 3, 4) };
+    let good = EvaluationResult {
+        queries: 2,
+        object_correct: 1,
+        category_correct: 2,
+        matches: Vec::new(),
+        nearest: vec![
+            Nearest { same: Some((3, 0.5)), other: Some((0, 0.75)) },
+            Nearest { same: None, other: Some((1, 0.25)) },
+            Nearest { same: Some((0, 0.0)), other: None },
+        ],
+        margin: Some(1.2),
+    };
+    let check = |asked: &Evaluation, result: &EvaluationResult| {
+        Task::Evaluation(asked.clone()).check(&TaskResult::Evaluation(result.clone()))
+    };
+    assert_eq!(check(&asked, &good), Ok(()));
+    for margin in [-2.0, 2.0, 0.0] {
+        assert_eq!(check(&asked, &EvaluationResult { margin: Some(margin), ..good.clone() }), Ok(()));
+    }
+    let bad: [fn(&mut EvaluationResult); 14] = [
+        |result| result.queries = 4,
+        |result| result.queries = 3, // those with a cloud of their own are two
+        |result| result.queries = 1,
+        |result| result.object_correct = 3,
+        |result| result.category_correct = 3,
+        |result| result.matches.push(Match { nearest: 0, distance: 0.5, runner_up: None }),
+        |result| result.nearest.truncate(2),
+        |result| result.nearest[0].same = Some((4, 0.5)),
+        |result| result.nearest[1].other = Some((1, f64::INFINITY)),
+        |result| result.nearest[2].same = Some((0, -0.25)),
+        |result| result.margin = None,
+        |result| result.margin = Some(2.1),
+        |result| result.margin = Some(-2.1),
+        |result| result.margin = Some(f64::NAN),
+    ];
+    for spoil in bad {
+        let mut result = good.clone();
+        spoil(&mut result);
+        assert!(check(&asked, &result).is_err(), "{result:?}");
+    }
+    let counts = EvaluationResult { nearest: Vec::new(), ..good.clone() };
+    let counts_only = Evaluation { want_matches: false, ..asked.clone() };
+    assert_eq!(check(&counts_only, &counts), Ok(()));
+    assert!(check(&counts_only, &EvaluationResult { queries: 4, ..counts.clone() }).is_err());
+    assert!(check(&counts_only, &good).is_err());
+    let unasked = Evaluation { rule: MatchingRule { margin: false, ..rule }, ..counts_only };
+    assert_eq!(check(&unasked, &EvaluationResult { margin: None, ..counts.clone() }), Ok(()));
+    assert!(check(&unasked, &counts).is_err());
 }
 
 #[test]
@@ -327,7 +473,19 @@ fn messages_that_lack_something_or_hold_too_much_are_refused() {
         tile(message).evaluation.as_mut().unwrap()
     }
     type Change = fn(&mut v2::Task);
-    let cases: [(Change, &str); 9] = [
+    let cases: [(Change, &str); 15] = [
+        (
+            |task| evaluation(task).rule = Some(v2::MatchingRule { exclude: 3, ..Default::default() }),
+            "exclusion of a matching rule: must be known, got 3",
+        ),
+        (
+            |task| evaluation(task).rule = Some(v2::MatchingRule { objective: -1, ..Default::default() }),
+            "objective of a matching rule: must be known, got -1",
+        ),
+        (|task| evaluation(task).scales = vec![1.0, 0.0], "scale: must be a distance above 0, got 0"),
+        (|task| evaluation(task).scales = vec![-1.0], "scale: must be a distance above 0, got -1"),
+        (|task| evaluation(task).scales = vec![f64::NAN], "scale: must be a distance above 0, got NaN"),
+        (|task| evaluation(task).scales = vec![f64::INFINITY], "scale: must be a distance above 0, got inf"),
         (|task| task.facts = None, "task: facts: missing"),
         (|task| task.ask = None, "task: what is asked: missing"),
         (|task| tile(task).evaluation = None, "tile: evaluation: missing"),

@@ -1,9 +1,9 @@
 //! The vocabulary of tasks as messages, and back: the one conversion for wire and journal.
 
 use super::{
-    Described, Description, DescriptorBytes, Evaluation, EvaluationResult, Facts, Failure, FailureReason,
-    GridCell, MAX_DESCRIPTOR_BYTES, MAX_LABEL_BYTES, MAX_PREPARATION_BYTES, Match, Preparation, Report,
-    Subject, Task, TaskResult, Tile,
+    Described, Description, DescriptorBytes, Evaluation, EvaluationResult, Exclusion, Facts, Failure,
+    FailureReason, GridCell, MAX_DESCRIPTOR_BYTES, MAX_LABEL_BYTES, MAX_PREPARATION_BYTES, Match,
+    MatchingRule, Nearest, Objective, Preparation, Report, Scale, Subject, Task, TaskResult, Tile, is_scale,
 };
 use crate::{Digest, InvalidId, MAX_CELL, v2};
 
@@ -26,6 +26,17 @@ pub enum InvalidMessage {
         /// How many there are.
         got: u64,
     },
+    /// A value that this release does not know.
+    #[error("{what}: must be known, got {got}\nuse a worker and a coordinator of the same release")]
+    Unknown {
+        /// Of what.
+        what: &'static str,
+        /// Its number.
+        got: i32,
+    },
+    /// A number that no distances can be divided by.
+    #[error("scale: must be a distance above 0, got {0}\nuse a worker and a coordinator of the same release")]
+    Scale(f64),
     /// Bytes that are no message at all.
     #[error("message: cannot be decoded, got {0}\nuse a worker and a coordinator of the same release")]
     Undecodable(String),
@@ -58,6 +69,11 @@ pub(super) fn ask(task: &Task) -> v2::task::Ask {
             query_descriptions: digests(&tile.query_descriptions),
             database_descriptions: digests(&tile.database_descriptions),
         }),
+        Task::Scale(scale) => Ask::Scale(v2::Scale {
+            preparation: scale.subject.preparation.bytes().to_vec(),
+            descriptor: scale.subject.descriptor.bytes().to_vec(),
+            splits: digests(&scale.splits),
+        }),
     }
 }
 
@@ -68,6 +84,48 @@ fn evaluation_message(evaluation: &Evaluation) -> v2::Evaluation {
         query: digests(&evaluation.query),
         database: digests(&evaluation.database),
         want_matches: evaluation.want_matches,
+        // What is as the paper has it is not written: messages and names of jobs stay what they were without it.
+        rule: (!evaluation.rule.is_default()).then(|| evaluation.rule.into()),
+        scales: evaluation.scales.clone(),
+    }
+}
+
+impl From<MatchingRule> for v2::MatchingRule {
+    fn from(MatchingRule { exclude, objective, margin }: MatchingRule) -> Self {
+        let exclude = match exclude {
+            Exclusion::None => v2::Exclusion::Unspecified,
+            Exclusion::SameCloud => v2::Exclusion::SameCloud,
+            Exclusion::SameSequence => v2::Exclusion::SameSequence,
+        };
+        let objective = match objective {
+            Objective::Object => v2::Objective::Unspecified,
+            Objective::Category => v2::Objective::Category,
+        };
+        Self { exclude: exclude.into(), objective: objective.into(), margin }
+    }
+}
+
+impl TryFrom<v2::MatchingRule> for MatchingRule {
+    type Error = InvalidMessage;
+
+    fn try_from(message: v2::MatchingRule) -> Result<Self, InvalidMessage> {
+        let unknown = |what, got| InvalidMessage::Unknown { what, got };
+        let exclude = v2::Exclusion::try_from(message.exclude);
+        let objective = v2::Objective::try_from(message.objective);
+        Ok(Self {
+            exclude: match exclude.map_err(|_| unknown("exclusion of a matching rule", message.exclude))? {
+                v2::Exclusion::Unspecified => Exclusion::None,
+                v2::Exclusion::SameCloud => Exclusion::SameCloud,
+                v2::Exclusion::SameSequence => Exclusion::SameSequence,
+            },
+            objective: match objective
+                .map_err(|_| unknown("objective of a matching rule", message.objective))?
+            {
+                v2::Objective::Unspecified => Objective::Object,
+                v2::Objective::Category => Objective::Category,
+            },
+            margin: message.margin,
+        })
     }
 }
 
@@ -84,6 +142,7 @@ impl From<&Task> for v2::Task {
             }
             Task::GridCell(cell) => (cell.queries, cell.database_clouds, cell.descriptors),
             Task::Description(shard) => (shard.clouds, 0, 0),
+            Task::Scale(scale) => (scale.clouds, 0, 0),
         };
         let Facts { label, description_bytes, cloud_cost, pair_cost } = task.subject().facts.clone();
         let facts = v2::Facts {
@@ -121,6 +180,11 @@ impl TryFrom<v2::Task> for Task {
                 clouds: facts.queries,
                 subject: subject(shard.preparation, shard.descriptor, &facts)?,
             }),
+            Ask::Scale(scale) => Self::Scale(Scale {
+                splits: parsed_digests(&scale.splits)?,
+                clouds: facts.queries,
+                subject: subject(scale.preparation, scale.descriptor, &facts)?,
+            }),
             Ask::Tile(tile) => {
                 let evaluation = tile.evaluation.ok_or(InvalidMessage::Missing("tile: evaluation"))?;
                 let evaluation = self::evaluation(evaluation, &facts)?;
@@ -142,7 +206,12 @@ impl TryFrom<v2::Task> for Task {
 }
 
 fn evaluation(message: v2::Evaluation, facts: &v2::Facts) -> Result<Evaluation, InvalidMessage> {
+    if let Some(got) = message.scales.iter().find(|scale| !is_scale(**scale)) {
+        return Err(InvalidMessage::Scale(*got));
+    }
     Ok(Evaluation {
+        rule: message.rule.map(MatchingRule::try_from).transpose()?.unwrap_or_default(),
+        scales: message.scales,
         query: parsed_digests(&message.query)?,
         database: parsed_digests(&message.database)?,
         queries: facts.queries,
@@ -192,6 +261,7 @@ impl From<TaskResult> for v2::TaskResult {
                 TaskResult::Description(Described { bytes, .. }) => {
                     bytes.map(|bytes| Result::Description(v2::DescriptionResult { bytes: bytes.to_vec() }))
                 }
+                TaskResult::Scale(scale) => Some(Result::Scale(v2::ScaleResult { scale })),
             },
         }
     }
@@ -205,22 +275,30 @@ impl TryFrom<v2::TaskResult> for TaskResult {
             v2::task_result::Result::Evaluation(result) => Self::Evaluation(result.into()),
             v2::task_result::Result::GridCell(result) => Self::GridCell(result.object_correct),
             v2::task_result::Result::Description(result) => Self::Description(Described::new(result.bytes)),
+            v2::task_result::Result::Scale(result) => Self::Scale(result.scale),
         })
     }
 }
 
 impl From<EvaluationResult> for v2::EvaluationResult {
     fn from(result: EvaluationResult) -> Self {
+        let neighbour = |(index, distance): (u32, f64)| v2::Neighbour { index, distance };
         let found = |found: Match| v2::Match {
             nearest: found.nearest,
             distance: found.distance,
-            runner_up: found.runner_up.map(|(index, distance)| v2::Neighbour { index, distance }),
+            runner_up: found.runner_up.map(neighbour),
+        };
+        let nearest = |Nearest { same, other }: Nearest| v2::Nearest {
+            same: same.map(neighbour),
+            other: other.map(neighbour),
         };
         Self {
             queries: result.queries,
             object_correct: result.object_correct,
             category_correct: result.category_correct,
             matches: result.matches.into_iter().map(found).collect(),
+            nearest: result.nearest.into_iter().map(nearest).collect(),
+            margin: result.margin,
         }
     }
 }
@@ -228,16 +306,23 @@ impl From<EvaluationResult> for v2::EvaluationResult {
 impl From<v2::EvaluationResult> for EvaluationResult {
     fn from(message: v2::EvaluationResult) -> Self {
         // A message cannot tell -0 from a distance that is not there.
+        let neighbour = |found: v2::Neighbour| (found.index, found.distance + 0.0);
         let found = |found: v2::Match| Match {
             nearest: found.nearest,
             distance: found.distance + 0.0,
-            runner_up: found.runner_up.map(|other| (other.index, other.distance + 0.0)),
+            runner_up: found.runner_up.map(neighbour),
+        };
+        let nearest = |found: v2::Nearest| Nearest {
+            same: found.same.map(neighbour),
+            other: found.other.map(neighbour),
         };
         Self {
             queries: message.queries,
             object_correct: message.object_correct,
             category_correct: message.category_correct,
             matches: message.matches.into_iter().map(found).collect(),
+            nearest: message.nearest.into_iter().map(nearest).collect(),
+            margin: message.margin,
         }
     }
 }

@@ -26,6 +26,7 @@ fn lie(job: v2::Job) -> v2::JobReport {
             TaskResult::Description(Described::new(vec![0; length as usize]))
         }
         Task::GridCell(cell) => TaskResult::GridCell(vec![1; cell.descriptors as usize]),
+        Task::Scale(_) => TaskResult::Scale(1.0),
         Task::Evaluation(evaluation) | Task::Tile(Tile { evaluation, .. }) => {
             TaskResult::Evaluation(lie_about(&evaluation))
         }
@@ -41,7 +42,13 @@ fn lie_about(Evaluation { subject, queries, want_matches, .. }: &Evaluation) -> 
         panic!("{subject:?}")
     };
     let right = if parameters.shape_bins.is_multiple_of(2) { *queries } else { 0 };
-    EvaluationResult { queries: *queries, object_correct: right, category_correct: right, matches }
+    EvaluationResult {
+        queries: *queries,
+        object_correct: right,
+        category_correct: right,
+        matches,
+        ..EvaluationResult::default()
+    }
 }
 
 /// Works as a liar until the coordinator goes or wants no more of it, and returns the coordinator's last word. After

@@ -90,6 +90,9 @@ async fn other_versions_are_refused_and_told_what_to_do() {
     let refused = refusal(&mut client, |request| request.protocol_major += 1).await;
     assert_eq!(refused.reason(), v2::RefusalReason::ProtocolVersion);
     assert!(refused.message.contains("must be 2, got 3\ninstall"), "{}", refused.message);
+    let refused = refusal(&mut client, |request| request.protocol_minor = 0).await;
+    assert_eq!(refused.reason(), v2::RefusalReason::ProtocolVersion);
+    assert!(refused.message.contains("must be at least 2.1, got 2.0\ninstall"), "{}", refused.message);
     let refused = refusal(&mut client, |request| request.evaluation_version += 1).await;
     assert_eq!(refused.reason(), v2::RefusalReason::EvaluationVersion);
     assert!(refused.message.contains("evaluation version"), "{}", refused.message);
@@ -131,7 +134,12 @@ async fn nonsense_gets_an_error_and_the_run_goes_on() {
     }
 
     // Invented results are acknowledged, so that they stop coming, and not used.
-    let result = EvaluationResult { queries: 1, object_correct: 1, category_correct: 1, matches: vec![] };
+    let result = EvaluationResult {
+        queries: 1,
+        object_correct: 1,
+        category_correct: 1,
+        ..EvaluationResult::default()
+    };
     let report = v2::JobReport {
         lease: Some(v2::Lease { job: 1, attempt: 99 }),
         run_seconds: f64::NAN,

@@ -3,7 +3,7 @@
 use descriptor::grid::cell_from_bytes;
 use descriptor::{BytesError, Descriptor, GENES, GeneKind, Preparation, SearchSpace};
 use proto::MAX_CELL;
-use proto::task::{GridCell, Task};
+use proto::task::{GridCell, Task, Tile};
 
 /// What a task is about.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -49,6 +49,24 @@ pub enum InvalidTask {
         /// Of the search space.
         got: u64,
     },
+    /// One scale a channel, or none at all.
+    #[error(
+        "scales: must be one for each of {channels} channels, got {got}\nuse a worker and a coordinator of the same release"
+    )]
+    Scales {
+        /// Of the descriptor.
+        channels: usize,
+        /// How many scales there are.
+        got: usize,
+    },
+    /// A descriptor of several channels has no one scale.
+    #[error(
+        "scale: the descriptor must have 1 channel, got {channels}\nuse a worker and a coordinator of the same release"
+    )]
+    Channels {
+        /// Of the descriptor.
+        channels: usize,
+    },
     /// A kind of descriptor that the kind of task cannot have.
     #[error(
         "task: its kind of descriptor cannot be evaluated like this\nuse a worker and a coordinator of the same release"
@@ -65,16 +83,28 @@ impl Decoded {
         let preparation = Preparation::from_bytes(task.subject().preparation.bytes())?;
         let subject = match task {
             Task::GridCell(cell) => Subject::Cell(radii(cell, &preparation.space)?),
-            Task::Evaluation(_) | Task::Description(_) | Task::Tile(_) => {
+            Task::Evaluation(_) | Task::Description(_) | Task::Tile(_) | Task::Scale(_) => {
                 let descriptor = Descriptor::from_bytes(task.subject().descriptor.bytes())?;
                 if !preparation.space.contains(&descriptor) {
                     let got = descriptor.to_string();
                     return Err(InvalidTask::OutsideSpace { what: "descriptor", got });
                 }
+                check_channels(task, descriptor.channels().len())?;
                 Subject::Descriptor(descriptor)
             }
         };
         Ok(Self { preparation, subject })
+    }
+}
+
+fn check_channels(task: &Task, channels: usize) -> Result<(), InvalidTask> {
+    match task {
+        Task::Evaluation(evaluation) | Task::Tile(Tile { evaluation, .. }) => {
+            let got = evaluation.scales.len();
+            if got == 0 || got == channels { Ok(()) } else { Err(InvalidTask::Scales { channels, got }) }
+        }
+        Task::Scale(_) if channels != 1 => Err(InvalidTask::Channels { channels }),
+        Task::Scale(_) | Task::Description(_) | Task::GridCell(_) => Ok(()),
     }
 }
 
@@ -101,7 +131,7 @@ mod tests {
     use descriptor::Domain;
     use descriptor::grid::cell_to_bytes;
     use descriptor::{FixedDescriptor, FixedKind, GeneTable, GlobalHue, Parameters, Preprocess};
-    use proto::task::{Description, Evaluation};
+    use proto::task::{Description, Evaluation, Scale};
     use proto::{Digest, task};
 
     use super::*;
@@ -138,6 +168,51 @@ mod tests {
             let expected = format!("descriptor: must lie in the search space, got {got}");
             assert!(error.starts_with(&expected), "{error}");
         }
+    }
+
+    #[test]
+    fn scales_are_of_channels() {
+        let disk_ring = Descriptor::DiskRing(Parameters::PAPER_BEST);
+        let hue = Descriptor::GlobalHue(GlobalHue::new(16).unwrap());
+        let outcome = |descriptor: &Descriptor, task: &dyn Fn(task::Subject) -> Task| {
+            let space = SearchSpace::single(descriptor).unwrap();
+            let decoded = Decoded::new(&task(subject(&space, descriptor.to_bytes())));
+            decoded.map(drop).map_err(|error| error.to_string())
+        };
+        let refused = |outcome: Result<(), String>, expected: &str| {
+            let error = outcome.unwrap_err();
+            assert!(error.starts_with(expected), "{error}");
+        };
+        let evaluation = |scales: &[f64]| {
+            let scales = scales.to_vec();
+            move |subject| {
+                let evaluation =
+                    Evaluation { subject, scales: scales.clone(), ..Evaluation::sample(1, 2, 3) };
+                Task::Evaluation(evaluation)
+            }
+        };
+        let tile = |scales: &[f64]| {
+            let evaluation = evaluation(scales);
+            move |subject| {
+                let Task::Evaluation(evaluation) = evaluation(subject) else { panic!("another kind") };
+                let (query_descriptions, database_descriptions) = (Vec::new(), Vec::new());
+                Task::Tile(Tile { evaluation, query_descriptions, database_descriptions })
+            }
+        };
+        for scales in [&[][..], &[1.0, 0.5]] {
+            assert_eq!(outcome(&disk_ring, &evaluation(scales)), Ok(()));
+            assert_eq!(outcome(&disk_ring, &tile(scales)), Ok(()));
+        }
+        for (scales, expected) in [
+            (&[1.0][..], "scales: must be one for each of 2 channels, got 1\n"),
+            (&[1.0; 3], "scales: must be one for each of 2 channels, got 3\n"),
+        ] {
+            refused(outcome(&disk_ring, &evaluation(scales)), expected);
+            refused(outcome(&disk_ring, &tile(scales)), expected);
+        }
+        let scale = |subject| Task::Scale(Scale { subject, splits: Vec::new(), clouds: 0 });
+        assert_eq!(outcome(&hue, &scale), Ok(()));
+        refused(outcome(&disk_ring, &scale), "scale: the descriptor must have 1 channel, got 2\n");
     }
 
     #[test]

@@ -31,6 +31,14 @@ pub enum EvaluationError {
     /// There is nothing to match with.
     #[error(transparent)]
     Recognise(#[from] RecogniseError),
+    /// A rule is about sequences, and they are not numbered.
+    #[error("split manifest {digest}: {path} must have a sequence under this matching rule, got none")]
+    Sequence {
+        /// Which blob.
+        digest: Digest,
+        /// The cloud.
+        path: String,
+    },
     /// A shard has more clouds than one message has room for.
     #[error(
         "split manifest {digest}: its description must have at most {MAX_DESCRIPTION_BYTES} bytes, got {got}"
@@ -71,6 +79,7 @@ impl EvaluationError {
             | Self::Manifest { .. }
             | Self::Quantise(_)
             | Self::Recognise(_)
+            | Self::Sequence { .. }
             | Self::TooLarge { .. } => FailureReason::InvalidJob,
             Self::Blob(_) => FailureReason::Data,
             Self::Cloud { .. } => FailureReason::Cloud,

@@ -19,6 +19,8 @@ pub struct Listed {
     pub label: Label,
     /// Its path in the data set, for messages.
     pub path: String,
+    /// The sequence that it was taken in, if sequences are numbered.
+    pub sequence: Option<u32>,
 }
 
 /// The clouds of one split.
@@ -43,6 +45,7 @@ impl Manifest {
             bytes: cloud.bytes,
             label: Label { category: cloud.label.category, instance: cloud.label.instance },
             path: cloud.path,
+            sequence: cloud.sequence,
         };
         Ok(Self { digest, clouds: manifest.clouds.into_iter().map(listed).collect() })
     }

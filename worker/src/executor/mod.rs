@@ -9,16 +9,19 @@ pub(crate) mod manifest;
 mod matching;
 mod preparation_cache;
 mod reuse;
+mod rule;
+mod scale;
 mod work;
 
 use std::sync::{Arc, Mutex, PoisonError};
 
 use cache::{ByteSize, Lru, Store};
+use descriptor::fitness::nearest_of_class;
 use descriptor::grid::Cell;
 use descriptor::recognise::recognise_from;
 use descriptor::{ChannelError, Correct, Descriptor, Family, Match, Preparation};
 use proto::Digest;
-use proto::task::{Described, Evaluation, EvaluationResult, GridCell, Task, TaskResult, Tile};
+use proto::task::{Described, Evaluation, EvaluationResult, GridCell, Scale, Task, TaskResult, Tile};
 
 pub use error::EvaluationError;
 pub use work::Work;
@@ -93,6 +96,9 @@ impl Executor {
                 let bytes = self.matcher.describe(&cache, descriptor, &manifest).await;
                 bytes.map(|bytes| TaskResult::Description(Described::new(bytes)))
             }
+            (Task::Scale(scale), Subject::Descriptor(descriptor)) => {
+                self.scale(&cache, descriptor, scale).await.map(TaskResult::Scale)
+            }
             _ => return Err(InvalidTask::Subject.into()),
         };
         tracing::debug!("work so far: {:?}", self.work());
@@ -107,7 +113,7 @@ impl Executor {
     ) -> Result<EvaluationResult, EvaluationError> {
         let query = self.manifests(&evaluation.query).await?.into_iter().map(Source::split).collect();
         let database = self.manifests(&evaluation.database).await?.into_iter().map(Source::split).collect();
-        self.recognise(cache, descriptor, [query, database], evaluation.want_matches).await
+        self.recognise(cache, descriptor, [query, database], evaluation).await
     }
 
     async fn match_tile(
@@ -120,7 +126,7 @@ impl Executor {
         let database = self.manifests(&evaluation.database).await?;
         let query = query.into_iter().zip(query_descriptions).map(Source::shard).collect();
         let database = database.into_iter().zip(database_descriptions).map(Source::shard).collect();
-        self.recognise(cache, descriptor, [query, database], evaluation.want_matches).await
+        self.recognise(cache, descriptor, [query, database], evaluation).await
     }
 
     async fn recognise(
@@ -128,17 +134,45 @@ impl Executor {
         cache: &Arc<PreparationCache>,
         descriptor: &Descriptor,
         [query, database]: [Vec<Source>; 2],
-        want_matches: bool,
+        &Evaluation { want_matches, rule, ref scales, .. }: &Evaluation,
     ) -> Result<EvaluationResult, EvaluationError> {
-        let distances = self.matcher.distances(cache, descriptor, &query, &database).await?;
-        let [queries, database] = [query, database]
-            .map(|sources| labels(&sources.into_iter().map(|source| source.manifest).collect::<Vec<_>>()));
+        let manifests = |sources: &[Source]| -> Vec<Arc<Manifest>> {
+            sources.iter().map(|source| Arc::clone(&source.manifest)).collect()
+        };
+        let sides = [manifests(&query), manifests(&database)];
+        let members =
+            (!rule.is_default()).then(|| rule::members(&rule, [&sides[0], &sides[1]])).transpose()?;
+        let mut distances = self.matcher.distances(cache, descriptor, &query, &database).await?;
+        for ((_, weight), scale) in distances.iter_mut().zip(scales) {
+            *weight /= scale;
+        }
         let recognise = move || {
+            if let Some([queries, database]) = members {
+                let found = nearest_of_class(&queries, &distances, &database)?;
+                return Ok(rule::result(&rule, [&sides[0], &sides[1]], &found, want_matches));
+            }
+            let [queries, database] = sides.map(|manifests| labels(&manifests));
             let matches = recognise_from(queries.len(), &distances, &database)?;
             let correct = Correct::count(&matches, &queries, &database);
             Ok(result(&correct, if want_matches { &matches } else { &[] }))
         };
         self.matcher.loader.computing.run(recognise).await
+    }
+
+    /// The distances stay where an evaluation of all these clouds against each other looks for them.
+    async fn scale(
+        &self,
+        cache: &Arc<PreparationCache>,
+        descriptor: &Descriptor,
+        task: &Scale,
+    ) -> Result<f64, EvaluationError> {
+        let clouds: Vec<Source> =
+            self.manifests(&task.splits).await?.into_iter().map(Source::split).collect();
+        let mut channels = self.matcher.distances(cache, descriptor, &clouds, &clouds).await?;
+        let Some((distances, _)) = channels.pop().filter(|_| channels.is_empty()) else {
+            return Err(InvalidTask::Channels { channels: descriptor.channels().len() }.into());
+        };
+        Ok(self.matcher.loader.computing.run(move || scale::scale(&distances)).await)
     }
 
     async fn count_cell(
@@ -206,6 +240,7 @@ fn result(correct: &Correct, matches: &[Match]) -> EvaluationResult {
         object_correct: correct.object as u32,
         category_correct: correct.category as u32,
         matches: matches.iter().map(found).collect(),
+        ..EvaluationResult::default()
     }
 }
 

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use proto::task::{Described, Description, Evaluation, EvaluationResult, GridCell, Task, TaskResult};
+use proto::task::{Described, Description, Evaluation, EvaluationResult, GridCell, Scale, Task, TaskResult};
 use proto::{Digest, JobId, WorkerId};
 use tokio::sync::Notify;
 
@@ -87,6 +87,33 @@ impl Client {
         Ok(batch.finish())
     }
 
+    /// Asks for the scales of channels and waits for all of them; they are in the order of submission, whatever the order
+    /// of arrival, and on the disk, so that evaluations that name them mean the same to the next start. `watch` is shown
+    /// all news.
+    ///
+    /// # Errors
+    /// As for evaluations.
+    pub async fn scales(
+        &mut self,
+        scales: Vec<Scale>,
+        mut watch: impl FnMut(&ClusterNews),
+    ) -> Result<Vec<Finished<f64>>, ClusterError> {
+        let mut done: Vec<Option<Finished<f64>>> = vec![None; scales.len()];
+        self.perform(scales.into_iter().map(Task::Scale).collect(), |news, finished| {
+            for (place, finished) in finished {
+                done[place] = finished.of_kind(|result| match result {
+                    TaskResult::Scale(scale) => Some(scale),
+                    _ => None, // `Task::check` lets none pass
+                });
+            }
+            watch(news);
+            Ok::<_, ClusterError>(Vec::new())
+        })
+        .await?;
+        self.cluster.flush().await?;
+        Ok(done.into_iter().flatten().collect())
+    }
+
     /// Submits cells of the grid and waits for all of them. `take` is given all news, with the counts of
     /// the cells that were finished, numbered in the order of submission, and who counted them; its error ends the
     /// waiting.
@@ -103,7 +130,7 @@ impl Client {
                     worker_id: Some(finished.worker_id),
                     settled: finished.settled,
                 }),
-                TaskResult::Evaluation(_) | TaskResult::Description(_) => None, // `Task::check` lets none pass
+                _ => None, // `Task::check` lets none pass
             };
             take(news, finished.into_iter().filter_map(answer).collect()).map(|()| Vec::new())
         })

@@ -387,7 +387,7 @@ async fn tick(cluster: Weak<Cluster>) {
 /// What happened since the last look.
 #[derive(Debug)]
 pub struct ClusterNews {
-    /// How many evaluations or cells were finished.
+    /// How many evaluations, cells or scales were finished.
     pub finished: usize,
     /// Why results that were accepted may be wrong. Each goes to all clients.
     pub doubts: Vec<Doubt>,

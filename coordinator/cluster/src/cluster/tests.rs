@@ -6,8 +6,8 @@ use super::*;
 use crate::events::Departure;
 use crate::journal::Journal;
 use crate::scheduler::Audit;
-use proto::journal::Member;
-use proto::task::{EvaluationResult, GridCell, Report, Subject, TaskResult};
+use proto::journal::{AcceptedResult, Member};
+use proto::task::{EvaluationResult, GridCell, Report, Scale, Subject, TaskResult};
 
 const LIMITS: Limits = Limits::SAMPLE;
 
@@ -97,7 +97,12 @@ async fn reported(cluster: &Arc<Cluster>) -> (Lease, tokio::task::JoinHandle<Ans
     cluster.register(id, introduction, false).unwrap();
     let poll = Poll { sequence: 1, wanted: 1, ..Poll::default() };
     let (lease, _) = cluster.poll(id, poll).await.unwrap().jobs.remove(0);
-    let result = EvaluationResult { queries: 9, object_correct: 1, category_correct: 2, matches: vec![] };
+    let result = EvaluationResult {
+        queries: 9,
+        object_correct: 1,
+        category_correct: 2,
+        ..EvaluationResult::default()
+    };
     let outcome = Ok(TaskResult::Evaluation(result));
     let finished = vec![Report { lease, run_seconds: 0.1, outcome }];
     let cluster = Arc::clone(cluster);
@@ -120,6 +125,53 @@ async fn a_poll_that_waits_is_answered_when_its_report_is_on_the_disk() {
     assert_eq!(held.commit(), 5, "the worker, its lease, its answer, and the events of worker and attempt");
     assert_eq!(poll.await.unwrap().acknowledged, [lease]);
     cluster.flush().await.unwrap();
+}
+
+fn scale(number: u32) -> Scale {
+    Scale { subject: Subject::sample(number), splits: Vec::new(), clouds: 9 }
+}
+
+#[tokio::test]
+async fn scales_are_in_the_order_of_asking_and_there_at_the_next_start() {
+    let asked = || [5, 6, 7].map(scale).to_vec();
+    let (journal, held) = Journal::held();
+    let cluster = Cluster::with_journal(LIMITS, SessionId([1; 16]), journal, Recorded::default());
+    let scaled = tokio::spawn({
+        let cluster = Arc::clone(&cluster);
+        async move { cluster.client().scales(asked(), |_| {}).await }
+    });
+    let id = WorkerId([1; 16]);
+    cluster.register(id, Introduction::sample("one"), true).unwrap();
+    let poll = Poll { sequence: 1, wanted: 3, ..Poll::default() };
+    let jobs = cluster.poll(id, poll).await.unwrap().jobs;
+    let report = |(lease, task): &(Lease, Arc<Task>)| {
+        let result = TaskResult::Scale(f64::from(number(task.subject())) / 10.0);
+        Report { lease: *lease, run_seconds: 0.1, outcome: Ok(result) }
+    };
+    let finished: Vec<Report> = jobs.iter().rev().map(report).collect();
+    assert_eq!(finished.len(), 3);
+    cluster.poll(id, Poll { sequence: 2, finished, ..Poll::default() }).await.unwrap();
+    // What names them must not be handed out before they are on the disk.
+    for _ in 0..100 {
+        tokio::task::yield_now().await;
+    }
+    assert!(!scaled.is_finished());
+    held.commit();
+    let scales = scaled.await.unwrap().unwrap();
+    assert_eq!(scales.iter().map(|one| one.result).collect::<Vec<f64>>(), [0.5, 0.6, 0.7]);
+
+    let accepted = asked().into_iter().zip(&scales).map(|(asked, scale)| {
+        let job = Task::Scale(asked).job(0);
+        assert_eq!(job, scale.job);
+        let Finished { worker_id, worker, attempt, queued, run_seconds, .. } = scale.clone();
+        let result = TaskResult::Scale(scale.result);
+        (job, AcceptedResult { result, worker_id, worker, attempt, queued, run_seconds })
+    });
+    let recorded = Recorded { starts: 2, accepted: accepted.collect(), ..Recorded::default() };
+    let (journal, _held) = Journal::held();
+    let cluster = Cluster::with_journal(LIMITS, SessionId([1; 16]), journal, recorded);
+    let again = cluster.client().scales(asked(), |_| {}).await.unwrap();
+    assert_eq!(again, scales, "nobody is there to compute them");
 }
 
 #[tokio::test]

@@ -39,6 +39,7 @@ fn accepted(matches: usize) -> AcceptedResult {
             object_correct: 4,
             category_correct: 6,
             matches: (0..matches).map(found).collect(),
+            ..EvaluationResult::default()
         }),
         worker_id: WorkerId([3; 16]),
         worker: "rack-3".to_owned(),

@@ -85,6 +85,13 @@ pub struct Finished<R = TaskResult> {
 }
 
 impl Finished {
+    /// The same with what `of_kind` makes of the result; `None` if that is nothing.
+    pub fn of_kind<R>(self, of_kind: impl FnOnce(TaskResult) -> Option<R>) -> Option<Finished<R>> {
+        let Self { job, result, worker_id, worker, attempt, queued, run_seconds, settled } = self;
+        let result = of_kind(result)?;
+        Some(Finished { job, result, worker_id, worker, attempt, queued, run_seconds, settled })
+    }
+
     /// What the journal keeps of it; `None` if nothing.
     pub fn kept(&self) -> Option<AcceptedResult> {
         Some(AcceptedResult {

@@ -86,11 +86,8 @@ impl Batch {
 }
 
 fn whole(finished: Finished) -> Option<Finished<EvaluationResult>> {
-    let Finished { job, result, worker_id, worker, attempt, queued, run_seconds, settled } = finished;
-    match result {
-        TaskResult::Evaluation(result) => {
-            Some(Finished { job, result, worker_id, worker, attempt, queued, run_seconds, settled })
-        }
-        TaskResult::GridCell(_) | TaskResult::Description(_) => None, // `Task::check` lets none pass
-    }
+    finished.of_kind(|result| match result {
+        TaskResult::Evaluation(result) => Some(result),
+        _ => None, // `Task::check` lets none pass
+    })
 }

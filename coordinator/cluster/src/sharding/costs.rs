@@ -45,7 +45,7 @@ impl Costs {
             TaskKind::Evaluation => &mut self.whole,
             TaskKind::Description => &mut self.clouds,
             TaskKind::Tile => &mut self.pairs,
-            TaskKind::GridCell => return, // never sharded
+            TaskKind::GridCell | TaskKind::Scale => return, // never sharded
         };
         factor.add(seconds / (units as f64 * UNIT_SECONDS));
     }

@@ -39,7 +39,8 @@ pub struct ShardedEvaluation {
     asked: Vec<bool>,
     /// Tiles without a result.
     missing: usize,
-    merged: Merged,
+    /// Until the result is given.
+    merged: Option<Merged>,
     /// Who reported, with labels.
     workers: BTreeMap<WorkerId, String>,
     attempt: u32,
@@ -75,7 +76,7 @@ impl Half {
 impl ShardedEvaluation {
     /// An evaluation of which nothing is there yet.
     pub fn new(evaluation: Evaluation, plan: ShardPlan, [query, database]: [Arc<Side>; 2]) -> Self {
-        let merged = Merged::new(query.labels.len());
+        let merged = Merged::new(query.labels.len(), evaluation.rule);
         let halves = [Half::new(query, plan.query.ranges), Half::new(database, plan.database.ranges)];
         let tiles = halves[0].ranges.len() * halves[1].ranges.len();
         Self {
@@ -83,7 +84,7 @@ impl ShardedEvaluation {
             halves,
             asked: vec![false; tiles],
             missing: tiles,
-            merged,
+            merged: Some(merged),
             workers: BTreeMap::new(),
             attempt: 1,
             queued: None,
@@ -125,7 +126,9 @@ impl ShardedEvaluation {
                 let [query, database] = &self.halves;
                 let first = query.clouds(ranges[0]).start as usize;
                 let offset = database.clouds(ranges[1]).start;
-                self.merged.take(first, &result.matches, offset, &database.side.labels);
+                if let Some(merged) = &mut self.merged {
+                    merged.take(first, &result, offset, &database.side.labels);
+                }
                 Vec::new()
             }
             _ => Vec::new(), // `Task::check` lets none pass
@@ -160,6 +163,8 @@ impl ShardedEvaluation {
                 queries: query.clouds(ranges[0]).len() as u32,
                 database_clouds: database.clouds(ranges[1]).len() as u32,
                 want_matches: true,
+                rule: self.evaluation.rule,
+                scales: self.evaluation.scales.clone(),
             },
             query_descriptions: query.descriptions(ranges[0])?,
             database_descriptions: database.descriptions(ranges[1])?,
@@ -171,21 +176,13 @@ impl ShardedEvaluation {
         if self.missing > 0 {
             return None;
         }
-        let matches = std::mem::take(&mut self.merged).finish();
         let [queries, database] = self.halves.each_ref().map(|half| &half.side.labels[..]);
-        let pairs = || matches.iter().map(|found| &database[found.nearest as usize]).zip(queries);
-        let object_correct = pairs().filter(|(found, query)| found.instance == query.instance).count();
-        let category_correct = pairs().filter(|(found, query)| found.category == query.category).count();
+        let result = self.merged.take()?.finish(queries, database, self.evaluation.want_matches);
         let count = self.workers.len();
         let (worker_id, label) = std::mem::take(&mut self.workers).pop_first()?;
         Some(Finished {
             job,
-            result: EvaluationResult {
-                queries: queries.len() as u32,
-                object_correct: object_correct as u32,
-                category_correct: category_correct as u32,
-                matches: if self.evaluation.want_matches { matches } else { Vec::new() },
-            },
+            result,
             worker_id,
             worker: if count == 1 { label } else { format!("{count} workers") },
             attempt: self.attempt,

@@ -6,8 +6,8 @@ use descriptor::recognise::recognise_from;
 use descriptor::{Correct, DistanceMatrix, Signature, Signatures};
 use proptest::prelude::*;
 use proto::task::{
-    CloudEntry, Described, Evaluation, EvaluationResult, Label, Match, SplitManifest, Subject, Task,
-    TaskResult, Tile,
+    CloudEntry, Described, Evaluation, EvaluationResult, Exclusion, Label, Match, MatchingRule, Nearest,
+    Objective, SplitManifest, Subject, Task, TaskResult, Tile,
 };
 use proto::{Digest, JobId, Lease, WorkerId};
 
@@ -21,8 +21,10 @@ use crate::store::JobStore;
 /// A cloud whose descriptor is one number, so that few numbers make many equal distances.
 #[derive(Clone, Copy, Debug)]
 struct Toy {
+    /// Clouds of one number have one digest.
     number: u8,
     instance: u32,
+    sequence: u32,
 }
 
 /// What workers can fetch.
@@ -39,6 +41,7 @@ impl World {
             bytes: 1,
             label: label(cloud),
             path: format!("{name}/{index}/{}", cloud.number),
+            sequence: Some(cloud.sequence),
         };
         let clouds = clouds.iter().enumerate().map(entry).collect();
         self.blobs.publish_bytes(SplitManifest { split: name.to_owned(), clouds }.encode())
@@ -50,9 +53,11 @@ impl World {
         for manifest in manifests {
             let bytes = self.blobs.read(*manifest).unwrap();
             let listed = SplitManifest::decode(&bytes).unwrap().clouds;
-            clouds.extend(
-                listed.iter().map(|one| Toy { number: one.digest.0[0], instance: one.label.instance }),
-            );
+            clouds.extend(listed.iter().map(|one| Toy {
+                number: one.digest.0[0],
+                instance: one.label.instance,
+                sequence: one.sequence.unwrap(),
+            }));
         }
         clouds
     }
@@ -66,7 +71,16 @@ impl World {
         };
         let labels = [&queries, &database].map(|side| side.iter().map(label).collect::<Vec<_>>());
         let distances = DistanceMatrix::new(&signatures(&queries), &signatures(&database));
-        let channels = [(&distances, 0.67), (&distances, 1.0 - 0.67)];
+        let scale = |channel: usize| evaluation.scales.get(channel).copied().unwrap_or(1.0);
+        let weights = [0.67 / scale(0), (1.0 - 0.67) / scale(1)];
+        if !evaluation.rule.is_default() {
+            let distance = |query: usize, cloud: usize| {
+                let distance = f64::from(distances.row(query)[cloud]);
+                weights[0] * distance + weights[1] * distance
+            };
+            return by_definition(evaluation, &queries, &database, distance);
+        }
+        let channels = weights.map(|weight| (&distances, weight));
         let found = recognise_from(queries.len(), &channels, &labels[1]).unwrap();
         let correct = Correct::count(&found, &labels[0], &labels[1]);
         let matches = found.iter().map(|found| Match {
@@ -79,6 +93,7 @@ impl World {
             object_correct: correct.object as u32,
             category_correct: correct.category as u32,
             matches: if evaluation.want_matches { matches.collect() } else { Vec::new() },
+            ..EvaluationResult::default()
         }
     }
 
@@ -98,9 +113,55 @@ impl World {
                 task.check(&result).unwrap();
                 result
             }
-            Task::GridCell(_) => panic!("{task}"),
+            Task::GridCell(_) | Task::Scale(_) => panic!("{task}"),
         }
     }
+}
+
+/// An evaluation under a rule as it is defined: every query with every cloud that is left to it.
+fn by_definition(
+    evaluation: &Evaluation,
+    queries: &[Toy],
+    database: &[Toy],
+    distance: impl Fn(usize, usize) -> f64,
+) -> EvaluationResult {
+    let MatchingRule { exclude, objective, margin } = evaluation.rule;
+    let mut result = EvaluationResult { margin: margin.then_some(0.0), ..EvaluationResult::default() };
+    for (index, query) in queries.iter().enumerate() {
+        let is_left = |cloud: &Toy| match exclude {
+            Exclusion::None => true,
+            Exclusion::SameCloud => cloud.number != query.number,
+            Exclusion::SameSequence => cloud.sequence != query.sequence,
+        };
+        let is_own = |cloud: &Toy| match objective {
+            Objective::Object => cloud.instance == query.instance,
+            Objective::Category => label(cloud).category == label(query).category,
+        };
+        let left = database.iter().enumerate().filter(|(_, cloud)| is_left(cloud));
+        let mut left: Vec<(f64, usize)> = left.map(|(cloud, _)| (distance(index, cloud), cloud)).collect();
+        left.sort_by(|one, other| one.partial_cmp(other).unwrap());
+        let first = |own: bool| {
+            let found = left.iter().find(|(_, cloud)| is_own(&database[*cloud]) == own);
+            found.map(|&(distance, cloud)| (cloud as u32, distance))
+        };
+        let nearest = Nearest { same: first(true), other: first(false) };
+        if evaluation.want_matches {
+            result.nearest.push(nearest);
+        }
+        let Some((_, same)) = nearest.same else { continue };
+        let [named, shown] = [&database[left[0].1], query].map(label);
+        result.queries += 1;
+        result.object_correct += u32::from(named.instance == shown.instance);
+        result.category_correct += u32::from(named.category == shown.category);
+        if let Some(sum) = &mut result.margin {
+            *sum += match nearest.other {
+                Some((_, other)) if other + same > 0.0 => (other - same) / (other + same),
+                Some(_) => 0.0,
+                None => 1.0,
+            };
+        }
+    }
+    result
 }
 
 /// Stands for the description of a shard.
@@ -168,8 +229,16 @@ fn lay_out(world: &World, evaluation: &Evaluation, jobs: &JobStore) -> Planned {
 }
 
 fn toys(most: usize) -> impl Strategy<Value = Vec<Toy>> {
-    let toy = (0u8..=8, 0u32..5).prop_map(|(number, instance)| Toy { number, instance });
+    let toy = (0u8..=8, 0u32..5, 0u32..3);
+    let toy = toy.prop_map(|(number, instance, sequence)| Toy { number, instance, sequence });
     prop::collection::vec(toy, 1..most)
+}
+
+fn rules() -> impl Strategy<Value = MatchingRule> {
+    let exclude = vec![Exclusion::None, Exclusion::SameCloud, Exclusion::SameSequence];
+    let objective = vec![Objective::Object, Objective::Category];
+    let parts = (prop::sample::select(exclude), prop::sample::select(objective), any::<bool>());
+    parts.prop_map(|(exclude, objective, margin)| MatchingRule { exclude, objective, margin })
 }
 
 proptest! {
@@ -181,6 +250,8 @@ proptest! {
         databases in prop::collection::vec(toys(16), 1..3),
         count in 1u32..30,
         want_matches in any::<bool>(),
+        rule in rules(),
+        scales in prop_oneof![Just(vec![]), Just(vec![0.3, 7.0])],
         seed in any::<u64>(),
     ) {
         let world = World::default();
@@ -194,6 +265,8 @@ proptest! {
             queries: queries.len() as u32,
             database_clouds: databases.iter().map(Vec::len).sum::<usize>() as u32,
             want_matches,
+            rule,
+            scales,
         };
         let subject = Subject::sample(2);
         let evaluations = [evaluation.clone(), Evaluation { subject, ..evaluation.clone() }];
@@ -202,15 +275,11 @@ proptest! {
         planner.set_shard_count(shard_count);
         let mut jobs = JobStore::default();
         let (done, tasks) = carry_out(&world, &evaluations, &planner, &mut jobs, seed);
-        let bits = |found: &Match| {
-            let runner_up = found.runner_up.map(|(index, distance)| (index, distance.to_bits()));
-            (found.nearest, found.distance.to_bits(), runner_up)
-        };
+        let bits = |result: &EvaluationResult| TaskResult::Evaluation(result.clone()).fingerprint();
         for (finished, evaluation) in done.iter().zip(&evaluations) {
             let whole = world.evaluate(evaluation);
             prop_assert_eq!(&finished.result, &whole);
-            let both = [&finished.result, &whole].map(|result| result.matches.iter().map(bits).collect::<Vec<_>>());
-            prop_assert_eq!(&both[0], &both[1]);
+            prop_assert_eq!(bits(&finished.result), bits(&whole));
             prop_assert_eq!(finished.job, Task::Evaluation(evaluation.clone()).job(0));
         }
         // Once more: the same plan, whatever a planner would decide by now.
@@ -225,14 +294,12 @@ proptest! {
 fn slow() -> (World, Evaluation, Planner) {
     let world = World::default();
     let toys: Vec<Toy> =
-        (0..30).map(|index| Toy { number: index % 9, instance: u32::from(index) % 4 }).collect();
+        (0..30).map(|index| Toy { number: index % 9, instance: u32::from(index) % 4, sequence: 0 }).collect();
     let evaluation = Evaluation {
         subject: Subject::sample(1),
         query: vec![world.publish("query", &toys[..20])],
         database: vec![world.publish("database", &toys)],
-        queries: 20,
-        database_clouds: 30,
-        want_matches: false,
+        ..Evaluation::sample(1, 20, 30)
     };
     let mut planner = Planner::default();
     planner.observe(&Task::Evaluation(evaluation.clone()), 3600.0);

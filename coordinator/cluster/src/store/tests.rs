@@ -15,8 +15,12 @@ fn task(number: u32) -> Arc<Task> {
 }
 
 fn finished(job: JobId, worker_id: WorkerId, correct: u32) -> Finished {
-    let result =
-        EvaluationResult { queries: 10, object_correct: correct, category_correct: correct, matches: vec![] };
+    let result = EvaluationResult {
+        queries: 10,
+        object_correct: correct,
+        category_correct: correct,
+        ..EvaluationResult::default()
+    };
     Finished {
         job,
         result: TaskResult::Evaluation(result),

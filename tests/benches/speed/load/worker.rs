@@ -254,7 +254,9 @@ impl AtWork {
                 let took = self.manner.effort.of(lease, clouds, pairs);
                 (took, TaskResult::Evaluation(result(evaluation, queries)))
             }
-            Task::GridCell(_) => return Err(Status::unimplemented("no grid is searched here")),
+            Task::GridCell(_) | Task::Scale(_) => {
+                return Err(Status::unimplemented("no grid is searched here, and nothing scaled"));
+            }
         };
         tokio::time::sleep_until((start + took).into()).await;
         let run_seconds = start.elapsed().as_secs_f64();
@@ -306,5 +308,6 @@ fn result(evaluation: &Evaluation, queries: u32) -> EvaluationResult {
         object_correct: correct,
         category_correct: correct,
         matches: if evaluation.want_matches { vec![found; queries as usize] } else { Vec::new() },
+        ..EvaluationResult::default()
     }
 }

@@ -10,7 +10,7 @@ use prost_types::{
 
 const INTRODUCTION: &str = "# Protocol
 
-Made from [`proto/descry/v2`](../../../proto/descry/v2/coordinator.proto); a test keeps it so. Workers and coordinators of the same major version understand each other.
+Made from [`proto/descry/v2`](../../../proto/descry/v2/coordinator.proto); a test keeps it so. A coordinator takes workers of its own major version, and of its own minor version or a later one.
 ";
 /// Files in the order in which they are read best.
 const FILES: [(&str, &str); 3] = [

@@ -53,6 +53,7 @@ impl Archive {
                     digest: archive.add(bytes),
                     label: Label { category: object.index % 2, instance: object.index },
                     path: object.path(view),
+                    sequence: None,
                 }
             });
             let clouds = clouds.collect();
@@ -61,6 +62,20 @@ impl Archive {
             archive.splits.push(manifest);
         }
         archive
+    }
+
+    /// Numbers the sequences of all clouds: each split has a view of each object in each of two.
+    pub fn number_sequences(&mut self) {
+        self.splits = std::mem::take(&mut self.splits)
+            .into_iter()
+            .map(|split| {
+                let mut manifest = SplitManifest::decode(&self.blobs[&split.to_vec()]).unwrap();
+                for (cloud, sequence) in manifest.clouds.iter_mut().zip([0, 1].into_iter().cycle()) {
+                    cloud.sequence = Some(sequence);
+                }
+                self.add(manifest.encode())
+            })
+            .collect();
     }
 
     /// Adds a blob.

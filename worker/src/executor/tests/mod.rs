@@ -1,6 +1,8 @@
 //! Evaluations with everything that saves work give what plain evaluations give, and do not do work twice.
 
 mod coordinator;
+mod rules;
+mod scales;
 
 use std::collections::HashMap;
 use std::fs;
@@ -71,7 +73,7 @@ fn subject(preparation: &Preparation, descriptor: Vec<u8>) -> task::Subject {
 fn evaluation(archive: &Archive, parameters: Parameters, validation: bool) -> Evaluation {
     let [query, database] = splits(archive, validation);
     let subject = subject(&preparation(), Descriptor::DiskRing(parameters).to_bytes());
-    Evaluation { subject, query, database, queries: 0, database_clouds: 0, want_matches: true }
+    Evaluation { subject, query, database, want_matches: true, ..Evaluation::sample(0, 0, 0) }
 }
 
 fn task(archive: &Archive, parameters: Parameters, validation: bool) -> Task {
@@ -443,9 +445,8 @@ async fn descriptors_of_other_families_are_evaluated_by_the_same_tasks() {
             subject: subject.clone(),
             query,
             database,
-            queries: 0,
-            database_clouds: 0,
             want_matches: true,
+            ..Evaluation::sample(0, 0, 0)
         };
         let expected = plain_of(&archive, &descriptor);
         for executor in [&executor, &kept] {

@@ -21,8 +21,12 @@ async fn labour(cluster: &Cluster, worker: u8, answers: &Cell<usize>, correct: i
         for (lease, task) in answer.jobs {
             let Task::Evaluation(evaluation) = &*task else { panic!("{task}") };
             let object_correct = correct(number(&evaluation.subject));
-            let result =
-                EvaluationResult { queries: 9, object_correct, category_correct: 9, matches: vec![] };
+            let result = EvaluationResult {
+                queries: 9,
+                object_correct,
+                category_correct: 9,
+                ..EvaluationResult::default()
+            };
             finished.push(Report { lease, run_seconds: 0.1, outcome: Ok(TaskResult::Evaluation(result)) });
             answers.set(answers.get() + 1);
         }

@@ -121,7 +121,7 @@ impl Actor {
             queries: 1000,
             object_correct: correct,
             category_correct: correct,
-            matches: vec![],
+            ..EvaluationResult::default()
         };
         let outcome = match self.nature {
             Nature::Failing if fails => Err(Failure::new(FailureReason::Panic, "out of memory")),

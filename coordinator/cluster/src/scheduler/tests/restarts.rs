@@ -5,7 +5,12 @@ use crate::journal::Recorded;
 use proto::journal::{AcceptedResult, Member};
 
 fn answered((label, worker_id): (&str, WorkerId)) -> AcceptedResult {
-    let result = EvaluationResult { queries: 10, object_correct: 4, category_correct: 6, matches: vec![] };
+    let result = EvaluationResult {
+        queries: 10,
+        object_correct: 4,
+        category_correct: 6,
+        ..EvaluationResult::default()
+    };
     AcceptedResult {
         result: TaskResult::Evaluation(result),
         worker_id,
