@@ -17,6 +17,7 @@
 //! - `hosts`: workers on other hosts, behind links that are cut, slow, lossy or late
 //! - `pieces`: evaluations in pieces
 //! - `protocol`: the coordinator's port as a client sees it
+//! - `leaks`: what positions of clouds give away
 //! - `messages`: what a user who begins is told
 //! - `impostors`: peers that are not what they seem
 //! - `query`: SQL over what runs have written
@@ -43,6 +44,7 @@ mod grid;
 mod hill_climbing;
 mod hosts;
 mod impostors;
+mod leaks;
 mod messages;
 mod parity;
 mod pieces;
