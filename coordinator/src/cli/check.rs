@@ -5,10 +5,12 @@ use std::process::ExitCode;
 
 use clap::Args;
 
-use crate::dataset::Wanted;
+use crate::dataset::{Leak, Recognised, SequencesMissing, Verdict, Wanted};
 use crate::exhaust::grid::Grid;
 use crate::experiment::{Experiment, Member, Overrides, Plan};
+use crate::lines;
 use crate::run;
+use crate::run::progress::percent;
 use crate::run::search_space;
 
 /// Validate an experiment and its data; print what would be run
@@ -25,7 +27,7 @@ impl Check {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let plan = Plan::read(&self.experiment, Overrides::default())?;
         let experiment = plan.base();
-        let dataset = run::open_data(experiment, Wanted::All, None, |line| eprintln!("{line}"))?;
+        let dataset = run::open_data(experiment, Wanted::AllAndLeak, None, |line| eprintln!("{line}"))?;
         let mut text = plan.resolved_toml();
         if !text.ends_with('\n') {
             text.push('\n');
@@ -45,6 +47,12 @@ impl Check {
             dataset.clouds.categories.len()
         ));
         text.push_str(&format!("# data digest: {}\n", proto::Digest(dataset.clouds.digest)));
+        if let Some(leak) = &dataset.leak {
+            text.push_str(&leak_lines(leak));
+            if let Some(warning) = leak_warning(leak) {
+                eprintln!("warning: {warning}");
+            }
+        }
         text.push_str(&format!(
             "# search space: {} descriptors, {} bits\n",
             experiment.space().size(),
@@ -82,4 +90,60 @@ fn search(experiment: &Experiment) -> anyhow::Result<String> {
             format!("{method}, all {descriptors} descriptors in {cells} grid cells")
         }
     })
+}
+
+/// How well positions alone recognise objects, as comments of a TOML.
+fn leak_lines(leak: &Leak) -> String {
+    let across = leak.across.as_ref().ok();
+    let measured = [
+        ("train1 against train2", Some(&leak.split)),
+        ("validation against train1 + train2", Some(&leak.validation)),
+        ("train1 + train2 across sequences", across),
+    ];
+    let row = |(name, recognised): (&str, Option<&Recognised>)| {
+        let recognised = recognised.filter(|recognised| recognised.queries > 0)?;
+        Some(vec![
+            format!("#   {name}"),
+            percent(recognised.share()),
+            format!("of {}", recognised.queries),
+            format!("chance {}", percent(recognised.chance)),
+        ])
+    };
+    let rows: Vec<Vec<String>> = measured.into_iter().filter_map(row).collect();
+    let unknown = match &leak.across {
+        Ok(Recognised { queries: 0, .. }) => {
+            "#   across sequences: not measured, no object was recorded in two of them\n".to_owned()
+        }
+        Ok(_) => String::new(),
+        Err(SequencesMissing { count, first }) => format!(
+            "#   across sequences: not measured, {count} clouds have none, such as\n\
+             #   {first}\n\
+             #   (name sequences in a manifest, or use the layout \"uw\")\n"
+        ),
+    };
+    format!("# clouds whose object raw camera coordinates give away:\n{}{unknown}", lines::table(&rows))
+}
+
+/// That a search can gain from positions, and which protocol keeps it from that.
+fn leak_warning(leak: &Leak) -> Option<String> {
+    let advice = match leak.verdict() {
+        Verdict::Small => return None,
+        Verdict::WithinSequences => {
+            "a search can learn where objects stood instead of what they are: set fitness.protocol = \"cross-sequence\", \
+             under which coordinates give little away"
+        }
+        Verdict::Everywhere => {
+            "a search can learn where objects stood, under each fitness.protocol: unless objects differ in size, record \
+             each of them at other places"
+        }
+        Verdict::Unknown => {
+            "a search can learn where objects stood instead of what they are: record each object in several sequences, \
+             name these (layout \"uw\", or column sequence of a manifest) and set fitness.protocol = \"cross-sequence\""
+        }
+    };
+    let Recognised { correct, queries, .. } = leak.split;
+    Some(format!(
+        "split train1: few objects that raw camera coordinates recognise in train2 expected, got {correct} of {queries} \
+         clouds\n{advice}"
+    ))
 }

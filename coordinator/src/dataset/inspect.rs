@@ -1,4 +1,4 @@
-//! Reading every cloud once: its digest, whether it can be used, and how far apart its points are.
+//! Reading every cloud once: its digest, whether it can be used, how far apart its points are, and where.
 
 use cache::Store;
 use descriptor::prepare::usable;
@@ -9,6 +9,7 @@ use rayon::prelude::*;
 use super::error::DatasetError;
 use super::findings::{Finding, Findings, Spacing};
 use super::layout::Labelled;
+use super::leak::Position;
 use super::root::{Root, read_file};
 
 /// Clouds whose point spacing is looked at.
@@ -31,6 +32,15 @@ pub(super) struct Inspected {
     pub state: State,
     /// Measured only where asked for.
     spacing: Spacing,
+    /// Only where asked for, and of clouds with points.
+    pub position: Option<Position>,
+}
+
+/// What is measured of a cloud beside whether it can be used.
+#[derive(Clone, Copy)]
+struct Measured {
+    spacing: bool,
+    position: bool,
 }
 
 /// Whether a cloud takes part.
@@ -56,9 +66,10 @@ impl Inspected {
 }
 
 /// Reads the clouds in parallel, one a thread in memory; results are in the order given. Files with the bytes of an
-/// earlier start are read, but not looked into.
+/// earlier start are read, but not looked into; the first `positioned` clouds are, for their positions.
 pub(super) fn inspect(
     clouds: &[&Labelled],
+    positioned: usize,
     root: &Root,
     preprocess: &Preprocess,
     store: Option<&Store>,
@@ -68,7 +79,10 @@ pub(super) fn inspect(
     let inspected: Vec<Inspected> = clouds
         .par_iter()
         .enumerate()
-        .map(|(index, cloud)| inspect_one(cloud, preprocess, index % every == 0, &known))
+        .map(|(index, cloud)| {
+            let measured = Measured { spacing: index % every == 0, position: index < positioned };
+            inspect_one(cloud, preprocess, measured, &known)
+        })
         .collect();
     if let Some(store) = store
         && known.learn(inspected.iter().filter_map(Inspected::finding))
@@ -81,12 +95,12 @@ pub(super) fn inspect(
 fn inspect_one(
     listed: &Labelled,
     preprocess: &Preprocess,
-    wants_spacing: bool,
+    measured: Measured,
     known: &Findings,
 ) -> Inspected {
     let unreadable = |file, reason| {
         let (state, spacing) = (State::Unreadable(reason), Spacing::NotMeasured);
-        Inspected { file, state, spacing }
+        Inspected { file, state, spacing, position: None }
     };
     let bytes = match read_file(&listed.located.file) {
         Ok(bytes) => bytes,
@@ -95,10 +109,12 @@ fn inspect_one(
     let digest = *blake3::hash(&bytes).as_bytes();
     let file = Some((digest, bytes.len() as u64));
     if let Some(Finding { usable, spacing }) = known.get(&digest)
-        && !(wants_spacing && *spacing == Spacing::NotMeasured)
+        && !(measured.spacing && *spacing == Spacing::NotMeasured)
+        && !measured.position
     {
-        let spacing = if wants_spacing { *spacing } else { Spacing::NotMeasured };
-        return Inspected { file, state: usable.map_or_else(State::Skipped, |()| State::Usable), spacing };
+        let spacing = if measured.spacing { *spacing } else { Spacing::NotMeasured };
+        let state = usable.map_or_else(State::Skipped, |()| State::Usable);
+        return Inspected { file, state, spacing, position: None };
     }
     let cloud = match pcd::read(&bytes) {
         Ok(cloud) => cloud,
@@ -111,8 +127,9 @@ fn inspect_one(
         Err(error) => State::Unreadable(Message::of(&error).what),
     };
     let spacing =
-        if wants_spacing { median_spacing(&preprocess.in_metres(&cloud)) } else { Spacing::NotMeasured };
-    Inspected { file, state, spacing }
+        if measured.spacing { median_spacing(&preprocess.in_metres(&cloud)) } else { Spacing::NotMeasured };
+    let position = if measured.position { Position::of(&cloud.points) } else { None };
+    Inspected { file, state, spacing, position }
 }
 
 /// Median, over points spread through the cloud, of the distance to the nearest other position.

@@ -200,15 +200,18 @@ fn read_manifest(file: &Path, root: &Root) -> Result<Vec<Labelled>, DatasetError
             Some(text) if !text.is_empty() => Ok(text.to_owned()),
             _ => Err(DatasetError::EmptyField { place: place.clone(), column: name }),
         };
-        let optional = |index: Option<usize>| {
-            index.and_then(|index| record.get(index)).filter(|text| !text.is_empty()).map(str::to_owned)
+        let optional = |index: Option<usize>, name| match index {
+            Some(index) if record.get(index).is_some_and(|text| !text.is_empty()) => {
+                field(index, name).map(Some)
+            }
+            _ => Ok(None),
         };
         let path = field(path, "path")?;
         clouds.push(Labelled {
             category: field(category, "category")?,
             instance: field(instance, "instance")?,
-            sequence: optional(sequence),
-            split: optional(split),
+            sequence: optional(sequence, "sequence")?,
+            split: optional(split, "split")?,
             located: root.locate(&path, &place)?,
             place,
         });

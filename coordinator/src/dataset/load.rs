@@ -9,6 +9,7 @@ use super::check::{check_labels, check_overlap, equal_bytes_warning};
 use super::error::DatasetError;
 use super::inspect::{Inspected, State, inspect, refuse_unit, spacing_warning};
 use super::layout::Labelled;
+use super::leak::Position;
 use super::record::{self, CloudRecord};
 use super::root::Root;
 use super::{CloudEntry, Clouds, Instance, SPLITS, SkipReason, SkippedCloud};
@@ -16,10 +17,19 @@ use super::{CloudEntry, Clouds, Instance, SPLITS, SkipReason, SkippedCloud};
 /// Unreadable or colourless clouds named in an error; the others are only counted.
 const NAMED_CLOUDS: usize = 10;
 
-/// Numbers of categories and instances, in the order of their names.
+/// Numbers of categories, instances and sequences, in the order of their names.
 pub(super) struct Numbers<'a> {
     categories: BTreeMap<&'a str, u32>,
     instances: BTreeMap<(&'a str, &'a str), u32>,
+    sequences: BTreeMap<SequenceOrder<'a>, u32>,
+}
+
+/// A sequence's name in its order: video 10 comes after video 9, and names that are no numbers come last.
+type SequenceOrder<'a> = (bool, u64, &'a str);
+
+fn sequence_order(name: &str) -> SequenceOrder<'_> {
+    let number = name.parse().ok();
+    (number.is_none(), number.unwrap_or(0), name)
 }
 
 impl<'a> Numbers<'a> {
@@ -27,14 +37,20 @@ impl<'a> Numbers<'a> {
     pub(super) fn of(clouds: impl Iterator<Item = &'a Labelled> + Clone) -> Result<Self, DatasetError> {
         check_labels(clouds.clone())?;
         let categories = numbered(clouds.clone().map(|cloud| &*cloud.category));
-        let instances = numbered(clouds.map(|cloud| (&*cloud.category, &*cloud.instance)));
-        Ok(Self { categories, instances })
+        let instances = numbered(clouds.clone().map(|cloud| (&*cloud.category, &*cloud.instance)));
+        let sequences = numbered(clouds.filter_map(|cloud| cloud.sequence.as_deref()).map(sequence_order));
+        Ok(Self { categories, instances, sequences })
     }
 
     /// Category and instance of one of these clouds.
     pub(super) fn get(&self, cloud: &Labelled) -> (u32, u32) {
         let (category, instance) = (&*cloud.category, &*cloud.instance);
         (self.categories[category], self.instances[&(category, instance)])
+    }
+
+    /// Sequence of one of these clouds, if it is known.
+    fn sequence(&self, cloud: &Labelled) -> Option<u32> {
+        cloud.sequence.as_deref().map(|name| self.sequences[&sequence_order(name)])
     }
 
     pub(super) fn categories(&self) -> Vec<String> {
@@ -48,6 +64,10 @@ impl<'a> Numbers<'a> {
         };
         self.instances.keys().map(instance).collect()
     }
+
+    fn sequences(&self) -> Vec<String> {
+        self.sequences.keys().map(|&(_, _, name)| name.to_owned()).collect()
+    }
 }
 
 /// Numbers from 0 for different keys, in their order.
@@ -57,18 +77,29 @@ fn numbered<K: Ord>(keys: impl Iterator<Item = K>) -> BTreeMap<K, u32> {
     numbers
 }
 
-/// Checks, reads and numbers the clouds of the splits; also the indices of each split's usable clouds.
+/// The clouds of the splits.
+pub(super) struct Loaded {
+    pub clouds: Clouds,
+    /// Indices of each split's usable clouds.
+    pub indices: [Vec<u32>; 4],
+    /// Of each usable cloud of the splits whose positions are wanted.
+    pub positions: Vec<Option<Position>>,
+}
+
+/// Checks, reads and numbers the clouds of the splits, and measures the positions in the first `positioned` of them.
 pub(super) fn load(
     root: &Root,
     lists: &[Vec<Labelled>; 4],
+    positioned: usize,
     preprocess: &Preprocess,
     skip_unreadable: bool,
     store: Option<&Store>,
-) -> Result<(Clouds, [Vec<u32>; 4]), DatasetError> {
+) -> Result<Loaded, DatasetError> {
     check_overlap(&SPLITS, lists)?;
     let numbers = Numbers::of(lists.iter().flatten())?;
     let listed: Vec<&Labelled> = lists.iter().flatten().collect();
-    let inspected = inspect(&listed, root, preprocess, store);
+    let positioned = lists[..positioned].iter().map(Vec::len).sum();
+    let inspected = inspect(&listed, positioned, root, preprocess, store);
     refuse(&listed, &inspected, skip_unreadable)?;
     refuse_unit(&listed, &inspected, preprocess)?;
 
@@ -78,21 +109,23 @@ pub(super) fn load(
         entries: Vec::new(),
         categories: numbers.categories(),
         instances: numbers.instances(),
+        sequences: numbers.sequences(),
         skipped: Vec::new(),
         warnings: Vec::new(),
         digest: record::data_digest(&records),
         listed: records,
     };
-    let mut indices = [const { Vec::new() }; 4];
+    let (mut indices, mut positions) = ([const { Vec::new() }; 4], Vec::new());
     let mut found = inspected.iter();
     for ((split, listed), indices) in SPLITS.into_iter().zip(lists).zip(&mut indices) {
         for (cloud, inspected) in listed.iter().zip(&mut found) {
             let path = cloud.located.path.clone();
             let reason = match (&inspected.state, inspected.file) {
                 (State::Usable, Some((digest, bytes))) => {
-                    let (category, instance) = numbers.get(cloud);
+                    let ((category, instance), sequence) = (numbers.get(cloud), numbers.sequence(cloud));
                     indices.push(clouds.entries.len() as u32);
-                    clouds.entries.push(CloudEntry { path, category, instance, digest, bytes });
+                    clouds.entries.push(CloudEntry { path, category, instance, sequence, digest, bytes });
+                    positions.push(inspected.position);
                     continue;
                 }
                 (State::Skipped(skip), _) => SkipReason::Unusable(*skip),
@@ -105,7 +138,7 @@ pub(super) fn load(
     }
     clouds.warnings.extend(spacing_warning(&listed, &inspected, preprocess.unit));
     clouds.warnings.extend(equal_bytes_warning(&clouds, &indices));
-    Ok((clouds, indices))
+    Ok(Loaded { clouds, indices, positions })
 }
 
 /// Stops at clouds without colour where it is wanted, and at unreadable ones unless they may be skipped.

@@ -7,6 +7,7 @@ mod error;
 mod findings;
 mod inspect;
 mod layout;
+mod leak;
 mod load;
 mod protocol;
 pub mod record;
@@ -24,13 +25,14 @@ use cache::Store;
 use descriptor::{Preprocess, Skip};
 
 pub use error::{DatasetError, Place};
+pub use leak::{Leak, Recognised, Verdict};
 pub use protocol::{Fold, Folds, Protocol};
 use record::CloudRecord;
 pub use settings::{DatasetSettings, Layout, SeededSplit, SplitRule, SyntheticSettings};
 
 use check::{check_overlap, unrecognisable_warning};
 use layout::Labels;
-use load::{Numbers, load};
+use load::{Loaded, Numbers, load};
 use root::Root;
 pub(crate) use root::{MAX_FILE_BYTES, read_file};
 
@@ -46,6 +48,8 @@ pub struct CloudEntry {
     pub category: u32,
     /// Index into the instances.
     pub instance: u32,
+    /// Index into the sequences; `None` if the layout knows none of it.
+    pub sequence: Option<u32>,
     /// BLAKE3 of the file's bytes.
     pub digest: [u8; 32],
     /// Size of the file, bytes.
@@ -101,6 +105,9 @@ pub struct Clouds {
     pub categories: Vec<String>,
     /// The instances of all listed clouds, sorted by category and name.
     pub instances: Vec<Instance>,
+    /// Names of the sequences of all listed clouds: first numbers, by value, then other names, sorted. Clouds of two
+    /// objects are of one sequence if its name is the same.
+    pub sequences: Vec<String>,
     /// Listed clouds that take no part, split after split.
     pub skipped: Vec<SkippedCloud>,
     /// What does not stop a run but makes its result doubtful; the last line of each says what to do.
@@ -132,13 +139,31 @@ pub struct Splits {
     pub test: Vec<u32>,
 }
 
-/// The clouds of an experiment.
+impl Splits {
+    /// The four, in the order of [`SPLITS`].
+    pub fn all(&self) -> [&[u32]; 4] {
+        [&self.train1, &self.train2, &self.validation, &self.test]
+    }
+}
+
+/// Usable clouds whose sequence is not known.
 #[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SequencesMissing {
+    /// How many.
+    pub count: usize,
+    /// Path of the first.
+    pub first: String,
+}
+
+/// The clouds of an experiment.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Dataset {
     /// Clouds, labels, what is skipped.
     pub clouds: Clouds,
     /// Which cloud is in which split.
     pub splits: Splits,
+    /// What positions give away, if it is wanted.
+    pub leak: Option<Leak>,
 }
 
 /// Which splits are loaded; the others are taken for empty, and nothing of them is read.
@@ -146,6 +171,8 @@ pub struct Dataset {
 pub enum Wanted {
     /// All of them.
     All,
+    /// All of them, and what positions give away.
+    AllAndLeak,
     /// Both training sets.
     Training,
 }
@@ -154,8 +181,16 @@ impl Wanted {
     /// How many of [`SPLITS`], from the first.
     fn count(self) -> usize {
         match self {
-            Self::All => SPLITS.len(),
+            Self::All | Self::AllAndLeak => SPLITS.len(),
             Self::Training => 2,
+        }
+    }
+
+    /// The same for the splits whose clouds' positions are measured: nothing is learned of the test before it.
+    fn positioned(self) -> usize {
+        match self {
+            Self::AllAndLeak => 3,
+            Self::All | Self::Training => 0,
         }
     }
 }
@@ -176,7 +211,8 @@ impl Dataset {
         let root = Root::open(&settings.root)?;
         let mut ignored = Vec::new();
         let lists = split::split(settings, &root, wanted, &mut ignored)?;
-        let (mut clouds, indices) = load(&root, &lists, preprocess, settings.skip_unreadable, store)?;
+        let Loaded { mut clouds, indices, positions } =
+            load(&root, &lists, wanted.positioned(), preprocess, settings.skip_unreadable, store)?;
         for (split, name) in SPLITS.into_iter().enumerate().take(wanted.count()) {
             if indices[split].is_empty() && !split::may_be_empty(&settings.splits, split) {
                 return Err(DatasetError::all_skipped(name, lists[split].len(), &clouds));
@@ -194,7 +230,23 @@ impl Dataset {
             clouds.warnings.extend(warning);
         }
         let [train1, train2, validation, test] = indices;
-        Ok(Self { clouds, splits: Splits { train1, train2, validation, test } })
+        let splits = Splits { train1, train2, validation, test };
+        let mut dataset = Self { clouds, splits, leak: None };
+        if wanted == Wanted::AllAndLeak {
+            dataset.leak = Some(Leak::measure(&dataset, &positions));
+        }
+        Ok(dataset)
+    }
+
+    /// The usable clouds of some splits, given by their positions in [`SPLITS`], whose sequence is not known; `None` if
+    /// every one has a sequence.
+    pub fn sequences_missing(&self, splits: &[usize]) -> Option<SequencesMissing> {
+        let all = self.splits.all();
+        let clouds =
+            splits.iter().flat_map(|&split| all[split]).map(|&index| &self.clouds.entries[index as usize]);
+        let mut missing = clouds.filter(|cloud| cloud.sequence.is_none());
+        let first = missing.next()?.path.clone();
+        Some(SequencesMissing { count: 1 + missing.count(), first })
     }
 }
 

@@ -17,6 +17,7 @@
 //! - `hosts`: workers on other hosts, behind links that are cut, slow, lossy or late
 //! - `pieces`: evaluations in pieces
 //! - `protocol`: the coordinator's port as a client sees it
+//! - `leaks`: what positions of clouds give away
 //! - `messages`: what a user who begins is told
 //! - `operators`: settings of a search beyond the paper's
 //! - `impostors`: peers that are not what they seem
@@ -44,6 +45,7 @@ mod grid;
 mod hill_climbing;
 mod hosts;
 mod impostors;
+mod leaks;
 mod messages;
 mod operators;
 mod parity;

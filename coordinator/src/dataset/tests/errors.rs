@@ -106,6 +106,12 @@ fn names_that_would_disturb_a_terminal() {
             clouds.csv, line 2: category without control characters expected, got fr\u{7}uit
             write a CSV with the header path,category,instance,sequence,split (the last two if wanted)"#]],
     );
+    check_manifest(
+        "path,category,instance,sequence,split\na.pcd,fruit,pear,1\u{1b}[2J,train1\n",
+        expect![[r#"
+            clouds.csv, line 2: sequence without control characters expected, got 1\u{1b}[2J
+            write a CSV with the header path,category,instance,sequence,split (the last two if wanted)"#]],
+    );
 }
 
 #[test]

@@ -4,7 +4,9 @@ use std::fs;
 
 use descriptor::Preprocess;
 
-use super::super::{Dataset, DatasetError, Instance, Layout, Listing, SPLITS, SplitRule, Splits, Wanted};
+use super::super::{
+    Dataset, DatasetError, Instance, Layout, Listing, SPLITS, SequencesMissing, SplitRule, Splits, Wanted,
+};
 use super::{Fixture, lengths, shared};
 
 fn paths<'a>(dataset: &'a Dataset, split: &[u32]) -> Vec<&'a str> {
@@ -71,6 +73,60 @@ fn a_manifest_gives_labels_and_splits() {
     let dataset = Dataset::load(&settings, &Preprocess::default(), Wanted::All, None).unwrap();
     assert_eq!(paths(&dataset, &dataset.splits.train1), ["e.pcd"]);
     assert_eq!(dataset.clouds.entries[0].instance, 0);
+}
+
+/// Rows of a manifest with the sequence of a cloud in each split.
+fn with_sequences(sequences: [Option<&str>; 4]) -> Dataset {
+    let mut fixture = Fixture::empty();
+    let column = if sequences == [None; 4] { "" } else { ",sequence" };
+    let mut rows = format!("path,category,instance,split{column}\n");
+    for (split, sequence) in SPLITS.into_iter().zip(sequences) {
+        fixture.cloud(&format!("{split}.pcd"));
+        let field =
+            if column.is_empty() { String::new() } else { format!(",{}", sequence.unwrap_or_default()) };
+        rows += &format!("{split}.pcd,fruit,pear,{split}{field}\n");
+    }
+    fixture.write("clouds.csv", rows);
+    Dataset::load(&fixture.manifest_settings(), &Preprocess::default(), Wanted::All, None).unwrap()
+}
+
+fn sequences(dataset: &Dataset) -> Vec<Option<&str>> {
+    let name = |index: u32| &*dataset.clouds.sequences[index as usize];
+    dataset.clouds.entries.iter().map(|cloud| cloud.sequence.map(name)).collect()
+}
+
+#[test]
+fn sequences_are_numbered_by_name_over_all_objects() {
+    let named = [Some("10"), Some("b"), Some("9"), Some("a b")];
+    let dataset = with_sequences(named);
+    assert_eq!(dataset.clouds.sequences, ["9", "10", "a b", "b"]);
+    assert_eq!(sequences(&dataset), named);
+    // Two spellings of a number are two names.
+    assert_eq!(with_sequences([Some("1"), Some("01"), Some("1"), Some("")]).clouds.sequences, ["01", "1"]);
+
+    // In the UW layout the video, whichever the object.
+    let mut fixture = Fixture::new();
+    fixture.cloud("cup/cup_2/cup_2_12_1.pcd");
+    fixture.append("train1.txt", "cup/cup_2/cup_2_12_1.pcd\n");
+    let dataset = fixture.load().unwrap();
+    assert_eq!(dataset.clouds.sequences, ["1", "12"]);
+    for (cloud, sequence) in dataset.clouds.entries.iter().zip(sequences(&dataset)) {
+        let expected = if cloud.path.contains("_12_") { "12" } else { "1" };
+        assert_eq!(sequence, Some(expected), "{}", cloud.path);
+    }
+}
+
+#[test]
+fn clouds_without_a_sequence_are_counted_by_split() {
+    let dataset = with_sequences([Some("1"), None, Some("2"), None]);
+    let missing = |count, first: &str| Some(SequencesMissing { count, first: first.to_owned() });
+    assert_eq!(dataset.sequences_missing(&[0, 2]), None);
+    assert_eq!(dataset.sequences_missing(&[0, 1]), missing(1, "train2.pcd"));
+    assert_eq!(dataset.sequences_missing(&[3, 2, 1, 0]), missing(2, "test.pcd"));
+    assert_eq!(dataset.sequences_missing(&[]), None);
+    let without = with_sequences([None; 4]);
+    assert_eq!(without.sequences_missing(&[0, 1, 2, 3]), missing(4, "train1.pcd"));
+    assert_eq!(without.clouds.digest, dataset.clouds.digest, "sequences are no part of the data digest");
 }
 
 #[test]

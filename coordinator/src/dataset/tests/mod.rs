@@ -2,6 +2,7 @@
 
 mod errors;
 mod inspecting;
+mod leaks;
 mod loading;
 mod protocols;
 mod remembering;
