@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 use descriptor::prepare::{Normals, keypoints};
 use descriptor::recognise::{RecogniseError, recognise_from};
 use descriptor::{
-    Cloud, Correct, DescribeError, Described, Describer, DescriberError, Descriptor, DistanceMatrix, Label,
-    Match, PrepareError, Preprocess, SetDistance, Signature, Signatures, pcd,
+    Cloud, Correct, DescribeError, Described, Describer, DescriberError, Descriptor, Label, Match,
+    PrepareError, Preprocess, SetDistance, Signature, Signatures, pcd,
 };
 use rayon::prelude::*;
 
@@ -27,6 +27,8 @@ pub struct Request {
     pub descriptor: Descriptor,
     /// Threads; stages are timed on each of them and added up.
     pub threads: usize,
+    /// How many of the first usable database clouds the scales of a structure's channels are found by; `None`: all.
+    pub scaled_by: Option<usize>,
 }
 
 /// Time of each stage, added up over clouds and threads; `total` is wall time from the first cloud to the last
@@ -115,6 +117,7 @@ pub struct DescribedClouds {
     database: Side,
     skipped: Vec<(String, String)>,
     keypoints: usize,
+    scaled_by: Option<usize>,
     /// Of everything so far.
     seconds: Seconds,
 }
@@ -161,7 +164,8 @@ impl DescribedClouds {
         }
         seconds.total = started.elapsed();
         let (descriptor, keypoints) = (request.descriptor.clone(), total_keypoints);
-        Ok(Self { pool, descriptor, query, database, skipped, keypoints, seconds })
+        let scaled_by = request.scaled_by;
+        Ok(Self { pool, descriptor, query, database, skipped, keypoints, scaled_by, seconds })
     }
 
     /// Matches them by a set distance; the time that it took to describe them is part of the report.
@@ -172,13 +176,11 @@ impl DescribedClouds {
     fn matched_by(&self, distance: SetDistance) -> Result<Report, EvaluateError> {
         let Self { query, database, .. } = self;
         let matching = Instant::now();
-        let weights = self.descriptor.channels().into_iter().enumerate();
-        let distances: Vec<(DistanceMatrix, f64)> = weights
-            .map(|(channel, (_, weight))| {
-                let [queries, database] = [query, database].map(|side| side.channel(channel));
-                (DistanceMatrix::by(distance, &queries, &database), weight)
-            })
-            .collect();
+        let channels = 0..self.descriptor.channels().len();
+        let signatures: Vec<[Signatures; 2]> =
+            channels.map(|channel| [query, database].map(|side| side.channel(channel))).collect();
+        let scaled_by = self.scaled_by.unwrap_or(database.signatures.len());
+        let distances = self.descriptor.distances(distance, &signatures, scaled_by);
         let matches = recognise_from(query.signatures.len(), &distances, &database.labels)?;
         let correct = Correct::count(&matches, &query.labels, &database.labels);
         let mut seconds = self.seconds;
@@ -254,7 +256,7 @@ pub fn stages(
     let normals = Normals::new(cloud, &keypoints, preprocess)?;
     seconds.normals = clock.elapsed();
     let clock = Instant::now();
-    let described = describer.describe(cloud, &keypoints, &normals)?;
+    let described = describer.describe(cloud, &keypoints, &normals, preprocess)?;
     seconds.describe = clock.elapsed();
     Ok(described)
 }

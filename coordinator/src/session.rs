@@ -8,15 +8,18 @@ use std::time::Duration;
 use cache::{ByteSize, Store};
 use descriptor::Descriptor;
 use proto::SessionId;
-use results::Counts;
 
 use crate::console::Console;
 use crate::dataset::Dataset;
 use crate::experiment::{Experiment, LocalWorkers};
+use crate::fitness::{Fitness, Measured};
 use crate::in_process::{self, InProcessWorkers};
 use crate::prepared::PreparedClouds;
-use crate::run::splits::{Matching, SplitBlobs};
-use crate::run::{DataError, RunError, rows};
+use crate::run::fitness_batch::FitnessBatch;
+use crate::run::matching::Matching;
+use crate::run::scales::Scales;
+use crate::run::splits::SplitBlobs;
+use crate::run::{DataError, RunError};
 use crate::tasks;
 use cluster::journal::{Journal, Recorded};
 use cluster::scheduler::{Audit, Limits};
@@ -73,34 +76,38 @@ impl<'a> Session<'a> {
         store: Arc<Store>,
         memory: ByteSize,
     ) -> Result<Self, DataError> {
-        Self::with(Cluster::new(limits(experiment)), experiment, dataset, store, memory)
+        let cluster = Cluster::new(limits(experiment));
+        Self::with(cluster, experiment, experiment.fitness().needs_sequences(), dataset, store, memory)
     }
 
-    /// The session of a run with a journal: it goes on where earlier starts ended.
+    /// The session of a run with a journal, or of several runs: it goes on where earlier starts ended. `with_sequences`:
+    /// whether any of them has a fitness that looks at sequences.
     ///
     /// # Errors
     /// If the search space is too fine.
     pub fn with_journal(
         (id, journal, recorded): (SessionId, Journal, Recorded),
         experiment: &Experiment,
+        with_sequences: bool,
         dataset: &'a Dataset,
         store: Arc<Store>,
         memory: ByteSize,
     ) -> Result<Self, DataError> {
         let cluster = Cluster::with_journal(limits(experiment), id, journal, recorded);
-        Self::with(cluster, experiment, dataset, store, memory)
+        Self::with(cluster, experiment, with_sequences, dataset, store, memory)
     }
 
     fn with(
         cluster: Arc<Cluster>,
         experiment: &Experiment,
+        with_sequences: bool,
         dataset: &'a Dataset,
         store: Arc<Store>,
         memory: ByteSize,
     ) -> Result<Self, DataError> {
         cluster.set_shard_count(experiment.coordinator().pieces);
         let preparation = tasks::preparation(experiment.preprocess(), experiment.space().clone());
-        let splits = SplitBlobs::publish(dataset, preparation, &cluster.blobs);
+        let splits = SplitBlobs::publish(dataset, preparation, with_sequences, &cluster.blobs);
         let preparer = experiment.space().preparer()?;
         let entries = &dataset.clouds.entries;
         let prepared = PreparedClouds::new(Arc::clone(&store), experiment.preprocess(), &preparer, entries);
@@ -149,12 +156,17 @@ impl<'a> Session<'a> {
         Ok(done)
     }
 
-    /// Training counts of some descriptors, in their order.
-    pub async fn train_counts(&self, descriptors: &[Descriptor]) -> Result<Vec<Counts>, ClusterError> {
-        let evaluation = |descriptor| self.splits.evaluation(descriptor, Matching::Train, false);
-        let evaluations = descriptors.iter().map(evaluation).collect();
-        let finished = self.cluster.client().evaluate(evaluations, |_| {}).await?;
-        Ok(finished.iter().map(|finished| rows::counts(&finished.result)).collect())
+    /// What some descriptors have by a fitness on the training clouds, in their order.
+    pub async fn measure(
+        &self,
+        fitness: &Fitness,
+        descriptors: &[&Descriptor],
+    ) -> Result<Vec<Measured>, ClusterError> {
+        let (mut client, mut scales) = (self.cluster.client(), Scales::default());
+        scales.complete(descriptors, &self.splits, &mut client, |_| {}).await?;
+        let batch = FitnessBatch::new(fitness, &self.splits, &scales, descriptors, Matching::Train);
+        let answers = batch.evaluate(&mut client, |_| {}).await?;
+        Ok(answers.into_iter().map(|answer| answer.measured).collect())
     }
 }
 

@@ -37,14 +37,18 @@ pub const CHECK_DESCRIPTION: CheckDescription = |subject, bytes, clouds| {
     descriptor.check_signatures(bytes, clouds).map_err(|error| error.to_string())
 };
 
-/// The blob that lists one split's clouds.
-pub fn split_manifest<'a>(split: &str, clouds: impl Iterator<Item = &'a CloudEntry>) -> Vec<u8> {
+/// The blob that lists one split's clouds, with their sequences if these are wanted and known.
+pub fn split_manifest<'a>(
+    split: &str,
+    clouds: impl Iterator<Item = &'a CloudEntry>,
+    with_sequences: bool,
+) -> Vec<u8> {
     let listed = clouds.map(|cloud| task::CloudEntry {
         digest: Digest(cloud.digest),
         bytes: cloud.bytes,
         label: Label { category: cloud.category, instance: cloud.instance },
         path: cloud.path.clone(),
-        sequence: None,
+        sequence: cloud.sequence.filter(|_| with_sequences),
     });
     SplitManifest { split: split.to_owned(), clouds: listed.collect() }.encode()
 }

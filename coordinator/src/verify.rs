@@ -13,6 +13,7 @@ use results::EvaluationRow;
 
 use crate::console::Console;
 use crate::experiment::{LocalWorkers, Overrides};
+use crate::fitness::Measured;
 use crate::reopen::{ReopenError, Reopened, reopen};
 use crate::run::{RunError, clouds, data_digest};
 use crate::session::Session;
@@ -91,8 +92,8 @@ pub async fn verify(
     }
 
     let chosen = choose(results::read_evaluations(run)?, sample, &verdict.run_digest);
-    let family = experiment.space().family();
-    let descriptors = chosen.iter().map(|row| Descriptor::from_values(family, &row.genes));
+    let space = experiment.space();
+    let descriptors = chosen.iter().map(|row| space.from_values(&row.genes));
     let Some(descriptors) = descriptors.collect::<Option<Vec<_>>>() else {
         verdict.problems.push("evaluations: gene values: must lie on the genes' grids".to_owned());
         return Ok(verdict);
@@ -100,10 +101,17 @@ pub async fn verify(
     eprintln!("recomputing {} fitness values", descriptors.len());
     let mut session = Session::new(&experiment, &dataset, store, storage.memory).map_err(RunError::from)?;
     session.start(None, LocalWorkers::Auto).await;
-    let recomputed = async { Ok(session.train_counts(&descriptors).await?) };
-    let counts = session.perform(&Console::default(), None, recomputed).await?;
-    verdict.recomputed = counts.len();
-    for (row, counts) in chosen.iter().zip(&counts) {
+    let descriptors: Vec<&Descriptor> = descriptors.iter().collect();
+    let recomputed = async { Ok(session.measure(experiment.fitness(), &descriptors).await?) };
+    let measured = session.perform(&Console::default(), None, recomputed).await?;
+    verdict.recomputed = measured.len();
+    for (row, Measured { counts, margin }) in chosen.iter().zip(&measured) {
+        if row.margin.map(f64::to_bits) != margin.map(f64::to_bits) {
+            verdict.problems.push(format!(
+                "evaluations, generation {}, individual {}: expected margin {margin:?}, got {:?}",
+                row.generation, row.individual, row.margin
+            ));
+        }
         if row.counts != *counts {
             verdict.problems.push(format!(
                 "evaluations, generation {}, individual {}: expected {} objects and {} categories of {}, got {} and {}",

@@ -1,6 +1,7 @@
 //! Channels: what of a cloud a descriptor looks at, and how it becomes signatures and distances.
 
 use std::borrow::Borrow;
+use std::sync::Arc;
 
 use rayon::prelude::*;
 
@@ -14,18 +15,20 @@ use crate::global_hue::GlobalHue;
 use crate::prepare_error::PrepareError;
 use crate::prepared::{PreparedCloud, Preparer};
 use crate::signature::{Signature, Signatures};
+use crate::structure::{StructureChannel, StructurePlan, scale};
 
 /// One channel of a descriptor, without its weight. Descriptors that share a channel have equal signatures and equal
 /// distances in it: it is the key that these are kept under.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Channel(Kind);
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
 enum Kind {
     Shape { bins: u32, disk_um: u32, ring_um: u32 },
     Colour { m: u32, disk_um: u32, ring_um: u32 },
     Fixed(FixedDescriptor),
     GlobalHue(GlobalHue),
+    Structure(Arc<StructureChannel>),
 }
 
 /// Why a channel has no signatures.
@@ -66,12 +69,18 @@ impl Channel {
         Self(Kind::GlobalHue(descriptor))
     }
 
+    /// A channel of a structure.
+    pub(crate) fn structure(channel: StructureChannel) -> Self {
+        Self(Kind::Structure(Arc::new(channel)))
+    }
+
     /// The family of the descriptors that have it.
     pub fn family(&self) -> Family {
-        match self.0 {
+        match &self.0 {
             Kind::Shape { .. } | Kind::Colour { .. } => Family::DiskRing,
             Kind::Fixed(descriptor) => descriptor.kind.into(),
             Kind::GlobalHue(_) => Family::GlobalHue,
+            Kind::Structure(_) => Family::Structure,
         }
     }
 
@@ -82,6 +91,7 @@ impl Channel {
             Kind::Colour { m, disk_um, ring_um } => &[1, *m, *disk_um, *ring_um],
             Kind::Fixed(descriptor) => &[0, descriptor.radius_um],
             Kind::GlobalHue(descriptor) => &[0, descriptor.bins()],
+            Kind::Structure(channel) => &channel.numbers(),
         };
         bytes::write(self.family(), numbers.iter().copied())
     }
@@ -107,28 +117,44 @@ impl Channel {
                 };
                 Ok(Extractor(Way::DiskRing(feature, quantiser.binning(&parameters)?)))
             };
-        match self.0 {
-            Kind::Shape { bins, disk_um, ring_um } => {
+        match &self.0 {
+            &Kind::Shape { bins, disk_um, ring_um } => {
                 binning(Feature::Shape, Some(bins), None, [disk_um, ring_um])
             }
-            Kind::Colour { m, disk_um, ring_um } => {
+            &Kind::Colour { m, disk_um, ring_um } => {
                 binning(Feature::Colour, None, Some(m), [disk_um, ring_um])
             }
-            Kind::Fixed(descriptor) if preparer.is_of_oriented() => Ok(Extractor(Way::Fixed(descriptor))),
+            Kind::Fixed(descriptor) if preparer.is_of_oriented() => Ok(Extractor(Way::Fixed(*descriptor))),
             Kind::GlobalHue(descriptor) if preparer.is_of_colours() => {
-                Ok(Extractor(Way::GlobalHue(descriptor)))
+                Ok(Extractor(Way::GlobalHue(*descriptor)))
             }
-            Kind::Fixed(_) | Kind::GlobalHue(_) => Err(mismatch),
+            Kind::Structure(channel) if preparer.is_of_structures() => {
+                Ok(Extractor(Way::Structure(Arc::new(StructurePlan::new(channel)))))
+            }
+            Kind::Fixed(_) | Kind::GlobalHue(_) | Kind::Structure(_) => Err(mismatch),
         }
     }
 
-    /// Distances between clouds by their signatures in this channel, computed by the current rayon pool: χ², as all
-    /// families so far have it.
+    /// How it compares clouds: χ², unless a structure has another metric.
+    pub fn metric(&self) -> SetDistance {
+        match &self.0 {
+            Kind::Structure(channel) => channel.metric,
+            _ => SetDistance::ChiSquared,
+        }
+    }
+
+    /// Distances between clouds by their signatures in this channel, computed by the current rayon pool.
     ///
     /// # Panics
     /// If the signatures are of different channels: a programming error.
     pub fn distances(&self, queries: &Signatures, database: &Signatures) -> DistanceMatrix {
-        DistanceMatrix::by(SetDistance::ChiSquared, queries, database)
+        DistanceMatrix::by(self.metric(), queries, database)
+    }
+
+    /// What its distances are divided by in a structure, found from the signatures of labelled clouds
+    /// ([`crate::structure::scale`]).
+    pub fn scale(&self, clouds: &Signatures) -> f64 {
+        scale(clouds, self.metric())
     }
 }
 
@@ -141,6 +167,7 @@ enum Way {
     DiskRing(Feature, Binning),
     Fixed(FixedDescriptor),
     GlobalHue(GlobalHue),
+    Structure(Arc<StructurePlan>),
 }
 
 impl Extractor {
@@ -175,6 +202,7 @@ impl Extractor {
             (Way::GlobalHue(descriptor), PreparedCloud::Colours(colours)) => {
                 Ok((descriptor.signature(colours), None))
             }
+            (Way::Structure(plan), PreparedCloud::Structure(cloud)) => Ok((plan.signature(cloud)?, None)),
             _ => panic!("a cloud prepared for another family"),
         }
     }

@@ -11,11 +11,14 @@
 
 use crate::disk_ring::Parameters;
 use crate::fixed::{FixedDescriptor, FixedKind};
+use crate::structure::{Pairs, Structure};
 
 /// Points of the nominal cloud.
 const POINTS: u64 = 1650;
 /// Its keypoints.
 const KEYPOINTS: u64 = 53;
+/// Edge of the voxels of which these are the centroids, micrometres.
+const GRID_UM: u64 = 20_000;
 /// Points within 1 cm of one of them.
 const WITHIN_A_CENTIMETRE: u64 = 35;
 /// Radius of the neighbourhoods that normals are fitted to, micrometres.
@@ -60,6 +63,43 @@ pub(crate) fn fixed(descriptor: &FixedDescriptor) -> u64 {
 /// Describing a cloud: the hue of every point.
 pub(crate) fn global_hue() -> u64 {
     POINTS
+}
+
+/// Describing a cloud: every feature of every pair that is visited, in each channel, and where a channel needs normals
+/// those of all points and keypoints.
+pub(crate) fn structure(structure: &Structure) -> u64 {
+    let channels = structure.channels.iter().map(|one| &one.channel);
+    let describing = channels.clone().map(|channel| {
+        let keypoints = keypoints(channel.grid_um);
+        let near = within(channel.radius_um);
+        let drawn = |points: u64| match u64::from(channel.samples) {
+            0 => points * (points - 1),
+            samples => samples.min(points * (points - 1)),
+        };
+        let (rows, pairs) = match channel.pairs {
+            Pairs::KeypointNeighbour => (keypoints, keypoints * near),
+            Pairs::Neighbours => (keypoints, keypoints * drawn(near)),
+            Pairs::Keypoints => (keypoints, keypoints * (keypoints * near).div_ceil(POINTS)),
+            Pairs::Cloud => (1, drawn(POINTS)),
+        };
+        // One more for finding the pair and its distance.
+        let features = channel.axes.len() as u64 + 1;
+        pairs.saturating_mul(features).saturating_add(rows.saturating_mul(2 * channel.bins()))
+    });
+    let finest =
+        channels.filter(|channel| channel.needs_normals()).map(|channel| keypoints(channel.grid_um)).max();
+    let normals = finest.map_or(0, |keypoints| {
+        (POINTS + keypoints).saturating_mul(within(NORMAL_RADIUS_UM) * SUMS_OF_A_NORMAL)
+    });
+    describing.fold(normals, u64::saturating_add)
+}
+
+/// Keypoints of the nominal cloud on a grid: in inverse proportion to the square of its edge; none without a grid.
+fn keypoints(grid_um: u32) -> u64 {
+    if grid_um == 0 {
+        return 0;
+    }
+    (KEYPOINTS * GRID_UM.pow(2) / u64::from(grid_um).pow(2)).clamp(1, POINTS)
 }
 
 /// Of so many clouds, each described at a cost, and so many pairs of clouds, each with so many values.

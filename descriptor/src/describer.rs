@@ -10,7 +10,8 @@ use crate::keypoints::Keypoints;
 use crate::prepare::Normals;
 use crate::prepare_error::PrepareError;
 use crate::signature::Signature;
-use crate::{Cloud, GeneTable};
+use crate::structure::{Structure, StructureCloud, StructurePlan};
+use crate::{Cloud, GeneTable, Preprocess};
 
 /// What matching needs of a cloud.
 #[derive(Clone, Debug, PartialEq)]
@@ -33,6 +34,8 @@ enum Form {
     DiskRing(Box<(Quantiser, Binning)>),
     Fixed(FixedDescriptor),
     GlobalHue(GlobalHue),
+    /// The channels, and the grids of those that need normals of keypoints or keypoints at all.
+    Structure(Vec<StructurePlan>, Vec<u32>),
 }
 
 /// Why there is no describer.
@@ -60,11 +63,16 @@ impl Describer {
             }
             Descriptor::Fixed(fixed) => Form::Fixed(*fixed),
             Descriptor::GlobalHue(hue) => Form::GlobalHue(*hue),
+            Descriptor::Structure(Structure { channels }) => Form::Structure(
+                channels.iter().map(|one| StructurePlan::new(&one.channel)).collect(),
+                channels.iter().map(|one| one.channel.grid_um).collect(),
+            ),
         };
         Ok(Self { form })
     }
 
-    /// The signatures of a cloud in metres.
+    /// The signatures of a cloud in metres, whose keypoints and normals are those of `preprocess`. Structures have
+    /// keypoints of their own.
     ///
     /// # Errors
     /// If the cloud takes no part, or the descriptor says nothing about it.
@@ -73,6 +81,7 @@ impl Describer {
         cloud: &Cloud,
         keypoints: &Keypoints,
         normals: &Normals,
+        preprocess: &Preprocess,
     ) -> Result<Described, DescribeError> {
         match &self.form {
             Form::DiskRing(form) => {
@@ -87,6 +96,11 @@ impl Describer {
             Form::GlobalHue(hue) => {
                 let colours = cloud.colours.as_ref().ok_or(PrepareError::NoColours)?;
                 Ok(Described { signatures: vec![hue.signature(colours)], keypoints: keypoints.points.len() })
+            }
+            Form::Structure(plans, grids) => {
+                let cloud = StructureCloud::of_grids(cloud, &normals.cloud, preprocess, grids)?;
+                let signatures = plans.iter().map(|plan| plan.signature(&cloud)).collect::<Result<_, _>>()?;
+                Ok(Described { signatures, keypoints: keypoints.points.len() })
             }
         }
     }

@@ -7,11 +7,13 @@ use crate::bytes::{self, BytesError, Reader};
 use crate::channel::Channel;
 use crate::cost;
 use crate::disk_ring::{GeneKind, Parameters};
+use crate::distance::{DistanceMatrix, SetDistance};
 use crate::family::Family;
 use crate::fixed::{FixedDescriptor, FixedKind};
 use crate::global_hue::GlobalHue;
 use crate::signature::Signatures;
 use crate::signature_bytes::{Columns, Layout, SignatureError};
+use crate::structure::{Structure, Weighted, scale};
 
 /// A descriptor of any family.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -22,6 +24,8 @@ pub enum Descriptor {
     Fixed(FixedDescriptor),
     /// A histogram of hue.
     GlobalHue(GlobalHue),
+    /// Some channels.
+    Structure(Structure),
 }
 
 impl Descriptor {
@@ -31,6 +35,7 @@ impl Descriptor {
             Self::DiskRing(_) => Family::DiskRing,
             Self::Fixed(fixed) => fixed.kind.into(),
             Self::GlobalHue(_) => Family::GlobalHue,
+            Self::Structure(_) => Family::Structure,
         }
     }
 
@@ -40,6 +45,7 @@ impl Descriptor {
             Self::DiskRing(parameters) => parameters.to_string(),
             Self::Fixed(fixed) => format!("radius={} cm", fixed.radius_cm()),
             Self::GlobalHue(hue) => format!("bins={}", hue.bins()),
+            Self::Structure(structure) => structure.to_string(),
         }
     }
 
@@ -52,6 +58,7 @@ impl Descriptor {
             Family::PfhRgb => fixed(FixedKind::PfhRgb),
             Family::ShotColor => fixed(FixedKind::ShotColor),
             Family::GlobalHue => Self::GlobalHue(GlobalHue::default()),
+            Family::Structure => Self::Structure(Structure::default()),
         }
     }
 
@@ -64,6 +71,10 @@ impl Descriptor {
             }
             Self::Fixed(fixed) => vec![Some(fixed.radius_cm())],
             Self::GlobalHue(hue) => vec![Some(f64::from(hue.bins()))],
+            // One that is written by hand may be too much for the columns.
+            Self::Structure(structure) => {
+                structure.values().unwrap_or_else(|| vec![None; Structure::genes().len()])
+            }
         }
     }
 
@@ -82,15 +93,26 @@ impl Descriptor {
                 let &[Some(bins)] = values else { return None };
                 GlobalHue::new(GlobalHue::GENE.ticks(bins)?).ok().map(Self::GlobalHue)
             }
+            Family::Structure => Structure::from_values(values, SetDistance::default()).map(Self::Structure),
         }
     }
 
-    /// Values of one keypoint's descriptor; of a family without keypoints, of the cloud's.
+    /// Values of one keypoint's descriptor; of channels without keypoints, of the cloud's.
     pub fn size(&self) -> usize {
         match self {
             Self::DiskRing(parameters) => parameters.size(),
             Self::Fixed(fixed) => fixed.kind.size(),
             Self::GlobalHue(hue) => hue.bins() as usize,
+            Self::Structure(structure) => structure.bins() as usize,
+        }
+    }
+
+    /// Whether it is nothing without colours.
+    pub fn needs_colour(&self) -> bool {
+        match self {
+            Self::DiskRing(parameters) => parameters.has_colour(),
+            Self::Fixed(_) | Self::GlobalHue(_) => true,
+            Self::Structure(Structure { channels }) => channels.iter().any(|one| one.channel.needs_colour()),
         }
     }
 
@@ -109,7 +131,50 @@ impl Descriptor {
             }
             Self::Fixed(fixed) => vec![(Channel::fixed(*fixed), 1.0)],
             Self::GlobalHue(hue) => vec![(Channel::global_hue(*hue), 1.0)],
+            Self::Structure(Structure { channels }) => {
+                let weighted = |one: &Weighted| (Channel::structure(one.channel.clone()), one.weight());
+                channels.iter().map(weighted).collect()
+            }
         }
+    }
+
+    /// For each channel the descriptor of this channel alone if its distances are divided by a scale, which is found by
+    /// it; `None` where they are taken as they are.
+    pub fn scaled_channels(&self) -> Vec<Option<Self>> {
+        match self {
+            Self::Structure(Structure { channels }) => {
+                channels.iter().map(|one| one.scaled_alone().map(Self::Structure)).collect()
+            }
+            _ => vec![None; self.channels().len()],
+        }
+    }
+
+    /// Distances of all queries to all clouds of a database in each channel, by a set distance or, of a structure if
+    /// that is χ², by the channel's own; each with the factor of its distances: weight over scale. Scales are found by
+    /// the first clouds of the database, so many as `known` says. Signatures are those of queries and database in each
+    /// channel.
+    ///
+    /// # Panics
+    /// If there are not as many as channels: a programming error.
+    pub fn distances(
+        &self,
+        distance: SetDistance,
+        signatures: &[[Signatures; 2]],
+        known: usize,
+    ) -> Vec<(DistanceMatrix, f64)> {
+        let channels = self.channels();
+        assert_eq!(signatures.len(), channels.len(), "signatures in each channel");
+        let channels = channels.into_iter().zip(self.scaled_channels()).zip(signatures);
+        channels
+            .map(|(((channel, weight), scaled), [queries, database])| {
+                let distance = match distance {
+                    SetDistance::ChiSquared => channel.metric(),
+                    other => other,
+                };
+                let scale = scaled.map_or(1.0, |_| scale(&database.first(known), distance));
+                (DistanceMatrix::by(distance, queries, database), weight / scale)
+            })
+            .collect()
     }
 
     /// The counted cost of describing so many clouds and matching so many pairs of clouds: see [`cost`].
@@ -118,6 +183,7 @@ impl Descriptor {
             Self::DiskRing(parameters) => cost::disk_ring(parameters, self.size_of_cloud() / 2),
             Self::Fixed(fixed) => cost::fixed(fixed),
             Self::GlobalHue(_) => cost::global_hue(),
+            Self::Structure(structure) => cost::structure(structure),
         };
         cost::total(describing, clouds, self.size_of_cloud(), pairs)
     }
@@ -128,6 +194,7 @@ impl Descriptor {
             Self::DiskRing(parameters) => bytes::write(self.family(), parameters.all_ticks()),
             Self::Fixed(fixed) => bytes::write(self.family(), [fixed.radius_um]),
             Self::GlobalHue(hue) => bytes::write(self.family(), [hue.bins()]),
+            Self::Structure(structure) => bytes::write(self.family(), structure.numbers()),
         }
     }
 
@@ -148,6 +215,9 @@ impl Descriptor {
                 let [bins] = reader.numbers()?;
                 GlobalHue::new(bins).map(Self::GlobalHue).map_err(|error| reader.refuse(error.to_string()))
             }
+            Family::Structure => Structure::from_numbers(&reader.all_numbers()?)
+                .map(Self::Structure)
+                .map_err(|error| reader.refuse(error.to_string())),
         }
     }
 
@@ -163,6 +233,13 @@ impl Descriptor {
             }
             Self::GlobalHue(hue) => {
                 let channels = vec![[u64::from(hue.bins()), 0]];
+                Layout { channels, tells_keypoints: false, largest: 1, tolerance: 0.0 }
+            }
+            Self::Structure(Structure { channels }) => {
+                let lengths = |Weighted { channel, .. }: &Weighted| {
+                    [channel.bins(), if channel.has_deviation() { channel.bins() } else { 0 }]
+                };
+                let channels = channels.iter().map(lengths).collect();
                 Layout { channels, tells_keypoints: false, largest: 1, tolerance: 0.0 }
             }
         }
@@ -216,10 +293,11 @@ pub(crate) fn read_fixed(reader: &Reader<'_>) -> Result<FixedDescriptor, BytesEr
 }
 
 impl fmt::Display for Descriptor {
-    /// Its parameters; but for the paper's family, after the name of its family.
+    /// Its parameters; of a histogram of hue and of descriptors without genes, after the name of their family.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::DiskRing(parameters) => parameters.fmt(f),
+            Self::Structure(structure) => structure.fmt(f),
             Self::Fixed(_) | Self::GlobalHue(_) => write!(f, "{} {}", self.family(), self.parameters()),
         }
     }

@@ -8,6 +8,7 @@ use crate::disk_ring::GENES;
 use crate::fixed::{FixedDescriptor, FixedKind};
 use crate::gene::GeneSpec;
 use crate::global_hue::GlobalHue;
+use crate::structure::Structure;
 
 /// A family of descriptors.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -20,11 +21,14 @@ pub enum Family {
     ShotColor,
     /// [`crate::GlobalHue`].
     GlobalHue,
+    /// [`crate::structure::Structure`].
+    Structure,
 }
 
 impl Family {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::DiskRing, Self::PfhRgb, Self::ShotColor, Self::GlobalHue];
+    pub const ALL: [Self; 5] =
+        [Self::DiskRing, Self::PfhRgb, Self::ShotColor, Self::GlobalHue, Self::Structure];
 
     /// Its name in files and on the command line.
     pub fn name(self) -> &'static str {
@@ -33,6 +37,7 @@ impl Family {
             Self::PfhRgb => FixedKind::PfhRgb.name(),
             Self::ShotColor => FixedKind::ShotColor.name(),
             Self::GlobalHue => "global-hue",
+            Self::Structure => "structure",
         }
     }
 
@@ -47,6 +52,7 @@ impl Family {
             Self::DiskRing => &GENES,
             Self::PfhRgb | Self::ShotColor => &[],
             Self::GlobalHue => slice::from_ref(&GlobalHue::GENE),
+            Self::Structure => Structure::genes(),
         }
     }
 
@@ -70,6 +76,7 @@ impl Family {
             Self::PfhRgb => 2,
             Self::ShotColor => 3,
             Self::GlobalHue => 4,
+            Self::Structure => 5,
         }
     }
 }

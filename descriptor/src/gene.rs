@@ -23,6 +23,19 @@ pub struct GeneSpec {
     pub default: (u32, u32, u32),
 }
 
+/// A field of a search space's genome: a gene, and what a search has to know of its values.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FieldSpec {
+    /// The gene.
+    pub gene: &'static GeneSpec,
+    /// Number of values.
+    pub values: u32,
+    /// The slot that the gene is of, in families whose genes come in slots.
+    pub slot: Option<u32>,
+    /// Whether neighbouring values are alike.
+    pub is_ordered: bool,
+}
+
 /// Most values of one gene: an index into them has 16 bits.
 const MAX_VALUES: u32 = 65_536;
 

@@ -108,7 +108,7 @@ pub use distance::{DistanceMatrix, SetDistance};
 pub use domain::Domain;
 pub use family::Family;
 pub use fixed::{DescribeError, FixedDescriptor, FixedKind};
-pub use gene::{GeneError, GeneSpec};
+pub use gene::{FieldSpec, GeneError, GeneSpec};
 pub use global_hue::GlobalHue;
 pub use preparation::Preparation;
 pub use prepare_error::{PrepareError, Skip};

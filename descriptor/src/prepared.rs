@@ -6,6 +6,7 @@ use crate::family::Family;
 use crate::fixed::OrientedCloud;
 use crate::global_hue::GlobalHue;
 use crate::prepare_error::PrepareError;
+use crate::structure::StructureCloud;
 use crate::{Cloud, Preprocess};
 
 /// A cloud made ready for all descriptors of a search space.
@@ -17,6 +18,8 @@ pub enum PreparedCloud {
     Oriented(OrientedCloud),
     /// Global hue: the colour of every point.
     Colours(Vec<[u8; 3]>),
+    /// Structures: points, and keypoints of several grids, with their normals.
+    Structure(StructureCloud),
 }
 
 impl PreparedCloud {
@@ -26,6 +29,7 @@ impl PreparedCloud {
             Self::Quantised(cloud) => cloud.bytes(),
             Self::Oriented(cloud) => cloud.bytes(),
             Self::Colours(colours) => size_of::<Self>() + size_of_val(colours.as_slice()),
+            Self::Structure(cloud) => cloud.bytes(),
         }
     }
 
@@ -33,7 +37,7 @@ impl PreparedCloud {
     pub fn quantised(&self) -> Option<&QuantisedCloud> {
         match self {
             Self::Quantised(cloud) => Some(cloud),
-            Self::Oriented(_) | Self::Colours(_) => None,
+            Self::Oriented(_) | Self::Colours(_) | Self::Structure(_) => None,
         }
     }
 }
@@ -50,6 +54,7 @@ enum Form {
     Quantised(Box<Quantiser>),
     Oriented,
     Colours,
+    Structure,
 }
 
 impl Preparer {
@@ -69,6 +74,11 @@ impl Preparer {
         Self { family, form: Form::Colours }
     }
 
+    /// For structures.
+    pub(crate) fn structure(family: Family) -> Self {
+        Self { family, form: Form::Structure }
+    }
+
     /// The family of the search space.
     pub fn family(&self) -> Family {
         self.family
@@ -77,15 +87,29 @@ impl Preparer {
     /// Whether prepared clouds are worth keeping: preparing one takes far longer than reading its encoded form. Only
     /// such clouds have one.
     pub fn is_kept(&self) -> bool {
-        self.quantiser().is_some()
+        matches!(self.form, Form::Quantised(_) | Form::Structure)
+    }
+
+    /// Digest of what the encoded form of a prepared cloud depends on, beside cloud and preprocessing; `None` of clouds
+    /// that are not kept.
+    pub fn digest(&self) -> Option<[u8; 32]> {
+        match &self.form {
+            Form::Quantised(quantiser) => Some(quantiser.digest()),
+            Form::Structure => Some(*blake3::hash(b"descry prepared cloud of structures v1").as_bytes()),
+            Form::Oriented | Form::Colours => None,
+        }
     }
 
     /// The classes of disk-ring's records: what the encoded form of a prepared cloud depends on.
     pub fn quantiser(&self) -> Option<&Quantiser> {
         match &self.form {
             Form::Quantised(quantiser) => Some(quantiser),
-            Form::Oriented | Form::Colours => None,
+            Form::Oriented | Form::Colours | Form::Structure => None,
         }
+    }
+
+    pub(crate) fn is_of_structures(&self) -> bool {
+        self.form == Form::Structure
     }
 
     pub(crate) fn is_of_oriented(&self) -> bool {
@@ -107,12 +131,17 @@ impl Preparer {
             }
             Form::Oriented => OrientedCloud::new(cloud, preprocess).map(PreparedCloud::Oriented),
             Form::Colours => GlobalHue::colours(cloud, preprocess).map(PreparedCloud::Colours),
+            Form::Structure => StructureCloud::new(cloud, preprocess).map(PreparedCloud::Structure),
         }
     }
 
     /// The encoded form of a prepared cloud; `None` of those that are not kept.
     pub fn encode(&self, cloud: &PreparedCloud) -> Option<Vec<u8>> {
-        cloud.quantised().map(QuantisedCloud::encode)
+        match cloud {
+            PreparedCloud::Quantised(cloud) => Some(cloud.encode()),
+            PreparedCloud::Structure(cloud) => Some(cloud.encode()),
+            PreparedCloud::Oriented(_) | PreparedCloud::Colours(_) => None,
+        }
     }
 
     /// Undoes [`Preparer::encode`].
@@ -120,7 +149,12 @@ impl Preparer {
     /// # Errors
     /// If the bytes are not those of a cloud that was prepared for this search space.
     pub fn decode(&self, bytes: &[u8]) -> Result<PreparedCloud, DecodeError> {
-        let quantiser = self.quantiser().ok_or(DecodeError::OtherQuantiser)?;
-        QuantisedCloud::decode(bytes, quantiser).map(PreparedCloud::Quantised)
+        match &self.form {
+            Form::Quantised(quantiser) => {
+                QuantisedCloud::decode(bytes, quantiser).map(PreparedCloud::Quantised)
+            }
+            Form::Structure => StructureCloud::decode(bytes).map(PreparedCloud::Structure),
+            Form::Oriented | Form::Colours => Err(DecodeError::OtherQuantiser),
+        }
     }
 }

@@ -6,9 +6,10 @@ use crate::disk_ring::{GeneTable, QuantiseError};
 use crate::domain::Domain;
 use crate::family::Family;
 use crate::fixed::FixedDescriptor;
-use crate::gene::{GeneError, GeneSpec};
+use crate::gene::{FieldSpec, GeneError, GeneSpec};
 use crate::global_hue::GlobalHue;
 use crate::prepared::Preparer;
+use crate::structure::{Structure, StructureSpace};
 
 /// What a search looks through. It travels to workers: clouds are prepared once for all of its descriptors.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -19,6 +20,10 @@ pub enum SearchSpace {
     Fixed(FixedDescriptor),
     /// Numbers of bins, each one that [`GlobalHue::new`] takes.
     GlobalHue(Domain),
+    /// Structures of a few channels.
+    Structures(StructureSpace),
+    /// One structure, which may be in no space that is searched.
+    Structure(Structure),
 }
 
 impl SearchSpace {
@@ -37,7 +42,10 @@ impl SearchSpace {
                 let domains = domains.try_into().map_err(|_| number())?;
                 GeneTable::new(domains, colour).map(Self::DiskRing)
             }
-            Family::PfhRgb | Family::ShotColor => Err(GeneError::NoGenes { family: family.name() }),
+            // Structures have a space of their own, which no domains describe.
+            Family::PfhRgb | Family::ShotColor | Family::Structure => {
+                Err(GeneError::NoGenes { family: family.name() })
+            }
             Family::GlobalHue => {
                 let &[bins] = domains else { return Err(number()) };
                 GlobalHue::GENE.check(&bins)?;
@@ -56,6 +64,7 @@ impl SearchSpace {
         Ok(match descriptor {
             Descriptor::DiskRing(parameters) => Self::DiskRing(GeneTable::single(parameters)?),
             Descriptor::Fixed(fixed) => Self::Fixed(*fixed),
+            Descriptor::Structure(structure) => Self::Structure(structure.clone()),
             Descriptor::GlobalHue(hue) => Self::GlobalHue(Domain::fixed(hue.bins())),
         })
     }
@@ -66,6 +75,7 @@ impl SearchSpace {
             Self::DiskRing(_) => Family::DiskRing,
             Self::Fixed(fixed) => fixed.kind.into(),
             Self::GlobalHue(_) => Family::GlobalHue,
+            Self::Structures(_) | Self::Structure(_) => Family::Structure,
         }
     }
 
@@ -78,16 +88,37 @@ impl SearchSpace {
             Self::DiskRing(table) => Preparer::quantised(table),
             Self::Fixed(_) => Ok(Preparer::oriented(self.family())),
             Self::GlobalHue(_) => Ok(Preparer::colours(self.family())),
+            Self::Structures(_) | Self::Structure(_) => Ok(Preparer::structure(self.family())),
         }
     }
 
-    /// The genes of its chromosomes with their values, in order; those with a single value are among them.
+    /// The genes of its chromosomes with their values, in order; those with a single value are among them. Of structures
+    /// the values are codes, from 0, not ticks.
     pub fn genes(&self) -> Vec<(&'static GeneSpec, Domain)> {
         match self {
             Self::DiskRing(table) => table.genes().map(|(spec, domain)| (spec, *domain)).collect(),
             Self::Fixed(_) => Vec::new(),
             Self::GlobalHue(bins) => vec![(&GlobalHue::GENE, *bins)],
+            Self::Structures(space) => {
+                let codes = |field: FieldSpec| (field.gene, Domain { low: 0, step: 1, count: field.values });
+                space.fields().into_iter().map(codes).collect()
+            }
+            Self::Structure(_) => Vec::new(),
         }
+    }
+
+    /// The fields of its genome, a gene each, in chromosome order.
+    pub fn fields(&self) -> Vec<FieldSpec> {
+        if let Self::Structures(space) = self {
+            return space.fields();
+        }
+        let field = |(gene, domain): (_, Domain)| FieldSpec {
+            gene,
+            values: domain.count,
+            slot: None,
+            is_ordered: true,
+        };
+        self.genes().into_iter().map(field).collect()
     }
 
     /// The descriptor whose genes have the values at these indices; `None` unless there is one index below the number
@@ -101,6 +132,10 @@ impl SearchSpace {
                 let value = (index < bins.count).then(|| bins.low + index * bins.step)?;
                 GlobalHue::new(value).ok().map(Descriptor::GlobalHue)
             }
+            Self::Structures(space) => space.decode(indices).map(Descriptor::Structure),
+            Self::Structure(structure) => {
+                indices.is_empty().then(|| Descriptor::Structure(structure.clone()))
+            }
         }
     }
 
@@ -112,18 +147,37 @@ impl SearchSpace {
             (Self::GlobalHue(bins), Descriptor::GlobalHue(hue)) => {
                 bins.index_of(hue.bins()).map(|index| vec![index])
             }
+            (Self::Structures(space), Descriptor::Structure(structure)) => space.encode(structure),
+            (Self::Structure(own), Descriptor::Structure(structure)) => (own == structure).then(Vec::new),
             _ => None,
         }
     }
 
-    /// Whether the descriptor is of this space.
+    /// Whether the descriptor is of this space, or has one of its channels alone.
     pub fn contains(&self, descriptor: &Descriptor) -> bool {
-        self.encode(descriptor).is_some()
+        let has_channel = || match (self, descriptor) {
+            (Self::Structures(space), Descriptor::Structure(structure)) => space.has_channel(structure),
+            (Self::Structure(own), Descriptor::Structure(structure)) => own.has_channel(structure),
+            _ => false,
+        };
+        self.encode(descriptor).is_some() || has_channel()
     }
 
-    /// Number of different descriptors.
+    /// The descriptor that has these values in the columns of its family; `None` if there is none. It need not be of
+    /// this space, but what no column says is as here.
+    pub fn from_values(&self, values: &[Option<f64>]) -> Option<Descriptor> {
+        match self {
+            Self::Structures(space) => {
+                Structure::from_values(values, space.metric).map(Descriptor::Structure)
+            }
+            _ => Descriptor::from_values(self.family(), values),
+        }
+    }
+
+    /// Number of chromosomes that mean different genes; the largest number there is if it is larger.
     pub fn size(&self) -> u128 {
-        self.genes().iter().map(|(_, domain)| u128::from(domain.count)).product()
+        let counts = self.genes().into_iter().map(|(_, domain)| u128::from(domain.count));
+        counts.fold(1, u128::saturating_mul)
     }
 
     /// Its descriptor, if there is only one.
@@ -137,6 +191,10 @@ impl SearchSpace {
             Self::DiskRing(table) => bytes::write(self.family(), table.numbers()),
             Self::Fixed(fixed) => bytes::write(self.family(), [fixed.radius_um]),
             Self::GlobalHue(bins) => bytes::write(self.family(), [bins.low, bins.step, bins.count]),
+            Self::Structures(space) => bytes::write(self.family(), [0].into_iter().chain(space.numbers())),
+            Self::Structure(structure) => {
+                bytes::write(self.family(), [1].into_iter().chain(structure.numbers()))
+            }
         }
     }
 
@@ -155,6 +213,15 @@ impl SearchSpace {
                 let [low, step, count] = reader.numbers()?;
                 Self::new(reader.family, true, &[Domain { low, step, count }])
                     .map_err(|error| reader.refuse(error.to_string()))
+            }
+            Family::Structure => {
+                let numbers = reader.all_numbers()?;
+                let read = match numbers.split_first() {
+                    Some((0, space)) => StructureSpace::from_numbers(space).map(Self::Structures),
+                    Some((1, structure)) => Structure::from_numbers(structure).map(Self::Structure),
+                    _ => return Err(reader.refuse("neither a space nor a structure")),
+                };
+                read.map_err(|error| reader.refuse(error.to_string()))
             }
         }
     }

@@ -120,6 +120,18 @@ impl Signatures {
         Self { values, clouds, keypoints: Vec::new(), ..*self }
     }
 
+    /// The first clouds, at most so many.
+    pub fn first(&self, clouds: usize) -> Self {
+        let clouds = clouds.min(self.clouds);
+        Self {
+            bins: self.bins,
+            width: self.width,
+            clouds,
+            values: self.values[..clouds * self.width].to_vec(),
+            keypoints: self.keypoints.iter().take(clouds).copied().collect(),
+        }
+    }
+
     /// One cloud's centroid and deviation.
     pub fn get(&self, cloud: usize) -> [&[f32]; 2] {
         let (centroid, deviation) = self.values[cloud * self.width..][..self.width].split_at(self.bins);

@@ -134,6 +134,7 @@ pub(crate) fn winner(
         check(&format!("best_{}", gene.name), expected, *value, problems);
     }
     check_counts("train_", winner.counts, Some(row.train), problems);
+    check("train_margin", winner.margin, row.train_margin, problems);
     // Validation may be measured for the winner only, after evolution.
     if let Some(validation) = generation.validation {
         check_counts("validation_", validation, row.validation, problems);

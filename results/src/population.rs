@@ -9,7 +9,9 @@ pub(crate) fn share(part: u32, whole: u32) -> f64 {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Member<'a> {
     pub chromosome: &'a str,
-    pub object_correct: u32,
+    pub correct: u32,
+    /// Tells equal counts apart.
+    pub margin: f64,
     pub queries: u32,
     pub remembered: bool,
 }
@@ -41,21 +43,23 @@ impl PopulationSummary {
     /// Summary of these individuals; `None` if there are none.
     pub(crate) fn of_members(members: &[Member]) -> Option<Self> {
         let first = members.first()?;
-        let (mut best, mut worst) = (0, first.object_correct);
+        let (mut best, mut worst) = (0, first.correct);
         for (index, member) in members.iter().enumerate() {
-            if member.object_correct > members[best].object_correct {
+            let leader = &members[best];
+            let order = member.correct.cmp(&leader.correct).then(member.margin.total_cmp(&leader.margin));
+            if order.is_gt() {
                 best = index;
             }
-            worst = worst.min(member.object_correct);
+            worst = worst.min(member.correct);
         }
-        let correct: u64 = members.iter().map(|member| u64::from(member.object_correct)).sum();
+        let correct: u64 = members.iter().map(|member| u64::from(member.correct)).sum();
         let queries: u64 = members.iter().map(|member| u64::from(member.queries)).sum();
         let remembered = members.iter().filter(|member| member.remembered).count() as u32;
         Some(Self {
             best_individual: best as u32,
-            best_object_correct: members[best].object_correct,
+            best_object_correct: members[best].correct,
             queries: first.queries,
-            best_fitness: share(members[best].object_correct, first.queries),
+            best_fitness: share(members[best].correct, first.queries),
             mean_fitness: correct as f64 / queries as f64,
             worst_fitness: share(worst, first.queries),
             diversity: diversity(members),
@@ -90,9 +94,10 @@ mod tests {
     fn summary(members: &[(&str, u32, bool)]) -> PopulationSummary {
         let members: Vec<Member> = members
             .iter()
-            .map(|&(chromosome, object_correct, remembered)| Member {
+            .map(|&(chromosome, correct, remembered)| Member {
                 chromosome,
-                object_correct,
+                correct,
+                margin: 0.0,
                 queries: 8,
                 remembered,
             })
@@ -123,6 +128,14 @@ mod tests {
         assert_eq!(summary(&members).diversity, differing as f64 / (5 * pairs) as f64);
         assert_eq!(summary(&members[..1]).diversity, 0.0);
         assert_eq!(summary(&[("01", 1, false), ("10", 1, false)]).diversity, 1.0);
+    }
+
+    #[test]
+    fn the_margin_tells_equal_counts_apart_and_nothing_else() {
+        let member =
+            |correct, margin| Member { chromosome: "0", correct, margin, queries: 8, remembered: false };
+        let best = |members: &[Member]| PopulationSummary::of_members(members).unwrap().best_individual;
+        assert_eq!(best(&[member(3, 0.9), member(4, -0.2), member(4, 0.1), member(4, 0.1)]), 2);
     }
 
     #[test]

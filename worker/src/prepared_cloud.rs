@@ -9,8 +9,8 @@ pub const PREPARED_CLOUD: &str = "prepared cloud 2";
 
 /// The key of a prepared cloud, given the digest of its source file; `None` of clouds that are prepared anew each time.
 pub fn prepared_cloud_key(preprocess: &Preprocess, preparer: &Preparer, cloud: Digest) -> Option<Digest> {
-    let quantiser = preparer.quantiser()?;
-    Some(preprocess_key(PREPARED_CLOUD, preprocess).part(&quantiser.digest()).part(&cloud.0).finish())
+    let form = preparer.digest()?;
+    Some(preprocess_key(PREPARED_CLOUD, preprocess).part(&form).part(&cloud.0).finish())
 }
 
 /// The key of an entry of this kind that depends on how clouds are prepared, so far without anything else.

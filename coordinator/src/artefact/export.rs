@@ -68,7 +68,9 @@ pub fn export(
         Chosen::Evolved if family != Family::DiskRing => {
             return Err(ExportError::Family { run: run.to_owned(), got: family });
         }
-        Chosen::Evolved => Descriptor::from_values(family, &finished.row.best_genes)
+        Chosen::Evolved => experiment
+            .space()
+            .from_values(&finished.row.best_genes)
             .ok_or_else(|| winner("gene values must lie on the genes' grids, got others".to_owned()))?,
         Chosen::Paper => paper(preprocess.colour).map_err(winner)?,
     };

@@ -8,6 +8,7 @@ use clap::Args;
 use crate::dataset::{Leak, Recognised, SequencesMissing, Verdict, Wanted};
 use crate::exhaust::grid::Grid;
 use crate::experiment::{Experiment, Member, Overrides, Plan};
+use crate::fitness::FitnessProtocol;
 use crate::lines;
 use crate::run;
 use crate::run::progress::percent;
@@ -28,6 +29,9 @@ impl Check {
         let plan = Plan::read(&self.experiment, Overrides::default())?;
         let experiment = plan.base();
         let dataset = run::open_data(experiment, Wanted::AllAndLeak, None, |line| eprintln!("{line}"))?;
+        for note in run::refuse_unaskable(experiment.fitness(), &dataset)? {
+            eprintln!("{note}");
+        }
         let mut text = plan.resolved_toml();
         if !text.ends_with('\n') {
             text.push('\n');
@@ -49,7 +53,10 @@ impl Check {
         text.push_str(&format!("# data digest: {}\n", proto::Digest(dataset.clouds.digest)));
         if let Some(leak) = &dataset.leak {
             text.push_str(&leak_lines(leak));
-            if let Some(warning) = leak_warning(leak) {
+            // Only what is matched within sequences learns from where objects stood.
+            let within = |(protocol, _)| protocol != FitnessProtocol::CrossSequence;
+            let learns = experiment.fitness().protocols().any(within);
+            if let Some(warning) = leak_warning(leak).filter(|_| learns) {
                 eprintln!("warning: {warning}");
             }
         }
@@ -117,8 +124,8 @@ fn leak_lines(leak: &Leak) -> String {
         Ok(_) => String::new(),
         Err(SequencesMissing { count, first }) => format!(
             "#   across sequences: not measured, {count} clouds have none, such as\n\
-             #   {first}\n\
-             #   (name sequences in a manifest, or use the layout \"uw\")\n"
+             #   {first}: name sequences in a manifest, or as the\n\
+             #   layout \"uw\" does\n"
         ),
     };
     format!("# clouds whose object raw camera coordinates give away:\n{}{unknown}", lines::table(&rows))
@@ -129,21 +136,19 @@ fn leak_warning(leak: &Leak) -> Option<String> {
     let advice = match leak.verdict() {
         Verdict::Small => return None,
         Verdict::WithinSequences => {
-            "a search can learn where objects stood instead of what they are: set fitness.protocol = \"cross-sequence\", \
-             under which coordinates give little away"
+            "write [search.fitness] cross-sequence = 1: across sequences coordinates give little away"
         }
         Verdict::Everywhere => {
-            "a search can learn where objects stood, under each fitness.protocol: unless objects differ in size, record \
-             each of them at other places"
+            "no protocol keeps it from that: unless objects differ in size, record each of them at other places"
         }
         Verdict::Unknown => {
-            "a search can learn where objects stood instead of what they are: record each object in several sequences, \
-             name these (layout \"uw\", or column sequence of a manifest) and set fitness.protocol = \"cross-sequence\""
+            "record each object in several sequences, name these (layout \"uw\", or column sequence of a manifest) and \
+             write [search.fitness] cross-sequence = 1"
         }
     };
     let Recognised { correct, queries, .. } = leak.split;
     Some(format!(
-        "split train1: few objects that raw camera coordinates recognise in train2 expected, got {correct} of {queries} \
-         clouds\n{advice}"
+        "split train1: objects that only a descriptor recognises in train2 expected, got {correct} of {queries} clouds \
+         that raw camera coordinates recognise\na search can learn where objects stood instead of what they are: {advice}"
     ))
 }

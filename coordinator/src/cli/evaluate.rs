@@ -16,6 +16,7 @@ use crate::experiment::name_advice;
 use crate::lines::wrapped;
 use crate::run::progress::percent;
 use crate::run::summary;
+use crate::structure_file;
 
 /// Evaluate one descriptor on lists of clouds
 ///
@@ -39,11 +40,14 @@ pub struct Evaluate {
     /// A gene's value, for example R1=1.3; repeatable. The others keep the family's default: of disk-ring the paper's best
     #[arg(long, value_name = "gene=value")]
     set: Vec<String>,
+    /// File of a structure, channel by channel, instead of a family, for example experiments/descriptors/pfhrgb.toml
+    #[arg(long, value_name = "TOML", conflicts_with_all = ["descriptor", "set", "radius_cm"])]
+    structure: Option<PathBuf>,
     /// Radius of the region of pfhrgb and shotcolor in centimetres, for example 5
     #[arg(long, value_name = "CM", default_value_t = 5.0)]
     radius_cm: f64,
     /// How the centroids and deviations of two clouds are compared, for example l1
-    #[arg(long, value_name = "NAME", default_value = "chi2", value_parser = ["chi2", "l1"])]
+    #[arg(long, value_name = "NAME", default_value = "chi2", value_parser = SetDistance::ALL.map(SetDistance::name))]
     distance: String,
     /// Threads, for example 1; all cores by default. Seconds of a stage are added up over clouds and threads
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
@@ -102,6 +106,7 @@ impl Evaluate {
             preprocess,
             descriptor: descriptor.clone(),
             threads,
+            scaled_by: None,
         };
         let report = DescribedClouds::new(&request, &|| ())?.report(distance)?;
         if let Some(file) = &self.nearest {
@@ -127,6 +132,16 @@ impl Evaluate {
     }
 
     fn descriptor(&self, radius_um: u32) -> anyhow::Result<Descriptor> {
+        if let Some(file) = &self.structure {
+            let descriptor = structure_file::read(file)?;
+            let needs_colour = descriptor.needs_colour() && self.no_colour;
+            anyhow::ensure!(
+                !needs_colour,
+                "--no-colour: {} needs colours, got none\nleave it out, or name a file without features of colour",
+                file.display()
+            );
+            return Ok(descriptor);
+        }
         let family = Family::named(&self.descriptor).unwrap_or(Family::DiskRing); // checked by clap
         if let Some(kind) = FixedKind::named(&self.descriptor) {
             let choose = format!("leave it out, or choose --descriptor {}", Family::DiskRing);
@@ -134,6 +149,14 @@ impl Evaluate {
             anyhow::ensure!(self.set.is_empty(), "--set: {family} has no genes, got {set}\n{choose}");
             anyhow::ensure!(!self.no_colour, "--no-colour: {family} needs colours, got none\n{choose}");
             return Ok(Descriptor::Fixed(FixedDescriptor { kind, radius_um }));
+        }
+        if family == Family::Structure {
+            let files = "name a file of channels: --structure experiments/descriptors/pfhrgb.toml";
+            let set = self.set.join(" ");
+            anyhow::ensure!(self.set.is_empty(), "--set: {family} has no genes to set, got {set}\n{files}");
+            let default = Descriptor::default_of(family);
+            anyhow::ensure!(!self.no_colour, "--no-colour: {default} needs colours, got none\n{files}");
+            return Ok(default);
         }
         let domains = domains(family, &self.set, !self.no_colour)?;
         let space = SearchSpace::new(family, !self.no_colour, &domains);

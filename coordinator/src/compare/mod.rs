@@ -25,6 +25,7 @@ use results::{ComparedRow, LookRow, PairRow, RunFolder};
 
 use crate::experiment::Overrides;
 use crate::reopen::{Reopened, reopen};
+use crate::run::scaled::Scaled;
 use crate::run::{Matching, RunError, refuse_other_data, rows};
 use crate::session::{Session, listen};
 pub use candidate::{Candidate, Choice, EVOLVED, Named};
@@ -86,8 +87,8 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
         return Err(CompareError::NoTest(folder.to_owned()));
     }
     let (space, preprocess) = (experiment.space(), experiment.preprocess());
-    let evolved = Descriptor::from_values(space.family(), &run.row.best_genes)
-        .ok_or_else(|| CompareError::Genes(folder.to_owned()))?;
+    let evolved =
+        space.from_values(&run.row.best_genes).ok_or_else(|| CompareError::Genes(folder.to_owned()))?;
     let asked = choose(options, preprocess.colour, |line| display.say(line))?;
     let out = RunFolder::create(folder, &rows::gene_columns(space.family()))?;
     let earlier = if options.replace { Earlier::default() } else { Earlier::read(folder)? };
@@ -112,7 +113,7 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     })?;
     let looks = results::read_table(folder, results::TableName::Looks)?.shape().0;
     session.splits.publish_test(&session.cluster.blobs);
-    let question = session.splits.evaluation(&evolved, Matching::Test, false);
+    let question = session.splits.evaluation(&Scaled::from(&evolved), Matching::Test, false);
     let named = distinct(&candidates);
     let descriptors: Vec<Descriptor> = named.iter().map(|one| one.descriptor.clone()).collect();
     let blobs = &session.cluster.blobs;

@@ -2,7 +2,7 @@
 
 use descriptor::distance::set_distances;
 use descriptor::recognise::{Hit, RecogniseError, recognise_from};
-use descriptor::{DistanceMatrix, Label, Match};
+use descriptor::{Label, Match};
 use results::{Curve, DistanceRow};
 
 use super::candidate::Candidate;
@@ -27,7 +27,8 @@ pub struct Recognition {
 }
 
 impl Recognition {
-    /// Matches queries with the database, by the current rayon pool.
+    /// Matches queries with the database, by the current rayon pool. The first `trained` clouds of the database are those
+    /// that a run's scales are found by.
     ///
     /// # Errors
     /// If nothing of the database is described.
@@ -35,16 +36,13 @@ impl Recognition {
         candidate: &Candidate,
         described: &Described,
         [query_labels, database_labels]: [&[Label]; 2],
+        trained: u32,
     ) -> Result<Self, RecogniseError> {
         let [queries, database] = &described.clouds;
         let labels: Vec<Label> = database.iter().map(|&index| database_labels[index as usize]).collect();
         let count = queries.len();
-        let channels = candidate.descriptor.channels().into_iter().zip(&described.channels);
-        let distances: Vec<(DistanceMatrix, f64)> = channels
-            .map(|((_, weight), [queries, database])| {
-                (DistanceMatrix::by(candidate.distance, queries, database), weight)
-            })
-            .collect();
+        let known = database.iter().take_while(|&&cloud| cloud < trained).count();
+        let distances = candidate.descriptor.distances(candidate.distance, &described.channels, known);
         let found = recognise_from(count, &distances, &labels)?;
         let number = |hit: Hit| Hit { index: database[hit.index as usize], ..hit };
         let numbered = found

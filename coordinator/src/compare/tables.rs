@@ -41,8 +41,9 @@ impl Tables<'_> {
     /// # Errors
     /// If it describes nothing, differs from the run's own final test, or cannot be written.
     pub fn add(&self, candidate: &Candidate, described: &Described) -> Result<Compared, CompareError> {
-        let recognition = Recognition::new(candidate, described, self.labels)
-            .map_err(|source| CompareError::Recognise { label: candidate.label.clone(), source })?;
+        let recognition =
+            Recognition::new(candidate, described, self.labels, self.dataset.splits.trained() as u32)
+                .map_err(|source| CompareError::Recognise { label: candidate.label.clone(), source })?;
         let matches = recognition.matches.iter().map(|&(query, found)| (query, numbered(found)));
         let answers = rows::answers(self.dataset, Matching::Test, matches);
         let outcomes = judge(candidate, &recognition, self.labels);

@@ -33,7 +33,13 @@ pub fn time(
 ) -> Result<Vec<Timed>, EvaluateError> {
     let listing = listing(dataset);
     let clouds = listing.clouds.len();
-    let request = Request { listing, preprocess: *preprocess, descriptor: descriptor.clone(), threads: 1 };
+    let request = Request {
+        listing,
+        preprocess: *preprocess,
+        descriptor: descriptor.clone(),
+        threads: 1,
+        scaled_by: Some(dataset.splits.trained()),
+    };
     let described = DescribedClouds::new(&request, watch)?;
     distances.iter().map(|&distance| Ok(Timed::new(described.report(distance)?, clouds))).collect()
 }

@@ -144,6 +144,11 @@ impl Splits {
     pub fn all(&self) -> [&[u32]; 4] {
         [&self.train1, &self.train2, &self.validation, &self.test]
     }
+
+    /// Clouds that searches learn from: those of both training sets, the first of every database.
+    pub fn trained(&self) -> usize {
+        self.train1.len() + self.train2.len()
+    }
 }
 
 /// Usable clouds whose sequence is not known.

@@ -9,6 +9,7 @@ use rand::seq::index;
 use results::GridFolder;
 
 use super::grid_spec::GridSpec;
+use crate::fitness::Fitness;
 use crate::run::RunError;
 use crate::session::Session;
 
@@ -105,15 +106,15 @@ struct Batch {
 impl Batch {
     /// Evaluates, compares and empties it.
     async fn evaluate(&mut self, session: &Session<'_>, recheck: &mut Recheck) -> Result<(), RunError> {
-        let found = session.train_counts(&self.descriptors).await?;
+        let descriptors: Vec<&Descriptor> = self.descriptors.iter().collect();
+        let found = session.measure(&Fitness::PAPER, &descriptors).await?;
         recheck.recomputed += found.len();
         for ((descriptor, expected), found) in
             self.descriptors.drain(..).zip(self.expected.drain(..)).zip(found)
         {
-            if found.object_correct != expected {
-                recheck
-                    .problems
-                    .push(format!("{descriptor}: the grid has {expected}, got {}", found.object_correct));
+            let got = found.counts.object_correct;
+            if got != expected {
+                recheck.problems.push(format!("{descriptor}: the grid has {expected}, got {got}"));
             }
         }
         Ok(())

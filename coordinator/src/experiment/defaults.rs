@@ -1,5 +1,6 @@
-//! How a family is searched where the experiment file is silent: the defaults of [ga], [stop] and search.winner.
+//! How a family is searched where the experiment file is silent: the defaults of [ga], [stop] and [search].
 
+use crate::fitness::Fitness;
 use descriptor::Family;
 use evolution::{Crossover, GaSettings, Mutation, Scaling, StopSettings, WinnerRule};
 
@@ -8,6 +9,7 @@ use evolution::{Crossover, GaSettings, Mutation, Scaling, StopSettings, WinnerRu
 pub(super) struct SearchDefaults {
     pub(super) ga: GaSettings,
     pub(super) stop: StopSettings,
+    pub(super) fitness: Fitness,
     /// `None`: [`WinnerRule::paper`].
     winner: Option<WinnerRule>,
     /// Whether every key enters the texts that are hashed. Of families that were searched before there were
@@ -19,6 +21,7 @@ impl SearchDefaults {
     pub(super) fn of(family: Family) -> Self {
         match family {
             Family::DiskRing | Family::PfhRgb | Family::ShotColor | Family::GlobalHue => Self::paper(),
+            Family::Structure => Self::structure(),
         }
     }
 
@@ -31,13 +34,13 @@ impl SearchDefaults {
         Self {
             ga: GaSettings::default(),
             stop: StopSettings::default(),
+            fitness: Fitness::PAPER,
             winner: None,
             hashes_every_key: false,
         }
     }
 
     /// For descriptors that are lists of channels, each of them a slot.
-    #[cfg_attr(not(test), expect(dead_code, reason = "no family that can be searched has slots"))]
     fn structure() -> Self {
         Self {
             ga: GaSettings {
@@ -56,6 +59,7 @@ impl SearchDefaults {
                 evaluations: Some(3000),
                 ..StopSettings::default()
             },
+            fitness: Fitness::CROSS_SEQUENCE,
             winner: Some(WinnerRule::Validation),
             hashes_every_key: true,
         }
@@ -67,12 +71,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_defaults_of_families_that_can_be_searched_are_the_papers() {
-        for family in Family::ALL {
+    fn the_defaults_of_families_of_plain_genes_are_the_papers() {
+        for family in [Family::DiskRing, Family::GlobalHue] {
             let defaults = SearchDefaults::of(family);
             assert_eq!(
-                (defaults.ga, defaults.stop),
-                (GaSettings::default(), StopSettings::default()),
+                (defaults.ga, defaults.stop, defaults.fitness),
+                (GaSettings::default(), StopSettings::default(), Fitness::PAPER),
                 "{family}"
             );
             let off = StopSettings { validation_patience: None, ..defaults.stop };

@@ -16,6 +16,7 @@ mod sweep;
 mod syntax;
 mod validate;
 mod validate_dataset;
+mod validate_fitness;
 mod validate_genes;
 
 #[cfg(test)]
@@ -32,6 +33,7 @@ use descriptor::{Preprocess, SearchSpace};
 use evolution::{Encoding, GaSettings, Method, StopSettings, WinnerRule};
 
 use crate::dataset::DatasetSettings;
+use crate::fitness::Fitness;
 use cluster::sharding::ShardCount;
 pub use error::ExperimentError;
 use error::Fault;
@@ -65,6 +67,7 @@ pub struct Experiment {
     preprocess: Preprocess,
     space: SearchSpace,
     method: Method,
+    fitness: Fitness,
     winner: WinnerRule,
     ga: GaSettings,
     encoding: Encoding,
@@ -185,6 +188,11 @@ impl Experiment {
     /// How the best descriptor is searched for.
     pub fn method(&self) -> Method {
         self.method
+    }
+
+    /// What the search's fitness counts.
+    pub fn fitness(&self) -> &Fitness {
+        &self.fitness
     }
 
     /// Which of the generations' bests wins.

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use descriptor::structure::StructureFile;
 use descriptor::{Descriptor, GeneError, Preprocess, SearchSpace, Unit};
 
 use super::ExperimentError;
@@ -29,11 +30,15 @@ pub(crate) fn of_one(
     }
     let Preprocess { leaf_um, normal_radius_um, min_points, colour, unit: _ } = *preprocess;
     let raw = RawPreprocess {
-        leaf_cm: f64::from(leaf_um) / 1e4,
+        leaf_cm: (family != RawFamily::Structure).then_some(f64::from(leaf_um) / 1e4),
         normal_radius_cm: f64::from(normal_radius_um) / 1e4,
         min_points,
     };
-    Ok((raw, RawDescriptor { family, colour, genes }))
+    let channel = match descriptor {
+        Descriptor::Structure(structure) => StructureFile::from(structure).channels,
+        _ => Vec::new(),
+    };
+    Ok((raw, RawDescriptor { family, colour, genes, channel, ..RawDescriptor::default() }))
 }
 
 /// What these sections of `file` mean, if every gene has one value.
@@ -55,7 +60,7 @@ fn resolve(
         Unit::Metre => RawUnit::M,
         Unit::Millimetre => RawUnit::Mm,
     };
-    let preprocess = validate::preprocess(raw, unit, descriptor.colour)?;
+    let preprocess = validate::preprocess(raw, unit, descriptor)?;
     let space = validate_genes::search_space(descriptor)?;
     let genes = space.genes();
     let many = genes.iter().find(|(_, domain)| domain.count != 1);

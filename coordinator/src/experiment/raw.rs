@@ -4,8 +4,9 @@
 
 use std::collections::BTreeMap;
 
+use descriptor::structure::ChannelFile;
 use descriptor::synth::SynthSettings;
-use descriptor::{Family, Preprocess};
+use descriptor::{Family, Preprocess, SetDistance};
 use evolution::{Crossover, Encoding, GaSettings, Method, Mutation, Scaling, StopSettings, WinnerRule};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -136,9 +137,11 @@ impl Default for RawSynthetic {
 #[derive(Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "preprocess")]
 pub(crate) struct RawPreprocess {
-    /// Edge of the voxels whose centroids are the keypoints, centimetres.
-    #[schemars(range(min = 0.01, max = 100.0))]
-    pub leaf_cm: f64,
+    /// Edge of the voxels whose centroids are the keypoints, centimetres. Not for family structure, whose channels have
+    /// grids of their own. Default: 2.0.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "f64", range(min = 0.01, max = 100.0))]
+    pub leaf_cm: Option<f64>,
     /// Radius of the neighbourhoods that normals are fitted to, centimetres.
     #[schemars(range(min = 0.01, max = 100.0))]
     pub normal_radius_cm: f64,
@@ -151,7 +154,7 @@ impl Default for RawPreprocess {
     fn default() -> Self {
         let paper = Preprocess::default();
         Self {
-            leaf_cm: f64::from(paper.leaf_um) / 1e4,
+            leaf_cm: None,
             normal_radius_cm: f64::from(paper.normal_radius_um) / 1e4,
             min_points: paper.min_points,
         }
@@ -168,11 +171,58 @@ pub(crate) struct RawDescriptor {
     /// Use colour. Set it to false for clouds without: gene m is then dropped and w fixed at 1.
     pub colour: bool,
     pub genes: RawGenes,
+    /// Of structure: most channels, 1 to 4. Default: 4.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "u32", range(min = 1, max = 4))]
+    pub slots: Option<u32>,
+    /// Of structure: most bins of all channels together, at least 54 a slot. Default: 500.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "u32", range(min = 54))]
+    pub max_bins: Option<u32>,
+    /// Of structure: how rows of bins are compared. Default: "chi2".
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "RawMetric")]
+    pub metric: Option<RawMetric>,
+    /// Of structure: the channels of one structure, which is then not searched for, as in the files of
+    /// experiments/descriptors.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    #[schemars(skip)]
+    pub channel: Vec<ChannelFile>,
 }
 
 impl Default for RawDescriptor {
     fn default() -> Self {
-        Self { family: RawFamily::default(), colour: true, genes: RawGenes::default() }
+        Self {
+            family: RawFamily::default(),
+            colour: true,
+            genes: RawGenes::default(),
+            slots: None,
+            max_bins: None,
+            metric: None,
+            channel: Vec::new(),
+        }
+    }
+}
+
+/// How rows of bins are compared.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "lowercase", rename = "metric")]
+pub(crate) enum RawMetric {
+    /// Chi-squared (paper).
+    Chi2,
+    /// Sum of absolute differences.
+    L1,
+    /// Half the sum of squared differences of roots.
+    Hellinger,
+}
+
+impl From<RawMetric> for SetDistance {
+    fn from(metric: RawMetric) -> Self {
+        match metric {
+            RawMetric::Chi2 => Self::ChiSquared,
+            RawMetric::L1 => Self::L1,
+            RawMetric::Hellinger => Self::Hellinger,
+        }
     }
 }
 
@@ -185,12 +235,17 @@ pub(crate) enum RawFamily {
     DiskRing,
     /// One histogram of the hue of all points, a cheap baseline. Gene bins.
     GlobalHue,
+    /// Lists of channels, each of which bins up to three features of pairs of points: the structure is searched as well
+    /// as its parameters. It has keys of its own beside genes, none of which can be fixed.
+    Structure,
 }
 
 impl RawFamily {
     /// The family as files name it, if it can be searched.
     pub(super) fn of(family: Family) -> Option<Self> {
-        [Self::DiskRing, Self::GlobalHue].into_iter().find(|&raw| Family::from(raw) == family)
+        [Self::DiskRing, Self::GlobalHue, Self::Structure]
+            .into_iter()
+            .find(|&raw| Family::from(raw) == family)
     }
 
     fn is_default(&self) -> bool {
@@ -203,6 +258,7 @@ impl From<RawFamily> for Family {
         match family {
             RawFamily::DiskRing => Self::DiskRing,
             RawFamily::GlobalHue => Self::GlobalHue,
+            RawFamily::Structure => Self::Structure,
         }
     }
 }
@@ -257,6 +313,48 @@ pub(super) struct RawSearch {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "WinnerRule")]
     pub winner: Option<WinnerRule>,
+    /// What a descriptor's fitness counts. Default: of disk-ring and global-hue the paper's, of structure
+    /// cross-sequence.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "RawFitness")]
+    pub fitness: Option<RawFitness>,
+}
+
+/// What a descriptor's fitness counts: a sum over protocols, each times a whole weight. Validation clouds are judged by
+/// the same protocols against both training sets. Without any weight the family's default protocols.
+#[derive(Clone, Debug, Default, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default, rename = "fitness", rename_all = "kebab-case")]
+pub(super) struct RawFitness {
+    /// Weight of train1 against train2 (paper). It lets a search learn what clouds of one video have in common.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "u32", range(min = 0, max = 100))]
+    pub split: Option<u32>,
+    /// Weight of each training cloud against those of other sequences. Sequences are compared by name, across objects.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "u32", range(min = 0, max = 100))]
+    pub cross_sequence: Option<u32>,
+    /// Weight of each training cloud against all others.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "u32", range(min = 0, max = 100))]
+    pub leave_one_out: Option<u32>,
+    /// What has to be recognised.
+    pub objective: RawObjective,
+    /// Whether equal counts are told apart by how much nearer the right object is than others. Default: true, but for
+    /// the paper's fitness.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "bool")]
+    pub margin: Option<bool>,
+}
+
+/// What has to be recognised.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "lowercase", rename = "objective")]
+pub(super) enum RawObjective {
+    /// The object.
+    #[default]
+    Object,
+    /// Its category.
+    Category,
 }
 
 /// The genetic algorithm. Other methods use some of these keys, see search.method. Defaults are the paper's where it has

@@ -4,13 +4,18 @@ use std::fmt::{Display, Write};
 use std::path::Path;
 
 use descriptor::preprocess::Unit;
-use descriptor::{Family, GeneSpec};
+use descriptor::structure::{Structure, StructureFile};
+use descriptor::{Family, GeneSpec, SearchSpace};
+use serde_json::Value;
+
 use evolution::{Crossover, Encoding, Mutation, Scaling, WinnerRule};
 
 use super::defaults::SearchDefaults;
 use super::{DEFAULT_RESULTS_DIR, Experiment, LocalWorkers};
 use crate::dataset::{Layout, SeededSplit, SplitRule};
+use crate::fitness::Fitness;
 use cluster::sharding::ShardCount;
+use proto::task::Objective;
 
 /// Every key; see [`Experiment::resolved_toml`].
 pub(super) fn resolved_toml(experiment: &Experiment) -> String {
@@ -191,6 +196,7 @@ fn method_sections(toml: &mut Toml, parent: &str, experiment: &Experiment, later
         };
         toml.key("winner", quoted(winner));
     }
+    fitness_section(toml, parent, experiment);
     let ga = &experiment.ga;
     toml.section(&format!("{parent}ga"));
     toml.key("population", ga.population);
@@ -235,16 +241,31 @@ fn method_sections(toml: &mut Toml, parent: &str, experiment: &Experiment, later
 fn space_sections(toml: &mut Toml, experiment: &Experiment) {
     let preprocess = &experiment.preprocess;
     toml.section("preprocess");
-    toml.key("leaf_cm", float(f64::from(preprocess.leaf_um) / 1e4));
+    let family = experiment.space.family();
+    if family != Family::Structure {
+        toml.key("leaf_cm", float(f64::from(preprocess.leaf_um) / 1e4));
+    }
     toml.key("normal_radius_cm", float(f64::from(preprocess.normal_radius_um) / 1e4));
     toml.key("min_points", preprocess.min_points);
     toml.section("descriptor");
     // The default is left out: runs of before there was a choice keep their digests.
-    let family = experiment.space.family();
     if family != Family::DiskRing {
         toml.key("family", quoted(family.name()));
     }
     toml.key("colour", preprocess.colour);
+    match &experiment.space {
+        SearchSpace::Structures(space) => {
+            toml.key("slots", space.slots);
+            toml.key("max_bins", space.max_bins);
+            toml.key("metric", quoted(space.metric.name()));
+            return;
+        }
+        SearchSpace::Structure(structure) => {
+            toml.text += &channels(structure);
+            return;
+        }
+        SearchSpace::DiskRing(_) | SearchSpace::Fixed(_) | SearchSpace::GlobalHue(_) => {}
+    }
     toml.section("descriptor.genes");
     for (spec, domain) in experiment.space.genes() {
         let low = gene_value(spec, domain.low);
@@ -255,6 +276,52 @@ fn space_sections(toml: &mut Toml, experiment: &Experiment) {
             toml.key(spec.name, format!("{{ min = {low}, max = {high}, step = {step} }}"));
         }
     }
+}
+
+/// `[search.fitness]`. The paper's of other families than structure is left out: runs of before there was a choice keep
+/// their digests.
+fn fitness_section(toml: &mut Toml, parent: &str, experiment: &Experiment) {
+    let fitness = &experiment.fitness;
+    if *fitness == Fitness::PAPER && experiment.space.family() != Family::Structure {
+        return;
+    }
+    toml.section(&format!("{parent}search.fitness"));
+    for (protocol, weight) in fitness.protocols() {
+        toml.key(protocol.name(), weight);
+    }
+    let objective = match fitness.objective() {
+        Objective::Object => "object",
+        Objective::Category => "category",
+    };
+    toml.key("objective", quoted(objective));
+    toml.key("margin", fitness.has_margin());
+}
+
+/// A value of a channel.
+fn plain(value: &Value) -> String {
+    match value {
+        Value::String(text) => quoted(text),
+        Value::Array(values) => {
+            let values: Vec<String> = values.iter().map(plain).collect();
+            format!("[{}]", values.join(", "))
+        }
+        Value::Number(number) if number.is_f64() => float(number.as_f64().unwrap_or_default()),
+        other => other.to_string(),
+    }
+}
+
+/// The channels of one structure.
+fn channels(structure: &Structure) -> String {
+    let mut toml = Toml::default();
+    for channel in StructureFile::from(structure).channels {
+        toml.section("[descriptor.channel]");
+        // Only the keys come from serde, and their order: a channel is a struct of plain values.
+        let Ok(Value::Object(keys)) = serde_json::to_value(&channel) else { continue };
+        for (key, value) in keys {
+            toml.key(&key, plain(&value));
+        }
+    }
+    toml.text
 }
 
 fn limit(limit: Option<u32>) -> String {

@@ -19,7 +19,7 @@ const TABLE_ADVICE: &str = "write a section [name] or { key = value, … }";
 const EXCERPT: usize = 60;
 
 /// Every section. Serde would also read one from a list, by position.
-pub(super) const SECTIONS: [&str; 13] = [
+pub(super) const SECTIONS: [&str; 14] = [
     "dataset",
     "dataset.splits",
     "dataset.splits.seeded",
@@ -28,6 +28,7 @@ pub(super) const SECTIONS: [&str; 13] = [
     "descriptor",
     "descriptor.genes",
     "search",
+    "search.fitness",
     "ga",
     "stop",
     "coordinator",

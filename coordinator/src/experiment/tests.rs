@@ -10,9 +10,11 @@ use std::net::SocketAddr;
 use std::path::Path;
 use std::time::Duration;
 
-use descriptor::{Domain, Family, GeneTable, Preprocess, SearchSpace, Unit};
+use descriptor::structure::StructureSpace;
+use descriptor::{Descriptor, Domain, Family, GeneTable, Preprocess, SearchSpace, SetDistance, Unit};
 use evolution::{Crossover, Mutation, Scaling};
 use expect_test::expect;
+use proto::task::Objective;
 
 use super::*;
 use crate::dataset::{Layout, SplitRule};
@@ -26,6 +28,7 @@ const SAMPLE_SYNTHETIC: &str = include_str!("../../testdata/experiment-v1-synthe
 const SAMPLE_SWEEP: &str = include_str!("../../testdata/experiment-v1-sweep.toml");
 const SAMPLE_FAMILY: &str = include_str!("../../testdata/experiment-v1-family.toml");
 const SAMPLE_SEARCH: &str = include_str!("../../testdata/experiment-v1-search.toml");
+const SAMPLE_STRUCTURE: &str = include_str!("../../testdata/experiment-v1-structure.toml");
 
 /// The smallest experiment.
 const LEAST: &str = "version = 1\ndataset.root = 'clouds'\n";
@@ -231,7 +234,7 @@ fn schema_keys(
 #[test]
 fn the_samples_use_every_key_of_the_schema_and_no_other() {
     let mut sampled = BTreeSet::new();
-    for sample in [SAMPLE, SAMPLE_SYNTHETIC, SAMPLE_SWEEP, SAMPLE_FAMILY, SAMPLE_SEARCH] {
+    for sample in [SAMPLE, SAMPLE_SYNTHETIC, SAMPLE_SWEEP, SAMPLE_FAMILY, SAMPLE_SEARCH, SAMPLE_STRUCTURE] {
         keys_of(&sample.parse().unwrap(), "", &mut sampled);
     }
     let schema = json_schema();
@@ -242,7 +245,9 @@ fn the_samples_use_every_key_of_the_schema_and_no_other() {
     // It may also be one word, "manifest".
     assert!(known.remove("dataset.splits"));
     assert_eq!(sampled, known);
-    for spec in Family::ALL.into_iter().flat_map(Family::genes) {
+    // The genes of structures cannot be fixed.
+    let fixable = Family::ALL.into_iter().filter(|&family| family != Family::Structure);
+    for spec in fixable.flat_map(Family::genes) {
         assert!(known.contains(&format!("descriptor.genes.{}", spec.name)));
     }
 }
@@ -408,6 +413,89 @@ fn variants_may_differ_in_every_key_of_the_search_and_read_back_as_the_same() {
         assert_eq!((fit.winner(), plain.winner()), (WinnerRule::Fitness, WinnerRule::Validation));
         assert_eq!((plain.ga(), plain.stop().evaluations), (&GaSettings::default(), None));
     }
+}
+
+#[test]
+fn structures_have_keys_of_their_own_and_defaults_for_the_search() {
+    let sample = parse(SAMPLE_STRUCTURE).unwrap();
+    let space = StructureSpace { colour: true, slots: 3, max_bins: 400, metric: SetDistance::Hellinger };
+    assert_eq!(sample.space(), &SearchSpace::Structures(space));
+    let fitness = Fitness::new([1, 2, 3], Objective::Category, false);
+    assert_eq!(Some(*sample.fitness()), fitness);
+    assert_eq!(parse(&sample.resolved_toml()), Ok(sample.clone()));
+    expect![[r#"
+
+        normal_radius_cm = 1.0
+        min_points = 10
+
+        [descriptor]
+        family = "structure"
+        colour = true
+        slots = 3
+        max_bins = 400
+        metric = "hellinger"
+
+        [search]
+        method = "ga"
+        winner = "validation"
+
+        [search.fitness]
+        split = 1
+        cross-sequence = 2
+        leave-one-out = 3
+        objective = "category"
+        margin = false
+
+        [ga]
+        population = 60
+        elite = 4
+        selection = "roulette"
+        scaling = "rank"
+        crossover = "slots"
+        crossover_rate = 0.5
+        mutation = "field"
+        mutation_rate = 0.06
+        mutation_decay = 1.0
+        encoding = "binary"
+
+        [stop]
+        generations = 200
+        stagnation = "off"
+        validation_patience = "off"
+        perfect = true
+        evaluations = 3000
+    "#]]
+    .assert_eq(sample.search_toml().split_once("[preprocess]").unwrap().1);
+
+    let least = parse(&format!("{LEAST}descriptor.family = 'structure'\n")).unwrap();
+    assert_eq!(least.space(), &SearchSpace::Structures(StructureSpace::default()));
+    assert_eq!((*least.fitness(), least.stop().evaluations), (Fitness::CROSS_SEQUENCE, Some(3000)));
+    assert_eq!((least.winner(), least.validates()), (WinnerRule::Validation, true));
+    // The fitness that is not the default enters the text of other families, too.
+    let paper = parse(&format!("{LEAST}search.fitness.split = 1\n")).unwrap();
+    assert_eq!(paper.search_toml(), parse(LEAST).unwrap().search_toml());
+    let across = parse(&format!("{LEAST}search.fitness.cross-sequence = 1\n")).unwrap();
+    assert_ne!(across.search_toml(), paper.search_toml());
+    assert_eq!(parse(&across.resolved_toml()), Ok(across));
+}
+
+#[test]
+fn one_structure_can_be_written_out() {
+    let channel = "[[descriptor.channel]]\npairs = 'neighbours'\nfeatures = ['o1 8', 'o2 8']\nsquash = 0.5\n\
+        radius_cm = 3\nsamples = 256\nweight = 0.25\nshells_cm = [1.5, 6.0]\n";
+    let text = format!("{LEAST}[descriptor]\nfamily = 'structure'\n{channel}");
+    let one = parse(&text).unwrap();
+    let Some(Descriptor::Structure(structure)) = one.space().only() else { panic!("one structure") };
+    assert_eq!(structure.channels[0].weight_ppm, 250_000);
+    let again = parse(&one.resolved_toml()).unwrap();
+    assert_eq!((&again, again.search_toml()), (&one, one.search_toml()));
+    assert!(one.search_toml().contains("[[descriptor.channel]]\npairs = \"neighbours\"\n"));
+    let colourless = text.replace("family = ", "colour = false\nfamily = ");
+    let refused = parse(&colourless).unwrap_err().to_string();
+    assert!(refused.contains("descriptor.colour: needed by channel 1, got false\n"), "{refused}");
+    let both = text.replace("family = ", "slots = 2\nfamily = ");
+    let refused = parse(&both).unwrap_err().to_string();
+    assert!(refused.contains("descriptor.slots: no use beside channels"), "{refused}");
 }
 
 #[test]

@@ -14,8 +14,11 @@ use super::defaults::SearchDefaults;
 use super::error::Fault;
 use super::forms::NumberOr;
 use super::paths::{self, Lookup};
-use super::raw::{RawCoordinator, RawExperiment, RawGa, RawOff, RawPreprocess, RawStop, RawUnit};
+use super::raw::{
+    RawCoordinator, RawDescriptor, RawExperiment, RawFamily, RawGa, RawOff, RawPreprocess, RawStop, RawUnit,
+};
 use super::validate_dataset::dataset;
+use super::validate_fitness::fitness;
 use super::validate_genes::search_space;
 use super::{CoordinatorSettings, Experiment, LocalWorkers, MAX_LOCAL_WORKERS, Overrides};
 use cluster::sharding::{MAX_SHARDS, ShardCount};
@@ -28,7 +31,6 @@ pub(super) fn experiment(
     lookup: Lookup<'_>,
 ) -> Result<Experiment, Fault> {
     let folder = path.parent().unwrap_or(Path::new(""));
-    let colour = raw.descriptor.colour;
     let defaults = SearchDefaults::of(raw.descriptor.family.into());
     let stop = stop(&raw.stop, &defaults.stop)?;
     let winner = raw.search.winner.unwrap_or_else(|| defaults.winner(&stop));
@@ -41,11 +43,12 @@ pub(super) fn experiment(
             Some(seed) => checked_seed("--seed", seed)?,
             None => checked_seed("seed", raw.seed)?,
         },
-        preprocess: preprocess(&raw.preprocess, raw.dataset.unit, colour)?,
+        preprocess: preprocess(&raw.preprocess, raw.dataset.unit, &raw.descriptor)?,
         dataset: dataset(raw.dataset, winner.validates(&stop), folder, lookup)?,
         space: search_space(&raw.descriptor)?,
         method: raw.search.method,
         winner,
+        fitness: fitness(raw.search.fitness.as_ref(), defaults.fitness)?,
         ga: ga(&raw.ga, &defaults.ga)?,
         encoding: raw.ga.encoding,
         stop,
@@ -60,7 +63,18 @@ fn name(given: Option<String>, path: &Path) -> Result<String, Fault> {
     Ok(name)
 }
 
-pub(super) fn preprocess(raw: &RawPreprocess, unit: RawUnit, colour: bool) -> Result<Preprocess, Fault> {
+pub(super) fn preprocess(
+    raw: &RawPreprocess,
+    unit: RawUnit,
+    descriptor: &RawDescriptor,
+) -> Result<Preprocess, Fault> {
+    if let Some(leaf_cm) = raw.leaf_cm.filter(|_| descriptor.family == RawFamily::Structure) {
+        return Err(Fault::new(
+            "preprocess.leaf_cm",
+            format!("not for family structure, whose channels have grids of their own, got {leaf_cm}"),
+            "remove it",
+        ));
+    }
     if !(1..=1_000_000).contains(&raw.min_points) {
         return Err(Fault::new(
             "preprocess.min_points",
@@ -69,10 +83,13 @@ pub(super) fn preprocess(raw: &RawPreprocess, unit: RawUnit, colour: bool) -> Re
         ));
     }
     Ok(Preprocess {
-        leaf_um: length_um("preprocess.leaf_cm", raw.leaf_cm)?,
+        leaf_um: match raw.leaf_cm {
+            Some(leaf_cm) => length_um("preprocess.leaf_cm", leaf_cm)?,
+            None => Preprocess::default().leaf_um,
+        },
         normal_radius_um: length_um("preprocess.normal_radius_cm", raw.normal_radius_cm)?,
         min_points: raw.min_points,
-        colour,
+        colour: descriptor.colour,
         unit: match unit {
             RawUnit::M => Unit::Metre,
             RawUnit::Mm => Unit::Millimetre,

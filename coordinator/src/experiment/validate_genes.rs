@@ -1,6 +1,7 @@
 //! The meaning of `[descriptor]`: fixed values and intervals as exact ticks inside each gene's limits.
 
-use descriptor::{Domain, Family, GeneError, GeneSpec, SearchSpace};
+use descriptor::structure::{StructureError, StructureFile, StructureSpace};
+use descriptor::{Domain, Family, GeneError, GeneSpec, SearchSpace, SetDistance};
 
 use super::error::Fault;
 use super::forms::{RawGene, RawInterval};
@@ -14,9 +15,32 @@ pub(super) fn search_space(raw: &RawDescriptor) -> Result<SearchSpace, Fault> {
     let written = written.by_name();
     let has = |name: &str| family.genes().iter().any(|spec| spec.name == name);
     if let Some((foreign, _)) = written.iter().find(|(name, gene)| gene.is_some() && !has(name)) {
+        if family == Family::Structure {
+            let what = format!("family structure has none that can be fixed, got `{foreign}`");
+            return Err(Fault::new("descriptor.genes", what, "remove the section"));
+        }
         let known: Vec<&str> = family.genes().iter().map(|spec| spec.name).collect();
         let what = format!("no gene of family {family}, got `{foreign}`");
         return Err(Fault::new("descriptor.genes", what, suggest::advice(foreign, &known, "its genes")));
+    }
+    let structure_only = [
+        ("slots", raw.slots.is_some()),
+        ("max_bins", raw.max_bins.is_some()),
+        ("metric", raw.metric.is_some()),
+        ("channel", !raw.channel.is_empty()),
+    ];
+    if let Some((key, _)) =
+        structure_only.iter().find(|(_, is_written)| *is_written && family != Family::Structure)
+    {
+        let what = format!("no key of family {family}, got it");
+        return Err(Fault::new(
+            format!("descriptor.{key}"),
+            what,
+            "remove it, or write `family = \"structure\"`",
+        ));
+    }
+    if family == Family::Structure {
+        return structures(raw);
     }
     let domain = |spec: &GeneSpec| {
         let gene = written.iter().find(|(name, _)| *name == spec.name).and_then(|(_, gene)| **gene);
@@ -32,6 +56,45 @@ pub(super) fn search_space(raw: &RawDescriptor) -> Result<SearchSpace, Fault> {
         };
         Fault::from_message(section, &error.to_string())
     })
+}
+
+/// The space of structures, or the one structure that is written out.
+fn structures(raw: &RawDescriptor) -> Result<SearchSpace, Fault> {
+    let fault = |error: StructureError| Fault::from_message("descriptor.", &error.to_string());
+    if !raw.channel.is_empty() {
+        let searched = [
+            ("slots", raw.slots.is_some()),
+            ("max_bins", raw.max_bins.is_some()),
+            ("metric", raw.metric.is_some()),
+        ];
+        if let Some((key, _)) = searched.iter().find(|(_, is_written)| *is_written) {
+            return Err(Fault::new(
+                format!("descriptor.{key}"),
+                "no use beside channels that are written out, got both",
+                "remove it, or remove the channels to search for some",
+            ));
+        }
+        let file = StructureFile { version: 1, channels: raw.channel.clone() };
+        let structure = file.structure().map_err(fault)?;
+        let needs_colour = structure.channels.iter().position(|one| one.channel.needs_colour());
+        if let Some(channel) = needs_colour.filter(|_| !raw.colour) {
+            return Err(Fault::new(
+                "descriptor.colour",
+                format!("needed by channel {}, got false", channel + 1),
+                "set it to true, or choose features without colour",
+            ));
+        }
+        return Ok(SearchSpace::Structure(structure));
+    }
+    let default = StructureSpace::default();
+    let space = StructureSpace {
+        colour: raw.colour,
+        slots: raw.slots.unwrap_or(default.slots),
+        max_bins: raw.max_bins.unwrap_or(default.max_bins),
+        metric: raw.metric.map_or(default.metric, SetDistance::from),
+    };
+    space.check().map_err(fault)?;
+    Ok(SearchSpace::Structures(space))
 }
 
 fn domain(spec: &GeneSpec, gene: Option<RawGene>) -> Result<Domain, Fault> {

@@ -11,6 +11,7 @@ use descriptor::{Descriptor, Preprocess};
 use proto::Digest;
 use results::Counts;
 
+use crate::fitness::Measured;
 use crate::storage;
 
 /// Kind of the entries in the store.
@@ -19,13 +20,32 @@ const KIND: &str = "remembered counts";
 /// Counts by descriptor.
 pub type Remembered = BTreeMap<Descriptor, Counts>;
 
-/// What is remembered of a run's two matchings.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+/// What is known of descriptors under one fitness.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Known {
-    /// train1 against train2.
-    pub train: Remembered,
-    /// validation against both training sets.
-    pub validation: Remembered,
+    /// On the training clouds.
+    pub train: BTreeMap<Descriptor, Measured>,
+    /// On the validation clouds.
+    pub validation: BTreeMap<Descriptor, Measured>,
+}
+
+impl Known {
+    /// What is remembered under the paper's fitness.
+    pub fn recall(train: &Memory<'_>, validation: &Memory<'_>) -> Self {
+        let recalled = |memory: &Memory<'_>| {
+            let plain = |(descriptor, counts)| (descriptor, Measured { counts, margin: None });
+            memory.recall().into_iter().map(plain).collect()
+        };
+        Self { train: recalled(train), validation: recalled(validation) }
+    }
+
+    /// Adds what is known under the paper's fitness to what is remembered.
+    pub fn keep(&self, train: &Memory<'_>, validation: &Memory<'_>) {
+        for (memory, known) in [(train, &self.train), (validation, &self.validation)] {
+            let plain = known.iter().map(|(descriptor, measured)| (descriptor.clone(), measured.counts));
+            memory.keep(&plain.collect());
+        }
+    }
 }
 
 /// The place in the store of the counts of one matching on one data set.

@@ -10,12 +10,13 @@ use crate::compare::EVOLVED;
 use crate::dataset::Dataset;
 use crate::exhaust::{best_of_all, known_optimum};
 use crate::experiment::Experiment;
+use crate::fitness::{Fitness, Measured};
 use crate::observers::tables;
 use crate::result_cache::Known;
+use crate::run::matching::Matching;
 use crate::run::progress::Progress;
 use crate::run::search::{SearchLoop, SearchResult};
 use crate::run::search_space;
-use crate::run::splits::Matching;
 use crate::run::summary::Summary;
 use crate::run::{RunError, data_digest, rows};
 use crate::session::Session;
@@ -69,7 +70,17 @@ impl RunDriver<'_> {
             progress.search_starts(folder.generations());
             let cached = remembered.clone();
             let mut search_loop = SearchLoop::new(experiment, session, client, progress, cached);
-            match search_once(&mut search_loop, search, dataset, session, remembered, folder).await {
+            match search_once(
+                experiment.fitness(),
+                &mut search_loop,
+                search,
+                dataset,
+                session,
+                remembered,
+                folder,
+            )
+            .await
+            {
                 // The search is deterministic: it comes back to where it was, by way of the answers that still hold.
                 Err(RunError::Cluster(ClusterError::Corrected(tasks))) => search_loop.note_rewind(&tasks),
                 done => return done,
@@ -92,7 +103,7 @@ impl RunDriver<'_> {
             (PredictionSplit::Validation, Matching::Validation, &finals.validation),
             (PredictionSplit::Test, Matching::Test, &finals.test),
         ] {
-            if let Some(result) = result {
+            if let Some(result) = result.as_ref().and_then(|measured| measured.matched.as_ref()) {
                 folder.write_predictions(split, &rows::predictions(dataset, matching, result))?;
             }
         }
@@ -132,12 +143,13 @@ impl RunDriver<'_> {
             winner_individual: found.winner.index,
             best_chromosome: found.winner.individual.bit_string(),
             best_genes: found.descriptor.values(),
-            train: found.train,
+            train: found.train.counts,
+            train_margin: found.train.margin,
             validation: finals
                 .validation
                 .as_ref()
-                .map(|result| rows::recount(dataset, Matching::Validation, result)),
-            test: finals.test.as_ref().map(|result| rows::recount(dataset, Matching::Test, result)),
+                .map(|measured| measured.counts(dataset, Matching::Validation)),
+            test: finals.test.as_ref().map(|measured| measured.counts(dataset, Matching::Test)),
             grid_best_object_correct: None,
         }
     }
@@ -145,6 +157,7 @@ impl RunDriver<'_> {
 
 /// One attempt at it, unless answers turn out to be wrong.
 async fn search_once(
+    fitness: &Fitness,
     search_loop: &mut SearchLoop<'_>,
     search: evolution::Search,
     dataset: &Dataset,
@@ -162,7 +175,8 @@ async fn search_once(
         })?;
     }
     let finals =
-        Finals::evaluate(dataset, session, &found, remembered, search_loop.client_and_progress()).await?;
+        Finals::evaluate(fitness, dataset, session, &found, remembered, search_loop.client_and_progress())
+            .await?;
     Ok(Outcome { found, finals })
 }
 
@@ -201,39 +215,74 @@ pub fn compare_with_optimum(run: &mut RunRow, experiment: &Experiment, dataset: 
 /// The winner on the sets that had no part in the search; and on the training sets once more, so that no winner rests
 /// on counts that another run has left.
 struct Finals {
-    validation: Option<EvaluationResult>,
-    test: Option<EvaluationResult>,
+    validation: Option<Final>,
+    test: Option<Final>,
+}
+
+/// The winner on one set.
+struct Final {
+    measured: Measured,
+    /// With each query's match, unless the set was matched by another rule than the paper's: then a query has no nearest
+    /// cloud of the whole database.
+    matched: Option<EvaluationResult>,
+}
+
+impl Final {
+    /// From the results of the set's evaluations with their weights; `None` if there are none.
+    fn of(results: Vec<(EvaluationResult, u32)>) -> Option<Self> {
+        let counted = results.iter().map(|(result, weight)| (rows::counts(result), result.margin, *weight));
+        let measured = Measured::sum(counted);
+        let (first, _) = results.into_iter().next()?;
+        Some(Self { measured, matched: (!first.matches.is_empty()).then_some(first) })
+    }
+
+    fn counts(&self, dataset: &Dataset, matching: Matching) -> Counts {
+        match &self.matched {
+            Some(result) => rows::recount(dataset, matching, result),
+            None => self.measured.counts,
+        }
+    }
 }
 
 impl Finals {
     async fn evaluate(
+        fitness: &Fitness,
         dataset: &Dataset,
         session: &Session<'_>,
         found: &SearchResult,
         remembered: &Known,
         (client, progress): (&mut Client, &mut Progress),
     ) -> Result<Self, RunError> {
-        let winner = &found.descriptor;
+        let winner = found.scales.of(&found.descriptor);
         let Session { cluster, splits, .. } = session;
         splits.publish_test(&cluster.blobs);
-        let wanted = [Matching::Validation, Matching::Test].map(|matching| {
-            let has_queries = !matching.query_clouds(dataset).is_empty();
-            has_queries.then(|| splits.evaluation(winner, matching, true))
+        let asked = [Matching::Validation, Matching::Test, Matching::Train].map(|matching| match matching {
+            _ if matching.query_clouds(dataset).is_empty() => Vec::new(),
+            Matching::Train => splits.measure(fitness, &winner, matching),
+            Matching::Validation if *fitness != Fitness::PAPER => splits.measure(fitness, &winner, matching),
+            Matching::Validation | Matching::Test => vec![(splits.evaluation(&winner, matching, true), 1)],
         });
-        let measured = wanted.each_ref().map(Option::is_some);
-        let training = splits.evaluation(winner, Matching::Train, false);
-        let evaluations = wanted.into_iter().flatten().chain([training]).collect();
-        let mut finished = client.evaluate(evaluations, |news| progress.news(news)).await?;
-        if let Some(training) = finished.pop() {
-            let remembered = remembered.train.contains_key(winner);
-            agree("training", found, (&found.train, remembered), &rows::counts(&training.result))?;
-        }
+        let weights =
+            asked.each_ref().map(|parts| parts.iter().map(|&(_, weight)| weight).collect::<Vec<_>>());
+        let evaluations = asked.into_iter().flatten().map(|(evaluation, _)| evaluation).collect();
+        let finished = client.evaluate(evaluations, |news| progress.news(news)).await?;
         let mut results = finished.into_iter().map(|finished| finished.result);
-        let [validation, test] = measured.map(|measured| if measured { results.next() } else { None });
-        let known = found.counts.validation.get(winner);
-        if let (Some(known), Some(validation)) = (known, &validation) {
-            let remembered = remembered.validation.contains_key(winner);
-            agree("validation", found, (known, remembered), &rows::counts(validation))?;
+        let [validation, test, training] =
+            weights.map(|weights| Final::of(results.by_ref().take(weights.len()).zip(weights).collect()));
+        let known = [
+            ("training", Some(&found.train), &remembered.train, &training),
+            (
+                "validation",
+                found.counts.validation.get(&found.descriptor),
+                &remembered.validation,
+                &validation,
+            ),
+        ];
+        for (name, held, remembered, computed) in known {
+            if let (Some(held), Some(computed)) = (held, computed) {
+                let is_remembered = remembered.contains_key(&found.descriptor);
+                agree(name, found, (held, is_remembered), &computed.measured)?;
+            }
         }
         Ok(Self { validation, test })
     }
@@ -244,13 +293,13 @@ impl Finals {
 fn agree(
     matching: &'static str,
     found: &SearchResult,
-    (held, remembered): (&Counts, bool),
-    computed: &Counts,
+    (held, remembered): (&Measured, bool),
+    computed: &Measured,
 ) -> Result<(), RunError> {
     if held == computed {
         return Ok(());
     }
-    let said = |counts: &Counts| {
+    let said = |Measured { counts, .. }: &Measured| {
         format!(
             "{} objects and {} categories of {}",
             counts.object_correct, counts.category_correct, counts.queries

@@ -153,4 +153,22 @@ pub enum RunError {
         "validation: stop.validation_patience and search.winner = \"validation\" need validation clouds, got none that is usable\nset stop.validation_patience = \"off\" and search.winner = \"fitness\", or give the validation split some clouds"
     )]
     NoValidation,
+    /// Clouds cannot be matched across sequences.
+    #[error(
+        "search.fitness.cross-sequence: needs the sequence of every cloud, got {count} without one, the first of them {first}\nname sequences in a manifest's column, use layout = \"uw\", or write [search.fitness] leave-one-out = 1"
+    )]
+    NoSequences {
+        /// How many clouds have none.
+        count: usize,
+        /// Path of the first.
+        first: String,
+    },
+    /// Every query would be left out.
+    #[error(
+        "search.fitness.{protocol}: needs objects with training clouds that may be matched with each other, got none\nadd clouds, in several sequences for cross-sequence, or write [search.fitness] split = 1"
+    )]
+    NoAnswers {
+        /// Under which protocol.
+        protocol: &'static str,
+    },
 }

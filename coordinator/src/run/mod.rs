@@ -1,13 +1,18 @@
 //! One run from an experiment to its results: data, workers, search, final test, tables.
 
+mod askable;
 pub mod clouds;
 mod data;
 pub mod directory;
 mod driver;
 mod error;
+pub mod fitness_batch;
+pub mod matching;
 pub mod progress;
 mod resume;
 pub mod rows;
+pub mod scaled;
+pub mod scales;
 mod search;
 pub mod search_space;
 pub mod splits;
@@ -28,20 +33,22 @@ use transport::host_name;
 use crate::dataset::{Dataset, Wanted};
 use crate::exhaust::grid::Grid;
 use crate::experiment::Experiment;
+use crate::fitness::Fitness;
 use crate::observers::event_file::EventFile;
 use crate::result_cache::Known;
 use crate::session::{Session, listen};
 use transport::Protection;
 
+pub use askable::refuse_unaskable;
 pub use data::{DataError, open_data, write_synthetic};
 pub use directory::folder;
 use directory::{claim, difference, refuse_another};
 use driver::compare_with_optimum;
 pub use driver::{RunDriver, Start};
 pub use error::RunError;
+pub use matching::Matching;
 use progress::Progress;
 pub use resume::{open_journal, recorded_plan, remove_journal};
-pub use splits::Matching;
 use summary::Summary;
 
 /// How a run is started, beside its experiment.
@@ -77,6 +84,9 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     if experiment.validates() && dataset.splits.validation.is_empty() {
         return Err(RunError::NoValidation);
     }
+    for note in refuse_unaskable(experiment.fitness(), &dataset)? {
+        progress.say(&note);
+    }
     refuse_another(&out, &experiment.search_toml())?;
     let mut folder = RunFolder::create(&out, &rows::gene_columns(experiment.space().family()))?;
     claim(&out, &experiment.search_toml())?;
@@ -99,7 +109,14 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     }
     let past = (header.session, journal, recorded);
     let memory = options.storage.memory;
-    let mut session = Session::with_journal(past, experiment, &dataset, Arc::clone(&store), memory)?;
+    let mut session = Session::with_journal(
+        past,
+        experiment,
+        experiment.fitness().needs_sequences(),
+        &dataset,
+        Arc::clone(&store),
+        memory,
+    )?;
     let client = session.cluster.client();
     let settings = experiment.coordinator();
     progress.follow(&session.cluster);
@@ -107,7 +124,9 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     session.start(listener, settings.local_workers).await;
     let memory = |matching| session.splits.memory(&store, experiment.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
-    let known = Known { train: train_memory.recall(), validation: validation_memory.recall() };
+    // Counts under other rules are not kept from run to run.
+    let is_plain = *experiment.fitness() == Fitness::PAPER;
+    let known = if is_plain { Known::recall(&train_memory, &validation_memory) } else { Known::default() };
     let start = Start { now: started, first: header.started_at, before: at_work };
     let console = progress.console().clone();
     let (dataset, session, remembered) = (&dataset, &session, &known);
@@ -124,9 +143,8 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     remove_journal(&out);
     // Not before the run is finished: what a failed one computed is in doubt, and so is what one with a worker that
     // was wrong computed where nobody has looked.
-    if trusted {
-        train_memory.keep(&outcome.found.counts.train);
-        validation_memory.keep(&outcome.found.counts.validation);
+    if trusted && is_plain {
+        outcome.found.counts.keep(&train_memory, &validation_memory);
     }
     Ok(summary)
 }

@@ -7,9 +7,10 @@ use evolution::Individual;
 use results::{Computed, Counts, EvaluationRow, GeneColumn, PredictionRow, RunnerUp, SkippedRow};
 
 use crate::dataset::Dataset;
-use crate::run::splits::Matching;
+use crate::fitness::{Fitness, Measured};
+use crate::run::matching::Matching;
 use cluster::scheduler::Finished;
-use proto::task::{EvaluationResult, Match};
+use proto::task::{EvaluationResult, Match, Objective};
 
 /// The gene columns of every table that has them.
 pub fn gene_columns(family: Family) -> Vec<GeneColumn> {
@@ -47,19 +48,23 @@ pub fn recount(dataset: &Dataset, matching: Matching, result: &EvaluationResult)
 
 /// A generation's individuals with their descriptors; `computed` names those whose descriptor was new.
 pub fn evaluations(
+    fitness: &Fitness,
     generation: u32,
     population: &[Individual],
     descriptors: &[Descriptor],
-    counts: &[Counts],
+    measured: &[Measured],
     computed: &BTreeMap<usize, Finished<EvaluationResult>>,
 ) -> Vec<EvaluationRow> {
-    type Evaluated<'a> = ((&'a Individual, &'a Descriptor), &'a Counts);
-    let row = |(index, ((individual, descriptor), counts)): (usize, Evaluated<'_>)| EvaluationRow {
+    type Evaluated<'a> = ((&'a Individual, &'a Descriptor), &'a Measured);
+    let row = |(index, ((individual, descriptor), measured)): (usize, Evaluated<'_>)| EvaluationRow {
         generation,
         individual: index as u32,
         chromosome: individual.bit_string(),
         genes: descriptor.values(),
-        counts: *counts,
+        counts: measured.counts,
+        objective_correct: (fitness.objective() == Objective::Category)
+            .then_some(measured.counts.category_correct),
+        margin: measured.margin,
         parent_a: individual.parents[0],
         parent_b: individual.parents[1],
         elite: individual.elite,
@@ -70,7 +75,7 @@ pub fn evaluations(
             run_seconds: finished.run_seconds,
         }),
     };
-    population.iter().zip(descriptors).zip(counts).enumerate().map(row).collect()
+    population.iter().zip(descriptors).zip(measured).enumerate().map(row).collect()
 }
 
 /// The winner's answers to the queries of one matching.

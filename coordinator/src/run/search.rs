@@ -6,18 +6,21 @@ use std::time::Instant;
 
 use descriptor::{Descriptor, SearchSpace};
 use evolution::{GenerationBest, Individual, Score, Search, StopReason};
-use results::{Counts, RunFolder};
+use results::RunFolder;
 
 use crate::experiment::Experiment;
+use crate::fitness::Measured;
 use crate::result_cache::Known;
 use crate::run::RunError;
+use crate::run::fitness_batch::{Answer, FitnessBatch};
+use crate::run::matching::Matching;
 use crate::run::progress::{GenerationReport, Progress};
 use crate::run::rows;
-use crate::run::splits::Matching;
+use crate::run::scales::Scales;
 use crate::session::Session;
 use crate::tasks;
-use cluster::Client;
 use cluster::scheduler::Finished;
+use cluster::{Client, ClusterError, ClusterNews};
 use proto::task::{DescriptorBytes, EvaluationResult, Task};
 
 /// What a search found.
@@ -30,14 +33,16 @@ pub struct SearchResult {
     pub winner: GenerationBest,
     /// The descriptor that the winner stands for.
     pub descriptor: Descriptor,
-    /// The winner on the training set.
-    pub train: Counts,
+    /// The winner by the fitness.
+    pub train: Measured,
     /// Individuals that a worker evaluated.
     pub computed: u64,
     /// Individuals whose descriptor had been evaluated before.
     pub remembered: u64,
     /// All counts that the search has used.
     pub counts: Known,
+    /// The scales that it has used.
+    pub scales: Scales,
 }
 
 /// The driver of one search.
@@ -48,6 +53,7 @@ pub struct SearchLoop<'a> {
     progress: &'a mut Progress,
     /// Counts of earlier runs and of this one: no descriptor is evaluated twice.
     counts: Known,
+    scales: Scales,
     /// The generation in which the search has first come upon each descriptor: their number is what a budget of
     /// evaluations is spent on, whatever earlier runs have left.
     first_met: BTreeMap<DescriptorBytes, u32>,
@@ -70,8 +76,10 @@ impl<'a> SearchLoop<'a> {
             for (matching, counts) in
                 [(Matching::Train, &mut cached.train), (Matching::Validation, &mut cached.validation)]
             {
-                counts
-                    .retain(|descriptor, _| !cluster.recalls(splits.evaluation(descriptor, matching, false)));
+                // Only families without scales are remembered.
+                counts.retain(|descriptor, _| {
+                    !cluster.recalls(splits.evaluation(&descriptor.into(), matching, false))
+                });
             }
         }
         Self {
@@ -80,6 +88,7 @@ impl<'a> SearchLoop<'a> {
             client,
             progress,
             counts: cached,
+            scales: Scales::default(),
             first_met: BTreeMap::new(),
             computed: 0,
             remembered: 0,
@@ -118,20 +127,24 @@ impl<'a> SearchLoop<'a> {
                 self.first_met.entry(descriptor).or_insert(generation);
             }
             let computed = self.evaluate_new(&descriptors).await?;
-            let counts: Vec<Counts> =
+            let measured: Vec<Measured> =
                 descriptors.iter().map(|descriptor| self.counts.train[descriptor]).collect();
-            let scores: Vec<Score> = counts.iter().map(score).collect();
+            let fitness = self.experiment.fitness();
+            let scores: Vec<Score> = measured.iter().map(|measured| fitness.score(measured)).collect();
             let validation = match search.to_validate(&scores) {
                 Some(index) => self.validate(&descriptors[index as usize]).await?,
                 None => None,
             };
-            let state = search.tell(&scores, validation.as_ref().map(score), self.first_met.len() as u64);
+            let validation_score = validation.as_ref().map(|measured| fitness.score(measured));
+            let state = search.tell(&scores, validation_score, self.first_met.len() as u64);
 
-            let individuals = rows::evaluations(generation, &population, &descriptors, &counts, &computed);
+            let individuals =
+                rows::evaluations(fitness, generation, &population, &descriptors, &measured, &computed);
             let row = results::GenerationRow {
                 generation,
                 best_so_far_fitness: state.best_so_far.fitness(),
-                validation,
+                validation: validation.map(|measured| measured.counts),
+                validation_margin: validation.and_then(|measured| measured.margin),
                 mutation_rate: state.mutation_rate,
                 seconds: started.elapsed().as_secs_f64(),
             };
@@ -149,10 +162,10 @@ impl<'a> SearchLoop<'a> {
                 folder.write_generation(&individuals, &row)?;
                 self.progress.generation_done(&GenerationReport {
                     generation,
-                    counts: &counts,
+                    counts: &measured.iter().map(|measured| measured.counts).collect::<Vec<_>>(),
                     best: &descriptors[state.best as usize],
                     improved: state.improved,
-                    validation,
+                    validation: validation.map(|measured| measured.counts),
                 });
             }
 
@@ -167,6 +180,7 @@ impl<'a> SearchLoop<'a> {
                     computed: self.computed,
                     remembered: self.remembered,
                     counts: std::mem::take(&mut self.counts),
+                    scales: std::mem::take(&mut self.scales),
                 });
             }
         }
@@ -186,31 +200,44 @@ impl<'a> SearchLoop<'a> {
         }
         self.computed += new.len() as u64;
         self.remembered += (descriptors.len() - new.len()) as u64;
-        let evaluations = new
-            .iter()
-            .map(|(_, descriptor)| self.session.splits.evaluation(descriptor, Matching::Train, false));
-        let progress = &mut *self.progress;
-        let finished = self.client.evaluate(evaluations.collect(), |news| progress.evaluations(news)).await?;
-        progress.counted(self.computed, self.remembered);
-        for ((_, descriptor), finished) in new.iter().zip(&finished) {
-            self.counts.train.insert((*descriptor).clone(), rows::counts(&finished.result));
+        let descriptors: Vec<&Descriptor> = new.iter().map(|&(_, descriptor)| descriptor).collect();
+        let finished = self.measure(&descriptors, Matching::Train).await?;
+        self.progress.counted(self.computed, self.remembered);
+        let mut computed = BTreeMap::new();
+        for ((index, descriptor), Answer { measured, first }) in new.into_iter().zip(finished) {
+            self.counts.train.insert(descriptor.clone(), measured);
+            computed.insert(index, first);
         }
-        Ok(new.into_iter().map(|(index, _)| index).zip(finished).collect())
+        Ok(computed)
     }
 
-    /// Counts of a descriptor on the validation set.
-    async fn validate(&mut self, descriptor: &Descriptor) -> Result<Option<Counts>, RunError> {
-        if let Some(counts) = self.counts.validation.get(descriptor) {
-            return Ok(Some(*counts));
+    /// Measures descriptors by the fitness.
+    async fn measure(
+        &mut self,
+        descriptors: &[&Descriptor],
+        matching: Matching,
+    ) -> Result<Vec<Answer>, ClusterError> {
+        let Self { client, progress, scales, session, experiment, .. } = self;
+        scales.complete(descriptors, &session.splits, client, |news| progress.news(news)).await?;
+        let batch = FitnessBatch::new(experiment.fitness(), &session.splits, scales, descriptors, matching);
+        let watch = |news: &ClusterNews| match matching {
+            Matching::Train => progress.evaluations(news),
+            Matching::Validation | Matching::Test => progress.news(news),
+        };
+        batch.evaluate(client, watch).await
+    }
+
+    /// A descriptor on the validation set.
+    async fn validate(&mut self, descriptor: &Descriptor) -> Result<Option<Measured>, RunError> {
+        if let Some(measured) = self.counts.validation.get(descriptor) {
+            return Ok(Some(*measured));
         }
-        let evaluation = self.session.splits.evaluation(descriptor, Matching::Validation, false);
-        let progress = &mut *self.progress;
-        let finished = self.client.evaluate(vec![evaluation], |news| progress.news(news)).await?;
-        let counts = finished.first().map(|finished| rows::counts(&finished.result));
-        if let Some(counts) = counts {
-            self.counts.validation.insert(descriptor.clone(), counts);
+        let finished = self.measure(&[descriptor], Matching::Validation).await?;
+        let measured = finished.first().map(|answer| answer.measured);
+        if let Some(measured) = measured {
+            self.counts.validation.insert(descriptor.clone(), measured);
         }
-        Ok(counts)
+        Ok(measured)
     }
 }
 
@@ -220,8 +247,4 @@ impl<'a> SearchLoop<'a> {
 /// If it is not of the space: a programming error, as the genome is that of the space.
 fn decode(space: &SearchSpace, individual: &Individual) -> Descriptor {
     space.decode(&individual.values).expect("value indices of the search space's genome")
-}
-
-fn score(counts: &Counts) -> Score {
-    Score { correct: counts.object_correct, queries: counts.queries, margin: 0.0 }
 }

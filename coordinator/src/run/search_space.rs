@@ -1,13 +1,18 @@
 //! The genome of a search space, for the search: a field for each gene.
 
-use descriptor::SearchSpace;
+use descriptor::{FieldSpec, SearchSpace};
 use evolution::{Encoding, Field, Genome};
 
 /// The genome of a search space: a field for each gene, in chromosome order. Value indices of the one are those of the
 /// other.
 pub fn genome(space: &SearchSpace, encoding: Encoding) -> Genome {
-    let fields = space.genes().into_iter();
-    let fields = fields.map(|(spec, domain)| Field::new(spec.name, domain.count));
+    let fields = space.fields().into_iter();
+    let fields = fields.map(|FieldSpec { gene, values, slot, is_ordered }| Field {
+        name: gene.name.to_owned(),
+        values,
+        ordered: is_ordered,
+        slot,
+    });
     Genome::new(fields.collect(), encoding)
 }
 

@@ -3,52 +3,15 @@
 use cache::Store;
 use descriptor::{Descriptor, Preprocess};
 use proto::Digest;
-use proto::task::{Evaluation, GridCell, MatchingRule, Preparation, Subject};
+use proto::task::{Evaluation, GridCell, MatchingRule, Preparation, Scale, Subject};
 
-use crate::dataset::{Dataset, SPLITS, Splits};
+use crate::dataset::{Dataset, SPLITS};
+use crate::fitness::{Fitness, Part};
 use crate::result_cache::Memory;
+use crate::run::matching::{Matching, TEST, TRAIN1, TRAIN2};
+use crate::run::scaled::Scaled;
 use crate::tasks;
 use cluster::blobs::BlobStore;
-
-/// Position of the test split in [`SPLITS`].
-const TEST: usize = 3;
-
-/// Which splits are matched with which (DESIGN 5.7).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Matching {
-    /// train1 against train2: the fitness.
-    Train,
-    /// validation against both training sets.
-    Validation,
-    /// test against all others.
-    Test,
-}
-
-impl Matching {
-    /// Positions in [`SPLITS`] of the queries and of the database's parts.
-    fn splits(self) -> (usize, &'static [usize]) {
-        match self {
-            Self::Train => (0, &[1]),
-            Self::Validation => (2, &[0, 1]),
-            Self::Test => (TEST, &[0, 1, 2]),
-        }
-    }
-
-    /// The queries, as indices into the data set's clouds, in the order in which matches are listed.
-    pub fn query_clouds(self, dataset: &Dataset) -> &[u32] {
-        clouds_of(dataset, self.splits().0)
-    }
-
-    /// The database, as indices into the data set's clouds, in the order in which matches number it.
-    pub fn database_clouds(self, dataset: &Dataset) -> Vec<u32> {
-        self.splits().1.iter().flat_map(|&split| clouds_of(dataset, split)).copied().collect()
-    }
-}
-
-fn clouds_of(dataset: &Dataset, split: usize) -> &[u32] {
-    let Splits { train1, train2, validation, test } = &dataset.splits;
-    [train1, train2, validation, test][split]
-}
 
 /// The manifests of a data set.
 pub struct SplitBlobs<'a> {
@@ -56,43 +19,69 @@ pub struct SplitBlobs<'a> {
     manifests: [Digest; SPLITS.len()],
     /// What every task has in common.
     preparation: Preparation,
+    /// Whether manifests say sequences.
+    with_sequences: bool,
 }
 
 impl<'a> SplitBlobs<'a> {
     /// Makes the manifests and releases everything but the test set, which no worker sees before the search is over.
-    pub fn publish(dataset: &'a Dataset, preparation: Preparation, blobs: &BlobStore) -> Self {
-        let manifests = std::array::from_fn(|split| {
-            let released = split != TEST;
-            if released {
-                publish(dataset, split, blobs)
+    ///
+    /// Manifests are to say sequences only where a fitness looks at them: their digests name clouds in what is kept
+    /// from run to run.
+    pub fn publish(
+        dataset: &'a Dataset,
+        preparation: Preparation,
+        with_sequences: bool,
+        blobs: &BlobStore,
+    ) -> Self {
+        let manifests = [Digest([0; 32]); SPLITS.len()];
+        let mut splits = Self { dataset, manifests, preparation, with_sequences };
+        for split in 0..SPLITS.len() {
+            let is_released = split != TEST;
+            splits.manifests[split] = if is_released {
+                splits.publish_split(split, blobs)
             } else {
-                Digest::of(&split_manifest(dataset, split))
-            }
-        });
-        Self { dataset, manifests, preparation }
+                Digest::of(&splits.manifest(split))
+            };
+        }
+        splits
     }
 
     /// Releases the test set.
     pub fn publish_test(&self, blobs: &BlobStore) {
-        publish(self.dataset, TEST, blobs);
+        self.publish_split(TEST, blobs);
+    }
+
+    fn publish_split(&self, split: usize, blobs: &BlobStore) -> Digest {
+        for &index in self.dataset.splits.all()[split] {
+            let cloud = &self.dataset.clouds.entries[index as usize];
+            blobs.publish_file(Digest(cloud.digest), self.dataset.clouds.file(cloud));
+        }
+        blobs.publish_bytes(self.manifest(split))
+    }
+
+    fn manifest(&self, split: usize) -> Vec<u8> {
+        let entries = &self.dataset.clouds.entries;
+        let clouds = self.dataset.splits.all()[split].iter().map(|&index| &entries[index as usize]);
+        tasks::split_manifest(SPLITS[split], clouds, self.with_sequences)
     }
 
     /// Where counts of a matching are remembered.
     pub fn memory<'s>(&self, store: &'s Store, preprocess: &Preprocess, matching: Matching) -> Memory<'s> {
-        let (query, database) = self.manifests(matching);
-        Memory::new(store, preprocess, [&[query], &database], self.sizes(matching)[0])
+        let (query, database) = matching.splits();
+        let [queries, _] = self.sizes(query, database);
+        Memory::new(store, preprocess, [&self.digests(query), &self.digests(database)], queries)
     }
 
-    /// The manifest of the queries, and those of the database.
-    fn manifests(&self, matching: Matching) -> (Digest, Vec<Digest>) {
-        let (query, database) = matching.splits();
-        (self.manifests[query], database.iter().map(|&split| self.manifests[split]).collect())
+    /// The manifests of splits.
+    fn digests(&self, splits: &[usize]) -> Vec<Digest> {
+        splits.iter().map(|&split| self.manifests[split]).collect()
     }
 
     /// Number of queries, and of clouds in the database.
-    fn sizes(&self, matching: Matching) -> [u32; 2] {
-        [matching.query_clouds(self.dataset).len(), matching.database_clouds(self.dataset).len()]
-            .map(|clouds| clouds as u32)
+    fn sizes(&self, query: &[usize], database: &[usize]) -> [u32; 2] {
+        let clouds = |split: &usize| self.dataset.splits.all()[*split].len() as u32;
+        [query, database].map(|splits| splits.iter().map(clouds).sum())
     }
 
     /// How clouds are prepared for the tasks of this session.
@@ -102,38 +91,48 @@ impl<'a> SplitBlobs<'a> {
 
     /// The evaluation on the training sets of the `descriptors` descriptors of a grid cell.
     pub fn grid_cell(&self, subject: Subject, descriptors: u32) -> GridCell {
-        let (query, database) = self.manifests(Matching::Train);
-        let [queries, database_clouds] = self.sizes(Matching::Train);
-        GridCell { subject, query: vec![query], database, queries, database_clouds, descriptors }
+        let (query, database) = Matching::Train.splits();
+        let [queries, database_clouds] = self.sizes(query, database);
+        let [query, database] = [&query[..], database].map(|splits| self.digests(splits));
+        GridCell { subject, query, database, queries, database_clouds, descriptors }
     }
 
-    /// The evaluation of one descriptor.
-    pub fn evaluation(&self, descriptor: &Descriptor, matching: Matching, want_matches: bool) -> Evaluation {
-        let (query, database) = self.manifests(matching);
-        let [queries, database_clouds] = self.sizes(matching);
-        let subject = tasks::subject(&self.preparation, descriptor);
+    /// The evaluation of one descriptor on the clouds of a matching, plainly: each query among the whole database.
+    pub fn evaluation(&self, descriptor: &Scaled<'_>, matching: Matching, want_matches: bool) -> Evaluation {
+        let (query, database) = matching.splits();
+        let part = Part { query, database, rule: MatchingRule::default(), weight: 1 };
+        Evaluation { want_matches, ..self.part(descriptor, &part) }
+    }
+
+    /// The evaluations that the fitness of a descriptor is the weighted sum of, with their weights.
+    pub fn measure(
+        &self,
+        fitness: &Fitness,
+        descriptor: &Scaled<'_>,
+        matching: Matching,
+    ) -> Vec<(Evaluation, u32)> {
+        let parts = fitness.parts(matching);
+        parts.iter().map(|part| (self.part(descriptor, part), part.weight)).collect()
+    }
+
+    /// What the distances of one channel are scaled by: over all training clouds.
+    pub fn scale(&self, channel: &Descriptor) -> Scale {
+        let splits = [TRAIN1, TRAIN2];
+        let [clouds, _] = self.sizes(&splits, &[]);
+        Scale { subject: tasks::subject(&self.preparation, channel), splits: self.digests(&splits), clouds }
+    }
+
+    fn part(&self, Scaled { descriptor, scales }: &Scaled<'_>, part: &Part) -> Evaluation {
+        let [queries, database_clouds] = self.sizes(part.query, part.database);
         Evaluation {
-            subject,
-            query: vec![query],
-            database,
+            subject: tasks::subject(&self.preparation, descriptor),
+            query: self.digests(part.query),
+            database: self.digests(part.database),
             queries,
             database_clouds,
-            want_matches,
-            rule: MatchingRule::default(),
-            scales: Vec::new(),
+            want_matches: false,
+            rule: part.rule,
+            scales: scales.clone(),
         }
     }
-}
-
-fn split_manifest(dataset: &Dataset, split: usize) -> Vec<u8> {
-    let clouds = clouds_of(dataset, split).iter().map(|&index| &dataset.clouds.entries[index as usize]);
-    tasks::split_manifest(SPLITS[split], clouds)
-}
-
-fn publish(dataset: &Dataset, split: usize, blobs: &BlobStore) -> Digest {
-    for &index in clouds_of(dataset, split) {
-        let cloud = &dataset.clouds.entries[index as usize];
-        blobs.publish_file(Digest(cloud.digest), dataset.clouds.file(cloud));
-    }
-    blobs.publish_bytes(split_manifest(dataset, split))
 }

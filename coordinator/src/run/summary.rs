@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use descriptor::{Column, Family};
+use descriptor::{Column, Descriptor, Family};
 use evolution::StopReason;
 use results::{Counts, RunRow, wilson};
 use serde_json::{Map, Value, json};
@@ -42,10 +42,18 @@ impl Summary {
         let reason = known.map_or_else(|| run.stop_reason.clone(), |reason| reason.to_string());
         row("stopped", format!("after generation {}: {reason}", run.generations));
         row("winner", format!("generation {}, individual {}", run.winner_generation, run.winner_individual));
-        for (column, value) in self.family.columns().into_iter().zip(&run.best_genes) {
-            if let Some(value) = value {
-                let value = format!("{value} {}", column.unit);
-                row("", format!("{:<12}{value:<8}{}", column.name, column.meaning));
+        if let Some(Descriptor::Structure(structure)) = Descriptor::from_values(self.family, &run.best_genes)
+        {
+            // The genes of a channel say little one by one.
+            for channel in structure.channels {
+                row("", channel.to_string());
+            }
+        } else {
+            for (column, value) in self.family.columns().into_iter().zip(&run.best_genes) {
+                if let Some(value) = value {
+                    let value = format!("{value} {}", column.unit);
+                    row("", format!("{:<12}{value:<8}{}", column.name, column.meaning));
+                }
             }
         }
         let title = [("object error", "95 % interval"), ("category error", "95 % interval")];

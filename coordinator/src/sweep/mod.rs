@@ -3,6 +3,7 @@
 mod record;
 mod summary;
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -14,6 +15,7 @@ use results::RunFolder;
 
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{Member, Overrides, Plan, Sweep};
+use crate::fitness::Fitness;
 use crate::observers::event_file::EventFile;
 use crate::result_cache::Known;
 use crate::run::directory::{chosen, claim, refuse_another};
@@ -22,7 +24,7 @@ use crate::run::summary::Summary;
 use crate::run::tally::Tally;
 use crate::run::{
     Matching, RunDriver, RunError, RunOptions, Start, compare_with_data, finished, open_data, open_journal,
-    refuse_other_data, remove_journal, rows,
+    refuse_other_data, refuse_unaskable, remove_journal, rows,
 };
 use crate::session::{Session, listen};
 pub use record::{SWEEP_FILE, recorded_sweep};
@@ -62,6 +64,11 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     if members.iter().any(validates) && dataset.splits.validation.is_empty() {
         return Err(RunError::NoValidation);
     }
+    let mut notes = BTreeSet::new();
+    for member in &members {
+        notes.extend(refuse_unaskable(member.experiment.fitness(), &dataset)?);
+    }
+    notes.iter().for_each(|note| progress.say(note));
     make_folder(&out, sweep)?;
     let texts = (sweep.search_toml(), sweep.record_toml());
     let (header, journal, recorded) = open_journal(texts, &dataset, &out, started_at, || Ok(()))?;
@@ -76,7 +83,9 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let (mut summaries, folders) = open_folders(&out, &members, &dataset, (begun, trusted))?;
     let past = (header.session, journal, recorded);
     let memory = options.storage.memory;
-    let mut session = Session::with_journal(past, base, &dataset, Arc::clone(&store), memory)?;
+    let with_sequences = members.iter().any(|member| member.experiment.fitness().needs_sequences());
+    let mut session =
+        Session::with_journal(past, base, with_sequences, &dataset, Arc::clone(&store), memory)?;
     session.cluster.share();
     let clients: Vec<_> = folders.iter().map(|_| session.cluster.client()).collect();
     let settings = base.coordinator();
@@ -85,12 +94,14 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     session.start(listener, settings.local_workers).await;
     let memory = |matching| session.splits.memory(&store, base.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
-    let known = Known { train: train_memory.recall(), validation: validation_memory.recall() };
+    // Counts under other rules are not kept from run to run.
+    let is_plain = |place: usize| *members[place].experiment.fitness() == Fitness::PAPER;
+    let (known, none) = (Known::recall(&train_memory, &validation_memory), Known::default());
     let tally = Arc::new(Tally::new(members.len(), summaries.len()));
-    let (dataset, remembered) = (&dataset, &known);
-    let session = &session;
+    let (dataset, session) = (&dataset, &session);
     let driver = |((place, folder), client): ((usize, RunFolder), _)| {
         let Member { name, experiment } = &members[place];
+        let remembered = if is_plain(place) { &known } else { &none };
         let progress = progress.of_member(name, experiment.stop().generations, &tally);
         (place, RunDriver { experiment, dataset, session, remembered, client, folder, progress, start })
     };
@@ -108,9 +119,8 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     for (place, summary, found) in done {
         summaries.push((place, summary));
         // Not before all are finished, as none of them was told a wrong answer that is known to be one.
-        if trusted {
-            train_memory.keep(&found.train);
-            validation_memory.keep(&found.validation);
+        if trusted && is_plain(place) {
+            found.keep(&train_memory, &validation_memory);
         }
     }
     summaries.sort_by_key(|(place, _)| *place);

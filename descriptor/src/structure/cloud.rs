@@ -82,6 +82,30 @@ impl StructureCloud {
         Ok(Self { points, grids, viewpoint, normal_radius_um: preprocess.normal_radius_um })
     }
 
+    /// From a cloud in metres whose normals are known, with keypoints of these grids only: what one structure needs.
+    ///
+    /// # Errors
+    /// As [`StructureCloud::new`], but that the cloud is known to take part.
+    pub(crate) fn of_grids(
+        cloud: &Cloud,
+        of_points: &[Normal],
+        preprocess: &Preprocess,
+        grids_um: &[u32],
+    ) -> Result<Self, PrepareError> {
+        let mut grids: [Points; GRIDS_UM.len()] = Default::default();
+        for (grid, edge_um) in grids.iter_mut().zip(GRIDS_UM) {
+            if grids_um.contains(&edge_um) {
+                let keypoints = Keypoints::new(cloud, edge(edge_um))?;
+                let radius = preprocess.normal_radius();
+                let [_, of_keypoints] = normals(&cloud.points, &keypoints.points, radius, cloud.viewpoint)?;
+                *grid = Points::of_keypoints(keypoints, of_keypoints);
+            }
+        }
+        let Cloud { points: positions, colours, viewpoint } = cloud.clone();
+        let points = Points { positions, colours, normals: of_points.to_vec() };
+        Ok(Self { points, grids, viewpoint, normal_radius_um: preprocess.normal_radius_um })
+    }
+
     /// Number of points.
     pub fn points(&self) -> usize {
         self.points.positions.len()

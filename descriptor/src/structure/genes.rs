@@ -9,6 +9,9 @@ pub(super) const SLOTS: usize = 4;
 /// Genes of a slot.
 pub(super) const FIELDS: usize = 15;
 
+/// Positions in a slot of the genes whose values have no order: active, pairs and the three features.
+pub(super) static CATEGORIES: [usize; 5] = [0, 1, 2, 3, 4];
+
 /// Most features of a slot's channel.
 pub(super) const FEATURES: usize = 3;
 

@@ -1,10 +1,11 @@
 //! The genome of structures: what a search looks through, and the mapping between value indices and structures.
 
 use crate::distance::SetDistance;
-use crate::gene::GeneSpec;
+use crate::gene::{FieldSpec, GeneSpec};
 use crate::structure::check::StructureError;
 use crate::structure::genes::{
-    FEATURES, FIELDS, GENES, GRIDS, LEAST_DISTANCES, SHELLS, SLOTS, SQUASHES, WEIGHTS, radii, samples,
+    CATEGORIES, FEATURES, FIELDS, GENES, GRIDS, LEAST_DISTANCES, SHELLS, SLOTS, SQUASHES, WEIGHTS, radii,
+    samples,
 };
 use crate::structure::{Axis, Feature, Pairs, Scale, Structure, StructureChannel, Weighted};
 
@@ -29,15 +30,6 @@ pub struct StructureSpace {
     pub max_bins: u32,
     /// How rows are compared, in all channels.
     pub metric: SetDistance,
-}
-
-/// A field of the genome: a gene, and the number of its values.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FieldSpec {
-    /// The gene.
-    pub gene: &'static GeneSpec,
-    /// Number of values.
-    pub values: u32,
 }
 
 impl Default for StructureSpace {
@@ -79,9 +71,16 @@ impl StructureSpace {
         let slots = GENES.iter().take(self.slots as usize);
         let values =
             [2, 4, self.features().len() as u32, CODES, CODES, CODES, CODES, CODES, 6, 8, 2, 4, 4, 4, CODES];
-        slots
-            .flat_map(|slot| slot.iter().zip(values).map(|(gene, values)| FieldSpec { gene, values }))
-            .collect()
+        let of_slot = |(slot, genes): (u32, &'static [GeneSpec; FIELDS])| {
+            let numbered = (0..).zip(genes).zip(values);
+            numbered.map(move |((field, gene), values)| FieldSpec {
+                gene,
+                values,
+                slot: Some(slot),
+                is_ordered: !CATEGORIES.contains(&field),
+            })
+        };
+        (0..).zip(slots).flat_map(of_slot).collect()
     }
 
     /// The features that channels may have, in the order of their codes.
@@ -181,9 +180,11 @@ impl StructureSpace {
         (self.decode(&indices).as_ref() == Some(structure)).then_some(indices)
     }
 
-    /// Whether a genome stands for the structure.
-    pub fn contains(&self, structure: &Structure) -> bool {
-        self.encode(structure).is_some()
+    /// Whether some structure of this space has a structure's only channel, whatever the channel weighs.
+    pub(crate) fn has_channel(&self, single: &Structure) -> bool {
+        let [Weighted { channel, .. }] = single.channels.as_slice() else { return false };
+        let searched = Weighted { channel: channel.clone(), weight_ppm: WEIGHTS[0], scale: Scale::Quantile };
+        self.encode(&Structure { channels: vec![searched] }).is_some()
     }
 }
 
@@ -455,14 +456,14 @@ mod tests {
             let encoded = space.encode(&structure).unwrap();
             prop_assert!(encoded.iter().zip(space.fields()).all(|(index, field)| *index < field.values));
             prop_assert_eq!(space.decode(&encoded), Some(structure.clone()));
-            prop_assert!(space.contains(&structure));
+            prop_assert!(space.encode(&structure).is_some());
 
             let mut other = structure.clone();
             other.channels[0].weight_ppm += 1;
-            prop_assert!(!space.contains(&other));
+            prop_assert!(space.encode(&other).is_none());
             let mut other = structure;
             other.channels[0].channel.oriented = true;
-            prop_assert!(!space.contains(&other));
+            prop_assert!(space.encode(&other).is_none());
         }
 
         #[test]
@@ -475,7 +476,7 @@ mod tests {
             // Of another space: more of everything.
             let larger = StructureSpace { colour: true, slots: 4, max_bins: 20_000, ..space };
             let structure = space.decode(&indices).unwrap();
-            prop_assert!(larger.contains(&structure));
+            prop_assert!(larger.encode(&structure).is_some());
         }
 
         #[test]

@@ -3,10 +3,9 @@
 use proptest::prelude::*;
 use proptest::sample::{Index, select, subsequence};
 
+use crate::FieldSpec;
 use crate::distance::SetDistance;
-use crate::structure::{
-    Axis, Feature, FieldSpec, Pairs, Scale, Structure, StructureChannel, StructureSpace, Weighted,
-};
+use crate::structure::{Axis, Feature, Pairs, Scale, Structure, StructureChannel, StructureSpace, Weighted};
 
 /// A channel that any experiment may use.
 fn channel() -> impl Strategy<Value = StructureChannel> {

@@ -2,6 +2,7 @@
 //! them into messages and back.
 
 mod manifest;
+mod nearest;
 mod opaque;
 mod result;
 mod rule;
@@ -14,11 +15,12 @@ use std::fmt;
 use prost::Message as _;
 
 pub use manifest::{CloudEntry, SplitManifest};
+pub use nearest::{Nearest, is_nearer};
 pub use opaque::{DescriptorBytes, MAX_DESCRIPTOR_BYTES, MAX_PREPARATION_BYTES, Preparation};
 pub use result::{
     Described, EvaluationResult, Failure, FailureReason, InvalidResult, Match, Report, TaskResult,
 };
-pub use rule::{Exclusion, MatchingRule, Nearest, Objective, is_nearer};
+pub use rule::{Exclusion, MatchingRule, Objective};
 pub use wire::InvalidMessage;
 
 use crate::{Digest, JobId, truncate, v2};

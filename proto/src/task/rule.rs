@@ -1,8 +1,7 @@
 //! Matching rules: which clouds a query is compared with, and what is counted of the nearest. Worker and coordinator
 //! count by the same function, so that the tiles of an evaluation give the bits of the whole.
 
-use std::cmp::Ordering;
-
+use super::nearest::{Nearest, is_nearer};
 use super::{EvaluationResult, Label};
 
 /// Which clouds a query is compared with, and when it counts as recognised. The default is the paper's.
@@ -36,16 +35,6 @@ pub enum Objective {
     Object,
     /// The category.
     Category,
-}
-
-/// The clouds that are nearest to one query, of those that it is compared with: index and set distance. Of equal
-/// distances the lowest index counts.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Nearest {
-    /// The nearest of the query's own object, or of its category if that is the objective; `None` if there is none left.
-    pub same: Option<(u32, f64)>,
-    /// The nearest of all others; `None` if there is none left.
-    pub other: Option<(u32, f64)>,
 }
 
 impl MatchingRule {
@@ -90,25 +79,4 @@ impl MatchingRule {
 fn margin(same: f64, other: f64) -> f64 {
     let sum = other + same;
     if sum == 0.0 { 0.0 } else { (other - same) / sum }
-}
-
-impl Nearest {
-    /// Those with two parts of a database together, of those with each. Clouds of the second are numbered from `offset`
-    /// on.
-    pub fn merge(self, part: Self, offset: u32) -> Self {
-        let numbered = |found: Option<(u32, f64)>| found.map(|(index, distance)| (index + offset, distance));
-        Self { same: nearer(self.same, numbered(part.same)), other: nearer(self.other, numbered(part.other)) }
-    }
-}
-
-fn nearer(one: Option<(u32, f64)>, two: Option<(u32, f64)>) -> Option<(u32, f64)> {
-    match (one, two) {
-        (Some(one), Some(two)) => Some(if is_nearer(two, one) { two } else { one }),
-        (one, two) => one.or(two),
-    }
-}
-
-/// Whether one cloud, by index and distance, is nearer than another: of equal distances the lowest index counts.
-pub fn is_nearer(one: (u32, f64), other: (u32, f64)) -> bool {
-    one.1.total_cmp(&other.1).then(one.0.cmp(&other.0)) == Ordering::Less
 }

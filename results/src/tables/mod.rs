@@ -62,6 +62,8 @@ fn declaration(table: TableName) -> Declaration {
                     ANY_GENE,
                     "object_correct",
                     "category_correct",
+                    "objective_correct",
+                    "margin",
                     "parent_a",
                     "parent_b",
                 ])
@@ -72,6 +74,7 @@ fn declaration(table: TableName) -> Declaration {
                 "validation_object_correct",
                 "validation_category_correct",
                 "validation_queries",
+                "validation_margin",
                 "mutation_rate",
             ])
         }

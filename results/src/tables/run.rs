@@ -45,14 +45,26 @@ record! {
         individual: u32, "", "index in the generation, from 0";
         chromosome: String, "bits", "the bit string, genes in table order";
         genes as "": Vec<Option<f64>>, "", "values of the genes, in their units";
-        => fitness: f64, "share", "object_correct / queries" = |row, _| row.counts.fitness();
-        counts as "": Counts, "", "first training set's clouds";
+        => fitness: f64, "share", "object_correct / queries, or category_correct where categories are the objective"
+            = |row, _| share(row.correct(), row.counts.queries);
+        counts as "": Counts, "", "training clouds that the fitness asks for";
+        objective_correct: Option<u32>, "clouds",
+            "what the fitness counts where that is not object_correct; null elsewhere";
+        margin: Option<f64>, "",
+            "soft margin: mean of (d_other - d_same) / (d_other + d_same) over the queries; null where none is asked for";
         parent_a: Option<u32>, "", "first parent's index in the previous generation; null where it was drawn at random";
         parent_b: Option<u32>, "", "second parent's index; null where it has one parent or none";
         elite: bool, "", "copied unmutated from the previous generation";
         => remembered: bool, "", "taken from an earlier evaluation instead of computed"
             = |row, _| row.computed.is_none();
         computed as "": Option<Computed>, "", "where it was computed";
+    }
+}
+
+impl EvaluationRow {
+    /// Queries that the fitness counts as answered.
+    pub fn correct(&self) -> u32 {
+        self.objective_correct.unwrap_or(self.counts.object_correct)
     }
 }
 
@@ -74,8 +86,8 @@ record! {
         generation: u32, "", "generation, from 1";
         => best_individual: u32, "", "index of the best, the lowest on ties"
             = |_, file| file.population.best_individual;
-        => best_object_correct: u32, "clouds", "its object_correct" = |_, file| file.population.best_object_correct;
-        => queries: u32, "clouds", "first training set's clouds that took part"
+        => best_object_correct: u32, "clouds", "its object_correct, or what its fitness counts" = |_, file| file.population.best_object_correct;
+        => queries: u32, "clouds", "training clouds that the fitness asked for"
             = |_, file| file.population.queries;
         => best_fitness: f64, "share", "highest fitness of the generation" = |_, file| file.population.best_fitness;
         => mean_fitness: f64, "share", "mean fitness of the generation" = |_, file| file.population.mean_fitness;
@@ -83,6 +95,7 @@ record! {
             = |_, file| file.population.worst_fitness;
         best_so_far_fitness: f64, "share", "highest fitness of this and all earlier generations";
         validation as "validation_": Option<Counts>, "", "validation clouds";
+        validation_margin: Option<f64>, "", "soft margin of the best on validation clouds; null where none is asked for";
         mutation_rate: f64, "",
             "probability with which this generation's children are mutated: per bit between the two points, or per gene";
         => diversity: f64, "share", "mean pairwise Hamming distance of chromosomes, per bit"
@@ -102,7 +115,8 @@ impl PopulationSummary {
     pub fn of(individuals: &[EvaluationRow]) -> Option<Self> {
         let members = individuals.iter().map(|row| Member {
             chromosome: &row.chromosome,
-            object_correct: row.counts.object_correct,
+            correct: row.correct(),
+            margin: row.margin.unwrap_or_default(),
             queries: row.counts.queries,
             remembered: row.computed.is_none(),
         });
@@ -202,7 +216,8 @@ record! {
         winner_individual: u32, "", "its index in that generation";
         best_chromosome: String, "bits", "its bit string";
         best_genes as "best_": Vec<Option<f64>>, "", "the winner's genes, as in evaluations";
-        train as "train_": Counts, "", "first training set's clouds";
+        train as "train_": Counts, "", "training clouds that the fitness asks for";
+        train_margin: Option<f64>, "", "soft margin of the winner on them; null where none is asked for";
         validation as "validation_": Option<Counts>, "", "validation clouds";
         test as "test_": Option<Counts>, "", "test clouds";
         => predictions_digest: String, "", "BLAKE3 of the predictions" = |_, _| String::new(); // as run_digest

@@ -32,6 +32,8 @@ pub fn individual(generation: u32, individual: u32) -> EvaluationRow {
         chromosome: format!("{:06b}", 11 * generation + 5 * individual),
         genes: vec![Some(f64::from(8 + individual)), None, Some(1.3), Some(f64::from(generation) / 100.0)],
         counts: Counts { object_correct: correct, category_correct: correct + 1, queries: 9 },
+        objective_correct: None,
+        margin: None,
         parent_a,
         parent_b,
         elite: generation > 1 && individual == 0,
@@ -55,6 +57,7 @@ pub fn generation(generation: u32) -> GenerationRow {
         best_so_far_fitness: best.map(|summary| summary.best_fitness).fold(0.0, f64::max),
         // Generation 1 was not validated.
         validation: (generation > 1).then_some(VALIDATION),
+        validation_margin: None,
         mutation_rate: if generation == 1 { 0.4 } else { 0.4 * 0.97 },
         seconds: 2.5,
     }
@@ -172,6 +175,7 @@ pub fn run() -> RunRow {
         best_chromosome: winner.chromosome,
         best_genes: winner.genes,
         train: winner.counts,
+        train_margin: None,
         validation: Some(VALIDATION),
         test: Some(TEST),
         grid_best_object_correct: Some(9),

@@ -23,6 +23,7 @@
 //! - `impostors`: peers that are not what they seem
 //! - `query`: SQL over what runs have written
 //! - `sweeps`: several runs over one set of workers
+//! - `structures`: descriptors that are lists of channels, under every protocol of fitness
 //! - `strangers`: who is let in, who is not, and what those can do who are not
 //! - `report`: the report of runs, in a browser
 //! - `parity`: agreement with PCL on its reference values
@@ -59,6 +60,7 @@ mod repository;
 mod resuming;
 mod sessions;
 mod strangers;
+mod structures;
 mod sweeps;
 
 use tests::{browser, experiments, process};

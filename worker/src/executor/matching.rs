@@ -89,7 +89,7 @@ impl Matcher {
         let pairing: Pairing = [names(query), names(database)];
         let wanted = Wanted::new(cache, descriptor);
         let kept: Vec<Option<Arc<DistanceMatrix>>> =
-            wanted.keys.iter().map(|&key| self.reuse().distances(&pairing, key)).collect();
+            wanted.keys.iter().map(|key| self.reuse().distances(&pairing, key)).collect();
         let missing: Vec<bool> = kept.iter().map(Option::is_none).collect();
 
         let mut by_source: BTreeMap<Digest, ByChannel> = BTreeMap::new();
@@ -116,7 +116,7 @@ impl Matcher {
                     let compute = move || channel.distances(&joined(&queries), &joined(&database));
                     let matrix = Arc::new(self.loader.computing.run(compute).await);
                     self.loader.work().matched += 1;
-                    self.reuse().keep_distances(&pairing, wanted.keys[index], &matrix);
+                    self.reuse().keep_distances(&pairing, &wanted.keys[index], &matrix);
                     matrix
                 }
             };
@@ -134,7 +134,7 @@ impl Matcher {
     ) -> Result<ByChannel, EvaluationError> {
         let preparer = &wanted.cache.preparer;
         let (mut found, mut computed) = (ByChannel::new(), Vec::new());
-        for (index, &key) in wanted.keys.iter().enumerate() {
+        for (index, key) in wanted.keys.iter().enumerate() {
             let kept = if missing[index] { self.reuse().signatures(manifest.digest, key) } else { None };
             if missing[index] && kept.is_none() {
                 computed.push((index, Signatures::default(), key.1.extractor(preparer)?));
@@ -157,7 +157,7 @@ impl Matcher {
         for (index, signatures, _) in computed {
             let signatures = Arc::new(signatures);
             self.loader.work().described += signatures.clouds() as u64;
-            self.reuse().keep_signatures(manifest.digest, wanted.keys[index], &signatures);
+            self.reuse().keep_signatures(manifest.digest, &wanted.keys[index], &signatures);
             found[index] = Some(signatures);
         }
         Ok(found)
@@ -181,7 +181,7 @@ impl Matcher {
     ) -> Result<Vec<Arc<Signatures>>, EvaluationError> {
         let Source { manifest, name } = source;
         let kept: Option<Vec<Arc<Signatures>>> =
-            wanted.keys.iter().map(|&key| self.reuse().signatures(*name, key)).collect();
+            wanted.keys.iter().map(|key| self.reuse().signatures(*name, key)).collect();
         if let Some(kept) = kept {
             return Ok(kept);
         }
@@ -227,7 +227,7 @@ impl Matcher {
     fn keep_all(&self, wanted: &Wanted<'_>, name: Digest, signatures: &[Arc<Signatures>]) {
         let mut reuse = self.reuse();
         let of_channels = wanted.keys.iter().zip(signatures);
-        of_channels.for_each(|(key, signatures)| reuse.keep_signatures(name, *key, signatures));
+        of_channels.for_each(|(key, signatures)| reuse.keep_signatures(name, key, signatures));
     }
 
     /// All signatures of some splits for one grid cell, one split after the other.

@@ -26,22 +26,22 @@ impl Reuse {
     }
 
     /// The signatures of one split, or those encoded with this digest.
-    pub fn signatures(&mut self, source: Digest, key: Key) -> Option<Arc<Signatures>> {
-        self.signatures.get(&(source, key))
+    pub fn signatures(&mut self, source: Digest, key: &Key) -> Option<Arc<Signatures>> {
+        self.signatures.get(&(source, key.clone()))
     }
 
     /// Keeps the signatures of one split, or those encoded with this digest.
-    pub fn keep_signatures(&mut self, source: Digest, key: Key, signatures: &Arc<Signatures>) {
-        self.signatures.insert((source, key), Arc::clone(signatures), signatures.bytes());
+    pub fn keep_signatures(&mut self, source: Digest, key: &Key, signatures: &Arc<Signatures>) {
+        self.signatures.insert((source, key.clone()), Arc::clone(signatures), signatures.bytes());
     }
 
     /// The distances of queries to a database.
-    pub fn distances(&mut self, pairing: &Pairing, key: Key) -> Option<Arc<DistanceMatrix>> {
-        self.distances.get(&(pairing.clone(), key))
+    pub fn distances(&mut self, pairing: &Pairing, key: &Key) -> Option<Arc<DistanceMatrix>> {
+        self.distances.get(&(pairing.clone(), key.clone()))
     }
 
     /// Keeps the distances of queries to a database.
-    pub fn keep_distances(&mut self, pairing: &Pairing, key: Key, matrix: &Arc<DistanceMatrix>) {
-        self.distances.insert((pairing.clone(), key), Arc::clone(matrix), matrix.bytes());
+    pub fn keep_distances(&mut self, pairing: &Pairing, key: &Key, matrix: &Arc<DistanceMatrix>) {
+        self.distances.insert((pairing.clone(), key.clone()), Arc::clone(matrix), matrix.bytes());
     }
 }

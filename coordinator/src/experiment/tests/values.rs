@@ -298,10 +298,10 @@ fn families() {
         expect![[r#"
             descriptor.family = \'shotcolor\'
               descriptor.family: unknown word, got 'shotcolor'
-              known words here: disk-ring, global-hue
+              known words here: disk-ring, global-hue, structure
             descriptor.family = \'disk-rings\'
               descriptor.family: unknown word, got 'disk-rings'
-              did you mean `disk-ring`? known words here: disk-ring, global-hue
+              did you mean `disk-ring`? known words here: disk-ring, global-hue, structure
             descriptor.genes.bins = 5
               descriptor.genes: no gene of family disk-ring, got `bins`
               its genes: shape_bins, m, R1, R2, w

@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 /// Sections in the order in which people write them: the path of a section, and where its schema is.
-const SECTIONS: [(&str, &str); 15] = [
+const SECTIONS: [(&str, &str); 16] = [
     ("", ""),
     ("dataset", "dataset"),
     ("dataset.splits", "split_table"),
@@ -13,6 +13,7 @@ const SECTIONS: [(&str, &str); 15] = [
     ("descriptor", "descriptor"),
     ("descriptor.genes", "genes"),
     ("search", "search"),
+    ("search.fitness", "fitness"),
     ("ga", "ga"),
     ("stop", "stop"),
     ("coordinator", "coordinator"),

@@ -1,0 +1,66 @@
+//! Descriptors measured by a fitness: their evaluations, and the weighted sums of what comes back.
+
+use cluster::scheduler::Finished;
+use cluster::{Client, ClusterError, ClusterNews};
+use descriptor::Descriptor;
+use proto::task::{Evaluation, EvaluationResult};
+
+use crate::fitness::{Fitness, Measured};
+use crate::run::matching::Matching;
+use crate::run::rows;
+use crate::run::scales::Scales;
+use crate::run::splits::SplitBlobs;
+
+/// The evaluations of some descriptors under a fitness.
+pub struct FitnessBatch {
+    evaluations: Vec<Evaluation>,
+    /// Of each descriptor the weights of its evaluations, which follow one another.
+    weights: Vec<Vec<u32>>,
+}
+
+/// What is known of one descriptor.
+pub struct Answer {
+    /// The weighted sum.
+    pub measured: Measured,
+    /// The first of its evaluations, which says who computed it.
+    pub first: Finished<EvaluationResult>,
+}
+
+impl FitnessBatch {
+    /// Of these descriptors, whose scales are known.
+    pub fn new(
+        fitness: &Fitness,
+        splits: &SplitBlobs<'_>,
+        scales: &Scales,
+        descriptors: &[&Descriptor],
+        matching: Matching,
+    ) -> Self {
+        let (mut evaluations, mut weights) = (Vec::new(), Vec::new());
+        for &descriptor in descriptors {
+            let parts = splits.measure(fitness, &scales.of(descriptor), matching);
+            weights.push(parts.iter().map(|&(_, weight)| weight).collect());
+            evaluations.extend(parts.into_iter().map(|(evaluation, _)| evaluation));
+        }
+        Self { evaluations, weights }
+    }
+
+    /// One answer a descriptor, in their order.
+    pub async fn evaluate(
+        self,
+        client: &mut Client,
+        watch: impl FnMut(&ClusterNews),
+    ) -> Result<Vec<Answer>, ClusterError> {
+        let mut finished = client.evaluate(self.evaluations, watch).await?.into_iter();
+        let answer = |weights: Vec<u32>| {
+            let parts: Vec<_> = finished.by_ref().take(weights.len()).collect();
+            let weighted = parts.iter().zip(weights);
+            let counted = weighted.map(|(part, weight)| {
+                let result = &part.result;
+                (rows::counts(result), result.margin, weight)
+            });
+            let measured = Measured::sum(counted);
+            parts.into_iter().next().map(|first| Answer { measured, first })
+        };
+        Ok(self.weights.into_iter().filter_map(answer).collect())
+    }
+}
