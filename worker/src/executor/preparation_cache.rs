@@ -14,9 +14,9 @@ use crate::prepared_cloud::prepared_cloud_key;
 const GROWTH: usize = 16;
 /// More at once than this does not make batches faster, bytes.
 const LARGEST_BATCH: usize = 64 << 20;
-/// More signatures and distances than this are hardly ever asked for again, bytes: those of some hundred descriptors of a
-/// thousand clouds.
-const LARGEST_REUSE: usize = 192 << 20;
+/// More signatures and distances than this are hardly ever asked for again, bytes: those of some hundred channels, a few
+/// generations of structures, of a thousand clouds.
+const LARGEST_REUSE: usize = 2 << 30;
 
 /// How a worker's memory is shared out: three quarters for clouds, up to three sixteenths for signatures and distances, the
 /// rest for clouds on their way.
