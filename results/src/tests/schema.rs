@@ -84,8 +84,8 @@ fn the_digest_covers_the_listed_columns_and_no_other() {
         covered += &format!("{name}: {}\n", names.join(" "));
     }
     expect![[r#"
-        evaluations: generation individual chromosome shape_bins m R1 w object_correct category_correct parent_a parent_b
-        generations: generation validation_object_correct validation_category_correct validation_queries mutation_rate
+        evaluations: generation individual chromosome shape_bins m R1 w object_correct category_correct objective_correct margin parent_a parent_b
+        generations: generation validation_object_correct validation_category_correct validation_queries validation_margin mutation_rate
         predictions: split query cloud instance category nearest_cloud predicted_instance predicted_category distance runner_up_cloud runner_up_distance correct_object correct_category
         skipped: 
         workers: 
