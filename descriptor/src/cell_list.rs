@@ -33,6 +33,15 @@ pub(crate) struct CellList {
     axis_bits: u32,
 }
 
+/// What [`CellList::batches`] goes through.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Queries {
+    /// The points of the list, and others.
+    All,
+    /// Others only.
+    Others,
+}
+
 impl CellList {
     /// Sorts points into cells at least as wide as `radius` metres, with room for the indices of `others` queries.
     ///
@@ -77,11 +86,20 @@ impl CellList {
         &self.points
     }
 
-    /// Goes through the points and `others`, up to `most` at a time that follow one another in a row of cells along x.
+    /// Goes through the wanted ones of the points and `others`, up to `most` at a time that follow one another in a row of cells along x.
     /// They are given by index, that of the others after the points'; those outside the cloud's bounds count to the
     /// cells at its edge.
-    pub(crate) fn batches(&self, others: &[[f32; 3]], most: usize, mut take: impl FnMut(&[u32])) {
-        let mut keys = self.keys.clone();
+    pub(crate) fn batches(
+        &self,
+        wanted: Queries,
+        others: &[[f32; 3]],
+        most: usize,
+        mut take: impl FnMut(&[u32]),
+    ) {
+        let mut keys = match wanted {
+            Queries::All => self.keys.clone(),
+            Queries::Others => Vec::new(),
+        };
         keys.extend(self.keys_of(others, self.keys.len() as u32));
         keys.sort(); // which makes use of what is sorted already
         let mut batch = Vec::with_capacity(most);

@@ -15,7 +15,7 @@ use crate::global_hue::GlobalHue;
 use crate::prepare_error::PrepareError;
 use crate::prepared::{PreparedCloud, Preparer};
 use crate::signature::{Signature, Signatures};
-use crate::structure::{StructureChannel, StructurePlan, scale};
+use crate::structure::{StructureChannel, StructurePlan};
 
 /// One channel of a descriptor, without its weight. Descriptors that share a channel have equal signatures and equal
 /// distances in it: it is the key that these are kept under.
@@ -149,12 +149,6 @@ impl Channel {
     /// If the signatures are of different channels: a programming error.
     pub fn distances(&self, queries: &Signatures, database: &Signatures) -> DistanceMatrix {
         DistanceMatrix::by(self.metric(), queries, database)
-    }
-
-    /// What its distances are divided by in a structure, found from the signatures of labelled clouds
-    /// ([`crate::structure::scale`]).
-    pub fn scale(&self, clouds: &Signatures) -> f64 {
-        scale(clouds, self.metric())
     }
 }
 

@@ -171,7 +171,10 @@ impl Descriptor {
                     SetDistance::ChiSquared => channel.metric(),
                     other => other,
                 };
-                let scale = scaled.map_or(1.0, |_| scale(&database.first(known), distance));
+                let scale = scaled.map_or(1.0, |_| {
+                    let known = database.first(known);
+                    scale(&DistanceMatrix::by(distance, &known, &known))
+                });
                 (DistanceMatrix::by(distance, queries, database), weight / scale)
             })
             .collect()

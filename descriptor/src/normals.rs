@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use pulp::NullaryFnOnce;
 
-use crate::cell_list::CellList;
+use crate::cell_list::{CellList, Queries};
 use crate::eigen::{LANES, smallest_eigenvector, smallest_eigenvectors};
 use crate::neighbours::{floor_f32, squared_distance};
 use crate::prepare_error::PrepareError;
@@ -37,12 +37,45 @@ pub fn normals(
     radius: f64,
     viewpoint: [f32; 3],
 ) -> Result<[Vec<Normal>; 2], PrepareError> {
-    let cells = CellList::new(points, radius, others.len())?;
-    let limit = floor_f32(radius * radius);
     let mut of_points = vec![None; points.len()];
     let mut of_others = vec![None; others.len()];
     // All at once: lanes that the points leave empty are filled with other queries.
-    cells.batches(others, LANES, |batch| {
+    fit(points, others, radius, viewpoint, Queries::All, |index, normal| match of_points.get_mut(index) {
+        Some(place) => *place = Some(normal),
+        None => of_others[index - points.len()] = Some(normal),
+    })?;
+    Ok([of_points, of_others])
+}
+
+/// The normals of queries other than a cloud's points: those that [`normals`] gives them.
+///
+/// # Errors
+/// As [`normals`].
+pub fn normals_at(
+    queries: &[[f32; 3]],
+    points: &[[f32; 3]],
+    radius: f64,
+    viewpoint: [f32; 3],
+) -> Result<Vec<Normal>, PrepareError> {
+    let mut found = vec![None; queries.len()];
+    fit(points, queries, radius, viewpoint, Queries::Others, |index, normal| {
+        found[index - points.len()] = Some(normal);
+    })?;
+    Ok(found)
+}
+
+/// Fits planes at queries and hands on their normals; the others are numbered after the points.
+fn fit(
+    points: &[[f32; 3]],
+    others: &[[f32; 3]],
+    radius: f64,
+    viewpoint: [f32; 3],
+    wanted: Queries,
+    mut found: impl FnMut(usize, [f32; 3]),
+) -> Result<(), PrepareError> {
+    let cells = CellList::new(points, radius, others.len())?;
+    let limit = floor_f32(radius * radius);
+    cells.batches(wanted, others, LANES, |batch| {
         let query = |index: u32| {
             let index = index as usize;
             points.get(index).copied().unwrap_or_else(|| others[index - points.len()])
@@ -60,14 +93,10 @@ pub fn normals(
             }
             let normal = planes.normals.map(|values| values[lane]);
             let normal = if normal[0].is_nan() { near.fit_exactly(lanes[lane], viewpoint) } else { normal };
-            let index = index as usize;
-            match of_points.get_mut(index) {
-                Some(place) => *place = Some(normal),
-                None => of_others[index - points.len()] = Some(normal),
-            }
+            found(index as usize, normal);
         }
     });
-    Ok([of_points, of_others])
+    Ok(())
 }
 
 /// Where the neighbours of some queries are.

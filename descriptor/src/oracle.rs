@@ -115,3 +115,21 @@ pub(crate) fn rows(
     }
     (shape_rows, colour_rows)
 }
+
+/// Hue in degrees, from the definition of the hexcone in f64.
+pub(crate) fn hue([r, g, b]: [u8; 3]) -> f64 {
+    let [r, g, b] = [r, g, b].map(f64::from);
+    let (most, least) = (r.max(g).max(b), r.min(g).min(b));
+    let range = most - least;
+    if range == 0.0 {
+        return 0.0;
+    }
+    let sextant = if r == most {
+        (g - b) / range
+    } else if g == most {
+        (b - r) / range + 2.0
+    } else {
+        (r - g) / range + 4.0
+    };
+    (60.0 * sextant).rem_euclid(360.0)
+}

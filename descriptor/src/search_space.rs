@@ -170,6 +170,11 @@ impl SearchSpace {
             Self::Structures(space) => {
                 Structure::from_values(values, space.metric).map(Descriptor::Structure)
             }
+            // Its values may say less than the structure, but there is no other.
+            Self::Structure(structure) => {
+                let own = Descriptor::Structure(structure.clone());
+                (own.values() == values).then_some(own)
+            }
             _ => Descriptor::from_values(self.family(), values),
         }
     }

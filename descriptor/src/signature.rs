@@ -114,12 +114,6 @@ impl Signatures {
         (clouds, described)
     }
 
-    /// Some clouds that follow one another.
-    pub(crate) fn stripe(&self, first: usize, clouds: usize) -> Self {
-        let values = self.values[first * self.width..][..clouds * self.width].to_vec();
-        Self { values, clouds, keypoints: Vec::new(), ..*self }
-    }
-
     /// The first clouds, at most so many.
     pub fn first(&self, clouds: usize) -> Self {
         let clouds = clouds.min(self.clouds);

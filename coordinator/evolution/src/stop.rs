@@ -124,14 +124,14 @@ impl StopRule {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use expect_test::expect;
     use proptest::prelude::*;
 
     use super::*;
     use crate::score::tests::score;
 
-    const NEVER: StopSettings = StopSettings {
+    pub(crate) const NEVER: StopSettings = StopSettings {
         perfect: false,
         validation_patience: None,
         stagnation: None,

@@ -6,6 +6,7 @@ use rand::RngExt;
 
 use super::*;
 use crate::score::{best, best_first, tests::score, tests::scores};
+use crate::stop::tests::NEVER;
 use crate::strategy::Strategy; // the prelude of proptest has another
 
 /// The genome of the paper's search space: 25 bits.
@@ -59,14 +60,6 @@ fn run(
 ) -> Vec<Generation> {
     run_strategy(&genetic(settings, seed), generations, fitness)
 }
-
-const NEVER: StopSettings = StopSettings {
-    perfect: false,
-    validation_patience: None,
-    stagnation: None,
-    generations: u32::MAX,
-    evaluations: None,
-};
 
 fn search(settings: GaSettings, seed: u64, stop: StopSettings) -> Search {
     Search::new(Box::new(genetic(settings, seed)), stop, WinnerRule::paper(&stop))

@@ -1,5 +1,6 @@
 //! `coordinator check`: what an experiment would do, without doing it.
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -29,9 +30,15 @@ impl Check {
         let plan = Plan::read(&self.experiment, Overrides::default())?;
         let experiment = plan.base();
         let dataset = run::open_data(experiment, Wanted::AllAndLeak, None, |line| eprintln!("{line}"))?;
-        for note in run::refuse_unaskable(experiment.fitness(), &dataset)? {
-            eprintln!("{note}");
+        let experiments = match &plan {
+            Plan::Run(experiment) => vec![(**experiment).clone()],
+            Plan::Sweep(sweep) => sweep.members().into_iter().map(|member| member.experiment).collect(),
+        };
+        let mut notes = BTreeSet::new();
+        for experiment in &experiments {
+            notes.extend(run::check_fitness(experiment.fitness(), &dataset)?);
         }
+        notes.iter().for_each(|note| eprintln!("{note}"));
         let mut text = plan.resolved_toml();
         if !text.ends_with('\n') {
             text.push('\n');
@@ -55,7 +62,7 @@ impl Check {
             text.push_str(&leak_lines(leak));
             // Only what is matched within sequences learns from where objects stood.
             let within = |(protocol, _)| protocol != FitnessProtocol::CrossSequence;
-            let learns = experiment.fitness().protocols().any(within);
+            let learns = experiments.iter().any(|experiment| experiment.fitness().protocols().any(within));
             if let Some(warning) = leak_warning(leak).filter(|_| learns) {
                 eprintln!("warning: {warning}");
             }

@@ -225,7 +225,7 @@ fn json(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> Stri
         report.skipped.iter().map(|(path, reason)| json!({ "path": path, "reason": reason })).collect();
     let value = json!({
         "descriptor": told,
-        "distance": distance.name(),
+        "distance": compared_by(descriptor, distance),
         "object_error": error(correct.object),
         "category_error": error(correct.category),
         "object_wrong": correct.queries - correct.object,
@@ -258,6 +258,18 @@ fn named_json(descriptor: &Descriptor) -> serde_json::Map<String, serde_json::Va
     std::iter::once(("name".to_owned(), json!(family.name()))).chain(named).collect()
 }
 
+/// What clouds are compared by: in a structure χ² stands for its channels' own metrics.
+fn compared_by(descriptor: &Descriptor, distance: SetDistance) -> &'static str {
+    let own: Vec<SetDistance> = descriptor.channels().iter().map(|(channel, _)| channel.metric()).collect();
+    match (distance, own.split_first()) {
+        (SetDistance::ChiSquared, Some((first, others))) if others.iter().all(|metric| metric == first) => {
+            first.name()
+        }
+        (SetDistance::ChiSquared, Some(_)) => "several metrics",
+        (other, _) => other.name(),
+    }
+}
+
 /// In lines that fit a terminal, without the last line's end.
 fn fitting(line: &str) -> String {
     wrapped(line, 16).trim_end().to_owned()
@@ -267,7 +279,7 @@ fn text(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> Stri
     let Report { correct, seconds, .. } = report;
     let share = |part: usize| percent(part as f64 / correct.queries as f64);
     let (object, category) = (correct.queries - correct.object, correct.queries - correct.category);
-    let by = distance.name();
+    let by = compared_by(descriptor, distance);
     let told = format!("{descriptor} ({} values), by {by}", descriptor.size());
     let mut lines = vec![
         fitting(&format!("descriptor      {told}")),

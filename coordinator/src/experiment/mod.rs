@@ -29,7 +29,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Duration;
 
-use descriptor::{Preprocess, SearchSpace};
+use descriptor::{Family, Preprocess, SearchSpace};
 use evolution::{Encoding, GaSettings, Method, StopSettings, WinnerRule};
 
 use crate::dataset::DatasetSettings;
@@ -203,6 +203,11 @@ impl Experiment {
     /// Whether the best of each generation is measured on the validation clouds.
     pub fn validates(&self) -> bool {
         self.winner.validates(&self.stop)
+    }
+
+    /// Whether counts are kept from run to run: only those of the paper's fitness, of families without scales.
+    pub fn remembers_counts(&self) -> bool {
+        self.fitness == Fitness::PAPER && self.space.family() != Family::Structure
     }
 
     /// The genetic algorithm.

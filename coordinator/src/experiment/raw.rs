@@ -358,7 +358,7 @@ pub(super) enum RawObjective {
 }
 
 /// The genetic algorithm. Other methods use some of these keys, see search.method. Defaults are the paper's where it has
-/// the key; they are the same for every family.
+/// the key. Family structure has its own, which `coordinator check` prints.
 #[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "ga")]
 pub(super) struct RawGa {
@@ -411,7 +411,8 @@ pub(super) enum RawSelection {
     Roulette,
 }
 
-/// When the search ends: at the first of these. Defaults are the paper's; they are the same for every family.
+/// When the search ends: at the first of these. Defaults are the paper's. Family structure has its own,
+/// which `coordinator check` prints.
 #[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "stop")]
 pub(super) struct RawStop {

@@ -315,10 +315,10 @@ fn channels(structure: &Structure) -> String {
     let mut toml = Toml::default();
     for channel in StructureFile::from(structure).channels {
         toml.section("[descriptor.channel]");
-        // Only the keys come from serde, and their order: a channel is a struct of plain values.
-        let Ok(Value::Object(keys)) = serde_json::to_value(&channel) else { continue };
-        for (key, value) in keys {
-            toml.key(&key, plain(&value));
+        // Only the keys come from serde, and their order.
+        let channel = serde_json::to_value(&channel).expect("a channel is a struct of plain values");
+        for (key, value) in channel.as_object().into_iter().flatten() {
+            toml.key(key, plain(value));
         }
     }
     toml.text

@@ -1,12 +1,12 @@
 //! One run from an experiment to its results: data, workers, search, final test, tables.
 
-mod askable;
 pub mod clouds;
 mod data;
 pub mod directory;
 mod driver;
 mod error;
 pub mod fitness_batch;
+mod fitness_check;
 pub mod matching;
 pub mod progress;
 mod resume;
@@ -33,19 +33,18 @@ use transport::host_name;
 use crate::dataset::{Dataset, Wanted};
 use crate::exhaust::grid::Grid;
 use crate::experiment::Experiment;
-use crate::fitness::Fitness;
 use crate::observers::event_file::EventFile;
 use crate::result_cache::Known;
 use crate::session::{Session, listen};
 use transport::Protection;
 
-pub use askable::refuse_unaskable;
 pub use data::{DataError, open_data, write_synthetic};
 pub use directory::folder;
 use directory::{claim, difference, refuse_another};
 use driver::compare_with_optimum;
 pub use driver::{RunDriver, Start};
 pub use error::RunError;
+pub use fitness_check::check_fitness;
 pub use matching::Matching;
 use progress::Progress;
 pub use resume::{open_journal, recorded_plan, remove_journal};
@@ -84,7 +83,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     if experiment.validates() && dataset.splits.validation.is_empty() {
         return Err(RunError::NoValidation);
     }
-    for note in refuse_unaskable(experiment.fitness(), &dataset)? {
+    for note in check_fitness(experiment.fitness(), &dataset)? {
         progress.say(&note);
     }
     refuse_another(&out, &experiment.search_toml())?;
@@ -124,9 +123,8 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     session.start(listener, settings.local_workers).await;
     let memory = |matching| session.splits.memory(&store, experiment.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
-    // Counts under other rules are not kept from run to run.
-    let is_plain = *experiment.fitness() == Fitness::PAPER;
-    let known = if is_plain { Known::recall(&train_memory, &validation_memory) } else { Known::default() };
+    let remembers = experiment.remembers_counts();
+    let known = if remembers { Known::recall(&train_memory, &validation_memory) } else { Known::default() };
     let start = Start { now: started, first: header.started_at, before: at_work };
     let console = progress.console().clone();
     let (dataset, session, remembered) = (&dataset, &session, &known);
@@ -143,7 +141,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     remove_journal(&out);
     // Not before the run is finished: what a failed one computed is in doubt, and so is what one with a worker that
     // was wrong computed where nobody has looked.
-    if trusted && is_plain {
+    if trusted && remembers {
         outcome.found.counts.keep(&train_memory, &validation_memory);
     }
     Ok(summary)

@@ -15,7 +15,6 @@ use results::RunFolder;
 
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{Member, Overrides, Plan, Sweep};
-use crate::fitness::Fitness;
 use crate::observers::event_file::EventFile;
 use crate::result_cache::Known;
 use crate::run::directory::{chosen, claim, refuse_another};
@@ -23,8 +22,8 @@ use crate::run::progress::Progress;
 use crate::run::summary::Summary;
 use crate::run::tally::Tally;
 use crate::run::{
-    Matching, RunDriver, RunError, RunOptions, Start, compare_with_data, finished, open_data, open_journal,
-    refuse_other_data, refuse_unaskable, remove_journal, rows,
+    Matching, RunDriver, RunError, RunOptions, Start, check_fitness, compare_with_data, finished, open_data,
+    open_journal, refuse_other_data, remove_journal, rows,
 };
 use crate::session::{Session, listen};
 pub use record::{SWEEP_FILE, recorded_sweep};
@@ -66,7 +65,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     }
     let mut notes = BTreeSet::new();
     for member in &members {
-        notes.extend(refuse_unaskable(member.experiment.fitness(), &dataset)?);
+        notes.extend(check_fitness(member.experiment.fitness(), &dataset)?);
     }
     notes.iter().for_each(|note| progress.say(note));
     make_folder(&out, sweep)?;
@@ -94,14 +93,12 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     session.start(listener, settings.local_workers).await;
     let memory = |matching| session.splits.memory(&store, base.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
-    // Counts under other rules are not kept from run to run.
-    let is_plain = |place: usize| *members[place].experiment.fitness() == Fitness::PAPER;
     let (known, none) = (Known::recall(&train_memory, &validation_memory), Known::default());
     let tally = Arc::new(Tally::new(members.len(), summaries.len()));
     let (dataset, session) = (&dataset, &session);
     let driver = |((place, folder), client): ((usize, RunFolder), _)| {
         let Member { name, experiment } = &members[place];
-        let remembered = if is_plain(place) { &known } else { &none };
+        let remembered = if experiment.remembers_counts() { &known } else { &none };
         let progress = progress.of_member(name, experiment.stop().generations, &tally);
         (place, RunDriver { experiment, dataset, session, remembered, client, folder, progress, start })
     };
@@ -119,7 +116,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     for (place, summary, found) in done {
         summaries.push((place, summary));
         // Not before all are finished, as none of them was told a wrong answer that is known to be one.
-        if trusted && is_plain(place) {
+        if trusted && members[place].experiment.remembers_counts() {
             found.keep(&train_memory, &validation_memory);
         }
     }

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use crate::keypoints::Keypoints;
-use crate::normals::{Normal, normals};
+use crate::normals::{Normal, normals, normals_at};
 use crate::prepare::keypoints;
 use crate::prepare_error::{PrepareError, Skip};
 use crate::{Cloud, Preprocess};
@@ -97,7 +97,7 @@ impl StructureCloud {
             if grids_um.contains(&edge_um) {
                 let keypoints = Keypoints::new(cloud, edge(edge_um))?;
                 let radius = preprocess.normal_radius();
-                let [_, of_keypoints] = normals(&cloud.points, &keypoints.points, radius, cloud.viewpoint)?;
+                let of_keypoints = normals_at(&keypoints.points, &cloud.points, radius, cloud.viewpoint)?;
                 *grid = Points::of_keypoints(keypoints, of_keypoints);
             }
         }
@@ -128,7 +128,7 @@ impl StructureCloud {
         let cloud = Cloud { points: positions.clone(), colours: colours.clone(), viewpoint: self.viewpoint };
         let keypoints = Keypoints::new(&cloud, edge(edge_um))?;
         let radius = f64::from(self.normal_radius_um) / 1e6;
-        let [_, normals] = normals(positions, &keypoints.points, radius, self.viewpoint)?;
+        let normals = normals_at(&keypoints.points, positions, radius, self.viewpoint)?;
         Ok(Cow::Owned(Points::of_keypoints(keypoints, normals)))
     }
 }

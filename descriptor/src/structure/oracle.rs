@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 
 use crate::fixed::lab::Lab;
 use crate::neighbours::squared_distance;
+use crate::oracle::hue;
 use crate::structure::channel::{Axis, Pairs, StructureChannel};
 use crate::structure::cloud::{Points, StructureCloud};
 use crate::structure::feature::Feature;
@@ -290,22 +291,4 @@ fn mean(points: &Points) -> [f64; 2] {
         let sum: f64 = colours.iter().map(value).sum();
         (sum / colours.len().max(1) as f64 * units + 0.5).floor() / units
     })
-}
-
-/// Hue in degrees, from the definition of the hexcone.
-fn hue([r, g, b]: [u8; 3]) -> f64 {
-    let [r, g, b] = [r, g, b].map(f64::from);
-    let (most, least) = (r.max(g).max(b), r.min(g).min(b));
-    let range = most - least;
-    if range == 0.0 {
-        return 0.0;
-    }
-    let sextant = if r == most {
-        (g - b) / range
-    } else if g == most {
-        (b - r) / range + 2.0
-    } else {
-        (r - g) / range + 4.0
-    };
-    (60.0 * sextant).rem_euclid(360.0)
 }

@@ -1,62 +1,25 @@
 //! What the distances of a channel are divided by, so that those of different channels can be added up.
 
-use crate::distance::{DistanceMatrix, SetDistance};
-use crate::signature::Signatures;
+use crate::distance::DistanceMatrix;
 
-/// Clouds whose distances are computed at once: that many rows are all the memory that the distances take.
-const STRIPE: usize = 64;
+/// One distance in so many lies below the scale.
+const ONE_IN: usize = 20;
 
-/// Digits of a distance's bits by which it is found.
-const DIGITS: usize = 1 << 16;
-
-/// The distance below which a twentieth of the distances of these clouds lie: of those of all unordered pairs of clouds,
-/// sorted, the one at index ⌊pairs/20⌋; 1 if that is 0 or if there is no pair. Computed by the current rayon pool.
-pub fn scale(signatures: &Signatures, metric: SetDistance) -> f64 {
-    let clouds = signatures.clouds() as u64;
-    let pairs = clouds * clouds.saturating_sub(1) / 2;
-    if pairs == 0 {
+/// The distance below which a twentieth of the distances of some clouds to the same clouds lie: of those of all unordered
+/// pairs of clouds, sorted, the one at index ⌊pairs/20⌋; 1 if that is 0 or if there is no pair.
+///
+/// # Panics
+/// If there are not as many queries as clouds of the database: a programming error.
+pub fn scale(distances: &DistanceMatrix) -> f64 {
+    let clouds = distances.columns();
+    let mut pairs: Vec<f32> =
+        (0..clouds).flat_map(|cloud| &distances.row(cloud)[cloud + 1..]).copied().collect();
+    if pairs.is_empty() {
         return 1.0;
     }
-    // Sorted by their bits, as none is negative: first the upper half of the bits is found, then the lower half.
-    let mut index = pairs / 20;
-    let upper = digit_at(&mut index, signatures, metric, |bits| Some(bits >> 16));
-    let of_upper = |bits: u32| (bits >> 16 == upper).then_some(bits & 0xffff);
-    let lower = digit_at(&mut index, signatures, metric, of_upper);
-    let distance = f32::from_bits(upper << 16 | lower);
-    if distance == 0.0 { 1.0 } else { f64::from(distance) }
-}
-
-/// The digit of the distance at this index of those that have one; the index becomes that among the distances of the same
-/// digit.
-fn digit_at(
-    index: &mut u64,
-    signatures: &Signatures,
-    metric: SetDistance,
-    digit: impl Fn(u32) -> Option<u32> + Sync,
-) -> u32 {
-    let mut counts = vec![0u64; DIGITS];
-    for first in (0..signatures.clouds()).step_by(STRIPE) {
-        let clouds = STRIPE.min(signatures.clouds() - first);
-        let [queries, others] =
-            [clouds, signatures.clouds() - first].map(|clouds| signatures.stripe(first, clouds));
-        let matrix = DistanceMatrix::by(metric, &queries, &others);
-        let count = |mut counts: Vec<u64>, row: usize| {
-            for distance in &matrix.row(row)[row + 1..] {
-                if let Some(digit) = digit(distance.to_bits()) {
-                    counts[digit as usize] += 1;
-                }
-            }
-            counts
-        };
-        counts = (0..clouds).fold(counts, count);
-    }
-    let mut digits = (0..).zip(&counts);
-    let found = digits.find(|&(_, &count)| {
-        let is_here = *index < count;
-        *index -= if is_here { 0 } else { count };
-        is_here
-    });
-    found.map_or(0, |(digit, _)| digit)
+    let place = pairs.len() / ONE_IN;
+    let (_, &mut scale, _) = pairs.select_nth_unstable_by(place, f32::total_cmp);
+    if scale > 0.0 { f64::from(scale) } else { 1.0 }
 }
 
 #[cfg(test)]
@@ -64,7 +27,14 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::signature::Signature;
+    use crate::distance::SetDistance;
+    use crate::signature::{Signature, Signatures};
+
+    /// Of signatures, by their distances to each other.
+    fn of(signatures: &[Signature], metric: SetDistance) -> f64 {
+        let signatures: Signatures = signatures.iter().collect();
+        scale(&DistanceMatrix::by(metric, &signatures, &signatures))
+    }
 
     /// The definition: all distances, sorted.
     fn plain(signatures: &[Signature], metric: SetDistance) -> f64 {
@@ -93,7 +63,7 @@ mod tests {
             let mut signatures: Vec<Signature> = values.iter().map(signature).collect();
             signatures.extend(std::iter::repeat_n(signatures.first().cloned(), repeated).flatten());
             for metric in SetDistance::ALL {
-                prop_assert_eq!(scale(&signatures.iter().collect(), metric), plain(&signatures, metric));
+                prop_assert_eq!(of(&signatures, metric), plain(&signatures, metric));
             }
         }
     }
@@ -101,10 +71,8 @@ mod tests {
     #[test]
     fn without_a_distance_it_is_1() {
         let signature = |value: f32| Signature { centroid: vec![value, 1.0 - value], deviation: Vec::new() };
-        let of = |values: &[f32]| {
-            let signatures: Vec<Signature> = values.iter().copied().map(signature).collect();
-            scale(&signatures.iter().collect(), SetDistance::L1)
-        };
+        let of =
+            |values: &[f32]| of(&values.iter().copied().map(signature).collect::<Vec<_>>(), SetDistance::L1);
         assert_eq!([of(&[]), of(&[0.5]), of(&[0.5, 0.5])], [1.0; 3]);
         assert_eq!(of(&[0.5, 0.75]), 0.5);
         // Of 21 pairs, the second shortest: six clouds alike would make it 0.

@@ -10,7 +10,6 @@ mod matching;
 mod preparation_cache;
 mod reuse;
 mod rule;
-mod scale;
 mod work;
 
 use std::sync::{Arc, Mutex, PoisonError};
@@ -19,6 +18,7 @@ use cache::{ByteSize, Lru, Store};
 use descriptor::fitness::nearest_of_class;
 use descriptor::grid::Cell;
 use descriptor::recognise::recognise_from;
+use descriptor::structure::scale;
 use descriptor::{ChannelError, Correct, Descriptor, Family, Match, Preparation};
 use proto::Digest;
 use proto::task::{Described, Evaluation, EvaluationResult, GridCell, Scale, Task, TaskResult, Tile};
@@ -172,7 +172,7 @@ impl Executor {
         let Some((distances, _)) = channels.pop().filter(|_| channels.is_empty()) else {
             return Err(InvalidTask::Channels { channels: descriptor.channels().len() }.into());
         };
-        Ok(self.matcher.loader.computing.run(move || scale::scale(&distances)).await)
+        Ok(self.matcher.loader.computing.run(move || scale(&distances)).await)
     }
 
     async fn count_cell(

@@ -43,13 +43,13 @@ fn recognised(correct: u32, queries: u32) -> Recognised {
 }
 
 /// A place of its own for each number, with a few millimetres between frames.
-fn shelf(number: u8, split: usize) -> [f32; 3] {
+fn position(number: u8, split: usize) -> [f32; 3] {
     [0.1 * f32::from(number), 0.0, 0.002 * split as f32]
 }
 
 #[test]
 fn objects_at_places_of_their_own_are_recognised_everywhere() {
-    let leak = leak(&stand(|object, _, split| shelf(object, split)));
+    let leak = leak(&stand(|object, _, split| position(object, split)));
     let (split, across) = (recognised(16, 16), Ok(recognised(32, 32)));
     assert_eq!(leak, Leak { split, across, validation: recognised(16, 16) });
     assert_eq!(leak.verdict(), Verdict::Everywhere);
@@ -59,7 +59,7 @@ fn objects_at_places_of_their_own_are_recognised_everywhere() {
 fn objects_that_change_places_between_sequences_are_recognised_within_them_only() {
     // In the second sequence each stands where another was, a centimetre aside.
     let leak = leak(&stand(|object, sequence, split| {
-        let [x, y, z] = shelf((object + sequence) % OBJECTS, split);
+        let [x, y, z] = position((object + sequence) % OBJECTS, split);
         [x, y + 0.01 * f32::from(sequence), z]
     }));
     let (split, across) = (recognised(16, 16), Ok(recognised(0, 32)));
@@ -78,7 +78,7 @@ fn objects_at_one_place_are_recognised_by_chance() {
 
 #[test]
 fn test_clouds_have_no_part() {
-    let everywhere = |object: u8, sequence: u8, split: usize| shelf(object + 16 * sequence, split);
+    let everywhere = |object: u8, sequence: u8, split: usize| position(object + 16 * sequence, split);
     let moved = stand(|object, sequence, split| match split {
         3 => [0.3, 0.1, f32::from(object)],
         _ => everywhere(object, sequence, split),
@@ -88,7 +88,7 @@ fn test_clouds_have_no_part() {
 
 #[test]
 fn without_sequences_only_the_split_is_measured() {
-    let fixture = stand(|object, _, split| shelf(object, split));
+    let fixture = stand(|object, _, split| position(object, split));
     let dataset = load(&fixture, Layout::Folders);
     let leak = dataset.leak.as_ref().unwrap();
     let missing = SequencesMissing { count: 32, first: "cup/cup_0/cup_0_1_0.pcd".to_owned() };
@@ -99,7 +99,7 @@ fn without_sequences_only_the_split_is_measured() {
 
 #[test]
 fn one_sequence_leaves_nothing_to_compare_with() {
-    let fixture = stand(|object, _, split| shelf(object, split));
+    let fixture = stand(|object, _, split| position(object, split));
     let mut rows = "path,category,instance,sequence,split\n".to_owned();
     for split in super::super::SPLITS {
         let list = std::fs::read_to_string(fixture.root().join(format!("{split}.txt"))).unwrap();
@@ -117,7 +117,7 @@ fn one_sequence_leaves_nothing_to_compare_with() {
 
 #[test]
 fn the_leak_is_measured_only_if_wanted_and_whatever_is_remembered() {
-    let fixture = stand(|object, _, split| shelf(object, split));
+    let fixture = stand(|object, _, split| position(object, split));
     let folder = tempfile::tempdir().unwrap();
     let store = store_in(folder.path());
     let load =

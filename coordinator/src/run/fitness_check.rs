@@ -1,4 +1,4 @@
-//! Whether the clouds of a data set are fit for a fitness: known sequences, and queries that could be answered.
+//! Whether a fitness can be computed on the clouds of a data set: sequences are known, and queries can be answered.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -9,11 +9,11 @@ use crate::fitness::{Fitness, FitnessProtocol};
 use crate::run::RunError;
 use crate::run::matching::{Matching, TRAIN1, TRAIN2};
 
-/// Refuses a fitness that these clouds cannot be judged by. What it leaves out of its counts is returned in words.
+/// Refuses a fitness that cannot be computed on these clouds; says in words which clouds it leaves out of its counts.
 ///
 /// # Errors
 /// [`RunError::NoSequences`] or [`RunError::NoAnswers`].
-pub fn refuse_unaskable(fitness: &Fitness, dataset: &Dataset) -> Result<Vec<String>, RunError> {
+pub fn check_fitness(fitness: &Fitness, dataset: &Dataset) -> Result<Vec<String>, RunError> {
     let (validation, _) = Matching::Validation.splits();
     if fitness.needs_sequences()
         && let Some(missing) = dataset.sequences_missing(&[&[TRAIN1, TRAIN2], validation.as_slice()].concat())
@@ -30,19 +30,21 @@ pub fn refuse_unaskable(fitness: &Fitness, dataset: &Dataset) -> Result<Vec<Stri
         .flat_map(|&split| dataset.splits.all()[split])
         .map(|&index| &dataset.clouds.entries[index as usize])
         .collect();
-    // A query can be answered if a cloud of its class is left to match: one of another group.
-    let of_cloud = |protocol, (index, cloud): (usize, &CloudEntry)| match protocol {
-        FitnessProtocol::CrossSequence => cloud.sequence.map_or(0, |sequence| sequence as usize),
-        FitnessProtocol::LeaveOneOut | FitnessProtocol::Split => index,
-    };
     let mut notes = Vec::new();
     for (protocol, _) in fitness.protocols() {
-        if protocol == FitnessProtocol::Split {
-            continue;
-        }
+        // Of each class the groups of clouds that are not matched with each other: a query can be answered if there is
+        // another group.
         let mut groups: BTreeMap<u32, BTreeSet<usize>> = BTreeMap::new();
         for (index, &cloud) in trained.iter().enumerate() {
-            groups.entry(class(cloud)).or_default().insert(of_cloud(protocol, (index, cloud)));
+            let group = match protocol {
+                FitnessProtocol::Split => continue, // counts every query
+                FitnessProtocol::CrossSequence => cloud.sequence.unwrap_or_default() as usize,
+                FitnessProtocol::LeaveOneOut => index,
+            };
+            groups.entry(class(cloud)).or_default().insert(group);
+        }
+        if groups.is_empty() {
+            continue;
         }
         let lost = trained.iter().filter(|cloud| groups[&class(cloud)].len() < 2).count();
         if lost == trained.len() {
