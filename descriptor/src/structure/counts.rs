@@ -45,10 +45,7 @@ impl Counts {
             self.empty_tables();
             self.counted = LANES as u64;
         }
-        let table = self.bins + LANES;
-        for (lane, &code) in codes.iter().enumerate() {
-            self.tables[lane % TABLES * table + code as usize] += 1;
-        }
+        count(&mut self.tables, codes);
     }
 
     /// Moves what the tables hold to the totals.
@@ -90,6 +87,23 @@ impl Counts {
     pub(super) fn take(&mut self) -> Vec<u64> {
         self.empty_tables();
         std::mem::take(&mut self.totals)
+    }
+}
+
+/// Counts each code in the table of its lane. A function of its own, in which all addresses fit the registers.
+#[inline(never)]
+fn count(tables: &mut [u32], codes: &[u32; LANES]) {
+    let length = tables.len() / TABLES;
+    let (a, tables) = tables.split_at_mut(length);
+    let (b, tables) = tables.split_at_mut(length);
+    let (c, tables) = tables.split_at_mut(length);
+    let d = &mut tables[..length];
+    for &codes in codes.as_chunks::<TABLES>().0 {
+        let codes = codes.map(|code| code as usize);
+        a[codes[0]] += 1;
+        b[codes[1]] += 1;
+        c[codes[2]] += 1;
+        d[codes[3]] += 1;
     }
 }
 

@@ -8,10 +8,9 @@ use crate::structure::channel::{Pairs, StructureChannel};
 use crate::structure::cloud::StructureCloud;
 use crate::structure::colours::mean_opponents;
 use crate::structure::counts::Counts;
-use crate::structure::lanes::{Group, Groups, LANES};
+use crate::structure::lanes::{BLOCK, Group, LANES, Table};
 use crate::structure::pairs::count;
 use crate::structure::plan::StructurePlan;
-use crate::structure::sampling::draw;
 use crate::wide::widest;
 
 impl StructureChannel {
@@ -44,122 +43,119 @@ impl StructurePlan {
         let colours = cloud.points.colours.as_deref().unwrap_or_default();
         let mean = if self.needs_mean() { mean_opponents(colours) } else { [0; 2] };
         let keypoints = if self.is_of_cloud() {
-            Groups::default()
+            Table::default()
         } else {
-            Groups::new(self, &*cloud.keypoints(self.channel.grid_um)?, mean)?
+            Table::new(self, &*cloud.keypoints(self.channel.grid_um)?, mean)?
         };
         let points = if self.channel.pairs == Pairs::Keypoints {
-            Groups::default()
+            Table::default()
         } else {
-            Groups::new(self, &cloud.points, mean)?
+            Table::new(self, &cloud.points, mean)?
         };
         Ok(Rows { keypoints, points })
     }
 }
 
-/// What the rows of a cloud are made of, in the order of the cloud and of its grid.
+/// What the rows of a cloud are made of.
 pub(super) struct Rows {
     /// None of `Cloud`.
-    keypoints: Groups,
+    keypoints: Table,
     /// None of `Keypoints`.
-    points: Groups,
+    points: Table,
 }
 
 impl Rows {
-    /// Counts row after row and hands each of them on.
+    /// Number of rows.
+    pub(super) fn len(&self, plan: &StructurePlan) -> usize {
+        if plan.is_of_cloud() { 1 } else { self.keypoints.points }
+    }
+}
+
+/// Counts the pairs of rows, as many as there are lanes at once.
+pub(super) struct Counter<'a> {
+    plan: &'a StructurePlan,
+    rows: &'a Rows,
+    first: Group,
+    second: Group,
+    blocks: Vec<u32>,
+    near: Vec<u32>,
+    /// Those of the row that was counted last.
+    pub(super) counts: Counts,
+}
+
+impl<'a> Counter<'a> {
+    pub(super) fn new(plan: &'a StructurePlan, rows: &'a Rows) -> Self {
+        let [first, second] = [Group::EMPTY; 2];
+        let counts = Counts::new(plan.bins);
+        Self { plan, rows, first, second, blocks: Vec::new(), near: Vec::new(), counts }
+    }
+
+    /// Counts a row.
     #[inline(always)]
-    pub(super) fn count(&self, plan: &StructurePlan, mut end: impl FnMut(&mut Counts)) {
-        let Self { keypoints, points } = self;
-        let mut counts = Counts::new(plan.bins);
-        let mut near = Vec::new();
-        if plan.is_of_cloud() {
-            near.extend(0..points.points as u32);
-            among(plan, points, &near, &mut counts);
-            end(&mut counts);
+    pub(super) fn count(&mut self, row: usize) {
+        let Self { plan, rows: Rows { keypoints, points }, .. } = *self;
+        match plan.channel.pairs {
+            Pairs::KeypointNeighbour => self.about(keypoints, row, points, false),
+            Pairs::Keypoints => self.about(keypoints, row, keypoints, true),
+            Pairs::Neighbours => {
+                let centre = keypoints.position(row);
+                points.blocks_within(centre, plan.reach2, &mut self.blocks);
+                points.points_within(centre, plan.reach2, &self.blocks, &mut self.near);
+                self.among(points);
+            }
+            Pairs::Cloud => {
+                self.near.clear();
+                self.near.extend(0..points.points as u32);
+                self.among(points);
+            }
         }
-        for keypoint in 0..keypoints.points {
-            let (group, lane) = keypoints.find(keypoint);
-            let first = Group::all_of(group, lane);
-            match plan.channel.pairs {
-                Pairs::KeypointNeighbour => about(plan, &first, points, None, &mut counts),
-                Pairs::Keypoints => about(plan, &first, keypoints, Some(keypoint), &mut counts),
-                Pairs::Neighbours => {
-                    let centre = group.position.map(|values| values[lane]);
-                    find(points, centre, plan.reach2, &mut near);
-                    among(plan, points, &near, &mut counts);
+    }
+
+    /// Counts the pairs of a point with all others within reach; but itself, if it is one of them.
+    #[inline(always)]
+    fn about(&mut self, points: &Table, point: usize, others: &Table, is_among: bool) {
+        const BLOCKS: usize = LANES / BLOCK;
+        let Self { plan, first, second, blocks, counts, .. } = self;
+        first.repeat(points, point);
+        others.blocks_within(points.position(point), plan.most2, blocks);
+        for blocks in blocks.chunks(BLOCKS) {
+            for place in 0..BLOCKS {
+                match blocks.get(place) {
+                    Some(&block) => second.copy_block(place, others, block as usize),
+                    None => (place * BLOCK..(place + 1) * BLOCK).for_each(|lane| second.clear(lane)),
                 }
-                Pairs::Cloud => {}
             }
-            end(&mut counts);
-        }
-    }
-}
-
-/// Counts the pairs of one point, in all lanes of `first`, with the others but itself that can be within reach.
-#[inline(always)]
-fn about(plan: &StructurePlan, first: &Group, others: &Groups, itself: Option<usize>, counts: &mut Counts) {
-    let centre = first.position.map(|values| values[0]);
-    for (place, group) in others.groups.iter().enumerate() {
-        if others.is_out_of_reach(place, centre, plan.most2) {
-            continue;
-        }
-        match itself {
-            Some(itself) if itself / LANES == place => {
-                let mut group = *group;
-                group.clear(itself % LANES);
-                count(plan, [first, &group], counts);
+            if is_among && let Some(place) = blocks.iter().position(|&block| block as usize == point / BLOCK)
+            {
+                second.clear(place * BLOCK + point % BLOCK);
             }
-            _ => count(plan, [first, group], counts),
+            count(plan, [first, second], counts);
         }
     }
-}
 
-/// Finds the points within reach of a place, in their order.
-#[inline(always)]
-fn find(points: &Groups, centre: [f32; 3], reach2: f32, near: &mut Vec<u32>) {
-    near.clear();
-    for (place, group) in points.groups.iter().enumerate() {
-        if points.is_out_of_reach(place, centre, reach2) {
-            continue;
-        }
-        let d2 = group.squared_distances(centre);
-        // Free of branches: some of the points are neighbours, in no pattern a processor could predict.
-        let mut found = [0; LANES];
-        let mut count = 0;
-        for (lane, d2) in d2.into_iter().enumerate() {
-            found[count % LANES] = (place * LANES + lane) as u32;
-            count += usize::from(d2 <= reach2);
-        }
-        near.extend_from_slice(&found[..count]);
-    }
-}
-
-/// Counts ordered pairs among some of the points: those that are drawn, or all.
-#[inline(always)]
-fn among(plan: &StructurePlan, points: &Groups, near: &[u32], counts: &mut Counts) {
-    if !plan.draws(near.len()) {
-        let near = points.gather(plan, near);
-        for index in 0..near.points {
-            let (group, lane) = near.find(index);
-            about(plan, &Group::all_of(group, lane), &near, Some(index), counts);
-        }
-        return;
-    }
-    let [mut first, mut second] = [Group::EMPTY; 2];
-    let samples = plan.channel.samples;
-    for start in (0..samples).step_by(LANES) {
-        let [mut ones, mut others] = [[0; LANES]; 2];
-        for ((number, one), other) in (start..).zip(&mut ones).zip(&mut others) {
-            [*one, *other] = draw(number, near.len() as u32).map(|index| near[index as usize]);
-        }
-        first.gather(plan, points, &ones);
-        second.gather(plan, points, &others);
-        for (lane, (one, other)) in ones.into_iter().zip(others).enumerate() {
-            if (one == other) | (lane as u32 >= samples - start) {
-                second.clear(lane);
+    /// Counts ordered pairs among the near points: those that are drawn, or all.
+    #[inline(always)]
+    fn among(&mut self, points: &Table) {
+        let plan = self.plan;
+        if !plan.draws(self.near.len()) {
+            let near = points.gather(plan, &self.near);
+            for point in 0..near.points {
+                self.about(&near, point, &near, true);
             }
+            return;
         }
-        count(plan, [&first, &second], counts);
+        let Self { first, second, near, counts, .. } = self;
+        for (mut drawn, is_pair) in plan.draws.groups(near.len() as u32) {
+            for index in drawn.as_flattened_mut() {
+                *index = near[*index as usize];
+            }
+            first.gather(plan.values_of_first, points, &drawn[0]);
+            second.gather(plan.values, points, &drawn[1]);
+            for (x, is_pair) in second.values[0].iter_mut().zip(is_pair) {
+                *x = if is_pair { *x } else { f32::NAN };
+            }
+            count(plan, [first, second], counts);
+        }
     }
 }
 
@@ -178,7 +174,11 @@ impl NullaryFnOnce for Describe<'_> {
         let width = plan.bins;
         let [shell_bins, histogram_bins] = [plan.shell_bins, plan.histogram_bins].map(|bins| bins as usize);
         let mut rows = Vec::new();
-        self.rows.count(plan, |counts| counts.take_shares(shell_bins, histogram_bins, &mut rows));
+        let mut counter = Counter::new(plan, &self.rows);
+        for row in 0..self.rows.len(plan) {
+            counter.count(row);
+            counter.counts.take_shares(shell_bins, histogram_bins, &mut rows);
+        }
         if plan.is_of_cloud() {
             return Signature { centroid: rows, deviation: Vec::new() };
         }

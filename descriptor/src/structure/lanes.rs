@@ -1,4 +1,4 @@
-//! Points in groups, value by value, so that a loop over the lanes of a group becomes a vector loop.
+//! Points value by value and in blocks, so that loops over them become vector loops.
 
 use crate::prepare_error::PrepareError;
 use crate::structure::channel::StructureChannel;
@@ -6,173 +6,234 @@ use crate::structure::cloud::Points;
 use crate::structure::colours::values;
 use crate::structure::plan::{Column, StructurePlan};
 
-/// Points that are looked at together, each in a lane of its own.
-pub(super) const LANES: usize = 64;
+/// Points that are looked at or left out together: as many as the widest vectors hold.
+pub(super) const BLOCK: usize = 16;
 
-/// What is known of a group of points.
-#[derive(Clone, Copy)]
+/// Pairs that are computed together, each in a lane of its own.
+pub(super) const LANES: usize = 4 * BLOCK;
+
+/// Values of a point that are moved together.
+const QUAD: usize = 4;
+
+/// Most values of a point: position, normal and columns.
+const MAX_VALUES: usize = 6 + StructureChannel::MAX_AXES;
+
+/// Values of points, one in each lane, in the order of [`StructurePlan::values`]. No distance to a lane whose x is NaN
+/// counts.
 pub(super) struct Group {
-    /// x, y, z, metres; NaN in a lane without a point, so that no distance to it counts.
-    pub(super) position: [[f32; LANES]; 3],
-    /// x, y, z; zeros if no feature is made of normals.
-    pub(super) normal: [[f32; LANES]; 3],
-    /// The columns of the plan; codes as the bits of a float.
-    pub(super) columns: [[f32; LANES]; StructureChannel::MAX_AXES],
+    pub(super) values: [[f32; LANES]; MAX_VALUES],
 }
 
 impl Group {
-    pub(super) const EMPTY: Self = Self {
-        position: [[f32::NAN; LANES]; 3],
-        normal: [[0.0; LANES]; 3],
-        columns: [[0.0; LANES]; StructureChannel::MAX_AXES],
-    };
+    pub(super) const EMPTY: Self = Self { values: [[f32::NAN; LANES]; MAX_VALUES] };
 
-    /// The group that has one lane of another in all of its lanes.
+    /// Takes over one point in all lanes.
     #[inline(always)]
-    pub(super) fn all_of(other: &Self, lane: usize) -> Self {
-        let repeat = |values: &[f32; LANES]| [values[lane]; LANES];
-        Self {
-            position: other.position.each_ref().map(repeat),
-            normal: other.normal.each_ref().map(repeat),
-            columns: other.columns.each_ref().map(repeat),
+    pub(super) fn repeat(&mut self, points: &Table, point: usize) {
+        for (lanes, value) in self.values.iter_mut().zip(points.values_of(point)) {
+            *lanes = [value; LANES];
+        }
+    }
+
+    /// Takes over a block of points as one of the group's own blocks.
+    #[inline(always)]
+    pub(super) fn copy_block(&mut self, place: usize, points: &Table, block: usize) {
+        for (lanes, column) in self.values.iter_mut().zip(points.columns.chunks_exact(points.stride)) {
+            lanes[place * BLOCK..][..BLOCK].copy_from_slice(&column[block * BLOCK..][..BLOCK]);
         }
     }
 
     /// Empties a lane.
     #[inline(always)]
     pub(super) fn clear(&mut self, lane: usize) {
-        self.position[0][lane] = f32::NAN;
+        self.values[0][lane] = f32::NAN;
     }
 
-    /// Takes over what a plan needs of points of other groups, lane by lane.
+    /// Takes over the first values of some points, lane by lane.
     #[inline(always)]
-    pub(super) fn gather(&mut self, plan: &StructurePlan, points: &Groups, indices: &[u32]) {
-        let gather = |values: &mut [f32; LANES], of: fn(&Group) -> &[f32; LANES]| {
-            for (value, &index) in values.iter_mut().zip(indices) {
-                let (group, lane) = points.find(index as usize);
-                *value = of(group)[lane];
+    pub(super) fn gather(&mut self, values: usize, points: &Table, indices: &[u32; LANES]) {
+        let quads = points.quads.chunks_exact(points.points.max(1)).take(values.div_ceil(QUAD));
+        for (quads, lanes) in quads.zip(self.values.chunks_mut(QUAD)) {
+            let mut gathered = [[0.0; QUAD]; LANES];
+            for (gathered, &index) in gathered.iter_mut().zip(indices) {
+                *gathered = quads[index as usize];
             }
-        };
-        let [x, y, z] = &mut self.position;
-        gather(x, |group| &group.position[0]);
-        gather(y, |group| &group.position[1]);
-        gather(z, |group| &group.position[2]);
-        if plan.has_angles {
-            let [x, y, z] = &mut self.normal;
-            gather(x, |group| &group.normal[0]);
-            gather(y, |group| &group.normal[1]);
-            gather(z, |group| &group.normal[2]);
-        }
-        for (column, values) in self.columns.iter_mut().enumerate().take(plan.columns.len()) {
-            for (value, &index) in values.iter_mut().zip(indices) {
-                let (group, lane) = points.find(index as usize);
-                *value = group.columns[column][lane];
+            for (value, lanes) in lanes.iter_mut().enumerate() {
+                for (lane, gathered) in lanes.iter_mut().zip(&gathered) {
+                    *lane = gathered[value];
+                }
             }
         }
-    }
-
-    /// Squared distances to a place.
-    #[inline(always)]
-    pub(super) fn squared_distances(&self, [x, y, z]: [f32; 3]) -> [f32; LANES] {
-        let mut d2 = [0.0; LANES];
-        for (lane, d2) in d2.iter_mut().enumerate() {
-            let [dx, dy, dz] =
-                [self.position[0][lane] - x, self.position[1][lane] - y, self.position[2][lane] - z];
-            *d2 = dx * dx + dy * dy + dz * dz;
-        }
-        d2
     }
 }
 
-/// The points that a channel can use, group after group.
+/// The points that a channel can use, in their order.
 #[derive(Default)]
-pub(super) struct Groups {
-    pub(super) groups: Vec<Group>,
-    /// Lowest and highest corner of each group.
-    boxes: Vec<[[f32; 3]; 2]>,
-    /// Number of points: all lanes but some of the last group's.
+pub(super) struct Table {
+    /// Number of points.
     pub(super) points: usize,
+    /// Value after value; each has as many as whole blocks hold, of which those after the last point are NaN.
+    columns: Vec<f32>,
+    /// Length of a column.
+    stride: usize,
+    /// Lowest x, y, z and highest x, y, z of each block, like columns; infinite where there is no block.
+    boxes: [Vec<f32>; 6],
+    /// The same values point after point, four at a time: of all points the first four, then the next. Empty unless pairs
+    /// are drawn.
+    quads: Vec<[f32; QUAD]>,
 }
 
-impl Groups {
+impl Table {
     /// Takes the points in their order, without those that lack a normal where the channel needs one.
     ///
     /// # Errors
     /// [`PrepareError::NoColours`] if the channel needs colours and there are none.
     pub(super) fn new(plan: &StructurePlan, points: &Points, mean: [i32; 2]) -> Result<Self, PrepareError> {
         let needs_normals = plan.channel.needs_normals();
-        let mut groups = Self::default();
-        let mut used_colours = Vec::new();
         let colours = match &points.colours {
             Some(colours) => colours.as_slice(),
             None if plan.channel.needs_colour() => return Err(PrepareError::NoColours),
             None => &[],
         };
-        for (index, (position, normal)) in points.positions.iter().zip(&points.normals).enumerate() {
-            if needs_normals && normal.is_none() {
-                continue;
-            }
-            let lane = groups.points % LANES;
-            if lane == 0 {
-                groups.groups.push(Group::EMPTY);
-            }
-            if let Some(group) = groups.groups.last_mut() {
-                group.position.iter_mut().zip(position).for_each(|(values, &value)| values[lane] = value);
-                let normal = normal.unwrap_or_default();
-                group.normal.iter_mut().zip(normal).for_each(|(values, value)| values[lane] = value);
-            }
-            groups.points += 1;
-            used_colours.extend(colours.get(index));
-        }
-        for (place, column) in plan.columns.iter().enumerate() {
-            let values = column.values(&used_colours, mean);
-            for (group, values) in groups.groups.iter_mut().zip(values.chunks(LANES)) {
-                group.columns[place][..values.len()].copy_from_slice(values);
+        let is_used = |index: &usize| !needs_normals || points.normals[*index].is_some();
+        let used: Vec<usize> = (0..points.positions.len()).filter(is_used).collect();
+        let mut table = Self::of_size(plan, used.len());
+        for axis in 0..3 {
+            table.column(axis).zip(&used).for_each(|(value, &index)| *value = points.positions[index][axis]);
+            if plan.has_angles {
+                let normal = |index: usize| points.normals[index].unwrap_or_default()[axis];
+                table.column(3 + axis).zip(&used).for_each(|(value, &index)| *value = normal(index));
             }
         }
-        groups.boxes = groups.groups.iter().map(bounds).collect();
-        Ok(groups)
+        let colours: Vec<[u8; 3]> = used.iter().filter_map(|&index| colours.get(index).copied()).collect();
+        for (number, column) in plan.columns.iter().enumerate() {
+            let values = column.values(&colours, mean);
+            table.column(plan.place_of_column(number)).zip(values).for_each(|(place, value)| *place = value);
+        }
+        table.finish(plan);
+        Ok(table)
     }
 
-    /// Some of the points, with what the plan needs of them.
+    /// Some of the points.
     #[inline(always)]
     pub(super) fn gather(&self, plan: &StructurePlan, points: &[u32]) -> Self {
-        let mut gathered = Self { points: points.len(), ..Self::default() };
-        for points in points.chunks(LANES) {
-            let mut group = Group::EMPTY;
-            group.gather(plan, self, points);
-            gathered.boxes.push(bounds(&group));
-            gathered.groups.push(group);
+        let mut gathered = Self::of_size(plan, points.len());
+        for (value, column) in self.columns.chunks_exact(self.stride).enumerate() {
+            gathered.column(value).zip(points).for_each(|(value, &point)| *value = column[point as usize]);
         }
+        gathered.find_boxes();
         gathered
     }
 
-    /// The group of a point and its lane.
-    #[inline(always)]
-    pub(super) fn find(&self, point: usize) -> (&Group, usize) {
-        (&self.groups[point / LANES], point % LANES)
+    fn of_size(plan: &StructurePlan, points: usize) -> Self {
+        // Never 0: a chunk has a length.
+        let stride = points.next_multiple_of(BLOCK).max(BLOCK);
+        Self { points, stride, columns: vec![f32::NAN; plan.values * stride], ..Self::default() }
     }
 
-    /// Whether no point of a group can be as near as that.
-    #[inline(always)]
-    pub(super) fn is_out_of_reach(&self, group: usize, centre: [f32; 3], reach2: f32) -> bool {
-        // Rounds like the distances of points: differences and squares never decrease with the distance along an axis.
-        let [low, high] = &self.boxes[group];
-        let mut d2 = [0.0; 3];
-        for axis in 0..3 {
-            let outside = centre[axis].clamp(low[axis], high[axis]) - centre[axis];
-            d2[axis] = outside * outside;
+    /// A value of all points.
+    fn column(&mut self, value: usize) -> impl Iterator<Item = &mut f32> {
+        self.columns[value * self.stride..][..self.points].iter_mut()
+    }
+
+    /// The values of a point.
+    fn values_of(&self, point: usize) -> impl Iterator<Item = f32> {
+        self.columns.chunks_exact(self.stride).map(move |column| column[point])
+    }
+
+    /// Makes what points are found by.
+    fn finish(&mut self, plan: &StructurePlan) {
+        self.find_boxes();
+        if plan.draws(self.points) {
+            for values in self.columns.chunks(QUAD * self.stride) {
+                let value = |value: usize, point: usize| values.get(value * self.stride + point).copied();
+                let quad = |point: usize| [0, 1, 2, 3].map(|number| value(number, point).unwrap_or_default());
+                self.quads.extend((0..self.points).map(quad));
+            }
         }
-        d2[0] + d2[1] + d2[2] > reach2
+    }
+
+    fn find_boxes(&mut self) {
+        let blocks = self.points.div_ceil(BLOCK);
+        let boxes = blocks.next_multiple_of(BLOCK);
+        for (axis, column) in self.columns.chunks_exact(self.stride).take(3).enumerate() {
+            let used = column[..self.points].chunks(BLOCK);
+            // A NaN is neither: nothing is near it.
+            let extremes = used.map(|block| {
+                block.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], &value| {
+                    [if value < low { value } else { low }, if value > high { value } else { high }]
+                })
+            });
+            let (mut low, mut high): (Vec<f32>, Vec<f32>) = extremes.map(|[low, high]| (low, high)).unzip();
+            low.resize(boxes, f32::INFINITY);
+            high.resize(boxes, f32::INFINITY);
+            [self.boxes[axis], self.boxes[3 + axis]] = [low, high];
+        }
+    }
+
+    /// Finds the blocks that may have a point that near, in their order.
+    #[inline(always)]
+    pub(super) fn blocks_within(&self, [x, y, z]: [f32; 3], reach2: f32, found: &mut Vec<u32>) {
+        found.clear();
+        let columns = self.boxes.each_ref().map(|values| values.as_chunks::<BLOCK>().0);
+        let [low_x, low_y, low_z, high_x, high_y, high_z] = columns;
+        // Rounds like the distances of points: differences and squares never decrease with the distance along an axis.
+        let outside = |low: f32, at: f32, high: f32| {
+            let (below, above) = (low - at, at - high);
+            let most = if below > above { below } else { above };
+            if most > 0.0 { most * most } else { 0.0 }
+        };
+        for place in 0..low_x.len() {
+            let mut d2 = [0.0; BLOCK];
+            for (lane, d2) in d2.iter_mut().enumerate() {
+                let dx = outside(low_x[place][lane], x, high_x[place][lane]);
+                let dy = outside(low_y[place][lane], y, high_y[place][lane]);
+                let dz = outside(low_z[place][lane], z, high_z[place][lane]);
+                *d2 = dx + dy + dz;
+            }
+            keep(place * BLOCK, &d2, reach2, found);
+        }
+    }
+
+    /// Finds the points within reach of a place among these blocks, in their order.
+    #[inline(always)]
+    pub(super) fn points_within(&self, centre: [f32; 3], reach2: f32, blocks: &[u32], found: &mut Vec<u32>) {
+        found.clear();
+        let (x, rest) = self.columns.split_at(self.stride);
+        let (y, z) = rest.split_at(self.stride);
+        let [x, y, z] = [x, y, z].map(|column| column.as_chunks::<BLOCK>().0);
+        for &block in blocks {
+            let place = block as usize;
+            let mut d2 = [0.0; BLOCK];
+            for (lane, d2) in d2.iter_mut().enumerate() {
+                let [dx, dy, dz] =
+                    [x[place][lane] - centre[0], y[place][lane] - centre[1], z[place][lane] - centre[2]];
+                *d2 = dx * dx + dy * dy + dz * dz;
+            }
+            keep(place * BLOCK, &d2, reach2, found);
+        }
+    }
+
+    /// A point's position, metres.
+    #[inline(always)]
+    pub(super) fn position(&self, point: usize) -> [f32; 3] {
+        [0, 1, 2].map(|axis| self.columns[axis * self.stride + point])
     }
 }
 
-fn bounds(group: &Group) -> [[f32; 3]; 2] {
-    // Empty lanes are NaN, which neither takes.
-    let extreme = |pick: fn(f32, f32) -> f32| {
-        group.position.map(|values| values.into_iter().reduce(pick).unwrap_or_default())
-    };
-    [extreme(f32::min), extreme(f32::max)]
+/// Appends the numbers of those whose squared distance is within the limit.
+#[inline(always)]
+fn keep(first: usize, d2: &[f32; BLOCK], limit2: f32, found: &mut Vec<u32>) {
+    let before = found.len();
+    found.resize(before + BLOCK, 0);
+    let Some(kept) = found.last_chunk_mut::<BLOCK>() else { return };
+    // Free of branches: some are within reach, in no pattern a processor could predict.
+    let mut count = 0;
+    for (lane, &d2) in d2.iter().enumerate() {
+        kept[count % BLOCK] = (first + lane) as u32;
+        count += usize::from(d2 <= limit2);
+    }
+    found.truncate(before + count);
 }
 
 impl Column {

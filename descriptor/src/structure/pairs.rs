@@ -24,7 +24,7 @@ pub(super) fn count(plan: &StructurePlan, [first, second]: [&Group; 2], counts: 
     for histogram in &plan.histograms {
         let mut codes = [histogram.first; LANES];
         if let Some(column) = histogram.code {
-            for (code, of_point) in codes.iter_mut().zip(second.columns[column]) {
+            for (code, of_point) in codes.iter_mut().zip(&second.values[plan.place_of_column(column)]) {
                 *code += of_point.to_bits();
             }
         }
@@ -32,7 +32,9 @@ pub(super) fn count(plan: &StructurePlan, [first, second]: [&Group; 2], counts: 
             let bins = match &axis.bins {
                 PairBins::Distance { per_metre, last } => pairs.distances(*per_metre, *last),
                 PairBins::Turn(turns) => pairs.turns(turns),
-                PairBins::Edges(measure, edges) => reached(&pairs.values(*measure, first, second), edges),
+                PairBins::Edges(measure, edges) => {
+                    reached(&pairs.values(plan, *measure, [first, second]), edges)
+                }
             };
             for (code, bin) in codes.iter_mut().zip(bins) {
                 *code += axis.stride * bin;
@@ -68,7 +70,7 @@ impl Pairs {
         const ZEROS: Lanes = [0.0; LANES];
         let mut pairs = Self { d2: ZEROS, cosine: ZEROS, along: [ZEROS; 2], across2: ZEROS, across: ZEROS };
         let mut d = [ZEROS; 3];
-        for ((d, second), first) in d.iter_mut().zip(&second.position).zip(&first.position) {
+        for ((d, second), first) in d.iter_mut().zip(&second.values).zip(&first.values) {
             for ((d, second), first) in d.iter_mut().zip(second).zip(first) {
                 *d = second - first;
             }
@@ -79,13 +81,15 @@ impl Pairs {
         }
         if plan.has_angles {
             for lane in 0..LANES {
-                let [m, n] = [first, second].map(|group| group.normal.each_ref().map(|values| values[lane]));
+                let [m, n] =
+                    [first, second].map(|group| [3, 4, 5].map(|value: usize| group.values[value][lane]));
                 pairs.cosine[lane] = m[0] * n[0] + m[1] * n[1] + m[2] * n[2];
             }
         }
         if plan.has_frame {
             for lane in 0..LANES {
-                let [m, n] = [first, second].map(|group| group.normal.each_ref().map(|values| values[lane]));
+                let [m, n] =
+                    [first, second].map(|group| [3, 4, 5].map(|value: usize| group.values[value][lane]));
                 let [x, y, z] = d.each_ref().map(|values| values[lane]);
                 pairs.along[0][lane] = m[0] * x + m[1] * y + m[2] * z;
                 pairs.along[1][lane] = n[0] * x + n[1] * y + n[2] * z;
@@ -157,7 +161,8 @@ impl Pairs {
 
     /// Values that edges are compared with.
     #[inline(always)]
-    fn values(&self, measure: Measure, first: &Group, second: &Group) -> Lanes {
+    fn values(&self, plan: &StructurePlan, measure: Measure, points: [&Group; 2]) -> Lanes {
+        let of_points = |column: usize| points.map(|group| &group.values[plan.place_of_column(column)]);
         let mut values = [0.0; LANES];
         match measure {
             Measure::Angle => {
@@ -176,13 +181,15 @@ impl Pairs {
                 }
             }
             Measure::Difference(column) => {
+                let [first, second] = of_points(column);
                 for (lane, value) in values.iter_mut().enumerate() {
-                    *value = second.columns[column][lane] - first.columns[column][lane];
+                    *value = second[lane] - first[lane];
                 }
             }
             Measure::Ratio(column) => {
+                let [first, second] = of_points(column);
                 for (lane, value) in values.iter_mut().enumerate() {
-                    *value = ratio(first.columns[column][lane], second.columns[column][lane]);
+                    *value = ratio(first[lane], second[lane]);
                 }
             }
         }

@@ -5,6 +5,7 @@ use crate::neighbours::floor_f32;
 use crate::structure::channel::{Axis, Pairs, StructureChannel};
 use crate::structure::edges::{Turns, ceil_f32, edges};
 use crate::structure::feature::Feature;
+use crate::structure::sampling::Draws;
 
 /// How the pairs of one channel are found and binned; made once for all clouds.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,6 +28,12 @@ pub struct StructurePlan {
     pub(super) histograms: Vec<Histogram>,
     /// What is computed of each point's colour beforehand.
     pub(super) columns: Vec<Column>,
+    /// What is known of a point: position, normal if a feature is made of normals, columns.
+    pub(super) values: usize,
+    /// The first of these that a pair's first point needs; what is left out are codes at the end.
+    pub(super) values_of_first: usize,
+    /// Which pairs are drawn.
+    pub(super) draws: Draws,
     /// Whether a feature is made of the normals, and whether of their frame.
     pub(super) has_angles: bool,
     pub(super) has_frame: bool,
@@ -119,6 +126,9 @@ impl StructurePlan {
             histogram_bins: 0,
             histograms: Vec::new(),
             columns: Vec::new(),
+            values: 0,
+            values_of_first: 0,
+            draws: Draws::new(if channel.pairs.is_sampled() { channel.samples } else { 0 }),
             has_angles: channel.axes.iter().any(|axis| axis.feature.needs_normals()),
             has_frame: channel.axes.iter().any(|axis| axis.feature.needs_frame()),
             channel: channel.clone(),
@@ -131,7 +141,17 @@ impl StructurePlan {
             plan.histogram_bins = if first == 0 { bins } else { plan.histogram_bins };
             first += bins;
         }
+        let is_value = |column: &Column| matches!(column, Column::Value(_));
+        plan.values = plan.place_of_column(plan.columns.len());
+        plan.values_of_first =
+            plan.place_of_column(plan.columns.iter().rposition(is_value).map_or(0, |last| last + 1));
         plan
+    }
+
+    /// Where a column is among the values of a point.
+    #[inline(always)]
+    pub(super) fn place_of_column(&self, column: usize) -> usize {
+        column + if self.has_angles { 6 } else { 3 }
     }
 
     /// Adds a histogram of axes, of which the first has the largest stride.

@@ -1,5 +1,7 @@
 //! Which pairs are drawn: the same for every cloud, run and machine.
 
+use crate::structure::lanes::LANES;
+
 /// A hash of 32 bits that lets no bit of its argument go unnoticed (Wellons, `lowbias32`).
 #[inline(always)]
 pub(super) fn lowbias32(mut value: u32) -> u32 {
@@ -10,14 +12,47 @@ pub(super) fn lowbias32(mut value: u32) -> u32 {
     value ^ (value >> 16)
 }
 
-/// The two of `points` indices that one draw takes; they may be equal.
-#[inline(always)]
-pub(super) fn draw(number: u32, points: u32) -> [u32; 2] {
-    let first = number.wrapping_mul(2);
-    [first, first.wrapping_add(1)].map(|place| {
-        let share = u64::from(lowbias32(place)) * u64::from(points);
-        (share >> 32) as u32
-    })
+/// The draws of a channel, to be scaled to any number of points.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Draws {
+    /// Of the first and of the second point of each draw; filled up to whole groups of [`LANES`].
+    hashes: [Vec<u32>; 2],
+    /// Number of draws.
+    samples: u32,
+}
+
+impl Draws {
+    /// So many draws.
+    pub(super) fn new(samples: u32) -> Self {
+        let of_group = samples.next_multiple_of(LANES as u32);
+        let hashes = [0, 1].map(|second: u32| {
+            let hash = |number: u32| lowbias32(number.wrapping_mul(2).wrapping_add(second));
+            (0..of_group).map(hash).collect()
+        });
+        Self { hashes, samples }
+    }
+
+    /// The draws in groups: for each lane the indices among so many points, and whether they make a pair.
+    #[inline(always)]
+    pub(super) fn groups(&self, points: u32) -> impl Iterator<Item = ([[u32; LANES]; 2], [bool; LANES])> {
+        let [ones, others] = self.hashes.each_ref().map(|hashes| hashes.as_chunks::<LANES>().0);
+        let scaled = move |hashes: &[u32; LANES]| {
+            let mut indices = [0; LANES];
+            for (index, &hash) in indices.iter_mut().zip(hashes) {
+                *index = ((u64::from(hash) * u64::from(points)) >> 32) as u32;
+            }
+            indices
+        };
+        let lanes = (0..self.samples).step_by(LANES).map(|start| self.samples - start);
+        lanes.zip(ones).zip(others).map(move |((lanes, ones), others)| {
+            let [ones, others] = [scaled(ones), scaled(others)];
+            let mut is_pair = [false; LANES];
+            for lane in 0..LANES {
+                is_pair[lane] = (ones[lane] != others[lane]) & ((lane as u32) < lanes);
+            }
+            ([ones, others], is_pair)
+        })
+    }
 }
 
 #[cfg(test)]
@@ -31,12 +66,29 @@ mod tests {
     }
 
     #[test]
+    fn draws_are_scaled_hashes() {
+        for (samples, points) in [(1, 5), (64, 2), (100, 1000), (512, 65_537)] {
+            let draws = Draws::new(samples);
+            let mut drawn = Vec::new();
+            for ([ones, others], is_pair) in draws.groups(points) {
+                drawn.extend(ones.into_iter().zip(others).zip(is_pair));
+            }
+            assert_eq!(drawn.len(), samples.next_multiple_of(LANES as u32) as usize);
+            for (number, ((one, other), is_pair)) in (0..).zip(drawn) {
+                let index = |place: u32| ((u64::from(lowbias32(place)) * u64::from(points)) >> 32) as u32;
+                assert_eq!([one, other], [index(2 * number), index(2 * number + 1)]);
+                assert_eq!(is_pair, number < samples && one != other);
+            }
+        }
+    }
+
+    #[test]
     fn draws_reach_every_index_evenly() {
         for points in [1u32, 2, 7, 1000] {
             let mut drawn = [vec![0u32; points as usize], vec![0; points as usize]];
-            for number in 0..8192 {
-                for (drawn, index) in drawn.iter_mut().zip(draw(number, points)) {
-                    drawn[index as usize] += 1;
+            for (indices, _) in Draws::new(8192).groups(points) {
+                for (drawn, indices) in drawn.iter_mut().zip(indices) {
+                    indices.into_iter().for_each(|index| drawn[index as usize] += 1);
                 }
             }
             let expected = 8192.0 / f64::from(points);

@@ -3,6 +3,7 @@
 use blake3::Hasher;
 use proptest::prelude::*;
 
+use super::extract::Counter;
 use super::oracle;
 use super::*;
 use crate::distance::SetDistance;
@@ -43,9 +44,13 @@ fn channel(pairs: Pairs, axes: &[Axis], radius_um: u32) -> StructureChannel {
 /// The counts of all rows.
 fn counts(channel: &StructureChannel, cloud: &StructureCloud) -> Vec<Vec<u64>> {
     let plan = StructurePlan::new(channel);
-    let mut rows = Vec::new();
-    plan.prepare(cloud).unwrap().count(&plan, |counts| rows.push(counts.take()));
-    rows
+    let rows = plan.prepare(cloud).unwrap();
+    let mut counter = Counter::new(&plan, &rows);
+    let count = |row| {
+        counter.count(row);
+        counter.counts.take()
+    };
+    (0..rows.len(&plan)).map(count).collect()
 }
 
 /// The shares of counts, by their definition.
