@@ -127,7 +127,7 @@ impl Pairs {
         let mut bins = [0; LANES];
         for (lane, bin) in bins.iter_mut().enumerate() {
             let at = self.d2[lane].sqrt() * per_metre;
-            *bin = (if at < last { at } else { last }) as u32;
+            *bin = floor(if at < last { at } else { last });
         }
         bins
     }
@@ -200,6 +200,15 @@ impl Pairs {
     }
 }
 
+/// ⌊x⌋ of a number from 0 to below 2²², as a cast has it, which would keep a loop from becoming a vector loop.
+#[inline(always)]
+fn floor(x: f32) -> u32 {
+    // From here to twice as far, floats are whole numbers, and the last bits of theirs are their offset.
+    const WHOLE: f32 = (1u32 << 23) as f32;
+    let nearest = x + WHOLE;
+    (nearest.to_bits() - WHOLE.to_bits()) - u32::from(nearest - WHOLE > x)
+}
+
 /// The number of edges that each value has reached.
 #[inline(always)]
 fn reached(values: &Lanes, edges: &[f32]) -> [u32; LANES] {
@@ -230,6 +239,16 @@ fn ratio(one: f32, other: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn floors_are_those_of_casts() {
+        let near = |whole: u32| [(whole as f32).next_down().max(0.0), whole as f32, (whole as f32).next_up()];
+        let halves = (0..8_000u32).map(|half| half as f32 / 2.0);
+        let large = [1 << 21, (1 << 22) - 1].into_iter().flat_map(near);
+        for x in (0..4_000).flat_map(near).chain(halves).chain(large) {
+            assert_eq!(floor(x), x as u32, "{x}");
+        }
+    }
 
     #[test]
     fn ratios_are_pcls() {
