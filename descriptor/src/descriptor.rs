@@ -13,7 +13,7 @@ use crate::fixed::{FixedDescriptor, FixedKind};
 use crate::global_hue::GlobalHue;
 use crate::signature::Signatures;
 use crate::signature_bytes::{Columns, Layout, SignatureError};
-use crate::structure::{Structure, Weighted, scale};
+use crate::structure::{Scale, Structure, Weighted, scale};
 
 /// A descriptor of any family.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -143,7 +143,11 @@ impl Descriptor {
     pub fn scaled_channels(&self) -> Vec<Option<Self>> {
         match self {
             Self::Structure(Structure { channels }) => {
-                channels.iter().map(|one| one.scaled_alone().map(Self::Structure)).collect()
+                let alone = |one: &Weighted| match one.scale {
+                    Scale::Quantile => Channel::structure(one.channel.clone()).alone(),
+                    Scale::None => None,
+                };
+                channels.iter().map(alone).collect()
             }
             _ => vec![None; self.channels().len()],
         }

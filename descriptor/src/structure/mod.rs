@@ -114,10 +114,4 @@ impl Weighted {
     pub fn weight(&self) -> f64 {
         f64::from(self.weight_ppm) / f64::from(Self::UNIT_PPM)
     }
-
-    /// The structure of this channel alone that its scale is found by; `None` if it has none.
-    pub(crate) fn scaled_alone(&self) -> Option<Structure> {
-        let alone = Self { weight_ppm: Self::UNIT_PPM, scale: Scale::None, ..self.clone() };
-        (self.scale == Scale::Quantile).then(|| Structure { channels: vec![alone] })
-    }
 }

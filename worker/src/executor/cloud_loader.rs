@@ -25,7 +25,7 @@ pub struct CloudLoader {
     pub blobs: Blobs,
     /// The threads that prepare, and compute whatever else is to be computed.
     pub computing: Computing,
-    store: Arc<Store>,
+    pub(super) store: Arc<Store>,
     work: Mutex<Work>,
 }
 

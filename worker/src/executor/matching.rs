@@ -16,6 +16,7 @@ use crate::executor::error::EvaluationError;
 use crate::executor::manifest::Manifest;
 use crate::executor::preparation_cache::{PreparationCache, Shares};
 use crate::executor::reuse::{Key, Pairing, Reuse};
+use crate::executor::signature_files;
 
 /// Signatures in each channel; `None` where they are not wanted.
 type ByChannel = Vec<Option<Arc<Signatures>>>;
@@ -129,13 +130,13 @@ impl Matcher {
     async fn signatures(
         &self,
         wanted: &Wanted<'_>,
-        manifest: &Manifest,
+        manifest: &Arc<Manifest>,
         missing: &[bool],
     ) -> Result<ByChannel, EvaluationError> {
         let preparer = &wanted.cache.preparer;
         let (mut found, mut computed) = (ByChannel::new(), Vec::new());
         for (index, key) in wanted.keys.iter().enumerate() {
-            let kept = if missing[index] { self.reuse().signatures(manifest.digest, key) } else { None };
+            let kept = if missing[index] { self.kept(manifest, key).await } else { None };
             if missing[index] && kept.is_none() {
                 computed.push((index, Signatures::default(), key.1.extractor(preparer)?));
             }
@@ -155,19 +156,36 @@ impl Matcher {
             computed.iter_mut().zip(&batch).for_each(|((_, all, _), more)| all.append(more));
         }
         for (index, signatures, _) in computed {
-            let signatures = Arc::new(signatures);
+            let (signatures, key) = (Arc::new(signatures), &wanted.keys[index]);
             self.loader.work().described += signatures.clouds() as u64;
-            self.reuse().keep_signatures(manifest.digest, &wanted.keys[index], &signatures);
+            self.reuse().keep_signatures(manifest.digest, key, &signatures);
+            let (store, manifest) = (Arc::clone(&self.loader.store), Arc::clone(manifest));
+            let (key, kept) = (key.clone(), Arc::clone(&signatures));
+            self.loader.computing.run(move || signature_files::keep(&store, &manifest, &key, &kept)).await;
             found[index] = Some(signatures);
         }
         Ok(found)
+    }
+
+    /// The signatures of a split in one channel, if they are in memory or on disk.
+    async fn kept(&self, manifest: &Arc<Manifest>, key: &Key) -> Option<Arc<Signatures>> {
+        let in_memory = self.reuse().signatures(manifest.digest, key);
+        if in_memory.is_some() || !self.loader.store.is_kept() {
+            return in_memory;
+        }
+        let (store, of, wanted) = (Arc::clone(&self.loader.store), Arc::clone(manifest), key.clone());
+        let load = move || signature_files::load(&store, &of, &wanted);
+        let signatures = Arc::new(self.loader.computing.run(load).await?);
+        self.loader.work().restored += signatures.clouds() as u64;
+        self.reuse().keep_signatures(manifest.digest, key, &signatures);
+        Some(signatures)
     }
 
     /// The signatures of a split in all channels.
     async fn all_signatures(
         &self,
         wanted: &Wanted<'_>,
-        manifest: &Manifest,
+        manifest: &Arc<Manifest>,
     ) -> Result<Vec<Arc<Signatures>>, EvaluationError> {
         let missing = vec![true; wanted.keys.len()];
         Ok(self.signatures(wanted, manifest, &missing).await?.into_iter().flatten().collect())
@@ -210,7 +228,7 @@ impl Matcher {
         &self,
         cache: &Arc<PreparationCache>,
         descriptor: &Descriptor,
-        manifest: &Manifest,
+        manifest: &Arc<Manifest>,
     ) -> Result<Vec<u8>, EvaluationError> {
         let wanted = Wanted::new(cache, descriptor);
         let got = descriptor.signature_bytes(manifest.clouds.len() as u32);

@@ -10,6 +10,7 @@ mod matching;
 mod preparation_cache;
 mod reuse;
 mod rule;
+mod signature_files;
 mod work;
 
 use std::sync::{Arc, Mutex, PoisonError};

@@ -11,6 +11,8 @@ pub struct Work {
     pub fetched: u64,
     /// Signatures computed: shape and colour of one cloud are two.
     pub described: u64,
+    /// Signatures read from this machine's disk.
+    pub restored: u64,
     /// Encoded signatures of shards that came from the coordinator.
     pub handed: u64,
     /// Distance matrices computed.

@@ -3,6 +3,7 @@
 mod coordinator;
 mod rules;
 mod scales;
+mod signature_files;
 
 use std::collections::HashMap;
 use std::fs;

@@ -1,0 +1,39 @@
+//! Signatures of splits on this machine's disk, a file for each channel.
+//!
+//! Only those of structures: other families describe clouds again as fast as their signatures are read.
+
+use cache::Store;
+use descriptor::Signatures;
+use proto::Digest;
+
+use crate::executor::manifest::Manifest;
+use crate::executor::reuse::Key;
+use crate::prepared_cloud::preprocess_key;
+
+/// The kind of entry, and the version of its bytes.
+pub const SIGNATURES: &str = "signatures 1";
+
+/// The signatures of a split in a channel, if they are kept.
+pub fn load(store: &Store, manifest: &Manifest, key: &Key) -> Option<Signatures> {
+    let alone = key.1.alone()?;
+    let bytes = store.get_local(SIGNATURES, entry_key(manifest, key))?;
+    match alone.decode_signatures(&bytes, manifest.clouds.len() as u32) {
+        Ok(signatures) => signatures.into_iter().next(),
+        Err(error) => {
+            tracing::warn!("split manifest {}: kept {error}", manifest.digest);
+            None
+        }
+    }
+}
+
+/// Keeps the signatures of a split in a channel.
+pub fn keep(store: &Store, manifest: &Manifest, key: &Key, signatures: &Signatures) {
+    if let Some(alone) = key.1.alone().filter(|_| store.is_kept()) {
+        let bytes = alone.encode_signatures(&[signatures]);
+        store.put_local(SIGNATURES, entry_key(manifest, key), &bytes);
+    }
+}
+
+fn entry_key(manifest: &Manifest, (preprocess, channel): &Key) -> Digest {
+    preprocess_key(SIGNATURES, preprocess).part(&channel.to_bytes()).part(&manifest.digest.0).finish()
+}
