@@ -105,8 +105,9 @@ impl Recogniser {
             u32::try_from(clouds.len()).map_err(|_| format!("too many clouds, got {}", clouds.len()))?;
         let signatures =
             descriptor.signatures_of_columns(&columns, count).map_err(|error| Message::of(&error).what)?;
-        let weights = descriptor.channels().into_iter().map(|(_, weight)| weight);
-        let channels: Vec<_> = signatures.iter().zip(weights).collect();
+        let channels = signatures.iter().zip(descriptor.channels());
+        let channels: Vec<_> =
+            channels.map(|(signatures, (channel, weight))| (signatures, channel.metric(), weight)).collect();
         let database = Database::new(&channels, labels(&clouds)).map_err(|error| Message::of(&error).what)?;
         Ok(Self { preprocess, describer, database, clouds })
     }
