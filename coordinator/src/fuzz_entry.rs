@@ -21,8 +21,8 @@ pub fn artefact_settings(text: &str) -> bool {
     crate::artefact::reads_settings(text)
 }
 
-/// Sound settings of an artefact.
-pub fn sample_artefact_settings() -> String {
+/// Sound settings of artefacts.
+pub fn sample_artefact_settings() -> [String; 2] {
     crate::artefact::sample_settings()
 }
 

@@ -156,6 +156,14 @@ impl Channel {
         }
     }
 
+    /// A set distance, or its own if that is χ².
+    pub(crate) fn metric_or(&self, distance: SetDistance) -> SetDistance {
+        match distance {
+            SetDistance::ChiSquared => self.metric(),
+            other => other,
+        }
+    }
+
     /// Distances between clouds by their signatures in this channel, computed by the current rayon pool.
     ///
     /// # Panics

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::distance::{LANES, Transposed};
+use crate::distance::{LANES, SetDistance, Transposed};
 use crate::recognise::{Hit, Label, Match, RecogniseError};
 use crate::signature::{Signature, Signatures};
 
@@ -19,22 +19,27 @@ struct Channel {
     /// Lengths of a centroid and of a deviation.
     lengths: [usize; 2],
     transposed: Transposed,
+    metric: SetDistance,
     weight: f64,
 }
 
 impl Database {
-    /// Of clouds that show `labels`, with their signatures in each channel and its weight.
+    /// Of clouds that show `labels`, with their signatures in each channel, how these are compared, and the channel's
+    /// weight: of a structure its weight over its scale.
     ///
     /// # Errors
     /// [`RecogniseError::EmptyDatabase`] if there is no cloud.
     ///
     /// # Panics
     /// If there is not one label and one signature a channel for each cloud: a programming error.
-    pub fn new(channels: &[(&Signatures, f64)], labels: Vec<Label>) -> Result<Self, RecogniseError> {
-        let channel = |&(signatures, weight): &(&Signatures, f64)| {
+    pub fn new(
+        channels: &[(&Signatures, SetDistance, f64)],
+        labels: Vec<Label>,
+    ) -> Result<Self, RecogniseError> {
+        let channel = |&(signatures, metric, weight): &(&Signatures, SetDistance, f64)| {
             assert_eq!(signatures.clouds(), labels.len(), "one label for each cloud");
             let lengths = [signatures.bins, signatures.width - signatures.bins];
-            Channel { lengths, transposed: Transposed::new(signatures), weight }
+            Channel { lengths, transposed: Transposed::new(signatures), metric, weight }
         };
         let channels = channels.iter().map(channel).collect();
         if labels.is_empty() {
@@ -57,11 +62,11 @@ impl Database {
         assert_eq!(query.len(), self.channels.len(), "query of another descriptor");
         let mut row = vec![[0.0; LANES]; self.clouds().div_ceil(LANES)];
         let mut distances = vec![0.0; self.clouds()];
-        for (Channel { lengths, transposed, weight }, Signature { centroid, deviation }) in
+        for (Channel { lengths, transposed, metric, weight }, Signature { centroid, deviation }) in
             self.channels.iter().zip(query)
         {
             assert_eq!([centroid.len(), deviation.len()], *lengths, "query of another descriptor");
-            transposed.distances([centroid, deviation], &mut row);
+            transposed.by(*metric, [centroid, deviation], &mut row);
             for (sum, &distance) in distances.iter_mut().zip(row.as_flattened()) {
                 *sum += weight * f64::from(distance);
             }
@@ -93,8 +98,9 @@ impl Database {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::distance::DistanceMatrix;
     use crate::random::stream;
-    use crate::recognise;
+    use crate::recognise::{self, recognise_from};
     use crate::testing::{by_channel, set_distance, unit};
 
     const SHAPE: usize = 7;
@@ -111,7 +117,9 @@ mod tests {
 
     fn database(clouds: &[[Signature; 2]], labels: &[Label], weight: f64) -> Database {
         let [shape, colour] = by_channel(clouds);
-        Database::new(&[(&shape, weight), (&colour, 1.0 - weight)], labels.to_vec()).unwrap()
+        let chi_squared = SetDistance::ChiSquared;
+        let channels = [(&shape, chi_squared, weight), (&colour, chi_squared, 1.0 - weight)];
+        Database::new(&channels, labels.to_vec()).unwrap()
     }
 
     /// Some clouds show the same object, in no order.
@@ -133,11 +141,44 @@ mod tests {
                 let database = database(&reference, &labels, weight);
                 assert_eq!(database.clouds(), clouds);
                 let (weights, asked) = ([weight, 1.0 - weight], by_channel(&queries));
-                let expected = recognise(&asked, &by_channel(&reference), &weights, &labels).unwrap();
+                let expected =
+                    recognise::recognise(&asked, &by_channel(&reference), &weights, &labels).unwrap();
                 let got: Vec<Match> = queries.iter().map(|query| database.recognise(query)).collect();
                 assert_eq!(got, expected, "{clouds} clouds, {objects} objects, w = {weight}");
             }
         }
+    }
+
+    /// Of a structure: three channels, each compared in another way, one of which keeps no deviation.
+    #[test]
+    fn every_channel_is_compared_in_its_own_way() {
+        let of_one_row = |clouds: &[[Signature; 2]]| -> Signatures {
+            let rows: Vec<Signature> = clouds
+                .iter()
+                .map(|[shape, _]| Signature { centroid: shape.centroid.clone(), deviation: Vec::new() })
+                .collect();
+            rows.iter().collect()
+        };
+        let channels = |clouds: &[[Signature; 2]]| {
+            let [shape, colour] = by_channel(clouds);
+            [shape, colour, of_one_row(clouds)]
+        };
+        let (reference, queries) = (clouds("reference", 50, COLOUR), clouds("query", 40, COLOUR));
+        let (labels, weights) = (labels(50, 9), [0.3 / 0.125, 1.7 / 0.3, 0.05]);
+        let (known, asked) = (channels(&reference), channels(&queries));
+        let own: Vec<_> = (0..3).map(|i| (&known[i], SetDistance::ALL[i], weights[i])).collect();
+        let database = Database::new(&own, labels.clone()).unwrap();
+        let matrix = |i: usize| DistanceMatrix::by(SetDistance::ALL[i], &asked[i], &known[i]);
+        let distances: Vec<_> = (0..3).map(|i| (matrix(i), weights[i])).collect();
+        let expected = recognise_from(40, &distances, &labels).unwrap();
+        let query = |i: usize| {
+            asked.each_ref().map(|channel| {
+                let [centroid, deviation] = channel.get(i).map(<[f32]>::to_vec);
+                Signature { centroid, deviation }
+            })
+        };
+        let got: Vec<Match> = (0..40).map(|i| database.recognise(&query(i))).collect();
+        assert_eq!(got, expected);
     }
 
     #[test]
@@ -160,7 +201,7 @@ mod tests {
     #[test]
     fn a_database_without_clouds_is_refused() {
         let empty = Signatures::default();
-        let refused = Database::new(&[(&empty, 0.5), (&empty, 0.5)], Vec::new());
+        let refused = Database::new(&[(&empty, SetDistance::ChiSquared, 0.5)], Vec::new());
         assert!(matches!(refused, Err(RecogniseError::EmptyDatabase)));
     }
 }

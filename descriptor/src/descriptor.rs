@@ -154,9 +154,8 @@ impl Descriptor {
     }
 
     /// Distances of all queries to all clouds of a database in each channel, by a set distance or, of a structure if
-    /// that is χ², by the channel's own; each with the factor of its distances: weight over scale. Scales are found by
-    /// the first clouds of the database, so many as `known` says. Signatures are those of queries and database in each
-    /// channel.
+    /// that is χ², by the channel's own; each with the factor of its distances: weight over scale. Scales are those of
+    /// [`Descriptor::scales`]. Signatures are those of queries and database in each channel.
     ///
     /// # Panics
     /// If there are not as many as channels: a programming error.
@@ -166,20 +165,37 @@ impl Descriptor {
         signatures: &[[Signatures; 2]],
         known: usize,
     ) -> Vec<(DistanceMatrix, f64)> {
-        let channels = self.channels();
-        assert_eq!(signatures.len(), channels.len(), "signatures in each channel");
-        let channels = channels.into_iter().zip(self.scaled_channels()).zip(signatures);
+        let databases: Vec<&Signatures> = signatures.iter().map(|[_, database]| database).collect();
+        let scales = self.scales(distance, &databases, known);
+        let channels = self.channels().into_iter().zip(scales).zip(signatures);
         channels
-            .map(|(((channel, weight), scaled), [queries, database])| {
-                let distance = match distance {
-                    SetDistance::ChiSquared => channel.metric(),
-                    other => other,
-                };
-                let scale = scaled.map_or(1.0, |_| {
-                    let known = database.first(known);
-                    scale(&DistanceMatrix::by(distance, &known, &known))
-                });
-                (DistanceMatrix::by(distance, queries, database), weight / scale)
+            .map(|(((channel, weight), scale), [queries, database])| {
+                (DistanceMatrix::by(channel.metric_or(distance), queries, database), weight / scale)
+            })
+            .collect()
+    }
+
+    /// What distances by this set distance, or by a channel's own as in [`Descriptor::distances`], are divided by in each
+    /// channel: the [`scale`] of the first clouds of a database, so many as `known` says, or 1 where they are taken as they
+    /// are. Signatures are those of the database in each channel.
+    ///
+    /// # Panics
+    /// If there are not as many as channels: a programming error.
+    pub fn scales<S: Borrow<Signatures>>(
+        &self,
+        distance: SetDistance,
+        database: &[S],
+        known: usize,
+    ) -> Vec<f64> {
+        let channels = self.channels();
+        assert_eq!(database.len(), channels.len(), "signatures in each channel");
+        let channels = channels.into_iter().zip(self.scaled_channels()).zip(database);
+        channels
+            .map(|(((channel, _), scaled), database)| {
+                scaled.map_or(1.0, |_| {
+                    let known = database.borrow().first(known);
+                    scale(&DistanceMatrix::by(channel.metric_or(distance), &known, &known))
+                })
             })
             .collect()
     }

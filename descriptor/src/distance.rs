@@ -203,6 +203,15 @@ impl Transposed {
         self.distances_by::<ChiSquared>(query, row);
     }
 
+    /// As [`Transposed::distances`], by any set distance.
+    pub(crate) fn by(&self, distance: SetDistance, query: [&[f32]; 2], row: &mut [[f32; LANES]]) {
+        match distance {
+            SetDistance::ChiSquared => self.distances_by::<ChiSquared>(query, row),
+            SetDistance::L1 => self.distances_by::<L1>(query, row),
+            SetDistance::Hellinger => self.distances_by::<Hellinger>(query, row),
+        }
+    }
+
     fn distances_by<T: Terms>(&self, [centroid, deviation]: [&[f32]; 2], row: &mut [[f32; LANES]]) {
         if self.pairs == 0 {
             row.fill([0.0; LANES]);

@@ -59,7 +59,7 @@ pub enum Error {
     Newer { file: PathBuf, got: u32, supported: u32 },
     /// A file of one table in the folder of another.
     #[error("{}: expected table {expected}, got {got:?}\nmove the file back to its folder", .file.display())]
-    WrongTable { file: PathBuf, expected: TableName, got: String },
+    WrongTable { file: PathBuf, expected: String, got: String },
     /// A column that breaks the promise that columns are only added.
     #[error("{}: column {column}: expected {expected}, got {got}\nread it with the program that wrote it", .file.display())]
     Column { file: PathBuf, column: String, expected: String, got: String },

@@ -354,7 +354,8 @@ fn is_ours(table: TableName, name: &str) -> bool {
         | TableName::Landscapes
         | TableName::Counts
         | TableName::Grid
-        | TableName::Database => false,
+        | TableName::Database
+        | TableName::Channels => false,
     }
 }
 

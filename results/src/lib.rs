@@ -34,7 +34,7 @@ mod query;
 mod report;
 
 pub use columns::{Column, ColumnKind, GeneColumn};
-pub use database::{Database, DatabasePart, read_database, write_database};
+pub use database::{Database, DatabasePart, DatabaseParts, read_database, write_database};
 pub use error::Error;
 pub use folder::RunFolder;
 pub use grid::{FinishedGrid, GridFolder, read_grid};

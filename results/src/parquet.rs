@@ -90,14 +90,14 @@ fn checksum_position(bytes: &[u8], file: &Path) -> Result<usize, Error> {
 
 /// Reads a file of table `expected` with polars' threads. `file` names it in errors.
 pub(crate) fn decode(bytes: Vec<u8>, expected: TableName, file: &Path) -> Result<TableFile, Error> {
-    decode_with(ParallelStrategy::Auto, bytes, expected, file)
+    decode_with(ParallelStrategy::Auto, bytes, &[expected], file)
 }
 
-/// As [`decode`], on as many threads as the strategy takes.
+/// As [`decode`], of one of several tables and on as many threads as the strategy takes.
 pub(crate) fn decode_with(
     threads: ParallelStrategy,
     bytes: Vec<u8>,
-    expected: TableName,
+    expected: &[TableName],
     file: &Path,
 ) -> Result<TableFile, Error> {
     let mut verified = VerifiedFile::open(bytes, expected, file)?;
@@ -119,8 +119,8 @@ pub(crate) struct VerifiedFile {
 }
 
 impl VerifiedFile {
-    /// Verifies the checksum, then reads the metadata.
-    pub(crate) fn open(mut bytes: Vec<u8>, expected: TableName, file: &Path) -> Result<Self, Error> {
+    /// Verifies the checksum, then reads the metadata, which must name one of the expected tables.
+    pub(crate) fn open(mut bytes: Vec<u8>, expected: &[TableName], file: &Path) -> Result<Self, Error> {
         let damaged = |what: String| Error::Damaged { file: file.to_owned(), what };
         let at = checksum_position(&bytes, file)?;
         let recorded = bytes[at..at + DIGITS].to_vec();
@@ -143,16 +143,18 @@ impl VerifiedFile {
             }
             _ => return Err(damaged(format!("its {VERSION_KEY} is no version"))),
         }
-        if value(TABLE_KEY)? != expected.as_str() {
-            let got = value(TABLE_KEY)?.to_owned();
-            return Err(Error::WrongTable { file: file.to_owned(), expected, got });
-        }
+        let got = value(TABLE_KEY)?;
+        let Some(&name) = expected.iter().find(|table| table.as_str() == got) else {
+            let expected: Vec<&str> = expected.iter().map(|table| table.as_str()).collect();
+            let (file, expected, got) = (file.to_owned(), expected.join(" or "), got.to_owned());
+            return Err(Error::WrongTable { file, expected, got });
+        };
         let columns: Vec<Column> = serde_json::from_str(value(COLUMNS_KEY)?)
             .map_err(|error| damaged(format!("its {COLUMNS_KEY} is no list of columns: {error}")))?;
-        let prefix = gene_prefix(expected);
+        let prefix = gene_prefix(name);
         let genes: Vec<GeneColumn> =
             columns.iter().filter_map(|column| GeneColumn::of(column, prefix.as_ref()?)).collect();
-        let table = Table::new(expected, &genes)?;
+        let table = Table::new(name, &genes)?;
         drop(reader);
         let threads = ParallelStrategy::Auto;
         Ok(Self { bytes, metadata, threads, table, file: file.to_owned() })

@@ -62,8 +62,10 @@ table_names! {
     Counts = "counts",
     /// One row: the grid itself.
     Grid = "grid",
-    /// One row per reference cloud of an artefact.
+    /// One row per reference cloud of an artefact, by shape and colour.
     Database = "database",
+    /// One row per reference cloud of an artefact, by channels.
+    Channels = "channels",
 }
 
 impl TableName {
@@ -85,8 +87,8 @@ impl TableName {
     /// The tables of a grid folder.
     pub const GRID: [Self; 6] =
         [Self::Cells, Self::Best, Self::Marginals, Self::Landscapes, Self::Counts, Self::Grid];
-    /// The tables of artefacts.
-    pub const ARTEFACT: [Self; 1] = [Self::Database];
+    /// The tables of artefacts, of which each has one.
+    pub const ARTEFACT: [Self; 2] = [Self::Database, Self::Channels];
 
     /// Name of the file of a table that has one file.
     pub(crate) fn file(self) -> String {

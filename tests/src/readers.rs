@@ -75,7 +75,7 @@ pub fn all(folder: PathBuf) -> Vec<Reader> {
         reader(
             "artefact settings",
             TOML_WORDS,
-            vec![coordinator::fuzz_entry::sample_artefact_settings().into_bytes()],
+            coordinator::fuzz_entry::sample_artefact_settings().map(String::into_bytes).to_vec(),
             move |bytes| coordinator::fuzz_entry::artefact_settings(&text(bytes)),
         ),
         reader("poll", &[], vec![poll().encode_to_vec()], coordinator::fuzz_entry::poll),

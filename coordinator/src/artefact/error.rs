@@ -163,13 +163,21 @@ pub enum ExportError {
     },
     /// A descriptor that an artefact has no columns for.
     #[error(
-        "{run}: an artefact holds a descriptor of disk-ring, got one of {got}\ntake the paper's with --descriptor paper, or run the experiment with family = \"disk-ring\"", run = .run.display()
+        "{run}: an artefact holds a descriptor of disk-ring or structure, got one of {got}\ntake the paper's with --descriptor paper, or run the experiment with one of these families", run = .run.display()
     )]
     Family {
         /// The run.
         run: PathBuf,
         /// The family of its descriptors.
         got: Family,
+    },
+    /// A structure for clouds whose colours the run does not look at.
+    #[error(
+        "{run}: the structure's features need a run with colours, got one without\nchoose features without colour, or run the experiment with colour = true", run = .run.display()
+    )]
+    NeedsColour {
+        /// The run.
+        run: PathBuf,
     },
     /// Something else is in the way.
     #[error("{folder}: must be a new folder or an artefact, got {got}\nchoose another folder, or remove this one", folder = .folder.display())]

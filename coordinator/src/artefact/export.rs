@@ -7,15 +7,16 @@ use std::path::{Path, PathBuf};
 
 use atomic::{Access, NewFolder};
 use cache::{Storage, Store};
-use descriptor::{Describer, Descriptor, Family, SearchSpace, SetDistance, Signature, pcd};
+use descriptor::structure::Structure;
+use descriptor::{Describer, Descriptor, Family, Preprocess, SearchSpace, SetDistance, Signature, pcd};
 use rayon::prelude::*;
-use results::{DatabaseCloud, DatabasePart, PredictionRow, PredictionSplit};
+use results::{DatabaseCloud, DatabasePart, DatabaseParts, PredictionRow, PredictionSplit};
 
 use super::readme::About;
-use super::recogniser::Recogniser;
+use super::recogniser::{Recogniser, signatures};
 use super::settings::{DatabaseSettings, Settings, TestVectorSettings, VERSION};
 use super::test_vector::{Example, Verdict, test_vector};
-use super::{Chosen, DATABASE, EXAMPLE, ExportError, FILES, README, SETTINGS, TEST_VECTOR};
+use super::{Chosen, DATABASE, EXAMPLE, ExportError, FILES, README, SETTINGS, TEST_VECTOR, scales};
 use crate::dataset::{CloudEntry, Dataset, read_file};
 use crate::evaluate::{Seconds, stages};
 use crate::experiment::{Overrides, of_one};
@@ -62,24 +63,29 @@ pub fn export(
         return Err(ExportError::OtherData { run, expected, got, difference });
     }
     let winner = |what: String| ExportError::Winner { run: run.to_owned(), what };
-    let preprocess = *experiment.preprocess();
-    let family = experiment.space().family();
-    let descriptor = match chosen {
-        Chosen::Evolved if family != Family::DiskRing => {
-            return Err(ExportError::Family { run: run.to_owned(), got: family });
-        }
-        Chosen::Evolved => experiment
-            .space()
-            .from_values(&finished.row.best_genes)
-            .ok_or_else(|| winner("gene values must lie on the genes' grids, got others".to_owned()))?,
+    let mut preprocess = *experiment.preprocess();
+    let descriptor = match &chosen {
+        Chosen::Evolved => evolved(run, experiment.space(), &finished.row.best_genes)?,
         Chosen::Paper => paper(preprocess.colour).map_err(winner)?,
+        Chosen::Structure(structure) => Descriptor::Structure(structure.clone()),
     };
+    let family = descriptor.family();
+    if family == Family::Structure {
+        // Its channels have grids of their own, and its settings no other.
+        preprocess.leaf_um = Preprocess::default().leaf_um;
+        if descriptor.needs_colour() && !preprocess.colour {
+            return Err(ExportError::NeedsColour { run: run.to_owned() });
+        }
+    }
 
     let database = describe(&dataset, &preprocess, &descriptor, winner)?;
+    let reference = signatures(&descriptor, &database).map_err(winner)?;
+    let scales = scales::found(&descriptor, &reference, dataset.splits.trained());
     let example = example(&dataset)?;
-    let recogniser = Recogniser::new(preprocess, &descriptor, database.clone()).map_err(winner)?;
+    let recogniser =
+        Recogniser::new(preprocess, &descriptor, scales.as_deref(), database.clone()).map_err(winner)?;
     let vector = |recogniser: &Recogniser, example: &Example| {
-        test_vector(recogniser, example).map_err(|error| ExportError::Cloud {
+        test_vector(recogniser, family, example).map_err(|error| ExportError::Cloud {
             path: dataset.clouds.root.join(&example.cloud),
             what: error.to_string(),
         })
@@ -110,12 +116,15 @@ pub fn export(
         database: DatabaseSettings {
             clouds: database.clouds.len() as u32,
             digest: digest.to_hex().to_string(),
+            scales: scales.clone(),
         },
         test_vector: TestVectorSettings { digest: blake3::hash(vector_text.as_bytes()).to_hex().to_string() },
     };
     let settings = settings.seal().map_err(|error| winner(error.to_string()))?;
     let clouds = &database.clouds;
-    let about = About { finished: &finished, chosen, descriptor: &descriptor, preprocess, clouds };
+    let scales = scales.as_deref().unwrap_or_default();
+    let about =
+        About { finished: &finished, chosen: &chosen, descriptor: &descriptor, scales, preprocess, clouds };
     for (name, bytes) in [
         (SETTINGS, settings.as_bytes()),
         (TEST_VECTOR, vector_text.as_bytes()),
@@ -148,6 +157,17 @@ pub fn export(
         answer: verdict.to_string(),
         bytes,
     })
+}
+
+/// The run's winner.
+fn evolved(run: &Path, space: &SearchSpace, genes: &[Option<f64>]) -> Result<Descriptor, ExportError> {
+    let family = space.family();
+    if !matches!(family, Family::DiskRing | Family::Structure) {
+        return Err(ExportError::Family { run: run.to_owned(), got: family });
+    }
+    let what = "gene values must lie on the genes' grids, got others";
+    let other = || ExportError::Winner { run: run.to_owned(), what: what.to_owned() };
+    space.from_values(genes).ok_or_else(other)
 }
 
 /// The paper's descriptor, as clouds with or without colours have it.
@@ -205,7 +225,7 @@ fn refuse_unsound(run: &Path) -> Result<(), ExportError> {
 /// The signatures of the final test's database, in its order.
 fn describe(
     dataset: &Dataset,
-    preprocess: &descriptor::Preprocess,
+    preprocess: &Preprocess,
     descriptor: &Descriptor,
     winner: impl Fn(String) -> ExportError,
 ) -> Result<results::Database, ExportError> {
@@ -229,11 +249,14 @@ fn describe(
         centroids: signatures.iter().flat_map(|cloud| &cloud[channel].centroid).copied().collect(),
         deviations: signatures.iter().flat_map(|cloud| &cloud[channel].deviation).copied().collect(),
     };
-    Ok(results::Database {
-        clouds: entries.iter().map(|&entry| labelled(dataset, entry)).collect(),
-        shape: part(0),
-        colour: part(1),
-    })
+    let parts = match descriptor {
+        Descriptor::Structure(Structure { channels }) => {
+            DatabaseParts::Channels((0..channels.len()).map(part).collect())
+        }
+        _ => DatabaseParts::ShapeColour([part(0), part(1)]),
+    };
+    let clouds = entries.iter().map(|&entry| labelled(dataset, entry)).collect();
+    Ok(results::Database { clouds, parts })
 }
 
 /// A cloud's path and names.

@@ -1,28 +1,34 @@
 //! A run's descriptor taken away: a folder that recognises objects without the run, its data, or a network.
 //!
 //! `export` makes the folder, `recogniser` answers from it, `settings` is its `descriptor.toml`, `test_vector` its
-//! example for other implementations, `readme` its text for people.
+//! example for other implementations, `readme` its text for people, `scales` what a structure needs beside its database.
 
 mod error;
 mod export;
 mod readme;
 mod recogniser;
+mod scales;
 mod settings;
 mod test_vector;
 #[cfg(test)]
 mod tests;
+
+use descriptor::structure::Structure;
+use descriptor::{Descriptor, Family};
 
 pub use error::{ArtefactError, CloudError, ExportError};
 pub use export::export;
 pub use recogniser::{Answer, Named, Recogniser};
 
 /// Which descriptor is taken away.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Chosen {
     /// The run's winner.
     Evolved,
     /// The paper's best chromosome, on the run's clouds.
     Paper,
+    /// This structure, on the run's clouds.
+    Structure(Structure),
 }
 
 /// Whether this is the text of an artefact's settings that mean something.
@@ -32,10 +38,12 @@ pub(crate) fn reads_settings(text: &str) -> bool {
         .is_ok_and(|settings| settings.resolve(folder).is_ok())
 }
 
-/// The text of sound settings.
-pub(crate) fn sample_settings() -> String {
-    let paper = descriptor::Descriptor::default_of(descriptor::Family::DiskRing);
-    settings::Settings::sample(&Default::default(), &paper).seal().unwrap_or_default()
+/// Texts of sound settings: one of each family that artefacts hold.
+pub(crate) fn sample_settings() -> [String; 2] {
+    [Family::DiskRing, Family::Structure].map(|family| {
+        let sample = settings::Settings::sample(&Default::default(), &Descriptor::default_of(family));
+        sample.seal().unwrap_or_default()
+    })
 }
 
 /// The descriptor's settings; digests of the other files.

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
+use descriptor::structure::Structure;
 use descriptor::{Descriptor, Preprocess, Unit};
 use results::{Counts, DatabaseCloud, FinishedRun, wilson};
 
@@ -12,8 +13,10 @@ use crate::run::progress::percent;
 /// Everything the text is made of.
 pub(super) struct About<'a> {
     pub finished: &'a FinishedRun,
-    pub chosen: Chosen,
+    pub chosen: &'a Chosen,
     pub descriptor: &'a Descriptor,
+    /// Of a structure's channels.
+    pub scales: &'a [f64],
     pub preprocess: Preprocess,
     pub clouds: &'a [DatabaseCloud],
 }
@@ -21,13 +24,14 @@ pub(super) struct About<'a> {
 impl About<'_> {
     /// The text.
     pub(super) fn text(&self) -> String {
-        let Self { finished, chosen, descriptor, preprocess, clouds } = self;
+        let Self { finished, chosen, descriptor, preprocess, clouds, scales } = self;
         let run = &finished.row;
         let objects: BTreeSet<_> = clouds.iter().map(|row| (&row.category, &row.instance)).collect();
         let categories: BTreeSet<_> = clouds.iter().map(|row| &row.category).collect();
         let which = match chosen {
             Chosen::Evolved => "The descriptor",
             Chosen::Paper => "The paper's own best descriptor, and the reference clouds",
+            Chosen::Structure(_) => "A structure written by hand, and the reference clouds",
         };
         let (unit, length) = match preprocess.unit {
             Unit::Metre => ("metres", "m"),
@@ -60,28 +64,41 @@ impl About<'_> {
         );
         text.push_str("## How well\n\n");
         text.push_str(&self.errors());
+        let (sum, kept) = match descriptor {
+            Descriptor::Structure(_) => (
+                "the sum over the channels of weight / scale times the distance, χ² unless the channel names another, of \
+                 the centroids plus that of the standard deviations of its rows",
+                "centroid and standard deviation of its rows in each channel",
+            ),
+            _ => (
+                "w · shape + (1 − w) · colour, each the χ² distance \
+                 of the centroids plus that of the standard deviations of all keypoints' histograms",
+                "centroid and standard deviation of its shape and colour histograms",
+            ),
+        };
         let _ = write!(
             text,
             "\n## The numbers\n\n\
-             - `distance`: set distance to the nearest reference cloud, w · shape + (1 − w) · colour, each the χ² distance \
-             of the centroids plus that of the standard deviations of all keypoints' histograms. 0 is the same cloud.\n\
+             - `distance`: set distance to the nearest reference cloud, {sum}. 0 is the same cloud.\n\
              - `margin`: how much farther the nearest cloud of another object is. Small margins are the doubtful answers.\n\
-             - Neither is a probability, and an object that is not among the {} is taken for the nearest of them.\n\n\
-             | gene | value | meaning |\n|---|---|---|\n",
+             - Neither is a probability, and an object that is not among the {} is taken for the nearest of them.\n\n",
             objects.len(),
         );
-        for (column, value) in descriptor.family().columns().iter().zip(descriptor.values()) {
-            let Some(value) = value else { continue };
-            let value = format!("{value} {}", column.unit);
-            let _ = writeln!(text, "| {} | {} | {} |", column.name, value.trim_end(), column.meaning);
+        match descriptor {
+            Descriptor::Structure(Structure { channels }) => {
+                for ((number, channel), scale) in (1..).zip(channels).zip(*scales) {
+                    let _ = writeln!(text, "{number}. `{channel}`, scale {scale}");
+                }
+            }
+            _ => text.push_str(&genes(descriptor)),
         }
         let _ = write!(
             text,
             "\n## Files\n\n\
              - `{SETTINGS}`: the descriptor, what is done to a cloud before it (coordinates in {length}), and the digests \
              (BLAKE3) of the others.\n\
-             - `{DATABASE}`: a row a reference cloud: its labels, and centroid and standard deviation of its shape and \
-             colour histograms. The columns are described in the file's metadata, `descry.columns`.\n\
+             - `{DATABASE}`: a row a reference cloud: its labels, and {kept}. The columns are described in the file's \
+             metadata, `descry.columns`.\n\
              - `{TEST_VECTOR}`: the same of `{EXAMPLE}`, and what it is recognised as: another implementation should \
              come to these numbers.\n",
         );
@@ -91,7 +108,7 @@ impl About<'_> {
     /// What the run measured of this descriptor.
     fn errors(&self) -> String {
         let row = &self.finished.row;
-        let Some(test) = row.test.filter(|_| self.chosen == Chosen::Evolved) else {
+        let Some(test) = row.test.filter(|_| *self.chosen == Chosen::Evolved) else {
             return "Not measured: the run has no test of this descriptor.\n".to_owned();
         };
         let Counts { object_correct, category_correct, queries } = test;
@@ -109,4 +126,15 @@ impl About<'_> {
             error(test.category_error(), category_correct),
         )
     }
+}
+
+/// The descriptor's genes as a table.
+fn genes(descriptor: &Descriptor) -> String {
+    let mut text = "| gene | value | meaning |\n|---|---|---|\n".to_owned();
+    for (column, value) in descriptor.family().columns().iter().zip(descriptor.values()) {
+        let Some(value) = value else { continue };
+        let value = format!("{value} {}", column.unit);
+        let _ = writeln!(text, "| {} | {} | {} |", column.name, value.trim_end(), column.meaning);
+    }
+    text
 }

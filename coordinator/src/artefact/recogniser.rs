@@ -6,13 +6,14 @@ use std::path::Path;
 use std::time::Instant;
 
 use descriptor::{
-    Database, DescribeError, Described, Describer, Descriptor, Label, PrepareError, Preprocess, Unit, pcd,
+    Database, DescribeError, Described, Describer, Descriptor, Family, Label, PrepareError, Preprocess,
+    Signatures, Unit, pcd,
 };
-use results::DatabaseCloud;
+use results::{DatabaseCloud, DatabasePart, DatabaseParts};
 
 use super::error::CloudError;
 use super::settings::Settings;
-use super::{ArtefactError, DATABASE, SETTINGS};
+use super::{ArtefactError, DATABASE, SETTINGS, scales};
 use crate::evaluate::{Seconds, stages};
 
 /// A descriptor with its reference clouds. Nothing here starts a thread.
@@ -89,24 +90,23 @@ impl Recogniser {
                 text.escape_debug()
             )));
         }
-        Self::new(preprocess, &descriptor, database).map_err(refused)
+        Self::new(preprocess, &descriptor, settings.database.scales.as_deref(), database).map_err(refused)
     }
 
-    /// From what an artefact holds; `Err` says why that does not fit together.
+    /// From what an artefact holds; `Err` says why that does not fit together. The descriptor can have the scales.
     pub(super) fn new(
         preprocess: Preprocess,
         descriptor: &Descriptor,
+        scales: Option<&[f64]>,
         database: results::Database,
     ) -> Result<Self, String> {
         let describer = Describer::new(descriptor).map_err(|error| Message::of(&error).what)?;
-        let results::Database { clouds, shape, colour } = database;
-        let columns = [&shape, &colour].map(|part| [part.centroids.as_slice(), part.deviations.as_slice()]);
-        let count =
-            u32::try_from(clouds.len()).map_err(|_| format!("too many clouds, got {}", clouds.len()))?;
-        let signatures =
-            descriptor.signatures_of_columns(&columns, count).map_err(|error| Message::of(&error).what)?;
-        let weights = descriptor.channels().into_iter().map(|(_, weight)| weight);
-        let channels: Vec<_> = signatures.iter().zip(weights).collect();
+        let signatures = signatures(descriptor, &database)?;
+        let metrics = descriptor.channels().into_iter().map(|(channel, _)| channel.metric());
+        let channels = signatures.iter().zip(metrics).zip(scales::weights(descriptor, scales));
+        let channels: Vec<_> =
+            channels.map(|((signatures, metric), weight)| (signatures, metric, weight)).collect();
+        let clouds = database.clouds;
         let database = Database::new(&channels, labels(&clouds)).map_err(|error| Message::of(&error).what)?;
         Ok(Self { preprocess, describer, database, clouds })
     }
@@ -152,6 +152,23 @@ impl Recogniser {
         seconds.matching += clock.elapsed();
         Ok(answer)
     }
+}
+
+/// The signatures of the reference clouds in each channel; `Err` says why they are not the descriptor's.
+pub(super) fn signatures(
+    descriptor: &Descriptor,
+    database: &results::Database,
+) -> Result<Vec<Signatures>, String> {
+    let results::Database { clouds, parts } = database;
+    let parts: &[DatabasePart] = match (descriptor.family(), parts) {
+        (Family::DiskRing, DatabaseParts::ShapeColour(parts)) => parts,
+        (Family::Structure, DatabaseParts::Channels(channels)) => channels,
+        (family, _) => return Err(format!("columns must be those of family {family}, got others")),
+    };
+    let columns: Vec<_> =
+        parts.iter().map(|part| [part.centroids.as_slice(), part.deviations.as_slice()]).collect();
+    let count = u32::try_from(clouds.len()).map_err(|_| format!("too many clouds, got {}", clouds.len()))?;
+    descriptor.signatures_of_columns(&columns, count).map_err(|error| Message::of(&error).what)
 }
 
 /// A unit's name, as in settings.

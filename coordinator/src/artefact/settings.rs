@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use descriptor::{Descriptor, Preprocess, SetDistance, Unit};
+use descriptor::{Descriptor, Family, Preprocess, SetDistance, Unit};
 use serde::{Deserialize, Serialize};
 
-use super::{ArtefactError, SETTINGS};
+use super::{ArtefactError, SETTINGS, scales};
 use crate::experiment::{RawDescriptor, RawPreprocess, of_one, one, shortened};
 use crate::run::directory::read_bounded;
 
@@ -25,7 +25,7 @@ pub(super) struct Settings {
     pub evaluation_version: u32,
     pub run_digest: String,
     pub data_digest: String,
-    /// How the centroids, and the deviations, of two clouds are compared.
+    /// How the centroids, and the deviations, of two clouds are compared; of a structure, where a channel has no metric.
     pub set_distance: String,
     /// Of the coordinates in clouds.
     pub unit: Unit,
@@ -41,6 +41,9 @@ pub(super) struct DatabaseSettings {
     pub clouds: u32,
     /// BLAKE3 of the file.
     pub digest: String,
+    /// Of a structure: what the distances of each channel are divided by.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub scales: Option<Vec<f64>>,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -94,15 +97,21 @@ impl Settings {
         Ok(settings)
     }
 
-    /// What is done to a cloud, and by which descriptor.
+    /// What is done to a cloud, and by which descriptor, which can have the scales.
     pub(super) fn resolve(&self, folder: &Path) -> Result<(Preprocess, Descriptor), ArtefactError> {
-        Ok(one(&self.preprocess, self.unit, &self.descriptor, &folder.join(SETTINGS))?)
+        let path = folder.join(SETTINGS);
+        let (preprocess, descriptor) = one(&self.preprocess, self.unit, &self.descriptor, &path)?;
+        scales::check(&descriptor, self.database.scales.as_deref())
+            .map_err(|what| ArtefactError::Settings { path, what })?;
+        Ok((preprocess, descriptor))
     }
 
     /// Settings of no artefact, for tests and fuzzing.
     pub(super) fn sample(preprocess: &Preprocess, descriptor: &Descriptor) -> Self {
         let sections = of_one(preprocess, descriptor);
-        let (raw, descriptor) = sections.expect("a descriptor that experiments can ask for");
+        let (raw, sections) = sections.expect("a descriptor that experiments can ask for");
+        let scale = |scaled: Option<Descriptor>| scaled.map_or(1.0, |_| 0.125);
+        let scales = descriptor.scaled_channels().into_iter().map(scale).collect();
         Self {
             version: VERSION,
             digest: String::new(),
@@ -113,8 +122,12 @@ impl Settings {
             set_distance: SetDistance::ChiSquared.name().to_owned(),
             unit: preprocess.unit,
             preprocess: raw,
-            descriptor,
-            database: DatabaseSettings { clouds: 943, digest: "ef".repeat(32) },
+            descriptor: sections,
+            database: DatabaseSettings {
+                clouds: 943,
+                digest: "ef".repeat(32),
+                scales: (descriptor.family() == Family::Structure).then_some(scales),
+            },
             test_vector: TestVectorSettings { digest: "01".repeat(32) },
         }
     }
@@ -137,7 +150,7 @@ impl Settings {
 
 #[cfg(test)]
 mod tests {
-    use descriptor::{Family, Parameters};
+    use descriptor::Parameters;
     use expect_test::expect;
 
     use super::*;
@@ -160,8 +173,10 @@ mod tests {
         let millimetres =
             Preprocess { leaf_um: 15_000, unit: Unit::Millimetre, colour: false, ..Preprocess::default() };
         let hue = Descriptor::default_of(Family::GlobalHue);
+        let structure = Descriptor::default_of(Family::Structure);
+        let plain = Preprocess::default();
         for (preprocess, descriptor) in
-            [(Preprocess::default(), paper()), (millimetres, colourless), (Preprocess::default(), hue)]
+            [(plain, paper()), (millimetres, colourless), (plain, hue), (plain, structure)]
         {
             let text = Settings::sample(&preprocess, &descriptor).seal().unwrap();
             let read = parse(&text).unwrap();
@@ -205,6 +220,19 @@ mod tests {
     }
 
     #[test]
+    fn scales_are_read_bit_for_bit() {
+        let mut settings =
+            Settings::sample(&Preprocess::default(), &Descriptor::default_of(Family::Structure));
+        let scales: Vec<f64> = [0.1, 1.0, f32::MIN_POSITIVE, f32::from_bits(1), f32::MAX, 1.0 / 3.0]
+            .map(f64::from)
+            .into_iter()
+            .chain([0.1, 1.0 / 3.0])
+            .collect();
+        settings.database.scales = Some(scales.clone());
+        assert_eq!(parse(&settings.seal().unwrap()).unwrap().database.scales, Some(scales));
+    }
+
+    #[test]
     fn every_value_is_covered_by_the_digest() {
         let text = Settings::sample(&Preprocess::default(), &paper()).seal().unwrap();
         for (from, to) in [
@@ -226,10 +254,25 @@ mod tests {
             ("0101", "0102"),
             ("\ndigest = \"", "\ndigest = \"0"),
         ] {
-            assert!(text.contains(from), "{from}");
-            let error = parse(&text.replacen(from, to, 1)).unwrap_err();
-            assert!(matches!(error, ArtefactError::Digest { .. }), "{to}: {error}");
+            is_covered(&text, from, to);
         }
+        let structure = Descriptor::default_of(Family::Structure);
+        let text = Settings::sample(&Preprocess::default(), &structure).seal().unwrap();
+        for (from, to) in [
+            ("\"o1 8\"", "\"o1 7\""),
+            ("radius_cm = 3", "radius_cm = 4"),
+            ("weight = 1", "weight = 2"),
+            ("scales = [0.125", "scales = [0.25"),
+        ] {
+            is_covered(&text, from, to);
+        }
+    }
+
+    #[track_caller]
+    fn is_covered(text: &str, from: &str, to: &str) {
+        assert!(text.contains(from), "{from}");
+        let error = parse(&text.replacen(from, to, 1)).unwrap_err();
+        assert!(matches!(error, ArtefactError::Digest { .. }), "{to}: {error}");
     }
 
     #[test]
@@ -273,5 +316,47 @@ mod tests {
         }
         let error = forged("\"chi2\"", "\"l1\"").unwrap_err().to_string();
         assert!(error.contains("set_distance \"l1\" instead of \"chi2\""), "{error}");
+    }
+
+    #[test]
+    fn structures_that_mean_nothing_are_refused() {
+        let structure = Descriptor::default_of(Family::Structure);
+        let sound: toml::Table =
+            toml::Table::try_from(Settings::sample(&Preprocess::default(), &structure)).unwrap();
+        let refused = |section: &str, change: &dyn Fn(&mut toml::Table)| {
+            let mut table = sound.clone();
+            change(table[section].as_table_mut().unwrap());
+            let settings = parse(&table.try_into::<Settings>().unwrap().seal().unwrap()).unwrap();
+            let error = settings.resolve("folder".as_ref()).unwrap_err().to_string();
+            assert!(error.starts_with("folder/descriptor.toml: "), "{error}");
+            assert_eq!(error.lines().count(), 2, "{error}");
+            error
+        };
+        let channels = |change: &dyn Fn(&mut Vec<toml::Value>)| {
+            refused("descriptor", &|table| change(table["channel"].as_array_mut().unwrap()))
+        };
+        let first = |key: &'static str, value: toml::Value| {
+            channels(&|channels| drop(channels[0].as_table_mut().unwrap().insert(key.into(), value.clone())))
+        };
+        for (said, complaint) in [
+            (channels(&|channels| channels.clear()), "descriptor.channel: there must be 1 to 8, got 0"),
+            (
+                channels(&|channels| channels.resize(9, channels[0].clone())),
+                "descriptor.channel: there must be 1 to 8, got 9",
+            ),
+            (first("pairs", "neighbour".into()), "descriptor.channel 1: pairs: one of "),
+            (first("radius_cm", f64::NAN.into()), "radius_cm: must be a number from 0 to 429496, got NaN"),
+            (first("weight", 0.into()), "weight: must be 0.000001 to 1000, got 0"),
+            (
+                refused("descriptor", &|table| drop(table.insert("slots".into(), 4.into()))),
+                "descriptor.slots: no use beside channels",
+            ),
+            (
+                refused("preprocess", &|table| drop(table.insert("leaf_cm".into(), 2.0.into()))),
+                "preprocess.leaf_cm: not for family structure",
+            ),
+        ] {
+            assert!(said.contains(complaint), "{complaint}: {said}");
+        }
     }
 }

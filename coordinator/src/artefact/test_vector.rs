@@ -1,6 +1,6 @@
 //! `test-vector.json`: one cloud with its summary and its answer, for whoever computes the same in another program.
 
-use descriptor::{Described, Signature};
+use descriptor::{Described, Family, Signature};
 use serde::Serialize;
 
 use super::EXAMPLE;
@@ -23,10 +23,15 @@ struct TestVector<'a> {
     cloud: &'a str,
     instance: &'a str,
     category: &'a str,
-    /// Keypoints with a normal.
+    /// Keypoints with a normal; of a structure, whose channels have grids of their own, those of the 2 cm grid.
     keypoints: usize,
-    shape: Part<'a>,
-    colour: Part<'a>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    shape: Option<Part<'a>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    colour: Option<Part<'a>>,
+    /// Of a structure, in the order of its channels.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    channels: Vec<Part<'a>>,
     predicted_instance: &'a str,
     predicted_category: &'a str,
     nearest_cloud: &'a str,
@@ -39,6 +44,12 @@ struct TestVector<'a> {
 struct Part<'a> {
     centroid: &'a [f32],
     deviation: &'a [f32],
+}
+
+impl<'a> From<&'a Signature> for Part<'a> {
+    fn from(signature: &'a Signature) -> Self {
+        Self { centroid: &signature.centroid, deviation: &signature.deviation }
+    }
 }
 
 /// The example cloud: where it comes from, what it shows, and its bytes.
@@ -68,20 +79,20 @@ impl std::fmt::Display for Verdict {
     }
 }
 
-/// The text of the file, and what it says in the end.
+/// The text of the file, and what it says in the end, of a descriptor of this family.
 pub(super) fn test_vector(
     recogniser: &Recogniser,
+    family: Family,
     example: &Example,
 ) -> Result<(String, Verdict), CloudError> {
     let described = recogniser.describe(&example.bytes, &mut Seconds::default())?;
     let answer = recogniser.answer(&described, 2);
     let (nearest, runner_up) = (answer.nearest(), answer.runner_up());
     let Described { signatures, keypoints } = &described;
-    // Of disk-ring, as all artefacts are: shape, then colour.
-    let no_part = Part { centroid: &[], deviation: &[] };
-    let part = |channel: usize| {
-        let signature: Option<&Signature> = signatures.get(channel);
-        signature.map_or(no_part, |it| Part { centroid: &it.centroid, deviation: &it.deviation })
+    let parts: Vec<Part> = signatures.iter().map(Part::from).collect();
+    let (shape, colour, channels) = match (family, parts.as_slice()) {
+        (Family::DiskRing, &[shape, colour]) => (Some(shape), Some(colour), Vec::new()),
+        _ => (None, None, parts),
     };
     let vector = TestVector {
         version: VERSION,
@@ -91,8 +102,9 @@ pub(super) fn test_vector(
         instance: &example.instance,
         category: &example.category,
         keypoints: *keypoints,
-        shape: part(0),
-        colour: part(1),
+        shape,
+        colour,
+        channels,
         predicted_instance: nearest.instance,
         predicted_category: nearest.category,
         nearest_cloud: nearest.cloud,

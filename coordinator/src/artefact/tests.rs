@@ -4,8 +4,8 @@ use std::fs;
 use std::path::Path;
 
 use descriptor::synth::{self, SynthSettings};
-use descriptor::{Descriptor, Parameters, Preprocess, pcd};
-use results::{Database, DatabaseCloud, DatabasePart};
+use descriptor::{Descriptor, Family, Parameters, Preprocess, pcd};
+use results::{Database, DatabaseCloud, DatabasePart, DatabaseParts};
 use tempfile::TempDir;
 
 use super::settings::Settings;
@@ -19,27 +19,58 @@ const DESCRIPTOR: Descriptor =
 const SHAPE: usize = 8;
 const COLOUR: usize = 18;
 
+/// Values of all clouds.
+fn values(bins: usize, phase: usize) -> Vec<f32> {
+    (0..3 * bins).map(|i| ((i * 7 + phase) % 11) as f32 / 11.0).collect()
+}
+
+fn part(bins: usize) -> DatabasePart {
+    DatabasePart { centroids: values(bins, 1), deviations: values(bins, 5) }
+}
+
 /// Three clouds of two objects.
-fn database() -> Database {
+fn of_parts(parts: DatabaseParts) -> Database {
     let cloud = |cloud: &str, instance: &str| DatabaseCloud {
         cloud: cloud.to_owned(),
         instance: instance.to_owned(),
         category: "mug".to_owned(),
     };
-    let values =
-        |bins: usize, phase: usize| (0..3 * bins).map(|i| ((i * 7 + phase) % 11) as f32 / 11.0).collect();
-    let part = |bins| DatabasePart { centroids: values(bins, 1), deviations: values(bins, 5) };
-    Database {
-        clouds: vec![cloud("a.pcd", "mug_1"), cloud("b.pcd", "mug_2"), cloud("c.pcd", "mug_1")],
-        shape: part(SHAPE),
-        colour: part(COLOUR),
+    let clouds = vec![cloud("a.pcd", "mug_1"), cloud("b.pcd", "mug_2"), cloud("c.pcd", "mug_1")];
+    Database { clouds, parts }
+}
+
+fn database() -> Database {
+    of_parts(DatabaseParts::ShapeColour([part(SHAPE), part(COLOUR)]))
+}
+
+/// Shape and colour.
+fn parts(database: &mut Database) -> &mut [DatabasePart; 2] {
+    match &mut database.parts {
+        DatabaseParts::ShapeColour(parts) => parts,
+        DatabaseParts::Channels(_) => panic!("shape and colour"),
     }
+}
+
+/// Two channels, of which the second has one row a cloud.
+fn structure() -> Descriptor {
+    Descriptor::default_of(Family::Structure)
+}
+
+/// Three clouds in the channels of [`structure`].
+fn channels() -> Database {
+    let one_row = DatabasePart { centroids: values(180, 2), deviations: Vec::new() };
+    of_parts(DatabaseParts::Channels(vec![part(64), one_row]))
 }
 
 /// Writes what recognition needs of an artefact; the settings say what the database is.
 fn write(folder: &Path, database: &Database, change: impl FnOnce(&mut Settings)) {
+    write_of(folder, &DESCRIPTOR, database, change);
+}
+
+/// As [`write`], of any descriptor.
+fn write_of(folder: &Path, descriptor: &Descriptor, database: &Database, change: impl FnOnce(&mut Settings)) {
     let digest = results::write_database(folder.join(DATABASE), database).unwrap();
-    let mut settings = Settings::sample(&Preprocess::default(), &DESCRIPTOR);
+    let mut settings = Settings::sample(&Preprocess::default(), descriptor);
     settings.database.clouds = database.clouds.len() as u32;
     settings.database.digest = digest.to_hex().to_string();
     change(&mut settings);
@@ -58,48 +89,58 @@ fn refusal(folder: &Path) -> ArtefactError {
 /// What is said of an artefact with this database.
 #[track_caller]
 fn complaint(change: impl FnOnce(&mut Database)) -> String {
-    let folder = TempDir::new().unwrap();
     let mut database = database();
     change(&mut database);
-    write(folder.path(), &database, |_| {});
+    complaint_of(&DESCRIPTOR, &database, |_| {})
+}
+
+/// What is said of this artefact.
+#[track_caller]
+fn complaint_of(descriptor: &Descriptor, database: &Database, change: impl FnOnce(&mut Settings)) -> String {
+    let folder = TempDir::new().unwrap();
+    write_of(folder.path(), descriptor, database, change);
     refusal(folder.path()).to_string()
 }
 
 #[test]
 fn a_flipped_or_missing_byte_of_either_file_is_refused() {
     let folder = TempDir::new().unwrap();
-    write(folder.path(), &database(), |_| {});
-    Recogniser::open(folder.path()).unwrap();
-    for name in [SETTINGS, DATABASE] {
-        let file = folder.path().join(name);
-        let sound = fs::read(&file).unwrap();
-        for place in (0..sound.len()).step_by(61) {
-            let mut bytes = sound.clone();
-            bytes[place] ^= 0x04;
-            fs::write(&file, &bytes).unwrap();
+    for (descriptor, database) in [(DESCRIPTOR, database()), (structure(), channels())] {
+        write_of(folder.path(), &descriptor, &database, |_| {});
+        Recogniser::open(folder.path()).unwrap();
+        for name in [SETTINGS, DATABASE] {
+            let file = folder.path().join(name);
+            let sound = fs::read(&file).unwrap();
+            for place in (0..sound.len()).step_by(61) {
+                let mut bytes = sound.clone();
+                bytes[place] ^= 0x04;
+                fs::write(&file, &bytes).unwrap();
+                refusal(folder.path());
+            }
+            for length in (0..sound.len() - 1).step_by(61) {
+                fs::write(&file, &sound[..length]).unwrap();
+                refusal(folder.path());
+            }
+            fs::remove_file(&file).unwrap();
             refusal(folder.path());
+            fs::write(&file, &sound).unwrap();
         }
-        for length in (0..sound.len() - 1).step_by(61) {
-            fs::write(&file, &sound[..length]).unwrap();
-            refusal(folder.path());
-        }
-        fs::remove_file(&file).unwrap();
-        refusal(folder.path());
-        fs::write(&file, &sound).unwrap();
+        Recogniser::open(folder.path()).unwrap();
     }
-    Recogniser::open(folder.path()).unwrap();
 }
 
 #[test]
 fn any_flipped_byte_of_the_settings_is_seen() {
-    let text = Settings::sample(&Preprocess::default(), &DESCRIPTOR).seal().unwrap();
     let parse = |text: &str| Settings::parse(text, SETTINGS.into());
-    parse(&text).unwrap();
-    for place in 0..text.len() {
-        for flip in [0x01, 0x04, 0x10] {
-            let mut bytes = text.clone().into_bytes();
-            bytes[place] ^= flip;
-            assert!(parse(&String::from_utf8(bytes).unwrap()).is_err(), "byte {place} ^ {flip}");
+    for descriptor in [DESCRIPTOR, structure()] {
+        let text = Settings::sample(&Preprocess::default(), &descriptor).seal().unwrap();
+        parse(&text).unwrap();
+        for place in 0..text.len() {
+            for flip in [0x01, 0x04, 0x10] {
+                let mut bytes = text.clone().into_bytes();
+                bytes[place] ^= flip;
+                assert!(parse(&String::from_utf8(bytes).unwrap()).is_err(), "byte {place} ^ {flip}");
+            }
         }
     }
 }
@@ -107,11 +148,11 @@ fn any_flipped_byte_of_the_settings_is_seen() {
 #[test]
 fn values_that_no_histograms_have_are_refused() {
     for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-        let said = complaint(|database| database.shape.deviations[3] = value);
+        let said = complaint(|database| parts(database)[0].deviations[3] = value);
         assert!(said.contains("its lists shape_deviation must hold finite numbers"), "{said}");
     }
     for value in [-0.5, 1.5] {
-        let said = complaint(|database| database.colour.centroids[3] = value);
+        let said = complaint(|database| parts(database)[1].centroids[3] = value);
         assert!(said.contains(&format!("values must lie between 0 and 1, got {value}")), "{said}");
     }
 }
@@ -119,16 +160,66 @@ fn values_that_no_histograms_have_are_refused() {
 #[test]
 fn a_database_of_another_descriptor_or_of_none_is_refused() {
     let said = complaint(|database| {
-        database.shape.centroids.truncate(3 * (SHAPE - 1));
-        database.shape.deviations.truncate(3 * (SHAPE - 1));
+        let shape = &mut parts(database)[0];
+        shape.centroids.truncate(3 * (SHAPE - 1));
+        shape.deviations.truncate(3 * (SHAPE - 1));
     });
     assert!(said.contains("length must be"), "{said}");
-    let said = complaint(|database| database.colour = DatabasePart::default());
+    let said = complaint(|database| parts(database)[1] = DatabasePart::default());
     assert!(said.contains("length must be"), "{said}");
-    let said = complaint(|database| *database = Database::default());
+    let said = complaint(|database| {
+        database.clouds.clear();
+        *parts(database) = [DatabasePart::default(), DatabasePart::default()];
+    });
     assert!(said.contains("database: no cloud to match with"), "{said}");
     let said = complaint(|database| database.clouds[1].instance = "mug\u{1b}[2J".to_owned());
     assert!(said.contains("names must have no control characters, got mug\\u{1b}[2J"), "{said}");
+}
+
+#[test]
+fn channels_that_are_not_the_descriptors_are_refused() {
+    let of = |parts: Vec<DatabasePart>| {
+        complaint_of(&structure(), &of_parts(DatabaseParts::Channels(parts)), |_| {})
+    };
+    let DatabaseParts::Channels(sound) = channels().parts else { panic!("channels") };
+    for (wrong, complaint) in [
+        (vec![], "length must be"),
+        (sound[..1].to_vec(), "length must be"),
+        (vec![sound[0].clone(), sound[1].clone(), part(1)], "length must be"),
+        (vec![sound[1].clone(), sound[0].clone()], "length must be"),
+        // A channel of one row a cloud has no deviation.
+        (vec![sound[0].clone(), part(180)], "length must be"),
+        (vec![DatabasePart { deviations: Vec::new(), ..part(64) }, sound[1].clone()], "length must be"),
+        (vec![DatabasePart { centroids: vec![1.5; 3 * 64], ..part(64) }, sound[1].clone()], "got 1.5"),
+    ] {
+        let said = of(wrong);
+        assert!(said.contains(complaint), "{complaint}: {said}");
+    }
+    let said = complaint_of(&structure(), &database(), |_| {});
+    assert!(said.contains("columns must be those of family structure, got others"), "{said}");
+    // Even if they are as long as those of shape and colour.
+    let same = of_parts(DatabaseParts::Channels(vec![part(SHAPE), part(COLOUR)]));
+    let said = complaint_of(&DESCRIPTOR, &same, |_| {});
+    assert!(said.contains("columns must be those of family disk-ring, got others"), "{said}");
+}
+
+/// Whoever forges the digest, too, meets the checks of scales.
+#[test]
+fn scales_that_are_not_the_descriptors_are_refused() {
+    for (scales, complaint) in [
+        (None, "got no database.scales"),
+        (Some(vec![0.5]), "got database.scales of 1 channels where the descriptor has 2"),
+        (Some(vec![0.5; 3]), "got database.scales of 3 channels where the descriptor has 2"),
+        (Some(vec![0.5, 0.0]), "got database.scales with 0 for channel 2"),
+        (Some(vec![f64::INFINITY, 0.5]), "got database.scales with inf for channel 1"),
+        (Some(vec![f64::NAN, 0.5]), "got database.scales with NaN for channel 1"),
+    ] {
+        let said = complaint_of(&structure(), &channels(), |settings| settings.database.scales = scales);
+        assert!(said.contains(complaint), "{complaint}: {said}");
+    }
+    let said =
+        complaint_of(&DESCRIPTOR, &database(), |settings| settings.database.scales = Some(vec![1.0; 2]));
+    assert!(said.contains("got database.scales beside family disk-ring"), "{said}");
 }
 
 #[test]

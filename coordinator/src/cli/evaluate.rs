@@ -133,7 +133,7 @@ impl Evaluate {
 
     fn descriptor(&self, radius_um: u32) -> anyhow::Result<Descriptor> {
         if let Some(file) = &self.structure {
-            let descriptor = structure_file::read(file)?;
+            let descriptor = Descriptor::Structure(structure_file::read(file)?);
             let needs_colour = descriptor.needs_colour() && self.no_colour;
             anyhow::ensure!(
                 !needs_colour,

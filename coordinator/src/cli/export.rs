@@ -7,6 +7,8 @@ use cache::StorageArgs;
 use clap::{Args, ValueEnum};
 
 use crate::artefact::{self, Chosen};
+use crate::lines::labelled;
+use crate::structure_file;
 
 /// Take a finished run's descriptor away: a folder with which coordinator recognise names objects
 ///
@@ -22,6 +24,9 @@ pub struct Export {
     /// Which descriptor, for example paper: the paper's best one, on the run's clouds
     #[arg(long, value_name = "NAME", default_value = "evolved")]
     descriptor: Which,
+    /// File of a structure instead, on the run's clouds, for example experiments/descriptors/pfhrgb.toml
+    #[arg(long, value_name = "TOML", conflicts_with = "descriptor")]
+    structure: Option<PathBuf>,
     /// Another place of the data set, for example /data/rgbd; by default the one the run used
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
@@ -37,20 +42,21 @@ enum Which {
 
 impl Export {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
-        let chosen = match self.descriptor {
-            Which::Evolved => Chosen::Evolved,
-            Which::Paper => Chosen::Paper,
+        let chosen = match (&self.structure, self.descriptor) {
+            (Some(file), _) => Chosen::Structure(structure_file::read(file)?),
+            (None, Which::Evolved) => Chosen::Evolved,
+            (None, Which::Paper) => Chosen::Paper,
         };
         let storage = self.storage.resolve();
         let exported = artefact::export(&self.run, chosen, self.data.as_deref(), &self.out, &storage)?;
         let out = self.out.display();
+        let descriptor = labelled("descriptor", 14, &exported.descriptor.to_string());
         super::print(&format!(
-            "descriptor    {}\n\
+            "{descriptor}\
              database      {} clouds\n\
              example       {}: nearest is {}\n\
              artefact      {out}, {:.1} MB\n\
              to use it     coordinator recognise {out} CLOUD.pcd\n",
-            exported.descriptor,
             exported.clouds,
             exported.example,
             exported.answer,

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use descriptor::structure::StructureFile;
+use descriptor::structure::{Structure, StructureFile};
 use descriptor::{Descriptor, GeneError, Preprocess, SearchSpace, Unit};
 
 use super::ExperimentError;
@@ -62,6 +62,10 @@ fn resolve(
     };
     let preprocess = validate::preprocess(raw, unit, descriptor)?;
     let space = validate_genes::search_space(descriptor)?;
+    if let SearchSpace::Structures(_) = space {
+        let what = format!("there must be 1 to {}, got 0", Structure::MAX_CHANNELS);
+        return Err(Fault::new("descriptor.channel", what, "write one [[descriptor.channel]] for each"));
+    }
     let genes = space.genes();
     let many = genes.iter().find(|(_, domain)| domain.count != 1);
     match (many, space.only()) {

@@ -170,6 +170,7 @@ pub(crate) struct RawDescriptor {
     pub family: RawFamily,
     /// Use colour. Set it to false for clouds without: gene m is then dropped and w fixed at 1.
     pub colour: bool,
+    #[serde(skip_serializing_if = "RawGenes::is_empty")]
     pub genes: RawGenes,
     /// Of structure: most channels, 1 to 4. Default: 4.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -265,7 +266,7 @@ impl From<RawFamily> for Family {
 
 /// The genes of the family: each a fixed value or an interval with a step. What is not written has its default, which
 /// for disk-ring is the paper's.
-#[derive(Clone, Debug, Default, Deserialize, Serialize, JsonSchema)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "genes")]
 pub(crate) struct RawGenes {
     /// Bins of a shape histogram over 360 degrees. Default: 8 to 64.
@@ -295,6 +296,11 @@ pub(crate) struct RawGenes {
 }
 
 impl RawGenes {
+    /// Whether none is written.
+    fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+
     /// Every gene by its name.
     pub(super) fn by_name(&mut self) -> [(&'static str, &mut Option<RawGene>); 6] {
         let Self { shape_bins, m, disk, ring, w, bins } = self;

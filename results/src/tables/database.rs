@@ -24,3 +24,65 @@ record! {
         colour_deviation: Vec<f32>, "share", "their standard deviation (N - 1), bin by bin";
     }
 }
+
+record! {
+    /// A part of a reference cloud's summary.
+    pub(crate) struct PartCells {
+        centroid: Vec<f32>, "share", "mean of {of}, value by value; null where the descriptor has no such channel";
+        deviation: Vec<f32>, "share",
+            "their standard deviation (N - 1); empty in a channel of one row a cloud, null as {prefix}centroid";
+    }
+}
+
+record! {
+    /// A reference cloud and its summaries, channel by channel.
+    pub(crate) struct ChannelsRow {
+        cloud as "": DatabaseCloud, "", "what it shows";
+        channel_1 as "channel_1_": Option<PartCells>, "", "the rows of channel 1";
+        channel_2 as "channel_2_": Option<PartCells>, "", "the rows of channel 2";
+        channel_3 as "channel_3_": Option<PartCells>, "", "the rows of channel 3";
+        channel_4 as "channel_4_": Option<PartCells>, "", "the rows of channel 4";
+        channel_5 as "channel_5_": Option<PartCells>, "", "the rows of channel 5";
+        channel_6 as "channel_6_": Option<PartCells>, "", "the rows of channel 6";
+        channel_7 as "channel_7_": Option<PartCells>, "", "the rows of channel 7";
+        channel_8 as "channel_8_": Option<PartCells>, "", "the rows of channel 8";
+    }
+}
+
+impl ChannelsRow {
+    /// Most channels.
+    pub(crate) const CHANNELS: usize = 8;
+
+    /// With the first channels, so many as there are.
+    pub(crate) fn new(cloud: DatabaseCloud, mut channels: impl Iterator<Item = PartCells>) -> Self {
+        Self {
+            cloud,
+            channel_1: channels.next(),
+            channel_2: channels.next(),
+            channel_3: channels.next(),
+            channel_4: channels.next(),
+            channel_5: channels.next(),
+            channel_6: channels.next(),
+            channel_7: channels.next(),
+            channel_8: channels.next(),
+        }
+    }
+
+    /// Undoes [`ChannelsRow::new`]; `None` where the row lacks the channel.
+    pub(crate) fn into_channels(self) -> (DatabaseCloud, [Option<PartCells>; Self::CHANNELS]) {
+        let Self {
+            cloud,
+            channel_1,
+            channel_2,
+            channel_3,
+            channel_4,
+            channel_5,
+            channel_6,
+            channel_7,
+            channel_8,
+        } = self;
+        let channels =
+            [channel_1, channel_2, channel_3, channel_4, channel_5, channel_6, channel_7, channel_8];
+        (cloud, channels)
+    }
+}

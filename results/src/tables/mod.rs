@@ -15,7 +15,7 @@ use crate::error::Error;
 use crate::record::{Cells, Context, Field, Value};
 use crate::table_name::TableName;
 use comparison::{ComparedRow, CurvePoint, DistanceRow, PairRow};
-use database::DatabaseRow;
+use database::{ChannelsRow, DatabaseRow};
 use grid::{BestRow, CellRow, CountRow, GridRow, LandscapeRow, MarginalRow};
 use log::{AttemptRow, EventRow, LookRow, WorkerRow};
 use run::{EvaluationRow, GenerationRow, PredictionRow, RunRow, SkippedRow};
@@ -166,6 +166,10 @@ fn declaration(table: TableName) -> Declaration {
         TableName::Database => {
             Declaration::of::<DatabaseRow>("a reference cloud, in the order that decides ties", &["cloud"])
         }
+        TableName::Channels => Declaration::of::<ChannelsRow>(
+            "a reference cloud of a descriptor of channels, in the order that decides ties",
+            &["cloud"],
+        ),
     }
 }
 

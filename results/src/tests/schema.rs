@@ -105,6 +105,7 @@ fn the_digest_covers_the_listed_columns_and_no_other() {
         counts: 
         grid: 
         database: 
+        channels: 
     "#]]
     .assert_eq(&covered);
 }

@@ -123,7 +123,9 @@ fn what_only_the_papers_family_can_do_says_so() {
     experiment.run("out", &[]).expect_success();
     let export = ["export", &experiment.path("out"), &experiment.path("artefact")];
     let finished = run("coordinator", export).expect_error();
-    assert!(finished.stderr.contains("an artefact holds a descriptor of disk-ring, got one of global-hue\n"));
+    assert!(
+        finished.stderr.contains("holds a descriptor of disk-ring or structure, got one of global-hue\n")
+    );
     let paper = export.into_iter().chain(["--descriptor", "paper"]);
     run("coordinator", paper).expect_success();
 }

@@ -114,9 +114,6 @@ fn tables_hold_genes_and_margins_and_other_commands_know_the_family() {
     run("coordinator", args).expect_success();
     let kinds = texts(&out, TableName::Comparison, "kind");
     assert_eq!(kinds, ["structure", "disk-ring"]);
-    let export = ["export", &out, &experiment.path("artefact")];
-    let refused = run("coordinator", export).expect_error();
-    assert!(refused.stderr.contains("an artefact holds a descriptor of disk-ring, got one of structure\n"));
 }
 
 /// The paper's descriptor as a structure names the same cloud for every query.
