@@ -54,12 +54,19 @@ def read(path):
     return xyz[finite], rgb[finite], np.array(entries["VIEWPOINT"].split()[:3], float)
 
 
+def squared_distances(points, others):
+    """Of each of the points to each of the others."""
+    lengths = [(positions**2).sum(axis=1) for positions in (points, others)]
+    return lengths[0][:, None] + lengths[1] - 2 * points @ others.T
+
+
 def voxel_centroids(xyz):
-    """Of the occupied voxels of a grid through the origin."""
+    """Of the occupied voxels of a grid through the origin; in single precision, as all positions."""
     cells = np.floor(xyz * np.float32(1 / np.float32(GRID)))
     _, cell, count = np.unique(cells, axis=0, return_inverse=True, return_counts=True)
     cell = cell.ravel()
-    return np.stack([np.bincount(cell, axis) / count for axis in xyz.T.astype(float)], axis=1)
+    sums = [np.bincount(cell, axis) for axis in xyz.T.astype(float)]
+    return (np.stack(sums, axis=1) / count[:, None]).astype(np.float32).astype(float)
 
 
 def normals(points, xyz, viewpoint):
@@ -74,7 +81,7 @@ def normals(points, xyz, viewpoint):
     for some in np.array_split(across, len(points) // 100 + 1):  # only clouds' points of about the same x
         ends = points[some[[0, -1]], 0] - centre[0] + [-1.01 * NORMALS, 1.01 * NORMALS]
         begin, end = np.searchsorted(x, ends)
-        near = ((points[some, None] - xyz[None, begin:end]) ** 2).sum(axis=2) <= NORMALS**2
+        near = squared_distances(points[some], xyz[begin:end]) <= NORMALS**2
         sums = near @ moments[begin:end]
         some, sums = some[sums[:, 0] >= 3], sums[sums[:, 0] >= 3]
         means = sums / sums[:, :1]
@@ -92,7 +99,7 @@ def lab(rgb):
     linear = np.where(c > 0.04045, ((c + 0.055) / 1.055) ** 2.4, c / 12.92)[rgb]
     to_xyz = [[0.412453, 0.357580, 0.180423], [0.212671, 0.715160, 0.072169], [0.019334, 0.119193, 0.950227]]
     t = np.arange(4000) / 4000
-    table = np.where(t > 0.008856, np.cbrt(t), 7.787 * t + 16 / 116)
+    table = np.where(t > 0.008856, np.cbrt(t), 7.87 * t + 16 / 116)
     steps = linear @ np.array(to_xyz).T / [0.95047, 1, 1.08883] * 4000
     x, y, z = table[np.minimum(steps.astype(int), 3999)].T
     a, b = np.clip([500 * (x - y), 200 * (y - z)], -120, 120) / 120
@@ -107,13 +114,14 @@ def rows(xyz, rgb, viewpoint):
     has = np.isfinite(of_keypoints[:, 0])
     keypoints, of_keypoints = keypoints[has], of_keypoints[has]
 
-    distances = np.sqrt(((keypoints[:, None] - xyz[None]) ** 2).sum(axis=2))
-    row, point = np.nonzero((distances <= RADIUS) & np.isfinite(of_points[:, 0]))
-    distance, line = distances[row, point], xyz[point] - keypoints[row]
+    near = squared_distances(keypoints, xyz) <= RADIUS**2
+    row, point = np.nonzero(near & np.isfinite(of_points[:, 0]))
+    line = xyz[point] - keypoints[row]
+    distance = np.linalg.norm(line, axis=1)
     u, normal = of_keypoints[row], of_points[point]  # Darboux frame u v w
     v = np.cross(line, u)
     length = np.linalg.norm(v, axis=1)
-    framed = (distance > 0) & (length > 0)
+    framed = length > 0
     row, point, distance, line, u, normal, v, length = (
         values[framed] for values in (row, point, distance, line, u, normal, v, length)
     )
@@ -123,11 +131,12 @@ def rows(xyz, rgb, viewpoint):
     a2 = np.arccos(np.clip(dot(v, normal), -1, 1))
     a3 = np.arccos(np.clip(dot(u, line) / distance, -1, 1))
 
-    shell = np.ceil(distance / (RADIUS / SHELLS)).astype(int) - 1  # one on a bound is in the inner shell
+    shell = np.ceil(distance / (RADIUS / SHELLS)).astype(int) - 1
     counts = np.zeros((len(keypoints), SHELLS, len(RANGES), BINS))
     for feature, (values, (low, high)) in enumerate(zip([f1, a2, a3, *(c[point] for c in lab(rgb))], RANGES)):
         bins = np.clip(np.floor((values - low) / (high - low) * BINS), 0, BINS - 1).astype(int)
-        np.add.at(counts, (row, shell, feature, bins), 1)
+        into = np.ravel_multi_index((row, shell, feature, bins), counts.shape)
+        counts += np.bincount(into, minlength=counts.size).reshape(counts.shape)
     shares = counts / np.maximum(counts.sum(axis=3, keepdims=True), 1)
     return shares.reshape(len(keypoints), -1)
 
