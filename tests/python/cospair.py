@@ -1,4 +1,4 @@
-"""CoSPAIR's layout (experiments/descriptors/cospair.toml), computed from its definition by nothing of this project.
+"""CoSPAIR's layout (experiments/descriptors/cospair.toml), computed from its definition without any code of Descry.
 
 Usage: cospair.py DATA QUERY DATABASE... [--out FILE], where QUERY and DATABASE are lists below DATA; needs numpy.
 
@@ -131,7 +131,8 @@ def rows(xyz, rgb, viewpoint):
     a2 = np.arccos(np.clip(dot(v, normal), -1, 1))
     a3 = np.arccos(np.clip(dot(u, line) / distance, -1, 1))
 
-    shell = np.ceil(distance / (RADIUS / SHELLS)).astype(int) - 1
+    shell = np.ceil(distance / (RADIUS / SHELLS)).astype(int) - 1  # on a bound: the inner one
+    shell = np.minimum(shell, SHELLS - 1)
     counts = np.zeros((len(keypoints), SHELLS, len(RANGES), BINS))
     for feature, (values, (low, high)) in enumerate(zip([f1, a2, a3, *(c[point] for c in lab(rgb))], RANGES)):
         bins = np.clip(np.floor((values - low) / (high - low) * BINS), 0, BINS - 1).astype(int)
