@@ -24,6 +24,7 @@
 //! - `query`: SQL over what runs have written
 //! - `sweeps`: several runs over one set of workers
 //! - `structures`: descriptors that are lists of channels, under every protocol of fitness
+//! - `members`: structures that are shipped as files
 //! - `strangers`: who is let in, who is not, and what those can do who are not
 //! - `report`: the report of runs, in a browser
 //! - `parity`: agreement with PCL on its reference values
@@ -47,6 +48,7 @@ mod hill_climbing;
 mod hosts;
 mod impostors;
 mod leaks;
+mod members;
 mod messages;
 mod operators;
 mod parity;

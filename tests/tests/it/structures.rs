@@ -116,25 +116,6 @@ fn tables_hold_genes_and_margins_and_other_commands_know_the_family() {
     assert_eq!(kinds, ["structure", "disk-ring"]);
 }
 
-/// The paper's descriptor as a structure names the same cloud for every query.
-#[test]
-fn the_papers_descriptor_is_a_member_of_the_family() {
-    let data = clouds().display().to_string();
-    let folder = tempfile::tempdir().unwrap();
-    let file = format!("{}/../experiments/descriptors/paper.toml", env!("CARGO_MANIFEST_DIR"));
-    let nearest = |descriptor: [&str; 2]| -> Vec<String> {
-        let path = folder.path().join(descriptor[1].replace('/', "-")).display().to_string();
-        let lists = ["--query", "test.txt", "--database", "train1.txt", "--database", "train2.txt"];
-        let args = ["evaluate", "--data", &data, "--nearest", &path].into_iter().chain(lists);
-        run("coordinator", args.chain(descriptor)).expect_success();
-        let text = std::fs::read_to_string(path).unwrap();
-        text.lines().map(|line| line.rsplit_once(' ').unwrap().0.to_owned()).collect()
-    };
-    let expected = nearest(["--descriptor", "disk-ring"]);
-    assert!(expected.len() > 20, "{} queries", expected.len());
-    assert_eq!(nearest(["--structure", &file]), expected);
-}
-
 #[test]
 fn what_cannot_be_searched_or_asked_says_so() {
     let refused = |toml: &str, complaint: &str| {
