@@ -1,6 +1,6 @@
 //! How many pairs of a row fall into each bin.
 
-use crate::structure::lanes::LANES;
+use crate::structure::block::LANES;
 
 /// Tables that lanes in turn are counted in: a count that was just changed takes time until it can be changed again.
 const TABLES: usize = 4;

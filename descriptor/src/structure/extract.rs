@@ -4,11 +4,12 @@ use pulp::NullaryFnOnce;
 
 use crate::prepare_error::PrepareError;
 use crate::signature::{MeanAndDeviation, Signature};
+use crate::structure::block::{BLOCK, LANES};
 use crate::structure::channel::{Pairs, StructureChannel};
 use crate::structure::cloud::StructureCloud;
 use crate::structure::colours::mean_opponents;
 use crate::structure::counts::Counts;
-use crate::structure::lanes::{BLOCK, Group, LANES, Table};
+use crate::structure::lanes::{Group, Table};
 use crate::structure::pairs::count;
 use crate::structure::plan::StructurePlan;
 use crate::wide::widest;

@@ -1,16 +1,11 @@
 //! Points value by value and in blocks, so that loops over them become vector loops.
 
 use crate::prepare_error::PrepareError;
+use crate::structure::block::{BLOCK, LANES};
 use crate::structure::channel::StructureChannel;
 use crate::structure::cloud::Points;
 use crate::structure::colours::values;
 use crate::structure::plan::{Column, StructurePlan};
-
-/// Points that are looked at or left out together: as many as the widest vectors hold.
-pub(super) const BLOCK: usize = 16;
-
-/// Pairs that are computed together, each in a lane of its own.
-pub(super) const LANES: usize = 4 * BLOCK;
 
 /// Values of a point that are moved together.
 const QUAD: usize = 4;

@@ -8,9 +8,10 @@
 //! f₁ = atan2(b − c·a, c·|x|)    f₂ = x·n/|x|    f₃ = a/|d|
 //! ```
 
+use crate::structure::block::LANES;
 use crate::structure::counts::Counts;
 use crate::structure::edges::Turns;
-use crate::structure::lanes::{Group, LANES};
+use crate::structure::lanes::Group;
 use crate::structure::plan::{Measure, PairBins, StructurePlan};
 
 /// A number of each pair.

@@ -1,6 +1,6 @@
 //! Which pairs are drawn: the same for every cloud, run and machine.
 
-use crate::structure::lanes::LANES;
+use crate::structure::block::LANES;
 
 /// A hash of 32 bits that lets no bit of its argument go unnoticed (Wellons, `lowbias32`).
 #[inline(always)]
