@@ -307,6 +307,7 @@ fn write_comparison(folder: &Path, objects: u32) {
         }),
         area: Some(0.5),
         nearest_area: None,
+        bytes: None,
     };
     for descriptor in DESCRIPTORS {
         out.write_compared(
