@@ -200,6 +200,18 @@ impl DescribedClouds {
     }
 }
 
+/// What clouds are compared by under a descriptor: in a structure χ² stands for its channels' own metrics.
+pub fn compared_by(descriptor: &Descriptor, distance: SetDistance) -> &'static str {
+    let own: Vec<SetDistance> = descriptor.channels().iter().map(|(channel, _)| channel.metric()).collect();
+    match (distance, own.split_first()) {
+        (SetDistance::ChiSquared, Some((first, others))) if others.iter().all(|metric| metric == first) => {
+            first.name()
+        }
+        (SetDistance::ChiSquared, Some(_)) => "several metrics",
+        (other, _) => other.name(),
+    }
+}
+
 /// Queries, or the database.
 #[derive(Default)]
 struct Side {

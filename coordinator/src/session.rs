@@ -165,7 +165,7 @@ impl<'a> Session<'a> {
         let (mut client, mut scales) = (self.cluster.client(), Scales::default());
         scales.complete(descriptors, &self.splits, &mut client, |_| {}).await?;
         let batch = FitnessBatch::new(fitness, &self.splits, &scales, descriptors, Matching::Train);
-        let answers = batch.evaluate(&mut client, |_| {}).await?;
+        let answers = batch.evaluate(&mut client, |_, _| {}).await?;
         Ok(answers.into_iter().map(|answer| answer.measured).collect())
     }
 }

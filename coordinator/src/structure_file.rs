@@ -74,7 +74,7 @@ mod tests {
             read(&entry.unwrap().path()).unwrap();
             files += 1;
         }
-        assert!(files >= 3, "{files} files");
+        assert!(files >= 5, "{files} files");
     }
 
     #[test]

@@ -7,11 +7,11 @@ use clap::Args;
 use descriptor::SetDistance;
 
 use super::run::Manner;
-use crate::compare::{Named, Options, compare};
+use crate::compare::{Named, Options, Source, Sources, compare};
 use crate::experiment::Plan;
 use crate::{run, sweep};
 
-/// Compare the evolved descriptor with the paper's, PFHRGB and SHOT with colour on the test clouds of a run
+/// Compare the evolved descriptor with the paper's, PFHRGB, SHOT with colour and others on the test clouds of a run
 ///
 /// Table 1 and figure 3 of the paper: errors with their intervals, sizes, times on one thread, recall against
 /// 1 - precision; and whether the differences may be chance. All of it becomes tables in the run folder; each use is
@@ -26,11 +26,19 @@ pub struct Compare {
     /// An experiment, or the folder of a finished run or sweep, for example results/runs/demo-0123456789ab
     #[arg(value_name = "EXP.toml|RUN")]
     subject: PathBuf,
-    /// Only this descriptor: evolved, paper, pfhrgb or shotcolor, for example paper; repeatable
+    /// Only this one of evolved, paper, pfhrgb and shotcolor, for example paper; repeatable
     #[arg(long, value_name = "NAME", value_parser = ["evolved", "paper", "pfhrgb", "shotcolor"])]
     descriptor: Vec<String>,
-    /// How centroids and deviations of two clouds are compared: chi2 (the default) or l1; repeatable, for example
-    /// --distance chi2 --distance l1
+    /// File of a structure, channel by channel, to compare as well, under the file's name without .toml or another, for
+    /// example experiments/descriptors/cospair.toml; repeatable
+    #[arg(long, value_name = "[NAME=]TOML")]
+    structure: Vec<Source>,
+    /// Folder of another finished run on the same clouds, whose winner to compare as well, under the name of its
+    /// experiment or another, for example random=results/runs/demo-random; repeatable
+    #[arg(long, value_name = "[NAME=]RUN")]
+    with_run: Vec<Source>,
+    /// How centroids and deviations of two clouds are compared: chi2 (the default; in structures it stands for the
+    /// channels' own metrics) or l1; repeatable, for example --distance chi2 --distance l1
     #[arg(long, value_name = "NAME", value_parser = ["chi2", "l1"])]
     distance: Vec<String>,
     /// Radius of the region of pfhrgb and shotcolor in centimetres, for example 2.5; by default that of the comparison
@@ -56,7 +64,10 @@ pub struct Compare {
 
 impl Compare {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
-        let Self { subject, descriptor, distance, radius_cm, replace, no_times, reason, data, manner } = self;
+        let Self {
+            subject, descriptor, distance, radius_cm, replace, no_times, reason, data, manner, ..
+        } = self;
+        let given = Sources { structures: self.structure, runs: self.with_run };
         let radius_um = radius_cm.map(|cm| super::micrometres("--radius-cm", cm)).transpose()?;
         let folder = if subject.is_file() {
             let plan = Plan::read(&subject, manner.overrides(None))?;
@@ -77,6 +88,7 @@ impl Compare {
         let named: Vec<Named> = Named::ALL.into_iter().filter(asked).collect();
         let options = Options {
             descriptors: (!named.is_empty()).then_some(named),
+            given,
             distances,
             radius_um,
             replace,

@@ -11,7 +11,7 @@ use descriptor::{
 use serde_json::json;
 
 use crate::dataset::{Layout, Listing};
-use crate::evaluate::{DescribedClouds, Report, Request};
+use crate::evaluate::{DescribedClouds, Report, Request, compared_by};
 use crate::experiment::name_advice;
 use crate::lines::wrapped;
 use crate::run::progress::percent;
@@ -256,18 +256,6 @@ fn named_json(descriptor: &Descriptor) -> serde_json::Map<String, serde_json::Va
     });
     let named = keys.zip(values.into_iter().map(|(_, value)| value));
     std::iter::once(("name".to_owned(), json!(family.name()))).chain(named).collect()
-}
-
-/// What clouds are compared by: in a structure χ² stands for its channels' own metrics.
-fn compared_by(descriptor: &Descriptor, distance: SetDistance) -> &'static str {
-    let own: Vec<SetDistance> = descriptor.channels().iter().map(|(channel, _)| channel.metric()).collect();
-    match (distance, own.split_first()) {
-        (SetDistance::ChiSquared, Some((first, others))) if others.iter().all(|metric| metric == first) => {
-            first.name()
-        }
-        (SetDistance::ChiSquared, Some(_)) => "several metrics",
-        (other, _) => other.name(),
-    }
 }
 
 /// In lines that fit a terminal, without the last line's end.

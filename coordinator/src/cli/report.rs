@@ -4,8 +4,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Args;
+use descriptor::Descriptor;
+use descriptor::structure::{Pairs, Weighted};
+use results::{ChannelPairs, WinnerChannel};
 
-use crate::experiment::DEFAULT_RESULTS_DIR;
+use crate::experiment::{DEFAULT_RESULTS_DIR, Experiment, Overrides};
 use crate::run::directory::SEARCH_FILE;
 use crate::sweep::{self, SWEEP_FILE};
 
@@ -46,7 +49,9 @@ impl Report {
         };
         let folders = folders(&runs)?;
         let report = match (folders.as_slice(), self.grid) {
-            ([(_, folder)], grid) => results::Report::of_run(folder, grid.as_deref())?,
+            ([(_, folder)], grid) => {
+                results::Report::of_run(folder, grid.as_deref(), &winner_channels(folder))?
+            }
             (_, Some(grid)) => anyhow::bail!(
                 "--grid: goes with one run, got {} and {}\nleave it out, or name one run",
                 folders.len(),
@@ -59,6 +64,40 @@ impl Report {
         let svg = if svg.as_os_str().is_empty() { PathBuf::from(".") } else { svg };
         super::print(&format!("{}\n{figures} figures as SVG in {}\n", page.display(), svg.display()))?;
         Ok(ExitCode::SUCCESS)
+    }
+}
+
+/// The channels of a finished run's winner, if that is a structure. The report shows a run as well whose experiment this
+/// program cannot read: then there are none.
+fn winner_channels(folder: &Path) -> Vec<WinnerChannel> {
+    let winner = || {
+        let row = results::read_run(folder).ok()?.row;
+        let experiment =
+            Experiment::from_record(&row.resolved_toml, folder, None, Overrides::default()).ok()?;
+        experiment.space().from_values(&row.best_genes)
+    };
+    let Some(Descriptor::Structure(structure)) = winner() else { return Vec::new() };
+    structure.channels.iter().map(winner_channel).collect()
+}
+
+fn winner_channel(weighted: &Weighted) -> WinnerChannel {
+    let Weighted { channel, .. } = weighted;
+    let centimetres = |um: u32| f64::from(um) / 1e4;
+    WinnerChannel {
+        text: channel.to_string(),
+        pairs: match channel.pairs {
+            Pairs::KeypointNeighbour => ChannelPairs::KeypointNeighbour,
+            Pairs::Neighbours => ChannelPairs::Neighbours,
+            Pairs::Keypoints => ChannelPairs::Keypoints,
+            Pairs::Cloud => ChannelPairs::Cloud,
+        },
+        features: channel.axes.iter().map(|axis| (axis.feature.name().to_owned(), axis.bins)).collect(),
+        values: channel.bins(),
+        weight: weighted.weight(),
+        radius_cm: centimetres(channel.radius_um),
+        shells_cm: channel.shells_um.iter().copied().map(centimetres).collect(),
+        least_cm: centimetres(channel.least_um),
+        grid_cm: centimetres(channel.grid_um),
     }
 }
 

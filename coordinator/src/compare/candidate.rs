@@ -2,6 +2,8 @@
 
 use descriptor::{Descriptor, Family, FixedDescriptor, FixedKind, SetDistance};
 
+use crate::experiment::is_name;
+
 /// Label of the run's own descriptor.
 pub const EVOLVED: &str = "evolved";
 /// Label of the descriptor that the paper ended with.
@@ -16,7 +18,7 @@ pub struct Candidate {
     /// Unique; can be a file's name.
     pub label: String,
     /// The descriptor's name, whatever the distance.
-    pub name: &'static str,
+    pub name: String,
     /// The descriptor.
     pub descriptor: Descriptor,
     /// How clouds are compared by it.
@@ -30,8 +32,17 @@ impl Candidate {
     }
 }
 
-/// A descriptor that can be asked for by name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// A descriptor that whoever compares gives and names.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Given {
+    /// None of the names that every comparison knows; can be a file's.
+    pub name: String,
+    /// The descriptor.
+    pub descriptor: Descriptor,
+}
+
+/// A descriptor by the name that it has in a comparison.
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Named {
     /// The run's own.
     Evolved,
@@ -39,42 +50,80 @@ pub enum Named {
     Paper,
     /// One without genes.
     Fixed(FixedKind),
+    /// Another one, which is named by whoever gives it.
+    Given(Given),
+}
+
+impl Given {
+    /// A descriptor under a name.
+    ///
+    /// # Errors
+    /// What is wrong with the name.
+    pub fn new(name: &str, descriptor: Descriptor) -> Result<Self, &'static str> {
+        let ends_like_a_label = SetDistance::ALL.iter().any(|distance| {
+            name.strip_suffix(distance.name()).is_some_and(|rest| rest.is_empty() || rest.ends_with('-'))
+        });
+        if !is_name(name) {
+            return Err("name must be 1 to 64 letters a-z, digits, - and _, beginning without -");
+        }
+        if Named::ALL.iter().any(|one| one.name() == name) {
+            return Err("name must be none of evolved, paper, pfhrgb and shotcolor");
+        }
+        if ends_like_a_label {
+            return Err("name must not end in the name of a set distance");
+        }
+        Ok(Self { name: name.to_owned(), descriptor })
+    }
 }
 
 impl Named {
-    /// All of them, in the order in which they are shown.
+    /// All that every comparison knows, in the order in which they are shown.
     pub const ALL: [Self; 4] =
         [Self::Evolved, Self::Paper, Self::Fixed(FixedKind::PfhRgb), Self::Fixed(FixedKind::ShotColor)];
 
-    /// Its name on the command line.
-    pub fn name(self) -> &'static str {
+    /// Its name on the command line and in tables.
+    pub fn name(&self) -> &str {
         match self {
             Self::Evolved => EVOLVED,
             Self::Paper => PAPER,
             Self::Fixed(kind) => kind.name(),
+            Self::Given(given) => &given.name,
         }
     }
 
     /// Whether it says nothing of clouds without colours.
-    pub fn needs_colour(self) -> bool {
-        self != Self::Evolved
+    pub fn needs_colour(&self) -> bool {
+        match self {
+            Self::Evolved => false,
+            Self::Paper | Self::Fixed(_) => true,
+            Self::Given(given) => given.descriptor.needs_colour(),
+        }
     }
 
     /// The descriptor, in a run that has ended with `evolved`.
-    pub fn descriptor(self, evolved: &Descriptor, radius_um: u32) -> Descriptor {
+    pub fn descriptor(&self, evolved: &Descriptor, radius_um: u32) -> Descriptor {
         match self {
             Self::Evolved => evolved.clone(),
             Self::Paper => Descriptor::default_of(Family::DiskRing),
-            Self::Fixed(kind) => Descriptor::Fixed(FixedDescriptor { kind, radius_um }),
+            &Self::Fixed(kind) => Descriptor::Fixed(FixedDescriptor { kind, radius_um }),
+            Self::Given(given) => given.descriptor.clone(),
         }
     }
+
+    /// Where it is shown: given ones come last.
+    fn place(&self) -> usize {
+        Self::ALL.iter().position(|one| one == self).unwrap_or(Self::ALL.len())
+    }
 }
+
+/// What labels end with where clouds are compared by L1.
+pub const L1_SUFFIX: &str = "-l1";
 
 /// The set distances that descriptors are compared by; a structure may have another of its own.
 const DISTANCES: [SetDistance; 2] = [SetDistance::ChiSquared, SetDistance::L1];
 
 /// A named descriptor under one set distance.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Choice {
     /// Which descriptor.
     pub named: Named,
@@ -83,31 +132,44 @@ pub struct Choice {
 }
 
 impl Choice {
-    /// All that there are, in the order in which they are shown.
-    pub fn all() -> impl Iterator<Item = Self> {
-        let of = |named| DISTANCES.into_iter().map(move |distance| Self { named, distance });
-        Named::ALL.into_iter().flat_map(of)
+    /// A descriptor under each set distance.
+    pub fn of(named: &Named) -> impl Iterator<Item = Self> {
+        DISTANCES.into_iter().map(|distance| Self { named: named.clone(), distance })
     }
 
-    /// The one with this label.
-    pub fn labelled(label: &str) -> Option<Self> {
-        Self::all().find(|choice| choice.label() == label)
+    /// All that every comparison knows, in the order in which they are shown.
+    pub fn all() -> impl Iterator<Item = Self> {
+        Named::ALL.into_iter().flat_map(|named| Self::of(&named).collect::<Vec<_>>())
+    }
+
+    /// The one with this label; `given`: the descriptor, if it is not among [`Choice::all`]. `None` if there is none.
+    pub fn labelled(label: &str, given: Option<Descriptor>) -> Option<Self> {
+        Self::all().find(|choice| choice.label() == label).or_else(|| {
+            let by_l1 = label.strip_suffix(L1_SUFFIX);
+            let distance = if by_l1.is_some() { SetDistance::L1 } else { SetDistance::ChiSquared };
+            let given = Given::new(by_l1.unwrap_or(label), given?).ok()?;
+            Some(Self { named: Named::Given(given), distance })
+        })
     }
 
     /// Its label; χ², the paper's distance, goes without saying.
-    pub fn label(self) -> String {
+    pub fn label(&self) -> String {
         match self.distance {
-            SetDistance::ChiSquared => self.named.name().to_owned(),
-            SetDistance::L1 | SetDistance::Hellinger => {
-                format!("{}-{}", self.named.name(), self.distance.name())
-            }
+            SetDistance::ChiSquared | SetDistance::Hellinger => self.named.name().to_owned(),
+            SetDistance::L1 => format!("{}{L1_SUFFIX}", self.named.name()),
         }
     }
 
     /// What is compared, in a run that has ended with `evolved`.
-    pub fn candidate(self, evolved: &Descriptor, radius_um: u32) -> Candidate {
+    pub fn candidate(&self, evolved: &Descriptor, radius_um: u32) -> Candidate {
         let descriptor = self.named.descriptor(evolved, radius_um);
-        Candidate { label: self.label(), name: self.named.name(), descriptor, distance: self.distance }
+        let name = self.named.name().to_owned();
+        Candidate { label: self.label(), name, descriptor, distance: self.distance }
+    }
+
+    /// What they are shown in order of.
+    pub fn rank(&self) -> (usize, &str, SetDistance) {
+        (self.named.place(), self.named.name(), self.distance)
     }
 }
 
@@ -119,12 +181,30 @@ mod tests {
 
     #[test]
     fn labels_are_unique_name_their_choice_and_can_be_names_of_files() {
-        let labels: BTreeSet<String> = Choice::all().map(Choice::label).collect();
+        let labels: BTreeSet<String> = Choice::all().map(|choice| choice.label()).collect();
         assert_eq!(labels.len(), Named::ALL.len() * DISTANCES.len());
         assert!(labels.iter().all(|label| label.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-')));
-        for choice in Choice::all() {
-            assert_eq!(Choice::labelled(&choice.label()), Some(choice));
+        let structure = Descriptor::default_of(Family::Structure);
+        let given = Named::Given(Given::new("chroma", structure.clone()).unwrap());
+        for choice in Choice::all().chain(Choice::of(&given)) {
+            assert_eq!(Choice::labelled(&choice.label(), Some(structure.clone())), Some(choice));
         }
-        assert_eq!(Choice::labelled("evolved-chi2"), None);
+        assert_eq!(Choice::labelled("chroma", None), None);
+        // What no descriptor may be called.
+        for label in ["", "-l1", "../chroma", "chroma-l1-l1", "chroma-chi2", "evolved-l1-l1"] {
+            assert_eq!(Choice::labelled(label, Some(structure.clone())), None, "{label}");
+        }
+    }
+
+    #[test]
+    fn names_are_files_names_and_nobody_elses() {
+        let structure = Descriptor::default_of(Family::Structure);
+        let given = |name: &str| Given::new(name, structure.clone());
+        for name in ["chroma", "hue-saturation", "l1-chroma", "paper2", "xl1"] {
+            assert_eq!(given(name).unwrap().name, name);
+        }
+        for name in ["", "-a", "a/b", "Chroma", "paper", "evolved", "chroma-l1", "chi2", "a-hellinger"] {
+            given(name).unwrap_err();
+        }
     }
 }

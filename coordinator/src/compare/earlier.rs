@@ -7,6 +7,7 @@ use results::{ComparedRow, Times};
 
 use super::candidate::{Candidate, Choice, Named};
 use super::error::CompareError;
+use super::tables::descriptor_of;
 
 /// Times of a descriptor, and its mean number of keypoints, which is counted with them.
 #[derive(Clone, Debug, PartialEq)]
@@ -30,7 +31,7 @@ impl Earlier {
     /// If it cannot be read, or has a descriptor that this program does not know.
     pub fn read(folder: &Path) -> Result<Self, CompareError> {
         let rows = results::read_comparison(folder).map_err(CompareError::Earlier)?;
-        let known = |row: ComparedRow| match Choice::labelled(&row.descriptor) {
+        let known = |row: ComparedRow| match Choice::labelled(&row.descriptor, descriptor_of(&row)) {
             Some(choice) => Ok((choice, row)),
             None => {
                 Err(CompareError::UnknownEarlier { folder: folder.to_owned(), label: row.descriptor.clone() })
@@ -52,7 +53,8 @@ impl Earlier {
     }
 
     /// Those that were asked for and those that are there, in the order in which they are shown. All descriptors
-    /// without genes have one radius: that of the table, unless none is there.
+    /// without genes have one radius: that of the table, unless none is there. What is given under a name stays what it
+    /// was.
     ///
     /// # Errors
     /// If one that is there has other parameters now.
@@ -65,15 +67,33 @@ impl Earlier {
     ) -> Result<Vec<Candidate>, CompareError> {
         let radius_um = radius_um.or_else(|| self.radius_um()).unwrap_or(FixedDescriptor::DEFAULT_RADIUS_UM);
         for (choice, row) in &self.rows {
-            let now = choice.candidate(evolved, radius_um).descriptor.parameters();
-            if now != row.parameters {
+            let mut same_name = asked.iter().filter(|asked| asked.named.name() == choice.named.name());
+            let other = same_name.find(|asked| asked.named != choice.named).unwrap_or(choice);
+            let now = other.candidate(evolved, radius_um).descriptor;
+            let is_same = match descriptor_of(row) {
+                Some(then) => then == now,
+                None => row.parameters == now.parameters(), // a table of an earlier release
+            };
+            if !is_same {
                 let (folder, label) = (folder.to_owned(), row.descriptor.clone());
-                return Err(CompareError::OtherEarlier { folder, label, then: row.parameters.clone(), now });
+                let advice = match choice.named {
+                    Named::Given(_) => "give it another name, NAME=PATH",
+                    _ => "leave --radius-cm out to add to the table",
+                };
+                return Err(CompareError::OtherEarlier {
+                    folder,
+                    label,
+                    then: row.parameters.clone(),
+                    now: now.parameters(),
+                    advice,
+                });
             }
         }
-        let is_there = |choice: &Choice| self.rows.iter().any(|(there, _)| there == choice);
-        let wanted = Choice::all().filter(|choice| asked.contains(choice) || is_there(choice));
-        Ok(wanted.map(|choice| choice.candidate(evolved, radius_um)).collect())
+        let there = self.rows.iter().map(|(choice, _)| choice);
+        let mut wanted: Vec<&Choice> = asked.iter().chain(there).collect();
+        wanted.sort_by(|a, b| a.rank().cmp(&b.rank()));
+        wanted.dedup();
+        Ok(wanted.into_iter().map(|choice| choice.candidate(evolved, radius_um)).collect())
     }
 
     /// The radius of its first descriptor without genes.
@@ -89,9 +109,12 @@ impl Earlier {
 
 #[cfg(test)]
 mod tests {
+    use descriptor::structure::{Structure, Weighted};
     use descriptor::{Family, FixedKind, SetDistance};
     use results::Counts;
 
+    use super::super::candidate::Given;
+    use super::super::tables::hexadecimal;
     use super::*;
 
     const PFHRGB: Named = Named::Fixed(FixedKind::PfhRgb);
@@ -104,7 +127,7 @@ mod tests {
         Choice { named, distance: SetDistance::ChiSquared }
     }
 
-    fn row(choice: Choice, radius_um: u32, times: Option<Times>) -> ComparedRow {
+    fn row(choice: &Choice, radius_um: u32, times: Option<Times>) -> ComparedRow {
         let Candidate { label, descriptor, distance, .. } = choice.candidate(&evolved(), radius_um);
         ComparedRow {
             descriptor: label,
@@ -124,6 +147,7 @@ mod tests {
             times,
             area: None,
             nearest_area: None,
+            bytes: matches!(choice.named, Named::Given(_)).then(|| hexadecimal(&descriptor.to_bytes())),
         }
     }
 
@@ -140,7 +164,9 @@ mod tests {
     }
 
     fn with(choices: &[Choice], radius_um: u32) -> Earlier {
-        Earlier { rows: choices.iter().map(|&choice| (choice, row(choice, radius_um, None))).collect() }
+        Earlier {
+            rows: choices.iter().map(|choice| (choice.clone(), row(choice, radius_um, None))).collect(),
+        }
     }
 
     fn labels(candidates: Result<Vec<Candidate>, CompareError>) -> Vec<String> {
@@ -184,15 +210,50 @@ mod tests {
     }
 
     #[test]
+    fn what_was_given_is_there_again_under_its_name_only() {
+        let (folder, evolved) = (Path::new("run"), evolved());
+        let structure = Structure::default();
+        let heavier = |one: &Weighted| Weighted { weight_ppm: 7, ..one.clone() };
+        let other = Structure { channels: structure.channels.iter().map(heavier).collect() };
+        let named = |name: &str, structure: &Structure| {
+            Named::Given(Given::new(name, Descriptor::Structure(structure.clone())).unwrap())
+        };
+        let all: Vec<Choice> = Choice::all()
+            .chain(Choice::of(&named("chroma", &structure)))
+            .chain(Choice::of(&named("hue", &other)))
+            .collect();
+        // Whoever comes first, and as a table is read.
+        for cut in 0..=all.len() {
+            let (there, asked) = all.split_at(cut);
+            let rows = there.iter().map(|choice| row(choice, 50_000, None));
+            let again =
+                rows.map(|row| (Choice::labelled(&row.descriptor, descriptor_of(&row)).unwrap(), row));
+            let earlier = Earlier { rows: again.collect() };
+            assert_eq!(
+                earlier.rows.iter().map(|(choice, _)| choice).collect::<Vec<_>>(),
+                there.iter().collect::<Vec<_>>()
+            );
+            let added = earlier.candidates(folder, asked, &evolved, None).unwrap();
+            let expected: Vec<Candidate> =
+                all.iter().map(|choice| choice.candidate(&evolved, 50_000)).collect();
+            assert_eq!(added, expected);
+        }
+        let earlier = with(&all, 50_000);
+        let asked = Choice { named: named("chroma", &other), distance: SetDistance::L1 };
+        let refused = earlier.candidates(folder, &[asked], &evolved, None).unwrap_err().to_string();
+        assert!(refused.contains("chroma must be of") && refused.contains("NAME=PATH"), "{refused}");
+    }
+
+    #[test]
     fn times_stay_where_the_answers_are_the_same() {
         let choice = chi2(PFHRGB);
-        let earlier = Earlier { rows: vec![(choice, row(choice, 50_000, Some(times())))] };
-        let now = row(choice, 50_000, None);
+        let earlier = Earlier { rows: vec![(choice.clone(), row(&choice, 50_000, Some(times())))] };
+        let now = row(&choice, 50_000, None);
         let measured = Measured { times: times(), keypoints_per_cloud: Some(7.5) };
         assert_eq!(earlier.measured(&now), Some(measured));
         let other_counts = Counts { object_correct: 2, ..now.counts };
         assert_eq!(earlier.measured(&ComparedRow { counts: other_counts, ..now }), None);
-        assert_eq!(earlier.measured(&row(chi2(Named::Paper), 50_000, None)), None);
-        assert_eq!(with(&[choice], 50_000).measured(&row(choice, 50_000, None)), None);
+        assert_eq!(earlier.measured(&row(&chi2(Named::Paper), 50_000, None)), None);
+        assert_eq!(with(std::slice::from_ref(&choice), 50_000).measured(&row(&choice, 50_000, None)), None);
     }
 }

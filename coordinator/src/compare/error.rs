@@ -6,6 +6,7 @@ use descriptor::SignatureError;
 use descriptor::recognise::RecogniseError;
 use proto::Message;
 
+use super::given::GivenError;
 use crate::evaluate::EvaluateError;
 use crate::reopen::ReopenError;
 use crate::run::RunError;
@@ -28,11 +29,14 @@ pub enum CompareError {
     )]
     Genes(PathBuf),
     /// A descriptor that these clouds do not allow.
-    #[error("--descriptor {name}: needs colours, got clouds without\nleave it out")]
+    #[error("{name}: needs colours, got clouds without\nleave it out")]
     NeedsColour {
         /// Its name.
-        name: &'static str,
+        name: String,
     },
+    /// A descriptor that is given.
+    #[error(transparent)]
+    Given(#[from] GivenError),
     /// The comparison in the run folder cannot be read.
     #[error("{}\nbegin the comparison anew with --replace", Message::of(.0).what)]
     Earlier(results::Error),
@@ -48,7 +52,7 @@ pub enum CompareError {
     },
     /// The comparison in the run folder is of other descriptors of the same name.
     #[error(
-        "{folder}: table comparison: {label} must be of {then} as before, got {now}\nleave --radius-cm out to add to the table, or begin it anew with --replace"
+        "{folder}: table comparison: {label} must be of {then} as before, got {now}\n{advice}, or begin the comparison anew with --replace"
     )]
     OtherEarlier {
         /// The run folder.
@@ -59,6 +63,8 @@ pub enum CompareError {
         then: String,
         /// Its parameters now.
         now: String,
+        /// How it can be what it was.
+        advice: &'static str,
     },
     /// A worker's answer is no description.
     #[error(transparent)]

@@ -7,6 +7,7 @@ mod describing;
 mod differences;
 mod earlier;
 mod error;
+mod given;
 mod kept;
 mod progress;
 mod recognition;
@@ -20,7 +21,7 @@ use std::time::SystemTime;
 
 use cache::Storage;
 use cache::Store;
-use descriptor::{Descriptor, Preprocess, SetDistance};
+use descriptor::{Descriptor, Family, Preprocess, SetDistance};
 use results::{ComparedRow, LookRow, PairRow, RunFolder};
 
 use crate::experiment::Overrides;
@@ -33,6 +34,8 @@ use described::{Described, Shards};
 use describing::Describing;
 use earlier::{Earlier, Measured};
 pub use error::CompareError;
+use given::Own;
+pub use given::{Source, Sources};
 use kept::KeptDescriptions;
 use progress::Display;
 use recognition::MAX_PAIRS;
@@ -44,8 +47,10 @@ use transport::Protection;
 /// What is compared, and how.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Descriptors; `None`: all that the clouds allow.
+    /// Descriptors that every comparison knows; `None`: all of these that the clouds allow.
     pub descriptors: Option<Vec<Named>>,
+    /// What is compared beside them.
+    pub given: Sources,
     /// Set distances, each descriptor under each.
     pub distances: Vec<SetDistance>,
     /// Radius of the descriptors without genes, micrometres; `None`: that of the comparison in the run folder, or else
@@ -70,7 +75,7 @@ pub struct Options {
 
 /// A descriptor, whatever the set distance, and its name.
 struct NamedDescriptor {
-    name: &'static str,
+    name: String,
     descriptor: Descriptor,
 }
 
@@ -89,7 +94,9 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     let (space, preprocess) = (experiment.space(), experiment.preprocess());
     let evolved =
         space.from_values(&run.row.best_genes).ok_or_else(|| CompareError::Genes(folder.to_owned()))?;
-    let asked = choose(options, preprocess.colour, |line| display.say(line))?;
+    let own = Own { data_digest: &run.row.data_digest, preprocess };
+    let given = options.given.read(&own)?.into_iter().map(Named::Given).collect();
+    let asked = choose(options, given, preprocess.colour, |line| display.say(line))?;
     let out = RunFolder::create(folder, &rows::gene_columns(space.family()))?;
     let earlier = if options.replace { Earlier::default() } else { Earlier::read(folder)? };
     let candidates = earlier.candidates(folder, &asked, &evolved, options.radius_um)?;
@@ -122,7 +129,7 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     };
     let tasks = shards.tasks(&descriptors);
     let mut kept = KeptDescriptions::new(&store, preprocess, &tasks);
-    let names: Vec<&str> = named.iter().map(|one| one.name).collect();
+    let names: Vec<&str> = named.iter().map(|one| one.name.as_str()).collect();
     let mut describing = Describing::new(&tasks, &kept, &names, &display);
     if !describing.is_complete() {
         session.start(listener, settings.local_workers).await;
@@ -146,21 +153,31 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     Ok(Comparison { name: run.row.name.clone(), rows, pairs, looks, folder: folder.to_owned() })
 }
 
-/// What is asked for: each descriptor that was named, or all that clouds with or without colour allow, under each
-/// distance.
-fn choose(options: &Options, colour: bool, say: impl Fn(&str)) -> Result<Vec<Choice>, CompareError> {
+/// What is asked for: each descriptor that was named, or all that clouds with or without colour allow, and those that
+/// are given; under each distance.
+fn choose(
+    options: &Options,
+    given: Vec<Named>,
+    colour: bool,
+    say: impl Fn(&str),
+) -> Result<Vec<Choice>, CompareError> {
+    let is_refused = |one: &&Named| one.needs_colour() && !colour;
+    let refused =
+        |option: &str, one: &Named| CompareError::NeedsColour { name: format!("{option} {}", one.name()) };
+    if let Some(one) = options.descriptors.iter().flatten().find(is_refused) {
+        return Err(refused("--descriptor", one));
+    }
+    if let Some(one) = given.iter().find(is_refused) {
+        return Err(refused("descriptor", one));
+    }
     let mut named = options.descriptors.clone().unwrap_or_else(|| Named::ALL.to_vec());
-    let refused = named.iter().find(|one| one.needs_colour() && !colour);
-    if let (Some(one), true) = (refused, options.descriptors.is_some()) {
-        return Err(CompareError::NeedsColour { name: one.name() });
-    }
-    if refused.is_some() {
+    if named.iter().any(|one| is_refused(&one)) {
         say("clouds without colours: the paper's descriptor, pfhrgb and shotcolor are left out");
-        named.retain(|one| !one.needs_colour());
+        named.retain(|one| !is_refused(&one));
     }
-    let is_asked =
-        |choice: &Choice| named.contains(&choice.named) && options.distances.contains(&choice.distance);
-    Ok(Choice::all().filter(is_asked).collect())
+    let named = named.iter().chain(&given);
+    let choices = named.flat_map(Choice::of).filter(|choice| options.distances.contains(&choice.distance));
+    Ok(choices.collect())
 }
 
 /// Each descriptor once, whatever the distances.
@@ -168,7 +185,7 @@ fn distinct(candidates: &[Candidate]) -> Vec<NamedDescriptor> {
     let mut distinct: Vec<NamedDescriptor> = Vec::new();
     for Candidate { name, descriptor, .. } in candidates {
         if distinct.iter().all(|one| one.descriptor != *descriptor) {
-            distinct.push(NamedDescriptor { name, descriptor: descriptor.clone() });
+            distinct.push(NamedDescriptor { name: name.clone(), descriptor: descriptor.clone() });
         }
     }
     distinct
@@ -244,13 +261,15 @@ impl Comparing<'_> {
             }
             let clouds = self.tables.labels.iter().map(|side| side.len() as u32).sum();
             self.display.say(&format!("measuring {name}: {clouds} clouds on one thread"));
-            self.display.begin("measured", std::iter::once((*name).to_owned()), clouds);
+            self.display.begin("measured", std::iter::once(name.clone()), clouds);
             let distances: Vec<SetDistance> = missing.iter().map(|(_, distance)| *distance).collect();
             let watch = || self.display.add(0, 1);
             let timed = time(self.tables.dataset, preprocess, descriptor, &distances, &watch)?;
             for ((index, _), timed) in missing.into_iter().zip(timed) {
                 timed.confirm(&self.candidates[index].label, &compared[index].answers)?;
-                let keypoints_per_cloud = Some(timed.keypoints_per_cloud);
+                // Channels of structures have keypoints of their own, or none.
+                let is_structure = descriptor.family() == Family::Structure;
+                let keypoints_per_cloud = (!is_structure).then_some(timed.keypoints_per_cloud);
                 let measured = Measured { times: timed.times, keypoints_per_cloud };
                 rows[index] = with_times(rows[index].clone(), measured);
             }

@@ -4,9 +4,10 @@ use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use results::{ComparedRow, PairRow};
+use results::{ComparedRow, PairRow, Times};
 use serde_json::{Value, json};
 
+use super::candidate::PAPER;
 use crate::lines::{table, wrapped};
 use crate::run::progress::percent;
 
@@ -116,19 +117,29 @@ impl Comparison {
     /// Nothing if no times were measured.
     fn times_text(&self) -> String {
         let Some(first) = self.rows.iter().find_map(|row| row.times.as_ref()) else { return String::new() };
-        let mut lines = vec![texts(["descriptor", "seconds", "normals", "describe", "match"])];
+        let title = ["descriptor", "seconds", "signatures", "/ paper", "normals", "describe", "match"];
+        let mut lines = vec![texts(title)];
+        let paper = self.rows.iter().find(|row| row.descriptor == PAPER).and_then(|row| row.times.as_ref());
         lines.extend(self.rows.iter().map(|row| {
             let times = row.times.as_ref();
+            let signatures = times.map(Times::signatures);
+            let ratio = signatures.zip(paper).map(|(own, paper)| own / paper.signatures());
             vec![
                 row.descriptor.clone(),
                 optional(times.map(|times| times.total), 2),
+                optional(signatures, 2),
+                optional(ratio, 2),
                 optional(times.map(|times| times.normals), 2),
                 optional(times.map(|times| times.describe), 2),
                 optional(times.map(|times| times.matching), 2),
             ]
         }));
-        let seconds = "seconds: read to match, queries and database, one thread of";
-        format!("\n{}{}", table(&lines), wrapped(&format!("{seconds} {}", first.hardware), 2))
+        let seconds = format!(
+            "seconds: read to match, queries and database, one thread of {}; signatures: keypoints, normals and describe, and how \
+             many times the paper's",
+            first.hardware
+        );
+        format!("\n{}{}", table(&lines), wrapped(&seconds, 2))
     }
 
     fn pairs_text(&self) -> String {
@@ -191,6 +202,7 @@ impl Comparison {
                     "keypoints": times.keypoints,
                     "normals": times.normals,
                     "describe": times.describe,
+                    "signatures": times.signatures(),
                     "match": times.matching,
                     "total": times.total,
                 })),

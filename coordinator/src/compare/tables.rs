@@ -1,6 +1,6 @@
 //! What the tables have of each candidate: from its descriptions to answers, curves and a row.
 
-use descriptor::Label;
+use descriptor::{Descriptor, Label};
 use proto::task::Match;
 use results::{ComparedRow, Counts, PairRow, PredictionRow, RunFolder, RunRow, wilson};
 
@@ -10,6 +10,7 @@ use super::differences::{Level, Outcomes, error_interval, pairs};
 use super::error::CompareError;
 use super::recognition::Recognition;
 use crate::dataset::Dataset;
+use crate::evaluate::compared_by;
 use crate::run::{Matching, rows};
 
 /// What is the same for all candidates.
@@ -121,7 +122,7 @@ fn row(
     ComparedRow {
         descriptor: candidate.label.clone(),
         kind: candidate.descriptor.family().name().to_owned(),
-        distance: candidate.distance.name().to_owned(),
+        distance: compared_by(&candidate.descriptor, candidate.distance).to_owned(),
         parameters: candidate.descriptor.parameters(),
         size: candidate.descriptor.size() as u32,
         note: candidate.note().map(str::to_owned),
@@ -136,5 +137,21 @@ fn row(
         times: None,
         area: area("all"),
         nearest_area: area("nearest"),
+        bytes: Some(hexadecimal(&candidate.descriptor.to_bytes())),
     }
+}
+
+/// Bytes as the tables have them.
+pub fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+/// The descriptor that a row is of; `None` if that cannot be told, as in tables of earlier releases.
+pub fn descriptor_of(row: &ComparedRow) -> Option<Descriptor> {
+    let text = row.bytes.as_deref()?.as_bytes();
+    let byte = |digits: &[u8]| u8::from_str_radix(str::from_utf8(digits).ok()?, 16).ok();
+    let bytes: Vec<u8> = text.chunks(2).map(byte).collect::<Option<_>>()?;
+    Descriptor::from_bytes(&bytes)
+        .ok()
+        .filter(|descriptor| hexadecimal(&descriptor.to_bytes()).as_bytes() == text)
 }

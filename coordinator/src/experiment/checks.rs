@@ -3,13 +3,20 @@
 use super::MAX_SEED;
 use super::error::Fault;
 
+fn is_allowed(letter: char) -> bool {
+    letter.is_ascii_lowercase() || letter.is_ascii_digit() || letter == '-' || letter == '_'
+}
+
+/// Whether a name is fit for a folder or a file: no separator, no leading dot, nothing that looks like an option.
+pub fn is_name(name: &str) -> bool {
+    (1..=64).contains(&name.len()) && !name.starts_with('-') && name.chars().all(is_allowed)
+}
+
 /// Refuses a name that is not fit for a folder.
 pub(super) fn checked_name(place: &str, name: &str) -> Result<(), Fault> {
-    let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-' || c == '_';
-    // It becomes the name of a folder: no separator, no leading dot, nothing that looks like an option.
-    if name.is_empty() || name.len() > 64 || name.starts_with('-') || !name.chars().all(allowed) {
+    if !is_name(name) {
         let better: String =
-            name.to_lowercase().chars().map(|c| if allowed(c) { c } else { '-' }).take(64).collect();
+            name.to_lowercase().chars().map(|c| if is_allowed(c) { c } else { '-' }).take(64).collect();
         let better = better.trim_matches('-');
         let better = if better.is_empty() { "experiment" } else { better };
         return Err(Fault::new(

@@ -34,6 +34,7 @@ use evolution::{Encoding, GaSettings, Method, StopSettings, WinnerRule};
 
 use crate::dataset::DatasetSettings;
 use crate::fitness::Fitness;
+pub use checks::is_name;
 use cluster::sharding::ShardCount;
 pub use error::ExperimentError;
 use error::Fault;

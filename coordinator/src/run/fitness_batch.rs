@@ -44,12 +44,21 @@ impl FitnessBatch {
         Self { evaluations, weights }
     }
 
-    /// One answer a descriptor, in their order.
+    /// One answer a descriptor, in their order. `watch` is shown all news, and how many descriptors more are evaluated: as
+    /// many as the evaluations that are finished would make, whosever they are.
     pub async fn evaluate(
         self,
         client: &mut Client,
-        watch: impl FnMut(&ClusterNews),
+        mut watch: impl FnMut(&ClusterNews, u64),
     ) -> Result<Vec<Answer>, ClusterError> {
+        let of_descriptor = self.weights.first().map_or(1, Vec::len).max(1);
+        let mut open = 0;
+        let watch = |news: &ClusterNews| {
+            open += news.finished;
+            let descriptors = open / of_descriptor;
+            open %= of_descriptor;
+            watch(news, descriptors as u64);
+        };
         let mut finished = client.evaluate(self.evaluations, watch).await?.into_iter();
         let answer = |weights: Vec<u32>| {
             let parts: Vec<_> = finished.by_ref().take(weights.len()).collect();

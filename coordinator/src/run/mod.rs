@@ -73,7 +73,8 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     if let Some(summary) = already_finished(&out, experiment, &store)? {
         return Ok(summary);
     }
-    let mut progress = Progress::new(experiment.stop().generations);
+    let stop = experiment.stop();
+    let mut progress = Progress::new(stop.generations).with_budget(stop.evaluations);
     // First what may be wrong with search space, port and data: then no folder is made and nothing in one is touched.
     if experiment.method() == Method::Exhaustive {
         Grid::new(experiment.space())?;

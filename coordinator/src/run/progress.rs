@@ -25,6 +25,8 @@ pub struct GenerationReport<'a> {
     pub improved: bool,
     /// Counts of the best on the validation set, if measured.
     pub validation: Option<Counts>,
+    /// Different descriptors that the search has met with it: what a budget of evaluations is spent on.
+    pub met: u64,
 }
 
 /// What there is to say of an exhaustive search.
@@ -50,23 +52,32 @@ impl CellReport {
     }
 }
 
+/// How far a search was.
+#[derive(Clone, Copy, Debug, Default)]
+struct There {
+    generations: u32,
+    met: u64,
+    computed: u64,
+}
+
 /// The display of one run.
 pub struct Progress {
     console: Console,
     generations: u32,
+    /// Different descriptors after which the search ends.
+    budget: Option<u32>,
     /// Set while a grid is evaluated.
     cells: Option<CellReport>,
     started: Instant,
     generation: u32,
-    /// Generations that are complete, and how many of them this start has completed: those that were there already say
-    /// nothing of how long the rest will take.
+    /// Generations that are complete, and different descriptors that the search has met by then.
     complete: u32,
-    completed: u32,
+    met: u64,
+    /// What was there when this start began its first generation: it says nothing of how long the rest will take.
+    there: There,
     /// Errors of the last complete generation.
     errors: String,
     workers: usize,
-    /// Answers of workers since the run began, whatever was asked: what rates are made of.
-    finished: u64,
     /// Individuals whose descriptor was evaluated, and those whose descriptor was known already, as in the summary.
     computed: u64,
     remembered: u64,
@@ -95,19 +106,25 @@ impl Progress {
         Self {
             console,
             generations,
+            budget: None,
             cells: None,
             started,
             generation: 0,
             complete: 0,
-            completed: 0,
+            met: 0,
+            there: There::default(),
             errors,
             workers: 0,
-            finished: 0,
             computed: 0,
             remembered: 0,
             member: None,
             events: None,
         }
+    }
+
+    /// The same for a search that ends after so many different descriptors, if that is before its last generation.
+    pub fn with_budget(self, budget: Option<u32>) -> Self {
+        Self { budget, ..self }
     }
 
     /// A display without a live line.
@@ -123,14 +140,15 @@ impl Progress {
         Self {
             console,
             generations,
+            budget: None,
             cells: None,
             started: Instant::now(),
             generation: 0,
             complete: 0,
-            completed: 0,
+            met: 0,
+            there: There::default(),
             errors: String::new(),
             workers: 0,
-            finished: 0,
             computed: 0,
             remembered: 0,
             member,
@@ -165,13 +183,12 @@ impl Progress {
         self.member.as_ref().map_or_else(String::new, |(name, _)| format!("{name}: "))
     }
 
-    /// Rates are counted from now: what came before was no evaluation. `found` generations are there already.
+    /// A search begins, of which `found` generations are there already. Rates are counted from the first one that is not.
     pub fn search_starts(&mut self, found: u32) {
         self.started = Instant::now();
         self.complete = found;
-        self.completed = 0;
+        self.there = There { generations: found, ..There::default() };
         self.cells = None;
-        self.finished = 0;
         self.counted(0, 0);
         if let (Some(bar), None) = (self.console.bar(), &self.member) {
             bar.set_length(self.generations.into());
@@ -222,30 +239,33 @@ impl Progress {
         format!("{} {}", self.workers, if self.workers == 1 { "worker" } else { "workers" })
     }
 
-    /// A generation begins.
-    pub fn generation_starts(&mut self, generation: u32) {
+    /// A generation begins; the search has met so many different descriptors before it.
+    pub fn generation_starts(&mut self, generation: u32, met: u64) {
         self.generation = generation;
+        if generation == self.there.generations.saturating_add(1) {
+            self.started = Instant::now();
+            (self.there.met, self.there.computed) = (met, self.computed);
+        }
         self.redraw();
     }
 
     /// Workers came or went, answers came.
     pub fn news(&mut self, news: &ClusterNews) {
         self.print_events();
-        self.answered(news.finished as u64, news.workers);
+        self.staffed(news.workers, news.finished > 0);
     }
 
-    /// As [`news`](Self::news), of answers that are individuals' evaluations.
-    pub fn evaluations(&mut self, news: &ClusterNews) {
-        self.counted(self.computed + news.finished as u64, self.remembered);
+    /// As [`news`](Self::news), with so many descriptors of individuals that are evaluated now.
+    pub fn evaluated(&mut self, news: &ClusterNews, descriptors: u64) {
+        self.counted(self.computed + descriptors, self.remembered);
         self.news(news);
     }
 
-    fn answered(&mut self, answers: u64, workers: usize) {
-        let changed = self.workers != workers || answers > 0;
+    fn staffed(&mut self, workers: usize, has_answers: bool) {
+        let changed = self.workers != workers || has_answers;
         self.workers = workers;
-        self.finished += answers;
         if let Some((_, tally)) = &self.member {
-            tally.answered(answers, workers);
+            tally.staffed(workers);
         }
         if changed {
             self.redraw();
@@ -266,10 +286,10 @@ impl Progress {
         let mean = report.counts.iter().map(Counts::object_error).sum::<f64>() / report.counts.len() as f64;
         let validation = report.validation.map_or("off".to_owned(), |counts| percent(counts.object_error()));
         self.errors = format!("best {} mean {} validation {validation}", percent(best), percent(mean));
-        (self.complete, self.completed) = (report.generation, self.completed + 1);
+        (self.complete, self.met) = (report.generation, report.met);
         let done = match &self.member {
             Some((_, tally)) => tally.generation_done(),
-            None => report.generation.into(),
+            None => (self.share() * f64::from(self.generations)).round() as u64,
         };
         match self.console.bar() {
             Some(bar) => {
@@ -299,20 +319,39 @@ impl Progress {
         format!("generation {}/{}", self.generation, self.generations)
     }
 
-    /// What has been done, by whom, how fast, and how long the rest takes if no stop rule ends it earlier. Before the
-    /// first generation is complete nobody knows, and after the last there is no rest.
+    /// How much of the search is complete, by generations or by its budget, whichever is further.
+    fn share(&self) -> f64 {
+        let of_generations = f64::from(self.complete) / f64::from(self.generations.max(1));
+        let of_budget = self.budget.map_or(0.0, |budget| self.met as f64 / f64::from(budget.max(1)));
+        of_generations.max(of_budget).min(1.0)
+    }
+
+    /// What has been done, how fast, by whom, and how long the rest takes if no stop rule ends it earlier.
     fn work(&self) -> String {
         let elapsed = self.started.elapsed();
-        let rate = self.finished as f64 / elapsed.as_secs_f64().max(1e-3);
-        let rest = self.generations.saturating_sub(self.complete);
-        let left = if self.completed == 0 || rest == 0 {
-            String::new()
-        } else {
-            let left = elapsed.mul_f64(f64::from(rest) / f64::from(self.completed));
+        let done = self.computed.saturating_sub(self.there.computed);
+        let rate = done as f64 / elapsed.as_secs_f64().max(1e-3);
+        let left = self.left(elapsed).map_or_else(String::new, |left| {
             format!(" | at most {} left", clock(left.max(Duration::from_secs(1))))
-        };
+        });
         let Self { computed, remembered, .. } = self;
-        format!("{computed} computed, {remembered} remembered | {}, {rate:.1}/s{left}", self.workers())
+        format!("{computed} computed ({rate:.1}/s), {remembered} remembered | {}{left}", self.workers())
+    }
+
+    /// How long the rest takes at most, to the last generation or to the end of the budget, whichever comes first.
+    /// Before this start has completed a generation nobody knows, and after the end there is no rest.
+    fn left(&self, elapsed: Duration) -> Option<Duration> {
+        let completed =
+            self.complete.checked_sub(self.there.generations).filter(|&completed| completed > 0)?;
+        let to_last = self.generations.saturating_sub(self.complete);
+        let by_generations = f64::from(to_last) / f64::from(completed);
+        let by_budget = self.budget.map(|budget| {
+            let to_meet = u64::from(budget).saturating_sub(self.met) as f64;
+            // Infinite if nothing new was met: then the generations bound it.
+            if to_meet == 0.0 { 0.0 } else { to_meet / self.met.saturating_sub(self.there.met) as f64 }
+        });
+        let rest = by_budget.map_or(by_generations, |by_budget| by_generations.min(by_budget));
+        (rest > 0.0).then(|| elapsed.mul_f64(rest))
     }
 
     fn redraw(&self) {
@@ -359,34 +398,88 @@ mod tests {
         assert_eq!(percent(104.0 / 352.0), "29.55 %");
     }
 
-    #[test]
-    fn the_line_counts_as_the_summary_does_and_says_how_long_only_when_that_is_known() {
+    /// The display of a search of which so many generations are there already.
+    fn begun(generations: u32, budget: Option<u32>, found: u32) -> Progress {
+        let mut progress = Progress { generations, ..Progress::quiet() }.with_budget(budget);
+        progress.search_starts(found);
+        progress
+    }
+
+    fn complete(progress: &mut Progress, (generation, met): (u32, u64)) {
         let counts = [Counts { object_correct: 1, category_correct: 1, queries: 2 }];
         let best = Descriptor::default_of(descriptor::Family::DiskRing);
-        let done = |generation| GenerationReport {
+        let (counts, best) = (&counts, &best);
+        progress.generation_done(&GenerationReport {
             generation,
-            counts: &counts,
-            best: &best,
+            counts,
+            best,
             improved: true,
             validation: None,
-        };
+            met,
+        });
+    }
+
+    #[test]
+    fn the_line_counts_as_the_summary_does_and_says_how_long_only_when_that_is_known() {
         // A start that finds the first of four generations.
-        let mut progress = Progress { generations: 4, ..Progress::quiet() };
-        progress.search_starts(1);
+        let mut progress = begun(4, None, 1);
+        progress.generation_starts(1, 0);
         progress.counted(3, 1);
-        progress.generation_starts(2);
-        assert!(progress.work().starts_with("3 computed, 1 remembered | 0 workers"), "{}", progress.work());
+        progress.generation_starts(2, 3);
+        assert!(
+            progress.work().starts_with("3 computed (0.0/s), 1 remembered | 0 workers"),
+            "{}",
+            progress.work()
+        );
         assert!(!progress.work().contains("left"), "{}", progress.work());
         progress.counted(5, 1);
-        progress.answered(2, 1);
-        assert!(progress.work().starts_with("5 computed, 1 remembered | 1 worker"), "{}", progress.work());
+        progress.staffed(1, true);
+        assert!(progress.work().starts_with("5 computed ("), "{}", progress.work());
+        assert!(progress.work().ends_with("/s), 1 remembered | 1 worker"), "{}", progress.work());
         // Two of the generation's individuals were equal, and its best was measured on the validation set.
         progress.counted(5, 2);
-        progress.answered(1, 1);
-        progress.generation_done(&done(2));
-        assert!(progress.work().starts_with("5 computed, 2 remembered"), "{}", progress.work());
+        complete(&mut progress, (2, 5));
+        assert!(progress.work().starts_with("5 computed ("), "{}", progress.work());
         assert!(progress.work().ends_with(" s left"), "{}", progress.work());
-        progress.generation_done(&done(4));
+        complete(&mut progress, (4, 5));
         assert!(!progress.work().contains("left"), "{}", progress.work());
+    }
+
+    #[test]
+    fn the_rate_is_that_of_descriptors_since_the_first_generation_that_was_not_there() {
+        let mut progress = begun(9, None, 2);
+        progress.generation_starts(1, 0);
+        progress.counted(100, 0);
+        progress.generation_starts(3, 100);
+        progress.counted(107, 0);
+        progress.started = Instant::now().checked_sub(Duration::from_millis(1000)).unwrap();
+        // However long the test has taken since.
+        let line = progress.work();
+        let rate = line.split_once('(').unwrap().1.split_once("/s)").unwrap().0;
+        let rate: f64 = rate.parse().unwrap();
+        assert!(rate > 0.0 && rate <= 7.0, "{line}");
+    }
+
+    #[test]
+    fn the_rest_ends_with_the_generations_or_with_the_budget() {
+        let minute = Duration::from_secs(60);
+        let left = |budget, met: [u64; 2], complete_generations: u32| {
+            let mut progress = begun(10, budget, 1);
+            progress.generation_starts(2, met[0]);
+            complete(&mut progress, (complete_generations, met[1]));
+            (progress.left(minute), (100.0 * progress.share()).round() as u32)
+        };
+        // Two generations a minute: of ten, seven are left.
+        assert_eq!(left(None, [5, 15], 3), (Some(minute.mul_f64(3.5)), 30));
+        // Ten descriptors a minute: of 20, five are left; of 2000, too many.
+        assert_eq!(left(Some(20), [5, 15], 3), (Some(minute.mul_f64(0.5)), 75));
+        assert_eq!(left(Some(2000), [5, 15], 3), (Some(minute.mul_f64(3.5)), 30));
+        // Nothing new is met any more.
+        assert_eq!(left(Some(20), [5, 5], 3), (Some(minute.mul_f64(3.5)), 30));
+        // The end, or nothing that is known.
+        assert_eq!(left(Some(20), [5, 20], 3), (None, 100));
+        assert_eq!(left(Some(20), [5, 26], 3), (None, 100));
+        assert_eq!(left(None, [5, 15], 10), (None, 100));
+        assert_eq!(left(None, [5, 5], 1), (None, 10));
     }
 }

@@ -119,7 +119,7 @@ impl<'a> SearchLoop<'a> {
         loop {
             let started = Instant::now();
             let generation = search.generation();
-            self.progress.generation_starts(generation);
+            self.progress.generation_starts(generation, self.first_met.len() as u64);
             let population = search.ask().to_vec();
             let descriptors: Vec<Descriptor> =
                 population.iter().map(|individual| decode(space, individual)).collect();
@@ -166,6 +166,7 @@ impl<'a> SearchLoop<'a> {
                     best: &descriptors[state.best as usize],
                     improved: state.improved,
                     validation: validation.map(|measured| measured.counts),
+                    met: self.first_met.len() as u64,
                 });
             }
 
@@ -220,8 +221,8 @@ impl<'a> SearchLoop<'a> {
         let Self { client, progress, scales, session, experiment, .. } = self;
         scales.complete(descriptors, &session.splits, client, |news| progress.news(news)).await?;
         let batch = FitnessBatch::new(experiment.fitness(), &session.splits, scales, descriptors, matching);
-        let watch = |news: &ClusterNews| match matching {
-            Matching::Train => progress.evaluations(news),
+        let watch = |news: &ClusterNews, descriptors: u64| match matching {
+            Matching::Train => progress.evaluated(news, descriptors),
             Matching::Validation | Matching::Test => progress.news(news),
         };
         batch.evaluate(client, watch).await

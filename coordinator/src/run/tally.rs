@@ -14,8 +14,7 @@ pub struct Tally {
 struct Counts {
     finished: usize,
     generations: u64,
-    /// Answers to whatever the runs asked, and individuals that were evaluated for them.
-    answered: u64,
+    /// Individuals that were evaluated for the runs.
     computed: u64,
     workers: usize,
 }
@@ -27,11 +26,9 @@ impl Tally {
         Self { runs, started: Instant::now(), counts }
     }
 
-    /// A run was told answers.
-    pub fn answered(&self, answers: u64, workers: usize) {
-        let mut counts = self.counts();
-        counts.answered += answers;
-        counts.workers = workers;
+    /// So many workers are there.
+    pub fn staffed(&self, workers: usize) {
+        self.counts().workers = workers;
     }
 
     /// A run has had so many individuals evaluated.
@@ -54,12 +51,12 @@ impl Tally {
 
     /// Two lines that fit 80 columns.
     pub fn lines(&self) -> [String; 2] {
-        let Counts { finished, generations, answered, computed, workers } = *self.counts();
-        let rate = answered as f64 / self.started.elapsed().as_secs_f64().max(1e-3);
+        let Counts { finished, generations, computed, workers } = *self.counts();
+        let rate = computed as f64 / self.started.elapsed().as_secs_f64().max(1e-3);
         let noun = if workers == 1 { "worker" } else { "workers" };
         [
             format!("{finished} of {} runs finished, {generations} generations", self.runs),
-            format!("{computed} computed | {workers} {noun}, {rate:.1}/s"),
+            format!("{computed} computed ({rate:.1}/s) | {workers} {noun}"),
         ]
     }
 

@@ -99,7 +99,8 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let driver = |((place, folder), client): ((usize, RunFolder), _)| {
         let Member { name, experiment } = &members[place];
         let remembered = if experiment.remembers_counts() { &known } else { &none };
-        let progress = progress.of_member(name, experiment.stop().generations, &tally);
+        let stop = experiment.stop();
+        let progress = progress.of_member(name, stop.generations, &tally).with_budget(stop.evaluations);
         (place, RunDriver { experiment, dataset, session, remembered, client, folder, progress, start })
     };
     let mut runs: Vec<(usize, RunDriver<'_>)> = folders.into_iter().zip(clients).map(driver).collect();

@@ -27,6 +27,8 @@ mod text;
 #[cfg(test)]
 mod oracle;
 #[cfg(test)]
+mod shipped;
+#[cfg(test)]
 mod testing;
 #[cfg(test)]
 mod tests;

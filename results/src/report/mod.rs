@@ -18,6 +18,8 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use data::{Rows, RunData};
+use figures::channels;
+pub use figures::channels::{ChannelPairs, WinnerChannel};
 use figures::comparison as compared;
 use figures::{genes, lineage, recognition, search, seeds, work};
 use html::{Item, Page, Section};
@@ -35,11 +37,15 @@ pub struct Report {
 
 impl Report {
     /// The report of one run, finished or not. `grid`: the folder of an exhaustive search, whose exact marginals are
-    /// drawn beside those of the run.
+    /// drawn beside those of the run. `channels`: those of its winner, if that is a structure, which tables have as codes.
     ///
     /// # Errors
     /// If it is not a run folder, or if a file in it cannot be read or is damaged; the message names the file.
-    pub fn of_run(folder: impl AsRef<Path>, grid: Option<&Path>) -> Result<Self, Error> {
+    pub fn of_run(
+        folder: impl AsRef<Path>,
+        grid: Option<&Path>,
+        channels: &[WinnerChannel],
+    ) -> Result<Self, Error> {
         let folder = folder.as_ref();
         let label = fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
         let label = label.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -52,7 +58,7 @@ impl Report {
                 Some(Rows::read(grid, TableName::Marginals)?.ok_or(missing)?)
             }
         };
-        Ok(Self { page: run_page(&data, grid.as_ref())? })
+        Ok(Self { page: run_page(&data, grid.as_ref(), channels)? })
     }
 
     /// The report of several runs, each by its name and folder: what they reached, over seeds and compared with each other.
@@ -99,7 +105,7 @@ impl Report {
     }
 }
 
-fn run_page(data: &RunData, grid: Option<&Rows>) -> Result<Page, Error> {
+fn run_page(data: &RunData, grid: Option<&Rows>, channels: &[WinnerChannel]) -> Result<Page, Error> {
     let (title, lead) = match &data.finished {
         Some(run) => {
             let lead = "Evolution of a 3D point-cloud descriptor: what the search found, how it got there, and what it \
@@ -109,7 +115,7 @@ fn run_page(data: &RunData, grid: Option<&Rows>) -> Result<Page, Error> {
         None => (data.label.clone(), "This run is unfinished: the report shows what is there so far."),
     };
     let sections = vec![
-        Section { id: "summary", title: "Summary", items: summary_items(data)? },
+        Section { id: "summary", title: "Summary", items: summary_items(data, channels)? },
         Section { id: "search", title: "Search", items: search_items(data, grid)? },
         Section { id: "recognition", title: "Recognition", items: recognition_items(data)? },
         Section { id: "comparison", title: "Comparison of descriptors", items: comparison_items(data)? },
@@ -118,10 +124,15 @@ fn run_page(data: &RunData, grid: Option<&Rows>) -> Result<Page, Error> {
     Ok(Page { title, lead: lead.to_owned(), sections })
 }
 
-fn summary_items(data: &RunData) -> Result<Vec<Item>, Error> {
-    let mut items = vec![Item::Table(summary::overview(data)?)];
+fn summary_items(data: &RunData, channels: &[WinnerChannel]) -> Result<Vec<Item>, Error> {
+    let mut items = vec![Item::Table(summary::overview(data, !channels.is_empty())?)];
     if let Some(run) = &data.finished {
         items.push(Item::Table(summary::errors(run)));
+        if !channels.is_empty() {
+            items.push(Item::Table(channels::table(channels)));
+            add(&mut items, channels::pairs(channels));
+            add(&mut items, channels::bins(channels));
+        }
         items.push(summary::looks(data.looks.as_ref(), run.row.test.is_some())?);
         let summary = "The resolved experiment (TOML)".to_owned();
         items.push(Item::Details { summary, text: run.row.resolved_toml.clone() });

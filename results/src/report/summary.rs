@@ -20,8 +20,8 @@ pub(crate) fn interval_text([low, high]: [f64; 2]) -> String {
     format!("{:.1} – {:.1} %", 100.0 * low, 100.0 * high)
 }
 
-/// What the run was and what it found.
-pub(crate) fn overview(data: &RunData) -> Result<TableBlock, Error> {
+/// What the run was and what it found. `has_channels`: the winner is shown by its channels instead of its genes.
+pub(crate) fn overview(data: &RunData, has_channels: bool) -> Result<TableBlock, Error> {
     let mut rows: Vec<Vec<String>> = Vec::new();
     let mut row = |name: &str, value: String| rows.push(vec![name.to_owned(), value]);
     match (&data.finished, &data.run) {
@@ -36,6 +36,7 @@ pub(crate) fn overview(data: &RunData) -> Result<TableBlock, Error> {
                 "winner",
                 format!("generation {}, individual {}", run.winner_generation, run.winner_individual),
             );
+            let genes = if has_channels { &[] } else { genes.as_slice() };
             for (gene, value) in genes.iter().zip(&run.best_genes) {
                 if let Some(value) = value {
                     let value = format!("{value} {}", gene.unit);

@@ -23,6 +23,13 @@ record! {
     }
 }
 
+impl Times {
+    /// Seconds from the clouds to their signatures: of keypoints, normals and histograms.
+    pub fn signatures(&self) -> f64 {
+        self.keypoints + self.normals + self.describe
+    }
+}
+
 record! {
     /// One descriptor on the test clouds.
     #[derive(Clone, Debug, PartialEq)]
@@ -30,7 +37,8 @@ record! {
         /// Unique in the comparison:
         descriptor: String, "", "label of the descriptor, such as evolved, paper, pfhrgb, shotcolor-l1";
         kind: String, "", "family of the descriptor, for example disk-ring or pfhrgb";
-        distance: String, "", "set distance: chi2 or l1";
+        distance: String, "",
+            "set distance: chi2 or l1; of a structure, for chi2, the metric of its channels";
         parameters: String, "", "values of its genes, or its radius";
         size: u32, "values", "real values of one keypoint's descriptor";
         note: Option<String>, "", "what more there is to say";
@@ -49,6 +57,8 @@ record! {
         area: Option<f64>, "",
             "mean precision over recall, all pairs: area between the curve and 1 - precision = 1; null if they are too many";
         nearest_area: Option<f64>, "", "the same of the curve of nearest clouds only";
+        bytes: Option<String>, "",
+            "canonical bytes of the descriptor, hexadecimal: by them a later comparison has it again";
     }
 }
 

@@ -68,6 +68,7 @@ pub fn rows() -> [ComparedRow; 2] {
         times: (index == 0).then(|| times.clone()),
         area: Some(0.75),
         nearest_area: None,
+        bytes: (index == 1).then(|| "0101".to_owned()),
     })
 }
 

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use results::{TableName, read_run, read_table};
 use serde_json::Value;
 
-use crate::experiments::{Experiment, begun, copy_folder, free_address, summary};
+use crate::experiments::{Experiment, begun, clouds, copy_folder, free_address, repository, summary};
 use crate::process::{Finished, Running, run};
 
 const SEARCH: &str = "[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n";
@@ -263,6 +263,7 @@ fn what_cannot_be_compared_is_refused_before_anybody_looks() {
     colourless.run("out", &[]).expect_success();
     let out = colourless.path("out");
     refused(&out, &["--descriptor", "shotcolor"], "--descriptor shotcolor: needs colours");
+    refused(&out, &["--structure", &structure("chroma")], "descriptor chroma: needs colours");
     let alone = compare(&out, &["--no-times"]).expect_success();
     assert!(alone.stderr.contains("are left out"), "{alone}");
     assert_eq!(Rows::read(&out, TableName::Comparison).texts("descriptor"), ["evolved"]);
@@ -276,6 +277,89 @@ fn the_papers_descriptor_is_compared_with_any_search_space() {
     experiment.run("out", &[]).expect_success();
     let told = summary(&compare(&experiment.path("out"), &["--descriptor", "paper"]).expect_success());
     assert_eq!(told["descriptors"][0]["parameters"], "shape_bins=60 m=8 R1=1.3 cm R2=3.6 cm w=0.67");
+}
+
+/// A structure file that is shipped.
+fn structure(name: &str) -> String {
+    repository().join(format!("experiments/descriptors/{name}.toml")).display().to_string()
+}
+
+#[test]
+fn structures_and_winners_of_other_runs_stand_in_one_table() {
+    let search = "[descriptor]\nfamily = \"structure\"\n[ga]\npopulation = 6\n[stop]\nevaluations = 12\n";
+    let experiment = Experiment::new(search);
+    experiment.run("out", &[]).expect_success();
+    let random = Experiment::new(&format!("{SEARCH}[search]\nmethod = \"random\"\n"));
+    let winner = summary(&random.run("out", &[]).expect_success());
+    let (out, random) = (experiment.path("out"), format!("random={}", random.path("out")));
+    let (chroma, paper) = (structure("chroma"), format!("by-hand={}", structure("paper")));
+    let named = ["--descriptor", "evolved", "--descriptor", "paper"];
+    let given = ["--structure", &paper, "--structure", &chroma, "--with-run", &random];
+    let told = summary(&compare(&out, &[&named[..], &given].concat()).expect_success());
+
+    let labels = ["evolved", "paper", "by-hand", "chroma", "random"];
+    let comparison = Rows::read(&out, TableName::Comparison);
+    assert_eq!(comparison.texts("descriptor"), labels);
+    assert_eq!(comparison.texts("kind"), ["structure", "disk-ring", "structure", "structure", "disk-ring"]);
+    assert_eq!(comparison.numbers("seconds_total").len(), labels.len());
+    let answers = Rows::read(&out, TableName::Answers);
+    let nearest = |label: &str| answers.of("descriptor", label).texts("nearest_cloud");
+    // The paper's descriptor, whichever way it is written.
+    assert_eq!(nearest("by-hand"), nearest("paper"));
+    // What `evaluate` finds.
+    let (data, file) = (clouds().display().to_string(), experiment.path("nearest.txt"));
+    let lists = ["--query", "test.txt", "--database", "train1.txt", "train2.txt", "validation.txt"];
+    let evaluate = ["evaluate", "--data", &data, "--structure", &chroma, "--nearest", &file];
+    run("coordinator", evaluate.into_iter().chain(lists)).expect_success();
+    let found = fs::read_to_string(&file).unwrap();
+    let found: Vec<&str> = found.lines().map(|line| line.split(' ').nth(1).unwrap()).collect();
+    assert_eq!(nearest("chroma"), found);
+    // What the other run found of its winner.
+    let row = |label: &str| {
+        let rows = told["descriptors"].as_array().unwrap();
+        rows.iter().find(|row| row["descriptor"] == label).unwrap().clone()
+    };
+    assert_eq!(row("random")["object_error"], winner["test_object_error"]);
+    // Stages add up.
+    let seconds = row("chroma")["seconds"].clone();
+    let stages: f64 =
+        ["keypoints", "normals", "describe"].map(|stage| seconds[stage].as_f64().unwrap()).iter().sum();
+    assert!((seconds["signatures"].as_f64().unwrap() - stages).abs() < 1e-9, "{seconds}");
+    assert_eq!(row("chroma")["keypoints_per_cloud"], Value::Null);
+
+    // They stay, without being given again, and so do their times.
+    let before = tables(&out);
+    compare(&out, &["--descriptor", "paper"]).expect_success();
+    assert!(tables(&out) == before);
+
+    let looks = || Rows::read(&out, TableName::Looks).height();
+    let looked = looks();
+    let refused = |more: &[&str], what: &str| {
+        let finished = compare(&out, more).expect_error();
+        assert!(finished.stderr.contains(what), "{what}\n{finished}");
+    };
+    let other = format!("chroma={}", structure("hue-saturation"));
+    refused(&["--structure", &other], "table comparison: chroma must be of keypoint-neighbour c1 12");
+    refused(
+        &["--structure", &structure("paper")],
+        "name must be none of evolved, paper, pfhrgb and shotcolor",
+    );
+    refused(&["--structure", "/nowhere/chroma.toml"], "/nowhere/chroma.toml: cannot be read");
+    refused(&["--with-run", "/nowhere"], "/nowhere");
+    let prepared = Experiment::new(&format!("{SEARCH}[preprocess]\nleaf_cm = 3.0\n"));
+    prepared.run("out", &[]).expect_success();
+    refused(&["--with-run", &prepared.path("out")], "must be of leaf_cm = 2, ");
+    let fewer = Experiment::with("");
+    copy_folder(clouds(), &fewer.folder().join("data"));
+    let list = fewer.path("data/test.txt");
+    let listed = fs::read_to_string(&list).unwrap();
+    fs::write(&list, listed.trim_end().rsplit_once('\n').unwrap().0).unwrap();
+    let toml =
+        format!("version = 1\nname = \"fewer\"\n[dataset]\nroot = \"{}\"\n{SEARCH}", fewer.path("data"));
+    fs::write(fewer.folder().join("exp.toml"), toml).unwrap();
+    fewer.run("out", &[]).expect_success();
+    refused(&["--with-run", &fewer.path("out")], "must be of data digest ");
+    assert_eq!(looks(), looked);
 }
 
 /// Files of this kind in a cache.

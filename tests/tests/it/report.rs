@@ -13,7 +13,7 @@ use results::{
 use tempfile::TempDir;
 
 use crate::browser;
-use crate::experiments::Experiment;
+use crate::experiments::{Experiment, summary};
 use crate::process::{Finished, run};
 
 const SEARCH: &str = "[ga]\npopulation = 6\n[stop]\ngenerations = 6\nstagnation = \"off\"\nvalidation_patience = \"off\"\n\
@@ -130,6 +130,28 @@ fn the_report_of_a_run_draws_every_figure_and_loads_nothing() {
     report(&[&experiment.path("out"), "--out", &again, "--svg", &svg]).expect_success();
     assert_eq!(fs::read_to_string(again).unwrap(), html);
     assert_eq!(figures(Path::new(&svg)), figures(page.parent().unwrap()));
+}
+
+#[test]
+fn the_report_of_a_structure_shows_its_channels() {
+    let search = "[descriptor]\nfamily = \"structure\"\n[ga]\npopulation = 6\n[stop]\nevaluations = 12\n";
+    let experiment = Experiment::new(search);
+    let ran = experiment.run("out", &[]).expect_success();
+    let page = experiment.folder().join("report.html");
+    report(&[&experiment.path("out"), "--out", &page.display().to_string()]).expect_success();
+    let html = fs::read_to_string(&page).unwrap();
+    // The winner has no codes in slots that are not active.
+    let slots = summary(&ran)["best"].as_object().unwrap().clone();
+    let active =
+        (1..=4).filter(|slot| slots.get(&format!("s{slot}_pairs")).is_some_and(|pairs| pairs.is_u64()));
+    let active = active.count();
+    assert!(active > 0, "{slots:?}");
+    assert_eq!(html.matches("id=\"channels-").count(), active);
+    assert_eq!(html.matches("id=\"channel-bins-").count(), 1);
+    let drawn: Vec<String> = figures(experiment.folder());
+    assert!(drawn.iter().any(|name| name == "channels") && drawn.iter().any(|name| name == "channel-bins"));
+    let drawn: Vec<&str> = drawn.iter().map(String::as_str).collect();
+    expect_drawn(&page, &drawn);
 }
 
 #[test]
@@ -307,6 +329,7 @@ fn write_comparison(folder: &Path, objects: u32) {
         }),
         area: Some(0.5),
         nearest_area: None,
+        bytes: None,
     };
     for descriptor in DESCRIPTORS {
         out.write_compared(

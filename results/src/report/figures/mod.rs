@@ -1,5 +1,6 @@
 //! Figures from tables.
 
+pub(crate) mod channels;
 pub(crate) mod comparison;
 pub(crate) mod genes;
 pub(crate) mod lineage;
