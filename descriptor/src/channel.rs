@@ -6,7 +6,6 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use crate::bytes;
-use crate::descriptor::Descriptor;
 use crate::disk_ring::histogram::Feature;
 use crate::disk_ring::{Binning, GeneKind, Parameters, QuantiseError};
 use crate::distance::{DistanceMatrix, SetDistance};
@@ -16,7 +15,7 @@ use crate::global_hue::GlobalHue;
 use crate::prepare_error::PrepareError;
 use crate::prepared::{PreparedCloud, Preparer};
 use crate::signature::{Signature, Signatures};
-use crate::structure::{Scale, Structure, StructureChannel, StructurePlan, Weighted};
+use crate::structure::{StructureChannel, StructurePlan};
 
 /// One channel of a descriptor, without its weight. Descriptors that share a channel have equal signatures and equal
 /// distances in it: it is the key that these are kept under.
@@ -97,14 +96,10 @@ impl Channel {
         bytes::write(self.family(), numbers.iter().copied())
     }
 
-    /// The structure of this channel alone; `None` of other families, whose descriptors all have the same channels.
-    pub fn alone(&self) -> Option<Descriptor> {
+    /// The channel of a structure; `None` of other families.
+    pub(crate) fn as_structure(&self) -> Option<&StructureChannel> {
         match &self.0 {
-            Kind::Structure(channel) => {
-                let channel = StructureChannel::clone(channel);
-                let alone = Weighted { channel, weight_ppm: Weighted::UNIT_PPM, scale: Scale::None };
-                Some(Descriptor::Structure(Structure { channels: vec![alone] }))
-            }
+            Kind::Structure(channel) => Some(channel),
             _ => None,
         }
     }

@@ -138,13 +138,21 @@ impl Descriptor {
         }
     }
 
+    /// The structure of one channel alone, without a scale; `None` of other families, whose descriptors all have the same
+    /// channels.
+    pub fn of_channel(channel: &Channel) -> Option<Self> {
+        let channel = channel.as_structure()?.clone();
+        let alone = Weighted { channel, weight_ppm: Weighted::UNIT_PPM, scale: Scale::None };
+        Some(Self::Structure(Structure { channels: vec![alone] }))
+    }
+
     /// For each channel the descriptor of this channel alone if its distances are divided by a scale, which is found by
     /// it; `None` where they are taken as they are.
     pub fn scaled_channels(&self) -> Vec<Option<Self>> {
         match self {
             Self::Structure(Structure { channels }) => {
                 let alone = |one: &Weighted| match one.scale {
-                    Scale::Quantile => Channel::structure(one.channel.clone()).alone(),
+                    Scale::Quantile => Self::of_channel(&Channel::structure(one.channel.clone())),
                     Scale::None => None,
                 };
                 channels.iter().map(alone).collect()

@@ -3,7 +3,7 @@
 //! Only those of structures: other families describe clouds again as fast as their signatures are read.
 
 use cache::Store;
-use descriptor::Signatures;
+use descriptor::{Descriptor, Signatures};
 use proto::Digest;
 
 use crate::executor::manifest::Manifest;
@@ -15,7 +15,7 @@ pub const SIGNATURES: &str = "signatures 1";
 
 /// The signatures of a split in a channel, if they are kept.
 pub fn load(store: &Store, manifest: &Manifest, key: &Key) -> Option<Signatures> {
-    let alone = key.1.alone()?;
+    let alone = Descriptor::of_channel(&key.1)?;
     let bytes = store.get_local(SIGNATURES, entry_key(manifest, key))?;
     match alone.decode_signatures(&bytes, manifest.clouds.len() as u32) {
         Ok(signatures) => signatures.into_iter().next(),
@@ -28,7 +28,7 @@ pub fn load(store: &Store, manifest: &Manifest, key: &Key) -> Option<Signatures>
 
 /// Keeps the signatures of a split in a channel.
 pub fn keep(store: &Store, manifest: &Manifest, key: &Key, signatures: &Signatures) {
-    if let Some(alone) = key.1.alone().filter(|_| store.is_kept()) {
+    if let Some(alone) = Descriptor::of_channel(&key.1).filter(|_| store.is_kept()) {
         let bytes = alone.encode_signatures(&[signatures]);
         store.put_local(SIGNATURES, entry_key(manifest, key), &bytes);
     }
