@@ -146,7 +146,8 @@ impl<'a> Counter<'a> {
             return;
         }
         let Self { first, second, near, counts, .. } = self;
-        for (mut drawn, is_pair) in plan.draws.groups(near.len() as u32) {
+        for group in 0..plan.draws.groups() {
+            let (mut drawn, is_pair) = plan.draws.group(group, near.len() as u32);
             for index in drawn.as_flattened_mut() {
                 *index = near[*index as usize];
             }

@@ -1,5 +1,7 @@
 //! Points value by value and in blocks, so that loops over them become vector loops.
 
+use std::borrow::Cow;
+
 use crate::prepare_error::PrepareError;
 use crate::structure::block::{BLOCK, LANES};
 use crate::structure::channel::StructureChannel;
@@ -36,6 +38,12 @@ impl Group {
         for (lanes, column) in self.values.iter_mut().zip(points.columns.chunks_exact(points.stride)) {
             lanes[place * BLOCK..][..BLOCK].copy_from_slice(&column[block * BLOCK..][..BLOCK]);
         }
+    }
+
+    /// The normal in a lane, of a plan with angles.
+    #[inline(always)]
+    pub(super) fn normal(&self, lane: usize) -> [f32; 3] {
+        [self.values[3][lane], self.values[4][lane], self.values[5][lane]]
     }
 
     /// Empties a lane.
@@ -100,7 +108,11 @@ impl Table {
                 table.column(3 + axis).zip(&used).for_each(|(value, &index)| *value = normal(index));
             }
         }
-        let colours: Vec<[u8; 3]> = used.iter().filter_map(|&index| colours.get(index).copied()).collect();
+        let colours: Cow<[[u8; 3]]> = if used.len() == points.positions.len() {
+            Cow::Borrowed(colours)
+        } else {
+            used.iter().filter_map(|&index| colours.get(index).copied()).collect()
+        };
         for (number, column) in plan.columns.iter().enumerate() {
             let values = column.values(&colours, mean);
             table.column(plan.place_of_column(number)).zip(values).for_each(|(place, value)| *place = value);
@@ -140,10 +152,13 @@ impl Table {
     fn finish(&mut self, plan: &StructurePlan) {
         self.find_boxes();
         if plan.draws(self.points) {
-            for values in self.columns.chunks(QUAD * self.stride) {
-                let value = |value: usize, point: usize| values.get(value * self.stride + point).copied();
-                let quad = |point: usize| [0, 1, 2, 3].map(|number| value(number, point).unwrap_or_default());
-                self.quads.extend((0..self.points).map(quad));
+            let zeros = vec![0.0; self.stride];
+            self.quads.reserve_exact(plan.values.div_ceil(QUAD) * self.points);
+            for columns in self.columns.chunks(QUAD * self.stride) {
+                let column = |number: usize| columns.chunks_exact(self.stride).nth(number).unwrap_or(&zeros);
+                let [a, b, c, d] = [0, 1, 2, 3].map(column);
+                let quads = a.iter().zip(b).zip(c).zip(d).map(|(((&a, &b), &c), &d)| [a, b, c, d]);
+                self.quads.extend(quads.take(self.points));
             }
         }
     }

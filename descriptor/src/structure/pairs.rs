@@ -77,21 +77,19 @@ impl Pairs {
             }
         }
         for (lane, d2) in pairs.d2.iter_mut().enumerate() {
-            let [x, y, z] = d.each_ref().map(|values| values[lane]);
+            let [x, y, z] = at(&d, lane);
             *d2 = x * x + y * y + z * z;
         }
         if plan.has_angles {
             for lane in 0..LANES {
-                let [m, n] =
-                    [first, second].map(|group| [3, 4, 5].map(|value: usize| group.values[value][lane]));
+                let (m, n) = (first.normal(lane), second.normal(lane));
                 pairs.cosine[lane] = m[0] * n[0] + m[1] * n[1] + m[2] * n[2];
             }
         }
         if plan.has_frame {
             for lane in 0..LANES {
-                let [m, n] =
-                    [first, second].map(|group| [3, 4, 5].map(|value: usize| group.values[value][lane]));
-                let [x, y, z] = d.each_ref().map(|values| values[lane]);
+                let (m, n) = (first.normal(lane), second.normal(lane));
+                let [x, y, z] = at(&d, lane);
                 pairs.along[0][lane] = m[0] * x + m[1] * y + m[2] * z;
                 pairs.along[1][lane] = n[0] * x + n[1] * y + n[2] * z;
                 let cross = [y * m[2] - z * m[1], z * m[0] - x * m[2], x * m[1] - y * m[0]];
@@ -195,10 +193,16 @@ impl Pairs {
             }
         }
         if matches!(measure, Measure::A2 | Measure::A3) {
-            values = values.map(|value| -value);
+            values.iter_mut().for_each(|value| *value = -*value);
         }
         values
     }
+}
+
+/// A lane of three. Not by `array::map`, which can stay a function of its own, and then the loop has no vectors.
+#[inline(always)]
+fn at(vectors: &[Lanes; 3], lane: usize) -> [f32; 3] {
+    [vectors[0][lane], vectors[1][lane], vectors[2][lane]]
 }
 
 /// ⌊x⌋ of a number from 0 to below 2²², as a cast has it, which would keep a loop from becoming a vector loop.

@@ -32,26 +32,26 @@ impl Draws {
         Self { hashes, samples }
     }
 
-    /// The draws in groups: for each lane the indices among so many points, and whether they make a pair.
+    /// Number of groups.
+    pub(super) fn groups(&self) -> usize {
+        self.samples.div_ceil(LANES as u32) as usize
+    }
+
+    /// A group of draws: for each lane the indices among so many points, and whether they make a pair.
     #[inline(always)]
-    pub(super) fn groups(&self, points: u32) -> impl Iterator<Item = ([[u32; LANES]; 2], [bool; LANES])> {
-        let [ones, others] = self.hashes.each_ref().map(|hashes| hashes.as_chunks::<LANES>().0);
-        let scaled = move |hashes: &[u32; LANES]| {
-            let mut indices = [0; LANES];
-            for (index, &hash) in indices.iter_mut().zip(hashes) {
+    pub(super) fn group(&self, number: usize, points: u32) -> ([[u32; LANES]; 2], [bool; LANES]) {
+        let mut drawn = [[0; LANES]; 2];
+        for (drawn, hashes) in drawn.iter_mut().zip(&self.hashes) {
+            for (index, &hash) in drawn.iter_mut().zip(&hashes[number * LANES..][..LANES]) {
                 *index = ((u64::from(hash) * u64::from(points)) >> 32) as u32;
             }
-            indices
-        };
-        let lanes = (0..self.samples).step_by(LANES).map(|start| self.samples - start);
-        lanes.zip(ones).zip(others).map(move |((lanes, ones), others)| {
-            let [ones, others] = [scaled(ones), scaled(others)];
-            let mut is_pair = [false; LANES];
-            for lane in 0..LANES {
-                is_pair[lane] = (ones[lane] != others[lane]) & ((lane as u32) < lanes);
-            }
-            ([ones, others], is_pair)
-        })
+        }
+        let lanes = self.samples - (number * LANES) as u32;
+        let mut is_pair = [false; LANES];
+        for (lane, is_pair) in is_pair.iter_mut().enumerate() {
+            *is_pair = (drawn[0][lane] != drawn[1][lane]) & ((lane as u32) < lanes);
+        }
+        (drawn, is_pair)
     }
 }
 
@@ -70,7 +70,7 @@ mod tests {
         for (samples, points) in [(1, 5), (64, 2), (100, 1000), (512, 65_537)] {
             let draws = Draws::new(samples);
             let mut drawn = Vec::new();
-            for ([ones, others], is_pair) in draws.groups(points) {
+            for ([ones, others], is_pair) in (0..draws.groups()).map(|number| draws.group(number, points)) {
                 drawn.extend(ones.into_iter().zip(others).zip(is_pair));
             }
             assert_eq!(drawn.len(), samples.next_multiple_of(LANES as u32) as usize);
@@ -86,7 +86,8 @@ mod tests {
     fn draws_reach_every_index_evenly() {
         for points in [1u32, 2, 7, 1000] {
             let mut drawn = [vec![0u32; points as usize], vec![0; points as usize]];
-            for (indices, _) in Draws::new(8192).groups(points) {
+            let draws = Draws::new(8192);
+            for (indices, _) in (0..draws.groups()).map(|number| draws.group(number, points)) {
                 for (drawn, indices) in drawn.iter_mut().zip(indices) {
                     indices.into_iter().for_each(|index| drawn[index as usize] += 1);
                 }

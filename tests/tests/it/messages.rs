@@ -60,9 +60,10 @@ fn the_last_line_of_progress_counts_as_the_summary_does() {
     let told = summary(&finished);
     assert!(told["validation_queries"].as_u64() > Some(0), "{finished}");
     let lines: Vec<&str> = finished.stderr.lines().filter(|line| line.starts_with("generation ")).collect();
-    let counts =
-        format!("{} computed, {} remembered", told["evaluations_computed"], told["evaluations_remembered"]);
-    assert!(lines.last().unwrap().contains(&counts), "{counts}: {finished}");
+    let last = lines.last().unwrap();
+    let [computed, remembered] = ["evaluations_computed", "evaluations_remembered"].map(|key| &told[key]);
+    assert!(last.contains(&format!(" {computed} computed (")), "{computed}: {finished}");
+    assert!(last.contains(&format!("/s), {remembered} remembered ")), "{remembered}: {finished}");
     assert!(lines.iter().all(|line| !line.contains("at most 0 s")), "{finished}");
 }
 
