@@ -50,7 +50,7 @@ impl SearchDefaults {
                 crossover: Crossover::Slots,
                 crossover_rate: 0.5,
                 mutation: Mutation::Field,
-                mutation_rate: 0.06,
+                mutation_rate: 0.03,
                 mutation_decay: 1.0,
             },
             stop: StopSettings {

@@ -454,7 +454,7 @@ fn structures_have_keys_of_their_own_and_defaults_for_the_search() {
         crossover = "slots"
         crossover_rate = 0.5
         mutation = "field"
-        mutation_rate = 0.06
+        mutation_rate = 0.03
         mutation_decay = 1.0
         encoding = "binary"
 
