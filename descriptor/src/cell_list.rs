@@ -86,9 +86,9 @@ impl CellList {
         &self.points
     }
 
-    /// Goes through the wanted ones of the points and `others`, up to `most` at a time that follow one another in a row of cells along x.
-    /// They are given by index, that of the others after the points'; those outside the cloud's bounds count to the
-    /// cells at its edge.
+    /// Goes through the wanted ones of the points and `others`, up to `most` at a time that follow one another in a row
+    /// of cells along x. They are given by index, that of the others after the points'; those outside the cloud's bounds
+    /// count to the cells at its edge.
     pub(crate) fn batches(
         &self,
         wanted: Queries,
