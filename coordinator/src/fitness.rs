@@ -99,6 +99,12 @@ impl Fitness {
         FitnessProtocol::ALL.into_iter().zip(self.weights).filter(|&(_, weight)| weight > 0)
     }
 
+    /// The same with one of its protocols only.
+    pub fn of_protocol(&self, protocol: FitnessProtocol) -> Self {
+        let weights = FitnessProtocol::ALL.map(|other| u32::from(other == protocol));
+        Self { weights, ..*self }
+    }
+
     /// What has to be recognised.
     pub fn objective(&self) -> Objective {
         self.objective

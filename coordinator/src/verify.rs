@@ -15,7 +15,7 @@ use crate::console::Console;
 use crate::experiment::{LocalWorkers, Overrides};
 use crate::fitness::Measured;
 use crate::reopen::{ReopenError, Reopened, reopen};
-use crate::run::{RunError, clouds, data_digest};
+use crate::run::{Matching, RunError, clouds, data_digest, nothing_recognised};
 use crate::session::Session;
 
 /// Why a run cannot be verified.
@@ -101,18 +101,23 @@ pub async fn verify(
     eprintln!("recomputing {} fitness values", descriptors.len());
     let mut session = Session::new(&experiment, &dataset, store, storage.memory).map_err(RunError::from)?;
     session.start(None, LocalWorkers::Auto).await;
-    let descriptors: Vec<&Descriptor> = descriptors.iter().collect();
-    let recomputed = async { Ok(session.measure(experiment.fitness(), &descriptors).await?) };
+    let affordable: Vec<&Descriptor> =
+        descriptors.iter().filter(|descriptor| experiment.affords(descriptor)).collect();
+    let recomputed = async { Ok(session.measure(experiment.fitness(), &affordable).await?) };
     let measured = session.perform(&Console::default(), None, recomputed).await?;
     verdict.recomputed = measured.len();
-    for (row, Measured { counts, margin }) in chosen.iter().zip(&measured) {
+    let nothing = nothing_recognised(experiment.fitness(), &dataset, Matching::Train);
+    let mut measured = measured.into_iter();
+    for (row, descriptor) in chosen.iter().zip(&descriptors) {
+        let recomputed = if experiment.affords(descriptor) { measured.next() } else { Some(nothing) };
+        let Some(Measured { counts, margin }) = recomputed else { continue };
         if row.margin.map(f64::to_bits) != margin.map(f64::to_bits) {
             verdict.problems.push(format!(
                 "evaluations, generation {}, individual {}: expected margin {margin:?}, got {:?}",
                 row.generation, row.individual, row.margin
             ));
         }
-        if row.counts != *counts {
+        if row.counts != counts {
             verdict.problems.push(format!(
                 "evaluations, generation {}, individual {}: expected {} objects and {} categories of {}, got {} and {}",
                 row.generation,

@@ -15,6 +15,9 @@ use crate::signature::Signatures;
 use crate::signature_bytes::{Columns, Layout, SignatureError};
 use crate::structure::{Scale, Structure, Weighted, scale};
 
+/// Clouds of the database among which [`Descriptor::recognition_cost`] counts a cloud to be recognised.
+pub const COST_DATABASE: u64 = 1000;
+
 /// A descriptor of any family.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Descriptor {
@@ -217,6 +220,11 @@ impl Descriptor {
             Self::Structure(structure) => cost::structure(structure),
         };
         cost::total(describing, clouds, self.size_of_cloud(), pairs)
+    }
+
+    /// The counted cost of recognising one cloud among [`COST_DATABASE`] others.
+    pub fn recognition_cost(&self) -> u64 {
+        self.cost(1, COST_DATABASE)
     }
 
     /// Canonical bytes: tag of the family, version, numbers. Equal for equal descriptors only.

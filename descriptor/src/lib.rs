@@ -101,7 +101,7 @@ pub use cloud::Cloud;
 pub use column::Column;
 pub use database::Database;
 pub use describer::{Described, Describer, DescriberError};
-pub use descriptor::Descriptor;
+pub use descriptor::{COST_DATABASE, Descriptor};
 pub use disk_ring::genes::{GENES, GeneKind, GeneTable, Parameters};
 pub use disk_ring::{Binning, QuantiseError, QuantisedCloud, Quantiser, grid};
 pub use distance::{DistanceMatrix, SetDistance};

@@ -115,7 +115,7 @@ fn search_spaces_are_read_as_they_are_written() {
             assert!(SearchSpace::from_bytes(&bytes[..length]).is_err(), "{length} bytes");
         }
         let counts: Vec<u32> = space.genes().iter().map(|(_, domain)| domain.count).collect();
-        let product = counts.iter().fold(1u128, |product, &count| product.saturating_mul(count.into()));
+        let product = counts.iter().try_fold(1u128, |product, &count| product.checked_mul(count.into()));
         assert_eq!(space.size(), product);
         assert_eq!(space.only().is_some(), counts.iter().all(|&count| count == 1));
         let beyond = counts.clone();
@@ -123,7 +123,7 @@ fn search_spaces_are_read_as_they_are_written() {
         assert_eq!(space.decode(&vec![0; counts.len() + 1]), None);
         assert_eq!(Family::named(space.family().name()), Some(space.family()));
     }
-    assert_eq!(SearchSpace::DiskRing(GeneTable::paper()).size(), 16_580_160);
+    assert_eq!(SearchSpace::DiskRing(GeneTable::paper()).size(), Some(16_580_160));
 }
 
 #[test]

@@ -179,15 +179,15 @@ impl SearchSpace {
         }
     }
 
-    /// Number of chromosomes that mean different genes; the largest number there is if it is larger.
-    pub fn size(&self) -> u128 {
-        let counts = self.genes().into_iter().map(|(_, domain)| u128::from(domain.count));
-        counts.fold(1, u128::saturating_mul)
+    /// Number of chromosomes that mean different genes; `None` if 128 bits do not hold it.
+    pub fn size(&self) -> Option<u128> {
+        let mut counts = self.genes().into_iter().map(|(_, domain)| u128::from(domain.count));
+        counts.try_fold(1, u128::checked_mul)
     }
 
     /// Its descriptor, if there is only one.
     pub fn only(&self) -> Option<Descriptor> {
-        (self.size() == 1).then(|| self.decode(&vec![0; self.genes().len()]))?
+        (self.size() == Some(1)).then(|| self.decode(&vec![0; self.genes().len()]))?
     }
 
     /// Canonical bytes: tag of the family, version, numbers.

@@ -225,27 +225,41 @@ mod tests {
     }
 
     #[test]
-    fn a_budget_of_evaluations_ends_the_search_after_the_climb_that_reaches_it() {
-        let stop = StopSettings {
-            perfect: false,
-            validation_patience: None,
-            stagnation: None,
-            generations: 1000,
-            evaluations: Some(25),
-        };
-        let mut search = Search::new(Box::new(peaks_search(5)), stop, WinnerRule::Fitness);
-        let mut met = BTreeSet::new();
-        loop {
-            let before = met.len();
-            met.extend(search.ask().iter().map(|individual| individual.values.clone()));
-            let correct: Vec<u32> = search.ask().iter().map(two_peaks).collect();
-            let state = search.tell(&scores(&correct), None, met.len() as u64);
-            assert_eq!(state.stop, (met.len() >= 25).then_some(StopReason::Evaluations));
-            if state.stop.is_some() {
-                assert!(before < 25 && met.len() < 25 + 5, "{before} to {}", met.len());
-                break;
+    fn a_budget_of_evaluations_ends_the_search_with_the_neighbour_that_reaches_it() {
+        let mut cut = false;
+        for budget in 20..30 {
+            let stop = StopSettings {
+                perfect: false,
+                validation_patience: None,
+                stagnation: None,
+                generations: 1000,
+                evaluations: Some(budget),
+            };
+            let mut search = Search::new(Box::new(peaks_search(5)), stop, WinnerRule::Fitness);
+            let mut met = BTreeSet::new();
+            loop {
+                let asked: Vec<_> = search.ask().iter().map(|individual| individual.values.clone()).collect();
+                let left = search.evaluations_left(met.len() as u64).unwrap();
+                let fits = |end: &usize| {
+                    let new = asked[..*end].iter().filter(|&values| !met.contains(values));
+                    new.collect::<BTreeSet<_>>().len() as u64 <= left
+                };
+                let allowed = (1..=asked.len()).take_while(fits).count();
+                assert!(allowed > 0);
+                cut |= allowed < asked.len();
+                search.keep_first(allowed);
+                assert_eq!(search.ask().len(), allowed);
+                met.extend(asked.into_iter().take(allowed));
+                let correct: Vec<u32> = search.ask().iter().map(two_peaks).collect();
+                let state = search.tell(&scores(&correct), None, met.len() as u64);
+                assert!(met.len() <= budget as usize);
+                assert_eq!(state.stop, (met.len() == budget as usize).then_some(StopReason::Evaluations));
+                if state.stop.is_some() {
+                    break;
+                }
             }
         }
+        assert!(cut, "every budget ended between two generations");
     }
 
     proptest! {

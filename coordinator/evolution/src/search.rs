@@ -54,6 +54,17 @@ impl Search {
         &self.population
     }
 
+    /// How many more different individuals may be evaluated, now that there were `evaluations`; `None` without a budget.
+    pub fn evaluations_left(&self, evaluations: u64) -> Option<u64> {
+        self.stop.evaluations_left(evaluations)
+    }
+
+    /// Drops all individuals of the current generation but the first `count`, at least one: the others are beyond the
+    /// budget of evaluations.
+    pub fn keep_first(&mut self, count: usize) {
+        self.population.truncate(count.max(1));
+    }
+
     /// Index of the individual that is to be validated, now that the scores of the current generation are known; `None`
     /// if the search does without validation.
     pub fn to_validate(&self, scores: &[Score]) -> Option<u32> {

@@ -123,8 +123,8 @@ pub struct StopSettings {
     pub stagnation: Option<u32>,
     /// Stop after this many generations, at least 1. Default 200 (paper).
     pub generations: u32,
-    /// Stop with the generation in which this many different individuals have been evaluated, at least 1; `None`: never
-    /// for this reason. Default none (paper).
+    /// Stop when this many different individuals have been evaluated, at least 1; `None`: never for this reason. Default
+    /// none (paper).
     pub evaluations: Option<u32>,
 }
 

@@ -83,6 +83,11 @@ impl StopRule {
         }
     }
 
+    /// How many more different individuals may be evaluated, now that there were `evaluations`; `None` without a budget.
+    pub fn evaluations_left(&self, evaluations: u64) -> Option<u64> {
+        self.settings.evaluations.map(|budget| u64::from(budget).saturating_sub(evaluations))
+    }
+
     /// Takes the score of the next generation's best, its validation score, `None` without validation, and how many
     /// different individuals have been evaluated so far; returns the best score so far, and why the run ends with this
     /// generation.

@@ -67,9 +67,10 @@ impl Check {
                 eprintln!("warning: {warning}");
             }
         }
+        let descriptors = experiment.space().size();
         text.push_str(&format!(
             "# search space: {} descriptors, {} bits\n",
-            experiment.space().size(),
+            descriptors.map_or_else(|| "over 10^38".to_owned(), |count| count.to_string()),
             search_space::genome(experiment.space(), experiment.encoding()).bits()
         ));
         match &plan {

@@ -6,7 +6,8 @@ use std::process::ExitCode;
 use anyhow::Context as _;
 use clap::Args;
 use descriptor::{
-    Descriptor, Domain, Family, FixedDescriptor, FixedKind, Preprocess, SearchSpace, SetDistance, Unit,
+    COST_DATABASE, Descriptor, Domain, Family, FixedDescriptor, FixedKind, Preprocess, SearchSpace,
+    SetDistance, Unit,
 };
 use serde_json::json;
 
@@ -226,6 +227,7 @@ fn json(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> Stri
     let value = json!({
         "descriptor": told,
         "distance": compared_by(descriptor, distance),
+        "counted_cost": descriptor.recognition_cost(),
         "object_error": error(correct.object),
         "category_error": error(correct.category),
         "object_wrong": correct.queries - correct.object,
@@ -271,6 +273,7 @@ fn text(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> Stri
     let told = format!("{descriptor} ({} values), by {by}", descriptor.size());
     let mut lines = vec![
         fitting(&format!("descriptor      {told}")),
+        format!("counted cost    {} a cloud among {COST_DATABASE}", descriptor.recognition_cost()),
         format!("object error    {} ({object} of {})", share(object), correct.queries),
         format!("category error  {} ({category} of {})", share(category), correct.queries),
         fitting(&format!(

@@ -29,7 +29,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Duration;
 
-use descriptor::{Family, Preprocess, SearchSpace};
+use descriptor::{Descriptor, Family, Preprocess, SearchSpace};
 use evolution::{Encoding, GaSettings, Method, StopSettings, WinnerRule};
 
 use crate::dataset::DatasetSettings;
@@ -67,6 +67,7 @@ pub struct Experiment {
     dataset: DatasetSettings,
     preprocess: Preprocess,
     space: SearchSpace,
+    max_cost: Option<u64>,
     method: Method,
     fitness: Fitness,
     winner: WinnerRule,
@@ -184,6 +185,16 @@ impl Experiment {
     /// The search space.
     pub fn space(&self) -> &SearchSpace {
         &self.space
+    }
+
+    /// Counted cost of recognising a cloud above which a descriptor has fitness 0; `None`: none has for its cost.
+    pub fn max_cost(&self) -> Option<u64> {
+        self.max_cost
+    }
+
+    /// Whether a descriptor is evaluated; one that costs too much is not, and has fitness 0.
+    pub fn affords(&self, descriptor: &Descriptor) -> bool {
+        self.max_cost.is_none_or(|most| descriptor.recognition_cost() <= most)
     }
 
     /// How the best descriptor is searched for.

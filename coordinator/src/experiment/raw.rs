@@ -184,6 +184,11 @@ pub(crate) struct RawDescriptor {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "RawMetric")]
     pub metric: Option<RawMetric>,
+    /// Of structure: a structure whose counted cost of recognising a cloud is higher has fitness 0 and is not evaluated.
+    /// `coordinator evaluate --structure` tells the cost of one: about nanoseconds. Default: no limit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "u64", range(min = 1))]
+    pub max_cost: Option<u64>,
     /// Of structure: the channels of one structure, which is then not searched for, as in the files of
     /// experiments/descriptors.
     #[serde(skip_serializing_if = "Vec::is_empty")]
@@ -200,6 +205,7 @@ impl Default for RawDescriptor {
             slots: None,
             max_bins: None,
             metric: None,
+            max_cost: None,
             channel: Vec::new(),
         }
     }
@@ -442,7 +448,7 @@ pub(super) struct RawStop {
     #[schemars(with = "bool", extend("default" = StopSettings::default().perfect))]
     pub perfect: Option<bool>,
     /// When this many different descriptors have been evaluated, or "off". Those whose result an earlier run has left
-    /// count, too. A generation is always completed, so that there may be somewhat more.
+    /// count, too. The generation in which that happens ends with the last of them.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(
         with = "NumberOr<RawOff>",

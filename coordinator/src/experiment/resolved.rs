@@ -258,6 +258,9 @@ fn space_sections(toml: &mut Toml, experiment: &Experiment) {
             toml.key("slots", space.slots);
             toml.key("max_bins", space.max_bins);
             toml.key("metric", quoted(space.metric.name()));
+            if let Some(max_cost) = experiment.max_cost {
+                toml.key("max_cost", max_cost);
+            }
             return;
         }
         SearchSpace::Structure(structure) => {

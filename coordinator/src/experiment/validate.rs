@@ -19,7 +19,7 @@ use super::raw::{
 };
 use super::validate_dataset::dataset;
 use super::validate_fitness::fitness;
-use super::validate_genes::search_space;
+use super::validate_genes::{max_cost, search_space};
 use super::{CoordinatorSettings, Experiment, LocalWorkers, MAX_LOCAL_WORKERS, Overrides};
 use cluster::sharding::{MAX_SHARDS, ShardCount};
 
@@ -46,6 +46,7 @@ pub(super) fn experiment(
         preprocess: preprocess(&raw.preprocess, raw.dataset.unit, &raw.descriptor)?,
         dataset: dataset(raw.dataset, winner.validates(&stop), folder, lookup)?,
         space: search_space(&raw.descriptor)?,
+        max_cost: max_cost(&raw.descriptor)?,
         method: raw.search.method,
         winner,
         fitness: fitness(raw.search.fitness.as_ref(), defaults.fitness)?,

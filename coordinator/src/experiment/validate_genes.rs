@@ -27,6 +27,7 @@ pub(super) fn search_space(raw: &RawDescriptor) -> Result<SearchSpace, Fault> {
         ("slots", raw.slots.is_some()),
         ("max_bins", raw.max_bins.is_some()),
         ("metric", raw.metric.is_some()),
+        ("max_cost", raw.max_cost.is_some()),
         ("channel", !raw.channel.is_empty()),
     ];
     if let Some((key, _)) =
@@ -66,6 +67,7 @@ fn structures(raw: &RawDescriptor) -> Result<SearchSpace, Fault> {
             ("slots", raw.slots.is_some()),
             ("max_bins", raw.max_bins.is_some()),
             ("metric", raw.metric.is_some()),
+            ("max_cost", raw.max_cost.is_some()),
         ];
         if let Some((key, _)) = searched.iter().find(|(_, is_written)| *is_written) {
             return Err(Fault::new(
@@ -95,6 +97,14 @@ fn structures(raw: &RawDescriptor) -> Result<SearchSpace, Fault> {
     };
     space.check().map_err(fault)?;
     Ok(SearchSpace::Structures(space))
+}
+
+/// The largest counted cost, which no structure can be below if it is 0.
+pub(super) fn max_cost(raw: &RawDescriptor) -> Result<Option<u64>, Fault> {
+    if raw.max_cost == Some(0) {
+        return Err(Fault::new("descriptor.max_cost", "not at least 1, got 0", "raise it, or remove it"));
+    }
+    Ok(raw.max_cost)
 }
 
 fn domain(spec: &GeneSpec, gene: Option<RawGene>) -> Result<Domain, Fault> {

@@ -171,4 +171,14 @@ pub enum RunError {
         /// Under which protocol.
         protocol: &'static str,
     },
+    /// Nothing was evaluated.
+    #[error(
+        "search: no descriptor costs at most descriptor.max_cost = {max_cost}, got {least} and more\nraise it, or search longer"
+    )]
+    TooCostly {
+        /// What a descriptor may cost.
+        max_cost: u64,
+        /// The least cost of those that were met.
+        least: u64,
+    },
 }

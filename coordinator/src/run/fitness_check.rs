@@ -1,11 +1,13 @@
-//! Whether a fitness can be computed on the clouds of a data set: sequences are known, and queries can be answered.
+//! Whether a fitness can be computed on the clouds of a data set: sequences are known, and queries can be answered; and
+//! what it is of a descriptor that answers none.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use proto::task::Objective;
+use proto::task::{Exclusion, Label};
+use results::Counts;
 
 use crate::dataset::{CloudEntry, Dataset, SPLITS};
-use crate::fitness::{Fitness, FitnessProtocol};
+use crate::fitness::{Fitness, Measured, Part};
 use crate::run::RunError;
 use crate::run::matching::{Matching, TRAIN1, TRAIN2};
 
@@ -21,43 +23,79 @@ pub fn check_fitness(fitness: &Fitness, dataset: &Dataset) -> Result<Vec<String>
         let (count, first) = (missing.count, missing.first);
         return Err(RunError::NoSequences { count, first });
     }
-    let class = |cloud: &CloudEntry| match fitness.objective() {
-        Objective::Object => cloud.instance,
-        Objective::Category => cloud.category,
-    };
-    let trained: Vec<&CloudEntry> = [TRAIN1, TRAIN2]
-        .iter()
-        .flat_map(|&split| dataset.splits.all()[split])
-        .map(|&index| &dataset.clouds.entries[index as usize])
-        .collect();
     let mut notes = Vec::new();
     for (protocol, _) in fitness.protocols() {
-        // Of each class the groups of clouds that are not matched with each other: a query can be answered if there is
-        // another group.
-        let mut groups: BTreeMap<u32, BTreeSet<usize>> = BTreeMap::new();
-        for (index, &cloud) in trained.iter().enumerate() {
-            let group = match protocol {
-                FitnessProtocol::Split => continue, // counts every query
-                FitnessProtocol::CrossSequence => cloud.sequence.unwrap_or_default() as usize,
-                FitnessProtocol::LeaveOneOut => index,
-            };
-            groups.entry(class(cloud)).or_default().insert(group);
-        }
-        if groups.is_empty() {
-            continue;
-        }
-        let lost = trained.iter().filter(|cloud| groups[&class(cloud)].len() < 2).count();
-        if lost == trained.len() {
-            return Err(RunError::NoAnswers { protocol: protocol.name() });
-        }
-        if lost > 0 {
-            let splits = [SPLITS[TRAIN1], SPLITS[TRAIN2]].join(" and ");
-            notes.push(format!(
-                "fitness {}: {lost} of {} clouds of {splits} are not counted, as no other cloud is left that they could be recognised by",
-                protocol.name(),
-                trained.len()
-            ));
+        for part in fitness.of_protocol(protocol).parts(Matching::Train) {
+            let Queries { counted, all } = Queries::of(&part, dataset);
+            if counted == 0 && all > 0 {
+                return Err(RunError::NoAnswers { protocol: protocol.name() });
+            }
+            if counted < all {
+                let splits: Vec<&str> = part.query.iter().map(|&split| SPLITS[split]).collect();
+                notes.push(format!(
+                    "fitness {}: {} of {all} clouds of {} are not counted, as no other cloud is left that they could be recognised by",
+                    protocol.name(),
+                    all - counted,
+                    splits.join(" and "),
+                ));
+            }
         }
     }
     Ok(notes)
+}
+
+/// The counts of a descriptor that recognises nothing.
+pub fn nothing_recognised(fitness: &Fitness, dataset: &Dataset, matching: Matching) -> Measured {
+    let of_part = |part: &Part| {
+        let queries = Queries::of(part, dataset).counted;
+        let margin = part.rule.margin.then_some(-f64::from(queries));
+        (Counts { object_correct: 0, category_correct: 0, queries }, margin, part.weight)
+    };
+    Measured::sum(fitness.parts(matching).iter().map(of_part))
+}
+
+/// How many queries a part of a fitness has.
+struct Queries {
+    /// Those that can be answered; all under the plain rule, which counts every query.
+    counted: u32,
+    all: u32,
+}
+
+impl Queries {
+    fn of(part: &Part, dataset: &Dataset) -> Self {
+        let clouds = |splits: &[usize]| -> Vec<&CloudEntry> {
+            let indices = splits.iter().flat_map(|&split| dataset.splits.all()[split]);
+            indices.map(|&index| &dataset.clouds.entries[index as usize]).collect()
+        };
+        let queries = clouds(part.query);
+        let all = queries.len() as u32;
+        if part.rule.is_default() {
+            return Self { counted: all, all };
+        }
+        let class = |cloud: &CloudEntry| {
+            part.rule.class(Label { category: cloud.category, instance: cloud.instance })
+        };
+        // Clouds of one group are not matched with each other.
+        let group = |cloud: &CloudEntry| match part.rule.exclude {
+            Exclusion::None => None,
+            Exclusion::SameSequence => cloud.sequence.map(Group::Sequence),
+            Exclusion::SameCloud => Some(Group::Cloud(cloud.digest)),
+        };
+        let mut groups: BTreeMap<u32, BTreeSet<Option<Group>>> = BTreeMap::new();
+        for cloud in clouds(part.database) {
+            groups.entry(class(cloud)).or_default().insert(group(cloud));
+        }
+        let is_counted = |query: &&&CloudEntry| {
+            let own = group(query);
+            let of_class = groups.get(&class(query));
+            of_class.is_some_and(|groups| groups.iter().any(|group| group.is_none() || *group != own))
+        };
+        Self { counted: queries.iter().filter(is_counted).count() as u32, all }
+    }
+}
+
+#[derive(PartialEq, Eq, PartialOrd, Ord)]
+enum Group {
+    Sequence(u32),
+    Cloud([u8; 32]),
 }

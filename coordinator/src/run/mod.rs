@@ -44,7 +44,7 @@ use directory::{claim, difference, refuse_another};
 use driver::compare_with_optimum;
 pub use driver::{RunDriver, Start};
 pub use error::RunError;
-pub use fitness_check::check_fitness;
+pub use fitness_check::{check_fitness, nothing_recognised};
 pub use matching::Matching;
 use progress::Progress;
 pub use resume::{open_journal, recorded_plan, remove_journal};

@@ -1,5 +1,6 @@
 //! The search loop: has each generation of a search evaluated and writes it to the run folder, until the search ends.
 
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Instant;
@@ -13,6 +14,7 @@ use crate::fitness::Measured;
 use crate::result_cache::Known;
 use crate::run::RunError;
 use crate::run::fitness_batch::{Answer, FitnessBatch};
+use crate::run::fitness_check::nothing_recognised;
 use crate::run::matching::Matching;
 use crate::run::progress::{GenerationReport, Progress};
 use crate::run::rows;
@@ -115,17 +117,13 @@ impl<'a> SearchLoop<'a> {
         mut search: Search,
         folder: &mut RunFolder,
     ) -> Result<SearchResult, RunError> {
-        let space = self.experiment.space();
         loop {
             let started = Instant::now();
             let generation = search.generation();
             self.progress.generation_starts(generation, self.first_met.len() as u64);
+            let descriptors = self.descriptors_within_budget(&search);
+            search.keep_first(descriptors.len());
             let population = search.ask().to_vec();
-            let descriptors: Vec<Descriptor> =
-                population.iter().map(|individual| decode(space, individual)).collect();
-            for descriptor in descriptors.iter().map(tasks::descriptor_bytes) {
-                self.first_met.entry(descriptor).or_insert(generation);
-            }
             let computed = self.evaluate_new(&descriptors).await?;
             let measured: Vec<Measured> =
                 descriptors.iter().map(|descriptor| self.counts.train[descriptor]).collect();
@@ -171,7 +169,13 @@ impl<'a> SearchLoop<'a> {
             }
 
             if let Some(stop_reason) = state.stop {
-                let descriptor = decode(space, &state.winner.individual);
+                let descriptor = decode(self.experiment.space(), &state.winner.individual);
+                if let Some(max_cost) =
+                    self.experiment.max_cost().filter(|_| !self.experiment.affords(&descriptor))
+                {
+                    let costs = self.counts.train.keys().map(Descriptor::recognition_cost);
+                    return Err(RunError::TooCostly { max_cost, least: costs.min().unwrap_or(u64::MAX) });
+                }
                 return Ok(SearchResult {
                     stop_reason,
                     generations: generation,
@@ -187,6 +191,26 @@ impl<'a> SearchLoop<'a> {
         }
     }
 
+    /// What the individuals of the current generation stand for, up to the last that the budget of evaluations allows.
+    fn descriptors_within_budget(&mut self, search: &Search) -> Vec<Descriptor> {
+        let mut left = search.evaluations_left(self.first_met.len() as u64);
+        let mut descriptors = Vec::with_capacity(search.ask().len());
+        for individual in search.ask() {
+            let descriptor = decode(self.experiment.space(), individual);
+            if self.experiment.affords(&descriptor)
+                && let Entry::Vacant(unmet) = self.first_met.entry(tasks::descriptor_bytes(&descriptor))
+            {
+                if left == Some(0) {
+                    break;
+                }
+                left = left.map(|left| left - 1);
+                unmet.insert(search.generation());
+            }
+            descriptors.push(descriptor);
+        }
+        descriptors
+    }
+
     /// Evaluates the descriptors that are new and returns, for the first individual with each of them, who computed
     /// it.
     async fn evaluate_new(
@@ -195,7 +219,12 @@ impl<'a> SearchLoop<'a> {
     ) -> Result<BTreeMap<usize, Finished<EvaluationResult>>, RunError> {
         let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
         for (index, descriptor) in descriptors.iter().enumerate() {
-            if !self.counts.train.contains_key(descriptor) && seen.insert(descriptor) {
+            if self.counts.train.contains_key(descriptor) {
+                continue;
+            }
+            if !self.experiment.affords(descriptor) {
+                self.counts.train.insert(descriptor.clone(), self.nothing_recognised(Matching::Train));
+            } else if seen.insert(descriptor) {
                 new.push((index, descriptor));
             }
         }
@@ -228,13 +257,21 @@ impl<'a> SearchLoop<'a> {
         batch.evaluate(client, watch).await
     }
 
+    fn nothing_recognised(&self, matching: Matching) -> Measured {
+        nothing_recognised(self.experiment.fitness(), self.session.splits.dataset(), matching)
+    }
+
     /// A descriptor on the validation set.
     async fn validate(&mut self, descriptor: &Descriptor) -> Result<Option<Measured>, RunError> {
         if let Some(measured) = self.counts.validation.get(descriptor) {
             return Ok(Some(*measured));
         }
-        let finished = self.measure(&[descriptor], Matching::Validation).await?;
-        let measured = finished.first().map(|answer| answer.measured);
+        let measured = if self.experiment.affords(descriptor) {
+            let finished = self.measure(&[descriptor], Matching::Validation).await?;
+            finished.first().map(|answer| answer.measured)
+        } else {
+            Some(self.nothing_recognised(Matching::Validation))
+        };
         if let Some(measured) = measured {
             self.counts.validation.insert(descriptor.clone(), measured);
         }

@@ -84,6 +84,11 @@ impl<'a> SplitBlobs<'a> {
         [query, database].map(|splits| splits.iter().map(clouds).sum())
     }
 
+    /// The data set.
+    pub fn dataset(&self) -> &Dataset {
+        self.dataset
+    }
+
     /// How clouds are prepared for the tasks of this session.
     pub fn preparation(&self) -> &Preparation {
         &self.preparation

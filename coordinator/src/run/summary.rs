@@ -23,8 +23,8 @@ pub struct Summary {
     pub family: Family,
     /// Clouds that took no part.
     pub skipped: usize,
-    /// Size of the search space.
-    pub descriptors: u128,
+    /// Size of the search space; `None` if 128 bits do not hold it.
+    pub descriptors: Option<u128>,
     /// The run folder.
     pub out: PathBuf,
 }
@@ -80,10 +80,10 @@ impl Summary {
             row(
                 "regret",
                 format!(
-                    "{} ({} of {queries}): the best of all {} descriptors has {} ({})",
+                    "{} ({} of {queries}): the best of all {}descriptors has {} ({})",
                     percent(regret),
                     best.saturating_sub(run.train.object_correct),
-                    self.descriptors,
+                    self.descriptors.map_or_else(String::new, |count| format!("{count} ")),
                     percent(f64::from(queries.saturating_sub(best)) / f64::from(queries)),
                     queries.saturating_sub(best),
                 ),

@@ -5,6 +5,7 @@
 //! - `bad_input`: what users get wrong, and what they are told
 //! - `circles`: no file imports another in a circle
 //! - `comparisons`: descriptors on the test clouds of a run
+//! - `costs`: what a structure may cost, and what counts as recognised
 //! - `determinism`: one digest, whatever the workers do
 //! - `families`: another family than the paper's
 //! - `documents`: commands, links and generated pages of the documents
@@ -39,6 +40,7 @@ mod artefact;
 mod bad_input;
 mod circles;
 mod comparisons;
+mod costs;
 mod determinism;
 mod documents;
 mod exhaust;

@@ -1,0 +1,100 @@
+//! What a structure may cost: those that cost more have fitness 0 without being evaluated; and what the fitness counts
+//! when it counts categories.
+
+use std::collections::BTreeSet;
+
+use results::{TableName, read_evaluations, read_table};
+
+use crate::experiments::{Experiment, clouds, digest, summary};
+use crate::process::run;
+
+/// Above the cost of channels of distances and colours, below that of normals, which half of the channels need.
+const MAX_COST: u64 = 500_000;
+
+fn search(descriptor: &str, fitness: &str, coordinator: &str) -> Experiment {
+    Experiment::new(&format!(
+        "[descriptor]\nfamily = \"structure\"\nmax_bins = 300\nslots = 2\n{descriptor}\n\
+         [search.fitness]\n{fitness}\n[ga]\npopulation = 8\n[stop]\nevaluations = 16\nperfect = false\n\
+         [coordinator]\naudit = 0\n{coordinator}\n"
+    ))
+}
+
+#[test]
+fn what_costs_too_much_has_fitness_0_and_is_not_evaluated() {
+    let limit = format!("max_cost = {MAX_COST}");
+    for fitness in ["cross-sequence = 2\nleave-one-out = 1", "split = 1\nobjective = \"category\""] {
+        let experiment = search(&limit, fitness, "");
+        let told = summary(&experiment.run("out", &["--local-workers", "1"]).expect_success());
+        let out = experiment.path("out");
+        let rows = read_evaluations(&out).unwrap();
+        let queries: BTreeSet<u32> = rows.iter().map(|row| row.counts.queries).collect();
+        assert_eq!(queries.len(), 1, "{fitness}");
+        let (none, some): (Vec<_>, Vec<_>) = rows.iter().partition(|row| row.margin == Some(-1.0));
+        assert!(!none.is_empty() && !some.is_empty(), "{} and {}", none.len(), some.len());
+        for row in none {
+            assert_eq!((row.counts.object_correct, row.counts.category_correct), (0, 0));
+            assert!(row.computed.is_none(), "generation {}", row.generation);
+        }
+        let known: BTreeSet<String> = some.iter().map(|row| format!("{:?}", row.genes)).collect();
+        assert_eq!((known.len(), &told["evaluations_computed"]), (16, &16.into()));
+        assert_eq!(told["stop_reason"], "evaluations");
+
+        let pieces = search(&limit, fitness, "pieces = 2");
+        let shared = pieces.run("out", &["--local-workers", "3"]).expect_success();
+        assert_eq!(digest(&shared), told["run_digest"]);
+        let verified = run("coordinator", ["verify", &out, "--sample", "1000"]).expect_success();
+        assert!(verified.stdout.contains("sound: run digest"), "{verified}");
+        let free = search("", fitness, "");
+        assert_ne!(digest(&free.run("out", &[]).expect_success()), told["run_digest"]);
+    }
+}
+
+#[test]
+fn a_limit_that_nothing_keeps_is_told_with_what_the_cheapest_costs() {
+    let experiment = search("max_cost = 100", "cross-sequence = 1", "");
+    let finished = experiment.run("out", &["--local-workers", "1"]).expect_error();
+    let complaint = "search: no descriptor costs at most descriptor.max_cost = 100, got ";
+    assert!(finished.stderr.contains(complaint), "{finished}");
+
+    for (descriptor, complaint) in [
+        ("family = \"structure\"\nmax_cost = 0", "descriptor.max_cost: not at least 1, got 0"),
+        ("max_cost = 5", "descriptor.max_cost: no key of family disk-ring"),
+    ] {
+        let experiment = Experiment::new(&format!("[descriptor]\n{descriptor}\n"));
+        let finished = run("coordinator", ["check", &experiment.path("exp.toml")]).expect_error();
+        assert!(finished.stderr.contains(complaint), "{finished}");
+    }
+}
+
+#[test]
+fn evaluate_tells_what_a_descriptor_costs() {
+    let data = clouds().display().to_string();
+    let args = ["evaluate", "--data", &data, "--query", "test.txt", "--database", "train1.txt"];
+    let finished = run("coordinator", args).expect_success();
+    assert!(finished.stdout.contains("\ncounted cost    "), "{finished}");
+    let json = run("coordinator", args.into_iter().chain(["--json"])).expect_success();
+    let json: serde_json::Value = serde_json::from_str(&json.stdout).unwrap();
+    let cost = descriptor::Descriptor::default_of(descriptor::Family::DiskRing).cost(1, 1000);
+    assert_eq!(json["counted_cost"], cost);
+}
+
+#[test]
+fn an_objective_of_categories_orders_individuals_by_them() {
+    let experiment = search("", "leave-one-out = 1\nobjective = \"category\"", "");
+    let told = summary(&experiment.run("out", &["--local-workers", "1"]).expect_success());
+    let out = experiment.path("out");
+    let rows = read_evaluations(&out).unwrap();
+    assert!(rows.iter().all(|row| row.objective_correct == Some(row.counts.category_correct)));
+    // By objects another individual would be the best of some generation.
+    let generations = read_table(&out, TableName::Generations).unwrap();
+    let best = generations.column("best_individual").unwrap().u32().unwrap().clone();
+    let mut differs = false;
+    for (number, best) in (1..).zip(best.iter().flatten()) {
+        let of_generation: Vec<_> = rows.iter().filter(|row| row.generation == number).collect();
+        let most = of_generation.iter().map(|row| row.counts.category_correct).max().unwrap();
+        assert_eq!(of_generation[best as usize].counts.category_correct, most, "generation {number}");
+        let objects = of_generation.iter().map(|row| row.counts.object_correct).max().unwrap();
+        differs |= of_generation[best as usize].counts.object_correct < objects;
+    }
+    assert!(differs, "{told}");
+}
