@@ -166,6 +166,11 @@ impl Channel {
     pub fn distances(&self, queries: &Signatures, database: &Signatures) -> DistanceMatrix {
         DistanceMatrix::by(self.metric(), queries, database)
     }
+
+    /// As [`Channel::distances`] of some clouds to the same clouds, in half the time.
+    pub fn distances_among(&self, clouds: &Signatures) -> DistanceMatrix {
+        DistanceMatrix::among(self.metric(), clouds)
+    }
 }
 
 /// Makes the signatures of one channel.

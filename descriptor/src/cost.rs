@@ -23,8 +23,8 @@ const GRID_UM: u64 = 20_000;
 const WITHIN_A_CENTIMETRE: u64 = 35;
 /// Radius of the neighbourhoods that normals are fitted to, micrometres.
 const NORMAL_RADIUS_UM: u32 = 10_000;
-/// Sums over a neighbourhood that a plane is fitted with.
-const SUMS_OF_A_NORMAL: u64 = 10;
+/// Ten sums over a neighbourhood that a plane is fitted with take as long as so many counts.
+const COUNTS_OF_A_NORMAL: u64 = 3;
 /// What PFHRGB takes of an unordered pair of points: three angles and three ratios, in both orders.
 const FEATURES_OF_A_PAIR: u64 = 12;
 /// What SHOTCOLOR takes of a neighbour: five votes in each of two histograms, …
@@ -51,7 +51,7 @@ pub(crate) fn disk_ring(parameters: &Parameters, values: u64) -> u64 {
 /// Describing a cloud, whose normals are fitted anew: all pairs of the points within the radius of a keypoint, or votes
 /// of these points.
 pub(crate) fn fixed(descriptor: &FixedDescriptor) -> u64 {
-    let normals = (POINTS + KEYPOINTS) * within(NORMAL_RADIUS_UM) * SUMS_OF_A_NORMAL;
+    let normals = (POINTS + KEYPOINTS) * within(NORMAL_RADIUS_UM) * COUNTS_OF_A_NORMAL;
     let near = within(descriptor.radius_um);
     let histograms = match descriptor.kind {
         FixedKind::PfhRgb => near * (near - 1) / 2 * FEATURES_OF_A_PAIR,
@@ -89,7 +89,7 @@ pub(crate) fn structure(structure: &Structure) -> u64 {
     let finest =
         channels.filter(|channel| channel.needs_normals()).map(|channel| keypoints(channel.grid_um)).max();
     let normals = finest.map_or(0, |keypoints| {
-        (POINTS + keypoints).saturating_mul(within(NORMAL_RADIUS_UM) * SUMS_OF_A_NORMAL)
+        (POINTS + keypoints).saturating_mul(within(NORMAL_RADIUS_UM) * COUNTS_OF_A_NORMAL)
     });
     describing.fold(normals, u64::saturating_add)
 }

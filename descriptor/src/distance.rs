@@ -212,12 +212,22 @@ impl Transposed {
         }
     }
 
-    fn distances_by<T: Terms>(&self, [centroid, deviation]: [&[f32]; 2], row: &mut [[f32; LANES]]) {
+    fn distances_by<T: Terms>(&self, query: [&[f32]; 2], row: &mut [[f32; LANES]]) {
+        self.distances_from::<T>(0, query, row);
+    }
+
+    /// As [`Transposed::distances_by`], to the clouds of block `first` and of later ones.
+    fn distances_from<T: Terms>(
+        &self,
+        first: usize,
+        [centroid, deviation]: [&[f32]; 2],
+        row: &mut [[f32; LANES]],
+    ) {
         if self.pairs == 0 {
             row.fill([0.0; LANES]);
             return;
         }
-        let (pairs, blocks, terms) = (self.pairs / 2, self.blocks.as_slice(), PhantomData::<T>);
+        let (pairs, blocks, terms) = (self.pairs / 2, &self.blocks[first * self.pairs..], PhantomData::<T>);
         widest(Distances { pairs, blocks, centroid, deviation, row, terms });
     }
 }
@@ -278,6 +288,44 @@ impl DistanceMatrix {
             SetDistance::L1 => Self::of_terms::<L1>(queries, database),
             SetDistance::Hellinger => Self::of_terms::<Hellinger>(queries, database),
         }
+    }
+
+    /// The distances of some clouds to the same clouds: as [`DistanceMatrix::by`] of them and themselves, to the bit, in
+    /// half the time.
+    pub fn among(distance: SetDistance, clouds: &Signatures) -> Self {
+        match distance {
+            SetDistance::ChiSquared => Self::among_of_terms::<ChiSquared>(clouds),
+            SetDistance::L1 => Self::among_of_terms::<L1>(clouds),
+            SetDistance::Hellinger => Self::among_of_terms::<Hellinger>(clouds),
+        }
+    }
+
+    /// The terms of a pair are the same whichever cloud is the query, so that half of the distances are copies.
+    fn among_of_terms<T: Terms>(clouds: &Signatures) -> Self {
+        let columns = clouds.clouds();
+        let transposed = Transposed::new(clouds);
+        // Of each cloud those to the clouds of its own block and of later ones.
+        let later = |query: usize| {
+            let first = query / LANES;
+            let mut row = vec![[0.0; LANES]; columns.div_ceil(LANES) - first];
+            transposed.distances_from::<T>(first, clouds.get(query), &mut row);
+            row
+        };
+        let later: Vec<Vec<[f32; LANES]>> = (0..columns).into_par_iter().map(later).collect();
+        let mut values = vec![0.0; columns * columns];
+        let blocks = values.par_chunks_mut((LANES * columns).max(1)).enumerate();
+        blocks.for_each(|(block, rows)| {
+            let first = block * LANES;
+            for (lane, row) in rows.chunks_exact_mut(columns).enumerate() {
+                let (before, rest) = row.split_at_mut(first);
+                for (cloud, distance) in before.iter_mut().enumerate() {
+                    *distance = later[cloud][block - cloud / LANES][lane];
+                }
+                let columns = rest.len();
+                rest.copy_from_slice(&later[first + lane].as_flattened()[..columns]);
+            }
+        });
+        Self { columns, values }
     }
 
     fn of_terms<T: Terms>(queries: &Signatures, database: &Signatures) -> Self {
@@ -352,6 +400,25 @@ mod tests {
             prop_assert!((found - plain).abs() <= rounding + 1e-12, "{} instead of {}", found, plain);
             prop_assert_eq!(hellinger(&a, &b).to_bits(), hellinger(&b, &a).to_bits());
             prop_assert_eq!(hellinger(&a, &a), 0.0);
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(32))]
+
+        #[test]
+        fn distances_among_clouds_are_those_to_a_database_of_them(
+            values in prop::collection::vec(prop::collection::vec(prop_oneof![Just(0.0f32), 0.0f32..1.0], 5), 0..70),
+            bins in 0usize..=4,
+        ) {
+            let signature =
+                |values: &Vec<f32>| Signature { centroid: values[..bins].to_vec(), deviation: values[1..=bins].to_vec() };
+            let clouds: Vec<Signature> = values.iter().map(signature).collect();
+            let clouds: Signatures = clouds.iter().collect();
+            for distance in SetDistance::ALL {
+                let expected = DistanceMatrix::by(distance, &clouds, &clouds);
+                prop_assert_eq!(DistanceMatrix::among(distance, &clouds), expected);
+            }
         }
     }
 

@@ -1,5 +1,6 @@
 //! What the distances of channels are divided by, as far as a run has found out.
 
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
 use cluster::{Client, ClusterError, ClusterNews};
@@ -27,6 +28,9 @@ impl Scales {
         if missing.is_empty() {
             return Ok(());
         }
+        // Long ones first: a long one that is begun last leaves all other workers waiting for it.
+        let mut missing: Vec<Descriptor> = missing.into_iter().collect();
+        missing.sort_by_key(|channel| Reverse(channel.cost(1, 0)));
         let asked = missing.iter().map(|channel| splits.scale(channel)).collect();
         let found = client.scales(asked, watch).await?;
         self.0.extend(missing.into_iter().zip(found.into_iter().map(|finished| finished.result)));

@@ -113,8 +113,13 @@ impl Matcher {
                     let of_splits = |splits: &[Digest]| -> Vec<Arc<Signatures>> {
                         splits.iter().filter_map(|split| by_source[split][index].clone()).collect()
                     };
-                    let (queries, database) = (of_splits(&pairing[0]), of_splits(&pairing[1]));
-                    let compute = move || channel.distances(&joined(&queries), &joined(&database));
+                    let queries = of_splits(&pairing[0]);
+                    // The same clouds on both sides, as in scales and most protocols of fitness.
+                    let database = (pairing[0] != pairing[1]).then(|| of_splits(&pairing[1]));
+                    let compute = move || match database {
+                        Some(database) => channel.distances(&joined(&queries), &joined(&database)),
+                        None => channel.distances_among(&joined(&queries)),
+                    };
                     let matrix = Arc::new(self.loader.computing.run(compute).await);
                     self.loader.work().matched += 1;
                     self.reuse().keep_distances(&pairing, &wanted.keys[index], &matrix);
@@ -170,7 +175,8 @@ impl Matcher {
     /// The signatures of a split in one channel, if they are in memory or on disk.
     async fn kept(&self, manifest: &Arc<Manifest>, key: &Key) -> Option<Arc<Signatures>> {
         let in_memory = self.reuse().signatures(manifest.digest, key);
-        if in_memory.is_some() || !self.loader.store.is_kept() {
+        let can_be_on_disk = self.loader.store.is_kept() && signature_files::are_of(&key.1);
+        if in_memory.is_some() || !can_be_on_disk {
             return in_memory;
         }
         let (store, of, wanted) = (Arc::clone(&self.loader.store), Arc::clone(manifest), key.clone());

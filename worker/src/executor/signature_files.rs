@@ -3,7 +3,7 @@
 //! Only those of structures: other families describe clouds again as fast as their signatures are read.
 
 use cache::Store;
-use descriptor::{Descriptor, Signatures};
+use descriptor::{Channel, Descriptor, Signatures};
 use proto::Digest;
 
 use crate::executor::manifest::Manifest;
@@ -12,6 +12,11 @@ use crate::prepared_cloud::preprocess_key;
 
 /// The kind of entry, and the version of its bytes.
 pub const SIGNATURES: &str = "signatures 1";
+
+/// Whether signatures in a channel can be kept.
+pub fn are_of(channel: &Channel) -> bool {
+    Descriptor::of_channel(channel).is_some()
+}
 
 /// The signatures of a split in a channel, if they are kept.
 pub fn load(store: &Store, manifest: &Manifest, key: &Key) -> Option<Signatures> {
