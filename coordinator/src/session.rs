@@ -47,6 +47,7 @@ fn limits(experiment: &Experiment) -> Limits {
         max_workers: MAX_WORKERS,
         audit: Audit { share: settings.audit, seed: experiment.seed() },
         check_description: tasks::CHECK_DESCRIPTION,
+        channels_of: tasks::CHANNELS_OF,
     }
 }
 

@@ -1,7 +1,7 @@
 //! Descriptors and clouds as tasks name them: the place where their bytes, labels and counted costs are made.
 
-use cluster::scheduler::CheckDescription;
-use descriptor::{Descriptor, Preprocess, SearchSpace};
+use cluster::scheduler::{ChannelsOf, CheckDescription};
+use descriptor::{Channel, Descriptor, Preprocess, SearchSpace};
 use proto::Digest;
 use proto::task::{self, DescriptorBytes, Facts, Label, Preparation, SplitManifest, Subject};
 
@@ -35,6 +35,17 @@ pub fn subject(preparation: &Preparation, descriptor: &Descriptor) -> Subject {
 pub const CHECK_DESCRIPTION: CheckDescription = |subject, bytes, clouds| {
     let descriptor = Descriptor::from_bytes(subject.descriptor.bytes()).map_err(|error| error.to_string())?;
     descriptor.check_signatures(bytes, clouds).map_err(|error| error.to_string())
+};
+
+/// The channels of a structure, each by a hash of it alone. Workers that describe other descriptors have little to keep.
+pub const CHANNELS_OF: ChannelsOf = |subject| {
+    let channels = |descriptor: Descriptor| descriptor.channels().into_iter().map(|(channel, _)| channel);
+    let number = |channel: Channel| {
+        let Digest(bytes) = Digest::of(&Descriptor::of_channel(&channel)?.to_bytes());
+        bytes.first_chunk().map(|first| u64::from_le_bytes(*first))
+    };
+    let descriptor = Descriptor::from_bytes(subject.descriptor.bytes()).ok();
+    descriptor.into_iter().flat_map(channels).filter_map(number).collect()
 };
 
 /// The blob that lists one split's clouds, with their sequences if these are wanted and known.

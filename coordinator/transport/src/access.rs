@@ -151,6 +151,7 @@ mod tests {
             max_workers: 4,
             audit: Audit { share: 0.0, seed: 0 },
             check_description: |_, _, _| Ok(()),
+            channels_of: |_| Vec::new(),
         };
         AccessControl::new(Cluster::new(limits), requirement, ConnectionLimits::within(1024))
     }

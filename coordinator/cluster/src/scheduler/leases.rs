@@ -40,7 +40,9 @@ impl Scheduler {
         if !idle && self.queue.waiting() <= self.idle {
             return None;
         }
-        let waiting = self.queue.in_order().find(|job| self.may_take(id, *job));
+        let waiting = self.queue.in_order().filter(|job| self.may_take(id, *job));
+        let waiting = waiting.filter_map(|job| Some((job, self.jobs.get(job)?)));
+        let waiting = self.best_match(id, waiting, now);
         // Only an idle worker doubles the work of another.
         waiting.or_else(|| self.queue.overdue(now).find(|job| idle && self.may_take(id, *job)))
     }
@@ -68,6 +70,7 @@ impl Scheduler {
             job.leases.push((id, attempt));
             self.idle -= usize::from(worker.is_idle());
             worker.take(job_id, attempt, now);
+            worker.described.add(&job.channels);
             self.refile(job_id);
         }
     }

@@ -2,6 +2,7 @@
 //!
 //! Nothing here does IO or waits. The service feeds polls in, the run driver submits jobs and drains outcomes.
 
+mod affinity;
 mod audit;
 pub mod fair_queue;
 mod leases;
@@ -21,6 +22,7 @@ use proto::{Introduction, JobId, Lease, WorkerId};
 
 use crate::events::{AttemptEnd, Departure, EventKind};
 use crate::store::{Job, JobStore};
+pub use affinity::ChannelsOf;
 pub use audit::Audit;
 pub use fair_queue::ClientId;
 pub use messages::{
@@ -57,6 +59,8 @@ pub struct Limits {
     pub audit: Audit,
     /// Looks into descriptions, which only the crate `descriptor` reads.
     pub check_description: CheckDescription,
+    /// Looks into descriptors, which only that crate reads.
+    pub channels_of: ChannelsOf,
 }
 
 #[cfg(test)]
@@ -71,6 +75,7 @@ impl Limits {
         max_workers: 4,
         audit: Audit::NONE,
         check_description: |_, _, _| Ok(()),
+        channels_of: |_| Vec::new(),
     };
 }
 
@@ -134,11 +139,12 @@ impl Scheduler {
     }
 
     /// Adds a job under its name ([`JobNames`](crate::job_names::JobNames)). Clients are served in turn; the jobs of one are handed out in
-    /// the order of submission. A job that a worker was given by an earlier start is still its own.
+    /// the order of submission, but to a worker first those in whose channels it has described clouds. A job that a worker was given by an earlier start is still its own.
     pub fn submit(&mut self, id: JobId, task: Arc<Task>, client: ClientId, now: Instant) {
         self.abandon(id, now); // of the same name before the run began again
         let audited = self.limits.audit.covers(&task);
-        let mut job = Job::new(task, self.queue.position(client), audited, now);
+        let channels = self.channels(&task);
+        let mut job = Job::new(task, channels, self.queue.position(client), audited, now);
         let lease = self.restore_attempts(id, &mut job, now);
         self.jobs.open(id, job);
         match lease {

@@ -1,5 +1,6 @@
 //! The scheduler's promises: every job is answered once, whatever happens to workers and messages.
 
+mod affinity;
 mod opinions;
 mod restarts;
 

@@ -5,9 +5,12 @@ use std::time::{Duration, Instant};
 
 use proto::JobId;
 
+use super::affinity::Described;
+
 pub(super) struct Worker {
     pub(super) last_seen: Instant,
     pub(super) sequence: u64,
+    pub(super) described: Described,
     /// Jobs and attempts in the order in which it took them, which is the order in which it works on them.
     leases: Vec<(JobId, u32)>,
     /// Since when the first lease has been the first: a job taken ahead is not worked on yet.
@@ -16,7 +19,13 @@ pub(super) struct Worker {
 
 impl Worker {
     pub(super) fn new(now: Instant) -> Self {
-        Self { last_seen: now, sequence: 0, leases: Vec::new(), first_since: now }
+        Self {
+            last_seen: now,
+            sequence: 0,
+            described: Described::default(),
+            leases: Vec::new(),
+            first_since: now,
+        }
     }
 
     pub(super) fn leases(&self) -> &[(JobId, u32)] {

@@ -39,6 +39,8 @@ struct HandedOut {
 
 pub struct Job {
     pub task: Arc<Task>,
+    /// The channels in which whoever takes it will have described clouds.
+    pub channels: Vec<u64>,
     /// Jobs are handed out in this order.
     pub position: QueuePosition,
     pub submitted: Instant,
@@ -59,9 +61,16 @@ pub struct Job {
 }
 
 impl Job {
-    pub fn new(task: Arc<Task>, position: QueuePosition, audited: bool, submitted: Instant) -> Self {
+    pub fn new(
+        task: Arc<Task>,
+        channels: Vec<u64>,
+        position: QueuePosition,
+        audited: bool,
+        submitted: Instant,
+    ) -> Self {
         Self {
             task,
+            channels,
             position,
             submitted,
             audited,

@@ -128,6 +128,9 @@ impl World {
             max_workers: 100,
             audit: Audit { share, seed },
             check_description: |_, _, _| Ok(()),
+            channels_of: |subject| {
+                subject.descriptor.bytes().iter().map(|byte| u64::from(byte % 8)).collect()
+            },
         };
         let mut world = Self {
             scheduler: Scheduler::new(limits),
