@@ -8,7 +8,7 @@ use results::{TableName, read_evaluations, read_table};
 use crate::experiments::{Experiment, clouds, digest, summary};
 use crate::process::run;
 
-/// Above the cost of channels of distances and colours, below that of normals, which half of the channels need.
+/// What some of the structures that these searches meet cost more than, and others do not.
 const MAX_COST: u64 = 500_000;
 
 fn search(descriptor: &str, fitness: &str, coordinator: &str) -> Experiment {

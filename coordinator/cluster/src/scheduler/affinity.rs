@@ -13,7 +13,7 @@ use crate::store::Job;
 /// Names the channels of a subject that workers keep signatures by, by numbers that are equal for equal channels.
 pub type ChannelsOf = fn(&Subject) -> Vec<u64>;
 
-/// Of so many jobs, from the first that it may take, a worker gets the one of which it has most.
+/// Of so many jobs, from the first that it may take, a worker gets the one with fewest channels left for it to describe.
 const CHOICE: usize = 64;
 /// A job that has waited for so long is handed out before those that a worker has more of.
 const LONGEST_WAIT: Duration = Duration::from_secs(60);

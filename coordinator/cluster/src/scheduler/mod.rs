@@ -138,8 +138,9 @@ impl Scheduler {
         }
     }
 
-    /// Adds a job under its name ([`JobNames`](crate::job_names::JobNames)). Clients are served in turn; the jobs of one are handed out in
-    /// the order of submission, but to a worker first those in whose channels it has described clouds. A job that a worker was given by an earlier start is still its own.
+    /// Adds a job under its name ([`JobNames`](crate::job_names::JobNames)). Clients are served in turn; the jobs of one
+    /// are handed out in the order of submission, but a worker is given first those with fewest channels left for it to
+    /// describe. A job that a worker was given by an earlier start is still its own.
     pub fn submit(&mut self, id: JobId, task: Arc<Task>, client: ClientId, now: Instant) {
         self.abandon(id, now); // of the same name before the run began again
         let audited = self.limits.audit.covers(&task);
