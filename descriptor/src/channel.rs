@@ -152,7 +152,7 @@ impl Channel {
     }
 
     /// A set distance, or its own if that is χ².
-    pub(crate) fn metric_or(&self, distance: SetDistance) -> SetDistance {
+    pub fn metric_or(&self, distance: SetDistance) -> SetDistance {
         match distance {
             SetDistance::ChiSquared => self.metric(),
             other => other,

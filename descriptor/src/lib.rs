@@ -77,6 +77,7 @@ pub mod database;
 pub mod distance;
 pub mod fitness;
 pub mod recognise;
+pub mod recogniser;
 pub mod signature;
 pub mod signature_bytes;
 

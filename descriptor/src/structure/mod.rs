@@ -40,6 +40,7 @@ pub use feature::{Feature, Range};
 pub use file::{ChannelFile, StructureFile};
 pub use genome::StructureSpace;
 pub use plan::StructurePlan;
+pub(crate) use scale::quantile;
 pub use scale::scale;
 
 use crate::distance::SetDistance;

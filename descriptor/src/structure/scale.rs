@@ -1,5 +1,7 @@
 //! What the distances of a channel are divided by, so that those of different channels can be added up.
 
+use std::cmp::Ordering;
+
 use crate::distance::DistanceMatrix;
 
 /// One distance in so many lies below the scale.
@@ -14,12 +16,14 @@ pub fn scale(distances: &DistanceMatrix) -> f64 {
     let clouds = distances.columns();
     let mut pairs: Vec<f32> =
         (0..clouds).flat_map(|cloud| &distances.row(cloud)[cloud + 1..]).copied().collect();
-    if pairs.is_empty() {
-        return 1.0;
-    }
-    let place = pairs.len() / ONE_IN;
-    let (_, &mut scale, _) = pairs.select_nth_unstable_by(place, f32::total_cmp);
-    if scale > 0.0 { f64::from(scale) } else { 1.0 }
+    let scale = quantile(&mut pairs, f32::total_cmp).map_or(0.0, f64::from);
+    if scale > 0.0 { scale } else { 1.0 }
+}
+
+/// Of distances, sorted, the one at index ⌊number/20⌋; `None` of none. Their order is lost.
+pub(crate) fn quantile<T: Copy>(distances: &mut [T], order: impl FnMut(&T, &T) -> Ordering) -> Option<T> {
+    let place = distances.len() / ONE_IN;
+    (!distances.is_empty()).then(|| *distances.select_nth_unstable_by(place, order).1)
 }
 
 #[cfg(test)]

@@ -1,0 +1,150 @@
+//! Recognisers that learn from the labels of a database, beside the nearest neighbour (DESIGN 5b).
+//!
+//! They are learned from the clouds of the database alone; their settings are those that recognise most of its clouds when
+//! each sequence in turn is left out. All of it is + − × ÷ √ and `libm` in a fixed order: equal bits on every machine.
+
+mod folds;
+mod kernel_ridge;
+mod learn;
+mod matrix;
+mod projection;
+
+#[cfg(test)]
+mod testing;
+
+use std::collections::BTreeMap;
+
+pub use kernel_ridge::{KernelRidge, KernelRidgeSettings, MAX_CLOUDS};
+pub use learn::{LabelledClouds, LearnedRecogniser};
+pub use matrix::Matrix;
+pub use projection::{Components, Projection, ProjectionSettings, Reference};
+
+/// How a cloud gets its name from a database.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Method {
+    /// That of the nearest cloud (paper).
+    #[default]
+    Nearest,
+    /// That of the most similar cloud or object after a projection which keeps objects apart.
+    Projection,
+    /// That of the object with most votes, which clouds give by their distance.
+    KernelRidge,
+}
+
+/// What a cloud is recognised as: for the best object and for the second its score and the cloud of the database that
+/// stands for it. Greater scores are better; of equal ones the lowest object's counts.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Answer {
+    /// Of the object that is named.
+    pub best: Vote,
+    /// Of the next.
+    pub second: Vote,
+}
+
+/// What speaks for one object.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Vote {
+    /// How much: a cosine, or the value of a regression whose target is 1.
+    pub score: f64,
+    /// The cloud of the database that shows this object and is most like the query.
+    pub cloud: u32,
+}
+
+/// Why nothing can be learned.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum LearnError {
+    /// There is nothing to tell apart.
+    #[error(
+        "database: must show at least two objects to learn from, got {got}\nadd objects, or recognise by the nearest cloud"
+    )]
+    Objects {
+        /// How many there are.
+        got: usize,
+    },
+    /// The system of equations would not fit.
+    #[error(
+        "database: must have at most {most} clouds for kernel ridge regression, got {got}\nuse a projection, or fewer clouds"
+    )]
+    Clouds {
+        /// How many there are.
+        got: usize,
+        /// At most.
+        most: usize,
+    },
+    /// Nothing tells objects apart.
+    #[error("database: all clouds have the same signature\nuse another descriptor")]
+    Alike,
+    /// The system of equations has no solution.
+    #[error(
+        "database: signatures give a singular system of equations\nuse another descriptor or another recogniser"
+    )]
+    Singular,
+}
+
+impl Method {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Nearest, Self::Projection, Self::KernelRidge];
+
+    /// Its name in experiments, tables and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Nearest => "nearest",
+            Self::Projection => "projection",
+            Self::KernelRidge => "kernel-ridge",
+        }
+    }
+
+    /// The one of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|method| method.name() == name)
+    }
+}
+
+/// The objects of a database, numbered without gaps in the order of their labels.
+#[derive(Clone, Debug, PartialEq)]
+struct Classes {
+    of: Vec<usize>,
+    members: Vec<usize>,
+}
+
+impl Classes {
+    fn new(objects: &[u32]) -> Result<Self, LearnError> {
+        let mut members: BTreeMap<u32, usize> = BTreeMap::new();
+        objects.iter().for_each(|&object| *members.entry(object).or_default() += 1);
+        if members.len() < 2 {
+            return Err(LearnError::Objects { got: members.len() });
+        }
+        let place: BTreeMap<u32, usize> = members.keys().copied().zip(0..).collect();
+        let of = objects.iter().map(|object| place[object]).collect();
+        Ok(Self { of, members: members.into_values().collect() })
+    }
+
+    fn len(&self) -> usize {
+        self.members.len()
+    }
+
+    /// The object of a cloud.
+    fn of(&self, cloud: usize) -> usize {
+        self.of[cloud]
+    }
+
+    /// How many clouds show an object.
+    fn members(&self, class: usize) -> usize {
+        self.members[class]
+    }
+}
+
+/// The best two of the scores of all objects, in their order, each with the cloud that stands for it.
+fn answer(votes: impl Iterator<Item = (f64, u32)>) -> Answer {
+    let nothing = Vote { score: f64::NEG_INFINITY, cloud: 0 };
+    let mut found = Answer { best: nothing, second: nothing };
+    for (score, cloud) in votes {
+        let vote = Vote { score, cloud };
+        if score.total_cmp(&found.best.score).is_gt() {
+            found = Answer { best: vote, second: found.best };
+        } else if score.total_cmp(&found.second.score).is_gt() {
+            found.second = vote;
+        }
+    }
+    found
+}
