@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 use descriptor::SetDistance;
+use descriptor::recogniser::Method;
 
 use super::run::Manner;
 use crate::compare::{Named, Options, Source, Sources, compare};
@@ -41,6 +42,11 @@ pub struct Compare {
     /// channels' own metrics) or l1; repeatable, for example --distance chi2 --distance l1
     #[arg(long, value_name = "NAME", value_parser = ["chi2", "l1"])]
     distance: Vec<String>,
+    /// How clouds get their names: nearest (the default), the name of the nearest cloud; projection, to few values in
+    /// which objects lie apart; kernel-ridge, a regression on distances. The last two learn from the labels of the
+    /// database, their settings chosen inside it; repeatable, for example --recogniser nearest --recogniser projection
+    #[arg(long, value_name = "NAME", value_parser = Method::ALL.map(Method::name))]
+    recogniser: Vec<String>,
     /// Radius of the region of pfhrgb and shotcolor in centimetres, for example 2.5; by default that of the comparison
     /// in the run folder, or else 5. One comparison has one radius: another is refused without --replace
     #[arg(long, value_name = "CM")]
@@ -65,7 +71,17 @@ pub struct Compare {
 impl Compare {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let Self {
-            subject, descriptor, distance, radius_cm, replace, no_times, reason, data, manner, ..
+            subject,
+            descriptor,
+            distance,
+            recogniser,
+            radius_cm,
+            replace,
+            no_times,
+            reason,
+            data,
+            manner,
+            ..
         } = self;
         let given = Sources { structures: self.structure, runs: self.with_run };
         let radius_um = radius_cm.map(|cm| super::micrometres("--radius-cm", cm)).transpose()?;
@@ -84,12 +100,17 @@ impl Compare {
         if distances.is_empty() {
             distances.push(SetDistance::default());
         }
+        let mut recognisers: Vec<_> = recogniser.iter().filter_map(|name| Method::named(name)).collect();
+        if recognisers.is_empty() {
+            recognisers.push(Method::default());
+        }
         let asked = |one: &Named| descriptor.iter().any(|name| name == one.name());
         let named: Vec<Named> = Named::ALL.into_iter().filter(asked).collect();
         let options = Options {
             descriptors: (!named.is_empty()).then_some(named),
             given,
             distances,
+            recognisers,
             radius_um,
             replace,
             times: !no_times,

@@ -1,5 +1,6 @@
-//! Who takes part in a comparison: descriptors with a set distance, each under a label.
+//! Who takes part in a comparison: descriptors with a set distance and a recogniser, each under a label.
 
+use descriptor::recogniser::Method;
 use descriptor::{Descriptor, Family, FixedDescriptor, FixedKind, SetDistance};
 
 use crate::experiment::is_name;
@@ -12,7 +13,7 @@ pub const PAPER: &str = "paper";
 /// The paper counts the nine values of the reference frame, which PCL gives beside the histogram.
 const SHOTCOLOR_NOTE: &str = "the paper counts 1353: with the 9 values of the reference frame";
 
-/// A descriptor under one set distance.
+/// A descriptor under one set distance and recogniser.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Candidate {
     /// Unique; can be a file's name.
@@ -23,6 +24,8 @@ pub struct Candidate {
     pub descriptor: Descriptor,
     /// How clouds are compared by it.
     pub distance: SetDistance,
+    /// How they are named.
+    pub recogniser: Method,
 }
 
 impl Candidate {
@@ -60,9 +63,10 @@ impl Given {
     /// # Errors
     /// What is wrong with the name.
     pub fn new(name: &str, descriptor: Descriptor) -> Result<Self, &'static str> {
-        let ends_like_a_label = SetDistance::ALL.iter().any(|distance| {
-            name.strip_suffix(distance.name()).is_some_and(|rest| rest.is_empty() || rest.ends_with('-'))
-        });
+        let words = SetDistance::ALL.into_iter().map(SetDistance::name).chain(Method::ALL.map(Method::name));
+        let ends_like_a_label = words
+            .into_iter()
+            .any(|word| name.strip_suffix(word).is_some_and(|rest| rest.is_empty() || rest.ends_with('-')));
         if !is_name(name) {
             return Err("name must be 1 to 64 letters a-z, digits, - and _, beginning without -");
         }
@@ -70,7 +74,7 @@ impl Given {
             return Err("name must be none of evolved, paper, pfhrgb and shotcolor");
         }
         if ends_like_a_label {
-            return Err("name must not end in the name of a set distance");
+            return Err("name must not end in the name of a set distance or recogniser");
         }
         Ok(Self { name: name.to_owned(), descriptor })
     }
@@ -122,19 +126,23 @@ pub const L1_SUFFIX: &str = "-l1";
 /// The set distances that descriptors are compared by; a structure may have another of its own.
 const DISTANCES: [SetDistance; 2] = [SetDistance::ChiSquared, SetDistance::L1];
 
-/// A named descriptor under one set distance.
+/// A named descriptor under one set distance and recogniser.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Choice {
     /// Which descriptor.
     pub named: Named,
     /// How clouds are compared by it.
     pub distance: SetDistance,
+    /// How clouds are named.
+    pub recogniser: Method,
 }
 
 impl Choice {
-    /// A descriptor under each set distance.
+    /// A descriptor under each set distance and recogniser.
     pub fn of(named: &Named) -> impl Iterator<Item = Self> {
-        DISTANCES.into_iter().map(|distance| Self { named: named.clone(), distance })
+        let under =
+            |distance| Method::ALL.map(|recogniser| Self { named: named.clone(), distance, recogniser });
+        DISTANCES.into_iter().flat_map(under)
     }
 
     /// All that every comparison knows, in the order in which they are shown.
@@ -145,18 +153,26 @@ impl Choice {
     /// The one with this label; `given`: the descriptor, if it is not among [`Choice::all`]. `None` if there is none.
     pub fn labelled(label: &str, given: Option<Descriptor>) -> Option<Self> {
         Self::all().find(|choice| choice.label() == label).or_else(|| {
+            let learned = [Method::Projection, Method::KernelRidge]
+                .into_iter()
+                .find_map(|method| Some((label.strip_suffix(method.name())?.strip_suffix('-')?, method)));
+            let (label, recogniser) = learned.unwrap_or((label, Method::Nearest));
             let by_l1 = label.strip_suffix(L1_SUFFIX);
             let distance = if by_l1.is_some() { SetDistance::L1 } else { SetDistance::ChiSquared };
             let given = Given::new(by_l1.unwrap_or(label), given?).ok()?;
-            Some(Self { named: Named::Given(given), distance })
+            Some(Self { named: Named::Given(given), distance, recogniser })
         })
     }
 
-    /// Its label; χ², the paper's distance, goes without saying.
+    /// Its label; χ² and the nearest cloud, as the paper has them, go without saying.
     pub fn label(&self) -> String {
-        match self.distance {
+        let compared = match self.distance {
             SetDistance::ChiSquared | SetDistance::Hellinger => self.named.name().to_owned(),
             SetDistance::L1 => format!("{}{L1_SUFFIX}", self.named.name()),
+        };
+        match self.recogniser {
+            Method::Nearest => compared,
+            learned => format!("{compared}-{}", learned.name()),
         }
     }
 
@@ -164,12 +180,13 @@ impl Choice {
     pub fn candidate(&self, evolved: &Descriptor, radius_um: u32) -> Candidate {
         let descriptor = self.named.descriptor(evolved, radius_um);
         let name = self.named.name().to_owned();
-        Candidate { label: self.label(), name, descriptor, distance: self.distance }
+        let (distance, recogniser) = (self.distance, self.recogniser);
+        Candidate { label: self.label(), name, descriptor, distance, recogniser }
     }
 
     /// What they are shown in order of.
-    pub fn rank(&self) -> (usize, &str, SetDistance) {
-        (self.named.place(), self.named.name(), self.distance)
+    pub fn rank(&self) -> (usize, &str, SetDistance, Method) {
+        (self.named.place(), self.named.name(), self.distance, self.recogniser)
     }
 }
 
@@ -182,7 +199,7 @@ mod tests {
     #[test]
     fn labels_are_unique_name_their_choice_and_can_be_names_of_files() {
         let labels: BTreeSet<String> = Choice::all().map(|choice| choice.label()).collect();
-        assert_eq!(labels.len(), Named::ALL.len() * DISTANCES.len());
+        assert_eq!(labels.len(), Named::ALL.len() * DISTANCES.len() * Method::ALL.len());
         assert!(labels.iter().all(|label| label.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-')));
         let structure = Descriptor::default_of(Family::Structure);
         let given = Named::Given(Given::new("chroma", structure.clone()).unwrap());
@@ -191,7 +208,10 @@ mod tests {
         }
         assert_eq!(Choice::labelled("chroma", None), None);
         // What no descriptor may be called.
-        for label in ["", "-l1", "../chroma", "chroma-l1-l1", "chroma-chi2", "evolved-l1-l1"] {
+        let unknown =
+            ["", "-l1", "../chroma", "chroma-l1-l1", "chroma-chi2", "evolved-l1-l1", "chroma-projection-l1"];
+        for label in unknown.into_iter().chain(["-projection", "chroma-nearest", "a-projection-kernel-ridge"])
+        {
             assert_eq!(Choice::labelled(label, Some(structure.clone())), None, "{label}");
         }
     }
@@ -203,7 +223,8 @@ mod tests {
         for name in ["chroma", "hue-saturation", "l1-chroma", "paper2", "xl1"] {
             assert_eq!(given(name).unwrap().name, name);
         }
-        for name in ["", "-a", "a/b", "Chroma", "paper", "evolved", "chroma-l1", "chi2", "a-hellinger"] {
+        let refused = ["", "-a", "a/b", "Chroma", "paper", "evolved", "chroma-l1", "chi2", "a-hellinger"];
+        for name in refused.into_iter().chain(["projection", "a-kernel-ridge", "a-nearest"]) {
             given(name).unwrap_err();
         }
     }

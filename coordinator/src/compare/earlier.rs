@@ -109,6 +109,7 @@ impl Earlier {
 
 #[cfg(test)]
 mod tests {
+    use descriptor::recogniser::Method;
     use descriptor::structure::{Structure, Weighted};
     use descriptor::{Family, FixedKind, SetDistance};
     use results::Counts;
@@ -124,7 +125,7 @@ mod tests {
     }
 
     fn chi2(named: Named) -> Choice {
-        Choice { named, distance: SetDistance::ChiSquared }
+        Choice { named, distance: SetDistance::ChiSquared, recogniser: Method::Nearest }
     }
 
     fn row(choice: &Choice, radius_um: u32, times: Option<Times>) -> ComparedRow {
@@ -135,6 +136,10 @@ mod tests {
             distance: distance.name().to_owned(),
             parameters: descriptor.parameters(),
             size: descriptor.size() as u32,
+            recogniser: None,
+            cloud_size: None,
+            settings: None,
+            database_error: None,
             note: None,
             counts: Counts { object_correct: 3, category_correct: 4, queries: 5 },
             object_wilson: [0.0, 1.0],
@@ -239,7 +244,8 @@ mod tests {
             assert_eq!(added, expected);
         }
         let earlier = with(&all, 50_000);
-        let asked = Choice { named: named("chroma", &other), distance: SetDistance::L1 };
+        let named = named("chroma", &other);
+        let asked = Choice { named, distance: SetDistance::L1, recogniser: Method::Projection };
         let refused = earlier.candidates(folder, &[asked], &evolved, None).unwrap_err().to_string();
         assert!(refused.contains("chroma must be of") && refused.contains("NAME=PATH"), "{refused}");
     }

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use descriptor::SignatureError;
 use descriptor::recognise::RecogniseError;
+use descriptor::recogniser::LearnError;
 use proto::Message;
 
 use super::given::GivenError;
@@ -23,6 +24,14 @@ pub enum CompareError {
     /// Nothing to compare on.
     #[error("{0}: has no test clouds to compare descriptors on\nlist some in [dataset] and run it again")]
     NoTest(PathBuf),
+    /// Nothing can be learned from the database.
+    #[error("{label}: {source}")]
+    Learn {
+        /// The label of the descriptor and recogniser.
+        label: String,
+        /// Why.
+        source: LearnError,
+    },
     /// The winner is not of this program's genes.
     #[error(
         "{0}: best genes: must lie on the genes' grids\nlook whether the run is sound: coordinator verify"

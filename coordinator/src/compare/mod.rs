@@ -21,6 +21,7 @@ use std::time::SystemTime;
 
 use cache::Storage;
 use cache::Store;
+use descriptor::recogniser::Method;
 use descriptor::{Descriptor, Family, Preprocess, SetDistance};
 use results::{ComparedRow, LookRow, PairRow, RunFolder};
 
@@ -53,6 +54,8 @@ pub struct Options {
     pub given: Sources,
     /// Set distances, each descriptor under each.
     pub distances: Vec<SetDistance>,
+    /// Recognisers, each descriptor under each set distance by each.
+    pub recognisers: Vec<Method>,
     /// Radius of the descriptors without genes, micrometres; `None`: that of the comparison in the run folder, or else
     /// the default.
     pub radius_um: Option<u32>,
@@ -176,7 +179,9 @@ fn choose(
         named.retain(|one| !is_refused(&one));
     }
     let named = named.iter().chain(&given);
-    let choices = named.flat_map(Choice::of).filter(|choice| options.distances.contains(&choice.distance));
+    let choices = named.flat_map(Choice::of).filter(|choice| {
+        options.distances.contains(&choice.distance) && options.recognisers.contains(&choice.recogniser)
+    });
     Ok(choices.collect())
 }
 
@@ -251,6 +256,7 @@ impl Comparing<'_> {
         for NamedDescriptor { name, descriptor } in self.descriptors {
             let missing = self.candidates.iter().enumerate().filter(|(index, candidate)| {
                 candidate.descriptor == *descriptor
+                    && candidate.recogniser == Method::Nearest
                     && rows[*index].times.is_none()
                     && is_asked(&candidate.label)
             });

@@ -1,13 +1,15 @@
-//! What a candidate makes of the test clouds: from the parts of clouds to matches, distances and curves.
+//! What a candidate makes of the test clouds: from the signatures of clouds to matches, distances and curves.
 
-use descriptor::distance::set_distances;
-use descriptor::recognise::{Hit, RecogniseError, recognise_from};
+use descriptor::distance::{DistanceMatrix, set_distances};
+use descriptor::recognise::{Hit, recognise_from};
+use descriptor::recogniser::{LabelledClouds, LearnedRecogniser, Method};
 use descriptor::{Label, Match};
 use results::{Curve, DistanceRow};
 
 use super::candidate::Candidate;
 use super::curve::curve;
 use super::described::Described;
+use super::error::CompareError;
 
 /// Pairs of clouds of which distances and curve are kept: 350 MB while they are counted, 44 bytes each.
 pub const MAX_PAIRS: usize = 8_000_000;
@@ -22,28 +24,41 @@ pub struct Recognition {
     pub keypoints_per_cloud: Option<f64>,
     /// Of all pairs, if they are not too many, and of nearest clouds.
     pub curves: Vec<Curve>,
-    /// Query, database cloud and their distance; empty if they are too many.
+    /// Query, database cloud and their distance; empty if they are too many, and of recognisers that learn.
     pub distances: Vec<DistanceRow>,
+    /// Whether distances and the curve of all pairs are left out, because they are too many.
+    pub is_abridged: bool,
+    /// What has been learned from the database; `None` by the nearest cloud.
+    pub learned: Option<LearnedRecogniser>,
 }
 
 impl Recognition {
     /// Matches queries with the database, by the current rayon pool. The first `trained` clouds of the database are those
-    /// that a run's scales are found by.
+    /// that a run's scales are found by; `sequences` are those of its clouds.
     ///
     /// # Errors
-    /// If nothing of the database is described.
+    /// If nothing of the database is described, or nothing can be learned from it.
     pub fn new(
         candidate: &Candidate,
         described: &Described,
         [query_labels, database_labels]: [&[Label]; 2],
-        trained: u32,
-    ) -> Result<Self, RecogniseError> {
+        (trained, sequences): (u32, &[Option<u32>]),
+    ) -> Result<Self, CompareError> {
         let [queries, database] = &described.clouds;
         let labels: Vec<Label> = database.iter().map(|&index| database_labels[index as usize]).collect();
         let count = queries.len();
         let known = database.iter().take_while(|&&cloud| cloud < trained).count();
         let distances = candidate.descriptor.distances(candidate.distance, &described.channels, known);
-        let found = recognise_from(count, &distances, &labels)?;
+        let learned = learn(candidate, described, &distances, database_labels, sequences)?;
+        let found = match &learned {
+            Some(recogniser) => {
+                let channels = described.channels.iter().zip(&distances);
+                let channels = channels.map(|([queries, _], (matrix, factor))| (queries, matrix, *factor));
+                recogniser.recognise(&channels.collect::<Vec<_>>())
+            }
+            None => recognise_from(count, &distances, &labels)
+                .map_err(|source| CompareError::Recognise { label: candidate.label.clone(), source })?,
+        };
         let number = |hit: Hit| Hit { index: database[hit.index as usize], ..hit };
         let numbered = found
             .into_iter()
@@ -54,7 +69,9 @@ impl Recognition {
         };
 
         let (mut pairs, mut of_query) = (Vec::new(), Vec::new());
-        if count * labels.len() <= MAX_PAIRS {
+        let is_abridged = count * labels.len() > MAX_PAIRS;
+        // What has been learned recognises by other values than these distances.
+        if !is_abridged && learned.is_none() {
             for (row, &query) in queries.iter().enumerate() {
                 set_distances(&distances, row, &mut of_query);
                 pairs.extend(
@@ -87,6 +104,33 @@ impl Recognition {
                 })
                 .collect(),
             matches,
+            is_abridged,
+            learned,
         })
     }
+}
+
+/// What the candidate's recogniser learns from the clouds of the database that are described.
+fn learn(
+    candidate: &Candidate,
+    described: &Described,
+    distances: &[(DistanceMatrix, f64)],
+    labels: &[Label],
+    sequences: &[Option<u32>],
+) -> Result<Option<LearnedRecogniser>, CompareError> {
+    if candidate.recogniser == Method::Nearest {
+        return Ok(None);
+    }
+    let [_, database] = &described.clouds;
+    let channels = candidate.descriptor.channels().into_iter().zip(&described.channels).zip(distances);
+    let channels: Vec<_> = channels
+        .map(|(((channel, _), [_, known]), (_, factor))| {
+            (known, DistanceMatrix::among(channel.metric_or(candidate.distance), known), *factor)
+        })
+        .collect();
+    let objects: Vec<u32> = database.iter().map(|&cloud| labels[cloud as usize].instance).collect();
+    let sequences: Vec<Option<u32>> = database.iter().map(|&cloud| sequences[cloud as usize]).collect();
+    let known = LabelledClouds { channels: &channels, objects: &objects, sequences: &sequences };
+    LearnedRecogniser::learn(candidate.recogniser, &known)
+        .map_err(|source| CompareError::Learn { label: candidate.label.clone(), source })
 }

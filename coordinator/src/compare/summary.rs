@@ -66,12 +66,13 @@ impl Comparison {
             (row.counts.category_error(), wrong, row.category_wilson, row.category_bootstrap)
         });
         text.push('\n');
-        let title = ["descriptor", "size", "keypoints", "area", "nearest"];
+        let title = ["descriptor", "size", "cloud", "keypoints", "area", "nearest"];
         let mut lines = vec![texts(title)];
         lines.extend(self.rows.iter().map(|row| {
             vec![
                 row.descriptor.clone(),
                 row.size.to_string(),
+                row.cloud_size.map_or_else(|| "-".to_owned(), |size| size.to_string()),
                 optional(row.keypoints_per_cloud, 1),
                 optional(row.area, 3),
                 optional(row.nearest_area, 3),
@@ -81,6 +82,11 @@ impl Comparison {
         text += &self.times_text();
         for row in &self.rows {
             text += &wrapped(&format!("{}: {}, by {}", row.descriptor, row.parameters, row.distance), 2);
+            if let Some((settings, error)) = row.settings.as_ref().zip(row.database_error) {
+                let learned =
+                    format!("{}: {settings}; inside the database {} wrong", row.descriptor, percent(error));
+                text += &wrapped(&learned, 2);
+            }
             if let Some(note) = &row.note {
                 text += &wrapped(&format!("{}: {note}", row.descriptor), 2);
             }
@@ -182,6 +188,10 @@ impl Comparison {
                 "distance": row.distance,
                 "parameters": row.parameters,
                 "size": row.size,
+                "recogniser": row.recogniser,
+                "cloud_size": row.cloud_size,
+                "settings": row.settings,
+                "database_error": row.database_error,
                 "note": row.note,
                 "queries": row.counts.queries,
                 "skipped": row.skipped,

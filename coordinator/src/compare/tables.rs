@@ -1,5 +1,6 @@
 //! What the tables have of each candidate: from its descriptions to answers, curves and a row.
 
+use descriptor::recogniser::LearnedRecogniser;
 use descriptor::{Descriptor, Label};
 use proto::task::Match;
 use results::{ComparedRow, Counts, PairRow, PredictionRow, RunFolder, RunRow, wilson};
@@ -42,9 +43,11 @@ impl Tables<'_> {
     /// # Errors
     /// If it describes nothing, differs from the run's own final test, or cannot be written.
     pub fn add(&self, candidate: &Candidate, described: &Described) -> Result<Compared, CompareError> {
-        let recognition =
-            Recognition::new(candidate, described, self.labels, self.dataset.splits.trained() as u32)
-                .map_err(|source| CompareError::Recognise { label: candidate.label.clone(), source })?;
+        let database = Matching::Test.database_clouds(self.dataset);
+        let sequence = |&cloud: &u32| self.dataset.clouds.entries[cloud as usize].sequence;
+        let sequences: Vec<Option<u32>> = database.iter().map(sequence).collect();
+        let known = (self.dataset.splits.trained() as u32, &sequences[..]);
+        let recognition = Recognition::new(candidate, described, self.labels, known)?;
         let matches = recognition.matches.iter().map(|&(query, found)| (query, numbered(found)));
         let answers = rows::answers(self.dataset, Matching::Test, matches);
         let outcomes = judge(candidate, &recognition, self.labels);
@@ -54,7 +57,7 @@ impl Tables<'_> {
         self.out.write_compared(&candidate.label, &answers, curves, distances)?;
         let queries = (self.labels[0], self.run.seed);
         let row = row(candidate, &recognition, (counts, &outcomes), queries);
-        Ok(Compared { row, answers, is_abridged: distances.is_empty(), outcomes })
+        Ok(Compared { row, answers, is_abridged: recognition.is_abridged, outcomes })
     }
 
     /// Refuses counts of the evolved descriptor that differ from those of the run's final test.
@@ -117,6 +120,10 @@ fn row(
     };
     let area =
         |name| recognition.curves.iter().find(|curve| curve.name == name).and_then(results::Curve::area);
+    let learned = recognition.learned.as_ref();
+    let cloud_size = learned
+        .and_then(LearnedRecogniser::size)
+        .unwrap_or_else(|| candidate.descriptor.size_of_cloud() as usize);
     let [object_wilson, object_bootstrap] = intervals(counts.object_correct, Level::Object);
     let [category_wilson, category_bootstrap] = intervals(counts.category_correct, Level::Category);
     ComparedRow {
@@ -125,6 +132,10 @@ fn row(
         distance: compared_by(&candidate.descriptor, candidate.distance).to_owned(),
         parameters: candidate.descriptor.parameters(),
         size: candidate.descriptor.size() as u32,
+        recogniser: Some(candidate.recogniser.name().to_owned()),
+        cloud_size: Some(cloud_size as u32),
+        settings: learned.map(LearnedRecogniser::settings),
+        database_error: learned.map(LearnedRecogniser::database_error),
         note: candidate.note().map(str::to_owned),
         counts,
         object_wilson,

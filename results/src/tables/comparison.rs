@@ -35,12 +35,19 @@ record! {
     #[derive(Clone, Debug, PartialEq)]
     pub struct ComparedRow {
         /// Unique in the comparison:
-        descriptor: String, "", "label of the descriptor, such as evolved, paper, pfhrgb, shotcolor-l1";
+        descriptor: String, "", "label of the descriptor, such as evolved, paper-projection, shotcolor-l1";
         kind: String, "", "family of the descriptor, for example disk-ring or pfhrgb";
         distance: String, "",
             "set distance: chi2 or l1; of a structure, for chi2, the metric of its channels";
         parameters: String, "", "values of its genes, or its radius";
         size: u32, "values", "real values of one keypoint's descriptor";
+        recogniser: Option<String>, "",
+            "nearest, projection or kernel-ridge; null in tables of earlier releases, where it is nearest";
+        cloud_size: Option<u32>, "values",
+            "values kept of a cloud, with a projection after it; null in tables of earlier releases";
+        settings: Option<String>, "", "what the recogniser chose inside the database; null of nearest";
+        database_error: Option<f64>, "share",
+            "clouds of the database not recognised by others, a sequence or fold left out at a time, with these settings";
         note: Option<String>, "", "what more there is to say";
         counts as "": Counts, "", "test clouds";
         object_wilson as "object_error": [f64; 2], "share",

@@ -58,6 +58,7 @@ mod pieces;
 mod programs;
 mod protocol;
 mod query;
+mod recognisers;
 mod remembering;
 mod report;
 mod repository;
