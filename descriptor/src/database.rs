@@ -59,6 +59,25 @@ impl Database {
     /// # Panics
     /// If the query is of another descriptor: a programming error.
     pub fn ranking(&self, query: &[Signature], most: usize) -> Vec<Hit> {
+        let mut nearest: BTreeMap<u32, Hit> = BTreeMap::new();
+        for ((distance, label), index) in self.distances(query).into_iter().zip(&self.labels).zip(0u32..) {
+            let hit = Hit { index, distance };
+            let best = nearest.entry(label.instance).or_insert(hit);
+            if distance.total_cmp(&best.distance).is_lt() {
+                *best = hit;
+            }
+        }
+        let mut ranking: Vec<Hit> = nearest.into_values().collect();
+        ranking.sort_by(|a, b| a.distance.total_cmp(&b.distance).then(a.index.cmp(&b.index)));
+        ranking.truncate(most);
+        ranking
+    }
+
+    /// The set distances of a query to all clouds.
+    ///
+    /// # Panics
+    /// If the query is of another descriptor: a programming error.
+    pub fn distances(&self, query: &[Signature]) -> Vec<f64> {
         assert_eq!(query.len(), self.channels.len(), "query of another descriptor");
         let mut row = vec![[0.0; LANES]; self.clouds().div_ceil(LANES)];
         let mut distances = vec![0.0; self.clouds()];
@@ -71,18 +90,7 @@ impl Database {
                 *sum += weight * f64::from(distance);
             }
         }
-        let mut nearest: BTreeMap<u32, Hit> = BTreeMap::new();
-        for ((distance, label), index) in distances.into_iter().zip(&self.labels).zip(0u32..) {
-            let hit = Hit { index, distance };
-            let best = nearest.entry(label.instance).or_insert(hit);
-            if distance.total_cmp(&best.distance).is_lt() {
-                *best = hit;
-            }
-        }
-        let mut ranking: Vec<Hit> = nearest.into_values().collect();
-        ranking.sort_by(|a, b| a.distance.total_cmp(&b.distance).then(a.index.cmp(&b.index)));
-        ranking.truncate(most);
-        ranking
+        distances
     }
 
     /// What the query is recognised as.

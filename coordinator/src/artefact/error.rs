@@ -5,6 +5,7 @@ use std::io;
 use std::path::PathBuf;
 
 use descriptor::pcd::PcdError;
+use descriptor::recogniser::LearnError;
 use descriptor::{DescribeError, Family, Skip};
 
 use crate::experiment::ExperimentError;
@@ -178,6 +179,14 @@ pub enum ExportError {
     NeedsColour {
         /// The run.
         run: PathBuf,
+    },
+    /// Nothing can be learned from the reference clouds.
+    #[error("{run}: {source}", run = .run.display())]
+    Learn {
+        /// The run.
+        run: PathBuf,
+        /// Why.
+        source: LearnError,
     },
     /// Something else is in the way.
     #[error("{folder}: must be a new folder or an artefact, got {got}\nchoose another folder, or remove this one", folder = .folder.display())]

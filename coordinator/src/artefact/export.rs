@@ -7,13 +7,17 @@ use std::path::{Path, PathBuf};
 
 use atomic::{Access, NewFolder};
 use cache::{Storage, Store};
+use descriptor::recogniser::{self, LabelledClouds, LearnError, Method};
 use descriptor::structure::Structure;
-use descriptor::{Describer, Descriptor, Family, Preprocess, SearchSpace, SetDistance, Signature, pcd};
+use descriptor::{
+    Describer, Descriptor, Family, Preprocess, SearchSpace, SetDistance, Signature, Signatures, pcd,
+};
 use rayon::prelude::*;
 use results::{DatabaseCloud, DatabasePart, DatabaseParts, PredictionRow, PredictionSplit};
 
 use super::readme::About;
-use super::recogniser::{Recogniser, signatures};
+use super::recogniser::{Recogniser, channels, labels, signatures};
+use super::recognition::RecognitionSettings;
 use super::settings::{DatabaseSettings, Settings, TestVectorSettings, VERSION};
 use super::test_vector::{Example, Verdict, test_vector};
 use super::{Chosen, DATABASE, EXAMPLE, ExportError, FILES, README, SETTINGS, TEST_VECTOR, scales};
@@ -35,18 +39,22 @@ pub struct Exported {
     pub example: String,
     /// What it is recognised as.
     pub answer: String,
+    /// What names objects and, of one that learns, its settings.
+    pub recogniser: String,
     /// All files together, bytes.
     pub bytes: u64,
 }
 
 /// Makes the artefact of a finished run in the folder `out`, whole or not at all; an artefact that is there is
-/// replaced. `data` is another place of the run's data root.
+/// replaced. `data` is another place of the run's data root. Settings of a recogniser that learns are chosen inside the
+/// reference clouds.
 ///
 /// # Errors
 /// [`ExportError`]: also if the artefact, once written, does not answer as the run did.
 pub fn export(
     run: &Path,
     chosen: Chosen,
+    recogniser: Method,
     data: Option<&Path>,
     out: &Path,
     storage: &Storage,
@@ -81,9 +89,13 @@ pub fn export(
     let database = describe(&dataset, &preprocess, &descriptor, winner)?;
     let reference = signatures(&descriptor, &database).map_err(winner)?;
     let scales = scales::found(&descriptor, &reference, dataset.splits.trained());
+    let learning =
+        learning(recogniser, &dataset, &channels(&descriptor, scales.as_deref(), &reference), &database)
+            .map_err(|source| ExportError::Learn { run: run.to_owned(), source })?;
+    let settings_of_recogniser = learning.map(|chosen| chosen.settings);
     let example = example(&dataset)?;
-    let recogniser =
-        Recogniser::new(preprocess, &descriptor, scales.as_deref(), database.clone()).map_err(winner)?;
+    let held = (scales.as_deref(), settings_of_recogniser.as_ref());
+    let recogniser = Recogniser::new(preprocess, &descriptor, held, database.clone()).map_err(winner)?;
     let vector = |recogniser: &Recogniser, example: &Example| {
         test_vector(recogniser, family, example).map_err(|error| ExportError::Cloud {
             path: dataset.clouds.root.join(&example.cloud),
@@ -91,7 +103,9 @@ pub fn export(
         })
     };
     let (vector_text, verdict) = vector(&recogniser, &example)?;
+    // The run's own answers are those of the nearest cloud.
     if chosen == Chosen::Evolved
+        && learning.is_none()
         && let Some(recorded) = results::read_predictions(run, PredictionSplit::Test)?.first()
     {
         compare(&example, recorded_verdict(recorded), &verdict)?;
@@ -113,6 +127,7 @@ pub fn export(
         unit: preprocess.unit,
         preprocess: raw_preprocess,
         descriptor: raw_descriptor,
+        recognition: settings_of_recogniser.map(RecognitionSettings::from),
         database: DatabaseSettings {
             clouds: database.clouds.len() as u32,
             digest: digest.to_hex().to_string(),
@@ -123,8 +138,15 @@ pub fn export(
     let settings = settings.seal().map_err(|error| winner(error.to_string()))?;
     let clouds = &database.clouds;
     let scales = scales.as_deref().unwrap_or_default();
-    let about =
-        About { finished: &finished, chosen: &chosen, descriptor: &descriptor, scales, preprocess, clouds };
+    let about = About {
+        finished: &finished,
+        chosen: &chosen,
+        descriptor: &descriptor,
+        scales,
+        preprocess,
+        clouds,
+        learning,
+    };
     for (name, bytes) in [
         (SETTINGS, settings.as_bytes()),
         (TEST_VECTOR, vector_text.as_bytes()),
@@ -155,8 +177,30 @@ pub fn export(
         clouds: clouds.len(),
         example: example.cloud,
         answer: verdict.to_string(),
+        recogniser: described(learning),
         bytes,
     })
+}
+
+/// The settings that recognise most reference clouds by those of other sequences or folds.
+fn learning(
+    method: Method,
+    dataset: &Dataset,
+    channels: &[(&Signatures, SetDistance, f64)],
+    database: &results::Database,
+) -> Result<Option<recogniser::Chosen>, LearnError> {
+    let objects: Vec<u32> = labels(&database.clouds).iter().map(|label| label.instance).collect();
+    let sequence = |&cloud: &u32| dataset.clouds.entries[cloud as usize].sequence;
+    let sequences: Vec<Option<u32>> = Matching::Test.database_clouds(dataset).iter().map(sequence).collect();
+    recogniser::Chosen::new(method, &LabelledClouds { channels, objects: &objects, sequences: &sequences })
+}
+
+/// How objects are named, in a line.
+fn described(learning: Option<recogniser::Chosen>) -> String {
+    match learning {
+        Some(chosen) => format!("{}: {}", chosen.settings.method().name(), chosen.settings),
+        None => Method::Nearest.name().to_owned(),
+    }
 }
 
 /// The run's winner.

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
+use descriptor::recogniser::{self, Settings};
 use descriptor::structure::Structure;
 use descriptor::{Descriptor, Preprocess, Unit};
 use results::{Counts, DatabaseCloud, FinishedRun, wilson};
@@ -19,12 +20,14 @@ pub(super) struct About<'a> {
     pub scales: &'a [f64],
     pub preprocess: Preprocess,
     pub clouds: &'a [DatabaseCloud],
+    /// Of a recogniser that learns.
+    pub learning: Option<recogniser::Chosen>,
 }
 
 impl About<'_> {
     /// The text.
     pub(super) fn text(&self) -> String {
-        let Self { finished, chosen, descriptor, preprocess, clouds, scales } = self;
+        let Self { finished, chosen, descriptor, preprocess, clouds, scales, learning } = self;
         let run = &finished.row;
         let objects: BTreeSet<_> = clouds.iter().map(|row| (&row.category, &row.instance)).collect();
         let categories: BTreeSet<_> = clouds.iter().map(|row| &row.category).collect();
@@ -44,7 +47,7 @@ impl About<'_> {
             text,
             "# {name}\n\n\
              {which} of run `{digest}` (experiment {name}, seed {seed}), made by descry {version}.\n\
-             It recognises {objects} objects of {categories} categories by the nearest of {clouds} reference clouds: \
+             It recognises {objects} objects of {categories} categories by {how} {clouds} reference clouds: \
              the run's training and validation clouds, no test cloud.\n\n\
              ## Use\n\n\
              ```\n\
@@ -54,6 +57,10 @@ impl About<'_> {
              A cloud is a PCD file of {colours}points in {unit}, one object cut out of its surroundings, with the camera \
              at the viewpoint that the file names. In a Rust program the crate `descriptor` does the same: its \
              documentation begins with an example.\n\n",
+            how = match learning {
+                Some(_) => "what it learns, whenever it is opened, from the labels of",
+                None => "the nearest of",
+            },
             name = run.name,
             digest = finished.run_digest,
             seed = run.seed,
@@ -79,10 +86,15 @@ impl About<'_> {
         let _ = write!(
             text,
             "\n## The numbers\n\n\
-             - `distance`: set distance to the nearest reference cloud, {sum}. 0 is the same cloud.\n\
-             - `margin`: how much farther the nearest cloud of another object is. Small margins are the doubtful answers.\n\
-             - Neither is a probability, and an object that is not among the {} is taken for the nearest of them.\n\n",
-            objects.len(),
+             {meaning}\n\
+             - `margin`: how much farther the {next}. Small margins are the doubtful answers.\n\
+             - Neither is a probability, and an object that is not among the {objects} is taken for one of them.\n\n",
+            meaning = self.meaning(sum),
+            next = match learning {
+                Some(_) => "second object is",
+                None => "nearest cloud of another object is",
+            },
+            objects = objects.len(),
         );
         match descriptor {
             Descriptor::Structure(Structure { channels }) => {
@@ -105,11 +117,39 @@ impl About<'_> {
         text
     }
 
+    /// What names objects, and its distance; `sum` says what a set distance is.
+    fn meaning(&self, sum: &str) -> String {
+        let Some(chosen) = self.learning else {
+            return format!(
+                "- `distance`: set distance to the nearest reference cloud, {sum}. 0 is the same cloud."
+            );
+        };
+        let recogniser::Chosen { settings, wrong, asked } = chosen;
+        let distance = match settings {
+            Settings::Projection(_) => {
+                "1 less the cosine between a cloud and what it is most like after projection. 0 is the same direction."
+                    .to_owned()
+            }
+            Settings::KernelRidge(_) => format!(
+                "1 less the value of the regression for the object, whose target is 1. The regression is one on set \
+                 distances to the reference clouds: {sum}."
+            ),
+        };
+        format!(
+            "- Objects are named by `{}` ({settings}). While these settings were chosen, {wrong} of {asked} reference clouds \
+             were wrong by those of other sequences or folds.\n\
+             - `distance`: {distance}",
+            settings.method().name(),
+        )
+    }
+
     /// What the run measured of this descriptor.
     fn errors(&self) -> String {
         let row = &self.finished.row;
-        let Some(test) = row.test.filter(|_| *self.chosen == Chosen::Evolved) else {
-            return "Not measured: the run has no test of this descriptor.\n".to_owned();
+        let is_tested = *self.chosen == Chosen::Evolved && self.learning.is_none();
+        let Some(test) = row.test.filter(|_| is_tested) else {
+            return "Not measured: the run has no test of this descriptor and recogniser. `coordinator compare` makes one.\n"
+                .to_owned();
         };
         let Counts { object_correct, category_correct, queries } = test;
         let error = |share: f64, correct: u32| {

@@ -5,26 +5,30 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
+use descriptor::recogniser::LearnedRecogniser;
 use descriptor::{
     Database, DescribeError, Described, Describer, Descriptor, Family, Label, PrepareError, Preprocess,
-    Signatures, Unit, pcd,
+    SetDistance, Signatures, Unit, pcd, recogniser,
 };
 use results::{DatabaseCloud, DatabasePart, DatabaseParts};
 
 use super::error::CloudError;
 use super::settings::Settings;
-use super::{ArtefactError, DATABASE, SETTINGS, scales};
+use super::{ArtefactError, DATABASE, SETTINGS, recognition, scales};
 use crate::evaluate::{Seconds, stages};
 
-/// A descriptor with its reference clouds. Nothing here starts a thread.
+/// A descriptor with its reference clouds. Answers start no thread; opening an artefact that learns from its clouds uses
+/// the current rayon pool.
 pub struct Recogniser {
     preprocess: Preprocess,
     describer: Describer,
     database: Database,
+    /// `None` by the nearest cloud.
+    learned: Option<LearnedRecogniser>,
     clouds: Vec<DatabaseCloud>,
 }
 
-/// An object by its nearest reference cloud.
+/// An object by the reference cloud that is nearest, or most like the query.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Named<'a> {
     /// The object.
@@ -33,7 +37,7 @@ pub struct Named<'a> {
     pub category: &'a str,
     /// The reference cloud.
     pub cloud: &'a str,
-    /// Set distance to it.
+    /// Set distance to it; of a recogniser that learns, 1 less the score of the object.
     pub distance: f64,
 }
 
@@ -90,25 +94,28 @@ impl Recogniser {
                 text.escape_debug()
             )));
         }
-        Self::new(preprocess, &descriptor, settings.database.scales.as_deref(), database).map_err(refused)
+        let recognition = settings.recognition(folder)?;
+        let scales = settings.database.scales.as_deref();
+        Self::new(preprocess, &descriptor, (scales, recognition.as_ref()), database).map_err(refused)
     }
 
-    /// From what an artefact holds; `Err` says why that does not fit together. The descriptor can have the scales.
+    /// From what an artefact holds; `Err` says why that does not fit together. The descriptor can have the scales; with
+    /// settings it learns.
     pub(super) fn new(
         preprocess: Preprocess,
         descriptor: &Descriptor,
-        scales: Option<&[f64]>,
+        (scales, recognition): (Option<&[f64]>, Option<&recogniser::Settings>),
         database: results::Database,
     ) -> Result<Self, String> {
         let describer = Describer::new(descriptor).map_err(|error| Message::of(&error).what)?;
         let signatures = signatures(descriptor, &database)?;
-        let metrics = descriptor.channels().into_iter().map(|(channel, _)| channel.metric());
-        let channels = signatures.iter().zip(metrics).zip(scales::weights(descriptor, scales));
-        let channels: Vec<_> =
-            channels.map(|((signatures, metric), weight)| (signatures, metric, weight)).collect();
+        let channels = channels(descriptor, scales, &signatures);
         let clouds = database.clouds;
-        let database = Database::new(&channels, labels(&clouds)).map_err(|error| Message::of(&error).what)?;
-        Ok(Self { preprocess, describer, database, clouds })
+        let labels = labels(&clouds);
+        let learned =
+            recognition.map(|settings| recognition::learn(settings, &channels, &labels)).transpose()?;
+        let database = Database::new(&channels, labels).map_err(|error| Message::of(&error).what)?;
+        Ok(Self { preprocess, describer, database, learned, clouds })
     }
 
     /// The artefact's description of a cloud, given as the bytes of a PCD file; `seconds` takes the time of each stage.
@@ -127,7 +134,15 @@ impl Recogniser {
 
     /// The nearest `most` objects, at least one, to a cloud that was described.
     pub(super) fn answer(&self, described: &Described, most: usize) -> Answer<'_> {
-        let hits = self.database.ranking(&described.signatures, most.max(1));
+        let (query, most) = (&described.signatures, most.max(1));
+        let hits = match &self.learned {
+            Some(learned) => {
+                let mut ranking = learned.ranking(query, || self.database.distances(query));
+                ranking.truncate(most);
+                ranking
+            }
+            None => self.database.ranking(query, most),
+        };
         let named = |hit: descriptor::recognise::Hit| {
             let DatabaseCloud { cloud, instance, category } = &self.clouds[hit.index as usize];
             Named { instance, category, cloud, distance: hit.distance }
@@ -152,6 +167,18 @@ impl Recogniser {
         seconds.matching += clock.elapsed();
         Ok(answer)
     }
+}
+
+/// The signatures of the reference clouds in each channel, how they are compared, and the channel's weight over its
+/// scale.
+pub(super) fn channels<'a>(
+    descriptor: &Descriptor,
+    scales: Option<&[f64]>,
+    signatures: &'a [Signatures],
+) -> Vec<(&'a Signatures, SetDistance, f64)> {
+    let metrics = descriptor.channels().into_iter().map(|(channel, _)| channel.metric());
+    let channels = signatures.iter().zip(metrics).zip(scales::weights(descriptor, scales));
+    channels.map(|((signatures, metric), weight)| (signatures, metric, weight)).collect()
 }
 
 /// The signatures of the reference clouds in each channel; `Err` says why they are not the descriptor's.
@@ -180,7 +207,7 @@ fn unit_name(unit: Unit) -> &'static str {
 }
 
 /// What the clouds show, by numbers.
-fn labels(clouds: &[DatabaseCloud]) -> Vec<Label> {
+pub(super) fn labels(clouds: &[DatabaseCloud]) -> Vec<Label> {
     let mut categories: BTreeMap<&str, u32> = BTreeMap::new();
     let mut instances: BTreeMap<(&str, &str), u32> = BTreeMap::new();
     let mut labels = Vec::with_capacity(clouds.len());

@@ -2,9 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use descriptor::{Descriptor, Family, Preprocess, SetDistance, Unit};
+use descriptor::{Descriptor, Family, Preprocess, SetDistance, Unit, recogniser};
 use serde::{Deserialize, Serialize};
 
+use super::recognition::RecognitionSettings;
 use super::{ArtefactError, SETTINGS, scales};
 use crate::experiment::{RawDescriptor, RawPreprocess, of_one, one, shortened};
 use crate::run::directory::read_bounded;
@@ -31,6 +32,9 @@ pub(super) struct Settings {
     pub unit: Unit,
     pub preprocess: RawPreprocess,
     pub descriptor: RawDescriptor,
+    /// How objects are named; without it by the nearest cloud.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub recognition: Option<RecognitionSettings>,
     pub database: DatabaseSettings,
     pub test_vector: TestVectorSettings,
 }
@@ -106,6 +110,12 @@ impl Settings {
         Ok((preprocess, descriptor))
     }
 
+    /// The settings of a recogniser that learns; `None` where the nearest cloud names objects.
+    pub(super) fn recognition(&self, folder: &Path) -> Result<Option<recogniser::Settings>, ArtefactError> {
+        let resolved = self.recognition.map(|settings| settings.resolve()).transpose();
+        resolved.map_err(|what| ArtefactError::Settings { path: folder.join(SETTINGS), what })
+    }
+
     /// Settings of no artefact, for tests and fuzzing.
     pub(super) fn sample(preprocess: &Preprocess, descriptor: &Descriptor) -> Self {
         let sections = of_one(preprocess, descriptor);
@@ -123,6 +133,7 @@ impl Settings {
             unit: preprocess.unit,
             preprocess: raw,
             descriptor: sections,
+            recognition: None,
             database: DatabaseSettings {
                 clouds: 943,
                 digest: "ef".repeat(32),

@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use cache::StorageArgs;
 use clap::{Args, ValueEnum};
+use descriptor::recogniser::Method;
 
 use crate::artefact::{self, Chosen};
 use crate::lines::labelled;
@@ -27,6 +28,10 @@ pub struct Export {
     /// File of a structure instead, on the run's clouds, for example experiments/descriptors/pfhrgb.toml
     #[arg(long, value_name = "TOML", conflicts_with = "descriptor")]
     structure: Option<PathBuf>,
+    /// How objects are named: nearest, the name of the nearest cloud; projection and kernel-ridge learn from the labels
+    /// of the reference clouds, for example kernel-ridge. Settings are chosen inside these clouds
+    #[arg(long, value_name = "NAME", default_value = "nearest", value_parser = Method::ALL.map(Method::name))]
+    recogniser: String,
     /// Another place of the data set, for example /data/rgbd; by default the one the run used
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
@@ -48,15 +53,20 @@ impl Export {
             (None, Which::Paper) => Chosen::Paper,
         };
         let storage = self.storage.resolve();
-        let exported = artefact::export(&self.run, chosen, self.data.as_deref(), &self.out, &storage)?;
+        // One of the names, or it would not have been parsed.
+        let recogniser = Method::named(&self.recogniser).unwrap_or_default();
+        let exported =
+            artefact::export(&self.run, chosen, recogniser, self.data.as_deref(), &self.out, &storage)?;
         let out = self.out.display();
         let descriptor = labelled("descriptor", 14, &exported.descriptor.to_string());
         super::print(&format!(
             "{descriptor}\
+             recogniser    {}\n\
              database      {} clouds\n\
              example       {}: nearest is {}\n\
              artefact      {out}, {:.1} MB\n\
              to use it     coordinator recognise {out} CLOUD.pcd\n",
+            exported.recogniser,
             exported.clouds,
             exported.example,
             exported.answer,

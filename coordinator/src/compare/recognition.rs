@@ -2,8 +2,8 @@
 
 use descriptor::distance::{DistanceMatrix, set_distances};
 use descriptor::recognise::{Hit, recognise_from};
-use descriptor::recogniser::{LabelledClouds, LearnedRecogniser, Method};
-use descriptor::{Label, Match};
+use descriptor::recogniser::{Chosen, LabelledClouds, LearnedRecogniser};
+use descriptor::{Label, Match, Signatures};
 use results::{Curve, DistanceRow};
 
 use super::candidate::Candidate;
@@ -28,8 +28,8 @@ pub struct Recognition {
     pub distances: Vec<DistanceRow>,
     /// Whether distances and the curve of all pairs are left out, because they are too many.
     pub is_abridged: bool,
-    /// What has been learned from the database; `None` by the nearest cloud.
-    pub learned: Option<LearnedRecogniser>,
+    /// What has been learned from the database, and the settings; `None` by the nearest cloud.
+    pub learned: Option<(LearnedRecogniser, Chosen)>,
 }
 
 impl Recognition {
@@ -51,10 +51,10 @@ impl Recognition {
         let distances = candidate.descriptor.distances(candidate.distance, &described.channels, known);
         let learned = learn(candidate, described, &distances, database_labels, sequences)?;
         let found = match &learned {
-            Some(recogniser) => {
-                let channels = described.channels.iter().zip(&distances);
-                let channels = channels.map(|([queries, _], (matrix, factor))| (queries, matrix, *factor));
-                recogniser.recognise(&channels.collect::<Vec<_>>())
+            Some((recogniser, _)) => {
+                let queries: Vec<&Signatures> =
+                    described.channels.iter().map(|[queries, _]| queries).collect();
+                recogniser.recognise(&queries, &distances)
             }
             None => recognise_from(count, &distances, &labels)
                 .map_err(|source| CompareError::Recognise { label: candidate.label.clone(), source })?,
@@ -117,20 +117,19 @@ fn learn(
     distances: &[(DistanceMatrix, f64)],
     labels: &[Label],
     sequences: &[Option<u32>],
-) -> Result<Option<LearnedRecogniser>, CompareError> {
-    if candidate.recogniser == Method::Nearest {
-        return Ok(None);
-    }
+) -> Result<Option<(LearnedRecogniser, Chosen)>, CompareError> {
     let [_, database] = &described.clouds;
     let channels = candidate.descriptor.channels().into_iter().zip(&described.channels).zip(distances);
     let channels: Vec<_> = channels
         .map(|(((channel, _), [_, known]), (_, factor))| {
-            (known, DistanceMatrix::among(channel.metric_or(candidate.distance), known), *factor)
+            (known, channel.metric_or(candidate.distance), *factor)
         })
         .collect();
     let objects: Vec<u32> = database.iter().map(|&cloud| labels[cloud as usize].instance).collect();
     let sequences: Vec<Option<u32>> = database.iter().map(|&cloud| sequences[cloud as usize]).collect();
     let known = LabelledClouds { channels: &channels, objects: &objects, sequences: &sequences };
-    LearnedRecogniser::learn(candidate.recogniser, &known)
-        .map_err(|source| CompareError::Learn { label: candidate.label.clone(), source })
+    let failed = |source| CompareError::Learn { label: candidate.label.clone(), source };
+    let Some(chosen) = Chosen::new(candidate.recogniser, &known).map_err(failed)? else { return Ok(None) };
+    let learned = LearnedRecogniser::new(&chosen.settings, &known).map_err(failed)?;
+    Ok(Some((learned, chosen)))
 }

@@ -1,6 +1,5 @@
 //! What the tables have of each candidate: from its descriptions to answers, curves and a row.
 
-use descriptor::recogniser::LearnedRecogniser;
 use descriptor::{Descriptor, Label};
 use proto::task::Match;
 use results::{ComparedRow, Counts, PairRow, PredictionRow, RunFolder, RunRow, wilson};
@@ -122,7 +121,7 @@ fn row(
         |name| recognition.curves.iter().find(|curve| curve.name == name).and_then(results::Curve::area);
     let learned = recognition.learned.as_ref();
     let cloud_size = learned
-        .and_then(LearnedRecogniser::size)
+        .and_then(|(recogniser, _)| recogniser.size())
         .unwrap_or_else(|| candidate.descriptor.size_of_cloud() as usize);
     let [object_wilson, object_bootstrap] = intervals(counts.object_correct, Level::Object);
     let [category_wilson, category_bootstrap] = intervals(counts.category_correct, Level::Category);
@@ -134,8 +133,8 @@ fn row(
         size: candidate.descriptor.size() as u32,
         recogniser: Some(candidate.recogniser.name().to_owned()),
         cloud_size: Some(cloud_size as u32),
-        settings: learned.map(LearnedRecogniser::settings),
-        database_error: learned.map(LearnedRecogniser::database_error),
+        settings: learned.map(|(_, chosen)| chosen.settings.to_string()),
+        database_error: learned.map(|(_, chosen)| chosen.error()),
         note: candidate.note().map(str::to_owned),
         counts,
         object_wilson,

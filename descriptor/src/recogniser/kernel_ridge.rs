@@ -3,7 +3,7 @@
 use nalgebra::{Cholesky, DMatrix};
 
 use super::matrix::{Matrix, dot};
-use super::{Answer, Classes, LearnError, answer};
+use super::{Classes, LearnError, Vote, ranked};
 use crate::structure::quantile;
 
 /// Clouds of a database that are learned from at most: their kernel takes 512 MB.
@@ -46,6 +46,15 @@ pub struct KernelRidge {
 }
 
 impl KernelRidge {
+    /// Whether it can learn from clouds that show these objects.
+    pub(super) fn check(objects: &[u32]) -> Result<Classes, LearnError> {
+        let got = objects.len();
+        if got > MAX_CLOUDS {
+            return Err(LearnError::Clouds { got, most: MAX_CLOUDS });
+        }
+        Classes::new(objects)
+    }
+
     /// Learns from the distances among the clouds of a database, and what they show.
     ///
     /// # Errors
@@ -55,11 +64,8 @@ impl KernelRidge {
         objects: &[u32],
         settings: &KernelRidgeSettings,
     ) -> Result<Self, LearnError> {
-        let classes = Classes::new(objects)?;
+        let classes = Self::check(objects)?;
         let clouds = objects.len();
-        if clouds > MAX_CLOUDS {
-            return Err(LearnError::Clouds { got: clouds, most: MAX_CLOUDS });
-        }
         let mut pairs: Vec<f64> =
             (0..clouds).flat_map(|cloud| &distances.row(cloud)[cloud + 1..]).copied().collect();
         let scale = quantile(&mut pairs, f64::total_cmp).filter(|&scale| scale > 0.0).unwrap_or(1.0);
@@ -80,8 +86,8 @@ impl KernelRidge {
         Ok(Self { classes, width, weights, shares })
     }
 
-    /// What a cloud is recognised as, from its distances to the clouds of the database.
-    pub fn recognise(&self, distances: &[f64]) -> Answer {
+    /// What speaks for each object, best first, from the distances of a cloud to those of the database.
+    pub fn votes(&self, distances: &[f64]) -> Vec<Vote> {
         let kernel: Vec<f64> = distances.iter().map(|&distance| kernel(distance, self.width)).collect();
         let score = |class: usize| dot(self.weights.row(class), &kernel) + self.shares[class];
         // Of each object the nearest of its clouds stands for it.
@@ -92,7 +98,7 @@ impl KernelRidge {
                 *best = Some((distance, cloud as u32));
             }
         }
-        answer(nearest.iter().enumerate().map(|(class, cloud)| {
+        ranked(nearest.iter().enumerate().map(|(class, cloud)| {
             let cloud = cloud.map_or(0, |(_, cloud)| cloud);
             (score(class), cloud)
         }))
@@ -130,7 +136,9 @@ mod tests {
                     let target = f64::from(u8::from(objects[cloud] as usize == object)) - 7.0 / 28.0;
                     assert!((sum + ridge - target).abs() < 1e-9, "{settings:?} {cloud} {object}");
                 }
-                let Answer { best, second } = learned.recognise(distances.row(cloud));
+                let [best, second, ..] = learned.votes(distances.row(cloud))[..] else {
+                    panic!("four objects")
+                };
                 assert_eq!((best.cloud as usize, objects[best.cloud as usize]), (cloud, objects[cloud]));
                 assert!(objects[second.cloud as usize] != objects[cloud] && second.score < best.score);
             }
@@ -142,7 +150,7 @@ mod tests {
         let settings = KernelRidgeSettings::ALL[0];
         let alike = Matrix::new(3, vec![0.0; 9]);
         let learned = KernelRidge::learn(&alike, &[5, 3, 3], &settings).unwrap();
-        let Answer { best, second } = learned.recognise(&[0.0; 3]);
+        let [best, second] = learned.votes(&[0.0; 3])[..] else { panic!("two objects") };
         assert_eq!((best.cloud, second.cloud), (1, 0), "the object with most clouds");
         let nothing = Matrix::default();
         assert_eq!(KernelRidge::learn(&nothing, &[1, 1], &settings), Err(LearnError::Objects { got: 1 }));

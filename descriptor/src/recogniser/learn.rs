@@ -1,160 +1,230 @@
 //! From the signatures of a database to what recognises clouds by it, its settings chosen inside the database.
 
+use std::fmt;
+
 use rayon::prelude::*;
 
 use super::folds::{cross_validate, folds};
 use super::matrix::Matrix;
 use super::{
-    Answer, Components, KernelRidge, KernelRidgeSettings, LearnError, Method, Projection, ProjectionSettings,
-    Reference,
+    Components, KernelRidge, KernelRidgeSettings, LearnError, Method, Projection, ProjectionSettings,
+    Reference, Vote,
 };
-use crate::distance::{DistanceMatrix, set_distances};
+use crate::distance::{DistanceMatrix, SetDistance, set_distances};
 use crate::recognise::{Hit, Match};
-use crate::signature::Signatures;
+use crate::signature::{Signature, Signatures};
 
-/// Reference clouds that are learned from.
+/// Clouds that are learned from.
 pub struct LabelledClouds<'a> {
-    /// Of each channel the signatures of the clouds, their distances to each other, and what these are multiplied by:
-    /// weight over scale.
-    pub channels: &'a [(&'a Signatures, DistanceMatrix, f64)],
+    /// Of each channel the signatures of the clouds, how they are compared, and what distances are multiplied by: weight
+    /// over scale.
+    pub channels: &'a [(&'a Signatures, SetDistance, f64)],
     /// What each cloud shows.
     pub objects: &'a [u32],
     /// The sequence of each, where it is known.
     pub sequences: &'a [Option<u32>],
 }
 
+/// What a recogniser that learns is set to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Settings {
+    /// Of a projection.
+    Projection(ProjectionSettings),
+    /// Of kernel ridge regression.
+    KernelRidge(KernelRidgeSettings),
+}
+
+/// Settings that were chosen inside a database.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Chosen {
+    /// The settings.
+    pub settings: Settings,
+    /// Clouds of the database that were not recognised by those of the other folds.
+    pub wrong: u32,
+    /// Clouds that were asked.
+    pub asked: u32,
+}
+
 /// What has been learned from a database.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LearnedRecogniser {
     model: Model,
-    wrong: u32,
-    asked: u32,
+    /// Of each channel.
+    factors: Vec<f64>,
 }
 
 #[derive(Clone, Debug, PartialEq)]
 enum Model {
-    Projection(Projection, ProjectionSettings),
-    KernelRidge(KernelRidge, KernelRidgeSettings),
+    Projection(Projection),
+    KernelRidge(KernelRidge),
 }
 
-impl LearnedRecogniser {
-    /// Learns by a method from a database, by the current rayon pool; `None` by the nearest neighbour, which learns
-    /// nothing.
+impl Settings {
+    /// Whose settings they are.
+    pub fn method(&self) -> Method {
+        match self {
+            Self::Projection(_) => Method::Projection,
+            Self::KernelRidge(_) => Method::KernelRidge,
+        }
+    }
+}
+
+impl fmt::Display for Settings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Projection(ProjectionSettings { components, shrinkage, reference }) => {
+                let reference = match reference {
+                    Reference::Cloud => "cloud",
+                    Reference::Object => "object",
+                };
+                write!(f, "{components} components, shrinkage {shrinkage}, nearest {reference}")
+            }
+            Self::KernelRidge(KernelRidgeSettings { width, ridge }) => {
+                write!(f, "kernel width {width}, ridge {ridge}")
+            }
+        }
+    }
+}
+
+impl Chosen {
+    /// Chooses the settings of a method that recognise most clouds of a database by those of the other folds, by the
+    /// current rayon pool; `None` of the nearest cloud, which has none.
     ///
     /// # Errors
     /// [`LearnError`] if nothing can be learned from it.
     ///
     /// # Panics
     /// If there are not as many objects and sequences as clouds: a programming error.
-    pub fn learn(method: Method, database: &LabelledClouds<'_>) -> Result<Option<Self>, LearnError> {
-        let LabelledClouds { objects, sequences, .. } = *database;
+    pub fn new(method: Method, clouds: &LabelledClouds<'_>) -> Result<Option<Self>, LearnError> {
+        let LabelledClouds { objects, sequences, .. } = *clouds;
         assert_eq!(objects.len(), sequences.len(), "one sequence for each cloud");
         let folds = folds(objects, sequences);
         match method {
             Method::Nearest => Ok(None),
-            Method::Projection => Self::projection(database, &folds).map(Some),
-            Method::KernelRidge => Self::kernel_ridge(database, &folds).map(Some),
+            Method::Projection => Ok(Some(Self::of_projection(clouds, &folds))),
+            Method::KernelRidge => Self::of_kernel_ridge(clouds, &folds).map(Some),
         }
     }
 
-    fn projection(database: &LabelledClouds<'_>, folds: &[usize]) -> Result<Self, LearnError> {
-        let values = database.values();
-        let (objects, settings) = (database.objects, ProjectionSettings::all());
+    /// Share of the clouds of the database that are not recognised by those of the other folds; 0 of none.
+    pub fn error(&self) -> f64 {
+        f64::from(self.wrong) / f64::from(self.asked.max(1))
+    }
+
+    fn of_projection(clouds: &LabelledClouds<'_>, folds: &[usize]) -> Self {
+        let values = clouds.values();
+        let (objects, settings) = (clouds.objects, ProjectionSettings::all());
         let judge = |known: &[usize], queries: &[usize]| {
             let components = Components::new(&values.select(known), &at(objects, known)).ok()?;
             let wrong = |settings: &ProjectionSettings| -> Option<u32> {
                 let projection = components.projection(settings).ok()?;
-                let recognise = |query: usize| projection.recognise(values.row(query));
-                Some(wrong(objects, known, queries, recognise))
+                let votes = |query: usize| projection.votes(values.row(query));
+                Some(wrong(objects, known, queries, votes))
             };
             settings.iter().map(wrong).collect()
         };
         let (counts, asked) = cross_validate(objects, folds, settings.len(), judge);
         let best = least(&counts);
-        let projection = Components::new(&values, objects)?.projection(&settings[best])?;
-        let model = Model::Projection(projection, settings[best]);
-        Ok(Self { model, wrong: counts[best], asked })
+        Self { settings: Settings::Projection(settings[best]), wrong: counts[best], asked }
     }
 
-    fn kernel_ridge(database: &LabelledClouds<'_>, folds: &[usize]) -> Result<Self, LearnError> {
-        let distances = database.distances();
-        let (objects, settings) = (database.objects, KernelRidgeSettings::ALL);
+    fn of_kernel_ridge(clouds: &LabelledClouds<'_>, folds: &[usize]) -> Result<Self, LearnError> {
+        KernelRidge::check(clouds.objects)?; // before the distances of too many
+        let distances = clouds.distances();
+        let (objects, settings) = (clouds.objects, KernelRidgeSettings::ALL);
         let judge = |known: &[usize], queries: &[usize]| {
             let among = distances.select(known).transposed().select(known);
             let wrong = |settings: &KernelRidgeSettings| -> Option<u32> {
                 let ridge = KernelRidge::learn(&among, &at(objects, known), settings).ok()?;
-                let recognise = |query: usize| {
+                let votes = |query: usize| {
                     let row = distances.row(query);
-                    ridge.recognise(&known.iter().map(|&cloud| row[cloud]).collect::<Vec<f64>>())
+                    ridge.votes(&known.iter().map(|&cloud| row[cloud]).collect::<Vec<f64>>())
                 };
-                Some(wrong(objects, known, queries, recognise))
+                Some(wrong(objects, known, queries, votes))
             };
             settings.iter().map(wrong).collect()
         };
         let (counts, asked) = cross_validate(objects, folds, settings.len(), judge);
         let best = least(&counts);
-        let ridge = KernelRidge::learn(&distances, objects, &settings[best])?;
-        Ok(Self { model: Model::KernelRidge(ridge, settings[best]), wrong: counts[best], asked })
+        Ok(Self { settings: Settings::KernelRidge(settings[best]), wrong: counts[best], asked })
     }
+}
 
-    /// Share of the clouds of the database that the chosen settings do not recognise by the other folds; 0 of none.
-    pub fn database_error(&self) -> f64 {
-        f64::from(self.wrong) / f64::from(self.asked.max(1))
+impl LearnedRecogniser {
+    /// Learns from all clouds of a database, by the current rayon pool.
+    ///
+    /// # Errors
+    /// [`LearnError`] if nothing can be learned from it.
+    pub fn new(settings: &Settings, clouds: &LabelledClouds<'_>) -> Result<Self, LearnError> {
+        let objects = clouds.objects;
+        let model = match settings {
+            Settings::Projection(settings) => {
+                Model::Projection(Components::new(&clouds.values(), objects)?.projection(settings)?)
+            }
+            Settings::KernelRidge(settings) => {
+                KernelRidge::check(objects)?; // before the distances of too many
+                Model::KernelRidge(KernelRidge::learn(&clouds.distances(), objects, settings)?)
+            }
+        };
+        Ok(Self { model, factors: clouds.channels.iter().map(|&(.., factor)| factor).collect() })
     }
 
     /// Values that are kept of a cloud if they are others than its signature.
     pub fn size(&self) -> Option<usize> {
         match &self.model {
-            Model::Projection(projection, _) => Some(projection.size()),
-            Model::KernelRidge(..) => None,
+            Model::Projection(projection) => Some(projection.size()),
+            Model::KernelRidge(_) => None,
         }
     }
 
-    /// The settings that were chosen, for people.
-    pub fn settings(&self) -> String {
-        match &self.model {
-            Model::Projection(projection, settings) => {
-                let ProjectionSettings { components, shrinkage, reference } = settings;
-                let reference = match reference {
-                    Reference::Cloud => "nearest cloud",
-                    Reference::Mean => "nearest object",
-                };
-                let size = projection.size();
-                format!("{components} components, shrinkage {shrinkage}, {size} values, {reference}")
-            }
-            Model::KernelRidge(_, KernelRidgeSettings { width, ridge }) => {
-                format!("kernel width {width}, ridge {ridge}")
-            }
-        }
-    }
-
-    /// What it makes of each query: from the signatures of all of them and their distances to the database in each
-    /// channel, with the factor of the channel. Distances are 1 less the score.
+    /// What it makes of each query, by the current rayon pool: from the signatures of all of them in each channel, and
+    /// their distances to the database with the factor of the channel. Distances are 1 less the score.
     ///
     /// # Panics
     /// If channels or database are others than those that it has learned from: a programming error.
-    pub fn recognise(&self, channels: &[(&Signatures, &DistanceMatrix, f64)]) -> Vec<Match> {
-        let queries = channels.first().map_or(0, |(signatures, ..)| signatures.clouds());
-        let hit = |vote: super::Vote| Hit { index: vote.cloud, distance: 1.0 - vote.score };
-        let found = |answer: Answer| Match { nearest: hit(answer.best), runner_up: Some(hit(answer.second)) };
-        let distances: Vec<(&DistanceMatrix, f64)> =
-            channels.iter().map(|&(_, distances, factor)| (distances, factor)).collect();
-        let one = |query: usize| match &self.model {
-            Model::Projection(projection, _) => {
-                let mut values = Vec::new();
-                for (signatures, _, factor) in channels {
-                    append_values(signatures, query, *factor, &mut values);
-                }
-                found(projection.recognise(&values))
-            }
-            Model::KernelRidge(ridge, _) => {
+    pub fn recognise(&self, queries: &[&Signatures], distances: &[(DistanceMatrix, f64)]) -> Vec<Match> {
+        let one = |query: usize| {
+            let parts = || queries.iter().map(|signatures| signatures.get(query));
+            let sums = || {
                 let mut sums = Vec::new();
-                set_distances(&distances, query, &mut sums);
-                found(ridge.recognise(&sums))
-            }
+                set_distances(distances, query, &mut sums);
+                sums
+            };
+            let ranking = self.votes(parts(), sums);
+            // Two objects at least: no other database is learned from.
+            Match { nearest: hit(ranking[0]), runner_up: ranking.get(1).copied().map(hit) }
         };
-        (0..queries).into_par_iter().map(one).collect()
+        (0..queries.first().map_or(0, |signatures| signatures.clouds())).into_par_iter().map(one).collect()
     }
+
+    /// The cloud that stands for each object, best first, at a distance of 1 less its score, on the calling thread:
+    /// from the signature of a query in each channel and, where they are asked for, its distances to the database.
+    ///
+    /// # Panics
+    /// As [`LearnedRecogniser::recognise`].
+    pub fn ranking(&self, query: &[Signature], distances: impl FnOnce() -> Vec<f64>) -> Vec<Hit> {
+        let parts = query.iter().map(|Signature { centroid, deviation }| [&centroid[..], deviation]);
+        self.votes(parts, distances).into_iter().map(hit).collect()
+    }
+
+    fn votes<'a>(
+        &self,
+        parts: impl Iterator<Item = [&'a [f32]; 2]>,
+        distances: impl FnOnce() -> Vec<f64>,
+    ) -> Vec<Vote> {
+        match &self.model {
+            Model::Projection(projection) => {
+                let mut values = Vec::new();
+                parts.zip(&self.factors).for_each(|(part, factor)| append_values(part, *factor, &mut values));
+                projection.votes(&values)
+            }
+            Model::KernelRidge(ridge) => ridge.votes(&distances()),
+        }
+    }
+}
+
+fn hit(vote: Vote) -> Hit {
+    Hit { index: vote.cloud, distance: 1.0 - vote.score }
 }
 
 impl LabelledClouds<'_> {
@@ -163,7 +233,7 @@ impl LabelledClouds<'_> {
         let (mut values, mut columns) = (Vec::new(), 0);
         for cloud in 0..self.objects.len() {
             for (signatures, _, factor) in self.channels {
-                append_values(signatures, cloud, *factor, &mut values);
+                append_values(signatures.get(cloud), *factor, &mut values);
             }
             columns = values.len() / (cloud + 1);
         }
@@ -171,8 +241,10 @@ impl LabelledClouds<'_> {
     }
 
     fn distances(&self) -> Matrix {
-        let channels: Vec<(&DistanceMatrix, f64)> =
-            self.channels.iter().map(|(_, distances, factor)| (distances, *factor)).collect();
+        let of = |&(signatures, distance, factor): &(&Signatures, SetDistance, f64)| {
+            (DistanceMatrix::among(distance, signatures), factor)
+        };
+        let channels: Vec<(DistanceMatrix, f64)> = self.channels.iter().map(of).collect();
         let row = |cloud: usize| {
             let mut sums = Vec::new();
             set_distances(&channels, cloud, &mut sums);
@@ -183,9 +255,8 @@ impl LabelledClouds<'_> {
     }
 }
 
-fn append_values(signatures: &Signatures, cloud: usize, factor: f64, values: &mut Vec<f64>) {
-    let of_cloud = signatures.get(cloud).into_iter().flatten();
-    values.extend(of_cloud.map(|&value| (f64::from(value) * factor).sqrt()));
+fn append_values(part: [&[f32]; 2], factor: f64, values: &mut Vec<f64>) {
+    values.extend(part.into_iter().flatten().map(|&value| (f64::from(value) * factor).sqrt()));
 }
 
 fn at(objects: &[u32], clouds: &[usize]) -> Vec<u32> {
@@ -197,11 +268,11 @@ fn wrong(
     objects: &[u32],
     known: &[usize],
     queries: &[usize],
-    recognise: impl Fn(usize) -> Answer + Sync,
+    votes: impl Fn(usize) -> Vec<Vote> + Sync,
 ) -> u32 {
     let is_wrong = |&&query: &&usize| {
-        let found = known[recognise(query).best.cloud as usize];
-        objects[found] != objects[query]
+        let found = votes(query).first().map(|best| known[best.cloud as usize]);
+        found.is_none_or(|found| objects[found] != objects[query])
     };
     queries.par_iter().filter(is_wrong).count() as u32
 }
@@ -229,6 +300,7 @@ mod tests {
     }
 
     struct Learned {
+        chosen: Chosen,
         recogniser: LearnedRecogniser,
         found: Vec<Match>,
     }
@@ -239,18 +311,33 @@ mod tests {
         let asked: Vec<usize> = (1..sample.objects.len()).step_by(2).collect();
         let [database, queries] = [&known, &asked].map(|clouds| signatures(&sample.values.select(clouds)));
         let weights = [0.75, 2.0];
-        let channels: Vec<_> = weights
-            .iter()
-            .map(|&weight| (&database, DistanceMatrix::among(SetDistance::ChiSquared, &database), weight))
-            .collect();
+        let chi_squared = SetDistance::ChiSquared;
+        let channels = weights.map(|weight| (&database, chi_squared, weight));
         let sequences: Vec<Option<u32>> =
             (0..known.len() as u32).map(|cloud| has_sequences.then_some(cloud % 3)).collect();
         let objects = at(&sample.objects, &known);
-        let database_of = LabelledClouds { channels: &channels, objects: &objects, sequences: &sequences };
-        let recogniser = LearnedRecogniser::learn(method, &database_of).unwrap().unwrap();
-        let to_database = DistanceMatrix::by(SetDistance::ChiSquared, &queries, &database);
-        let asked: Vec<_> = weights.iter().map(|&weight| (&queries, &to_database, weight)).collect();
-        Learned { found: recogniser.recognise(&asked), recogniser }
+        let clouds = LabelledClouds { channels: &channels, objects: &objects, sequences: &sequences };
+        let chosen = Chosen::new(method, &clouds).unwrap().unwrap();
+        assert_eq!(chosen.settings.method(), method);
+        let recogniser = LearnedRecogniser::new(&chosen.settings, &clouds).unwrap();
+        let distances = weights.map(|weight| (DistanceMatrix::by(chi_squared, &queries, &database), weight));
+        let found = recogniser.recognise(&[&queries, &queries], &distances);
+        // One cloud at a time, without a thread: the same bits.
+        for (query, found) in found.iter().enumerate() {
+            let [centroid, deviation] = queries.get(query).map(<[f32]>::to_vec);
+            let signature = Signature { centroid, deviation };
+            let ranking = recogniser.ranking(&[signature.clone(), signature], || {
+                let mut sums = Vec::new();
+                set_distances(&distances, query, &mut sums);
+                sums
+            });
+            assert_eq!(
+                [Some(found.nearest), found.runner_up],
+                [ranking.first(), ranking.get(1)].map(Option::<&_>::copied)
+            );
+            assert!(ranking.is_sorted_by(|a, b| a.distance <= b.distance));
+        }
+        Learned { chosen, recogniser, found }
     }
 
     #[test]
@@ -258,7 +345,7 @@ mod tests {
         let sample = sample(6, 12, 40);
         for method in [Method::Projection, Method::KernelRidge] {
             for has_sequences in [false, true] {
-                let Learned { recogniser, found } = learned(method, &sample, has_sequences);
+                let Learned { chosen, found, .. } = learned(method, &sample, has_sequences);
                 // The clouds of the database are the even ones.
                 let object = |hit: Hit| sample.objects[2 * hit.index as usize];
                 let wrong = found
@@ -272,7 +359,7 @@ mod tests {
                     assert!(object(other) != object(found.nearest));
                     assert!(other.distance >= found.nearest.distance);
                 }
-                assert_eq!((recogniser.wrong, recogniser.asked), (0, 36));
+                assert_eq!((chosen.wrong, chosen.asked, chosen.error()), (0, 36, 0.0));
             }
         }
         assert_eq!(learned(Method::Projection, &sample, true).recogniser.size(), Some(5));
@@ -287,7 +374,7 @@ mod tests {
         let clouds = noise.objects.len();
         noise.objects = (0..clouds as u32).map(|cloud| cloud / 2 % 4).collect();
         for method in [Method::Projection, Method::KernelRidge] {
-            let error = learned(method, &noise, true).recogniser.database_error();
+            let error = learned(method, &noise, true).chosen.error();
             assert!(error > 0.5, "{method:?} {error}");
         }
     }
@@ -307,11 +394,16 @@ mod tests {
     }
 
     #[test]
-    fn the_nearest_cloud_needs_no_learning() {
-        let database = LabelledClouds { channels: &[], objects: &[], sequences: &[] };
-        assert_eq!(LearnedRecogniser::learn(Method::Nearest, &database), Ok(None));
-        let empty = LearnedRecogniser::learn(Method::Projection, &database);
-        assert_eq!(empty, Err(LearnError::Objects { got: 0 }));
-        assert_eq!(LearnedRecogniser::learn(Method::KernelRidge, &database), empty);
+    fn the_nearest_cloud_has_no_settings_and_nothing_is_learned_from_nothing() {
+        let nothing = LabelledClouds { channels: &[], objects: &[], sequences: &[] };
+        assert_eq!(Chosen::new(Method::Nearest, &nothing), Ok(None));
+        let none = Err(LearnError::Objects { got: 0 });
+        assert_eq!(Chosen::new(Method::KernelRidge, &nothing), none);
+        let of_projection = Chosen::new(Method::Projection, &nothing).unwrap().unwrap();
+        assert_eq!((of_projection.wrong, of_projection.asked, of_projection.error()), (0, 0, 0.0));
+        for settings in [of_projection.settings, Settings::KernelRidge(KernelRidgeSettings::ALL[0])] {
+            let learned = LearnedRecogniser::new(&settings, &nothing);
+            assert_eq!(learned, Err(LearnError::Objects { got: 0 }));
+        }
     }
 }

@@ -15,9 +15,9 @@ mod testing;
 use std::collections::BTreeMap;
 
 pub use kernel_ridge::{KernelRidge, KernelRidgeSettings, MAX_CLOUDS};
-pub use learn::{LabelledClouds, LearnedRecogniser};
+pub use learn::{Chosen, LabelledClouds, LearnedRecogniser, Settings};
 pub use matrix::Matrix;
-pub use projection::{Components, Projection, ProjectionSettings, Reference};
+pub use projection::{Components, MAX_COMPONENTS, Projection, ProjectionSettings, Reference};
 
 /// How a cloud gets its name from a database.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -29,16 +29,6 @@ pub enum Method {
     Projection,
     /// That of the object with most votes, which clouds give by their distance.
     KernelRidge,
-}
-
-/// What a cloud is recognised as: for the best object and for the second its score and the cloud of the database that
-/// stands for it. Greater scores are better; of equal ones the lowest object's counts.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Answer {
-    /// Of the object that is named.
-    pub best: Vote,
-    /// Of the next.
-    pub second: Vote,
 }
 
 /// What speaks for one object.
@@ -100,7 +90,7 @@ impl Method {
     }
 }
 
-/// The objects of a database, numbered without gaps in the order of their labels.
+/// The objects of a database, numbered in the order in which its clouds show them: their labels change no bit.
 #[derive(Clone, Debug, PartialEq)]
 struct Classes {
     of: Vec<usize>,
@@ -109,14 +99,20 @@ struct Classes {
 
 impl Classes {
     fn new(objects: &[u32]) -> Result<Self, LearnError> {
-        let mut members: BTreeMap<u32, usize> = BTreeMap::new();
-        objects.iter().for_each(|&object| *members.entry(object).or_default() += 1);
+        let mut places: BTreeMap<u32, usize> = BTreeMap::new();
+        let (mut of, mut members) = (Vec::with_capacity(objects.len()), Vec::new());
+        for &object in objects {
+            let place = *places.entry(object).or_insert(members.len());
+            if place == members.len() {
+                members.push(0);
+            }
+            members[place] += 1;
+            of.push(place);
+        }
         if members.len() < 2 {
             return Err(LearnError::Objects { got: members.len() });
         }
-        let place: BTreeMap<u32, usize> = members.keys().copied().zip(0..).collect();
-        let of = objects.iter().map(|object| place[object]).collect();
-        Ok(Self { of, members: members.into_values().collect() })
+        Ok(Self { of, members })
     }
 
     fn len(&self) -> usize {
@@ -134,17 +130,10 @@ impl Classes {
     }
 }
 
-/// The best two of the scores of all objects, in their order, each with the cloud that stands for it.
-fn answer(votes: impl Iterator<Item = (f64, u32)>) -> Answer {
-    let nothing = Vote { score: f64::NEG_INFINITY, cloud: 0 };
-    let mut found = Answer { best: nothing, second: nothing };
-    for (score, cloud) in votes {
-        let vote = Vote { score, cloud };
-        if score.total_cmp(&found.best.score).is_gt() {
-            found = Answer { best: vote, second: found.best };
-        } else if score.total_cmp(&found.second.score).is_gt() {
-            found.second = vote;
-        }
-    }
-    found
+/// What speaks for each object, best first; of equal scores the object that comes first in the database. `votes` are in
+/// the order of objects: scores and the clouds that stand for them.
+fn ranked(votes: impl Iterator<Item = (f64, u32)>) -> Vec<Vote> {
+    let mut votes: Vec<Vote> = votes.map(|(score, cloud)| Vote { score, cloud }).collect();
+    votes.sort_by(|a, b| b.score.total_cmp(&a.score)); // stable
+    votes
 }

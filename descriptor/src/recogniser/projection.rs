@@ -4,10 +4,12 @@ use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 use rayon::prelude::*;
 
 use super::matrix::{Matrix, dot};
-use super::{Answer, Classes, LearnError, answer};
+use super::{Classes, LearnError, Vote, ranked};
 
+/// Principal components at most.
+pub const MAX_COMPONENTS: usize = 300;
 /// Numbers of principal components that are tried.
-const COMPONENTS: [usize; 3] = [100, 200, 300];
+const COMPONENTS: [usize; 3] = [100, 200, MAX_COMPONENTS];
 /// Shrinkages that are tried.
 const SHRINKAGES: [f64; 3] = [0.01, 0.05, 0.2];
 /// Of the largest eigenvalue, the share at which smaller ones are taken for zero.
@@ -19,7 +21,7 @@ pub enum Reference {
     /// Each cloud of the database.
     Cloud,
     /// The mean of each object's clouds.
-    Mean,
+    Object,
 }
 
 /// What a projection may be set to.
@@ -38,7 +40,11 @@ impl ProjectionSettings {
     pub fn all() -> Vec<Self> {
         let of = |components| {
             SHRINKAGES.into_iter().flat_map(move |shrinkage| {
-                [Reference::Cloud, Reference::Mean].map(|reference| Self { components, shrinkage, reference })
+                [Reference::Cloud, Reference::Object].map(|reference| Self {
+                    components,
+                    shrinkage,
+                    reference,
+                })
             })
         };
         COMPONENTS.into_iter().flat_map(of).collect()
@@ -79,12 +85,11 @@ impl Components {
         let classes = Classes::new(objects)?;
         let mean = values.mean_row();
         let centred = values.clone().less(&mean);
-        let most = COMPONENTS.into_iter().max().unwrap_or_default();
         let basis = if centred.columns() <= centred.rows() {
-            eigenvectors(&centred.transposed().gram(), most).1
+            eigenvectors(&centred.transposed().gram(), MAX_COMPONENTS).1
         } else {
             // As many eigenvalues as there are clouds at most: XXᵀ has the same ones as XᵀX, and Xᵀu/√λ are its vectors.
-            let (variances, vectors) = eigenvectors(&centred.gram(), most);
+            let (variances, vectors) = eigenvectors(&centred.gram(), MAX_COMPONENTS);
             let columns = centred.transposed();
             let values = vectors.times_transposed(&columns);
             let row = |row: usize| values.row(row).iter().map(move |value| (row, value));
@@ -165,12 +170,9 @@ impl Projection {
         (0..self.basis.rows()).map(|row| dot(self.basis.row(row), &centred)).collect()
     }
 
-    /// What a cloud is recognised as, from its values.
-    pub fn recognise(&self, values: &[f64]) -> Answer {
-        self.recognise_projected(&self.project(values))
-    }
-
-    fn recognise_projected(&self, projected: &[f64]) -> Answer {
+    /// What speaks for each object, best first, from the values of a cloud.
+    pub fn votes(&self, values: &[f64]) -> Vec<Vote> {
+        let projected = &self.project(values)[..];
         let length = dot(projected, projected).sqrt();
         let cosine = |other: &[f64]| if length > 0.0 { dot(projected, other) / length } else { 0.0 };
         // Of each object the cloud that is most like it stands for it.
@@ -182,11 +184,11 @@ impl Projection {
                 *of_class = Some((score, cloud as u32));
             }
         }
-        answer(best.into_iter().enumerate().map(|(class, best)| {
+        ranked(best.into_iter().enumerate().map(|(class, best)| {
             let (of_cloud, cloud) = best.unwrap_or((-1.0, 0));
             match self.reference {
                 Reference::Cloud => (of_cloud, cloud),
-                Reference::Mean => (cosine(self.means.row(class)), cloud),
+                Reference::Object => (cosine(self.means.row(class)), cloud),
             }
         }))
     }
@@ -345,7 +347,9 @@ mod tests {
         for settings in ProjectionSettings::all() {
             let projection = components.projection(&settings).unwrap();
             for (cloud, &object) in objects.iter().enumerate() {
-                let Answer { best, second } = projection.recognise(values.row(cloud));
+                let [best, second, ..] = projection.votes(values.row(cloud))[..] else {
+                    panic!("five objects")
+                };
                 assert_eq!(objects[best.cloud as usize], object, "{settings:?}");
                 assert!(objects[second.cloud as usize] != object && second.score <= best.score);
                 if settings.reference == Reference::Cloud {

@@ -1,12 +1,13 @@
-//! Recognisers that learn from the labels of the database: in comparisons, by any workers, and what they refuse.
+//! Recognisers that learn from the labels of the database: in comparisons, by any workers, in artefacts, and what they
+//! refuse.
 
 use std::fs;
 
 use results::{TableName, read_table};
 use serde_json::Value;
 
-use crate::experiments::{Experiment, summary};
-use crate::process::{Finished, Running, run};
+use crate::experiments::{Experiment, clouds, summary};
+use crate::process::{Finished, Running, finish, program, run};
 
 const SEARCH: &str = "[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n";
 const ALL: [&str; 6] =
@@ -117,4 +118,61 @@ fn what_nothing_can_be_learned_from_is_refused_by_name() {
     fs::write(&structure, format!("version = 1\n{nothing}")).unwrap();
     let refused = compare(&out, &["--structure", &structure, "--recogniser", "projection"]).expect_error();
     assert!(refused.stderr.contains("chroma-projection: database: all clouds have the same"), "{refused}");
+}
+
+/// A search for structures.
+const STRUCTURES: &str = "[descriptor]\nfamily = \"structure\"\nmax_bins = 300\n[ga]\npopulation = 6\n\
+    [stop]\nevaluations = 12\n[search.fitness]\ncross-sequence = 1\n";
+
+#[test]
+fn artefacts_that_learn_answer_as_the_comparison_did_in_another_process() {
+    for more in [SEARCH, STRUCTURES] {
+        let experiment = Experiment::new(more);
+        experiment.run("out", &[]).expect_success();
+        let (out, artefact) = (experiment.path("out"), experiment.path("artefact"));
+        let told = summary(&compare(&out, &ALL).expect_success());
+        let [labels, shown, named, nearest, second] =
+            ["descriptor", "cloud", "predicted_instance", "nearest_cloud", "runner_up_cloud"]
+                .map(|column| texts(&out, TableName::Answers, column));
+        let frame = read_table(&out, TableName::Answers).unwrap();
+        let distance = frame.column("distance").unwrap().f64().unwrap();
+        for method in ["projection", "kernel-ridge"] {
+            let exported =
+                run("coordinator", ["export", &out, &artefact, "--recogniser", method]).expect_success();
+            let label = format!("evolved-{method}");
+            let settings = row(&told, &label)["settings"].as_str().unwrap();
+            assert!(exported.stdout.contains(&format!("recogniser    {method}: {settings}\n")), "{exported}");
+            let of_label: Vec<usize> = (0..labels.len()).filter(|&place| labels[place] == label).collect();
+            let mut command = program("coordinator");
+            let queries = of_label.iter().map(|&place| &shown[place]);
+            command.current_dir(clouds()).args(["recognise", &artefact, "--json"]).args(queries);
+            let answers = finish(&mut command).expect_success();
+            assert_eq!(answers.stdout.lines().count(), of_label.len());
+            for (&place, line) in of_label.iter().zip(answers.stdout.lines()) {
+                for expected in [
+                    format!("\"cloud\":\"{}\",", shown[place]),
+                    format!("\"predicted_instance\":\"{}\",", named[place]),
+                    format!("\"nearest_cloud\":\"{}\",", nearest[place]),
+                    format!("\"runner_up_cloud\":\"{}\",", second[place]),
+                    // As text: equal texts are equal floats.
+                    format!("\"distance\":{},", Value::from(distance.get(place).unwrap())),
+                ] {
+                    assert!(line.contains(&expected), "no {expected} in {line}");
+                }
+            }
+            let readme = fs::read_to_string(format!("{artefact}/README.md")).unwrap();
+            assert!(
+                readme.contains("Not measured") && readme.contains(&format!("by `{method}` (")),
+                "{readme}"
+            );
+        }
+        // Settings that were changed by hand are none that it was made with.
+        let file = format!("{artefact}/descriptor.toml");
+        let text = fs::read_to_string(&file).unwrap();
+        let width = text.lines().find(|line| line.starts_with("width = ")).unwrap();
+        fs::write(&file, text.replace(width, "width = 2.0")).unwrap();
+        let example = format!("{artefact}/example.pcd");
+        let refused = run("coordinator", ["recognise", &artefact, &example]).expect_error();
+        assert!(refused.stderr.contains("digest"), "{refused}");
+    }
 }
