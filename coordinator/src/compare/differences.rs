@@ -5,7 +5,10 @@ use std::collections::BTreeMap;
 
 use descriptor::{Label, random};
 use rand::RngExt as _;
-use results::{Cluster, PairRow, bootstrap, holm, mcnemar};
+use results::{Cluster, PairRow, bootstrap, holm, mcnemar, wilson};
+
+/// A p-value below it, after Holm, is evidence of a difference.
+pub const SIGNIFICANCE: f64 = 0.05;
 
 /// Resamples of the bootstrap.
 const RESAMPLES: usize = 10_000;
@@ -46,10 +49,21 @@ impl Outcomes {
     }
 }
 
-/// The 95 % interval of a descriptor's error by the bootstrap over objects; `None` if it describes no query.
+/// The 95 % interval of a descriptor's error by the bootstrap over objects; `None` if it describes no query. Resamples of
+/// objects none of whose clouds is wrong, or none right, are all the same: then the interval is Wilson's, as if each object
+/// were one cloud.
 pub fn error_interval(outcomes: &Outcomes, level: Level, queries: &[Label], seed: u64) -> Option<[f64; 2]> {
     let wrong = |query| outcomes.at(level, query).map(|right| f64::from(u8::from(!right)));
-    interval(queries, wrong, &format!("error of {} {}", level.name(), outcomes.label), seed)
+    let objects = clusters(queries, wrong);
+    let count = objects.len() as u32;
+    let of_objects = |wrong: u32| (count > 0).then(|| wilson(wrong, count));
+    if objects.iter().all(|object| object.sum == 0.0) {
+        return of_objects(0);
+    }
+    if objects.iter().all(|object| object.sum == f64::from(object.clouds)) {
+        return of_objects(count);
+    }
+    resampled(&objects, &format!("error of {} {}", level.name(), outcomes.label), seed)
 }
 
 /// Every pair of descriptors, on the queries that both describe.
@@ -76,7 +90,7 @@ fn pair([a, b]: [&Outcomes; 2], level: Level, queries: &[Label], seed: u64) -> O
     let difference = |query| both(query).map(|(a, b)| f64::from(i8::from(b) - i8::from(a)));
     let purpose = format!("difference of {} {} {}", level.name(), a.label, b.label);
     let [both_right, only_a, only_b, both_wrong] = outcomes;
-    let [difference_low, difference_high] = interval(queries, difference, &purpose, seed)?;
+    let [difference_low, difference_high] = resampled(&clusters(queries, difference), &purpose, seed)?;
     let p_value = mcnemar(only_a, only_b);
     Some(PairRow {
         level: level.name().to_owned(),
@@ -93,13 +107,13 @@ fn pair([a, b]: [&Outcomes; 2], level: Level, queries: &[Label], seed: u64) -> O
     })
 }
 
-/// The 95 % interval of the mean of `of` over queries, by the bootstrap over objects.
-fn interval(
-    queries: &[Label],
-    of: impl Fn(usize) -> Option<f64>,
-    purpose: &str,
-    seed: u64,
-) -> Option<[f64; 2]> {
+/// A p-value as people write it.
+pub fn probability(p: f64) -> String {
+    if p < 0.0001 { "< 0.0001".to_owned() } else { format!("{p:.4}") }
+}
+
+/// The sum of `of` over the queries of each object.
+fn clusters(queries: &[Label], of: impl Fn(usize) -> Option<f64>) -> Vec<Cluster> {
     let mut objects: BTreeMap<u32, Cluster> = BTreeMap::new();
     for (query, label) in queries.iter().enumerate() {
         if let Some(value) = of(query) {
@@ -108,9 +122,13 @@ fn interval(
             object.clouds += 1;
         }
     }
-    let objects: Vec<Cluster> = objects.into_values().collect();
+    objects.into_values().collect()
+}
+
+/// The 95 % interval of the mean over clouds, by the bootstrap over objects.
+fn resampled(objects: &[Cluster], purpose: &str, seed: u64) -> Option<[f64; 2]> {
     let mut rng = random::stream(seed, purpose, &[]);
-    bootstrap(&objects, RESAMPLES, |below| rng.random_range(0..below as u64) as usize)
+    bootstrap(objects, RESAMPLES, |below| rng.random_range(0..below as u64) as usize)
 }
 
 #[cfg(test)]
@@ -165,6 +183,21 @@ mod tests {
         let again = error_interval(&spread, Level::Object, &labels(), 7);
         assert_eq!(again, error_interval(&spread, Level::Object, &labels(), 7), "the seed decides");
         assert_eq!(error_interval(&outcomes("c", |_| None), Level::Object, &labels(), 7), None);
+    }
+
+    #[test]
+    fn an_error_of_nothing_or_all_is_not_certain() {
+        let interval = |right: bool| {
+            error_interval(&outcomes("a", |_| Some(right)), Level::Object, &labels(), 1).unwrap()
+        };
+        // Six objects: z² / (6 + z²).
+        let [low, high] = interval(true);
+        assert!(low == 0.0 && (high - 3.8415 / 9.8415).abs() < 1e-4, "{low} {high}");
+        let [low, high] = interval(false);
+        assert!(high == 1.0 && (low - 6.0 / 9.8415).abs() < 1e-4, "{low} {high}");
+        // One cloud that is wrong: resamples differ.
+        let one = outcomes("a", |query| Some(query != 3));
+        assert!(error_interval(&one, Level::Object, &labels(), 1).unwrap()[1] > 0.0);
     }
 
     #[test]

@@ -14,6 +14,7 @@ mod recognition;
 mod summary;
 mod tables;
 mod timing;
+mod verdict;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;

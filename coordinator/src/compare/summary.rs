@@ -8,11 +8,10 @@ use results::{ComparedRow, PairRow, Times};
 use serde_json::{Value, json};
 
 use super::candidate::PAPER;
+use super::differences::{SIGNIFICANCE, probability};
+use super::verdict::verdict;
 use crate::lines::{table, wrapped};
 use crate::run::progress::percent;
-
-/// Significance level of the remarks beside pairs.
-const LEVEL: f64 = 0.05;
 
 /// What a comparison amounts to.
 #[derive(Clone, Debug)]
@@ -39,11 +38,6 @@ fn range([low, high]: [f64; 2]) -> String {
 
 fn optional(value: Option<f64>, digits: usize) -> String {
     value.map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
-}
-
-/// A p-value as people write it.
-fn probability(p: f64) -> String {
-    if p < 0.0001 { "< 0.0001".to_owned() } else { format!("{p:.4}") }
 }
 
 impl Comparison {
@@ -100,6 +94,9 @@ impl Comparison {
         text += &self.pairs_text();
         let times = if self.looks == 1 { "once".to_owned() } else { format!("{} times", self.looks) };
         text += "\n";
+        for sentence in verdict(&self.rows, &self.pairs) {
+            text += &wrapped(&sentence, 2);
+        }
         text +=
             &wrapped(&format!("the test clouds of this run have been looked at {times} (table looks)"), 2);
         let _ = writeln!(text, "tables in {}", self.folder.display());
@@ -172,7 +169,7 @@ impl Comparison {
                 format!("{:+.1} .. {:+.1}", 100.0 * low, 100.0 * high),
                 format!("{} : {}", pair.only_a, pair.only_b),
                 probability(pair.p_adjusted),
-                if pair.p_adjusted < LEVEL { "yes".to_owned() } else { "perhaps".to_owned() },
+                if pair.p_adjusted < SIGNIFICANCE { "yes".to_owned() } else { "perhaps".to_owned() },
             ]
         }));
         format!("\n{}", table(&lines))
@@ -235,6 +232,7 @@ impl Comparison {
             "name": self.name,
             "run": self.folder.display().to_string(),
             "looks": self.looks,
+            "verdict": verdict(&self.rows, &self.pairs),
             "descriptors": self.rows.iter().map(descriptor).collect::<Vec<_>>(),
             "pairs": self.pairs.iter().map(pair).collect::<Vec<_>>(),
         })
