@@ -37,13 +37,17 @@ pub enum Chosen {
 pub(crate) fn reads_settings(text: &str) -> bool {
     let folder = std::path::Path::new("artefact");
     settings::Settings::parse(text, folder.join(SETTINGS))
-        .is_ok_and(|settings| settings.resolve(folder).is_ok())
+        .is_ok_and(|settings| settings.resolve(folder).is_ok() && settings.recognition(folder).is_ok())
 }
 
-/// Texts of sound settings: one of each family that artefacts hold.
+/// Texts of sound settings: one of each family that artefacts hold, the second with a recogniser that learns.
 pub(crate) fn sample_settings() -> [String; 2] {
     [Family::DiskRing, Family::Structure].map(|family| {
-        let sample = settings::Settings::sample(&Default::default(), &Descriptor::default_of(family));
+        let mut sample = settings::Settings::sample(&Default::default(), &Descriptor::default_of(family));
+        if family == Family::Structure {
+            let learns = recognition::RecognitionSettings::KernelRidge { width: 3.0, ridge: 0.001 };
+            sample.recognition = Some(learns);
+        }
         sample.seal().unwrap_or_default()
     })
 }
