@@ -192,7 +192,7 @@ fn learning(
     let objects: Vec<u32> = labels(&database.clouds).iter().map(|label| label.instance).collect();
     let sequence = |&cloud: &u32| dataset.clouds.entries[cloud as usize].sequence;
     let sequences: Vec<Option<u32>> = Matching::Test.database_clouds(dataset).iter().map(sequence).collect();
-    recogniser::Chosen::new(method, &LabelledClouds { channels, objects: &objects, sequences: &sequences })
+    recogniser::Chosen::new(method, &LabelledClouds { channels, objects: &objects }, &sequences)
 }
 
 /// How objects are named, in a line.

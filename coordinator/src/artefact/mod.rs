@@ -1,8 +1,8 @@
 //! A run's descriptor taken away: a folder that recognises objects without the run, its data, or a network.
 //!
 //! `export` makes the folder, `recogniser` answers from it, `settings` is its `descriptor.toml`, `test_vector` its
-//! example for other implementations, `readme` its text for people, `scales` what a structure needs beside its database, `recognition` how it names objects where
-//! that is not by the nearest cloud.
+//! example for other implementations, `readme` its text for people, `scales` what a structure needs beside its database,
+//! `recognition` how it names objects where that is not by the nearest cloud.
 
 mod error;
 mod export;

@@ -1,5 +1,5 @@
-//! How an artefact names objects where that is not by the nearest cloud: settings with which it learns again, bit for bit,
-//! what its reference clouds teach.
+//! How an artefact names objects where that is not by the nearest cloud: settings with which it learns again, bit for
+//! bit, what its reference clouds teach.
 
 use descriptor::recogniser::{
     KernelRidgeSettings, LabelledClouds, LearnedRecogniser, MAX_COMPONENTS, ProjectionSettings, Reference,
@@ -8,6 +8,9 @@ use descriptor::recogniser::{
 use descriptor::{Label, SetDistance, Signatures};
 use proto::Message;
 use serde::{Deserialize, Serialize};
+
+/// The largest width and ridge that mean anything.
+const MOST: f64 = 1e6;
 
 /// Section `[recognition]` of the settings; without it, the nearest cloud names objects.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -29,12 +32,8 @@ impl RecognitionSettings {
     /// The settings; `Err` says which of them can be none.
     pub(super) fn resolve(&self) -> Result<Settings, String> {
         let positive = |key: &str, value: f64| {
-            let is_sound = value > 0.0 && value <= 1e6;
-            if is_sound {
-                Ok(value)
-            } else {
-                Err(format!("recognition.{key} {value} instead of more than 0"))
-            }
+            let sound = Some(value).filter(|&value| value > 0.0 && value <= MOST);
+            sound.ok_or_else(|| format!("recognition.{key} {value} instead of more than 0, at most {MOST}"))
         };
         match *self {
             Self::Projection { components, shrinkage, reference } => {
@@ -83,9 +82,8 @@ pub(super) fn learn(
     labels: &[Label],
 ) -> Result<LearnedRecogniser, String> {
     let objects: Vec<u32> = labels.iter().map(|label| label.instance).collect();
-    let sequences = vec![None; labels.len()]; // settings are chosen by them, and they are there
-    let clouds = LabelledClouds { channels, objects: &objects, sequences: &sequences };
-    LearnedRecogniser::new(settings, &clouds).map_err(|error| Message::of(&error).what)
+    LearnedRecogniser::new(settings, &LabelledClouds { channels, objects: &objects })
+        .map_err(|error| Message::of(&error).what)
 }
 
 #[cfg(test)]

@@ -127,9 +127,10 @@ fn learn(
         .collect();
     let objects: Vec<u32> = database.iter().map(|&cloud| labels[cloud as usize].instance).collect();
     let sequences: Vec<Option<u32>> = database.iter().map(|&cloud| sequences[cloud as usize]).collect();
-    let known = LabelledClouds { channels: &channels, objects: &objects, sequences: &sequences };
+    let known = LabelledClouds { channels: &channels, objects: &objects };
     let failed = |source| CompareError::Learn { label: candidate.label.clone(), source };
-    let Some(chosen) = Chosen::new(candidate.recogniser, &known).map_err(failed)? else { return Ok(None) };
+    let chosen = Chosen::new(candidate.recogniser, &known, &sequences).map_err(failed)?;
+    let Some(chosen) = chosen else { return Ok(None) };
     let learned = LearnedRecogniser::new(&chosen.settings, &known).map_err(failed)?;
     Ok(Some((learned, chosen)))
 }

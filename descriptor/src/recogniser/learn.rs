@@ -21,8 +21,6 @@ pub struct LabelledClouds<'a> {
     pub channels: &'a [(&'a Signatures, SetDistance, f64)],
     /// What each cloud shows.
     pub objects: &'a [u32],
-    /// The sequence of each, where it is known.
-    pub sequences: &'a [Option<u32>],
 }
 
 /// What a recogniser that learns is set to.
@@ -88,17 +86,21 @@ impl fmt::Display for Settings {
 
 impl Chosen {
     /// Chooses the settings of a method that recognise most clouds of a database by those of the other folds, by the
-    /// current rayon pool; `None` of the nearest cloud, which has none.
+    /// current rayon pool; `None` of the nearest cloud, which has none. Folds go by the sequences of the clouds, where they
+    /// are known.
     ///
     /// # Errors
     /// [`LearnError`] if nothing can be learned from it.
     ///
     /// # Panics
     /// If there are not as many objects and sequences as clouds: a programming error.
-    pub fn new(method: Method, clouds: &LabelledClouds<'_>) -> Result<Option<Self>, LearnError> {
-        let LabelledClouds { objects, sequences, .. } = *clouds;
-        assert_eq!(objects.len(), sequences.len(), "one sequence for each cloud");
-        let folds = folds(objects, sequences);
+    pub fn new(
+        method: Method,
+        clouds: &LabelledClouds<'_>,
+        sequences: &[Option<u32>],
+    ) -> Result<Option<Self>, LearnError> {
+        assert_eq!(clouds.objects.len(), sequences.len(), "one sequence for each cloud");
+        let folds = folds(clouds.objects, sequences);
         match method {
             Method::Nearest => Ok(None),
             Method::Projection => Ok(Some(Self::of_projection(clouds, &folds))),
@@ -316,8 +318,8 @@ mod tests {
         let sequences: Vec<Option<u32>> =
             (0..known.len() as u32).map(|cloud| has_sequences.then_some(cloud % 3)).collect();
         let objects = at(&sample.objects, &known);
-        let clouds = LabelledClouds { channels: &channels, objects: &objects, sequences: &sequences };
-        let chosen = Chosen::new(method, &clouds).unwrap().unwrap();
+        let clouds = LabelledClouds { channels: &channels, objects: &objects };
+        let chosen = Chosen::new(method, &clouds, &sequences).unwrap().unwrap();
         assert_eq!(chosen.settings.method(), method);
         let recogniser = LearnedRecogniser::new(&chosen.settings, &clouds).unwrap();
         let distances = weights.map(|weight| (DistanceMatrix::by(chi_squared, &queries, &database), weight));
@@ -395,11 +397,11 @@ mod tests {
 
     #[test]
     fn the_nearest_cloud_has_no_settings_and_nothing_is_learned_from_nothing() {
-        let nothing = LabelledClouds { channels: &[], objects: &[], sequences: &[] };
-        assert_eq!(Chosen::new(Method::Nearest, &nothing), Ok(None));
+        let nothing = LabelledClouds { channels: &[], objects: &[] };
+        assert_eq!(Chosen::new(Method::Nearest, &nothing, &[]), Ok(None));
         let none = Err(LearnError::Objects { got: 0 });
-        assert_eq!(Chosen::new(Method::KernelRidge, &nothing), none);
-        let of_projection = Chosen::new(Method::Projection, &nothing).unwrap().unwrap();
+        assert_eq!(Chosen::new(Method::KernelRidge, &nothing, &[]), none);
+        let of_projection = Chosen::new(Method::Projection, &nothing, &[]).unwrap().unwrap();
         assert_eq!((of_projection.wrong, of_projection.asked, of_projection.error()), (0, 0, 0.0));
         for settings in [of_projection.settings, Settings::KernelRidge(KernelRidgeSettings::ALL[0])] {
             let learned = LearnedRecogniser::new(&settings, &nothing);
