@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use descriptor::{Label, random};
 use rand::RngExt as _;
-use results::{Cluster, PairRow, bootstrap, holm, mcnemar, wilson};
+use results::{Cluster, PairRow, bootstrap, holm, mcnemar};
 
 /// A p-value below it, after Holm, is evidence of a difference.
 pub const SIGNIFICANCE: f64 = 0.05;
@@ -49,19 +49,16 @@ impl Outcomes {
     }
 }
 
-/// The 95 % interval of a descriptor's error by the bootstrap over objects; `None` if it describes no query. Resamples of
-/// objects none of whose clouds is wrong, or none right, are all the same: then the interval is Wilson's, as if each object
-/// were one cloud.
+/// The 95 % interval of a descriptor's error by the bootstrap over objects; `None` if it describes no query, or if none or
+/// all are wrong: then resamples are all the same, and say nothing of how sure that is.
 pub fn error_interval(outcomes: &Outcomes, level: Level, queries: &[Label], seed: u64) -> Option<[f64; 2]> {
     let wrong = |query| outcomes.at(level, query).map(|right| f64::from(u8::from(!right)));
     let objects = clusters(queries, wrong);
-    let count = objects.len() as u32;
-    let of_objects = |wrong: u32| (count > 0).then(|| wilson(wrong, count));
-    if objects.iter().all(|object| object.sum == 0.0) {
-        return of_objects(0);
-    }
-    if objects.iter().all(|object| object.sum == f64::from(object.clouds)) {
-        return of_objects(count);
+    let are_all_the_same = [0.0, 1.0]
+        .into_iter()
+        .any(|share| objects.iter().all(|object| object.sum == share * f64::from(object.clouds)));
+    if are_all_the_same {
+        return None;
     }
     resampled(&objects, &format!("error of {} {}", level.name(), outcomes.label), seed)
 }
@@ -186,18 +183,16 @@ mod tests {
     }
 
     #[test]
-    fn an_error_of_nothing_or_all_is_not_certain() {
-        let interval = |right: bool| {
-            error_interval(&outcomes("a", |_| Some(right)), Level::Object, &labels(), 1).unwrap()
+    fn an_error_of_nothing_or_all_has_no_interval_by_resampling() {
+        let interval = |right: fn(usize) -> bool| {
+            error_interval(&outcomes("a", |query| Some(right(query))), Level::Object, &labels(), 1)
         };
-        // Six objects: z² / (6 + z²).
-        let [low, high] = interval(true);
-        assert!(low == 0.0 && (high - 3.8415 / 9.8415).abs() < 1e-4, "{low} {high}");
-        let [low, high] = interval(false);
-        assert!(high == 1.0 && (low - 6.0 / 9.8415).abs() < 1e-4, "{low} {high}");
-        // One cloud that is wrong: resamples differ.
-        let one = outcomes("a", |query| Some(query != 3));
-        assert!(error_interval(&one, Level::Object, &labels(), 1).unwrap()[1] > 0.0);
+        assert_eq!([interval(|_| true), interval(|_| false)], [None; 2]);
+        // One cloud that is wrong, or right: resamples differ.
+        assert!(interval(|query| query != 3).unwrap()[1] > 0.0);
+        assert!(interval(|query| query == 3).unwrap()[0] < 1.0);
+        // Whole objects that are wrong are not all.
+        assert_eq!(interval(|query| query < 30).map(|[low, high]| low < 0.5 && high > 0.5), Some(true));
     }
 
     #[test]

@@ -54,9 +54,9 @@ record! {
             "object_error, by Wilson, as if clouds were independent";
         category_wilson as "category_error": [f64; 2], "share", "category_error, by Wilson";
         object_bootstrap as "object_error_instances": [f64; 2], "share",
-            "object_error, by the bootstrap over objects; with no or all clouds wrong, by Wilson over objects";
+            "object_error, by the bootstrap over objects; with no or all clouds wrong, by Wilson";
         category_bootstrap as "category_error_instances": [f64; 2], "share",
-            "category_error, by the bootstrap over objects; with no or all clouds wrong, by Wilson over objects";
+            "category_error, by the bootstrap over objects; with no or all clouds wrong, by Wilson";
         skipped: u32, "clouds", "queries that this descriptor cannot describe";
         database: u32, "clouds", "clouds that queries are matched with";
         keypoints_per_cloud: Option<f64>, "", "mean over queries and database; null if not measured";
