@@ -10,6 +10,7 @@ mod forms;
 mod one;
 mod paths;
 mod raw;
+mod raw_dataset;
 mod resolved;
 mod suggest;
 mod sweep;

@@ -8,7 +8,8 @@ use descriptor::{Descriptor, GeneError, Preprocess, SearchSpace, Unit};
 use super::ExperimentError;
 use super::error::Fault;
 use super::forms::RawGene;
-use super::raw::{RawDescriptor, RawFamily, RawGenes, RawPreprocess, RawUnit};
+use super::raw::{RawDescriptor, RawFamily, RawGenes, RawPreprocess};
+use super::raw_dataset::RawUnit;
 use super::{validate, validate_genes};
 
 /// Sections `[preprocess]` and `[descriptor]` that mean this.

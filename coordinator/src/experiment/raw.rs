@@ -5,13 +5,13 @@
 use std::collections::BTreeMap;
 
 use descriptor::structure::ChannelFile;
-use descriptor::synth::SynthSettings;
 use descriptor::{Family, Preprocess, SetDistance};
 use evolution::{Crossover, Encoding, GaSettings, Method, Mutation, Scaling, StopSettings, WinnerRule};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::forms::{NumberOr, RawGene, RawSeeds, RawSplits, Word};
+use super::forms::{NumberOr, RawGene, RawSeeds, Word};
+use super::raw_dataset::RawDataset;
 
 /// A Descry experiment: which clouds, which descriptors, how to search and when to stop.
 #[derive(Debug, Deserialize, Serialize, JsonSchema)]
@@ -50,87 +50,6 @@ pub(super) struct RawExperiment {
 
 fn one() -> u64 {
     1
-}
-
-/// The clouds, their labels and their splits.
-///
-/// In every path ${VAR} and ${VAR:-default} stand for environment variables. A relative root is relative to the folder
-/// of the experiment file; manifest and lists, and the paths in them, are relative to root.
-#[derive(Debug, Deserialize, Serialize, JsonSchema)]
-#[serde(deny_unknown_fields, rename = "dataset")]
-pub(super) struct RawDataset {
-    /// Folder that holds the clouds; a relative path is relative to the folder of the experiment file.
-    #[schemars(example = &"${UW_RGBD:-../../rgbd-dataset}")]
-    pub root: String,
-    /// How the labels of a cloud are found.
-    #[serde(default)]
-    pub layout: RawLayout,
-    /// CSV with the columns path (relative to root), category, instance and, if wanted, sequence and split; a relative
-    /// path is relative to root. Only for layout = "manifest".
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "String", example = &"clouds.csv")]
-    pub manifest: Option<String>,
-    /// Unit of length in the clouds.
-    #[serde(default)]
-    pub unit: RawUnit,
-    /// Count and report unreadable clouds, instead of stopping at the first before the search.
-    #[serde(default)]
-    pub skip_unreadable: bool,
-    /// Which cloud is in which split. Default: the lists train1.txt, train2.txt, validation.txt and test.txt in
-    /// root; for layout = "manifest" the manifest's column.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "RawSplits")]
-    pub splits: Option<RawSplits>,
-    /// Make the clouds, with their lists, in root before the run. Only for layout = "uw".
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "RawSynthetic")]
-    pub synthetic: Option<RawSynthetic>,
-}
-
-/// How the labels of a cloud are found.
-#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema)]
-#[serde(rename_all = "lowercase", rename = "layout")]
-pub(super) enum RawLayout {
-    /// UW RGB-D: category/instance/instance_video_frame.pcd.
-    #[default]
-    Uw,
-    /// category/instance/any-name.pcd.
-    Folders,
-    /// As a CSV says.
-    Manifest,
-}
-
-/// Unit of length in the clouds.
-#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema)]
-#[serde(rename_all = "lowercase", rename = "unit")]
-pub(super) enum RawUnit {
-    /// Metres.
-    #[default]
-    M,
-    /// Millimetres.
-    Mm,
-}
-
-/// Synthetic clouds: views of made-up household objects by a virtual depth camera.
-#[derive(Debug, Deserialize, Serialize, JsonSchema)]
-#[serde(deny_unknown_fields, default, rename = "synthetic")]
-pub(super) struct RawSynthetic {
-    /// Number of objects (instances).
-    #[schemars(range(min = 2, max = 1000))]
-    pub objects: u32,
-    /// Views of each object.
-    #[schemars(range(min = 4, max = 1000))]
-    pub views: u32,
-    /// Seed of shapes, colours and views.
-    #[schemars(range(min = 0, max = 9_223_372_036_854_775_807_i64))]
-    pub seed: u64,
-}
-
-impl Default for RawSynthetic {
-    fn default() -> Self {
-        let made = SynthSettings::default();
-        Self { objects: made.objects(), views: made.views(), seed: made.seed() }
-    }
 }
 
 /// What is computed once for each cloud, whatever the descriptor.

@@ -15,8 +15,9 @@ use super::error::Fault;
 use super::forms::NumberOr;
 use super::paths::{self, Lookup};
 use super::raw::{
-    RawCoordinator, RawDescriptor, RawExperiment, RawFamily, RawGa, RawOff, RawPreprocess, RawStop, RawUnit,
+    RawCoordinator, RawDescriptor, RawExperiment, RawFamily, RawGa, RawOff, RawPreprocess, RawStop,
 };
+use super::raw_dataset::RawUnit;
 use super::validate_dataset::dataset;
 use super::validate_fitness::fitness;
 use super::validate_genes::{max_cost, search_space};

@@ -8,7 +8,7 @@ use super::checks::checked_seed;
 use super::error::Fault;
 use super::forms::{RawSeeded, RawSplitTable, RawSplitWord, RawSplits};
 use super::paths::{self, Lookup};
-use super::raw::{RawDataset, RawLayout, RawSynthetic, RawUnit};
+use super::raw_dataset::{RawDataset, RawLayout, RawSynthetic, RawUnit};
 use crate::dataset::{DatasetSettings, Layout, SeededSplit, SplitRule, SyntheticSettings};
 
 /// Checks `[dataset]`. Paths are expanded and joined, not looked at. `validates`: whether the search needs the validation
