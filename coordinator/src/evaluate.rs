@@ -229,8 +229,11 @@ impl Side {
     }
 }
 
-/// One cloud through all stages: described, or why it is skipped.
-fn describe_file(
+/// One cloud through all stages: described, or why it is skipped, and the time of each stage.
+///
+/// # Errors
+/// If it cannot be read.
+pub fn describe_file(
     path: &str,
     file: &Path,
     preprocess: &Preprocess,

@@ -31,6 +31,13 @@ pub fn subject(preparation: &Preparation, descriptor: &Descriptor) -> Subject {
     }
 }
 
+/// A descriptor of a search space as tasks of that space have it, any other as the only one of its own.
+pub fn subject_beside(preprocess: &Preprocess, space: &SearchSpace, descriptor: &Descriptor) -> Subject {
+    let own = if space.contains(descriptor) { None } else { SearchSpace::single(descriptor).ok() };
+    let space = own.unwrap_or_else(|| space.clone());
+    subject(&preparation(preprocess, space), descriptor)
+}
+
 /// Looks into a description that a worker has made.
 pub const CHECK_DESCRIPTION: CheckDescription = |subject, bytes, clouds| {
     let descriptor = Descriptor::from_bytes(subject.descriptor.bytes()).map_err(|error| error.to_string())?;

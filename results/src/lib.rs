@@ -43,8 +43,10 @@ pub use population::PopulationSummary;
 pub use problem::Problem;
 #[cfg(feature = "sql")]
 pub use query::{Answer, AnswerFormat, LONGEST_QUERY, QueryError, query};
-pub use read::{FinishedRun, read_comparison, read_evaluations, read_predictions, read_run, read_table};
-pub use report::{ChannelPairs, Report, WinnerChannel};
+pub use read::{
+    FinishedRun, read_comparison, read_evaluations, read_pairs, read_predictions, read_run, read_table,
+};
+pub use report::{ChannelPairs, Report, Told, WinnerChannel};
 pub use schema::schema_markdown;
 pub use statistics::{Cluster, RankSum, bootstrap, holm, mcnemar, rank_sum, wilson};
 pub use table_name::TableName;

@@ -12,7 +12,7 @@ use crate::file::names;
 use crate::parquet;
 use crate::table_name::TableName;
 use crate::tables::TableFile;
-use crate::tables::comparison::ComparedRow;
+use crate::tables::comparison::{ComparedRow, PairRow};
 use crate::tables::run::{EvaluationRow, PredictionRow, PredictionSplit, RunRow};
 
 /// Name of a generation's file in its table's folder.
@@ -181,6 +181,15 @@ pub fn read_evaluations(run: impl AsRef<Path>) -> Result<Vec<EvaluationRow>, Err
 pub fn read_comparison(run: impl AsRef<Path>) -> Result<Vec<ComparedRow>, Error> {
     let file = run.as_ref().join(TableName::Comparison.as_str()).join(TableName::Comparison.file());
     read_file_if_any(&file, TableName::Comparison)?.map_or(Ok(Vec::new()), |content| content.rows())
+}
+
+/// All pairs of descriptors of a run's comparison; none where there is no comparison.
+///
+/// # Errors
+/// If the file cannot be read, or is damaged.
+pub fn read_pairs(run: impl AsRef<Path>) -> Result<Vec<PairRow>, Error> {
+    let file = run.as_ref().join(TableName::Pairs.as_str()).join(TableName::Pairs.file());
+    read_file_if_any(&file, TableName::Pairs)?.map_or(Ok(Vec::new()), |content| content.rows())
 }
 
 /// The winner's answers to the queries of one split, in query order; none where the run has not measured it.

@@ -27,8 +27,9 @@ pub struct Compare {
     /// An experiment, or the folder of a finished run or sweep, for example results/runs/demo-0123456789ab
     #[arg(value_name = "EXP.toml|RUN")]
     subject: PathBuf,
-    /// Only this one of evolved, paper, pfhrgb and shotcolor, for example paper; repeatable
-    #[arg(long, value_name = "NAME", value_parser = ["evolved", "paper", "pfhrgb", "shotcolor"])]
+    /// Only this one of evolved, paper, pfhrgb, shotcolor and two histograms of a whole cloud, global-chroma and
+    /// global-hue-saturation, for example paper; repeatable
+    #[arg(long, value_name = "NAME", value_parser = Named::names())]
     descriptor: Vec<String>,
     /// File of a structure, channel by channel, to compare as well, under the file's name without .toml or another, for
     /// example experiments/descriptors/cospair.toml; repeatable
@@ -91,7 +92,7 @@ impl Compare {
                 Plan::Run(experiment) => run::folder(experiment, None, false),
                 Plan::Sweep(sweep) => sweep::folder(sweep, None, false),
             };
-            manner.run(&plan, out.clone(), None)?;
+            manner.run(&plan, out.clone(), None, false)?;
             out
         } else {
             subject

@@ -1,5 +1,6 @@
 //! The `coordinator` program: one command a file.
 
+mod after_run;
 mod certs;
 mod check;
 mod compare;

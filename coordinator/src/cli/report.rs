@@ -6,11 +6,12 @@ use std::process::ExitCode;
 use clap::Args;
 use descriptor::Descriptor;
 use descriptor::structure::{Pairs, Weighted};
-use results::{ChannelPairs, WinnerChannel};
+use results::{ChannelPairs, Told, WinnerChannel};
 
+use crate::compare::verdict;
 use crate::experiment::{DEFAULT_RESULTS_DIR, Experiment, Overrides};
 use crate::run::directory::SEARCH_FILE;
-use crate::sweep::{self, SWEEP_FILE};
+use crate::sweep::{self, SWEEP_FILE, Seed};
 
 /// Write a report: one HTML page that needs nothing else, and each of its figures as an SVG file
 ///
@@ -49,15 +50,13 @@ impl Report {
         };
         let folders = folders(&runs)?;
         let report = match (folders.as_slice(), self.grid) {
-            ([(_, folder)], grid) => {
-                results::Report::of_run(folder, grid.as_deref(), &winner_channels(folder))?
-            }
+            ([(_, folder)], grid) => results::Report::of_run(folder, grid.as_deref(), &told(folder))?,
             (_, Some(grid)) => anyhow::bail!(
                 "--grid: goes with one run, got {} and {}\nleave it out, or name one run",
                 folders.len(),
                 grid.display()
             ),
-            (folders, None) => results::Report::of_runs(&title(&runs), folders)?,
+            (folders, None) => results::Report::of_runs(&title(&runs), folders, &verdict_of_seeds(folders))?,
         };
         let svg = self.svg.unwrap_or_else(|| page.parent().unwrap_or(Path::new("")).to_owned());
         let figures = report.write(&page, &svg)?.len();
@@ -67,8 +66,31 @@ impl Report {
     }
 }
 
-/// The channels of a finished run's winner, if that is a structure. The report shows a run as well whose experiment this
-/// program cannot read: then there are none.
+/// What is known of a run. The report shows a run as well whose experiment or comparison this program cannot read: then
+/// there is less to say.
+fn told(folder: &Path) -> Told {
+    let verdict =
+        || Some(verdict(&results::read_comparison(folder).ok()?, &results::read_pairs(folder).ok()?));
+    Told { channels: winner_channels(folder), verdict: verdict().unwrap_or_default() }
+}
+
+/// What the seeds of a sweep say together, those of each variant.
+fn verdict_of_seeds(folders: &[(String, PathBuf)]) -> Vec<String> {
+    let read = |(name, folder): &(String, PathBuf)| {
+        let run = results::read_run(folder).ok()?.row;
+        Some((name.clone(), run, results::read_comparison(folder).ok()?, results::read_pairs(folder).ok()?))
+    };
+    let read: Vec<_> = folders.iter().filter_map(read).collect();
+    let seeds: Vec<Seed<'_>> =
+        read.iter().map(|(name, run, compared, pairs)| Seed::new(name, run, compared, pairs)).collect();
+    let of_variant = |(variant, sentences): (String, Vec<String>)| {
+        let text = sentences.join("; ");
+        if variant.is_empty() { text } else { format!("{variant}: {text}") }
+    };
+    sweep::verdicts(&seeds).into_iter().map(of_variant).collect()
+}
+
+/// The channels of a finished run's winner, if that is a structure.
 fn winner_channels(folder: &Path) -> Vec<WinnerChannel> {
     let winner = || {
         let row = results::read_run(folder).ok()?.row;

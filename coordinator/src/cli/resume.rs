@@ -27,6 +27,6 @@ pub struct Resume {
 impl Resume {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let plan = run::recorded_plan(&self.folder, self.manner.overrides(None))?;
-        self.manner.execute(&plan, self.folder, self.events.file)
+        self.manner.execute(&plan, self.folder, self.events.file, false)
     }
 }

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use cache::StorageArgs;
 use clap::Args;
 
+use super::after_run::AfterRun;
 use crate::experiment::{LocalWorkers, Overrides, Plan};
 use crate::run::{self, RunOptions};
 use crate::sweep;
@@ -38,6 +39,10 @@ pub struct Run {
     /// killed one goes on with `coordinator resume` instead
     #[arg(long)]
     fresh: bool,
+    /// Let a random search of as many descriptors follow, in a folder beside the run's that ends in -random, and
+    /// compare the winner with its winner: whether the search was worth it. Of a sweep, write a variant instead
+    #[arg(long)]
+    control: bool,
     #[command(flatten)]
     events: Events,
     #[command(flatten)]
@@ -79,7 +84,12 @@ impl Run {
             Plan::Run(experiment) => run::folder(experiment, self.out, self.fresh),
             Plan::Sweep(sweep) => sweep::folder(sweep, self.out, self.fresh),
         };
-        self.manner.execute(&plan, out, self.events.file)
+        if self.control && matches!(plan, Plan::Sweep(_)) {
+            anyhow::bail!(
+                "--control: is for a single run, got a sweep\nadd a variant to it: [sweep.variants.random] search.method = \"random\""
+            );
+        }
+        self.manner.execute(&plan, out, self.events.file, self.control)
     }
 }
 
@@ -94,18 +104,21 @@ impl Manner {
         plan: &Plan,
         out: PathBuf,
         events: Option<PathBuf>,
+        control: bool,
     ) -> anyhow::Result<ExitCode> {
-        let [json, text] = self.run(plan, out, events)?;
+        let [json, text] = self.run(plan, out, events, control)?;
         super::print(if self.json { &json } else { &text })?;
         Ok(ExitCode::SUCCESS)
     }
 
-    /// Runs an experiment or a sweep in a folder: the result as JSON and for people.
+    /// Runs an experiment or a sweep in a folder: the result as JSON and for people. `control`: a random search follows a
+    /// run.
     pub(super) fn run(
         &self,
         plan: &Plan,
         out: PathBuf,
         events: Option<PathBuf>,
+        control: bool,
     ) -> anyhow::Result<[String; 2]> {
         let advice = format!(
             "go on: the same command again, or coordinator resume {} with the same options",
@@ -113,14 +126,19 @@ impl Manner {
         );
         let (protection, storage) = (self.protection.clone(), self.storage.clone().resolve());
         let options = RunOptions { out: Some(out), fresh: false, events, protection, storage };
+        let after = AfterRun { options: &options, overrides: self.overrides(None), control };
         super::block_on(&advice, async {
             Ok(match plan {
                 Plan::Run(experiment) => {
                     let summary = run::run(experiment, &options).await?;
+                    let summary = after.complete(experiment, summary).await?;
                     [format!("{}\n", summary.json()), summary.text()]
                 }
                 Plan::Sweep(sweep) => {
-                    let summary = sweep::sweep(sweep, &options).await?;
+                    let mut summary = sweep::sweep(sweep, &options).await?;
+                    for (member, (_, finished)) in sweep.members().iter().zip(&mut summary.summaries) {
+                        *finished = after.complete(&member.experiment, finished.clone()).await?;
+                    }
                     [summary.json(), summary.text()]
                 }
             })

@@ -3,6 +3,7 @@
 use descriptor::recogniser::Method;
 use descriptor::{Descriptor, Family, FixedDescriptor, FixedKind, SetDistance};
 
+use super::global::GlobalHistogram;
 use crate::experiment::is_name;
 
 /// Label of the run's own descriptor.
@@ -53,6 +54,8 @@ pub enum Named {
     Paper,
     /// One without genes.
     Fixed(FixedKind),
+    /// A cheap baseline.
+    Global(GlobalHistogram),
     /// Another one, which is named by whoever gives it.
     Given(Given),
 }
@@ -71,7 +74,9 @@ impl Given {
             return Err("name must be 1 to 64 letters a-z, digits, - and _, beginning without -");
         }
         if Named::ALL.iter().any(|one| one.name() == name) {
-            return Err("name must be none of evolved, paper, pfhrgb and shotcolor");
+            return Err(
+                "name must be none of evolved, paper, pfhrgb, shotcolor, global-chroma and global-hue-saturation",
+            );
         }
         if ends_like_a_label {
             return Err("name must not end in the name of a set distance or recogniser");
@@ -82,8 +87,25 @@ impl Given {
 
 impl Named {
     /// All that every comparison knows, in the order in which they are shown.
-    pub const ALL: [Self; 4] =
-        [Self::Evolved, Self::Paper, Self::Fixed(FixedKind::PfhRgb), Self::Fixed(FixedKind::ShotColor)];
+    pub const ALL: [Self; 6] = [
+        Self::Evolved,
+        Self::Paper,
+        Self::Fixed(FixedKind::PfhRgb),
+        Self::Fixed(FixedKind::ShotColor),
+        Self::Global(GlobalHistogram::Chroma),
+        Self::Global(GlobalHistogram::HueSaturation),
+    ];
+
+    /// What the winner of every run is compared with: descriptors that anybody has without a search, describe every
+    /// usable cloud and take no longer than the winner.
+    pub const BASELINES: [Self; 3] =
+        [Self::Paper, Self::Global(GlobalHistogram::Chroma), Self::Global(GlobalHistogram::HueSaturation)];
+
+    /// The names of all that every comparison knows.
+    pub fn names() -> [&'static str; 6] {
+        static ALL: [Named; 6] = Named::ALL;
+        ALL.each_ref().map(Self::name)
+    }
 
     /// Its name on the command line and in tables.
     pub fn name(&self) -> &str {
@@ -91,6 +113,7 @@ impl Named {
             Self::Evolved => EVOLVED,
             Self::Paper => PAPER,
             Self::Fixed(kind) => kind.name(),
+            Self::Global(histogram) => histogram.name(),
             Self::Given(given) => &given.name,
         }
     }
@@ -99,7 +122,7 @@ impl Named {
     pub fn needs_colour(&self) -> bool {
         match self {
             Self::Evolved => false,
-            Self::Paper | Self::Fixed(_) => true,
+            Self::Paper | Self::Fixed(_) | Self::Global(_) => true,
             Self::Given(given) => given.descriptor.needs_colour(),
         }
     }
@@ -110,6 +133,7 @@ impl Named {
             Self::Evolved => evolved.clone(),
             Self::Paper => Descriptor::default_of(Family::DiskRing),
             &Self::Fixed(kind) => Descriptor::Fixed(FixedDescriptor { kind, radius_um }),
+            Self::Global(histogram) => histogram.descriptor(),
             Self::Given(given) => given.descriptor.clone(),
         }
     }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use descriptor::{Descriptor, Label, Preprocess, SearchSpace, SignatureError, Signatures};
 use proto::MAX_DESCRIPTION_BYTES;
-use proto::task::{self, Description, Evaluation, Subject};
+use proto::task::{self, Description, Evaluation};
 
 use crate::tasks;
 use cluster::blobs::BlobStore;
@@ -57,14 +57,6 @@ impl Shards {
         Some(Self { preprocess: *preprocess, space: space.clone(), sides, labels })
     }
 
-    /// A descriptor as tasks have it: one of the run's search space as such, any other as the only one of its own.
-    fn subject(&self, descriptor: &Descriptor) -> Subject {
-        let is_of_run = self.space.contains(descriptor);
-        let own = if is_of_run { None } else { SearchSpace::single(descriptor).ok() };
-        let space = own.unwrap_or_else(|| self.space.clone());
-        tasks::subject(&tasks::preparation(&self.preprocess, space), descriptor)
-    }
-
     /// What queries and database show.
     pub fn labels(&self) -> [&[Label]; 2] {
         self.labels.each_ref().map(Vec::as_slice)
@@ -73,7 +65,7 @@ impl Shards {
     /// What workers are asked for: each descriptor in turn, queries before database.
     pub fn tasks(&self, descriptors: &[Descriptor]) -> Vec<Description> {
         let of = |descriptor: &Descriptor| {
-            let subject = self.subject(descriptor);
+            let subject = tasks::subject_beside(&self.preprocess, &self.space, descriptor);
             let shards = self.sides.iter().flat_map(|side| &side.shards);
             shards.map(move |shard| Description {
                 subject: subject.clone(),

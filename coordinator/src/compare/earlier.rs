@@ -47,9 +47,18 @@ impl Earlier {
 
     /// What was measured of a descriptor when it was the same.
     pub fn measured(&self, now: &ComparedRow) -> Option<Measured> {
-        let same = |row: &&ComparedRow| row.descriptor == now.descriptor && row.counts == now.counts;
-        let row = self.rows.iter().map(|(_, row)| row).find(same)?;
+        let row = self.same(now)?;
         Some(Measured { times: row.times.clone()?, keypoints_per_cloud: row.keypoints_per_cloud })
+    }
+
+    /// Seconds that it took to describe one cloud, where they were measured of the same descriptor.
+    pub fn cloud_seconds(&self, now: &ComparedRow) -> Option<f64> {
+        self.same(now)?.cloud_seconds
+    }
+
+    fn same(&self, now: &ComparedRow) -> Option<&ComparedRow> {
+        let mut rows = self.rows.iter().map(|(_, row)| row);
+        rows.find(|row| row.descriptor == now.descriptor && row.counts == now.counts)
     }
 
     /// Those that were asked for and those that are there, in the order in which they are shown. All descriptors
@@ -149,6 +158,7 @@ mod tests {
             skipped: 0,
             database: 9,
             keypoints_per_cloud: times.as_ref().map(|_| 7.5),
+            cloud_seconds: None,
             times,
             area: None,
             nearest_area: None,

@@ -1,5 +1,6 @@
 //! Several descriptors on the test clouds of a finished run: the paper's table 1 and figure 3, and how sure one can be.
 
+pub mod baselines;
 mod candidate;
 mod curve;
 mod described;
@@ -8,6 +9,7 @@ mod differences;
 mod earlier;
 mod error;
 mod given;
+mod global;
 mod kept;
 mod progress;
 mod recognition;
@@ -31,7 +33,7 @@ use crate::reopen::{Reopened, reopen};
 use crate::run::scaled::Scaled;
 use crate::run::{Matching, RunError, refuse_other_data, rows};
 use crate::session::{Session, listen};
-pub use candidate::{Candidate, Choice, EVOLVED, Named};
+pub use candidate::{Candidate, Choice, Named};
 use described::{Described, Shards};
 use describing::Describing;
 use earlier::{Earlier, Measured};
@@ -45,6 +47,7 @@ pub use summary::Comparison;
 use tables::{Compared, Tables};
 use timing::time;
 use transport::Protection;
+pub use verdict::{Difference, differences, verdict};
 
 /// What is compared, and how.
 #[derive(Clone, Debug)]
@@ -176,7 +179,7 @@ fn choose(
     }
     let mut named = options.descriptors.clone().unwrap_or_else(|| Named::ALL.to_vec());
     if named.iter().any(|one| is_refused(&one)) {
-        say("clouds without colours: the paper's descriptor, pfhrgb and shotcolor are left out");
+        say("clouds without colours: all but the evolved descriptor and those that are given are left out");
         named.retain(|one| !is_refused(&one));
     }
     let named = named.iter().chain(&given);
@@ -234,9 +237,12 @@ impl Comparing<'_> {
             }
             compared.push(one);
         }
-        let row = |one: &Compared| match earlier.measured(&one.row) {
-            Some(measured) => with_times(one.row.clone(), measured),
-            None => one.row.clone(),
+        let row = |one: &Compared| {
+            let row = ComparedRow { cloud_seconds: earlier.cloud_seconds(&one.row), ..one.row.clone() };
+            match earlier.measured(&one.row) {
+                Some(measured) => with_times(row, measured),
+                None => row,
+            }
         };
         let rows: Vec<ComparedRow> = compared.iter().map(row).collect();
         let pairs = self.tables.pairs(&compared);

@@ -33,6 +33,21 @@ pub struct Recognition {
 }
 
 impl Recognition {
+    /// From the answers of an evaluation, which tell of each query the nearest cloud only.
+    pub fn of_matches(matches: Vec<(u32, Match)>, [queries, database]: [&[Label]; 2]) -> Self {
+        let same =
+            |query: u32, cloud: u32| queries[query as usize].instance == database[cloud as usize].instance;
+        Self {
+            database: database.len() as u32,
+            keypoints_per_cloud: None,
+            curves: vec![nearest_curve(&matches, same)],
+            distances: Vec::new(),
+            matches,
+            is_abridged: true,
+            learned: None,
+        }
+    }
+
     /// Matches queries with the database, by the current rayon pool. The first `trained` clouds of the database are those
     /// that a run's scales are found by; `sequences` are those of its clouds.
     ///
@@ -86,11 +101,7 @@ impl Recognition {
             let relevant = judged.iter().filter(|pair| pair.1).count() as u64;
             curves.push(curve("all", judged, relevant));
         }
-        let nearest = matches.iter().map(|(query, found)| {
-            let hit = found.nearest;
-            (hit.distance, same(*query, hit.index))
-        });
-        curves.push(curve("nearest", nearest.collect(), count as u64));
+        curves.push(nearest_curve(&matches, same));
         Ok(Self {
             database: labels.len() as u32,
             keypoints_per_cloud: described.keypoints.map(|all| all as f64 / (count + labels.len()) as f64),
@@ -108,6 +119,15 @@ impl Recognition {
             learned,
         })
     }
+}
+
+/// Recall against 1 − precision of nearest clouds only; `same` says whether query and database cloud show the same object.
+fn nearest_curve(matches: &[(u32, Match)], same: impl Fn(u32, u32) -> bool) -> Curve {
+    let judged = matches.iter().map(|(query, Match { nearest, .. })| {
+        let is_same = same(*query, nearest.index);
+        (nearest.distance, is_same)
+    });
+    curve("nearest", judged.collect(), matches.len() as u64)
 }
 
 /// What the candidate's recogniser learns from the clouds of the database that are described.

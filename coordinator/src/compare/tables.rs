@@ -1,7 +1,8 @@
 //! What the tables have of each candidate: from its descriptions to answers, curves and a row.
 
-use descriptor::{Descriptor, Label};
-use proto::task::Match;
+use descriptor::recognise::Hit;
+use descriptor::{Descriptor, Label, Match};
+use proto::task::{self, EvaluationResult};
 use results::{ComparedRow, Counts, PairRow, PredictionRow, RunFolder, RunRow, wilson};
 
 use super::candidate::{Candidate, EVOLVED};
@@ -47,15 +48,47 @@ impl Tables<'_> {
         let sequences: Vec<Option<u32>> = database.iter().map(sequence).collect();
         let known = (self.dataset.splits.trained() as u32, &sequences[..]);
         let recognition = Recognition::new(candidate, described, self.labels, known)?;
+        let outcomes = judge(candidate, &recognition, self.labels);
+        let counts = counts(&outcomes);
+        if counts.queries == 0 {
+            return Err(CompareError::NothingDescribed { label: candidate.label.clone() });
+        }
+        self.confirm(candidate, counts)?;
+        Ok(self.write(candidate, &recognition, outcomes)?)
+    }
+
+    /// Writes the answers of an evaluation, one a query: of all pairs of clouds they tell nothing.
+    ///
+    /// # Errors
+    /// If they cannot be written.
+    pub fn add_evaluated(
+        &self,
+        candidate: &Candidate,
+        result: &EvaluationResult,
+    ) -> Result<Compared, results::Error> {
+        let hit = |(index, distance)| Hit { index, distance };
+        let found = |found: &task::Match| Match {
+            nearest: hit((found.nearest, found.distance)),
+            runner_up: found.runner_up.map(hit),
+        };
+        let matches = (0..).zip(result.matches.iter().map(found)).collect();
+        let recognition = Recognition::of_matches(matches, self.labels);
+        let outcomes = judge(candidate, &recognition, self.labels);
+        self.write(candidate, &recognition, outcomes)
+    }
+
+    fn write(
+        &self,
+        candidate: &Candidate,
+        recognition: &Recognition,
+        outcomes: Outcomes,
+    ) -> Result<Compared, results::Error> {
         let matches = recognition.matches.iter().map(|&(query, found)| (query, numbered(found)));
         let answers = rows::answers(self.dataset, Matching::Test, matches);
-        let outcomes = judge(candidate, &recognition, self.labels);
-        let counts = counts(candidate, &outcomes)?;
-        self.confirm(candidate, counts)?;
         let (curves, distances) = (&recognition.curves, &recognition.distances);
         self.out.write_compared(&candidate.label, &answers, curves, distances)?;
         let queries = (self.labels[0], self.run.seed);
-        let row = row(candidate, &recognition, (counts, &outcomes), queries);
+        let row = row(candidate, recognition, &outcomes, queries);
         Ok(Compared { row, answers, is_abridged: recognition.is_abridged, outcomes })
     }
 
@@ -77,8 +110,8 @@ impl Tables<'_> {
     }
 }
 
-fn numbered(found: descriptor::Match) -> Match {
-    Match {
+fn numbered(found: Match) -> task::Match {
+    task::Match {
         nearest: found.nearest.index,
         distance: found.nearest.distance,
         runner_up: found.runner_up.map(|hit| (hit.index, hit.distance)),
@@ -94,25 +127,22 @@ fn judge(candidate: &Candidate, recognition: &Recognition, [queries, database]: 
     Outcomes { label: candidate.label.clone(), right }
 }
 
-fn counts(candidate: &Candidate, judged: &Outcomes) -> Result<Counts, CompareError> {
+fn counts(judged: &Outcomes) -> Counts {
     let described = || judged.right.iter().flatten();
-    let counts = Counts {
+    Counts {
         object_correct: described().filter(|right| right[0]).count() as u32,
         category_correct: described().filter(|right| right[1]).count() as u32,
         queries: described().count() as u32,
-    };
-    if counts.queries == 0 {
-        return Err(CompareError::NothingDescribed { label: candidate.label.clone() });
     }
-    Ok(counts)
 }
 
 fn row(
     candidate: &Candidate,
     recognition: &Recognition,
-    (counts, judged): (Counts, &Outcomes),
+    judged: &Outcomes,
     (queries, seed): (&[Label], u64),
 ) -> ComparedRow {
+    let counts = counts(judged);
     let intervals = |correct: u32, level| {
         let by_wilson = wilson(counts.queries - correct, counts.queries);
         [by_wilson, error_interval(judged, level, queries, seed).unwrap_or(by_wilson)]
@@ -144,6 +174,7 @@ fn row(
         skipped: queries.len() as u32 - counts.queries,
         database: recognition.database,
         keypoints_per_cloud: recognition.keypoints_per_cloud,
+        cloud_seconds: None,
         times: None,
         area: area("all"),
         nearest_area: area("nearest"),

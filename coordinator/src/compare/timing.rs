@@ -1,13 +1,16 @@
 //! How long a descriptor takes: all test queries and their database, from files to matches, on one thread of this
 //! process.
 
-use descriptor::{Descriptor, Preprocess, SetDistance};
+use descriptor::{Describer, Descriptor, Preprocess, SetDistance};
 use results::{PredictionRow, Times};
 
 use super::error::CompareError;
 use crate::dataset::{Dataset, ListedCloud, Listing};
-use crate::evaluate::{DescribedClouds, EvaluateError, Report, Request};
+use crate::evaluate::{DescribedClouds, EvaluateError, Report, Request, describe_file};
 use crate::run::Matching;
+
+/// Clouds that [`seconds_of_a_cloud`] describes at most.
+const SAMPLE: usize = 16;
 
 /// Times and, so that they can be compared with those of workers, answers.
 pub struct Timed {
@@ -42,6 +45,28 @@ pub fn time(
     };
     let described = DescribedClouds::new(&request, watch)?;
     distances.iter().map(|&distance| Ok(Timed::new(described.report(distance)?, clouds))).collect()
+}
+
+/// Seconds from a cloud's points to its signatures on this thread: the median of up to [`SAMPLE`] test clouds, which lie
+/// apart in their list. `None` if none of them can be read and described.
+pub fn seconds_of_a_cloud(
+    dataset: &Dataset,
+    preprocess: &Preprocess,
+    descriptor: &Descriptor,
+) -> Option<f64> {
+    let describer = Describer::new(descriptor).ok()?;
+    let queries = Matching::Test.query_clouds(dataset);
+    let sample = queries.iter().step_by(queries.len().div_ceil(SAMPLE).max(1));
+    let one = |&index: &u32| {
+        let cloud = &dataset.clouds.entries[index as usize];
+        let file = dataset.clouds.file(cloud);
+        let (described, seconds) = describe_file(&cloud.path, &file, preprocess, &describer).ok()?;
+        described.ok()?;
+        Some((seconds.keypoints + seconds.normals + seconds.describe).as_secs_f64())
+    };
+    let mut seconds: Vec<f64> = sample.filter_map(one).collect();
+    seconds.sort_by(f64::total_cmp);
+    seconds.get(seconds.len() / 2).copied()
 }
 
 impl Timed {

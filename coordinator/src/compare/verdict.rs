@@ -1,68 +1,115 @@
 //! What a comparison says of the run's descriptor, in sentences: whether it is better, how sure that is, at what price.
 
-use results::{ComparedRow, PairRow, Times};
+use descriptor::recogniser::Method;
+use results::{ComparedRow, PairRow, holm};
 
 use super::candidate::{EVOLVED, L1_SUFFIX, PAPER};
 use super::differences::{Level, SIGNIFICANCE, probability};
 use crate::run::progress::percent;
 
-/// A sentence on the run's descriptor against the paper's, and one against that of the others with fewest errors; none
-/// where there is nothing to set it against. Like is set against like: descriptors by χ² and the nearest cloud.
+/// A sentence on the run's descriptor against the paper's, and one against that of the others with fewest errors; and of
+/// each recogniser that learns one against the nearest cloud, and one against the others by the same recogniser. None
+/// where there is nothing to set it against.
 pub fn verdict(rows: &[ComparedRow], pairs: &[PairRow]) -> Vec<String> {
-    let named = |name: &str| rows.iter().find(|row| row.descriptor == name);
-    let Some(own) = named(EVOLVED) else { return Vec::new() };
-    let is_other = |row: &&ComparedRow| {
-        let is_alike = row.recogniser == own.recogniser && !row.descriptor.ends_with(L1_SUFFIX);
-        is_alike && ![EVOLVED, PAPER].contains(&row.descriptor.as_str())
+    let of_method = |method: Method| {
+        let differences = differences(rows, pairs, method);
+        let first = match method {
+            Method::Nearest => PAPER,
+            _ => EVOLVED,
+        };
+        let (first, others): (Vec<_>, Vec<_>) =
+            differences.into_iter().partition(|one| one.other.descriptor == first);
+        let error = |one: &Difference<'_>| one.other.counts.object_error();
+        let best = others.into_iter().min_by(|a, b| error(a).total_cmp(&error(b)));
+        first.into_iter().chain(best).map(|one| one.sentence()).collect::<Vec<_>>()
     };
-    let error = |row: &ComparedRow| row.counts.object_error();
-    let best = rows.iter().filter(is_other).min_by(|a, b| error(a).total_cmp(&error(b)));
-    [named(PAPER), best].into_iter().flatten().filter_map(|other| against(own, other, pairs)).collect()
+    Method::ALL.into_iter().flat_map(of_method).collect()
 }
 
-/// The run's descriptor against another; `None` if no query is described by both.
-fn against(own: &ComparedRow, other: &ComparedRow, pairs: &[PairRow]) -> Option<String> {
-    let names = [&own.descriptor, &other.descriptor];
-    let is_pair = |pair: &&PairRow| {
-        let compared = [&pair.descriptor_a, &pair.descriptor_b];
-        pair.level == Level::Object.name() && names.iter().all(|name| compared.contains(name))
+/// The run's descriptor against another on the same clouds.
+pub struct Difference<'a> {
+    own: &'a ComparedRow,
+    /// The other.
+    pub other: &'a ComparedRow,
+    /// By how many points the run's descriptor has fewer errors of objects.
+    pub points: f64,
+    /// The 95 % interval of that, by the bootstrap over objects.
+    interval: [f64; 2],
+    /// McNemar's test after Holm, over all others that the run's descriptor is set against by this recogniser: how they
+    /// differ among themselves says nothing of it.
+    p: f64,
+}
+
+/// How the run's descriptor under a recogniser differs from the others. Like is set against like: descriptors by χ² and
+/// the same recogniser, one that learns against the nearest cloud, too.
+pub fn differences<'a>(rows: &'a [ComparedRow], pairs: &[PairRow], method: Method) -> Vec<Difference<'a>> {
+    let label = match method {
+        Method::Nearest => EVOLVED.to_owned(),
+        learned => format!("{EVOLVED}-{}", learned.name()),
     };
-    let pair = pairs.iter().find(is_pair)?;
-    // By how many points the other has more errors, and the interval of that.
-    let sign = if pair.descriptor_a == own.descriptor { -100.0 } else { 100.0 };
-    let points = sign * pair.error_difference();
-    // Rounded here, so that nothing is said to be -0.0.
-    let end = |end: f64| (10.0 * sign * points.signum() * end).round() / 10.0 + 0.0;
-    let ends = [pair.difference_low, pair.difference_high].map(end);
-    let [low, high] = [ends[0].min(ends[1]), ends[0].max(ends[1])];
-    let p = probability(pair.p_adjusted);
-    let p = if p.starts_with('<') { format!("p {p}") } else { format!("p = {p}") };
-    let how_sure = format!("95 % interval {low:.1} to {high:.1}, {p}");
-    let name = &other.descriptor;
-    let [own_error, other_error] = [own, other].map(|row| percent(row.counts.object_error()));
-    let more = if points > 0.0 { "fewer" } else { "more" };
-    let distance = points.abs();
-    let found = if pair.p_adjusted < SIGNIFICANCE {
-        let better = if points > 0.0 { "better" } else { "worse" };
-        format!(
-            "{EVOLVED} is {better} than {name}: {own_error} of clouds wrong instead of {other_error}, {distance:.2} points \
-             {more} ({how_sure})"
-        )
-    } else if points == 0.0 {
-        format!("{EVOLVED} and {name} have equally many clouds wrong: {own_error}")
-    } else {
-        format!(
-            "no evidence that {EVOLVED} differs from {name}: {own_error} of clouds wrong instead of {other_error}, but \
-             {distance:.2} points {more} may be chance ({how_sure})"
-        )
+    let Some(own) = rows.iter().find(|row| row.descriptor == label) else { return Vec::new() };
+    let is_other = |row: &&ComparedRow| {
+        let is_alike = row.recogniser == own.recogniser && !row.descriptor.contains(L1_SUFFIX);
+        *row != own && (is_alike || row.descriptor == EVOLVED)
     };
-    Some(found + &price(own, other))
+    let difference = |other: &'a ComparedRow| {
+        let names = [own.descriptor.as_str(), &other.descriptor];
+        let is_pair = |pair: &&PairRow| {
+            let compared = [pair.descriptor_a.as_str(), &pair.descriptor_b];
+            pair.level == Level::Object.name() && names.iter().all(|name| compared.contains(name))
+        };
+        let pair = pairs.iter().find(is_pair)?;
+        let sign = if pair.descriptor_a == names[0] { -100.0 } else { 100.0 };
+        let [a, b] = [pair.difference_low, pair.difference_high].map(|end| sign * end);
+        let (points, interval) = (sign * pair.error_difference(), [a.min(b), a.max(b)]);
+        Some(Difference { own, other, points, interval, p: pair.p_value })
+    };
+    let mut differences: Vec<Difference<'a>> = rows.iter().filter(is_other).filter_map(difference).collect();
+    let adjusted = holm(&differences.iter().map(|one| one.p).collect::<Vec<f64>>());
+    differences.iter_mut().zip(adjusted).for_each(|(one, adjusted)| one.p = adjusted);
+    differences
+}
+
+impl Difference<'_> {
+    /// Whether it is hardly chance.
+    pub fn is_sure(&self) -> bool {
+        self.p < SIGNIFICANCE
+    }
+
+    fn sentence(&self) -> String {
+        let Self { own, other, points, interval, p } = self;
+        // Rounded here, so that nothing is said to be -0.0.
+        let end = |end: f64| (10.0 * points.signum() * end).round() / 10.0 + 0.0;
+        let [a, b] = interval.map(end);
+        let p = probability(*p);
+        let p = if p.starts_with('<') { format!("p {p}") } else { format!("p = {p}") };
+        let how_sure = format!("95 % interval {:.1} to {:.1}, {p}", a.min(b), a.max(b));
+        let [own_name, name] = [&own.descriptor, &other.descriptor];
+        let [own_error, other_error] = [own, other].map(|row| percent(row.counts.object_error()));
+        let more = if *points > 0.0 { "fewer" } else { "more" };
+        let distance = points.abs();
+        let found = if self.is_sure() {
+            let better = if *points > 0.0 { "better" } else { "worse" };
+            format!(
+                "{own_name} is {better} than {name}: {own_error} of clouds wrong instead of {other_error}, {distance:.2} \
+                 points {more} ({how_sure})"
+            )
+        } else if *points == 0.0 {
+            format!("{own_name} and {name} have equally many clouds wrong: {own_error}")
+        } else {
+            format!(
+                "no evidence that {own_name} differs from {name}: {own_error} of clouds wrong instead of {other_error}, but \
+                 {distance:.2} points {more} may be chance ({how_sure})"
+            )
+        };
+        found + &price(own, other)
+    }
 }
 
 /// What it costs against another.
 fn price(own: &ComparedRow, other: &ComparedRow) -> String {
-    let seconds = |row: &ComparedRow| row.times.as_ref().map(Times::signatures);
-    let times = seconds(own).zip(seconds(other)).filter(|(_, other)| *other > 0.0);
+    let times = own.milliseconds_of_a_cloud().zip(other.milliseconds_of_a_cloud());
+    let times = times.filter(|(_, other)| *other > 0.0);
     let time = times.map(|(own, other)| match own / other {
         ratio if ratio < 1.0 => format!("in {:.0} % of the time", 100.0 * ratio),
         ratio => format!("in {ratio:.1} times the time"),
@@ -75,7 +122,7 @@ fn price(own: &ComparedRow, other: &ComparedRow) -> String {
 
 #[cfg(test)]
 mod tests {
-    use results::{Counts, mcnemar};
+    use results::{Counts, Times, mcnemar};
 
     use super::*;
 
@@ -109,6 +156,7 @@ mod tests {
             skipped: 0,
             database: 9,
             keypoints_per_cloud: None,
+            cloud_seconds: None,
             times: seconds.map(times),
             area: None,
             nearest_area: None,
@@ -187,6 +235,50 @@ mod tests {
     }
 
     #[test]
+    fn how_others_differ_among_themselves_weakens_no_evidence() {
+        // 12 clouds more of 200: p = 0.0005, which 21 comparisons of others with each other would make 0.01.
+        let own = row("evolved", 162, None);
+        let others: Vec<ComparedRow> =
+            (0..7).map(|other| row(&format!("other-{other}"), 150, None)).collect();
+        let rows: Vec<ComparedRow> = std::iter::once(own).chain(others).collect();
+        let all = rows.iter().enumerate();
+        let pairs: Vec<PairRow> =
+            all.flat_map(|(place, a)| rows[place + 1..].iter().map(move |b| pair(a, b))).collect();
+        let found = differences(&rows, &pairs, Method::Nearest);
+        assert_eq!(found.len(), 7);
+        for one in found {
+            assert_eq!((one.points, one.is_sure()), (6.0, true));
+            assert!((one.p - 7.0 * mcnemar(12, 0)).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn what_is_learned_is_set_against_the_nearest_cloud_and_its_like() {
+        let by = |descriptor: &str, right| ComparedRow {
+            recogniser: Some("projection".to_owned()),
+            ..row(descriptor, right, None)
+        };
+        let rows = [
+            row("evolved", 160, None),
+            row("paper", 150, None),
+            by("evolved-projection", 190),
+            by("paper-projection", 170),
+            by("pfhrgb-projection", 186),
+            by("evolved-l1-projection", 199),
+        ];
+        let sentences = said(&rows);
+        let begins = [
+            "evolved is better than paper",
+            "evolved-projection is better than evolved:",
+            "no evidence that evolved-projection differs from pfhrgb-projection",
+        ];
+        assert_eq!(sentences.len(), begins.len(), "{sentences:?}");
+        for (sentence, begin) in sentences.iter().zip(begins) {
+            assert!(sentence.starts_with(begin), "{sentence}");
+        }
+    }
+
+    #[test]
     fn the_best_of_the_others_is_one_of_a_kind() {
         let learned = |descriptor: &str| ComparedRow {
             recogniser: Some("projection".to_owned()),
@@ -203,12 +295,14 @@ mod tests {
             row("chroma", 120, None),
         ];
         let sentences = said(&rows);
-        assert_eq!(sentences.len(), 2);
-        assert!(
-            sentences[0].contains("better than paper: ") && sentences[1].contains("differs from pfhrgb: ")
-        );
-        assert_eq!(said(&rows[..3]), Vec::<String>::new());
-        assert_eq!(said(&rows[3..]), Vec::<String>::new());
+        assert_eq!(sentences.len(), 4, "{sentences:?}");
+        let ends =
+            ["than paper: ", "differs from pfhrgb: ", "than evolved: ", "pfhrgb-projection have equally"];
+        for (sentence, end) in sentences.iter().zip(ends) {
+            assert!(sentence.contains(end), "{sentence}");
+        }
+        assert_eq!(said(&rows[2..]), Vec::<String>::new());
+        assert_eq!(said(&[rows[0].clone(), rows[2].clone()]), Vec::<String>::new());
         // No query is described by both.
         assert_eq!(verdict(&rows, &[]), Vec::<String>::new());
     }

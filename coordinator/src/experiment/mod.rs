@@ -30,6 +30,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Duration;
 
+use descriptor::recogniser::Method as Recogniser;
 use descriptor::{Descriptor, Family, Preprocess, SearchSpace};
 use evolution::{Encoding, GaSettings, Method, StopSettings, WinnerRule};
 
@@ -76,6 +77,8 @@ pub struct Experiment {
     encoding: Encoding,
     stop: StopSettings,
     coordinator: CoordinatorSettings,
+    recognition: Recogniser,
+    baselines: bool,
     /// `None`: [`DEFAULT_RESULTS_DIR`], which no path relative to the file could name.
     results_dir: Option<PathBuf>,
 }
@@ -206,6 +209,30 @@ impl Experiment {
     /// What the search's fitness counts.
     pub fn fitness(&self) -> &Fitness {
         &self.fitness
+    }
+
+    /// How clouds get their names once the search is over; the search itself goes by the nearest cloud.
+    pub fn recognition(&self) -> Recogniser {
+        self.recognition
+    }
+
+    /// The random search of so many descriptors that says whether this experiment's search was worth it: with the same
+    /// clouds, space, fitness and seed.
+    pub fn random_control(&self, evaluations: u32) -> Self {
+        let stop = StopSettings {
+            generations: evaluations.max(1),
+            evaluations: Some(evaluations.max(1)),
+            stagnation: None,
+            validation_patience: None,
+            ..self.stop
+        };
+        let name = format!("{}-random", self.name);
+        Self { name, method: Method::Random, stop, ..self.clone() }
+    }
+
+    /// Whether the winner is compared with what anybody has without a search.
+    pub fn compares_baselines(&self) -> bool {
+        self.baselines
     }
 
     /// Which of the generations' bests wins.

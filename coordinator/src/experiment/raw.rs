@@ -42,6 +42,8 @@ pub(super) struct RawExperiment {
     #[serde(default)]
     pub coordinator: RawCoordinator,
     #[serde(default)]
+    pub recognition: RawRecognition,
+    #[serde(default)]
     pub results: RawResults,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "RawSweep")]
@@ -470,8 +472,29 @@ impl Word for RawFitting {
     const TEXT: &'static str = "auto";
 }
 
-/// Where results go.
+/// How clouds get their names from the database once the search is over. Changes nothing in the search.
 #[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
+#[serde(deny_unknown_fields, default, rename = "recognition")]
+pub(super) struct RawRecognition {
+    /// What is measured beside the nearest cloud at the end of a run, and exported unless --recogniser says otherwise.
+    pub method: RawRecogniser,
+}
+
+/// How clouds get their names.
+#[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "kebab-case", rename = "recogniser")]
+pub(super) enum RawRecogniser {
+    /// The name of the nearest cloud.
+    #[default]
+    Nearest,
+    /// A projection to few values in which the objects of the database lie apart.
+    Projection,
+    /// Kernel ridge regression on distances.
+    KernelRidge,
+}
+
+/// Where results go.
+#[derive(Debug, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "results")]
 pub(super) struct RawResults {
     /// Folder that the run's own folder is made in; a relative path is relative to the folder of the experiment file.
@@ -479,6 +502,15 @@ pub(super) struct RawResults {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "String", example = &"../results/runs")]
     pub dir: Option<String>,
+    /// Compare the winner on the test clouds with the paper's descriptor and two histograms of colour over whole clouds,
+    /// which anybody has without a search. Changes nothing else.
+    pub baselines: bool,
+}
+
+impl Default for RawResults {
+    fn default() -> Self {
+        Self { dir: None, baselines: true }
+    }
 }
 
 /// Several runs at once, which share the workers: one for each seed, each variant, or each variant with each seed.

@@ -68,11 +68,14 @@ pub(super) fn resolved_toml(experiment: &Experiment) -> String {
         ShardCount::Auto => toml.key("pieces", quoted("auto")),
         ShardCount::Fixed(count) => toml.key("pieces", count),
     }
+    toml.section("recognition");
+    toml.key("method", quoted(experiment.recognition.name()));
     toml.section("results");
     match &experiment.results_dir {
         Some(dir) => toml.key("dir", path(dir, folder)),
         None => toml.comment(&format!("dir is not set: {DEFAULT_RESULTS_DIR} in the current folder")),
     }
+    toml.key("baselines", experiment.baselines);
     toml.text
 }
 

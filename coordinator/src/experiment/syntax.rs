@@ -19,7 +19,7 @@ const TABLE_ADVICE: &str = "write a section [name] or { key = value, … }";
 const EXCERPT: usize = 60;
 
 /// Every section. Serde would also read one from a list, by position.
-pub(super) const SECTIONS: [&str; 14] = [
+pub(super) const SECTIONS: [&str; 15] = [
     "dataset",
     "dataset.splits",
     "dataset.splits.seeded",
@@ -32,6 +32,7 @@ pub(super) const SECTIONS: [&str; 14] = [
     "ga",
     "stop",
     "coordinator",
+    "recognition",
     "results",
     "sweep",
 ];

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use descriptor::Preprocess;
 use descriptor::preprocess::Unit;
+use descriptor::recogniser::Method as Recogniser;
 use evolution::{GaSettings, StopSettings};
 
 use super::checks::{checked_name, checked_seed};
@@ -15,7 +16,8 @@ use super::error::Fault;
 use super::forms::NumberOr;
 use super::paths::{self, Lookup};
 use super::raw::{
-    RawCoordinator, RawDescriptor, RawExperiment, RawFamily, RawGa, RawOff, RawPreprocess, RawStop,
+    RawCoordinator, RawDescriptor, RawExperiment, RawFamily, RawGa, RawOff, RawPreprocess, RawRecogniser,
+    RawStop,
 };
 use super::raw_dataset::RawUnit;
 use super::validate_dataset::dataset;
@@ -55,6 +57,12 @@ pub(super) fn experiment(
         encoding: raw.ga.encoding,
         stop,
         coordinator: coordinator(&raw.coordinator, overrides)?,
+        recognition: match raw.recognition.method {
+            RawRecogniser::Nearest => Recogniser::Nearest,
+            RawRecogniser::Projection => Recogniser::Projection,
+            RawRecogniser::KernelRidge => Recogniser::KernelRidge,
+        },
+        baselines: raw.results.baselines,
         results_dir,
     })
 }

@@ -6,13 +6,15 @@ use cache::Store;
 use evolution::Exhaustive;
 use results::{Counts, LookRow, PredictionSplit, RunFolder, RunRow};
 
-use crate::compare::EVOLVED;
+use crate::compare::Candidate;
+use crate::compare::baselines::{self, Finished};
 use crate::dataset::Dataset;
 use crate::exhaust::{best_of_all, known_optimum};
 use crate::experiment::Experiment;
 use crate::fitness::{Fitness, Measured};
 use crate::observers::tables;
 use crate::result_cache::Known;
+use crate::run::bounds::bounds;
 use crate::run::matching::Matching;
 use crate::run::progress::Progress;
 use crate::run::search::{SearchLoop, SearchResult};
@@ -21,7 +23,7 @@ use crate::run::summary::Summary;
 use crate::run::{RunError, data_digest, rows};
 use crate::session::Session;
 use cluster::{Client, ClusterError};
-use proto::task::EvaluationResult;
+use proto::task::{Evaluation, EvaluationResult};
 
 /// A run and all that it needs.
 pub struct RunDriver<'a> {
@@ -70,16 +72,8 @@ impl RunDriver<'_> {
             progress.search_starts(folder.generations());
             let cached = remembered.clone();
             let mut search_loop = SearchLoop::new(experiment, session, client, progress, cached);
-            match search_once(
-                experiment.fitness(),
-                &mut search_loop,
-                search,
-                dataset,
-                session,
-                remembered,
-                folder,
-            )
-            .await
+            match search_once(experiment, &mut search_loop, search, dataset, session, remembered, folder)
+                .await
             {
                 // The search is deterministic: it comes back to where it was, by way of the answers that still hold.
                 Err(RunError::Cluster(ClusterError::Corrected(tasks))) => search_loop.note_rewind(&tasks),
@@ -109,6 +103,13 @@ impl RunDriver<'_> {
         }
         let mut run = self.row(outcome);
         compare_with_optimum(&mut run, experiment, dataset, &self.session.store);
+        let (compared, pairs) = match finals.evaluated() {
+            Some(evaluated) => {
+                let preprocess = experiment.preprocess();
+                Finished { run: &run, dataset, preprocess, out: folder }.compare(evaluated)?
+            }
+            None => Default::default(),
+        };
         let run_digest = folder.write_run(&run)?.to_hex().to_string();
         Ok(Summary {
             run,
@@ -116,6 +117,9 @@ impl RunDriver<'_> {
             family: experiment.space().family(),
             skipped: dataset.clouds.skipped.len(),
             descriptors: experiment.space().size(),
+            compared,
+            pairs,
+            bounds: bounds(experiment.space(), &outcome.found.descriptor),
             out: folder.path().to_owned(),
         })
     }
@@ -157,7 +161,7 @@ impl RunDriver<'_> {
 
 /// One attempt at it, unless answers turn out to be wrong.
 async fn search_once(
-    fitness: &Fitness,
+    experiment: &Experiment,
     search_loop: &mut SearchLoop<'_>,
     search: evolution::Search,
     dataset: &Dataset,
@@ -166,17 +170,27 @@ async fn search_once(
     folder: &mut RunFolder,
 ) -> Result<Outcome, RunError> {
     let found = search_loop.run(search, folder).await?;
+    let mut candidates = baselines::candidates(&found.descriptor, experiment.preprocess().colour);
+    if !experiment.compares_baselines() {
+        candidates.truncate(1);
+    }
     if !Matching::Test.query_clouds(dataset).is_empty() {
         folder.record_look(&LookRow {
             at: SystemTime::now(),
             command: "run".to_owned(),
             reason: "final test of the winner".to_owned(),
-            descriptors: EVOLVED.to_owned(),
+            descriptors: candidates.iter().map(|one| one.label.as_str()).collect::<Vec<_>>().join(" "),
         })?;
     }
-    let finals =
-        Finals::evaluate(fitness, dataset, session, &found, remembered, search_loop.client_and_progress())
-            .await?;
+    let finals = Finals::evaluate(
+        experiment,
+        candidates,
+        session,
+        &found,
+        remembered,
+        search_loop.client_and_progress(),
+    )
+    .await?;
     Ok(Outcome { found, finals })
 }
 
@@ -217,6 +231,10 @@ pub fn compare_with_optimum(run: &mut RunRow, experiment: &Experiment, dataset: 
 struct Finals {
     validation: Option<Final>,
     test: Option<Final>,
+    /// What the winner is compared with, and the winner first.
+    candidates: Vec<Candidate>,
+    /// Of each candidate but the winner on the test clouds.
+    baselines: Vec<EvaluationResult>,
 }
 
 /// The winner on one set.
@@ -245,9 +263,16 @@ impl Final {
 }
 
 impl Finals {
+    /// The candidates and their evaluations on the test clouds; `None` if there are no such clouds, or nothing to compare
+    /// the winner with.
+    fn evaluated(&self) -> Option<impl Iterator<Item = (&Candidate, &EvaluationResult)>> {
+        let winner = self.test.as_ref()?.matched.as_ref().filter(|_| !self.baselines.is_empty())?;
+        Some(self.candidates.iter().zip(std::iter::once(winner).chain(&self.baselines)))
+    }
+
     async fn evaluate(
-        fitness: &Fitness,
-        dataset: &Dataset,
+        experiment: &Experiment,
+        candidates: Vec<Candidate>,
         session: &Session<'_>,
         found: &SearchResult,
         remembered: &Known,
@@ -255,6 +280,7 @@ impl Finals {
     ) -> Result<Self, RunError> {
         let winner = found.scales.of(&found.descriptor);
         let Session { cluster, splits, .. } = session;
+        let (fitness, dataset) = (experiment.fitness(), splits.dataset());
         splits.publish_test(&cluster.blobs);
         let asked = [Matching::Validation, Matching::Test, Matching::Train].map(|matching| match matching {
             _ if matching.query_clouds(dataset).is_empty() => Vec::new(),
@@ -264,7 +290,12 @@ impl Finals {
         });
         let weights =
             asked.each_ref().map(|parts| parts.iter().map(|&(_, weight)| weight).collect::<Vec<_>>());
-        let evaluations = asked.into_iter().flatten().map(|(evaluation, _)| evaluation).collect();
+        let space = (experiment.preprocess(), experiment.space());
+        let baselines = candidates.iter().skip(1).filter(|_| !asked[1].is_empty());
+        let baselines: Vec<Evaluation> =
+            baselines.map(|one| splits.evaluation_beside(&one.descriptor, space, Matching::Test)).collect();
+        let evaluations =
+            asked.into_iter().flatten().map(|(evaluation, _)| evaluation).chain(baselines).collect();
         let finished = client.evaluate(evaluations, |news| progress.news(news)).await?;
         let mut results = finished.into_iter().map(|finished| finished.result);
         let [validation, test, training] =
@@ -284,7 +315,7 @@ impl Finals {
                 agree(name, found, (held, is_remembered), &computed.measured)?;
             }
         }
-        Ok(Self { validation, test })
+        Ok(Self { validation, test, candidates, baselines: results.collect() })
     }
 }
 

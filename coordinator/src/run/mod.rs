@@ -1,5 +1,6 @@
 //! One run from an experiment to its results: data, workers, search, final test, tables.
 
+mod bounds;
 pub mod clouds;
 mod data;
 pub mod directory;
@@ -38,6 +39,7 @@ use crate::result_cache::Known;
 use crate::session::{Session, listen};
 use transport::Protection;
 
+use bounds::bounds;
 pub use data::{DataError, open_data, write_synthetic};
 pub use directory::folder;
 use directory::{claim, difference, refuse_another};
@@ -177,8 +179,19 @@ pub fn finished(out: &Path, experiment: &Experiment) -> Result<Option<Summary>, 
         return Err(RunError::OtherVersion { folder, then: run.evaluation_version });
     }
     let skipped = results::read_table(out, results::TableName::Skipped)?.shape().0;
-    let (family, descriptors) = (experiment.space().family(), experiment.space().size());
-    Ok(Some(Summary { run, run_digest, family, skipped, descriptors, out: folder }))
+    let space = experiment.space();
+    let winner = space.from_values(&run.best_genes);
+    Ok(Some(Summary {
+        run,
+        run_digest,
+        family: space.family(),
+        skipped,
+        descriptors: space.size(),
+        compared: results::read_comparison(out)?,
+        pairs: results::read_pairs(out)?,
+        bounds: winner.map_or_else(Vec::new, |winner| bounds(space, &winner)),
+        out: folder,
+    }))
 }
 
 /// Refuses finished runs of other clouds than those of the experiment, if they are there, and notes how good the best

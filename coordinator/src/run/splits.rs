@@ -1,7 +1,7 @@
 //! The splits of a run as workers see them: manifests by digest, and what the coordinator needs to read answers.
 
 use cache::Store;
-use descriptor::{Descriptor, Preprocess};
+use descriptor::{Descriptor, Preprocess, SearchSpace};
 use proto::Digest;
 use proto::task::{Evaluation, GridCell, MatchingRule, Preparation, Scale, Subject};
 
@@ -107,6 +107,17 @@ impl<'a> SplitBlobs<'a> {
         let (query, database) = matching.splits();
         let part = Part { query, database, rule: MatchingRule::default(), weight: 1 };
         Evaluation { want_matches, ..self.part(descriptor, &part) }
+    }
+
+    /// The same of a descriptor without scales that a search space need not hold, with its matches.
+    pub fn evaluation_beside(
+        &self,
+        descriptor: &Descriptor,
+        (preprocess, space): (&Preprocess, &SearchSpace),
+        matching: Matching,
+    ) -> Evaluation {
+        let subject = tasks::subject_beside(preprocess, space, descriptor);
+        Evaluation { subject, ..self.evaluation(&Scaled::from(descriptor), matching, true) }
     }
 
     /// The evaluations that the fitness of a descriptor is the weighted sum of, with their weights.

@@ -6,10 +6,11 @@ use std::time::Duration;
 
 use descriptor::{Column, Descriptor, Family};
 use evolution::StopReason;
-use results::{Counts, RunRow, wilson};
+use results::{ComparedRow, Counts, PairRow, RunRow, wilson};
 use serde_json::{Map, Value, json};
 
-use crate::lines::labelled;
+use crate::compare::verdict;
+use crate::lines::{labelled, table};
 use crate::run::progress::{clock, percent};
 
 /// What a finished run amounts to; made from the row of table `run`, so that it can be shown again at any time.
@@ -25,6 +26,12 @@ pub struct Summary {
     pub skipped: usize,
     /// Size of the search space; `None` if 128 bits do not hold it.
     pub descriptors: Option<u128>,
+    /// The winner beside other descriptors on the test clouds, as far as the run folder has them.
+    pub compared: Vec<ComparedRow>,
+    /// Every pair of these.
+    pub pairs: Vec<PairRow>,
+    /// What of the winner is at a bound of the search space.
+    pub bounds: Vec<String>,
     /// The run folder.
     pub out: PathBuf,
 }
@@ -75,6 +82,16 @@ impl Summary {
             let category = error(counts.category_error(), counts.category_correct);
             row(split, format!("{object}{category}{}", counts.queries));
         }
+        text += &self.compared_text();
+        let mut row = |label: &str, value: String| {
+            text += &labelled(label, 14, &value);
+        };
+        for (place, sentence) in verdict(&self.compared, &self.pairs).into_iter().enumerate() {
+            row(if place == 0 { "verdict" } else { "" }, sentence);
+        }
+        for (place, bound) in self.bounds.iter().enumerate() {
+            row(if place == 0 { "at a bound" } else { "" }, bound.clone());
+        }
         if let Some((best, regret)) = run.grid_best_object_correct.zip(run.regret()) {
             let queries = run.train.queries;
             row(
@@ -102,6 +119,28 @@ impl Summary {
         text
     }
 
+    /// The winner and what it is compared with, a line each; nothing where there is nothing to compare it with.
+    fn compared_text(&self) -> String {
+        if self.compared.len() < 2 {
+            return String::new();
+        }
+        let or_none = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
+        let title = ["on test clouds", "object error", "over objects", "values", "a cloud"];
+        let mut lines = vec![title.map(str::to_owned).to_vec()];
+        lines.extend(self.compared.iter().map(|one| {
+            let wrong = one.counts.queries - one.counts.object_correct;
+            let [low, high] = one.object_bootstrap.map(|end| 100.0 * end);
+            vec![
+                one.descriptor.clone(),
+                format!("{} ({wrong})", percent(one.counts.object_error())),
+                format!("{low:.1} - {high:.1} %"),
+                or_none(one.cloud_size.map(|size| size.to_string())),
+                or_none(one.milliseconds_of_a_cloud().map(|ms| format!("{ms:.2} ms"))),
+            ]
+        }));
+        table(&lines)
+    }
+
     /// The same as one JSON object; errors are fractions, with their 95 % intervals.
     pub fn json(&self) -> Value {
         let run = &self.run;
@@ -123,6 +162,9 @@ impl Summary {
             "test_object_error": object(run.test),
             "test_object_error_interval": interval(run.test),
             "test_category_error": category(run.test),
+            "verdict": verdict(&self.compared, &self.pairs),
+            "compared": self.compared.iter().map(compared_json).collect::<Vec<_>>(),
+            "at_a_bound": self.bounds,
             "regret": run.regret(),
             "grid_best_object_correct": run.grid_best_object_correct,
             "train_queries": run.train.queries,
@@ -144,6 +186,16 @@ impl Summary {
     fn errors(&self) -> [(&'static str, Option<Counts>); 3] {
         [("train", Some(self.run.train)), ("validation", self.run.validation), ("test", self.run.test)]
     }
+}
+
+fn compared_json(row: &ComparedRow) -> Value {
+    json!({
+        "descriptor": row.descriptor,
+        "object_error": row.counts.object_error(),
+        "object_error_interval_instances": row.object_bootstrap,
+        "cloud_size": row.cloud_size,
+        "milliseconds": row.milliseconds_of_a_cloud(),
+    })
 }
 
 /// The values of a descriptor of a family by name; genes that it is without are left out.

@@ -2,6 +2,7 @@
 
 mod record;
 mod summary;
+mod verdict;
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -28,6 +29,7 @@ use crate::run::{
 use crate::session::{Session, listen};
 pub use record::{SWEEP_FILE, recorded_sweep};
 pub use summary::SweepSummary;
+pub use verdict::{Seed, verdicts};
 
 /// The folder of a sweep: `out`, or one that the same sweep finds again; `fresh`: one that is not there.
 pub fn folder(sweep: &Sweep, out: Option<PathBuf>, fresh: bool) -> PathBuf {

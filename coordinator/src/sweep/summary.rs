@@ -6,7 +6,8 @@ use std::path::PathBuf;
 use results::Counts;
 use serde_json::{Value, json};
 
-use crate::lines::table;
+use super::verdict::{Seed, variant, verdicts};
+use crate::lines::{labelled, table};
 use crate::run::progress::percent;
 use crate::run::summary::Summary;
 
@@ -23,7 +24,7 @@ pub struct SweepSummary {
 }
 
 impl SweepSummary {
-    /// The result table, a line a member. Errors are those of objects.
+    /// The result table, a line a member, and what its seeds say together. Errors are those of objects.
     pub fn text(&self) -> String {
         let title = ["run", "generations", "train", "validation", "test", "seconds", "digest"];
         let mut rows = vec![title.map(str::to_owned).to_vec()];
@@ -41,17 +42,39 @@ impl SweepSummary {
             ]
         }));
         let mut text = table(&rows);
+        for (variant, sentences) in verdicts(&self.seeds()) {
+            for (place, sentence) in sentences.iter().enumerate() {
+                let label = if place > 0 {
+                    ""
+                } else if variant.is_empty() {
+                    "verdict"
+                } else {
+                    &variant
+                };
+                text += &labelled(label, 14.max(label.len() + 1), sentence);
+            }
+        }
         // Writing to a String cannot fail.
         let _ = writeln!(text, "results in {}", self.out.display());
         text
     }
 
-    /// The same as JSON, a line a member: its name as `member`, beside what the summary of one run has.
+    fn seeds(&self) -> Vec<Seed<'_>> {
+        let named = self.summaries.iter();
+        named.map(|(name, one)| Seed::new(name, &one.run, &one.compared, &one.pairs)).collect()
+    }
+
+    /// The same as JSON, a line a member: its name as `member` and what all seeds of its variant say as `sweep_verdict`,
+    /// beside what the summary of one run has.
     pub fn json(&self) -> String {
+        let verdicts = verdicts(&self.seeds());
         let line = |(name, summary): &(String, Summary)| {
             let mut value = summary.json();
+            let own = variant(name, summary.run.seed);
+            let verdict = verdicts.iter().find(|(variant, _)| variant == own).map(|(_, sentences)| sentences);
             if let Value::Object(fields) = &mut value {
                 fields.insert("member".to_owned(), json!(name));
+                fields.insert("sweep_verdict".to_owned(), json!(verdict));
             }
             format!("{value}\n")
         };

@@ -29,6 +29,15 @@ use crate::error::Error;
 use crate::file::write_whole;
 use crate::table_name::TableName;
 
+/// What is known of a run that its tables do not say.
+#[derive(Clone, Debug, Default)]
+pub struct Told {
+    /// The channels of its winner, if that is a structure, which tables have as codes.
+    pub channels: Vec<WinnerChannel>,
+    /// How its winner compares with other descriptors, in sentences.
+    pub verdict: Vec<String>,
+}
+
 /// A report that is ready to be written. Equal tables give equal bytes.
 #[derive(Clone, Debug)]
 pub struct Report {
@@ -37,15 +46,11 @@ pub struct Report {
 
 impl Report {
     /// The report of one run, finished or not. `grid`: the folder of an exhaustive search, whose exact marginals are
-    /// drawn beside those of the run. `channels`: those of its winner, if that is a structure, which tables have as codes.
+    /// drawn beside those of the run. `told`: what tables do not say.
     ///
     /// # Errors
     /// If it is not a run folder, or if a file in it cannot be read or is damaged; the message names the file.
-    pub fn of_run(
-        folder: impl AsRef<Path>,
-        grid: Option<&Path>,
-        channels: &[WinnerChannel],
-    ) -> Result<Self, Error> {
+    pub fn of_run(folder: impl AsRef<Path>, grid: Option<&Path>, told: &Told) -> Result<Self, Error> {
         let folder = folder.as_ref();
         let label = fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
         let label = label.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -58,16 +63,16 @@ impl Report {
                 Some(Rows::read(grid, TableName::Marginals)?.ok_or(missing)?)
             }
         };
-        Ok(Self { page: run_page(&data, grid.as_ref(), channels)? })
+        Ok(Self { page: run_page(&data, grid.as_ref(), told)? })
     }
 
     /// The report of several runs, each by its name and folder: what they reached, over seeds and compared with each other.
-    /// A run that is named twice, or is the same as another, counts once.
+    /// A run that is named twice, or is the same as another, counts once. `verdict`: what seeds say together, in sentences.
     ///
     /// # Errors
     /// As [`Report::of_run`].
-    pub fn of_runs(title: &str, folders: &[(String, PathBuf)]) -> Result<Self, Error> {
-        Ok(Self { page: runs_page(title, &Runs::read(folders)?) })
+    pub fn of_runs(title: &str, folders: &[(String, PathBuf)], verdict: &[String]) -> Result<Self, Error> {
+        Ok(Self { page: runs_page(title, &Runs::read(folders)?, verdict) })
     }
 
     /// The page.
@@ -105,7 +110,7 @@ impl Report {
     }
 }
 
-fn run_page(data: &RunData, grid: Option<&Rows>, channels: &[WinnerChannel]) -> Result<Page, Error> {
+fn run_page(data: &RunData, grid: Option<&Rows>, told: &Told) -> Result<Page, Error> {
     let (title, lead) = match &data.finished {
         Some(run) => {
             let lead = "Evolution of a 3D point-cloud descriptor: what the search found, how it got there, and what it \
@@ -115,7 +120,7 @@ fn run_page(data: &RunData, grid: Option<&Rows>, channels: &[WinnerChannel]) -> 
         None => (data.label.clone(), "This run is unfinished: the report shows what is there so far."),
     };
     let sections = vec![
-        Section { id: "summary", title: "Summary", items: summary_items(data, channels)? },
+        Section { id: "summary", title: "Summary", items: summary_items(data, told)? },
         Section { id: "search", title: "Search", items: search_items(data, grid)? },
         Section { id: "recognition", title: "Recognition", items: recognition_items(data)? },
         Section { id: "comparison", title: "Comparison of descriptors", items: comparison_items(data)? },
@@ -124,10 +129,11 @@ fn run_page(data: &RunData, grid: Option<&Rows>, channels: &[WinnerChannel]) -> 
     Ok(Page { title, lead: lead.to_owned(), sections })
 }
 
-fn summary_items(data: &RunData, channels: &[WinnerChannel]) -> Result<Vec<Item>, Error> {
+fn summary_items(data: &RunData, Told { channels, verdict }: &Told) -> Result<Vec<Item>, Error> {
     let mut items = vec![Item::Table(summary::overview(data, !channels.is_empty())?)];
     if let Some(run) = &data.finished {
         items.push(Item::Table(summary::errors(run)));
+        items.extend(verdict.iter().cloned().map(Item::Text));
         if !channels.is_empty() {
             items.push(Item::Table(channels::table(channels)));
             add(&mut items, channels::pairs(channels));
@@ -140,7 +146,7 @@ fn summary_items(data: &RunData, channels: &[WinnerChannel]) -> Result<Vec<Item>
     Ok(items)
 }
 
-fn runs_page(title: &str, runs: &Runs) -> Page {
+fn runs_page(title: &str, runs: &Runs, verdict: &[String]) -> Page {
     let groups = runs.groups.as_slice();
     let mut items: Vec<Item> = runs.notes.iter().cloned().map(Item::Text).collect();
     if groups.is_empty() {
@@ -149,6 +155,7 @@ fn runs_page(title: &str, runs: &Runs) -> Page {
         items.push(Item::Table(run_tables::groups(groups)));
         items.push(Item::Table(run_tables::members(runs)));
     }
+    items.extend(verdict.iter().cloned().map(Item::Text));
     let mut comparison = Vec::new();
     add(&mut comparison, seeds::errors(groups));
     add(&mut comparison, seeds::convergence(groups));

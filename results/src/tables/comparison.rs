@@ -60,12 +60,23 @@ record! {
         skipped: u32, "clouds", "queries that this descriptor cannot describe";
         database: u32, "clouds", "clouds that queries are matched with";
         keypoints_per_cloud: Option<f64>, "", "mean over queries and database; null if not measured";
+        cloud_seconds as "seconds_cloud": Option<f64>, "s",
+            "keypoints, normals and histograms of a cloud, one thread: median of some test clouds; null if not measured";
         times as "": Option<Times>, "", "null if not measured";
         area: Option<f64>, "",
             "mean precision over recall, all pairs: area between the curve and 1 - precision = 1; null if they are too many";
         nearest_area: Option<f64>, "", "the same of the curve of nearest clouds only";
         bytes: Option<String>, "",
             "canonical bytes of the descriptor, hexadecimal: by them a later comparison has it again";
+    }
+}
+
+impl ComparedRow {
+    /// Milliseconds from a cloud's points to its signatures, where they were measured: over all clouds, or else over some.
+    pub fn milliseconds_of_a_cloud(&self) -> Option<f64> {
+        let clouds = f64::from(self.counts.queries + self.database);
+        let mean = self.times.as_ref().map(|times| times.signatures() / clouds);
+        mean.or(self.cloud_seconds).map(|seconds| 1000.0 * seconds)
     }
 }
 

@@ -10,9 +10,23 @@ use serde_json::Value;
 use crate::experiments::{Experiment, begun, clouds, copy_folder, free_address, repository, summary};
 use crate::process::{Finished, Running, run};
 
-const SEARCH: &str = "[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n";
-const LABELS: [&str; 8] =
-    ["evolved", "evolved-l1", "paper", "paper-l1", "pfhrgb", "pfhrgb-l1", "shotcolor", "shotcolor-l1"];
+/// A short search without a comparison at its end.
+const SEARCH: &str = "[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n\
+    [results]\nbaselines = false\n";
+const LABELS: [&str; 12] = [
+    "evolved",
+    "evolved-l1",
+    "paper",
+    "paper-l1",
+    "pfhrgb",
+    "pfhrgb-l1",
+    "shotcolor",
+    "shotcolor-l1",
+    "global-chroma",
+    "global-chroma-l1",
+    "global-hue-saturation",
+    "global-hue-saturation-l1",
+];
 
 fn compare(run_folder: &str, more: &[&str]) -> Finished {
     let args = ["compare", run_folder, "--listen", "127.0.0.1:0", "--json"];
@@ -183,7 +197,10 @@ fn the_tables_of_a_comparison_follow_from_the_distances() {
     }
 
     // Sizes of Table 1, times, and all of it in the JSON.
-    assert_eq!(comparison.numbers("size")[2..], [248., 248., 250., 250., 1344., 1344.]);
+    assert_eq!(
+        comparison.numbers("size")[2..],
+        [248., 248., 250., 250., 1344., 1344., 144., 144., 256., 256.]
+    );
     assert_eq!(comparison.numbers("seconds_total").len(), LABELS.len());
     assert!(comparison.texts("note").iter().any(|note| note.contains("1353")));
     let errors: Vec<f64> = told["descriptors"]
@@ -213,7 +230,7 @@ fn relevant(instances: &[String], experiment: &Experiment, query: f64, database:
 
 #[test]
 fn workers_elsewhere_give_the_same_tables_and_the_experiment_is_run_first() {
-    let experiment = Experiment::new(&format!("{SEARCH}[results]\ndir = \"runs\"\n"));
+    let experiment = Experiment::new(&format!("{SEARCH}dir = \"runs\"\n"));
     let toml = experiment.path("exp.toml");
     let here = compare(&toml, &["--no-times"]).expect_success();
     let told = summary(&here);
@@ -221,7 +238,7 @@ fn workers_elsewhere_give_the_same_tables_and_the_experiment_is_run_first() {
     assert!(here.stderr.contains("generation 2/2"), "{here}");
     let read = |table| Rows::read(&out, table);
     let first = TableName::COMPARISON.map(read);
-    assert_eq!((first[4].numbers("seconds_total"), first[4].height()), (vec![], 4));
+    assert_eq!((first[4].numbers("seconds_total"), first[4].height()), (vec![], 6));
 
     let args = ["compare", &out, "--no-times", "--json", "--listen", "127.0.0.1:0", "--local-workers", "0"];
     let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
@@ -286,7 +303,8 @@ fn structure(name: &str) -> String {
 
 #[test]
 fn structures_and_winners_of_other_runs_stand_in_one_table() {
-    let search = "[descriptor]\nfamily = \"structure\"\n[ga]\npopulation = 6\n[stop]\nevaluations = 12\n";
+    let search = "[descriptor]\nfamily = \"structure\"\n[ga]\npopulation = 6\n[stop]\nevaluations = 12\n\
+        [results]\nbaselines = false\n";
     let experiment = Experiment::new(search);
     experiment.run("out", &[]).expect_success();
     let random = Experiment::new(&format!("{SEARCH}[search]\nmethod = \"random\"\n"));
@@ -342,7 +360,7 @@ fn structures_and_winners_of_other_runs_stand_in_one_table() {
     refused(&["--structure", &other], "table comparison: chroma must be of keypoint-neighbour c1 12");
     refused(
         &["--structure", &structure("paper")],
-        "name must be none of evolved, paper, pfhrgb and shotcolor",
+        "name must be none of evolved, paper, pfhrgb, shotcolor, global-chroma and global-hue-saturation",
     );
     refused(&["--structure", "/nowhere/chroma.toml"], "/nowhere/chroma.toml: cannot be read");
     refused(&["--with-run", "/nowhere"], "/nowhere");

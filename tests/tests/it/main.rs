@@ -26,6 +26,7 @@
 //! - `sweeps`: several runs over one set of workers
 //! - `structures`: descriptors that are lists of channels, under every protocol of fitness
 //! - `members`: structures that are shipped as files
+//! - `verdicts`: the end of runs and sweeps, beside baselines
 //! - `strangers`: who is let in, who is not, and what those can do who are not
 //! - `report`: the report of runs, in a browser
 //! - `parity`: agreement with PCL on its reference values
@@ -67,5 +68,6 @@ mod sessions;
 mod strangers;
 mod structures;
 mod sweeps;
+mod verdicts;
 
 use tests::{browser, experiments, process};

@@ -9,7 +9,8 @@ use serde_json::Value;
 use crate::experiments::{Experiment, clouds, summary};
 use crate::process::{Finished, Running, finish, program, run};
 
-const SEARCH: &str = "[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n";
+const SEARCH: &str = "[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n\
+    [results]\nbaselines = false\n";
 const ALL: [&str; 6] =
     ["--recogniser", "nearest", "--recogniser", "kernel-ridge", "--recogniser", "projection"];
 const LABELS: [&str; 6] = [

@@ -112,11 +112,11 @@ fn the_report_of_a_run_draws_every_figure_and_loads_nothing() {
     let before = tables(&out);
     let page = out.join("report/report.html");
     let finished = report(&[&experiment.path("out")]).expect_success();
-    assert!(finished.stdout.starts_with(&format!("{}\n10 figures as SVG in ", page.display())), "{finished}");
+    assert!(finished.stdout.starts_with(&format!("{}\n13 figures as SVG in ", page.display())), "{finished}");
     assert_eq!(tables(&out), before);
     let html = fs::read_to_string(&page).unwrap();
     for text in [
-        "coordinator compare RUN",
+        "The times of the descriptors were not measured.",
         "looked at once (UTC). ",
         "short, seed 7",
         "Wilson",
@@ -124,7 +124,13 @@ fn the_report_of_a_run_draws_every_figure_and_loads_nothing() {
     ] {
         assert!(html.contains(text), "{text}");
     }
-    expect_drawn(&page, &FIGURES);
+    let again = experiment.run("out", &["--seed", "7"]).expect_success();
+    let verdict = summary(&again)["verdict"].clone();
+    assert_eq!(verdict.as_array().unwrap().len(), 2);
+    for sentence in verdict.as_array().unwrap() {
+        assert!(html.contains(&format!("<p>{}</p>", sentence.as_str().unwrap())), "{sentence}");
+    }
+    expect_drawn(&page, &[&FIGURES[..], &COMPARISON[..3]].concat());
     // Equal tables, equal bytes.
     let (again, svg) = (experiment.path("again.html"), experiment.path("svg"));
     report(&[&experiment.path("out"), "--out", &again, "--svg", &svg]).expect_success();
@@ -322,6 +328,7 @@ fn write_comparison(folder: &Path, objects: u32) {
         skipped: 0,
         database: 9,
         keypoints_per_cloud: None,
+        cloud_seconds: None,
         times: (descriptor == "paper").then(|| Times {
             read: 0.1,
             keypoints: 0.2,

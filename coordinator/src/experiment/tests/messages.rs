@@ -140,19 +140,19 @@ fn keys() {
               add `root = …`
             version = 1\n[dataste]\nroot = \'clouds\'
               top level: unknown section, got [dataste]
-              did you mean [dataset]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [ga], [stop], [coordinator], [results], [sweep]
+              did you mean [dataset]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [ga], [stop], [coordinator], [recognition], [results], [sweep]
             version = 1\n[dataset]\n[dataste]\nroot = \'clouds\'
               top level: unknown section, got [dataste]
-              did you mean [dataset]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [ga], [stop], [coordinator], [results], [sweep]
+              did you mean [dataset]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [ga], [stop], [coordinator], [recognition], [results], [sweep]
             version = 1\n[splits]\ntrain1 = \'a.txt\'
               top level: unknown section, got [splits]
-              did you mean [dataset.splits]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [ga], [stop], [coordinator], [results], [sweep]
+              did you mean [dataset.splits]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [ga], [stop], [coordinator], [recognition], [results], [sweep]
             version = 1\n[dataset.splits.seedde]\nseed = 1
               dataset.splits: unknown section, got [dataset.splits.seedde]
-              did you mean [dataset.splits.seeded]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [ga], [stop], [coordinator], [results], [sweep]
+              did you mean [dataset.splits.seeded]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [ga], [stop], [coordinator], [recognition], [results], [sweep]
             version = 1\n[colours]\nseed = 1
               top level: unknown section, got [colours]
-              sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [ga], [stop], [coordinator], [results], [sweep]
+              sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [ga], [stop], [coordinator], [recognition], [results], [sweep]
         "#]],
     );
     check(
@@ -176,7 +176,7 @@ fn keys() {
               did you mean `crossover_rate`? known keys here: population, elite, selection, scaling, crossover, crossover_rate, mutation, mutation_rate, mutation_decay, encoding
             sede = 1
               top level: unknown key, got `sede`
-              did you mean `seed`? known keys here: version, name, seed, dataset, preprocess, descriptor, search, ga, stop, coordinator, results, sweep
+              did you mean `seed`? known keys here: version, name, seed, dataset, preprocess, descriptor, search, ga, stop, coordinator, recognition, results, sweep
             [descriptor.genes]\nr1 = 1.0
               descriptor.genes: unknown key, got `r1`
               did you mean `R1`? known keys here: shape_bins, m, R1, R2, w, bins
@@ -185,7 +185,7 @@ fn keys() {
               did you mean `min`? known keys here: min, max, step
             temperature = 1
               top level: unknown key, got `temperature`
-              known keys here: version, name, seed, dataset, preprocess, descriptor, search, ga, stop, coordinator, results, sweep
+              known keys here: version, name, seed, dataset, preprocess, descriptor, search, ga, stop, coordinator, recognition, results, sweep
             ga.\"odd `key`, expected `x`\" = 1
               ga: unknown key, got `odd `key`, expected `x``
               known keys here: population, elite, selection, scaling, crossover, crossover_rate, mutation, mutation_rate, mutation_decay, encoding

@@ -85,7 +85,9 @@ const IRRELEVANT: &[(&str, &str, &[&str])] = &[
     ("coordinator", "deadline_seconds", &["", "'off'", "60"]),
     ("coordinator", "audit", &["", "0", "0.5", "1"]),
     ("coordinator", "pieces", &["", "'auto'", "1", "4096"]),
+    ("recognition", "method", &["", "'nearest'", "'projection'", "'kernel-ridge'"]),
     ("results", "dir", &["", "'out'", "'/out'"]),
+    ("results", "baselines", &["", "true", "false"]),
 ];
 
 /// How a file is written: what has no part in its meaning.
@@ -349,8 +351,12 @@ fn the_resolved_text_has_every_default() {
         audit = 0.01
         pieces = "auto"
 
+        [recognition]
+        method = "nearest"
+
         [results]
         # dir is not set: results/runs in the current folder
+        baselines = true
     "#]]
     .assert_eq(&parse(LEAST).unwrap().resolved_toml());
     let synthetic = parse(SAMPLE_SYNTHETIC).unwrap();
@@ -421,8 +427,12 @@ fn the_resolved_text_has_every_default() {
         audit = 0.25
         pieces = 8
 
+        [recognition]
+        method = "nearest"
+
         [results]
         dir = "out"
+        baselines = true
     "#]]
     .assert_eq(&sample.resolved_toml());
     assert_eq!(parse(&sample.resolved_toml()), Ok(sample));

@@ -3,7 +3,7 @@
 use serde_json::Value;
 
 /// Sections in the order in which people write them: the path of a section, and where its schema is.
-const SECTIONS: [(&str, &str); 16] = [
+const SECTIONS: [(&str, &str); 17] = [
     ("", ""),
     ("dataset", "dataset"),
     ("dataset.splits", "split_table"),
@@ -17,6 +17,7 @@ const SECTIONS: [(&str, &str); 16] = [
     ("ga", "ga"),
     ("stop", "stop"),
     ("coordinator", "coordinator"),
+    ("recognition", "recognition"),
     ("results", "results"),
     ("sweep", "sweep"),
     ("sweep.variants.NAME", "variant"),
