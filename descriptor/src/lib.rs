@@ -80,6 +80,7 @@ pub mod recognise;
 pub mod recogniser;
 pub mod signature;
 pub mod signature_bytes;
+mod vector_metric;
 
 pub mod random;
 
@@ -119,6 +120,7 @@ pub use recognise::{Correct, Label, Match, recognise};
 pub use search_space::SearchSpace;
 pub use signature::{Signature, Signatures};
 pub use signature_bytes::SignatureError;
+pub use vector_metric::VectorMetric;
 
 /// Version of everything that is computed from a cloud. It is raised whenever any output changes by a bit: workers
 /// of another version are refused, and results of another version are not reused.

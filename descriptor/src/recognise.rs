@@ -87,8 +87,9 @@ pub fn recognise_from<M: Borrow<DistanceMatrix> + Sync>(
     (0..queries).into_par_iter().map_init(Vec::new, matched).collect()
 }
 
-/// The nearest cloud and the nearest of another object, in one pass; `None` without clouds.
-fn nearest(distances: &[f64], labels: &[Label]) -> Option<Match> {
+/// The nearest cloud and the nearest of another object, in one pass, from a query's distances to a database whose clouds
+/// show `labels`; `None` without clouds.
+pub fn nearest(distances: &[f64], labels: &[Label]) -> Option<Match> {
     let mut found: Option<Match> = None;
     for ((&distance, label), index) in distances.iter().zip(labels).zip(0u32..) {
         let hit = Hit { index, distance };

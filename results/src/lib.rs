@@ -22,6 +22,7 @@ mod consistency;
 mod database;
 mod file;
 mod folder;
+mod foreign;
 mod grid;
 mod problem;
 mod read;
@@ -37,6 +38,9 @@ pub use columns::{Column, ColumnKind, GeneColumn};
 pub use database::{Database, DatabasePart, DatabaseParts, read_database, write_database};
 pub use error::Error;
 pub use folder::RunFolder;
+pub use foreign::{
+    Among, Foreign, ForeignClouds, ForeignError, ForeignValues, read_foreign, write_distances, write_vectors,
+};
 pub use grid::{FinishedGrid, GridFolder, read_grid};
 pub use parquet::SCHEMA_VERSION;
 pub use population::PopulationSummary;
@@ -44,7 +48,8 @@ pub use problem::Problem;
 #[cfg(feature = "sql")]
 pub use query::{Answer, AnswerFormat, LONGEST_QUERY, QueryError, query};
 pub use read::{
-    FinishedRun, read_comparison, read_evaluations, read_pairs, read_predictions, read_run, read_table,
+    FinishedRun, read_answers, read_comparison, read_evaluations, read_pairs, read_predictions, read_run,
+    read_table,
 };
 pub use report::{ChannelPairs, Report, Told, WinnerChannel};
 pub use schema::schema_markdown;

@@ -192,6 +192,15 @@ pub fn read_pairs(run: impl AsRef<Path>) -> Result<Vec<PairRow>, Error> {
     read_file_if_any(&file, TableName::Pairs)?.map_or(Ok(Vec::new()), |content| content.rows())
 }
 
+/// The answers of one descriptor of the comparison in a run folder, by its label, in query order; none if there are none.
+///
+/// # Errors
+/// If the file cannot be read, or is damaged.
+pub fn read_answers(run: impl AsRef<Path>, descriptor: &str) -> Result<Vec<PredictionRow>, Error> {
+    let file = run.as_ref().join(TableName::Answers.as_str()).join(format!("{descriptor}.parquet"));
+    read_file_if_any(&file, TableName::Answers)?.map_or(Ok(Vec::new()), |content| content.rows())
+}
+
 /// The winner's answers to the queries of one split, in query order; none where the run has not measured it.
 ///
 /// # Errors

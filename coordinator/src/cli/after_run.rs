@@ -3,8 +3,8 @@
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
-use descriptor::SetDistance;
 use descriptor::recogniser::Method;
+use descriptor::{SetDistance, VectorMetric};
 use evolution::StopReason;
 
 use crate::compare::{CompareError, Named, Options, Source, Sources, compare};
@@ -60,6 +60,8 @@ impl AfterRun<'_> {
         let options = Options {
             descriptors: Some(named.collect()),
             given: Sources { runs: runs.into_iter().collect(), ..Sources::default() },
+            foreign: Vec::new(),
+            foreign_metric: VectorMetric::default(),
             distances: vec![SetDistance::default()],
             recognisers: if learns { vec![Method::Nearest, method] } else { vec![Method::Nearest] },
             radius_um: None,

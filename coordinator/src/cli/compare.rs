@@ -4,11 +4,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Args;
-use descriptor::SetDistance;
 use descriptor::recogniser::Method;
+use descriptor::{SetDistance, VectorMetric};
 
 use super::run::Manner;
-use crate::compare::{Named, Options, Source, Sources, compare};
+use crate::compare::{ForeignSource, Named, Options, Source, Sources, compare};
 use crate::experiment::Plan;
 use crate::{run, sweep};
 
@@ -39,6 +39,15 @@ pub struct Compare {
     /// experiment or another, for example random=results/runs/demo-random; repeatable
     #[arg(long, value_name = "[NAME=]RUN")]
     with_run: Vec<Source>,
+    /// Parquet file of what another program computed of the test and database clouds, to compare as well: vectors (columns
+    /// cloud and values) or distances (columns query, cloud and distance), with paths of clouds relative to the root of the
+    /// data set; for example fpfh=fpfh.parquet; repeatable
+    #[arg(long, value_name = "NAME=FILE.parquet")]
+    foreign: Vec<ForeignSource>,
+    /// How vectors of --foreign are compared: l2 (the default), l1, cosine, which is 1 less the cosine, or chi2, which
+    /// refuses negative values
+    #[arg(long, value_name = "NAME", value_parser = VectorMetric::ALL.map(VectorMetric::name))]
+    foreign_metric: Option<String>,
     /// How centroids and deviations of two clouds are compared: chi2 (the default; in structures it stands for the
     /// channels' own metrics) or l1; repeatable, for example --distance chi2 --distance l1
     #[arg(long, value_name = "NAME", value_parser = ["chi2", "l1"])]
@@ -74,6 +83,8 @@ impl Compare {
         let Self {
             subject,
             descriptor,
+            foreign,
+            foreign_metric,
             distance,
             recogniser,
             radius_cm,
@@ -110,6 +121,8 @@ impl Compare {
         let options = Options {
             descriptors: (!named.is_empty()).then_some(named),
             given,
+            foreign,
+            foreign_metric: foreign_metric.as_deref().and_then(VectorMetric::named).unwrap_or_default(),
             distances,
             recognisers,
             radius_um,

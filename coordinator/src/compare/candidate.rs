@@ -66,6 +66,15 @@ impl Given {
     /// # Errors
     /// What is wrong with the name.
     pub fn new(name: &str, descriptor: Descriptor) -> Result<Self, &'static str> {
+        Self::check_name(name)?;
+        Ok(Self { name: name.to_owned(), descriptor })
+    }
+
+    /// Refuses a name that a label could not begin with.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn check_name(name: &str) -> Result<(), &'static str> {
         let words = SetDistance::ALL.into_iter().map(SetDistance::name).chain(Method::ALL.map(Method::name));
         let ends_like_a_label = words
             .into_iter()
@@ -81,7 +90,7 @@ impl Given {
         if ends_like_a_label {
             return Err("name must not end in the name of a set distance or recogniser");
         }
-        Ok(Self { name: name.to_owned(), descriptor })
+        Ok(())
     }
 }
 

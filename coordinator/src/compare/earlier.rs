@@ -7,6 +7,7 @@ use results::{ComparedRow, Times};
 
 use super::candidate::{Candidate, Choice, Named};
 use super::error::CompareError;
+use super::foreign::FOREIGN;
 use super::tables::descriptor_of;
 
 /// Times of a descriptor, and its mean number of keypoints, which is counted with them.
@@ -22,6 +23,8 @@ pub struct Measured {
 #[derive(Clone, Debug, Default)]
 pub struct Earlier {
     rows: Vec<(Choice, ComparedRow)>,
+    /// Those of files.
+    foreign: Vec<ComparedRow>,
 }
 
 impl Earlier {
@@ -31,18 +34,25 @@ impl Earlier {
     /// If it cannot be read, or has a descriptor that this program does not know.
     pub fn read(folder: &Path) -> Result<Self, CompareError> {
         let rows = results::read_comparison(folder).map_err(CompareError::Earlier)?;
+        let (foreign, rows): (Vec<_>, Vec<_>) = rows.into_iter().partition(|row| row.kind == FOREIGN);
         let known = |row: ComparedRow| match Choice::labelled(&row.descriptor, descriptor_of(&row)) {
             Some(choice) => Ok((choice, row)),
             None => {
                 Err(CompareError::UnknownEarlier { folder: folder.to_owned(), label: row.descriptor.clone() })
             }
         };
-        Ok(Self { rows: rows.into_iter().map(known).collect::<Result<_, _>>()? })
+        Ok(Self { rows: rows.into_iter().map(known).collect::<Result<_, _>>()?, foreign })
     }
 
     /// The labels of its descriptors.
     pub fn labels(&self) -> Vec<&str> {
-        self.rows.iter().map(|(_, row)| row.descriptor.as_str()).collect()
+        let rows = self.rows.iter().map(|(_, row)| row).chain(&self.foreign);
+        rows.map(|row| row.descriptor.as_str()).collect()
+    }
+
+    /// The rows of descriptors from files.
+    pub fn foreign(&self) -> &[ComparedRow] {
+        &self.foreign
     }
 
     /// What was measured of a descriptor when it was the same.
@@ -144,7 +154,7 @@ mod tests {
             kind: descriptor.family().name().to_owned(),
             distance: distance.name().to_owned(),
             parameters: descriptor.parameters(),
-            size: descriptor.size() as u32,
+            size: Some(descriptor.size() as u32),
             recogniser: None,
             cloud_size: None,
             settings: None,
@@ -163,6 +173,7 @@ mod tests {
             area: None,
             nearest_area: None,
             bytes: matches!(choice.named, Named::Given(_)).then(|| hexadecimal(&descriptor.to_bytes())),
+            file_digest: None,
         }
     }
 
@@ -181,6 +192,7 @@ mod tests {
     fn with(choices: &[Choice], radius_um: u32) -> Earlier {
         Earlier {
             rows: choices.iter().map(|choice| (choice.clone(), row(choice, radius_um, None))).collect(),
+            foreign: Vec::new(),
         }
     }
 
@@ -243,7 +255,7 @@ mod tests {
             let rows = there.iter().map(|choice| row(choice, 50_000, None));
             let again =
                 rows.map(|row| (Choice::labelled(&row.descriptor, descriptor_of(&row)).unwrap(), row));
-            let earlier = Earlier { rows: again.collect() };
+            let earlier = Earlier { rows: again.collect(), foreign: Vec::new() };
             assert_eq!(
                 earlier.rows.iter().map(|(choice, _)| choice).collect::<Vec<_>>(),
                 there.iter().collect::<Vec<_>>()
@@ -263,7 +275,8 @@ mod tests {
     #[test]
     fn times_stay_where_the_answers_are_the_same() {
         let choice = chi2(PFHRGB);
-        let earlier = Earlier { rows: vec![(choice.clone(), row(&choice, 50_000, Some(times())))] };
+        let rows = vec![(choice.clone(), row(&choice, 50_000, Some(times())))];
+        let earlier = Earlier { rows, foreign: Vec::new() };
         let now = row(&choice, 50_000, None);
         let measured = Measured { times: times(), keypoints_per_cloud: Some(7.5) };
         assert_eq!(earlier.measured(&now), Some(measured));

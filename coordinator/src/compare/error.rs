@@ -7,6 +7,7 @@ use descriptor::recognise::RecogniseError;
 use descriptor::recogniser::LearnError;
 use proto::Message;
 
+use super::foreign::ForeignFault;
 use super::given::GivenError;
 use crate::evaluate::EvaluateError;
 use crate::reopen::ReopenError;
@@ -46,6 +47,9 @@ pub enum CompareError {
     /// A descriptor that is given.
     #[error(transparent)]
     Given(#[from] GivenError),
+    /// A descriptor from a file.
+    #[error(transparent)]
+    Foreign(#[from] ForeignFault),
     /// The comparison in the run folder cannot be read.
     #[error("{}\nbegin the comparison anew with --replace", Message::of(.0).what)]
     Earlier(results::Error),

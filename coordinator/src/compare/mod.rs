@@ -8,6 +8,7 @@ mod describing;
 mod differences;
 mod earlier;
 mod error;
+mod foreign;
 mod given;
 mod global;
 mod kept;
@@ -25,7 +26,7 @@ use std::time::SystemTime;
 use cache::Storage;
 use cache::Store;
 use descriptor::recogniser::Method;
-use descriptor::{Descriptor, Family, Preprocess, SetDistance};
+use descriptor::{Descriptor, Family, Preprocess, SetDistance, VectorMetric};
 use results::{ComparedRow, LookRow, PairRow, RunFolder};
 
 use crate::experiment::Overrides;
@@ -38,6 +39,8 @@ use described::{Described, Shards};
 use describing::Describing;
 use earlier::{Earlier, Measured};
 pub use error::CompareError;
+pub use foreign::ForeignSource;
+use foreign::{ForeignCandidate, ForeignDescriptor, ForeignEntry};
 use given::Own;
 pub use given::{Source, Sources};
 use kept::KeptDescriptions;
@@ -56,6 +59,10 @@ pub struct Options {
     pub descriptors: Option<Vec<Named>>,
     /// What is compared beside them.
     pub given: Sources,
+    /// Files of what other programs computed of the clouds.
+    pub foreign: Vec<ForeignSource>,
+    /// How vectors of these are compared.
+    pub foreign_metric: VectorMetric,
     /// Set distances, each descriptor under each.
     pub distances: Vec<SetDistance>,
     /// Recognisers, each descriptor under each set distance by each.
@@ -107,6 +114,13 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     let out = RunFolder::create(folder, &rows::gene_columns(space.family()))?;
     let earlier = if options.replace { Earlier::default() } else { Earlier::read(folder)? };
     let candidates = earlier.candidates(folder, &asked, &evolved, options.radius_um)?;
+    let read = |source| ForeignDescriptor::read(source, options.foreign_metric, dataset);
+    let foreign: Vec<ForeignDescriptor> = options.foreign.iter().map(read).collect::<Result<_, _>>()?;
+    let mut of_files: Vec<ForeignCandidate<'_>> = Vec::new();
+    for one in &foreign {
+        of_files.extend(one.candidates(&options.recognisers, |line| display.say(line))?);
+    }
+    let foreign = foreign::entries(folder, earlier.foreign(), &of_files, &candidates)?;
 
     let listener = listen(experiment, &options.protection, display.console()).await?;
     let memory = options.storage.memory;
@@ -122,6 +136,7 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
         descriptors: candidates
             .iter()
             .map(|candidate| candidate.label.as_str())
+            .chain(foreign.iter().map(ForeignEntry::label))
             .collect::<Vec<_>>()
             .join(" "),
     })?;
@@ -145,7 +160,13 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     let gathered = shards.gather(&descriptors, &describing.into_descriptions())?;
 
     let tables = Tables { run: &run.row, dataset, labels: shards.labels(), out: &out };
-    let comparing = Comparing { tables, candidates: &candidates, descriptors: &named, display: &display };
+    let comparing = Comparing {
+        tables,
+        candidates: &candidates,
+        foreign: &foreign,
+        descriptors: &named,
+        display: &display,
+    };
     let compared = comparing.tabulate(&gathered, &earlier).and_then(|mut tabulated| {
         if options.times {
             comparing.measure(&mut tabulated, &asked, preprocess)?;
@@ -204,11 +225,12 @@ fn distinct(candidates: &[Candidate]) -> Vec<NamedDescriptor> {
 struct Comparing<'a> {
     tables: Tables<'a>,
     candidates: &'a [Candidate],
+    foreign: &'a [ForeignEntry<'a>],
     descriptors: &'a [NamedDescriptor],
     display: &'a Display,
 }
 
-/// What was written: of each candidate its answers and its row, and all pairs.
+/// What was written: of each candidate its answers and its row, those of files after the others, and all pairs.
 struct Tabulated {
     compared: Vec<Compared>,
     rows: Vec<ComparedRow>,
@@ -228,14 +250,19 @@ impl Comparing<'_> {
             let mut described = self.descriptors.iter().zip(gathered);
             let described = described.find(|(one, _)| one.descriptor == candidate.descriptor);
             let Some((_, described)) = described else { continue }; // `distinct` has them all
-            let one = self.tables.add(candidate, described)?;
-            if one.is_abridged {
-                self.display.say(&format!(
-                    "{}: more than {MAX_PAIRS} pairs of clouds: no distances and no curve over all pairs are kept",
-                    candidate.label
-                ));
-            }
-            compared.push(one);
+            compared.push(self.tables.add(candidate, described)?);
+        }
+        for entry in self.foreign {
+            compared.push(match entry {
+                ForeignEntry::Given(candidate) => self.tables.add_foreign(candidate)?,
+                ForeignEntry::Kept(row) => self.tables.keep(row)?,
+            });
+        }
+        for one in compared.iter().filter(|one| one.is_abridged) {
+            self.display.say(&format!(
+                "{}: more than {MAX_PAIRS} pairs of clouds: no distances and no curve over all pairs are kept",
+                one.row.descriptor
+            ));
         }
         let row = |one: &Compared| {
             let row = ComparedRow { cloud_seconds: earlier.cloud_seconds(&one.row), ..one.row.clone() };

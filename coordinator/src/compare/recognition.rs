@@ -1,15 +1,17 @@
 //! What a candidate makes of the test clouds: from the signatures of clouds to matches, distances and curves.
 
 use descriptor::distance::{DistanceMatrix, set_distances};
-use descriptor::recognise::{Hit, recognise_from};
+use descriptor::recognise::{Hit, RecogniseError, nearest, recognise_from};
 use descriptor::recogniser::{Chosen, LabelledClouds, LearnedRecogniser};
 use descriptor::{Label, Match, Signatures};
+use rayon::prelude::*;
 use results::{Curve, DistanceRow};
 
 use super::candidate::Candidate;
 use super::curve::curve;
 use super::described::Described;
 use super::error::CompareError;
+use super::foreign::ForeignCandidate;
 
 /// Pairs of clouds of which distances and curve are kept: 350 MB while they are counted, 44 bytes each.
 pub const MAX_PAIRS: usize = 8_000_000;
@@ -61,7 +63,6 @@ impl Recognition {
     ) -> Result<Self, CompareError> {
         let [queries, database] = &described.clouds;
         let labels: Vec<Label> = database.iter().map(|&index| database_labels[index as usize]).collect();
-        let count = queries.len();
         let known = database.iter().take_while(|&&cloud| cloud < trained).count();
         let distances = candidate.descriptor.distances(candidate.distance, &described.channels, known);
         let learned = learn(candidate, described, &distances, database_labels, sequences)?;
@@ -71,9 +72,43 @@ impl Recognition {
                     described.channels.iter().map(|[queries, _]| queries).collect();
                 recogniser.recognise(&queries, &distances)
             }
-            None => recognise_from(count, &distances, &labels)
+            None => recognise_from(queries.len(), &distances, &labels)
                 .map_err(|source| CompareError::Recognise { label: candidate.label.clone(), source })?,
         };
+        let clouds = queries.len() + database.len();
+        let keypoints_per_cloud = described.keypoints.map(|all| all as f64 / clouds as f64);
+        let of_query = |query: usize, sums: &mut Vec<f64>| set_distances(&distances, query, sums);
+        let found = Self::of(found, [queries, database], [query_labels, database_labels], learned, of_query);
+        Ok(Self { keypoints_per_cloud, ..found })
+    }
+
+    /// Matches queries with the database by what a file says of them.
+    ///
+    /// # Errors
+    /// If nothing can be learned from it.
+    pub fn of_foreign(candidate: &ForeignCandidate<'_>, labels: [&[Label]; 2]) -> Result<Self, CompareError> {
+        let clouds = labels.map(|side| (0..side.len() as u32).collect::<Vec<u32>>());
+        let foreign = candidate.descriptor;
+        let matched = |query: usize| {
+            nearest(&foreign.distances(query), labels[1]).ok_or_else(|| CompareError::Recognise {
+                label: candidate.label.clone(),
+                source: RecogniseError::EmptyDatabase,
+            })
+        };
+        let found = (0..foreign.queries()).into_par_iter().map(matched).collect::<Result<_, _>>()?;
+        let of_query = |query: usize, sums: &mut Vec<f64>| *sums = foreign.distances(query);
+        Ok(Self::of(found, [&clouds[0], &clouds[1]], labels, None, of_query))
+    }
+
+    /// What follows from the matches of these clouds, which number them anew, and from the distances of each query.
+    fn of(
+        found: Vec<Match>,
+        [queries, database]: [&[u32]; 2],
+        [query_labels, database_labels]: [&[Label]; 2],
+        learned: Option<(LearnedRecogniser, Chosen)>,
+        distances: impl Fn(usize, &mut Vec<f64>),
+    ) -> Self {
+        let count = queries.len();
         let number = |hit: Hit| Hit { index: database[hit.index as usize], ..hit };
         let numbered = found
             .into_iter()
@@ -84,11 +119,11 @@ impl Recognition {
         };
 
         let (mut pairs, mut of_query) = (Vec::new(), Vec::new());
-        let is_abridged = count * labels.len() > MAX_PAIRS;
+        let is_abridged = count * database.len() > MAX_PAIRS;
         // What has been learned recognises by other values than these distances.
         if !is_abridged && learned.is_none() {
             for (row, &query) in queries.iter().enumerate() {
-                set_distances(&distances, row, &mut of_query);
+                distances(row, &mut of_query);
                 pairs.extend(
                     database.iter().zip(&of_query).map(|(&cloud, &distance)| (query, cloud, distance)),
                 );
@@ -102,9 +137,9 @@ impl Recognition {
             curves.push(curve("all", judged, relevant));
         }
         curves.push(nearest_curve(&matches, same));
-        Ok(Self {
-            database: labels.len() as u32,
-            keypoints_per_cloud: described.keypoints.map(|all| all as f64 / (count + labels.len()) as f64),
+        Self {
+            database: database.len() as u32,
+            keypoints_per_cloud: None,
             curves,
             distances: pairs
                 .into_iter()
@@ -117,7 +152,7 @@ impl Recognition {
             matches,
             is_abridged,
             learned,
-        })
+        }
     }
 }
 

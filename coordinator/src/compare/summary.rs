@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 
 use super::candidate::PAPER;
 use super::differences::{SIGNIFICANCE, probability};
+use super::foreign::GIVEN;
 use super::verdict::verdict;
 use crate::lines::{table, wrapped};
 use crate::run::progress::percent;
@@ -34,6 +35,10 @@ fn texts<const N: usize>(cells: [&str; N]) -> Vec<String> {
 
 fn range([low, high]: [f64; 2]) -> String {
     format!("{:.1} - {:.1}", 100.0 * low, 100.0 * high)
+}
+
+fn whole(value: Option<u32>) -> String {
+    value.map_or_else(|| "-".to_owned(), |value| value.to_string())
 }
 
 fn optional(value: Option<f64>, digits: usize) -> String {
@@ -65,8 +70,8 @@ impl Comparison {
         lines.extend(self.rows.iter().map(|row| {
             vec![
                 row.descriptor.clone(),
-                row.size.to_string(),
-                row.cloud_size.map_or_else(|| "-".to_owned(), |size| size.to_string()),
+                whole(row.size),
+                whole(row.cloud_size),
                 optional(row.keypoints_per_cloud, 1),
                 optional(row.area, 3),
                 optional(row.nearest_area, 3),
@@ -75,7 +80,8 @@ impl Comparison {
         text += &table(&lines);
         text += &self.times_text();
         for row in &self.rows {
-            text += &wrapped(&format!("{}: {}, by {}", row.descriptor, row.parameters, row.distance), 2);
+            let by = if row.distance == GIVEN { String::new() } else { format!(", by {}", row.distance) };
+            text += &wrapped(&format!("{}: {}{by}", row.descriptor, row.parameters), 2);
             if let Some((settings, error)) = row.settings.as_ref().zip(row.database_error) {
                 let learned =
                     format!("{}: {settings}; inside the database {} wrong", row.descriptor, percent(error));
@@ -190,6 +196,7 @@ impl Comparison {
                 "settings": row.settings,
                 "database_error": row.database_error,
                 "note": row.note,
+                "file_digest": row.file_digest,
                 "queries": row.counts.queries,
                 "skipped": row.skipped,
                 "database": row.database,

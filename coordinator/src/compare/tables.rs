@@ -1,6 +1,7 @@
 //! What the tables have of each candidate: from its descriptions to answers, curves and a row.
 
 use descriptor::recognise::Hit;
+use descriptor::recogniser::Method;
 use descriptor::{Descriptor, Label, Match};
 use proto::task::{self, EvaluationResult};
 use results::{ComparedRow, Counts, PairRow, PredictionRow, RunFolder, RunRow, wilson};
@@ -9,6 +10,7 @@ use super::candidate::{Candidate, EVOLVED};
 use super::described::Described;
 use super::differences::{Level, Outcomes, error_interval, pairs};
 use super::error::CompareError;
+use super::foreign::{FOREIGN, ForeignCandidate};
 use super::recognition::Recognition;
 use crate::dataset::Dataset;
 use crate::evaluate::compared_by;
@@ -48,13 +50,8 @@ impl Tables<'_> {
         let sequences: Vec<Option<u32>> = database.iter().map(sequence).collect();
         let known = (self.dataset.splits.trained() as u32, &sequences[..]);
         let recognition = Recognition::new(candidate, described, self.labels, known)?;
-        let outcomes = judge(candidate, &recognition, self.labels);
-        let counts = counts(&outcomes);
-        if counts.queries == 0 {
-            return Err(CompareError::NothingDescribed { label: candidate.label.clone() });
-        }
-        self.confirm(candidate, counts)?;
-        Ok(self.write(candidate, &recognition, outcomes)?)
+        let recognised = self.recognised(&candidate.label, recognition)?;
+        Ok(self.write(About::of(candidate), recognised)?)
     }
 
     /// Writes the answers of an evaluation, one a query: of all pairs of clouds they tell nothing.
@@ -73,31 +70,94 @@ impl Tables<'_> {
         };
         let matches = (0..).zip(result.matches.iter().map(found)).collect();
         let recognition = Recognition::of_matches(matches, self.labels);
-        let outcomes = judge(candidate, &recognition, self.labels);
-        self.write(candidate, &recognition, outcomes)
+        let outcomes = judge(&candidate.label, &recognition, self.labels);
+        self.write(About::of(candidate), (recognition, outcomes))
+    }
+
+    /// The same of a descriptor from a file.
+    ///
+    /// # Errors
+    /// If nothing can be learned from it, or it cannot be written.
+    pub fn add_foreign(&self, candidate: &ForeignCandidate<'_>) -> Result<Compared, CompareError> {
+        let recognition = Recognition::of_foreign(candidate, self.labels)?;
+        let foreign = candidate.descriptor;
+        let about = About {
+            label: &candidate.label,
+            kind: FOREIGN,
+            distance: foreign.distance(),
+            parameters: foreign.parameters(),
+            size: None,
+            recogniser: candidate.recogniser,
+            cloud_size: foreign.size(),
+            note: None,
+            bytes: None,
+            file_digest: Some(foreign.digest.clone()),
+        };
+        let recognised = self.recognised(&candidate.label, recognition)?;
+        Ok(self.write(about, recognised)?)
+    }
+
+    /// A descriptor from a file that is not given again: its row and its answers, as an earlier comparison has them.
+    ///
+    /// # Errors
+    /// If its answers cannot be read, or are not those of the row.
+    pub fn keep(&self, row: &ComparedRow) -> Result<Compared, CompareError> {
+        let label = row.descriptor.clone();
+        let answers = results::read_answers(self.out.path(), &label).map_err(CompareError::Earlier)?;
+        let mut right = vec![None; self.labels[0].len()];
+        for answer in &answers {
+            if let Some(right) = right.get_mut(answer.query as usize) {
+                *right = Some([
+                    answer.predicted_instance == answer.instance,
+                    answer.predicted_category == answer.category,
+                ]);
+            }
+        }
+        let outcomes = Outcomes { label, right };
+        let now = counts(&outcomes);
+        if now != row.counts {
+            let [then, now] = [row.counts, now].map(told);
+            let label = outcomes.label;
+            return Err(CompareError::Contradiction { label, what: "its answers", then, now });
+        }
+        Ok(Compared { row: row.clone(), answers, is_abridged: false, outcomes })
+    }
+
+    /// Refuses a recognition of nothing, and one of the evolved descriptor that differs from the run's.
+    fn recognised(
+        &self,
+        label: &str,
+        recognition: Recognition,
+    ) -> Result<(Recognition, Outcomes), CompareError> {
+        let outcomes = judge(label, &recognition, self.labels);
+        let counts = counts(&outcomes);
+        if counts.queries == 0 {
+            return Err(CompareError::NothingDescribed { label: label.to_owned() });
+        }
+        self.confirm(label, counts)?;
+        Ok((recognition, outcomes))
     }
 
     fn write(
         &self,
-        candidate: &Candidate,
-        recognition: &Recognition,
-        outcomes: Outcomes,
+        about: About<'_>,
+        (recognition, outcomes): (Recognition, Outcomes),
     ) -> Result<Compared, results::Error> {
+        let label = about.label;
         let matches = recognition.matches.iter().map(|&(query, found)| (query, numbered(found)));
         let answers = rows::answers(self.dataset, Matching::Test, matches);
         let (curves, distances) = (&recognition.curves, &recognition.distances);
-        self.out.write_compared(&candidate.label, &answers, curves, distances)?;
+        self.out.write_compared(label, &answers, curves, distances)?;
         let queries = (self.labels[0], self.run.seed);
-        let row = row(candidate, recognition, &outcomes, queries);
+        let row = row(about, &recognition, &outcomes, queries);
         Ok(Compared { row, answers, is_abridged: recognition.is_abridged, outcomes })
     }
 
     /// Refuses counts of the evolved descriptor that differ from those of the run's final test.
-    fn confirm(&self, candidate: &Candidate, counts: Counts) -> Result<(), CompareError> {
-        let then = self.run.test.filter(|then| candidate.label == EVOLVED && *then != counts);
+    fn confirm(&self, label: &str, counts: Counts) -> Result<(), CompareError> {
+        let then = self.run.test.filter(|then| label == EVOLVED && *then != counts);
         let Some(then) = then else { return Ok(()) };
-        let [then, now] =
-            [then, counts].map(|counts| format!("{} of {}", counts.object_correct, counts.queries));
+        let [then, now] = [then, counts].map(told);
         let label = EVOLVED.to_owned();
         Err(CompareError::Contradiction { label, what: "objects of the final test", then, now })
     }
@@ -110,6 +170,42 @@ impl Tables<'_> {
     }
 }
 
+fn told(counts: Counts) -> String {
+    format!("{} of {}", counts.object_correct, counts.queries)
+}
+
+/// What a row has of a descriptor before anything is recognised.
+struct About<'a> {
+    label: &'a str,
+    kind: &'a str,
+    distance: &'a str,
+    parameters: String,
+    size: Option<u32>,
+    recogniser: Method,
+    cloud_size: Option<u32>,
+    note: Option<&'a str>,
+    bytes: Option<String>,
+    file_digest: Option<String>,
+}
+
+impl<'a> About<'a> {
+    fn of(candidate: &'a Candidate) -> Self {
+        let descriptor = &candidate.descriptor;
+        Self {
+            label: &candidate.label,
+            kind: descriptor.family().name(),
+            distance: compared_by(descriptor, candidate.distance),
+            parameters: descriptor.parameters(),
+            size: Some(descriptor.size() as u32),
+            recogniser: candidate.recogniser,
+            cloud_size: Some(descriptor.size_of_cloud() as u32),
+            note: candidate.note(),
+            bytes: Some(hexadecimal(&descriptor.to_bytes())),
+            file_digest: None,
+        }
+    }
+}
+
 fn numbered(found: Match) -> task::Match {
     task::Match {
         nearest: found.nearest.index,
@@ -118,13 +214,13 @@ fn numbered(found: Match) -> task::Match {
     }
 }
 
-fn judge(candidate: &Candidate, recognition: &Recognition, [queries, database]: [&[Label]; 2]) -> Outcomes {
+fn judge(label: &str, recognition: &Recognition, [queries, database]: [&[Label]; 2]) -> Outcomes {
     let mut right = vec![None; queries.len()];
     for (query, found) in &recognition.matches {
         let (asked, got) = (queries[*query as usize], database[found.nearest.index as usize]);
         right[*query as usize] = Some([asked.instance == got.instance, asked.category == got.category]);
     }
-    Outcomes { label: candidate.label.clone(), right }
+    Outcomes { label: label.to_owned(), right }
 }
 
 fn counts(judged: &Outcomes) -> Counts {
@@ -137,7 +233,7 @@ fn counts(judged: &Outcomes) -> Counts {
 }
 
 fn row(
-    candidate: &Candidate,
+    about: About<'_>,
     recognition: &Recognition,
     judged: &Outcomes,
     (queries, seed): (&[Label], u64),
@@ -152,20 +248,20 @@ fn row(
     let learned = recognition.learned.as_ref();
     let cloud_size = learned
         .and_then(|(recogniser, _)| recogniser.size())
-        .unwrap_or_else(|| candidate.descriptor.size_of_cloud() as usize);
+        .map_or(about.cloud_size, |size| Some(size as u32));
     let [object_wilson, object_bootstrap] = intervals(counts.object_correct, Level::Object);
     let [category_wilson, category_bootstrap] = intervals(counts.category_correct, Level::Category);
     ComparedRow {
-        descriptor: candidate.label.clone(),
-        kind: candidate.descriptor.family().name().to_owned(),
-        distance: compared_by(&candidate.descriptor, candidate.distance).to_owned(),
-        parameters: candidate.descriptor.parameters(),
-        size: candidate.descriptor.size() as u32,
-        recogniser: Some(candidate.recogniser.name().to_owned()),
-        cloud_size: Some(cloud_size as u32),
+        descriptor: about.label.to_owned(),
+        kind: about.kind.to_owned(),
+        distance: about.distance.to_owned(),
+        parameters: about.parameters,
+        size: about.size,
+        recogniser: Some(about.recogniser.name().to_owned()),
+        cloud_size,
         settings: learned.map(|(_, chosen)| chosen.settings.to_string()),
         database_error: learned.map(|(_, chosen)| chosen.error()),
-        note: candidate.note().map(str::to_owned),
+        note: about.note.map(str::to_owned),
         counts,
         object_wilson,
         category_wilson,
@@ -178,7 +274,8 @@ fn row(
         times: None,
         area: area("all"),
         nearest_area: area("nearest"),
-        bytes: Some(hexadecimal(&candidate.descriptor.to_bytes())),
+        bytes: about.bytes,
+        file_digest: about.file_digest,
     }
 }
 

@@ -142,7 +142,7 @@ mod tests {
             kind: "structure".to_owned(),
             distance: "chi2".to_owned(),
             parameters: String::new(),
-            size: 9,
+            size: Some(9),
             recogniser: Some("nearest".to_owned()),
             cloud_size: Some(2 * right),
             settings: None,
@@ -161,6 +161,7 @@ mod tests {
             area: None,
             nearest_area: None,
             bytes: None,
+            file_digest: None,
         }
     }
 

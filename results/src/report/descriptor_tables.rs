@@ -14,6 +14,10 @@ fn seconds_text(seconds: Option<f64>) -> String {
     seconds.map_or_else(|| "–".to_owned(), |seconds| format!("{seconds:.2}"))
 }
 
+fn size_text(size: String) -> String {
+    if size.is_empty() { "–".to_owned() } else { size }
+}
+
 /// The paper's Table 1: errors, times and sizes, one row per descriptor.
 pub(crate) fn table(comparison: &Rows) -> Result<TableBlock, Error> {
     let names = comparison.texts("descriptor")?;
@@ -24,7 +28,7 @@ pub(crate) fn table(comparison: &Rows) -> Result<TableBlock, Error> {
     let seconds = comparison.optional("seconds_total")?;
     let areas = [comparison.optional("area")?, comparison.optional("nearest_area")?];
     let mut rows: Vec<Vec<String>> =
-        names.iter().zip(sizes).map(|(name, size)| vec![name.clone(), size]).collect();
+        names.iter().zip(sizes).map(|(name, size)| vec![name.clone(), size_text(size)]).collect();
     for level in ["object", "category"] {
         let column = |name: &str| comparison.numbers(&format!("{level}_{name}"));
         let (errors, correct) = (column("error")?, column("correct")?);

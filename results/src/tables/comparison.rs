@@ -36,15 +36,15 @@ record! {
     pub struct ComparedRow {
         /// Unique in the comparison:
         descriptor: String, "", "label of the descriptor, such as evolved, paper-projection, shotcolor-l1";
-        kind: String, "", "family of the descriptor, for example disk-ring or pfhrgb";
+        kind: String, "", "family of the descriptor, for example disk-ring or pfhrgb; foreign: computed elsewhere";
         distance: String, "",
-            "set distance: chi2 or l1; of a structure, for chi2, the metric of its channels";
-        parameters: String, "", "values of its genes, or its radius";
-        size: u32, "values", "real values of one keypoint's descriptor";
+            "set distance: chi2 or l1; of a structure, for chi2, the metric of its channels; foreign: that of vectors, or given";
+        parameters: String, "", "values of its genes, or its radius; foreign: what its file has";
+        size: Option<u32>, "values", "real values of one keypoint's descriptor; null of foreign ones";
         recogniser: Option<String>, "",
             "nearest, projection or kernel-ridge; null in tables of earlier releases, where it is nearest";
         cloud_size: Option<u32>, "values",
-            "values kept of a cloud, with a projection after it; null in tables of earlier releases";
+            "values kept of a cloud, with a projection after it; null in tables of earlier releases, and of given distances";
         settings: Option<String>, "", "what the recogniser chose inside the database; null of nearest";
         database_error: Option<f64>, "share",
             "clouds of the database not recognised by others, a sequence or fold left out at a time, with these settings";
@@ -67,7 +67,8 @@ record! {
             "mean precision over recall, all pairs: area between the curve and 1 - precision = 1; null if they are too many";
         nearest_area: Option<f64>, "", "the same of the curve of nearest clouds only";
         bytes: Option<String>, "",
-            "canonical bytes of the descriptor, hexadecimal: by them a later comparison has it again";
+            "canonical bytes of the descriptor, hexadecimal: by them a later comparison has it again; null of foreign ones";
+        file_digest: Option<String>, "", "BLAKE3 of the file that a foreign descriptor was given in, hexadecimal";
     }
 }
 

@@ -55,7 +55,7 @@ pub fn rows() -> [ComparedRow; 2] {
         kind: "disk-ring".to_owned(),
         distance: "chi2".to_owned(),
         parameters: "m=8".to_owned(),
-        size: 248,
+        size: (index == 0).then_some(248),
         recogniser: Some(["nearest", "projection"][index].to_owned()),
         cloud_size: Some([496, 47][index]),
         settings: (index == 1).then(|| "100 components".to_owned()),
@@ -74,6 +74,7 @@ pub fn rows() -> [ComparedRow; 2] {
         area: Some(0.75),
         nearest_area: None,
         bytes: (index == 1).then(|| "0101".to_owned()),
+        file_digest: (index == 0).then(|| "abcd".to_owned()),
     })
 }
 

@@ -4,6 +4,7 @@ mod comparison;
 mod database;
 pub(crate) mod fixture;
 mod folder;
+mod foreign;
 mod format;
 mod grid;
 #[cfg(feature = "sql")]

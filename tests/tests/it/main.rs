@@ -13,6 +13,7 @@
 //! - `resuming`: coordinators that are killed and started again
 //! - `sessions`: bring-up, waiting and deadline of every command
 //! - `exhaust`: the exhaustive search, and what runs make of it
+//! - `foreign`: descriptors that another program has computed
 //! - `grid`: grid cells against the evaluator on real clouds
 //! - `hill_climbing`: hill climbing end to end
 //! - `hosts`: workers on other hosts, behind links that are cut, slow, lossy or late
@@ -46,6 +47,7 @@ mod determinism;
 mod documents;
 mod exhaust;
 mod families;
+mod foreign;
 mod grid;
 mod hill_climbing;
 mod hosts;

@@ -314,7 +314,7 @@ fn write_comparison(folder: &Path, objects: u32) {
         kind: "disk-ring".to_owned(),
         distance: "chi2".to_owned(),
         parameters: HOSTILE.to_owned(),
-        size: 248,
+        size: Some(248),
         recogniser: Some("nearest".to_owned()),
         cloud_size: Some(496),
         settings: None,
@@ -341,6 +341,7 @@ fn write_comparison(folder: &Path, objects: u32) {
         area: Some(0.5),
         nearest_area: None,
         bytes: None,
+        file_digest: None,
     };
     for descriptor in DESCRIPTORS {
         out.write_compared(
