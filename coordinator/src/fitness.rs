@@ -159,7 +159,12 @@ impl Fitness {
             Objective::Object => counts.object_correct,
             Objective::Category => counts.category_correct,
         };
-        evolution::Score { correct, queries: counts.queries, margin: margin.unwrap_or_default() }
+        evolution::Score {
+            correct,
+            queries: counts.queries,
+            margin: margin.unwrap_or_default(),
+            further: [0; 2],
+        }
     }
 }
 

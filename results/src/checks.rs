@@ -4,7 +4,7 @@ use crate::columns::GeneColumn;
 use crate::error::Error;
 use crate::table_name::TableName;
 use crate::tables::grid::{BestRow, CellPoints, GridRow};
-use crate::tables::run::{Counts, EvaluationRow, GenerationRow, PredictionRow, RunRow};
+use crate::tables::run::{Counts, EvaluationRow, FrontRow, GenerationRow, PredictionRow, RunRow};
 
 pub(crate) fn refuse(
     table: TableName,
@@ -81,6 +81,23 @@ fn check_counts(table: TableName, row: usize, prefix: &str, counts: &Counts) -> 
 /// Validation counts that are possible.
 pub(crate) fn check_generation(row: &GenerationRow) -> Result<(), Error> {
     row.validation.map_or(Ok(()), |counts| check_counts(TableName::Generations, 0, "validation_", &counts))
+}
+
+/// Points 1, 2, … in order, one of them the winner.
+pub(crate) fn check_front(genes: &[GeneColumn], rows: &[FrontRow]) -> Result<(), Error> {
+    let table = TableName::Front;
+    for (index, row) in rows.iter().enumerate() {
+        if row.point as usize != index + 1 {
+            return Err(refuse(table, index, "point", (index + 1).to_string(), row.point));
+        }
+        check_genes(table, index, genes, &row.genes)?;
+        check_counts(table, index, "train_", &row.train)?;
+        row.validation.map_or(Ok(()), |counts| check_counts(table, index, "validation_", &counts))?;
+    }
+    match rows.iter().filter(|row| row.winner).count() {
+        1 => Ok(()),
+        winners => Err(refuse(table, 0, "winner", "one winner", winners)),
+    }
 }
 
 /// Queries in ascending order.

@@ -11,7 +11,9 @@ use crate::read::FinishedRun;
 use crate::record::Context;
 use crate::table_name::TableName;
 use crate::tables::TableFile;
-use crate::tables::run::{Counts, EvaluationRow, GenerationRow, PredictionRow, PredictionSplit, RunRow};
+use crate::tables::run::{
+    Counts, EvaluationRow, FrontRow, GenerationRow, PredictionRow, PredictionSplit, RunRow,
+};
 
 /// Sums and bests over the generations seen so far.
 #[derive(Clone, Copy, Debug, Default)]
@@ -135,10 +137,33 @@ pub(crate) fn winner(
     }
     check_counts("train_", winner.counts, Some(row.train), problems);
     check("train_margin", winner.margin, row.train_margin, problems);
-    // Validation may be measured for the winner only, after evolution.
-    if let Some(validation) = generation.validation {
+    // Validation may be measured for the winner only, after evolution, and a winner of a front need not be the best of
+    // its generation.
+    let is_best = PopulationSummary::of(individuals)
+        .is_some_and(|population| population.best_individual == row.winner_individual);
+    if let Some(validation) = generation.validation.filter(|_| is_best) {
         check_counts("validation_", validation, row.validation, problems);
     }
+}
+
+/// The points of the front, and what the run's row says of the winner against them.
+pub(crate) fn front(row: &RunRow, file: &TableFile, problems: &mut Vec<Problem>) -> Result<(), Error> {
+    let points: Vec<FrontRow> = file.rows()?;
+    let numbered = (1..).zip(&points);
+    let expected: Vec<_> = numbered
+        .map(|(point, got)| {
+            let winner = (got.generation, got.individual) == (row.winner_generation, row.winner_individual);
+            FrontRow { point, winner, ..got.clone() }
+        })
+        .collect();
+    if let Some(winner) = expected.iter().find(|point| point.winner) {
+        check("best_chromosome", Some(&winner.chromosome), Some(&row.best_chromosome), problems);
+        check_counts("train_", winner.train, Some(row.train), problems);
+        if let Some(validation) = winner.validation {
+            check_counts("validation_", validation, row.validation, problems);
+        }
+    }
+    compare(&file.table.clone().filled(&expected, Context::default())?, file, None, problems)
 }
 
 /// The counts of the run's row against its predictions.
@@ -182,6 +207,9 @@ pub(crate) fn run(
     let mut expected = run.table.clone().filled(std::slice::from_ref(row), Context::default())?;
     for digest in ["predictions_digest", "run_digest"] {
         expected.set_text(digest, run.text(digest)?)?;
+    }
+    if !run.text("front_digest")?.is_empty() {
+        expected.set_text("front_digest", run.text("front_digest")?)?;
     }
     compare(&expected, run, None, problems)?;
     if !(1..=row.generations).contains(&row.winner_generation) {

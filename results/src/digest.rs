@@ -3,7 +3,8 @@
 //! Tables must have passed `conform`: columns in table order, of their kinds.
 //!
 //! A tree of hashes, so that one generation at a time is read and a changed one can be named:
-//! run digest = H(run row, H(rows of generation 1), …, H(rows of generation n), H(predictions)).
+//! run digest = H(run row, H(rows of generation 1), …, H(rows of generation n), H(predictions)), and H(front) after it
+//! where there is one.
 //! A table's content is its name, its number of rows and, in key order, every row: each digest column that is not
 //! null as length-prefixed name, kind and value, then an empty name. A null cell is left out, so that a nullable
 //! column added later leaves the digests of older runs as they are.
@@ -40,8 +41,20 @@ pub(crate) fn predictions(files: &[TableFile]) -> Result<Hash, Error> {
     Ok(hasher.finalize())
 }
 
-/// Digest of a run: its row, its generations from 1 and its predictions.
-pub(crate) fn run(row: &TableFile, generations: &[Hash], predictions: Hash) -> Result<Hash, Error> {
+/// Digest of the front.
+pub(crate) fn front(rows: &TableFile) -> Result<Hash, Error> {
+    let mut hasher = Hasher::new_derive_key("descry front v1");
+    content(&mut hasher, rows)?;
+    Ok(hasher.finalize())
+}
+
+/// Digest of a run: its row, its generations from 1, its predictions and its front, if it has one.
+pub(crate) fn run(
+    row: &TableFile,
+    generations: &[Hash],
+    predictions: Hash,
+    front: Option<Hash>,
+) -> Result<Hash, Error> {
     let mut hasher = Hasher::new_derive_key("descry run digest v1");
     content(&mut hasher, row)?;
     hasher.update(&(generations.len() as u64).to_le_bytes());
@@ -49,6 +62,9 @@ pub(crate) fn run(row: &TableFile, generations: &[Hash], predictions: Hash) -> R
         hasher.update(digest.as_bytes());
     }
     hasher.update(predictions.as_bytes());
+    if let Some(front) = front {
+        hasher.update(front.as_bytes());
+    }
     Ok(hasher.finalize())
 }
 

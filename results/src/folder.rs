@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use atomic::is_temporary;
 use blake3::Hash;
 
-use crate::checks::{check_evaluations, check_generation, check_predictions, check_run};
+use crate::checks::{check_evaluations, check_front, check_generation, check_predictions, check_run};
 use crate::columns::GeneColumn;
 use crate::digest;
 use crate::error::Error;
@@ -19,7 +19,9 @@ use crate::record::{Context, Value};
 use crate::table_name::TableName;
 use crate::tables::comparison::{ComparedRow, Curve, CurvePoint, DistanceRow, PairRow};
 use crate::tables::log::{LookRow, RunLog};
-use crate::tables::run::{EvaluationRow, GenerationRow, PredictionRow, PredictionSplit, RunRow, SkippedRow};
+use crate::tables::run::{
+    EvaluationRow, FrontRow, GenerationRow, PredictionRow, PredictionSplit, RunRow, SkippedRow,
+};
 use crate::tables::{Table, TableFile};
 use crate::verify::Parts;
 
@@ -27,8 +29,9 @@ const LOCK: &str = ".lock";
 
 /// Order in which tables are removed when a run is discarded: the one that marks a run or generation as whole before
 /// what it marks.
-const DISCARD_ORDER: [TableName; 8] = [
+const DISCARD_ORDER: [TableName; 9] = [
     TableName::Run,
+    TableName::Front,
     TableName::Generations,
     TableName::Evaluations,
     TableName::Predictions,
@@ -41,7 +44,7 @@ const DISCARD_ORDER: [TableName; 8] = [
 /// A run folder that this process writes to. No other process can open it while this value lives.
 ///
 /// Files become visible only whole, in this order: a generation's `evaluations`, its row of `generations`; at the
-/// end `predictions`, `skipped`, `workers`, `attempts`, `events`, and last `run/run.parquet`, which marks the run as
+/// end `front`, `predictions`, `skipped`, `workers`, `attempts`, `events`, and last `run/run.parquet`, which marks the run as
 /// finished. A folder whose process was killed at any point can be opened again; what is visible in it is sound.
 #[derive(Debug)]
 pub struct RunFolder {
@@ -149,6 +152,19 @@ impl RunFolder {
         Ok(())
     }
 
+    /// Writes the front of a search of several objectives, in the order of its points.
+    ///
+    /// Refuses points that are not numbered from 1, counts that are not possible, and any number of winners but one.
+    pub fn write_front(&self, rows: &[FrontRow]) -> Result<(), Error> {
+        self.refuse_if_finished()?;
+        check_front(&self.genes, rows)?;
+        let folder = self.folder.join(TableName::Front.as_str());
+        fs::create_dir_all(&folder).map_err(|source| opening(&folder, source))?;
+        remove(&folder, is_temporary)?;
+        sync_folder(&self.folder)?;
+        self.write_one(TableName::Front, rows)
+    }
+
     /// Writes the winner's predictions of one split, in query order.
     pub fn write_predictions(&self, split: PredictionSplit, rows: &[PredictionRow]) -> Result<(), Error> {
         self.refuse_if_finished()?;
@@ -245,8 +261,11 @@ impl RunFolder {
         check_run(&self.genes, row)?;
         let mut run = self.table(TableName::Run, std::slice::from_ref(row), Context::default())?;
         let parts = Parts::read(&self.folder, self.generations)?;
-        let run_digest = digest::run(&run, &parts.generations, parts.predictions)?;
+        let run_digest = digest::run(&run, &parts.generations, parts.predictions, parts.front)?;
         run.set_text("predictions_digest", &parts.predictions.to_hex())?;
+        if let Some(front) = parts.front {
+            run.set_text("front_digest", &front.to_hex())?;
+        }
         run.set_text("run_digest", &run_digest.to_hex())?;
         let (file, bytes) = self.encode(run, &TableName::Run.file())?;
         write_whole(&file, &bytes)?;
@@ -258,8 +277,10 @@ impl RunFolder {
     pub fn discard(&mut self) -> Result<(), Error> {
         for table in DISCARD_ORDER {
             let folder = self.folder.join(table.as_str());
-            remove(&folder, |name| is_temporary(name) || is_ours(table, name))?;
-            sync_folder(&folder)?;
+            if folder.is_dir() {
+                remove(&folder, |name| is_temporary(name) || is_ours(table, name))?;
+                sync_folder(&folder)?;
+            }
         }
         self.generations = 0;
         Ok(())
@@ -340,6 +361,7 @@ fn is_ours(table: TableName, name: &str) -> bool {
         | TableName::Workers
         | TableName::Attempts
         | TableName::Events
+        | TableName::Front
         | TableName::Run => name == table.file(),
         // Test clouds were looked at, even if the run is discarded.
         TableName::Looks

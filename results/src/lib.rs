@@ -48,8 +48,8 @@ pub use problem::Problem;
 #[cfg(feature = "sql")]
 pub use query::{Answer, AnswerFormat, LONGEST_QUERY, QueryError, query};
 pub use read::{
-    FinishedRun, read_answers, read_comparison, read_evaluations, read_pairs, read_predictions, read_run,
-    read_table,
+    FinishedRun, read_answers, read_comparison, read_evaluations, read_front, read_pairs, read_predictions,
+    read_run, read_table,
 };
 pub use report::{ChannelPairs, Report, Told, WinnerChannel};
 pub use schema::schema_markdown;
@@ -61,8 +61,8 @@ pub use tables::database::DatabaseCloud;
 pub use tables::grid::{BestRow, CellPoints, CountRow, GridRow, GridTables, LandscapeRow, MarginalRow};
 pub use tables::log::{AttemptRow, EventRow, LookRow, RunLog, WorkerRow};
 pub use tables::run::{
-    Computed, Counts, EvaluationRow, GenerationRow, PredictionRow, PredictionSplit, RunRow, RunnerUp,
-    SkippedRow,
+    Computed, Counts, EvaluationRow, FrontRow, GenerationRow, PredictionRow, PredictionSplit, RunRow,
+    RunnerUp, SkippedRow,
 };
 pub use verify::{Verification, run_digest, verify};
 

@@ -19,6 +19,8 @@ pub enum Problem {
     Generation { generation: u32, recorded: String, computed: Hash },
     /// The predictions are not those that were written.
     Predictions { recorded: String, computed: Hash },
+    /// The front is not the one that was written.
+    Front { recorded: String, computed: Option<Hash> },
     /// The run as a whole is not what was written.
     Run { recorded: String, computed: Hash },
     /// A value that does not follow from the values it is computed from.
@@ -44,6 +46,11 @@ impl fmt::Display for Problem {
             }
             Self::Predictions { recorded, computed } => {
                 write!(f, "predictions: digest: expected {recorded}, got {computed}")
+            }
+            Self::Front { recorded, computed } => {
+                let none = |digest: String| if digest.is_empty() { "none".to_owned() } else { digest };
+                let got = computed.map_or_else(String::new, |computed| computed.to_string());
+                write!(f, "front: digest: expected {}, got {}", none(recorded.clone()), none(got))
             }
             Self::Run { recorded, computed } => {
                 write!(f, "run: run digest: expected {recorded}, got {computed}")

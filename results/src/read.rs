@@ -13,11 +13,16 @@ use crate::parquet;
 use crate::table_name::TableName;
 use crate::tables::TableFile;
 use crate::tables::comparison::{ComparedRow, PairRow};
-use crate::tables::run::{EvaluationRow, PredictionRow, PredictionSplit, RunRow};
+use crate::tables::run::{EvaluationRow, FrontRow, PredictionRow, PredictionSplit, RunRow};
 
 /// Name of a generation's file in its table's folder.
 pub(crate) fn generation_file(generation: u32) -> String {
     format!("generation-{generation:05}.parquet")
+}
+
+/// The file of the front.
+pub(crate) fn front_file(run: &Path) -> PathBuf {
+    run.join(TableName::Front.as_str()).join(TableName::Front.file())
 }
 
 /// The table's files, generations in order. Files that are being written are not among them.
@@ -199,6 +204,15 @@ pub fn read_pairs(run: impl AsRef<Path>) -> Result<Vec<PairRow>, Error> {
 pub fn read_answers(run: impl AsRef<Path>, descriptor: &str) -> Result<Vec<PredictionRow>, Error> {
     let file = run.as_ref().join(TableName::Answers.as_str()).join(format!("{descriptor}.parquet"));
     read_file_if_any(&file, TableName::Answers)?.map_or(Ok(Vec::new()), |content| content.rows())
+}
+
+/// The front of a run of several objectives, in the order of its points; none of other runs.
+///
+/// # Errors
+/// If the file cannot be read, or is damaged.
+pub fn read_front(run: impl AsRef<Path>) -> Result<Vec<FrontRow>, Error> {
+    let content = read_file_if_any(&front_file(run.as_ref()), TableName::Front)?;
+    content.map_or(Ok(Vec::new()), |content| content.rows())
 }
 
 /// The winner's answers to the queries of one split, in query order; none where the run has not measured it.

@@ -25,6 +25,7 @@ pub fn schema_markdown() -> Result<String, Error> {
     );
     for name in TableName::RUN
         .into_iter()
+        .chain(TableName::FRONT)
         .chain(TableName::COMPARISON)
         .chain(TableName::GRID)
         .chain(TableName::ARTEFACT)

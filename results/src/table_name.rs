@@ -26,6 +26,8 @@ table_names! {
     Evaluations = "evaluations",
     /// One row per generation.
     Generations = "generations",
+    /// One row per point of the front of a search of several objectives.
+    Front = "front",
     /// One row per query of validation and test.
     Predictions = "predictions",
     /// One row per cloud that was skipped.
@@ -81,6 +83,8 @@ impl TableName {
         Self::Looks,
         Self::Run,
     ];
+    /// The table that a search of several objectives adds to a run folder.
+    pub const FRONT: [Self; 1] = [Self::Front];
     /// The tables that a comparison adds to a run folder, in the order in which they are written.
     pub const COMPARISON: [Self; 5] =
         [Self::Distances, Self::Answers, Self::RecallPrecision, Self::Pairs, Self::Comparison];

@@ -8,7 +8,10 @@ use crate::consistency::{self, Totals};
 use crate::digest;
 use crate::error::Error;
 use crate::problem::Problem;
-use crate::read::{FinishedRun, expect_one_row, finished, generation_file, read_file, run_file, table_files};
+use crate::read::{
+    FinishedRun, expect_one_row, finished, front_file, generation_file, read_file, read_file_if_any,
+    run_file, table_files,
+};
 use crate::table_name::TableName;
 use crate::tables::TableFile;
 
@@ -37,7 +40,7 @@ pub fn run_digest(run: impl AsRef<Path>) -> Result<Hash, Error> {
     let run = run.as_ref();
     let (content, finished) = read_run_file(run)?;
     let parts = Parts::read(run, finished.row.generations)?;
-    digest::run(&content, &parts.generations, parts.predictions)
+    digest::run(&content, &parts.generations, parts.predictions, parts.front)
 }
 
 /// Verifies a finished run against itself: every file's checksum, the digest of every generation, of the
@@ -100,6 +103,23 @@ pub fn verify(run: impl AsRef<Path>) -> Result<Verification, Error> {
         consistency::predictions(row, files, &mut problems)?;
         predictions_digest = Some(computed);
     }
+    let front = match read_file_if_any(&front_file(run), TableName::Front) {
+        Ok(file) => {
+            let computed = file.as_ref().map(digest::front).transpose()?;
+            let recorded = content.text("front_digest")?.to_owned();
+            if recorded != computed.map_or_else(String::new, |computed| computed.to_hex().to_string()) {
+                problems.push(Problem::Front { recorded, computed });
+            }
+            if let Some(file) = file {
+                consistency::front(row, &file, &mut problems)?;
+            }
+            Some(computed)
+        }
+        Err(error) => {
+            problems.push(Problem::File(error));
+            None
+        }
+    };
     for file in table_files(run, TableName::Skipped)? {
         if let Err(error) = read_file(&file, TableName::Skipped) {
             problems.push(Problem::File(error));
@@ -108,8 +128,8 @@ pub fn verify(run: impl AsRef<Path>) -> Result<Verification, Error> {
     consistency::run(&content, row, digests.is_some().then_some(totals), &mut problems)?;
 
     let mut computed_run_digest = None;
-    if let (Some(generations), Some(predictions)) = (digests, predictions_digest) {
-        let computed = digest::run(&content, &generations, predictions)?;
+    if let (Some(generations), Some(predictions), Some(front)) = (digests, predictions_digest, front) {
+        let computed = digest::run(&content, &generations, predictions, front)?;
         if finished.run_digest != computed.to_hex().as_str() {
             let recorded = finished.run_digest.clone();
             problems.push(Problem::Run { recorded, computed });
@@ -164,6 +184,8 @@ fn surplus(run: &Path, generations: u32, problems: &mut Vec<Problem>) -> Result<
 pub(crate) struct Parts {
     pub generations: Vec<Hash>,
     pub predictions: Hash,
+    /// `None`: there is none.
+    pub front: Option<Hash>,
 }
 
 impl Parts {
@@ -183,6 +205,8 @@ impl Parts {
         for file in table_files(run, TableName::Predictions)? {
             files.push(read_file(&file, TableName::Predictions)?);
         }
-        Ok(Self { generations: digests, predictions: digest::predictions(&files)? })
+        let front = read_file_if_any(&front_file(run), TableName::Front)?;
+        let front = front.as_ref().map(digest::front).transpose()?;
+        Ok(Self { generations: digests, predictions: digest::predictions(&files)?, front })
     }
 }

@@ -6,9 +6,9 @@ use crate::genome::Genome;
 use crate::individual::Individual;
 use crate::score::{Score, best_first};
 use crate::selection::Roulette;
-use crate::settings::{Crossover, GaSettings, Mutation, SettingsError};
+use crate::settings::{GaSettings, SettingsError};
 use crate::strategy::Strategy;
-use crate::{crossover, mutation};
+use crate::variation;
 
 /// The genetic algorithm over a genome.
 #[derive(Clone, Debug)]
@@ -29,11 +29,7 @@ impl GeneticAlgorithm {
 impl Strategy for GeneticAlgorithm {
     /// Uniformly random bits.
     fn first(&self) -> Vec<Individual> {
-        let individual = |index| {
-            let mut rng = random::stream(self.seed, "evolution.initial", &[1, u64::from(index)]);
-            Individual::random(&self.genome, &mut rng)
-        };
-        (0..self.settings.population).map(individual).collect()
+        variation::initial(&self.genome, self.settings.population, self.seed)
     }
 
     /// First the elite, best first, then the children, two from each pair of parents. If an odd number of children is
@@ -54,19 +50,12 @@ impl Strategy for GeneticAlgorithm {
             let mut rng = random::stream(*seed, "evolution.selection", &[next, pair]);
             let (a, b) = (roulette.draw(&mut rng), roulette.draw(&mut rng));
             let mut rng = random::stream(*seed, "evolution.crossover", &[next, pair]);
-            let [first, second] = [a, b].map(|parent| &population[parent as usize].chromosome);
-            let exchanged = settings.crossover_rate;
-            let (first, second) = match settings.crossover {
-                Crossover::Uniform => crossover::uniform(first, second, exchanged, &mut rng),
-                Crossover::Slots => crossover::by_slots(first, second, &slots, exchanged, &mut rng),
-            };
+            let parents = [a, b].map(|parent| &population[parent as usize].chromosome[..]);
+            let (first, second) = variation::cross(parents, settings, &slots, &mut rng);
             for (mut chromosome, parents) in [(first, [Some(a), Some(b)]), (second, [Some(b), Some(a)])] {
                 let index = children.len() as u64;
                 let mut rng = random::stream(*seed, "evolution.mutation", &[next, index]);
-                match settings.mutation {
-                    Mutation::InOrder => mutation::in_order(&mut chromosome, rate, &mut rng),
-                    Mutation::Field => mutation::by_field(&mut chromosome, genome, rate, &mut rng),
-                }
+                variation::mutate(&mut chromosome, genome, settings, rate, &mut rng);
                 children.push(Individual::new(chromosome, parents, genome));
             }
         }

@@ -8,12 +8,16 @@
 
 pub mod crossover;
 mod exhaustive;
+mod front;
 mod genetic;
 mod genome;
 mod hill_climb;
+mod hypervolume;
 mod individual;
 mod method;
 pub mod mutation;
+mod nsga2;
+mod pareto;
 mod random_search;
 mod score;
 mod search;
@@ -21,21 +25,25 @@ pub mod selection;
 mod settings;
 mod stop;
 mod strategy;
+mod variation;
 mod winner;
 
 #[cfg(test)]
 mod tests;
 
 pub use exhaustive::Exhaustive;
+pub use front::Front;
 pub use genetic::GeneticAlgorithm;
 pub use genome::{Encoding, Field, Genome};
 pub use hill_climb::HillClimb;
+pub use hypervolume::hypervolume;
 pub use individual::Individual;
 pub use method::Method;
+pub use nsga2::Nsga2;
 pub use random_search::RandomSearch;
-pub use score::Score;
+pub use score::{Objectives, Score, dominates};
 pub use search::{Search, State};
 pub use settings::{Crossover, GaSettings, MAX_POPULATION, Mutation, Scaling, SettingsError, StopSettings};
 pub use stop::{StopReason, StopRule};
 pub use strategy::Strategy;
-pub use winner::{GenerationBest, WinnerRule};
+pub use winner::{Found, WinnerRule};

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::genetic::GeneticAlgorithm;
 use crate::genome::Genome;
 use crate::hill_climb::HillClimb;
+use crate::nsga2::Nsga2;
 use crate::random_search::RandomSearch;
 use crate::settings::{GaSettings, SettingsError};
 use crate::strategy::Strategy;
@@ -28,11 +29,16 @@ pub enum Method {
     /// step, and on from there while that is better. Of \[ga\] it uses encoding. A restart counts as any generation:
     /// with stop.validation_patience it may end the search.
     HillClimb,
+    /// NSGA-II (Deb et al., A fast and elitist multiobjective genetic algorithm: NSGA-II, IEEE Transactions on
+    /// Evolutionary Computation 6(2), 2002): several objectives at once, see search.objectives; it ends with a front of
+    /// descriptors of which none is better than another in all of them. Of \[ga\] it uses all but elite, selection and
+    /// scaling; population is how many survive a generation and how many children they have.
+    Nsga2,
 }
 
 impl Method {
     /// All of them.
-    pub const ALL: [Self; 4] = [Self::Ga, Self::Random, Self::Exhaustive, Self::HillClimb];
+    pub const ALL: [Self; 5] = [Self::Ga, Self::Random, Self::Exhaustive, Self::HillClimb, Self::Nsga2];
 
     /// The word for it in experiments.
     pub fn as_str(self) -> &'static str {
@@ -41,6 +47,7 @@ impl Method {
             Self::Random => "random",
             Self::Exhaustive => "exhaustive",
             Self::HillClimb => "hill-climb",
+            Self::Nsga2 => "nsga2",
         }
     }
 
@@ -61,6 +68,7 @@ impl Method {
             Self::Random => Some(Box::new(RandomSearch::new(genome, settings, seed)?)),
             Self::Exhaustive => None,
             Self::HillClimb => Some(Box::new(HillClimb::new(genome, seed))),
+            Self::Nsga2 => Some(Box::new(Nsga2::new(genome, settings, seed)?)),
         })
     }
 }

@@ -1,9 +1,19 @@
 //! How good an individual is. Scores are compared here and nowhere else.
 //!
 //! The order of individuals goes by count, then margin. What the paper defines by counts (weights of the roulette, a
-//! perfect score, stagnation, a rise of the validation error) goes by the count alone.
+//! perfect score, stagnation, a rise of the validation error) goes by the count alone. Searches of several objectives
+//! go by dominance.
 
 use std::cmp::Ordering;
+
+/// What a search of several objectives minimises, one number each. An objective that all individuals have the same value
+/// of has no part in it.
+pub type Objectives = [u64; 3];
+
+/// Pareto dominance: nowhere worse, and better somewhere.
+pub fn dominates(a: &Objectives, b: &Objectives) -> bool {
+    a != b && a.iter().zip(b).all(|(a, b)| a <= b)
+}
 
 /// What an evaluation found out about an individual.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -15,9 +25,17 @@ pub struct Score {
     /// Soft margin, −1 to 1: how much nearer the right object is than the nearest wrong one, mean over the queries. 0
     /// where none is computed.
     pub margin: f64,
+    /// What a search of several objectives minimises beside the errors, such as a cost and a size; 0 where it does not.
+    pub further: [u64; 2],
 }
 
 impl Score {
+    /// What a search of several objectives minimises: the errors, then the further objectives.
+    pub fn objectives(&self) -> Objectives {
+        let [first, second] = self.further;
+        [u64::from(self.queries.saturating_sub(self.correct)), first, second]
+    }
+
     /// Greater is better: the count, then the margin. Scores of one set of queries only are comparable.
     pub fn compare(&self, other: &Self) -> Ordering {
         self.correct.cmp(&other.correct).then(self.margin.total_cmp(&other.margin))
@@ -65,7 +83,7 @@ pub(crate) mod tests {
 
     /// A score without margin.
     pub(crate) fn score(correct: u32, queries: u32) -> Score {
-        Score { correct, queries, margin: 0.0 }
+        Score { correct, queries, margin: 0.0, further: [0; 2] }
     }
 
     #[test]
@@ -83,8 +101,20 @@ pub(crate) mod tests {
     }
 
     #[test]
+    fn objectives_are_errors_and_what_else_is_minimised_and_leave_the_order_alone() {
+        let one = Score { further: [7, 1], ..score(3, 10) };
+        assert_eq!(one.objectives(), [7, 7, 1]);
+        assert_eq!(one.compare(&score(3, 10)), Ordering::Equal);
+        for (other, expected) in
+            [([7, 7, 2], true), ([7, 7, 1], false), ([8, 6, 9], false), ([9, 9, 9], true)]
+        {
+            assert_eq!(dominates(&one.objectives(), &other), expected, "{other:?}");
+        }
+    }
+
+    #[test]
     fn the_margin_decides_between_equal_counts_only() {
-        let score = |correct, margin| Score { correct, queries: 9, margin };
+        let score = |correct, margin| Score { margin, ..score(correct, 9) };
         let scores = [score(4, 1.0), score(5, -1.0), score(5, 0.25), score(5, -0.5), score(5, 0.25)];
         assert_eq!(best_first(&scores), [2, 4, 3, 1, 0]);
         assert_eq!(best(&scores), 2);
@@ -98,7 +128,7 @@ pub(crate) mod tests {
         #[test]
         fn the_best_is_the_first_of_the_order(table in prop::collection::vec((0u32..4, -2i32..=2), 1..12)) {
             let one = |&(correct, margin): &(u32, i32)| {
-                Score { correct, queries: 500, margin: f64::from(margin) / 2.0 }
+                Score { margin: f64::from(margin) / 2.0, ..score(correct, 500) }
             };
             let scores: Vec<Score> = table.iter().map(one).collect();
             let order = best_first(&scores);

@@ -1,11 +1,12 @@
 //! A search under way: asked for a generation, told its scores, it says how it stands and when it ends.
 
+use crate::front::Front;
 use crate::individual::Individual;
 use crate::score::{self, Score};
 use crate::settings::StopSettings;
 use crate::stop::{StopReason, StopRule};
 use crate::strategy::Strategy;
-use crate::winner::{GenerationBest, WinnerRule};
+use crate::winner::{Found, WinnerRule};
 
 /// A strategy with its current generation, its stop rule and the winner so far.
 pub struct Search {
@@ -15,7 +16,8 @@ pub struct Search {
     validates: bool,
     stop: StopRule,
     rule: WinnerRule,
-    winner: Option<GenerationBest>,
+    winner: Option<Found>,
+    front: Front,
 }
 
 /// How a search stands after a generation.
@@ -26,7 +28,7 @@ pub struct State {
     /// The best score of all generations so far.
     pub best_so_far: Score,
     /// The winner so far.
-    pub winner: GenerationBest,
+    pub winner: Found,
     /// Whether the winner is of this generation.
     pub improved: bool,
     /// The rate with which the generation's children are mutated, 0 to 1; 0 if there is no mutation.
@@ -41,7 +43,16 @@ impl Search {
         let population = strategy.first();
         let validates = rule.validates(&stop);
         let stop = StopRule::new(stop);
-        Self { strategy, generation: 1, population, validates, stop, rule, winner: None }
+        Self {
+            strategy,
+            generation: 1,
+            population,
+            validates,
+            stop,
+            rule,
+            winner: None,
+            front: Front::default(),
+        }
     }
 
     /// The current generation, counted from 1.
@@ -52,6 +63,11 @@ impl Search {
     /// The individuals of the current generation, in the order in which [`Search::tell`] wants their scores.
     pub fn ask(&self) -> &[Individual] {
         &self.population
+    }
+
+    /// The front of all individuals whose scores were told.
+    pub fn front(&self) -> &Front {
+        &self.front
     }
 
     /// How many more different individuals may be evaluated, now that there were `evaluations`; `None` without a budget.
@@ -81,13 +97,16 @@ impl Search {
         assert_eq!(scores.len(), self.population.len(), "one score for each individual");
         let generation = self.generation;
         let best = score::best(scores);
-        let candidate = GenerationBest {
+        let candidate = Found {
             generation,
             index: best,
             individual: self.population[best as usize].clone(),
             score: scores[best as usize],
             validation,
         };
+        for (index, (individual, &score)) in (0..).zip(self.population.iter().zip(scores)) {
+            self.front.add(generation, index, individual, score);
+        }
         let (best_so_far, stop) = self.stop.observe(candidate.score, validation, evaluations);
         let stop = self.strategy.exhausted().or(stop);
         let winner = candidate.or_leader(self.winner.take(), self.rule);

@@ -1,4 +1,4 @@
-//! The winner of a search: the best of its generations' bests (DESIGN 5.10 and 5b).
+//! The winner of a search: the best of its generations' bests (DESIGN 5.10 and 5b), or of its front.
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -7,7 +7,7 @@ use crate::individual::Individual;
 use crate::score::Score;
 use crate::settings::StopSettings;
 
-/// Which of the generations' bests is the winner.
+/// Which of the generations' bests is the winner; of a search of several objectives, which point of its front.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase", rename = "winner")]
 pub enum WinnerRule {
@@ -29,9 +29,9 @@ impl WinnerRule {
     }
 }
 
-/// The best individual of one generation: the best score, the lowest index on ties.
+/// An individual with where it was found and how good it is: the best of a generation, or a point of the front.
 #[derive(Clone, Debug, PartialEq)]
-pub struct GenerationBest {
+pub struct Found {
     /// Its generation, counted from 1.
     pub generation: u32,
     /// Its index in the generation.
@@ -44,12 +44,12 @@ pub struct GenerationBest {
     pub validation: Option<Score>,
 }
 
-impl GenerationBest {
-    /// The winner, given that of the generations before.
+impl Found {
+    /// The winner of this one and those before, of which `leader` is the winner.
     ///
     /// By validation it is the one with the best validation score, by fitness the one with the best score, in both cases
-    /// the earliest on ties. By validation, a generation that was validated comes before one that was not.
-    pub(crate) fn or_leader(self, leader: Option<Self>, rule: WinnerRule) -> Self {
+    /// the earliest on ties. By validation, one that was validated comes before one that was not.
+    pub fn or_leader(self, leader: Option<Self>, rule: WinnerRule) -> Self {
         match leader {
             Some(leader) if !self.beats(&leader, rule) => leader,
             _ => self,
@@ -81,7 +81,7 @@ mod tests {
     fn check_rule(rule: WinnerRule, generations: &[(u32, Option<u32>)], expected: Option<u32>) {
         let mut winner = None;
         for (index, &(correct, errors)) in generations.iter().enumerate() {
-            let best = GenerationBest {
+            let best = Found {
                 generation: index as u32 + 1,
                 index: 3,
                 individual: Individual {
@@ -125,7 +125,7 @@ mod tests {
 
     #[test]
     fn between_equal_counts_the_margin_decides() {
-        let best = |generation, [training, validated]: [f64; 2]| GenerationBest {
+        let best = |generation, [training, validated]: [f64; 2]| Found {
             generation,
             index: 0,
             individual: Individual {

@@ -9,6 +9,7 @@ use descriptor::recogniser::LearnError;
 use descriptor::{DescribeError, Family, Skip};
 
 use crate::experiment::ExperimentError;
+use crate::front::FrontError;
 use crate::reopen::ReopenError;
 use crate::run::RunError;
 
@@ -126,6 +127,9 @@ pub enum ExportError {
         /// One of them.
         first: PathBuf,
     },
+    /// The run has no such point.
+    #[error(transparent)]
+    Front(#[from] FrontError),
     /// The run is not what was computed.
     #[error("{run}: run must be sound, got {problem}\nlook at all of it: coordinator verify", run = .run.display())]
     NotSound {

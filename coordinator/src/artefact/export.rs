@@ -24,6 +24,7 @@ use super::{Chosen, DATABASE, EXAMPLE, ExportError, FILES, README, SETTINGS, TES
 use crate::dataset::{CloudEntry, Dataset, read_file};
 use crate::evaluate::{Seconds, stages};
 use crate::experiment::{Overrides, of_one};
+use crate::front;
 use crate::reopen::{Reopened, reopen};
 use crate::run::{Matching, clouds, data_digest};
 use crate::sweep;
@@ -74,6 +75,10 @@ pub fn export(
     let mut preprocess = *experiment.preprocess();
     let descriptor = match &chosen {
         Chosen::Evolved => evolved(run, experiment.space(), &finished.row.best_genes)?,
+        &Chosen::Point(number) => {
+            of_family(run, experiment.space())?;
+            front::point(run, experiment.space(), number)?
+        }
         Chosen::Paper => paper(preprocess.colour).map_err(winner)?,
         Chosen::Structure(structure) => Descriptor::Structure(structure.clone()),
     };
@@ -205,13 +210,18 @@ fn described(learning: Option<recogniser::Chosen>) -> String {
 
 /// The run's winner.
 fn evolved(run: &Path, space: &SearchSpace, genes: &[Option<f64>]) -> Result<Descriptor, ExportError> {
-    let family = space.family();
-    if !matches!(family, Family::DiskRing | Family::Structure) {
-        return Err(ExportError::Family { run: run.to_owned(), got: family });
-    }
+    of_family(run, space)?;
     let what = "gene values must lie on the genes' grids, got others";
     let other = || ExportError::Winner { run: run.to_owned(), what: what.to_owned() };
     space.from_values(genes).ok_or_else(other)
+}
+
+/// Refuses families that artefacts do not hold.
+fn of_family(run: &Path, space: &SearchSpace) -> Result<(), ExportError> {
+    match space.family() {
+        Family::DiskRing | Family::Structure => Ok(()),
+        got => Err(ExportError::Family { run: run.to_owned(), got }),
+    }
 }
 
 /// The paper's descriptor, as clouds with or without colours have it.

@@ -27,6 +27,8 @@ pub use recogniser::{Answer, Named, Recogniser};
 pub enum Chosen {
     /// The run's winner.
     Evolved,
+    /// This point of the run's front, from 1.
+    Point(u32),
     /// The paper's best chromosome, on the run's clouds.
     Paper,
     /// This structure, on the run's clouds.

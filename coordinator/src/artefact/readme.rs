@@ -33,6 +33,7 @@ impl About<'_> {
         let categories: BTreeSet<_> = clouds.iter().map(|row| &row.category).collect();
         let which = match chosen {
             Chosen::Evolved => "The descriptor",
+            Chosen::Point(point) => &format!("The descriptor that is point {point} of the front"),
             Chosen::Paper => "The paper's own best descriptor, and the reference clouds",
             Chosen::Structure(_) => "A structure written by hand, and the reference clouds",
         };

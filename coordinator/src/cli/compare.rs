@@ -48,6 +48,9 @@ pub struct Compare {
     /// refuses negative values
     #[arg(long, value_name = "NAME", value_parser = VectorMetric::ALL.map(VectorMetric::name))]
     foreign_metric: Option<String>,
+    /// Point of the run's front to compare as well, by its number, under the name point-N, for example 3; repeatable
+    #[arg(long, value_name = "N")]
+    point: Vec<u32>,
     /// How centroids and deviations of two clouds are compared: chi2 (the default; in structures it stands for the
     /// channels' own metrics) or l1; repeatable, for example --distance chi2 --distance l1
     #[arg(long, value_name = "NAME", value_parser = ["chi2", "l1"])]
@@ -95,7 +98,7 @@ impl Compare {
             manner,
             ..
         } = self;
-        let given = Sources { structures: self.structure, runs: self.with_run };
+        let given = Sources { structures: self.structure, runs: self.with_run, points: self.point };
         let radius_um = radius_cm.map(|cm| super::micrometres("--radius-cm", cm)).transpose()?;
         let folder = if subject.is_file() {
             let plan = Plan::read(&subject, manner.overrides(None))?;

@@ -28,6 +28,9 @@ pub struct Export {
     /// File of a structure instead, on the run's clouds, for example experiments/descriptors/pfhrgb.toml
     #[arg(long, value_name = "TOML", conflicts_with = "descriptor")]
     structure: Option<PathBuf>,
+    /// A point of the front of a run of several objectives instead, by its number, for example 3
+    #[arg(long, value_name = "N", conflicts_with_all = ["descriptor", "structure"])]
+    point: Option<u32>,
     /// How objects are named: nearest, the name of the nearest cloud; projection and kernel-ridge learn from the labels
     /// of the reference clouds, for example kernel-ridge. Settings are chosen inside these clouds
     #[arg(long, value_name = "NAME", default_value = "nearest", value_parser = Method::ALL.map(Method::name))]
@@ -47,10 +50,11 @@ enum Which {
 
 impl Export {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
-        let chosen = match (&self.structure, self.descriptor) {
-            (Some(file), _) => Chosen::Structure(structure_file::read(file)?),
-            (None, Which::Evolved) => Chosen::Evolved,
-            (None, Which::Paper) => Chosen::Paper,
+        let chosen = match (&self.structure, self.point, self.descriptor) {
+            (Some(file), ..) => Chosen::Structure(structure_file::read(file)?),
+            (_, Some(point), _) => Chosen::Point(point),
+            (.., Which::Evolved) => Chosen::Evolved,
+            (.., Which::Paper) => Chosen::Paper,
         };
         let storage = self.storage.resolve();
         // One of the names, or it would not have been parsed.

@@ -2,10 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use descriptor::{Descriptor, Preprocess, Unit};
+use descriptor::{Descriptor, Preprocess, SearchSpace, Unit};
 
 use super::candidate::Given;
 use crate::experiment::{Experiment, ExperimentError, Overrides, is_name};
+use crate::front::{self, FrontError};
 use crate::structure_file::{self, StructureFileError};
 
 /// Where a given descriptor comes from: `PATH`, or `NAME=PATH`.
@@ -24,6 +25,8 @@ pub struct Sources {
     pub structures: Vec<Source>,
     /// Folders of finished runs on the same clouds.
     pub runs: Vec<Source>,
+    /// Points of the run's own front.
+    pub points: Vec<u32>,
 }
 
 /// Why a descriptor cannot be given.
@@ -35,6 +38,9 @@ pub enum GivenError {
     /// The other run's folder.
     #[error(transparent)]
     Results(#[from] results::Error),
+    /// The run's own front.
+    #[error(transparent)]
+    Front(#[from] FrontError),
     /// The other run's experiment.
     #[error(transparent)]
     Experiment(#[from] ExperimentError),
@@ -71,6 +77,8 @@ pub enum GivenError {
 pub const STRUCTURE: &str = "--structure";
 /// The option that names other runs.
 pub const WITH_RUN: &str = "--with-run";
+/// The option that names points of the run's own front.
+const POINT: &str = "--point";
 
 impl From<&str> for Source {
     fn from(text: &str) -> Self {
@@ -110,12 +118,21 @@ impl Sources {
             let (name, winner) = own.winner_of(&source.path)?;
             add(WITH_RUN, source, name, winner)?;
         }
+        for &point in &self.points {
+            let (name, source) =
+                (format!("point-{point}"), Source { name: None, path: own.folder.to_owned() });
+            add(POINT, &source, name, front::point(own.folder, own.space, point)?)?;
+        }
         Ok(given)
     }
 }
 
 /// The run whose test clouds descriptors are compared on.
 pub struct Own<'a> {
+    /// Its folder.
+    pub folder: &'a Path,
+    /// What it searched.
+    pub space: &'a SearchSpace,
     /// The digest of its clouds.
     pub data_digest: &'a str,
     /// How they are prepared.
@@ -152,6 +169,8 @@ fn said(preprocess: &Preprocess) -> String {
 
 #[cfg(test)]
 mod tests {
+    use descriptor::structure::StructureSpace;
+
     use super::*;
 
     #[test]
@@ -177,13 +196,15 @@ mod tests {
             path
         };
         let (hue, value) = (write("one.toml", "hue"), write("other.toml", "value"));
-        let own = Own { data_digest: "", preprocess: &Preprocess::default() };
+        let space = SearchSpace::Structures(StructureSpace::default());
+        let own =
+            Own { folder: folder.path(), space: &space, data_digest: "", preprocess: &Preprocess::default() };
         let read = |structures: &[(Option<&str>, &Path)]| {
             let source = |(name, path): &(Option<&str>, &Path)| Source {
                 name: name.map(str::to_owned),
                 path: path.to_path_buf(),
             };
-            Sources { structures: structures.iter().map(source).collect(), runs: Vec::new() }.read(&own)
+            Sources { structures: structures.iter().map(source).collect(), ..Sources::default() }.read(&own)
         };
         let names = |given: Vec<Given>| given.into_iter().map(|one| one.name).collect::<Vec<_>>();
         assert_eq!(names(read(&[(None, &hue), (None, &value), (None, &hue)]).unwrap()), ["one", "other"]);

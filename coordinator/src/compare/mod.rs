@@ -108,7 +108,7 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     let (space, preprocess) = (experiment.space(), experiment.preprocess());
     let evolved =
         space.from_values(&run.row.best_genes).ok_or_else(|| CompareError::Genes(folder.to_owned()))?;
-    let own = Own { data_digest: &run.row.data_digest, preprocess };
+    let own = Own { folder, space, data_digest: &run.row.data_digest, preprocess };
     let given = options.given.read(&own)?.into_iter().map(Named::Given).collect();
     let asked = choose(options, given, preprocess.colour, |line| display.say(line))?;
     let out = RunFolder::create(folder, &rows::gene_columns(space.family()))?;

@@ -19,6 +19,7 @@ mod validate;
 mod validate_dataset;
 mod validate_fitness;
 mod validate_genes;
+mod validate_objectives;
 
 #[cfg(test)]
 mod tests;
@@ -32,10 +33,11 @@ use std::time::Duration;
 
 use descriptor::recogniser::Method as Recogniser;
 use descriptor::{Descriptor, Family, Preprocess, SearchSpace};
-use evolution::{Encoding, GaSettings, Method, StopSettings, WinnerRule};
+use evolution::{Encoding, GaSettings, Method, Score, StopSettings, WinnerRule};
 
 use crate::dataset::DatasetSettings;
-use crate::fitness::Fitness;
+use crate::fitness::{Fitness, Measured};
+use crate::objectives::Objectives;
 pub use checks::is_name;
 use cluster::sharding::ShardCount;
 pub use error::ExperimentError;
@@ -71,6 +73,7 @@ pub struct Experiment {
     space: SearchSpace,
     max_cost: Option<u64>,
     method: Method,
+    objectives: Objectives,
     fitness: Fitness,
     winner: WinnerRule,
     ga: GaSettings,
@@ -204,6 +207,17 @@ impl Experiment {
     /// How the best descriptor is searched for.
     pub fn method(&self) -> Method {
         self.method
+    }
+
+    /// What the search minimises.
+    pub fn objectives(&self) -> Objectives {
+        self.objectives
+    }
+
+    /// How good a descriptor is by what was measured of it.
+    pub fn score(&self, descriptor: &Descriptor, measured: &Measured) -> Score {
+        let further = self.objectives.further(descriptor, self.affords(descriptor));
+        Score { further, ..self.fitness.score(measured) }
     }
 
     /// What the search's fitness counts.

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::forms::{NumberOr, RawGene, RawSeeds, Word};
 use super::raw_dataset::RawDataset;
+use crate::objectives::SearchObjective;
 
 /// A Descry experiment: which clouds, which descriptors, how to search and when to stop.
 #[derive(Debug, Deserialize, Serialize, JsonSchema)]
@@ -241,7 +242,13 @@ impl RawGenes {
 pub(super) struct RawSearch {
     /// How descriptors to evaluate are found.
     pub method: Method,
-    /// Which of the generations' bests wins, the earliest on ties. Default: "validation" if stop.validation_patience is
+    /// What is minimised with method = "nsga2": "error", which is 1 - training fitness, and one or both of "cost", the
+    /// counted cost of recognising a cloud, and "size", the values kept a cloud. Default: all three; of other methods
+    /// the error alone.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "Vec<RawSearchObjective>", length(min = 1, max = 3), example = example_objectives())]
+    pub objectives: Option<Vec<RawSearchObjective>>,
+    /// Which of the generations' bests wins, the earliest on ties; with method = "nsga2", which point of the front. Default: "validation" if stop.validation_patience is
     /// on, else "fitness".
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "WinnerRule")]
@@ -251,6 +258,32 @@ pub(super) struct RawSearch {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "RawFitness")]
     pub fitness: Option<RawFitness>,
+}
+
+fn example_objectives() -> [&'static str; 3] {
+    ["error", "cost", "size"]
+}
+
+/// What is minimised.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "lowercase", rename = "search_objective")]
+pub(super) enum RawSearchObjective {
+    /// 1 - training fitness.
+    Error,
+    /// Counted cost of recognising a cloud among 1000: about nanoseconds.
+    Cost,
+    /// Values kept a cloud.
+    Size,
+}
+
+impl From<RawSearchObjective> for SearchObjective {
+    fn from(objective: RawSearchObjective) -> Self {
+        match objective {
+            RawSearchObjective::Error => Self::Error,
+            RawSearchObjective::Cost => Self::Cost,
+            RawSearchObjective::Size => Self::Size,
+        }
+    }
 }
 
 /// What a descriptor's fitness counts: a sum over protocols, each times a whole weight. Validation clouds are judged by

@@ -163,8 +163,11 @@ pub(super) fn sweep_section(
     for (name, experiment) in variants {
         // What the base has written, a variant must undo.
         let (own, bases) = (Later::of(experiment), Later::of(base));
-        let later =
-            Later { winner: own.winner || bases.winner, evaluations: own.evaluations || bases.evaluations };
+        let later = Later {
+            winner: own.winner || bases.winner,
+            evaluations: own.evaluations || bases.evaluations,
+            objectives: own.objectives || bases.objectives,
+        };
         method_sections(&mut toml, &format!("sweep.variants.{name}."), experiment, later);
     }
     toml.text
@@ -175,6 +178,7 @@ pub(super) fn sweep_section(
 struct Later {
     winner: bool,
     evaluations: bool,
+    objectives: bool,
 }
 
 impl Later {
@@ -184,6 +188,8 @@ impl Later {
         Self {
             winner: every || experiment.winner != defaults.winner(&experiment.stop),
             evaluations: every || experiment.stop.evaluations != defaults.stop.evaluations,
+            // Only searches of several have a choice.
+            objectives: experiment.objectives.are_several(),
         }
     }
 }
@@ -192,6 +198,10 @@ impl Later {
 fn method_sections(toml: &mut Toml, parent: &str, experiment: &Experiment, later: Later) {
     toml.section(&format!("{parent}search"));
     toml.key("method", quoted(experiment.method.as_str()));
+    if later.objectives {
+        let objectives = experiment.objectives.each().map(|objective| quoted(objective.name()));
+        toml.key("objectives", format!("[{}]", objectives.collect::<Vec<_>>().join(", ")));
+    }
     if later.winner {
         let winner = match experiment.winner {
             WinnerRule::Validation => "validation",

@@ -8,7 +8,7 @@ use std::time::Duration;
 use descriptor::Preprocess;
 use descriptor::preprocess::Unit;
 use descriptor::recogniser::Method as Recogniser;
-use evolution::{GaSettings, StopSettings};
+use evolution::{GaSettings, Method, StopSettings};
 
 use super::checks::{checked_name, checked_seed};
 use super::defaults::SearchDefaults;
@@ -23,6 +23,7 @@ use super::raw_dataset::RawUnit;
 use super::validate_dataset::dataset;
 use super::validate_fitness::fitness;
 use super::validate_genes::{max_cost, search_space};
+use super::validate_objectives::objectives;
 use super::{CoordinatorSettings, Experiment, LocalWorkers, MAX_LOCAL_WORKERS, Overrides};
 use cluster::sharding::{MAX_SHARDS, ShardCount};
 
@@ -35,7 +36,8 @@ pub(super) fn experiment(
 ) -> Result<Experiment, Fault> {
     let folder = path.parent().unwrap_or(Path::new(""));
     let defaults = SearchDefaults::of(raw.descriptor.family.into());
-    let stop = stop(&raw.stop, &defaults.stop)?;
+    let method = raw.search.method;
+    let stop = stop(&raw.stop, &defaults.stop, method)?;
     let winner = raw.search.winner.unwrap_or_else(|| defaults.winner(&stop));
     let results_dir =
         raw.results.dir.map(|dir| paths::resolve("results.dir", &dir, folder, lookup)).transpose()?;
@@ -50,7 +52,8 @@ pub(super) fn experiment(
         dataset: dataset(raw.dataset, winner.validates(&stop), folder, lookup)?,
         space: search_space(&raw.descriptor)?,
         max_cost: max_cost(&raw.descriptor)?,
-        method: raw.search.method,
+        method,
+        objectives: objectives(raw.search.objectives.as_deref(), method)?,
         winner,
         fitness: fitness(raw.search.fitness.as_ref(), defaults.fitness)?,
         ga: ga(&raw.ga, &defaults.ga)?,
@@ -141,14 +144,15 @@ fn ga(raw: &RawGa, defaults: &GaSettings) -> Result<GaSettings, Fault> {
     .map_err(|error| Fault::from_message("", &error.to_string()))
 }
 
-fn stop(raw: &RawStop, defaults: &StopSettings) -> Result<StopSettings, Fault> {
+fn stop(raw: &RawStop, defaults: &StopSettings, method: Method) -> Result<StopSettings, Fault> {
     let limit = |written: Option<NumberOr<RawOff>>, default: Option<u32>| match written {
         Some(NumberOr::Number(limit)) => Some(limit),
         Some(NumberOr::Word(RawOff::Off)) => None,
         None => default,
     };
     StopSettings {
-        perfect: raw.perfect.unwrap_or(defaults.perfect),
+        // Without errors, a descriptor may still become faster or smaller.
+        perfect: raw.perfect.unwrap_or(defaults.perfect && method != Method::Nsga2),
         validation_patience: limit(raw.validation_patience, defaults.validation_patience),
         stagnation: limit(raw.stagnation, defaults.stagnation),
         generations: raw.generations.unwrap_or(defaults.generations),

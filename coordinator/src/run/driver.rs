@@ -20,7 +20,7 @@ use crate::run::progress::Progress;
 use crate::run::search::{SearchLoop, SearchResult};
 use crate::run::search_space;
 use crate::run::summary::Summary;
-use crate::run::{RunError, data_digest, rows};
+use crate::run::{RunError, data_digest, front, rows};
 use crate::session::Session;
 use cluster::{Client, ClusterError};
 use proto::task::{Evaluation, EvaluationResult};
@@ -93,6 +93,10 @@ impl RunDriver<'_> {
         let (Self { experiment, dataset, folder, .. }, finals) = (self, &outcome.finals);
         folder.write_log(&tables::rows(&self.client))?;
         folder.write_skipped(&rows::skipped(dataset))?;
+        let front = front::rows(&outcome.found.front, &outcome.found.winner);
+        if experiment.objectives().are_several() {
+            folder.write_front(&front)?;
+        }
         for (split, matching, result) in [
             (PredictionSplit::Validation, Matching::Validation, &finals.validation),
             (PredictionSplit::Test, Matching::Test, &finals.test),
@@ -114,6 +118,7 @@ impl RunDriver<'_> {
         Ok(Summary {
             run,
             run_digest,
+            front,
             family: experiment.space().family(),
             skipped: dataset.clouds.skipped.len(),
             descriptors: experiment.space().size(),

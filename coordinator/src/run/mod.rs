@@ -8,6 +8,7 @@ mod driver;
 mod error;
 pub mod fitness_batch;
 mod fitness_check;
+pub mod front;
 pub mod matching;
 pub mod progress;
 mod resume;
@@ -184,6 +185,7 @@ pub fn finished(out: &Path, experiment: &Experiment) -> Result<Option<Summary>, 
     Ok(Some(Summary {
         run,
         run_digest,
+        front: results::read_front(out)?,
         family: space.family(),
         skipped,
         descriptors: space.size(),

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use descriptor::{Descriptor, SearchSpace};
-use evolution::{GenerationBest, Individual, Score, Search, StopReason};
+use evolution::{Found, Individual, Score, Search, StopReason};
 use results::RunFolder;
 
 use crate::experiment::Experiment;
@@ -15,6 +15,7 @@ use crate::result_cache::Known;
 use crate::run::RunError;
 use crate::run::fitness_batch::{Answer, FitnessBatch};
 use crate::run::fitness_check::nothing_recognised;
+use crate::run::front::FrontPoint;
 use crate::run::matching::Matching;
 use crate::run::progress::{GenerationReport, Progress};
 use crate::run::rows;
@@ -32,7 +33,7 @@ pub struct SearchResult {
     /// Number of generations.
     pub generations: u32,
     /// The winner.
-    pub winner: GenerationBest,
+    pub winner: Found,
     /// The descriptor that the winner stands for.
     pub descriptor: Descriptor,
     /// The winner by the fitness.
@@ -45,6 +46,8 @@ pub struct SearchResult {
     pub counts: Known,
     /// The scales that it has used.
     pub scales: Scales,
+    /// The front of a search of several objectives; of others empty.
+    pub front: Vec<FrontPoint>,
 }
 
 /// The driver of one search.
@@ -127,10 +130,12 @@ impl<'a> SearchLoop<'a> {
             let computed = self.evaluate_new(&descriptors).await?;
             let measured: Vec<Measured> =
                 descriptors.iter().map(|descriptor| self.counts.train[descriptor]).collect();
-            let fitness = self.experiment.fitness();
-            let scores: Vec<Score> = measured.iter().map(|measured| fitness.score(measured)).collect();
+            let (experiment, fitness) = (self.experiment, self.experiment.fitness());
+            let scored = descriptors.iter().zip(&measured);
+            let scores: Vec<Score> =
+                scored.map(|(descriptor, measured)| experiment.score(descriptor, measured)).collect();
             let validation = match search.to_validate(&scores) {
-                Some(index) => self.validate(&descriptors[index as usize]).await?,
+                Some(index) => self.validate(&[&descriptors[index as usize]]).await?.pop(),
                 None => None,
             };
             let validation_score = validation.as_ref().map(|measured| fitness.score(measured));
@@ -143,6 +148,7 @@ impl<'a> SearchLoop<'a> {
                 best_so_far_fitness: state.best_so_far.fitness(),
                 validation: validation.map(|measured| measured.counts),
                 validation_margin: validation.and_then(|measured| measured.margin),
+                hypervolume: experiment.objectives().hypervolume(search.front(), scores[0].queries),
                 mutation_rate: state.mutation_rate,
                 seconds: started.elapsed().as_secs_f64(),
             };
@@ -169,7 +175,11 @@ impl<'a> SearchLoop<'a> {
             }
 
             if let Some(stop_reason) = state.stop {
-                let descriptor = decode(self.experiment.space(), &state.winner.individual);
+                let front = self.front(&search).await?;
+                let points = front.iter().map(|point| point.found.clone());
+                let first = points.reduce(|leader, point| point.or_leader(Some(leader), experiment.winner()));
+                let winner = first.unwrap_or(state.winner);
+                let descriptor = decode(self.experiment.space(), &winner.individual);
                 if let Some(max_cost) =
                     self.experiment.max_cost().filter(|_| !self.experiment.affords(&descriptor))
                 {
@@ -180,7 +190,8 @@ impl<'a> SearchLoop<'a> {
                     stop_reason,
                     generations: generation,
                     train: self.counts.train[&descriptor],
-                    winner: state.winner,
+                    winner,
+                    front,
                     descriptor,
                     computed: self.computed,
                     remembered: self.remembered,
@@ -261,21 +272,54 @@ impl<'a> SearchLoop<'a> {
         nothing_recognised(self.experiment.fitness(), self.session.splits.dataset(), matching)
     }
 
-    /// A descriptor on the validation set.
-    async fn validate(&mut self, descriptor: &Descriptor) -> Result<Option<Measured>, RunError> {
-        if let Some(measured) = self.counts.validation.get(descriptor) {
-            return Ok(Some(*measured));
+    /// Descriptors on the validation set.
+    async fn validate(&mut self, descriptors: &[&Descriptor]) -> Result<Vec<Measured>, RunError> {
+        let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
+        for &descriptor in descriptors {
+            if self.counts.validation.contains_key(descriptor) {
+                continue;
+            }
+            if !self.experiment.affords(descriptor) {
+                let nothing = self.nothing_recognised(Matching::Validation);
+                self.counts.validation.insert(descriptor.clone(), nothing);
+            } else if seen.insert(descriptor) {
+                new.push(descriptor);
+            }
         }
-        let measured = if self.experiment.affords(descriptor) {
-            let finished = self.measure(&[descriptor], Matching::Validation).await?;
-            finished.first().map(|answer| answer.measured)
-        } else {
-            Some(self.nothing_recognised(Matching::Validation))
-        };
-        if let Some(measured) = measured {
+        let finished = self.measure(&new, Matching::Validation).await?;
+        for (descriptor, Answer { measured, .. }) in new.into_iter().zip(finished) {
             self.counts.validation.insert(descriptor.clone(), measured);
         }
-        Ok(measured)
+        Ok(descriptors.iter().map(|&descriptor| self.counts.validation[descriptor]).collect())
+    }
+
+    /// The front of a search of several objectives, each point on the validation set if there is one.
+    async fn front(&mut self, search: &Search) -> Result<Vec<FrontPoint>, RunError> {
+        if !self.experiment.objectives().are_several() {
+            return Ok(Vec::new());
+        }
+        let points = search.front().points();
+        let space = self.experiment.space();
+        let descriptors: Vec<Descriptor> =
+            points.iter().map(|point| decode(space, &point.individual)).collect();
+        let has_validation = !self.session.splits.dataset().splits.validation.is_empty();
+        let validated = if has_validation {
+            self.validate(&descriptors.iter().collect::<Vec<_>>()).await?.into_iter().map(Some).collect()
+        } else {
+            vec![None; points.len()]
+        };
+        let fitness = self.experiment.fitness();
+        let point =
+            |((found, descriptor), validation): ((&Found, Descriptor), Option<Measured>)| FrontPoint {
+                found: Found {
+                    validation: validation.as_ref().map(|measured| fitness.score(measured)),
+                    ..found.clone()
+                },
+                train: self.counts.train[&descriptor],
+                descriptor,
+                validation,
+            };
+        Ok(points.iter().zip(descriptors).zip(validated).map(point).collect())
     }
 }
 

@@ -1,16 +1,18 @@
 //! The end of a run, for people and as JSON.
 
 use std::fmt::Write as _;
+use std::iter;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use descriptor::{Column, Descriptor, Family};
 use evolution::StopReason;
-use results::{ComparedRow, Counts, PairRow, RunRow, wilson};
+use results::{ComparedRow, Counts, FrontRow, PairRow, RunRow, wilson};
 use serde_json::{Map, Value, json};
 
 use crate::compare::verdict;
 use crate::lines::{labelled, table};
+use crate::run::front;
 use crate::run::progress::{clock, percent};
 
 /// What a finished run amounts to; made from the row of table `run`, so that it can be shown again at any time.
@@ -20,6 +22,8 @@ pub struct Summary {
     pub run: RunRow,
     /// Digest over everything that determines and makes up the result.
     pub run_digest: String,
+    /// The front of a search of several objectives; of others empty.
+    pub front: Vec<FrontRow>,
     /// Of the descriptors that were searched.
     pub family: Family,
     /// Clouds that took no part.
@@ -81,6 +85,11 @@ impl Summary {
             let object = error(counts.object_error(), counts.object_correct);
             let category = error(counts.category_error(), counts.category_correct);
             row(split, format!("{object}{category}{}", counts.queries));
+        }
+        for (label, line) in
+            ["front"].into_iter().chain(iter::repeat("")).zip(front::lines(&self.front).into_iter().flatten())
+        {
+            row(label, line);
         }
         text += &self.compared_text();
         let mut row = |label: &str, value: String| {
@@ -149,7 +158,7 @@ impl Summary {
         let interval = |counts: Option<Counts>| {
             counts.map(|counts| wilson(counts.queries.saturating_sub(counts.object_correct), counts.queries))
         };
-        json!({
+        let mut json = json!({
             "name": run.name,
             "seed": run.seed,
             "best": genes_json(self.family, &run.best_genes),
@@ -180,7 +189,11 @@ impl Summary {
             "data_digest": run.data_digest,
             "run_digest": self.run_digest,
             "out": path_text(&self.out),
-        })
+        });
+        if let Some(front) = front::json(&self.front) {
+            json["front"] = front;
+        }
+        json
     }
 
     fn errors(&self) -> [(&'static str, Option<Counts>); 3] {

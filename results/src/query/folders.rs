@@ -19,7 +19,8 @@ pub(super) const RUN_FOLDER: &str = "run_folder";
 
 /// All tables of runs and grids.
 pub(super) fn all_tables() -> impl Iterator<Item = TableName> {
-    TableName::RUN.into_iter().chain(TableName::COMPARISON).chain(TableName::GRID)
+    let of_runs = TableName::RUN.into_iter().chain(TableName::FRONT).chain(TableName::COMPARISON);
+    of_runs.chain(TableName::GRID)
 }
 
 /// The folder of a run or a grid.

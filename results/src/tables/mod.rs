@@ -18,7 +18,7 @@ use comparison::{ComparedRow, CurvePoint, DistanceRow, PairRow};
 use database::{ChannelsRow, DatabaseRow};
 use grid::{BestRow, CellRow, CountRow, GridRow, LandscapeRow, MarginalRow};
 use log::{AttemptRow, EventRow, LookRow, WorkerRow};
-use run::{EvaluationRow, GenerationRow, PredictionRow, RunRow, SkippedRow};
+use run::{EvaluationRow, FrontRow, GenerationRow, PredictionRow, RunRow, SkippedRow};
 
 /// Stands for all gene columns in [`Declaration::digest`].
 const ANY_GENE: &str = "<gene>";
@@ -75,8 +75,30 @@ fn declaration(table: TableName) -> Declaration {
                 "validation_category_correct",
                 "validation_queries",
                 "validation_margin",
+                "hypervolume",
                 "mutation_rate",
             ])
+        }
+        TableName::Front => {
+            Declaration::of::<FrontRow>("a point of the front of a search of several objectives", &["point"])
+                .digest(&[
+                    "point",
+                    "generation",
+                    "individual",
+                    "chromosome",
+                    ANY_GENE,
+                    "train_object_correct",
+                    "train_category_correct",
+                    "train_queries",
+                    "train_margin",
+                    "validation_object_correct",
+                    "validation_category_correct",
+                    "validation_queries",
+                    "validation_margin",
+                    "cost",
+                    "size",
+                    "winner",
+                ])
         }
         TableName::Predictions => Declaration::of::<PredictionRow>(
             "a query cloud of the winner's validation or final test",

@@ -96,6 +96,8 @@ record! {
         best_so_far_fitness: f64, "share", "highest fitness of this and all earlier generations";
         validation as "validation_": Option<Counts>, "", "validation clouds";
         validation_margin: Option<f64>, "", "soft margin of the best on validation clouds; null where none is asked for";
+        hypervolume: Option<f64>, "share",
+            "of the objectives between 0 and the reference point, what the front of this and all earlier generations dominates; the reference point is every query wrong, cost 2000000, size 1000; null of searches of one objective";
         mutation_rate: f64, "",
             "probability with which this generation's children are mutated: per bit between the two points, or per gene";
         => diversity: f64, "share", "mean pairwise Hamming distance of chromosomes, per bit"
@@ -121,6 +123,25 @@ impl PopulationSummary {
             remembered: row.computed.is_none(),
         });
         Self::of_members(&members.collect::<Vec<_>>())
+    }
+}
+
+record! {
+    /// A point of the front of a search of several objectives.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct FrontRow {
+        point: u32, "", "place by training errors, from 1";
+        generation: u32, "", "generation in which it was found";
+        individual: u32, "", "its index in that generation";
+        chromosome: String, "bits", "its bit string";
+        genes as "": Vec<Option<f64>>, "", "values of the genes, as in evaluations";
+        train as "train_": Counts, "", "training clouds that the fitness asks for";
+        train_margin: Option<f64>, "", "soft margin on them; null where none is asked for";
+        validation as "validation_": Option<Counts>, "", "validation clouds";
+        validation_margin: Option<f64>, "", "soft margin on validation clouds; null where none is asked for";
+        cost: u64, "", "counted cost of recognising a cloud among 1000: about nanoseconds";
+        size: u64, "values", "values kept a cloud";
+        winner: bool, "", "the winner of the run";
     }
 }
 
@@ -221,6 +242,8 @@ record! {
         validation as "validation_": Option<Counts>, "", "validation clouds";
         test as "test_": Option<Counts>, "", "test clouds";
         => predictions_digest: String, "", "BLAKE3 of the predictions" = |_, _| String::new(); // as run_digest
+        => front_digest: Option<String>, "", "BLAKE3 of the front; null of searches of one objective"
+            = |_, _| None; // as run_digest
         => run_digest: String, "", "BLAKE3 of everything that the columns marked `digest` say"
             = |_, _| String::new(); // computed from this row and the other files
         grid_best_object_correct: Option<u32>, "clouds",

@@ -58,6 +58,7 @@ pub fn generation(generation: u32) -> GenerationRow {
         // Generation 1 was not validated.
         validation: (generation > 1).then_some(VALIDATION),
         validation_margin: None,
+        hypervolume: None,
         mutation_rate: if generation == 1 { 0.4 } else { 0.4 * 0.97 },
         seconds: 2.5,
     }

@@ -6,6 +6,7 @@ pub(crate) mod fixture;
 mod folder;
 mod foreign;
 mod format;
+mod front;
 mod grid;
 #[cfg(feature = "sql")]
 mod query;

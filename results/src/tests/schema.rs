@@ -70,6 +70,7 @@ fn the_digest_covers_the_listed_columns_and_no_other() {
     let mut covered = String::new();
     for name in TableName::RUN
         .into_iter()
+        .chain(TableName::FRONT)
         .chain(TableName::COMPARISON)
         .chain(TableName::GRID)
         .chain(TableName::ARTEFACT)
@@ -85,7 +86,7 @@ fn the_digest_covers_the_listed_columns_and_no_other() {
     }
     expect![[r#"
         evaluations: generation individual chromosome shape_bins m R1 w object_correct category_correct objective_correct margin parent_a parent_b
-        generations: generation validation_object_correct validation_category_correct validation_queries validation_margin mutation_rate
+        generations: generation validation_object_correct validation_category_correct validation_queries validation_margin hypervolume mutation_rate
         predictions: split query cloud instance category nearest_cloud predicted_instance predicted_category distance runner_up_cloud runner_up_distance correct_object correct_category
         skipped: 
         workers: 
@@ -93,6 +94,7 @@ fn the_digest_covers_the_listed_columns_and_no_other() {
         events: 
         looks: 
         run: search_config seed data_digest stop_reason
+        front: point generation individual chromosome shape_bins m R1 w train_object_correct train_category_correct train_queries train_margin validation_object_correct validation_category_correct validation_queries validation_margin cost size winner
         distances: 
         answers: 
         recall_precision: 

@@ -69,8 +69,17 @@ fn nulled(column: &Column, row: usize) -> Column {
 }
 
 /// Every cell change of every table: table, column, file, row, whether from or to null.
-fn each_change(run: &Path, mut check: impl FnMut(TableName, &crate::Column, &Path, usize, bool)) {
-    for name in TableName::RUN {
+fn each_change(run: &Path, check: impl FnMut(TableName, &crate::Column, &Path, usize, bool)) {
+    each_change_of(&TableName::RUN, run, check);
+}
+
+/// Every cell change of these tables.
+pub fn each_change_of(
+    tables: &[TableName],
+    run: &Path,
+    mut check: impl FnMut(TableName, &crate::Column, &Path, usize, bool),
+) {
+    for &name in tables {
         for file in table_files(run, name).unwrap() {
             let content = read_file(&file, name).unwrap();
             for column in &content.table.columns {
@@ -88,7 +97,7 @@ fn each_change(run: &Path, mut check: impl FnMut(TableName, &crate::Column, &Pat
     }
 }
 
-fn change(file: &Path, name: TableName, column: &str, row: usize, null: bool) {
+pub fn change(file: &Path, name: TableName, column: &str, row: usize, null: bool) {
     rewrite(file, name, |content| {
         let cells = content.frame.column(column).unwrap();
         let cells = if null { nulled(cells, row) } else { altered(cells, row) };

@@ -11,6 +11,7 @@
 //! - `documents`: commands, links and generated pages of the documents
 //! - `remembering`: caches and what is kept from run to run
 //! - `resuming`: coordinators that are killed and started again
+//! - `several_objectives`: fronts of NSGA-II, and what is made of their points
 //! - `sessions`: bring-up, waiting and deadline of every command
 //! - `exhaust`: the exhaustive search, and what runs make of it
 //! - `foreign`: descriptors that another program has computed
@@ -67,6 +68,7 @@ mod report;
 mod repository;
 mod resuming;
 mod sessions;
+mod several_objectives;
 mod strangers;
 mod structures;
 mod sweeps;

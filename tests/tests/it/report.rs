@@ -207,6 +207,7 @@ fn write_hostile(folder: &Path, generations: u32, objects: u32, attempts: u64) {
             best_so_far_fitness: counts.fitness(),
             validation: None,
             validation_margin: None,
+            hypervolume: None,
             mutation_rate: 0.4,
             seconds: 1.0,
         };

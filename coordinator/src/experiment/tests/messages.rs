@@ -294,7 +294,7 @@ fn types() {
               write a word in quotes
             search.method = \"sweep\"
               search.method: unknown word, got "sweep"
-              known words here: ga, random, exhaustive, hill-climb
+              known words here: ga, random, exhaustive, hill-climb, nsga2
             ga.selection = \"tournament\"
               ga.selection: unknown word, got "tournament"
               known words here: roulette
@@ -468,9 +468,9 @@ fn sweeps() {
           known keys here: search, ga, stop
         "[sweep.variants.x]\nsearch.method = \"exhaustive\""
           sweep.variants.x.search.method: an exhaustive search has neither seed nor variants, got one in a sweep
-          write "ga" or "random" or "hill-climb", or remove [sweep]
+          write "ga" or "random" or "hill-climb" or "nsga2", or remove [sweep]
         "search.method = \"exhaustive\"\nsweep.seeds = [1, 2]"
           search.method: an exhaustive search has neither seed nor variants, got one in a sweep
-          write "ga" or "random" or "hill-climb", or remove [sweep]
+          write "ga" or "random" or "hill-climb" or "nsga2", or remove [sweep]
     "#]].assert_eq(&shown);
 }
