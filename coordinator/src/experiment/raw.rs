@@ -397,7 +397,7 @@ pub(super) struct RawStop {
         extend("default" = number_or_off(StopSettings::default().validation_patience))
     )]
     pub validation_patience: Option<NumberOr<RawOff>>,
-    /// When every training query is recognised.
+    /// When every training query is recognised. With method = "nsga2" false unless it is written.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "bool", extend("default" = StopSettings::default().perfect))]
     pub perfect: Option<bool>,

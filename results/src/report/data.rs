@@ -95,6 +95,7 @@ pub(crate) struct RunData {
     /// Its tables; `None`: no file.
     pub evaluations: Option<Rows>,
     pub generations: Option<Rows>,
+    pub front: Option<Rows>,
     pub predictions: Option<Rows>,
     pub skipped: Option<Rows>,
     pub workers: Option<Rows>,
@@ -130,6 +131,7 @@ impl RunData {
             run,
             evaluations: read(TableName::Evaluations)?,
             generations: read(TableName::Generations)?,
+            front: read(TableName::Front)?,
             predictions: read(TableName::Predictions)?,
             skipped: read(TableName::Skipped)?,
             workers: read(TableName::Workers)?,

@@ -21,7 +21,7 @@ use data::{Rows, RunData};
 use figures::channels;
 pub use figures::channels::{ChannelPairs, WinnerChannel};
 use figures::comparison as compared;
-use figures::{genes, lineage, recognition, search, seeds, work};
+use figures::{front, genes, lineage, recognition, search, seeds, work};
 use html::{Item, Page, Section};
 use runs::Runs;
 
@@ -202,6 +202,10 @@ fn search_items(data: &RunData, grid: Option<&Rows>) -> Result<Vec<Item>, Error>
     };
     let mut items = Vec::new();
     add(&mut items, search::convergence(generations, data.finished.as_ref())?);
+    if let Some(points) = &data.front {
+        add(&mut items, front::front(points)?);
+    }
+    add(&mut items, front::hypervolume(generations)?);
     add(&mut items, search::mutation(generations)?);
     add(&mut items, search::diversity(generations)?);
     add(&mut items, genes::trajectories(evaluations, generations)?);

@@ -115,7 +115,11 @@ fn two_objectives_of_plain_genes_make_a_front_of_these_and_other_methods_none() 
     assert_eq!(ran["winner_generation"], front.iter().find(|row| row.winner).unwrap().generation);
     let verified = run("coordinator", ["verify", &out]).expect_success();
     assert!(verified.stdout.contains("sound: run digest"), "{verified}");
-    run("coordinator", ["report", &out, "--out", &experiment.path("report")]).expect_success();
+    run("coordinator", ["report", &out]).expect_success();
+    for figure in ["front", "hypervolume"] {
+        let svg = fs::read_to_string(format!("{out}/report/{figure}.svg")).unwrap();
+        assert!(svg.contains("<svg") && svg.len() > 2000, "{figure}: {svg}");
+    }
 
     let plain =
         Experiment::new("[ga]\npopulation = 6\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n");

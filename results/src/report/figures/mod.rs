@@ -2,6 +2,7 @@
 
 pub(crate) mod channels;
 pub(crate) mod comparison;
+pub(crate) mod front;
 pub(crate) mod genes;
 pub(crate) mod lineage;
 pub(crate) mod recognition;
