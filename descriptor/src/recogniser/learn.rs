@@ -231,7 +231,7 @@ fn hit(vote: Vote) -> Hit {
 
 impl LabelledClouds<'_> {
     /// Of each cloud (row) the roots of its values, each times weight over scale.
-    fn values(&self) -> Matrix {
+    pub(super) fn values(&self) -> Matrix {
         let (mut values, mut columns) = (Vec::new(), 0);
         for cloud in 0..self.objects.len() {
             for (signatures, _, factor) in self.channels {
@@ -242,7 +242,7 @@ impl LabelledClouds<'_> {
         Matrix::new(columns, values)
     }
 
-    fn distances(&self) -> Matrix {
+    pub(super) fn distances(&self) -> Matrix {
         let of = |&(signatures, distance, factor): &(&Signatures, SetDistance, f64)| {
             (DistanceMatrix::among(distance, signatures), factor)
         };

@@ -4,20 +4,25 @@
 //! each sequence in turn is left out. All of it is + − × ÷ √ and `libm` in a fixed order: equal bits on every machine.
 
 mod folds;
+mod held_out;
 mod kernel_ridge;
 mod learn;
+mod logistic;
 mod matrix;
 mod projection;
+mod reject;
 
 #[cfg(test)]
 mod testing;
 
 use std::collections::BTreeMap;
 
+pub use held_out::{Evidence, HeldOut, HeldOutAnswer};
 pub use kernel_ridge::{KernelRidge, KernelRidgeSettings, MAX_CLOUDS};
 pub use learn::{Chosen, LabelledClouds, LearnedRecogniser, Settings};
 pub use matrix::Matrix;
 pub use projection::{Components, MAX_COMPONENTS, Projection, ProjectionSettings, Reference};
+pub use reject::{Calibration, CrossAnswers, RejectError, RejectRule};
 
 /// How a cloud gets its name from a database.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
