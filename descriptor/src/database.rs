@@ -59,8 +59,13 @@ impl Database {
     /// # Panics
     /// If the query is of another descriptor: a programming error.
     pub fn ranking(&self, query: &[Signature], most: usize) -> Vec<Hit> {
+        self.ranking_by(&self.distances(query), most)
+    }
+
+    /// As [`Database::ranking`], from the set distances of the query to all clouds.
+    pub fn ranking_by(&self, distances: &[f64], most: usize) -> Vec<Hit> {
         let mut nearest: BTreeMap<u32, Hit> = BTreeMap::new();
-        for ((distance, label), index) in self.distances(query).into_iter().zip(&self.labels).zip(0u32..) {
+        for ((&distance, label), index) in distances.iter().zip(&self.labels).zip(0u32..) {
             let hit = Hit { index, distance };
             let best = nearest.entry(label.instance).or_insert(hit);
             if distance.total_cmp(&best.distance).is_lt() {

@@ -72,7 +72,7 @@ impl DatabasePart {
 }
 
 impl DatabaseParts {
-    fn table(&self) -> TableName {
+    pub(crate) fn table(&self) -> TableName {
         match self {
             Self::ShapeColour(_) => TableName::Database,
             Self::Channels(_) => TableName::Channels,

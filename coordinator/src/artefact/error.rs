@@ -5,9 +5,10 @@ use std::io;
 use std::path::PathBuf;
 
 use descriptor::pcd::PcdError;
-use descriptor::recogniser::LearnError;
+use descriptor::recogniser;
 use descriptor::{DescribeError, Family, Skip};
 
+use crate::dataset::DatasetError;
 use crate::experiment::ExperimentError;
 use crate::front::FrontError;
 use crate::reopen::ReopenError;
@@ -41,7 +42,7 @@ pub enum ArtefactError {
         /// The file.
         path: PathBuf,
         /// This program's.
-        expected: u32,
+        expected: String,
         /// The artefact's.
         got: String,
     },
@@ -190,8 +191,16 @@ pub enum ExportError {
         /// The run.
         run: PathBuf,
         /// Why.
-        source: LearnError,
+        source: recogniser::LearnError,
     },
+    /// The artefact cannot be written.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+}
+
+/// Why an artefact cannot be written.
+#[derive(Debug, thiserror::Error)]
+pub enum WriteError {
     /// Something else is in the way.
     #[error("{folder}: must be a new folder or an artefact, got {got}\nchoose another folder, or remove this one", folder = .folder.display())]
     Occupied {
@@ -208,6 +217,25 @@ pub enum ExportError {
         /// Why.
         source: io::Error,
     },
+    /// The settings have no text.
+    #[error("{folder}: settings must have a text, got {what}\nthis is a defect of this program: please report it", folder = .folder.display())]
+    Settings {
+        /// Where.
+        folder: PathBuf,
+        /// Why.
+        what: String,
+    },
+    /// The database cannot be written.
+    #[error(transparent)]
+    Database(#[from] results::Error),
+    /// The example cannot be described.
+    #[error("{example}: {source}")]
+    Example {
+        /// The example cloud.
+        example: String,
+        /// Why.
+        source: CloudError,
+    },
     /// What was written cannot be read again.
     #[error(transparent)]
     Artefact(#[from] ArtefactError),
@@ -222,5 +250,112 @@ pub enum ExportError {
         expected: String,
         /// Of the artefact as written.
         got: String,
+    },
+}
+
+/// Why nothing was added to an artefact, which is as it was.
+#[derive(Debug, thiserror::Error)]
+pub enum LearnError {
+    /// The artefact cannot be used.
+    #[error(transparent)]
+    Artefact(#[from] ArtefactError),
+    /// The example or its test vector is not what export has written.
+    #[error("{path}: must be what the artefact was written with, got {what}\n{RESTORE}", path = .path.display())]
+    Example {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// No folder of clouds.
+    #[error("{folder}: must be a folder of clouds, got {reason}\nname a folder with <category>/<instance>/ folders of PCD files", folder = .folder.display())]
+    Folder {
+        /// What was named.
+        folder: PathBuf,
+        /// The system's words.
+        reason: String,
+    },
+    /// The new clouds or their names.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// There is nothing to add.
+    #[error("{folder}: must have clouds to add, got {got}\nput PCD files into <category>/<instance>/ folders, or describe others with --manifest", folder = .folder.display())]
+    NoCloud {
+        /// Where clouds were looked for.
+        folder: PathBuf,
+        /// What there is instead.
+        got: String,
+    },
+    /// An object of two categories.
+    #[error(
+        "{cloud}: object {instance} must be of category {expected}, as in the artefact, got {got}\nrename the object or correct its category"
+    )]
+    Category {
+        /// A new cloud.
+        cloud: String,
+        /// What it shows.
+        instance: String,
+        /// The artefact's.
+        expected: String,
+        /// The cloud's.
+        got: String,
+    },
+    /// The name of a cloud that is there.
+    #[error("{cloud}: name must be new, got that of a reference cloud\nrename the file: answers name clouds")]
+    SameName {
+        /// The new cloud.
+        cloud: String,
+    },
+    /// Clouds that say nothing new.
+    #[error(
+        "{first}: content must be new, got that of {of} ({count} such clouds)\nremove from the new clouds those that are there already"
+    )]
+    SameContent {
+        /// How many.
+        count: usize,
+        /// The first of them.
+        first: String,
+        /// Whose content it has.
+        of: String,
+    },
+    /// The database with the new clouds is none to recognise by.
+    #[error("{folder}: {what}", folder = .folder.display())]
+    Together {
+        /// The artefact.
+        folder: PathBuf,
+        /// Why.
+        what: String,
+    },
+    /// The new artefact cannot be written.
+    #[error(transparent)]
+    Write(#[from] WriteError),
+}
+
+/// Why an artefact was not assessed.
+#[derive(Debug, thiserror::Error)]
+pub enum AssessError {
+    /// The artefact cannot be used.
+    #[error(transparent)]
+    Artefact(#[from] ArtefactError),
+    /// The clouds or their names.
+    #[error(transparent)]
+    Dataset(#[from] DatasetError),
+    /// Nothing can be asked.
+    #[error(
+        "--query: must have a usable cloud, got {skipped} skipped ones\nlook at the reasons, or choose other lists"
+    )]
+    NoCloud {
+        /// Clouds that were skipped.
+        skipped: usize,
+    },
+    /// The distances of all pairs would not fit.
+    #[error(
+        "--query: must have at most {most} clouds together with the artefact, got {got}\ngive fewer lists, or shorter ones"
+    )]
+    TooMany {
+        /// Reference clouds and queries.
+        got: usize,
+        /// At most.
+        most: usize,
     },
 }

@@ -1,11 +1,8 @@
 //! From a finished run to an artefact: whole, read back, and answering as the run did.
 
 use proto::Message;
-use std::ffi::OsString;
-use std::fs;
 use std::path::{Path, PathBuf};
 
-use atomic::{Access, NewFolder};
 use cache::{Storage, Store};
 use descriptor::recogniser::{self, LabelledClouds, LearnError, Method};
 use descriptor::structure::Structure;
@@ -15,12 +12,15 @@ use descriptor::{
 use rayon::prelude::*;
 use results::{DatabaseCloud, DatabasePart, DatabaseParts, PredictionRow, PredictionSplit};
 
-use super::readme::About;
-use super::recogniser::{Recogniser, channels, labels, signatures};
-use super::recognition::RecognitionSettings;
-use super::settings::{DatabaseSettings, Settings, TestVectorSettings, VERSION};
-use super::test_vector::{Example, Verdict, test_vector};
-use super::{Chosen, DATABASE, EXAMPLE, ExportError, FILES, README, SETTINGS, TEST_VECTOR, scales};
+use super::readme::{About, Origin};
+use super::recogniser::{Learned, Recogniser};
+use super::recognition::{RecognitionSettings, names_objects_by};
+use super::reference::{channels, labels, signatures};
+use super::reject::{Reject, RejectSettings};
+use super::settings::{DatabaseSettings, Settings, TestVectorSettings};
+use super::test_vector::{Example, Verdict};
+use super::write::{Draft, Written, refuse_occupied};
+use super::{DescriptorChoice, ExportError, reject, scales};
 use crate::dataset::{CloudEntry, Dataset, read_file};
 use crate::evaluate::{Seconds, stages};
 use crate::experiment::{Overrides, of_one};
@@ -42,20 +42,22 @@ pub struct Exported {
     pub answer: String,
     /// What names objects and, of one that learns, its settings.
     pub recogniser: String,
+    /// When answers are not believed.
+    pub reject: Reject,
     /// All files together, bytes.
     pub bytes: u64,
 }
 
 /// Makes the artefact of a finished run in the folder `out`, whole or not at all; an artefact that is there is
 /// replaced. `data` is another place of the run's data root. Settings of a recogniser that learns are chosen inside the
-/// reference clouds.
+/// reference clouds, as is when an answer is rejected: of at most this share of the clouds that are known.
 ///
 /// # Errors
 /// [`ExportError`]: also if the artefact, once written, does not answer as the run did.
 pub fn export(
     run: &Path,
-    chosen: Chosen,
-    recogniser: Method,
+    (which, recogniser): (DescriptorChoice, Method),
+    false_rejections: f64,
     data: Option<&Path>,
     out: &Path,
     storage: &Storage,
@@ -73,14 +75,14 @@ pub fn export(
     }
     let winner = |what: String| ExportError::Winner { run: run.to_owned(), what };
     let mut preprocess = *experiment.preprocess();
-    let descriptor = match &chosen {
-        Chosen::Evolved => evolved(run, experiment.space(), &finished.row.best_genes)?,
-        &Chosen::Point(number) => {
+    let descriptor = match &which {
+        DescriptorChoice::Evolved => evolved(run, experiment.space(), &finished.row.best_genes)?,
+        &DescriptorChoice::Point(number) => {
             of_family(run, experiment.space())?;
             front::point(run, experiment.space(), number)?
         }
-        Chosen::Paper => paper(preprocess.colour).map_err(winner)?,
-        Chosen::Structure(structure) => Descriptor::Structure(structure.clone()),
+        DescriptorChoice::Paper => paper(preprocess.colour).map_err(winner)?,
+        DescriptorChoice::Structure(structure) => Descriptor::Structure(structure.clone()),
     };
     let family = descriptor.family();
     if family == Family::Structure {
@@ -99,90 +101,67 @@ pub fn export(
             .map_err(|source| ExportError::Learn { run: run.to_owned(), source })?;
     let settings_of_recogniser = learning.map(|chosen| chosen.settings);
     let example = example(&dataset)?;
-    let held = (scales.as_deref(), settings_of_recogniser.as_ref());
-    let recogniser = Recogniser::new(preprocess, &descriptor, held, database.clone()).map_err(winner)?;
-    let vector = |recogniser: &Recogniser, example: &Example| {
-        test_vector(recogniser, family, example).map_err(|error| ExportError::Cloud {
-            path: dataset.clouds.root.join(&example.cloud),
-            what: error.to_string(),
-        })
+    let reject = reject::calibrate(
+        settings_of_recogniser.as_ref(),
+        &channels(&descriptor, scales.as_deref(), &reference),
+        &database.clouds,
+        false_rejections,
+    );
+    let held = Learned {
+        scales: scales.as_deref(),
+        recognition: settings_of_recogniser.as_ref(),
+        reject: reject.calibration.as_ref().ok().map(|found| found.rule),
     };
-    let (vector_text, verdict) = vector(&recogniser, &example)?;
+    let recogniser = Recogniser::new(preprocess, &descriptor, held, database.clone()).map_err(winner)?;
     // The run's own answers are those of the nearest cloud.
-    if chosen == Chosen::Evolved
-        && learning.is_none()
-        && let Some(recorded) = results::read_predictions(run, PredictionSplit::Test)?.first()
-    {
-        compare(&example, recorded_verdict(recorded), &verdict)?;
-    }
-
-    let failed = |source| ExportError::Write { folder: out.to_owned(), source };
-    let new = NewFolder::beside(out, Access::Umask).map_err(failed)?;
-    let digest = results::write_database(new.path().join(DATABASE), &database)?;
+    let recorded = match (&which, learning) {
+        (DescriptorChoice::Evolved, None) => results::read_predictions(run, PredictionSplit::Test)?,
+        _ => Vec::new(),
+    };
     let sections = of_one(&preprocess, &descriptor).map_err(|error| winner(Message::of(&error).what))?;
     let (raw_preprocess, raw_descriptor) = sections;
-    let settings = Settings {
-        version: VERSION,
-        digest: String::new(),
-        name: finished.row.name.clone(),
-        evaluation_version: descriptor::EVALUATION_VERSION,
-        run_digest: finished.run_digest.clone(),
-        data_digest: finished.row.data_digest.clone(),
-        set_distance: SetDistance::ChiSquared.name().to_owned(),
-        unit: preprocess.unit,
-        preprocess: raw_preprocess,
-        descriptor: raw_descriptor,
-        recognition: settings_of_recogniser.map(RecognitionSettings::from),
-        database: DatabaseSettings {
-            clouds: database.clouds.len() as u32,
-            digest: digest.to_hex().to_string(),
-            scales: scales.clone(),
-        },
-        test_vector: TestVectorSettings { digest: blake3::hash(vector_text.as_bytes()).to_hex().to_string() },
-    };
-    let settings = settings.seal().map_err(|error| winner(error.to_string()))?;
-    let clouds = &database.clouds;
-    let scales = scales.as_deref().unwrap_or_default();
     let about = About {
-        finished: &finished,
-        chosen: &chosen,
+        name: &finished.row.name,
+        run_digest: &finished.run_digest,
+        origin: Origin::Run { row: &finished.row, which: &which, learning },
         descriptor: &descriptor,
-        scales,
+        scales: scales.as_deref().unwrap_or_default(),
         preprocess,
-        clouds,
-        learning,
+        clouds: &database.clouds,
+        recognition: settings_of_recogniser.as_ref(),
+        reject: &reject,
     };
-    for (name, bytes) in [
-        (SETTINGS, settings.as_bytes()),
-        (TEST_VECTOR, vector_text.as_bytes()),
-        (EXAMPLE, &example.bytes),
-        (README, about.text().as_bytes()),
-    ] {
-        new.write(name, bytes).map_err(failed)?;
-    }
-
-    // Read back what is on the disk: it must say of its example what was said before.
-    let written = Recogniser::open(new.path())?;
-    let bytes = fs::read(new.path().join(EXAMPLE)).map_err(failed)?;
-    let (again, got) = vector(&written, &Example { bytes, ..example.clone() })?;
-    let on_disk = fs::read(new.path().join(TEST_VECTOR)).map_err(failed)?;
-    if again.as_bytes() != on_disk {
-        compare(&example, verdict.clone(), &got)?;
-        let (expected, got) = ("that of its test vector".to_owned(), "another summary".to_owned());
-        return Err(ExportError::Answer { example: example.cloud, expected, got });
-    }
-    let mut bytes = 0;
-    for name in FILES {
-        bytes += fs::metadata(new.path().join(name)).map_err(failed)?.len();
-    }
-    refuse_occupied(out)?;
-    new.replace(out).map_err(failed)?;
+    let draft = Draft {
+        readme: about.text(),
+        settings: Settings {
+            version: 0,
+            digest: String::new(),
+            name: finished.row.name.clone(),
+            evaluation_version: descriptor::EVALUATION_VERSION,
+            run_digest: finished.run_digest.clone(),
+            data_digest: finished.row.data_digest.clone(),
+            set_distance: SetDistance::ChiSquared.name().to_owned(),
+            unit: preprocess.unit,
+            preprocess: raw_preprocess,
+            descriptor: raw_descriptor,
+            recognition: settings_of_recogniser.map(RecognitionSettings::from),
+            reject: RejectSettings::of(&reject),
+            database: DatabaseSettings { clouds: 0, digest: String::new(), scales: scales.clone() },
+            test_vector: TestVectorSettings { digest: String::new() },
+        },
+        family,
+        database: &database,
+        recogniser: &recogniser,
+        example: &example,
+    };
+    let Written { verdict, bytes } = draft.write(out, recorded.first().map(recorded_verdict))?;
     Ok(Exported {
         descriptor,
-        clouds: clouds.len(),
+        clouds: database.clouds.len(),
         example: example.cloud,
         answer: verdict.to_string(),
-        recogniser: described(learning),
+        recogniser: names_objects_by(settings_of_recogniser.as_ref()),
+        reject,
         bytes,
     })
 }
@@ -198,14 +177,6 @@ fn learning(
     let sequence = |&cloud: &u32| dataset.clouds.entries[cloud as usize].sequence;
     let sequences: Vec<Option<u32>> = Matching::Test.database_clouds(dataset).iter().map(sequence).collect();
     recogniser::Chosen::new(method, &LabelledClouds { channels, objects: &objects }, &sequences)
-}
-
-/// How objects are named, in a line.
-fn described(learning: Option<recogniser::Chosen>) -> String {
-    match learning {
-        Some(chosen) => format!("{}: {}", chosen.settings.method().name(), chosen.settings),
-        None => Method::Nearest.name().to_owned(),
-    }
 }
 
 /// The run's winner.
@@ -232,22 +203,6 @@ fn paper(colour: bool) -> Result<Descriptor, String> {
     let space = paper.and_then(|paper| SearchSpace::new(Family::DiskRing, colour, &domains(paper)));
     let only = space.map_err(|error| Message::of(&error).what)?.only();
     only.ok_or_else(|| "the paper's descriptor must be one, got many".to_owned())
-}
-
-/// Refuses a place that holds something else than an artefact, so that nobody's files are lost.
-fn refuse_occupied(out: &Path) -> Result<(), ExportError> {
-    let occupied = |got: String| Err(ExportError::Occupied { folder: out.to_owned(), got });
-    let entries = match fs::read_dir(out) {
-        Ok(entries) => entries,
-        Err(_) if !out.exists() => return Ok(()),
-        Err(_) if !out.is_dir() => return occupied("a file".to_owned()),
-        Err(source) => return Err(ExportError::Write { folder: out.to_owned(), source }),
-    };
-    let names: Vec<OsString> = entries.flatten().map(|entry| entry.file_name()).collect();
-    match names.iter().find(|&name| FILES.iter().all(|file| name != file)) {
-        Some(other) => occupied(format!("a folder with {}", Path::new(other).display())),
-        None => Ok(()),
-    }
 }
 
 /// Refuses the folder of a sweep: it has many winners.
@@ -299,10 +254,7 @@ fn describe(
             Ok(described.map_err(|error| failed(error.to_string()))?.signatures)
         })
         .collect::<Result<_, ExportError>>()?;
-    let part = |channel: usize| DatabasePart {
-        centroids: signatures.iter().flat_map(|cloud| &cloud[channel].centroid).copied().collect(),
-        deviations: signatures.iter().flat_map(|cloud| &cloud[channel].deviation).copied().collect(),
-    };
+    let part = |channel: usize| part_of(&signatures, channel);
     let parts = match descriptor {
         Descriptor::Structure(Structure { channels }) => {
             DatabaseParts::Channels((0..channels.len()).map(part).collect())
@@ -313,9 +265,20 @@ fn describe(
     Ok(results::Database { clouds, parts })
 }
 
+/// The signatures of clouds in one channel, as a database has them.
+pub(super) fn part_of(signatures: &[Vec<Signature>], channel: usize) -> DatabasePart {
+    DatabasePart {
+        centroids: signatures.iter().flat_map(|cloud| &cloud[channel].centroid).copied().collect(),
+        deviations: signatures.iter().flat_map(|cloud| &cloud[channel].deviation).copied().collect(),
+    }
+}
+
 /// A cloud's path and names.
 fn labelled(dataset: &Dataset, entry: &CloudEntry) -> DatabaseCloud {
+    let sequence = entry.sequence.map(|index| dataset.clouds.sequences[index as usize].clone());
     DatabaseCloud {
+        sequence,
+        addition: None,
         cloud: entry.path.clone(),
         instance: dataset.clouds.instances[entry.instance as usize].name.clone(),
         category: dataset.clouds.categories[entry.category as usize].clone(),
@@ -346,20 +309,11 @@ fn example(dataset: &Dataset) -> Result<Example, ExportError> {
     // A data set without any training cloud is refused when it is loaded.
     let index = first.copied().unwrap_or_default();
     let entry = &dataset.clouds.entries[index as usize];
-    let DatabaseCloud { cloud, instance, category } = labelled(dataset, entry);
+    let DatabaseCloud { cloud, instance, category, .. } = labelled(dataset, entry);
     Ok(Example { cloud, instance, category, bytes: read(dataset, entry)? })
 }
 
 fn recorded_verdict(row: &PredictionRow) -> Verdict {
     let runner_up = row.runner_up.as_ref().map(|other| (other.cloud.clone(), other.distance));
     Verdict { nearest_cloud: row.nearest_cloud.clone(), distance: row.distance, runner_up }
-}
-
-/// Refuses an answer to the example that is not the expected one, bit for bit.
-fn compare(example: &Example, expected: Verdict, got: &Verdict) -> Result<(), ExportError> {
-    if expected == *got {
-        return Ok(());
-    }
-    let (expected, got) = (expected.to_string(), got.to_string());
-    Err(ExportError::Answer { example: example.cloud.clone(), expected, got })
 }

@@ -1,20 +1,20 @@
 //! An artefact at work: from the bytes of a cloud to the name of an object, on the calling thread.
 
 use proto::Message;
-use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
-use descriptor::recogniser::LearnedRecogniser;
+use descriptor::recogniser::{Evidence, LearnedRecogniser, RejectRule};
 use descriptor::{
-    Database, DescribeError, Described, Describer, Descriptor, Family, Label, PrepareError, Preprocess,
-    SetDistance, Signatures, Unit, pcd, recogniser,
+    Database, DescribeError, Described, Describer, Descriptor, PrepareError, Preprocess, Signature,
+    Signatures, Unit, pcd, recogniser,
 };
-use results::{DatabaseCloud, DatabasePart, DatabaseParts};
+use results::DatabaseCloud;
 
 use super::error::CloudError;
+use super::reference::{channels, labels, signatures};
 use super::settings::Settings;
-use super::{ArtefactError, DATABASE, SETTINGS, recognition, scales};
+use super::{ArtefactError, DATABASE, SETTINGS, recognition};
 use crate::evaluate::{Seconds, stages};
 
 /// A descriptor with its reference clouds. Answers start no thread; opening an artefact that learns from its clouds uses
@@ -25,7 +25,31 @@ pub struct Recogniser {
     database: Database,
     /// `None` by the nearest cloud.
     learned: Option<LearnedRecogniser>,
+    /// `None` where every answer is believed.
+    reject: Option<RejectRule>,
     clouds: Vec<DatabaseCloud>,
+}
+
+/// What a recogniser takes from its settings beside the descriptor.
+#[derive(Clone, Copy)]
+pub(super) struct Learned<'a> {
+    /// Of a structure's channels.
+    pub scales: Option<&'a [f64]>,
+    /// Of a recogniser that learns.
+    pub recognition: Option<&'a recogniser::Settings>,
+    /// When an answer is not believed.
+    pub reject: Option<RejectRule>,
+}
+
+/// What the files of an artefact say.
+pub(super) struct Contents {
+    pub settings: Settings,
+    pub preprocess: Preprocess,
+    pub descriptor: Descriptor,
+    /// `None` by the nearest cloud.
+    pub recognition: Option<recogniser::Settings>,
+    pub reject: Option<RejectRule>,
+    pub database: results::Database,
 }
 
 /// An object by the reference cloud that is nearest, or most like the query.
@@ -46,6 +70,19 @@ pub struct Named<'a> {
 pub struct Answer<'a> {
     /// The nearest objects, nearest first; at least one.
     pub ranking: Vec<Named<'a>>,
+    /// What the answer is judged by; `None` of databases of one object.
+    pub evidence: Option<Evidence>,
+    /// Whether the object is one of the database at all; `None` of artefacts without a rule, and of databases of one object.
+    pub known: Option<Known>,
+}
+
+/// Whether an object is one that the database shows.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Known {
+    /// How probable that is, if it is so of half of what is asked.
+    pub probability: f64,
+    /// Whether that is enough.
+    pub is_accepted: bool,
 }
 
 impl<'a> Answer<'a> {
@@ -57,6 +94,11 @@ impl<'a> Answer<'a> {
     /// What else it might be; `None` if the database shows one object only.
     pub fn runner_up(&self) -> Option<Named<'a>> {
         self.ranking.get(1).copied()
+    }
+
+    /// Whether it is an object that the database does not show.
+    pub fn is_unknown(&self) -> bool {
+        self.known.is_some_and(|known| !known.is_accepted)
     }
 
     /// How much farther the runner-up is.
@@ -71,40 +113,14 @@ impl Recogniser {
     /// # Errors
     /// [`ArtefactError`] if files are missing, damaged, of another version or do not fit together.
     pub fn open(folder: &Path) -> Result<Self, ArtefactError> {
-        let settings = Settings::read(folder)?;
-        let (preprocess, descriptor) = settings.resolve(folder)?;
-        let path = folder.join(DATABASE);
-        let (database, digest) = results::read_database(&path)?;
-        let (expected, got) = (&settings.database.digest, digest.to_hex());
-        if expected.as_str() != got.as_str() {
-            let (expected, got) = (crate::experiment::shortened(expected, 64), got.to_string());
-            return Err(ArtefactError::Digest { path, expected, got });
-        }
-        let (expected, got) = (settings.database.clouds as usize, database.clouds.len());
-        if expected != got {
-            let what = format!("database.clouds {expected} where the database has {got}");
-            return Err(ArtefactError::Settings { path: folder.join(SETTINGS), what });
-        }
-        let refused = |what: String| ArtefactError::Database { what: format!("{}: {what}", path.display()) };
-        // They go to terminals.
-        let texts = database.clouds.iter().flat_map(|row| [&row.cloud, &row.instance, &row.category]);
-        if let Some(text) = texts.into_iter().find(|text| text.chars().any(char::is_control)) {
-            return Err(refused(format!(
-                "names must have no control characters, got {}",
-                text.escape_debug()
-            )));
-        }
-        let recognition = settings.recognition(folder)?;
-        let scales = settings.database.scales.as_deref();
-        Self::new(preprocess, &descriptor, (scales, recognition.as_ref()), database).map_err(refused)
+        Contents::read(folder)?.recogniser(folder)
     }
 
-    /// From what an artefact holds; `Err` says why that does not fit together. The descriptor can have the scales; with
-    /// settings it learns.
+    /// From what an artefact holds; `Err` says why that does not fit together. The descriptor can have the scales.
     pub(super) fn new(
         preprocess: Preprocess,
         descriptor: &Descriptor,
-        (scales, recognition): (Option<&[f64]>, Option<&recogniser::Settings>),
+        Learned { scales, recognition, reject }: Learned<'_>,
         database: results::Database,
     ) -> Result<Self, String> {
         let describer = Describer::new(descriptor).map_err(|error| Message::of(&error).what)?;
@@ -115,7 +131,12 @@ impl Recogniser {
         let learned =
             recognition.map(|settings| recognition::learn(settings, &channels, &labels)).transpose()?;
         let database = Database::new(&channels, labels).map_err(|error| Message::of(&error).what)?;
-        Ok(Self { preprocess, describer, database, learned, clouds })
+        Ok(Self { preprocess, describer, database, learned, reject, clouds })
+    }
+
+    /// Values that are kept of a cloud, if they are others than its signature.
+    pub(super) fn size(&self) -> Option<usize> {
+        self.learned.as_ref()?.size()
     }
 
     /// The artefact's description of a cloud, given as the bytes of a PCD file; `seconds` takes the time of each stage.
@@ -134,20 +155,27 @@ impl Recogniser {
 
     /// The nearest `most` objects, at least one, to a cloud that was described.
     pub(super) fn answer(&self, described: &Described, most: usize) -> Answer<'_> {
-        let (query, most) = (&described.signatures, most.max(1));
-        let hits = match &self.learned {
-            Some(learned) => {
-                let mut ranking = learned.ranking(query, || self.database.distances(query));
-                ranking.truncate(most);
-                ranking
-            }
-            None => self.database.ranking(query, most),
+        self.answer_to(&described.signatures, most)
+    }
+
+    /// As [`Recogniser::answer`], from the signatures of a cloud.
+    pub(super) fn answer_to(&self, query: &[Signature], most: usize) -> Answer<'_> {
+        let distances = self.database.distances(query);
+        let mut hits = match &self.learned {
+            Some(learned) => learned.ranking(query, || distances.clone()),
+            None => self.database.ranking_by(&distances, most.max(2)),
         };
+        let evidence = hits.get(1).map(|&next| Evidence::of(hits[0], next, &distances));
+        let known = self.reject.zip(evidence).map(|(rule, evidence)| Known {
+            probability: rule.probability(evidence),
+            is_accepted: rule.accepts(evidence),
+        });
+        hits.truncate(most.max(1));
         let named = |hit: descriptor::recognise::Hit| {
-            let DatabaseCloud { cloud, instance, category } = &self.clouds[hit.index as usize];
+            let DatabaseCloud { cloud, instance, category, .. } = &self.clouds[hit.index as usize];
             Named { instance, category, cloud, distance: hit.distance }
         };
-        Answer { ranking: hits.into_iter().map(named).collect() }
+        Answer { ranking: hits.into_iter().map(named).collect(), evidence, known }
     }
 
     /// The nearest `most` objects, at least one, to a cloud, given as the bytes of a PCD file; `seconds` takes the time
@@ -169,33 +197,52 @@ impl Recogniser {
     }
 }
 
-/// The signatures of the reference clouds in each channel, how they are compared, and the channel's weight over its
-/// scale.
-pub(super) fn channels<'a>(
-    descriptor: &Descriptor,
-    scales: Option<&[f64]>,
-    signatures: &'a [Signatures],
-) -> Vec<(&'a Signatures, SetDistance, f64)> {
-    let metrics = descriptor.channels().into_iter().map(|(channel, _)| channel.metric());
-    let channels = signatures.iter().zip(metrics).zip(scales::weights(descriptor, scales));
-    channels.map(|((signatures, metric), weight)| (signatures, metric, weight)).collect()
+impl Contents {
+    /// Reads an artefact and checks that its files are those that belong together.
+    pub(super) fn read(folder: &Path) -> Result<Self, ArtefactError> {
+        let settings = Settings::read(folder)?;
+        let (preprocess, descriptor) = settings.resolve(folder)?;
+        let path = folder.join(DATABASE);
+        let (database, digest) = results::read_database(&path)?;
+        let (expected, got) = (&settings.database.digest, digest.to_hex());
+        if expected.as_str() != got.as_str() {
+            let (expected, got) = (crate::experiment::shortened(expected, 64), got.to_string());
+            return Err(ArtefactError::Digest { path, expected, got });
+        }
+        let (expected, got) = (settings.database.clouds as usize, database.clouds.len());
+        if expected != got {
+            let what = format!("database.clouds {expected} where the database has {got}");
+            return Err(ArtefactError::Settings { path: folder.join(SETTINGS), what });
+        }
+        // They go to terminals.
+        let texts = database
+            .clouds
+            .iter()
+            .flat_map(|row| [&row.cloud, &row.instance, &row.category].into_iter().chain(&row.sequence));
+        if let Some(text) = texts.into_iter().find(|text| text.chars().any(char::is_control)) {
+            let text = text.escape_debug();
+            return Err(damaged(folder, format!("names must have no control characters, got {text}")));
+        }
+        let (recognition, reject) = (settings.recognition(folder)?, settings.reject(folder)?);
+        Ok(Self { settings, preprocess, descriptor, recognition, reject, database })
+    }
+
+    /// What answers from it, read from this folder.
+    pub(super) fn recogniser(self, folder: &Path) -> Result<Recogniser, ArtefactError> {
+        let Self { settings, preprocess, descriptor, recognition, reject, database } = self;
+        let scales = settings.database.scales.as_deref();
+        let learned = Learned { scales, recognition: recognition.as_ref(), reject };
+        Recogniser::new(preprocess, &descriptor, learned, database).map_err(|what| damaged(folder, what))
+    }
+
+    /// The signatures of the reference clouds in each channel, read from this folder.
+    pub(super) fn signatures(&self, folder: &Path) -> Result<Vec<Signatures>, ArtefactError> {
+        signatures(&self.descriptor, &self.database).map_err(|what| damaged(folder, what))
+    }
 }
 
-/// The signatures of the reference clouds in each channel; `Err` says why they are not the descriptor's.
-pub(super) fn signatures(
-    descriptor: &Descriptor,
-    database: &results::Database,
-) -> Result<Vec<Signatures>, String> {
-    let results::Database { clouds, parts } = database;
-    let parts: &[DatabasePart] = match (descriptor.family(), parts) {
-        (Family::DiskRing, DatabaseParts::ShapeColour(parts)) => parts,
-        (Family::Structure, DatabaseParts::Channels(channels)) => channels,
-        (family, _) => return Err(format!("columns must be those of family {family}, got others")),
-    };
-    let columns: Vec<_> =
-        parts.iter().map(|part| [part.centroids.as_slice(), part.deviations.as_slice()]).collect();
-    let count = u32::try_from(clouds.len()).map_err(|_| format!("too many clouds, got {}", clouds.len()))?;
-    descriptor.signatures_of_columns(&columns, count).map_err(|error| Message::of(&error).what)
+fn damaged(folder: &Path, what: String) -> ArtefactError {
+    ArtefactError::Database { what: format!("{}: {what}", folder.join(DATABASE).display()) }
 }
 
 /// A unit's name, as in settings.
@@ -204,18 +251,4 @@ fn unit_name(unit: Unit) -> &'static str {
         Unit::Metre => "m",
         Unit::Millimetre => "mm",
     }
-}
-
-/// What the clouds show, by numbers.
-pub(super) fn labels(clouds: &[DatabaseCloud]) -> Vec<Label> {
-    let mut categories: BTreeMap<&str, u32> = BTreeMap::new();
-    let mut instances: BTreeMap<(&str, &str), u32> = BTreeMap::new();
-    let mut labels = Vec::with_capacity(clouds.len());
-    for DatabaseCloud { instance, category, .. } in clouds {
-        let (next_category, next_instance) = (categories.len() as u32, instances.len() as u32);
-        let category_number = *categories.entry(category).or_insert(next_category);
-        let instance = *instances.entry((category, instance)).or_insert(next_instance);
-        labels.push(Label { category: category_number, instance });
-    }
-    labels
 }

@@ -2,8 +2,8 @@
 //! bit, what its reference clouds teach.
 
 use descriptor::recogniser::{
-    KernelRidgeSettings, LabelledClouds, LearnedRecogniser, MAX_COMPONENTS, ProjectionSettings, Reference,
-    Settings,
+    KernelRidgeSettings, LabelledClouds, LearnedRecogniser, MAX_COMPONENTS, Method, ProjectionSettings,
+    Reference, Settings,
 };
 use descriptor::{Label, SetDistance, Signatures};
 use proto::Message;
@@ -84,6 +84,14 @@ pub(super) fn learn(
     let objects: Vec<u32> = labels.iter().map(|label| label.instance).collect();
     LearnedRecogniser::new(settings, &LabelledClouds { channels, objects: &objects })
         .map_err(|error| Message::of(&error).what)
+}
+
+/// How objects are named, in a line.
+pub(super) fn names_objects_by(settings: Option<&Settings>) -> String {
+    match settings {
+        Some(settings) => format!("{}: {settings}", settings.method().name()),
+        None => Method::Nearest.name().to_owned(),
+    }
 }
 
 #[cfg(test)]

@@ -2,16 +2,19 @@
 
 use std::path::{Path, PathBuf};
 
-use descriptor::{Descriptor, Family, Preprocess, SetDistance, Unit, recogniser};
+use descriptor::recogniser::{self, RejectRule};
+use descriptor::{Descriptor, Family, Preprocess, SetDistance, Unit};
 use serde::{Deserialize, Serialize};
 
 use super::recognition::RecognitionSettings;
+use super::reject::RejectSettings;
 use super::{ArtefactError, SETTINGS, scales};
 use crate::experiment::{RawDescriptor, RawPreprocess, of_one, one, shortened};
 use crate::run::directory::read_bounded;
 
-/// The format's version that this program writes and reads.
-pub(super) const VERSION: u32 = 1;
+/// The newest version of the format. Section `[reject]` needs it; without the section the version is 1, which earlier
+/// programs read as well.
+const VERSION: u32 = 2;
 
 /// The file. Lengths are centimetres, as in experiments.
 #[derive(Debug, Serialize, Deserialize)]
@@ -35,6 +38,9 @@ pub(super) struct Settings {
     /// How objects are named; without it by the nearest cloud.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub recognition: Option<RecognitionSettings>,
+    /// When an answer is not believed; without it every answer is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reject: Option<RejectSettings>,
     pub database: DatabaseSettings,
     pub test_vector: TestVectorSettings,
 }
@@ -75,12 +81,16 @@ impl Settings {
         let table: toml::Table = toml::from_str(text).map_err(wrong)?;
         // Before all other keys: another version will have other keys.
         let version = table.get("version");
-        if version.and_then(toml::Value::as_integer) != Some(i64::from(VERSION)) {
-            let got =
-                version.map_or_else(|| "none".to_owned(), |version| shortened(&version.to_string(), 40));
-            return Err(ArtefactError::Version { path, expected: VERSION, got });
+        let got = version.map_or_else(|| "none".to_owned(), |version| shortened(&version.to_string(), 40));
+        let number = version.and_then(toml::Value::as_integer);
+        if !number.is_some_and(|number| (1..=i64::from(VERSION)).contains(&number)) {
+            return Err(ArtefactError::Version { path, expected: format!("1 or {VERSION}"), got });
         }
         let settings: Self = table.try_into().map_err(wrong)?;
+        if settings.version != settings.least_version() {
+            let expected = settings.least_version().to_string();
+            return Err(ArtefactError::Version { path, expected, got });
+        }
         let (expected, got) = (descriptor::EVALUATION_VERSION, settings.evaluation_version);
         if expected != got {
             return Err(ArtefactError::EvaluationVersion { path, expected, got });
@@ -116,6 +126,18 @@ impl Settings {
         resolved.map_err(|what| ArtefactError::Settings { path: folder.join(SETTINGS), what })
     }
 
+    /// The rule by which answers are rejected; `None` where each is believed.
+    pub(super) fn reject(&self, folder: &Path) -> Result<Option<RejectRule>, ArtefactError> {
+        let is_learned = self.recognition.is_some();
+        let resolved = self.reject.map(|settings| settings.resolve(is_learned)).transpose();
+        resolved.map_err(|what| ArtefactError::Settings { path: folder.join(SETTINGS), what })
+    }
+
+    /// The oldest version of the format that has all sections.
+    fn least_version(&self) -> u32 {
+        if self.reject.is_some() { VERSION } else { 1 }
+    }
+
     /// Settings of no artefact, for tests and fuzzing.
     pub(super) fn sample(preprocess: &Preprocess, descriptor: &Descriptor) -> Self {
         let sections = of_one(preprocess, descriptor);
@@ -123,7 +145,7 @@ impl Settings {
         let scale = |scaled: Option<Descriptor>| scaled.map_or(1.0, |_| 0.125);
         let scales = descriptor.scaled_channels().into_iter().map(scale).collect();
         Self {
-            version: VERSION,
+            version: 1,
             digest: String::new(),
             name: "sample".to_owned(),
             evaluation_version: descriptor::EVALUATION_VERSION,
@@ -134,6 +156,7 @@ impl Settings {
             preprocess: raw,
             descriptor: sections,
             recognition: None,
+            reject: None,
             database: DatabaseSettings {
                 clouds: 943,
                 digest: "ef".repeat(32),
@@ -154,6 +177,7 @@ impl Settings {
 
     /// The file's text, with its digest.
     pub(super) fn seal(mut self) -> Result<String, toml::ser::Error> {
+        self.version = self.least_version();
         self.digest = self.digest()?;
         toml::to_string(&self)
     }
@@ -291,8 +315,9 @@ mod tests {
         let text = Settings::sample(&Preprocess::default(), &paper()).seal().unwrap();
         for (from, to, complaint) in [
             ("version = 1", "version = 2", "version must be 1, got 2"),
-            ("version = 1", "version = \"1\"", "version must be 1, got \"1\""),
-            ("version = 1\n", "", "version must be 1, got none"),
+            ("version = 1", "version = 3", "version must be 1 or 2, got 3"),
+            ("version = 1", "version = \"1\"", "version must be 1 or 2, got \"1\""),
+            ("version = 1\n", "", "version must be 1 or 2, got none"),
             ("evaluation_version = 2", "evaluation_version = 1", "evaluation_version must be 2, got 1"),
             ("unit = \"m\"", "unit = \"km\"", "unknown variant `km`"),
             ("unit = \"m\"", "units = \"m\"", "unknown field `units`"),

@@ -38,6 +38,9 @@ struct TestVector<'a> {
     distance: f64,
     runner_up_cloud: Option<&'a str>,
     runner_up_distance: Option<f64>,
+    /// That the object is one of the database; of artefacts that reject.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    known_probability: Option<f64>,
 }
 
 #[derive(Clone, Copy, Serialize)]
@@ -111,6 +114,7 @@ pub(super) fn test_vector(
         distance: nearest.distance,
         runner_up_cloud: runner_up.map(|other| other.cloud),
         runner_up_distance: runner_up.map(|other| other.distance),
+        known_probability: answer.known.map(|known| known.probability),
     };
     let verdict = Verdict {
         nearest_cloud: nearest.cloud.to_owned(),

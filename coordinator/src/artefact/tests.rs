@@ -8,6 +8,7 @@ use descriptor::{Descriptor, Family, Parameters, Preprocess, pcd};
 use results::{Database, DatabaseCloud, DatabasePart, DatabaseParts};
 use tempfile::TempDir;
 
+use super::reject::RejectSettings;
 use super::settings::Settings;
 use super::{ArtefactError, CloudError, DATABASE, Recogniser, SETTINGS};
 use crate::evaluate::Seconds;
@@ -34,6 +35,8 @@ fn of_parts(parts: DatabaseParts) -> Database {
         cloud: cloud.to_owned(),
         instance: instance.to_owned(),
         category: "mug".to_owned(),
+        sequence: None,
+        addition: None,
     };
     let clouds = vec![cloud("a.pcd", "mug_1"), cloud("b.pcd", "mug_2"), cloud("c.pcd", "mug_1")];
     Database { clouds, parts }
@@ -220,6 +223,50 @@ fn scales_that_are_not_the_descriptors_are_refused() {
     let said =
         complaint_of(&DESCRIPTOR, &database(), |settings| settings.database.scales = Some(vec![1.0; 2]));
     assert!(said.contains("got database.scales beside family disk-ring"), "{said}");
+}
+
+/// A rule that rejects whatever is farther away than the runner-up is from nothing.
+fn reject(least_probability: f64) -> RejectSettings {
+    let text = format!(
+        "false_rejections = 0.05\ntypical_distance = 0.5\ncoefficients = [0.0, -1.0, 2.0, 0.0]\n\
+         least_probability = {least_probability}\nleast_margin = 0.01\n"
+    );
+    toml::from_str(&text).unwrap()
+}
+
+#[test]
+fn an_artefact_with_a_rule_says_what_is_unknown_and_names_the_same_cloud_as_one_without() {
+    let folder = TempDir::new().unwrap();
+    let settings = SynthSettings::default();
+    let cloud = synth::render(&settings, &synth::catalogue(&settings)[0], 0);
+    let bytes = pcd::write(&cloud, pcd::DataEncoding::Binary);
+    let answer = |rule: Option<f64>| {
+        write(folder.path(), &database(), |settings| settings.reject = rule.map(reject));
+        let text = fs::read_to_string(folder.path().join(SETTINGS)).unwrap();
+        // Earlier builds refuse what they do not know, and nothing else.
+        assert!(text.starts_with(if rule.is_some() { "version = 2\n" } else { "version = 1\n" }), "{text}");
+        let recogniser = Recogniser::open(folder.path()).unwrap();
+        let answer = recogniser.recognise(&bytes, 2, &mut Seconds::default()).unwrap();
+        (answer.nearest().cloud.to_owned(), answer.margin(), answer.known, answer.is_unknown())
+    };
+    let (nearest, margin, known, is_unknown) = answer(None);
+    assert!(known.is_none() && !is_unknown);
+    for (least, rejects) in [(0.0, false), (1.0, true)] {
+        let (again, again_margin, known, is_unknown) = answer(Some(least));
+        assert_eq!((&again, again_margin, is_unknown), (&nearest, margin, rejects));
+        assert_eq!(known.unwrap().is_accepted, !rejects);
+        assert!((0.0..1.0).contains(&known.unwrap().probability));
+    }
+    // Other versions than the sections need, and rules that can be none.
+    write(folder.path(), &database(), |settings| settings.reject = Some(reject(0.5)));
+    let file = folder.path().join(SETTINGS);
+    let sound = fs::read_to_string(&file).unwrap();
+    fs::write(&file, sound.replacen("version = 2", "version = 1", 1)).unwrap();
+    assert!(refusal(folder.path()).to_string().contains("version must be 2, got 1"));
+    fs::write(&file, sound.replacen("least_probability = 0.5", "least_probability = 0.4", 1)).unwrap();
+    assert!(matches!(refusal(folder.path()), ArtefactError::Digest { .. }));
+    let said = complaint_of(&DESCRIPTOR, &database(), |settings| settings.reject = Some(reject(1.5)));
+    assert!(said.contains("got reject.least_probability 1.5 instead of 0 to 1"), "{said}");
 }
 
 #[test]

@@ -167,7 +167,7 @@ impl Evaluate {
 }
 
 /// A list is looked for in the current folder, then below the data root.
-fn list_file(root: &Path, list: &Path) -> PathBuf {
+pub(super) fn list_file(root: &Path, list: &Path) -> PathBuf {
     if list.exists() { list.to_owned() } else { root.join(list) }
 }
 

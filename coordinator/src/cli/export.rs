@@ -7,9 +7,11 @@ use cache::StorageArgs;
 use clap::{Args, ValueEnum};
 use descriptor::recogniser::Method;
 
-use crate::artefact::{self, Chosen};
+use crate::artefact::{self, DescriptorChoice, FALSE_REJECTIONS};
 use crate::lines::labelled;
 use crate::structure_file;
+
+use super::rejection::{rate, reject_lines};
 
 /// Take a finished run's descriptor away: a folder with which coordinator recognise names objects
 ///
@@ -35,6 +37,10 @@ pub struct Export {
     /// of the reference clouds, for example kernel-ridge. Settings are chosen inside these clouds
     #[arg(long, value_name = "NAME", default_value = "nearest", value_parser = Method::ALL.map(Method::name))]
     recogniser: String,
+    /// Share of the reference clouds whose answer may be rejected as unknown, 0 to 0.5, for example 0.01; the bound is found
+    /// inside these clouds [default: 0.05]
+    #[arg(long, value_name = "SHARE", value_parser = rate)]
+    false_rejections: Option<f64>,
     /// Another place of the data set, for example /data/rgbd; by default the one the run used
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
@@ -50,23 +56,33 @@ enum Which {
 
 impl Export {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
-        let chosen = match (&self.structure, self.point, self.descriptor) {
-            (Some(file), ..) => Chosen::Structure(structure_file::read(file)?),
-            (_, Some(point), _) => Chosen::Point(point),
-            (.., Which::Evolved) => Chosen::Evolved,
-            (.., Which::Paper) => Chosen::Paper,
+        let which = match (&self.structure, self.point, self.descriptor) {
+            (Some(file), ..) => DescriptorChoice::Structure(structure_file::read(file)?),
+            (_, Some(point), _) => DescriptorChoice::Point(point),
+            (.., Which::Evolved) => DescriptorChoice::Evolved,
+            (.., Which::Paper) => DescriptorChoice::Paper,
         };
         let storage = self.storage.resolve();
         // One of the names, or it would not have been parsed.
         let recogniser = Method::named(&self.recogniser).unwrap_or_default();
-        let exported =
-            artefact::export(&self.run, chosen, recogniser, self.data.as_deref(), &self.out, &storage)?;
+        let exported = artefact::export(
+            &self.run,
+            (which, recogniser),
+            self.false_rejections.unwrap_or(FALSE_REJECTIONS),
+            self.data.as_deref(),
+            &self.out,
+            &storage,
+        )?;
         let out = self.out.display();
         let descriptor = labelled("descriptor", 14, &exported.descriptor.to_string());
+        // What a reader who has not asked for it must know is that there is none.
+        let is_told = self.false_rejections.is_some() || exported.reject.calibration.is_err();
+        let reject = if is_told { reject_lines(&exported.reject) } else { String::new() };
         super::print(&format!(
             "{descriptor}\
              recogniser    {}\n\
              database      {} clouds\n\
+             {reject}\
              example       {}: nearest is {}\n\
              artefact      {out}, {:.1} MB\n\
              to use it     coordinator recognise {out} CLOUD.pcd\n",

@@ -1,17 +1,20 @@
 //! The `coordinator` program: one command a file.
 
 mod after_run;
+mod assess;
 mod certs;
 mod check;
 mod compare;
 mod evaluate;
 mod exhaust;
 mod export;
+mod learn;
 #[cfg(feature = "sql")]
 mod memory_limit;
 #[cfg(feature = "sql")]
 mod query;
 mod recognise;
+mod rejection;
 mod report;
 mod resume;
 mod run;
@@ -50,9 +53,11 @@ enum Command {
     Evaluate(evaluate::Evaluate),
     Exhaust(exhaust::Exhaust),
     Export(export::Export),
+    Learn(learn::Learn),
     #[cfg(feature = "sql")]
     Query(query::Query),
     Recognise(recognise::Recognise),
+    Assess(assess::Assess),
     Report(report::Report),
     Split(split::Split),
     Synth(synth::Synth),
@@ -75,10 +80,12 @@ pub fn main(cli: Cli) -> ExitCode {
         Command::Resume(command) => command.execute(),
         Command::Check(command) => command.execute(),
         Command::Compare(command) => command.execute(),
+        Command::Assess(command) => command.execute(),
         Command::Certs(command) => command.execute(),
         Command::Evaluate(command) => command.execute(),
         Command::Exhaust(command) => command.execute(),
         Command::Export(command) => command.execute(),
+        Command::Learn(command) => command.execute(),
         #[cfg(feature = "sql")]
         Command::Query(command) => command.execute(),
         Command::Recognise(command) => command.execute(),

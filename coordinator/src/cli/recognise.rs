@@ -17,7 +17,9 @@ use crate::evaluate::Seconds;
 ///
 /// Example: coordinator recognise objects cloud.pcd --top 3
 #[derive(Debug, Args)]
-#[command(after_help = "Exit code: 0 if every cloud has an answer, 1 if one has none.")]
+#[command(
+    after_help = "Exit code: 0 if every cloud has an answer, also where that is that the object is unknown; 1 if one has none."
+)]
 pub struct Recognise {
     /// The folder that coordinator export has made, for example objects
     #[arg(value_name = "ARTEFACT")]
@@ -28,6 +30,9 @@ pub struct Recognise {
     /// List the nearest objects, too, for example 5
     #[arg(long, value_name = "K", default_value_t = 0)]
     top: usize,
+    /// Name the most likely object in any case, also where the artefact takes it for unknown
+    #[arg(long)]
+    accept_all: bool,
     /// Print the time of each stage, for example to find out what a smaller computer would take
     #[arg(long)]
     times: bool,
@@ -82,7 +87,15 @@ impl Recognise {
 
     fn text(&self, name: &str, answer: &Answer<'_>, seconds: &Seconds) -> String {
         let Named { instance, category, distance, .. } = answer.nearest();
-        let mut text = format!("{name}: {instance} ({category}), distance {distance:.6}");
+        let is_unknown = answer.is_unknown() && !self.accept_all;
+        let mut text = match answer.known.filter(|_| is_unknown) {
+            Some(known) => {
+                let likely = format!("most like {instance} ({category})");
+                format!("{name}: unknown, {likely}, known with probability {:.3}", known.probability)
+            }
+            None => format!("{name}: {instance} ({category})"),
+        };
+        text += &format!(", distance {distance:.6}");
         match answer.runner_up().zip(answer.margin()) {
             Some((other, margin)) => {
                 text += &format!(", margin {margin:.6} to {} ({})\n", other.instance, other.category);
@@ -113,6 +126,10 @@ impl Recognise {
             "runner_up_distance": runner_up.map(|other| other.distance),
             "margin": answer.margin(),
         });
+        if let Some(known) = answer.known.filter(|_| !self.accept_all) {
+            object["unknown"] = answer.is_unknown().into();
+            object["known_probability"] = known.probability.into();
+        }
         if self.top > 0 {
             let named = |Named { instance, category, cloud, distance }: &Named<'_>| json!({ "instance": instance, "category": category, "cloud": cloud, "distance": distance });
             object["top"] = answer.ranking.iter().take(self.top).map(named).collect();

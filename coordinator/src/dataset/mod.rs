@@ -9,6 +9,7 @@ mod inspect;
 mod layout;
 mod leak;
 mod load;
+mod named;
 mod protocol;
 pub mod record;
 mod root;
@@ -26,6 +27,7 @@ use descriptor::{Preprocess, Skip};
 
 pub use error::{DatasetError, Place};
 pub use leak::{Leak, Recognised, Verdict};
+pub use named::NamedCloud;
 pub use protocol::{Fold, Folds, Protocol};
 use record::CloudRecord;
 pub use settings::{DatasetSettings, Layout, SeededSplit, SplitRule, SyntheticSettings};

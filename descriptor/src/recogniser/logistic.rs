@@ -5,7 +5,7 @@ use nalgebra::{Cholesky, DMatrix, DVector};
 use super::matrix::dot;
 
 /// Coefficients: a constant, and one for each feature.
-pub const TERMS: usize = 3;
+pub const TERMS: usize = 4;
 /// λ of the ridge on coefficients of standardised features, where the weights of all samples add up to 1: without it those
 /// of classes that can be told apart without an error would grow for ever.
 const RIDGE: f64 = 1e-3;
@@ -80,7 +80,8 @@ impl Standard {
         let mean: [f64; TERMS - 1] =
             std::array::from_fn(|at| all().map(|features| features[at]).sum::<f64>() / count);
         let deviation = std::array::from_fn(|at| {
-            let squares: f64 = all().map(|features| (features[at] - mean[at]) * (features[at] - mean[at])).sum();
+            let squares: f64 =
+                all().map(|features| (features[at] - mean[at]) * (features[at] - mean[at])).sum();
             // A feature that does not vary says nothing: the ridge makes its coefficient 0.
             Some((squares / count).sqrt()).filter(|&deviation| deviation > 0.0).unwrap_or(1.0)
         });
@@ -142,17 +143,18 @@ mod tests {
     use super::*;
     use crate::random;
 
-    fn classes(purpose: &str, known: usize, unknown: usize, apart: f64) -> [Vec<[f64; 2]>; 2] {
+    fn classes(purpose: &str, known: usize, unknown: usize, apart: f64) -> [Vec<[f64; 3]>; 2] {
         let mut rng = random::stream(1, purpose, &[]);
         [(known, apart), (unknown, 0.0)].map(|(count, shift)| {
-            let value = |_| [rng.random_range(0.0..1.0) + shift, 40.0 * rng.random_range(0.0..1.0) - 3.0 * shift];
+            let mut draw = || rng.random_range(0.0..1.0);
+            let value = |_| [draw() + shift, 40.0 * draw() - 3.0 * shift, draw() * draw()];
             (0..count).map(value).collect()
         })
     }
 
     /// The loss by its definition, from features as they are.
-    fn loss_of(classes: &[Vec<[f64; 2]>; 2], raw: &[f64; TERMS]) -> f64 {
-        let all: Vec<&[f64; 2]> = classes.iter().flatten().collect();
+    fn loss_of(classes: &[Vec<[f64; 3]>; 2], raw: &[f64; TERMS]) -> f64 {
+        let all: Vec<&[f64; 3]> = classes.iter().flatten().collect();
         let deviation = |at: usize| {
             let mean = all.iter().map(|x| x[at]).sum::<f64>() / all.len() as f64;
             (all.iter().map(|x| (x[at] - mean) * (x[at] - mean)).sum::<f64>() / all.len() as f64).sqrt()
@@ -161,12 +163,14 @@ mod tests {
         for (class, is_first) in classes.iter().zip([true, false]) {
             let mut of_class = 0.0;
             for x in class {
-                let p = 1.0 / (1.0 + libm::exp(-(raw[0] + raw[1] * x[0] + raw[2] * x[1])));
+                let p = 1.0 / (1.0 + libm::exp(-(raw[0] + raw[1] * x[0] + raw[2] * x[1] + raw[3] * x[2])));
                 of_class -= libm::log(if is_first { p } else { 1.0 - p });
             }
             sum += 0.5 * of_class / class.len() as f64;
         }
-        sum + 0.5 * RIDGE * (0..2).map(|at| (raw[at + 1] * deviation(at)) * (raw[at + 1] * deviation(at))).sum::<f64>()
+        sum + 0.5
+            * RIDGE
+            * (0..3).map(|at| (raw[at + 1] * deviation(at)) * (raw[at + 1] * deviation(at))).sum::<f64>()
     }
 
     #[test]
@@ -186,11 +190,14 @@ mod tests {
                     }
                 }
                 let by = 1e-5 * found[at].abs().max(0.01);
-                let slope: f64 = [1.0, -1.0].map(|sign| {
-                    let mut other = found;
-                    other[at] += sign * by;
-                    sign * loss_of(&classes, &other)
-                }).iter().sum();
+                let slope: f64 = [1.0, -1.0]
+                    .map(|sign| {
+                        let mut other = found;
+                        other[at] += sign * by;
+                        sign * loss_of(&classes, &other)
+                    })
+                    .iter()
+                    .sum();
                 assert!((slope / by).abs() < 1e-5, "gradient {}", slope / by);
             }
         }
@@ -203,13 +210,14 @@ mod tests {
         let standard = Standard::of([&classes[0], &classes[1]]);
         let mut c = [0.0; TERMS];
         for _ in 0..200_000 {
-            let mut gradient = [0.0, RIDGE * c[1], RIDGE * c[2]];
+            let mut gradient = [0.0, RIDGE * c[1], RIDGE * c[2], RIDGE * c[3]];
             for (class, target) in classes.iter().zip([1.0, 0.0]) {
                 for x in class {
                     let row = standard.row(x);
                     let z: f64 = (0..TERMS).map(|at| row[at] * c[at]).sum();
                     let p = 1.0 / (1.0 + libm::exp(-z));
-                    (0..TERMS).for_each(|at| gradient[at] += 0.5 / class.len() as f64 * (p - target) * row[at]);
+                    (0..TERMS)
+                        .for_each(|at| gradient[at] += 0.5 / class.len() as f64 * (p - target) * row[at]);
                 }
             }
             (0..TERMS).for_each(|at| c[at] -= gradient[at]);
@@ -222,15 +230,15 @@ mod tests {
 
     #[test]
     fn classes_that_lie_apart_have_finite_coefficients_and_none_has_none() {
-        let apart = [vec![[0.0, 1.0]; 3], vec![[1.0, 1.0]; 5]];
+        let apart = [vec![[0.0, 1.0, 0.0]; 3], vec![[1.0, 1.0, 0.0]; 5]];
         let found = fit([&apart[0], &apart[1]]).unwrap();
-        let p = |x: f64| logistic(found[0] + found[1] * x + found[2]);
+        let p = |x: f64| logistic(found[0] + found[1] * x);
         assert!(p(0.0) > 0.95 && p(1.0) < 0.05, "{found:?}");
         assert!((p(0.5) - 0.5).abs() < 1e-9, "classes count alike, however many there are");
-        assert_eq!(found[2], 0.0, "a feature that does not vary");
+        assert_eq!(found[2..], [0.0; 2], "features that do not vary");
         assert_eq!(fit([&apart[0], &[]]), None);
         assert_eq!(fit([&[], &apart[1]]), None);
-        assert_eq!(fit([&[[f64::NAN, 0.0]], &apart[1]]), None);
+        assert_eq!(fit([&[[f64::NAN, 0.0, 0.0]], &apart[1]]), None);
     }
 
     proptest! {

@@ -4,15 +4,14 @@
 //! Each cloud is asked twice, both times without the clouds of its own sequence or fold: once of a database that shows its
 //! object, and once of one that does not. A logistic regression tells the first answers from the second.
 
+use std::cmp::Ordering;
 use std::collections::BTreeSet;
 
-use rayon::prelude::*;
-
-use super::Settings;
 use super::folds::folds;
-use super::held_out::{Evidence, HeldOut, HeldOutAnswer};
+use super::held_out::{Evidence, HeldOut};
 use super::learn::LabelledClouds;
 use super::logistic::{self, TERMS, logistic};
+use super::{MAX_CLOUDS, Settings};
 
 /// Objects are left out one by one if there are no more, else in so many groups.
 pub const MOST_GROUPS: usize = 12;
@@ -20,16 +19,15 @@ pub const MOST_GROUPS: usize = 12;
 pub const LEAST_OBJECTS: usize = 3;
 /// Answers of either kind without which nothing is calibrated: a twentieth of fewer is none.
 pub const LEAST_ANSWERS: usize = 20;
-/// What recognisers that are learned at the same time may take.
-const MOST_BYTES: usize = 2 << 30;
 
 /// When an answer is believed. There are two rules: by probability, and by the margin alone.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RejectRule {
-    /// Of the nearest cloud: the median distance of known clouds. `None` of a recogniser that learns, whose distances have a
-    /// scale of their own.
-    pub typical_distance: Option<f64>,
-    /// Of 1 and the two features.
+    /// Whether a recogniser that learns has answered; else the nearest cloud has.
+    pub is_learned: bool,
+    /// The median set distance of known clouds to the nearest cloud of all.
+    pub typical_distance: f64,
+    /// Of 1 and the three features.
     pub coefficients: [f64; TERMS],
     /// The least that is believed by probability.
     pub least_probability: f64,
@@ -56,7 +54,9 @@ pub struct Calibration {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum RejectError {
     /// Where an object is left out, two must be left to choose between.
-    #[error("database: must show at least {LEAST_OBJECTS} objects to tell unknown ones from them, got {got}\nadd objects")]
+    #[error(
+        "database: must show at least {LEAST_OBJECTS} objects to tell unknown ones from them, got {got}\nadd objects"
+    )]
     Objects {
         /// How many there are.
         got: usize,
@@ -69,8 +69,18 @@ pub enum RejectError {
         /// The fewer ones of answers about known and unknown objects.
         got: usize,
     },
+    /// The distances of all pairs would not fit.
+    #[error(
+        "database: must have at most {MAX_CLOUDS} clouds to tell unknown objects from those that it shows, got {got}\nexport fewer clouds"
+    )]
+    Clouds {
+        /// How many there are.
+        got: usize,
+    },
     /// All answers are alike.
-    #[error("database: answers about known objects must differ from those about unknown ones, got equal ones\nuse another descriptor")]
+    #[error(
+        "database: answers about known objects must differ from those about unknown ones, got equal ones\nuse another descriptor"
+    )]
     Alike,
 }
 
@@ -87,9 +97,9 @@ pub struct CrossAnswers {
 impl RejectRule {
     /// The probability that the object is one that the database shows, if half of what is asked is.
     pub fn probability(&self, evidence: Evidence) -> f64 {
-        let [a, b] = features(self.typical_distance, evidence);
-        let [constant, of_a, of_b] = self.coefficients;
-        logistic(constant + of_a * a + of_b * b)
+        let [a, b, c] = features(self.is_learned, self.typical_distance, evidence);
+        let [constant, of_a, of_b, of_c] = self.coefficients;
+        logistic(constant + of_a * a + of_b * b + of_c * c)
     }
 
     /// Whether an answer is believed.
@@ -103,16 +113,15 @@ impl RejectRule {
     }
 }
 
-/// Of the nearest cloud the distance and the margin, relative to the typical distance and to the runner-up's; of a
-/// recogniser that learns as they are.
-fn features(typical: Option<f64>, Evidence { distance, margin }: Evidence) -> [f64; TERMS - 1] {
-    match typical {
-        Some(typical) => {
-            let runner_up = distance + margin;
-            [distance / typical, if runner_up > 0.0 { margin / runner_up } else { 0.0 }]
-        }
-        None => [distance, margin],
+/// Of the nearest cloud its distance relative to the typical one, and the margin relative to the runner-up's distance; of a
+/// recogniser that learns distance and margin as they are, and the nearest cloud's distance relative to the typical one.
+fn features(is_learned: bool, typical: f64, evidence: Evidence) -> [f64; TERMS - 1] {
+    let Evidence { distance, margin, nearest } = evidence;
+    if is_learned {
+        return [distance, margin, nearest / typical];
     }
+    let runner_up = distance + margin;
+    [distance / typical, if runner_up > 0.0 { margin / runner_up } else { 0.0 }, 0.0]
 }
 
 impl CrossAnswers {
@@ -121,7 +130,7 @@ impl CrossAnswers {
     /// [`MOST_GROUPS`] groups. A recogniser is learned at most 5 · (1 + [`MOST_GROUPS`]) times.
     ///
     /// # Errors
-    /// [`RejectError`] if there are too few objects or clouds.
+    /// [`RejectError`] if there are too few objects or clouds, or too many.
     pub fn new(
         settings: Option<&Settings>,
         clouds: &LabelledClouds<'_>,
@@ -133,8 +142,10 @@ impl CrossAnswers {
         if shown < LEAST_OBJECTS {
             return Err(RejectError::Objects { got: shown });
         }
+        if objects.len() > MAX_CLOUDS {
+            return Err(RejectError::Clouds { got: objects.len() }); // before the distances of too many
+        }
         let folds = folds(objects, sequences);
-        let held_out = HeldOut::new(settings, clouds);
         let count = |of: &[usize]| of.iter().max().map_or(0, |last| last + 1);
         // Of each fold first all objects, then all but those of each group.
         let rounds: Vec<(usize, Option<usize>)> = (0..count(&folds))
@@ -148,22 +159,19 @@ impl CrossAnswers {
                 (0..objects.len()).filter(|&cloud| folds[cloud] != fold && !is_left_out(cloud)).collect();
             let there: BTreeSet<u32> = known.iter().map(|&cloud| objects[cloud]).collect();
             let is_asked = |&cloud: &usize| {
-                folds[cloud] == fold
-                    && match group {
-                        Some(_) => is_left_out(cloud),
-                        None => there.contains(&objects[cloud]),
-                    }
+                let is_wanted = match group {
+                    Some(_) => is_left_out(cloud),
+                    None => there.contains(&objects[cloud]),
+                };
+                is_wanted && folds[cloud] == fold
             };
-            let queries: Vec<usize> = (0..objects.len()).filter(is_asked).collect();
-            held_out.ask(&known, &queries).unwrap_or_default()
+            (known, (0..objects.len()).filter(is_asked).collect())
         };
-        let at_once = (MOST_BYTES / held_out.bytes_of_one().max(1)).max(1);
+        let asked: Vec<(Vec<usize>, Vec<usize>)> = rounds.iter().map(round).collect();
+        let found = HeldOut::new(settings, clouds).ask_all(&asked);
         let mut answers: [Vec<Evidence>; 2] = Default::default();
-        for some in rounds.chunks(at_once) {
-            let found: Vec<Vec<HeldOutAnswer>> = some.par_iter().map(round).collect();
-            for ((_, group), found) in some.iter().zip(found) {
-                answers[usize::from(group.is_some())].extend(found.iter().map(|answer| answer.evidence));
-            }
+        for ((_, group), found) in rounds.iter().zip(found) {
+            answers[usize::from(group.is_some())].extend(found.iter().map(|answer| answer.evidence));
         }
         let [known, unknown] = answers;
         Self::of(settings.is_some(), known, unknown)
@@ -183,8 +191,12 @@ impl CrossAnswers {
             return Err(RejectError::Answers { got });
         }
         // Sums in an order that is the same for every order of clouds.
+        let key = |evidence: &Evidence| [evidence.distance, evidence.margin, evidence.nearest];
         for answers in [&mut known, &mut unknown] {
-            answers.sort_by(|a, b| a.distance.total_cmp(&b.distance).then(a.margin.total_cmp(&b.margin)));
+            answers.sort_by(|a, b| {
+                let pairs = key(a).into_iter().zip(key(b));
+                pairs.fold(Ordering::Equal, |order, (a, b)| order.then(a.total_cmp(&b)))
+            });
         }
         Ok(Self { is_learned, known, unknown })
     }
@@ -194,14 +206,22 @@ impl CrossAnswers {
     /// # Errors
     /// [`RejectError::Alike`] if nothing tells answers apart.
     pub fn calibrate(&self, false_rejections: f64) -> Result<Calibration, RejectError> {
-        let Self { known, unknown, .. } = self;
-        let median = Some(known[known.len() / 2].distance).filter(|&median| median > 0.0).unwrap_or(1.0);
-        let typical_distance = (!self.is_learned).then_some(median);
+        let Self { is_learned, ref known, ref unknown } = *self;
+        let mut nearest: Vec<f64> = known.iter().map(|evidence| evidence.nearest).collect();
+        nearest.sort_by(f64::total_cmp);
+        let median = nearest[nearest.len() / 2];
+        let typical_distance = if median > 0.0 { median } else { 1.0 };
         let of = |answers: &[Evidence]| -> Vec<_> {
-            answers.iter().map(|&evidence| features(typical_distance, evidence)).collect()
+            answers.iter().map(|&evidence| features(is_learned, typical_distance, evidence)).collect()
         };
         let coefficients = logistic::fit([&of(known), &of(unknown)]).ok_or(RejectError::Alike)?;
-        let mut rule = RejectRule { typical_distance, coefficients, least_probability: 0.0, least_margin: 0.0 };
+        let mut rule = RejectRule {
+            is_learned,
+            typical_distance,
+            coefficients,
+            least_probability: 0.0,
+            least_margin: 0.0,
+        };
         rule.least_probability =
             least(known.iter().map(|&evidence| rule.probability(evidence)), false_rejections);
         rule.least_margin = least(known.iter().map(|evidence| evidence.margin), false_rejections);
@@ -307,7 +327,7 @@ mod tests {
                 }
                 let mut least: Vec<f64> = of_objects.into_values().collect();
                 least.sort_by(f64::total_cmp);
-                answers.push(Evidence { distance: least[0], margin: least[1] - least[0] });
+                answers.push(Evidence { distance: least[0], margin: least[1] - least[0], nearest: least[0] });
             }
         }
         let [known, unknown] = expected;
@@ -323,7 +343,7 @@ mod tests {
             let found = answers.calibrate(0.05).unwrap();
             assert!(found.rejected[0] <= 4 && found.rejected_by_margin[0] <= 4, "{found:?}");
             assert!(found.rejected[1] > 40 && found.rejected_by_margin[1] > 40, "{found:?}");
-            assert_eq!(found.rule.typical_distance.is_some(), settings.is_none());
+            assert_eq!(found.rule.is_learned, settings.is_some());
             let none = answers.calibrate(0.0).unwrap();
             assert_eq!((none.rejected[0], none.rejected_by_margin[0]), (0, 0));
             assert_eq!(none.rule.coefficients, found.rule.coefficients);
@@ -341,7 +361,8 @@ mod tests {
             values: sample.values.select(&order),
             objects: order.iter().map(|&cloud| 70 - sample.objects[cloud]).collect(),
         };
-        let of_other: Vec<Option<u32>> = order.iter().map(|&cloud| sequences[cloud].map(|it| it + 4)).collect();
+        let of_other: Vec<Option<u32>> =
+            order.iter().map(|&cloud| sequences[cloud].map(|it| it + 4)).collect();
         let [found, again] = [answers(None, &sample, &sequences), answers(None, &other, &of_other)]
             .map(|answers| answers.calibrate(0.1).unwrap());
         assert_eq!(found, again);
@@ -365,6 +386,10 @@ mod tests {
         assert_eq!(refused(3, 5, &|_| None), [RejectError::Answers { got: 15 }; 3]);
         // Each object in a sequence of its own.
         assert_eq!(refused(4, 9, &|cloud| Some(cloud / 9)), [RejectError::Answers { got: 0 }; 3]);
+        let many: Vec<u32> = (0..=MAX_CLOUDS as u32).collect();
+        let clouds = LabelledClouds { channels: &[], objects: &many };
+        let got = MAX_CLOUDS + 1;
+        assert_eq!(CrossAnswers::new(None, &clouds, &vec![None; got]), Err(RejectError::Clouds { got }));
         for error in refused(3, 5, &|_| None) {
             assert_eq!(error.to_string().lines().count(), 2);
         }
@@ -372,11 +397,11 @@ mod tests {
 
     #[test]
     fn clouds_that_are_all_alike_are_all_believed() {
-        let alike = vec![Evidence { distance: 0.0, margin: 0.0 }; 30];
+        let alike = vec![Evidence { distance: 0.0, margin: 0.0, nearest: 0.0 }; 30];
         let found = CrossAnswers::of(false, alike.clone(), alike.clone()).unwrap().calibrate(0.05).unwrap();
         assert_eq!((found.rejected, found.rejected_by_margin), ([0; 2], [0; 2]));
         assert_eq!(found.rule.probability(alike[0]), 0.5);
-        let infinite = vec![Evidence { distance: f64::INFINITY, margin: 0.0 }; 30];
+        let infinite = vec![Evidence { distance: f64::INFINITY, margin: 0.0, nearest: 0.0 }; 30];
         let refused = CrossAnswers::of(true, infinite, alike).unwrap().calibrate(0.05);
         assert_eq!(refused, Err(RejectError::Alike));
     }

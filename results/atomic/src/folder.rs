@@ -59,7 +59,9 @@ impl NewFolder {
         sync_folder(&self.parent)
     }
 
-    /// As [`NewFolder::commit`]. A folder that is there already is removed, but not before the new one is in its place.
+    /// As [`NewFolder::commit`]. A folder that is there already is removed, but not before the new one is in its place: on
+    /// Linux, where the file system can, the two change places in one step, so that one of them is there also if this
+    /// process is killed.
     ///
     /// # Errors
     /// Those of the file system; the former folder is then there, or the message says where it is.
@@ -68,6 +70,9 @@ impl NewFolder {
             return self.commit(place);
         }
         sync_tree(self.path())?;
+        if exchange(self.path(), place) {
+            return sync_folder(&self.parent); // what is dropped now is the former folder
+        }
         let aside = new_folder(&self.parent, self.access)?;
         let former = aside.path().join("former");
         fs::rename(place, &former)?;
@@ -82,6 +87,18 @@ impl NewFolder {
         }
         sync_folder(&self.parent)
     }
+}
+
+/// Whether two folders have changed places; if not, for whatever reason, they are where they were.
+#[cfg(target_os = "linux")]
+fn exchange(one: &Path, other: &Path) -> bool {
+    use rustix::fs::{CWD, RenameFlags, renameat_with};
+    renameat_with(CWD, one, CWD, other, RenameFlags::EXCHANGE).is_ok()
+}
+
+#[cfg(not(target_os = "linux"))]
+fn exchange(_: &Path, _: &Path) -> bool {
+    false
 }
 
 fn new_folder(parent: &Path, access: Access) -> io::Result<TempDir> {

@@ -112,6 +112,37 @@ fn a_folder_takes_the_place_of_a_former_one_whole_and_leaves_nothing_beside_it()
     assert_eq!(names(&folder.path().join("below")), ["place"]);
 }
 
+/// On Linux the two change places in one step, on every file system that these tests have met.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_folder_that_is_replaced_is_there_at_any_moment() {
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    let folder = tempfile::tempdir().unwrap();
+    let place = folder.path().join("place");
+    let new = || {
+        let new = NewFolder::beside(&place, Access::Umask).unwrap();
+        new.write("file", b"").unwrap();
+        new
+    };
+    new().replace(&place).unwrap();
+    let is_done = AtomicBool::new(false);
+    std::thread::scope(|scope| {
+        let looks = scope.spawn(|| {
+            let mut looks = 0;
+            while !is_done.load(Ordering::Relaxed) {
+                assert!(place.is_dir(), "gone at look {looks}");
+                looks += 1;
+            }
+            looks
+        });
+        (0..200).for_each(|_| new().replace(&place).unwrap());
+        is_done.store(true, Ordering::Relaxed);
+        assert!(looks.join().unwrap() > 200, "too few looks");
+    });
+    assert_eq!(names(&place), ["file"]);
+}
+
 #[test]
 fn a_place_that_cannot_be_taken_keeps_what_it_has() {
     let folder = tempfile::tempdir().unwrap();

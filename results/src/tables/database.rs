@@ -9,6 +9,8 @@ record! {
         cloud: String, "", "path below the data root";
         instance: String, "", "the cloud's object";
         category: String, "", "the cloud's category";
+        sequence: Option<String>, "", "the cloud's sequence; null if it is not known";
+        addition: Option<u32>, "", "which call of coordinator learn has added it, from 1; null of the run's own";
     }
 }
 

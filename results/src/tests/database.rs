@@ -6,7 +6,7 @@ use std::path::Path;
 use polars::prelude::{DataType, IntoColumn, NamedFrom, Series};
 use tempfile::tempdir;
 
-use crate::parquet::encode;
+use crate::parquet::{encode, encode_with};
 use crate::*;
 
 fn clouds() -> Vec<DatabaseCloud> {
@@ -14,6 +14,8 @@ fn clouds() -> Vec<DatabaseCloud> {
         cloud: format!("mug/mug_{number}/mug_{number}_1_1.pcd"),
         instance: format!("mug_{number}"),
         category: "mug".to_owned(),
+        sequence: (number > 1).then(|| number.to_string()),
+        addition: (number > 2).then_some(number),
     };
     (1..=3).map(cloud).collect()
 }
@@ -54,6 +56,30 @@ fn a_database_is_read_as_it_was_written() {
         let digest = write_database(&file, &database).unwrap();
         assert_eq!(read_database(&file).unwrap(), (database, digest));
         assert_eq!(digest, blake3::hash(&fs::read(&file).unwrap()));
+    }
+}
+
+/// Artefacts of earlier releases have no column for sequences and additions.
+#[test]
+fn a_database_without_the_later_columns_is_read() {
+    let folder = tempdir().unwrap();
+    let file = folder.path().join("database.parquet");
+    for database in [database(2), channels(3)] {
+        write_database(&file, &database).unwrap();
+        let content = crate::read::read_file(&file, database.parts.table()).unwrap();
+        let mut earlier = content.frame.drop("sequence").unwrap().drop("addition").unwrap();
+        let metadata = [
+            ("descry.schema_version", "1".to_owned()),
+            ("descry.table", content.table.name.to_string()),
+            ("descry.columns", "[]".to_owned()),
+        ];
+        let metadata = metadata.map(|(key, value)| (key.to_owned(), value)).to_vec();
+        fs::write(&file, encode_with(&mut earlier, metadata, &file).unwrap()).unwrap();
+        let mut expected = database;
+        for cloud in &mut expected.clouds {
+            (cloud.sequence, cloud.addition) = (None, None);
+        }
+        assert_eq!(read_database(&file).unwrap().0, expected);
     }
 }
 

@@ -215,8 +215,8 @@ fn artefacts_of_disk_ring_stay_as_they_are() {
     let (out, artefact) = (experiment.path("out"), experiment.path("artefact"));
     run("coordinator", ["export", &out, &artefact]).expect_success();
     expect![[r#"
-        version = 1
-        digest = "a63009e36d3462fc846d84b0dd6024aaa9e4809b52ea95f15583cec696cad8ea"
+        version = 2
+        digest = "3d48e86cfede1ca70184d72cacc1bd7ebd9cad5a3dd8204217aa153cf040700f"
         name = "short"
         evaluation_version = 2
         run_digest = "4f6eb036a7dae89d1af628d2523dddde95e7fe015ce9d1f6d8c12e7a564f5517"
@@ -239,12 +239,19 @@ fn artefacts_of_disk_ring_stay_as_they_are() {
         R2 = 2.3
         w = 0.07
 
+        [reject]
+        false_rejections = 0.05
+        typical_distance = 0.06396173812448978
+        coefficients = [1.8742317092116347, -1.1819085639578424, 0.4301406386535541, 0.0]
+        least_probability = 0.2521527297993582
+        least_margin = 0.005398435369133946
+
         [database]
         clouds = 48
-        digest = "8e2f6d80a44c36337a735efcd3617b66145f246b9f1ba60b70c3fda5bae7f24b"
+        digest = "bd58df0999ce9a750234ee9dd479af2d4c84009789598d56ba267ed387495f82"
 
         [test_vector]
-        digest = "dd13a350bffbeae0bd3a62076678fc2aa9e14f733858588ef85895ead0258674"
+        digest = "8ba49902fd4957572e1ffcc226acff748e1b6fd0d07171ec9243dc23f0d1a651"
     "#]]
     .assert_eq(&fs::read_to_string(format!("{artefact}/descriptor.toml")).unwrap());
 }

@@ -28,6 +28,7 @@
 //! - `sweeps`: several runs over one set of workers
 //! - `structures`: descriptors that are lists of channels, under every protocol of fitness
 //! - `members`: structures that are shipped as files
+//! - `unknown_objects`: what an artefact rejects and what it learns
 //! - `verdicts`: the end of runs and sweeps, beside baselines
 //! - `strangers`: who is let in, who is not, and what those can do who are not
 //! - `report`: the report of runs, in a browser
@@ -72,6 +73,7 @@ mod several_objectives;
 mod strangers;
 mod structures;
 mod sweeps;
+mod unknown_objects;
 mod verdicts;
 
 use tests::{browser, experiments, process};
