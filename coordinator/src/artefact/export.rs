@@ -4,7 +4,7 @@ use proto::Message;
 use std::path::{Path, PathBuf};
 
 use cache::{Storage, Store};
-use descriptor::recogniser::{self, LabelledClouds, LearnError, Method};
+use descriptor::recogniser::{ChosenSettings, LabelledClouds, LearnError, Method};
 use descriptor::structure::Structure;
 use descriptor::{
     Describer, Descriptor, Family, Preprocess, SearchSpace, SetDistance, Signature, Signatures, pcd,
@@ -49,14 +49,14 @@ pub struct Exported {
 }
 
 /// Makes the artefact of a finished run in the folder `out`, whole or not at all; an artefact that is there is
-/// replaced. `data` is another place of the run's data root. Settings of a recogniser that learns are chosen inside the
+/// replaced. Without a recogniser it is that of the run's experiment. `data` is another place of the run's data root. Settings of a recogniser that learns are chosen inside the
 /// reference clouds, as is when an answer is rejected: of at most this share of the clouds that are known.
 ///
 /// # Errors
 /// [`ExportError`]: also if the artefact, once written, does not answer as the run did.
 pub fn export(
     run: &Path,
-    (which, recogniser): (DescriptorChoice, Method),
+    (which, recogniser): (DescriptorChoice, Option<Method>),
     false_rejections: f64,
     data: Option<&Path>,
     out: &Path,
@@ -96,9 +96,13 @@ pub fn export(
     let database = describe(&dataset, &preprocess, &descriptor, winner)?;
     let reference = signatures(&descriptor, &database).map_err(winner)?;
     let scales = scales::found(&descriptor, &reference, dataset.splits.trained());
-    let learning =
-        learning(recogniser, &dataset, &channels(&descriptor, scales.as_deref(), &reference), &database)
-            .map_err(|source| ExportError::Learn { run: run.to_owned(), source })?;
+    let learning = learning(
+        recogniser.unwrap_or(experiment.recognition()),
+        &dataset,
+        &channels(&descriptor, scales.as_deref(), &reference),
+        &database,
+    )
+    .map_err(|source| ExportError::Learn { run: run.to_owned(), source })?;
     let settings_of_recogniser = learning.map(|chosen| chosen.settings);
     let example = example(&dataset)?;
     let reject = reject::calibrate(
@@ -172,11 +176,11 @@ fn learning(
     dataset: &Dataset,
     channels: &[(&Signatures, SetDistance, f64)],
     database: &results::Database,
-) -> Result<Option<recogniser::Chosen>, LearnError> {
+) -> Result<Option<ChosenSettings>, LearnError> {
     let objects: Vec<u32> = labels(&database.clouds).iter().map(|label| label.instance).collect();
     let sequence = |&cloud: &u32| dataset.clouds.entries[cloud as usize].sequence;
     let sequences: Vec<Option<u32>> = Matching::Test.database_clouds(dataset).iter().map(sequence).collect();
-    recogniser::Chosen::new(method, &LabelledClouds { channels, objects: &objects }, &sequences)
+    ChosenSettings::new(method, &LabelledClouds { channels, objects: &objects }, &sequences)
 }
 
 /// The run's winner.

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
-use descriptor::recogniser::{self, Calibration, Settings};
+use descriptor::recogniser::{Calibration, ChosenSettings, Settings};
 use descriptor::structure::Structure;
 use descriptor::{Descriptor, Preprocess, Unit};
 use results::{Counts, DatabaseCloud, RunRow, wilson};
@@ -36,7 +36,7 @@ pub(super) enum Origin<'a> {
         row: &'a RunRow,
         which: &'a DescriptorChoice,
         /// How the settings of a recogniser that learns were chosen.
-        learning: Option<recogniser::Chosen>,
+        learning: Option<ChosenSettings>,
     },
     /// An artefact that clouds were added to.
     Artefact,
@@ -190,7 +190,10 @@ impl About<'_> {
             ),
         };
         let chosen = match self.origin {
-            Origin::Run { learning: Some(recogniser::Chosen { wrong, asked, .. }), .. } => format!(
+            Origin::Run { learning: Some(ChosenSettings { asked: 0, .. }), .. } => {
+                "The settings are the first there are: no reference cloud could be asked.".to_owned()
+            }
+            Origin::Run { learning: Some(ChosenSettings { wrong, asked, .. }), .. } => format!(
                 "While these settings were chosen, {wrong} of {asked} reference clouds were wrong by those of other \
                  sequences or folds."
             ),

@@ -34,9 +34,10 @@ pub struct Export {
     #[arg(long, value_name = "N", conflicts_with_all = ["descriptor", "structure"])]
     point: Option<u32>,
     /// How objects are named: nearest, the name of the nearest cloud; projection and kernel-ridge learn from the labels
-    /// of the reference clouds, for example kernel-ridge. Settings are chosen inside these clouds
-    #[arg(long, value_name = "NAME", default_value = "nearest", value_parser = Method::ALL.map(Method::name))]
-    recogniser: String,
+    /// of the reference clouds, for example kernel-ridge. Settings are chosen inside these clouds. By default as in
+    /// \[recognition\] of the run's experiment
+    #[arg(long, value_name = "NAME", value_parser = Method::ALL.map(Method::name))]
+    recogniser: Option<String>,
     /// Share of the reference clouds whose answer may be rejected as unknown, 0 to 0.5, for example 0.01; the bound is found
     /// inside these clouds [default: 0.05]
     #[arg(long, value_name = "SHARE", value_parser = rate)]
@@ -63,8 +64,7 @@ impl Export {
             (.., Which::Paper) => DescriptorChoice::Paper,
         };
         let storage = self.storage.resolve();
-        // One of the names, or it would not have been parsed.
-        let recogniser = Method::named(&self.recogniser).unwrap_or_default();
+        let recogniser = self.recogniser.as_deref().and_then(Method::named);
         let exported = artefact::export(
             &self.run,
             (which, recogniser),

@@ -2,7 +2,7 @@
 
 use descriptor::distance::{DistanceMatrix, set_distances};
 use descriptor::recognise::{Hit, RecogniseError, nearest, recognise_from};
-use descriptor::recogniser::{Chosen, LabelledClouds, LearnedRecogniser};
+use descriptor::recogniser::{ChosenSettings, LabelledClouds, LearnedRecogniser};
 use descriptor::{Label, Match, Signatures};
 use rayon::prelude::*;
 use results::{Curve, DistanceRow};
@@ -31,7 +31,7 @@ pub struct Recognition {
     /// Whether distances and the curve of all pairs are left out, because they are too many.
     pub is_abridged: bool,
     /// What has been learned from the database, and the settings; `None` by the nearest cloud.
-    pub learned: Option<(LearnedRecogniser, Chosen)>,
+    pub learned: Option<(LearnedRecogniser, ChosenSettings)>,
 }
 
 impl Recognition {
@@ -105,7 +105,7 @@ impl Recognition {
         found: Vec<Match>,
         [queries, database]: [&[u32]; 2],
         [query_labels, database_labels]: [&[Label]; 2],
-        learned: Option<(LearnedRecogniser, Chosen)>,
+        learned: Option<(LearnedRecogniser, ChosenSettings)>,
         distances: impl Fn(usize, &mut Vec<f64>),
     ) -> Self {
         let count = queries.len();
@@ -172,7 +172,7 @@ fn learn(
     distances: &[(DistanceMatrix, f64)],
     labels: &[Label],
     sequences: &[Option<u32>],
-) -> Result<Option<(LearnedRecogniser, Chosen)>, CompareError> {
+) -> Result<Option<(LearnedRecogniser, ChosenSettings)>, CompareError> {
     let [_, database] = &described.clouds;
     let channels = candidate.descriptor.channels().into_iter().zip(&described.channels).zip(distances);
     let channels: Vec<_> = channels
@@ -184,7 +184,7 @@ fn learn(
     let sequences: Vec<Option<u32>> = database.iter().map(|&cloud| sequences[cloud as usize]).collect();
     let known = LabelledClouds { channels: &channels, objects: &objects };
     let failed = |source| CompareError::Learn { label: candidate.label.clone(), source };
-    let chosen = Chosen::new(candidate.recogniser, &known, &sequences).map_err(failed)?;
+    let chosen = ChosenSettings::new(candidate.recogniser, &known, &sequences).map_err(failed)?;
     let Some(chosen) = chosen else { return Ok(None) };
     let learned = LearnedRecogniser::new(&chosen.settings, &known).map_err(failed)?;
     Ok(Some((learned, chosen)))

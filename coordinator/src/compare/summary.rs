@@ -82,10 +82,12 @@ impl Comparison {
         for row in &self.rows {
             let by = if row.distance == GIVEN { String::new() } else { format!(", by {}", row.distance) };
             text += &wrapped(&format!("{}: {}{by}", row.descriptor, row.parameters), 2);
-            if let Some((settings, error)) = row.settings.as_ref().zip(row.database_error) {
-                let learned =
-                    format!("{}: {settings}; inside the database {} wrong", row.descriptor, percent(error));
-                text += &wrapped(&learned, 2);
+            if let Some(settings) = &row.settings {
+                let inside = match row.database_error {
+                    Some(error) => format!("inside the database {} wrong", percent(error)),
+                    None => "inside the database no cloud could be asked".to_owned(),
+                };
+                text += &wrapped(&format!("{}: {settings}; {inside}", row.descriptor), 2);
             }
             if let Some(note) = &row.note {
                 text += &wrapped(&format!("{}: {note}", row.descriptor), 2);

@@ -260,7 +260,7 @@ fn row(
         recogniser: Some(about.recogniser.name().to_owned()),
         cloud_size,
         settings: learned.map(|(_, chosen)| chosen.settings.to_string()),
-        database_error: learned.map(|(_, chosen)| chosen.error()),
+        database_error: learned.and_then(|(_, chosen)| chosen.error()),
         note: about.note.map(str::to_owned),
         counts,
         object_wilson,

@@ -31,13 +31,13 @@ pub fn folds(objects: &[u32], sequences: &[Option<u32>]) -> Vec<usize> {
 
 /// For each setting how many clouds are not recognised by what is learned from the other folds, and of how many;
 /// `learn_and_judge` is given the clouds that are learned from, those that are asked, and returns for each setting
-/// the number of wrong answers, or `None` if nothing can be learned from them. A cloud whose object is not among those
-/// that are learned from is not asked.
+/// the number of wrong answers, or `None` if nothing can be learned from them by any. A setting of which it has none has
+/// recognised no cloud of the fold. A cloud whose object is not among those that are learned from is not asked.
 pub fn cross_validate(
     objects: &[u32],
     folds: &[usize],
     settings: usize,
-    mut learn_and_judge: impl FnMut(&[usize], &[usize]) -> Option<Vec<u32>>,
+    mut learn_and_judge: impl FnMut(&[usize], &[usize]) -> Option<Vec<Option<u32>>>,
 ) -> (Vec<u32>, u32) {
     let (mut wrong, mut asked) = (vec![0; settings], 0);
     for fold in 0..folds.iter().max().map_or(0, |last| last + 1) {
@@ -48,7 +48,8 @@ pub fn cross_validate(
             queries.into_iter().filter(|&cloud| there.contains(&objects[cloud])).collect();
         let Some(of_fold) = learn_and_judge(&known, &queries) else { continue };
         asked += queries.len() as u32;
-        wrong.iter_mut().zip(of_fold).for_each(|(all, of_fold)| *all += of_fold);
+        let all_wrong = queries.len() as u32;
+        wrong.iter_mut().zip(of_fold).for_each(|(all, of_fold)| *all += of_fold.unwrap_or(all_wrong));
     }
     (wrong, asked)
 }
@@ -83,7 +84,7 @@ mod tests {
         let mut met = Vec::new();
         let (wrong, asked) = cross_validate(&objects, &folds, 2, |known, queries| {
             met.push((known.to_vec(), queries.to_vec()));
-            Some(vec![1, queries.len() as u32])
+            Some(vec![Some(1), None])
         });
         // Object 2 has no other cloud.
         assert_eq!(met, [(vec![1, 4, 5], vec![0, 2]), (vec![0, 2, 3], vec![1, 4, 5])]);

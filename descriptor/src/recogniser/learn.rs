@@ -34,7 +34,7 @@ pub enum Settings {
 
 /// Settings that were chosen inside a database.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Chosen {
+pub struct ChosenSettings {
     /// The settings.
     pub settings: Settings,
     /// Clouds of the database that were not recognised by those of the other folds.
@@ -84,7 +84,7 @@ impl fmt::Display for Settings {
     }
 }
 
-impl Chosen {
+impl ChosenSettings {
     /// Chooses the settings of a method that recognise most clouds of a database by those of the other folds, by the
     /// current rayon pool; `None` of the nearest cloud, which has none. Folds go by the sequences of the clouds, where they
     /// are known.
@@ -108,9 +108,10 @@ impl Chosen {
         }
     }
 
-    /// Share of the clouds of the database that are not recognised by those of the other folds; 0 of none.
-    pub fn error(&self) -> f64 {
-        f64::from(self.wrong) / f64::from(self.asked.max(1))
+    /// Share of the clouds of the database that are not recognised by those of the other folds; `None` if none was asked,
+    /// as where each object has one cloud.
+    pub fn error(&self) -> Option<f64> {
+        (self.asked > 0).then(|| f64::from(self.wrong) / f64::from(self.asked))
     }
 
     fn of_projection(clouds: &LabelledClouds<'_>, folds: &[usize]) -> Self {
@@ -123,7 +124,7 @@ impl Chosen {
                 let votes = |query: usize| projection.votes(values.row(query));
                 Some(wrong(objects, known, queries, votes))
             };
-            settings.iter().map(wrong).collect()
+            Some(settings.iter().map(wrong).collect())
         };
         let (counts, asked) = cross_validate(objects, folds, settings.len(), judge);
         let best = least(&counts);
@@ -144,7 +145,7 @@ impl Chosen {
                 };
                 Some(wrong(objects, known, queries, votes))
             };
-            settings.iter().map(wrong).collect()
+            Some(settings.iter().map(wrong).collect())
         };
         let (counts, asked) = cross_validate(objects, folds, settings.len(), judge);
         let best = least(&counts);
@@ -302,7 +303,7 @@ mod tests {
     }
 
     struct Learned {
-        chosen: Chosen,
+        chosen: ChosenSettings,
         recogniser: LearnedRecogniser,
         found: Vec<Match>,
     }
@@ -319,7 +320,7 @@ mod tests {
             (0..known.len() as u32).map(|cloud| has_sequences.then_some(cloud % 3)).collect();
         let objects = at(&sample.objects, &known);
         let clouds = LabelledClouds { channels: &channels, objects: &objects };
-        let chosen = Chosen::new(method, &clouds, &sequences).unwrap().unwrap();
+        let chosen = ChosenSettings::new(method, &clouds, &sequences).unwrap().unwrap();
         assert_eq!(chosen.settings.method(), method);
         let recogniser = LearnedRecogniser::new(&chosen.settings, &clouds).unwrap();
         let distances = weights.map(|weight| (DistanceMatrix::by(chi_squared, &queries, &database), weight));
@@ -361,7 +362,7 @@ mod tests {
                     assert!(object(other) != object(found.nearest));
                     assert!(other.distance >= found.nearest.distance);
                 }
-                assert_eq!((chosen.wrong, chosen.asked, chosen.error()), (0, 36, 0.0));
+                assert_eq!((chosen.wrong, chosen.asked, chosen.error()), (0, 36, Some(0.0)));
             }
         }
         assert_eq!(learned(Method::Projection, &sample, true).recogniser.size(), Some(5));
@@ -376,7 +377,7 @@ mod tests {
         let clouds = noise.objects.len();
         noise.objects = (0..clouds as u32).map(|cloud| cloud / 2 % 4).collect();
         for method in [Method::Projection, Method::KernelRidge] {
-            let error = learned(method, &noise, true).chosen.error();
+            let error = learned(method, &noise, true).chosen.error().unwrap();
             assert!(error > 0.5, "{method:?} {error}");
         }
     }
@@ -398,11 +399,11 @@ mod tests {
     #[test]
     fn the_nearest_cloud_has_no_settings_and_nothing_is_learned_from_nothing() {
         let nothing = LabelledClouds { channels: &[], objects: &[] };
-        assert_eq!(Chosen::new(Method::Nearest, &nothing, &[]), Ok(None));
+        assert_eq!(ChosenSettings::new(Method::Nearest, &nothing, &[]), Ok(None));
         let none = Err(LearnError::Objects { got: 0 });
-        assert_eq!(Chosen::new(Method::KernelRidge, &nothing, &[]), none);
-        let of_projection = Chosen::new(Method::Projection, &nothing, &[]).unwrap().unwrap();
-        assert_eq!((of_projection.wrong, of_projection.asked, of_projection.error()), (0, 0, 0.0));
+        assert_eq!(ChosenSettings::new(Method::KernelRidge, &nothing, &[]), none);
+        let of_projection = ChosenSettings::new(Method::Projection, &nothing, &[]).unwrap().unwrap();
+        assert_eq!((of_projection.wrong, of_projection.asked, of_projection.error()), (0, 0, None));
         for settings in [of_projection.settings, Settings::KernelRidge(KernelRidgeSettings::ALL[0])] {
             let learned = LearnedRecogniser::new(&settings, &nothing);
             assert_eq!(learned, Err(LearnError::Objects { got: 0 }));

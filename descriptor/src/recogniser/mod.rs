@@ -1,7 +1,8 @@
 //! Recognisers that learn from the labels of a database, beside the nearest neighbour (DESIGN 5b).
 //!
 //! They are learned from the clouds of the database alone; their settings are those that recognise most of its clouds when
-//! each sequence in turn is left out. All of it is + − × ÷ √ and `libm` in a fixed order: equal bits on every machine.
+//! sequences are left out in turn ([`ChosenSettings`]). All of it is + − × ÷ √ and `libm` in a fixed order: equal bits on
+//! every machine.
 
 mod folds;
 mod held_out;
@@ -18,10 +19,11 @@ mod testing;
 use std::collections::BTreeMap;
 
 pub use held_out::{Evidence, HeldOut, HeldOutAnswer};
-pub use kernel_ridge::{KernelRidge, KernelRidgeSettings, MAX_CLOUDS};
-pub use learn::{Chosen, LabelledClouds, LearnedRecogniser, Settings};
-pub use matrix::Matrix;
-pub use projection::{Components, MAX_COMPONENTS, Projection, ProjectionSettings, Reference};
+use kernel_ridge::KernelRidge;
+pub use kernel_ridge::{KernelRidgeSettings, MAX_CLOUDS};
+pub use learn::{ChosenSettings, LabelledClouds, LearnedRecogniser, Settings};
+use projection::{Components, Projection};
+pub use projection::{MAX_COMPONENTS, ProjectionSettings, Reference};
 pub use reject::{Calibration, CrossAnswers, RejectError, RejectRule};
 
 /// How a cloud gets its name from a database.

@@ -7,11 +7,12 @@
 use std::cmp::Ordering;
 use std::collections::BTreeSet;
 
+use super::Settings;
 use super::folds::folds;
 use super::held_out::{Evidence, HeldOut};
+use super::kernel_ridge::MAX_CLOUDS;
 use super::learn::LabelledClouds;
 use super::logistic::{self, TERMS, logistic};
-use super::{MAX_CLOUDS, Settings};
 
 /// Objects are left out one by one if there are no more, else in so many groups.
 pub const MOST_GROUPS: usize = 12;
@@ -126,7 +127,7 @@ fn features(is_learned: bool, typical: f64, evidence: Evidence) -> [f64; TERMS -
 
 impl CrossAnswers {
     /// Asks each cloud of a database, by the current rayon pool; without settings the nearest cloud answers. What is left
-    /// out together goes by sequences, as in [`Chosen`](super::Chosen), and by objects: one by one, or in
+    /// out together goes by sequences, as in [`ChosenSettings`](super::ChosenSettings), and by objects: one by one, or in
     /// [`MOST_GROUPS`] groups. A recogniser is learned at most 5 · (1 + [`MOST_GROUPS`]) times.
     ///
     /// # Errors
@@ -266,8 +267,9 @@ fn groups(objects: &[u32]) -> Vec<usize> {
 mod tests {
     use proptest::prelude::*;
 
+    use super::super::matrix::Matrix;
     use super::super::testing::{Sample, sample};
-    use super::super::{KernelRidgeSettings, Matrix, ProjectionSettings};
+    use super::super::{KernelRidgeSettings, ProjectionSettings};
     use super::*;
     use crate::distance::SetDistance;
     use crate::signature::{Signature, Signatures};

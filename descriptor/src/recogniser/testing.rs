@@ -2,7 +2,7 @@
 
 use rand::RngExt as _;
 
-use super::Matrix;
+use super::matrix::Matrix;
 use crate::random;
 
 /// Clouds with what they show.

@@ -47,7 +47,8 @@ record! {
             "values kept of a cloud, with a projection after it; null in tables of earlier releases, and of given distances";
         settings: Option<String>, "", "what the recogniser chose inside the database; null of nearest";
         database_error: Option<f64>, "share",
-            "clouds of the database not recognised by others, a sequence or fold left out at a time, with these settings";
+            "clouds of the database not recognised by others, a sequence or fold left out at a time, with these settings; null of \
+             nearest, and where none could be asked";
         note: Option<String>, "", "what more there is to say";
         counts as "": Counts, "", "test clouds";
         object_wilson as "object_error": [f64; 2], "share",
