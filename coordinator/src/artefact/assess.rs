@@ -239,11 +239,11 @@ mod tests {
     #[test]
     fn rejections_are_counted_by_either_rule() {
         // Twice the margin against the distance; the margin against 0.2.
-        let known = evidence(&[[0.1, 0.3], [0.8, 0.3], [0.1, 0.1]]);
-        let left_out = evidence(&[[0.9, 0.1], [0.9, 0.5]]);
+        let known = evidence(&[[0.125, 0.25], [0.75, 0.25], [0.125, 0.125]]);
+        let left_out = evidence(&[[0.875, 0.125], [0.875, 0.5]]);
         let expected = Rejected { false_rejections: 0.1, known: [1, 1], left_out: [1, 1] };
         assert_eq!(rejected(0.1, &RULE, &known, &left_out), expected);
-        // By probability, 2 · margin − distance: 0.5, −0.2, 0.1 against −0.7, 0.1.
+        // By probability, 2 · margin − distance: 3/8, −1/4, 1/8 against −5/8, 1/8.
         let [by_probability, by_margin] = separation(&RULE, &known, &left_out).unwrap();
         assert_eq!(by_probability, (2.0 + 1.0 + 1.5) / 6.0);
         assert_eq!(by_margin, (1.0 + 1.0 + 0.5) / 6.0);
