@@ -93,7 +93,7 @@ impl RunDriver<'_> {
         let (Self { experiment, dataset, folder, .. }, finals) = (self, &outcome.finals);
         folder.write_log(&tables::rows(&self.client))?;
         folder.write_skipped(&rows::skipped(dataset))?;
-        let front = front::rows(&outcome.found.front, &outcome.found.winner);
+        let front = front::rows(experiment.fitness(), &outcome.found.front, &outcome.found.winner);
         if experiment.objectives().are_several() {
             folder.write_front(&front)?;
         }

@@ -5,8 +5,9 @@ use evolution::Found;
 use results::{Counts, FrontRow, wilson};
 use serde_json::{Value, json};
 
-use crate::fitness::Measured;
+use crate::fitness::{Fitness, Measured};
 use crate::run::progress::percent;
+use proto::task::Objective;
 
 /// Most points that the text shows, beside those that are marked.
 const SHOWN: usize = 10;
@@ -24,7 +25,7 @@ pub struct FrontPoint {
 }
 
 /// The rows of a front in its order.
-pub fn rows(front: &[FrontPoint], winner: &Found) -> Vec<FrontRow> {
+pub fn rows(fitness: &Fitness, front: &[FrontPoint], winner: &Found) -> Vec<FrontRow> {
     let row = |(point, FrontPoint { found, descriptor, train, validation }): (u32, &FrontPoint)| FrontRow {
         point,
         generation: found.generation,
@@ -32,6 +33,8 @@ pub fn rows(front: &[FrontPoint], winner: &Found) -> Vec<FrontRow> {
         chromosome: found.individual.bit_string(),
         genes: descriptor.values(),
         train: train.counts,
+        objective_correct: (fitness.objective() == Objective::Category)
+            .then_some(train.counts.category_correct),
         train_margin: train.margin,
         validation: validation.map(|measured| measured.counts),
         validation_margin: validation.and_then(|measured| measured.margin),
@@ -42,22 +45,29 @@ pub fn rows(front: &[FrontPoint], winner: &Found) -> Vec<FrontRow> {
     (1..).zip(front).map(row).collect()
 }
 
-/// The counts that points are compared by: on validation clouds where there are any.
-fn judged(row: &FrontRow) -> Counts {
-    row.validation.unwrap_or(row.train)
+/// Queries that are wrong by what the fitness counts, and how many were asked.
+fn errors(row: &FrontRow, counts: Counts) -> (u32, u32) {
+    let correct =
+        if row.objective_correct.is_some() { counts.category_correct } else { counts.object_correct };
+    (counts.queries.saturating_sub(correct), counts.queries)
 }
 
-fn errors(counts: Counts) -> u32 {
-    counts.queries.saturating_sub(counts.object_correct)
+fn share((wrong, queries): (u32, u32)) -> f64 {
+    f64::from(wrong) / f64::from(queries)
+}
+
+/// The errors that points are compared by: on validation clouds where there are any.
+fn judged(row: &FrontRow) -> (u32, u32) {
+    errors(row, row.validation.unwrap_or(row.train))
 }
 
 /// Of the points whose error lies within the 95 % interval of the best one's, the smallest and the fastest, as indices.
 fn within_one_interval(rows: &[FrontRow]) -> Option<[usize; 2]> {
-    let best = rows.iter().map(judged).min_by(|a, b| a.object_error().total_cmp(&b.object_error()))?;
-    let [_, end] = wilson(errors(best), best.queries);
-    let near: Vec<usize> = (0..rows.len()).filter(|&row| judged(&rows[row]).object_error() <= end).collect();
+    let (wrong, queries) = rows.iter().map(judged).min_by(|&a, &b| share(a).total_cmp(&share(b)))?;
+    let [_, end] = wilson(wrong, queries);
+    let near: Vec<usize> = (0..rows.len()).filter(|&row| share(judged(&rows[row])) <= end).collect();
     let least = |value: fn(&FrontRow) -> u64| {
-        let order = |&row: &usize| (value(&rows[row]), errors(judged(&rows[row])));
+        let order = |&row: &usize| (value(&rows[row]), judged(&rows[row]).0);
         near.iter().copied().min_by_key(order) // the first of equals
     };
     Some([least(|row| row.size)?, least(|row| row.cost)?])
@@ -86,21 +96,18 @@ pub fn lines(rows: &[FrontRow]) -> Option<Vec<String>> {
     let even: Vec<usize> = (0..SHOWN).map(|place| place * last / (SHOWN - 1)).collect();
     let shown: Vec<usize> =
         (0..rows.len()).filter(|row| even.contains(row) || !marks[*row].is_empty()).collect();
-    let error = |counts: Option<Counts>| {
-        counts.map_or_else(
-            || "-".to_owned(),
-            |counts| format!("{} ({})", percent(counts.object_error()), errors(counts)),
-        )
-    };
+    let error = |errors: (u32, u32)| format!("{} ({})", percent(share(errors)), errors.0);
     let line = |[point, train, validation, cost, size]: [&str; 5], mark: &str| {
         let line = format!("{point:<6}{train:<15}{validation:<15}{cost:>9}{size:>7}  {mark}");
         line.trim_end().to_owned()
     };
     let mut lines = vec![line(["point", "train error", "validation", "cost", "values"], "")];
     for row in shown.iter().copied() {
-        let FrontRow { point, train, validation, cost, size, .. } = &rows[row];
+        let of = &rows[row];
+        let FrontRow { point, train, validation, cost, size, .. } = of;
+        let validation = validation.map_or_else(|| "-".to_owned(), |counts| error(errors(of, counts)));
         let cells =
-            [point.to_string(), error(Some(*train)), error(*validation), cost.to_string(), size.to_string()];
+            [point.to_string(), error(errors(of, *train)), validation, cost.to_string(), size.to_string()];
         let cells = cells.each_ref().map(String::as_str);
         let [first, others @ ..] = &marks[row][..] else {
             lines.push(line(cells, ""));
@@ -121,14 +128,16 @@ pub fn lines(rows: &[FrontRow]) -> Option<Vec<String>> {
 pub fn json(rows: &[FrontRow]) -> Option<Value> {
     let (smallest, fastest) = within_one_interval(rows).map(|[smallest, fastest]| (smallest, fastest))?;
     let point = |(index, row): (usize, &FrontRow)| {
+        let train = errors(row, row.train);
+        let validation = row.validation.map(|counts| errors(row, counts));
         json!({
             "point": row.point,
             "generation": row.generation,
             "individual": row.individual,
-            "train_error": row.train.object_error(),
-            "train_errors": errors(row.train),
-            "validation_error": row.validation.map(|counts| counts.object_error()),
-            "validation_errors": row.validation.map(errors),
+            "train_error": share(train),
+            "train_errors": train.0,
+            "validation_error": validation.map(share),
+            "validation_errors": validation.map(|(wrong, _)| wrong),
             "cost": row.cost,
             "size": row.size,
             "winner": row.winner,
@@ -153,6 +162,7 @@ mod tests {
             chromosome: String::new(),
             genes: Vec::new(),
             train: counts(point),
+            objective_correct: None,
             train_margin: None,
             validation: Some(counts(errors)),
             validation_margin: None,
@@ -173,6 +183,10 @@ mod tests {
         // Of training clouds they have one to five errors.
         assert_eq!(within_one_interval(&without), Some([3, 3]));
         assert_eq!(within_one_interval(&[]), None);
+        // No category is wrong.
+        let categories: Vec<FrontRow> =
+            rows.iter().map(|row| FrontRow { objective_correct: Some(200), ..row.clone() }).collect();
+        assert_eq!(within_one_interval(&categories), Some([3, 3]));
     }
 
     #[test]

@@ -90,6 +90,7 @@ fn declaration(table: TableName) -> Declaration {
                     "train_object_correct",
                     "train_category_correct",
                     "train_queries",
+                    "objective_correct",
                     "train_margin",
                     "validation_object_correct",
                     "validation_category_correct",

@@ -130,12 +130,14 @@ record! {
     /// A point of the front of a search of several objectives.
     #[derive(Clone, Debug, PartialEq)]
     pub struct FrontRow {
-        point: u32, "", "place by training errors, from 1";
+        point: u32, "", "place by the training errors that the fitness counts, from 1";
         generation: u32, "", "generation in which it was found";
         individual: u32, "", "its index in that generation";
         chromosome: String, "bits", "its bit string";
         genes as "": Vec<Option<f64>>, "", "values of the genes, as in evaluations";
         train as "train_": Counts, "", "training clouds that the fitness asks for";
+        objective_correct: Option<u32>, "clouds",
+            "training clouds that the fitness counts where that is not train_object_correct; null elsewhere";
         train_margin: Option<f64>, "", "soft margin on them; null where none is asked for";
         validation as "validation_": Option<Counts>, "", "validation clouds";
         validation_margin: Option<f64>, "", "soft margin on validation clouds; null where none is asked for";

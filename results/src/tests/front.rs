@@ -18,6 +18,7 @@ pub fn front() -> Vec<FrontRow> {
         chromosome: individual.chromosome,
         genes: individual.genes,
         train: individual.counts,
+        objective_correct: individual.objective_correct,
         train_margin: individual.margin,
         validation: Some(fixture::VALIDATION),
         validation_margin: None,

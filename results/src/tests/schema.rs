@@ -94,7 +94,7 @@ fn the_digest_covers_the_listed_columns_and_no_other() {
         events: 
         looks: 
         run: search_config seed data_digest stop_reason
-        front: point generation individual chromosome shape_bins m R1 w train_object_correct train_category_correct train_queries train_margin validation_object_correct validation_category_correct validation_queries validation_margin cost size winner
+        front: point generation individual chromosome shape_bins m R1 w train_object_correct train_category_correct train_queries objective_correct train_margin validation_object_correct validation_category_correct validation_queries validation_margin cost size winner
         distances: 
         answers: 
         recall_precision: 

@@ -54,7 +54,7 @@ pub(crate) fn hypervolume(generations: &Rows) -> Result<Figure, Error> {
     let y = Axis::numbers("hypervolume", "%");
     let panel =
         panel(generations_axis(), y, vec![Series::line("", Colour::Blue, zip(&x, &shares).collect())]);
-    let caption = "What the front of all generations so far dominates of the objectives between 0 and the reference point, \
-                   which is every query wrong, a counted cost of 2 000 000 and 1000 values.";
+    let caption = "What the front of all generations so far dominates of the objectives between 0 and a reference point, \
+                   which the schema of table generations names.";
     Ok(Figure::single("hypervolume", "Hypervolume", caption, panel))
 }
