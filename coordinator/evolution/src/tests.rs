@@ -123,7 +123,7 @@ fn the_first_generation_is_random_and_without_parents() {
 #[test]
 fn invalid_settings_are_refused() {
     let settings = GaSettings { population: 1, ..GaSettings::default() };
-    for method in [Method::Ga, Method::Random] {
+    for method in [Method::Ga, Method::Random, Method::Nsga2] {
         let refused = method.strategy(&paper(), settings, 1).map(drop);
         assert_eq!(refused, Err(SettingsError::Population { got: 1 }));
     }
