@@ -82,6 +82,8 @@ pub mod signature;
 pub mod signature_bytes;
 mod vector_metric;
 
+mod perturb;
+
 pub mod random;
 
 #[cfg(test)]
@@ -112,6 +114,7 @@ pub use family::Family;
 pub use fixed::{DescribeError, FixedDescriptor, FixedKind};
 pub use gene::{FieldSpec, GeneError, GeneSpec};
 pub use global_hue::GlobalHue;
+pub use perturb::Perturbation;
 pub use preparation::Preparation;
 pub use prepare_error::{PrepareError, Skip};
 pub use prepared::{PreparedCloud, Preparer};

@@ -17,7 +17,7 @@ use crate::population::PopulationSummary;
 use crate::read::generation_file;
 use crate::record::{Context, Value};
 use crate::table_name::TableName;
-use crate::tables::comparison::{ComparedRow, Curve, CurvePoint, DistanceRow, PairRow};
+use crate::tables::comparison::{ComparedRow, Curve, CurvePoint, DistanceRow, PairRow, PerturbedRow};
 use crate::tables::log::{LookRow, RunLog};
 use crate::tables::run::{
     EvaluationRow, FrontRow, GenerationRow, PredictionRow, PredictionSplit, RunRow, SkippedRow,
@@ -198,7 +198,7 @@ impl RunFolder {
 
     /// Removes the comparison in the folder, the table that marks it as whole first, and prepares the next one.
     pub fn begin_comparison(&self) -> Result<(), Error> {
-        for table in TableName::COMPARISON.into_iter().rev() {
+        for table in TableName::PERTURBED.into_iter().chain(TableName::COMPARISON).rev() {
             let folder = self.folder.join(table.as_str());
             fs::create_dir_all(&folder).map_err(|source| opening(&folder, source))?;
             remove(&folder, |name| is_temporary(name) || name.ends_with(".parquet"))?;
@@ -249,6 +249,13 @@ impl RunFolder {
     pub fn write_comparison(&self, rows: &[ComparedRow], pairs: &[PairRow]) -> Result<(), Error> {
         self.write_one(TableName::Pairs, pairs)?;
         self.write_one(TableName::Comparison, rows)
+    }
+
+    /// Writes the errors of all descriptors on perturbed test clouds.
+    pub fn write_perturbed(&self, rows: &[PerturbedRow]) -> Result<(), Error> {
+        let folder = self.folder.join(TableName::Perturbed.as_str());
+        fs::create_dir_all(&folder).map_err(|source| opening(&folder, source))?;
+        self.write_one(TableName::Perturbed, rows)
     }
 
     /// Computes the run digest from the files as written, writes the run's row and with it finishes the run.
@@ -370,6 +377,7 @@ fn is_ours(table: TableName, name: &str) -> bool {
         | TableName::RecallPrecision
         | TableName::Pairs
         | TableName::Comparison
+        | TableName::Perturbed
         | TableName::Cells
         | TableName::Best
         | TableName::Marginals

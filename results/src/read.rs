@@ -12,7 +12,7 @@ use crate::file::names;
 use crate::parquet;
 use crate::table_name::TableName;
 use crate::tables::TableFile;
-use crate::tables::comparison::{ComparedRow, PairRow};
+use crate::tables::comparison::{ComparedRow, PairRow, PerturbedRow};
 use crate::tables::run::{EvaluationRow, FrontRow, PredictionRow, PredictionSplit, RunRow};
 
 /// Name of a generation's file in its table's folder.
@@ -195,6 +195,15 @@ pub fn read_comparison(run: impl AsRef<Path>) -> Result<Vec<ComparedRow>, Error>
 pub fn read_pairs(run: impl AsRef<Path>) -> Result<Vec<PairRow>, Error> {
     let file = run.as_ref().join(TableName::Pairs.as_str()).join(TableName::Pairs.file());
     read_file_if_any(&file, TableName::Pairs)?.map_or(Ok(Vec::new()), |content| content.rows())
+}
+
+/// The errors on perturbed test clouds in a run folder; none if there are none.
+///
+/// # Errors
+/// If the file cannot be read, or is damaged.
+pub fn read_perturbed(run: impl AsRef<Path>) -> Result<Vec<PerturbedRow>, Error> {
+    let file = run.as_ref().join(TableName::Perturbed.as_str()).join(TableName::Perturbed.file());
+    read_file_if_any(&file, TableName::Perturbed)?.map_or(Ok(Vec::new()), |content| content.rows())
 }
 
 /// The answers of one descriptor of the comparison in a run folder, by its label, in query order; none if there are none.

@@ -27,6 +27,7 @@ pub fn schema_markdown() -> Result<String, Error> {
         .into_iter()
         .chain(TableName::FRONT)
         .chain(TableName::COMPARISON)
+        .chain(TableName::PERTURBED)
         .chain(TableName::GRID)
         .chain(TableName::ARTEFACT)
     {

@@ -52,6 +52,8 @@ table_names! {
     Pairs = "pairs",
     /// One row per descriptor.
     Comparison = "comparison",
+    /// One row per descriptor and perturbation of the test clouds.
+    Perturbed = "perturbed",
     /// One row per descriptor of one cell of the grid.
     Cells = "cells",
     /// One row for each of the best descriptors of the grid.
@@ -88,6 +90,8 @@ impl TableName {
     /// The tables that a comparison adds to a run folder, in the order in which they are written.
     pub const COMPARISON: [Self; 5] =
         [Self::Distances, Self::Answers, Self::RecallPrecision, Self::Pairs, Self::Comparison];
+    /// The tables of a run folder whose test clouds were perturbed in a comparison.
+    pub const PERTURBED: [Self; 1] = [Self::Perturbed];
     /// The tables of a grid folder.
     pub const GRID: [Self; 6] =
         [Self::Cells, Self::Best, Self::Marginals, Self::Landscapes, Self::Counts, Self::Grid];

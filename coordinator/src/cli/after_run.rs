@@ -62,6 +62,7 @@ impl AfterRun<'_> {
             given: Sources { runs: runs.into_iter().collect(), ..Sources::default() },
             foreign: Vec::new(),
             foreign_metric: VectorMetric::default(),
+            perturbations: Vec::new(),
             distances: vec![SetDistance::default()],
             recognisers: if learns { vec![Method::Nearest, method] } else { vec![Method::Nearest] },
             radius_um: None,

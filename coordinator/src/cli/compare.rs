@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 use descriptor::recogniser::Method;
-use descriptor::{SetDistance, VectorMetric};
+use descriptor::{Perturbation, SetDistance, VectorMetric};
 
 use super::run::Manner;
 use crate::compare::{ForeignSource, Named, Options, Source, Sources, compare};
@@ -71,6 +71,11 @@ pub struct Compare {
     /// those that the table does not have are measured
     #[arg(long)]
     no_times: bool,
+    /// Errors on perturbed test clouds as well, by strength, on all cores of this machine; the database stays as it is.
+    /// noise: normal, along each axis; density: points are removed at random; occlusion: those beyond a plane are; light: a
+    /// gain of each channel of the colours; for example --perturb noise,light
+    #[arg(long, value_name = "KIND", value_delimiter = ',', value_parser = Perturbation::ALL.map(Perturbation::name))]
+    perturb: Vec<String>,
     /// Why the test clouds are looked at, for example "table 1 of the paper"; kept in table looks
     #[arg(long, value_name = "TEXT", default_value = "comparison of descriptors")]
     reason: String,
@@ -93,6 +98,7 @@ impl Compare {
             radius_cm,
             replace,
             no_times,
+            perturb,
             reason,
             data,
             manner,
@@ -119,6 +125,8 @@ impl Compare {
         if recognisers.is_empty() {
             recognisers.push(Method::default());
         }
+        let is_asked = |kind: &Perturbation| perturb.iter().any(|name| name == kind.name());
+        let perturbations: Vec<Perturbation> = Perturbation::ALL.into_iter().filter(is_asked).collect();
         let asked = |one: &Named| descriptor.iter().any(|name| name == one.name());
         let named: Vec<Named> = Named::ALL.into_iter().filter(asked).collect();
         let options = Options {
@@ -131,6 +139,7 @@ impl Compare {
             radius_um,
             replace,
             times: !no_times,
+            perturbations,
             reason,
             data,
             overrides: manner.overrides(None),

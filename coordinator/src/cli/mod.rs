@@ -48,7 +48,7 @@ enum Command {
     Run(run::Run),
     Resume(resume::Resume),
     Check(check::Check),
-    Compare(compare::Compare),
+    Compare(Box<compare::Compare>),
     Certs(certs::Certs),
     Evaluate(evaluate::Evaluate),
     Exhaust(exhaust::Exhaust),

@@ -3,8 +3,10 @@
 use std::path::{Component, Path, PathBuf};
 use std::str::FromStr;
 
-use descriptor::VectorMetric;
-use descriptor::recogniser::Method;
+use descriptor::recognise::Hit;
+use descriptor::recogniser::{GivenRecogniser, LearnError, Matrix, Method, Settings, Vote};
+use descriptor::{Match, VectorMetric};
+use rayon::prelude::*;
 use results::{Among, ComparedRow, Foreign, ForeignClouds, ForeignValues, read_foreign};
 
 use super::candidate::{Candidate, Given};
@@ -106,6 +108,7 @@ pub struct ForeignDescriptor {
     metric: VectorMetric,
     queries: usize,
     database: usize,
+    is_never_negative: bool,
 }
 
 impl ForeignDescriptor {
@@ -131,9 +134,19 @@ impl ForeignDescriptor {
             is_known: &|path| is_file_below(root, Path::new(path)),
         };
         let Foreign { digest, values } = read_foreign(path, &clouds)?;
-        let (queries_len, database_len) = (queries.len(), database.len());
-        let found =
-            Self { name: name.clone(), digest, values, metric, queries: queries_len, database: database_len };
+        let is_never_negative = match &values {
+            ForeignValues::Vectors { values, .. } => values.iter().all(|value| *value >= 0.0),
+            ForeignValues::Distances { .. } => true,
+        };
+        let found = Self {
+            name: name.clone(),
+            digest,
+            values,
+            metric,
+            queries: queries.len(),
+            database: database.len(),
+            is_never_negative,
+        };
         if let ForeignValues::Vectors { .. } = &found.values {
             for (index, cloud) in queries.into_iter().chain(database).enumerate() {
                 if let Some(what) = metric.fault(found.vector(index)) {
@@ -177,6 +190,75 @@ impl ForeignDescriptor {
                 to_database[query * self.database..][..self.database].to_vec()
             }
         }
+    }
+
+    /// What a recogniser learns from the database; `None` by the nearest cloud.
+    ///
+    /// # Errors
+    /// If nothing can be learned from it.
+    pub fn learn(
+        &self,
+        recogniser: Method,
+        objects: &[u32],
+        sequences: &[Option<u32>],
+    ) -> Result<Option<GivenRecogniser>, LearnError> {
+        match recogniser {
+            Method::Nearest => Ok(None),
+            Method::Projection => {
+                let known = self.queries..self.queries + self.database;
+                let values: Vec<f64> = known.flat_map(|cloud| self.projected(cloud)).collect();
+                let columns = values.len() / self.database.max(1);
+                GivenRecogniser::projection(&Matrix::new(columns, values), objects, sequences).map(Some)
+            }
+            Method::KernelRidge => {
+                GivenRecogniser::kernel_ridge(|| self.among(), objects, sequences).map(Some)
+            }
+        }
+    }
+
+    /// What a recogniser that has learned makes of a query. Distances are 1 less the score.
+    pub fn recognise(&self, recogniser: &GivenRecogniser, query: usize) -> Match {
+        let votes = match recogniser.chosen.settings {
+            Settings::Projection(_) => recogniser.votes(&self.projected(query)),
+            Settings::KernelRidge(_) => recogniser.votes(&self.distances(query)),
+        };
+        let hit = |vote: Vote| Hit { index: vote.cloud, distance: 1.0 - vote.score };
+        // Two objects at least: no other database is learned from.
+        Match { nearest: hit(votes[0]), runner_up: votes.get(1).copied().map(hit) }
+    }
+
+    /// What projections are learned from. Where the metric is that of histograms and no value is negative, the roots, as of
+    /// descriptors that are computed here: they make the deviation of counts the same whatever their size. Where it takes
+    /// no notice of lengths, the vector at length 1. Otherwise the values.
+    fn projected(&self, cloud: usize) -> Vec<f64> {
+        let values = self.vector(cloud);
+        let is_histogram = matches!(self.metric, VectorMetric::L1 | VectorMetric::ChiSquared);
+        let length = match self.metric {
+            VectorMetric::Cosine => values.iter().map(|value| value * value).sum::<f64>().sqrt(),
+            _ => 1.0,
+        };
+        let of =
+            |value: &f64| if is_histogram && self.is_never_negative { value.sqrt() } else { value / length };
+        values.iter().map(of).collect()
+    }
+
+    /// The distances among the clouds of the database.
+    fn among(&self) -> Matrix {
+        let first = self.queries;
+        let values = match &self.values {
+            ForeignValues::Distances { among: Among::All(values), .. } => values.clone(),
+            _ => {
+                let row = |one: usize| {
+                    let one = self.vector(first + one);
+                    (0..self.database)
+                        .map(|other| self.metric.distance(one, self.vector(first + other)))
+                        .collect::<Vec<f64>>()
+                };
+                let rows: Vec<Vec<f64>> = (0..self.database).into_par_iter().map(row).collect();
+                rows.concat()
+            }
+        };
+        Matrix::new(self.database, values)
     }
 
     /// What clouds are compared by, as the table has it.

@@ -12,6 +12,7 @@ mod foreign;
 mod given;
 mod global;
 mod kept;
+mod perturbed;
 mod progress;
 mod recognition;
 mod summary;
@@ -26,8 +27,8 @@ use std::time::SystemTime;
 use cache::Storage;
 use cache::Store;
 use descriptor::recogniser::Method;
-use descriptor::{Descriptor, Family, Preprocess, SetDistance, VectorMetric};
-use results::{ComparedRow, LookRow, PairRow, RunFolder};
+use descriptor::{Descriptor, Family, Perturbation, Preprocess, SetDistance, VectorMetric};
+use results::{ComparedRow, LookRow, PairRow, PerturbedRow, RunFolder};
 
 use crate::experiment::Overrides;
 use crate::reopen::{Reopened, reopen};
@@ -44,6 +45,7 @@ use foreign::{ForeignCandidate, ForeignDescriptor, ForeignEntry};
 use given::Own;
 pub use given::{Source, Sources};
 use kept::KeptDescriptions;
+use perturbed::{PerturbedClouds, PerturbedDescriptor, Subject};
 use progress::Display;
 use recognition::MAX_PAIRS;
 pub use summary::Comparison;
@@ -75,6 +77,8 @@ pub struct Options {
     /// Whether times are measured that the comparison in the run folder does not have, which takes as long as one thread
     /// needs for all of them.
     pub times: bool,
+    /// Kinds of perturbations that errors are measured under which the comparison in the run folder does not have.
+    pub perturbations: Vec<Perturbation>,
     /// Why the test clouds are looked at.
     pub reason: String,
     /// Where the clouds are now, if they have moved.
@@ -110,6 +114,9 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
         space.from_values(&run.row.best_genes).ok_or_else(|| CompareError::Genes(folder.to_owned()))?;
     let own = Own { folder, space, data_digest: &run.row.data_digest, preprocess };
     let given = options.given.read(&own)?.into_iter().map(Named::Given).collect();
+    if options.perturbations.contains(&Perturbation::Light) && !preprocess.colour {
+        return Err(CompareError::NeedsColour { name: "--perturb light".to_owned() });
+    }
     let asked = choose(options, given, preprocess.colour, |line| display.say(line))?;
     let out = RunFolder::create(folder, &rows::gene_columns(space.family()))?;
     let earlier = if options.replace { Earlier::default() } else { Earlier::read(folder)? };
@@ -131,7 +138,7 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     display.follow(&session.cluster);
     out.record_look(&LookRow {
         at: SystemTime::now(),
-        command: "compare".to_owned(),
+        command: command(&options.perturbations),
         reason: options.reason.clone(),
         descriptors: candidates
             .iter()
@@ -171,14 +178,27 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
         if options.times {
             comparing.measure(&mut tabulated, &asked, preprocess)?;
         }
+        let of_files = foreign.iter().filter(|_| !options.perturbations.is_empty());
+        for entry in of_files {
+            display.say(&format!("{}: a file says nothing of perturbed clouds", entry.label()));
+        }
+        for &kind in &options.perturbations {
+            comparing.perturb(&mut tabulated, &gathered, &asked, (preprocess, kind))?;
+        }
         Ok(tabulated)
     });
     if let Err(CompareError::Contradiction { .. }) = &compared {
         kept.forget_all();
         out.begin_comparison()?;
     }
-    let Tabulated { rows, pairs, .. } = compared?;
-    Ok(Comparison { name: run.row.name.clone(), rows, pairs, looks, folder: folder.to_owned() })
+    let Tabulated { rows, pairs, perturbed, .. } = compared?;
+    Ok(Comparison { name: run.row.name.clone(), rows, pairs, perturbed, looks, folder: folder.to_owned() })
+}
+
+/// How the record of looks names what is done.
+fn command(perturbations: &[Perturbation]) -> String {
+    let kinds: Vec<&str> = perturbations.iter().map(|kind| kind.name()).collect();
+    if kinds.is_empty() { "compare".to_owned() } else { format!("compare --perturb {}", kinds.join(",")) }
 }
 
 /// What is asked for: each descriptor that was named, or all that clouds with or without colour allow, and those that
@@ -235,6 +255,7 @@ struct Tabulated {
     compared: Vec<Compared>,
     rows: Vec<ComparedRow>,
     pairs: Vec<PairRow>,
+    perturbed: Vec<PerturbedRow>,
 }
 
 impl Comparing<'_> {
@@ -274,7 +295,8 @@ impl Comparing<'_> {
         let rows: Vec<ComparedRow> = compared.iter().map(row).collect();
         let pairs = self.tables.pairs(&compared);
         out.write_comparison(&rows, &pairs)?;
-        Ok(Tabulated { compared, rows, pairs })
+        let perturbed = results::read_perturbed(out.path()).map_err(CompareError::Earlier)?;
+        Ok(Tabulated { compared, rows, pairs, perturbed })
     }
 
     /// Measures the times that are asked for and missing, each descriptor once, and adds them to the table as soon as
@@ -285,7 +307,7 @@ impl Comparing<'_> {
         asked: &[Choice],
         preprocess: &Preprocess,
     ) -> Result<(), CompareError> {
-        let Tabulated { compared, rows, pairs } = tabulated;
+        let Tabulated { compared, rows, pairs, .. } = tabulated;
         let is_asked = |label: &str| asked.iter().any(|choice| choice.label() == label);
         for NamedDescriptor { name, descriptor } in self.descriptors {
             let missing = self.candidates.iter().enumerate().filter(|(index, candidate)| {
@@ -316,6 +338,59 @@ impl Comparing<'_> {
             self.tables.out.write_comparison(rows, pairs)?;
         }
         Ok(())
+    }
+
+    /// Measures the errors under one kind of perturbation that are asked for and missing, and adds them to the table.
+    fn perturb(
+        &self,
+        tabulated: &mut Tabulated,
+        gathered: &[Described],
+        asked: &[Choice],
+        (preprocess, kind): (&Preprocess, Perturbation),
+    ) -> Result<(), CompareError> {
+        let Tabulated { compared, rows, perturbed, .. } = tabulated;
+        let of_kind = |row: &&PerturbedRow| row.kind == kind.name();
+        let is_missing = |row: &ComparedRow| {
+            let there = perturbed.iter().filter(of_kind).filter(|one| one.descriptor == row.descriptor);
+            let strengths: Vec<f64> = there.clone().map(|one| one.strength).collect();
+            let is_same = there.clone().any(|one| one.strength == 0.0 && one.counts == row.counts);
+            !is_same || kind.strengths().iter().any(|strength| !strengths.contains(strength))
+        };
+        let mut descriptors = Vec::new();
+        for (NamedDescriptor { descriptor, .. }, described) in self.descriptors.iter().zip(gathered) {
+            let own = self.candidates.iter().zip(compared.iter()).filter(|(candidate, one)| {
+                let is_asked = asked.iter().any(|choice| choice.label() == candidate.label);
+                candidate.descriptor == *descriptor && is_asked && is_missing(&one.row)
+            });
+            let subjects: Vec<Subject<'_>> = own
+                .map(|(candidate, one)| Subject {
+                    row: &one.row,
+                    answers: &one.answers,
+                    distance: candidate.distance,
+                    learned: one.learned.as_ref(),
+                })
+                .collect();
+            if !subjects.is_empty() {
+                descriptors.push(PerturbedDescriptor { descriptor, described, subjects });
+            }
+        }
+        if descriptors.is_empty() {
+            return Ok(());
+        }
+        let Tables { run, dataset, labels, out } = self.tables;
+        let clouds = PerturbedClouds { dataset, preprocess, labels, seed: run.seed, display: self.display };
+        let more = clouds.rows(kind, &descriptors)?;
+        let is_new = |row: &PerturbedRow| {
+            more.iter().any(|new| new.kind == row.kind && new.descriptor == row.descriptor)
+        };
+        perturbed.retain(|row| !is_new(row));
+        perturbed.extend(more);
+        // As descriptors are shown, kinds as they are listed; strengths ascend.
+        let place = |row: &PerturbedRow| {
+            (rows.iter().position(|one| one.descriptor == row.descriptor), Perturbation::named(&row.kind))
+        };
+        perturbed.sort_by(|a, b| place(a).cmp(&place(b)).then(a.strength.total_cmp(&b.strength)));
+        Ok(out.write_perturbed(perturbed)?)
     }
 }
 

@@ -30,8 +30,27 @@ pub struct Recognition {
     pub distances: Vec<DistanceRow>,
     /// Whether distances and the curve of all pairs are left out, because they are too many.
     pub is_abridged: bool,
-    /// What has been learned from the database, and the settings; `None` by the nearest cloud.
-    pub learned: Option<(LearnedRecogniser, ChosenSettings)>,
+    /// What has been learned from the database; `None` by the nearest cloud.
+    pub learned: Option<Learned>,
+}
+
+/// What a recogniser has learned from the database.
+pub struct Learned {
+    /// The recogniser; `None` of what is given in a file.
+    pub recogniser: Option<LearnedRecogniser>,
+    /// Values that are kept of a cloud if they are others than those of its description.
+    pub size: Option<usize>,
+    /// What it chose.
+    pub settings: String,
+    /// Share of the clouds of the database that were not recognised by the others; `None` if none was asked.
+    pub error: Option<f64>,
+}
+
+impl Learned {
+    fn of_signatures(recogniser: LearnedRecogniser, chosen: &ChosenSettings) -> Self {
+        let (size, settings, error) = (recogniser.size(), chosen.settings.to_string(), chosen.error());
+        Self { recogniser: Some(recogniser), size, settings, error }
+    }
 }
 
 impl Recognition {
@@ -78,6 +97,7 @@ impl Recognition {
         let clouds = queries.len() + database.len();
         let keypoints_per_cloud = described.keypoints.map(|all| all as f64 / clouds as f64);
         let of_query = |query: usize, sums: &mut Vec<f64>| set_distances(&distances, query, sums);
+        let learned = learned.map(|(recogniser, chosen)| Learned::of_signatures(recogniser, &chosen));
         let found = Self::of(found, [queries, database], [query_labels, database_labels], learned, of_query);
         Ok(Self { keypoints_per_cloud, ..found })
     }
@@ -86,10 +106,21 @@ impl Recognition {
     ///
     /// # Errors
     /// If nothing can be learned from it.
-    pub fn of_foreign(candidate: &ForeignCandidate<'_>, labels: [&[Label]; 2]) -> Result<Self, CompareError> {
+    pub fn of_foreign(
+        candidate: &ForeignCandidate<'_>,
+        labels: [&[Label]; 2],
+        sequences: &[Option<u32>],
+    ) -> Result<Self, CompareError> {
         let clouds = labels.map(|side| (0..side.len() as u32).collect::<Vec<u32>>());
         let foreign = candidate.descriptor;
+        let objects: Vec<u32> = labels[1].iter().map(|label| label.instance).collect();
+        let learned = foreign.learn(candidate.recogniser, &objects, sequences);
+        let learned =
+            learned.map_err(|source| CompareError::Learn { label: candidate.label.clone(), source })?;
         let matched = |query: usize| {
+            if let Some(recogniser) = &learned {
+                return Ok(foreign.recognise(recogniser, query));
+            }
             nearest(&foreign.distances(query), labels[1]).ok_or_else(|| CompareError::Recognise {
                 label: candidate.label.clone(),
                 source: RecogniseError::EmptyDatabase,
@@ -97,7 +128,13 @@ impl Recognition {
         };
         let found = (0..foreign.queries()).into_par_iter().map(matched).collect::<Result<_, _>>()?;
         let of_query = |query: usize, sums: &mut Vec<f64>| *sums = foreign.distances(query);
-        Ok(Self::of(found, [&clouds[0], &clouds[1]], labels, None, of_query))
+        let learned = learned.map(|recogniser| Learned {
+            recogniser: None,
+            size: recogniser.size(),
+            settings: recogniser.chosen.settings.to_string(),
+            error: recogniser.chosen.error(),
+        });
+        Ok(Self::of(found, [&clouds[0], &clouds[1]], labels, learned, of_query))
     }
 
     /// What follows from the matches of these clouds, which number them anew, and from the distances of each query.
@@ -105,7 +142,7 @@ impl Recognition {
         found: Vec<Match>,
         [queries, database]: [&[u32]; 2],
         [query_labels, database_labels]: [&[Label]; 2],
-        learned: Option<(LearnedRecogniser, ChosenSettings)>,
+        learned: Option<Learned>,
         distances: impl Fn(usize, &mut Vec<f64>),
     ) -> Self {
         let count = queries.len();

@@ -4,7 +4,8 @@ use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use results::{ComparedRow, PairRow, Times};
+use descriptor::Perturbation;
+use results::{ComparedRow, PairRow, PerturbedRow, Times};
 use serde_json::{Value, json};
 
 use super::candidate::PAPER;
@@ -23,6 +24,8 @@ pub struct Comparison {
     pub rows: Vec<ComparedRow>,
     /// Every pair of them, objects first.
     pub pairs: Vec<PairRow>,
+    /// Errors on perturbed test clouds.
+    pub perturbed: Vec<PerturbedRow>,
     /// How often the run's test clouds have been looked at.
     pub looks: usize,
     /// The run folder.
@@ -100,6 +103,7 @@ impl Comparison {
             }
         }
         text += &self.pairs_text();
+        text += &self.perturbed_text();
         let times = if self.looks == 1 { "once".to_owned() } else { format!("{} times", self.looks) };
         text += "\n";
         for sentence in verdict(&self.rows, &self.pairs) {
@@ -183,6 +187,36 @@ impl Comparison {
         format!("\n{}", table(&lines))
     }
 
+    /// A table a kind of perturbation, with the error at each strength; which clouds were unusable.
+    fn perturbed_text(&self) -> String {
+        let mut text = String::new();
+        for kind in Perturbation::ALL {
+            let of_kind = || self.perturbed.iter().filter(|row| row.kind == kind.name());
+            let mut title = vec![format!("{}, {}", kind.name(), kind.unit())];
+            title.extend(std::iter::once(0.0).chain(kind.strengths()).map(|strength| strength.to_string()));
+            let mut lines = vec![title];
+            for row in of_kind() {
+                if lines.last().is_none_or(|line| line[0] != row.descriptor) {
+                    lines.push(vec![row.descriptor.clone()]);
+                }
+                lines.last_mut().into_iter().for_each(|line| line.push(percent(row.counts.object_error())));
+            }
+            if lines.len() == 1 {
+                continue;
+            }
+            let _ = write!(text, "\n{}", table(&lines));
+            for row in of_kind().filter(|row| row.unusable > 0) {
+                let PerturbedRow { descriptor, strength, unusable, .. } = row;
+                let unit = kind.unit();
+                text += &wrapped(
+                    &format!("{descriptor}: {unusable} clouds unusable at {strength} {unit}: wrong"),
+                    2,
+                );
+            }
+        }
+        text
+    }
+
     /// The same as one JSON object; errors are fractions.
     pub fn json(&self) -> Value {
         let descriptor = |row: &ComparedRow| {
@@ -237,6 +271,24 @@ impl Comparison {
                 "p_adjusted": pair.p_adjusted,
             })
         };
+        let perturbed = |row: &PerturbedRow| {
+            json!({
+                "descriptor": row.descriptor,
+                "kind": row.kind,
+                "strength": row.strength,
+                "unit": row.unit,
+                "queries": row.counts.queries,
+                "unusable": row.unusable,
+                "object_error": row.counts.object_error(),
+                "object_wrong": row.counts.queries - row.counts.object_correct,
+                "object_error_interval": row.object_wilson,
+                "object_error_interval_instances": row.object_bootstrap,
+                "category_error": row.counts.category_error(),
+                "category_wrong": row.counts.queries - row.counts.category_correct,
+                "category_error_interval": row.category_wilson,
+                "category_error_interval_instances": row.category_bootstrap,
+            })
+        };
         json!({
             "name": self.name,
             "run": self.folder.display().to_string(),
@@ -244,6 +296,7 @@ impl Comparison {
             "verdict": verdict(&self.rows, &self.pairs),
             "descriptors": self.rows.iter().map(descriptor).collect::<Vec<_>>(),
             "pairs": self.pairs.iter().map(pair).collect::<Vec<_>>(),
+            "perturbed": self.perturbed.iter().map(perturbed).collect::<Vec<_>>(),
         })
     }
 }

@@ -1,7 +1,7 @@
 //! What the tables have of each candidate: from its descriptions to answers, curves and a row.
 
 use descriptor::recognise::Hit;
-use descriptor::recogniser::Method;
+use descriptor::recogniser::{LearnedRecogniser, Method};
 use descriptor::{Descriptor, Label, Match};
 use proto::task::{self, EvaluationResult};
 use results::{ComparedRow, Counts, PairRow, PredictionRow, RunFolder, RunRow, wilson};
@@ -17,6 +17,7 @@ use crate::evaluate::compared_by;
 use crate::run::{Matching, rows};
 
 /// What is the same for all candidates.
+#[derive(Clone, Copy)]
 pub struct Tables<'a> {
     /// The run's row.
     pub run: &'a RunRow,
@@ -36,6 +37,8 @@ pub struct Compared {
     pub answers: Vec<PredictionRow>,
     /// Whether distances and the curve of all pairs are left out, because they are too many.
     pub is_abridged: bool,
+    /// What has been learned from the database; `None` by the nearest cloud, and where it is not at hand.
+    pub learned: Option<LearnedRecogniser>,
     outcomes: Outcomes,
 }
 
@@ -45,9 +48,7 @@ impl Tables<'_> {
     /// # Errors
     /// If it describes nothing, differs from the run's own final test, or cannot be written.
     pub fn add(&self, candidate: &Candidate, described: &Described) -> Result<Compared, CompareError> {
-        let database = Matching::Test.database_clouds(self.dataset);
-        let sequence = |&cloud: &u32| self.dataset.clouds.entries[cloud as usize].sequence;
-        let sequences: Vec<Option<u32>> = database.iter().map(sequence).collect();
+        let sequences = self.sequences();
         let known = (self.dataset.splits.trained() as u32, &sequences[..]);
         let recognition = Recognition::new(candidate, described, self.labels, known)?;
         let recognised = self.recognised(&candidate.label, recognition)?;
@@ -79,7 +80,7 @@ impl Tables<'_> {
     /// # Errors
     /// If nothing can be learned from it, or it cannot be written.
     pub fn add_foreign(&self, candidate: &ForeignCandidate<'_>) -> Result<Compared, CompareError> {
-        let recognition = Recognition::of_foreign(candidate, self.labels)?;
+        let recognition = Recognition::of_foreign(candidate, self.labels, &self.sequences())?;
         let foreign = candidate.descriptor;
         let about = About {
             label: &candidate.label,
@@ -120,7 +121,13 @@ impl Tables<'_> {
             let label = outcomes.label;
             return Err(CompareError::Contradiction { label, what: "its answers", then, now });
         }
-        Ok(Compared { row: row.clone(), answers, is_abridged: false, outcomes })
+        Ok(Compared { row: row.clone(), answers, is_abridged: false, learned: None, outcomes })
+    }
+
+    /// Those of the clouds of the database.
+    fn sequences(&self) -> Vec<Option<u32>> {
+        let database = Matching::Test.database_clouds(self.dataset);
+        database.iter().map(|&cloud| self.dataset.clouds.entries[cloud as usize].sequence).collect()
     }
 
     /// Refuses a recognition of nothing, and one of the evolved descriptor that differs from the run's.
@@ -150,7 +157,9 @@ impl Tables<'_> {
         self.out.write_compared(label, &answers, curves, distances)?;
         let queries = (self.labels[0], self.run.seed);
         let row = row(about, &recognition, &outcomes, queries);
-        Ok(Compared { row, answers, is_abridged: recognition.is_abridged, outcomes })
+        let is_abridged = recognition.is_abridged;
+        let learned = recognition.learned.and_then(|learned| learned.recogniser);
+        Ok(Compared { row, answers, is_abridged, learned, outcomes })
     }
 
     /// Refuses counts of the evolved descriptor that differ from those of the run's final test.
@@ -246,9 +255,8 @@ fn row(
     let area =
         |name| recognition.curves.iter().find(|curve| curve.name == name).and_then(results::Curve::area);
     let learned = recognition.learned.as_ref();
-    let cloud_size = learned
-        .and_then(|(recogniser, _)| recogniser.size())
-        .map_or(about.cloud_size, |size| Some(size as u32));
+    let cloud_size =
+        learned.and_then(|learned| learned.size).map_or(about.cloud_size, |size| Some(size as u32));
     let [object_wilson, object_bootstrap] = intervals(counts.object_correct, Level::Object);
     let [category_wilson, category_bootstrap] = intervals(counts.category_correct, Level::Category);
     ComparedRow {
@@ -259,8 +267,8 @@ fn row(
         size: about.size,
         recogniser: Some(about.recogniser.name().to_owned()),
         cloud_size,
-        settings: learned.map(|(_, chosen)| chosen.settings.to_string()),
-        database_error: learned.and_then(|(_, chosen)| chosen.error()),
+        settings: learned.map(|learned| learned.settings.clone()),
+        database_error: learned.and_then(|learned| learned.error),
         note: about.note.map(str::to_owned),
         counts,
         object_wilson,

@@ -4,7 +4,8 @@ use std::collections::BTreeSet;
 
 use rayon::prelude::*;
 
-use super::learn::{LabelledClouds, Settings};
+use super::Settings;
+use super::learn::LabelledClouds;
 use super::matrix::Matrix;
 use super::{Components, KernelRidge, Vote};
 use crate::recognise::{Hit, Label, nearest};

@@ -1,15 +1,10 @@
 //! From the signatures of a database to what recognises clouds by it, its settings chosen inside the database.
 
-use std::fmt;
-
 use rayon::prelude::*;
 
-use super::folds::{cross_validate, folds};
+use super::choose::{self, ChosenSettings};
 use super::matrix::Matrix;
-use super::{
-    Components, KernelRidge, KernelRidgeSettings, LearnError, Method, Projection, ProjectionSettings,
-    Reference, Vote,
-};
+use super::{Components, KernelRidge, LearnError, Method, Projection, Settings, Vote};
 use crate::distance::{DistanceMatrix, SetDistance, set_distances};
 use crate::recognise::{Hit, Match};
 use crate::signature::{Signature, Signatures};
@@ -21,26 +16,6 @@ pub struct LabelledClouds<'a> {
     pub channels: &'a [(&'a Signatures, SetDistance, f64)],
     /// What each cloud shows.
     pub objects: &'a [u32],
-}
-
-/// What a recogniser that learns is set to.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Settings {
-    /// Of a projection.
-    Projection(ProjectionSettings),
-    /// Of kernel ridge regression.
-    KernelRidge(KernelRidgeSettings),
-}
-
-/// Settings that were chosen inside a database.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ChosenSettings {
-    /// The settings.
-    pub settings: Settings,
-    /// Clouds of the database that were not recognised by those of the other folds.
-    pub wrong: u32,
-    /// Clouds that were asked.
-    pub asked: u32,
 }
 
 /// What has been learned from a database.
@@ -55,33 +30,6 @@ pub struct LearnedRecogniser {
 enum Model {
     Projection(Projection),
     KernelRidge(KernelRidge),
-}
-
-impl Settings {
-    /// Whose settings they are.
-    pub fn method(&self) -> Method {
-        match self {
-            Self::Projection(_) => Method::Projection,
-            Self::KernelRidge(_) => Method::KernelRidge,
-        }
-    }
-}
-
-impl fmt::Display for Settings {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Projection(ProjectionSettings { components, shrinkage, reference }) => {
-                let reference = match reference {
-                    Reference::Cloud => "cloud",
-                    Reference::Object => "object",
-                };
-                write!(f, "{components} components, shrinkage {shrinkage}, nearest {reference}")
-            }
-            Self::KernelRidge(KernelRidgeSettings { width, ridge }) => {
-                write!(f, "kernel width {width}, ridge {ridge}")
-            }
-        }
-    }
 }
 
 impl ChosenSettings {
@@ -100,56 +48,17 @@ impl ChosenSettings {
         sequences: &[Option<u32>],
     ) -> Result<Option<Self>, LearnError> {
         assert_eq!(clouds.objects.len(), sequences.len(), "one sequence for each cloud");
-        let folds = folds(clouds.objects, sequences);
-        match method {
-            Method::Nearest => Ok(None),
-            Method::Projection => Ok(Some(Self::of_projection(clouds, &folds))),
-            Method::KernelRidge => Self::of_kernel_ridge(clouds, &folds).map(Some),
-        }
-    }
-
-    /// Share of the clouds of the database that are not recognised by those of the other folds; `None` if none was asked,
-    /// as where each object has one cloud.
-    pub fn error(&self) -> Option<f64> {
-        (self.asked > 0).then(|| f64::from(self.wrong) / f64::from(self.asked))
-    }
-
-    fn of_projection(clouds: &LabelledClouds<'_>, folds: &[usize]) -> Self {
-        let values = clouds.values();
-        let (objects, settings) = (clouds.objects, ProjectionSettings::all());
-        let judge = |known: &[usize], queries: &[usize]| {
-            let components = Components::new(&values.select(known), &at(objects, known)).ok()?;
-            let wrong = |settings: &ProjectionSettings| -> Option<u32> {
-                let projection = components.projection(settings).ok()?;
-                let votes = |query: usize| projection.votes(values.row(query));
-                Some(wrong(objects, known, queries, votes))
-            };
-            Some(settings.iter().map(wrong).collect())
-        };
-        let (counts, asked) = cross_validate(objects, folds, settings.len(), judge);
-        let best = least(&counts);
-        Self { settings: Settings::Projection(settings[best]), wrong: counts[best], asked }
-    }
-
-    fn of_kernel_ridge(clouds: &LabelledClouds<'_>, folds: &[usize]) -> Result<Self, LearnError> {
-        KernelRidge::check(clouds.objects)?; // before the distances of too many
-        let distances = clouds.distances();
-        let (objects, settings) = (clouds.objects, KernelRidgeSettings::ALL);
-        let judge = |known: &[usize], queries: &[usize]| {
-            let among = distances.select(known).transposed().select(known);
-            let wrong = |settings: &KernelRidgeSettings| -> Option<u32> {
-                let ridge = KernelRidge::learn(&among, &at(objects, known), settings).ok()?;
-                let votes = |query: usize| {
-                    let row = distances.row(query);
-                    ridge.votes(&known.iter().map(|&cloud| row[cloud]).collect::<Vec<f64>>())
-                };
-                Some(wrong(objects, known, queries, votes))
-            };
-            Some(settings.iter().map(wrong).collect())
-        };
-        let (counts, asked) = cross_validate(objects, folds, settings.len(), judge);
-        let best = least(&counts);
-        Ok(Self { settings: Settings::KernelRidge(settings[best]), wrong: counts[best], asked })
+        let objects = clouds.objects;
+        Ok(match method {
+            Method::Nearest => None,
+            Method::Projection => {
+                Some(choose::projection(&clouds.values(), objects, sequences).of(Settings::Projection))
+            }
+            Method::KernelRidge => {
+                KernelRidge::check(objects)?; // before the distances of too many
+                Some(choose::kernel_ridge(&clouds.distances(), objects, sequences).of(Settings::KernelRidge))
+            }
+        })
     }
 }
 
@@ -262,31 +171,9 @@ fn append_values(part: [&[f32]; 2], factor: f64, values: &mut Vec<f64>) {
     values.extend(part.into_iter().flatten().map(|&value| (f64::from(value) * factor).sqrt()));
 }
 
-fn at(objects: &[u32], clouds: &[usize]) -> Vec<u32> {
-    clouds.iter().map(|&cloud| objects[cloud]).collect()
-}
-
-/// How many of the queries show another object than the cloud that is found, which is one of those known.
-fn wrong(
-    objects: &[u32],
-    known: &[usize],
-    queries: &[usize],
-    votes: impl Fn(usize) -> Vec<Vote> + Sync,
-) -> u32 {
-    let is_wrong = |&&query: &&usize| {
-        let found = votes(query).first().map(|best| known[best.cloud as usize]);
-        found.is_none_or(|found| objects[found] != objects[query])
-    };
-    queries.par_iter().filter(is_wrong).count() as u32
-}
-
-/// The place of the least, the first of equals; 0 of none.
-fn least(counts: &[u32]) -> usize {
-    (0..counts.len()).min_by_key(|&place| counts[place]).unwrap_or(0)
-}
-
 #[cfg(test)]
 mod tests {
+    use super::super::KernelRidgeSettings;
     use super::super::testing::{Sample, sample};
     use super::*;
     use crate::distance::SetDistance;
@@ -318,7 +205,7 @@ mod tests {
         let channels = weights.map(|weight| (&database, chi_squared, weight));
         let sequences: Vec<Option<u32>> =
             (0..known.len() as u32).map(|cloud| has_sequences.then_some(cloud % 3)).collect();
-        let objects = at(&sample.objects, &known);
+        let objects = choose::at(&sample.objects, &known);
         let clouds = LabelledClouds { channels: &channels, objects: &objects };
         let chosen = ChosenSettings::new(method, &clouds, &sequences).unwrap().unwrap();
         assert_eq!(chosen.settings.method(), method);
@@ -371,7 +258,6 @@ mod tests {
 
     #[test]
     fn settings_are_the_first_with_fewest_errors() {
-        assert_eq!([least(&[3, 1, 2, 1]), least(&[0]), least(&[])], [1, 0, 0]);
         // Clouds that say nothing: a quarter is right by chance, and the error inside says so.
         let mut noise = sample(4, 24, 40);
         let clouds = noise.objects.len();

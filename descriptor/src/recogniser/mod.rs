@@ -1,10 +1,12 @@
 //! Recognisers that learn from the labels of a database, beside the nearest neighbour (DESIGN 5b).
 //!
 //! They are learned from the clouds of the database alone; their settings are those that recognise most of its clouds when
-//! sequences are left out in turn ([`ChosenSettings`]). All of it is + − × ÷ √ and `libm` in a fixed order: equal bits on
+//! sequences are left out in turn ([`ChosenSettings::new`]). All of it is + − × ÷ √ and `libm` in a fixed order: equal bits on
 //! every machine.
 
+mod choose;
 mod folds;
+mod given;
 mod held_out;
 mod kernel_ridge;
 mod learn;
@@ -12,19 +14,24 @@ mod logistic;
 mod matrix;
 mod projection;
 mod reject;
+mod settings;
 
 #[cfg(test)]
 mod testing;
 
 use std::collections::BTreeMap;
 
+pub use choose::ChosenSettings;
+pub use given::GivenRecogniser;
 pub use held_out::{Evidence, HeldOut, HeldOutAnswer};
 use kernel_ridge::KernelRidge;
 pub use kernel_ridge::{KernelRidgeSettings, MAX_CLOUDS};
-pub use learn::{ChosenSettings, LabelledClouds, LearnedRecogniser, Settings};
+pub use learn::{LabelledClouds, LearnedRecogniser};
+pub use matrix::Matrix;
 use projection::{Components, Projection};
 pub use projection::{MAX_COMPONENTS, ProjectionSettings, Reference};
 pub use reject::{Calibration, CrossAnswers, RejectError, RejectRule};
+pub use settings::Settings;
 
 /// How a cloud gets its name from a database.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]

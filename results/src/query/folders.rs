@@ -19,7 +19,11 @@ pub(super) const RUN_FOLDER: &str = "run_folder";
 
 /// All tables of runs and grids.
 pub(super) fn all_tables() -> impl Iterator<Item = TableName> {
-    let of_runs = TableName::RUN.into_iter().chain(TableName::FRONT).chain(TableName::COMPARISON);
+    let of_runs = TableName::RUN
+        .into_iter()
+        .chain(TableName::FRONT)
+        .chain(TableName::COMPARISON)
+        .chain(TableName::PERTURBED);
     of_runs.chain(TableName::GRID)
 }
 

@@ -151,6 +151,7 @@ pub(crate) struct Comparison {
     pub pairs: Option<Rows>,
     pub recall_precision: Option<Rows>,
     pub answers: Option<Rows>,
+    pub perturbed: Option<Rows>,
 }
 
 impl Comparison {
@@ -164,6 +165,7 @@ impl Comparison {
             pairs: read(TableName::Pairs)?,
             recall_precision: read(TableName::RecallPrecision)?,
             answers: read(TableName::Answers)?,
+            perturbed: read(TableName::Perturbed)?,
         }))
     }
 }

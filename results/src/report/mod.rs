@@ -21,7 +21,7 @@ use data::{Rows, RunData};
 use figures::channels;
 pub use figures::channels::{ChannelPairs, WinnerChannel};
 use figures::comparison as compared;
-use figures::{front, genes, lineage, recognition, search, seeds, work};
+use figures::{front, genes, lineage, perturbed, recognition, search, seeds, work};
 use html::{Item, Page, Section};
 use runs::Runs;
 
@@ -250,6 +250,9 @@ fn comparison_items(data: &RunData) -> Result<Vec<Item>, Error> {
     }
     if let Some(answers) = &comparison.answers {
         add(&mut items, compared::objects(answers, &names)?);
+    }
+    if let Some(rows) = &comparison.perturbed {
+        add(&mut items, perturbed::errors(rows, &names)?);
     }
     match compared::times(descriptors)? {
         Some(figure) => {

@@ -83,6 +83,27 @@ impl ComparedRow {
 }
 
 record! {
+    /// One descriptor on perturbed test clouds, matched with the database as it is.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct PerturbedRow {
+        descriptor: String, "", "label of the descriptor";
+        kind: String, "", "noise, density, occlusion or light";
+        strength: f64, "the column unit's", "how strong the perturbation is; 0: none";
+        unit: String, "", "mm, % removed or % gain";
+        counts as "": Counts, "", "test clouds";
+        unusable: u32, "clouds",
+            "test clouds that the descriptor describes as they are, but not when perturbed: they count as wrong";
+        object_wilson as "object_error": [f64; 2], "share",
+            "object_error, by Wilson, as if clouds were independent";
+        category_wilson as "category_error": [f64; 2], "share", "category_error, by Wilson";
+        object_bootstrap as "object_error_instances": [f64; 2], "share",
+            "object_error, by the bootstrap over objects; with no or all clouds wrong, by Wilson";
+        category_bootstrap as "category_error_instances": [f64; 2], "share",
+            "category_error, by the bootstrap over objects; with no or all clouds wrong, by Wilson";
+    }
+}
+
+record! {
     /// Two descriptors on the same test clouds.
     #[derive(Clone, Debug, PartialEq)]
     pub struct PairRow {

@@ -75,7 +75,7 @@ record! {
     #[derive(Clone, Debug, PartialEq)]
     pub struct LookRow {
         at: SystemTime, "UTC", "when test clouds were released to workers";
-        command: String, "", "by which command: run or compare";
+        command: String, "", "by which command: run or compare, the latter with --perturb and its kinds";
         reason: String, "", "what for";
         descriptors: String, "", "which descriptors were measured, separated by spaces";
     }

@@ -14,7 +14,7 @@ use crate::columns::{Column, ColumnKind, GeneColumn};
 use crate::error::Error;
 use crate::record::{Cells, Context, Field, Value};
 use crate::table_name::TableName;
-use comparison::{ComparedRow, CurvePoint, DistanceRow, PairRow};
+use comparison::{ComparedRow, CurvePoint, DistanceRow, PairRow, PerturbedRow};
 use database::{ChannelsRow, DatabaseRow};
 use grid::{BestRow, CellRow, CountRow, GridRow, LandscapeRow, MarginalRow};
 use log::{AttemptRow, EventRow, LookRow, WorkerRow};
@@ -165,6 +165,10 @@ fn declaration(table: TableName) -> Declaration {
         TableName::Comparison => {
             Declaration::of::<ComparedRow>("a descriptor on the test clouds", &["descriptor"])
         }
+        TableName::Perturbed => Declaration::of::<PerturbedRow>(
+            "a descriptor on the test clouds under one perturbation",
+            &["descriptor", "kind", "strength"],
+        ),
         TableName::Cells => {
             Declaration::of::<CellRow>("a descriptor; a file has those of one R1 and one R2", &[])
         }

@@ -78,6 +78,21 @@ pub fn rows() -> [ComparedRow; 2] {
     })
 }
 
+pub fn perturbed() -> [PerturbedRow; 2] {
+    from_fn(|index| PerturbedRow {
+        descriptor: "evolved".to_owned(),
+        kind: "noise".to_owned(),
+        strength: 0.5 * index as f64,
+        unit: "mm".to_owned(),
+        counts: fixture::TEST,
+        unusable: index as u32,
+        object_wilson: [0.1, 0.6],
+        category_wilson: [0.0, 0.5],
+        object_bootstrap: [0.0, 0.7],
+        category_bootstrap: [0.0, 0.6],
+    })
+}
+
 /// The definition: the mean, over all relevant pairs, of the precision at the threshold that lets the pair in.
 #[test]
 fn the_area_is_the_mean_precision_at_each_relevant_pair() {
@@ -146,8 +161,15 @@ fn a_comparison_is_whole_or_not_there_and_leaves_the_run_as_it_is() {
     assert_eq!(TableName::COMPARISON.map(|table| height(table).unwrap()), [8, 6, 10, 1, 2]);
     assert_eq!(read_comparison(folder.path()).unwrap(), rows());
 
+    // Perturbed clouds are of the comparison: they stay as long as it does.
+    assert_eq!(read_perturbed(folder.path()).unwrap(), []);
+    out.write_perturbed(&perturbed()).unwrap();
+    out.extend_comparison(&["evolved"]).unwrap();
+    assert_eq!(read_perturbed(folder.path()).unwrap(), perturbed());
+
     // Another one that does not come to its end.
     out.begin_comparison().unwrap();
+    assert_eq!(read_perturbed(folder.path()).unwrap(), []);
     out.write_compared("evolved", &[], &[], &[]).unwrap();
     assert!(height(TableName::Comparison).is_err());
     assert_eq!(read_comparison(folder.path()).unwrap(), []);

@@ -43,8 +43,10 @@ fn row_structs_and_column_table_do_not_drift_apart() {
         (TableName::RecallPrecision, frame(TableName::RecallPrecision, &curve.points, curve_context)),
         (TableName::Pairs, frame(TableName::Pairs, &comparison::pairs(), plain)),
         (TableName::Comparison, frame(TableName::Comparison, &comparison::rows(), plain)),
+        (TableName::Perturbed, frame(TableName::Perturbed, &comparison::perturbed(), plain)),
     ];
-    let all: Vec<TableName> = TableName::RUN.into_iter().chain(TableName::COMPARISON).collect();
+    let all = TableName::RUN.into_iter().chain(TableName::COMPARISON).chain(TableName::PERTURBED);
+    let all: Vec<TableName> = all.collect();
     assert_eq!(frames.each_ref().map(|(name, _)| *name)[..], all);
     for (name, frame) in frames {
         let (table, frame) = (Table::new(name, &genes).unwrap(), frame);
@@ -72,6 +74,7 @@ fn the_digest_covers_the_listed_columns_and_no_other() {
         .into_iter()
         .chain(TableName::FRONT)
         .chain(TableName::COMPARISON)
+        .chain(TableName::PERTURBED)
         .chain(TableName::GRID)
         .chain(TableName::ARTEFACT)
     {
@@ -100,6 +103,7 @@ fn the_digest_covers_the_listed_columns_and_no_other() {
         recall_precision: 
         pairs: 
         comparison: 
+        perturbed: 
         cells: 
         best: 
         marginals: 

@@ -337,3 +337,62 @@ fn the_example_of_the_page_is_compared() {
         format!("`--foreign both=both.parquet` has {:.2} % ({wrong} of 144)", 100.0 * wrong as f64 / 144.0);
     assert!(page.contains(&said), "{said}");
 }
+
+#[test]
+fn recognisers_learn_from_vectors_and_from_distances_if_those_of_the_database_are_there() {
+    let elsewhere = Elsewhere::new();
+    let (_, l1) = METRICS[1];
+    let vectors = format!("vectors={}", elsewhere.write("vectors.parquet", |_| ()));
+    let all = ["--recogniser", "nearest", "--recogniser", "projection", "--recogniser", "kernel-ridge"];
+    let given = ["--foreign", &vectors, "--foreign-metric", "l1"];
+    let told_of = summary(&compare(&elsewhere.out, &[&given[..], &all].concat()).expect_success());
+    let learned = ["vectors-projection", "vectors-kernel-ridge"];
+    for label in learned {
+        let row = told(&told_of, label);
+        assert!(row["settings"].is_string() && row["database_error"].is_f64(), "{row}");
+        let answers = read_answers(&elsewhere.out, label).unwrap();
+        assert!(answers.iter().all(|answer| object(&answer.nearest_cloud) == answer.predicted_instance));
+        let wrong = answers.iter().filter(|answer| answer.predicted_instance != answer.instance).count();
+        assert_eq!(row["object_wrong"], wrong);
+    }
+    // Fewer values than objects are left of a projection.
+    assert_eq!(told(&told_of, learned[0])["cloud_size"], 5);
+    assert_eq!(told(&told_of, learned[1])["cloud_size"], 64);
+    assert_eq!(elsewhere.answered("vectors"), elsewhere.nearest(l1));
+
+    let write = |name: &str, from: &[&[String]]| {
+        let mut rows: Vec<(&str, &str, f64)> = Vec::new();
+        for one in from.iter().copied().flatten() {
+            for cloud in &elsewhere.database {
+                rows.push((one, cloud, l1(&elsewhere.vectors[one], &elsewhere.vectors[cloud])));
+            }
+        }
+        write_distances(Path::new(&elsewhere.file(name)), &rows).unwrap();
+        format!("{}={}", name.split_once('.').unwrap().0, elsewhere.file(name))
+    };
+    // Distances to the database are enough for the nearest cloud only, and that is said.
+    let few = write("few.parquet", &[&elsewhere.queries]);
+    let left_out = compare(&elsewhere.out, &[&["--foreign", &few][..], &all].concat()).expect_success();
+    let line = "few-kernel-ridge: left out: kernel-ridge needs the distances among the clouds of the database, got none";
+    assert!(left_out.stderr.contains(line), "{left_out}");
+    let line = "few-projection: left out: projection needs vectors, got distances";
+    assert!(left_out.stderr.contains(line), "{left_out}");
+    let looked = elsewhere.looks();
+    let refused =
+        compare(&elsewhere.out, &["--foreign", &few.replace("few=", "other="), "--recogniser", "projection"]);
+    assert!(
+        refused.expect_error().stderr.contains("--foreign other: projection needs vectors, got distances\n")
+    );
+    assert_eq!(elsewhere.looks(), looked);
+    // With those among the database they are as good as the vectors.
+    let whole = write("whole.parquet", &[&elsewhere.queries, &elsewhere.database]);
+    compare(&elsewhere.out, &["--foreign", &whole, "--recogniser", "kernel-ridge"]).expect_success();
+    let [of_vectors, of_distances] = ["vectors", "whole"]
+        .map(|name| read_answers(&elsewhere.out, &format!("{name}-kernel-ridge")).unwrap());
+    assert_eq!(of_distances, of_vectors);
+    let [of_vectors, of_distances] =
+        ["vectors", "whole"].map(|name| elsewhere.row(&format!("{name}-kernel-ridge")));
+    assert_eq!(of_distances.settings, of_vectors.settings);
+    assert_eq!(of_distances.database_error, of_vectors.database_error);
+    assert_eq!(of_distances.cloud_size, None);
+}

@@ -18,6 +18,7 @@
 //! - `grid`: grid cells against the evaluator on real clouds
 //! - `hill_climbing`: hill climbing end to end
 //! - `hosts`: workers on other hosts, behind links that are cut, slow, lossy or late
+//! - `perturbed`: errors on test clouds that are perturbed
 //! - `pieces`: evaluations in pieces
 //! - `protocol`: the coordinator's port as a client sees it
 //! - `leaks`: what positions of clouds give away
@@ -59,6 +60,7 @@ mod members;
 mod messages;
 mod operators;
 mod parity;
+mod perturbed;
 mod pieces;
 mod programs;
 mod protocol;

@@ -5,6 +5,7 @@ pub(crate) mod comparison;
 pub(crate) mod front;
 pub(crate) mod genes;
 pub(crate) mod lineage;
+pub(crate) mod perturbed;
 pub(crate) mod recognition;
 pub(crate) mod search;
 pub(crate) mod seeds;
