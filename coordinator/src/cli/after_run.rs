@@ -7,7 +7,7 @@ use descriptor::recogniser::Method;
 use descriptor::{SetDistance, VectorMetric};
 use evolution::StopReason;
 
-use crate::compare::{CompareError, Named, Options, Source, Sources, compare};
+use crate::compare::{CompareError, Options, Source, Sources, baselines, compare};
 use crate::experiment::{Experiment, Overrides};
 use crate::run::summary::Summary;
 use crate::run::{self, RunOptions};
@@ -35,11 +35,16 @@ impl AfterRun<'_> {
         experiment: &Experiment,
         summary: Summary,
     ) -> anyhow::Result<Summary> {
+        let method = experiment.recognition();
         if summary.run.test.is_none() {
+            if self.control || method != Method::Nearest {
+                eprintln!(
+                    "warning: without test clouds nothing is compared: neither --control nor [recognition]"
+                );
+            }
             return Ok(summary);
         }
         let is_there = |label: &str| summary.compared.iter().any(|row| row.descriptor == label);
-        let method = experiment.recognition();
         let learns = method != Method::Nearest && !is_there(&format!("evolved-{}", method.name()));
         let control = if self.control && !is_there(RANDOM) {
             Some(self.random_search(experiment, &summary).await?)
@@ -54,11 +59,9 @@ impl AfterRun<'_> {
             (false, _) => "random search of the same budget",
             (true, Some(_)) => "the experiment's recogniser and random search of the same budget",
         };
-        let named = [Named::Evolved].into_iter().chain(Named::BASELINES);
-        let named = named.filter(|one| experiment.preprocess().colour || !one.needs_colour());
         let runs = control.map(|path| Source { name: Some(RANDOM.to_owned()), path });
         let options = Options {
-            descriptors: Some(named.collect()),
+            descriptors: Some(baselines::named(experiment)),
             given: Sources { runs: runs.into_iter().collect(), ..Sources::default() },
             foreign: Vec::new(),
             foreign_metric: VectorMetric::default(),

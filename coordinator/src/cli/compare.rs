@@ -44,7 +44,7 @@ pub struct Compare {
     /// data set; for example fpfh=fpfh.parquet; repeatable
     #[arg(long, value_name = "NAME=FILE.parquet")]
     foreign: Vec<ForeignSource>,
-    /// How vectors of --foreign are compared: l2 (the default), l1, cosine, which is 1 less the cosine, or chi2, which
+    /// How vectors of --foreign are compared, for example cosine, which is 1 less the cosine; l2 by default; chi2
     /// refuses negative values
     #[arg(long, value_name = "NAME", value_parser = VectorMetric::ALL.map(VectorMetric::name))]
     foreign_metric: Option<String>,

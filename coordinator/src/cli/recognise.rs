@@ -30,7 +30,8 @@ pub struct Recognise {
     /// List the nearest objects, too, for example 5
     #[arg(long, value_name = "K", default_value_t = 0)]
     top: usize,
-    /// Name the most likely object in any case, also where the artefact takes it for unknown
+    /// Name the most likely object in any case, also where the artefact takes it for unknown, for example to see
+    /// what comes nearest
     #[arg(long)]
     accept_all: bool,
     /// Print the time of each stage, for example to find out what a smaller computer would take

@@ -40,7 +40,8 @@ pub struct Run {
     #[arg(long)]
     fresh: bool,
     /// Let a random search of as many descriptors follow, in a folder beside the run's that ends in -random, and
-    /// compare the winner with its winner: whether the search was worth it. Of a sweep, write a variant instead
+    /// compare the winner with its winner: whether the search was worth it, for example to say so in a paper. Of a
+    /// sweep, write a variant instead
     #[arg(long)]
     control: bool,
     #[command(flatten)]

@@ -231,7 +231,7 @@ impl Experiment {
     }
 
     /// The random search of so many descriptors that says whether this experiment's search was worth it: with the same
-    /// clouds, space, fitness and seed.
+    /// clouds, space, fitness and seed, for the error alone.
     pub fn random_control(&self, evaluations: u32) -> Self {
         let stop = StopSettings {
             generations: evaluations.max(1),
@@ -241,7 +241,7 @@ impl Experiment {
             ..self.stop
         };
         let name = format!("{}-random", self.name);
-        Self { name, method: Method::Random, stop, ..self.clone() }
+        Self { name, method: Method::Random, objectives: Objectives::ERROR, stop, ..self.clone() }
     }
 
     /// Whether the winner is compared with what anybody has without a search.

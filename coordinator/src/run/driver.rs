@@ -7,7 +7,7 @@ use evolution::Exhaustive;
 use results::{Counts, LookRow, PredictionSplit, RunFolder, RunRow};
 
 use crate::compare::Candidate;
-use crate::compare::baselines::{self, Finished};
+use crate::compare::baselines;
 use crate::dataset::Dataset;
 use crate::exhaust::{best_of_all, known_optimum};
 use crate::experiment::Experiment;
@@ -109,8 +109,7 @@ impl RunDriver<'_> {
         compare_with_optimum(&mut run, experiment, dataset, &self.session.store);
         let (compared, pairs) = match finals.evaluated() {
             Some(evaluated) => {
-                let preprocess = experiment.preprocess();
-                Finished { run: &run, dataset, preprocess, out: folder }.compare(evaluated)?
+                baselines::compare(evaluated, &run, (dataset, experiment.preprocess()), folder)?
             }
             None => Default::default(),
         };
@@ -175,9 +174,10 @@ async fn search_once(
     folder: &mut RunFolder,
 ) -> Result<Outcome, RunError> {
     let found = search_loop.run(search, folder).await?;
-    let mut candidates = baselines::candidates(&found.descriptor, experiment.preprocess().colour);
-    if !experiment.compares_baselines() {
-        candidates.truncate(1);
+    let candidates = baselines::candidates(&found.descriptor, experiment);
+    if experiment.compares_baselines() && candidates.len() == 1 {
+        let (_, progress) = search_loop.client_and_progress();
+        progress.say("clouds without colours: no baseline describes them, so that the winner stands alone");
     }
     if !Matching::Test.query_clouds(dataset).is_empty() {
         folder.record_look(&LookRow {

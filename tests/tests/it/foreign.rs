@@ -14,7 +14,8 @@ use serde_json::Value;
 use crate::experiments::{Experiment, clouds, copy_folder, repository, run_demo, summary};
 use crate::process::{Finished, finish, run};
 
-const SEARCH: &str = "[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n";
+const SEARCH: &str = "[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n\
+    [results]\nbaselines = false\n";
 
 fn compare(out: &str, more: &[&str]) -> Finished {
     let args = ["compare", out, "--listen", "127.0.0.1:0", "--no-times", "--json", "--descriptor", "evolved"];

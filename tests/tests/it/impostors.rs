@@ -97,7 +97,8 @@ async fn liar(address: String, most_answers: u32) -> Status {
 #[tokio::test(flavor = "multi_thread")]
 async fn verification_finds_the_fitness_values_of_a_worker_that_lied() {
     let experiment = Experiment::new(
-        "[ga]\npopulation = 4\n[stop]\ngenerations = 2\nperfect = false\nvalidation_patience = \"off\"\n",
+        "[ga]\npopulation = 4\n[stop]\ngenerations = 2\nperfect = false\nvalidation_patience = \"off\"\n\
+         [results]\nbaselines = false\n",
     );
     let args = experiment.run_args("out", &["--local-workers", "0"]);
     let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);

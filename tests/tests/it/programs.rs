@@ -299,6 +299,8 @@ fn every_option_has_help_with_an_example() {
         "exhaust",
         "export",
         "query",
+        "learn",
+        "assess",
         "recognise",
         "report",
         "split",

@@ -8,7 +8,7 @@ use crate::experiments::{Experiment, digest, summary};
 use crate::process::{Running, run};
 
 const STRUCTURES: &str = "[descriptor]\nfamily = \"structure\"\nmax_bins = 300\n[search]\nmethod = \"nsga2\"\n\
-    [ga]\npopulation = 8\n[stop]\nevaluations = 60\n[coordinator]\naudit = 0\n";
+    [ga]\npopulation = 8\n[stop]\nevaluations = 60\n[coordinator]\naudit = 0\n[results]\nbaselines = false\n";
 
 const DISK_RING: &str = "[search]\nmethod = \"nsga2\"\nobjectives = [\"size\", \"error\"]\n[ga]\npopulation = 8\n\
     [stop]\ngenerations = 8\nvalidation_patience = \"off\"\n[coordinator]\naudit = 0\n";

@@ -89,7 +89,7 @@ fn every_protocol_and_objective_gives_a_digest_of_its_own_whatever_the_workers()
 
 #[test]
 fn tables_hold_genes_and_margins_and_other_commands_know_the_family() {
-    let experiment = experiment("cross-sequence = 1", "audit = 0");
+    let experiment = experiment("cross-sequence = 1", "audit = 0\n[results]\nbaselines = false");
     let checked = run("coordinator", ["check", &experiment.path("exp.toml")]).expect_success();
     assert!(checked.stdout.contains("204 bits"), "{checked}");
     let ran = summary(&experiment.run("out", &[]).expect_success());

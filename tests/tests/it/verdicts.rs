@@ -107,7 +107,9 @@ fn workers_elsewhere_and_a_kill_change_no_row() {
 #[test]
 fn clouds_without_colours_have_no_baselines() {
     let experiment = Experiment::new(&format!("{SEARCH}[descriptor]\ncolour = false\n"));
-    let told = summary(&experiment.run("out", &[]).expect_success());
+    let ran = experiment.run("out", &[]).expect_success();
+    let told = summary(&ran);
+    assert!(ran.stderr.contains("clouds without colours: no baseline describes them"), "{ran}");
     assert_eq!((labels(&told), verdict(&told)), (vec![], vec![]));
     assert!(!Path::new(&experiment.path("out/comparison/comparison.parquet")).exists());
 }

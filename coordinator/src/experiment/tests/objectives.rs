@@ -104,3 +104,15 @@ fn a_variant_of_one_objective_beside_a_base_of_several_is_read_again_from_the_re
         again.members().iter().map(|member| member.experiment.objectives().are_several()).collect();
     assert_eq!(of_one, [false, false, true, true]);
 }
+
+#[test]
+fn the_random_control_of_any_search_is_read_again_from_its_record() {
+    for sample in [SAMPLE, super::SAMPLE] {
+        let experiment = parse(sample).unwrap();
+        let control = experiment.random_control(300);
+        assert_eq!((control.method(), control.objectives()), (Method::Random, Objectives::ERROR));
+        assert_eq!(control.stop().evaluations, Some(300));
+        assert_eq!(control.space_toml(), experiment.space_toml());
+        assert_eq!(parse(&control.resolved_toml()), Ok(control));
+    }
+}
