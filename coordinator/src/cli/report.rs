@@ -69,8 +69,10 @@ impl Report {
 /// What is known of a run. The report shows a run as well whose experiment or comparison this program cannot read: then
 /// there is less to say.
 fn told(folder: &Path) -> Told {
-    let verdict =
-        || Some(verdict(&results::read_comparison(folder).ok()?, &results::read_pairs(folder).ok()?));
+    let verdict = || {
+        let (rows, pairs) = (results::read_comparison(folder).ok()?, results::read_pairs(folder).ok()?);
+        Some(verdict(&rows, &pairs, &results::read_front(folder).ok()?))
+    };
     Told { channels: winner_channels(folder), verdict: verdict().unwrap_or_default() }
 }
 

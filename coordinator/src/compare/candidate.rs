@@ -11,6 +11,26 @@ pub const EVOLVED: &str = "evolved";
 /// Label of the descriptor that the paper ended with.
 pub const PAPER: &str = "paper";
 
+/// Name of a point of the run's own front.
+pub fn point_name(point: u32) -> String {
+    format!("{POINT_PREFIX}{point}")
+}
+
+/// What names of points begin with, before their numbers.
+const POINT_PREFIX: &str = "point-";
+
+/// Refuses the name of a point of a front to any other descriptor.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn check_no_point(name: &str) -> Result<(), &'static str> {
+    let number = name.strip_prefix(POINT_PREFIX).unwrap_or_default();
+    if !number.is_empty() && number.bytes().all(|byte| byte.is_ascii_digit()) {
+        return Err("name must not be that of a point of the front");
+    }
+    Ok(())
+}
+
 /// The paper counts the nine values of the reference frame, which PCL gives beside the histogram.
 const SHOTCOLOR_NOTE: &str = "the paper counts 1353: with the 9 values of the reference frame";
 

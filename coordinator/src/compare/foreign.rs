@@ -9,7 +9,7 @@ use descriptor::{Match, VectorMetric};
 use rayon::prelude::*;
 use results::{Among, ComparedRow, Foreign, ForeignClouds, ForeignValues, read_foreign};
 
-use super::candidate::{Candidate, Given};
+use super::candidate::{Candidate, Given, check_no_point};
 use crate::dataset::Dataset;
 use crate::run::Matching;
 
@@ -123,7 +123,7 @@ impl ForeignDescriptor {
     ) -> Result<Self, ForeignFault> {
         let ForeignSource { name, path } = source;
         let wrong = |what| ForeignFault::Name { name: name.clone(), path: path.clone(), what };
-        Given::check_name(name).map_err(wrong)?;
+        Given::check_name(name).and_then(|()| check_no_point(name)).map_err(wrong)?;
         let cloud = |&index: &u32| dataset.clouds.entries[index as usize].path.as_str();
         let queries: Vec<&str> = Matching::Test.query_clouds(dataset).iter().map(cloud).collect();
         let database: Vec<&str> = Matching::Test.database_clouds(dataset).iter().map(cloud).collect();

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use descriptor::{Descriptor, Preprocess, SearchSpace, Unit};
 
-use super::candidate::Given;
+use super::candidate::{Given, check_no_point, point_name};
 use crate::experiment::{Experiment, ExperimentError, Overrides, is_name};
 use crate::front::{self, FrontError};
 use crate::structure_file::{self, StructureFileError};
@@ -100,6 +100,9 @@ impl Sources {
             let name = source.name.clone().unwrap_or(own_name);
             let wrong =
                 |what| GivenError::Name { option, path: source.path.clone(), what, name: name.clone() };
+            if option != POINT {
+                check_no_point(&name).map_err(wrong)?;
+            }
             let one = Given::new(&name, descriptor).map_err(wrong)?;
             match given.iter().find(|other| other.name == one.name) {
                 Some(other) if *other != one => Err(wrong("name must be that of one descriptor")),
@@ -119,9 +122,8 @@ impl Sources {
             add(WITH_RUN, source, name, winner)?;
         }
         for &point in &self.points {
-            let (name, source) =
-                (format!("point-{point}"), Source { name: None, path: own.folder.to_owned() });
-            add(POINT, &source, name, front::point(own.folder, own.space, point)?)?;
+            let source = Source { name: None, path: own.folder.to_owned() };
+            add(POINT, &source, point_name(point), front::point(own.folder, own.space, point)?)?;
         }
         Ok(given)
     }
@@ -216,5 +218,11 @@ mod tests {
         assert!(refused.contains("--structure NAME="), "{refused}");
         let refused = read(&[(Some("paper"), &hue)]).unwrap_err().to_string();
         assert!(refused.contains("must be none of evolved, paper, "), "{refused}");
+        let refused = read(&[(Some("point-3"), &hue)]).unwrap_err().to_string();
+        assert!(refused.contains("must not be that of a point of the front, got \"point-3\""), "{refused}");
+        assert_eq!(
+            names(read(&[(Some("point-a"), &hue), (Some("point-"), &value)]).unwrap()),
+            ["point-a", "point-"]
+        );
     }
 }

@@ -119,6 +119,7 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     }
     let asked = choose(options, given, preprocess.colour, |line| display.say(line))?;
     let out = RunFolder::create(folder, &rows::gene_columns(space.family()))?;
+    let front = results::read_front(folder)?;
     let earlier = if options.replace { Earlier::default() } else { Earlier::read(folder)? };
     let candidates = earlier.candidates(folder, &asked, &evolved, options.radius_um)?;
     let read = |source| ForeignDescriptor::read(source, options.foreign_metric, dataset);
@@ -192,7 +193,8 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
         out.begin_comparison()?;
     }
     let Tabulated { rows, pairs, perturbed, .. } = compared?;
-    Ok(Comparison { name: run.row.name.clone(), rows, pairs, perturbed, looks, folder: folder.to_owned() })
+    let (name, folder) = (run.row.name.clone(), folder.to_owned());
+    Ok(Comparison { name, rows, pairs, front, perturbed, looks, folder })
 }
 
 /// How the record of looks names what is done.

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use descriptor::Perturbation;
-use results::{ComparedRow, PairRow, PerturbedRow, Times};
+use results::{ComparedRow, FrontRow, PairRow, PerturbedRow, Times};
 use serde_json::{Value, json};
 
 use super::candidate::PAPER;
@@ -24,6 +24,8 @@ pub struct Comparison {
     pub rows: Vec<ComparedRow>,
     /// Every pair of them, objects first.
     pub pairs: Vec<PairRow>,
+    /// The front of the run; empty if it has none.
+    pub front: Vec<FrontRow>,
     /// Errors on perturbed test clouds.
     pub perturbed: Vec<PerturbedRow>,
     /// How often the run's test clouds have been looked at.
@@ -106,7 +108,7 @@ impl Comparison {
         text += &self.perturbed_text();
         let times = if self.looks == 1 { "once".to_owned() } else { format!("{} times", self.looks) };
         text += "\n";
-        for sentence in verdict(&self.rows, &self.pairs) {
+        for sentence in verdict(&self.rows, &self.pairs, &self.front) {
             text += &wrapped(&sentence, 2);
         }
         text +=
@@ -293,7 +295,7 @@ impl Comparison {
             "name": self.name,
             "run": self.folder.display().to_string(),
             "looks": self.looks,
-            "verdict": verdict(&self.rows, &self.pairs),
+            "verdict": verdict(&self.rows, &self.pairs, &self.front),
             "descriptors": self.rows.iter().map(descriptor).collect::<Vec<_>>(),
             "pairs": self.pairs.iter().map(pair).collect::<Vec<_>>(),
             "perturbed": self.perturbed.iter().map(perturbed).collect::<Vec<_>>(),

@@ -1,16 +1,18 @@
 //! What a comparison says of the run's descriptor, in sentences: whether it is better, how sure that is, at what price.
 
+use descriptor::FixedKind;
 use descriptor::recogniser::Method;
-use results::{ComparedRow, PairRow, holm};
+use results::{ComparedRow, FrontRow, PairRow, holm};
 
-use super::candidate::{EVOLVED, L1_SUFFIX, PAPER};
+use super::candidate::{EVOLVED, L1_SUFFIX, PAPER, point_name};
 use super::differences::{Level, SIGNIFICANCE, probability};
 use crate::run::progress::percent;
 
 /// A sentence on the run's descriptor against the paper's, and one against that of the others with fewest errors; and of
 /// each recogniser that learns one against the nearest cloud, and one against the others by the same recogniser. None
-/// where there is nothing to set it against.
-pub fn verdict(rows: &[ComparedRow], pairs: &[PairRow]) -> Vec<String> {
+/// where there is nothing to set it against. Last, one on the points of the run's `front` against PFHRGB, where the table
+/// has both.
+pub fn verdict(rows: &[ComparedRow], pairs: &[PairRow], front: &[FrontRow]) -> Vec<String> {
     let of_method = |method: Method| {
         let differences = differences(rows, pairs, method);
         let first = match method {
@@ -23,7 +25,41 @@ pub fn verdict(rows: &[ComparedRow], pairs: &[PairRow]) -> Vec<String> {
         let best = others.into_iter().min_by(|a, b| error(a).total_cmp(&error(b)));
         first.into_iter().chain(best).map(|one| one.sentence()).collect::<Vec<_>>()
     };
-    Method::ALL.into_iter().flat_map(of_method).collect()
+    Method::ALL.into_iter().flat_map(of_method).chain(points_against_pfhrgb(rows, pairs, front)).collect()
+}
+
+/// Which of the front's points in the table is the fastest that is better than PFHRGB. Fast means a low counted cost: that
+/// is the same on every machine, and known of points whose time nobody has measured.
+fn points_against_pfhrgb(rows: &[ComparedRow], pairs: &[PairRow], front: &[FrontRow]) -> Option<String> {
+    let row = |name: &str| rows.iter().find(|row| row.descriptor == name);
+    let pfhrgb = row(FixedKind::PfhRgb.name())?;
+    let against = |point: &FrontRow| {
+        Some((Difference::between(row(&point_name(point.point))?, pfhrgb, pairs)?, point.cost))
+    };
+    let (mut compared, costs): (Vec<_>, Vec<u64>) = front.iter().filter_map(against).unzip();
+    correct(&mut compared);
+    let better = compared.iter().zip(costs).filter(|(one, _)| one.points > 0.0 && one.is_sure());
+    let fastest =
+        better.min_by_key(|(one, cost)| (*cost, one.own.counts.queries - one.own.counts.object_correct)); // the first of equals
+    let best = compared.iter().min_by(|a, b| b.points.total_cmp(&a.points))?;
+    Some(match (&compared[..], fastest) {
+        ([only], _) => only.sentence(),
+        (all, Some((fastest, _))) => format!(
+            "of the {} compared points, {} is the fastest that is better than {}: {}{}",
+            all.len(),
+            fastest.own.descriptor,
+            pfhrgb.descriptor,
+            fastest.errors(),
+            price(fastest.own, pfhrgb)
+        ),
+        (all, None) => format!(
+            "no evidence that any of the {} compared points is better than {}: {}, the best of them, has {}",
+            all.len(),
+            pfhrgb.descriptor,
+            best.own.descriptor,
+            best.errors()
+        ),
+    })
 }
 
 /// The run's descriptor against another on the same clouds.
@@ -52,7 +88,21 @@ pub fn differences<'a>(rows: &'a [ComparedRow], pairs: &[PairRow], method: Metho
         let is_alike = row.recogniser == own.recogniser && !row.descriptor.contains(L1_SUFFIX);
         *row != own && (is_alike || row.descriptor == EVOLVED)
     };
-    let difference = |other: &'a ComparedRow| {
+    let mut differences: Vec<Difference<'a>> =
+        rows.iter().filter(is_other).filter_map(|other| Difference::between(own, other, pairs)).collect();
+    correct(&mut differences);
+    differences
+}
+
+/// Holm's correction for all of these.
+fn correct(differences: &mut [Difference<'_>]) {
+    let adjusted = holm(&differences.iter().map(|one| one.p).collect::<Vec<f64>>());
+    differences.iter_mut().zip(adjusted).for_each(|(one, adjusted)| one.p = adjusted);
+}
+
+impl<'a> Difference<'a> {
+    /// Of two descriptors, not corrected; `None` if no query is described by both.
+    fn between(own: &'a ComparedRow, other: &'a ComparedRow, pairs: &[PairRow]) -> Option<Self> {
         let names = [own.descriptor.as_str(), &other.descriptor];
         let is_pair = |pair: &&PairRow| {
             let compared = [pair.descriptor_a.as_str(), &pair.descriptor_b];
@@ -62,21 +112,31 @@ pub fn differences<'a>(rows: &'a [ComparedRow], pairs: &[PairRow], method: Metho
         let sign = if pair.descriptor_a == names[0] { -100.0 } else { 100.0 };
         let [a, b] = [pair.difference_low, pair.difference_high].map(|end| sign * end);
         let (points, interval) = (sign * pair.error_difference(), [a.min(b), a.max(b)]);
-        Some(Difference { own, other, points, interval, p: pair.p_value })
-    };
-    let mut differences: Vec<Difference<'a>> = rows.iter().filter(is_other).filter_map(difference).collect();
-    let adjusted = holm(&differences.iter().map(|one| one.p).collect::<Vec<f64>>());
-    differences.iter_mut().zip(adjusted).for_each(|(one, adjusted)| one.p = adjusted);
-    differences
-}
+        Some(Self { own, other, points, interval, p: pair.p_value })
+    }
 
-impl Difference<'_> {
     /// Whether it is hardly chance.
     pub fn is_sure(&self) -> bool {
         self.p < SIGNIFICANCE
     }
 
     fn sentence(&self) -> String {
+        let Self { own, other, points, .. } = self;
+        let [own_name, name] = [&own.descriptor, &other.descriptor];
+        let found = if self.is_sure() {
+            let better = if *points > 0.0 { "better" } else { "worse" };
+            format!("{own_name} is {better} than {name}: {}", self.errors())
+        } else if *points == 0.0 {
+            let error = percent(own.counts.object_error());
+            format!("{own_name} and {name} have equally many clouds wrong: {error}")
+        } else {
+            format!("no evidence that {own_name} differs from {name}: {}", self.errors())
+        };
+        found + &price(own, other)
+    }
+
+    /// Both errors, how far apart they are, and how sure that is.
+    fn errors(&self) -> String {
         let Self { own, other, points, interval, p } = self;
         // Rounded here, so that nothing is said to be -0.0.
         let end = |end: f64| (10.0 * points.signum() * end).round() / 10.0 + 0.0;
@@ -84,25 +144,17 @@ impl Difference<'_> {
         let p = probability(*p);
         let p = if p.starts_with('<') { format!("p {p}") } else { format!("p = {p}") };
         let how_sure = format!("95 % interval {:.1} to {:.1}, {p}", a.min(b), a.max(b));
-        let [own_name, name] = [&own.descriptor, &other.descriptor];
         let [own_error, other_error] = [own, other].map(|row| percent(row.counts.object_error()));
+        if *points == 0.0 {
+            return format!("{own_error} of clouds wrong, as {} has", other.descriptor);
+        }
         let more = if *points > 0.0 { "fewer" } else { "more" };
+        let [but, may_be_chance] = if self.is_sure() { [""; 2] } else { ["but ", " may be chance"] };
         let distance = points.abs();
-        let found = if self.is_sure() {
-            let better = if *points > 0.0 { "better" } else { "worse" };
-            format!(
-                "{own_name} is {better} than {name}: {own_error} of clouds wrong instead of {other_error}, {distance:.2} \
-                 points {more} ({how_sure})"
-            )
-        } else if *points == 0.0 {
-            format!("{own_name} and {name} have equally many clouds wrong: {own_error}")
-        } else {
-            format!(
-                "no evidence that {own_name} differs from {name}: {own_error} of clouds wrong instead of {other_error}, but \
-                 {distance:.2} points {more} may be chance ({how_sure})"
-            )
-        };
-        found + &price(own, other)
+        format!(
+            "{own_error} of clouds wrong instead of {other_error}, {but}{distance:.2} points {more}{may_be_chance} \
+             ({how_sure})"
+        )
     }
 }
 
@@ -187,9 +239,13 @@ mod tests {
     }
 
     fn said(rows: &[ComparedRow]) -> Vec<String> {
+        said_with(rows, &[])
+    }
+
+    fn said_with(rows: &[ComparedRow], front: &[FrontRow]) -> Vec<String> {
         let all = rows.iter().enumerate();
         let pairs = all.flat_map(|(place, a)| rows[place + 1..].iter().map(move |b| pair(a, b)));
-        verdict(rows, &pairs.collect::<Vec<_>>())
+        verdict(rows, &pairs.collect::<Vec<_>>(), front)
     }
 
     #[test]
@@ -305,6 +361,118 @@ mod tests {
         assert_eq!(said(&rows[2..]), Vec::<String>::new());
         assert_eq!(said(&[rows[0].clone(), rows[2].clone()]), Vec::<String>::new());
         // No query is described by both.
-        assert_eq!(verdict(&rows, &[]), Vec::<String>::new());
+        assert_eq!(verdict(&rows, &[], &[]), Vec::<String>::new());
+    }
+
+    /// A front of points with these counted costs.
+    fn front(costs: &[u64]) -> Vec<FrontRow> {
+        let row = |(point, &cost): (u32, &u64)| FrontRow {
+            point,
+            generation: 1,
+            individual: point,
+            chromosome: String::new(),
+            genes: Vec::new(),
+            train: Counts { object_correct: 1, category_correct: 1, queries: 1 },
+            objective_correct: None,
+            train_margin: None,
+            validation: None,
+            validation_margin: None,
+            cost,
+            size: 9,
+            winner: point == 1,
+        };
+        (1..).zip(costs).map(row).collect()
+    }
+
+    /// What is said last of PFHRGB with 150 right of 200 and of points with so many, of a front of these costs.
+    fn of_points(right: &[(u32, u32)], costs: &[u64]) -> Option<String> {
+        let points = right.iter().map(|&(point, right)| row(&format!("point-{point}"), right, None));
+        let rows: Vec<ComparedRow> = std::iter::once(row("pfhrgb", 150, None)).chain(points).collect();
+        let sentences = said_with(&rows, &front(costs));
+        assert!(sentences.len() < 2, "{sentences:?}");
+        sentences.into_iter().next()
+    }
+
+    #[test]
+    fn of_points_the_fastest_that_is_better_than_pfhrgb_is_named() {
+        // Point 4 is the fastest, and no better; 2 is slower than 3 and has fewer errors; 5 is not compared.
+        let costs = [900, 500, 300, 100, 50];
+        let found = of_points(&[(1, 190), (2, 180), (3, 170), (4, 150)], &costs).unwrap();
+        let p = probability(2.0 * mcnemar(20, 0)); // that of two others is smaller still
+        assert_eq!(
+            found,
+            format!(
+                "of the 4 compared points, point-3 is the fastest that is better than pfhrgb: 15.00 % of clouds wrong \
+                 instead of 25.00 %, 10.00 points fewer (95 % interval 8.0 to 11.0, p {p}), with 340 values a cloud \
+                 instead of 300"
+            )
+        );
+        // Of equally fast ones that with fewer errors, of those the first.
+        let named = |right: &[(u32, u32)], costs: &[u64], point: u32| {
+            let found = of_points(right, costs).unwrap();
+            assert!(found.contains(&format!(" points, point-{point} is the fastest")), "{found}");
+        };
+        named(&[(1, 170), (2, 180), (3, 180)], &[7, 7, 7], 2);
+        // Fewer of the clouds that both recognise is no better.
+        named(&[(1, 120), (2, 180)], &[1, 2], 2);
+        // Whichever comes first in the table.
+        let rows = [row("point-1", 180, None), row("point-2", 170, None), row("pfhrgb", 150, None)];
+        let found = said_with(&rows, &front(&[2, 1])).remove(0);
+        assert!(found.contains("point-2 is the fastest") && found.contains("10.00 points fewer"), "{found}");
+    }
+
+    #[test]
+    fn points_are_corrected_for_one_another_and_for_nothing_else() {
+        // Seven clouds more of 200: p = 0.016 of one point, 0.031 of two, 0.062 of four.
+        assert_eq!(
+            [1, 2, 4].map(|points| f64::from(points) * mcnemar(7, 0) < SIGNIFICANCE),
+            [true, true, false]
+        );
+        let seven_more = |points: u32| {
+            let right: Vec<(u32, u32)> = (1..=points).map(|point| (point, 157)).collect();
+            of_points(&right, &[5, 4, 3, 2]).unwrap()
+        };
+        assert!(
+            seven_more(1).starts_with("point-1 is better than pfhrgb: 21.50 % of clouds wrong instead of 25")
+        );
+        assert!(seven_more(2).starts_with("of the 2 compared points, point-2 is the fastest that is better"));
+        let none = seven_more(4);
+        assert!(
+            none.starts_with(
+                "no evidence that any of the 4 compared points is better than pfhrgb: point-1, the best of them, has \
+                 21.50 % of clouds wrong instead of 25.00 %, but 3.50 points fewer may be chance (95 % interval 1.5 to 4.5, \
+                 p = 0.06"
+            ),
+            "{none}"
+        );
+        // Holm: the smallest p is multiplied by four, and the others are no smaller after that than it.
+        let found = of_points(&[(1, 180), (2, 158), (3, 157), (4, 150)], &[9, 8, 7, 6]).unwrap();
+        assert!([3.0 * mcnemar(8, 0), 2.0 * mcnemar(7, 0)].iter().all(|p| *p < SIGNIFICANCE));
+        assert!(found.contains("point-3 is the fastest"), "{found}");
+        // The run's own descriptor, and other recognisers and distances, do not count.
+        let more = ["evolved", "point-2-l1", "point-2-projection", "paper"].map(|name| row(name, 199, None));
+        let rows: Vec<ComparedRow> =
+            [row("pfhrgb", 150, None), row("point-2", 157, None)].into_iter().chain(more).collect();
+        let last = said_with(&rows, &front(&[2, 1])).pop().unwrap();
+        assert!(last.starts_with("point-2 is better than pfhrgb"), "{last}");
+    }
+
+    #[test]
+    fn points_that_are_no_better_or_not_there_are_not_praised() {
+        let said = |right: &[(u32, u32)]| of_points(right, &[3, 2, 1]).unwrap_or_default();
+        let begins = "no evidence that any of the 2 compared points is better than pfhrgb: point-3, the best of them, has ";
+        assert_eq!(said(&[(1, 149), (3, 150)]), format!("{begins}25.00 % of clouds wrong, as pfhrgb has"));
+        let worse = said(&[(1, 100), (3, 120)]);
+        assert!(
+            worse.starts_with(&format!(
+                "{begins}40.00 % of clouds wrong instead of 25.00 %, 15.00 points more ("
+            )),
+            "{worse}"
+        );
+        assert!(said(&[(2, 120)]).starts_with("point-2 is worse than pfhrgb"));
+        assert_eq!(said(&[]), "");
+        // A run without a front, and a table without PFHRGB.
+        assert_eq!(of_points(&[(1, 190)], &[]), None);
+        assert_eq!(said_with(&[row("point-1", 190, None)], &front(&[1])), Vec::<String>::new());
     }
 }

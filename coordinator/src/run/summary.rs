@@ -95,7 +95,7 @@ impl Summary {
         let mut row = |label: &str, value: String| {
             text += &labelled(label, 14, &value);
         };
-        for (place, sentence) in verdict(&self.compared, &self.pairs).into_iter().enumerate() {
+        for (place, sentence) in verdict(&self.compared, &self.pairs, &self.front).into_iter().enumerate() {
             row(if place == 0 { "verdict" } else { "" }, sentence);
         }
         for (place, bound) in self.bounds.iter().enumerate() {
@@ -171,7 +171,7 @@ impl Summary {
             "test_object_error": object(run.test),
             "test_object_error_interval": interval(run.test),
             "test_category_error": category(run.test),
-            "verdict": verdict(&self.compared, &self.pairs),
+            "verdict": verdict(&self.compared, &self.pairs, &self.front),
             "compared": self.compared.iter().map(compared_json).collect::<Vec<_>>(),
             "at_a_bound": self.bounds,
             "regret": run.regret(),
