@@ -16,6 +16,7 @@ mod fitness;
 mod front;
 mod in_process;
 mod lines;
+mod names;
 mod objectives;
 mod observers;
 mod prepared;

@@ -56,7 +56,7 @@ mod tests {
         let preprocess = Preprocess::default();
         let cloud = |source: Digest| {
             let path = "a/a_1/a_1_1_1.pcd".to_owned();
-            CloudEntry { path, category: 0, instance: 0, sequence: None, digest: source.0, bytes: 5 }
+            CloudEntry { path, category: 0, instance: 0, sequence: None, set: 0, digest: source.0, bytes: 5 }
         };
         let key = |source| prepared_cloud_key(&preprocess, &preparer, source).unwrap();
         let blobs = BlobStore::default();

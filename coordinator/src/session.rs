@@ -18,6 +18,7 @@ use crate::prepared::PreparedClouds;
 use crate::run::fitness_batch::FitnessBatch;
 use crate::run::matching::Matching;
 use crate::run::scales::Scales;
+use crate::run::sets::with_weight;
 use crate::run::splits::SplitBlobs;
 use crate::run::{DataError, RunError};
 use crate::tasks;
@@ -157,15 +158,16 @@ impl<'a> Session<'a> {
         Ok(done)
     }
 
-    /// What some descriptors have by a fitness on the training clouds, in their order.
+    /// What some descriptors have by a fitness, with a weight for each set, on the training clouds, in their order.
     pub async fn measure(
         &self,
-        fitness: &Fitness,
+        (fitness, weights): (&Fitness, &[u32]),
         descriptors: &[&Descriptor],
     ) -> Result<Vec<Measured>, ClusterError> {
         let (mut client, mut scales) = (self.cluster.client(), Scales::default());
-        scales.complete(descriptors, &self.splits, &mut client, |_| {}).await?;
-        let batch = FitnessBatch::new(fitness, &self.splits, &scales, descriptors, Matching::Train);
+        scales.complete(descriptors, &with_weight(weights), &self.splits, &mut client, |_| {}).await?;
+        let batch =
+            FitnessBatch::new((fitness, weights), &self.splits, &scales, descriptors, Matching::Train);
         let answers = batch.evaluate(&mut client, |_, _| {}).await?;
         Ok(answers.into_iter().map(|answer| answer.measured).collect())
     }

@@ -103,10 +103,12 @@ pub async fn verify(
     session.start(None, LocalWorkers::Auto).await;
     let affordable: Vec<&Descriptor> =
         descriptors.iter().filter(|descriptor| experiment.affords(descriptor)).collect();
-    let recomputed = async { Ok(session.measure(experiment.fitness(), &affordable).await?) };
+    let weights = experiment.set_weights(&dataset);
+    let fitness = (experiment.fitness(), &weights[..]);
+    let recomputed = async { Ok(session.measure(fitness, &affordable).await?) };
     let measured = session.perform(&Console::default(), None, recomputed).await?;
     verdict.recomputed = measured.len();
-    let nothing = nothing_recognised(experiment.fitness(), &dataset, Matching::Train);
+    let nothing = nothing_recognised(&experiment, &dataset, Matching::Train);
     let mut measured = measured.into_iter();
     for (row, descriptor) in chosen.iter().zip(&descriptors) {
         let recomputed = if experiment.affords(descriptor) { measured.next() } else { Some(nothing) };

@@ -17,7 +17,7 @@ use crate::population::PopulationSummary;
 use crate::read::generation_file;
 use crate::record::{Context, Value};
 use crate::table_name::TableName;
-use crate::tables::comparison::{ComparedRow, Curve, CurvePoint, DistanceRow, PairRow, PerturbedRow};
+use crate::tables::comparison::{ComparedRow, Curve, CurvePoint, DistanceRow, PairRow, PerturbedRow, SetRow};
 use crate::tables::log::{LookRow, RunLog};
 use crate::tables::run::{
     EvaluationRow, FrontRow, GenerationRow, PredictionRow, PredictionSplit, RunRow, SkippedRow,
@@ -29,9 +29,10 @@ const LOCK: &str = ".lock";
 
 /// Order in which tables are removed when a run is discarded: the one that marks a run or generation as whole before
 /// what it marks.
-const DISCARD_ORDER: [TableName; 9] = [
+const DISCARD_ORDER: [TableName; 10] = [
     TableName::Run,
     TableName::Front,
+    TableName::Sets,
     TableName::Generations,
     TableName::Evaluations,
     TableName::Predictions,
@@ -158,11 +159,23 @@ impl RunFolder {
     pub fn write_front(&self, rows: &[FrontRow]) -> Result<(), Error> {
         self.refuse_if_finished()?;
         check_front(&self.genes, rows)?;
-        let folder = self.folder.join(TableName::Front.as_str());
+        self.make_table_folder(TableName::Front)?;
+        self.write_one(TableName::Front, rows)
+    }
+
+    /// Writes what each descriptor has on the test clouds of each set.
+    pub fn write_sets(&self, rows: &[SetRow]) -> Result<(), Error> {
+        self.refuse_if_finished()?;
+        self.make_table_folder(TableName::Sets)?;
+        self.write_one(TableName::Sets, rows)
+    }
+
+    /// Makes the folder of a table that few runs have.
+    fn make_table_folder(&self, table: TableName) -> Result<(), Error> {
+        let folder = self.folder.join(table.as_str());
         fs::create_dir_all(&folder).map_err(|source| opening(&folder, source))?;
         remove(&folder, is_temporary)?;
-        sync_folder(&self.folder)?;
-        self.write_one(TableName::Front, rows)
+        sync_folder(&self.folder)
     }
 
     /// Writes the winner's predictions of one split, in query order.
@@ -369,6 +382,7 @@ fn is_ours(table: TableName, name: &str) -> bool {
         | TableName::Attempts
         | TableName::Events
         | TableName::Front
+        | TableName::Sets
         | TableName::Run => name == table.file(),
         // Test clouds were looked at, even if the run is discarded.
         TableName::Looks

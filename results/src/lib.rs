@@ -49,14 +49,16 @@ pub use problem::Problem;
 pub use query::{Answer, AnswerFormat, LONGEST_QUERY, QueryError, query};
 pub use read::{
     FinishedRun, read_answers, read_comparison, read_evaluations, read_front, read_pairs, read_perturbed,
-    read_predictions, read_run, read_table,
+    read_predictions, read_run, read_sets, read_table,
 };
 pub use report::{ChannelPairs, Report, Told, WinnerChannel};
 pub use schema::schema_markdown;
 pub use statistics::{Cluster, RankSum, bootstrap, holm, mcnemar, rank_sum, wilson};
 pub use table_name::TableName;
 pub use tables::Table;
-pub use tables::comparison::{ComparedRow, Curve, CurvePoint, DistanceRow, PairRow, PerturbedRow, Times};
+pub use tables::comparison::{
+    ComparedRow, Curve, CurvePoint, DistanceRow, PairRow, PerturbedRow, SetRow, Times,
+};
 pub use tables::database::DatabaseCloud;
 pub use tables::grid::{BestRow, CellPoints, CountRow, GridRow, GridTables, LandscapeRow, MarginalRow};
 pub use tables::log::{AttemptRow, EventRow, LookRow, RunLog, WorkerRow};

@@ -12,7 +12,7 @@ use crate::file::names;
 use crate::parquet;
 use crate::table_name::TableName;
 use crate::tables::TableFile;
-use crate::tables::comparison::{ComparedRow, PairRow, PerturbedRow};
+use crate::tables::comparison::{ComparedRow, PairRow, PerturbedRow, SetRow};
 use crate::tables::run::{EvaluationRow, FrontRow, PredictionRow, PredictionSplit, RunRow};
 
 /// Name of a generation's file in its table's folder.
@@ -195,6 +195,15 @@ pub fn read_comparison(run: impl AsRef<Path>) -> Result<Vec<ComparedRow>, Error>
 pub fn read_pairs(run: impl AsRef<Path>) -> Result<Vec<PairRow>, Error> {
     let file = run.as_ref().join(TableName::Pairs.as_str()).join(TableName::Pairs.file());
     read_file_if_any(&file, TableName::Pairs)?.map_or(Ok(Vec::new()), |content| content.rows())
+}
+
+/// What descriptors have on the test clouds of each set, in a run folder; none if the clouds are of one set.
+///
+/// # Errors
+/// As [`read_run`].
+pub fn read_sets(run: impl AsRef<Path>) -> Result<Vec<SetRow>, Error> {
+    let file = run.as_ref().join(TableName::Sets.as_str()).join(TableName::Sets.file());
+    read_file_if_any(&file, TableName::Sets)?.map_or(Ok(Vec::new()), |content| content.rows())
 }
 
 /// The errors on perturbed test clouds in a run folder; none if there are none.

@@ -26,6 +26,7 @@ pub fn schema_markdown() -> Result<String, Error> {
     for name in TableName::RUN
         .into_iter()
         .chain(TableName::FRONT)
+        .chain(TableName::SETS)
         .chain(TableName::COMPARISON)
         .chain(TableName::PERTURBED)
         .chain(TableName::GRID)

@@ -54,6 +54,8 @@ table_names! {
     Comparison = "comparison",
     /// One row per descriptor and perturbation of the test clouds.
     Perturbed = "perturbed",
+    /// One row per descriptor and set of clouds.
+    Sets = "sets",
     /// One row per descriptor of one cell of the grid.
     Cells = "cells",
     /// One row for each of the best descriptors of the grid.
@@ -87,6 +89,8 @@ impl TableName {
     ];
     /// The table that a search of several objectives adds to a run folder.
     pub const FRONT: [Self; 1] = [Self::Front];
+    /// The table that a run on clouds of several sets adds to its folder.
+    pub const SETS: [Self; 1] = [Self::Sets];
     /// The tables that a comparison adds to a run folder, in the order in which they are written.
     pub const COMPARISON: [Self; 5] =
         [Self::Distances, Self::Answers, Self::RecallPrecision, Self::Pairs, Self::Comparison];

@@ -21,12 +21,13 @@ use super::settings::{DatabaseSettings, Settings, TestVectorSettings};
 use super::test_vector::{Example, Verdict};
 use super::write::{Draft, Written, refuse_occupied};
 use super::{DescriptorChoice, ExportError, reject, scales};
+use crate::compare::EVOLVED;
 use crate::dataset::{CloudEntry, Dataset, read_file};
 use crate::evaluate::{Seconds, stages};
 use crate::experiment::{Overrides, of_one};
 use crate::front;
 use crate::reopen::{Reopened, reopen};
-use crate::run::{Matching, clouds, data_digest};
+use crate::run::{Matching, choose_set, clouds, data_digest, sets};
 use crate::sweep;
 
 /// What was exported.
@@ -58,20 +59,24 @@ pub fn export(
     run: &Path,
     (which, recogniser): (DescriptorChoice, Option<Method>),
     false_rejections: f64,
-    data: Option<&Path>,
+    (data, set): (Option<&Path>, Option<&str>),
     out: &Path,
     storage: &Storage,
 ) -> Result<Exported, ExportError> {
     refuse_occupied(out)?;
     refuse_sweep(run)?;
     let store = Store::open(storage, "export", descriptor::EVALUATION_VERSION);
-    let Reopened { finished, experiment, dataset } = reopen(run, data, Overrides::default(), &store)?;
+    let Reopened { mut finished, experiment, dataset } = reopen(run, data, Overrides::default(), &store)?;
     refuse_unsound(run)?;
     let (expected, got) = (&finished.row.data_digest, data_digest(&dataset));
     if *expected != got {
         let (run, expected) = (run.to_owned(), expected.clone());
         let difference = clouds::difference(&run, &expected, &dataset);
         return Err(ExportError::OtherData { run, expected, got, difference });
+    }
+    let dataset = choose_set("export", set, dataset).map_err(|error| ExportError::Run(Box::new(error)))?;
+    if let Some(set) = set {
+        finished.row.test = sets::counts(&results::read_sets(run)?, EVOLVED, set);
     }
     let winner = |what: String| ExportError::Winner { run: run.to_owned(), what };
     let mut preprocess = *experiment.preprocess();
@@ -158,7 +163,8 @@ pub fn export(
         recogniser: &recogniser,
         example: &example,
     };
-    let Written { verdict, bytes } = draft.write(out, recorded.first().map(recorded_verdict))?;
+    let recorded = recorded.iter().find(|row| row.cloud == example.cloud).map(recorded_verdict);
+    let Written { verdict, bytes } = draft.write(out, recorded)?;
     Ok(Exported {
         descriptor,
         clouds: database.clouds.len(),

@@ -44,6 +44,16 @@ impl AfterRun<'_> {
             }
             return Ok(summary);
         }
+        if !summary.sets.is_empty() {
+            if self.control || method != Method::Nearest {
+                let run = summary.out.display();
+                eprintln!(
+                    "warning: clouds of several sets are compared set by set: neither --control nor [recognition]\n\
+                     coordinator compare {run} --set NAME does it on one"
+                );
+            }
+            return Ok(summary);
+        }
         let is_there = |label: &str| summary.compared.iter().any(|row| row.descriptor == label);
         let learns = method != Method::Nearest && !is_there(&format!("evolved-{}", method.name()));
         let control = if self.control && !is_there(RANDOM) {
@@ -71,6 +81,7 @@ impl AfterRun<'_> {
             radius_um: None,
             replace: false,
             times: false,
+            set: None,
             reason: reason.to_owned(),
             data: None,
             overrides: self.overrides,

@@ -36,7 +36,7 @@ impl Check {
         };
         let mut notes = BTreeSet::new();
         for experiment in &experiments {
-            notes.extend(run::check_fitness(experiment.fitness(), &dataset)?);
+            notes.extend(run::check_fitness(experiment, &dataset)?);
         }
         notes.iter().for_each(|note| eprintln!("{note}"));
         let mut text = plan.resolved_toml();

@@ -76,6 +76,10 @@ pub struct Compare {
     /// gain of each channel of the colours; for example --perturb noise,light
     #[arg(long, value_name = "KIND", value_delimiter = ',', value_parser = Perturbation::ALL.map(Perturbation::name))]
     perturb: Vec<String>,
+    /// Compare on the clouds of this set, where the run's clouds are of several, for example kitchen; the tables are in
+    /// the folder sets/NAME of the run
+    #[arg(long, value_name = "NAME")]
+    set: Option<String>,
     /// Why the test clouds are looked at, for example "table 1 of the paper"; kept in table looks
     #[arg(long, value_name = "TEXT", default_value = "comparison of descriptors")]
     reason: String,
@@ -99,6 +103,7 @@ impl Compare {
             replace,
             no_times,
             perturb,
+            set,
             reason,
             data,
             manner,
@@ -140,6 +145,7 @@ impl Compare {
             replace,
             times: !no_times,
             perturbations,
+            set,
             reason,
             data,
             overrides: manner.overrides(None),

@@ -42,6 +42,9 @@ pub struct Export {
     /// inside these clouds [default: 0.05]
     #[arg(long, value_name = "SHARE", value_parser = rate)]
     false_rejections: Option<f64>,
+    /// Take the clouds of this set, where the run's clouds are of several, for example kitchen
+    #[arg(long, value_name = "NAME")]
+    set: Option<String>,
     /// Another place of the data set, for example /data/rgbd; by default the one the run used
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
@@ -69,7 +72,7 @@ impl Export {
             &self.run,
             (which, recogniser),
             self.false_rejections.unwrap_or(FALSE_REJECTIONS),
-            self.data.as_deref(),
+            (self.data.as_deref(), self.set.as_deref()),
             &self.out,
             &storage,
         )?;

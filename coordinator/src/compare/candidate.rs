@@ -4,7 +4,7 @@ use descriptor::recogniser::Method;
 use descriptor::{Descriptor, Family, FixedDescriptor, FixedKind, SetDistance};
 
 use super::global::GlobalHistogram;
-use crate::experiment::is_name;
+use crate::names::is_name;
 
 /// Label of the run's own descriptor.
 pub const EVOLVED: &str = "evolved";

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use descriptor::{Descriptor, Preprocess, SearchSpace, Unit};
 
 use super::candidate::{Given, check_no_point, point_name};
-use crate::experiment::{Experiment, ExperimentError, Overrides, is_name};
+use crate::experiment::{Experiment, ExperimentError, Overrides};
 use crate::front::{self, FrontError};
+use crate::names::is_name;
 use crate::structure_file::{self, StructureFileError};
 
 /// Where a given descriptor comes from: `PATH`, or `NAME=PATH`.

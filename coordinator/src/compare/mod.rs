@@ -28,14 +28,15 @@ use cache::Storage;
 use cache::Store;
 use descriptor::recogniser::Method;
 use descriptor::{Descriptor, Family, Perturbation, Preprocess, SetDistance, VectorMetric};
-use results::{ComparedRow, LookRow, PairRow, PerturbedRow, RunFolder};
+use results::{ComparedRow, LookRow, PairRow, PerturbedRow, RunFolder, TableName};
 
 use crate::experiment::Overrides;
 use crate::reopen::{Reopened, reopen};
 use crate::run::scaled::Scaled;
-use crate::run::{Matching, RunError, refuse_other_data, rows};
+use crate::run::splits::ONLY_SET;
+use crate::run::{Matching, RunError, choose_set, refuse_other_data, rows, sets};
 use crate::session::{Session, listen};
-pub use candidate::{Candidate, Choice, Named};
+pub use candidate::{Candidate, Choice, EVOLVED, Named, PAPER};
 use described::{Described, Shards};
 use describing::Describing;
 use earlier::{Earlier, Measured};
@@ -79,6 +80,8 @@ pub struct Options {
     pub times: bool,
     /// Kinds of perturbations that errors are measured under which the comparison in the run folder does not have.
     pub perturbations: Vec<Perturbation>,
+    /// The set whose clouds are compared; needed where there are several.
+    pub set: Option<String>,
     /// Why the test clouds are looked at.
     pub reason: String,
     /// Where the clouds are now, if they have moved.
@@ -102,10 +105,18 @@ struct NamedDescriptor {
 pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, CompareError> {
     let store =
         Arc::new(Store::open(&options.storage, &transport::host_name(), descriptor::EVALUATION_VERSION));
-    let Reopened { finished: run, experiment, dataset } =
-        &reopen(folder, options.data.as_deref(), options.overrides, &store)?;
+    let Reopened { finished: mut run, experiment, dataset } =
+        reopen(folder, options.data.as_deref(), options.overrides, &store)?;
     let mut display = Display::new();
-    refuse_other_data(folder, &run.row.data_digest, dataset)?;
+    refuse_other_data(folder, &run.row.data_digest, &dataset)?;
+    let (experiment, dataset) = (&experiment, &choose_set("compare", options.set.as_deref(), dataset)?);
+    let place = match &options.set {
+        None => folder.to_owned(),
+        Some(set) => {
+            run.row.test = sets::counts(&results::read_sets(folder)?, EVOLVED, set);
+            folder.join(TableName::Sets.as_str()).join(set)
+        }
+    };
     if Matching::Test.query_clouds(dataset).is_empty() {
         return Err(CompareError::NoTest(folder.to_owned()));
     }
@@ -118,10 +129,13 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
         return Err(CompareError::NeedsColour { name: "--perturb light".to_owned() });
     }
     let asked = choose(options, given, preprocess.colour, |line| display.say(line))?;
-    let out = RunFolder::create(folder, &rows::gene_columns(space.family()))?;
+    let columns = rows::gene_columns(space.family());
+    let in_run = RunFolder::create(folder, &columns)?;
+    let of_set = options.set.as_ref().map(|_| RunFolder::create(&place, &columns)).transpose()?;
+    let out = of_set.as_ref().unwrap_or(&in_run);
     let front = results::read_front(folder)?;
-    let earlier = if options.replace { Earlier::default() } else { Earlier::read(folder)? };
-    let candidates = earlier.candidates(folder, &asked, &evolved, options.radius_um)?;
+    let earlier = if options.replace { Earlier::default() } else { Earlier::read(&place)? };
+    let candidates = earlier.candidates(&place, &asked, &evolved, options.radius_um)?;
     let read = |source| ForeignDescriptor::read(source, options.foreign_metric, dataset);
     let foreign: Vec<ForeignDescriptor> = options.foreign.iter().map(read).collect::<Result<_, _>>()?;
     let mut of_files: Vec<ForeignCandidate<'_>> = Vec::new();
@@ -137,7 +151,7 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     let mut client = session.cluster.client();
     let settings = experiment.coordinator();
     display.follow(&session.cluster);
-    out.record_look(&LookRow {
+    in_run.record_look(&LookRow {
         at: SystemTime::now(),
         command: command(&options.perturbations),
         reason: options.reason.clone(),
@@ -150,7 +164,7 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     })?;
     let looks = results::read_table(folder, results::TableName::Looks)?.shape().0;
     session.splits.publish_test(&session.cluster.blobs);
-    let question = session.splits.evaluation(&Scaled::from(&evolved), Matching::Test, false);
+    let question = session.splits.evaluation(ONLY_SET, &Scaled::from(&evolved), Matching::Test, false);
     let named = distinct(&candidates);
     let descriptors: Vec<Descriptor> = named.iter().map(|one| one.descriptor.clone()).collect();
     let blobs = &session.cluster.blobs;
@@ -167,7 +181,7 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     }
     let gathered = shards.gather(&descriptors, &describing.into_descriptions())?;
 
-    let tables = Tables { run: &run.row, dataset, labels: shards.labels(), out: &out };
+    let tables = Tables { run: &run.row, dataset, labels: shards.labels(), out };
     let comparing = Comparing {
         tables,
         candidates: &candidates,
@@ -193,8 +207,8 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
         out.begin_comparison()?;
     }
     let Tabulated { rows, pairs, perturbed, .. } = compared?;
-    let (name, folder) = (run.row.name.clone(), folder.to_owned());
-    Ok(Comparison { name, rows, pairs, front, perturbed, looks, folder })
+    let name = run.row.name.clone();
+    Ok(Comparison { name, rows, pairs, front, perturbed, looks, folder: place })
 }
 
 /// How the record of looks names what is done.

@@ -1,11 +1,11 @@
 //! Checks over all splits together: overlap, labels, and what a run could not make sense of.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use super::error::DatasetError;
 use super::layout::Labelled;
-use super::{Clouds, SPLITS};
+use super::{CloudEntry, Clouds, SPLITS};
 
 /// Names listed in a warning; the others are only counted.
 const NAMED: usize = 10;
@@ -46,23 +46,24 @@ pub(super) fn check_labels<'a>(clouds: impl Iterator<Item = &'a Labelled>) -> Re
     Ok(())
 }
 
-/// A warning if queries are of instances that the database has no usable cloud of.
+/// A warning if queries are of instances that the database has no usable cloud of in their set.
 pub(super) fn unrecognisable_warning(
     clouds: &Clouds,
     indices: &[Vec<u32>; 4],
     query: usize,
     database: &[usize],
 ) -> Option<String> {
-    let mut known = vec![false; clouds.instances.len()];
-    for &index in database.iter().flat_map(|&group| &indices[group]) {
-        known[clouds.entries[index as usize].instance as usize] = true;
-    }
+    let of_set = |index: u32| {
+        let CloudEntry { set, instance, .. } = clouds.entries[index as usize];
+        (set, instance)
+    };
+    let database_indices = database.iter().flat_map(|&group| &indices[group]);
+    let known: HashSet<(u32, u32)> = database_indices.map(|&index| of_set(index)).collect();
     let (mut queries, all) = (0, indices[query].len());
-    let mut missing = vec![false; known.len()];
-    for &index in &indices[query] {
-        let instance = clouds.entries[index as usize].instance as usize;
-        if !known[instance] {
-            missing[instance] = true;
+    let mut missing = vec![false; clouds.instances.len()];
+    for (set, instance) in indices[query].iter().map(|&index| of_set(index)) {
+        if !known.contains(&(set, instance)) {
+            missing[instance as usize] = true;
             queries += 1;
         }
     }

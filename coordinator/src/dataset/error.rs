@@ -111,7 +111,7 @@ pub enum DatasetError {
 
     /// An empty field of a manifest.
     #[error(
-        "{place}: {column} expected, got nothing\nfill the field: every cloud needs a path, a category and an instance"
+        "{place}: {column} expected, got nothing\nfill the field: every cloud needs a path, a category and an instance, and a set where there is such a column"
     )]
     EmptyField {
         /// The row.

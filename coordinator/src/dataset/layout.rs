@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use super::error::{DatasetError, Place};
 use super::root::{Located, Root, read_text};
 use super::settings::Layout;
+use crate::names::is_name;
 
 /// A cloud with its labels, not yet read.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -18,6 +19,8 @@ pub(super) struct Labelled {
     pub sequence: Option<String>,
     /// Name of its split, if the manifest says one.
     pub split: Option<String>,
+    /// Name of its set, if the manifest has sets.
+    pub set: Option<String>,
     pub place: Place,
 }
 
@@ -79,7 +82,7 @@ impl Labels {
             return Err(DatasetError::NoLabel { place, expected: form, path: located.path });
         };
         let (category, instance) = (parts[0].to_owned(), parts[1].to_owned());
-        Ok(Labelled { located, category, instance, sequence, split: None, place })
+        Ok(Labelled { located, category, instance, sequence, split: None, set: None, place })
     }
 
     /// The clouds of a list, in its order.
@@ -185,7 +188,7 @@ fn read_manifest(file: &Path, root: &Root) -> Result<Vec<Labelled>, DatasetError
         })
     };
     let (path, category, instance) = (needed("path")?, needed("category")?, needed("instance")?);
-    let (sequence, split) = (column("sequence")?, column("split")?);
+    let (sequence, split, set) = (column("sequence")?, column("split")?, column("set")?);
 
     let mut clouds = Vec::new();
     for record in reader.records() {
@@ -212,9 +215,23 @@ fn read_manifest(file: &Path, root: &Root) -> Result<Vec<Labelled>, DatasetError
             instance: field(instance, "instance")?,
             sequence: optional(sequence, "sequence")?,
             split: optional(split, "split")?,
+            // Of a cloud without one nobody knows what it may be compared with.
+            set: set.map(|index| set_name(field(index, "set")?, &place)).transpose()?,
             located: root.locate(&path, &place)?,
             place,
         });
     }
     Ok(clouds)
+}
+
+/// A name of a set, which is a key of experiments and the name of a folder, too.
+fn set_name(name: String, place: &Place) -> Result<String, DatasetError> {
+    if is_name(&name) {
+        return Ok(name);
+    }
+    Err(DatasetError::Manifest {
+        place: place.clone(),
+        expected: "set of 1 to 64 of a-z, 0-9, - and _, not beginning with -, expected".to_owned(),
+        got: name,
+    })
 }

@@ -185,6 +185,7 @@ mod tests {
             category: 0,
             instance,
             sequence: Some(sequence),
+            set: 0,
             digest: [0; 32],
             bytes: 0,
         }

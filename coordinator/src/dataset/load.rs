@@ -22,6 +22,7 @@ pub(super) struct Numbers<'a> {
     categories: BTreeMap<&'a str, u32>,
     instances: BTreeMap<(&'a str, &'a str), u32>,
     sequences: BTreeMap<SequenceOrder<'a>, u32>,
+    sets: BTreeMap<&'a str, u32>,
 }
 
 /// A sequence's name in its order: video 10 comes after video 9, and names that are no numbers come last.
@@ -38,8 +39,10 @@ impl<'a> Numbers<'a> {
         check_labels(clouds.clone())?;
         let categories = numbered(clouds.clone().map(|cloud| &*cloud.category));
         let instances = numbered(clouds.clone().map(|cloud| (&*cloud.category, &*cloud.instance)));
-        let sequences = numbered(clouds.filter_map(|cloud| cloud.sequence.as_deref()).map(sequence_order));
-        Ok(Self { categories, instances, sequences })
+        let sequences =
+            numbered(clouds.clone().filter_map(|cloud| cloud.sequence.as_deref()).map(sequence_order));
+        let sets = numbered(clouds.filter_map(|cloud| cloud.set.as_deref()));
+        Ok(Self { categories, instances, sequences, sets })
     }
 
     /// Category and instance of one of these clouds.
@@ -51,6 +54,11 @@ impl<'a> Numbers<'a> {
     /// Sequence of one of these clouds, if it is known.
     fn sequence(&self, cloud: &Labelled) -> Option<u32> {
         cloud.sequence.as_deref().map(|name| self.sequences[&sequence_order(name)])
+    }
+
+    /// Set of one of these clouds: the first where there are no sets.
+    fn set(&self, cloud: &Labelled) -> u32 {
+        cloud.set.as_deref().map_or(0, |name| self.sets[name])
     }
 
     pub(super) fn categories(&self) -> Vec<String> {
@@ -67,6 +75,10 @@ impl<'a> Numbers<'a> {
 
     fn sequences(&self) -> Vec<String> {
         self.sequences.keys().map(|&(_, _, name)| name.to_owned()).collect()
+    }
+
+    fn sets(&self) -> Vec<String> {
+        self.sets.keys().map(|&name| name.to_owned()).collect()
     }
 }
 
@@ -110,6 +122,7 @@ pub(super) fn load(
         categories: numbers.categories(),
         instances: numbers.instances(),
         sequences: numbers.sequences(),
+        sets: numbers.sets(),
         skipped: Vec::new(),
         warnings: Vec::new(),
         digest: record::data_digest(&records),
@@ -123,8 +136,17 @@ pub(super) fn load(
             let reason = match (&inspected.state, inspected.file) {
                 (State::Usable, Some((digest, bytes))) => {
                     let ((category, instance), sequence) = (numbers.get(cloud), numbers.sequence(cloud));
+                    let set = numbers.set(cloud);
                     indices.push(clouds.entries.len() as u32);
-                    clouds.entries.push(CloudEntry { path, category, instance, sequence, digest, bytes });
+                    clouds.entries.push(CloudEntry {
+                        path,
+                        category,
+                        instance,
+                        sequence,
+                        set,
+                        digest,
+                        bytes,
+                    });
                     positions.push(inspected.position);
                     continue;
                 }
@@ -173,6 +195,7 @@ fn records(lists: &[Vec<Labelled>; 4], inspected: &[Inspected]) -> Vec<CloudReco
         category: cloud.category.clone(),
         instance: cloud.instance.clone(),
         path: cloud.located.path.clone(),
+        set: cloud.set.clone(),
         digest: inspected.file.map(|(digest, _)| digest),
     };
     listed.zip(inspected).map(record).collect()

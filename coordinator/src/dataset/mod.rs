@@ -52,6 +52,8 @@ pub struct CloudEntry {
     pub instance: u32,
     /// Index into the sequences; `None` if the layout knows none of it.
     pub sequence: Option<u32>,
+    /// Index into the sets; 0 where there are none.
+    pub set: u32,
     /// BLAKE3 of the file's bytes.
     pub digest: [u8; 32],
     /// Size of the file, bytes.
@@ -110,6 +112,8 @@ pub struct Clouds {
     /// Names of the sequences of all listed clouds: first numbers, by value, then other names, sorted. Clouds of two
     /// objects are of one sequence if its name is the same.
     pub sequences: Vec<String>,
+    /// Names of the sets of all listed clouds, sorted; none if the clouds are of one.
+    pub sets: Vec<String>,
     /// Listed clouds that take no part, split after split.
     pub skipped: Vec<SkippedCloud>,
     /// What does not stop a run but makes its result doubtful; the last line of each says what to do.
@@ -122,6 +126,16 @@ pub struct Clouds {
 }
 
 impl Clouds {
+    /// How many sets there are, whose clouds are compared with those of their own only: 1 where none is named.
+    pub fn set_count(&self) -> u32 {
+        self.sets.len().max(1) as u32
+    }
+
+    /// Those of these indices whose clouds are of a set.
+    pub fn of_set<'a>(&'a self, indices: &'a [u32], set: u32) -> impl Iterator<Item = u32> + 'a {
+        indices.iter().copied().filter(move |&index| self.entries[index as usize].set == set)
+    }
+
     /// Where the file of a cloud is.
     pub fn file(&self, cloud: &CloudEntry) -> PathBuf {
         self.root.join(&cloud.path)
@@ -243,6 +257,17 @@ impl Dataset {
             dataset.leak = Some(Leak::measure(&dataset, &positions));
         }
         Ok(dataset)
+    }
+
+    /// Only the clouds of one set, in the splits that they are in.
+    pub fn of_set(&self, set: u32) -> Self {
+        let Splits { train1, train2, validation, test } = &self.splits;
+        let [train1, train2, validation, test] =
+            [train1, train2, validation, test].map(|split| self.clouds.of_set(split, set).collect());
+        let mut clouds = self.clouds.clone();
+        clouds.sets.clear();
+        clouds.entries.iter_mut().for_each(|cloud| cloud.set = 0);
+        Self { clouds, splits: Splits { train1, train2, validation, test }, leak: None }
     }
 
     /// The usable clouds of some splits, given by their positions in [`SPLITS`], whose sequence is not known; `None` if

@@ -9,6 +9,8 @@ use super::SPLITS;
 
 /// First line of the table.
 const HEADER: &str = "digest\tsplit\tcategory\tinstance\tpath";
+/// What its header ends with if clouds have sets.
+const SET_COLUMN: &str = "\tset";
 /// What stands for the digest of a file that cannot be read.
 const UNREADABLE: &str = "-";
 /// Clouds of one kind of difference that are named; the others are only counted.
@@ -25,6 +27,8 @@ pub struct CloudRecord {
     pub instance: String,
     /// Relative to the data root, with `/`.
     pub path: String,
+    /// Its set, if there are sets.
+    pub set: Option<String>,
     /// BLAKE3 of the file's bytes; `None` if they cannot be read.
     pub digest: Option<[u8; 32]>,
 }
@@ -50,6 +54,10 @@ pub fn data_digest(clouds: &[CloudRecord]) -> [u8; 32] {
                 part(cloud.path.as_bytes());
             }
         }
+        if let Some(set) = &cloud.set {
+            part(b"set");
+            part(set.as_bytes());
+        }
     }
     *hasher.finalize().as_bytes()
 }
@@ -57,11 +65,16 @@ pub fn data_digest(clouds: &[CloudRecord]) -> [u8; 32] {
 /// The clouds as a table, a line each, in their order. No field has a control character: lists and manifests with one
 /// are refused.
 pub fn to_text(clouds: &[CloudRecord]) -> String {
-    let mut text = format!("{HEADER}\n");
-    for CloudRecord { split, category, instance, path, digest } in clouds {
+    let has_sets = clouds.iter().any(|cloud| cloud.set.is_some());
+    let mut text = format!("{HEADER}{}\n", if has_sets { SET_COLUMN } else { "" });
+    for CloudRecord { split, category, instance, path, set, digest } in clouds {
         let digest = digest.map_or_else(|| UNREADABLE.to_owned(), |digest| Digest(digest).to_string());
         // Writing to a String cannot fail.
-        let _ = writeln!(text, "{digest}\t{}\t{category}\t{instance}\t{path}", SPLITS[*split]);
+        let _ = write!(text, "{digest}\t{}\t{category}\t{instance}\t{path}", SPLITS[*split]);
+        if has_sets {
+            let _ = write!(text, "\t{}", set.as_deref().unwrap_or_default());
+        }
+        text.push('\n');
     }
     text
 }
@@ -69,11 +82,16 @@ pub fn to_text(clouds: &[CloudRecord]) -> String {
 /// The inverse of [`to_text`]; `None` if the text is no such table.
 pub fn from_text(text: &str) -> Option<Vec<CloudRecord>> {
     let mut lines = text.lines();
-    lines.next().filter(|line| *line == HEADER)?;
-    lines.map(from_line).collect()
+    let has_sets = match lines.next()?.strip_prefix(HEADER)? {
+        "" => false,
+        SET_COLUMN => true,
+        _ => return None,
+    };
+    lines.map(|line| from_line(line, has_sets)).collect()
 }
 
-fn from_line(line: &str) -> Option<CloudRecord> {
+fn from_line(line: &str, has_sets: bool) -> Option<CloudRecord> {
+    let (line, set) = if has_sets { line.rsplit_once('\t')? } else { (line, "") };
     let fields: Vec<&str> = line.split('\t').collect();
     let [digest, split, category, instance, path] = fields[..] else { return None };
     Some(CloudRecord {
@@ -81,6 +99,7 @@ fn from_line(line: &str) -> Option<CloudRecord> {
         category: category.to_owned(),
         instance: instance.to_owned(),
         path: path.to_owned(),
+        set: (!set.is_empty()).then(|| set.to_owned()),
         digest: match digest {
             UNREADABLE => None,
             digest => Some(*blake3::Hash::from_hex(digest).ok()?.as_bytes()),
@@ -94,7 +113,8 @@ pub fn difference(then: &[CloudRecord], now: &[CloudRecord]) -> Vec<String> {
         clouds.iter().map(|cloud| (cloud.path.clone(), cloud.clone())).collect()
     };
     let (before, after) = (by_path(then), by_path(now));
-    let (mut changed, mut moved, mut renamed) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut changed, mut moved, mut renamed, mut regrouped) =
+        (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for (path, old) in &before {
         let Some(new) = after.get(path) else { continue };
         if old.digest != new.digest {
@@ -107,6 +127,10 @@ pub fn difference(then: &[CloudRecord], now: &[CloudRecord]) -> Vec<String> {
             let CloudRecord { category, instance, .. } = old;
             renamed.push(format!("{path} ({}/{}, was {category}/{instance})", new.category, new.instance));
         }
+        if old.set != new.set {
+            let [set, was] = [new, old].map(|cloud| cloud.set.as_deref().unwrap_or("none"));
+            regrouped.push(format!("{path} ({set}, was {was})"));
+        }
     }
     let missing = |from: &BTreeMap<String, CloudRecord>, other: &BTreeMap<String, CloudRecord>| {
         from.keys().filter(|path| !other.contains_key(*path)).cloned().collect::<Vec<_>>()
@@ -117,6 +141,7 @@ pub fn difference(then: &[CloudRecord], now: &[CloudRecord]) -> Vec<String> {
         ("listed anew", missing(&after, &before)),
         ("in another split", moved),
         ("of other labels", renamed),
+        ("of another set", regrouped),
     ];
     let lines = kinds.into_iter().filter(|(_, clouds)| !clouds.is_empty()).map(|(kind, clouds)| {
         let named = clouds[..clouds.len().min(NAMED)].join(", ");
@@ -143,18 +168,21 @@ mod tests {
             category: instance.split('_').next().unwrap_or_default().to_owned(),
             instance: instance.to_owned(),
             path: format!("{instance}_{number}.pcd"),
+            set: None,
             digest: Some([number; 32]),
         }
     }
 
     fn clouds() -> impl Strategy<Value = Vec<CloudRecord>> {
         let field = "[a-z /é_-]{0,8}";
-        let cloud = (0..4_usize, field, field, field, any::<Option<[u8; 32]>>()).prop_map(
-            |(split, category, instance, path, digest)| CloudRecord {
+        let set = proptest::option::of("[a-z /é_-]{1,8}");
+        let cloud = (0..4_usize, field, field, field, set, any::<Option<[u8; 32]>>()).prop_map(
+            |(split, category, instance, path, set, digest)| CloudRecord {
                 split,
                 category,
                 instance,
                 path,
+                set,
                 digest,
             },
         );

@@ -28,7 +28,7 @@ use crate::dataset::{Dataset, Wanted};
 use crate::experiment::Experiment;
 use crate::run::directory::{beside, claim, difference, refuse_another};
 use crate::run::progress::Progress;
-use crate::run::{RunError, RunOptions, open_data, rows};
+use crate::run::{RunError, RunOptions, open_data, refuse_sets, rows};
 use crate::session::{Session, listen};
 use cluster::Client;
 use grid::Grid;
@@ -51,6 +51,7 @@ pub async fn exhaust(
         Arc::new(Store::open(&options.storage, &transport::host_name(), descriptor::EVALUATION_VERSION));
     Grid::new(experiment.space())?;
     let dataset = open_data(experiment, Wanted::Training, Some(&store), |line| progress.say(line))?;
+    refuse_sets("exhaust", "name the clouds of one set in another manifest", &dataset)?;
     let spec = GridSpec::new(experiment, &dataset)?;
     let base = options.out.clone().unwrap_or_else(|| default_folder(experiment, &spec));
     let out = if options.fresh { beside(&base) } else { base };
@@ -124,6 +125,7 @@ pub async fn best_of_all(
 
 /// The best descriptor of an experiment's search space, if it is known on this machine.
 pub fn known_optimum(experiment: &Experiment, dataset: &Dataset, store: &Store) -> Option<Optimum> {
+    (dataset.clouds.set_count() == 1).then_some(())?;
     let spec = GridSpec::new(experiment, dataset).ok()?;
     Optimum::recall(store, spec.key, &spec.grid, spec.queries).or_else(|| {
         let folder = default_folder(experiment, &spec);

@@ -107,7 +107,7 @@ impl Batch {
     /// Evaluates, compares and empties it.
     async fn evaluate(&mut self, session: &Session<'_>, recheck: &mut Recheck) -> Result<(), RunError> {
         let descriptors: Vec<&Descriptor> = self.descriptors.iter().collect();
-        let found = session.measure(&Fitness::PAPER, &descriptors).await?;
+        let found = session.measure((&Fitness::PAPER, &[1]), &descriptors).await?;
         recheck.recomputed += found.len();
         for ((descriptor, expected), found) in
             self.descriptors.drain(..).zip(self.expected.drain(..)).zip(found)

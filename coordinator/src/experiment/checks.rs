@@ -2,15 +2,7 @@
 
 use super::MAX_SEED;
 use super::error::Fault;
-
-fn is_allowed(letter: char) -> bool {
-    letter.is_ascii_lowercase() || letter.is_ascii_digit() || letter == '-' || letter == '_'
-}
-
-/// Whether a name is fit for a folder or a file: no separator, no leading dot, nothing that looks like an option.
-pub fn is_name(name: &str) -> bool {
-    (1..=64).contains(&name.len()) && !name.starts_with('-') && name.chars().all(is_allowed)
-}
+use crate::names::{is_allowed, is_name};
 
 /// Refuses a name that is not fit for a folder.
 pub(super) fn checked_name(place: &str, name: &str) -> Result<(), Fault> {

@@ -24,6 +24,7 @@ mod validate_objectives;
 #[cfg(test)]
 mod tests;
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::Read;
 use std::net::SocketAddr;
@@ -35,10 +36,9 @@ use descriptor::recogniser::Method as Recogniser;
 use descriptor::{Descriptor, Family, Preprocess, SearchSpace};
 use evolution::{Encoding, GaSettings, Method, Score, StopSettings, WinnerRule};
 
-use crate::dataset::DatasetSettings;
+use crate::dataset::{Clouds, Dataset, DatasetSettings};
 use crate::fitness::{Fitness, Measured};
 use crate::objectives::Objectives;
-pub use checks::is_name;
 use cluster::sharding::ShardCount;
 pub use error::ExperimentError;
 use error::Fault;
@@ -75,6 +75,8 @@ pub struct Experiment {
     method: Method,
     objectives: Objectives,
     fitness: Fitness,
+    /// Of sets by name; others have 1.
+    set_weights: BTreeMap<String, u32>,
     winner: WinnerRule,
     ga: GaSettings,
     encoding: Encoding,
@@ -225,6 +227,21 @@ impl Experiment {
         &self.fitness
     }
 
+    /// How much each set of clouds weighs in the fitness and on validation clouds; one of weight 0 has no part in the
+    /// search, and is only tested.
+    pub fn set_weights(&self, dataset: &Dataset) -> Vec<u32> {
+        let Clouds { sets, .. } = &dataset.clouds;
+        if sets.is_empty() {
+            return vec![1];
+        }
+        sets.iter().map(|name| self.set_weights.get(name).copied().unwrap_or(1)).collect()
+    }
+
+    /// The sets that the experiment gives weights, by name.
+    pub fn weighted_sets(&self) -> impl Iterator<Item = &str> {
+        self.set_weights.keys().map(String::as_str)
+    }
+
     /// How clouds get their names once the search is over; the search itself goes by the nearest cloud.
     pub fn recognition(&self) -> Recogniser {
         self.recognition
@@ -259,9 +276,11 @@ impl Experiment {
         self.winner.validates(&self.stop)
     }
 
-    /// Whether counts are kept from run to run: only those of the paper's fitness, of families without scales.
-    pub fn remembers_counts(&self) -> bool {
-        self.fitness == Fitness::PAPER && self.space.family() != Family::Structure
+    /// Whether counts are kept from run to run: only those of the paper's fitness on clouds of one set, of families
+    /// without scales.
+    pub fn remembers_counts(&self, dataset: &Dataset) -> bool {
+        let is_plain = self.fitness == Fitness::PAPER && dataset.clouds.set_count() == 1;
+        is_plain && self.space.family() != Family::Structure
     }
 
     /// The genetic algorithm.

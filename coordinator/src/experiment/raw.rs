@@ -258,6 +258,15 @@ pub(super) struct RawSearch {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "RawFitness")]
     pub fitness: Option<RawFitness>,
+    /// Whole weights, 0 to 100, of sets of clouds by the name that the manifest's column set gives them; other sets have
+    /// 1. A set of weight 0 has no part in the search and is only tested.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    #[schemars(example = example_sets())]
+    pub sets: BTreeMap<String, u32>,
+}
+
+fn example_sets() -> BTreeMap<String, u32> {
+    BTreeMap::from([("kitchen".to_owned(), 0)])
 }
 
 fn example_objectives() -> [&'static str; 3] {

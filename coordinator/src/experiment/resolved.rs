@@ -167,6 +167,7 @@ pub(super) fn sweep_section(
             winner: own.winner || bases.winner,
             evaluations: own.evaluations || bases.evaluations,
             objectives: own.objectives || bases.objectives,
+            sets: own.sets || bases.sets,
         };
         method_sections(&mut toml, &format!("sweep.variants.{name}."), experiment, later);
     }
@@ -179,6 +180,7 @@ struct Later {
     winner: bool,
     evaluations: bool,
     objectives: bool,
+    sets: bool,
 }
 
 impl Later {
@@ -190,6 +192,7 @@ impl Later {
             evaluations: every || experiment.stop.evaluations != defaults.stop.evaluations,
             // Only searches of several have a choice.
             objectives: experiment.objectives.are_several(),
+            sets: !experiment.set_weights.is_empty(),
         }
     }
 }
@@ -210,6 +213,12 @@ fn method_sections(toml: &mut Toml, parent: &str, experiment: &Experiment, later
         toml.key("winner", quoted(winner));
     }
     fitness_section(toml, parent, experiment);
+    if later.sets {
+        toml.section(&format!("{parent}search.sets"));
+        for (name, weight) in &experiment.set_weights {
+            toml.key(name, weight);
+        }
+    }
     let ga = &experiment.ga;
     toml.section(&format!("{parent}ga"));
     toml.key("population", ga.population);

@@ -19,7 +19,7 @@ const TABLE_ADVICE: &str = "write a section [name] or { key = value, … }";
 const EXCERPT: usize = 60;
 
 /// Every section. Serde would also read one from a list, by position.
-pub(super) const SECTIONS: [&str; 15] = [
+pub(super) const SECTIONS: [&str; 16] = [
     "dataset",
     "dataset.splits",
     "dataset.splits.seeded",
@@ -29,6 +29,7 @@ pub(super) const SECTIONS: [&str; 15] = [
     "descriptor.genes",
     "search",
     "search.fitness",
+    "search.sets",
     "ga",
     "stop",
     "coordinator",

@@ -243,6 +243,9 @@ fn the_samples_use_every_key_of_the_schema_and_no_other() {
     let (mut known, mut sections) = (BTreeSet::new(), BTreeSet::new());
     schema_keys(&schema, &schema, "", &mut known, &mut sections);
     assert!(sections.remove(""));
+    // Its keys are the names that a manifest has.
+    assert!(known.remove("search.sets") && sections.insert("search.sets".to_owned()));
+    known.insert("search.sets.kitchen".to_owned());
     assert_eq!(sections, syntax::SECTIONS.map(str::to_owned).into());
     // It may also be one word, "manifest".
     assert!(known.remove("dataset.splits"));

@@ -21,7 +21,7 @@ use super::raw::{
 };
 use super::raw_dataset::RawUnit;
 use super::validate_dataset::dataset;
-use super::validate_fitness::fitness;
+use super::validate_fitness::{fitness, set_weights};
 use super::validate_genes::{max_cost, search_space};
 use super::validate_objectives::objectives;
 use super::{CoordinatorSettings, Experiment, LocalWorkers, MAX_LOCAL_WORKERS, Overrides};
@@ -56,6 +56,7 @@ pub(super) fn experiment(
         objectives: objectives(raw.search.objectives.as_deref(), method)?,
         winner,
         fitness: fitness(raw.search.fitness.as_ref(), defaults.fitness)?,
+        set_weights: set_weights(raw.search.sets)?,
         ga: ga(&raw.ga, &defaults.ga)?,
         encoding: raw.ga.encoding,
         stop,

@@ -1,7 +1,10 @@
-//! The meaning of `[search.fitness]`.
+//! The meaning of `[search.fitness]` and `[search.sets]`.
+
+use std::collections::BTreeMap;
 
 use proto::task::Objective;
 
+use super::checks::checked_name;
 use super::error::Fault;
 use super::raw::{RawFitness, RawObjective};
 use crate::fitness::{Fitness, FitnessProtocol, MAX_WEIGHT};
@@ -12,13 +15,7 @@ pub(super) fn fitness(raw: Option<&RawFitness>, default: Fitness) -> Result<Fitn
     let RawFitness { split, cross_sequence, leave_one_out, objective, margin } = raw;
     let written = [*split, *cross_sequence, *leave_one_out];
     for (protocol, weight) in FitnessProtocol::ALL.into_iter().zip(written) {
-        if let Some(weight) = weight.filter(|&weight| weight > MAX_WEIGHT) {
-            return Err(Fault::new(
-                format!("search.fitness.{}", protocol.name()),
-                format!("not between 0 and {MAX_WEIGHT}, got {weight}"),
-                "write a whole weight such as 1",
-            ));
-        }
+        check_weight(format!("search.fitness.{}", protocol.name()), weight.unwrap_or_default())?;
     }
     let weights = if written.iter().all(Option::is_none) {
         default.weights()
@@ -37,4 +34,21 @@ pub(super) fn fitness(raw: Option<&RawFitness>, default: Fitness) -> Result<Fitn
             "write for example `cross-sequence = 1`",
         )
     })
+}
+
+/// Checks `[search.sets]`, but for the names: the manifest has them.
+pub(super) fn set_weights(raw: BTreeMap<String, u32>) -> Result<BTreeMap<String, u32>, Fault> {
+    for (name, weight) in &raw {
+        checked_name("search.sets", name)?;
+        check_weight(format!("search.sets.{name}"), *weight)?;
+    }
+    Ok(raw)
+}
+
+fn check_weight(place: String, weight: u32) -> Result<(), Fault> {
+    if weight <= MAX_WEIGHT {
+        return Ok(());
+    }
+    let what = format!("not between 0 and {MAX_WEIGHT}, got {weight}");
+    Err(Fault::new(place, what, "write a whole weight such as 1"))
 }

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant, SystemTime};
 
 use cache::Store;
 use evolution::Exhaustive;
-use results::{Counts, LookRow, PredictionSplit, RunFolder, RunRow};
+use results::{Counts, LookRow, PredictionSplit, RunFolder, RunRow, SetRow};
 
 use crate::compare::Candidate;
 use crate::compare::baselines;
@@ -19,8 +19,9 @@ use crate::run::matching::Matching;
 use crate::run::progress::Progress;
 use crate::run::search::{SearchLoop, SearchResult};
 use crate::run::search_space;
+use crate::run::sets::merge;
 use crate::run::summary::Summary;
-use crate::run::{RunError, data_digest, front, rows};
+use crate::run::{RunError, data_digest, front, rows, sets};
 use crate::session::Session;
 use cluster::{Client, ClusterError};
 use proto::task::{Evaluation, EvaluationResult};
@@ -105,6 +106,10 @@ impl RunDriver<'_> {
                 folder.write_predictions(split, &rows::predictions(dataset, matching, result))?;
             }
         }
+        let sets = finals.of_sets(dataset, &experiment.set_weights(dataset));
+        if !sets.is_empty() {
+            folder.write_sets(&sets)?;
+        }
         let mut run = self.row(outcome);
         compare_with_optimum(&mut run, experiment, dataset, &self.session.store);
         let (compared, pairs) = match finals.evaluated() {
@@ -123,6 +128,7 @@ impl RunDriver<'_> {
             descriptors: experiment.space().size(),
             compared,
             pairs,
+            sets,
             bounds: bounds(experiment.space(), &outcome.found.descriptor),
             out: folder.path().to_owned(),
         })
@@ -242,7 +248,7 @@ struct Finals {
     baselines: Vec<EvaluationResult>,
 }
 
-/// The winner on one set.
+/// The winner on the clouds of one matching.
 struct Final {
     measured: Measured,
     /// With each query's match, unless the set was matched by another rule than the paper's: then a query has no nearest
@@ -251,12 +257,18 @@ struct Final {
 }
 
 impl Final {
-    /// From the results of the set's evaluations with their weights; `None` if there are none.
-    fn of(results: Vec<(EvaluationResult, u32)>) -> Option<Self> {
-        let counted = results.iter().map(|(result, weight)| (rows::counts(result), result.margin, *weight));
+    /// From the results of a matching's evaluations, with their weights; `None` if there are none. `merge`: of results
+    /// with matches, one of each set of clouds.
+    fn of(
+        results: Vec<EvaluationResult>,
+        weights: &[u32],
+        merge: impl FnOnce(Vec<EvaluationResult>) -> EvaluationResult,
+    ) -> Option<Self> {
+        let weighted = results.iter().zip(weights);
+        let counted = weighted.map(|(result, &weight)| (rows::counts(result), result.margin, weight));
         let measured = Measured::sum(counted);
-        let (first, _) = results.into_iter().next()?;
-        Some(Self { measured, matched: (!first.matches.is_empty()).then_some(first) })
+        let has_matches = !results.first()?.matches.is_empty();
+        Some(Self { measured, matched: has_matches.then(|| merge(results)) })
     }
 
     fn counts(&self, dataset: &Dataset, matching: Matching) -> Counts {
@@ -268,6 +280,13 @@ impl Final {
 }
 
 impl Finals {
+    /// Each candidate on the test clouds of each set.
+    fn of_sets(&self, dataset: &Dataset, weights: &[u32]) -> Vec<SetRow> {
+        let winner = self.test.as_ref().and_then(|test| test.matched.as_ref());
+        let measured = self.candidates.iter().zip(winner.into_iter().chain(&self.baselines));
+        measured.flat_map(|(one, result)| sets::rows(dataset, weights, &one.label, result)).collect()
+    }
+
     /// The candidates and their evaluations on the test clouds; `None` if there are no such clouds, or nothing to compare
     /// the winner with.
     fn evaluated(&self) -> Option<impl Iterator<Item = (&Candidate, &EvaluationResult)>> {
@@ -283,28 +302,46 @@ impl Finals {
         remembered: &Known,
         (client, progress): (&mut Client, &mut Progress),
     ) -> Result<Self, RunError> {
-        let winner = found.scales.of(&found.descriptor);
         let Session { cluster, splits, .. } = session;
         let (fitness, dataset) = (experiment.fitness(), splits.dataset());
+        let (weights, tested) = (experiment.set_weights(dataset), splits.sets_with_queries(Matching::Test));
+        let (tested, mut scales): (Vec<u32>, _) = (tested.collect(), found.scales.clone());
+        let winner = &found.descriptor;
+        // Those of sets that the search has left out.
+        scales.complete(&[winner], &tested, splits, client, |news| progress.news(news)).await?;
         splits.publish_test(&cluster.blobs);
-        let asked = [Matching::Validation, Matching::Test, Matching::Train].map(|matching| match matching {
-            _ if matching.query_clouds(dataset).is_empty() => Vec::new(),
-            Matching::Train => splits.measure(fitness, &winner, matching),
-            Matching::Validation if *fitness != Fitness::PAPER => splits.measure(fitness, &winner, matching),
-            Matching::Validation | Matching::Test => vec![(splits.evaluation(&winner, matching, true), 1)],
+        let is_summed = *fitness != Fitness::PAPER || splits.sets().len() > 1;
+        let asked = [Matching::Validation, Matching::Test, Matching::Train].map(|matching| {
+            let plain = |set| (splits.evaluation(set, &scales.of(set, winner), matching, true), 1);
+            match matching {
+                Matching::Validation if !is_summed => splits.sets_with_queries(matching).map(plain).collect(),
+                Matching::Test => tested.iter().copied().map(plain).collect(),
+                _ => splits.measure((fitness, &weights), |set| scales.of(set, winner), matching),
+            }
         });
         let weights =
             asked.each_ref().map(|parts| parts.iter().map(|&(_, weight)| weight).collect::<Vec<_>>());
         let space = (experiment.preprocess(), experiment.space());
-        let baselines = candidates.iter().skip(1).filter(|_| !asked[1].is_empty());
-        let baselines: Vec<Evaluation> =
-            baselines.map(|one| splits.evaluation_beside(&one.descriptor, space, Matching::Test)).collect();
+        let beside = |one: &Candidate| {
+            let in_set = |&set| splits.evaluation_beside(set, &one.descriptor, space, Matching::Test);
+            tested.iter().map(in_set).collect::<Vec<_>>()
+        };
+        let baselines: Vec<Evaluation> = candidates.iter().skip(1).flat_map(beside).collect();
         let evaluations =
             asked.into_iter().flatten().map(|(evaluation, _)| evaluation).chain(baselines).collect();
         let finished = client.evaluate(evaluations, |news| progress.news(news)).await?;
         let mut results = finished.into_iter().map(|finished| finished.result);
-        let [validation, test, training] =
-            weights.map(|weights| Final::of(results.by_ref().take(weights.len()).zip(weights).collect()));
+        let mut of = |matching, weights: &[u32]| {
+            let results = results.by_ref().take(weights.len()).collect();
+            Final::of(results, weights, |results| {
+                merge(dataset, matching, splits.sets_with_queries(matching).zip(results))
+            })
+        };
+        let [validation, test, training] = [
+            of(Matching::Validation, &weights[0]),
+            of(Matching::Test, &weights[1]),
+            of(Matching::Train, &weights[2]),
+        ];
         let known = [
             ("training", Some(&found.train), &remembered.train, &training),
             (
@@ -320,7 +357,12 @@ impl Finals {
                 agree(name, found, (held, is_remembered), &computed.measured)?;
             }
         }
-        Ok(Self { validation, test, candidates, baselines: results.collect() })
+        let results: Vec<EvaluationResult> = results.collect();
+        let of_all = |of_sets: &[EvaluationResult]| {
+            merge(dataset, Matching::Test, tested.iter().copied().zip(of_sets.iter().cloned()))
+        };
+        let baselines = results.chunks(tested.len().max(1)).map(of_all).collect();
+        Ok(Self { validation, test, candidates, baselines })
     }
 }
 

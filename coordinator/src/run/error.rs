@@ -171,6 +171,42 @@ pub enum RunError {
         /// Under which protocol.
         protocol: &'static str,
     },
+    /// A weight of a set that no cloud is of.
+    #[error(
+        "{place}: must name sets of the clouds, got {name:?}\nsets of these clouds are: {}",
+        if known.is_empty() { "none, as the manifest has no column set" } else { known }
+    )]
+    UnknownSet {
+        /// Where they are named.
+        place: &'static str,
+        /// The name.
+        name: String,
+        /// The names that there are.
+        known: String,
+    },
+    /// No set has a part in the fitness.
+    #[error("search.sets: must leave one set a weight above 0, got only zeros\nremove one of them")]
+    NoWeight,
+    /// A set whose clouds have nothing to be compared with.
+    #[error(
+        "dataset: set {name}: must have usable clouds in train1 and train2, got none in {split}\nname some in the column split, or leave the set out"
+    )]
+    EmptySet {
+        /// The set.
+        name: String,
+        /// The split.
+        split: &'static str,
+    },
+    /// Something that is computed of one set only.
+    #[error("{what}: needs clouds of one set, got sets {sets}\n{advice}")]
+    SeveralSets {
+        /// What.
+        what: &'static str,
+        /// The names of the sets.
+        sets: String,
+        /// What to do.
+        advice: &'static str,
+    },
     /// Nothing was evaluated.
     #[error(
         "search: no descriptor costs at most descriptor.max_cost = {max_cost}, got {least} and more\nraise it, or search longer"

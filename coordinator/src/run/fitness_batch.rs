@@ -27,9 +27,9 @@ pub struct Answer {
 }
 
 impl FitnessBatch {
-    /// Of these descriptors, whose scales are known.
+    /// Of these descriptors, whose scales are known in each set that has a weight.
     pub fn new(
-        fitness: &Fitness,
+        (fitness, set_weights): (&Fitness, &[u32]),
         splits: &SplitBlobs<'_>,
         scales: &Scales,
         descriptors: &[&Descriptor],
@@ -37,7 +37,8 @@ impl FitnessBatch {
     ) -> Self {
         let (mut evaluations, mut weights) = (Vec::new(), Vec::new());
         for &descriptor in descriptors {
-            let parts = splits.measure(fitness, &scales.of(descriptor), matching);
+            let scaled = |set| scales.of(set, descriptor);
+            let parts = splits.measure((fitness, set_weights), scaled, matching);
             weights.push(parts.iter().map(|&(_, weight)| weight).collect());
             evaluations.extend(parts.into_iter().map(|(evaluation, _)| evaluation));
         }

@@ -7,15 +7,19 @@ use proto::task::{Exclusion, Label};
 use results::Counts;
 
 use crate::dataset::{CloudEntry, Dataset, SPLITS};
-use crate::fitness::{Fitness, Measured, Part};
+use crate::experiment::Experiment;
+use crate::fitness::{Measured, Part};
 use crate::run::RunError;
 use crate::run::matching::{Matching, TRAIN1, TRAIN2};
 
 /// Refuses a fitness that cannot be computed on these clouds; says in words which clouds it leaves out of its counts.
 ///
 /// # Errors
-/// [`RunError::NoSequences`] or [`RunError::NoAnswers`].
-pub fn check_fitness(fitness: &Fitness, dataset: &Dataset) -> Result<Vec<String>, RunError> {
+/// [`RunError::NoSequences`], [`RunError::NoAnswers`], [`RunError::UnknownSet`], [`RunError::NoWeight`] or
+/// [`RunError::EmptySet`].
+pub fn check_fitness(experiment: &Experiment, dataset: &Dataset) -> Result<Vec<String>, RunError> {
+    let (fitness, weights) = (experiment.fitness(), experiment.set_weights(dataset));
+    check_sets(experiment, dataset)?;
     let (validation, _) = Matching::Validation.splits();
     if fitness.needs_sequences()
         && let Some(missing) = dataset.sequences_missing(&[&[TRAIN1, TRAIN2], validation.as_slice()].concat())
@@ -26,7 +30,12 @@ pub fn check_fitness(fitness: &Fitness, dataset: &Dataset) -> Result<Vec<String>
     let mut notes = Vec::new();
     for (protocol, _) in fitness.protocols() {
         for part in fitness.of_protocol(protocol).parts(Matching::Train) {
-            let Queries { counted, all } = Queries::of(&part, dataset);
+            let of_sets = (0..).zip(&weights).filter(|(_, weight)| **weight > 0);
+            let of_sets = of_sets.map(|(set, _)| Queries::of(&part, dataset, set));
+            let Queries { counted, all } = of_sets.fold(Queries::default(), |sum, one| Queries {
+                counted: sum.counted + one.counted,
+                all: sum.all + one.all,
+            });
             if counted == 0 && all > 0 {
                 return Err(RunError::NoAnswers { protocol: protocol.name() });
             }
@@ -44,17 +53,45 @@ pub fn check_fitness(fitness: &Fitness, dataset: &Dataset) -> Result<Vec<String>
     Ok(notes)
 }
 
+/// Refuses weights of sets that the clouds do not have, and sets whose clouds cannot be compared.
+fn check_sets(experiment: &Experiment, dataset: &Dataset) -> Result<(), RunError> {
+    let clouds = &dataset.clouds;
+    if let Some(name) = experiment.weighted_sets().find(|name| !clouds.sets.iter().any(|set| set == name)) {
+        return Err(RunError::UnknownSet {
+            place: "search.sets",
+            name: name.to_owned(),
+            known: clouds.sets.join(", "),
+        });
+    }
+    if experiment.set_weights(dataset).iter().all(|&weight| weight == 0) {
+        return Err(RunError::NoWeight);
+    }
+    for (set, name) in (0..).zip(&clouds.sets) {
+        for split in [TRAIN1, TRAIN2] {
+            if clouds.of_set(dataset.splits.all()[split], set).next().is_none() {
+                return Err(RunError::EmptySet { name: name.clone(), split: SPLITS[split] });
+            }
+        }
+    }
+    Ok(())
+}
+
 /// The counts of a descriptor that recognises nothing.
-pub fn nothing_recognised(fitness: &Fitness, dataset: &Dataset, matching: Matching) -> Measured {
-    let of_part = |part: &Part| {
-        let queries = Queries::of(part, dataset).counted;
+pub fn nothing_recognised(experiment: &Experiment, dataset: &Dataset, matching: Matching) -> Measured {
+    let parts = experiment.fitness().parts(matching);
+    let of_part = |set, weight: u32, part: &Part| {
+        let queries = Queries::of(part, dataset, set).counted;
         let margin = part.rule.margin.then_some(-f64::from(queries));
-        (Counts { object_correct: 0, category_correct: 0, queries }, margin, part.weight)
+        (Counts { object_correct: 0, category_correct: 0, queries }, margin, weight * part.weight)
     };
-    Measured::sum(fitness.parts(matching).iter().map(of_part))
+    let weights = experiment.set_weights(dataset);
+    let of_sets = (0..).zip(weights).filter(|&(_, weight)| weight > 0);
+    let (of_part, parts) = (&of_part, &parts);
+    Measured::sum(of_sets.flat_map(|(set, weight)| parts.iter().map(move |part| of_part(set, weight, part))))
 }
 
 /// How many queries a part of a fitness has.
+#[derive(Default)]
 struct Queries {
     /// Those that can be answered; all under the plain rule, which counts every query.
     counted: u32,
@@ -62,10 +99,11 @@ struct Queries {
 }
 
 impl Queries {
-    fn of(part: &Part, dataset: &Dataset) -> Self {
+    fn of(part: &Part, dataset: &Dataset, set: u32) -> Self {
+        let Dataset { clouds, splits: all, .. } = dataset;
         let clouds = |splits: &[usize]| -> Vec<&CloudEntry> {
-            let indices = splits.iter().flat_map(|&split| dataset.splits.all()[split]);
-            indices.map(|&index| &dataset.clouds.entries[index as usize]).collect()
+            let indices = splits.iter().flat_map(|&split| clouds.of_set(all.all()[split], set));
+            indices.map(|index| &clouds.entries[index as usize]).collect()
         };
         let queries = clouds(part.query);
         let all = queries.len() as u32;

@@ -17,6 +17,7 @@ pub mod scaled;
 pub mod scales;
 mod search;
 pub mod search_space;
+pub mod sets;
 pub mod splits;
 pub mod summary;
 pub mod tally;
@@ -84,10 +85,13 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     }
     let listener = listen(experiment, &options.protection, progress.console()).await?;
     let dataset = open_data(experiment, Wanted::All, Some(&store), |line| progress.say(line))?;
+    if experiment.method() == Method::Exhaustive {
+        refuse_sets("search.method = \"exhaustive\"", "choose another method", &dataset)?;
+    }
     if experiment.validates() && dataset.splits.validation.is_empty() {
         return Err(RunError::NoValidation);
     }
-    for note in check_fitness(experiment.fitness(), &dataset)? {
+    for note in check_fitness(experiment, &dataset)? {
         progress.say(&note);
     }
     refuse_another(&out, &experiment.search_toml())?;
@@ -127,7 +131,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     session.start(listener, settings.local_workers).await;
     let memory = |matching| session.splits.memory(&store, experiment.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
-    let remembers = experiment.remembers_counts();
+    let remembers = experiment.remembers_counts(&dataset);
     let known = if remembers { Known::recall(&train_memory, &validation_memory) } else { Known::default() };
     let start = Start { now: started, first: header.started_at, before: at_work };
     let console = progress.console().clone();
@@ -191,6 +195,7 @@ pub fn finished(out: &Path, experiment: &Experiment) -> Result<Option<Summary>, 
         descriptors: space.size(),
         compared: results::read_comparison(out)?,
         pairs: results::read_pairs(out)?,
+        sets: results::read_sets(out)?,
         bounds: winner.map_or_else(Vec::new, |winner| bounds(space, &winner)),
         out: folder,
     }))
@@ -219,6 +224,27 @@ pub fn compare_with_data(
         }
     }
     Ok(())
+}
+
+/// Refuses clouds of several sets for something that is computed of one only.
+pub fn refuse_sets(what: &'static str, advice: &'static str, dataset: &Dataset) -> Result<(), RunError> {
+    if dataset.clouds.set_count() == 1 {
+        return Ok(());
+    }
+    Err(RunError::SeveralSets { what, sets: dataset.clouds.sets.join(", "), advice })
+}
+
+/// The clouds of a set by its name, and all clouds without one, which must be of one set.
+pub fn choose_set(what: &'static str, set: Option<&str>, dataset: Dataset) -> Result<Dataset, RunError> {
+    let Some(name) = set else {
+        refuse_sets(what, "name one of them with --set", &dataset)?;
+        return Ok(dataset);
+    };
+    let sets = &dataset.clouds.sets;
+    match (0..).zip(sets).find(|(_, set)| *set == name) {
+        Some((number, _)) => Ok(dataset.of_set(number)),
+        None => Err(RunError::UnknownSet { place: "--set", name: name.to_owned(), known: sets.join(", ") }),
+    }
 }
 
 /// Refuses a folder whose results are of other clouds.

@@ -20,6 +20,8 @@ use crate::run::matching::Matching;
 use crate::run::progress::{GenerationReport, Progress};
 use crate::run::rows;
 use crate::run::scales::Scales;
+use crate::run::sets::with_weight;
+use crate::run::splits::ONLY_SET;
 use crate::session::Session;
 use crate::tasks;
 use cluster::scheduler::Finished;
@@ -81,9 +83,9 @@ impl<'a> SearchLoop<'a> {
             for (matching, counts) in
                 [(Matching::Train, &mut cached.train), (Matching::Validation, &mut cached.validation)]
             {
-                // Only families without scales are remembered.
+                // Only families without scales are remembered, and clouds of one set.
                 counts.retain(|descriptor, _| {
-                    !cluster.recalls(splits.evaluation(&descriptor.into(), matching, false))
+                    !cluster.recalls(splits.evaluation(ONLY_SET, &descriptor.into(), matching, false))
                 });
             }
         }
@@ -259,8 +261,10 @@ impl<'a> SearchLoop<'a> {
         matching: Matching,
     ) -> Result<Vec<Answer>, ClusterError> {
         let Self { client, progress, scales, session, experiment, .. } = self;
-        scales.complete(descriptors, &session.splits, client, |news| progress.news(news)).await?;
-        let batch = FitnessBatch::new(experiment.fitness(), &session.splits, scales, descriptors, matching);
+        let (fitness, weights) = (experiment.fitness(), experiment.set_weights(session.splits.dataset()));
+        let sets = with_weight(&weights);
+        scales.complete(descriptors, &sets, &session.splits, client, |news| progress.news(news)).await?;
+        let batch = FitnessBatch::new((fitness, &weights), &session.splits, scales, descriptors, matching);
         let watch = |news: &ClusterNews, descriptors: u64| match matching {
             Matching::Train => progress.evaluated(news, descriptors),
             Matching::Validation | Matching::Test => progress.news(news),
@@ -269,7 +273,7 @@ impl<'a> SearchLoop<'a> {
     }
 
     fn nothing_recognised(&self, matching: Matching) -> Measured {
-        nothing_recognised(self.experiment.fitness(), self.session.splits.dataset(), matching)
+        nothing_recognised(self.experiment, self.session.splits.dataset(), matching)
     }
 
     /// Descriptors on the validation set.

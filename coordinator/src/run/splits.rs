@@ -1,11 +1,14 @@
-//! The splits of a run as workers see them: manifests by digest, and what the coordinator needs to read answers.
+//! The splits of a run as workers see them: for each set of clouds manifests by digest, so that a query is compared with
+//! clouds of its own set only.
+
+use std::ops::Range;
 
 use cache::Store;
 use descriptor::{Descriptor, Preprocess, SearchSpace};
 use proto::Digest;
 use proto::task::{Evaluation, GridCell, MatchingRule, Preparation, Scale, Subject};
 
-use crate::dataset::{Dataset, SPLITS};
+use crate::dataset::{CloudEntry, Dataset, SPLITS};
 use crate::fitness::{Fitness, Part};
 use crate::result_cache::Memory;
 use crate::run::matching::{Matching, TEST, TRAIN1, TRAIN2};
@@ -13,10 +16,16 @@ use crate::run::scaled::Scaled;
 use crate::tasks;
 use cluster::blobs::BlobStore;
 
+/// The set of clouds that are of one only.
+pub const ONLY_SET: u32 = 0;
+
 /// The manifests of a data set.
 pub struct SplitBlobs<'a> {
     dataset: &'a Dataset,
-    manifests: [Digest; SPLITS.len()],
+    /// Of each set.
+    manifests: Vec<[Digest; SPLITS.len()]>,
+    /// Clouds of each set.
+    sizes: Vec<[u32; SPLITS.len()]>,
     /// What every task has in common.
     preparation: Preparation,
     /// Whether manifests say sequences.
@@ -34,54 +43,66 @@ impl<'a> SplitBlobs<'a> {
         with_sequences: bool,
         blobs: &BlobStore,
     ) -> Self {
-        let manifests = [Digest([0; 32]); SPLITS.len()];
-        let mut splits = Self { dataset, manifests, preparation, with_sequences };
-        for split in 0..SPLITS.len() {
-            let is_released = split != TEST;
-            splits.manifests[split] = if is_released {
-                splits.publish_split(split, blobs)
-            } else {
-                Digest::of(&splits.manifest(split))
-            };
-        }
+        let (manifests, sizes) = (Vec::new(), Vec::new());
+        let mut splits = Self { dataset, manifests, sizes, preparation, with_sequences };
+        let publish = |set| {
+            std::array::from_fn(|split| match split {
+                TEST => Digest::of(&splits.manifest(set, split)),
+                _ => splits.publish_split(set, split, blobs),
+            })
+        };
+        let manifests = splits.sets().map(publish).collect();
+        let size = |set| std::array::from_fn(|split| splits.clouds(set, split).count() as u32);
+        let sizes = splits.sets().map(size).collect();
+        (splits.manifests, splits.sizes) = (manifests, sizes);
         splits
     }
 
-    /// Releases the test set.
+    /// Releases the test clouds.
     pub fn publish_test(&self, blobs: &BlobStore) {
-        self.publish_split(TEST, blobs);
+        for set in self.sets() {
+            self.publish_split(set, TEST, blobs);
+        }
     }
 
-    fn publish_split(&self, split: usize, blobs: &BlobStore) -> Digest {
-        for &index in self.dataset.splits.all()[split] {
-            let cloud = &self.dataset.clouds.entries[index as usize];
+    fn publish_split(&self, set: u32, split: usize, blobs: &BlobStore) -> Digest {
+        for cloud in self.clouds(set, split) {
             blobs.publish_file(Digest(cloud.digest), self.dataset.clouds.file(cloud));
         }
-        blobs.publish_bytes(self.manifest(split))
+        blobs.publish_bytes(self.manifest(set, split))
     }
 
-    fn manifest(&self, split: usize) -> Vec<u8> {
-        let entries = &self.dataset.clouds.entries;
-        let clouds = self.dataset.splits.all()[split].iter().map(|&index| &entries[index as usize]);
-        tasks::split_manifest(SPLITS[split], clouds, self.with_sequences)
+    fn manifest(&self, set: u32, split: usize) -> Vec<u8> {
+        tasks::split_manifest(SPLITS[split], self.clouds(set, split), self.with_sequences)
     }
 
-    /// Where counts of a matching are remembered.
+    fn clouds(&self, set: u32, split: usize) -> impl Iterator<Item = &'a CloudEntry> {
+        let Dataset { clouds, splits, .. } = self.dataset;
+        clouds.of_set(splits.all()[split], set).map(|index| &clouds.entries[index as usize])
+    }
+
+    /// All sets by number.
+    pub fn sets(&self) -> Range<u32> {
+        0..self.dataset.clouds.set_count()
+    }
+
+    /// Where counts of a matching are remembered, of clouds that are of one set.
     pub fn memory<'s>(&self, store: &'s Store, preprocess: &Preprocess, matching: Matching) -> Memory<'s> {
         let (query, database) = matching.splits();
-        let [queries, _] = self.sizes(query, database);
-        Memory::new(store, preprocess, [&self.digests(query), &self.digests(database)], queries)
+        let [queries, _] = self.sizes(ONLY_SET, query, database);
+        let digests = [&query[..], database].map(|splits| self.digests(ONLY_SET, splits));
+        Memory::new(store, preprocess, digests.each_ref().map(Vec::as_slice), queries)
     }
 
-    /// The manifests of splits.
-    fn digests(&self, splits: &[usize]) -> Vec<Digest> {
-        splits.iter().map(|&split| self.manifests[split]).collect()
+    /// The manifests of a set's splits.
+    fn digests(&self, set: u32, splits: &[usize]) -> Vec<Digest> {
+        splits.iter().map(|&split| self.manifests[set as usize][split]).collect()
     }
 
-    /// Number of queries, and of clouds in the database.
-    fn sizes(&self, query: &[usize], database: &[usize]) -> [u32; 2] {
-        let clouds = |split: &usize| self.dataset.splits.all()[*split].len() as u32;
-        [query, database].map(|splits| splits.iter().map(clouds).sum())
+    /// Number of a set's queries, and of clouds in its database.
+    fn sizes(&self, set: u32, query: &[usize], database: &[usize]) -> [u32; 2] {
+        let sizes = &self.sizes[set as usize];
+        [query, database].map(|splits| splits.iter().map(|&split| sizes[split]).sum())
     }
 
     /// The data set.
@@ -94,56 +115,77 @@ impl<'a> SplitBlobs<'a> {
         &self.preparation
     }
 
-    /// The evaluation on the training sets of the `descriptors` descriptors of a grid cell.
+    /// The evaluation on the training clouds of the `descriptors` descriptors of a grid cell, of clouds of one set.
     pub fn grid_cell(&self, subject: Subject, descriptors: u32) -> GridCell {
         let (query, database) = Matching::Train.splits();
-        let [queries, database_clouds] = self.sizes(query, database);
-        let [query, database] = [&query[..], database].map(|splits| self.digests(splits));
+        let [queries, database_clouds] = self.sizes(ONLY_SET, query, database);
+        let [query, database] = [&query[..], database].map(|splits| self.digests(ONLY_SET, splits));
         GridCell { subject, query, database, queries, database_clouds, descriptors }
     }
 
-    /// The evaluation of one descriptor on the clouds of a matching, plainly: each query among the whole database.
-    pub fn evaluation(&self, descriptor: &Scaled<'_>, matching: Matching, want_matches: bool) -> Evaluation {
+    /// The evaluation of one descriptor on a set's clouds of a matching, plainly: each query among the whole database.
+    pub fn evaluation(
+        &self,
+        set: u32,
+        descriptor: &Scaled<'_>,
+        matching: Matching,
+        want_matches: bool,
+    ) -> Evaluation {
         let (query, database) = matching.splits();
         let part = Part { query, database, rule: MatchingRule::default(), weight: 1 };
-        Evaluation { want_matches, ..self.part(descriptor, &part) }
+        Evaluation { want_matches, ..self.part(set, descriptor, &part) }
     }
 
     /// The same of a descriptor without scales that a search space need not hold, with its matches.
     pub fn evaluation_beside(
         &self,
+        set: u32,
         descriptor: &Descriptor,
         (preprocess, space): (&Preprocess, &SearchSpace),
         matching: Matching,
     ) -> Evaluation {
         let subject = tasks::subject_beside(preprocess, space, descriptor);
-        Evaluation { subject, ..self.evaluation(&Scaled::from(descriptor), matching, true) }
+        Evaluation { subject, ..self.evaluation(set, &Scaled::from(descriptor), matching, true) }
     }
 
-    /// The evaluations that the fitness of a descriptor is the weighted sum of, with their weights.
-    pub fn measure(
+    /// The sets with clouds to be recognised.
+    pub fn sets_with_queries(&self, matching: Matching) -> impl Iterator<Item = u32> {
+        let [query] = *matching.splits().0;
+        self.sets().filter(move |&set| self.sizes[set as usize][query] > 0)
+    }
+
+    /// The evaluations that the fitness of a descriptor is the weighted sum of, with their weights. `weights`: of each
+    /// set; those of weight 0 are left out. `scaled`: the descriptor with its scales in a set.
+    pub fn measure<'d>(
         &self,
-        fitness: &Fitness,
-        descriptor: &Scaled<'_>,
+        (fitness, weights): (&Fitness, &[u32]),
+        scaled: impl Fn(u32) -> Scaled<'d>,
         matching: Matching,
     ) -> Vec<(Evaluation, u32)> {
         let parts = fitness.parts(matching);
-        parts.iter().map(|part| (self.part(descriptor, part), part.weight)).collect()
+        let of_set = |set: u32| {
+            let (scaled, weight) = (scaled(set), weights[set as usize]);
+            let part = move |part: &Part| (self.part(set, &scaled, part), weight * part.weight);
+            parts.iter().map(part).collect::<Vec<_>>()
+        };
+        let sets = self.sets_with_queries(matching).filter(|&set| weights[set as usize] > 0);
+        sets.flat_map(of_set).collect()
     }
 
-    /// What the distances of one channel are scaled by: over all training clouds.
-    pub fn scale(&self, channel: &Descriptor) -> Scale {
+    /// What the distances of one channel are scaled by in a set: over all its training clouds.
+    pub fn scale(&self, set: u32, channel: &Descriptor) -> Scale {
         let splits = [TRAIN1, TRAIN2];
-        let [clouds, _] = self.sizes(&splits, &[]);
-        Scale { subject: tasks::subject(&self.preparation, channel), splits: self.digests(&splits), clouds }
+        let [clouds, _] = self.sizes(set, &splits, &[]);
+        let subject = tasks::subject(&self.preparation, channel);
+        Scale { subject, splits: self.digests(set, &splits), clouds }
     }
 
-    fn part(&self, Scaled { descriptor, scales }: &Scaled<'_>, part: &Part) -> Evaluation {
-        let [queries, database_clouds] = self.sizes(part.query, part.database);
+    fn part(&self, set: u32, Scaled { descriptor, scales }: &Scaled<'_>, part: &Part) -> Evaluation {
+        let [queries, database_clouds] = self.sizes(set, part.query, part.database);
         Evaluation {
             subject: tasks::subject(&self.preparation, descriptor),
-            query: self.digests(part.query),
-            database: self.digests(part.database),
+            query: self.digests(set, part.query),
+            database: self.digests(set, part.database),
             queries,
             database_clouds,
             want_matches: false,

@@ -7,13 +7,13 @@ use std::time::Duration;
 
 use descriptor::{Column, Descriptor, Family};
 use evolution::StopReason;
-use results::{ComparedRow, Counts, FrontRow, PairRow, RunRow, wilson};
+use results::{ComparedRow, Counts, FrontRow, PairRow, RunRow, SetRow, wilson};
 use serde_json::{Map, Value, json};
 
 use crate::compare::verdict;
 use crate::lines::{labelled, table};
-use crate::run::front;
 use crate::run::progress::{clock, percent};
+use crate::run::{front, sets};
 
 /// What a finished run amounts to; made from the row of table `run`, so that it can be shown again at any time.
 #[derive(Clone, Debug)]
@@ -34,6 +34,8 @@ pub struct Summary {
     pub compared: Vec<ComparedRow>,
     /// Every pair of these.
     pub pairs: Vec<PairRow>,
+    /// Descriptors on the test clouds of each set; none if the clouds are of one.
+    pub sets: Vec<SetRow>,
     /// What of the winner is at a bound of the search space.
     pub bounds: Vec<String>,
     /// The run folder.
@@ -92,10 +94,11 @@ impl Summary {
             row(label, line);
         }
         text += &self.compared_text();
+        text += &table(&sets::lines(&self.sets));
         let mut row = |label: &str, value: String| {
             text += &labelled(label, 14, &value);
         };
-        for (place, sentence) in verdict(&self.compared, &self.pairs, &self.front).into_iter().enumerate() {
+        for (place, sentence) in self.verdict().into_iter().enumerate() {
             row(if place == 0 { "verdict" } else { "" }, sentence);
         }
         for (place, bound) in self.bounds.iter().enumerate() {
@@ -126,6 +129,12 @@ impl Summary {
         row("run digest", self.run_digest.clone());
         let _ = writeln!(text, "{:<14}{}", "results", self.out.display()); // writing to a String cannot fail
         text
+    }
+
+    /// What is to be said of the winner, in sentences.
+    fn verdict(&self) -> Vec<String> {
+        let compared = verdict(&self.compared, &self.pairs, &self.front);
+        compared.into_iter().chain(sets::worst(&self.sets)).collect()
     }
 
     /// The winner and what it is compared with, a line each; nothing where there is nothing to compare it with.
@@ -171,7 +180,7 @@ impl Summary {
             "test_object_error": object(run.test),
             "test_object_error_interval": interval(run.test),
             "test_category_error": category(run.test),
-            "verdict": verdict(&self.compared, &self.pairs, &self.front),
+            "verdict": self.verdict(),
             "compared": self.compared.iter().map(compared_json).collect::<Vec<_>>(),
             "at_a_bound": self.bounds,
             "regret": run.regret(),
@@ -192,6 +201,9 @@ impl Summary {
         });
         if let Some(front) = front::json(&self.front) {
             json["front"] = front;
+        }
+        if let Some(sets) = sets::json(&self.sets) {
+            json["sets"] = sets;
         }
         json
     }

@@ -67,7 +67,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     }
     let mut notes = BTreeSet::new();
     for member in &members {
-        notes.extend(check_fitness(member.experiment.fitness(), &dataset)?);
+        notes.extend(check_fitness(&member.experiment, &dataset)?);
     }
     notes.iter().for_each(|note| progress.say(note));
     make_folder(&out, sweep)?;
@@ -100,7 +100,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let (dataset, session) = (&dataset, &session);
     let driver = |((place, folder), client): ((usize, RunFolder), _)| {
         let Member { name, experiment } = &members[place];
-        let remembered = if experiment.remembers_counts() { &known } else { &none };
+        let remembered = if experiment.remembers_counts(dataset) { &known } else { &none };
         let stop = experiment.stop();
         let progress = progress.of_member(name, stop.generations, &tally).with_budget(stop.evaluations);
         (place, RunDriver { experiment, dataset, session, remembered, client, folder, progress, start })
@@ -119,7 +119,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     for (place, summary, found) in done {
         summaries.push((place, summary));
         // Not before all are finished, as none of them was told a wrong answer that is known to be one.
-        if trusted && members[place].experiment.remembers_counts() {
+        if trusted && members[place].experiment.remembers_counts(dataset) {
             found.keep(&train_memory, &validation_memory);
         }
     }

@@ -22,6 +22,7 @@ pub(super) fn all_tables() -> impl Iterator<Item = TableName> {
     let of_runs = TableName::RUN
         .into_iter()
         .chain(TableName::FRONT)
+        .chain(TableName::SETS)
         .chain(TableName::COMPARISON)
         .chain(TableName::PERTURBED);
     of_runs.chain(TableName::GRID)

@@ -104,6 +104,20 @@ record! {
 }
 
 record! {
+    /// One descriptor on the test clouds of one set, each matched with clouds of the same set.
+    #[derive(Clone, Debug, PartialEq)]
+    pub struct SetRow {
+        descriptor: String, "", "label of the descriptor";
+        set: String, "", "name of the set";
+        weight: u32, "", "of the set in the fitness; 0: the search has not seen the set";
+        counts as "": Counts, "", "test clouds";
+        object_wilson as "object_error": [f64; 2], "share",
+            "object_error, by Wilson, as if clouds were independent";
+        category_wilson as "category_error": [f64; 2], "share", "category_error, by Wilson";
+    }
+}
+
+record! {
     /// Two descriptors on the same test clouds.
     #[derive(Clone, Debug, PartialEq)]
     pub struct PairRow {

@@ -14,7 +14,7 @@ use crate::columns::{Column, ColumnKind, GeneColumn};
 use crate::error::Error;
 use crate::record::{Cells, Context, Field, Value};
 use crate::table_name::TableName;
-use comparison::{ComparedRow, CurvePoint, DistanceRow, PairRow, PerturbedRow};
+use comparison::{ComparedRow, CurvePoint, DistanceRow, PairRow, PerturbedRow, SetRow};
 use database::{ChannelsRow, DatabaseRow};
 use grid::{BestRow, CellRow, CountRow, GridRow, LandscapeRow, MarginalRow};
 use log::{AttemptRow, EventRow, LookRow, WorkerRow};
@@ -169,6 +169,9 @@ fn declaration(table: TableName) -> Declaration {
             "a descriptor on the test clouds under one perturbation",
             &["descriptor", "kind", "strength"],
         ),
+        TableName::Sets => {
+            Declaration::of::<SetRow>("a descriptor on the test clouds of one set", &["descriptor", "set"])
+        }
         TableName::Cells => {
             Declaration::of::<CellRow>("a descriptor; a file has those of one R1 and one R2", &[])
         }

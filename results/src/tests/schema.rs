@@ -73,6 +73,7 @@ fn the_digest_covers_the_listed_columns_and_no_other() {
     for name in TableName::RUN
         .into_iter()
         .chain(TableName::FRONT)
+        .chain(TableName::SETS)
         .chain(TableName::COMPARISON)
         .chain(TableName::PERTURBED)
         .chain(TableName::GRID)
@@ -98,6 +99,7 @@ fn the_digest_covers_the_listed_columns_and_no_other() {
         looks: 
         run: search_config seed data_digest stop_reason
         front: point generation individual chromosome shape_bins m R1 w train_object_correct train_category_correct train_queries objective_correct train_margin validation_object_correct validation_category_correct validation_queries validation_margin cost size winner
+        sets: 
         distances: 
         answers: 
         recall_precision: 

@@ -12,6 +12,7 @@
 //! - `remembering`: caches and what is kept from run to run
 //! - `resuming`: coordinators that are killed and started again
 //! - `several_objectives`: fronts of NSGA-II, and what is made of their points
+//! - `several_sets`: clouds of several sets, each compared within itself
 //! - `sessions`: bring-up, waiting and deadline of every command
 //! - `exhaust`: the exhaustive search, and what runs make of it
 //! - `foreign`: descriptors that another program has computed
@@ -72,6 +73,7 @@ mod repository;
 mod resuming;
 mod sessions;
 mod several_objectives;
+mod several_sets;
 mod strangers;
 mod structures;
 mod sweeps;

@@ -321,7 +321,7 @@ fn manifests_that_cannot_be_used() {
         &format!("{columns}a.pcd,fruit,pear,train1\nb.pcd, ,pear,train2\n"),
         expect![[r#"
             clouds.csv, line 3: category expected, got nothing
-            fill the field: every cloud needs a path, a category and an instance"#]],
+            fill the field: every cloud needs a path, a category and an instance, and a set where there is such a column"#]],
     );
     check_manifest(
         &format!("{columns}a.pcd,fruit,pear,training\n"),

@@ -140,19 +140,19 @@ fn keys() {
               add `root = …`
             version = 1\n[dataste]\nroot = \'clouds\'
               top level: unknown section, got [dataste]
-              did you mean [dataset]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [ga], [stop], [coordinator], [recognition], [results], [sweep]
+              did you mean [dataset]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [search.sets], [ga], [stop], [coordinator], [recognition], [results], [sweep]
             version = 1\n[dataset]\n[dataste]\nroot = \'clouds\'
               top level: unknown section, got [dataste]
-              did you mean [dataset]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [ga], [stop], [coordinator], [recognition], [results], [sweep]
+              did you mean [dataset]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [search.sets], [ga], [stop], [coordinator], [recognition], [results], [sweep]
             version = 1\n[splits]\ntrain1 = \'a.txt\'
               top level: unknown section, got [splits]
-              did you mean [dataset.splits]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [ga], [stop], [coordinator], [recognition], [results], [sweep]
+              did you mean [dataset.splits]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [search.sets], [ga], [stop], [coordinator], [recognition], [results], [sweep]
             version = 1\n[dataset.splits.seedde]\nseed = 1
               dataset.splits: unknown section, got [dataset.splits.seedde]
-              did you mean [dataset.splits.seeded]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [ga], [stop], [coordinator], [recognition], [results], [sweep]
+              did you mean [dataset.splits.seeded]? sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [search.sets], [ga], [stop], [coordinator], [recognition], [results], [sweep]
             version = 1\n[colours]\nseed = 1
               top level: unknown section, got [colours]
-              sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [ga], [stop], [coordinator], [recognition], [results], [sweep]
+              sections are: [dataset], [dataset.splits], [dataset.splits.seeded], [dataset.synthetic], [preprocess], [descriptor], [descriptor.genes], [search], [search.fitness], [search.sets], [ga], [stop], [coordinator], [recognition], [results], [sweep]
         "#]],
     );
     check(

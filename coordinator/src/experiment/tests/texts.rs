@@ -508,6 +508,9 @@ fn the_search_text_is_pinned() {
         method = "ga"
         winner = "validation"
 
+        [search.sets]
+        kitchen = 0
+
         [ga]
         population = 10
         elite = 1

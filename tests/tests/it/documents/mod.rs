@@ -4,7 +4,7 @@
 //! A fence `console` holds commands (`$ `, continued by `> `) and their output; `console,background` holds a command
 //! that goes on beside those that follow. `<!-- run: COMMAND -->` runs without being shown, and a page that asks for
 //! the demo (`DEMO_FIRST`) begins with the folders of one. A `toml` block whose first line is `# NAME.toml` is written to
-//! that file.
+//! that file, and so is a `python` block by `# NAME.py`.
 //! In output, a line `…` stands for any lines and `…` in a line for any text; what depends on the machine (seconds,
 //! rates, threads) is not compared. `UPDATE_EXPECT=1` writes what the commands print into the pages.
 

@@ -73,9 +73,7 @@ impl Page {
             if let Some(mode) = block.info.strip_prefix("console") {
                 assert!(["", ",background"].contains(&mode), "{path}:{}: `{}`", block.line + 1, block.info);
                 commands(&block, mode == ",background", &mut steps);
-            } else if let ("toml", Some(file)) =
-                (block.info, block.lines.first().and_then(|line| named(line)))
-            {
+            } else if let Some(file) = block.lines.first().and_then(|line| named(line, block.info)) {
                 let text = block.lines.join("\n") + "\n";
                 let action = Action::Write { file: file.to_owned(), text };
                 steps.push(Step { action, line: block.line, output: 0..0 });
@@ -154,10 +152,15 @@ impl Page {
     }
 }
 
-/// The file that the first line of a block names.
-fn named(line: &str) -> Option<&str> {
+/// The file that the first line of a block in some language names.
+fn named<'a>(line: &'a str, language: &str) -> Option<&'a str> {
     let name = line.strip_prefix("# ")?;
-    (name.ends_with(".toml") && !name.contains([' ', '/'])).then_some(name)
+    let end = match language {
+        "toml" => ".toml",
+        "python" => ".py",
+        _ => return None,
+    };
+    (name.ends_with(end) && !name.contains([' ', '/'])).then_some(name)
 }
 
 fn commands(block: &Block<'_>, is_background: bool, steps: &mut Vec<Step>) {
