@@ -4,12 +4,13 @@
 use std::path::Path;
 use std::time::{Duration, SystemTime};
 
-use proto::journal::AcceptedResult;
+use proto::journal::{AcceptedResult, Assurance};
 use proto::task::{EvaluationResult, TaskResult};
-use proto::{JobId, SessionId, WorkerId};
+use proto::{JobId, Principal, SessionId, WorkerId};
 
 use crate::experiment::{Experiment, Overrides};
 use cluster::journal;
+use cluster::scheduler::RunSecret;
 
 /// An experiment as TOML.
 pub fn experiment(text: &str) -> bool {
@@ -54,15 +55,24 @@ pub fn sample_journal(path: &Path) -> Option<Vec<u8>> {
         data_digest: "00".to_owned(),
         evaluation_version: descriptor::EVALUATION_VERSION,
         session: SessionId([7; 16]),
+        secret: RunSecret::new([8; 32]),
         started_at: SystemTime::UNIX_EPOCH,
     };
     let (queries, object_correct, category_correct) = (9, 5, 6);
     let counts =
         EvaluationResult { queries, object_correct, category_correct, ..EvaluationResult::default() };
     let result = TaskResult::Evaluation(counts);
-    let (worker, queued) = ("rack".to_owned(), Duration::from_secs(1));
-    let answer =
-        AcceptedResult { result, worker_id: WorkerId([1; 16]), worker, attempt: 1, queued, run_seconds: 0.5 };
+    let answer = AcceptedResult {
+        result,
+        worker_id: WorkerId([1; 16]),
+        worker: "rack".to_owned(),
+        principal: Principal::Coordinator,
+        seconded: None,
+        assurance: Assurance::Own,
+        attempt: 1,
+        queued: Duration::from_secs(1),
+        run_seconds: 0.5,
+    };
     journal::JournalFile::create(path, &header).ok()?;
     let (file, ..) = journal::JournalFile::open(path).ok()?;
     file.commit(&[journal::Entry::Accepted(JobId(1), Box::new(answer))]).ok()?;

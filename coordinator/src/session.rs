@@ -23,7 +23,7 @@ use crate::run::splits::SplitBlobs;
 use crate::run::{DataError, RunError};
 use crate::tasks;
 use cluster::journal::{Journal, Recorded};
-use cluster::scheduler::{Audit, Limits};
+use cluster::scheduler::{Audit, Limits, RunSecret};
 use cluster::{Cluster, ClusterError};
 use transport::{ListenError, Listener, Protection, Release, Servers};
 
@@ -32,6 +32,9 @@ pub const DEFAULT_LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCA
 
 /// Workers beyond which registration is refused.
 const MAX_WORKERS: usize = 10_000;
+
+/// The first answers of a principal that are all audited.
+const NEWCOMER_AUDITS: u32 = 10;
 
 /// Workers that one job may take with it: many machines may go for reasons of their own, but a job that brings down
 /// each worker it is given to must end some time.
@@ -46,7 +49,7 @@ fn limits(experiment: &Experiment) -> Limits {
         max_losses: MAX_LOSSES,
         worker_grace: settings.worker_grace,
         max_workers: MAX_WORKERS,
-        audit: Audit { share: settings.audit, seed: experiment.seed() },
+        audit: Audit { share: settings.audit, first: NEWCOMER_AUDITS },
         check_description: tasks::CHECK_DESCRIPTION,
         channels_of: tasks::CHANNELS_OF,
     }
@@ -88,7 +91,7 @@ impl<'a> Session<'a> {
     /// # Errors
     /// If the search space is too fine.
     pub fn with_journal(
-        (id, journal, recorded): (SessionId, Journal, Recorded),
+        (id, journal, recorded): ((SessionId, RunSecret), Journal, Recorded),
         experiment: &Experiment,
         with_sequences: bool,
         dataset: &'a Dataset,

@@ -56,10 +56,17 @@ macro_rules! byte_id {
 }
 
 byte_id!(
-    /// One start of one worker: random, kept across reconnects.
+    /// One start of one worker, kept across reconnects: the digest of its [`WorkerSecret`](crate::WorkerSecret).
     WorkerId,
     16,
     "worker_id"
+);
+byte_id!(
+    /// A keyed hash of a lease and of whom it was granted to, by a key that only the coordinator has.
+    #[derive(Default)]
+    LeaseNonce,
+    16,
+    "nonce"
 );
 byte_id!(
     /// One run of a coordinator, through all its starts.
@@ -136,16 +143,20 @@ pub struct Lease {
     pub job: JobId,
     /// Which time this job is handed out.
     pub attempt: u32,
+    /// Shows that the coordinator granted this lease, and to whom. A worker only repeats it.
+    pub nonce: LeaseNonce,
 }
 
 impl From<Lease> for crate::v2::Lease {
     fn from(lease: Lease) -> Self {
-        Self { job: lease.job.0, attempt: lease.attempt }
+        Self { job: lease.job.0, attempt: lease.attempt, nonce: lease.nonce.to_vec() }
     }
 }
 
 impl From<crate::v2::Lease> for Lease {
+    /// A nonce that cannot be one becomes zeros, which no coordinator has granted.
     fn from(lease: crate::v2::Lease) -> Self {
-        Self { job: JobId(lease.job), attempt: lease.attempt }
+        let nonce = LeaseNonce::try_from(&lease.nonce[..]).unwrap_or_default();
+        Self { job: JobId(lease.job), attempt: lease.attempt, nonce }
     }
 }

@@ -1,6 +1,8 @@
 //! How a worker introduces itself when it registers.
 
-/// What a worker says of itself, and how it was authenticated.
+use crate::principal::{Origin, Principal};
+
+/// What a worker says of itself, and who answers for it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Introduction {
     /// The name its operator gave it.
@@ -9,14 +11,15 @@ pub struct Introduction {
     pub threads: u32,
     /// Its build string.
     pub build: String,
-    /// `token`, or `certificate` and its fingerprint; `None` where no authentication is required.
-    pub credential: Option<String>,
+    /// By what it has shown, not by what it says.
+    pub principal: Principal,
 }
 
 impl Introduction {
-    /// For tests: an unauthenticated worker of this name.
+    /// For tests: a worker of this name, at an address that has this last byte.
     #[doc(hidden)]
-    pub fn sample(name: &str) -> Self {
-        Self { name: name.to_owned(), threads: 1, build: "test".to_owned(), credential: None }
+    pub fn sample(name: &str, address: u8) -> Self {
+        let principal = Principal::Anonymous(Origin::of([192, 0, 2, address].into()));
+        Self { name: name.to_owned(), threads: 1, build: "test".to_owned(), principal }
     }
 }

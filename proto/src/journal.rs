@@ -5,6 +5,7 @@ use std::time::Duration;
 use prost::Message as _;
 
 use crate::introduction::Introduction;
+use crate::principal::Principal;
 use crate::task::{Described, TaskResult, is_scale};
 use crate::v2::accepted_result::Result as Kept;
 use crate::{Digest, MAX_NAME_BYTES, WorkerId, v2};
@@ -21,12 +22,54 @@ pub struct AcceptedResult {
     pub worker_id: WorkerId,
     /// Its label.
     pub worker: String,
+    /// Who answers for it.
+    pub principal: Principal,
+    /// Another principal that gave the same result.
+    pub seconded: Option<Principal>,
+    /// Why it is believed.
+    pub assurance: Assurance,
     /// Which attempt it was.
     pub attempt: u32,
     /// From submission to lease.
     pub queued: Duration,
     /// Seconds on the worker's clock.
     pub run_seconds: f64,
+}
+
+/// Why an accepted result is believed, from least to most.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Assurance {
+    /// One answer, and an audit is due as soon as another principal is there.
+    Owed,
+    /// One answer of a principal with earned trust, or of the only one there was.
+    Unaudited,
+    /// Two principals gave the same answer.
+    Audited,
+    /// The coordinator's own process computed it.
+    Own,
+}
+
+impl From<Assurance> for v2::Assurance {
+    fn from(assurance: Assurance) -> Self {
+        match assurance {
+            Assurance::Owed => Self::Owed,
+            Assurance::Unaudited => Self::Unaudited,
+            Assurance::Audited => Self::Audited,
+            Assurance::Own => Self::Own,
+        }
+    }
+}
+
+impl Assurance {
+    fn decode(number: i32) -> Option<Self> {
+        match v2::Assurance::try_from(number).ok()? {
+            v2::Assurance::Unspecified => None,
+            v2::Assurance::Owed => Some(Self::Owed),
+            v2::Assurance::Unaudited => Some(Self::Unaudited),
+            v2::Assurance::Audited => Some(Self::Audited),
+            v2::Assurance::Own => Some(Self::Own),
+        }
+    }
 }
 
 impl AcceptedResult {
@@ -45,6 +88,9 @@ impl AcceptedResult {
             queued_nanoseconds: self.queued.as_nanos() as u64,
             run_seconds: self.run_seconds,
             result: Some(result),
+            principal: self.principal.to_string(),
+            assurance: v2::Assurance::from(self.assurance).into(),
+            seconded: self.seconded.map(|principal| principal.to_string()),
         };
         Some(message.encode_to_vec())
     }
@@ -63,6 +109,9 @@ impl AcceptedResult {
             result,
             worker_id: WorkerId::try_from(&message.worker_id[..]).ok()?,
             worker: message.worker,
+            principal: message.principal.parse().ok()?,
+            seconded: message.seconded.map(|principal| principal.parse()).transpose().ok()?,
+            assurance: Assurance::decode(message.assurance)?,
             attempt: message.attempt,
             queued: Duration::from_nanos(message.queued_nanoseconds),
             run_seconds: message.run_seconds,
@@ -98,17 +147,19 @@ impl Member {
     /// Its bytes.
     pub fn encode(&self) -> Vec<u8> {
         let Self { label, introduction } = self.clone();
-        let Introduction { name, threads, build, credential } = introduction;
-        v2::Member { label, name, threads, build, credential }.encode_to_vec()
+        let Introduction { name, threads, build, principal } = introduction;
+        let principal = principal.to_string();
+        v2::Member { label, name, threads, build, credential: None, principal }.encode_to_vec()
     }
 
     /// The inverse of [`Member::encode`]; `None` of bytes that no worker can have.
     pub fn decode(bytes: &[u8]) -> Option<Self> {
-        let v2::Member { label, name, threads, build, credential } = v2::Member::decode(bytes).ok()?;
+        let v2::Member { label, name, threads, build, principal, .. } = v2::Member::decode(bytes).ok()?;
         let is_sound =
             |text: &String| text.len() <= MAX_WORKER_TEXT_BYTES && !text.chars().any(char::is_control);
-        let sound = [&label, &name, &build].into_iter().chain(&credential).all(is_sound);
-        sound.then_some(Self { label, introduction: Introduction { name, threads, build, credential } })
+        let sound = [&label, &name, &build].into_iter().all(is_sound);
+        let principal = principal.parse().ok()?;
+        sound.then_some(Self { label, introduction: Introduction { name, threads, build, principal } })
     }
 }
 
@@ -133,6 +184,9 @@ mod tests {
             result: TaskResult::Evaluation(result),
             worker_id: WorkerId([3; 16]),
             worker: "rack-3".to_owned(),
+            principal: Principal::Coordinator,
+            seconded: None,
+            assurance: Assurance::Own,
             attempt: 2,
             queued: Duration::from_nanos(1_234_567_891),
             run_seconds: 0.1,
@@ -174,7 +228,7 @@ mod tests {
 
         let member = |name: &str| Member {
             label: "rack-2".to_owned(),
-            introduction: Introduction { threads: 4, ..Introduction::sample(name) },
+            introduction: Introduction { threads: 4, ..Introduction::sample(name, 1) },
         };
         assert_eq!(Member::decode(&member("rack").encode()), Some(member("rack")));
         for unsound in ["a\nb", &"x".repeat(MAX_WORKER_TEXT_BYTES + 1)] {

@@ -7,14 +7,18 @@ mod introduction;
 mod join;
 pub mod journal;
 mod message;
+mod principal;
 pub mod task;
 #[cfg(feature = "services")]
 pub mod tls;
 
-pub use ids::{Digest, Fingerprint, InvalidFingerprint, InvalidId, JobId, Lease, SessionId, WorkerId};
+pub use ids::{
+    Digest, Fingerprint, InvalidFingerprint, InvalidId, JobId, Lease, LeaseNonce, SessionId, WorkerId,
+};
 pub use introduction::Introduction;
 pub use join::{DEFAULT_PORT, InvalidJoinAddress, InvalidToken, JoinAddress, Token, Trust};
 pub use message::Message;
+pub use principal::{InvalidPrincipal, Origin, Principal, WorkerSecret};
 
 /// What is left of `descry.v1`: the refusal of its workers.
 pub mod v1 {
@@ -34,7 +38,7 @@ pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "
 /// Must be equal on both sides.
 pub const PROTOCOL_MAJOR: u32 = 2;
 /// Grows when the protocol grows.
-pub const PROTOCOL_MINOR: u32 = 1;
+pub const PROTOCOL_MINOR: u32 = 2;
 
 /// The largest message either side accepts, bytes: some 300 000 matches of one final test.
 pub const MAX_MESSAGE_BYTES: usize = 16 << 20;

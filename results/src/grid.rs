@@ -51,6 +51,7 @@ impl GridFolder {
             genes: points.genes.iter().map(|values| values[index]).collect(),
             object_correct,
             worker_id: points.worker_id.clone(),
+            principal: points.principal.clone(),
         };
         let rows: Vec<_> = points.object_correct.iter().enumerate().map(row).collect();
         self.write(TableName::Cells, &rows, 0, &cell_file(name))
@@ -84,6 +85,7 @@ impl GridFolder {
             genes: vec![Vec::new(); self.genes.len()],
             object_correct: Vec::new(),
             worker_id: None,
+            principal: None,
         };
         for row in content.rows::<CellRow>()? {
             for (values, value) in points.genes.iter_mut().zip(row.genes) {
@@ -91,6 +93,7 @@ impl GridFolder {
             }
             points.object_correct.push(row.object_correct);
             points.worker_id = row.worker_id;
+            points.principal = row.principal;
         }
         Ok(Some(points))
     }

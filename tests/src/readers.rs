@@ -16,7 +16,7 @@ use proto::task::{
     GridCell, Label, Match, MatchingRule, Nearest, Objective, Report, Scale, SplitManifest, Subject, Task,
     TaskResult, Tile,
 };
-use proto::{Digest, JobId, Lease, v2};
+use proto::{Digest, JobId, Lease, LeaseNonce, v2};
 
 /// Of the descriptions that are fed: few bytes a cloud.
 const DESCRIPTOR: Descriptor =
@@ -166,7 +166,7 @@ fn experiments() -> Vec<Vec<u8>> {
 }
 
 fn lease() -> Lease {
-    Lease { job: JobId(7), attempt: 2 }
+    Lease { job: JobId(7), attempt: 2, nonce: LeaseNonce([9; 16]) }
 }
 
 fn poll() -> v2::PollRequest {
@@ -187,6 +187,7 @@ fn poll() -> v2::PollRequest {
     let report = |outcome| Report { lease: lease(), run_seconds: 0.5, outcome }.into();
     v2::PollRequest {
         worker_id: vec![1; 16],
+        worker_secret: vec![4; 32],
         session_id: vec![2; 16],
         sequence: 3,
         held: vec![lease().into()],
@@ -310,6 +311,9 @@ fn answers() -> Vec<Vec<u8>> {
     let answer = |result| v2::AcceptedResult {
         worker: "rack-3".to_owned(),
         worker_id: vec![3; 16],
+        principal: "token 192.0.2.7".to_owned(),
+        assurance: v2::Assurance::Audited.into(),
+        seconded: Some("coordinator".to_owned()),
         attempt: 2,
         queued_nanoseconds: 1_234_567_891,
         run_seconds: 0.1,

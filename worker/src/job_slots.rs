@@ -114,13 +114,13 @@ impl JobSlots {
 
 #[cfg(test)]
 mod tests {
-    use proto::JobId;
     use proto::task::{Described, Failure, FailureReason, InvalidMessage, TaskResult};
+    use proto::{JobId, LeaseNonce};
 
     use super::*;
 
     fn lease(job: u64) -> Lease {
-        Lease { job: JobId(job), attempt: 1 }
+        Lease { job: JobId(job), attempt: 1, nonce: LeaseNonce::default() }
     }
 
     fn reply(jobs: &[u64]) -> Reply {

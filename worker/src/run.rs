@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use cache::{ByteSize, Store};
-use proto::WorkerId;
+use proto::WorkerSecret;
 
 use crate::backoff::Backoff;
 use crate::blobs::Blobs;
@@ -42,7 +42,7 @@ pub async fn run(
     let blobs = Blobs::new(client.clone(), source_blobs.then(|| Arc::clone(&store)));
     let executor = Arc::new(Executor::new(identity.threads as usize, memory, blobs, store)?);
     // Identity and jitter must differ between workers started at the same instant; results rest on neither.
-    let id = WorkerId(rand::random());
+    let secret = WorkerSecret::new(rand::random());
     let backoff = Backoff::new(descriptor::random::stream(rand::random(), "worker back-off", &[]));
-    Session::new(client, identity, id, executor).run(patience, backoff, shutdown).await
+    Session::new(client, identity, secret, executor).run(patience, backoff, shutdown).await
 }

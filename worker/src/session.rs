@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use proto::task::{Failure, FailureReason, Report};
-use proto::{SessionId, WorkerId};
+use proto::{SessionId, WorkerSecret};
 use tokio::sync::mpsc;
 use tonic::{Code, Status};
 
@@ -63,7 +63,7 @@ enum End {
 pub struct Session {
     client: Client,
     identity: Identity,
-    id: WorkerId,
+    secret: WorkerSecret,
     executor: Arc<Executor>,
     slots: JobSlots,
     sequence: u64,
@@ -74,13 +74,13 @@ pub struct Session {
 
 impl Session {
     /// A worker that is not registered yet.
-    pub fn new(client: Client, identity: Identity, id: WorkerId, executor: Arc<Executor>) -> Self {
+    pub fn new(client: Client, identity: Identity, secret: WorkerSecret, executor: Arc<Executor>) -> Self {
         // At most one job is running, so the queue holds at most a few stale reports.
         let (done_sender, done) = mpsc::unbounded_channel();
         Self {
             client,
             identity,
-            id,
+            secret,
             executor,
             slots: JobSlots::new(1),
             sequence: 0,
@@ -195,7 +195,7 @@ impl Session {
     }
 
     async fn register(&mut self) -> Result<Accepted, End> {
-        let registered = self.client.register(self.id, &self.identity, CALL_MARGIN).await;
+        let registered = self.client.register(&self.secret, &self.identity, CALL_MARGIN).await;
         let accepted = match registered.map_err(failed)? {
             Registration::Accepted(accepted) => accepted,
             Registration::Refused(message) => return Err(End::Refused(message)),
@@ -212,7 +212,7 @@ impl Session {
     fn request(&mut self, leaving: bool) -> Poll {
         self.sequence += 1;
         Poll {
-            worker: self.id,
+            secret: self.secret.clone(),
             session: self.current,
             sequence: self.sequence,
             held: if leaving { vec![] } else { self.slots.held() },

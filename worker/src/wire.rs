@@ -6,7 +6,7 @@ use prost::Message as _;
 use proto::task::{InvalidMessage, Report, Task};
 use proto::v2::coordinator_client::CoordinatorClient;
 use proto::v2::register_reply::Outcome;
-use proto::{Digest, Lease, MAX_MESSAGE_BYTES, SessionId, WorkerId, v2};
+use proto::{Digest, Lease, MAX_MESSAGE_BYTES, SessionId, WorkerSecret, v2};
 use tonic::{Request, Status, Streaming};
 
 use crate::identity::{BUILD, Identity};
@@ -41,8 +41,8 @@ pub struct Accepted {
 /// What a worker says in one poll.
 #[derive(Debug)]
 pub struct Poll {
-    /// Who polls.
-    pub worker: WorkerId,
+    /// Who polls, proven.
+    pub secret: WorkerSecret,
     /// In which run; `None` before the first.
     pub session: Option<SessionId>,
     /// Grows with each poll.
@@ -87,7 +87,7 @@ impl Client {
     /// Introduces a worker.
     pub async fn register(
         &mut self,
-        id: WorkerId,
+        secret: &WorkerSecret,
         identity: &Identity,
         timeout: Duration,
     ) -> Result<Registration, Status> {
@@ -95,7 +95,8 @@ impl Client {
             protocol_major: proto::PROTOCOL_MAJOR,
             protocol_minor: proto::PROTOCOL_MINOR,
             evaluation_version: descriptor::EVALUATION_VERSION,
-            worker_id: id.to_vec(),
+            worker_id: secret.id().to_vec(),
+            worker_secret: secret.reveal(),
             name: identity.name.clone(),
             threads: identity.threads,
             build: BUILD.to_owned(),
@@ -117,7 +118,8 @@ impl Client {
     /// Heartbeat, finished work and request for more.
     pub async fn poll(mut self, poll: Poll, timeout: Duration) -> Result<Reply, Status> {
         let mut request = Request::new(v2::PollRequest {
-            worker_id: poll.worker.to_vec(),
+            worker_id: poll.secret.id().to_vec(),
+            worker_secret: poll.secret.reveal(),
             session_id: poll.session.map_or_else(Vec::new, SessionId::to_vec),
             sequence: poll.sequence,
             held: poll.held.into_iter().map(Into::into).collect(),
@@ -179,10 +181,11 @@ mod tests {
 
     #[test]
     fn a_job_without_a_task_is_kept_to_be_reported_and_one_without_a_lease_is_not() {
-        let lease = v2::Lease { job: 7, attempt: 2 };
-        let jobs = vec![v2::Job { lease: Some(lease), task: None }, v2::Job::default()];
-        let reply = reply(v2::PollReply { acknowledged: vec![lease], jobs, ..v2::PollReply::default() });
-        assert_eq!(reply.acknowledged, [Lease::from(lease)]);
+        let lease = v2::Lease { job: 7, attempt: 2, nonce: vec![3; 16] };
+        let jobs = vec![v2::Job { lease: Some(lease.clone()), task: None }, v2::Job::default()];
+        let reply =
+            reply(v2::PollReply { acknowledged: vec![lease.clone()], jobs, ..v2::PollReply::default() });
+        assert_eq!(reply.acknowledged, [Lease::from(lease.clone())]);
         let [Job { lease: found, task: Err(error) }] = &reply.jobs[..] else { panic!("{reply:?}") };
         assert_eq!(*found, Lease::from(lease));
         assert!(error.to_string().starts_with("job: task: missing"), "{error}");

@@ -10,6 +10,7 @@ mod job_names;
 pub mod journal;
 mod lock;
 pub mod scheduler;
+mod secret;
 pub mod sharding;
 pub mod store;
 

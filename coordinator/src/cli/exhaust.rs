@@ -58,7 +58,7 @@ impl Exhaust {
         let experiment = Experiment::read(&self.experiment, overrides)?;
         let storage = self.storage.resolve();
         let (out, fresh, protection) = (self.out, self.fresh, self.protection);
-        let options = RunOptions { out, fresh, events: None, protection, storage };
+        let options = RunOptions { out, fresh, events: None, protection, storage, readmit: Vec::new() };
         let summary = super::block_on(
             "run the same command to go on; with --fresh, name its folder with --out instead",
             async { Ok(exhaust::exhaust(&experiment, &options, self.sample).await?) },

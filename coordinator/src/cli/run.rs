@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use cache::StorageArgs;
 use clap::Args;
+use proto::Principal;
 
 use super::after_run::AfterRun;
 use crate::experiment::{LocalWorkers, Overrides, Plan};
@@ -20,7 +21,7 @@ use transport::Protection;
 /// Killed, the same command goes on with the evaluation at which it was killed; so does `coordinator resume DIR`.
 ///
 /// Exit codes: 0 finished; 1 bad input or another error; 2 usage; 3 no worker left within the grace; 4 a job failed for
-/// good; 5 the deadline was reached; 6 two workers differ and no third came to decide; 130 or 143 interrupted. After all of
+/// good; 5 the deadline was reached; 6 two workers differ and nobody else came to decide; 130 or 143 interrupted. After all of
 /// them the same command goes on.
 ///
 /// Example: coordinator run experiments/demo.toml
@@ -72,6 +73,10 @@ pub struct Manner {
     /// Print the summary as one JSON object (of a sweep, one a line for each run) on standard output, for example for jq
     #[arg(long)]
     pub(super) json: bool,
+    /// Let workers of this principal in again that gave a wrong answer and were repaired, as the column `principal` of the
+    /// table `workers` names it, for example 'token 192.0.2.7'
+    #[arg(long, value_name = "PRINCIPAL")]
+    readmit: Vec<Principal>,
     #[command(flatten)]
     pub(super) protection: Protection,
     #[command(flatten)]
@@ -126,7 +131,14 @@ impl Manner {
             out.display()
         );
         let (protection, storage) = (self.protection.clone(), self.storage.clone().resolve());
-        let options = RunOptions { out: Some(out), fresh: false, events, protection, storage };
+        let options = RunOptions {
+            out: Some(out),
+            fresh: false,
+            events,
+            protection,
+            storage,
+            readmit: self.readmit.clone(),
+        };
         let after = AfterRun { options: &options, overrides: self.overrides(None), control };
         super::block_on(&advice, async {
             Ok(match plan {

@@ -5,10 +5,19 @@ use super::grid::Grid;
 use cluster::scheduler::Doubt;
 use proto::task::Task;
 
+/// Who counted a cell.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CountedBy {
+    /// Id of the worker, hexadecimal.
+    pub worker_id: String,
+    /// Who answers for it.
+    pub principal: String,
+}
+
 /// The cells that are in the folder.
 #[derive(Debug, Default)]
 pub struct Cells {
-    /// Each with the id of the worker that counted, if it is known.
+    /// Each with who answers for its counts, if it is known.
     there: Vec<(usize, Option<String>)>,
     /// How many were found to be in doubt.
     pub removed: usize,
@@ -16,21 +25,21 @@ pub struct Cells {
 
 impl Cells {
     /// Notes that a cell is there, and who counted.
-    pub fn add(&mut self, cell: usize, worker_id: Option<String>) {
-        self.there.push((cell, worker_id));
+    pub fn add(&mut self, cell: usize, by: Option<&CountedBy>) {
+        self.there.push((cell, by.map(|by| by.principal.clone())));
     }
 
     /// The cells that are in doubt after this, which are there no longer: that on which workers differ, and all that a
-    /// worker which was wrong has counted, in whichever start of the search.
+    /// principal which was wrong has counted, in whichever start of the search.
     pub fn doubt(&mut self, doubt: &Doubt, grid: &Grid) -> Vec<usize> {
-        let doubtful = |cell: usize, worker_id: Option<&str>| match doubt {
+        let doubtful = |cell: usize, counted: Option<&str>| match doubt {
             Doubt::Disagreement { task, .. } => match &**task {
                 Task::GridCell(asked) => cell_bytes(grid.radii(cell)) == asked.subject.descriptor,
                 _ => false,
             },
-            Doubt::Quarantined(id) => worker_id == Some(&id.to_string()),
+            Doubt::Quarantined(principal) => counted == Some(&principal.to_string()),
         };
-        let gone = self.there.extract_if(.., |(cell, worker_id)| doubtful(*cell, worker_id.as_deref()));
+        let gone = self.there.extract_if(.., |(cell, counted)| doubtful(*cell, counted.as_deref()));
         let gone: Vec<usize> = gone.map(|(cell, _)| cell).collect();
         self.removed += gone.len();
         gone

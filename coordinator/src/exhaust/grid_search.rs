@@ -7,7 +7,7 @@ use descriptor::{Descriptor, EVALUATION_VERSION};
 use results::{FinishedGrid, GridFolder, GridRow, GridTables, read_grid};
 
 use super::cell_task::cell_subject;
-use super::cells::Cells;
+use super::cells::{Cells, CountedBy};
 use super::grid_spec::GridSpec;
 use super::landscape::Landscape;
 use crate::run::RunError;
@@ -15,8 +15,8 @@ use crate::run::progress::{CellReport, Progress};
 use crate::session::Session;
 use cluster::{CellAnswer, Client, ClusterNews};
 
-/// Counts of a cell, and the id of the worker that counted.
-type Counted = (Vec<u32>, Option<String>);
+/// Counts of a cell, and who counted.
+type Counted = (Vec<u32>, Option<CountedBy>);
 
 /// One exhaustive search under way.
 pub struct GridSearch<'a> {
@@ -53,9 +53,9 @@ impl GridSearch<'_> {
         let (mut missing, mut cells, mut unsettled) = (Vec::new(), Cells::default(), Vec::new());
         for cell in 0..grid.cells() {
             match self.read(cell, progress)? {
-                Some((counts, worker_id)) => {
+                Some((counts, by)) => {
                     landscape.add(cell, &counts);
-                    cells.add(cell, worker_id);
+                    cells.add(cell, by.as_ref());
                 }
                 None => missing.push(cell),
             }
@@ -82,16 +82,17 @@ impl GridSearch<'_> {
         };
         progress.cells_start(&report);
         let take = |news: &ClusterNews, answers: Vec<CellAnswer>| {
-            for CellAnswer { place, counts, worker_id, settled } in answers {
-                let (cell, worker_id) = (missing[place], worker_id.map(|id| id.to_string()));
+            for CellAnswer { place, counts, by: (worker_id, principal), settled } in answers {
+                let cell = missing[place];
+                let by = CountedBy { worker_id: worker_id.to_string(), principal: principal.to_string() };
                 landscape.add(cell, &counts);
-                cells.add(cell, worker_id.clone());
+                cells.add(cell, Some(&by));
                 // Written before the next is waited for: a killed search loses at most what comes in at once, and
                 // what is to be audited and is not yet.
                 if settled {
-                    folder.write_cell(&spec.cell_name(cell), &spec.points(cell, counts, worker_id))?;
+                    folder.write_cell(&spec.cell_name(cell), &spec.points(cell, counts, Some(by)))?;
                 } else {
-                    unsettled.push((cell, counts, worker_id));
+                    unsettled.push((cell, counts, by));
                 }
                 report.done += 1;
                 report.computed += 1;
@@ -110,8 +111,8 @@ impl GridSearch<'_> {
             progress.say(&format!("{} cells that were in doubt are computed again", cells.removed));
             return Ok(None);
         }
-        for (cell, counts, worker_id) in unsettled {
-            folder.write_cell(&spec.cell_name(cell), &spec.points(cell, counts, worker_id))?;
+        for (cell, counts, by) in unsettled {
+            folder.write_cell(&spec.cell_name(cell), &spec.points(cell, counts, Some(by)))?;
         }
         self.finish(&landscape, found, started)?;
         Ok(Some(read_grid(folder.path())?))
@@ -123,9 +124,10 @@ impl GridSearch<'_> {
         let what = match self.folder.read_cell(&name) {
             Ok(None) => return Ok(None),
             Ok(Some(mut points)) => {
-                let worker_id = points.worker_id.take();
+                let by = points.worker_id.take().zip(points.principal.take());
+                let by = by.map(|(worker_id, principal)| CountedBy { worker_id, principal });
                 match self.spec.counts(cell, points) {
-                    Some(counts) => return Ok(Some((counts, worker_id))),
+                    Some(counts) => return Ok(Some((counts, by))),
                     None => "it holds other descriptors".to_owned(),
                 }
             }

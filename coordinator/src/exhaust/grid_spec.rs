@@ -6,6 +6,7 @@ use descriptor::{Descriptor, EVALUATION_VERSION, GENES, Parameters};
 use proto::Digest;
 use results::{CellPoints, FinishedGrid};
 
+use super::cells::CountedBy;
 use super::grid::{Grid, GridError};
 use super::optimum::Optimum;
 use crate::dataset::{CloudEntry, Dataset};
@@ -54,7 +55,7 @@ impl GridSpec {
     }
 
     /// A cell's rows, as this worker counted them.
-    pub fn points(&self, cell: usize, object_correct: Vec<u32>, worker_id: Option<String>) -> CellPoints {
+    pub fn points(&self, cell: usize, object_correct: Vec<u32>, by: Option<CountedBy>) -> CellPoints {
         let mut genes = vec![Vec::with_capacity(object_correct.len()); GENES.len()];
         for place in self.grid.places(cell) {
             let values = Descriptor::DiskRing(self.grid.descriptor(place)).values();
@@ -62,14 +63,15 @@ impl GridSpec {
                 column.push(value);
             }
         }
-        CellPoints { genes, object_correct, worker_id }
+        let (worker_id, principal) = by.map(|by| (by.worker_id, by.principal)).unzip();
+        CellPoints { genes, object_correct, worker_id, principal }
     }
 
     /// The counts of a cell's rows as they were read, if they are those of this cell.
     pub fn counts(&self, cell: usize, points: CellPoints) -> Option<Vec<u32>> {
         let in_range = points.object_correct.iter().all(|&count| count <= self.queries);
-        let CellPoints { genes, object_correct, worker_id } = points;
-        let expected = self.points(cell, object_correct, worker_id);
+        let CellPoints { genes, object_correct, .. } = points;
+        let expected = self.points(cell, object_correct, None);
         (in_range && expected.object_correct.len() == self.grid.cell_len() && expected.genes == genes)
             .then_some(expected.object_correct)
     }

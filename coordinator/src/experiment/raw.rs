@@ -463,8 +463,9 @@ pub(super) struct RawCoordinator {
     /// Seconds that the search may take in one start, or "off": then it stops, and the same command goes on with it,
     /// as long again.
     pub deadline_seconds: NumberOr<RawOff>,
-    /// Share of the evaluations that a second worker computes, too, when there is one: their answers must be equal. 1
-    /// is all of them, and then no worker that errs or deceives can change a result.
+    /// Least share of the evaluations that somebody else computes, too, when there is somebody: their answers must be
+    /// equal. Of newcomers all first answers are audited, whatever the share. 1 is all of everybody's, and then nobody
+    /// alone can change a result.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub audit: f64,
     /// Into how many shards and tiles an evaluation is cut that few workers would be busy with: "auto" is as many as

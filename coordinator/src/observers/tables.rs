@@ -37,7 +37,8 @@ impl Tables {
                     id: worker.to_string(),
                     threads: introduction.threads,
                     build: introduction.build.clone(),
-                    credential: introduction.credential.clone(),
+                    credential: introduction.principal.credential(),
+                    principal: Some(introduction.principal.to_string()),
                     joined_at: event.at,
                     gone_at: None,
                     departure: None,
@@ -63,6 +64,10 @@ impl Tables {
                 self.tell(event, "rewind", None, Some(*generation), why.clone());
             }
             EventKind::Disagreement { .. } => self.describe(event, "disagreement"),
+            EventKind::Excluded { label, .. } => {
+                self.tell(event, "excluded", Some(label), None, event.kind.to_string());
+            }
+            EventKind::Readmitted { .. } => self.describe(event, "readmitted"),
             EventKind::Undecided { .. } => self.describe(event, "undecided"),
             EventKind::Unaudited => self.describe(event, "unaudited"),
             EventKind::Starving { .. } => self.describe(event, "starving"),
@@ -135,9 +140,7 @@ mod tests {
     }
 
     fn joined(worker: WorkerId) -> EventKind {
-        let credential = Some("token".to_owned());
-        let introduction =
-            Introduction { name: "host".to_owned(), threads: 4, build: "test".to_owned(), credential };
+        let introduction = Introduction { threads: 4, ..Introduction::sample("host", 1) };
         EventKind::Joined { worker, label: "host".to_owned(), introduction }
     }
 

@@ -4,15 +4,17 @@
 
 mod records;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use cache::Store;
 use descriptor::{Descriptor, Preprocess};
 use proto::Digest;
+use proto::task::DescriptorBytes;
 use results::Counts;
 
 use crate::fitness::Measured;
 use crate::storage;
+use crate::tasks::descriptor_bytes;
 
 /// Kind of the entries in the store.
 const KIND: &str = "remembered counts";
@@ -39,10 +41,13 @@ impl Known {
         Self { train: recalled(train), validation: recalled(validation) }
     }
 
-    /// Adds what is known under the paper's fitness to what is remembered.
-    pub fn keep(&self, train: &Memory<'_>, validation: &Memory<'_>) {
+    /// Adds what is known under the paper's fitness to what is remembered, of those descriptors that are `vouched` for:
+    /// nobody goes on with what one stranger alone has said.
+    pub fn keep(&self, train: &Memory<'_>, validation: &Memory<'_>, vouched: &BTreeSet<DescriptorBytes>) {
         for (memory, known) in [(train, &self.train), (validation, &self.validation)] {
-            let plain = known.iter().map(|(descriptor, measured)| (descriptor.clone(), measured.counts));
+            let vouched =
+                known.iter().filter(|(descriptor, _)| vouched.contains(&descriptor_bytes(descriptor)));
+            let plain = vouched.map(|(descriptor, measured)| (descriptor.clone(), measured.counts));
             memory.keep(&plain.collect());
         }
     }

@@ -23,6 +23,7 @@ use crate::run::sets::merge;
 use crate::run::summary::Summary;
 use crate::run::{RunError, data_digest, front, rows, sets};
 use crate::session::Session;
+use crate::tasks;
 use cluster::{Client, ClusterError};
 use proto::task::{Evaluation, EvaluationResult};
 
@@ -330,6 +331,11 @@ impl Finals {
         let evaluations =
             asked.into_iter().flatten().map(|(evaluation, _)| evaluation).chain(baselines).collect();
         let finished = client.evaluate(evaluations, |news| progress.news(news)).await?;
+        // What the run ends with rests on nobody's word alone.
+        for candidate in &candidates {
+            client.confirm(&tasks::descriptor_bytes(&candidate.descriptor));
+        }
+        client.confirmed(|news| progress.news(news)).await?;
         let mut results = finished.into_iter().map(|finished| finished.result);
         let mut of = |matching, weights: &[u32]| {
             let results = results.by_ref().take(weights.len()).collect();

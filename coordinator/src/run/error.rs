@@ -8,6 +8,8 @@ use cluster::journal::JournalError;
 use evolution::SettingsError;
 use transport::ListenError;
 
+use proto::Principal;
+
 use crate::dataset::DatasetError;
 use crate::exhaust::grid::GridError;
 use crate::experiment::ExperimentError;
@@ -134,9 +136,17 @@ pub enum RunError {
         /// The same, as they were remembered.
         remembered: String,
     },
-    /// Two answers of this run differ, and nobody compared them when they came.
+    /// A principal that is to be readmitted is not quarantined.
     #[error(
-        "workers: {descriptor}: {matching}: two of this run's own answers differ, got {computed} after {held}\nstart another run with --fresh and coordinator.audit = 1, on three workers: it finds the one that is wrong"
+        "--readmit: must name a principal that is quarantined in this run, got {principal}\nthe table `workers` of its folder shows them"
+    )]
+    NotQuarantined {
+        /// The principal.
+        principal: Principal,
+    },
+    /// Two answers of this run differ, and nobody is there to tell which is wrong.
+    #[error(
+        "workers: {descriptor}: {matching}: two of this run's own answers differ, got {computed} after {held}\nstart a worker with another certificate or at another address, or --local-workers 1, then run the same command again"
     )]
     Disagreement {
         /// The winner.

@@ -28,8 +28,10 @@ use std::time::{Instant, SystemTime};
 
 use cache::Storage;
 use cache::Store;
+use cluster::Cluster;
 use evolution::Method;
 use proto::Message;
+use proto::Principal;
 use results::RunFolder;
 use transport::host_name;
 
@@ -67,6 +69,16 @@ pub struct RunOptions {
     pub protection: Protection,
     /// Where what runs find out is kept, and memory for the workers of this process.
     pub storage: Storage,
+    /// Principals that are no longer quarantined.
+    pub readmit: Vec<Principal>,
+}
+
+/// Ends the quarantine of these principals; they are newcomers.
+pub fn readmit(cluster: &Cluster, principals: &[Principal]) -> Result<(), RunError> {
+    match principals.iter().find(|principal| !cluster.readmit(**principal)) {
+        Some(&principal) => Err(RunError::NotQuarantined { principal }),
+        None => Ok(()),
+    }
 }
 
 /// Runs an experiment to its stop reason; a finished run is only shown again.
@@ -114,7 +126,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
             out.display()
         ));
     }
-    let past = (header.session, journal, recorded);
+    let past = ((header.session, header.secret), journal, recorded);
     let memory = options.storage.memory;
     let mut session = Session::with_journal(
         past,
@@ -124,6 +136,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
         Arc::clone(&store),
         memory,
     )?;
+    readmit(&session.cluster, &options.readmit)?;
     let client = session.cluster.client();
     let settings = experiment.coordinator();
     progress.follow(&session.cluster);
@@ -150,7 +163,8 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     // Not before the run is finished: what a failed one computed is in doubt, and so is what one with a worker that
     // was wrong computed where nobody has looked.
     if trusted && remembers {
-        outcome.found.counts.keep(&train_memory, &validation_memory);
+        let vouched = session.cluster.vouched();
+        outcome.found.counts.keep(&train_memory, &validation_memory, &vouched);
     }
     Ok(summary)
 }

@@ -13,6 +13,7 @@ use crate::run::{RunError, clouds, data_digest, refuse_other_data};
 use crate::sweep::SWEEP_FILE;
 use crate::sweep::recorded_sweep;
 use cluster::journal::{Header, JOURNAL_FILE, Journal, JournalFile, Recorded};
+use cluster::scheduler::RunSecret;
 
 /// The journal in `folder`, at work, of what `search` determines and `record` tells in full; a new one if the folder has
 /// none, after `discard` has removed all that was kept.
@@ -30,6 +31,7 @@ pub fn open_journal(
         data_digest: data_digest(dataset),
         evaluation_version: descriptor::EVALUATION_VERSION,
         session: SessionId(rand::random()),
+        secret: RunSecret::new(rand::random()),
         started_at: now,
     };
     if !path.exists() {

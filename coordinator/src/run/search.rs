@@ -64,6 +64,8 @@ pub struct SearchLoop<'a> {
     /// The generation in which the search has first come upon each descriptor: their number is what a budget of
     /// evaluations is spent on, whatever earlier runs have left.
     first_met: BTreeMap<DescriptorBytes, u32>,
+    /// Descriptors whose counts another principal has confirmed or is asked to.
+    confirmed: BTreeSet<DescriptorBytes>,
     computed: u64,
     remembered: u64,
 }
@@ -97,6 +99,7 @@ impl<'a> SearchLoop<'a> {
             counts: cached,
             scales: Scales::default(),
             first_met: BTreeMap::new(),
+            confirmed: BTreeSet::new(),
             computed: 0,
             remembered: 0,
         }
@@ -176,8 +179,11 @@ impl<'a> SearchLoop<'a> {
                 });
             }
 
+            // Whoever is best decides what comes next: more than one has to say so.
+            self.confirm(&descriptors[state.best as usize]);
             if let Some(stop_reason) = state.stop {
                 let front = self.front(&search).await?;
+                front.iter().for_each(|point| self.confirm(&point.descriptor));
                 let points = front.iter().map(|point| point.found.clone());
                 let first = points.reduce(|leader, point| point.or_leader(Some(leader), experiment.winner()));
                 let winner = first.unwrap_or(state.winner);
@@ -201,6 +207,15 @@ impl<'a> SearchLoop<'a> {
                     scales: std::mem::take(&mut self.scales),
                 });
             }
+        }
+    }
+
+    /// Has what the run knows of a descriptor confirmed, once.
+    fn confirm(&mut self, descriptor: &Descriptor) {
+        let bytes = tasks::descriptor_bytes(descriptor);
+        if !self.confirmed.contains(&bytes) {
+            self.client.confirm(&bytes);
+            self.confirmed.insert(bytes);
         }
     }
 

@@ -20,6 +20,7 @@ use crate::observers::event_file::EventFile;
 use crate::result_cache::Known;
 use crate::run::directory::{chosen, claim, refuse_another};
 use crate::run::progress::Progress;
+use crate::run::readmit;
 use crate::run::summary::Summary;
 use crate::run::tally::Tally;
 use crate::run::{
@@ -82,12 +83,13 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     }
 
     let (mut summaries, folders) = open_folders(&out, &members, &dataset, (begun, trusted))?;
-    let past = (header.session, journal, recorded);
+    let past = ((header.session, header.secret), journal, recorded);
     let memory = options.storage.memory;
     let with_sequences = members.iter().any(|member| member.experiment.fitness().needs_sequences());
     let mut session =
         Session::with_journal(past, base, with_sequences, &dataset, Arc::clone(&store), memory)?;
     session.cluster.share();
+    readmit(&session.cluster, &options.readmit)?;
     let clients: Vec<_> = folders.iter().map(|_| session.cluster.client()).collect();
     let settings = base.coordinator();
     progress.follow(&session.cluster);
@@ -115,12 +117,12 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     progress.finish();
 
     remove_journal(&out);
-    let trusted = session.cluster.is_trusted();
+    let (trusted, vouched) = (session.cluster.is_trusted(), session.cluster.vouched());
     for (place, summary, found) in done {
         summaries.push((place, summary));
         // Not before all are finished, as none of them was told a wrong answer that is known to be one.
         if trusted && members[place].experiment.remembers_counts(dataset) {
-            found.keep(&train_memory, &validation_memory);
+            found.keep(&train_memory, &validation_memory, &vouched);
         }
     }
     summaries.sort_by_key(|(place, _)| *place);

@@ -5,14 +5,18 @@ use std::net::IpAddr;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, RwLock, Weak};
 
-use proto::{Fingerprint, Token};
+use proto::{Fingerprint, MAX_MESSAGE_BYTES, Token};
 use tonic::Status;
 
+use crate::budget::RequestBudget;
 use crate::connection::Connection;
 use crate::deny_list::Denied;
 use crate::limiter::{ConnectionLimiter, ConnectionLimits, ConnectionPermit};
 use crate::refusals::RefusalLog;
 use cluster::Cluster;
+
+/// Bytes of requests that are not whole, over all connections: of the largest messages, eight.
+const MAX_REQUEST_BYTES: usize = 8 * MAX_MESSAGE_BYTES;
 
 /// What a call has to show.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -31,6 +35,8 @@ pub struct AccessControl {
     limiter: Arc<ConnectionLimiter>,
     connections: Mutex<BTreeMap<u64, Weak<Connection>>>,
     next_connection: AtomicU64,
+    /// Memory for requests that are not whole.
+    pub requests: Arc<RequestBudget>,
     /// Peers that were refused.
     pub refusals: Arc<RefusalLog>,
 }
@@ -45,6 +51,7 @@ impl AccessControl {
             limiter: ConnectionLimiter::new(limits),
             connections: Mutex::default(),
             next_connection: AtomicU64::new(0),
+            requests: RequestBudget::new(MAX_REQUEST_BYTES),
             refusals: Arc::default(),
         })
     }
@@ -149,7 +156,7 @@ mod tests {
             max_losses: 5,
             worker_grace: Duration::from_secs(300),
             max_workers: 4,
-            audit: Audit { share: 0.0, seed: 0 },
+            audit: Audit::NONE,
             check_description: |_, _, _| Ok(()),
             channels_of: |_| Vec::new(),
         };

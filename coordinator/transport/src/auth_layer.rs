@@ -7,7 +7,7 @@ use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 
 use http_body::Frame;
-use proto::MAX_MESSAGE_BYTES;
+use proto::{MAX_MESSAGE_BYTES, Origin};
 use tokio::time::Sleep;
 use tonic::Status;
 use tonic::body::Body;
@@ -16,6 +16,7 @@ use tonic::codegen::{BoxFuture, Bytes};
 use tower::{Layer, Service};
 
 use crate::access::AccessControl;
+use crate::budget::RequestShare;
 use crate::connection::Connection;
 
 /// The call that adds a worker.
@@ -68,7 +69,8 @@ where
             if !wait.is_zero() {
                 tokio::time::sleep(wait).await;
             }
-            let incoming = |body| Incoming { body, connection, access, bytes: 0, late: None };
+            let share = access.requests.begin(Origin::of(connection.address()));
+            let incoming = |body| Incoming { body, connection, access, bytes: 0, share, late: None };
             ready.call(request.map(|body| Body::new(incoming(body)))).await
         })
     }
@@ -103,6 +105,7 @@ struct Incoming {
     connection: Arc<Connection>,
     access: Arc<AccessControl>,
     bytes: usize,
+    share: RequestShare,
     /// Set once the request keeps us waiting.
     late: Option<Pin<Box<Sleep>>>,
 }
@@ -126,10 +129,10 @@ impl http_body::Body for Incoming {
         if let Some(data) = frame.as_ref().and_then(|frame| frame.as_ref().ok()?.data_ref()) {
             this.bytes += data.len();
             let receiving = this.connection.receiving.fetch_add(data.len(), Ordering::Relaxed) + data.len();
-            if receiving > MAX_RECEIVING {
+            if receiving > MAX_RECEIVING || !this.share.grow(data.len()) {
                 this.access.stop(&this.connection, "too many bytes at once");
                 return Poll::Ready(Some(Err(Status::resource_exhausted(
-                    "requests: too many bytes at once over one connection\nsend one after the other",
+                    "requests: too many bytes at once from one address\nsend one after the other",
                 ))));
             }
         }

@@ -10,7 +10,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::task::{Context, Poll};
 use std::time::{Duration, Instant};
 
-use proto::{Fingerprint, WorkerId};
+use proto::{Fingerprint, Origin, Principal, WorkerId};
 use tokio::io::{AsyncRead, AsyncWrite, ReadBuf};
 use tokio::sync::{Notify, OwnedSemaphorePermit, Semaphore};
 use tonic::Status;
@@ -95,11 +95,13 @@ impl Connection {
         self.permit.address()
     }
 
-    /// Its credential, without the secret: what an operator writes on the deny list.
-    pub fn credential(&self) -> Option<String> {
-        match &self.certificate {
-            Some(certificate) => Some(format!("certificate {certificate}")),
-            None => self.shows_token.load(Ordering::Relaxed).then(|| "token".to_owned()),
+    /// Who answers for what is said over it.
+    pub fn principal(&self) -> Principal {
+        let origin = Origin::of(self.address());
+        match self.certificate {
+            Some(certificate) => Principal::Certificate(certificate),
+            None if self.shows_token.load(Ordering::Relaxed) => Principal::Token(origin),
+            None => Principal::Anonymous(origin),
         }
     }
 
@@ -130,7 +132,7 @@ impl Connection {
         Arc::clone(&self.blobs).acquire_owned().await.ok()
     }
 
-    /// Notes that this worker speaks over this connection.
+    /// Notes that this worker, which has proven its id, speaks over this connection.
     pub fn note(&self, worker: WorkerId) -> Result<(), Status> {
         let mut usage = self.usage();
         if usage.workers.len() >= MAX_WORKERS && !usage.workers.contains(&worker) {

@@ -3,6 +3,7 @@
 mod access;
 mod auth_layer;
 mod blob_stream;
+mod budget;
 pub mod certs;
 mod connection;
 mod deny_list;

@@ -1,10 +1,12 @@
 //! Limits of connections by address, and of calls by time.
 
 use std::collections::HashMap;
-use std::net::{IpAddr, Ipv6Addr};
+use std::net::IpAddr;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
+
+use proto::Origin;
 
 /// Connections that are open at once.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -48,7 +50,7 @@ struct Counts {
 pub struct ConnectionCounts {
     limits: ConnectionLimits,
     total: Counts,
-    origins: HashMap<IpAddr, Counts>,
+    origins: HashMap<Origin, Counts>,
 }
 
 impl ConnectionCounts {
@@ -59,13 +61,13 @@ impl ConnectionCounts {
 
     /// Counts a connection in, as pending, if the limits allow it.
     pub fn admit(&mut self, address: IpAddr) -> bool {
-        let counts = self.origins.get(&origin(address)).copied().unwrap_or_default();
+        let counts = self.origins.get(&Origin::of(address)).copied().unwrap_or_default();
         let fits = self.total.all < self.limits.all
             && self.total.pending < self.limits.pending
             && counts.all < self.limits.origin
             && counts.pending < self.limits.origin_pending;
         if fits {
-            for counts in [&mut self.total, self.origins.entry(origin(address)).or_default()] {
+            for counts in [&mut self.total, self.origins.entry(Origin::of(address)).or_default()] {
                 counts.all += 1;
                 counts.pending += 1;
             }
@@ -75,14 +77,14 @@ impl ConnectionCounts {
 
     /// A pending connection has had its first call let in.
     pub fn establish(&mut self, address: IpAddr) {
-        for counts in [&mut self.total, self.origins.entry(origin(address)).or_default()] {
+        for counts in [&mut self.total, self.origins.entry(Origin::of(address)).or_default()] {
             counts.pending = counts.pending.saturating_sub(1);
         }
     }
 
     /// Counts a connection out.
     pub fn leave(&mut self, address: IpAddr, established: bool) {
-        let origin = origin(address);
+        let origin = Origin::of(address);
         for counts in [&mut self.total, self.origins.entry(origin).or_default()] {
             counts.all = counts.all.saturating_sub(1);
             counts.pending = counts.pending.saturating_sub(usize::from(!established));
@@ -146,17 +148,6 @@ impl Drop for ConnectionPermit {
     }
 }
 
-/// What one peer can hardly change: an IPv4 address, or the /64 in which it may choose any IPv6 address.
-fn origin(address: IpAddr) -> IpAddr {
-    match address.to_canonical() {
-        IpAddr::V6(address) => {
-            let [a, b, c, d, ..] = address.segments();
-            Ipv6Addr::new(a, b, c, d, 0, 0, 0, 0).into()
-        }
-        v4 => v4,
-    }
-}
-
 /// At most so many at once, and one more each `interval`.
 #[derive(Clone, Debug)]
 pub struct RateLimit {
@@ -209,15 +200,6 @@ mod tests {
         assert!(!counts.admit(ip(4)), "a sixth in all");
         counts.leave(ip(1), true);
         assert!(counts.admit(ip(4)));
-    }
-
-    #[test]
-    fn an_origin_is_an_ipv4_address_or_a_64_of_ipv6() {
-        let same = |a: &str, b: &str| origin(a.parse().unwrap()) == origin(b.parse().unwrap());
-        assert!(same("2001:db8::1", "2001:db8::ffff:2"));
-        assert!(!same("2001:db8::1", "2001:db8:0:1::1"));
-        assert!(same("::ffff:192.0.2.7", "192.0.2.7"));
-        assert!(!same("192.0.2.7", "192.0.2.8"));
     }
 
     #[test]

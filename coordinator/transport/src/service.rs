@@ -3,12 +3,15 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use proto::{Digest, Introduction, MAX_NAME_BYTES, PROTOCOL_MAJOR, PROTOCOL_MINOR, SessionId, WorkerId};
+use proto::{
+    Digest, Introduction, MAX_NAME_BYTES, PROTOCOL_MAJOR, PROTOCOL_MINOR, Principal, SessionId, WorkerId,
+    WorkerSecret,
+};
 use tokio::sync::Semaphore;
 use tonic::Status;
 
 use crate::blob_stream::BlobStream;
-use crate::connection::Caller;
+use crate::connection::{Caller, Connection};
 use cluster::Cluster;
 use cluster::blobs::BlobError;
 use cluster::scheduler::{Answer, Poll, PollRefusal, RegisterRefusal};
@@ -37,8 +40,8 @@ pub struct Registration {
     pub protocol_minor: u32,
     /// Version of the numbers that its evaluations give.
     pub evaluation_version: u32,
-    /// Its id.
-    pub worker: WorkerId,
+    /// Its id, and what proves it; why that cannot be, of one that may be of an earlier release.
+    pub worker: Result<(WorkerId, WorkerSecret), Status>,
     /// The name its operator gave it.
     pub name: String,
     /// Threads that evaluate.
@@ -101,14 +104,14 @@ pub enum Refusal {
         "name and build: must be printable, and the name at most {MAX_NAME_BYTES} bytes\nchoose another --name"
     )]
     Unprintable,
-    /// One of its answers was wrong.
+    /// An answer of its principal was wrong.
     #[error(
-        "answers: two other workers contradict one that this worker gave, so that none of its answers counts any more\ncheck this machine's memory and clock rate, and start the worker again"
+        "answers: one that came with this worker's {} was wrong, so that no answer that does counts any more\ncheck this machine's memory and clock rate; whoever runs the coordinator can let it in again with --readmit '{}'", kind(.0), .0
     )]
-    Quarantined,
-    /// There are as many workers as there may be, in all or over its connection: the call fails.
+    Quarantined(Principal),
+    /// The call itself is wrong, or there are as many workers as there may be.
     #[error(transparent)]
-    TooMany(#[from] Status),
+    Call(#[from] Status),
 }
 
 /// Answers workers on behalf of one run.
@@ -133,6 +136,15 @@ impl Service {
         Self { cluster, release, derived, blobs, in_process }
     }
 
+    /// Who answers for a call.
+    fn principal(&self, caller: Option<&Arc<Connection>>) -> Result<Principal, Status> {
+        match caller {
+            Some(connection) => Ok(connection.principal()),
+            None if self.in_process => Ok(Principal::Coordinator),
+            None => Err(Status::internal("this call has no connection")),
+        }
+    }
+
     /// Registers a worker, or says why not.
     pub fn register(&self, caller: Caller, registration: Registration) -> Result<Accepted, Refusal> {
         let Registration { protocol_major, protocol_minor, evaluation_version, worker, name, threads, build } =
@@ -151,16 +163,16 @@ impl Service {
         if name.len() > MAX_NAME_BYTES || unprintable(&name) || unprintable(&build) {
             return Err(Refusal::Unprintable);
         }
-        let credential = caller.as_ref().and_then(|connection| connection.credential());
-        note(caller, worker)?;
+        let principal = self.principal(caller.as_ref())?;
+        let worker = prove(caller, worker?)?;
         let build = proto::truncate(&build, MAX_NAME_BYTES).to_owned();
-        let introduction = Introduction { name, threads, build, credential };
-        let registered = self.cluster.register(worker, introduction, self.in_process);
+        let introduction = Introduction { name, threads, build, principal };
+        let registered = self.cluster.register(worker, introduction);
         let name = registered.map_err(|refusal| match refusal {
-            RegisterRefusal::Full => Refusal::TooMany(Status::resource_exhausted(
+            RegisterRefusal::Full => Refusal::Call(Status::resource_exhausted(
                 "this coordinator has as many workers as it can take",
             )),
-            RegisterRefusal::Quarantined => Refusal::Quarantined,
+            RegisterRefusal::Quarantined => Refusal::Quarantined(principal),
         })?;
         let cluster = &self.cluster;
         let (session, heartbeat, hold) = (cluster.session, cluster.heartbeat(), cluster.hold());
@@ -171,17 +183,20 @@ impl Service {
     pub async fn poll(
         &self,
         caller: Caller,
-        worker: WorkerId,
+        worker: (WorkerId, WorkerSecret),
         session: SessionId,
         poll: Poll,
     ) -> Result<Answer, Status> {
         if session != self.cluster.session {
             return Err(Status::not_found("another run: register again"));
         }
-        note(caller, worker)?;
-        self.cluster.poll(worker, poll).await.map_err(|refusal| match refusal {
+        let principal = self.principal(caller.as_ref())?;
+        let worker = prove(caller, worker)?;
+        self.cluster.poll((worker, principal), poll).await.map_err(|refusal| match refusal {
             PollRefusal::UnknownWorker => Status::not_found("unknown worker: register again"),
-            PollRefusal::Quarantined => Status::failed_precondition(Refusal::Quarantined.to_string()),
+            PollRefusal::Quarantined => {
+                Status::failed_precondition(Refusal::Quarantined(principal).to_string())
+            }
             PollRefusal::Stale => Status::aborted("a newer poll of this worker was seen"),
         })
     }
@@ -235,7 +250,22 @@ impl Service {
     }
 }
 
-/// Notes which worker speaks over which connection, so that denying one ends the other.
-fn note(caller: Caller, worker: WorkerId) -> Result<(), Status> {
-    caller.map_or(Ok(()), |connection| connection.note(worker))
+/// The worker that speaks: its id is its own. Notes over which connection it does, so that denying one ends the other.
+fn prove(caller: Caller, (worker, secret): (WorkerId, WorkerSecret)) -> Result<WorkerId, Status> {
+    if secret.id() != worker {
+        return Err(Status::permission_denied(
+            "worker_secret: is not that of worker_id\nmake a secret of your own, and the id from it",
+        ));
+    }
+    caller.map_or(Ok(()), |connection| connection.note(worker)).map(|()| worker)
+}
+
+/// What a principal is known by.
+fn kind(principal: &Principal) -> &'static str {
+    match principal {
+        Principal::Coordinator => "process",
+        Principal::Certificate(_) => "certificate",
+        Principal::Token(_) => "token from this address",
+        Principal::Anonymous(_) => "address",
+    }
 }

@@ -6,7 +6,9 @@ use prost::Message as _;
 use proto::task::{InvalidMessage, Report, Task};
 use proto::v2::coordinator_server::{Coordinator, CoordinatorServer};
 use proto::v2::register_reply::Outcome;
-use proto::{Digest, InvalidId, Lease, MAX_MESSAGE_BYTES, MAX_POLL_ITEMS, SessionId, WorkerId, v1, v2};
+use proto::{
+    Digest, InvalidId, Lease, MAX_MESSAGE_BYTES, MAX_POLL_ITEMS, SessionId, WorkerId, WorkerSecret, v1, v2,
+};
 use tokio_stream::StreamExt as _;
 use tokio_stream::adapters::Map;
 use tonic::{Request, Response, Status};
@@ -50,7 +52,7 @@ impl Coordinator for Service {
 
     async fn register(&self, request: Request<v2::RegisterRequest>) -> Answered<v2::RegisterReply> {
         let (caller, request) = opened(request);
-        let worker = id(&request.worker_id)?;
+        let worker = speaker(&request.worker_id, &request.worker_secret);
         let v2::RegisterRequest { protocol_major, protocol_minor, evaluation_version, .. } = request;
         let v2::RegisterRequest { name, threads, build, .. } = request;
         let registration =
@@ -69,8 +71,8 @@ impl Coordinator for Service {
                     }
                     Refusal::EvaluationVersion { .. } => v2::RefusalReason::EvaluationVersion,
                     Refusal::Unprintable => v2::RefusalReason::InvalidRequest,
-                    Refusal::Quarantined => v2::RefusalReason::Quarantined,
-                    Refusal::TooMany(status) => return Err(status),
+                    Refusal::Quarantined(_) => v2::RefusalReason::Quarantined,
+                    Refusal::Call(status) => return Err(status),
                 };
                 Outcome::Refused(v2::Refused { reason: reason.into(), message: refusal.to_string() })
             }
@@ -107,9 +109,17 @@ fn id<T: for<'a> TryFrom<&'a [u8], Error = InvalidId>>(bytes: &[u8]) -> Result<T
     T::try_from(bytes).map_err(|error| Status::invalid_argument(error.to_string()))
 }
 
+/// Who speaks, and what proves it.
+fn speaker(worker: &[u8], secret: &[u8]) -> Result<(WorkerId, WorkerSecret), Status> {
+    let secret = WorkerSecret::try_from(secret).map_err(|_| {
+        Status::invalid_argument(format!("worker_secret: length must be 32 bytes, got {}", secret.len()))
+    })?;
+    Ok((id(worker)?, secret))
+}
+
 /// Who polls in which session, and what it says.
-fn poll(request: v2::PollRequest) -> Result<(WorkerId, SessionId, Poll), Status> {
-    let worker = id(&request.worker_id)?;
+fn poll(request: v2::PollRequest) -> Result<((WorkerId, WorkerSecret), SessionId, Poll), Status> {
+    let worker = speaker(&request.worker_id, &request.worker_secret)?;
     let session = id(&request.session_id)?;
     for (what, items) in [("held", request.held.len()), ("finished", request.finished.len())] {
         if items > MAX_POLL_ITEMS {

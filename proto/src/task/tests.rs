@@ -8,7 +8,7 @@ use std::collections::BTreeSet;
 use proptest::prelude::*;
 
 use super::*;
-use crate::{Lease, MAX_TEXT_BYTES};
+use crate::{Lease, LeaseNonce, MAX_TEXT_BYTES};
 
 fn digest() -> impl Strategy<Value = Digest> {
     any::<[u8; 32]>().prop_map(Digest)
@@ -150,7 +150,7 @@ proptest! {
         outcome in prop_oneof![result().prop_map(Ok), failure().prop_map(Err)],
         (job, attempt, run_seconds) in (any::<u64>(), any::<u32>(), 0.0..1e9),
     ) {
-        let report = Report { lease: Lease { job: JobId(job), attempt }, run_seconds, outcome };
+        let report = Report { lease: Lease { job: JobId(job), attempt, nonce: LeaseNonce([5; 16]) }, run_seconds, outcome };
         let bytes = v2::JobReport::from(report.clone()).encode_to_vec();
         prop_assert_eq!(bytes.len(), report.encoded_len());
         let back = Report::try_from(v2::JobReport::decode(&bytes[..]).unwrap()).unwrap();
@@ -528,7 +528,7 @@ fn what_a_failure_says_is_fit_for_a_terminal_and_its_reason_survives() {
 fn a_report_without_a_lease_is_none_and_one_without_an_outcome_is_a_failure() {
     let message = v2::JobReport::default();
     assert_eq!(Report::try_from(message).unwrap_err(), InvalidMessage::Missing("report: lease"));
-    let lease = Some(v2::Lease { job: 1, attempt: 1 });
+    let lease = Some(v2::Lease { job: 1, attempt: 1, nonce: Vec::new() });
     let message = v2::JobReport { lease, run_seconds: f64::NAN, outcome: None };
     let report = Report::try_from(message).unwrap();
     assert_eq!(report.run_seconds, 0.0);

@@ -23,6 +23,8 @@ pub struct CellPoints {
     pub object_correct: Vec<u32>,
     /// Id of the worker that counted, hexadecimal; `None` if it is not known.
     pub worker_id: Option<String>,
+    /// Who answers for that worker; `None` if it is not known.
+    pub principal: Option<String>,
 }
 
 record! {
@@ -31,6 +33,7 @@ record! {
         genes as "": Vec<Option<f64>>, "", "values of the genes, in their units";
         object_correct: u32, "clouds", "first training set's clouds whose nearest cloud is of the same object";
         worker_id: Option<String>, "", "id of the worker that counted them, hexadecimal; null if not known";
+        principal: Option<String>, "", "who answers for that worker, as in workers; null if not known";
     }
 }
 

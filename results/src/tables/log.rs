@@ -23,15 +23,17 @@ record! {
     #[serde(deny_unknown_fields)]
     pub struct WorkerRow {
         worker: String, "", "unique name of the worker";
-        id: String, "", "random id that it made when it started, hexadecimal";
+        id: String, "", "id that it made when it started, hexadecimal";
         threads: u32, "", "threads that evaluate";
         build: String, "", "build of the worker";
         credential: Option<String>, "",
             "token, or certificate and fingerprint; null where nothing is asked for";
+        principal: Option<String>, "",
+            "who answers for it: certificate and fingerprint, token and address, address, or coordinator for its own process";
         joined_at: SystemTime, "UTC", "when it registered";
         gone_at: Option<SystemTime>, "UTC", "when it went; null if it was there to the end";
         departure: Option<String>, "",
-            "left, lost, quarantined, denied or ended (with the coordinator's process); null as that";
+            "left, lost, quarantined, denied, displaced (too many workers) or ended (with the coordinator's process); null as that";
         leases: Option<u32>, "", "jobs it had in hand when it went; null as that";
         answers: Option<u64>, "", "valid answers it had given when it went; null as that";
     }
@@ -50,7 +52,7 @@ record! {
         ended_at: SystemTime, "UTC", "when it ended";
         end: String, "",
             "answered (first), agreed or disagreed (with an earlier answer), late (after it was given up), failed, \
-             overdue, undelivered, revoked, left, lost, quarantined, denied or dropped (the run ended)";
+             overdue, undelivered, revoked, left, lost, quarantined, denied, displaced or dropped (the run ended)";
         reason: Option<String>, "", "what more there is to say of the end";
         run_seconds: Option<f64>, "s", "time on the worker, if it reported";
     }

@@ -107,6 +107,7 @@ pub fn log() -> RunLog {
         threads: 2,
         build: "release".to_owned(),
         credential: departure.map(|_| "token".to_owned()),
+        principal: departure.map(|_| "token 192.0.2.7".to_owned()),
         joined_at: at(200),
         gone_at: departure.map(|_| at(3_000)),
         departure: departure.map(str::to_owned),

@@ -21,6 +21,7 @@ fn points() -> CellPoints {
         ],
         object_correct: vec![3, 9, 0, 9],
         worker_id: Some("07".repeat(16)),
+        principal: Some("token 192.0.2.7".to_owned()),
     }
 }
 
@@ -140,7 +141,7 @@ fn row_structs_and_column_table_do_not_drift_apart() {
     let genes = fixture::genes();
     let GridTables { grid, best, marginals, landscapes, counts } = tables();
     let context = Context { queries: 9, ..Context::default() };
-    let cell = CellRow { genes: best[0].genes.clone(), object_correct: 9, worker_id: None };
+    let cell = CellRow { genes: best[0].genes.clone(), object_correct: 9, worker_id: None, principal: None };
     let frames = [
         (TableName::Cells, frame(TableName::Cells, &[cell], context)),
         (TableName::Best, frame(TableName::Best, &best, context)),

@@ -190,6 +190,7 @@ fn verification_notices_every_changed_cell_but_those_that_nothing_else_tells() {
         workers.id
         workers.joined_at
         workers.leases
+        workers.principal
         workers.threads
         workers.worker"#]]
     .assert_eq(&names.join("\n"));

@@ -1,12 +1,12 @@
 //! Programs against peers that are not what they seem: a worker that lies, a coordinator that refuses.
 
 use std::net::SocketAddr;
+use std::path::PathBuf;
 use std::time::Duration;
 
 use descriptor::Descriptor;
 use proto::task::{Described, Evaluation, EvaluationResult, Match, Report, Task, TaskResult, Tile};
 use proto::v2;
-use proto::v2::coordinator_client::CoordinatorClient;
 use proto::v2::coordinator_server::{Coordinator, CoordinatorServer};
 use results::TableName;
 use tokio::net::TcpListener;
@@ -15,10 +15,12 @@ use tonic::transport::Server;
 use tonic::{Code, Request, Response, Status};
 
 use crate::experiments::{Experiment, summary};
+use crate::peer::Peer;
 use crate::process::{Running, run};
+use crate::strangers::Site;
 
 /// Valid in form, and wrong: nothing is ever recognised, or everything, in turn, and all clouds are alike.
-fn lie(job: v2::Job) -> v2::JobReport {
+pub fn lie(job: v2::Job) -> v2::JobReport {
     let lease = job.lease.unwrap().into();
     let result = match Task::try_from(job.task.unwrap()).unwrap() {
         Task::Description(shard) => {
@@ -53,45 +55,35 @@ fn lie_about(Evaluation { subject, queries, want_matches, .. }: &Evaluation) -> 
 
 /// Works as a liar until the coordinator goes or wants no more of it, and returns the coordinator's last word. After
 /// so many answers it only listens.
-async fn liar(address: String, most_answers: u32) -> Status {
-    let mut client = CoordinatorClient::connect(address).await.unwrap();
-    let worker_id = vec![9; 16];
-    let introduction = v2::RegisterRequest {
-        protocol_major: proto::PROTOCOL_MAJOR,
-        protocol_minor: proto::PROTOCOL_MINOR,
-        evaluation_version: descriptor::EVALUATION_VERSION,
-        worker_id: worker_id.clone(),
-        name: "liar".to_owned(),
-        threads: 1,
-        build: "liar".to_owned(),
-    };
-    let reply = client.register(introduction).await.unwrap().into_inner();
-    let Some(v2::register_reply::Outcome::Accepted(accepted)) = reply.outcome else { panic!("refused") };
-    let mut sequence = 0;
+async fn liar(address: String, identity: Option<PathBuf>, most_answers: u32) -> Status {
+    let mut peer = Peer::join(&address, identity.as_deref(), "liar").await.unwrap();
     let (mut finished, mut answers) = (Vec::new(), 0);
     loop {
-        sequence += 1;
-        let poll = v2::PollRequest {
-            worker_id: worker_id.clone(),
-            session_id: accepted.session_id.clone(),
-            sequence,
-            held: Vec::new(),
-            finished: std::mem::take(&mut finished),
-            wanted: u32::from(answers < most_answers),
-            leaving: false,
-        };
-        if poll.wanted == 0 {
+        let wanted = u32::from(answers < most_answers);
+        if wanted == 0 {
             tokio::time::sleep(Duration::from_millis(20)).await; // such a poll is answered at once
         }
-        let reply = match client.poll(poll).await {
-            Ok(reply) => reply,
+        let reply = peer.poll(|poll| {
+            poll.finished = std::mem::take(&mut finished);
+            poll.wanted = wanted;
+        });
+        match reply.await {
+            Ok(reply) => finished.extend(reply.jobs.into_iter().map(lie)),
             Err(status) => return status,
-        };
-        for job in reply.into_inner().jobs {
-            answers += 1;
-            finished.push(lie(job));
         }
+        answers += finished.len() as u32;
     }
+}
+
+/// The liar with a certificate of its own.
+fn certified_liar(site: &Site, port: u16, most_answers: u32) -> tokio::task::JoinHandle<Status> {
+    let identity = PathBuf::from(site.worker_folder("liar", port));
+    tokio::spawn(liar(site.address(port), Some(identity), most_answers))
+}
+
+/// A coordinator and certificates for a liar and two honest workers.
+fn site(experiment: Experiment) -> Site {
+    Site::with(experiment, "127.0.0.1", &["liar", "first", "second"])
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -103,7 +95,7 @@ async fn verification_finds_the_fitness_values_of_a_worker_that_lied() {
     let args = experiment.run_args("out", &["--local-workers", "0"]);
     let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
     let address = coordinator.join_address();
-    let liar = tokio::spawn(liar(address, u32::MAX));
+    let liar = tokio::spawn(liar(address, None, u32::MAX));
     tokio::task::block_in_place(|| coordinator.wait()).expect_success();
     liar.await.unwrap();
 
@@ -116,7 +108,7 @@ async fn verification_finds_the_fitness_values_of_a_worker_that_lied() {
 }
 
 /// Cells of one column of text, with another's beside them.
-fn pairs(out: &str, table: TableName, columns: [&str; 2]) -> Vec<(String, String)> {
+pub fn pairs(out: &str, table: TableName, columns: [&str; 2]) -> Vec<(String, String)> {
     let frame = results::read_table(out, table).unwrap();
     let [left, right] = columns.map(|column| {
         let cells = frame.column(column).unwrap().str().unwrap().clone();
@@ -125,29 +117,31 @@ fn pairs(out: &str, table: TableName, columns: [&str; 2]) -> Vec<(String, String
     left.into_iter().zip(right).collect()
 }
 
+const LONGER: &str = "[ga]\npopulation = 6\n[stop]\ngenerations = 5\nperfect = false\n\
+    validation_patience = \"off\"\n";
+
 const AUDITED: &str = "[ga]\npopulation = 6\n[stop]\ngenerations = 5\nperfect = false\n\
     validation_patience = \"off\"\n[coordinator]\naudit = 1.0\n";
 
 /// Two workers that know better.
-fn honest_workers(experiment: &Experiment, coordinator: &mut Running, address: &str) -> [Running; 2] {
-    ["first", "second"].map(|name| honest_worker(experiment, coordinator, address, name))
+fn honest_workers(site: &Site, coordinator: &mut Running, port: u16) -> [Running; 2] {
+    ["first", "second"].map(|name| honest_worker(site, coordinator, port, name))
 }
 
-fn honest_worker(experiment: &Experiment, coordinator: &mut Running, address: &str, name: &str) -> Running {
-    let cache = experiment.path(name);
-    let args = ["--coordinator", address, "--name", name, "--threads", "1", "--cache", &cache];
-    let worker = Running::start(experiment.folder(), name, "worker", args);
+fn honest_worker(site: &Site, coordinator: &mut Running, port: u16, name: &str) -> Running {
+    let worker = site.certified(name, port);
     coordinator.wait_for(&format!("worker {name}: joined"));
     worker
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn what_a_liar_left_before_a_restart_changes_nothing_where_everything_is_audited() {
-    let experiment = Experiment::new(AUDITED);
+async fn what_a_liar_left_before_a_restart_changes_nothing() {
+    let site = site(Experiment::new(LONGER));
+    let experiment = &site.experiment;
     let honest = experiment.run("honest", &[]).expect_success();
     let args = experiment.run_args("out", &["--local-workers", "0"]);
-    let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args.clone());
-    let liar = tokio::spawn(liar(coordinator.join_address(), 20));
+    let (mut coordinator, port) = site.start("coordinator", "127.0.0.1", args.clone());
+    let liar = certified_liar(&site, port, 20);
     tokio::task::block_in_place(|| {
         coordinator.wait_for("generation 2/5");
         coordinator.signal("KILL");
@@ -155,13 +149,13 @@ async fn what_a_liar_left_before_a_restart_changes_nothing_where_everything_is_a
     });
     liar.await.unwrap(); // its connection is gone
 
-    let mut again = Running::start(experiment.folder(), "again", "coordinator", args);
-    let address = again.join_address();
+    let (mut again, port) = site.start("again", "127.0.0.1", args);
     let finished = tokio::task::block_in_place(|| {
-        let _workers = honest_workers(&experiment, &mut again, &address);
+        let _workers = honest_workers(&site, &mut again, port);
         again.wait()
     })
     .expect_success();
+    assert!(finished.stderr.contains("worker liar: quarantined"), "{finished}");
     assert!(finished.stderr.contains("generation 1: is not what was written before"), "{finished}");
     assert_eq!(summary(&finished)["run_digest"], summary(&honest)["run_digest"], "{finished}");
     run("coordinator", ["verify", &experiment.path("out")]).expect_success();
@@ -169,22 +163,22 @@ async fn what_a_liar_left_before_a_restart_changes_nothing_where_everything_is_a
 
 #[tokio::test(flavor = "multi_thread")]
 async fn two_workers_that_differ_end_the_run_with_a_code_of_its_own_where_no_third_comes() {
-    let experiment = Experiment::new(&format!("{AUDITED}worker_grace_seconds = 1\n"));
+    let site = site(Experiment::new(&format!("{AUDITED}worker_grace_seconds = 1\n")));
+    let experiment = &site.experiment;
     let honest = experiment.run("honest", &["--local-workers", "2"]).expect_success();
     let args = experiment.run_args("out", &["--local-workers", "0"]);
-    let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
-    let address = coordinator.join_address();
-    let liar = tokio::spawn(liar(address.clone(), u32::MAX));
+    let (mut coordinator, port) = site.start("coordinator", "127.0.0.1", args);
+    let liar = certified_liar(&site, port, u32::MAX);
     let ended = tokio::task::block_in_place(|| {
         coordinator.wait_for("generation 1/5");
-        let _worker = honest_worker(&experiment, &mut coordinator, &address, "first");
+        let _worker = honest_worker(&site, &mut coordinator, port, "first");
         coordinator.wait()
     })
     .expect_error();
     liar.await.unwrap(); // its connection is gone
     assert_eq!(ended.status.code(), Some(6), "{ended}");
     assert!(ended.stderr.contains("workers differ and no other is there to decide"), "{ended}");
-    assert!(ended.stderr.contains("start one more worker, then run the same command again"), "{ended}");
+    assert!(ended.stderr.contains("start a worker with another certificate"), "{ended}");
     let events = pairs(&experiment.path("out"), TableName::Events, ["event", "worker"]);
     assert!(events.iter().any(|(event, _)| event == "undecided"), "{events:?}");
 
@@ -194,33 +188,34 @@ async fn two_workers_that_differ_end_the_run_with_a_code_of_its_own_where_no_thi
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_lying_worker_changes_nothing_where_everything_is_audited() {
-    a_liar_is_found_out(&Experiment::new(AUDITED), 8).await;
+async fn a_lying_worker_changes_nothing_whether_everything_is_audited() {
+    a_liar_is_found_out(Experiment::new(AUDITED), 8).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn nor_does_one_that_describes_wrongly_what_others_match() {
+async fn nor_where_newcomers_are_and_it_describes_wrongly_what_others_match() {
     // Eight pieces each, of six individuals, and more.
-    a_liar_is_found_out(&Experiment::new(&format!("{AUDITED}pieces = 4\n")), 60).await;
+    a_liar_is_found_out(Experiment::new(&format!("{LONGER}[coordinator]\npieces = 4\n")), 60).await;
 }
 
 /// One worker lies so many times before those come who know better.
-async fn a_liar_is_found_out(experiment: &Experiment, lies: u32) {
+async fn a_liar_is_found_out(experiment: Experiment, lies: u32) {
+    let site = site(experiment);
+    let experiment = &site.experiment;
     let whole = Experiment::new(AUDITED);
     let honest = whole.run("honest", &[]).expect_success();
     let args = experiment.run_args("out", &["--local-workers", "0"]);
-    let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
-    let address = coordinator.join_address();
+    let (mut coordinator, port) = site.start("coordinator", "127.0.0.1", args);
     // The liar has the first generation and more to itself, before those come who know better.
-    let liar = tokio::spawn(liar(address.clone(), lies));
+    let liar = certified_liar(&site, port, lies);
     let workers = tokio::task::block_in_place(|| {
-        coordinator.wait_for("are taken from the only worker there is");
+        coordinator.wait_for("nothing can be audited");
         coordinator.wait_for("generation 1/5");
-        honest_workers(experiment, &mut coordinator, &address)
+        honest_workers(&site, &mut coordinator, port)
     });
     let last_word = liar.await.unwrap();
     assert_eq!(last_word.code(), Code::FailedPrecondition, "{last_word}");
-    assert!(last_word.message().contains("contradict"), "{last_word}");
+    assert!(last_word.message().contains("was wrong"), "{last_word}");
     let finished = tokio::task::block_in_place(|| coordinator.wait()).expect_success();
     assert_eq!(summary(&finished)["run_digest"], summary(&honest)["run_digest"], "{finished}");
     assert!(finished.stderr.contains("worker liar: quarantined"), "{finished}");
@@ -249,10 +244,11 @@ async fn a_liar_is_found_out(experiment: &Experiment, lies: u32) {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_lying_worker_changes_no_grid_where_everything_is_audited_before_a_restart_and_after() {
     // 480 cells, so that there are some left for everybody.
-    let experiment = Experiment::new(
+    let site = site(Experiment::new(
         "[descriptor.genes]\nshape_bins = { min = 8, max = 64, step = 56 }\nm = { min = 3, max = 3, step = 1 }\n\
          w = { min = 0.0, max = 1.0, step = 1.0 }\n[coordinator]\naudit = 1.0\n",
-    );
+    ));
+    let experiment = &site.experiment;
     let args = |out: &str, workers: &str| -> Vec<String> {
         ["exhaust", &experiment.path("exp.toml"), "--out", &experiment.path(out), "--listen", "127.0.0.1:0"]
             .into_iter()
@@ -262,8 +258,8 @@ async fn a_lying_worker_changes_no_grid_where_everything_is_audited_before_a_res
     };
     let honest = summary(&run("coordinator", args("honest", "2")).expect_success());
 
-    let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args("out", "0"));
-    let first_liar = tokio::spawn(liar(coordinator.join_address(), 20));
+    let (mut coordinator, port) = site.start("coordinator", "127.0.0.1", args("out", "0"));
+    let first_liar = certified_liar(&site, port, 20);
     tokio::task::block_in_place(|| {
         coordinator.wait_for("cell 20/480");
         coordinator.signal("KILL");
@@ -271,12 +267,11 @@ async fn a_lying_worker_changes_no_grid_where_everything_is_audited_before_a_res
     });
     first_liar.await.unwrap(); // its connection is gone
 
-    let mut again = Running::start(experiment.folder(), "again", "coordinator", args("out", "0"));
-    let address = again.join_address();
-    let second_liar = tokio::spawn(liar(address.clone(), 20));
+    let (mut again, port) = site.start("again", "127.0.0.1", args("out", "0"));
+    let second_liar = certified_liar(&site, port, 20);
     let finished = tokio::task::block_in_place(|| {
         again.wait_for("cell 20/480");
-        let _workers = honest_workers(&experiment, &mut again, &address);
+        let _workers = honest_workers(&site, &mut again, port);
         again.wait()
     })
     .expect_success();

@@ -20,11 +20,13 @@
 //! - `hill_climbing`: hill climbing end to end
 //! - `hosts`: workers on other hosts, behind links that are cut, slow, lossy or late
 //! - `perturbed`: errors on test clouds that are perturbed
+//! - `peer`: a worker by hand, for tests of attacks
 //! - `pieces`: evaluations in pieces
 //! - `protocol`: the coordinator's port as a client sees it
 //! - `leaks`: what positions of clouds give away
 //! - `messages`: what a user who begins is told
 //! - `operators`: settings of a search beyond the paper's
+//! - `hostile`: workers that attack a run
 //! - `impostors`: peers that are not what they seem
 //! - `query`: SQL over what runs have written
 //! - `sweeps`: several runs over one set of workers
@@ -54,6 +56,7 @@ mod families;
 mod foreign;
 mod grid;
 mod hill_climbing;
+mod hostile;
 mod hosts;
 mod impostors;
 mod leaks;
@@ -61,6 +64,7 @@ mod members;
 mod messages;
 mod operators;
 mod parity;
+mod peer;
 mod perturbed;
 mod pieces;
 mod programs;

@@ -16,6 +16,7 @@ use tonic_reflection::pb::v1::server_reflection_response::MessageResponse;
 use tonic_reflection::pb::v1::{ListServiceResponse, ServerReflectionRequest};
 
 use crate::experiments::{Experiment, clouds};
+use crate::peer;
 use crate::process::{Running, program};
 
 /// A coordinator that waits for workers, and a connection to it.
@@ -28,15 +29,7 @@ async fn coordinator(experiment: &Experiment) -> (Running, String, Channel) {
 }
 
 fn introduction() -> v2::RegisterRequest {
-    v2::RegisterRequest {
-        protocol_major: proto::PROTOCOL_MAJOR,
-        protocol_minor: proto::PROTOCOL_MINOR,
-        evaluation_version: descriptor::EVALUATION_VERSION,
-        worker_id: vec![7; 16],
-        name: "stranger".to_owned(),
-        threads: 1,
-        build: "test".to_owned(),
-    }
+    peer::introduction([7; 32], "stranger")
 }
 
 async fn refusal(
@@ -90,9 +83,13 @@ async fn other_versions_are_refused_and_told_what_to_do() {
     let refused = refusal(&mut client, |request| request.protocol_major += 1).await;
     assert_eq!(refused.reason(), v2::RefusalReason::ProtocolVersion);
     assert!(refused.message.contains("must be 2, got 3\ninstall"), "{}", refused.message);
-    let refused = refusal(&mut client, |request| request.protocol_minor = 0).await;
+    let refused = refusal(&mut client, |request| {
+        request.protocol_minor = 0;
+        request.worker_secret.clear(); // it knew of none
+    })
+    .await;
     assert_eq!(refused.reason(), v2::RefusalReason::ProtocolVersion);
-    assert!(refused.message.contains("must be at least 2.1, got 2.0\ninstall"), "{}", refused.message);
+    assert!(refused.message.contains("must be at least 2.2, got 2.0\ninstall"), "{}", refused.message);
     let refused = refusal(&mut client, |request| request.evaluation_version += 1).await;
     assert_eq!(refused.reason(), v2::RefusalReason::EvaluationVersion);
     assert!(refused.message.contains("evaluation version"), "{}", refused.message);
@@ -112,17 +109,24 @@ async fn nonsense_gets_an_error_and_the_run_goes_on() {
         v2::register_reply::Outcome::Refused(refused) => panic!("{refused:?}"),
     };
     assert_eq!(accepted.name, "stranger");
+    let v2::RegisterRequest { worker_id, worker_secret, .. } = introduction();
     let poll = v2::PollRequest {
-        worker_id: vec![7; 16],
+        worker_id,
+        worker_secret,
         session_id: accepted.session_id.clone(),
         sequence: 1,
         ..Default::default()
     };
     type Spoil = fn(&mut v2::PollRequest);
-    let nonsense: [(Code, Spoil); 6] = [
+    let nonsense: [(Code, Spoil); 8] = [
         (Code::InvalidArgument, |poll| poll.worker_id.clear()),
         (Code::InvalidArgument, |poll| poll.session_id.push(0)),
-        (Code::NotFound, |poll| poll.worker_id = vec![8; 16]),
+        (Code::InvalidArgument, |poll| poll.worker_secret.clear()),
+        (Code::PermissionDenied, |poll| poll.worker_id = vec![8; 16]),
+        (Code::NotFound, |poll| {
+            let other = peer::introduction([8; 32], "other");
+            (poll.worker_id, poll.worker_secret) = (other.worker_id, other.worker_secret);
+        }),
         (Code::NotFound, |poll| poll.session_id = vec![0; 16]),
         (Code::InvalidArgument, |poll| poll.finished = vec![v2::JobReport::default()]),
         (Code::InvalidArgument, |poll| poll.held = vec![v2::Lease::default(); 1000]),
@@ -141,13 +145,13 @@ async fn nonsense_gets_an_error_and_the_run_goes_on() {
         ..EvaluationResult::default()
     };
     let report = v2::JobReport {
-        lease: Some(v2::Lease { job: 1, attempt: 99 }),
+        lease: Some(v2::Lease { job: 1, attempt: 99, nonce: vec![0; 16] }),
         run_seconds: f64::NAN,
         outcome: Some(v2::job_report::Outcome::Result(TaskResult::Evaluation(result).into())),
     };
     let reply =
         client.poll(v2::PollRequest { finished: vec![report], ..poll.clone() }).await.unwrap().into_inner();
-    assert_eq!(reply.acknowledged, [v2::Lease { job: 1, attempt: 99 }]);
+    assert_eq!(reply.acknowledged, [v2::Lease { job: 1, attempt: 99, nonce: vec![0; 16] }]);
 
     // Blobs: only by the digests of this run's data, and the test set not before the search is over.
     let mut fetch = async |digest: Vec<u8>| match client.fetch_blob(v2::FetchBlobRequest { digest }).await {

@@ -4,8 +4,11 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use proto::task::{Described, Description, Evaluation, EvaluationResult, GridCell, Scale, Task, TaskResult};
-use proto::{Digest, JobId, WorkerId};
+use proto::journal::Assurance;
+use proto::task::{
+    Described, Description, DescriptorBytes, Evaluation, EvaluationResult, GridCell, Scale, Task, TaskResult,
+};
+use proto::{Digest, JobId, Principal, WorkerId};
 use tokio::sync::Notify;
 
 use super::{Cluster, ClusterError, ClusterNews};
@@ -31,9 +34,9 @@ pub struct CellAnswer {
     pub place: usize,
     /// How many queries each descriptor recognises.
     pub counts: Vec<u32>,
-    /// Who counted, if that is known.
-    pub worker_id: Option<WorkerId>,
-    /// As [`Finished::settled`].
+    /// The worker that counted, and who answers for it.
+    pub by: (WorkerId, Principal),
+    /// Whether nothing more is needed to believe it.
     pub settled: bool,
 }
 
@@ -44,7 +47,7 @@ pub struct DescriptionAnswer {
     pub place: usize,
     /// Its description; `None` of one of which only the name is kept.
     pub bytes: Option<Arc<[u8]>>,
-    /// As [`Finished::settled`].
+    /// Whether nothing more is needed to believe it.
     pub settled: bool,
 }
 
@@ -87,6 +90,21 @@ impl Client {
         Ok(batch.finish())
     }
 
+    /// Has everything confirmed that this run knows about a descriptor, by the coordinator's own process or by a second
+    /// principal, while other tasks go on. The next call that waits for results waits for this as well, as far as there is anybody who can
+    /// confirm; it fails with [`ClusterError::Corrected`] if something was wrong.
+    pub fn confirm(&self, descriptor: &DescriptorBytes) {
+        self.cluster.state().confirm(self.id, descriptor, Instant::now());
+    }
+
+    /// Waits for what [`Client::confirm`] has asked for.
+    ///
+    /// # Errors
+    /// As for evaluations.
+    pub async fn confirmed(&mut self, watch: impl FnMut(&ClusterNews)) -> Result<(), ClusterError> {
+        self.evaluate(Vec::new(), watch).await.map(drop)
+    }
+
     /// Asks for the scales of channels and waits for all of them; they are in the order of submission, whatever the order
     /// of arrival, and on the disk, so that evaluations that name them mean the same to the next start. `watch` is shown
     /// all news.
@@ -127,8 +145,8 @@ impl Client {
                 TaskResult::GridCell(counts) => Some(CellAnswer {
                     place,
                     counts,
-                    worker_id: Some(finished.worker_id),
-                    settled: finished.settled,
+                    by: (finished.worker_id, finished.principal),
+                    settled: finished.assurance > Assurance::Owed,
                 }),
                 _ => None, // `Task::check` lets none pass
             };
@@ -154,7 +172,8 @@ impl Client {
             let done = self
                 .perform(tasks, |_, finished| {
                     let mut answers = Vec::new();
-                    for (place, Finished { result, settled, .. }) in finished {
+                    for (place, Finished { result, assurance, .. }) in finished {
+                        let settled = assurance > Assurance::Owed;
                         if let TaskResult::Description(Described { digest, bytes }) = result {
                             names[place] = Some((digest, bytes.clone()));
                             answers.push(DescriptionAnswer { place, bytes, settled });

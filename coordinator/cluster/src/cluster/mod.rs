@@ -7,12 +7,13 @@ mod client;
 mod clients;
 mod state;
 
+use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, MutexGuard, Weak};
 use std::time::{Duration, Instant, SystemTime};
 
-use proto::task::{Described, Evaluation, Task, TaskResult};
-use proto::{Introduction, Lease, Message, SessionId, WorkerId};
-use tokio::sync::{Notify, watch};
+use proto::task::{Described, DescriptorBytes, Evaluation, Task, TaskResult};
+use proto::{Introduction, Lease, Message, Principal, SessionId, WorkerId};
+use tokio::sync::{Notify, Semaphore, watch};
 use tokio::time::MissedTickBehavior;
 
 use crate::blobs::BlobStore;
@@ -20,12 +21,17 @@ use crate::events::{EventCursor, EventKind, EventLog};
 use crate::journal::{Journal, JournalError, LogSequence, Recorded};
 use crate::lock::lock;
 use crate::scheduler::{
-    Answer, Doubt, Finished, JobFailed, Limits, Poll, PollRefusal, RegisterRefusal, Scheduler, Staffing,
+    Answer, Caller, Doubt, Finished, JobFailed, Limits, Poll, PollRefusal, RegisterRefusal, RunSecret,
+    Scheduler, Staffing,
 };
 use crate::sharding::{Batch, Layouts, ShardCount};
 pub use client::{CellAnswer, Client, DescriptionAnswer};
 use state::ClusterState;
 
+/// Polls with reports that may wait for a run to begin.
+const EARLY_REPORTS: usize = 16;
+/// Failures of one job that a message lists.
+const MAX_FAILURES_SHOWN: usize = 10;
 /// How often silent workers are looked for.
 const TICK: Duration = Duration::from_millis(500);
 
@@ -43,9 +49,9 @@ pub enum ClusterError {
         /// Since when.
         seconds: u64,
     },
-    /// Two workers differ, and there is no third.
+    /// Two workers differ, and there is no other principal.
     #[error(
-        "workers: two gave different answers to one evaluation, and no other has joined within {seconds} s to decide\nstart one more worker, then run the same command again"
+        "workers: two gave different answers to one evaluation, and nobody has joined within {seconds} s who could decide\nstart a worker with another certificate or at another address, or --local-workers 1, then run the same command again"
     )]
     Undecided {
         /// Since when.
@@ -67,8 +73,13 @@ pub enum ClusterError {
 /// What failed, a line each: advice given to one machine is not repeated for all.
 fn job_failed(failed: &JobFailed) -> String {
     let JobFailed { task, failures } = failed;
-    let lines: Vec<String> = failures.iter().map(|failure| Message::of(failure).what).collect();
-    let (lines, count) = (lines.join("\n  "), failures.len());
+    let mut lines: Vec<String> =
+        failures.iter().take(MAX_FAILURES_SHOWN).map(|failure| Message::of(failure).what).collect();
+    let count = failures.len();
+    if count > MAX_FAILURES_SHOWN {
+        lines.push(format!("and {} more", count - MAX_FAILURES_SHOWN));
+    }
+    let lines = lines.join("\n  ");
     if failed.is_malformed() {
         format!(
             "{task}: malformed, got\n  {lines}\nuse workers of the coordinator's release; if they are, report this as a bug"
@@ -97,6 +108,8 @@ pub struct Cluster {
     has_past: bool,
     /// Whether every client waits for a result, or has nothing to submit.
     begun: watch::Sender<bool>,
+    /// Permits for polls with reports that wait for that.
+    early_reports: Semaphore,
 }
 
 impl Cluster {
@@ -105,7 +118,8 @@ impl Cluster {
         let session = SessionId(rand::random());
         let events = Arc::new(EventLog::new(Vec::new()));
         let started = (Instant::now(), SystemTime::now());
-        let state = ClusterState::new(Scheduler::new(limits), None, Arc::clone(&events), started);
+        let scheduler = Scheduler::new(limits, RunSecret::new(rand::random()));
+        let state = ClusterState::new(scheduler, None, Arc::clone(&events), started);
         Self::with(limits, session, (None, false), state, events)
     }
 
@@ -113,12 +127,12 @@ impl Cluster {
     /// tokio runtime.
     pub fn with_journal(
         limits: Limits,
-        session: SessionId,
+        (session, secret): (SessionId, RunSecret),
         journal: Journal,
         recorded: Recorded,
     ) -> Arc<Self> {
         let journal = Arc::new(journal);
-        let (mut scheduler, now) = (Scheduler::new(limits), Instant::now());
+        let (mut scheduler, now) = (Scheduler::new(limits, secret), Instant::now());
         if recorded.starts > 1 {
             scheduler.restore(&recorded, now);
         }
@@ -152,6 +166,7 @@ impl Cluster {
             journal,
             has_past,
             begun: watch::Sender::new(false),
+            early_reports: Semaphore::new(EARLY_REPORTS),
         });
         tokio::spawn(tick(Arc::downgrade(&cluster)));
         cluster
@@ -178,13 +193,8 @@ impl Cluster {
     }
 
     /// See [`Scheduler::register`]. A worker of this process ends with it, and is not kept.
-    pub fn register(
-        &self,
-        id: WorkerId,
-        introduction: Introduction,
-        in_process: bool,
-    ) -> Result<String, RegisterRefusal> {
-        self.state().register(id, introduction, in_process, Instant::now())
+    pub fn register(&self, id: WorkerId, introduction: Introduction) -> Result<String, RegisterRefusal> {
+        self.state().register(id, introduction, Instant::now())
     }
 
     /// Waits until every client has submitted its first job, as long as a poll may be held back; `false` if one has not.
@@ -201,26 +211,34 @@ impl Cluster {
         }
     }
 
+    /// Ends the quarantine of a principal; `false` if it is not quarantined.
+    pub fn readmit(&self, principal: Principal) -> bool {
+        self.state().readmit(principal, Instant::now())
+    }
+
     /// See [`Scheduler::deny`].
     pub fn deny(&self, id: WorkerId) {
         self.state().deny(id, Instant::now());
     }
 
     /// Answers a poll; holds the reply back while it would be empty and the worker wants jobs.
-    pub async fn poll(&self, id: WorkerId, poll: Poll) -> Result<Answer, PollRefusal> {
+    pub async fn poll(&self, caller: Caller, poll: Poll) -> Result<Answer, PollRefusal> {
         let deadline = tokio::time::Instant::now() + self.hold();
-        self.state().scheduler.heard_from(id, Instant::now());
-        if !self.begun().await {
+        self.state().scheduler.heard_from(caller, Instant::now());
+        // Reports that cannot be judged yet must not fill the memory: most of them come again.
+        let waits = (!poll.finished.is_empty()).then(|| self.early_reports.try_acquire());
+        if matches!(waits, Some(Err(_))) && !*self.begun.borrow() || !self.begun().await {
             return Ok(Answer::default());
         }
+        drop(waits);
         let (sequence, wanted, leaving) = (poll.sequence, poll.wanted, poll.leaving);
         let wakeup = Arc::new(Notify::new());
-        let (mut answer, withheld) = self.state().poll(id, poll, &wakeup, Instant::now())?;
+        let (mut answer, withheld) = self.state().poll(caller, poll, &wakeup, Instant::now())?;
         if leaving && !withheld.is_empty() {
             // It will not poll again.
             answer.acknowledged.extend(self.wait_for_journal(withheld, deadline).await);
         } else if answer.is_empty() && wanted > 0 && !leaving {
-            return self.wait_for_jobs(id, (sequence, wanted), withheld, &wakeup, deadline).await;
+            return self.wait_for_jobs(caller, (sequence, wanted), withheld, &wakeup, deadline).await;
         }
         Ok(answer)
     }
@@ -228,7 +246,7 @@ impl Cluster {
     /// Waits for jobs, or until one of the reports that came with the poll can be acknowledged.
     async fn wait_for_jobs(
         &self,
-        id: WorkerId,
+        caller: Caller,
         (sequence, wanted): (u64, usize),
         mut withheld: Vec<Lease>,
         wakeup: &Notify,
@@ -237,7 +255,7 @@ impl Cluster {
         loop {
             let (answer, sequence) = {
                 let (mut state, now) = (self.state(), Instant::now());
-                let jobs = state.lease_later(id, sequence, wanted, now)?;
+                let jobs = state.lease_later(caller, sequence, wanted, now)?;
                 let still = state.withhold(&mut withheld);
                 let acknowledged = std::mem::replace(&mut withheld, still);
                 let sequence = state.scheduler.jobs.last_pending(&withheld);
@@ -362,7 +380,12 @@ impl Cluster {
         self.state().close(Instant::now());
     }
 
-    /// Whether no worker of this run was quarantined; otherwise results that were not audited may be wrong.
+    /// See [`Scheduler::vouched`].
+    pub fn vouched(&self) -> BTreeSet<DescriptorBytes> {
+        self.state().scheduler.vouched()
+    }
+
+    /// Whether nobody was quarantined in this run; otherwise results that were not audited may be wrong.
     pub fn is_trusted(&self) -> bool {
         self.state().scheduler.is_trusted()
     }

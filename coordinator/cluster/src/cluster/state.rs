@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Instant, SystemTime};
 
-use proto::journal::Member;
-use proto::task::{Evaluation, Task};
-use proto::{Introduction, JobId, Lease, WorkerId};
+use proto::journal::{Assurance, Member};
+use proto::task::{DescriptorBytes, Evaluation, Task};
+use proto::{Introduction, JobId, Lease, Principal, WorkerId};
 use tokio::sync::Notify;
 
 use super::ClusterNews;
@@ -14,7 +14,7 @@ use super::clients::Clients;
 use crate::events::{Event, EventKind, EventLog};
 use crate::journal::{Entry, Journal, LogSequence};
 use crate::scheduler::{
-    Answer, ClientId, Doubt, Emitted, Finished, Poll, PollRefusal, RegisterRefusal, Scheduler,
+    Answer, Caller, ClientId, Doubt, Emitted, Finished, Poll, PollRefusal, RegisterRefusal, Scheduler,
 };
 use crate::sharding::{Load, Planner, ShardPlan};
 use crate::store::Checked;
@@ -67,11 +67,11 @@ impl ClusterState {
         &mut self,
         id: WorkerId,
         introduction: Introduction,
-        in_process: bool,
         now: Instant,
     ) -> Result<String, RegisterRefusal> {
         let label = self.scheduler.register(id, introduction.clone(), now)?;
-        if !in_process {
+        // A worker of this process ends with it.
+        if introduction.principal != Principal::Coordinator {
             self.record(|| Entry::Joined(id, Member { label: label.clone(), introduction }));
         }
         self.settle(now);
@@ -82,12 +82,13 @@ impl ClusterState {
     /// the disk yet.
     pub(super) fn poll(
         &mut self,
-        id: WorkerId,
+        caller: Caller,
         poll: Poll,
         wakeup: &Arc<Notify>,
         now: Instant,
     ) -> Result<(Answer, Vec<Lease>), PollRefusal> {
-        let answer = self.scheduler.poll(id, poll, now);
+        let (id, _) = caller;
+        let answer = self.scheduler.poll(caller, poll, now);
         // An older poll that is held back is out of date, and may end; unless this one is the older.
         if answer.is_ok()
             && let Some(before) = self.wakeups.insert(id, Arc::clone(wakeup))
@@ -112,15 +113,25 @@ impl ClusterState {
     /// See [`Scheduler::lease_later`].
     pub(super) fn lease_later(
         &mut self,
-        id: WorkerId,
+        caller: Caller,
         sequence: u64,
         wanted: usize,
         now: Instant,
     ) -> Result<Vec<(Lease, Arc<Task>)>, PollRefusal> {
-        let jobs = self.scheduler.lease_later(id, sequence, wanted, now)?;
-        self.keep_leases(&jobs, id);
+        let jobs = self.scheduler.lease_later(caller, sequence, wanted, now)?;
+        self.keep_leases(&jobs, caller.0);
         self.wake(now); // now that this one is busy, others may take a job ahead
         Ok(jobs)
+    }
+
+    /// See [`Scheduler::readmit`].
+    pub(super) fn readmit(&mut self, principal: Principal, now: Instant) -> bool {
+        let was_quarantined = self.scheduler.readmit(principal, now);
+        if was_quarantined {
+            self.record(|| Entry::Readmitted(principal));
+            self.settle(now);
+        }
+        was_quarantined
     }
 
     /// See [`Scheduler::deny`].
@@ -136,6 +147,9 @@ impl ClusterState {
         let jobs = &mut self.scheduler.jobs;
         jobs.ask(job);
         if let Some(finished) = jobs.recall(job, &task) {
+            if finished.assurance == Assurance::Owed {
+                self.scheduler.audit(job, &task, &finished, client, now); // an earlier start could not
+            }
             self.clients.deliver_one(client, finished);
             return job;
         }
@@ -213,10 +227,18 @@ impl ClusterState {
         for finished in self.scheduler.drain_finished() {
             self.accept(&finished);
         }
+        for confirmed in self.scheduler.drain_confirmed() {
+            if let Some(finished) = self.scheduler.jobs.assure(&confirmed) {
+                self.keep(&finished);
+            }
+        }
         let mut is_news = false;
         for Emitted { at, kind } in self.scheduler.drain_events() {
             if let EventKind::Departed { worker, .. } = &kind {
                 self.record(|| Entry::Left(*worker));
+                if let Some(wakeup) = self.wakeups.get(worker) {
+                    wakeup.notify_one(); // it hears at once that it is gone
+                }
             }
             is_news |= self.append(at, kind).kind.is_news();
         }
@@ -248,10 +270,7 @@ impl ClusterState {
             self.clients.wake_all(); // they may have waited for this doubt to end
             return;
         }
-        // A result in doubt is nothing to go on with: the next start computes it again.
-        if finished.settled {
-            self.keep(finished);
-        }
+        self.keep(finished);
         if let Some((task, clients)) = self.scheduler.jobs.take_waiting(finished.job) {
             self.clients.deliver(clients, finished);
             self.scheduler.jobs.accept(&task, finished);
@@ -263,20 +282,29 @@ impl ClusterState {
         let (job, attempt) = (finished.job, finished.attempt);
         let Some(kept) = finished.kept() else { return };
         if let Some(sequence) = self.record(|| Entry::Accepted(job, Box::new(kept))) {
-            self.scheduler.jobs.set_pending(Lease { job, attempt }, sequence);
+            self.scheduler.jobs.set_pending(job, attempt, sequence);
         }
     }
 
-    /// Retracts what is in doubt, and tells all clients; results of a quarantined worker are computed again.
+    /// Has every result about this descriptor confirmed: see [`Scheduler::confirm`].
+    pub(super) fn confirm(&mut self, client: ClientId, descriptor: &DescriptorBytes, now: Instant) {
+        for (job, task, accepted) in self.scheduler.about(descriptor) {
+            self.scheduler.confirm(job, &task, &accepted, client, now);
+        }
+        self.settle(now);
+        self.wake(now);
+    }
+
+    /// Retracts what is in doubt, and tells all clients; results of a quarantined principal are computed again.
     fn doubt(&mut self, doubt: &Doubt, now: Instant) {
         match doubt {
             Doubt::Disagreement { job, .. } => self.retract(*job),
-            Doubt::Quarantined(worker) => {
-                self.record(|| Entry::Quarantined(*worker));
-                for job in self.scheduler.jobs.drop_recorded(*worker) {
+            Doubt::Quarantined(principal) => {
+                self.record(|| Entry::Quarantined(*principal));
+                for job in self.scheduler.jobs.drop_recorded(*principal) {
                     self.retract(job);
                 }
-                for recheck in self.scheduler.jobs.recheck(*worker) {
+                for recheck in self.scheduler.jobs.recheck(*principal) {
                     // Until it is checked, it is nothing to go on with.
                     self.retract(recheck.of);
                     self.scheduler.submit(recheck.job, recheck.task, ClientId::AUDITOR, now);
@@ -320,7 +348,7 @@ impl ClusterState {
 
     fn keep_leases(&self, jobs: &[(Lease, Arc<Task>)], holder: WorkerId) {
         for (lease, _) in jobs {
-            self.record(|| Entry::Leased(*lease, holder));
+            self.record(|| Entry::Leased(lease.job, lease.attempt, holder));
         }
     }
 }

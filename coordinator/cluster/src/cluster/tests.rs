@@ -6,6 +6,7 @@ use super::*;
 use crate::events::Departure;
 use crate::journal::Journal;
 use crate::scheduler::Audit;
+use proto::Principal;
 use proto::journal::{AcceptedResult, Member};
 use proto::task::{EvaluationResult, GridCell, Report, Scale, Subject, TaskResult};
 
@@ -17,6 +18,15 @@ fn cell(number: u32) -> GridCell {
     GridCell { subject, query, database, queries, database_clouds, descriptors: 2 }
 }
 
+/// Who answers for the only worker.
+fn principal() -> Principal {
+    Introduction::sample("one", 1).principal
+}
+
+fn identity() -> (SessionId, RunSecret) {
+    (SessionId([1; 16]), RunSecret::new([2; 32]))
+}
+
 /// What tells tasks apart.
 fn number(subject: &Subject) -> u32 {
     u32::from_le_bytes(subject.descriptor.bytes().try_into().unwrap())
@@ -25,13 +35,13 @@ fn number(subject: &Subject) -> u32 {
 /// A worker that gives each cell the counts that `answer` has for its number.
 async fn work(cluster: &Cluster, answer: impl Fn(u32) -> Vec<u32>) {
     let id = WorkerId([1; 16]);
-    let introduction = Introduction::sample("one");
-    cluster.register(id, introduction, true).unwrap();
+    let introduction = Introduction::sample("one", 1);
+    cluster.register(id, introduction).unwrap();
     let mut finished: Vec<Report> = Vec::new();
     for sequence in 1.. {
         let reports = std::mem::take(&mut finished);
         let poll = Poll { sequence, finished: reports, wanted: 2, ..Poll::default() };
-        for (lease, task) in cluster.poll(id, poll).await.unwrap().jobs.into_iter().rev() {
+        for (lease, task) in cluster.poll((id, principal()), poll).await.unwrap().jobs.into_iter().rev() {
             let Task::GridCell(cell) = &*task else { panic!("{task}") };
             let outcome = Ok(TaskResult::GridCell(answer(number(&cell.subject))));
             finished.push(Report { lease, run_seconds: 0.1, outcome });
@@ -46,7 +56,7 @@ async fn evaluate(answer: impl Fn(u32) -> Vec<u32>) -> Result<Vec<(usize, Vec<u3
     let mut client = cluster.client();
     let evaluation = client.evaluate_cells([5, 6, 7].map(cell).to_vec(), |_, answers| {
         all.extend(answers.into_iter().map(|answer| {
-            assert_eq!(answer.worker_id, Some(WorkerId([1; 16])));
+            assert_eq!(answer.by, (WorkerId([1; 16]), principal()));
             (answer.place, answer.counts)
         }));
         Ok(())
@@ -63,11 +73,11 @@ async fn evaluate(answer: impl Fn(u32) -> Vec<u32>) -> Result<Vec<(usize, Vec<u3
 async fn a_late_copy_of_an_older_poll_does_not_silence_the_one_that_is_held_back() {
     let cluster = Cluster::new(LIMITS);
     let id = WorkerId([1; 16]);
-    let introduction = Introduction::sample("one");
-    cluster.register(id, introduction, true).unwrap();
+    let introduction = Introduction::sample("one", 1);
+    cluster.register(id, introduction).unwrap();
     cluster.begun.send_replace(true);
     let mut client = cluster.client();
-    let poll = |sequence| cluster.poll(id, Poll { sequence, wanted: 1, ..Poll::default() });
+    let poll = |sequence| cluster.poll((id, principal()), Poll { sequence, wanted: 1, ..Poll::default() });
     let late = async {
         tokio::task::yield_now().await; // the newer one comes first
         assert_eq!(poll(1).await.unwrap_err(), PollRefusal::Stale);
@@ -93,10 +103,10 @@ fn evaluation() -> Evaluation {
 /// One worker that has taken the only job of a cluster and reports it in a poll that waits for more.
 async fn reported(cluster: &Arc<Cluster>) -> (Lease, tokio::task::JoinHandle<Answer>) {
     let id = WorkerId([1; 16]);
-    let introduction = Introduction::sample("one");
-    cluster.register(id, introduction, false).unwrap();
+    let introduction = Introduction::sample("one", 1);
+    cluster.register(id, introduction).unwrap();
     let poll = Poll { sequence: 1, wanted: 1, ..Poll::default() };
-    let (lease, _) = cluster.poll(id, poll).await.unwrap().jobs.remove(0);
+    let (lease, _) = cluster.poll((id, principal()), poll).await.unwrap().jobs.remove(0);
     let result = EvaluationResult {
         queries: 9,
         object_correct: 1,
@@ -107,13 +117,13 @@ async fn reported(cluster: &Arc<Cluster>) -> (Lease, tokio::task::JoinHandle<Ans
     let finished = vec![Report { lease, run_seconds: 0.1, outcome }];
     let cluster = Arc::clone(cluster);
     let poll = Poll { sequence: 2, wanted: 1, finished, ..Poll::default() };
-    (lease, tokio::spawn(async move { cluster.poll(id, poll).await.unwrap() }))
+    (lease, tokio::spawn(async move { cluster.poll((id, principal()), poll).await.unwrap() }))
 }
 
 #[tokio::test]
 async fn a_poll_that_waits_is_answered_when_its_report_is_on_the_disk() {
     let (journal, held) = Journal::held();
-    let cluster = Cluster::with_journal(LIMITS, SessionId([1; 16]), journal, Recorded::default());
+    let cluster = Cluster::with_journal(LIMITS, identity(), journal, Recorded::default());
     let evaluated = tokio::spawn({
         let cluster = Arc::clone(&cluster);
         async move { cluster.client().evaluate(vec![evaluation()], |_| {}).await }
@@ -135,22 +145,22 @@ fn scale(number: u32) -> Scale {
 async fn scales_are_in_the_order_of_asking_and_there_at_the_next_start() {
     let asked = || [5, 6, 7].map(scale).to_vec();
     let (journal, held) = Journal::held();
-    let cluster = Cluster::with_journal(LIMITS, SessionId([1; 16]), journal, Recorded::default());
+    let cluster = Cluster::with_journal(LIMITS, identity(), journal, Recorded::default());
     let scaled = tokio::spawn({
         let cluster = Arc::clone(&cluster);
         async move { cluster.client().scales(asked(), |_| {}).await }
     });
     let id = WorkerId([1; 16]);
-    cluster.register(id, Introduction::sample("one"), true).unwrap();
+    cluster.register(id, Introduction::sample("one", 1)).unwrap();
     let poll = Poll { sequence: 1, wanted: 3, ..Poll::default() };
-    let jobs = cluster.poll(id, poll).await.unwrap().jobs;
+    let jobs = cluster.poll((id, principal()), poll).await.unwrap().jobs;
     let report = |(lease, task): &(Lease, Arc<Task>)| {
         let result = TaskResult::Scale(f64::from(number(task.subject())) / 10.0);
         Report { lease: *lease, run_seconds: 0.1, outcome: Ok(result) }
     };
     let finished: Vec<Report> = jobs.iter().rev().map(report).collect();
     assert_eq!(finished.len(), 3);
-    cluster.poll(id, Poll { sequence: 2, finished, ..Poll::default() }).await.unwrap();
+    cluster.poll((id, principal()), Poll { sequence: 2, finished, ..Poll::default() }).await.unwrap();
     // What names them must not be handed out before they are on the disk.
     for _ in 0..100 {
         tokio::task::yield_now().await;
@@ -163,13 +173,26 @@ async fn scales_are_in_the_order_of_asking_and_there_at_the_next_start() {
     let accepted = asked().into_iter().zip(&scales).map(|(asked, scale)| {
         let job = Task::Scale(asked).job(0);
         assert_eq!(job, scale.job);
-        let Finished { worker_id, worker, attempt, queued, run_seconds, .. } = scale.clone();
         let result = TaskResult::Scale(scale.result);
-        (job, AcceptedResult { result, worker_id, worker, attempt, queued, run_seconds })
+        let Finished {
+            worker_id, worker, principal, seconded, assurance, attempt, queued, run_seconds, ..
+        } = scale.clone();
+        let accepted = AcceptedResult {
+            result,
+            worker_id,
+            worker,
+            principal,
+            seconded,
+            assurance,
+            attempt,
+            queued,
+            run_seconds,
+        };
+        (job, accepted)
     });
     let recorded = Recorded { starts: 2, accepted: accepted.collect(), ..Recorded::default() };
     let (journal, _held) = Journal::held();
-    let cluster = Cluster::with_journal(LIMITS, SessionId([1; 16]), journal, recorded);
+    let cluster = Cluster::with_journal(LIMITS, identity(), journal, recorded);
     let again = cluster.client().scales(asked(), |_| {}).await.unwrap();
     assert_eq!(again, scales, "nobody is there to compute them");
 }
@@ -177,7 +200,7 @@ async fn scales_are_in_the_order_of_asking_and_there_at_the_next_start() {
 #[tokio::test]
 async fn a_run_whose_answers_cannot_be_kept_ends() {
     let (journal, held) = Journal::held();
-    let cluster = Cluster::with_journal(LIMITS, SessionId([1; 16]), journal, Recorded::default());
+    let cluster = Cluster::with_journal(LIMITS, identity(), journal, Recorded::default());
     held.fail();
     let ended = cluster.client().evaluate(vec![evaluation()], |_| {}).await;
     assert!(matches!(ended, Err(ClusterError::Journal(_))));
@@ -198,7 +221,7 @@ async fn a_silent_worker_is_removed_although_nobody_waits_for_results() {
     let limits = Limits { lease: Duration::from_millis(1200), ..LIMITS };
     let (cluster, id) = (Cluster::new(limits), WorkerId([1; 16]));
     let (registered, mut events) = (std::time::Instant::now(), cluster.events());
-    cluster.register(id, Introduction::sample("one"), false).unwrap();
+    cluster.register(id, Introduction::sample("one", 1)).unwrap();
     let removed = loop {
         events.wait().await;
         let departed = |kind: &EventKind| match kind {
@@ -212,7 +235,10 @@ async fn a_silent_worker_is_removed_although_nobody_waits_for_results() {
     assert_eq!(removed, (id, Departure::Lost));
     assert!(registered.elapsed() >= limits.lease, "not before its lease ends");
     cluster.begun.send_replace(true);
-    assert_eq!(cluster.poll(id, Poll::default()).await.unwrap_err(), PollRefusal::UnknownWorker);
+    assert_eq!(
+        cluster.poll((id, principal()), Poll::default()).await.unwrap_err(),
+        PollRefusal::UnknownWorker
+    );
 }
 
 #[tokio::test]
@@ -220,14 +246,14 @@ async fn workers_of_an_earlier_start_of_this_process_have_ended_and_others_go_on
     let [own, other] = [WorkerId([1; 16]), WorkerId([2; 16])];
     let first = Arc::new(EventLog::new(Vec::new()));
     for (worker, label) in [(own, "own"), (other, "other")] {
-        let (label, introduction) = (label.to_owned(), Introduction::sample("host"));
+        let (label, introduction) = (label.to_owned(), Introduction::sample("host", 1));
         first.append(SystemTime::UNIX_EPOCH, EventKind::Joined { worker, label, introduction });
     }
     let events = first.follow().read_to_end().iter().map(|event| (**event).clone()).collect();
-    let member = Member { label: "other".to_owned(), introduction: Introduction::sample("host") };
+    let member = Member { label: "other".to_owned(), introduction: Introduction::sample("host", 1) };
     let recorded = Recorded { starts: 2, events, members: [(other, member)].into(), ..Recorded::default() };
     let (journal, held) = Journal::held();
-    let cluster = Cluster::with_journal(LIMITS, SessionId([1; 16]), journal, recorded);
+    let cluster = Cluster::with_journal(LIMITS, identity(), journal, recorded);
     let ended = cluster.events().read_to_end();
     let [ended] = &ended[..] else { panic!("{ended:?}") };
     assert_eq!(

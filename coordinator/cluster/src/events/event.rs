@@ -36,7 +36,7 @@ pub enum EventKind {
         /// Its unique label.
         label: String,
         /// How it introduced itself.
-        #[serde(flatten, with = "serde_forms::Introduction")]
+        #[serde(flatten, with = "serde_forms::introduction")]
         introduction: Introduction,
     },
     /// A worker was removed.
@@ -63,7 +63,7 @@ pub enum EventKind {
     },
     /// An attempt ended; a late result of it makes a second event.
     Attempt(Attempt),
-    /// Two workers reported different results of one job; a further worker decides.
+    /// Two workers reported different results of one job; the coordinator's own or a further principal decides.
     Disagreement {
         /// The job.
         #[serde(with = "serde_forms::job_id")]
@@ -73,13 +73,28 @@ pub enum EventKind {
         /// Labels of those who reported.
         workers: Vec<String>,
     },
-    /// Results disagree and there is no further worker to decide.
+    /// A worker failed so often that it gets no jobs for a while, as long as there are others.
+    Excluded {
+        /// Its id.
+        #[serde(with = "serde_forms::worker_id")]
+        worker: WorkerId,
+        /// Its label.
+        label: String,
+        /// For how long.
+        seconds: u64,
+    },
+    /// A principal that was quarantined may work again, as an operator has said.
+    Readmitted {
+        /// Who.
+        principal: String,
+    },
+    /// Results disagree and there is no further principal to decide.
     Undecided {
         /// Label of the job's task.
         task: String,
     },
-    /// An evaluation that was to be audited was accepted from the only worker there is. Emitted once; audits are made
-    /// up for when another worker joins.
+    /// An evaluation that was to be audited was accepted from the only principal there is. Emitted once; audits are made
+    /// up for when another joins.
     Unaudited,
     /// Workers have been idle for a while.
     Starving {
@@ -102,7 +117,8 @@ impl fmt::Display for EventKind {
         match self {
             Self::Joined { label, introduction, .. } => {
                 write!(f, "worker {label}: joined, {} threads, {}", introduction.threads, introduction.build)?;
-                introduction.credential.as_ref().map_or(Ok(()), |credential| write!(f, ", with {credential}"))
+                let credential = introduction.principal.credential();
+                credential.map_or(Ok(()), |credential| write!(f, ", with {credential}"))
             }
             Self::Departed { label, departure, leases, .. } => {
                 let noun = if *leases == 1 { "lease" } else { "leases" };
@@ -117,11 +133,15 @@ impl fmt::Display for EventKind {
             Self::Disagreement { task, workers, .. } => {
                 write!(f, "{task}: different answers of {}; another worker decides", workers.join(" and "))
             }
+            Self::Excluded { label, seconds, .. } => {
+                write!(f, "worker {label}: fails too often and gets no jobs for {seconds} s, while there are others")
+            }
+            Self::Readmitted { principal } => write!(f, "{principal}: is no longer quarantined"),
             Self::Undecided { task } => {
                 write!(f, "{task}: workers differ and no other is there to decide; waiting for one to join")
             }
             Self::Unaudited => f.write_str(
-                "evaluations that are to be audited are taken from the only worker there is, until another joins",
+                "nothing can be audited: all workers show the same credential from the same address, and have one voice until another joins",
             ),
             Self::Starving { idle, unfinished } => {
                 let workers = if *idle == 1 { "worker is" } else { "workers are" };
@@ -153,10 +173,12 @@ pub enum Departure {
     Left,
     /// It fell silent for longer than a lease lasts.
     Lost,
-    /// Two other workers agreed on a result that differs from its own.
+    /// A result of its principal was wrong.
     Quarantined,
     /// It is on the deny list.
     Denied,
+    /// It had nothing to show when there were too many workers.
+    Displaced,
 }
 
 impl Departure {
@@ -167,6 +189,7 @@ impl Departure {
             Self::Lost => "lost",
             Self::Quarantined => "quarantined",
             Self::Denied => "denied",
+            Self::Displaced => "displaced",
         }
     }
 
@@ -175,8 +198,9 @@ impl Departure {
         match self {
             Self::Left => "said goodbye",
             Self::Lost => "no sign of life within the lease",
-            Self::Quarantined => "gave an answer that two other workers contradict",
+            Self::Quarantined => "an answer that came with its credential was wrong",
             Self::Denied => "is on the deny list",
+            Self::Displaced => "too many workers, and it has answered nothing",
         }
     }
 }

@@ -213,8 +213,7 @@ mod tests {
     use crate::events::{Attempt, AttemptEnd};
 
     fn joined(number: u8) -> EventKind {
-        let introduction =
-            Introduction { credential: Some("token".to_owned()), ..Introduction::sample("host") };
+        let introduction = Introduction::sample("host", number);
         EventKind::Joined { worker: WorkerId([number; 16]), label: format!("host-{number}"), introduction }
     }
 

@@ -1,15 +1,30 @@
 //! How ids, times and introductions of events are written in JSON.
 
-use serde::{Deserialize, Serialize};
+/// A worker's introduction as its fields, with the credential that its principal stands for beside that.
+pub mod introduction {
+    use proto::Introduction;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error as _};
 
-/// A worker's introduction as its fields.
-#[derive(Serialize, Deserialize)]
-#[serde(remote = "proto::Introduction")]
-pub struct Introduction {
-    name: String,
-    threads: u32,
-    build: String,
-    credential: Option<String>,
+    #[derive(Serialize, Deserialize)]
+    struct Form {
+        name: String,
+        threads: u32,
+        build: String,
+        credential: Option<String>,
+        principal: String,
+    }
+
+    pub fn serialize<S: Serializer>(introduction: &Introduction, serializer: S) -> Result<S::Ok, S::Error> {
+        let Introduction { name, threads, build, principal } = introduction.clone();
+        let (credential, principal) = (principal.credential(), principal.to_string());
+        Form { name, threads, build, credential, principal }.serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Introduction, D::Error> {
+        let Form { name, threads, build, principal, .. } = Form::deserialize(deserializer)?;
+        let principal = principal.parse().map_err(D::Error::custom)?;
+        Ok(Introduction { name, threads, build, principal })
+    }
 }
 
 /// A worker id as 32 hexadecimal digits.

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use proto::journal::{AcceptedResult, Member};
-use proto::{JobId, Lease, WorkerId};
+use proto::{JobId, WorkerId};
 use redb::{
     Database, Durability, Error, ReadTransaction, ReadableDatabase as _, ReadableTable as _, TableDefinition,
     backends::FileBackend,
@@ -28,8 +28,8 @@ const PLANS: TableDefinition<u64, (u32, u32, u32, u32)> = TableDefinition::new("
 const MEMBERS: TableDefinition<&[u8; 16], &[u8]> = TableDefinition::new("members");
 /// Workers by job and attempt.
 const LEASES: TableDefinition<(u64, u32), &[u8; 16]> = TableDefinition::new("leases");
-/// Workers that were wrong, by id.
-const QUARANTINED: TableDefinition<&[u8; 16], ()> = TableDefinition::new("quarantined");
+/// Principals that were wrong.
+const QUARANTINED: TableDefinition<&str, ()> = TableDefinition::new("quarantined");
 /// Events as JSON, by sequence number.
 const EVENTS: TableDefinition<u64, &[u8]> = TableDefinition::new("events");
 
@@ -116,8 +116,8 @@ impl JournalFile {
                     Entry::Left(id) => {
                         members.remove(&id.0)?;
                     }
-                    Entry::Leased(lease, id) => {
-                        leases.insert((lease.job.0, lease.attempt), &id.0)?;
+                    Entry::Leased(job, attempt, id) => {
+                        leases.insert((job.0, *attempt), &id.0)?;
                     }
                     Entry::Retracted(job) => {
                         accepted.remove(job.0)?;
@@ -126,8 +126,11 @@ impl JournalFile {
                         let numbers = (query.shards, query.ranges, database.shards, database.ranges);
                         plans.insert(job.0, numbers)?;
                     }
-                    Entry::Quarantined(id) => {
-                        transaction.open_table(QUARANTINED)?.insert(&id.0, ())?;
+                    Entry::Quarantined(principal) => {
+                        transaction.open_table(QUARANTINED)?.insert(principal.to_string().as_str(), ())?;
+                    }
+                    Entry::Readmitted(principal) => {
+                        transaction.open_table(QUARANTINED)?.remove(principal.to_string().as_str())?;
                     }
                     Entry::Event(event) => {
                         let bytes = serde_json::to_vec(&**event).map_err(std::io::Error::from)?;
@@ -206,11 +209,11 @@ fn read_recorded(transaction: &ReadTransaction) -> Result<Recorded, String> {
         if attempt == 0 || attempt > MAX_ATTEMPT {
             return Err(format!("attempt {attempt} of job {job}"));
         }
-        recorded.leases.push((Lease { job: JobId(job), attempt }, WorkerId(*id)));
+        recorded.leases.push((JobId(job), attempt, WorkerId(*id)));
         Ok(())
     })?;
-    for_each(transaction, QUARANTINED, |id, ()| {
-        recorded.quarantined.insert(WorkerId(*id));
+    for_each(transaction, QUARANTINED, |principal, ()| {
+        recorded.quarantined.insert(principal.parse().map_err(|error| format!("{error}"))?);
         Ok(())
     })?;
     for_each(transaction, EVENTS, |sequence, bytes| {

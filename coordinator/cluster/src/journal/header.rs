@@ -7,11 +7,12 @@ use proto::SessionId;
 use serde::{Deserialize, Serialize};
 
 use super::JournalError;
+use crate::secret::RunSecret;
 
 /// First word of every header.
 const MAGIC: &str = "descry journal";
 /// Grows with every change of what is kept and how.
-pub(super) const VERSION: u64 = 2;
+pub(super) const VERSION: u64 = 3;
 /// Longest header that is read, bytes: both texts of an experiment fit in several times.
 const MAX_BYTES: usize = 8 << 20;
 
@@ -28,6 +29,8 @@ pub struct Header {
     pub evaluation_version: u32,
     /// Names the run to workers: those that had work from an earlier start keep it.
     pub session: SessionId,
+    /// Marks leases and draws spot checks, the same in every start.
+    pub secret: RunSecret,
     /// First start of the run; kept to the millisecond.
     pub started_at: SystemTime,
 }
@@ -43,6 +46,7 @@ struct Form {
     data_digest: String,
     evaluation_version: u32,
     session: [u8; 16],
+    secret: [u8; 32],
     started_milliseconds: u64,
 }
 
@@ -64,6 +68,7 @@ impl Header {
             data_digest: self.data_digest.clone(),
             evaluation_version: self.evaluation_version,
             session: self.session.0,
+            secret: self.secret.reveal(),
             started_milliseconds: started.as_millis() as u64,
         })
     }
@@ -92,6 +97,7 @@ impl Header {
             data_digest: form.data_digest,
             evaluation_version: form.evaluation_version,
             session: SessionId(form.session),
+            secret: RunSecret::new(form.secret),
             started_at,
         })
     }

@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use proto::journal::{AcceptedResult, Member};
-use proto::{JobId, Lease, WorkerId};
+use proto::{JobId, Principal, WorkerId};
 
 use crate::events::Event;
 use crate::sharding::plan::ShardPlan;
@@ -86,12 +86,14 @@ pub enum Entry {
     Joined(WorkerId, Member),
     /// A worker went.
     Left(WorkerId),
-    /// A job was handed out.
-    Leased(Lease, WorkerId),
+    /// An attempt at a job was handed out.
+    Leased(JobId, u32, WorkerId),
     /// A result is in doubt, and none to go on with.
     Retracted(JobId),
-    /// A worker was wrong, and is quarantined.
-    Quarantined(WorkerId),
+    /// A principal was wrong, and is quarantined.
+    Quarantined(Principal),
+    /// A principal is no longer quarantined.
+    Readmitted(Principal),
     /// Something happened.
     Event(Arc<Event>),
     /// The evaluation of this job is sharded.
@@ -111,16 +113,16 @@ pub struct Recorded {
     pub members: BTreeMap<WorkerId, Member>,
     /// How evaluations were sharded, by job.
     pub plans: BTreeMap<JobId, ShardPlan>,
-    /// Leases of jobs that have no result, with those they were given to, in order of jobs and attempts.
-    pub leases: Vec<(Lease, WorkerId)>,
-    /// Workers that were wrong.
-    pub quarantined: BTreeSet<WorkerId>,
+    /// Attempts at jobs that have no result, with the workers they were given to, in order of jobs and attempts.
+    pub leases: Vec<(JobId, u32, WorkerId)>,
+    /// Principals that were wrong.
+    pub quarantined: BTreeSet<Principal>,
     /// What happened, in order.
     pub events: Vec<Event>,
 }
 
 impl Recorded {
-    /// Whether no worker was found to be wrong.
+    /// Whether nobody was found to be wrong.
     pub fn is_trusted(&self) -> bool {
         self.quarantined.is_empty()
     }

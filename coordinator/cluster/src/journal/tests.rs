@@ -14,7 +14,9 @@ use tempfile::TempDir;
 
 use super::*;
 use crate::events::{Attempt, AttemptEnd, EventKind};
+use crate::scheduler::RunSecret;
 use crate::sharding::SidePlan;
+use proto::journal::Assurance;
 
 fn header() -> Header {
     Header {
@@ -23,6 +25,7 @@ fn header() -> Header {
         data_digest: "00".to_owned(),
         evaluation_version: 2,
         session: SessionId([7; 16]),
+        secret: RunSecret::new([8; 32]),
         started_at: SystemTime::UNIX_EPOCH + Duration::from_millis(1_700_000_000_123),
     }
 }
@@ -43,6 +46,9 @@ fn accepted(matches: usize) -> AcceptedResult {
         }),
         worker_id: WorkerId([3; 16]),
         worker: "rack-3".to_owned(),
+        principal: principal(3),
+        seconded: Some(principal(4)),
+        assurance: Assurance::Unaudited,
         attempt: 2,
         queued: Duration::from_nanos(1_234_567_891),
         run_seconds: 0.1,
@@ -54,7 +60,7 @@ fn answer(job: u64, matches: usize) -> Entry {
 }
 
 fn member(label: &str) -> Member {
-    let introduction = Introduction { threads: 4, ..Introduction::sample("rack") };
+    let introduction = Introduction { threads: 4, ..Introduction::sample("rack", 1) };
     Member { label: label.to_owned(), introduction }
 }
 
@@ -67,8 +73,12 @@ fn happened(sequence: u64, generation: u32) -> Entry {
     Entry::Event(Arc::new(event(sequence, generation)))
 }
 
-fn lease(job: u64, attempt: u32) -> Lease {
-    Lease { job: JobId(job), attempt }
+fn principal(number: u8) -> Principal {
+    Introduction::sample("rack", number).principal
+}
+
+fn leased(job: u64, attempt: u32, worker: WorkerId) -> Entry {
+    Entry::Leased(JobId(job), attempt, worker)
 }
 
 /// A journal in a folder of its own, with some entries.
@@ -86,16 +96,16 @@ fn what_was_committed_is_there_at_the_next_start() {
     let (_folder, path) = journal(&[
         Entry::Joined(one, member("rack")),
         Entry::Joined(two, member("rack-2")),
-        Entry::Leased(lease(5, 1), one),
-        Entry::Leased(lease(5, 2), two),
-        Entry::Leased(lease(6, 1), one),
+        leased(5, 1, one),
+        leased(5, 2, two),
+        leased(6, 1, one),
         answer(5, 0),
         answer(u64::MAX, 3),
         Entry::Left(two),
         happened(0, 9),
         happened(1, 8),
         happened(7, 3),
-        Entry::Quarantined(two),
+        Entry::Quarantined(principal(2)),
     ]);
     let (_file, read, recorded) = JournalFile::open(&path).unwrap();
     assert_eq!(read, header());
@@ -103,11 +113,11 @@ fn what_was_committed_is_there_at_the_next_start() {
     assert_eq!(recorded.accepted, [(JobId(5), accepted(0)), (JobId(u64::MAX), accepted(3))].into());
     assert_eq!(recorded.members, [(one, member("rack"))].into());
     // An answered job is nobody's any more.
-    assert_eq!(recorded.leases, [(lease(6, 1), one)]);
+    assert_eq!(recorded.leases, [(JobId(6), 1, one)]);
     // In order; numbers between belong to events that were not to be kept.
     assert_eq!(recorded.events, [event(0, 9), event(1, 8), event(7, 3)]);
     assert!(!recorded.is_trusted());
-    assert_eq!(recorded.quarantined, [two].into());
+    assert_eq!(recorded.quarantined, [principal(2)].into());
 }
 
 #[test]
@@ -139,7 +149,7 @@ fn subtasks_of_evaluations_are_there_at_the_next_start() {
     let holder = WorkerId([1; 16]);
     let (_folder, path) = journal(&[
         Entry::Sharded(JobId(9), plan),
-        Entry::Leased(lease(5, 1), holder),
+        leased(5, 1, holder),
         entry(5),
         entry(6),
         answer(7, 3),
@@ -208,11 +218,11 @@ fn what_is_no_journal_is_said_to_be_damaged_or_of_another_version() {
         assert!(Header::decode(text.replace(from, to).as_bytes(), &path).is_err(), "{from}");
     }
     let text = String::from_utf8(header().encode().unwrap()).unwrap();
-    for (got, writer) in [(1, "an earlier build of Descry 0.1"), (3, "a later release of Descry")] {
-        let other = text.replace("\"version\":2", &format!("\"version\":{got},\"more\":0"));
+    for (got, writer) in [(1, "an earlier build of Descry 0.1"), (4, "a later release of Descry")] {
+        let other = text.replace("\"version\":3", &format!("\"version\":{got},\"more\":0"));
         let error = Header::decode(other.as_bytes(), &path).unwrap_err().to_string();
         let said =
-            format!("version must be 2, got {got}, written by {writer}\nfinish this run with that build,");
+            format!("version must be 3, got {got}, written by {writer}\nfinish this run with that build,");
         assert!(error.contains(&said), "{error}");
     }
 }
@@ -248,12 +258,12 @@ fn a_journal_of_version_1_is_refused_with_what_can_finish_it() {
         "data_digest":"00","evaluation_version":2,"session":[7,7,7,7,7,7,7,7,7,7,7,7,7,7,7,7],
         "started_milliseconds":1700000000123}"#;
     let error = Header::decode(text.as_bytes(), Path::new("journal")).unwrap_err().to_string();
-    let expected = "journal: version must be 2, got 1, written by an earlier build of Descry 0.1\nfinish this run with that build, or start another with --fresh";
+    let expected = "journal: version must be 3, got 1, written by an earlier build of Descry 0.1\nfinish this run with that build, or start another with --fresh";
     assert_eq!(error, expected);
 }
 
 /// A journal with an entry of every kind, as this version has written it; compressed, for most of it is zeros.
-const SAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/testdata/journal-v2.redb.gz");
+const SAMPLE: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/testdata/journal-v3.redb.gz");
 
 fn described() -> AcceptedResult {
     let result = TaskResult::Description(Described::named(Digest([7; 32])));
@@ -277,21 +287,20 @@ fn sample() -> (Vec<Entry>, Recorded) {
     let attempt = Event { sequence: 1, at, kind: attempt, omitted: false };
     let side = |shards, ranges| SidePlan { shards, ranges };
     let plan = ShardPlan { query: side(4, 2), database: side(8, 8) };
-    let credential = Some("token 1".to_owned());
     let member = Member {
         label: "rack".to_owned(),
-        introduction: Introduction { threads: 4, credential, ..Introduction::sample("rack") },
+        introduction: Introduction { threads: 4, ..Introduction::sample("rack", 1) },
     };
     let entries = vec![
         Entry::Joined(one, member.clone()),
         Entry::Joined(two, member.clone()),
-        Entry::Leased(lease(8, 3), one),
+        leased(8, 3, one),
         answer(5, 2),
         Entry::Accepted(JobId(6), Box::new(described())),
         answer(7, 0),
         Entry::Retracted(JobId(7)),
         Entry::Left(two),
-        Entry::Quarantined(two),
+        Entry::Quarantined(principal(2)),
         happened(0, 9),
         Entry::Event(Arc::new(attempt.clone())),
         Entry::Sharded(JobId(9), plan),
@@ -302,8 +311,8 @@ fn sample() -> (Vec<Entry>, Recorded) {
         accepted: [(JobId(5), accepted(2)), (JobId(6), described())].into(),
         members: [(one, member)].into(),
         plans: [(JobId(9), plan)].into(),
-        leases: vec![(lease(8, 3), one)],
-        quarantined: [two].into(),
+        leases: vec![(JobId(8), 3, one)],
+        quarantined: [principal(2)].into(),
         events: vec![event(0, 9), attempt],
     };
     (entries, recorded)

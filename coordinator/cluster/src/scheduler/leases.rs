@@ -1,15 +1,18 @@
 //! Leases: who gets a job, and how a lease ends.
 
+#[cfg(test)]
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use proto::task::{Failure, FailureReason, Task};
-use proto::{JobId, Lease, WorkerId};
+use proto::{JobId, Lease, Principal, WorkerId};
 
 use super::Scheduler;
+use super::worker::Worker;
 use crate::cost::counted_cost;
 use crate::events::{Attempt, AttemptEnd, EventKind};
-use crate::store::Job;
+use crate::store::{Job, Voices};
 
 /// A job is given to an idle second worker when it has run for this many times the median of its kind.
 const PATIENCE: f64 = 1.5;
@@ -35,7 +38,11 @@ impl Scheduler {
 
     /// The job that this worker should take next.
     pub(super) fn next_job(&self, id: WorkerId, now: Instant) -> Option<JobId> {
-        let idle = self.workers.get(&id)?.is_idle();
+        let worker = self.workers.get(&id)?;
+        let idle = worker.is_idle();
+        if worker.health.is_excluded() {
+            return None;
+        }
         // A job taken ahead waits behind another: as long as a worker has none at all, it is better off there.
         if !idle && self.queue.waiting() <= self.idle {
             return None;
@@ -47,27 +54,51 @@ impl Scheduler {
         waiting.or_else(|| self.queue.overdue(now).find(|job| idle && self.may_take(id, *job)))
     }
 
-    /// Whether a worker may take a job that wants one: it must neither work on it nor have reported a result of it, and a job that
-    /// failed on it goes to another, as long as there is one that may take it.
+    /// Whether a worker may take a job that wants one: it must not work on it, nor anybody of its principal have reported a
+    /// result of it, and a job that failed on it goes to another, as long as there is one that may take it. Of a job that
+    /// two principals have to answer, each has one lease.
     fn may_take(&self, id: WorkerId, job: JobId) -> bool {
-        let Some(job) = self.jobs.get(job) else { return false };
-        let tried = |worker: WorkerId| job.answered_by(worker) || job.failed_on(worker);
-        !job.answered_by(id)
-            && job.lease_of(id).is_none()
-            && (!job.failed_on(id) || self.workers.keys().all(|worker| tried(*worker)))
+        let (Some(job), Some(worker)) = (self.jobs.get(job), self.workers.get(&id)) else { return false };
+        let principal = worker.principal;
+        if job.required() == Voices::Own && principal != Principal::Coordinator {
+            return false;
+        }
+        let tried =
+            |(id, worker): (&WorkerId, &Worker)| job.answered_by(worker.principal) || job.failed_on(*id);
+        let of_principal =
+            |holder: &WorkerId| self.workers.get(holder).is_some_and(|worker| worker.principal == principal);
+        let has_lease = match self.wanted(job) {
+            2.. => job.leases.iter().any(|(holder, _)| of_principal(holder)),
+            _ => job.lease_of(id).is_some(),
+        };
+        !job.answered_by(principal) && !has_lease && (!job.failed_on(id) || self.workers.iter().all(tried))
+    }
+
+    /// How many results a job needs that somebody who is here can give.
+    pub(super) fn wanted(&self, job: &Job) -> usize {
+        let needs = job.needs();
+        if needs == 0 || job.required() == Voices::Own {
+            return needs.min(usize::from(self.somebody_else(job)));
+        }
+        self.present.keys().filter(|principal| !job.answered_by(**principal)).take(needs).count()
     }
 
     fn lease(&mut self, id: WorkerId, job_id: JobId, now: Instant) -> Option<(Lease, Arc<Task>)> {
+        let principal = self.workers.get(&id)?.principal;
         let job = self.jobs.get_mut(job_id)?;
         let (attempt, task) = (job.hand_out(id, now), Arc::clone(&job.task));
         self.queue.serve(job.position);
         self.add_lease(job_id, id, attempt, now);
-        Some((Lease { job: job_id, attempt }, task))
+        Some((self.secret.lease(job_id, attempt, (id, principal)), task))
     }
 
     pub(super) fn add_lease(&mut self, job_id: JobId, id: WorkerId, attempt: u32, now: Instant) {
         if let (Some(job), Some(worker)) = (self.jobs.get_mut(job_id), self.workers.get_mut(&id)) {
             job.leases.push((id, attempt));
+            // Its second answer is asked for at once, not when the first is there.
+            if self.trust.audits(worker.principal, self.secret.draw(job_id)) {
+                job.require(Voices::Two);
+            }
             self.idle -= usize::from(worker.is_idle());
             worker.take(job_id, attempt, now);
             worker.described.add(&job.channels);
@@ -77,19 +108,20 @@ impl Scheduler {
 
     /// Reconciles the leases that are recorded with those the worker says it holds; returns those that it should drop.
     pub(super) fn reconcile(&mut self, id: WorkerId, held: &[Lease], now: Instant) -> Vec<Lease> {
-        let booked = self.workers.get(&id).map_or_else(Vec::new, |worker| worker.leases().to_vec());
-        for (job, attempt) in booked {
-            if !held.contains(&Lease { job, attempt }) {
+        let Some(worker) = self.workers.get(&id) else { return Vec::new() };
+        let principal = worker.principal;
+        for (job, attempt) in worker.leases().to_vec() {
+            if !held.contains(&self.secret.lease(job, attempt, (id, principal))) {
                 self.release(job, id, AttemptEnd::Undelivered, now);
             }
         }
         let mut revoked = Vec::new();
         for &lease in held {
-            let job = self.jobs.get(lease.job);
+            let job = self.jobs.get(lease.job).filter(|_| self.secret.granted(lease, (id, principal)));
             match job.and_then(|job| job.lease_of(id)) {
                 Some(attempt) if attempt == lease.attempt => {}
                 // Given up while the worker was out of reach, and nobody else has begun: it may go on.
-                None if job.is_some_and(|job| may_go_on(job, id, lease.attempt)) => {
+                None if job.is_some_and(|job| self.may_go_on(job, id, principal)) => {
                     self.add_lease(lease.job, id, lease.attempt, now);
                 }
                 _ => revoked.push(lease),
@@ -106,7 +138,7 @@ impl Scheduler {
             self.release(job, holder, AttemptEnd::Overdue, now);
             let seconds = self.limits.job.as_secs();
             let failure = Failure::new(FailureReason::Overdue, format_args!("no result within {seconds} s"));
-            self.count_failure(job, holder, failure);
+            self.count_failure(job, holder, failure, now);
         }
     }
 
@@ -161,7 +193,7 @@ impl Scheduler {
         now: Instant,
     ) {
         let Some(job) = self.jobs.get(job_id) else { return };
-        let Some(handed_out) = job.handed_out_at(id, number) else { return };
+        let handed_out = job.handed_out_at(id, number);
         let (task, label) = (job.task.to_string(), self.label(id));
         let held_seconds = now.saturating_duration_since(handed_out).as_secs_f64();
         let attempt =
@@ -177,11 +209,12 @@ impl Scheduler {
         if job.delivered && needs == 0 && job.leases.is_empty() {
             return self.forget(id);
         }
+        let wanted = self.wanted(job);
         let hedge_from = match job.leases[..] {
-            [(holder, attempt)] if needs == 1 => self.hedge_from(id, job, holder, attempt),
+            [(holder, attempt)] if wanted == 1 => self.hedge_from(id, job, holder, attempt),
             _ => None,
         };
-        let (position, waits) = (job.position, needs > job.leases.len());
+        let (position, waits) = (job.position, wanted > job.leases.len());
         let Some(job) = self.jobs.get_mut(id) else { return };
         let before = std::mem::replace(&mut job.hedge_from, hedge_from);
         self.queue.move_covered(id, before, hedge_from);
@@ -192,7 +225,7 @@ impl Scheduler {
     /// takes too long otherwise, as far as it is known what that is.
     fn hedge_from(&self, id: JobId, job: &Job, holder: WorkerId, attempt: u32) -> Option<Instant> {
         match self.workers.get(&holder)?.works_on(id) {
-            None => job.handed_out_at(holder, attempt),
+            None => Some(job.handed_out_at(holder, attempt)),
             Some(since) => {
                 let expected = self.run_times.expected(counted_cost(&job.task))?;
                 Some(since + expected.mul_f64(PATIENCE).max(Duration::from_millis(1)))
@@ -212,15 +245,13 @@ impl Scheduler {
         self.queue.move_covered(id, job.hedge_from, None);
         self.queue.set_waiting(job.position, id, false);
         self.disputed.remove(&id);
+        self.failing.remove(&id);
     }
-}
 
-/// Whether a worker that was out of reach may go on with an attempt that was given up.
-fn may_go_on(job: &Job, id: WorkerId, attempt: u32) -> bool {
-    job.needs() > job.leases.len()
-        && job.handed_out_at(id, attempt).is_some()
-        && !job.answered_by(id)
-        && !job.failed_on(id)
+    /// Whether a worker that was out of reach may go on with an attempt that was given up.
+    fn may_go_on(&self, job: &Job, id: WorkerId, principal: Principal) -> bool {
+        self.wanted(job) > job.leases.len() && !job.answered_by(principal) && !job.failed_on(id)
+    }
 }
 
 #[cfg(test)]
@@ -229,6 +260,11 @@ impl Scheduler {
     pub(super) fn check_invariants(&self) {
         let idle = self.workers.values().filter(|worker| worker.is_idle()).count();
         assert_eq!(self.idle, idle, "idle workers");
+        let mut present = BTreeMap::new();
+        for worker in self.workers.values().filter(|worker| !worker.health.is_excluded()) {
+            *present.entry(worker.principal).or_default() += 1;
+        }
+        assert_eq!(self.present, present, "principals");
         for (id, worker) in &self.workers {
             for (job, attempt) in worker.leases() {
                 assert_eq!(self.jobs.get(*job).unwrap().lease_of(*id), Some(*attempt), "{id} and job {job}");
@@ -239,7 +275,7 @@ impl Scheduler {
                 assert!(self.workers[holder].leases().contains(&(id, *attempt)), "job {id} and {holder}");
             }
             let waits = self.queue.in_order().any(|waiting| waiting == id);
-            assert_eq!(waits, job.needs() > job.leases.len(), "job {id} waits");
+            assert_eq!(waits, self.wanted(job) > job.leases.len(), "job {id} waits");
             assert!(!job.delivered || job.needs() > 0 || !job.leases.is_empty(), "job {id} is over");
         }
         assert!(self.queue.waiting() <= self.jobs.len());

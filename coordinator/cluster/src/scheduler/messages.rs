@@ -4,9 +4,9 @@ use std::fmt;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use proto::journal::AcceptedResult;
+use proto::journal::{AcceptedResult, Assurance};
 use proto::task::{Failure, FailureReason, Report, Task, TaskResult};
-use proto::{JobId, Lease, WorkerId};
+use proto::{Digest, JobId, Lease, Principal, WorkerId};
 
 use crate::events::EventKind;
 
@@ -50,7 +50,7 @@ pub enum PollRefusal {
     UnknownWorker,
     /// A newer poll of the same worker was seen.
     Stale,
-    /// The worker reported a wrong result.
+    /// Its principal gave a wrong result.
     Quarantined,
 }
 
@@ -59,7 +59,7 @@ pub enum PollRefusal {
 pub enum RegisterRefusal {
     /// There are as many as there may be.
     Full,
-    /// The worker reported a wrong result.
+    /// Its principal gave a wrong result.
     Quarantined,
 }
 
@@ -80,16 +80,42 @@ pub struct Finished<R = TaskResult> {
     pub queued: Duration,
     /// Seconds on the worker's clock.
     pub run_seconds: f64,
-    /// As many workers agree as have to. `false`: it was accepted because there was no other worker, and is in doubt.
-    pub settled: bool,
+    /// Who answers for the worker; of a sharded evaluation, for one of those that gave the least assurance.
+    pub principal: Principal,
+    /// Another principal that gave the same; of a sharded evaluation none.
+    pub seconded: Option<Principal>,
+    /// Why it is believed; of a sharded evaluation, the least of its parts.
+    pub assurance: Assurance,
 }
 
 impl Finished {
     /// The same with what `of_kind` makes of the result; `None` if that is nothing.
     pub fn of_kind<R>(self, of_kind: impl FnOnce(TaskResult) -> Option<R>) -> Option<Finished<R>> {
-        let Self { job, result, worker_id, worker, attempt, queued, run_seconds, settled } = self;
+        let Self {
+            job,
+            result,
+            worker_id,
+            worker,
+            attempt,
+            queued,
+            run_seconds,
+            principal,
+            seconded,
+            assurance,
+        } = self;
         let result = of_kind(result)?;
-        Some(Finished { job, result, worker_id, worker, attempt, queued, run_seconds, settled })
+        Some(Finished {
+            job,
+            result,
+            worker_id,
+            worker,
+            attempt,
+            queued,
+            run_seconds,
+            principal,
+            seconded,
+            assurance,
+        })
     }
 
     /// What the journal keeps of it; `None` if nothing.
@@ -98,17 +124,43 @@ impl Finished {
             result: self.result.kept()?,
             worker_id: self.worker_id,
             worker: self.worker.clone(),
+            principal: self.principal,
+            seconded: self.seconded,
+            assurance: self.assurance,
             attempt: self.attempt,
             queued: self.queued,
             run_seconds: self.run_seconds,
         })
     }
 
-    /// A result that the journal has kept, as it does of those that are settled.
+    /// A result that the journal has kept.
     pub fn recorded(job: JobId, accepted: AcceptedResult) -> Self {
-        let AcceptedResult { result, worker_id, worker, attempt, queued, run_seconds } = accepted;
-        Self { job, result, worker_id, worker, attempt, queued, run_seconds, settled: true }
+        let AcceptedResult {
+            result,
+            worker_id,
+            worker,
+            principal,
+            seconded,
+            assurance,
+            attempt,
+            queued,
+            run_seconds,
+        } = accepted;
+        Self { job, result, worker_id, worker, attempt, queued, run_seconds, principal, seconded, assurance }
     }
+}
+
+/// A job that was settled after a result of it was delivered.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Confirmed {
+    /// The job.
+    pub job: JobId,
+    /// Of the result that counts.
+    pub fingerprint: Digest,
+    /// Another principal that gave it.
+    pub seconded: Option<Principal>,
+    /// Why it is believed.
+    pub assurance: Assurance,
 }
 
 /// Something that happened, for the event log.
@@ -130,8 +182,8 @@ pub enum Doubt {
         /// Its task.
         task: Arc<Task>,
     },
-    /// A worker was quarantined.
-    Quarantined(WorkerId),
+    /// A principal was quarantined.
+    Quarantined(Principal),
 }
 
 /// A job that failed as often as the limit allows, or is malformed.

@@ -3,13 +3,16 @@
 //! Nothing here does IO or waits. The service feeds polls in, the run driver submits jobs and drains outcomes.
 
 mod affinity;
-mod audit;
+mod failures;
 pub mod fair_queue;
+mod health;
 mod leases;
+mod membership;
 pub mod messages;
 mod queue;
 mod restore;
 mod run_times;
+mod trust;
 mod votes;
 mod worker;
 
@@ -17,19 +20,23 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use proto::task::{Failure, FailureReason, Subject, Task};
-use proto::{Introduction, JobId, Lease, WorkerId};
+use proto::journal::Assurance;
+use proto::task::{DescriptorBytes, Subject, Task};
+use proto::{JobId, Lease, Principal, WorkerId};
 
 use crate::events::{AttemptEnd, Departure, EventKind};
-use crate::store::{Job, JobStore};
+pub use crate::secret::{Caller, RunSecret};
+use crate::store::{Job, JobStore, Voices, Vote};
 pub use affinity::ChannelsOf;
-pub use audit::Audit;
 pub use fair_queue::ClientId;
 pub use messages::{
-    Answer, Doubt, Emitted, Finished, JobFailed, Poll, PollRefusal, RegisterRefusal, Staffing, WorkerFailure,
+    Answer, Confirmed, Doubt, Emitted, Finished, JobFailed, Poll, PollRefusal, RegisterRefusal, Staffing,
+    WorkerFailure,
 };
 use queue::Queue;
 use run_times::RunTimes;
+pub use trust::Audit;
+use trust::Trust;
 use worker::{Worker, WorkerIdentity};
 
 /// Workers that have been idle for so long are reported, …
@@ -55,7 +62,7 @@ pub struct Limits {
     pub worker_grace: Duration,
     /// Registered workers beyond which registration is refused.
     pub max_workers: usize,
-    /// Which evaluations two workers have to agree on.
+    /// How many answers two principals have to agree on.
     pub audit: Audit,
     /// Looks into descriptions, which only the crate `descriptor` reads.
     pub check_description: CheckDescription,
@@ -82,7 +89,13 @@ impl Limits {
 /// All workers and all unfinished jobs of one run.
 pub struct Scheduler {
     limits: Limits,
+    secret: RunSecret,
     workers: BTreeMap<WorkerId, Worker>,
+    /// How many workers of each principal are here and not excluded: none only where there is no worker at all.
+    present: BTreeMap<Principal, usize>,
+    trust: Trust,
+    /// How often workers of a principal were excluded because they failed.
+    exclusions: BTreeMap<Principal, u32>,
     /// How many workers have no lease.
     idle: usize,
     /// One entry per job; the scheduler works on those that are open.
@@ -90,10 +103,14 @@ pub struct Scheduler {
     queue: Queue,
     /// Jobs whose results differ and are not decided.
     disputed: BTreeSet<JobId>,
-    /// Workers that reported a wrong result: they get no more jobs, and none of their results counts.
-    quarantined: BTreeSet<WorkerId>,
+    /// Open jobs that have failed as often as the limit allows, if only on workers that may be at fault themselves.
+    failing: BTreeSet<JobId>,
+    /// Principals that gave a wrong result: their workers get no more jobs, and none of their results counts.
+    quarantined: BTreeSet<Principal>,
     run_times: RunTimes,
     finished: Vec<Finished>,
+    /// Jobs that were settled after a result of them was delivered.
+    confirmed: Vec<Confirmed>,
     failed: Option<JobFailed>,
     events: Vec<Emitted>,
     doubts: Vec<Doubt>,
@@ -105,7 +122,7 @@ pub struct Scheduler {
     alone_since: Option<Instant>,
     undecided_since: Option<Instant>,
     starving_since: Option<Instant>,
-    /// Whether the event that audits wait for another worker was emitted.
+    /// Whether the event that audits wait for another principal was emitted.
     unaudited: bool,
     /// There was an earlier start, which may have granted leases that are not recorded.
     restarted: bool,
@@ -113,17 +130,23 @@ pub struct Scheduler {
 
 impl Scheduler {
     /// An empty scheduler.
-    pub fn new(limits: Limits) -> Self {
+    pub fn new(limits: Limits, secret: RunSecret) -> Self {
         Self {
             limits,
+            secret,
             workers: BTreeMap::new(),
+            present: BTreeMap::new(),
+            trust: Trust::new(limits.audit),
+            exclusions: BTreeMap::new(),
             idle: 0,
             jobs: JobStore::default(),
             queue: Queue::default(),
             disputed: BTreeSet::new(),
+            failing: BTreeSet::new(),
             quarantined: BTreeSet::new(),
             run_times: RunTimes::default(),
             finished: Vec::new(),
+            confirmed: Vec::new(),
             failed: None,
             events: Vec::new(),
             doubts: Vec::new(),
@@ -143,15 +166,98 @@ impl Scheduler {
     /// describe. A job that a worker was given by an earlier start is still its own.
     pub fn submit(&mut self, id: JobId, task: Arc<Task>, client: ClientId, now: Instant) {
         self.abandon(id, now); // of the same name before the run began again
-        let audited = self.limits.audit.covers(&task);
         let channels = self.channels(&task);
-        let mut job = Job::new(task, channels, self.queue.position(client), audited, now);
+        let mut job = Job::new(task, channels, self.queue.position(client), now);
         let lease = self.restore_attempts(id, &mut job, now);
         self.jobs.open(id, job);
         match lease {
             Some((holder, attempt)) => self.add_lease(id, holder, attempt, now),
             None => self.refile(id),
         }
+    }
+
+    /// Has a job answered by the coordinator's own process, where that works, or else by a second principal, unless it
+    /// was: one whose result was `accepted` before, or that is still open.
+    pub fn confirm(
+        &mut self,
+        id: JobId,
+        task: &Arc<Task>,
+        accepted: &Finished,
+        client: ClientId,
+        now: Instant,
+    ) {
+        let own = self.present.contains_key(&Principal::Coordinator);
+        self.require(if own { Voices::Own } else { Voices::Two }, (id, task), accepted, client, now);
+    }
+
+    /// Has a second principal answer a job whose result was `accepted` before, or that is still open.
+    pub fn audit(
+        &mut self,
+        id: JobId,
+        task: &Arc<Task>,
+        accepted: &Finished,
+        client: ClientId,
+        now: Instant,
+    ) {
+        self.require(Voices::Two, (id, task), accepted, client, now);
+    }
+
+    fn require(
+        &mut self,
+        voices: Voices,
+        (id, task): (JobId, &Arc<Task>),
+        accepted: &Finished,
+        client: ClientId,
+        now: Instant,
+    ) {
+        if accepted.assurance >= voices.assurance() {
+            return;
+        }
+        if self.jobs.get(id).is_none() {
+            let channels = self.channels(task);
+            let mut job = Job::new(Arc::clone(task), channels, self.queue.position(client), now);
+            job.delivered = true;
+            let vote = |principal, worker, label| Vote {
+                worker,
+                principal,
+                label,
+                attempt: accepted.attempt,
+                fingerprint: accepted.result.fingerprint(),
+                result: None,
+                queued: accepted.queued,
+                run_seconds: accepted.run_seconds,
+            };
+            job.votes.push(vote(accepted.principal, accepted.worker_id, accepted.worker.clone()));
+            // Which of its workers it was is not kept.
+            let seconded =
+                accepted.seconded.map(|second| vote(second, WorkerId([0; 16]), second.to_string()));
+            job.votes.extend(seconded);
+            self.jobs.open(id, job);
+        }
+        if let Some(job) = self.jobs.get_mut(id) {
+            job.require(voices);
+        }
+        self.settle(id, now);
+    }
+
+    /// The descriptors with which others may go on: everything that is known about them was computed by the coordinator's
+    /// own process, audited, or given by principals that have earned trust.
+    pub fn vouched(&self) -> BTreeSet<DescriptorBytes> {
+        let vouched = |finished: &Finished| match finished.assurance {
+            Assurance::Own | Assurance::Audited => true,
+            Assurance::Unaudited => self.trust.has_earned(finished.principal),
+            Assurance::Owed => false,
+        };
+        let mut descriptors: BTreeMap<&DescriptorBytes, bool> = BTreeMap::new();
+        for (task, finished) in self.jobs.accepted() {
+            *descriptors.entry(&task.subject().descriptor).or_insert(true) &= vouched(finished);
+        }
+        descriptors.into_iter().filter(|(_, vouched)| *vouched).map(|(one, _)| one.clone()).collect()
+    }
+
+    /// The accepted results about a descriptor, with their jobs and tasks: see [`JobStore::about`].
+    pub fn about(&self, descriptor: &DescriptorBytes) -> Vec<(JobId, Arc<Task>, Finished)> {
+        self.jobs.about(descriptor, self.limits.channels_of)
     }
 
     /// Another client asks for a job that is there: it is handed out as early as for the one that waits less.
@@ -168,43 +274,26 @@ impl Scheduler {
         self.queue.forget_client(client);
     }
 
-    /// Registers a worker, or one that comes back, and returns its unique label.
-    pub fn register(
-        &mut self,
-        id: WorkerId,
-        introduction: Introduction,
-        now: Instant,
-    ) -> Result<String, RegisterRefusal> {
-        if let Some(worker) = self.workers.get_mut(&id) {
+    /// Notes a sign of life that cannot be answered yet.
+    pub fn heard_from(&mut self, (id, principal): Caller, now: Instant) {
+        if let Some(worker) = self.workers.get_mut(&id).filter(|worker| worker.principal == principal) {
             worker.last_seen = now;
-            return Ok(self.label(id));
         }
-        if self.quarantined.contains(&id) {
-            return Err(RegisterRefusal::Quarantined);
-        }
-        if self.workers.len() >= self.limits.max_workers {
-            return Err(RegisterRefusal::Full);
-        }
-        let (name, used) = (&introduction.name, &mut self.used_labels);
-        let acquaintance = self.identities.entry(id).or_insert_with(|| WorkerIdentity::new(name, used));
-        let label = acquaintance.label.clone();
-        self.workers.insert(id, Worker::new(now));
-        self.idle += 1;
-        self.emit(now, EventKind::Joined { worker: id, label: label.clone(), introduction });
-        self.alone_since = None;
-        Ok(label)
     }
 
-    /// Notes a sign of life that cannot be answered yet.
-    pub fn heard_from(&mut self, id: WorkerId, now: Instant) {
-        if let Some(worker) = self.workers.get_mut(&id) {
-            worker.last_seen = now;
-        }
+    /// The worker that calls, if it is registered by this credential.
+    fn caller(&mut self, (id, principal): Caller) -> Result<&mut Worker, PollRefusal> {
+        let refusal = match self.quarantined.contains(&principal) {
+            true => PollRefusal::Quarantined,
+            false => PollRefusal::UnknownWorker,
+        };
+        self.workers.get_mut(&id).filter(|worker| worker.principal == principal).ok_or(refusal)
     }
 
     /// One poll: heartbeat, finished work, request for more.
-    pub fn poll(&mut self, id: WorkerId, poll: Poll, now: Instant) -> Result<Answer, PollRefusal> {
-        let worker = self.workers.get_mut(&id).ok_or(self.quarantined.contains(&id)).map_err(unknown)?;
+    pub fn poll(&mut self, caller: Caller, poll: Poll, now: Instant) -> Result<Answer, PollRefusal> {
+        let (id, principal) = caller;
+        let worker = self.caller(caller)?;
         if poll.sequence <= worker.sequence {
             return Err(PollRefusal::Stale);
         }
@@ -216,12 +305,12 @@ impl Scheduler {
             let lease = report.lease;
             self.accept(id, report, now);
             // A vote counts when the result is delivered. Until then it is kept nowhere but here.
-            let is_open = |job: &Job| !job.delivered && job.answered_by(id);
+            let is_open = |job: &Job| !job.delivered && job.answered_by_worker(id);
             if !self.jobs.get(lease.job).is_some_and(is_open) {
                 answer.acknowledged.push(lease);
             }
         }
-        if self.quarantined.contains(&id) {
+        if self.quarantined.contains(&principal) {
             return Err(PollRefusal::Quarantined);
         }
         answer.revoked = self.reconcile(id, &poll.held, now);
@@ -239,17 +328,17 @@ impl Scheduler {
     /// Hands out more jobs in answer to the poll with this sequence number, unless a newer one was seen.
     pub fn lease_later(
         &mut self,
-        id: WorkerId,
+        caller: Caller,
         sequence: u64,
         wanted: usize,
         now: Instant,
     ) -> Result<Vec<(Lease, Arc<Task>)>, PollRefusal> {
-        let worker = self.workers.get_mut(&id).ok_or(self.quarantined.contains(&id)).map_err(unknown)?;
+        let worker = self.caller(caller)?;
         if worker.sequence != sequence {
             return Err(PollRefusal::Stale);
         }
         worker.last_seen = now;
-        Ok(self.lease_jobs(id, wanted, now))
+        Ok(self.lease_jobs(caller.0, wanted, now))
     }
 
     /// Gives up the workers that have been silent for longer than a lease lasts, and the leases that have gone on for
@@ -273,14 +362,11 @@ impl Scheduler {
             self.remove_worker(id, Departure::Lost, now);
         }
         self.expire_leases(now);
+        self.end_exclusions(now);
+        self.fail_hopeless();
         self.queue.forget_wakeups();
         self.notice_undecided(now);
         self.notice_starving(now);
-    }
-
-    /// Removes a worker that is on the deny list: its leases are free at once.
-    pub fn deny(&mut self, id: WorkerId, now: Instant) {
-        self.remove_worker(id, Departure::Denied, now);
     }
 
     /// Whether there are workers, and enough of them to decide.
@@ -300,6 +386,11 @@ impl Scheduler {
         std::mem::take(&mut self.finished)
     }
 
+    /// Jobs that were settled since the last call after a result of them was delivered.
+    pub fn drain_confirmed(&mut self) -> Vec<Confirmed> {
+        std::mem::take(&mut self.confirmed)
+    }
+
     /// What happened since the last call.
     pub fn drain_events(&mut self) -> Vec<Emitted> {
         std::mem::take(&mut self.events)
@@ -315,7 +406,7 @@ impl Scheduler {
         self.failed.as_ref()
     }
 
-    /// Whether no worker was quarantined, in this start or an earlier one.
+    /// Whether nobody was quarantined, in this start or an earlier one.
     pub fn is_trusted(&self) -> bool {
         self.quarantined.is_empty()
     }
@@ -336,7 +427,7 @@ impl Scheduler {
     }
 
     /// Whether a result that was delivered is still in doubt, and a worker may remove the doubt: two workers differ,
-    /// or it was to be audited when there was one worker only, and there is another now.
+    /// or it is to be audited, and there is another principal than the one that gave it.
     pub fn in_doubt(&self) -> bool {
         let doubtful =
             |job: &Job| job.delivered && job.needs() > 0 && (job.is_disputed() || self.somebody_else(job));
@@ -352,6 +443,7 @@ impl Scheduler {
         }
         self.jobs.close_all();
         self.disputed.clear();
+        self.failing.clear();
         self.queue = Queue::default();
     }
 
@@ -376,39 +468,6 @@ impl Scheduler {
             self.queue.note_wakeup(*id);
         }
         woken
-    }
-
-    /// The one place where a worker goes, whoever noticed: its leases go back to the queue, and losing the last
-    /// worker starts the grace.
-    fn remove_worker(&mut self, id: WorkerId, why: Departure, now: Instant) {
-        let Some(worker) = self.workers.get(&id) else { return };
-        let (label, leases) = (self.label(id), worker.leases().to_vec());
-        for &(job, _) in &leases {
-            self.release(job, id, AttemptEnd::Gone(why), now);
-            if why == Departure::Lost {
-                let failure = Failure::new(FailureReason::Lost, why.reason());
-                self.count_loss(job, WorkerFailure { worker: label.clone(), failure });
-            }
-        }
-        self.workers.remove(&id);
-        self.idle -= 1;
-        self.queue.forget_worker(id);
-        if self.workers.is_empty() {
-            self.alone_since = Some(now);
-        }
-        self.note_departure(id, why, leases.len(), now);
-        if self.identities.get(&id).is_some_and(|known| known.answers == 0) {
-            // It is in no result: strangers that come and go must not fill the memory with their names.
-            self.identities.remove(&id);
-            self.used_labels.remove(&label);
-        }
-        self.settle_for_want_of_others(now);
-    }
-
-    fn note_departure(&mut self, id: WorkerId, why: Departure, leases: usize, now: Instant) {
-        let answers = self.identities.get(&id).map_or(0, |known| known.answers);
-        let label = self.label(id);
-        self.emit(now, EventKind::Departed { worker: id, label, departure: why, leases, answers });
     }
 
     fn notice_undecided(&mut self, now: Instant) {
@@ -449,11 +508,6 @@ impl Scheduler {
     pub fn label(&self, id: WorkerId) -> String {
         self.identities.get(&id).map_or_else(|| id.to_string(), |known| known.label.clone())
     }
-}
-
-/// What to tell a worker that is not registered.
-fn unknown(quarantined: bool) -> PollRefusal {
-    if quarantined { PollRefusal::Quarantined } else { PollRefusal::UnknownWorker }
 }
 
 #[cfg(test)]

@@ -3,11 +3,11 @@
 use std::collections::BTreeSet;
 use std::time::Instant;
 
-use proto::journal::Member;
+use proto::journal::{Assurance, Member};
 use proto::{JobId, WorkerId};
 
 use super::Scheduler;
-use super::worker::{Worker, WorkerIdentity};
+use super::worker::WorkerIdentity;
 use crate::events::EventKind;
 use crate::journal::Recorded;
 use crate::store::Job;
@@ -19,10 +19,20 @@ impl Scheduler {
         let answered: BTreeSet<WorkerId> =
             recorded.accepted.values().map(|accepted| accepted.worker_id).collect();
         self.quarantined.extend(&recorded.quarantined);
+        for accepted in recorded.accepted.values() {
+            if matches!(accepted.assurance, Assurance::Owed | Assurance::Audited) {
+                self.trust.count(accepted.principal);
+            }
+            if accepted.assurance == Assurance::Audited {
+                [Some(accepted.principal), accepted.seconded]
+                    .into_iter()
+                    .flatten()
+                    .for_each(|one| self.trust.agree(one));
+            }
+        }
         for (&id, Member { label, introduction }) in &recorded.members {
             let (worker, introduction) = (label.clone(), introduction.clone());
-            self.workers.insert(id, Worker::new(now));
-            self.idle += 1;
+            self.add_worker(id, introduction.principal, now);
             let answers = u64::from(answered.contains(&id));
             self.identities.insert(id, WorkerIdentity { label: worker.clone(), answers });
             self.used_labels.insert(worker.clone());

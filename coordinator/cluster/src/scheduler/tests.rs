@@ -1,7 +1,10 @@
 //! The scheduler's promises: every job is answered once, whatever happens to workers and messages.
 
 mod affinity;
+mod cost;
+mod failures;
 mod opinions;
+mod principals;
 mod restarts;
 
 use std::collections::BTreeSet;
@@ -11,9 +14,10 @@ use proptest::prelude::*;
 use super::*;
 use crate::events::Attempt;
 use crate::job_names::JobNames;
-use crate::store::UNRECORDED;
-use proto::Digest;
-use proto::task::{Described, Evaluation, EvaluationResult, Report, TaskResult};
+use proto::LeaseNonce;
+use proto::journal::Assurance;
+use proto::task::{Described, Evaluation, EvaluationResult, Failure, FailureReason, Report, TaskResult};
+use proto::{Digest, Introduction};
 
 const LIMITS: Limits = Limits { max_failures: 3, ..Limits::SAMPLE };
 
@@ -42,6 +46,11 @@ fn worker(number: u8) -> WorkerId {
     WorkerId([number; 16])
 }
 
+/// Who answers for the worker of this number: each stands for itself.
+fn principal(number: u8) -> Principal {
+    Introduction::sample("host", number).principal
+}
+
 /// A scheduler with a clock that only tests move, and a sequence number for each poll.
 struct Bench {
     scheduler: Scheduler,
@@ -53,7 +62,7 @@ struct Bench {
 impl Bench {
     fn new(workers: u8) -> Self {
         let mut bench = Self {
-            scheduler: Scheduler::new(LIMITS),
+            scheduler: Scheduler::new(Limits { max_workers: 50, ..LIMITS }, RunSecret::new([7; 32])),
             names: JobNames::default(),
             now: Instant::now(),
             sequence: 0,
@@ -65,8 +74,24 @@ impl Bench {
     }
 
     fn join(&mut self, number: u8) -> Result<String, RegisterRefusal> {
-        let introduction = Introduction::sample("host");
+        self.join_as(number, principal(number))
+    }
+
+    /// Joins under a principal that may be another's.
+    fn join_as(&mut self, number: u8, principal: Principal) -> Result<String, RegisterRefusal> {
+        let introduction = Introduction { principal, ..Introduction::sample("host", number) };
         self.scheduler.register(worker(number), introduction, self.now)
+    }
+
+    /// The lease of a worker on an attempt at a job.
+    fn lease(&self, number: u8, job: JobId, attempt: u32) -> Lease {
+        self.scheduler.secret.lease(job, attempt, (worker(number), principal(number)))
+    }
+
+    /// By whom a worker has registered.
+    fn caller(&self, number: u8) -> Caller {
+        let registered = self.scheduler.workers.get(&worker(number)).map(|worker| worker.principal);
+        (worker(number), registered.unwrap_or(principal(number)))
     }
 
     fn submit(&mut self) -> JobId {
@@ -81,7 +106,8 @@ impl Bench {
 
     fn try_poll(&mut self, number: u8, poll: Poll) -> Result<Answer, PollRefusal> {
         self.sequence += 1;
-        self.scheduler.poll(worker(number), Poll { sequence: self.sequence, ..poll }, self.now)
+        let caller = self.caller(number);
+        self.scheduler.poll(caller, Poll { sequence: self.sequence, ..poll }, self.now)
     }
 
     fn poll(&mut self, number: u8, held: &[Lease], wanted: usize) -> Answer {
@@ -123,7 +149,7 @@ fn a_job_is_leased_once_and_its_answer_acknowledged() {
     let mut bench = Bench::new(2);
     let job = bench.submit();
     let lease = bench.take(1);
-    assert_eq!(lease, Lease { job, attempt: 1 });
+    assert_eq!(lease, bench.lease(1, job, 1));
     assert!(bench.poll(2, &[], 5).jobs.is_empty());
     bench.pass(2);
     assert_eq!(bench.report(1, lease, good()).acknowledged, [lease]);
@@ -162,7 +188,7 @@ fn the_jobs_of_a_silent_worker_go_to_another_and_a_late_answer_still_counts() {
     assert_eq!(bench.departures(), [("host".to_owned(), Departure::Lost)]);
     bench.join(2).unwrap();
     let again = bench.take(2);
-    assert_eq!(again, Lease { job, attempt: 2 });
+    assert_eq!(again, bench.lease(2, job, 2));
     // The first worker was only cut off: it registers again and hands in its result.
     bench.join(1).unwrap();
     assert_eq!(bench.report(1, lost, good()).acknowledged, [lost]);
@@ -194,7 +220,7 @@ fn a_lease_whose_reply_was_lost_is_given_out_again_at_once() {
     let job = bench.submit();
     bench.take(1); // the reply never arrives: the next poll does not list it
     assert!(bench.poll(1, &[], 0).jobs.is_empty());
-    assert_eq!(bench.take(2), Lease { job, attempt: 2 });
+    assert_eq!(bench.take(2), bench.lease(2, job, 2));
 }
 
 #[test]
@@ -217,8 +243,8 @@ fn a_duplicated_or_delayed_poll_changes_nothing() {
     bench.submit();
     let lease = bench.take(1);
     let late = Poll { sequence: bench.sequence, held: vec![], wanted: 1, ..Poll::default() };
-    assert_eq!(bench.scheduler.poll(worker(1), late, bench.now).unwrap_err(), PollRefusal::Stale);
-    let stale = bench.scheduler.lease_later(worker(1), bench.sequence - 1, 1, bench.now);
+    assert_eq!(bench.scheduler.poll(bench.caller(1), late, bench.now).unwrap_err(), PollRefusal::Stale);
+    let stale = bench.scheduler.lease_later(bench.caller(1), bench.sequence - 1, 1, bench.now);
     assert_eq!(stale.unwrap_err(), PollRefusal::Stale);
     assert!(bench.poll(1, &[lease], 0).revoked.is_empty());
 }
@@ -251,23 +277,25 @@ fn a_failed_job_goes_to_another_worker_and_ends_after_the_limit() {
 }
 
 #[test]
-fn a_malformed_job_fails_at_once_and_whatever_else_goes_wrong_is_tried_elsewhere() {
+fn a_job_is_malformed_when_two_say_so_and_whatever_else_goes_wrong_is_tried_elsewhere() {
     use FailureReason::*;
     for reason in [Other, Data, Panic, Cloud, Description, InvalidResult, InvalidJob] {
         let mut bench = Bench::new(2);
         bench.submit();
-        let lease = bench.take(1);
-        bench.report(1, lease, Err(Failure::new(reason, "what")));
+        for number in [1, 2] {
+            assert_eq!(bench.scheduler.failed(), None, "{reason}");
+            let lease = bench.take(number);
+            assert_eq!(lease.attempt, u32::from(number));
+            bench.report(number, lease, Err(Failure::new(reason, "what")));
+        }
         let failed = bench.scheduler.failed();
         assert_eq!(failed.is_some(), reason == InvalidJob, "{reason}");
         assert!(failed.is_none_or(JobFailed::is_malformed));
         if let Some(failed) = failed {
             let message = crate::ClusterError::JobFailed(failed.clone()).to_string();
             let expected =
-                "evaluation of descriptor 1: malformed, got\n  host: invalid job: what\nuse workers of";
+                "evaluation of descriptor 1: malformed, got\n  host: invalid job: what\n  host-2: invalid";
             assert!(message.starts_with(expected), "{message}");
-        } else {
-            assert_eq!(bench.take(2).attempt, 2, "{reason}");
         }
     }
 }
@@ -341,7 +369,7 @@ fn a_job_that_hangs_on_a_living_worker_goes_to_another_and_either_answer_counts(
         bench.poll(1, &[hanging], 1);
         let later = bench.poll(2, &[], 1);
         if let Some((lease, _)) = later.jobs.first() {
-            assert_eq!(*lease, Lease { job, attempt: 2 });
+            assert_eq!(*lease, bench.lease(2, job, 2));
             assert_eq!(bench.poll(1, &[hanging], 1).revoked, [hanging], "it is not given back to who hangs");
             bench.report(1, hanging, good());
             assert_eq!(bench.scheduler.drain_finished()[0].attempt, 1);
@@ -352,14 +380,15 @@ fn a_job_that_hangs_on_a_living_worker_goes_to_another_and_either_answer_counts(
 }
 
 #[test]
-fn answers_to_attempts_that_were_never_handed_out_are_ignored() {
+fn answers_to_attempts_that_were_never_handed_out_or_to_others_are_ignored() {
     let mut bench = Bench::new(1);
     let job = bench.submit();
     for attempt in [0, 1, 7] {
-        bench.report(1, Lease { job, attempt }, good());
+        bench.report(1, Lease { job, attempt, nonce: LeaseNonce::default() }, good());
+        bench.report(1, bench.lease(2, job, attempt), good());
     }
     assert!(bench.scheduler.drain_finished().is_empty());
-    assert_eq!(bench.take(1), Lease { job, attempt: 1 });
+    assert_eq!(bench.take(1), bench.lease(1, job, 1));
 }
 
 #[test]
@@ -478,6 +507,7 @@ fn time_in_the_queue_does_not_count_against_a_job() {
 #[test]
 fn registrations_are_bounded() {
     let mut bench = Bench::new(4);
+    bench.scheduler.limits.max_workers = 4;
     assert_eq!(bench.join(5), Err(RegisterRefusal::Full));
     assert_eq!(bench.join(4).as_deref(), Ok("host-4"));
 }

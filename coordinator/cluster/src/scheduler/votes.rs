@@ -1,31 +1,34 @@
-//! Votes: which result of a job counts, which workers are contradicted, and how a worker that was wrong is quarantined.
+//! Votes: which result of a job counts, which principals are contradicted, and how one that was wrong is quarantined.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Instant;
 
-use proto::task::{Described, Failure, FailureReason, InvalidResult, Report, Task, TaskResult};
-use proto::{JobId, Lease, WorkerId};
+use proto::task::{Described, Failure, InvalidResult, Report, Task, TaskResult};
+use proto::{JobId, Lease, Principal, WorkerId};
 
-use super::messages::WorkerFailure;
-use super::{Doubt, Emitted, Finished, JobFailed, Scheduler};
+use super::messages::Confirmed;
+use super::{Doubt, Emitted, Finished, Scheduler};
 use crate::events::{AttemptEnd, Departure, EventKind};
-use crate::store::{Job, Vote};
+use crate::store::{Job, Voices, Vote};
 
 impl Scheduler {
     /// Takes one report; a valid result counts from whichever lease, once a worker.
     pub(super) fn accept(&mut self, id: WorkerId, report: Report, now: Instant) {
-        let Lease { job: job_id, attempt } = report.lease;
+        let Lease { job: job_id, attempt, .. } = report.lease;
+        let Some(principal) = self.workers.get(&id).map(|worker| worker.principal) else { return };
         let Some(job) = self.jobs.get(job_id) else {
             return; // answered before, by this worker or another
         };
-        // This worker was never given such an attempt.
-        let Some(handed_out) = job.handed_out_at(id, attempt).filter(|_| !job.answered_by(id)) else {
+        if !self.secret.granted(report.lease, (id, principal)) || job.answered_by_worker(id) {
             return;
-        };
+        }
+        let handed_out = job.handed_out_at(id, attempt);
         match report.outcome.and_then(|result| self.checked(&job.task, result)) {
             Ok(result) => {
                 let vote = Vote {
                     worker: id,
+                    principal,
                     label: self.label(id),
                     attempt,
                     fingerprint: result.fingerprint(),
@@ -40,7 +43,7 @@ impl Scheduler {
                 let end = AttemptEnd::Failed(failure.to_string());
                 self.end_lease(job_id, id, end, Some(report.run_seconds), now);
                 self.refile(job_id);
-                self.count_failure(job_id, id, failure);
+                self.count_failure(job_id, id, failure, now);
             }
             Err(_) => {}
         }
@@ -61,6 +64,7 @@ impl Scheduler {
     fn count_vote(&mut self, job_id: JobId, vote: Vote, now: Instant) {
         let Some(job) = self.jobs.get_mut(job_id) else { return };
         let (id, attempt, run_seconds) = (vote.worker, vote.attempt, Some(vote.run_seconds));
+        let principal = vote.principal;
         let held = job.lease_of(id);
         let end = match &job.votes[..] {
             [] => AttemptEnd::Answered,
@@ -68,9 +72,24 @@ impl Scheduler {
             _ => AttemptEnd::Disagreed,
         };
         let result = vote.result.filter(|_| !job.delivered);
+        if self.trust.audits(principal, self.secret.draw(job_id)) {
+            job.require(Voices::Two);
+        }
+        let is_first = !job.answered_by(principal);
         job.votes.push(Vote { result, ..vote });
+        if is_first {
+            for agreed in job.agreement_with(principal) {
+                self.trust.agree(agreed);
+            }
+        }
+        if is_first && (job.required() > Voices::One || job.votes.len() > 1) {
+            self.trust.count(principal);
+        }
         if let Some(known) = self.identities.get_mut(&id) {
             known.answers += 1;
+        }
+        if let Some(worker) = self.workers.get_mut(&id) {
+            worker.health.succeeded();
         }
         if held == Some(attempt) {
             self.end_lease(job_id, id, end, run_seconds, now);
@@ -82,7 +101,7 @@ impl Scheduler {
     }
 
     /// Draws the consequences of the results that a job has.
-    fn settle(&mut self, job_id: JobId, now: Instant) {
+    pub(super) fn settle(&mut self, job_id: JobId, now: Instant) {
         let Some(job) = self.jobs.get(job_id) else { return };
         let (settled, disputed) = (job.needs() == 0, job.is_disputed());
         if disputed && self.disputed.insert(job_id) {
@@ -96,8 +115,15 @@ impl Scheduler {
             self.disputed.remove(&job_id);
         }
         let alone = !settled && !disputed && !job.votes.is_empty() && !self.somebody_else(job);
-        if alone && !job.delivered && !std::mem::replace(&mut self.unaudited, true) {
+        if alone && !std::mem::replace(&mut self.unaudited, true) {
             self.events.push(Emitted { at: now, kind: EventKind::Unaudited });
+        }
+        if settled && job.delivered {
+            let confirmed = |leading: &Vote| {
+                let (fingerprint, seconded) = (leading.fingerprint, job.seconded());
+                Some(Confirmed { job: job_id, fingerprint, seconded, assurance: job.assurance()? })
+            };
+            self.confirmed.extend(job.leading().and_then(confirmed));
         }
         if settled || alone {
             self.deliver(job_id);
@@ -107,32 +133,36 @@ impl Scheduler {
         }
         let contradicted = if settled { self.contradicted(job_id) } else { Vec::new() };
         self.refile(job_id);
-        for id in contradicted {
-            self.quarantine(id, now);
+        for (principal, id) in contradicted {
+            self.quarantine(principal, id, now);
         }
     }
 
-    /// Quarantines a worker that was wrong, whether it is here or gone.
-    fn quarantine(&mut self, id: WorkerId, now: Instant) {
-        if !self.quarantined.insert(id) {
+    /// Quarantines a principal of which this worker was wrong, whether its workers are here or gone.
+    fn quarantine(&mut self, principal: Principal, id: WorkerId, now: Instant) {
+        if !self.quarantined.insert(principal) {
             return;
         }
-        self.doubts.push(Doubt::Quarantined(id));
-        if self.knows(id) {
-            self.remove_worker(id, Departure::Quarantined, now);
-        } else {
+        self.doubts.push(Doubt::Quarantined(principal));
+        if !self.knows(id) && self.identities.contains_key(&id) {
             self.note_departure(id, Departure::Quarantined, 0, now);
         }
-        self.retract_votes(id, now);
+        let its_own = self.workers.iter().filter(|(_, worker)| worker.principal == principal);
+        for id in its_own.map(|(id, _)| *id).collect::<Vec<_>>() {
+            self.remove_worker(id, Departure::Quarantined, now);
+        }
+        self.retract_votes(principal, now);
         self.settle_for_want_of_others(now);
     }
 
     /// Delivers the leading result, once.
     fn deliver(&mut self, job_id: JobId) {
         let Some(job) = self.jobs.get_mut(job_id).filter(|job| !job.delivered) else { return };
-        let settled = job.needs() == 0;
-        let Some(Vote { worker, label, attempt, queued, run_seconds, result: Some(result), .. }) =
-            job.leading()
+        let Some(assurance) = job.assurance() else { return };
+        let seconded = job.seconded();
+        let Some(Vote {
+            worker, principal, label, attempt, queued, run_seconds, result: Some(result), ..
+        }) = job.leading()
         else {
             return;
         };
@@ -144,7 +174,9 @@ impl Scheduler {
             attempt: *attempt,
             queued: *queued,
             run_seconds: *run_seconds,
-            settled,
+            principal: *principal,
+            seconded,
+            assurance,
         });
         job.delivered = true;
         for vote in &mut job.votes {
@@ -164,21 +196,23 @@ impl Scheduler {
         }
     }
 
-    /// Workers whose result to a settled job is not the one that counts.
-    fn contradicted(&self, job_id: JobId) -> Vec<WorkerId> {
+    /// Principals whose result to a settled job is not the one that counts, each with a worker that gave it.
+    fn contradicted(&self, job_id: JobId) -> Vec<(Principal, WorkerId)> {
         let Some(job) = self.jobs.get(job_id) else { return Vec::new() };
         let Some(right) = job.leading().map(|vote| vote.fingerprint) else { return Vec::new() };
-        job.votes.iter().filter(|vote| vote.fingerprint != right).map(|vote| vote.worker).collect()
+        let wrong = job.votes.iter().filter(|vote| vote.fingerprint != right);
+        wrong.map(|vote| (vote.principal, vote.worker)).collect()
     }
 
-    /// Takes back every result of a worker to jobs that are still open. What was accepted from it before is
+    /// Takes back every result of a principal to jobs that are still open. What was accepted from it before is
     /// checked by jobs of its own.
-    fn retract_votes(&mut self, id: WorkerId, now: Instant) {
-        let answered = self.jobs.iter().filter(|(_, job)| job.answered_by(id)).map(|(job_id, _)| job_id);
+    fn retract_votes(&mut self, principal: Principal, now: Instant) {
+        let answered =
+            self.jobs.iter().filter(|(_, job)| job.answered_by(principal)).map(|(job_id, _)| job_id);
         let answered: Vec<JobId> = answered.collect();
         for &job_id in &answered {
             if let Some(job) = self.jobs.get_mut(job_id) {
-                job.votes.retain(|vote| vote.worker != id);
+                job.votes.retain(|vote| vote.principal != principal);
             }
         }
         for job_id in answered {
@@ -208,32 +242,13 @@ impl Scheduler {
         }
     }
 
-    /// Whether there is a worker that has not answered this job.
+    /// Whether there is a principal that has not answered this job and may.
     pub(super) fn somebody_else(&self, job: &Job) -> bool {
-        self.workers.keys().any(|id| !job.answered_by(*id))
-    }
-
-    /// Counts a failure by its reason. A malformed job is as malformed to every other worker, so that it fails at once;
-    /// whatever else went wrong may go right elsewhere.
-    pub(super) fn count_failure(&mut self, job_id: JobId, id: WorkerId, failure: Failure) {
-        let (worker, max_failures) = (self.label(id), self.limits.max_failures as usize);
-        // Once its result counts, a job has nothing to fail at.
-        let Some(job) = self.jobs.get_mut(job_id).filter(|job| job.needs() > 0) else { return };
-        let malformed = failure.reason == FailureReason::InvalidJob;
-        job.failures.push((id, WorkerFailure { worker, failure }));
-        if (malformed || job.failures.len() >= max_failures) && self.failed.is_none() {
-            let failures = job.failures.iter().map(|(_, failure)| failure.clone()).collect();
-            self.failed = Some(JobFailed { task: Arc::clone(&job.task), failures });
+        if job.required() == Voices::Own {
+            return self.present.contains_key(&Principal::Coordinator)
+                && !job.answered_by(Principal::Coordinator);
         }
-    }
-
-    /// A worker went with the job in hand: no fault of the job's, until it has happened too often.
-    pub(super) fn count_loss(&mut self, job_id: JobId, loss: WorkerFailure) {
-        let Some(job) = self.jobs.get_mut(job_id).filter(|job| job.needs() > 0) else { return };
-        job.losses.push(loss);
-        if job.losses.len() >= self.limits.max_losses as usize && self.failed.is_none() {
-            let (task, failures) = (Arc::clone(&job.task), job.losses.clone());
-            self.failed = Some(JobFailed { task, failures });
-        }
+        let voters: BTreeSet<Principal> = job.votes.iter().map(|vote| vote.principal).collect();
+        self.present.keys().any(|principal| !voters.contains(principal))
     }
 }

@@ -3,11 +3,14 @@
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
-use proto::JobId;
+use proto::{JobId, Principal};
 
 use super::affinity::Described;
+use super::health::Health;
 
 pub(super) struct Worker {
+    pub(super) principal: Principal,
+    pub(super) health: Health,
     pub(super) last_seen: Instant,
     pub(super) sequence: u64,
     pub(super) described: Described,
@@ -18,8 +21,10 @@ pub(super) struct Worker {
 }
 
 impl Worker {
-    pub(super) fn new(now: Instant) -> Self {
+    pub(super) fn new(principal: Principal, now: Instant) -> Self {
         Self {
+            principal,
+            health: Health::default(),
             last_seen: now,
             sequence: 0,
             described: Described::default(),

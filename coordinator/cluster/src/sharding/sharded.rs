@@ -5,8 +5,9 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
+use proto::journal::Assurance;
 use proto::task::{Described, Description, Evaluation, EvaluationResult, Task, TaskResult, Tile};
-use proto::{Digest, JobId, WorkerId};
+use proto::{Digest, JobId, Principal, WorkerId};
 
 use super::merge::Merged;
 use super::plan::{ShardPlan, shares};
@@ -46,7 +47,8 @@ pub struct ShardedEvaluation {
     attempt: u32,
     queued: Option<Duration>,
     run_seconds: f64,
-    settled: bool,
+    /// The least of what it rests on, with the principal that gave that.
+    assurance: Option<(Assurance, Principal)>,
 }
 
 impl Half {
@@ -89,7 +91,7 @@ impl ShardedEvaluation {
             attempt: 1,
             queued: None,
             run_seconds: 0.0,
-            settled: true,
+            assurance: None,
         }
     }
 
@@ -114,7 +116,8 @@ impl ShardedEvaluation {
         self.attempt = self.attempt.max(finished.attempt);
         self.queued.get_or_insert(finished.queued);
         self.run_seconds += finished.run_seconds;
-        self.settled &= finished.settled;
+        let assurance = (finished.assurance, finished.principal);
+        self.assurance = Some(self.assurance.map_or(assurance, |least| least.min(assurance)));
         self.workers.insert(finished.worker_id, finished.worker);
         match (subtask, finished.result) {
             (Subtask::Shard { side, index }, TaskResult::Description(Described { digest, .. })) => {
@@ -180,6 +183,7 @@ impl ShardedEvaluation {
         let result = self.merged.take()?.finish(queries, database, self.evaluation.want_matches);
         let count = self.workers.len();
         let (worker_id, label) = std::mem::take(&mut self.workers).pop_first()?;
+        let (assurance, principal) = self.assurance?;
         Some(Finished {
             job,
             result,
@@ -188,7 +192,9 @@ impl ShardedEvaluation {
             attempt: self.attempt,
             queued: self.queued.unwrap_or_default(),
             run_seconds: self.run_seconds,
-            settled: self.settled,
+            principal,
+            seconded: None,
+            assurance,
         })
     }
 }

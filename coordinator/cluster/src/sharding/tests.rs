@@ -5,11 +5,12 @@ use std::time::Duration;
 use descriptor::recognise::recognise_from;
 use descriptor::{Correct, DistanceMatrix, Signature, Signatures};
 use proptest::prelude::*;
+use proto::journal::Assurance;
 use proto::task::{
     CloudEntry, Described, Evaluation, EvaluationResult, Exclusion, Label, Match, MatchingRule, Nearest,
     Objective, SplitManifest, Subject, Task, TaskResult, Tile,
 };
-use proto::{Digest, JobId, Lease, WorkerId};
+use proto::{Digest, JobId, Principal, WorkerId};
 
 use super::batch::Planned;
 use super::*;
@@ -192,7 +193,9 @@ fn finished(job: JobId, result: TaskResult, worker: &str) -> Finished {
         attempt: 1,
         queued,
         run_seconds: 0.5,
-        settled: true,
+        principal: Principal::Coordinator,
+        seconded: None,
+        assurance: if worker == "two" { Assurance::Unaudited } else { Assurance::Audited },
     }
 }
 
@@ -312,8 +315,8 @@ fn subtasks_are_accounted_for_together() {
     let mut jobs = JobStore::default();
     let (done, tasks) = carry_out(&world, std::slice::from_ref(&evaluation), &planner, &mut jobs, 7);
     assert!(tasks > 16, "{tasks}");
-    let Finished { worker, attempt, run_seconds, settled, .. } = &done[0];
-    assert_eq!((worker.as_str(), *attempt, *settled), ("2 workers", 1, true));
+    let Finished { worker, attempt, run_seconds, assurance, .. } = &done[0];
+    assert_eq!((worker.as_str(), *attempt, *assurance), ("2 workers", 1, Assurance::Audited));
     assert_eq!(*run_seconds, 0.5 * tasks as f64);
 }
 
@@ -346,7 +349,7 @@ fn a_run_that_goes_on_keeps_to_its_plans_and_to_what_it_asked_whole() {
 
     // What a worker may still hold is not sharded.
     let mut held = JobStore::default();
-    let leases = vec![(Lease { job, attempt: 1 }, WorkerId([1; 16]))];
+    let leases = vec![(job, 1, WorkerId([1; 16]))];
     held.restore(&Recorded { leases, ..Recorded::default() });
     assert_eq!(planner.decide(asked, load, &mut held), []);
     assert!(lay_out(&world, &evaluation, &held).1.is_none());

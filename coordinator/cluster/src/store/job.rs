@@ -1,11 +1,12 @@
 //! One job: who works on it, what was reported, and how many results it still needs.
 
-use std::ops::Range;
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use proto::journal::Assurance;
 use proto::task::{Task, TaskResult};
-use proto::{Digest, WorkerId};
+use proto::{Digest, Principal, WorkerId};
 
 use crate::scheduler::fair_queue::QueuePosition;
 use crate::scheduler::messages::WorkerFailure;
@@ -13,13 +14,10 @@ use crate::scheduler::messages::WorkerFailure;
 /// Attempts that are remembered: a worker that never gets its replies must not fill the memory.
 const MAX_ATTEMPTS: usize = 256;
 
-/// Attempts that may have been handed out and not recorded when a coordinator was killed: each takes longer than the
-/// commit that records it.
-pub const UNRECORDED: u32 = 8;
-
-/// One worker's result.
+/// One worker's result. All workers of one principal have one vote.
 pub struct Vote {
     pub worker: WorkerId,
+    pub principal: Principal,
     pub label: String,
     pub attempt: u32,
     /// Equal for results that are equal bit for bit.
@@ -28,6 +26,28 @@ pub struct Vote {
     pub result: Option<TaskResult>,
     pub queued: Duration,
     pub run_seconds: f64,
+}
+
+/// Who has to give a result before it is settled. The coordinator's own process settles it in any case.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Voices {
+    /// Anybody.
+    One,
+    /// Two principals, the same.
+    Two,
+    /// The coordinator's own process.
+    Own,
+}
+
+impl Voices {
+    /// How a result that they have given is believed.
+    pub fn assurance(self) -> Assurance {
+        match self {
+            Self::One => Assurance::Unaudited,
+            Self::Two => Assurance::Audited,
+            Self::Own => Assurance::Own,
+        }
+    }
 }
 
 /// One time that the job was handed out.
@@ -44,15 +64,13 @@ pub struct Job {
     /// Jobs are handed out in this order.
     pub position: QueuePosition,
     pub submitted: Instant,
-    /// Two workers have to agree on the result.
-    pub audited: bool,
+    /// Who has to answer it.
+    required: Voices,
     /// A result has been delivered.
     pub delivered: bool,
     /// Who works on it, on which attempt.
     pub leases: Vec<(WorkerId, u32)>,
     handed_out: Vec<HandedOut>,
-    /// Attempts that an earlier start may have granted to some worker without a record of it.
-    unrecorded: Range<u32>,
     pub votes: Vec<Vote>,
     pub failures: Vec<(WorkerId, WorkerFailure)>,
     pub losses: Vec<WorkerFailure>,
@@ -61,23 +79,16 @@ pub struct Job {
 }
 
 impl Job {
-    pub fn new(
-        task: Arc<Task>,
-        channels: Vec<u64>,
-        position: QueuePosition,
-        audited: bool,
-        submitted: Instant,
-    ) -> Self {
+    pub fn new(task: Arc<Task>, channels: Vec<u64>, position: QueuePosition, submitted: Instant) -> Self {
         Self {
             task,
             channels,
             position,
             submitted,
-            audited,
+            required: Voices::One,
             delivered: false,
             leases: Vec::new(),
             handed_out: Vec::new(),
-            unrecorded: 0..0,
             votes: Vec::new(),
             failures: Vec::new(),
             losses: Vec::new(),
@@ -85,11 +96,11 @@ impl Job {
         }
     }
 
-    /// When this attempt was handed out to this worker; `None` if it never was.
-    pub fn handed_out_at(&self, worker: WorkerId, attempt: u32) -> Option<Instant> {
+    /// When this attempt was handed out to this worker; when the job was submitted, if an earlier start did so without a
+    /// record of it.
+    pub fn handed_out_at(&self, worker: WorkerId, attempt: u32) -> Instant {
         let is_it = |handed_out: &&HandedOut| handed_out.attempt == attempt && handed_out.worker == worker;
-        let recorded = self.handed_out.iter().find(is_it).map(|handed_out| handed_out.at);
-        recorded.or_else(|| self.unrecorded.contains(&attempt).then_some(self.submitted))
+        self.handed_out.iter().find(is_it).map_or(self.submitted, |handed_out| handed_out.at)
     }
 
     /// Notes the attempts that earlier starts have made, in order.
@@ -97,8 +108,6 @@ impl Job {
         let kept = attempts.iter().rev().take(MAX_ATTEMPTS).rev();
         let handed_out = |&(worker, attempt): &(WorkerId, u32)| HandedOut { attempt, worker, at: now };
         self.handed_out = kept.map(handed_out).collect();
-        let last = attempts.last().map_or(0, |(_, attempt)| *attempt);
-        self.unrecorded = last + 1..last.saturating_add(UNRECORDED + 1);
     }
 
     /// Notes that the job is handed out once more, and returns which attempt that is.
@@ -120,7 +129,13 @@ impl Job {
         self.failures.iter().any(|(failed, _)| *failed == worker)
     }
 
-    pub fn answered_by(&self, worker: WorkerId) -> bool {
+    /// Whether a worker of this principal has answered.
+    pub fn answered_by(&self, principal: Principal) -> bool {
+        self.votes.iter().any(|vote| vote.principal == principal)
+    }
+
+    /// Whether this worker has answered.
+    pub fn answered_by_worker(&self, worker: WorkerId) -> bool {
         self.votes.iter().any(|vote| vote.worker == worker)
     }
 
@@ -129,21 +144,80 @@ impl Job {
         self.votes.iter().any(|vote| vote.fingerprint != self.votes[0].fingerprint)
     }
 
+    /// How many principals gave this result.
     fn agreeing(&self, fingerprint: Digest) -> usize {
-        self.votes.iter().filter(|vote| vote.fingerprint == fingerprint).count()
+        let agreeing = self.votes.iter().filter(|vote| vote.fingerprint == fingerprint);
+        agreeing.map(|vote| vote.principal).collect::<BTreeSet<_>>().len()
     }
 
-    /// The first of the votes for the result that most workers gave, the earliest on ties.
+    /// Of the principals that the last vote, of this principal, makes agree with another, each: itself, and the first with
+    /// whom it agrees if nobody has before.
+    pub fn agreement_with(&self, principal: Principal) -> Vec<Principal> {
+        let Some(last) = self.votes.last() else { return Vec::new() };
+        let same = self.votes.iter().filter(|vote| vote.fingerprint == last.fingerprint);
+        let others: BTreeSet<Principal> =
+            same.map(|vote| vote.principal).filter(|other| *other != principal).collect();
+        match others.len() {
+            0 => Vec::new(),
+            1 => others.into_iter().chain([principal]).collect(),
+            _ => vec![principal],
+        }
+    }
+
+    /// The vote of the coordinator's own process, unless two of its workers differ.
+    fn own(&self) -> Option<&Vote> {
+        let mut own = self.votes.iter().filter(|vote| vote.principal == Principal::Coordinator);
+        let first = own.next()?;
+        own.all(|vote| vote.fingerprint == first.fingerprint).then_some(first)
+    }
+
+    /// The first of the votes for the coordinator's own result, or else for the one that most principals gave, the earliest
+    /// on ties.
     pub fn leading(&self) -> Option<&Vote> {
         // Of several that are equally good, `max_by_key` takes the last.
-        self.votes.iter().rev().max_by_key(|vote| self.agreeing(vote.fingerprint))
+        let most = || self.votes.iter().rev().max_by_key(|vote| self.agreeing(vote.fingerprint));
+        self.own().or_else(most)
     }
 
-    /// How many more equal results it needs. Two workers have to agree where the job is audited, or where results
-    /// differ.
+    /// Who has to answer it.
+    pub fn required(&self) -> Voices {
+        self.required
+    }
+
+    /// Has it answered by these voices, unless more are required already.
+    pub fn require(&mut self, voices: Voices) {
+        self.required = self.required.max(voices);
+    }
+
+    /// How many more equal results it needs: none beside the coordinator's own; of two principals where results differ, or
+    /// where they are required.
     pub fn needs(&self) -> usize {
+        if self.own().is_some() {
+            return 0;
+        }
         let agreeing = self.leading().map_or(0, |vote| self.agreeing(vote.fingerprint));
-        let wanted = if self.audited || self.is_disputed() { 2 } else { 1 };
-        wanted - agreeing.min(wanted)
+        match self.required {
+            Voices::Own => 1,
+            Voices::One if !self.is_disputed() => 1 - agreeing.min(1),
+            Voices::One | Voices::Two => 2 - agreeing.min(2),
+        }
+    }
+
+    /// Another principal than the one that leads, of those that gave the same result.
+    pub fn seconded(&self) -> Option<Principal> {
+        let leading = self.leading()?;
+        let same = self.votes.iter().filter(|vote| vote.fingerprint == leading.fingerprint);
+        same.map(|vote| vote.principal).find(|principal| *principal != leading.principal)
+    }
+
+    /// Why the leading result would be believed now; `None` if there is none.
+    pub fn assurance(&self) -> Option<Assurance> {
+        let leading = self.leading()?;
+        Some(match self.agreeing(leading.fingerprint) {
+            _ if self.own().is_some() => Assurance::Own,
+            _ if self.needs() > 0 => Assurance::Owed,
+            1 => Assurance::Unaudited,
+            _ => Assurance::Audited,
+        })
     }
 }

@@ -8,17 +8,15 @@ mod job;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use proto::journal::AcceptedResult;
-use proto::task::Task;
-use proto::{Digest, JobId, Lease, WorkerId};
+use proto::journal::{AcceptedResult, Assurance};
+use proto::task::{DescriptorBytes, Subject, Task};
+use proto::{Digest, JobId, Lease, Principal, WorkerId};
 
-#[cfg(test)]
-pub use job::UNRECORDED;
-pub use job::{Job, Vote};
+pub use job::{Job, Voices, Vote};
 
 use crate::journal::{LogSequence, Recorded};
 use crate::scheduler::fair_queue::ClientId;
-use crate::scheduler::messages::Finished;
+use crate::scheduler::messages::{Confirmed, Finished};
 use crate::sharding::plan::ShardPlan;
 
 /// All jobs of a run, through all starts of the coordinator.
@@ -67,6 +65,16 @@ impl StoredResult {
         let (fingerprint, kept) = (finished.result.fingerprint(), finished.result.kept()?);
         Some(Self::Accepted { task, fingerprint, finished: Finished { result: kept, ..finished.clone() } })
     }
+}
+
+/// Whether a result that these have given is believed on the word of this principal.
+fn rests_on(
+    (first, second): (Principal, Option<Principal>),
+    assurance: Assurance,
+    principal: Principal,
+) -> bool {
+    let own = assurance == Assurance::Own && principal != Principal::Coordinator;
+    !own && (first == principal || second == Some(principal))
 }
 
 /// A job that checks an accepted result.
@@ -169,9 +177,8 @@ impl JobStore {
 impl JobStore {
     /// Takes over what earlier starts have left.
     pub fn restore(&mut self, recorded: &Recorded) {
-        for (lease, worker) in &recorded.leases {
-            let entry = self.entries.entry(lease.job).or_default();
-            entry.earlier_leases.push((*worker, lease.attempt));
+        for &(job, attempt, worker) in &recorded.leases {
+            self.entries.entry(job).or_default().earlier_leases.push((worker, attempt));
         }
         for (job, accepted) in &recorded.accepted {
             let result = StoredResult::Recorded(accepted.clone());
@@ -218,11 +225,57 @@ impl JobStore {
         self.entries.get(&job).is_some_and(known)
     }
 
-    /// Drops the results of a worker that nobody has asked for in this start. Returns their jobs.
-    pub fn drop_recorded(&mut self, worker: WorkerId) -> Vec<JobId> {
+    /// Notes why the accepted result of a job is believed by now, and returns it, if it is the one that counts.
+    pub fn assure(&mut self, confirmed: &Confirmed) -> Option<Finished> {
+        match self.entries.get_mut(&confirmed.job)?.result.as_deref_mut()? {
+            StoredResult::Accepted { finished, fingerprint, .. } if *fingerprint == confirmed.fingerprint => {
+                if confirmed.assurance >= finished.assurance {
+                    (finished.assurance, finished.seconded) = (confirmed.assurance, confirmed.seconded);
+                }
+                Some(finished.clone())
+            }
+            _ => None,
+        }
+    }
+
+    /// All accepted results that somebody has asked for in this start, with their tasks.
+    pub fn accepted(&self) -> impl Iterator<Item = (&Arc<Task>, &Finished)> {
+        self.entries.values().filter_map(|entry| match entry.result.as_deref()? {
+            StoredResult::Accepted { task, finished, .. } => Some((task, finished)),
+            StoredResult::Recorded(_) => None,
+        })
+    }
+
+    /// The accepted results about a descriptor, with their jobs and tasks, among them the scales of its channels.
+    pub fn about(
+        &self,
+        descriptor: &DescriptorBytes,
+        channels_of: impl Fn(&Subject) -> Vec<u64>,
+    ) -> Vec<(JobId, Arc<Task>, Finished)> {
+        let accepted = || {
+            self.entries.iter().filter_map(|(job, entry)| match entry.result.as_deref()? {
+                StoredResult::Accepted { task, finished, .. } => Some((*job, task, finished)),
+                StoredResult::Recorded(_) => None,
+            })
+        };
+        let is_about = |task: &Task| task.subject().descriptor == *descriptor;
+        let subject = accepted().find(|(_, task, _)| is_about(task)).map(|(_, task, _)| task.subject());
+        let channels = subject.map(&channels_of).unwrap_or_default();
+        let is_its_scale = |task: &Task| match task {
+            Task::Scale(scale) => {
+                channels_of(&scale.subject).iter().all(|channel| channels.contains(channel))
+            }
+            _ => false,
+        };
+        let about = accepted().filter(|(_, task, _)| is_about(task) || is_its_scale(task));
+        about.map(|(job, task, finished)| (job, Arc::clone(task), finished.clone())).collect()
+    }
+
+    /// Drops the results that rest on a principal's word and that nobody has asked for in this start. Returns their jobs.
+    pub fn drop_recorded(&mut self, principal: Principal) -> Vec<JobId> {
         let mut dropped = Vec::new();
         for (job, entry) in &mut self.entries {
-            let is_its_own = |result: &mut Box<StoredResult>| matches!(&**result, StoredResult::Recorded(accepted) if accepted.worker_id == worker);
+            let is_its_own = |result: &mut Box<StoredResult>| matches!(&**result, StoredResult::Recorded(accepted) if rests_on((accepted.principal, accepted.seconded), accepted.assurance, principal));
             if entry.result.take_if(is_its_own).is_some() {
                 dropped.push(*job);
             }
@@ -230,13 +283,13 @@ impl JobStore {
         dropped
     }
 
-    /// Jobs that ask again for all accepted results of a worker. First askings are numbered from 0, these from the other
+    /// Jobs that ask again for all accepted results that rest on a principal's word. First askings are numbered from 0, these from the other
     /// end.
-    pub fn recheck(&mut self, worker: WorkerId) -> Vec<Recheck> {
+    pub fn recheck(&mut self, principal: Principal) -> Vec<Recheck> {
         let mut rechecks = Vec::new();
         for (&of, entry) in &self.entries {
             if let Some(StoredResult::Accepted { task, finished, .. }) = entry.result.as_deref()
-                && finished.worker_id == worker
+                && rests_on((finished.principal, finished.seconded), finished.assurance, principal)
             {
                 let job = task.job(u32::MAX - self.checks);
                 self.checks += 1;
@@ -283,8 +336,8 @@ impl JobStore {
 // Which reports are on the disk: no worker is told that its report was accepted before that.
 impl JobStore {
     /// Notes that the report on a lease was accepted, and will be on the disk with this entry of the journal.
-    pub fn set_pending(&mut self, lease: Lease, sequence: LogSequence) {
-        self.entries.entry(lease.job).or_default().pending.insert(lease.attempt, sequence);
+    pub fn set_pending(&mut self, job: JobId, attempt: u32, sequence: LogSequence) {
+        self.entries.entry(job).or_default().pending.insert(attempt, sequence);
     }
 
     /// Takes out of `acknowledged` the reports that are not on the disk.

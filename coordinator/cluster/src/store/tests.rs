@@ -3,18 +3,19 @@
 use std::time::Duration;
 
 use proto::task::{Evaluation, EvaluationResult, TaskResult};
+use proto::{Fingerprint, LeaseNonce};
 
 use super::*;
 use crate::journal::Journal;
 
-const GOOD: WorkerId = WorkerId([1; 16]);
-const BAD: WorkerId = WorkerId([2; 16]);
+const GOOD: Principal = Principal::Certificate(Fingerprint([1; 32]));
+const BAD: Principal = Principal::Certificate(Fingerprint([2; 32]));
 
 fn task(number: u32) -> Arc<Task> {
     Arc::new(Task::Evaluation(Evaluation::sample(number, 10, 10)))
 }
 
-fn finished(job: JobId, worker_id: WorkerId, correct: u32) -> Finished {
+fn finished(job: JobId, principal: Principal, correct: u32) -> Finished {
     let result = EvaluationResult {
         queries: 10,
         object_correct: correct,
@@ -24,12 +25,14 @@ fn finished(job: JobId, worker_id: WorkerId, correct: u32) -> Finished {
     Finished {
         job,
         result: TaskResult::Evaluation(result),
-        worker_id,
+        worker_id: WorkerId([1; 16]),
         worker: "host".to_owned(), // two workers may have had one label
         attempt: 3,
         queued: Duration::ZERO,
         run_seconds: 1.0,
-        settled: true,
+        principal,
+        seconded: None,
+        assurance: Assurance::Unaudited,
     }
 }
 
@@ -66,14 +69,40 @@ fn what_a_wrong_worker_answered_is_asked_again_and_a_changed_result_replaces_it(
 }
 
 #[test]
+fn what_is_accepted_about_a_descriptor_is_found_and_its_assurance_kept() {
+    let mut store = JobStore::default();
+    for number in [8, 9] {
+        store.accept(&task(number), &finished(task(number).job(0), GOOD, 5));
+    }
+    let (task_8, job) = (task(8), task(8).job(0));
+    let about = &task_8.subject().descriptor;
+    let found = |store: &JobStore| {
+        let found = store.about(about, |_| Vec::new());
+        found.iter().map(|(job, _, finished)| (*job, finished.assurance)).collect::<Vec<_>>()
+    };
+    assert_eq!(found(&store), [(job, Assurance::Unaudited)]);
+    let audited = |correct| {
+        let fingerprint = finished(job, GOOD, correct).result.fingerprint();
+        Confirmed { job, fingerprint, seconded: Some(BAD), assurance: Assurance::Audited }
+    };
+    assert_eq!(store.assure(&audited(6)), None);
+    assert_eq!(found(&store), [(job, Assurance::Unaudited)]);
+    let kept = store.assure(&audited(5)).unwrap();
+    assert_eq!((kept.assurance, kept.seconded), (Assurance::Audited, Some(BAD)));
+    assert_eq!(found(&store), [(job, Assurance::Audited)]);
+    // Who has seconded a result was part of why it was believed.
+    assert_eq!(store.recheck(BAD).iter().map(|recheck| recheck.of).collect::<Vec<_>>(), [job]);
+}
+
+#[test]
 fn a_report_is_withheld_until_it_is_on_the_disk_and_nothing_else_is() {
     let (journal, held) = Journal::held();
     let (task, job) = (task(8), task(8).job(0));
     let mut store = restored(&[finished(job, GOOD, 5)]);
     assert_eq!(store.recall(job, &task), Some(finished(job, GOOD, 5)));
 
-    let (lease, other) = (Lease { job, attempt: 3 }, Lease { job, attempt: 2 });
-    store.set_pending(lease, journal.record(crate::journal::Entry::Retracted(job)));
+    let [lease, other] = [3, 2].map(|attempt| Lease { job, attempt, nonce: LeaseNonce::default() });
+    store.set_pending(job, 3, journal.record(crate::journal::Entry::Retracted(job)));
     let mut acknowledged = vec![lease, other];
     let is_durable = |sequence| journal.is_durable(sequence);
     assert_eq!(store.withhold(&mut acknowledged, is_durable), [lease]);
@@ -113,10 +142,11 @@ fn recorded_results_of_a_wrong_worker_are_dropped_until_they_are_asked_for() {
 fn a_job_with_a_lease_of_an_earlier_start_is_known_until_it_is_asked_for() {
     let mut store = JobStore::default();
     let job = task(8).job(0);
-    let leases = vec![(Lease { job, attempt: 1 }, BAD), (Lease { job, attempt: 2 }, GOOD)];
+    let [one, other] = [WorkerId([1; 16]), WorkerId([2; 16])];
+    let leases = vec![(job, 1, other), (job, 2, one)];
     store.restore(&Recorded { leases, ..Recorded::default() });
     assert!(store.is_known(job) && !store.was_asked(job));
-    assert_eq!(store.take_earlier_leases(job), [(BAD, 1), (GOOD, 2)]);
+    assert_eq!(store.take_earlier_leases(job), [(other, 1), (one, 2)]);
     assert!(!store.is_known(job));
 }
 

@@ -97,11 +97,14 @@ fn bytes_of_accepted_results_and_of_manifests_stay() {
         result: TaskResult::Evaluation(counts()),
         worker_id: WorkerId([3; 16]),
         worker: "rack-3".to_owned(),
+        principal: crate::Principal::Coordinator,
+        seconded: None,
+        assurance: crate::journal::Assurance::Audited,
         attempt: 2,
         queued: std::time::Duration::from_nanos(1_234_567_891),
         run_seconds: 0.1,
     };
-    check(&accepted.encode().unwrap(), "2bfeaecbe81bcb585daaa5a13b38e7550c099a13ee687e84fea8074f685e16c8");
+    check(&accepted.encode().unwrap(), "a44e13b1e3911229eec13d349e50d8a8ac0c9fcdc8dde355b7b362d154c05e57");
     let cloud = |number: u8| CloudEntry {
         digest: Digest([number; 32]),
         bytes: 1000,

@@ -12,7 +12,7 @@ use proto::task::{
     Tile,
 };
 use proto::v2::coordinator_client::CoordinatorClient;
-use proto::{Digest, v2};
+use proto::{Digest, WorkerSecret, v2};
 use tokio::sync::{Mutex, mpsc};
 use tonic::Status;
 use tonic::transport::Channel;
@@ -68,7 +68,7 @@ pub fn answer(shape_bins: u32, colour_bins: u32, queries: u32) -> u32 {
 pub struct Worker {
     client: CoordinatorClient<Channel>,
     manner: Arc<Manner>,
-    id: [u8; 16],
+    secret: WorkerSecret,
     session: Vec<u8>,
     heartbeat: Duration,
     sequence: u64,
@@ -88,12 +88,13 @@ impl Worker {
     /// Connects and registers.
     pub async fn join(manner: Arc<Manner>, name: String) -> Self {
         let mut client = CoordinatorClient::connect(manner.address.clone()).await.unwrap();
-        let id: [u8; 16] = rand::random();
+        let secret = WorkerSecret::new(rand::random());
         let introduction = v2::RegisterRequest {
             protocol_major: proto::PROTOCOL_MAJOR,
             protocol_minor: proto::PROTOCOL_MINOR,
             evaluation_version: descriptor::EVALUATION_VERSION,
-            worker_id: id.to_vec(),
+            worker_id: secret.id().to_vec(),
+            worker_secret: secret.reveal(),
             name,
             threads: 1,
             build: "load".to_owned(),
@@ -106,7 +107,7 @@ impl Worker {
         Self {
             client,
             manner,
-            id,
+            secret,
             session: accepted.session_id,
             heartbeat: Duration::from_millis(accepted.heartbeat_milliseconds.into()),
             sequence: 0,
@@ -160,13 +161,14 @@ impl Worker {
     }
 
     fn held(&self) -> impl Iterator<Item = v2::Lease> {
-        self.hand.into_iter().chain(self.queue.iter().filter_map(|job| job.lease))
+        self.hand.clone().into_iter().chain(self.queue.iter().filter_map(|job| job.lease.clone()))
     }
 
     fn request(&mut self) -> v2::PollRequest {
         self.sequence += 1;
         v2::PollRequest {
-            worker_id: self.id.to_vec(),
+            worker_id: self.secret.id().to_vec(),
+            worker_secret: self.secret.reveal(),
             session_id: self.session.clone(),
             sequence: self.sequence,
             held: self.held().collect(),
@@ -177,8 +179,9 @@ impl Worker {
     }
 
     fn absorb(&mut self, reply: v2::PollReply, sent: Instant, wanted: u32) {
-        self.finished.retain(|report| report.lease.is_none_or(|lease| !reply.acknowledged.contains(&lease)));
-        self.queue.retain(|job| job.lease.is_none_or(|lease| !reply.revoked.contains(&lease)));
+        self.finished
+            .retain(|report| report.lease.as_ref().is_none_or(|lease| !reply.acknowledged.contains(lease)));
+        self.queue.retain(|job| job.lease.as_ref().is_none_or(|lease| !reply.revoked.contains(lease)));
         if wanted > 0 && !reply.jobs.is_empty() {
             self.record.dispatches.push(Dispatch { sent, took: sent.elapsed() });
         }
@@ -196,7 +199,7 @@ impl Worker {
             return;
         }
         let Some(job) = self.queue.pop_front() else { return };
-        self.hand = job.lease;
+        self.hand.clone_from(&job.lease);
         let at_work = AtWork {
             client: self.client.clone(),
             manner: Arc::clone(&self.manner),
@@ -237,7 +240,7 @@ impl AtWork {
                 let clouds = self.clouds_in(std::slice::from_ref(&shard.manifest)).await?;
                 let described = Described::new(description(shard, clouds));
                 self.described.lock().await.insert(described.digest);
-                (self.manner.effort.of(lease, clouds, 0), TaskResult::Description(described))
+                (self.manner.effort.of(lease.clone(), clouds, 0), TaskResult::Description(described))
             }
             Task::Evaluation(evaluation) | Task::Tile(Tile { evaluation, .. }) => {
                 if let Task::Tile(tile) = &task {
@@ -251,7 +254,7 @@ impl AtWork {
                 let database = self.clouds_in(&evaluation.database).await?;
                 let clouds = if matches!(task, Task::Evaluation(_)) { queries + database } else { 0 };
                 let pairs = u64::from(queries) * u64::from(database);
-                let took = self.manner.effort.of(lease, clouds, pairs);
+                let took = self.manner.effort.of(lease.clone(), clouds, pairs);
                 (took, TaskResult::Evaluation(result(evaluation, queries)))
             }
             Task::GridCell(_) | Task::Scale(_) => {

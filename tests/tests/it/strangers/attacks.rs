@@ -12,18 +12,11 @@ use tonic_health::pb::health_client::HealthClient;
 
 use super::{SEARCH, digest, http2};
 use crate::experiments::Experiment;
+use crate::peer;
 use crate::process::{Running, program};
 
 fn introduction(number: u8) -> v2::RegisterRequest {
-    v2::RegisterRequest {
-        protocol_major: proto::PROTOCOL_MAJOR,
-        protocol_minor: proto::PROTOCOL_MINOR,
-        evaluation_version: descriptor::EVALUATION_VERSION,
-        worker_id: vec![number; 16],
-        name: format!("../../stranger-{number}"),
-        threads: 1,
-        build: "stranger".to_owned(),
-    }
+    peer::introduction([number; 32], &format!("../../stranger-{number}"))
 }
 
 async fn connect(address: &str) -> Channel {

@@ -20,8 +20,8 @@ const SEARCH: &str = "[ga]\npopulation = 8\n[stop]\ngenerations = 100\nstagnatio
     validation_patience = \"off\"\n[coordinator]\nlease_seconds = 60\n";
 
 /// An experiment beside a folder of certificates for it.
-struct Site {
-    experiment: Experiment,
+pub struct Site {
+    pub experiment: Experiment,
 }
 
 impl Site {
@@ -32,7 +32,12 @@ impl Site {
 
     /// Certificates for a host of this name.
     fn of_host(host: &str, workers: &[&str]) -> Self {
-        let site = Self { experiment: Experiment::new(SEARCH) };
+        Self::with(Experiment::new(SEARCH), host, workers)
+    }
+
+    /// Certificates for an experiment's coordinator on this host and for these workers.
+    pub fn with(experiment: Experiment, host: &str, workers: &[&str]) -> Self {
+        let site = Self { experiment };
         let tls = site.experiment.path("tls");
         let mut args = vec!["certs", &tls, "--host", host];
         for worker in workers {
@@ -44,32 +49,36 @@ impl Site {
 
     /// A coordinator with TLS that waits for workers, and its port.
     fn coordinator(&self, ip: &str) -> (Running, u16) {
+        let args = self.experiment.run_args("out", &["--local-workers", "0"]);
+        self.start("coordinator", ip, args)
+    }
+
+    /// Starts a command that waits for workers with TLS, and its port.
+    pub fn start(&self, name: &str, ip: &str, mut args: Vec<String>) -> (Running, u16) {
         let (tls, listen) = (self.experiment.path("tls"), format!("{ip}:0"));
-        let more = ["--local-workers", "0", "--tls", &tls, "--listen", &listen];
-        let mut args = self.experiment.run_args("out", &[]);
         args.retain(|arg| arg != "--listen" && arg != "127.0.0.1:0");
-        args.extend(more.map(str::to_owned));
-        let mut coordinator = Running::start(self.experiment.folder(), "coordinator", "coordinator", args);
+        args.extend(["--tls", &tls, "--listen", &listen].map(str::to_owned));
+        let mut coordinator = Running::start(self.experiment.folder(), name, "coordinator", args);
         let line = coordinator.wait_for("this port is ");
         let port = line.split("this port is ").nth(1).unwrap().split(':').next().unwrap().parse().unwrap();
         (coordinator, port)
     }
 
     /// The join address, with this port.
-    fn address(&self, port: u16) -> String {
+    pub fn address(&self, port: u16) -> String {
         let address = fs::read_to_string(self.experiment.path("tls/join")).unwrap();
         address.trim().replace(":7700", &format!(":{port}"))
     }
 
     /// Starts a worker with a certificate of its own.
-    fn certified(&self, name: &str, port: u16) -> Running {
+    pub fn certified(&self, name: &str, port: u16) -> Running {
         let folder = self.worker_folder(name, port);
         let args = ["--tls", &folder, "--name", name, "--threads", "1", "--no-cache"];
         Running::start(self.experiment.folder(), name, "worker", args)
     }
 
     /// A worker's folder, whose join address has this port.
-    fn worker_folder(&self, name: &str, port: u16) -> String {
+    pub fn worker_folder(&self, name: &str, port: u16) -> String {
         let folder = self.experiment.path(&format!("tls/workers/{name}"));
         let join = PathBuf::from(&folder).join("join");
         let address = fs::read_to_string(&join).unwrap().replace(":7700", &format!(":{port}"));

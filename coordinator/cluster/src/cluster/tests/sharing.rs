@@ -11,13 +11,14 @@ fn evaluation_of(number: u32) -> Evaluation {
 /// A worker that recognises as many clouds as `correct` has for the number; counts its results.
 async fn labour(cluster: &Cluster, worker: u8, answers: &Cell<usize>, correct: impl Fn(u32) -> u32) {
     let id = WorkerId([worker; 16]);
-    let introduction = Introduction::sample("host");
-    cluster.register(id, introduction, true).unwrap();
+    let introduction = Introduction::sample("host", worker);
+    let principal = introduction.principal;
+    cluster.register(id, introduction).unwrap();
     let mut finished: Vec<Report> = Vec::new();
     for sequence in 1.. {
         let reports = std::mem::take(&mut finished);
         let poll = Poll { sequence, finished: reports, wanted: 1, ..Poll::default() };
-        let Ok(answer) = cluster.poll(id, poll).await else { break };
+        let Ok(answer) = cluster.poll((id, principal), poll).await else { break };
         for (lease, task) in answer.jobs {
             let Task::Evaluation(evaluation) = &*task else { panic!("{task}") };
             let object_correct = correct(number(&evaluation.subject));
@@ -84,7 +85,7 @@ async fn polls_wait_until_every_client_has_asked_rests_or_is_gone() {
 
 #[tokio::test]
 async fn a_corrected_answer_reaches_everybody_who_was_told_the_wrong_one() {
-    let limits = Limits { audit: Audit { share: 1.0, seed: 1 }, ..LIMITS };
+    let limits = Limits { audit: Audit { share: 1.0, first: 0 }, ..LIMITS };
     let (cluster, answers) = (Cluster::new(limits), Cell::new(0));
     let [mut first, mut second, mut third, mut done] = [(); 4].map(|()| cluster.client());
     let lie = |bins| if bins == 1 { 9 } else { bins };

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use proto::task::{EvaluationResult, Failure, FailureReason, Report, Task, TaskResult};
-use proto::{Lease, WorkerId};
+use proto::{Introduction, Lease, Principal, WorkerId};
 
 use super::super::{Answer, Poll};
 
@@ -15,13 +15,21 @@ pub enum Nature {
     Honest,
     /// The right result, or none.
     Failing,
-    /// A result of its own.
+    /// A result of its own; all of one principal have the same.
     Lying,
+    /// None.
+    Sick,
+}
+
+/// The principal at the address that has this last byte.
+pub fn by_address(number: u8) -> Principal {
+    Introduction::sample("", number).principal
 }
 
 /// One worker.
 pub struct Actor {
     pub id: WorkerId,
+    pub principal: Principal,
     pub nature: Nature,
     /// Jobs take so many times as long as on others.
     pub slowness: u32,
@@ -50,11 +58,12 @@ pub fn truth(number: u32) -> u32 {
 }
 
 impl Actor {
-    pub fn new(index: usize, nature: Nature, slowness: u32) -> Self {
+    pub fn new(index: usize, (nature, principal): (Nature, Principal), slowness: u32) -> Self {
         let mut id = [0; 16];
         id[..8].copy_from_slice(&(index as u64 + 1).to_be_bytes());
         Self {
             id: WorkerId(id),
+            principal,
             nature,
             slowness,
             registered: false,
@@ -69,7 +78,7 @@ impl Actor {
         }
     }
 
-    fn held(&self) -> Vec<Lease> {
+    pub fn held(&self) -> Vec<Lease> {
         let running = self.running.and_then(|(lease, _)| lease);
         running.into_iter().chain(self.queue.iter().map(|(lease, _)| *lease)).collect()
     }
@@ -112,21 +121,35 @@ impl Actor {
         self.running.is_some()
     }
 
-    /// The job in hand is done; `fails` says whether a worker that may fail does.
-    pub fn finish(&mut self, fails: bool) {
+    /// The job in hand is done; `fails` says whether a worker that may fail does, `is_sick` whether a sick one does.
+    pub fn finish(&mut self, fails: bool, is_sick: bool) {
         let Some((Some(lease), number)) = self.running.take() else { return };
-        let lie = 100 + u32::from(self.id.0[7]);
-        let correct = if self.nature == Nature::Lying { lie } else { truth(number) };
-        let result = EvaluationResult {
-            queries: 1000,
-            object_correct: correct,
-            category_correct: correct,
-            ..EvaluationResult::default()
+        let report = match self.nature {
+            Nature::Failing if fails => failed(lease),
+            Nature::Sick if is_sick => failed(lease),
+            Nature::Lying => self.lie_about(lease),
+            _ => counted(lease, truth(number)),
         };
-        let outcome = match self.nature {
-            Nature::Failing if fails => Err(Failure::new(FailureReason::Panic, "out of memory")),
-            _ => Ok(TaskResult::Evaluation(result)),
-        };
-        self.finished.push(Report { lease, run_seconds: 1.0, outcome });
+        self.finished.push(report);
     }
+
+    /// A report that is wrong.
+    pub fn lie_about(&self, lease: Lease) -> Report {
+        let [.., last] = *self.principal.to_string().as_bytes() else { unreachable!("a text") };
+        counted(lease, 100 + u32::from(last))
+    }
+}
+
+fn failed(lease: Lease) -> Report {
+    Report { lease, run_seconds: 1.0, outcome: Err(Failure::new(FailureReason::Panic, "out of memory")) }
+}
+
+fn counted(lease: Lease, correct: u32) -> Report {
+    let result = EvaluationResult {
+        queries: 1000,
+        object_correct: correct,
+        category_correct: correct,
+        ..EvaluationResult::default()
+    };
+    Report { lease, run_seconds: 1.0, outcome: Ok(TaskResult::Evaluation(result)) }
 }

@@ -5,11 +5,11 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use proto::task::{Evaluation, Task, TaskResult};
-use proto::{JobId, WorkerId};
+use proto::{JobId, Principal};
 
-use super::super::{ClientId, Scheduler};
+use super::super::{ClientId, Doubt, Scheduler};
 use super::actor::truth;
-use crate::events::{Departure, EventKind};
+use crate::events::EventKind;
 use crate::job_names::JobNames;
 
 /// Runs that share the workers.
@@ -20,12 +20,12 @@ const CLIENTS: u32 = 3;
 pub struct Driver {
     open: BTreeMap<JobId, u32>,
     /// By task: the result and who gave it.
-    answers: BTreeMap<u32, (u32, WorkerId)>,
+    answers: BTreeMap<u32, (u32, Principal)>,
     asked: BTreeSet<u32>,
     names: JobNames,
-    /// By id, with their labels.
-    pub quarantined: BTreeMap<WorkerId, String>,
+    pub quarantined: BTreeSet<Principal>,
     pub disagreements: u64,
+    pub excluded: u64,
 }
 
 impl Driver {
@@ -38,23 +38,26 @@ impl Driver {
         self.asked.insert(number);
     }
 
-    /// Takes in what happened; every task that a quarantined worker answered is asked again.
+    /// Takes in what happened; every task that a quarantined principal answered is asked again.
     pub fn look(&mut self, scheduler: &mut Scheduler, now: Instant) {
         for finished in scheduler.drain_finished() {
             let number = self.open.remove(&finished.job).expect("an answer to no open job");
             let TaskResult::Evaluation(result) = finished.result else { panic!("another kind of answer") };
-            self.answers.insert(number, (result.object_correct, finished.worker_id));
+            self.answers.insert(number, (result.object_correct, finished.principal));
         }
         for event in scheduler.drain_events() {
             match event.kind {
-                EventKind::Departed { worker, label, departure: Departure::Quarantined, .. } => {
-                    self.quarantined.insert(worker, label);
-                }
                 EventKind::Disagreement { .. } => self.disagreements += 1,
+                EventKind::Excluded { .. } => self.excluded += 1,
                 _ => {}
             }
         }
-        let doubtful = self.answers.iter().filter(|(_, (_, worker))| self.quarantined.contains_key(worker));
+        for doubt in scheduler.drain_doubts() {
+            if let Doubt::Quarantined(principal) = doubt {
+                self.quarantined.insert(principal);
+            }
+        }
+        let doubtful = self.answers.iter().filter(|(_, (_, principal))| self.quarantined.contains(principal));
         for number in doubtful.map(|(number, _)| *number).collect::<Vec<_>>() {
             self.answers.remove(&number);
             self.submit(scheduler, number, now);
@@ -73,8 +76,8 @@ impl Driver {
     /// That every result is there, and right.
     pub fn check(&self) {
         assert_eq!(self.answers.keys().copied().collect::<BTreeSet<_>>(), self.asked);
-        for (number, (answer, worker)) in &self.answers {
-            assert_eq!(*answer, truth(*number), "task {number}, as {worker} answered it");
+        for (number, (answer, principal)) in &self.answers {
+            assert_eq!(*answer, truth(*number), "task {number}, as {principal} answered it");
         }
     }
 }

@@ -1,18 +1,20 @@
-//! Random schedules under a virtual clock: workers that come, go, fall silent, fail and lie, and messages that are
-//! lost, late, doubled and out of order. Each schedule follows from its seed.
+//! Random schedules under a virtual clock: workers that come, go, fall silent, fail and lie, alone or under several ids, and
+//! speak in the name of others, and messages that are lost, late, doubled and out of order. Each schedule follows from its seed.
 //!
 //! A seed that fails is printed; `DESCRY_SIMULATION_SEED=<seed>` replays it alone, and `DESCRY_SIMULATIONS=<count>`
 //! runs more of them.
 
 mod actor;
 mod driver;
+mod mishaps;
 mod world;
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::thread;
 
-use world::{Mishaps, World};
+use mishaps::Mishaps;
+use world::World;
 
 const SCHEDULES: u64 = 10_000;
 

@@ -1,16 +1,16 @@
 //! Workers, a network and a coordinator on one virtual clock.
 
 use std::collections::BTreeMap;
-use std::ops::AddAssign;
 use std::time::{Duration, Instant};
 
 use descriptor::random::stream;
-use proto::{Introduction, Lease};
+use proto::{Introduction, Lease, Principal};
 use rand::RngExt;
 
-use super::super::{Answer, Audit, Limits, Poll, PollRefusal, Scheduler};
-use super::actor::{Actor, Nature};
+use super::super::{Answer, Audit, Limits, Poll, PollRefusal, RunSecret, Scheduler};
+use super::actor::{Actor, Nature, by_address};
 use super::driver::Driver;
+use super::mishaps::Mishaps;
 
 const TICK: Duration = Duration::from_millis(500);
 const HOLD: Duration = Duration::from_secs(10);
@@ -43,51 +43,7 @@ enum Happening {
     /// The next generation.
     Submit,
     Mishap,
-    Join(Nature),
-}
-
-/// How often what went wrong.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Mishaps {
-    lost: u64,
-    doubled: u64,
-    crashed: u64,
-    left: u64,
-    cut: u64,
-    paused: u64,
-    reconnected: u64,
-    failed: u64,
-    disagreed: u64,
-    quarantined: u64,
-}
-
-impl Mishaps {
-    fn counts(&self) -> [u64; 10] {
-        let Self { lost, doubled, crashed, left, cut, paused, reconnected, failed, disagreed, quarantined } =
-            *self;
-        [lost, doubled, crashed, left, cut, paused, reconnected, failed, disagreed, quarantined]
-    }
-
-    pub fn each_happened(&self) -> bool {
-        self.counts().iter().all(|count| *count > 0)
-    }
-}
-
-impl AddAssign for Mishaps {
-    fn add_assign(&mut self, other: Self) {
-        let Self { lost, doubled, crashed, left, cut, paused, reconnected, failed, disagreed, quarantined } =
-            other;
-        self.lost += lost;
-        self.doubled += doubled;
-        self.crashed += crashed;
-        self.left += left;
-        self.cut += cut;
-        self.paused += paused;
-        self.reconnected += reconnected;
-        self.failed += failed;
-        self.disagreed += disagreed;
-        self.quarantined += quarantined;
-    }
+    Join(Nature, Principal),
 }
 
 /// One schedule.
@@ -117,8 +73,8 @@ impl World {
     pub fn new(seed: u64) -> Self {
         let mut random = stream(seed, "simulation", &[]);
         let liars = random.random_range(0..3u32);
-        // Liars are found for certain only where everything is audited.
-        let share = if liars > 0 { 1.0 } else { [0.0, 0.3, 1.0][random.random_range(0..3usize)] };
+        // Whoever lies from the beginning is found whatever the share, for the first answers of all are audited.
+        let share = [0.0, 0.3, 1.0][random.random_range(0..3usize)];
         let limits = Limits {
             lease: Duration::from_secs(30),
             job: Duration::from_secs(200),
@@ -126,14 +82,14 @@ impl World {
             max_losses: u32::MAX,
             worker_grace: Duration::from_secs(100_000),
             max_workers: 100,
-            audit: Audit { share, seed },
+            audit: Audit { share, first: [2, 10][random.random_range(0..2usize)] },
             check_description: |_, _, _| Ok(()),
             channels_of: |subject| {
                 subject.descriptor.bytes().iter().map(|byte| u64::from(byte % 8)).collect()
             },
         };
         let mut world = Self {
-            scheduler: Scheduler::new(limits),
+            scheduler: Scheduler::new(limits, RunSecret::new([seed as u8; 32])),
             driver: Driver::default(),
             actors: Vec::new(),
             agenda: BTreeMap::new(),
@@ -149,10 +105,23 @@ impl World {
             mishaps: Mishaps::default(),
             random,
         };
-        let honest = 3 + world.below(3);
-        let natures = (0..liars).map(|_| Nature::Lying).chain((0..honest).map(|_| Nature::Honest));
-        for nature in natures.chain([Nature::Failing]) {
-            world.soon(30_000, Happening::Join(nature));
+        // Three honest principals, of which one may have several workers; liars that stand for themselves, or are many
+        // ids of one; and sick ones. In some schedules the coordinator works, too.
+        let mut cast: Vec<(Nature, Principal)> =
+            (1..=3).map(|number| (Nature::Honest, by_address(number))).collect();
+        cast.extend((0..world.below(3)).map(|_| (Nature::Honest, by_address(3))));
+        let sybil = world.below(2) == 0;
+        world.mishaps.sybils += u64::from(sybil && liars > 1);
+        cast.extend(
+            (0..liars).map(|liar| (Nature::Lying, by_address(if sybil { 10 } else { 10 + liar as u8 }))),
+        );
+        cast.push((Nature::Failing, by_address(20)));
+        cast.extend((0..world.below(3)).map(|sick| (Nature::Sick, by_address(30 + sick as u8))));
+        if world.below(3) == 0 {
+            cast.push((Nature::Honest, Principal::Coordinator));
+        }
+        for (nature, principal) in cast {
+            world.soon(30_000, Happening::Join(nature, principal));
         }
         world.at(Duration::ZERO, Happening::Tick);
         world.at(Duration::ZERO, Happening::Submit);
@@ -180,7 +149,7 @@ impl World {
 
     /// Whether every task has its result, given that there is somebody to doubt it.
     fn is_over(&self) -> bool {
-        self.scheduler.worker_count() >= 2 && self.driver.is_done(&self.scheduler)
+        self.scheduler.present.len() >= 2 && self.driver.is_done(&self.scheduler)
     }
 
     fn check_quarantined(&mut self) {
@@ -189,8 +158,11 @@ impl World {
         }
         self.mishaps.disagreed = self.driver.disagreements;
         self.mishaps.quarantined = self.driver.quarantined.len() as u64;
-        let liar = |label: &String| label.starts_with("Lying");
-        assert!(self.driver.quarantined.values().all(liar), "{:?}", self.driver.quarantined);
+        self.mishaps.excluded = self.driver.excluded;
+        let is_liar = |principal: &Principal| {
+            self.actors.iter().all(|actor| actor.principal != *principal || actor.nature == Nature::Lying)
+        };
+        assert!(self.driver.quarantined.iter().all(is_liar), "{:?}", self.driver.quarantined);
     }
 
     /// No job waits while a worker that may have it waits, too, unless another was called for it; and that one was
@@ -235,15 +207,15 @@ impl World {
             Happening::Tick => self.tick(),
             Happening::Submit => self.submit(),
             Happening::Mishap => self.mishap(),
-            Happening::Join(nature) => self.join(nature),
+            Happening::Join(nature, principal) => self.join(nature, principal),
         }
     }
 
     // The workers' side.
 
-    fn join(&mut self, nature: Nature) {
+    fn join(&mut self, nature: Nature, principal: Principal) {
         let slowness = if self.below(4) == 0 { 10 } else { 1 };
-        self.actors.push(Actor::new(self.actors.len(), nature, slowness));
+        self.actors.push(Actor::new(self.actors.len(), (nature, principal), slowness));
         self.speak(self.actors.len() - 1);
     }
 
@@ -304,7 +276,7 @@ impl World {
         }
         let fails = self.clock < CALM && self.below(3) == 0;
         self.mishaps.failed += u64::from(fails && self.actors[index].nature == Nature::Failing);
-        self.actors[index].finish(fails);
+        self.actors[index].finish(fails, self.clock < CALM);
         self.start(index);
         self.speak(index);
     }
@@ -336,7 +308,8 @@ impl World {
     fn register(&mut self, index: usize) {
         let actor = &self.actors[index];
         let name = format!("{:?}", actor.nature);
-        let introduction = Introduction { name, threads: 1, build: String::new(), credential: None };
+        let principal = actor.principal;
+        let introduction = Introduction { name, threads: 1, build: String::new(), principal };
         let welcome = self.scheduler.register(actor.id, introduction, self.now()).is_ok();
         self.send(index, Happening::Registered(index, welcome));
     }
@@ -344,10 +317,15 @@ impl World {
     fn polled(&mut self, index: usize, poll: Poll, call: u64) {
         let (id, sequence, wanted, held) =
             (self.actors[index].id, poll.sequence, poll.wanted, poll.held.clone());
-        let reply = self.scheduler.poll(id, poll, self.now());
+        let caller = (id, self.actors[index].principal);
+        let reply = self.scheduler.poll(caller, poll, self.now());
         if let (Ok(answer), Some(worker)) = (&reply, self.scheduler.workers.get(&id)) {
             let new = |lease: &Lease| answer.jobs.iter().any(|(job, _)| job == lease);
-            let mut booked = worker.leases().iter().map(|&(job, attempt)| Lease { job, attempt });
+            let secret = &self.scheduler.secret;
+            let mut booked = worker
+                .leases()
+                .iter()
+                .map(|&(job, attempt)| secret.lease(job, attempt, (id, worker.principal)));
             assert!(booked.all(|lease| held.contains(&lease) || new(&lease)), "worker {index} has less");
         }
         match reply {
@@ -374,7 +352,8 @@ impl World {
         while let Some(id) = called.pop() {
             let index = self.actors.iter().position(|actor| actor.id == id).expect("a worker");
             let Some((sequence, wanted, call)) = self.held.remove(&index) else { continue };
-            match self.scheduler.lease_later(id, sequence, wanted, now) {
+            let caller = (id, self.actors[index].principal);
+            match self.scheduler.lease_later(caller, sequence, wanted, now) {
                 Ok(jobs) if jobs.is_empty() => drop(self.held.insert(index, (sequence, wanted, call))),
                 Ok(jobs) => {
                     let answer = Answer { jobs, ..Answer::default() };
@@ -415,6 +394,7 @@ impl World {
         }
         let index = self.below(self.actors.len().max(1) as u32) as usize;
         let what = self.below(5);
+        self.steal();
         match what {
             0 => {
                 // The machine's connections are reset: nothing that is under way arrives.
@@ -453,11 +433,47 @@ impl World {
                 }
                 let actor = &mut self.actors[index];
                 actor.dead = true;
-                let nature = actor.nature;
-                self.soon(60_000, Happening::Join(nature));
+                let (nature, principal) = (actor.nature, actor.principal);
+                self.soon(60_000, Happening::Join(nature, principal));
             }
         }
         self.soon(60_000, Happening::Mishap);
+    }
+
+    /// A liar speaks in the name of others: it locks them out, takes their leave, and reports on what was leased to them.
+    fn steal(&mut self) {
+        let Some(thief) =
+            self.actors.iter().position(|actor| actor.nature == Nature::Lying && actor.registered)
+        else {
+            return;
+        };
+        let now = self.now();
+        let (id, principal) = (self.actors[thief].id, self.actors[thief].principal);
+        let others = self.actors.iter().filter(|actor| actor.principal != principal);
+        let victims: Vec<(proto::WorkerId, Vec<Lease>)> =
+            others.map(|actor| (actor.id, actor.held())).collect();
+        for (victim, leases) in victims {
+            let poll = Poll { sequence: u64::MAX, leaving: true, ..Poll::default() };
+            assert!(self.scheduler.poll((victim, principal), poll, now).is_err(), "{victim} was robbed");
+            let votes = |scheduler: &Scheduler, lease: &Lease| {
+                scheduler.jobs.get(lease.job).map(|job| job.votes.len())
+            };
+            let before: Vec<_> = leases.iter().map(|lease| votes(&self.scheduler, lease)).collect();
+            let sequence = self.scheduler.workers.get(&id).map_or(0, |worker| worker.sequence);
+            let held = self.scheduler.workers.get(&id).map_or_else(Vec::new, |worker| {
+                let lease =
+                    |&(job, attempt): &(_, _)| self.scheduler.secret.lease(job, attempt, (id, principal));
+                worker.leases().iter().map(lease).collect()
+            });
+            let finished = leases.iter().map(|lease| self.actors[thief].lie_about(*lease)).collect();
+            self.actors[thief].sequence = self.actors[thief].sequence.max(sequence + 1);
+            let poll = Poll { sequence: sequence + 1, held, finished, ..Poll::default() };
+            let _ = self.scheduler.poll((id, principal), poll, now);
+            let after: Vec<_> = leases.iter().map(|lease| votes(&self.scheduler, lease)).collect();
+            assert_eq!(before, after, "a lease of {victim} was used by another");
+            self.mishaps.stolen += leases.len() as u64;
+        }
+        self.look();
     }
 
     // Time and chance.

@@ -14,7 +14,7 @@ fn lie() -> Result<TaskResult, Failure> {
 
 fn audited(workers: u8) -> Bench {
     let mut bench = Bench::new(workers);
-    bench.scheduler.limits.audit = Audit { share: 1.0, seed: 1 };
+    bench.scheduler.trust = Trust::new(Audit { share: 1.0, first: 0 });
     bench
 }
 
@@ -48,8 +48,8 @@ fn a_job_that_takes_too_long_is_given_to_an_idle_worker_too_and_the_first_answer
     assert!(bench.poll(1, &[], 2).jobs.is_empty());
     bench.pass(1);
     assert_eq!(bench.scheduler.wake(bench.now), [worker(1)]);
-    let again = bench.scheduler.lease_later(worker(1), bench.sequence, 2, bench.now).unwrap()[0].0;
-    assert_eq!(again, Lease { job: slow.job, attempt: 2 });
+    let again = bench.scheduler.lease_later(bench.caller(1), bench.sequence, 2, bench.now).unwrap()[0].0;
+    assert_eq!(again, bench.lease(1, slow.job, 2));
     bench.scheduler.drain_finished();
     bench.report(1, again, good());
     assert_eq!(bench.scheduler.drain_finished()[0].attempt, 2);
@@ -75,7 +75,7 @@ fn one_behind_another() -> (Bench, Vec<(Lease, Arc<Task>)>, Lease) {
 #[test]
 fn a_job_that_waits_behind_another_is_given_to_an_idle_worker_at_once_and_revoked_when_answered() {
     let (mut bench, jobs, again) = one_behind_another();
-    assert_eq!(again, Lease { job: jobs[1].0.job, attempt: 2 });
+    assert_eq!(again, bench.lease(2, jobs[1].0.job, 2));
     bench.report(2, again, good());
     let held: Vec<Lease> = jobs.iter().map(|(lease, _)| *lease).collect();
     assert_eq!(bench.poll(1, &held, 0).revoked, [jobs[1].0]);
@@ -160,7 +160,7 @@ fn a_worker_has_one_voice_and_only_on_what_it_was_given() {
     let mut bench = audited(2);
     let job = bench.submit();
     let (first, second) = (bench.take(1), bench.take(2));
-    for lease in [first, first, second, Lease { job, attempt: 3 }] {
+    for lease in [first, first, second, bench.lease(2, job, 3)] {
         bench.report(1, lease, lie());
     }
     assert!(bench.scheduler.drain_finished().is_empty());
@@ -183,7 +183,7 @@ fn a_single_worker_is_believed_until_another_joins() {
     bench.join(2).unwrap();
     assert!(bench.scheduler.in_doubt());
     let checks = bench.poll(2, &[], 2).jobs;
-    assert_eq!(checks[0].0, Lease { job: first.job, attempt: 2 });
+    assert_eq!(checks[0].0, bench.lease(2, first.job, 2));
     bench.report(2, checks[0].0, good());
     let check = bench.take(2);
     bench.report(2, check, good());

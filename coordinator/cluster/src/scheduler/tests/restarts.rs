@@ -4,7 +4,7 @@ use super::*;
 use crate::journal::Recorded;
 use proto::journal::{AcceptedResult, Member};
 
-fn answered((label, worker_id): (&str, WorkerId)) -> AcceptedResult {
+fn answered((label, number): (&str, u8)) -> AcceptedResult {
     let result = EvaluationResult {
         queries: 10,
         object_correct: 4,
@@ -13,8 +13,11 @@ fn answered((label, worker_id): (&str, WorkerId)) -> AcceptedResult {
     };
     AcceptedResult {
         result: TaskResult::Evaluation(result),
-        worker_id,
+        worker_id: worker(number),
         worker: label.to_owned(),
+        principal: principal(number),
+        seconded: None,
+        assurance: Assurance::Unaudited,
         attempt: 1,
         queued: Duration::ZERO,
         run_seconds: 1.0,
@@ -24,20 +27,18 @@ fn answered((label, worker_id): (&str, WorkerId)) -> AcceptedResult {
 /// A scheduler that goes on: worker 1 was there, and held attempt 2 of the job that is submitted next.
 fn resumed() -> (Bench, Lease) {
     let mut bench = Bench::new(0);
-    let lease = Lease { job: evaluation().job(0), attempt: 2 };
-    let introduction = Introduction::sample("host");
+    let lease = bench.lease(1, evaluation().job(0), 2);
+    let introduction = Introduction::sample("host", 1);
     let member = Member { label: "host".to_owned(), introduction };
     let mut recorded = Recorded {
         members: [(worker(1), member)].into(),
-        leases: vec![(Lease { attempt: 1, ..lease }, worker(9)), (lease, worker(1))],
+        leases: vec![(lease.job, 1, worker(9)), (lease.job, 2, worker(1))],
         ..Recorded::default()
     };
     // A worker that has reported and gone, and one that was wrong.
-    recorded.quarantined = [worker(8)].into();
-    recorded.accepted = [JobId(1), JobId(2)]
-        .into_iter()
-        .zip([("host", worker(1)), ("host-2", worker(9))].map(answered))
-        .collect();
+    recorded.quarantined = [principal(8)].into();
+    recorded.accepted =
+        [JobId(1), JobId(2)].into_iter().zip([("host", 1), ("host-2", 9)].map(answered)).collect();
     bench.scheduler.jobs.restore(&recorded);
     bench.scheduler.restore(&recorded, bench.now);
     assert_eq!(bench.submit(), lease.job);
@@ -64,7 +65,7 @@ fn a_worker_that_does_not_come_back_after_a_restart_loses_its_lease_and_attempts
         bench.poll(2, &[], 0);
         bench.pass(1);
     }
-    assert_eq!(bench.take(2), Lease { attempt: 3, ..lease });
+    assert_eq!(bench.take(2), bench.lease(2, lease.job, 3));
     // Names under which results are recorded are not given again.
     assert_eq!(bench.join(3).as_deref(), Ok("host-4"));
 }
@@ -77,14 +78,20 @@ fn a_worker_that_was_quarantined_before_a_restart_stays_so() {
 }
 
 #[test]
-fn a_lease_that_no_start_has_recorded_is_taken_over_and_an_impossible_one_is_not() {
+fn a_lease_that_no_start_has_recorded_is_taken_over_and_one_that_nobody_was_granted_is_not() {
     let (mut bench, lease) = resumed();
     bench.poll(1, &[], 0); // it never got the job
     bench.join(2).unwrap();
-    let [unrecorded, invented] = [3, 2 + UNRECORDED + 1].map(|attempt| Lease { attempt, ..lease });
-    assert_eq!(bench.poll(2, &[invented], 0).revoked, [invented]);
+    let unrecorded = bench.lease(2, lease.job, 300);
+    let guessed =
+        [Lease { nonce: proto::LeaseNonce([3; 16]), ..unrecorded }, bench.lease(1, lease.job, 3), lease];
+    assert_eq!(bench.poll(2, &guessed, 0).revoked, guessed);
+    for guessed in guessed {
+        bench.report(2, guessed, good());
+    }
+    assert!(bench.scheduler.drain_finished().is_empty());
     assert!(bench.poll(2, &[unrecorded], 0).revoked.is_empty());
     assert!(bench.poll(1, &[], 1).jobs.is_empty());
     bench.report(2, unrecorded, good());
-    assert_eq!(bench.scheduler.drain_finished()[0].attempt, 3);
+    assert_eq!(bench.scheduler.drain_finished()[0].attempt, 300);
 }

@@ -1,0 +1,125 @@
+//! Failures: when a job has failed for good, and when it is rather its workers that are at fault.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use proto::task::{Failure, FailureReason};
+use proto::{JobId, Principal, WorkerId};
+
+use super::health::Health;
+use super::messages::WorkerFailure;
+use super::{Emitted, JobFailed, Scheduler};
+use crate::events::EventKind;
+use crate::store::Job;
+
+impl Scheduler {
+    /// Counts a failure, against the job and against the worker.
+    pub(super) fn count_failure(&mut self, job_id: JobId, id: WorkerId, failure: Failure, now: Instant) {
+        let (label, max_failures) = (self.label(id), self.limits.max_failures as usize);
+        self.count_against(id, now);
+        // Once its result counts, a job has nothing to fail at.
+        let Some(job) = self.jobs.get_mut(job_id).filter(|job| job.needs() > 0) else { return };
+        let malformed = failure.reason == FailureReason::InvalidJob;
+        job.failures.push((id, WorkerFailure { worker: label, failure }));
+        if malformed || job.failures.len() >= max_failures {
+            self.failing.insert(job_id);
+            self.fail_hopeless();
+        }
+    }
+
+    /// Counts a failure against a worker, which may exclude it for a while.
+    fn count_against(&mut self, id: WorkerId, now: Instant) {
+        let Some(worker) = self.workers.get_mut(&id) else { return };
+        let principal = worker.principal;
+        let suspect = self.exclusions.get(&principal).is_some_and(|&count| count > 0);
+        let was_excluded = worker.health.is_excluded();
+        let Some(length) = worker.health.failed(suspect, now) else { return };
+        if was_excluded {
+            return; // an answer to a job of before
+        }
+        *self.exclusions.entry(principal).or_default() += 1;
+        self.leave_present(principal);
+        if !self.has_fit_worker() {
+            return self.include_all(); // where all fail, none is better than another
+        }
+        self.settle_for_want_of_others(now);
+        let kind = EventKind::Excluded { worker: id, label: self.label(id), seconds: length.as_secs() };
+        self.events.push(Emitted { at: now, kind });
+    }
+
+    /// Whether somebody is here who is not excluded.
+    fn has_fit_worker(&self) -> bool {
+        !self.present.is_empty()
+    }
+
+    /// Ends the exclusions whose time is over.
+    pub(super) fn end_exclusions(&mut self, now: Instant) {
+        let over = self
+            .workers
+            .values_mut()
+            .filter_map(|worker| worker.health.end_exclusion(now).then_some(worker.principal));
+        for principal in over.collect::<Vec<_>>() {
+            self.join_present(principal);
+        }
+    }
+
+    /// Ends all exclusions, because nobody else is left.
+    pub(super) fn include_all(&mut self) {
+        let excluded = self.workers.values_mut().filter(|worker| worker.health.is_excluded());
+        let included = excluded.map(|worker| {
+            worker.health = Health::default();
+            worker.principal
+        });
+        for principal in included.collect::<Vec<_>>() {
+            self.join_present(principal);
+        }
+    }
+
+    /// Fails the first job for which there is no hope.
+    pub(super) fn fail_hopeless(&mut self) {
+        if self.failed.is_some() {
+            return;
+        }
+        let hopeless = |id: &&JobId| self.jobs.get(**id).is_some_and(|job| self.is_hopeless(job));
+        let Some(job) = self.failing.iter().find(hopeless).and_then(|id| self.jobs.get(*id)) else { return };
+        let failures = job.failures.iter().map(|(_, failure)| failure.clone()).collect();
+        self.failed = Some(JobFailed { task: Arc::clone(&job.task), failures });
+    }
+
+    /// Whether a job has failed for good: on as many workers as the limit says that have computed something else, or on
+    /// all that are here. Three sick machines must not end a run that two healthy ones could do.
+    fn is_hopeless(&self, job: &Job) -> bool {
+        if job.needs() == 0 || job.delivered {
+            return false; // there is a result; whoever could confirm it may come
+        }
+        let is_able = |id: &WorkerId| {
+            let has_answered = self.identities.get(id).is_some_and(|known| known.answers > 0);
+            has_answered && !self.workers.get(id).is_some_and(|worker| worker.health.is_excluded())
+        };
+        let able = job.failures.iter().filter(|(id, _)| is_able(id)).count();
+        let untried = self.workers.iter().any(|(id, worker)| {
+            !worker.health.is_excluded() && !job.failed_on(*id) && !job.answered_by(worker.principal)
+        });
+        // A job of this release that one worker cannot read is malformed for all of them, if it says the truth.
+        let is_malformed =
+            |(_, failure): &(WorkerId, WorkerFailure)| failure.failure.reason == FailureReason::InvalidJob;
+        let malformed: Vec<WorkerId> =
+            job.failures.iter().filter(|failure| is_malformed(failure)).map(|(id, _)| *id).collect();
+        let principals: std::collections::BTreeSet<Principal> =
+            malformed.iter().filter_map(|id| self.workers.get(id)).map(|worker| worker.principal).collect();
+        principals.contains(&Principal::Coordinator)
+            || principals.len() >= 2
+            || able >= self.limits.max_failures as usize
+            || !untried && (!malformed.is_empty() || job.failures.len() >= self.limits.max_failures as usize)
+    }
+
+    /// A worker went with the job in hand: no fault of the job's, until it has happened too often.
+    pub(super) fn count_loss(&mut self, job_id: JobId, loss: WorkerFailure) {
+        let Some(job) = self.jobs.get_mut(job_id).filter(|job| job.needs() > 0) else { return };
+        job.losses.push(loss);
+        if job.losses.len() >= self.limits.max_losses as usize && self.failed.is_none() {
+            let (task, failures) = (Arc::clone(&job.task), job.losses.clone());
+            self.failed = Some(JobFailed { task, failures });
+        }
+    }
+}

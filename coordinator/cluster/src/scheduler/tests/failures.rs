@@ -1,0 +1,108 @@
+//! Sick workers beside healthy ones: whose failures count against a job.
+
+use super::*;
+
+/// Has a worker take a job, if it is given one, and fail at it.
+fn fail_next(bench: &mut Bench, number: u8) -> bool {
+    let jobs = bench.poll(number, &[], 1).jobs;
+    if let Some((lease, _)) = jobs.first() {
+        bench.report(number, *lease, panicked("out of memory"));
+    }
+    !jobs.is_empty()
+}
+
+#[test]
+fn three_sick_workers_beside_two_healthy_do_not_end_a_run_and_get_no_more_jobs() {
+    let mut bench = Bench::new(5);
+    let mut open: BTreeSet<JobId> = (0..40).map(|_| bench.submit()).collect();
+    let mut failures = 0;
+    for _ in 0..200 {
+        // The sick are quick.
+        for number in [1, 2, 3] {
+            while fail_next(&mut bench, number) {
+                failures += 1;
+            }
+        }
+        for number in [4, 5] {
+            for (lease, _) in bench.poll(number, &[], 1).jobs {
+                bench.report(number, lease, good());
+            }
+        }
+        for finished in bench.scheduler.drain_finished() {
+            open.remove(&finished.job);
+        }
+        bench.now += Duration::from_millis(10);
+    }
+    assert_eq!((bench.scheduler.failed(), open.len()), (None, 0));
+    assert_eq!(failures, 9, "three each");
+    let excluded = |event: &Emitted| matches!(event.kind, EventKind::Excluded { seconds: 60, .. });
+    assert_eq!(bench.scheduler.drain_events().iter().filter(|event| excluded(event)).count(), 3);
+}
+
+#[test]
+fn a_new_id_of_a_principal_that_was_excluded_has_one_try() {
+    let mut bench = Bench::new(2);
+    for _ in 0..20 {
+        bench.submit();
+    }
+    while fail_next(&mut bench, 1) {}
+    bench.join_as(3, principal(1)).unwrap();
+    assert!(fail_next(&mut bench, 3));
+    assert!(!fail_next(&mut bench, 3));
+    // Exclusion goes by worker: one that is well goes on.
+    bench.join_as(4, principal(1)).unwrap();
+    let lease = bench.take(4);
+    bench.report(4, lease, good());
+    assert!(fail_next(&mut bench, 4), "one failure after a success");
+    assert!(!bench.poll(4, &[], 1).jobs.is_empty());
+}
+
+#[test]
+fn a_job_that_fails_on_as_many_as_have_computed_others_fails_for_good() {
+    let mut bench = Bench::new(5);
+    for number in 1..=5 {
+        bench.submit();
+        let lease = bench.take(number);
+        bench.report(number, lease, good());
+    }
+    bench.submit();
+    for number in 1..=LIMITS.max_failures as u8 {
+        assert_eq!(bench.scheduler.failed(), None);
+        assert!(fail_next(&mut bench, number));
+    }
+    assert_eq!(bench.scheduler.failed().unwrap().failures.len(), LIMITS.max_failures as usize);
+}
+
+#[test]
+fn where_everybody_fails_nobody_is_waited_for() {
+    let mut bench = Bench::new(4);
+    for _ in 0..8 {
+        bench.submit();
+    }
+    for _ in 0..100 {
+        for number in 1..=4 {
+            fail_next(&mut bench, number);
+        }
+    }
+    assert!(bench.scheduler.failed().is_some());
+
+    let mut alone = Bench::new(1);
+    alone.submit();
+    for _ in 0..LIMITS.max_failures {
+        assert!(fail_next(&mut alone, 1));
+    }
+    assert!(alone.scheduler.failed().is_some());
+}
+
+#[test]
+fn the_last_that_has_not_tried_may_go() {
+    let mut bench = Bench::new(4);
+    bench.submit();
+    for number in [1, 2, 3] {
+        fail_next(&mut bench, number);
+    }
+    assert_eq!(bench.scheduler.failed(), None);
+    bench.try_poll(4, Poll { leaving: true, ..Poll::default() }).unwrap();
+    bench.pass(1);
+    assert!(bench.scheduler.failed().is_some());
+}
