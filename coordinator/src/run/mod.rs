@@ -77,6 +77,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     if let Some(summary) = already_finished(&out, experiment, &store)? {
         return Ok(summary);
     }
+    refuse_another(&out, &experiment.search_toml())?;
     let stop = experiment.stop();
     let mut progress = Progress::new(stop.generations).with_budget(stop.evaluations);
     // First what may be wrong with search space, port and data: then no folder is made and nothing in one is touched.
@@ -94,8 +95,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     for note in check_fitness(experiment, &dataset)? {
         progress.say(&note);
     }
-    refuse_another(&out, &experiment.search_toml())?;
-    let mut folder = RunFolder::create(&out, &rows::gene_columns(experiment.space().family()))?;
+    let folder = RunFolder::create(&out, &rows::gene_columns(experiment.space().family()))?;
     claim(&out, &experiment.search_toml())?;
     // Another process may have finished it since.
     if folder.is_finished()
@@ -105,7 +105,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     }
     let texts = (experiment.search_toml(), experiment.record_toml());
     let (header, journal, recorded) =
-        open_journal(texts, &dataset, &out, started_at, || Ok(folder.discard()?))?;
+        open_journal(texts, &dataset, &out, started_at, std::slice::from_ref(&out))?;
     let at_work = recorded.at_work;
     if recorded.starts > 1 {
         let there = recorded.accepted.len();

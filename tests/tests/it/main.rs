@@ -16,6 +16,7 @@
 //! - `sessions`: bring-up, waiting and deadline of every command
 //! - `exhaust`: the exhaustive search, and what runs make of it
 //! - `foreign`: descriptors that another program has computed
+//! - `foreign_folders`: folders of somebody else, and runs without a journal
 //! - `grid`: grid cells against the evaluator on real clouds
 //! - `hill_climbing`: hill climbing end to end
 //! - `hosts`: workers on other hosts, behind links that are cut, slow, lossy or late
@@ -52,6 +53,7 @@ mod documents;
 mod exhaust;
 mod families;
 mod foreign;
+mod foreign_folders;
 mod grid;
 mod hill_climbing;
 mod hosts;
