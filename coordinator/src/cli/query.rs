@@ -53,7 +53,7 @@ impl Query {
         let mut out = BufWriter::new(io::stdout().lock());
         match answer.write(format, &mut out).and_then(|()| out.flush()) {
             // A reader that has seen enough is no error.
-            Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error.into()),
+            Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(super::output_error(&error)),
             _ => Ok(ExitCode::SUCCESS),
         }
     }

@@ -10,6 +10,7 @@ use proto::Message;
 use serde_json::{Map, Value, json};
 
 use crate::artefact::{Answer, CloudError, Named, Recogniser};
+use crate::console::say;
 use crate::dataset::{MAX_FILE_BYTES, read_file};
 use crate::evaluate::Seconds;
 
@@ -47,7 +48,7 @@ impl Recognise {
         let clock = Instant::now();
         let recogniser = Recogniser::open(&self.artefact)?;
         if self.times {
-            eprintln!("artefact opened in {}", milliseconds(clock.elapsed()));
+            say(format_args!("artefact opened in {}", milliseconds(clock.elapsed())));
         }
         let mut code = ExitCode::SUCCESS;
         for path in &self.clouds {
@@ -60,7 +61,7 @@ impl Recognise {
                 Err(error) => {
                     code = ExitCode::FAILURE;
                     let error = Message::of(&error);
-                    eprintln!("error: {name}: {error}");
+                    say(format_args!("error: {name}: {error}"));
                     if self.json {
                         let reason = error.what;
                         super::print(&format!("{}\n", json!({ "cloud": name, "error": reason })))?;

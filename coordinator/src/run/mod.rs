@@ -33,6 +33,7 @@ use proto::Message;
 use results::RunFolder;
 use transport::host_name;
 
+use crate::console::say;
 use crate::dataset::{Dataset, Wanted};
 use crate::exhaust::grid::Grid;
 use crate::experiment::Experiment;
@@ -162,7 +163,7 @@ fn already_finished(out: &Path, experiment: &Experiment, store: &Store) -> Resul
     compare_with_data(std::slice::from_mut(&mut summary), experiment, store)?;
     // A process that is killed after it has finished the run leaves its journal behind.
     remove_journal(out);
-    eprintln!("{}: this run is finished; --fresh starts another", out.display());
+    say(format_args!("{}: this run is finished; --fresh starts another", out.display()));
     Ok(Some(summary))
 }
 
@@ -213,7 +214,7 @@ pub fn compare_with_data(
         Ok(dataset) => dataset,
         // The data may be gone by now; if it is there, it must be the same.
         Err(error) => {
-            eprintln!("warning: cannot compare with the data: {}", Message::of(&error).what);
+            say(format_args!("warning: cannot compare with the data: {}", Message::of(&error).what));
             return Ok(());
         }
     };

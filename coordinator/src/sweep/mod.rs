@@ -14,6 +14,7 @@ use cache::Store;
 use futures_util::future::try_join_all;
 use results::RunFolder;
 
+use crate::console::say;
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{Member, Overrides, Plan, Sweep};
 use crate::observers::event_file::EventFile;
@@ -223,7 +224,7 @@ fn already_finished(
         }
     }
     compare_with_data(&mut summaries, sweep.base(), store)?;
-    eprintln!("{}: this sweep is finished; --fresh starts another", out.display());
+    say(format_args!("{}: this sweep is finished; --fresh starts another", out.display()));
     Ok(Some(members.iter().map(|member| member.name.clone()).zip(summaries).collect()))
 }
 

@@ -23,6 +23,7 @@
 //! - `perturbed`: errors on test clouds that are perturbed
 //! - `pieces`: evaluations in pieces
 //! - `protocol`: the coordinator's port as a client sees it
+//! - `lost_output`: standard output and error that are full or closed
 //! - `leaks`: what positions of clouds give away
 //! - `messages`: what a user who begins is told
 //! - `operators`: settings of a search beyond the paper's
@@ -59,6 +60,7 @@ mod hill_climbing;
 mod hosts;
 mod impostors;
 mod leaks;
+mod lost_output;
 mod members;
 mod messages;
 mod operators;
