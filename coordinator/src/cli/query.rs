@@ -27,7 +27,9 @@ pub struct Query {
     /// standard input
     #[arg(value_name = "SQL", required = true)]
     sql: String,
-    /// A table for people (floats rounded to six digits), or every digit as csv or json, for example csv
+    /// A table for people (floats rounded to six digits), or every digit as csv or json, for example csv. In csv, a text
+    /// that begins with =, +, -, @, a tab or an end of line has a single quote in front, so that no spreadsheet takes it
+    /// for a formula
     #[arg(long, value_name = "FORMAT", default_value = "table", value_parser = ["table", "csv", "json"])]
     format: String,
     /// Most memory that the program may hold, for example 2GiB: a query that takes more ends in an error; by default half
