@@ -7,6 +7,7 @@ mod introduction;
 mod join;
 pub mod journal;
 mod message;
+mod printable;
 pub mod task;
 #[cfg(feature = "services")]
 pub mod tls;
@@ -15,6 +16,7 @@ pub use ids::{Digest, Fingerprint, InvalidFingerprint, InvalidId, JobId, Lease, 
 pub use introduction::Introduction;
 pub use join::{DEFAULT_PORT, InvalidJoinAddress, InvalidToken, JoinAddress, Token, Trust};
 pub use message::Message;
+pub use printable::{is_printable, printable, printable_lines};
 
 /// What is left of `descry.v1`: the refusal of its workers.
 pub mod v1 {

@@ -16,6 +16,7 @@ mod checks;
 mod conform;
 mod digest;
 mod parquet;
+mod printable;
 mod schema;
 
 mod consistency;

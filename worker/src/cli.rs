@@ -121,6 +121,11 @@ async fn serve(cli: Cli) -> anyhow::Result<()> {
         proto::MAX_NAME_BYTES,
         name.len()
     );
+    anyhow::ensure!(
+        name.chars().all(proto::is_printable),
+        "--name: must be printable, got {}\nchoose a name without control and format characters",
+        proto::printable(&name)
+    );
     let address = join_address(&cli)?;
     warn_of(&address);
     tracing::info!("looking for the coordinator at {address}");
