@@ -8,8 +8,8 @@ use cache::{ByteSize, held_memory};
 
 use crate::console::say;
 
-/// How often is looked: in this time a query takes some ten megabytes more.
-const EVERY: Duration = Duration::from_millis(20);
+/// How often is looked: in this time a query takes some megabytes more.
+const EVERY: Duration = Duration::from_millis(5);
 
 /// Ends the program with an error as soon as it holds more than `most`; `advice` says what to do then. Where the system
 /// does not tell what a program holds, nothing is bounded.

@@ -33,7 +33,7 @@ pub struct Query {
     #[arg(long, value_name = "FORMAT", default_value = "table", value_parser = ["table", "csv", "json"])]
     format: String,
     /// Most memory that the program may hold, for example 2GiB: a query that takes more ends in an error; by default half
-    /// of what is available
+    /// of what is available, but no more than 4GiB
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     memory: Option<ByteSize>,
 }
@@ -45,7 +45,7 @@ const LESS: &str =
 impl Query {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         quiet_panics();
-        memory_limit::bound(self.memory.unwrap_or_else(default_memory), LESS);
+        memory_limit::bound(self.memory.unwrap_or_else(|| default_memory().min(ByteSize::gib(4))), LESS);
         let answer = results::query(&self.folders, &text(self.sql)?).map_err(explained)?;
         let format = match self.format.as_str() {
             "csv" => AnswerFormat::Csv,
