@@ -290,6 +290,36 @@ fn what_is_no_file_is_refused_wherever_a_text_is_read_whole() {
     drop(writer);
 }
 
+/// Points that are all alike: each of them would be looked at for each other one.
+#[test]
+fn clouds_whose_neighbourhoods_would_take_minutes_are_refused_by_name_and_count() {
+    const POINTS: usize = 300_000;
+    let header = format!(
+        "VERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH {POINTS}\nHEIGHT 1\nPOINTS {POINTS}\nDATA binary\n"
+    );
+    let point = [0.1f32.to_le_bytes(), 0.2f32.to_le_bytes(), 1f32.to_le_bytes(), 0x80_40_20u32.to_le_bytes()];
+    let data = Spoiled::new();
+    let cloud = data.cloud("test.txt");
+    fs::write(&cloud, pcd(&header, &point.as_flattened().repeat(POINTS))).unwrap();
+    let name = cloud.file_name().unwrap().to_str().unwrap();
+    let count = "got 90000000000, and 300000 points in one cell";
+    data.check(&["dataset: clouds whose neighbourhoods", name, count]);
+    let evaluate = [
+        "evaluate",
+        "--data",
+        &data.experiment.path("data"),
+        "--query",
+        "test.txt",
+        "--database",
+        "train1.txt",
+    ];
+    check(run("coordinator", evaluate), &[name, count]);
+    let objects = data.experiment.path("objects");
+    run("coordinator", ["export", &run_demo().path("results/runs/demo"), &objects]).expect_success();
+    let cloud = cloud.to_str().unwrap();
+    check(run("coordinator", ["recognise", &objects, cloud]), &[cloud, count]);
+}
+
 /// Numbers of any size are told from those that are allowed, in a sentence of a length for people.
 #[test]
 fn numbers_beyond_every_limit() {
