@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use cache::Store;
 use results::FinishedRun;
 
+use crate::console::say;
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{Experiment, ExperimentError, Overrides};
 use crate::run::{DataError, open_data};
@@ -66,6 +67,6 @@ pub fn reopen(
     }
     let record = &finished.row.resolved_toml;
     let experiment = Experiment::from_record(record, run, data, overrides)?;
-    let dataset = open_data(&experiment, Wanted::All, Some(store), |line| eprintln!("{line}"))?;
+    let dataset = open_data(&experiment, Wanted::All, Some(store), |line| say(line))?;
     Ok(Reopened { finished, experiment, dataset })
 }

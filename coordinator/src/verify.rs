@@ -12,6 +12,7 @@ use rand::RngExt as _;
 use results::EvaluationRow;
 
 use crate::console::Console;
+use crate::console::say;
 use crate::experiment::{LocalWorkers, Overrides};
 use crate::fitness::Measured;
 use crate::reopen::{ReopenError, Reopened, reopen};
@@ -98,7 +99,7 @@ pub async fn verify(
         verdict.problems.push("evaluations: gene values: must lie on the genes' grids".to_owned());
         return Ok(verdict);
     };
-    eprintln!("recomputing {} fitness values", descriptors.len());
+    say(format_args!("recomputing {} fitness values", descriptors.len()));
     let mut session = Session::new(&experiment, &dataset, store, storage.memory).map_err(RunError::from)?;
     session.start(None, LocalWorkers::Auto).await;
     let affordable: Vec<&Descriptor> =

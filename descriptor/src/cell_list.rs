@@ -86,6 +86,11 @@ impl CellList {
         &self.points
     }
 
+    /// Number of points in each occupied cell.
+    pub(crate) fn occupancy(&self) -> impl Iterator<Item = u32> {
+        self.starts.windows(2).map(|cells| cells[1].1 - cells[0].1)
+    }
+
     /// Goes through the wanted ones of the points and `others`, up to `most` at a time that follow one another in a row
     /// of cells along x. They are given by index, that of the others after the points'; those outside the cloud's bounds
     /// count to the cells at its edge.

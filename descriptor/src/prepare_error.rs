@@ -32,6 +32,16 @@ pub enum PrepareError {
         "cloud: coordinate beyond 2147483648 voxels of {leaf} m, got {coordinate} m\ncheck the unit of the clouds or choose a larger leaf"
     )]
     CellRange { coordinate: f32, leaf: f32 },
+    /// Finding the neighbours of all points would take minutes, or hours.
+    #[error(
+        "cloud: at most {most} pairs of points in the same cells of {radius} m or more expected, got {pairs}, and {points} points in one cell\nremove points that are all alike (invalid ones at the origin) and outliers far away, thin it out, or choose a smaller preprocess.normal_radius_cm"
+    )]
+    TooDense { most: u64, radius: f64, pairs: u64, points: u32 },
+    /// Counting all pairs of the regions about keypoints would take minutes, or hours.
+    #[error(
+        "cloud: at most {most} pairs of points in all regions expected, got {pairs} in those of {keypoints} keypoints\nthin it out, choose a smaller radius, or a descriptor that samples pairs"
+    )]
+    TooManyPairs { most: u64, pairs: u64, keypoints: usize },
     /// Points cannot be counted in 32 bits.
     #[error("cloud: more than 4294967295 points, got {points}\nsplit the cloud")]
     TooManyPoints { points: usize },

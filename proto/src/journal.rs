@@ -8,7 +8,7 @@ use crate::introduction::Introduction;
 use crate::principal::Principal;
 use crate::task::{Described, TaskResult, is_scale};
 use crate::v2::accepted_result::Result as Kept;
-use crate::{Digest, MAX_NAME_BYTES, WorkerId, v2};
+use crate::{Digest, MAX_NAME_BYTES, WorkerId, printable, truncate, v2};
 
 /// Longest text of a worker, bytes: a name with the suffix that makes it unique.
 const MAX_WORKER_TEXT_BYTES: usize = 2 * MAX_NAME_BYTES;
@@ -152,12 +152,15 @@ impl Member {
         v2::Member { label, name, threads, build, credential: None, principal }.encode_to_vec()
     }
 
-    /// The inverse of [`Member::encode`]; `None` of bytes that no worker can have.
+    /// The inverse of [`Member::encode`], its texts as [`printable`] has them, as earlier releases let more characters in;
+    /// `None` of bytes that no worker can have.
     pub fn decode(bytes: &[u8]) -> Option<Self> {
         let v2::Member { label, name, threads, build, principal, .. } = v2::Member::decode(bytes).ok()?;
         let is_sound =
             |text: &String| text.len() <= MAX_WORKER_TEXT_BYTES && !text.chars().any(char::is_control);
         let sound = [&label, &name, &build].into_iter().all(is_sound);
+        let shown = |text: String| truncate(&printable(&text), MAX_WORKER_TEXT_BYTES).to_owned();
+        let [label, name, build] = [label, name, build].map(shown);
         let principal = principal.parse().ok()?;
         sound.then_some(Self { label, introduction: Introduction { name, threads, build, principal } })
     }

@@ -8,6 +8,7 @@ mod join;
 pub mod journal;
 mod message;
 mod principal;
+mod printable;
 pub mod task;
 #[cfg(feature = "services")]
 pub mod tls;
@@ -19,6 +20,7 @@ pub use introduction::Introduction;
 pub use join::{DEFAULT_PORT, InvalidJoinAddress, InvalidToken, JoinAddress, Token, Trust};
 pub use message::Message;
 pub use principal::{InvalidPrincipal, Origin, Principal, WorkerSecret};
+pub use printable::{is_printable, printable, printable_lines};
 
 /// What is left of `descry.v1`: the refusal of its workers.
 pub mod v1 {

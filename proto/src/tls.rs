@@ -1,6 +1,7 @@
 //! What both sides of TLS share: the files of `coordinator certs`, fingerprints of certificates, the protocol inside.
 
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 
 use rustls::crypto::ring;
 use rustls::pki_types::pem::{self, PemObject};
@@ -47,19 +48,38 @@ pub fn fingerprint(certificate: &CertificateDer<'_>) -> Fingerprint {
     fingerprint
 }
 
+/// The longest file that is read as PEM, bytes.
+const MAX_PEM_BYTES: u64 = 1 << 20;
+
+/// Refuses what is no file, such as a pipe that would be waited for, and what is far longer than any chain.
+fn check_pem(path: &Path) -> Result<(), TlsFilesError> {
+    let wrong = |source| TlsFilesError::Pem { path: path.to_owned(), source: pem::Error::Io(source) };
+    let metadata = fs::metadata(path).map_err(wrong)?;
+    if !metadata.is_file() {
+        return Err(wrong(io::Error::new(io::ErrorKind::InvalidInput, "something that is no file")));
+    }
+    if metadata.len() > MAX_PEM_BYTES {
+        return Err(wrong(io::Error::new(io::ErrorKind::FileTooLarge, "more than 1 MiB")));
+    }
+    Ok(())
+}
+
 /// Certificates and private key in a folder of `coordinator certs`.
 pub fn read_identity(
     folder: &Path,
 ) -> Result<(Vec<CertificateDer<'static>>, PrivateKeyDer<'static>), TlsFilesError> {
     let key = folder.join(KEY_FILE);
+    let certificates = read_certificates(&folder.join(CERTIFICATE_FILE))?;
+    check_pem(&key)?;
     Ok((
-        read_certificates(&folder.join(CERTIFICATE_FILE))?,
+        certificates,
         PrivateKeyDer::from_pem_file(&key).map_err(|source| TlsFilesError::Pem { path: key, source })?,
     ))
 }
 
 /// The certificates of a PEM file, at least one.
 pub fn read_certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, TlsFilesError> {
+    check_pem(path)?;
     let wrong = |source| TlsFilesError::Pem { path: path.to_owned(), source };
     let certificates = CertificateDer::pem_file_iter(path).map_err(wrong)?;
     let certificates: Vec<_> = certificates.collect::<Result<_, _>>().map_err(wrong)?;

@@ -1,6 +1,5 @@
 //! The database of an artefact: the summaries of reference clouds as one Parquet file, read on the calling thread.
 
-use std::fs;
 use std::path::Path;
 
 use blake3::Hash;
@@ -10,6 +9,7 @@ use crate::checks::refuse;
 use crate::error::Error;
 use crate::file::write_whole;
 use crate::parquet;
+use crate::read::read_bytes;
 use crate::record::{Context, Value};
 use crate::table_name::TableName;
 use crate::tables::database::{ChannelsRow, DatabaseCloud, DatabaseRow, PartCells};
@@ -205,7 +205,7 @@ pub fn write_database(file: impl AsRef<Path>, database: &Database) -> Result<Has
 /// If the file cannot be read, is no database, or is damaged.
 pub fn read_database(file: impl AsRef<Path>) -> Result<(Database, Hash), Error> {
     let file = file.as_ref();
-    let bytes = fs::read(file).map_err(|source| Error::io(file, "read this file", source))?;
+    let bytes = read_bytes(file)?;
     let digest = blake3::hash(&bytes);
     // A program that recognises one cloud would wait longer for threads than they save.
     let content = parquet::decode_with(ParallelStrategy::None, bytes, &TableName::ARTEFACT, file)?;

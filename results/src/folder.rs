@@ -25,7 +25,8 @@ use crate::tables::run::{
 use crate::tables::{Table, TableFile};
 use crate::verify::Parts;
 
-const LOCK: &str = ".lock";
+/// File in a run or grid folder that its process holds locked.
+pub const LOCK: &str = ".lock";
 
 /// Order in which tables are removed when a run is discarded: the one that marks a run or generation as whole before
 /// what it marks.
@@ -79,6 +80,15 @@ impl RunFolder {
     /// Whether the run has ended: its row is written.
     pub fn is_finished(&self) -> bool {
         self.file(TableName::Run, &TableName::Run.file()).exists()
+    }
+
+    /// Whether a folder has a file that a run has written and [`RunFolder::discard`] would remove.
+    pub fn has_tables(folder: &Path) -> bool {
+        let written = |table: TableName| names(&folder.join(table.as_str())).map(|names| (table, names));
+        DISCARD_ORDER
+            .into_iter()
+            .filter_map(|table| written(table).ok())
+            .any(|(table, names)| names.iter().any(|name| is_ours(table, name)))
     }
 
     /// Number of generations that are written whole, from generation 1 without a gap.

@@ -16,6 +16,7 @@ mod checks;
 mod conform;
 mod digest;
 mod parquet;
+mod printable;
 mod schema;
 
 mod consistency;
@@ -37,7 +38,7 @@ mod report;
 pub use columns::{Column, ColumnKind, GeneColumn};
 pub use database::{Database, DatabasePart, DatabaseParts, read_database, write_database};
 pub use error::Error;
-pub use folder::RunFolder;
+pub use folder::{LOCK, RunFolder};
 pub use foreign::{
     Among, Foreign, ForeignClouds, ForeignError, ForeignValues, read_foreign, write_distances, write_vectors,
 };

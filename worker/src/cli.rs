@@ -4,7 +4,7 @@ use std::convert::Infallible;
 use std::fmt;
 use std::fs::File;
 use std::future::Future;
-use std::io::{IsTerminal as _, Read as _};
+use std::io::{IsTerminal as _, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::str::FromStr;
@@ -80,7 +80,8 @@ pub fn main(cli: Cli) -> ExitCode {
     match run(cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error}");
+            // Where standard error is lost, the exit code tells.
+            let _ = std::io::stderr().write_all(format!("error: {error}\n").as_bytes());
             ExitCode::FAILURE
         }
     }
@@ -94,6 +95,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
+        .log_internal_errors(false) // they would go to standard error, too, and panic where that is lost
         .init();
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
     let done = runtime.block_on(serve(cli));
@@ -118,6 +120,11 @@ async fn serve(cli: Cli) -> anyhow::Result<()> {
         "--name: at most {} bytes, got {}\nchoose a shorter name",
         proto::MAX_NAME_BYTES,
         name.len()
+    );
+    anyhow::ensure!(
+        name.chars().all(proto::is_printable),
+        "--name: must be printable, got {}\nchoose a name without control and format characters",
+        proto::printable(&name)
     );
     let address = join_address(&cli)?;
     warn_of(&address);

@@ -103,7 +103,10 @@ impl Session {
         loop {
             match self.attend(shutdown.as_mut(), &mut backoff, &mut last_contact).await {
                 End::Left => return Ok(()),
-                End::Refused(message) => return Err(WorkerError::Refused { message }),
+                End::Refused(message) => {
+                    let lines: Vec<_> = message.lines().map(proto::printable).collect();
+                    return Err(WorkerError::Refused { message: lines.join("\n") });
+                }
                 End::Unknown => {
                     tracing::info!("the coordinator does not know this worker, registering again")
                 }
@@ -204,7 +207,7 @@ impl Session {
             self.slots.clear();
             self.current = Some(accepted.session);
             self.executor.name_run(accepted.session.to_string());
-            tracing::info!("joined as {}", accepted.name);
+            tracing::info!("joined as {}", proto::printable(&accepted.name));
         }
         Ok(accepted)
     }
@@ -273,14 +276,14 @@ fn reason(status: &Status) -> String {
         innermost = source;
     }
     if std::ptr::eq(innermost, status as &dyn std::error::Error) {
-        return status.message().to_owned();
+        return proto::printable(status.message()).into_owned();
     }
     // rustls is wordy about a coordinator that was killed and so did not close the connection.
     let ended = |error: &io::Error| error.kind() == io::ErrorKind::UnexpectedEof;
     if innermost.downcast_ref().is_some_and(ended) {
         return "the connection was closed".to_owned();
     }
-    innermost.to_string()
+    proto::printable(&innermost.to_string()).into_owned()
 }
 
 fn panic_message(error: tokio::task::JoinError) -> String {

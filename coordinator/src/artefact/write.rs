@@ -98,7 +98,8 @@ pub(super) fn refuse_occupied(out: &Path) -> Result<(), WriteError> {
     let names: Vec<OsString> = entries.flatten().map(|entry| entry.file_name()).collect();
     match names.iter().find(|&name| FILES.iter().all(|file| name != file)) {
         Some(other) => occupied(format!("a folder with {}", Path::new(other).display())),
-        None => Ok(()),
+        None if names.is_empty() || names.iter().any(|name| name == SETTINGS) => Ok(()),
+        None => occupied(format!("a folder without {SETTINGS}")),
     }
 }
 

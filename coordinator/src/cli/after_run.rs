@@ -8,6 +8,7 @@ use descriptor::{SetDistance, VectorMetric};
 use evolution::StopReason;
 
 use crate::compare::{CompareError, Options, Source, Sources, baselines, compare};
+use crate::console::say;
 use crate::experiment::{Experiment, Overrides};
 use crate::run::summary::Summary;
 use crate::run::{self, RunOptions};
@@ -38,19 +39,19 @@ impl AfterRun<'_> {
         let method = experiment.recognition();
         if summary.run.test.is_none() {
             if self.control || method != Method::Nearest {
-                eprintln!(
+                say(format_args!(
                     "warning: without test clouds nothing is compared: neither --control nor [recognition]"
-                );
+                ));
             }
             return Ok(summary);
         }
         if !summary.sets.is_empty() {
             if self.control || method != Method::Nearest {
                 let run = summary.out.display();
-                eprintln!(
+                say(format_args!(
                     "warning: clouds of several sets are compared set by set: neither --control nor [recognition]\n\
                      coordinator compare {run} --set NAME does it on one"
-                );
+                ));
             }
             return Ok(summary);
         }
@@ -92,7 +93,7 @@ impl AfterRun<'_> {
         match compare(&out, &options).await {
             Ok(comparison) => Ok(Summary { compared: comparison.rows, pairs: comparison.pairs, ..summary }),
             Err(error @ (CompareError::Learn { .. } | CompareError::Recognise { .. })) => {
-                eprintln!("warning: {error}");
+                say(format_args!("warning: {error}"));
                 Ok(summary)
             }
             Err(error) => Err(error.into()),
@@ -107,12 +108,12 @@ impl AfterRun<'_> {
             .map(|row| row.genes.iter().map(|gene| gene.map(f64::to_bits)).collect())
             .collect();
         let control = experiment.random_control(met.len() as u32);
-        eprintln!("random search of {} descriptors, as many as the run has met", met.len());
+        say(format_args!("random search of {} descriptors, as many as the run has met", met.len()));
         let out = beside(&summary.out);
         let finished =
             run::run(&control, &RunOptions { out: Some(out.clone()), ..self.options.clone() }).await?;
         if finished.run.stop_reason != StopReason::Evaluations.as_str() {
-            eprintln!("random search: ended with fewer descriptors, {}", finished.run.stop_reason);
+            say(format_args!("random search: ended with fewer descriptors, {}", finished.run.stop_reason));
         }
         Ok(out)
     }

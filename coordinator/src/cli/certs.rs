@@ -8,6 +8,8 @@ use proto::DEFAULT_PORT;
 
 use transport::certs::{self, CertsError, Site};
 
+use crate::console::say;
+
 /// Make certificates and a token for encrypted connections; print the join address
 ///
 /// Standard output gets the join address alone: it contains the token, so keep it as you keep a password.
@@ -39,14 +41,14 @@ impl Certs {
         let valid = certs::validity(days);
         if !certs::is_made(&folder) {
             certs::make_folder(&folder, &Site { hosts, port }, &valid)?;
-            eprintln!("made {}: start the coordinator with --tls {0}", folder.display());
-            eprintln!("a worker needs {}/join: worker --coordinator-file join", folder.display());
+            say(format_args!("made {}: start the coordinator with --tls {0}", folder.display()));
+            say(format_args!("a worker needs {}/join: worker --coordinator-file join", folder.display()));
         } else if let Some(host) = hosts.into_iter().next() {
             return Err(CertsError::HostsAreSet(host).into());
         }
         for name in workers {
             let place = certs::add_worker(&folder, &name, &valid)?;
-            eprintln!("made {}: copy it to {name}, and there: worker --tls {name}", place.display());
+            say(format_args!("made {}: copy it to {name}, and there: worker --tls {name}", place.display()));
         }
         super::print(&format!("{}\n", certs::join_address(&folder)?.reveal()))?;
         Ok(ExitCode::SUCCESS)

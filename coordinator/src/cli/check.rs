@@ -6,6 +6,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 
+use crate::console::say;
 use crate::dataset::{Leak, Recognised, SequencesMissing, Verdict, Wanted};
 use crate::exhaust::grid::Grid;
 use crate::experiment::{Experiment, Member, Overrides, Plan};
@@ -29,7 +30,7 @@ impl Check {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let plan = Plan::read(&self.experiment, Overrides::default())?;
         let experiment = plan.base();
-        let dataset = run::open_data(experiment, Wanted::AllAndLeak, None, |line| eprintln!("{line}"))?;
+        let dataset = run::open_data(experiment, Wanted::AllAndLeak, None, |line| say(line))?;
         let experiments = match &plan {
             Plan::Run(experiment) => vec![(**experiment).clone()],
             Plan::Sweep(sweep) => sweep.members().into_iter().map(|member| member.experiment).collect(),
@@ -38,7 +39,7 @@ impl Check {
         for experiment in &experiments {
             notes.extend(run::check_fitness(experiment, &dataset)?);
         }
-        notes.iter().for_each(|note| eprintln!("{note}"));
+        notes.iter().for_each(say);
         let mut text = plan.resolved_toml();
         if !text.ends_with('\n') {
             text.push('\n');
@@ -64,7 +65,7 @@ impl Check {
             let within = |(protocol, _)| protocol != FitnessProtocol::CrossSequence;
             let learns = experiments.iter().any(|experiment| experiment.fitness().protocols().any(within));
             if let Some(warning) = leak_warning(leak).filter(|_| learns) {
-                eprintln!("warning: {warning}");
+                say(format_args!("warning: {warning}"));
             }
         }
         let descriptors = experiment.space().size();

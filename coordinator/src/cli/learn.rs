@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use clap::Args;
 
 use crate::artefact::{self, Sized};
+use crate::console::say;
 use crate::lines::labelled;
 
 use super::rejection::{Names, count, folds_line, rate, reject_lines};
@@ -41,13 +42,13 @@ impl Learn {
         let layout = self.names.layout();
         let added = artefact::learn(&self.artefact, &self.new, &layout, self.false_rejections, out)?;
         for (cloud, reason) in &added.skipped {
-            eprintln!("skipped {cloud}: {reason}");
+            say(format_args!("skipped {cloud}: {reason}"));
         }
         if added.ignored > 0 {
-            eprintln!(
+            say(format_args!(
                 "ignored {} .pcd files with other names than <instance>_<video>_<frame>.pcd",
                 added.ignored
-            );
+            ));
         }
         let Sized { clouds, objects, values } = added.before;
         let new_objects = added.after.objects - objects;

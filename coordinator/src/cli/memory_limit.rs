@@ -6,8 +6,10 @@ use std::time::Duration;
 
 use cache::{ByteSize, held_memory};
 
-/// How often is looked: in this time a query takes some ten megabytes more.
-const EVERY: Duration = Duration::from_millis(20);
+use crate::console::say;
+
+/// How often is looked: in this time a query takes some megabytes more.
+const EVERY: Duration = Duration::from_millis(5);
 
 /// Ends the program with an error as soon as it holds more than `most`; `advice` says what to do then. Where the system
 /// does not tell what a program holds, nothing is bounded.
@@ -15,11 +17,11 @@ pub(super) fn bound(most: ByteSize, advice: &'static str) {
     let watch = move || {
         while let Some(held) = held_memory() {
             if held > most {
-                eprintln!(
+                say(format_args!(
                     "error: --memory: at most {} expected, got {}\n{advice}",
                     most.display().iec(),
                     held.display().iec()
-                );
+                ));
                 process::exit(1);
             }
             thread::sleep(EVERY);

@@ -30,6 +30,7 @@ use anyhow::Context as _;
 use clap::{Parser, Subcommand};
 
 use crate::compare::CompareError;
+use crate::console::say;
 use crate::run::RunError;
 use cluster::ClusterError;
 
@@ -74,6 +75,7 @@ pub fn main(cli: Cli) -> ExitCode {
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .with_target(false)
+        .log_internal_errors(false) // they would go to standard error, too, and panic where that is lost
         .init();
     let done = match cli.command {
         Command::Run(command) => command.execute(),
@@ -98,7 +100,7 @@ pub fn main(cli: Cli) -> ExitCode {
     match done {
         Ok(code) => code,
         Err(error) => {
-            eprintln!("error: {error}");
+            say(format_args!("error: {error}"));
             exit_code(&error)
         }
     }
@@ -128,7 +130,7 @@ fn block_on<T>(advice: &str, work: impl Future<Output = anyhow::Result<T>>) -> a
     // is whole at any time, so there is nothing to clean up.
     runtime.spawn(async move {
         if let Ok(code) = interruption().await {
-            eprintln!("\nerror: interrupted\n{advice}");
+            say(format_args!("\nerror: interrupted\n{advice}"));
             std::process::exit(code);
         }
     });
@@ -166,7 +168,12 @@ fn print(text: &str) -> anyhow::Result<()> {
     use std::io::Write as _;
     let mut stdout = std::io::stdout().lock();
     match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
-        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(error.into()),
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => Err(output_error(&error)),
         _ => Ok(()),
     }
+}
+
+/// Why a result could not be printed.
+fn output_error(error: &std::io::Error) -> anyhow::Error {
+    anyhow::anyhow!("standard output: cannot be written, got {error}\nfree some space, or write it elsewhere")
 }

@@ -27,11 +27,13 @@ pub struct Query {
     /// standard input
     #[arg(value_name = "SQL", required = true)]
     sql: String,
-    /// A table for people (floats rounded to six digits), or every digit as csv or json, for example csv
+    /// A table for people (floats rounded to six digits), or every digit as csv or json, for example csv. In csv, a text
+    /// that begins with =, +, -, @, a tab or an end of line has a single quote in front, so that no spreadsheet takes it
+    /// for a formula
     #[arg(long, value_name = "FORMAT", default_value = "table", value_parser = ["table", "csv", "json"])]
     format: String,
     /// Most memory that the program may hold, for example 2GiB: a query that takes more ends in an error; by default half
-    /// of what is available
+    /// of what is available, but no more than 4GiB
     #[arg(long, value_name = "SIZE", value_parser = parse_size)]
     memory: Option<ByteSize>,
 }
@@ -43,7 +45,7 @@ const LESS: &str =
 impl Query {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         quiet_panics();
-        memory_limit::bound(self.memory.unwrap_or_else(default_memory), LESS);
+        memory_limit::bound(self.memory.unwrap_or_else(|| default_memory().min(ByteSize::gib(4))), LESS);
         let answer = results::query(&self.folders, &text(self.sql)?).map_err(explained)?;
         let format = match self.format.as_str() {
             "csv" => AnswerFormat::Csv,
@@ -53,7 +55,7 @@ impl Query {
         let mut out = BufWriter::new(io::stdout().lock());
         match answer.write(format, &mut out).and_then(|()| out.flush()) {
             // A reader that has seen enough is no error.
-            Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(error.into()),
+            Err(error) if error.kind() != io::ErrorKind::BrokenPipe => Err(super::output_error(&error)),
             _ => Ok(ExitCode::SUCCESS),
         }
     }

@@ -1,6 +1,7 @@
 //! `coordinator recognise`: which objects are these?
 
-use std::io::{self, Read as _};
+use std::fs::{self, File};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -10,6 +11,7 @@ use proto::Message;
 use serde_json::{Map, Value, json};
 
 use crate::artefact::{Answer, CloudError, Named, Recogniser};
+use crate::console::say;
 use crate::dataset::{MAX_FILE_BYTES, read_file};
 use crate::evaluate::Seconds;
 
@@ -47,7 +49,7 @@ impl Recognise {
         let clock = Instant::now();
         let recogniser = Recogniser::open(&self.artefact)?;
         if self.times {
-            eprintln!("artefact opened in {}", milliseconds(clock.elapsed()));
+            say(format_args!("artefact opened in {}", milliseconds(clock.elapsed())));
         }
         let mut code = ExitCode::SUCCESS;
         for path in &self.clouds {
@@ -60,7 +62,7 @@ impl Recognise {
                 Err(error) => {
                     code = ExitCode::FAILURE;
                     let error = Message::of(&error);
-                    eprintln!("error: {name}: {error}");
+                    say(format_args!("error: {name}: {error}"));
                     if self.json {
                         let reason = error.what;
                         super::print(&format!("{}\n", json!({ "cloud": name, "error": reason })))?;
@@ -78,7 +80,11 @@ impl Recognise {
         seconds: &mut Seconds,
     ) -> Result<Answer<'a>, CloudError> {
         let clock = Instant::now();
-        let bytes = if path == Path::new("-") { read_input() } else { read_file(path) };
+        let bytes = match path {
+            _ if path == Path::new("-") => read_stream(io::stdin().lock()),
+            _ if is_pipe(path) => File::open(path).map_err(|error| error.to_string()).and_then(read_stream),
+            _ => read_file(path),
+        };
         let bytes = bytes.map_err(CloudError::Read)?;
         seconds.read = clock.elapsed();
         let answer = recogniser.recognise(&bytes, self.top.max(2), seconds)?;
@@ -143,10 +149,22 @@ impl Recognise {
     }
 }
 
-/// All of standard input, of bounded size.
-fn read_input() -> Result<Vec<u8>, String> {
+/// Whether another program is to write the cloud, as `<(…)` of a shell says.
+#[cfg(unix)]
+fn is_pipe(path: &Path) -> bool {
+    use std::os::unix::fs::FileTypeExt as _;
+    fs::metadata(path).is_ok_and(|metadata| metadata.file_type().is_fifo())
+}
+
+#[cfg(not(unix))]
+fn is_pipe(_: &Path) -> bool {
+    false
+}
+
+/// All of a stream, of bounded size.
+fn read_stream(stream: impl Read) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::new();
-    io::stdin().lock().take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
+    stream.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
     if bytes.len() as u64 > MAX_FILE_BYTES {
         return Err(format!("at most {MAX_FILE_BYTES} bytes expected, got more"));
     }

@@ -9,6 +9,7 @@ use descriptor::structure::{Pairs, Weighted};
 use results::{ChannelPairs, Told, WinnerChannel};
 
 use crate::compare::verdict;
+use crate::console::say;
 use crate::experiment::{DEFAULT_RESULTS_DIR, Experiment, Overrides};
 use crate::run::directory::SEARCH_FILE;
 use crate::sweep::{self, SWEEP_FILE, Seed};
@@ -137,7 +138,7 @@ fn newest_run(parent: &Path) -> anyhow::Result<PathBuf> {
             parent.display()
         )
     };
-    eprintln!("{}: the newest run", newest.display());
+    say(format_args!("{}: the newest run", newest.display()));
     Ok(newest)
 }
 
@@ -148,11 +149,11 @@ fn folders(runs: &[PathBuf]) -> anyhow::Result<Vec<(String, PathBuf)>> {
     for run in runs {
         for (member, folder) in sweep::run_folders(run)? {
             if !member.is_empty() && !folder.is_dir() {
-                eprintln!("{}: has not begun", folder.display());
+                say(format_args!("{}: has not begun", folder.display()));
                 continue;
             }
             if !met.insert(std::fs::canonicalize(&folder).unwrap_or_else(|_| folder.clone())) {
-                eprintln!("{}: named twice, counts once", folder.display());
+                say(format_args!("{}: named twice, counts once", folder.display()));
                 continue;
             }
             let label = match (runs.len(), member.is_empty()) {

@@ -7,6 +7,7 @@ use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
 
+use crate::console::say;
 use crate::dataset::{Fold, Folds, Layout, Protocol, SPLITS};
 
 /// Write the lists train1, train2, validation and test by a protocol of the field
@@ -81,7 +82,7 @@ impl Split {
             (&lone_categories, "categories have one object only, which is never held out"),
         ] {
             if let Some(first) = paths.first() {
-                eprintln!("{} {what}, for example {first}", paths.len());
+                say(format_args!("{} {what}, for example {first}", paths.len()));
             }
         }
         write_folds(&self.out, &folds)?;

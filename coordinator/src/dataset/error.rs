@@ -223,6 +223,20 @@ pub enum DatasetError {
         first: Vec<String>,
     },
 
+    /// Clouds whose neighbourhoods would take minutes each.
+    #[error(
+        "dataset: clouds whose neighbourhoods take seconds at most expected, got {count} that are too dense\n{}\n\
+         remove points that are all alike (invalid ones at the origin) and outliers far away, thin them out, remove them from \
+         their lists, or choose a smaller preprocess.normal_radius_cm",
+        .first.join("\n")
+    )]
+    TooDense {
+        /// How many.
+        count: usize,
+        /// The first of them, `path: reason` each.
+        first: Vec<String>,
+    },
+
     /// Clouds whose points are as far apart as in no cloud of the declared unit.
     #[error(
         "dataset.unit: points {} to {} mm apart expected, got {spacing} mm with unit = \"{unit}\" in {cloud}, the median of {clouds} clouds\n\

@@ -11,6 +11,8 @@ use crate::storage;
 
 /// Kind of the entry in the store.
 const KIND: &str = "inspection";
+/// Grows when another cloud is usable than before.
+const RULES: &[u8] = b"2";
 /// First bytes of the payload; the number grows with every change of its form.
 const MAGIC: &[u8; 8] = b"inspect1";
 /// File digest, verdict, its number, how the spacing is known, spacing.
@@ -145,7 +147,7 @@ fn decode_record(record: &[u8; RECORD_BYTES], min_points: u32) -> Option<([u8; 3
 /// One entry a folder, whatever lists name its clouds and whichever of them have changed: the digests of the files
 /// are in the entry.
 fn key(root: &Path, preprocess: &Preprocess) -> Digest {
-    storage::key(KIND, preprocess, &[root.as_os_str().as_encoded_bytes()])
+    storage::key(KIND, preprocess, &[RULES, root.as_os_str().as_encoded_bytes()])
 }
 
 #[cfg(test)]

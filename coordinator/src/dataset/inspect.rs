@@ -50,6 +50,8 @@ pub(super) enum State {
     /// Why, in one line.
     Unreadable(String),
     NoColour,
+    /// Its neighbourhoods would take minutes; why, in one line.
+    TooDense(String),
 }
 
 impl Inspected {
@@ -58,7 +60,7 @@ impl Inspected {
         let usable = match self.state {
             State::Usable => Ok(()),
             State::Skipped(skip) => Err(skip),
-            State::Unreadable(_) | State::NoColour => return None,
+            State::Unreadable(_) | State::NoColour | State::TooDense(_) => return None,
         };
         let (digest, _) = self.file?;
         Some((digest, Finding { usable, spacing: self.spacing }))
@@ -124,6 +126,7 @@ fn inspect_one(
         Ok(()) => State::Usable,
         Err(PrepareError::Skip(skip)) => State::Skipped(skip),
         Err(PrepareError::NoColours) => State::NoColour,
+        Err(error @ PrepareError::TooDense { .. }) => State::TooDense(Message::of(&error).what),
         Err(error) => State::Unreadable(Message::of(&error).what),
     };
     let spacing =

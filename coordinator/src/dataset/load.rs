@@ -152,8 +152,8 @@ pub(super) fn load(
                 }
                 (State::Skipped(skip), _) => SkipReason::Unusable(*skip),
                 (State::Unreadable(reason), _) => SkipReason::Unreadable(reason.clone()),
-                // `refuse` lets neither pass.
-                (State::NoColour, _) | (State::Usable, None) => continue,
+                // `refuse` lets none of them pass.
+                (State::NoColour | State::TooDense(_), _) | (State::Usable, None) => continue,
             };
             clouds.skipped.push(SkippedCloud { path, split, reason });
         }
@@ -163,14 +163,16 @@ pub(super) fn load(
     Ok(Loaded { clouds, indices, positions })
 }
 
-/// Stops at clouds without colour where it is wanted, and at unreadable ones unless they may be skipped.
+/// Stops at clouds without colour where it is wanted, at those that would take too long, and at unreadable ones unless
+/// they may be skipped.
 fn refuse(listed: &[&Labelled], inspected: &[Inspected], skip_unreadable: bool) -> Result<(), DatasetError> {
-    let (mut unreadable, mut colourless) = (Vec::new(), Vec::new());
+    let (mut unreadable, mut colourless, mut dense) = (Vec::new(), Vec::new(), Vec::new());
     for (cloud, inspected) in listed.iter().zip(inspected) {
         let path = &cloud.located.path;
         match &inspected.state {
             State::Unreadable(reason) => unreadable.push(format!("{path}: {reason}")),
             State::NoColour => colourless.push(path.clone()),
+            State::TooDense(reason) => dense.push(format!("{path}: {reason}")),
             State::Usable | State::Skipped(_) => {}
         }
     }
@@ -178,6 +180,10 @@ fn refuse(listed: &[&Labelled], inspected: &[Inspected], skip_unreadable: bool) 
     if !unreadable.is_empty() && !skip_unreadable {
         let (count, first) = named(unreadable);
         return Err(DatasetError::Unreadable { count, first });
+    }
+    if !dense.is_empty() {
+        let (count, first) = named(dense);
+        return Err(DatasetError::TooDense { count, first });
     }
     if !colourless.is_empty() {
         let (count, first) = named(colourless);

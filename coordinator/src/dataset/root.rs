@@ -70,11 +70,16 @@ impl Root {
     }
 }
 
-/// All bytes of a file of bounded size, or why not.
+/// All bytes of a regular file of bounded size, or why not.
 pub(crate) fn read_file(file: &Path) -> Result<Vec<u8>, String> {
     let mut bytes = Vec::new();
+    // Before it is opened: opening a pipe waits for a writer.
+    let metadata = fs::metadata(file).map_err(|error| error.to_string())?;
+    if !metadata.is_file() {
+        return Err("something that is no file".to_owned());
+    }
     let opened = File::open(file).map_err(|error| error.to_string())?;
-    let length = opened.metadata().map_err(|error| error.to_string())?.len();
+    let length = metadata.len();
     if length <= MAX_FILE_BYTES {
         bytes.reserve_exact(length as usize + 1);
     }
@@ -93,9 +98,6 @@ pub(super) fn read_text(file: &Path) -> Result<String, DatasetError> {
         reason,
         advice: "correct the path, or the file",
     };
-    if fs::metadata(file).is_ok_and(|metadata| !metadata.is_file()) {
-        return Err(error("no regular file".to_owned()));
-    }
     let bytes = read_file(file).map_err(error)?;
     let text = String::from_utf8(bytes).map_err(|source| {
         let before = &source.as_bytes()[..source.utf8_error().valid_up_to()];

@@ -24,6 +24,7 @@ use cache::Store;
 use descriptor::Family;
 use results::{FinishedGrid, GridFolder};
 
+use crate::console::say;
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::Experiment;
 use crate::run::directory::{beside, claim, difference, refuse_another};
@@ -57,7 +58,7 @@ pub async fn exhaust(
     let out = if options.fresh { beside(&base) } else { base };
     let finished = finished(&out, &spec)?;
     if let Some(grid) = &finished {
-        eprintln!("{}: this grid is finished; --fresh starts another", out.display());
+        say(format_args!("{}: this grid is finished; --fresh starts another", out.display()));
         if sample == 0 {
             keep(&spec, grid, &out, &store)?;
             return Ok(GridSummary { grid: grid.clone(), out, recheck: None });
@@ -153,11 +154,11 @@ fn finished(out: &Path, spec: &GridSpec) -> Result<Option<FinishedGrid>, RunErro
         Ok(finished) => finished,
         Err(results::Error::UnfinishedGrid(_)) => return Ok(None),
         Err(results::Error::Io { path, source, .. }) if source.kind() == io::ErrorKind::NotFound => {
-            eprintln!("warning: {}: this table of the finished grid is gone", path.display());
+            say(format_args!("warning: {}: this table of the finished grid is gone", path.display()));
             return Ok(None);
         }
         Err(error) if error.is_damage() => {
-            eprintln!("warning: {}", Message::of(&error).what);
+            say(format_args!("warning: {}", Message::of(&error).what));
             return Ok(None);
         }
         Err(error) => return Err(error.into()),
@@ -169,7 +170,7 @@ fn finished(out: &Path, spec: &GridSpec) -> Result<Option<FinishedGrid>, RunErro
     let cells = 0..spec.grid.cells();
     let missing = cells.filter(|&cell| !GridFolder::has_cell(out, &spec.cell_name(cell))).count();
     if missing > 0 {
-        eprintln!("warning: {}: {missing} cells of the finished grid are gone", out.display());
+        say(format_args!("warning: {}: {missing} cells of the finished grid are gone", out.display()));
         return Ok(None);
     }
     Ok(Some(finished))

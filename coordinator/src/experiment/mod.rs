@@ -25,7 +25,7 @@ mod validate_objectives;
 mod tests;
 
 use std::collections::BTreeMap;
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::Read;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -375,6 +375,14 @@ fn read_bounded(path: &Path) -> Result<String, Fault> {
     let unreadable = |error: std::io::Error| {
         Fault::new("file", format!("not readable, got {error}"), "name an experiment file (.toml)")
     };
+    // Before it is opened: opening a pipe waits for a writer.
+    if !fs::metadata(path).map_err(unreadable)?.is_file() {
+        return Err(Fault::new(
+            "file",
+            "not readable, got something that is no file",
+            "name an experiment file (.toml)",
+        ));
+    }
     let mut bytes = Vec::new();
     File::open(path).and_then(|file| file.take(MAX_BYTES + 1).read_to_end(&mut bytes)).map_err(unreadable)?;
     if bytes.len() as u64 > MAX_BYTES {

@@ -10,7 +10,7 @@ use descriptor::preprocess::Unit;
 use descriptor::recogniser::Method as Recogniser;
 use evolution::{GaSettings, Method, StopSettings};
 
-use super::checks::{checked_name, checked_seed};
+use super::checks::{checked_name, checked_seed, number};
 use super::defaults::SearchDefaults;
 use super::error::Fault;
 use super::forms::NumberOr;
@@ -122,7 +122,7 @@ fn length_um(place: &str, cm: f64) -> Result<u32, Fault> {
     micrometres(cm).filter(|um| *um >= 100).ok_or_else(|| {
         Fault::new(
             place,
-            format!("not between 0.01 and 100 cm with at most four decimals, got {cm}"),
+            format!("not between 0.01 and 100 cm with at most four decimals, got {}", number(cm)),
             "write a length in centimetres, such as 2.0",
         )
     })

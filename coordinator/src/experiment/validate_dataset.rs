@@ -4,7 +4,7 @@ use std::path::Path;
 
 use descriptor::synth::SynthSettings;
 
-use super::checks::checked_seed;
+use super::checks::{checked_seed, number};
 use super::error::Fault;
 use super::forms::{RawSeeded, RawSplitTable, RawSplitWord, RawSplits};
 use super::paths::{self, Lookup};
@@ -100,7 +100,7 @@ fn seeded_split(raw: RawSeeded, layout: &Layout, validates: bool) -> Result<Seed
         if !(0.0..=f64::from(WHOLE)).contains(&parts) || (value - parts / f64::from(WHOLE)).abs() > 1e-9 {
             return Err(Fault::new(
                 place(key),
-                format!("not between 0 and 1 with at most six decimals, got {value}"),
+                format!("not between 0 and 1 with at most six decimals, got {}", number(value)),
                 "write a share of all clouds, such as 0.25",
             ));
         }

@@ -3,6 +3,7 @@
 use descriptor::structure::{StructureError, StructureFile, StructureSpace};
 use descriptor::{Domain, Family, GeneError, GeneSpec, SearchSpace, SetDistance};
 
+use super::checks::number;
 use super::error::Fault;
 use super::forms::{RawGene, RawInterval};
 use super::raw::RawDescriptor;
@@ -117,12 +118,15 @@ fn domain(spec: &GeneSpec, gene: Option<RawGene>) -> Result<Domain, Fault> {
     };
     let low = interval.min.map_or(Ok(low), |value| value_ticks(spec, &format!("{key}.min"), value))?;
     let high = interval.max.map_or(Ok(high), |value| value_ticks(spec, &format!("{key}.max"), value))?;
-    let step = interval.step.map_or(Ok(step), |value| grid_ticks(spec, &format!("{key}.step"), value))?;
+    let (step, given) = match interval.step {
+        Some(value) => (grid_ticks(spec, &format!("{key}.step"), value)?, value),
+        None => (step, spec.value(step)),
+    };
     let text = |ticks| spec.value(ticks).to_string();
     if step == 0 {
         return Err(Fault::new(
             format!("{key}.step"),
-            "not above 0, got 0",
+            format!("not at least {}, got {}", text(1), number(given)),
             format!("write a step such as {}, or a fixed value `{} = …`", text(spec.default.2), spec.name),
         ));
     }
@@ -178,9 +182,9 @@ fn grid_ticks(spec: &GeneSpec, place: &str, value: f64) -> Result<u32, Fault> {
         Fault::new(
             place,
             if spec.is_integer() {
-                format!("not a whole number, got {value}")
+                format!("not a whole number, got {}", number(value))
             } else {
-                format!("not a multiple of {}{unit}, got {value}", spec.value(1))
+                format!("not a multiple of {}{unit}, got {}", spec.value(1), number(value))
             },
             "round it",
         )
@@ -192,7 +196,7 @@ fn outside(spec: &GeneSpec, place: &str, value: f64) -> Fault {
     let unit = if spec.unit.is_empty() { String::new() } else { format!(" {}", spec.unit) };
     Fault::new(
         place,
-        format!("not between {low} and {high}{unit}, got {value}"),
+        format!("not between {low} and {high}{unit}, got {}", number(value)),
         format!("choose the {} inside these limits", spec.meaning),
     )
 }

@@ -10,6 +10,8 @@ use tokio::io::AsyncWriteExt as _;
 use tokio::sync::oneshot;
 use tokio::task::JoinHandle;
 
+use crate::console::say;
+
 /// Why events cannot be written.
 #[derive(Debug, thiserror::Error)]
 #[error(
@@ -56,7 +58,9 @@ impl EventFile {
         let written = task.await.map_err(io::Error::other).and_then(|written| written);
         if let Err(error) = written {
             let path = path.display();
-            eprintln!("warning: --events {path}: some events are missing, got {error}\ncheck the free space");
+            say(format_args!(
+                "warning: --events {path}: some events are missing, got {error}\ncheck the free space"
+            ));
         }
     }
 }

@@ -10,7 +10,7 @@ use descriptor::pcd::{self, DataEncoding};
 use descriptor::synth::{self, SynthError, SynthSettings};
 use rayon::prelude::*;
 
-use crate::dataset::{Dataset, DatasetError, SyntheticSettings, Wanted};
+use crate::dataset::{Dataset, DatasetError, SyntheticSettings, Wanted, read_file};
 use crate::experiment::Experiment;
 
 /// File that says how a synthetic data set was made.
@@ -90,7 +90,7 @@ pub fn write_synthetic(folder: &Path, settings: &SyntheticSettings) -> Result<bo
     let settings = SynthSettings::new(objects, views, seed)?;
     let version = synth::GENERATOR_VERSION;
     let stamp = format!("version = {version}\nobjects = {objects}\nviews = {views}\nseed = {seed}\n");
-    let is_there = || fs::read_to_string(folder.join(STAMP)).is_ok_and(|held| held == stamp);
+    let is_there = || read_file(&folder.join(STAMP)).is_ok_and(|held| held == stamp.as_bytes());
     if is_there() {
         return Ok(false);
     }

@@ -1,5 +1,6 @@
 //! The folder of a search: found again by the same command, claimed once, refused to any other search.
 
+use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use std::{fs, io, io::Read as _};
 
@@ -33,15 +34,33 @@ pub fn beside(base: &Path) -> PathBuf {
     (2..).map(numbered).find(|folder| !folder.exists()).unwrap_or_else(|| base.to_owned())
 }
 
-/// Refuses a folder that holds another search, before anything is made in it.
+/// Refuses a folder that holds another search, or something else than a search, before anything is made in it.
 pub fn refuse_another(folder: &Path, search: &str) -> Result<(), RunError> {
-    match read_bounded(&folder.join(SEARCH_FILE)) {
+    let path = folder.join(SEARCH_FILE);
+    match read_bounded(&path) {
         Ok(held) if held != search => {
             let difference = difference(&held, search);
             Err(RunError::OtherSearch { folder: folder.to_owned(), difference })
         }
+        Err(error) if error.kind() == io::ErrorKind::NotFound => match foreign_entry(folder) {
+            Some(entry) => Err(RunError::Occupied { folder: folder.to_owned(), entry: entry.into() }),
+            None => Ok(()),
+        },
+        Err(source) if source.kind() == io::ErrorKind::InvalidInput => Err(RunError::File { path, source }),
         _ => Ok(()), // whatever else is wrong with it shows when the folder is opened and claimed
     }
+}
+
+/// Something in a folder that no start has left that was killed before it claimed the folder: such a start leaves a
+/// lock, empty folders and files half written.
+fn foreign_entry(folder: &Path) -> Option<OsString> {
+    let is_empty_folder = |path: &Path| fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none());
+    let names = fs::read_dir(folder).ok()?.flatten().map(|entry| entry.file_name());
+    let is_foreign = |name: &OsString| {
+        let text = name.to_string_lossy();
+        text != results::LOCK && !atomic::is_temporary(&text) && !is_empty_folder(&folder.join(name))
+    };
+    names.filter(is_foreign).min()
 }
 
 /// Marks the folder as this search's, and refuses one that holds another.
@@ -103,6 +122,21 @@ mod tests {
             assert!(error.contains("  - seed = 1\n  + seed = 2"), "{error}");
         }
         refuse_another(&folder.path().join("none"), "seed = 2").unwrap();
+    }
+
+    #[test]
+    fn a_folder_of_somebody_else_is_refused_and_one_that_a_killed_start_left_is_not() {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        fs::write(folder.join(results::LOCK), "").unwrap();
+        fs::create_dir(folder.join("generations")).unwrap();
+        fs::write(folder.join(".tmp-host-1-abcdefghijkl"), "half").unwrap();
+        refuse_another(folder, "seed = 1\n").unwrap();
+        fs::write(folder.join("thesis.tex"), "mine").unwrap();
+        fs::create_dir(folder.join("run")).unwrap();
+        fs::write(folder.join("run/run.parquet"), "mine").unwrap();
+        let error = refuse_another(folder, "seed = 1\n").unwrap_err().to_string();
+        assert!(error.contains("have a search.toml") && error.contains("got run among others"), "{error}");
     }
 
     #[test]

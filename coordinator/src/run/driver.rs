@@ -8,6 +8,7 @@ use results::{Counts, LookRow, PredictionSplit, RunFolder, RunRow, SetRow};
 
 use crate::compare::Candidate;
 use crate::compare::baselines;
+use crate::console::say;
 use crate::dataset::Dataset;
 use crate::exhaust::{best_of_all, known_optimum};
 use crate::experiment::Experiment;
@@ -231,9 +232,9 @@ pub fn compare_with_optimum(run: &mut RunRow, experiment: &Experiment, dataset: 
     let best = known_optimum(experiment, dataset, store).map(|optimum| optimum.object_correct);
     // What the run has beaten is no optimum: a cache entry that lies.
     if let Some(best) = best.filter(|&best| best < run.train.object_correct) {
-        eprintln!(
+        say(format_args!(
             "warning: grid: the optimum that is known recognises {best} clouds, fewer than the winner\nevaluate the grid again: coordinator exhaust --fresh"
-        );
+        ));
     }
     run.grid_best_object_correct = best.filter(|&best| best >= run.train.object_correct);
 }

@@ -4,7 +4,7 @@ use std::io;
 use std::path::PathBuf;
 
 use cluster::ClusterError;
-use cluster::journal::JournalError;
+use cluster::journal::{JOURNAL_FILE, JournalError};
 use evolution::SettingsError;
 use transport::ListenError;
 
@@ -96,6 +96,24 @@ pub enum RunError {
         folder: PathBuf,
         /// Lines that differ.
         difference: String,
+    },
+    /// The folder is somebody else's.
+    #[error(
+        "--out {folder}: must be new, empty, or have a search.toml of this program, got {entry} among others\nchoose another --out: nothing was written"
+    )]
+    Occupied {
+        /// The folder.
+        folder: PathBuf,
+        /// Something in it.
+        entry: PathBuf,
+    },
+    /// Tables, and nothing that says which answers they rest on.
+    #[error(
+        "{folder}: has an unfinished run, got no {JOURNAL_FILE} beside its tables\nbring the journal back, start another with --fresh, or choose another --out: nothing was changed"
+    )]
+    JournalGone {
+        /// The folder of the run.
+        folder: PathBuf,
     },
     /// The same search has run on other clouds.
     #[error(

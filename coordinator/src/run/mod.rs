@@ -35,6 +35,7 @@ use proto::Principal;
 use results::RunFolder;
 use transport::host_name;
 
+use crate::console::say;
 use crate::dataset::{Dataset, Wanted};
 use crate::exhaust::grid::Grid;
 use crate::experiment::Experiment;
@@ -89,6 +90,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     if let Some(summary) = already_finished(&out, experiment, &store)? {
         return Ok(summary);
     }
+    refuse_another(&out, &experiment.search_toml())?;
     let stop = experiment.stop();
     let mut progress = Progress::new(stop.generations).with_budget(stop.evaluations);
     // First what may be wrong with search space, port and data: then no folder is made and nothing in one is touched.
@@ -106,8 +108,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     for note in check_fitness(experiment, &dataset)? {
         progress.say(&note);
     }
-    refuse_another(&out, &experiment.search_toml())?;
-    let mut folder = RunFolder::create(&out, &rows::gene_columns(experiment.space().family()))?;
+    let folder = RunFolder::create(&out, &rows::gene_columns(experiment.space().family()))?;
     claim(&out, &experiment.search_toml())?;
     // Another process may have finished it since.
     if folder.is_finished()
@@ -117,7 +118,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     }
     let texts = (experiment.search_toml(), experiment.record_toml());
     let (header, journal, recorded) =
-        open_journal(texts, &dataset, &out, started_at, || Ok(folder.discard()?))?;
+        open_journal(texts, &dataset, &out, started_at, std::slice::from_ref(&out))?;
     let at_work = recorded.at_work;
     if recorded.starts > 1 {
         let there = recorded.accepted.len();
@@ -176,7 +177,7 @@ fn already_finished(out: &Path, experiment: &Experiment, store: &Store) -> Resul
     compare_with_data(std::slice::from_mut(&mut summary), experiment, store)?;
     // A process that is killed after it has finished the run leaves its journal behind.
     remove_journal(out);
-    eprintln!("{}: this run is finished; --fresh starts another", out.display());
+    say(format_args!("{}: this run is finished; --fresh starts another", out.display()));
     Ok(Some(summary))
 }
 
@@ -227,7 +228,7 @@ pub fn compare_with_data(
         Ok(dataset) => dataset,
         // The data may be gone by now; if it is there, it must be the same.
         Err(error) => {
-            eprintln!("warning: cannot compare with the data: {}", Message::of(&error).what);
+            say(format_args!("warning: cannot compare with the data: {}", Message::of(&error).what));
             return Ok(());
         }
     };

@@ -8,7 +8,7 @@ use descriptor::Descriptor;
 use indicatif::{ProgressBar, ProgressStyle};
 use results::Counts;
 
-use crate::console::Console;
+use crate::console::{Console, say};
 use crate::run::tally::Tally;
 use cluster::events::EventCursor;
 use cluster::{Cluster, ClusterNews};
@@ -215,7 +215,7 @@ impl Progress {
                 self.redraw();
             }
             None if report.percent_done() > before => {
-                eprintln!("{}", self.cells_line(report).join(" | "));
+                say(self.cells_line(report).join(" | "));
             }
             None => {}
         }
@@ -304,7 +304,7 @@ impl Progress {
                     ));
                 }
             }
-            None => eprintln!("{}{}: {} | {}", self.label(), self.place(), self.errors, self.work()),
+            None => say(format_args!("{}{}: {} | {}", self.label(), self.place(), self.errors, self.work())),
         }
     }
 

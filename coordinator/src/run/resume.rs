@@ -1,10 +1,11 @@
 //! A run that was begun before: its journal, checked to be of the same search, clouds and numbers.
 
 use std::io::ErrorKind;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use proto::SessionId;
+use results::RunFolder;
 
 use crate::dataset::Dataset;
 use crate::experiment::{Overrides, Plan};
@@ -16,13 +17,14 @@ use cluster::journal::{Header, JOURNAL_FILE, Journal, JournalFile, Recorded};
 use cluster::scheduler::RunSecret;
 
 /// The journal in `folder`, at work, of what `search` determines and `record` tells in full; a new one if the folder has
-/// none, after `discard` has removed all that was kept.
+/// none. `runs`: the folders of the runs that it is of, which must not have tables then unless they are finished:
+/// without a journal nothing says which clouds and answers they rest on.
 pub fn open_journal(
     (search, record): (String, String),
     dataset: &Dataset,
     folder: &Path,
     now: SystemTime,
-    discard: impl FnOnce() -> Result<(), RunError>,
+    runs: &[PathBuf],
 ) -> Result<(Header, Journal, Recorded), RunError> {
     let path = folder.join(JOURNAL_FILE);
     let this = Header {
@@ -35,14 +37,20 @@ pub fn open_journal(
         started_at: now,
     };
     if !path.exists() {
-        // Without a journal nothing says which clouds these tables are of.
-        discard()?;
+        if let Some(folder) = runs.iter().find(|run| lacks_journal(run)) {
+            return Err(RunError::JournalGone { folder: folder.clone() });
+        }
         JournalFile::create(&path, &this)?;
     }
     let (file, header, recorded) = JournalFile::open(&path)?;
     refuse_another(folder, &header, &this, dataset)?;
     clouds::keep(folder, dataset)?;
     Ok((header, Journal::start(file)?, recorded))
+}
+
+/// Whether a folder without a journal has tables of a run that is not finished.
+fn lacks_journal(run: &Path) -> bool {
+    RunFolder::has_tables(run) && matches!(results::read_run(run), Err(results::Error::Unfinished(_)))
 }
 
 fn refuse_another(folder: &Path, then: &Header, now: &Header, dataset: &Dataset) -> Result<(), RunError> {
@@ -84,6 +92,7 @@ pub fn recorded_plan(folder: &Path, overrides: Overrides) -> Result<Plan, RunErr
                 let folder = folder.to_owned();
                 return Err(match folder.parent().filter(|parent| parent.join(SWEEP_FILE).is_file()) {
                     Some(sweep) => RunError::MemberOfSweep { sweep: sweep.to_owned(), folder },
+                    None if lacks_journal(&folder) => RunError::JournalGone { folder },
                     None => RunError::NothingToResume { folder },
                 });
             }

@@ -14,6 +14,7 @@ use cache::Store;
 use futures_util::future::try_join_all;
 use results::RunFolder;
 
+use crate::console::say;
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{Member, Overrides, Plan, Sweep};
 use crate::observers::event_file::EventFile;
@@ -71,9 +72,13 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
         notes.extend(check_fitness(&member.experiment, &dataset)?);
     }
     notes.iter().for_each(|note| progress.say(note));
+    let run_folders: Vec<PathBuf> = members.iter().map(|member| out.join(&member.name)).collect();
+    for (folder, member) in run_folders.iter().zip(&members) {
+        refuse_another(folder, &member.experiment.search_toml())?;
+    }
     make_folder(&out, sweep)?;
     let texts = (sweep.search_toml(), sweep.record_toml());
-    let (header, journal, recorded) = open_journal(texts, &dataset, &out, started_at, || Ok(()))?;
+    let (header, journal, recorded) = open_journal(texts, &dataset, &out, started_at, &run_folders)?;
     let (trusted, begun) = (recorded.is_trusted(), recorded.starts > 1);
     let start = Start { now, first: header.started_at, before: recorded.at_work };
     if begun {
@@ -82,7 +87,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
         progress.say(&format!("{out}: unfinished, goes on with the {there} evaluations that are there"));
     }
 
-    let (mut summaries, folders) = open_folders(&out, &members, &dataset, (begun, trusted))?;
+    let (mut summaries, folders) = open_folders(&out, &members, &dataset, trusted)?;
     let past = ((header.session, header.secret), journal, recorded);
     let memory = options.storage.memory;
     let with_sequences = members.iter().any(|member| member.experiment.fitness().needs_sequences());
@@ -133,13 +138,13 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
 /// Something of each member, by its place among them.
 type ByPlace<T> = Vec<(usize, T)>;
 
-/// Opens the run folders of all members; gives the summaries of those that are finished. `begun`: the journal has what
-/// they rest on; `trusted`: no worker was found to be wrong.
+/// Opens the run folders of all members; gives the summaries of those that are finished. `trusted`: no worker was found
+/// to be wrong.
 fn open_folders(
     out: &Path,
     members: &[Member],
     dataset: &Dataset,
-    (begun, trusted): (bool, bool),
+    trusted: bool,
 ) -> Result<(ByPlace<Summary>, ByPlace<RunFolder>), RunError> {
     let (mut summaries, mut folders) = (Vec::new(), Vec::new());
     for (place, Member { name, experiment }) in members.iter().enumerate() {
@@ -151,8 +156,8 @@ fn open_folders(
             summaries.push((place, summary));
             continue;
         }
-        if !begun || folder.is_finished() {
-            folder.discard()?; // without a journal nothing says which clouds these tables are of
+        if folder.is_finished() {
+            folder.discard()?;
         }
         folders.push((place, folder));
     }
@@ -221,7 +226,7 @@ fn already_finished(
         }
     }
     compare_with_data(&mut summaries, sweep.base(), store)?;
-    eprintln!("{}: this sweep is finished; --fresh starts another", out.display());
+    say(format_args!("{}: this sweep is finished; --fresh starts another", out.display()));
     Ok(Some(members.iter().map(|member| member.name.clone()).zip(summaries).collect()))
 }
 

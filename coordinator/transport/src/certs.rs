@@ -259,9 +259,13 @@ fn write_secret(folder: &NewFolder, name: &str, text: &str) -> Result<(), CertsE
 /// A text of at most 64 KiB.
 fn read_small(path: &Path) -> Result<String, CertsError> {
     use io::Read as _;
+    let failed = |source| CertsError::File { path: path.to_owned(), source };
+    if !fs::metadata(path).map_err(failed)?.is_file() {
+        // A pipe would be waited for.
+        return Err(failed(io::Error::new(io::ErrorKind::InvalidInput, "something that is no file")));
+    }
     let mut text = String::new();
-    let read = fs::File::open(path).and_then(|file| file.take(1 << 16).read_to_string(&mut text));
-    read.map_err(|source| CertsError::File { path: path.to_owned(), source })?;
+    fs::File::open(path).and_then(|file| file.take(1 << 16).read_to_string(&mut text)).map_err(failed)?;
     Ok(text)
 }
 

@@ -159,7 +159,7 @@ impl Service {
         if evaluation_version != release.evaluation_version {
             return Err(Refusal::EvaluationVersion { got: evaluation_version, release });
         }
-        let unprintable = |text: &str| text.chars().any(char::is_control);
+        let unprintable = |text: &str| !text.chars().all(proto::is_printable);
         if name.len() > MAX_NAME_BYTES || unprintable(&name) || unprintable(&build) {
             return Err(Refusal::Unprintable);
         }

@@ -229,6 +229,9 @@ impl FixedDescriptor {
         let radius = Radius { metres: self.radius(), squared: floor_f32(self.radius() * self.radius()) };
         let keypoints = keypoints.points.iter().copied().zip(keypoint_colours.iter().copied());
         let count = keypoints.len();
+        if self.kind == FixedKind::PfhRgb {
+            pfhrgb::check(&surface, keypoints.clone().map(|(keypoint, _)| keypoint), radius)?;
+        }
         let rows = match self.kind {
             FixedKind::PfhRgb => pfhrgb::rows(&surface, &colours, keypoints, radius),
             FixedKind::ShotColor => shot::rows(&surface, &colours, keypoints, radius),

@@ -17,6 +17,8 @@ use pulp::NullaryFnOnce;
 use super::Radius;
 use super::neighbourhood::{GROUP, Neighbourhood, group};
 use super::ratio::Ratio;
+use crate::prepare::check_regions;
+use crate::prepare_error::PrepareError;
 use crate::surface::Surface;
 use crate::wide::widest;
 
@@ -43,6 +45,20 @@ const OUTER: f32 = 0.36;
 const TAN2_36: f32 = 0.527_864_04;
 /// tan² 108° = 5 + 2√5.
 const TAN2_108: f32 = 9.472_136;
+
+/// Refuses a cloud whose pairs would take minutes to count.
+pub(super) fn check(
+    surface: &Surface,
+    keypoints: impl Iterator<Item = [f32; 3]>,
+    radius: Radius,
+) -> Result<(), PrepareError> {
+    let keypoints: Vec<[f32; 3]> = keypoints.collect();
+    let mut near = Neighbourhood::default();
+    check_regions(surface.indices.len(), keypoints.len(), |keypoint| {
+        near.fill(surface, keypoints[keypoint], [-1.0, radius.squared]);
+        near.len()
+    })
+}
 
 /// The histograms of all keypoints that have enough neighbours, one after the other. The histogram sums to 200 for each
 /// part, as PCL counts in per cent of unordered pairs. The time grows with the square of the neighbours.

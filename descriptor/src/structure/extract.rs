@@ -2,6 +2,7 @@
 
 use pulp::NullaryFnOnce;
 
+use crate::prepare::check_regions;
 use crate::prepare_error::PrepareError;
 use crate::signature::{MeanAndDeviation, Signature};
 use crate::structure::block::{BLOCK, LANES};
@@ -29,8 +30,9 @@ impl StructurePlan {
     /// deviation.
     ///
     /// # Errors
-    /// [`PrepareError::NoColours`] if the channel needs colours that the cloud does not have, and
-    /// [`PrepareError::CellRange`] if a cell of a grid that is not kept cannot be counted.
+    /// [`PrepareError::NoColours`] if the channel needs colours that the cloud does not have,
+    /// [`PrepareError::CellRange`] if a cell of a grid that is not kept cannot be counted, and
+    /// [`PrepareError::TooManyPairs`] if the channel takes all pairs and they are too many.
     pub fn signature(&self, cloud: &StructureCloud) -> Result<Signature, PrepareError> {
         if self.bins == 0 {
             return Ok(Signature::default());
@@ -53,7 +55,26 @@ impl StructurePlan {
         } else {
             Table::new(self, &cloud.points, mean)?
         };
-        Ok(Rows { keypoints, points })
+        let rows = Rows { keypoints, points };
+        if self.channel.pairs.is_sampled() && self.channel.samples == 0 {
+            self.check_pairs(&rows)?;
+        }
+        Ok(rows)
+    }
+
+    /// Refuses rows whose pairs, of which none is left out, would take minutes to count.
+    fn check_pairs(&self, rows: &Rows) -> Result<(), PrepareError> {
+        let Rows { keypoints, points } = rows;
+        let (mut blocks, mut near) = (Vec::new(), Vec::new());
+        check_regions(points.points, rows.len(self), |row| {
+            if self.is_of_cloud() {
+                return points.points;
+            }
+            let centre = keypoints.position(row);
+            points.blocks_within(centre, self.reach2, &mut blocks);
+            points.points_within(centre, self.reach2, &blocks, &mut near);
+            near.len()
+        })
     }
 }
 

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use prost::Message as _;
 
 use super::{Evaluation, Nearest};
-use crate::{Digest, Lease, MAX_TEXT_BYTES, truncate, v2};
+use crate::{Digest, Lease, MAX_TEXT_BYTES, printable_lines, truncate, v2};
 
 /// What a task gives.
 #[derive(Clone, Debug, PartialEq)]
@@ -74,7 +74,7 @@ pub struct Report {
 pub struct Failure {
     /// What kind of failure it is: what follows from it rests on this.
     pub reason: FailureReason,
-    /// For people, at most [`MAX_TEXT_BYTES`], without control characters but line ends.
+    /// For people, at most [`MAX_TEXT_BYTES`], as [`printable_lines`] has it.
     pub message: String,
 }
 
@@ -282,8 +282,9 @@ impl Failure {
     /// A failure with a message that is fit to be shown, whatever it holds.
     pub fn new(reason: FailureReason, message: impl fmt::Display) -> Self {
         let message = message.to_string();
-        let message = truncate(&message, MAX_TEXT_BYTES);
-        Self { reason, message: message.chars().filter(|c| *c == '\n' || !c.is_control()).collect() }
+        // Shortened before, as there may be much of it, and after, as codes are longer than characters.
+        let message = printable_lines(truncate(&message, MAX_TEXT_BYTES));
+        Self { reason, message: truncate(&message, MAX_TEXT_BYTES).to_owned() }
     }
 }
 

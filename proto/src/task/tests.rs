@@ -518,7 +518,7 @@ fn what_a_failure_says_is_fit_for_a_terminal_and_its_reason_survives() {
     let message = format!("\u{1b}[2Jdisk full\n{}", "x".repeat(2 * MAX_TEXT_BYTES));
     let failure = Failure::from(v2::Failure { reason: v2::FailureReason::Data.into(), message });
     assert_eq!(failure.reason, FailureReason::Data);
-    assert!(failure.to_string().starts_with("data: [2Jdisk full\nxxx"), "{failure}");
+    assert!(failure.to_string().starts_with("data: \\u{1b}[2Jdisk full\n  xxx"), "{failure}");
     assert!(failure.message.len() <= MAX_TEXT_BYTES);
     let unknown = Failure::from(v2::Failure { reason: 99, message: String::new() });
     assert_eq!(unknown.reason, FailureReason::Other);

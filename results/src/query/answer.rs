@@ -1,5 +1,6 @@
 //! The answer to a query, and its three forms: a table for people, CSV, JSON.
 
+use std::borrow::Cow;
 use std::io::{self, Write};
 
 use polars::prelude::{DataFrame, Series};
@@ -13,7 +14,8 @@ use super::text;
 pub enum AnswerFormat {
     /// Columns in line, floats rounded to six digits; a single row that is wide is shown column by column.
     Table,
-    /// RFC 4180 with a header; NULL is an empty field.
+    /// RFC 4180 with a header; NULL is an empty field. Texts that a spreadsheet would take for a formula have a single
+    /// quote in front.
     Csv,
     /// An array of objects, each on a line; NULL and floats that are not finite are `null`.
     Json,
@@ -51,10 +53,14 @@ impl Answer {
 
     fn write_csv(&self, columns: &[&Series], out: &mut dyn Write) -> io::Result<()> {
         let mut csv = csv::Writer::from_writer(out);
-        csv.write_record(columns.iter().map(|column| column.name().as_str()))?;
+        csv.write_record(columns.iter().map(|column| no_formula(column.name()).into_owned()))?;
         for row in 0..self.frame.height() {
             for column in columns {
-                csv.write_field(Cell::of(column, row).plain().as_bytes())?;
+                let cell = Cell::of(column, row);
+                let text = cell.plain();
+                // Numbers begin with a sign, too, and are to stay numbers.
+                let text = if matches!(cell, Cell::Text(_)) { no_formula(&text) } else { text };
+                csv.write_field(text.as_bytes())?;
             }
             csv.write_record(None::<&[u8]>)?;
         }
@@ -69,6 +75,13 @@ impl Answer {
         }
         out.write_all(if self.frame.height() == 0 { b"]\n" } else { b"\n]\n" })
     }
+}
+
+/// A text that no spreadsheet takes for a formula: names come from files and machines of others. As OWASP's page on CSV
+/// injection has it, with the forms of full width, which some take for the same.
+fn no_formula(text: &str) -> Cow<'_, str> {
+    let begins = ['=', '+', '-', '@', '\t', '\r', '\n', '\u{ff1d}', '\u{ff0b}', '\u{ff0d}', '\u{ff20}'];
+    if text.starts_with(begins) { Cow::Owned(format!("'{text}")) } else { Cow::Borrowed(text) }
 }
 
 struct Row<'a> {

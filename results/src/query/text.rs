@@ -6,6 +6,7 @@ use std::io::{self, Write};
 use polars::prelude::Series;
 
 use super::cell::Cell;
+use crate::printable::is_printable;
 
 /// A single row that is wider is shown column by column.
 const WIDE: usize = 120;
@@ -70,13 +71,13 @@ fn shown<'a>(cell: &'a Cell<'_>) -> Cow<'a, str> {
     }
 }
 
-/// A text on one line, without what a terminal would take for a command: names come from other machines.
+/// A text on one line, without what a terminal would take for a command or not show: names come from other machines.
 fn shown_text(text: &str) -> Cow<'_, str> {
-    if !text.chars().any(char::is_control) {
+    if text.chars().all(is_printable) {
         return Cow::Borrowed(text);
     }
     let escaped =
-        text.chars().map(|c| if c.is_control() { c.escape_default().to_string() } else { c.into() });
+        text.chars().map(|c| if is_printable(c) { c.into() } else { c.escape_default().to_string() });
     Cow::Owned(escaped.collect())
 }
 

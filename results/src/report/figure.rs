@@ -2,6 +2,8 @@
 
 use std::borrow::Cow;
 
+use crate::printable::is_printable;
+
 /// Width of a figure in CSS pixels: what fits on a sheet of A4 or Letter with narrow margins.
 pub(crate) const WIDTH: u32 = 700;
 
@@ -301,9 +303,9 @@ pub(crate) fn shade(value: f64, most: f64) -> [u8; 3] {
     rgb
 }
 
-/// Text without control characters: names come from outside, and XML cannot hold them.
+/// Text without control and format characters: names come from outside, and XML cannot hold all of them.
 pub(crate) fn printable(text: &str) -> Cow<'_, str> {
-    let unfit = |c: char| c.is_control() || matches!(c, '\u{fffe}' | '\u{ffff}' | '\u{2028}' | '\u{2029}');
+    let unfit = |c: char| !is_printable(c);
     if text.contains(unfit) { Cow::Owned(text.replace(unfit, "\u{fffd}")) } else { Cow::Borrowed(text) }
 }
 
@@ -358,6 +360,7 @@ mod tests {
         assert_eq!(shortened("mug_1", 5), "mug_1");
         assert_eq!(shortened("größe_10", 4), "…_10");
         assert_eq!(printable("a\u{0}b\nc"), "a\u{fffd}b\u{fffd}c");
+        assert_eq!(printable("a\u{202e}b\u{2028}c\u{feff}"), "a\u{fffd}b\u{fffd}c\u{fffd}");
         assert_eq!(printable("Größe <b>"), "Größe <b>");
     }
 }

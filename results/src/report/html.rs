@@ -8,6 +8,15 @@ use super::plotly::panel_json;
 
 const STYLE: &str = include_str!("style.css");
 
+/// How every page begins, up to the nonce of its scripts.
+const BEGINNING: &str = "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+    <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'nonce-";
+
+/// Whether a text begins as every page does.
+pub(crate) fn begins_page(text: &str) -> bool {
+    text.starts_with(BEGINNING)
+}
+
 /// Draws all plots; errors go to the browser's console.
 const DRAW: &str = "for (const [id, plot] of plots) Plotly.newPlot(id, plot.data, plot.layout, \
     {displayModeBar: false, typesetMath: false, plotlyServerURL: ''});";
@@ -91,8 +100,7 @@ impl Page {
         let nonce = blake3::hash(format!("{body}{plots}").as_bytes()).to_hex();
         let library = library(&nonce);
         format!(
-            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-             <meta http-equiv=\"Content-Security-Policy\" content=\"default-src 'none'; script-src 'nonce-{nonce}'; \
+            "{BEGINNING}{nonce}'; \
              style-src 'unsafe-inline'; img-src data: blob:\">\n\
              <meta name=\"viewport\" content=\"width=device-width\">\n<title>{}</title>\n<style>{STYLE}</style>\n\
              </head>\n<body>\n{body}{library}\n\

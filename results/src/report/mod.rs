@@ -14,8 +14,9 @@ mod runs;
 mod summary;
 mod svg;
 
-use std::fs;
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
+use std::{fs, io};
 
 use data::{Rows, RunData};
 use figures::channels;
@@ -92,9 +93,14 @@ impl Report {
     /// Writes the page to `html` and the figures into the folder `svg`, which are made. Gives the figures' files.
     ///
     /// # Errors
-    /// If a figure cannot be drawn or a file cannot be written.
+    /// If a figure cannot be drawn or a file cannot be written, or if one of these names is taken by a file that no report
+    /// has written: then nothing is.
     pub fn write(&self, html: &Path, svg: &Path) -> Result<Vec<PathBuf>, Error> {
         let svgs = self.svgs()?;
+        refuse_foreign(html, html::begins_page)?;
+        for (name, _) in &svgs {
+            refuse_foreign(&svg.join(name), svg::begins_document)?;
+        }
         let parent = html.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
         for folder in [parent, svg] {
             fs::create_dir_all(folder).map_err(|source| Error::io(folder, "make this folder", source))?;
@@ -108,6 +114,21 @@ impl Report {
         write_whole(html, self.html().as_bytes())?;
         Ok(files)
     }
+}
+
+/// Refuses to replace a file that does not begin as this program's do; an empty one is nobody's loss.
+fn refuse_foreign(file: &Path, is_ours: impl Fn(&str) -> bool) -> Result<(), Error> {
+    let failed = |source| Error::io(file, "read this file", source);
+    match fs::metadata(file) {
+        Ok(metadata) if metadata.is_file() => {}
+        Ok(_) => return Err(Error::Occupied(file.to_owned())), // a pipe would be waited for
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(()),
+        Err(source) => return Err(failed(source)),
+    }
+    let mut held = Vec::new();
+    fs::File::open(file).and_then(|file| file.take(256).read_to_end(&mut held)).map_err(failed)?;
+    let held = String::from_utf8_lossy(&held);
+    if held.is_empty() || is_ours(&held) { Ok(()) } else { Err(Error::Occupied(file.to_owned())) }
 }
 
 fn run_page(data: &RunData, grid: Option<&Rows>, told: &Told) -> Result<Page, Error> {

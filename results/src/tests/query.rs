@@ -119,6 +119,37 @@ fn times_are_iso_8601_durations_seconds_and_large_integers_whole() {
 }
 
 #[test]
+fn no_text_of_a_csv_is_a_formula_and_numbers_stay_numbers() {
+    let folder = tempdir().unwrap();
+    fixture::write(folder.path());
+    for (text, expected) in [
+        ("=1+1", "'=1+1"),
+        ("+1", "'+1"),
+        ("-2+3", "'-2+3"),
+        ("@SUM(A1)", "'@SUM(A1)"),
+        ("\t=1", "'\t=1"),
+        ("\r=1", "'\r=1"),
+        ("\n=1", "'\n=1"),
+        ("\u{ff1d}1", "'\u{ff1d}1"),
+        ("=HYPERLINK(\"http://example.org\",\"a, b\")", "'=HYPERLINK(\"http://example.org\",\"a, b\")"),
+        ("mug=1", "mug=1"),
+        ("1-1", "1-1"),
+        ("", ""),
+    ] {
+        let sql = format!("SELECT '{text}' AS text, -1.5 AS float, -7 AS whole FROM run");
+        let csv = written(&[folder.path()], &sql, AnswerFormat::Csv);
+        let mut reader = csv::Reader::from_reader(csv.as_bytes());
+        let record = reader.records().next().unwrap().unwrap();
+        assert_eq!(record, vec![expected, "-1.5", "-7"], "{csv}");
+        // JSON is for programs, and exact.
+        assert_eq!(rows(&[folder.path()], &sql)[0]["text"], json!(text));
+    }
+    let header =
+        written(&[folder.path()], "SELECT generation AS \"=1+1\" FROM generations", AnswerFormat::Csv);
+    assert!(header.starts_with("'=1+1\n1\n"), "{header}");
+}
+
+#[test]
 fn a_table_for_people_cuts_nothing_off_and_obeys_no_name() {
     let folder = tempdir().unwrap();
     fixture::write(folder.path());

@@ -3,7 +3,7 @@
 use std::fs;
 use std::net::TcpListener;
 
-use crate::experiments::{Experiment, clouds, summary};
+use crate::experiments::{Experiment, clouds, run_demo, summary};
 use crate::process::{Finished, finish, program, run};
 
 /// The error's own lines.
@@ -227,6 +227,119 @@ fn ports_and_addresses() {
     check(run_with(&["--listen", "0.0.0.0:0"]), &["--insecure"]);
     let finished = run_with(&["--listen", "nowhere"]).expect_error();
     assert!(finished.stderr.contains("nowhere") && finished.stderr.contains("--listen"), "{finished}");
+}
+
+/// Each is refused at once: nothing is waited for, and no memory filled.
+#[test]
+fn what_is_no_file_is_refused_wherever_a_text_is_read_whole() {
+    let place = Experiment::with("version = 1\n[dataset]\nroot = \"ROOT\"\n");
+    let (pipe, folder, data) = (place.path("pipe"), place.path("folder"), clouds().display().to_string());
+    assert!(std::process::Command::new("mkfifo").arg(&pipe).status().unwrap().success());
+    fs::create_dir(&folder).unwrap();
+    // The pipe has a writer of our own, so that opening it to read would not wait, and reading would.
+    let writer = fs::File::options().read(true).write(true).open(&pipe).unwrap();
+    for text in [&*pipe, &*folder, "/dev/zero"] {
+        let is_named = &[text][..];
+        check(run("coordinator", ["check", text]), &[text, "something that is no file"]);
+        check(run("coordinator", ["run", text]), &[text, "something that is no file"]);
+        let evaluate = |more: &[&str]| run("coordinator", [&["evaluate", "--data", &data], more].concat());
+        check(evaluate(&["--query", text, "--database", "train1.txt"]), is_named);
+        check(evaluate(&["--query", "test.txt", "--database", "train1.txt", "--manifest", text]), is_named);
+        check(evaluate(&["--query", "test.txt", "--database", "train1.txt", "--structure", text]), is_named);
+        check(
+            run(
+                "coordinator",
+                ["split", &data, "--out", &place.path("l"), "--protocol", "paper", "--manifest", text],
+            ),
+            is_named,
+        );
+        for (key, value) in [
+            (
+                "dataset.splits",
+                format!("train1 = {text:?}\ntrain2 = \"a\"\nvalidation = \"a\"\ntest = \"a\""),
+            ),
+            ("dataset", format!("layout = \"manifest\"\nmanifest = {text:?}")),
+        ] {
+            let toml = if key == "dataset" {
+                format!("version = 1\n[dataset]\nroot = {data:?}\n{value}\n")
+            } else {
+                format!("version = 1\n[dataset]\nroot = {data:?}\n[{key}]\n{value}\n")
+            };
+            check(run("coordinator", ["check", &Experiment::with(&toml).path("exp.toml")]), is_named);
+        }
+        // The files of an artefact and of `coordinator certs`.
+        for file in ["descriptor.toml", "database.parquet"] {
+            let artefact = Experiment::with("");
+            let out = artefact.path("objects");
+            run("coordinator", ["export", &run_demo().path("results/runs/demo"), &out]).expect_success();
+            let file = artefact.folder().join("objects").join(file);
+            fs::remove_file(&file).unwrap();
+            std::os::unix::fs::symlink(text, &file).unwrap();
+            check(run("coordinator", ["recognise", &out, "x.pcd"]), &[file.to_str().unwrap(), "no file"]);
+        }
+        for name in ["ca.pem", "cert.pem", "key.pem", "token", "deny"] {
+            let experiment = Experiment::new("");
+            let tls = experiment.path("tls");
+            run("coordinator", ["certs", &tls]).expect_success();
+            let file = experiment.folder().join("tls").join(name);
+            let _ = fs::remove_file(&file);
+            std::os::unix::fs::symlink(text, &file).unwrap();
+            check(experiment.run("out", &["--tls", &tls]), &[name, "no file"]);
+        }
+    }
+    drop(writer);
+}
+
+/// Points that are all alike: each of them would be looked at for each other one.
+#[test]
+fn clouds_whose_neighbourhoods_would_take_minutes_are_refused_by_name_and_count() {
+    const POINTS: usize = 300_000;
+    let header = format!(
+        "VERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F U\nCOUNT 1 1 1 1\nWIDTH {POINTS}\nHEIGHT 1\nPOINTS {POINTS}\nDATA binary\n"
+    );
+    let point = [0.1f32.to_le_bytes(), 0.2f32.to_le_bytes(), 1f32.to_le_bytes(), 0x80_40_20u32.to_le_bytes()];
+    let data = Spoiled::new();
+    let cloud = data.cloud("test.txt");
+    fs::write(&cloud, pcd(&header, &point.as_flattened().repeat(POINTS))).unwrap();
+    let name = cloud.file_name().unwrap().to_str().unwrap();
+    let count = "got 90000000000, and 300000 points in one cell";
+    data.check(&["dataset: clouds whose neighbourhoods", name, count]);
+    let evaluate = [
+        "evaluate",
+        "--data",
+        &data.experiment.path("data"),
+        "--query",
+        "test.txt",
+        "--database",
+        "train1.txt",
+    ];
+    check(run("coordinator", evaluate), &[name, count]);
+    let objects = data.experiment.path("objects");
+    run("coordinator", ["export", &run_demo().path("results/runs/demo"), &objects]).expect_success();
+    let cloud = cloud.to_str().unwrap();
+    check(run("coordinator", ["recognise", &objects, cloud]), &[cloud, count]);
+}
+
+/// Numbers of any size are told from those that are allowed, in a sentence of a length for people.
+#[test]
+fn numbers_beyond_every_limit() {
+    let dataset = "[dataset]\nroot = \"ROOT\"\n";
+    for (section, parts) in [
+        ("R1 = { min = 0.5, max = 2.0, step = 1e-300 }", &["R1.step: not at least 0.0001, got 1e-300"][..]),
+        ("R1 = { min = 0.5, max = 2.0, step = 0 }", &["R1.step: not at least 0.0001, got 0"]),
+        ("R1 = { min = 0.5, max = 2.0, step = -0.0 }", &["R1.step: not at least 0.0001, got -0"]),
+        ("R1 = { min = 0.5, max = 2.0, step = nan }", &["R1.step", "got NaN"]),
+        ("R1 = { min = 0.5, max = 2.0, step = inf }", &["R1.step", "got inf"]),
+        ("R1 = { min = 0.5, max = 2.0, step = 1e300 }", &["R1.step", "got 1e300\n"]),
+        ("R1 = { min = 1e-300, max = 2.0, step = 0.1 }", &["R1.min", "got 1e-300\n"]),
+        ("R1 = { min = 1e18, max = 2e18, step = 1 }", &["R1.min", "got 1e18\n"]),
+        ("m = { min = 3, max = 9223372036854775807, step = 1 }", &["m.max", "got 9.223372036854776e18\n"]),
+        ("w = 1e308", &["genes.w", "got 1e308\n"]),
+    ] {
+        check_toml(&format!("version = 1\n{dataset}[descriptor.genes]\n{section}\n"), parts);
+    }
+    let preprocess = "[preprocess]\nleaf_cm = 1e-300\n";
+    check_toml(&format!("version = 1\n{dataset}{preprocess}"), &["preprocess.leaf_cm", "got 1e-300\n"]);
 }
 
 #[test]

@@ -16,6 +16,7 @@
 //! - `sessions`: bring-up, waiting and deadline of every command
 //! - `exhaust`: the exhaustive search, and what runs make of it
 //! - `foreign`: descriptors that another program has computed
+//! - `foreign_folders`: folders of somebody else, and runs without a journal
 //! - `grid`: grid cells against the evaluator on real clouds
 //! - `hill_climbing`: hill climbing end to end
 //! - `hosts`: workers on other hosts, behind links that are cut, slow, lossy or late
@@ -23,6 +24,7 @@
 //! - `peer`: a worker by hand, for tests of attacks
 //! - `pieces`: evaluations in pieces
 //! - `protocol`: the coordinator's port as a client sees it
+//! - `lost_output`: standard output and error that are full or closed
 //! - `leaks`: what positions of clouds give away
 //! - `messages`: what a user who begins is told
 //! - `operators`: settings of a search beyond the paper's
@@ -54,12 +56,14 @@ mod documents;
 mod exhaust;
 mod families;
 mod foreign;
+mod foreign_folders;
 mod grid;
 mod hill_climbing;
 mod hostile;
 mod hosts;
 mod impostors;
 mod leaks;
+mod lost_output;
 mod members;
 mod messages;
 mod operators;

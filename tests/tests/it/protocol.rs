@@ -93,8 +93,55 @@ async fn other_versions_are_refused_and_told_what_to_do() {
     let refused = refusal(&mut client, |request| request.evaluation_version += 1).await;
     assert_eq!(refused.reason(), v2::RefusalReason::EvaluationVersion);
     assert!(refused.message.contains("evaluation version"), "{}", refused.message);
-    let refused = refusal(&mut client, |request| request.name = "a\nb".to_owned()).await;
-    assert_eq!(refused.reason(), v2::RefusalReason::InvalidRequest);
+    for trick in [
+        "a\nb",
+        "a\u{1b}[2Jb",
+        "a\u{202e}b",
+        "a\u{2066}b",
+        "a\u{200b}b",
+        "a\u{2028}b",
+        "a\u{e0041}b",
+        "a\u{3164}",
+    ] {
+        let refused = refusal(&mut client, |request| request.name = trick.to_owned()).await;
+        assert_eq!(refused.reason(), v2::RefusalReason::InvalidRequest, "{trick:?}");
+        let refused = refusal(&mut client, |request| request.build = trick.to_owned()).await;
+        assert_eq!(refused.reason(), v2::RefusalReason::InvalidRequest, "{trick:?}");
+    }
+}
+
+#[tokio::test]
+async fn what_a_worker_says_of_a_failure_forges_no_line_and_hides_nothing() {
+    let experiment = Experiment::new("[ga]\npopulation = 4\n");
+    let (mut coordinator, _, channel) = coordinator(&experiment).await;
+    let mut client = CoordinatorClient::new(channel);
+    let accepted = match client.register(introduction()).await.unwrap().into_inner().outcome.unwrap() {
+        v2::register_reply::Outcome::Accepted(accepted) => accepted,
+        v2::register_reply::Outcome::Refused(refused) => panic!("{refused:?}"),
+    };
+    let mut poll = v2::PollRequest {
+        worker_id: vec![7; 16],
+        session_id: accepted.session_id,
+        sequence: 1,
+        wanted: 1,
+        ..Default::default()
+    };
+    let job = client.poll(poll.clone()).await.unwrap().into_inner().jobs.remove(0);
+    let forged = "worker honest: quarantined: gave an answer that two other workers contradict";
+    let message = format!("disk full\n{forged}\r{forged}\u{2028}{forged}\u{1b}[1A\u{202e}\u{200b}\u{9b}");
+    let failure = v2::Failure { message, ..Default::default() };
+    let outcome = Some(v2::job_report::Outcome::Failure(failure));
+    (poll.sequence, poll.wanted) = (2, 0);
+    poll.finished = vec![v2::JobReport { lease: job.lease, run_seconds: 1.0, outcome }];
+    client.poll(poll).await.unwrap();
+    coordinator.wait_for("disk full");
+    let log = coordinator.log();
+    assert!(
+        log.contains(&format!("\n  {forged}\\r{forged}\\u{{2028}}{forged}\\u{{1b}}[1A\\u{{202e}}")),
+        "{log}"
+    );
+    assert!(!log.lines().any(|line| line.starts_with("worker honest")), "{log}");
+    assert!(log.chars().all(|c| c == '\n' || proto::is_printable(c)), "{log:?}");
 }
 
 #[tokio::test]

@@ -112,6 +112,26 @@ fn only_the_crate_atomic_moves_files_to_their_place() {
     }
 }
 
+/// These panic where standard output or error is a full volume or a closed pipe, and take a run with them.
+#[test]
+fn no_program_ends_because_a_line_cannot_be_printed() {
+    for file in sources() {
+        let is_run_by_programs = !file.starts_with("tests/")
+            && !["/tests", "/examples/", "/simulation/", "build.rs"].iter().any(|place| file.contains(place));
+        let text = read(&file);
+        let production = text.split("#[cfg(test)]").next().unwrap_or_default();
+        let code = || production.lines().filter(|line| !line.trim_start().starts_with("//"));
+        for print in [concat!("print", "!("), concat!("print", "ln!(")] {
+            let is_allowed = !is_run_by_programs || !code().any(|line| line.contains(print));
+            assert!(is_allowed, "{file}: {print}…): use `console::say` or `cli::print`");
+        }
+        let subscribes = concat!("tracing_", "subscriber::fmt()");
+        let is_safe =
+            !code().any(|line| line.contains(subscribes)) || text.contains("log_internal_errors(false)");
+        assert!(is_safe, "{file}: {subscribes} without log_internal_errors(false)");
+    }
+}
+
 #[test]
 fn architecture_md_names_every_crate_and_no_other() {
     let text = read("ARCHITECTURE.md");

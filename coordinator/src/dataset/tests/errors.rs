@@ -71,7 +71,7 @@ fn lists_that_are_no_text() {
             fs::create_dir(fixture.root().join("train2.txt")).unwrap();
         },
         expect![[r#"
-            dataset.splits.train2: readable UTF-8 text file expected, got train2.txt (no regular file)
+            dataset.splits.train2: readable UTF-8 text file expected, got train2.txt (something that is no file)
             write the list, or set dataset.splits: to other lists (relative paths start at dataset.root), or to a draw, for example `splits = { seeded = {} }`"#]],
     );
 }

@@ -48,6 +48,23 @@ fn unreadable_clouds_are_skipped_only_if_told_so() {
 }
 
 #[test]
+fn clouds_that_would_take_minutes_are_refused_by_name_and_count_even_where_unreadable_ones_may_be_skipped() {
+    let fixture = Fixture::new();
+    let alike = Cloud {
+        points: vec![[0.1, 0.2, 1.0]; 70_000],
+        colours: Some(vec![[90, 60, 30]; 70_000]),
+        viewpoint: [0.0; 3],
+    };
+    fixture.write("cup/cup_1/cup_1_1_2.pcd", pcd::write(&alike, DataEncoding::Binary));
+    let settings = super::DatasetSettings { skip_unreadable: true, ..fixture.settings() };
+    let error = Dataset::load(&settings, &Preprocess::default(), Wanted::All, None).unwrap_err();
+    expect![[r#"
+        dataset: clouds whose neighbourhoods take seconds at most expected, got 1 that are too dense
+        cup/cup_1/cup_1_1_2.pcd: cloud: at most 4294967296 pairs of points in the same cells of 0.01 m or more expected, got 4900000000, and 70000 points in one cell
+        remove points that are all alike (invalid ones at the origin) and outliers far away, thin them out, remove them from their lists, or choose a smaller preprocess.normal_radius_cm"#]].assert_eq(&fixture.text(&error));
+}
+
+#[test]
 fn a_query_whose_object_is_not_in_the_database_is_warned_of() {
     let mut fixture = Fixture::new();
     fixture.cloud("cup/cup_9/cup_9_1_1.pcd");

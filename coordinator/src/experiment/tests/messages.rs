@@ -363,8 +363,8 @@ fn files_that_are_no_text() {
         "",
         None,
         expect![[r#"
-        exp/: file: not readable, got Is a directory (os error 21)
-        name an experiment file (.toml)"#]],
+            exp/: file: not readable, got something that is no file
+            name an experiment file (.toml)"#]],
     );
     check(
         "latin.toml",

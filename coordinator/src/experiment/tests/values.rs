@@ -230,7 +230,7 @@ fn genes() {
               descriptor.genes.shape_bins: min above max, got min = 65, max = 64
               write min below max; what is not written has its default
             descriptor.genes.m = { step = 0 }
-              descriptor.genes.m.step: not above 0, got 0
+              descriptor.genes.m.step: not at least 1, got 0
               write a step such as 1, or a fixed value `m = …`
             descriptor.genes.m = { step = 2 }
               descriptor.genes.m.max: not min plus a whole number of steps, got min = 3, max = 8, step = 2

@@ -57,6 +57,12 @@ pub(crate) fn document(figure: &Figure) -> Result<String, Error> {
     canvas::titled(&text, f64::from(WIDTH), height, &figure.title).ok_or_else(|| failed(&"no root element"))
 }
 
+/// Whether a text begins as every document of [`document`] does.
+pub(crate) fn begins_document(text: &str) -> bool {
+    text.starts_with("<svg width=\"")
+        && text.contains("xmlns=\"http://www.w3.org/2000/svg\" role=\"img\">\n<title>")
+}
+
 /// A series' sample of the legend as a small picture, to stand in a line of HTML.
 pub(crate) fn sample(series: &Series) -> String {
     let mut text = String::new();
