@@ -12,10 +12,13 @@ use crate::run::directory::difference;
 use crate::run::{RunError, clouds, data_digest, refuse_other_data};
 use crate::sweep::SWEEP_FILE;
 use crate::sweep::recorded_sweep;
-use cluster::journal::{Header, JOURNAL_FILE, Journal, JournalFile, Recorded};
+use cluster::journal::{
+    EARLIER_JOURNAL_FILE, Header, JOURNAL_FILE, Journal, JournalError, JournalFile, Recorded,
+};
 
 /// The journal in `folder`, at work, of what `search` determines and `record` tells in full; a new one if the folder has
-/// none, after `discard` has removed all that was kept.
+/// none, after `discard` has removed all that was kept, or none that says what it is of: then the generations that are
+/// there are compared with what is computed again.
 pub fn open_journal(
     (search, record): (String, String),
     dataset: &Dataset,
@@ -33,14 +36,28 @@ pub fn open_journal(
         started_at: now,
     };
     if !path.exists() {
+        refuse_earlier(folder)?;
         // Without a journal nothing says which clouds these tables are of.
         discard()?;
         JournalFile::create(&path, &this)?;
     }
-    let (file, header, recorded) = JournalFile::open(&path)?;
+    let (file, header, recorded) = match JournalFile::open(&path) {
+        // That the folder is this search's, its search.toml has said.
+        Err(JournalError::Damaged { .. }) => {
+            JournalFile::replace(&path, &this)?;
+            JournalFile::open(&path)
+        }
+        opened => opened,
+    }?;
     refuse_another(folder, &header, &this, dataset)?;
     clouds::keep(folder, dataset)?;
     Ok((header, Journal::start(file)?, recorded))
+}
+
+/// Refuses a folder whose journal an earlier build has written.
+fn refuse_earlier(folder: &Path) -> Result<(), JournalError> {
+    let earlier = folder.join(EARLIER_JOURNAL_FILE);
+    if earlier.exists() { Err(JournalError::earlier(&earlier)) } else { Ok(()) }
 }
 
 fn refuse_another(folder: &Path, then: &Header, now: &Header, dataset: &Dataset) -> Result<(), RunError> {
@@ -79,6 +96,7 @@ pub fn recorded_plan(folder: &Path, overrides: Overrides) -> Result<Plan, RunErr
         Err(results::Error::Unfinished(_)) => {
             let path = folder.join(JOURNAL_FILE);
             if !path.is_file() {
+                refuse_earlier(folder)?;
                 let folder = folder.to_owned();
                 return Err(match folder.parent().filter(|parent| parent.join(SWEEP_FILE).is_file()) {
                     Some(sweep) => RunError::MemberOfSweep { sweep: sweep.to_owned(), folder },

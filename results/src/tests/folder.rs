@@ -327,7 +327,7 @@ fn discarding_removes_what_the_run_wrote_and_nothing_else() {
     let folder = tempdir().unwrap();
     fixture::write(folder.path());
     let foreign = [
-        "journal.redb",
+        "journal.log",
         "notes.parquet",
         "evaluations/mine.parquet",
         "evaluations/generation-1.parquet",

@@ -11,7 +11,7 @@ use super::JournalError;
 /// First word of every header.
 const MAGIC: &str = "descry journal";
 /// Grows with every change of what is kept and how.
-pub(super) const VERSION: u64 = 2;
+pub(super) const VERSION: u64 = 3;
 /// Longest header that is read, bytes: both texts of an experiment fit in several times.
 const MAX_BYTES: usize = 8 << 20;
 
