@@ -32,10 +32,14 @@ pub enum VerifyError {
     Run(#[from] RunError),
 }
 
+/// What is said of runs without digests of how they went.
+const NOT_RECORDED: &str = "workers, attempts, events, skipped, sets, looks and times: digests were not recorded by the release of this run";
+
 /// What verification found.
 #[derive(Debug)]
 pub struct Verdict {
     run_digest: String,
+    covers_log: bool,
     problems: Vec<String>,
     recomputed: usize,
 }
@@ -51,6 +55,9 @@ impl fmt::Display for Verdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for problem in &self.problems {
             writeln!(f, "{problem}")?;
+        }
+        if !self.covers_log {
+            writeln!(f, "{NOT_RECORDED}")?;
         }
         let verdict = if self.is_sound() { "sound" } else { "NOT sound" };
         writeln!(
@@ -75,6 +82,7 @@ pub async fn verify(
     let verification = results::verify(run)?;
     let mut verdict = Verdict {
         run_digest: verification.recorded_run_digest.clone(),
+        covers_log: verification.covers_log,
         problems: verification.problems.iter().map(ToString::to_string).collect(),
         recomputed: 0,
     };

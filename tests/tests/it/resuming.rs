@@ -128,7 +128,7 @@ fn a_run_with_workers_of_its_own_goes_on_by_resume_and_keeps_who_computed_what()
     // While it runs, nobody else may write into its folder.
     let args = ["resume", &out, "--listen", "127.0.0.1:0", "--json"];
     let mut resumed = Running::start(experiment.folder(), "resumed", "coordinator", args);
-    resumed.wait_for("generation 4/60");
+    resumed.wait_for(": joined, ");
     let second = experiment.run("out", &[]).expect_error();
     assert!(second.stderr.contains("in use"), "{second}");
     for (signal, code) in [("INT", 130), ("TERM", 143)] {

@@ -5,6 +5,8 @@
 
 /// Pages of disks and file systems; what is kept twice lies in different ones.
 pub const PAGE: usize = 4096;
+/// Numbers are below: no file has as many records.
+const MAX_NUMBER: u64 = 1 << 53;
 /// Mark, length, number, checksum.
 const HEAD: usize = 4 + 4 + 8 + 16;
 
@@ -96,7 +98,7 @@ pub fn scan<'a>(key: &Key, file: &'a [u8], start: usize) -> Scanned<'a> {
     let mut place = scanned.end;
     while place < file.len() {
         if let Some((number, payload, next)) = key.record(file, place)
-            && number >= scanned.next_number
+            && (scanned.next_number..MAX_NUMBER).contains(&number)
         {
             scanned.lost_records += number - scanned.next_number;
             scanned.lost_bytes += place - scanned.end;

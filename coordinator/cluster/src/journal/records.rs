@@ -97,7 +97,8 @@ pub fn decode(payload: &[u8]) -> Option<Record> {
             let (starts, rest) = number(bytes)?;
             let (milliseconds, rest) = number(rest)?;
             let repairs = u64::from_le_bytes(rest.try_into().ok()?);
-            let [starts, repairs] = [starts, repairs].map(|count| count.min(u64::MAX / 2));
+            let [starts, milliseconds, repairs] =
+                [starts, milliseconds, repairs].map(|count| count.min(u64::MAX / 2));
             return Some(Record::Tally(Tally { starts, milliseconds, repairs }));
         }
         kind::ACCEPTED => {
