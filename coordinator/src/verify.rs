@@ -17,6 +17,7 @@ use crate::fitness::Measured;
 use crate::reopen::{ReopenError, Reopened, reopen};
 use crate::run::{Matching, RunError, clouds, data_digest, nothing_recognised};
 use crate::session::Session;
+use crate::signing::PublicKey;
 
 /// Why a run cannot be verified.
 #[derive(Debug, thiserror::Error)]
@@ -40,6 +41,8 @@ const NOT_RECORDED: &str = "workers, attempts, events, skipped, sets, looks and 
 pub struct Verdict {
     run_digest: String,
     covers_log: bool,
+    /// Who has signed it, if that was asked.
+    signer: Option<PublicKey>,
     problems: Vec<String>,
     recomputed: usize,
 }
@@ -48,6 +51,14 @@ impl Verdict {
     /// Whether everything that was looked at is as it should be.
     pub fn is_sound(&self) -> bool {
         self.problems.is_empty()
+    }
+
+    /// Adds whether the owner of a key has signed the run.
+    pub fn add_signature(&mut self, key: PublicKey, verified: Result<(), String>) {
+        match verified {
+            Ok(()) => self.signer = Some(key),
+            Err(problem) => self.problems.push(problem),
+        }
     }
 }
 
@@ -64,7 +75,8 @@ impl fmt::Display for Verdict {
             f,
             "{verdict}: run digest {}, {} fitness values recomputed",
             self.run_digest, self.recomputed
-        )
+        )?;
+        self.signer.map_or(Ok(()), |signer| writeln!(f, "signed by {signer}"))
     }
 }
 
@@ -83,6 +95,7 @@ pub async fn verify(
     let mut verdict = Verdict {
         run_digest: verification.recorded_run_digest.clone(),
         covers_log: verification.covers_log,
+        signer: None,
         problems: verification.problems.iter().map(ToString::to_string).collect(),
         recomputed: 0,
     };
