@@ -44,7 +44,7 @@ pub fn journal_answer(bytes: &[u8]) -> bool {
 
 /// The header of a journal.
 pub fn journal_header(bytes: &[u8]) -> bool {
-    journal::Header::decode(bytes, Path::new("journal.redb")).is_ok()
+    journal::Header::decode(bytes, Path::new(journal::JOURNAL_FILE)).is_ok()
 }
 
 /// A journal with an answer, made at `path`: its bytes.

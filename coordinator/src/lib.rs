@@ -23,6 +23,7 @@ mod prepared;
 mod reopen;
 mod result_cache;
 pub mod session;
+mod signing;
 mod storage;
 mod structure_file;
 mod sweep;

@@ -18,6 +18,7 @@ use crate::fitness::Measured;
 use crate::reopen::{ReopenError, Reopened, reopen};
 use crate::run::{Matching, RunError, clouds, data_digest, nothing_recognised};
 use crate::session::Session;
+use crate::signing::PublicKey;
 
 /// Why a run cannot be verified.
 #[derive(Debug, thiserror::Error)]
@@ -33,10 +34,16 @@ pub enum VerifyError {
     Run(#[from] RunError),
 }
 
+/// What is said of runs without digests of how they went.
+const NOT_RECORDED: &str = "workers, attempts, events, skipped, sets, looks and times: digests were not recorded by the release of this run";
+
 /// What verification found.
 #[derive(Debug)]
 pub struct Verdict {
     run_digest: String,
+    covers_log: bool,
+    /// Who has signed it, if that was asked.
+    signer: Option<PublicKey>,
     problems: Vec<String>,
     recomputed: usize,
 }
@@ -46,6 +53,14 @@ impl Verdict {
     pub fn is_sound(&self) -> bool {
         self.problems.is_empty()
     }
+
+    /// Adds whether the owner of a key has signed the run.
+    pub fn add_signature(&mut self, key: PublicKey, verified: Result<(), String>) {
+        match verified {
+            Ok(()) => self.signer = Some(key),
+            Err(problem) => self.problems.push(problem),
+        }
+    }
 }
 
 impl fmt::Display for Verdict {
@@ -53,12 +68,16 @@ impl fmt::Display for Verdict {
         for problem in &self.problems {
             writeln!(f, "{problem}")?;
         }
+        if !self.covers_log {
+            writeln!(f, "{NOT_RECORDED}")?;
+        }
         let verdict = if self.is_sound() { "sound" } else { "NOT sound" };
         writeln!(
             f,
             "{verdict}: run digest {}, {} fitness values recomputed",
             self.run_digest, self.recomputed
-        )
+        )?;
+        self.signer.map_or(Ok(()), |signer| writeln!(f, "signed by {signer}"))
     }
 }
 
@@ -76,6 +95,8 @@ pub async fn verify(
     let verification = results::verify(run)?;
     let mut verdict = Verdict {
         run_digest: verification.recorded_run_digest.clone(),
+        covers_log: verification.covers_log,
+        signer: None,
         problems: verification.problems.iter().map(ToString::to_string).collect(),
         recomputed: 0,
     };

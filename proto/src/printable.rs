@@ -114,7 +114,7 @@ mod tests {
         #[test]
         fn no_line_of_several_passes_for_one_of_its_own(text in any_text()) {
             let shown = printable_lines(&text);
-            prop_assert_eq!(shown.lines().count(), text.lines().count());
+            prop_assert_eq!(shown.split('\n').count(), text.lines().count().max(1));
             for (number, line) in shown.split('\n').enumerate() {
                 prop_assert!(line.chars().all(is_printable), "{line:?}");
                 prop_assert!(number == 0 || line.starts_with("  "), "{line:?}");

@@ -5,6 +5,7 @@ use std::fmt::Debug;
 use polars::prelude::AnyValue;
 
 use crate::error::Error;
+use crate::file_digests;
 use crate::population::PopulationSummary;
 use crate::problem::Problem;
 use crate::read::FinishedRun;
@@ -206,6 +207,10 @@ pub(crate) fn run(
 ) -> Result<(), Error> {
     let mut expected = run.table.clone().filled(std::slice::from_ref(row), Context::default())?;
     for digest in ["predictions_digest", "run_digest"] {
+        expected.set_text(digest, run.text(digest)?)?;
+    }
+    for digest in file_digests::columns().filter(|digest| run.text(digest).is_ok_and(|text| !text.is_empty()))
+    {
         expected.set_text(digest, run.text(digest)?)?;
     }
     if !run.text("front_digest")?.is_empty() {

@@ -8,10 +8,13 @@ use atomic::is_temporary;
 use blake3::Hash;
 
 use crate::checks::{check_evaluations, check_front, check_generation, check_predictions, check_run};
+use crate::checksums;
 use crate::columns::GeneColumn;
 use crate::digest;
 use crate::error::Error;
 use crate::file::{names, sync_folder, write_whole};
+use crate::file_digests;
+use crate::look_chain;
 use crate::parquet;
 use crate::population::PopulationSummary;
 use crate::read::generation_file;
@@ -216,11 +219,18 @@ impl RunFolder {
         let folder = self.folder.join(TableName::Looks.as_str());
         let number = names(&folder)?.iter().filter_map(|name| look_number(name)).max().unwrap_or(0) + 1;
         let name = format!("look-{number:05}.parquet");
-        self.write(TableName::Looks, std::slice::from_ref(look), Context::default(), &name)
+        let mut row = self.table(TableName::Looks, std::slice::from_ref(look), Context::default())?;
+        let before = look_chain::end(&self.folder)?;
+        row.set_text("chain", &before.to_hex())?;
+        let (file, bytes) = self.encode(row, &name)?;
+        look_chain::begin(&self.folder, before)?;
+        write_whole(&file, &bytes)?;
+        look_chain::advance(&self.folder, before, &name, &bytes)
     }
 
     /// Removes the comparison in the folder, the table that marks it as whole first, and prepares the next one.
     pub fn begin_comparison(&self) -> Result<(), Error> {
+        checksums::clear(&self.folder)?;
         for table in TableName::PERTURBED.into_iter().chain(TableName::COMPARISON).rev() {
             let folder = self.folder.join(table.as_str());
             fs::create_dir_all(&folder).map_err(|source| opening(&folder, source))?;
@@ -239,6 +249,9 @@ impl RunFolder {
             let is_own = |name: &str| {
                 name.strip_suffix(".parquet").is_none_or(|descriptor| descriptors.contains(&descriptor))
             };
+            let is_listed =
+                |file: &str| file.strip_prefix(&format!("{table}/")).is_some_and(|name| !is_own(name));
+            checksums::forget(&self.folder, is_listed)?;
             remove(&folder, |name| is_temporary(name) || !is_own(name))?;
             sync_folder(&folder)?;
         }
@@ -256,29 +269,46 @@ impl RunFolder {
     ) -> Result<(), Error> {
         let name = format!("{descriptor}.parquet");
         let context = Context { labels: &[descriptor], ..Context::default() };
-        self.write(TableName::Distances, distances, context, &name)?;
-        self.write(TableName::Answers, answers, context, &name)?;
+        let distances = self.table(TableName::Distances, distances, context)?;
+        let answers = self.table(TableName::Answers, answers, context)?;
         let context = Context { labels: &[descriptor, ""], ..context };
         let mut points = self.table::<CurvePoint>(TableName::RecallPrecision, &[], context)?;
         for Curve { name, relevant, points: of_curve } in curves {
             let context = Context { labels: &[descriptor, name], relevant: *relevant, ..context };
             points.append(self.table(TableName::RecallPrecision, of_curve, context)?)?;
         }
-        let (file, bytes) = self.encode(points, &name)?;
-        write_whole(&file, &bytes)
+        self.write_listed([distances, answers, points].map(|table| self.encode(table, &name)))
     }
 
     /// Writes all descriptors and all pairs of them, and with it finishes the comparison.
     pub fn write_comparison(&self, rows: &[ComparedRow], pairs: &[PairRow]) -> Result<(), Error> {
-        self.write_one(TableName::Pairs, pairs)?;
-        self.write_one(TableName::Comparison, rows)
+        let pairs = self.table(TableName::Pairs, pairs, Context::default())?;
+        let rows = self.table(TableName::Comparison, rows, Context::default())?;
+        self.write_listed([pairs, rows].map(|table| {
+            let name = table.table.name.file();
+            self.encode(table, &name)
+        }))
     }
 
     /// Writes the errors of all descriptors on perturbed test clouds.
     pub fn write_perturbed(&self, rows: &[PerturbedRow]) -> Result<(), Error> {
         let folder = self.folder.join(TableName::Perturbed.as_str());
         fs::create_dir_all(&folder).map_err(|source| opening(&folder, source))?;
-        self.write_one(TableName::Perturbed, rows)
+        let rows = self.table(TableName::Perturbed, rows, Context::default())?;
+        self.write_listed([self.encode(rows, &TableName::Perturbed.file())])
+    }
+
+    /// Writes files of a comparison, one after the other, and their checksums.
+    fn write_listed<const N: usize>(
+        &self,
+        files: [Result<(PathBuf, Vec<u8>), Error>; N],
+    ) -> Result<(), Error> {
+        let files = files.into_iter().collect::<Result<Vec<_>, Error>>()?;
+        let is_one =
+            |name: &str| files.iter().any(|(file, _)| checksums::name_in(&self.folder, file) == name);
+        checksums::forget(&self.folder, is_one)?;
+        files.iter().try_for_each(|(file, bytes)| write_whole(file, bytes))?;
+        checksums::add(&self.folder, &files)
     }
 
     /// Computes the run digest from the files as written, writes the run's row and with it finishes the run.
@@ -297,6 +327,7 @@ impl RunFolder {
             run.set_text("front_digest", &front.to_hex())?;
         }
         run.set_text("run_digest", &run_digest.to_hex())?;
+        file_digests::record(&self.folder, &mut run)?;
         let (file, bytes) = self.encode(run, &TableName::Run.file())?;
         write_whole(&file, &bytes)?;
         Ok(run_digest)

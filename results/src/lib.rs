@@ -19,12 +19,15 @@ mod parquet;
 mod printable;
 mod schema;
 
+mod checksums;
 mod consistency;
 mod database;
 mod file;
+mod file_digests;
 mod folder;
 mod foreign;
 mod grid;
+mod look_chain;
 mod problem;
 mod read;
 mod verify;

@@ -4,9 +4,11 @@ use std::path::Path;
 
 use blake3::Hash;
 
+use crate::checksums;
 use crate::consistency::{self, Totals};
 use crate::digest;
 use crate::error::Error;
+use crate::file_digests;
 use crate::problem::Problem;
 use crate::read::{
     FinishedRun, expect_one_row, finished, front_file, generation_file, read_file, read_file_if_any,
@@ -24,6 +26,8 @@ pub struct Verification {
     pub recorded_run_digest: String,
     /// The digest of what the files hold; `None` if a file that it needs cannot be read.
     pub computed_run_digest: Option<Hash>,
+    /// Whether the run's row has digests of what tells how the run went; earlier builds have not recorded them.
+    pub covers_log: bool,
     /// Everything that is wrong, in table and generation order.
     pub problems: Vec<Problem>,
 }
@@ -44,8 +48,8 @@ pub fn run_digest(run: impl AsRef<Path>) -> Result<Hash, Error> {
 }
 
 /// Verifies a finished run against itself: every file's checksum, the digest of every generation, of the
-/// predictions and of the run, and every value that is derived from others. All problems are reported, not only the
-/// first. Fails only if there is no run row to verify against.
+/// predictions and of the run, every value that is derived from others, and the digests of whole files and of looks, if
+/// the run has them. All problems are reported, not only the first. Fails only if there is no run row to verify against.
 ///
 /// A change of a cell and of every digest above it goes unnoticed here: compare the run digest with a published one,
 /// or compute fitness values again.
@@ -136,10 +140,13 @@ pub fn verify(run: impl AsRef<Path>) -> Result<Verification, Error> {
         }
         computed_run_digest = Some(computed);
     }
+    let covers_log = file_digests::verify(run, &content, &mut problems)?;
+    checksums::verify(run, covers_log, &mut problems);
     Ok(Verification {
         generations: row.generations,
         recorded_run_digest: finished.run_digest,
         computed_run_digest,
+        covers_log,
         problems,
     })
 }

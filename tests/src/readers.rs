@@ -52,7 +52,7 @@ pub fn all(folder: PathBuf) -> Vec<Reader> {
     let prepared =
         QuantisedCloud::new(&cloud, &Preprocess::default(), &quantiser).expect("a sound cloud").encode();
     let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    let journal = folder.join("journal.redb");
+    let journal = folder.join("journal.log");
     vec![
         reader("pcd", PCD_WORDS, clouds(&cloud), |bytes| pcd::read(bytes).is_ok()),
         reader("prepared cloud", &[], vec![prepared], move |bytes| {
@@ -99,7 +99,9 @@ pub fn all(folder: PathBuf) -> Vec<Reader> {
             coordinator::fuzz_entry::sample_journal(&journal).into_iter().collect(),
             move |bytes| {
                 fs::write(&journal, bytes).expect("room for the journal");
-                coordinator::fuzz_entry::journal_file(&journal)
+                let is_read = coordinator::fuzz_entry::journal_file(&journal);
+                let _ = fs::remove_file(journal.with_extension("damaged-1")); // there if it was repaired
+                is_read
             },
         ),
     ]
@@ -294,7 +296,7 @@ fn join_addresses() -> Vec<Vec<u8>> {
 }
 
 fn header() -> Vec<u8> {
-    br#"{"magic":"descry journal","version":2,"search":"seed = 1\n","experiment":"version = 1\n","data_digest":"00","evaluation_version":2,"session":[7,7,7,7,7,7,7,7,7,7,7,7,7,7,7,7],"started_milliseconds":1700000000123}"#.to_vec()
+    br#"{"magic":"descry journal","version":3,"search":"seed = 1\n","experiment":"version = 1\n","data_digest":"00","evaluation_version":2,"session":[7,7,7,7,7,7,7,7,7,7,7,7,7,7,7,7],"started_milliseconds":1700000000123}"#.to_vec()
 }
 
 /// As version 2 writes them: evaluations by the paper's rule and by another, a description and a scale.

@@ -70,7 +70,7 @@ pub(crate) fn sample_settings() -> [String; 2] {
 }
 
 /// The descriptor's settings; digests of the other files.
-const SETTINGS: &str = "descriptor.toml";
+pub(crate) const SETTINGS: &str = "descriptor.toml";
 /// Summaries of the reference clouds.
 const DATABASE: &str = "database.parquet";
 /// One cloud with its summary and its answer.
@@ -80,5 +80,5 @@ const EXAMPLE: &str = "example.pcd";
 /// How to use it.
 const README: &str = "README.md";
 
-/// All files of an artefact.
-const FILES: [&str; 5] = [SETTINGS, DATABASE, TEST_VECTOR, EXAMPLE, README];
+/// All files of an artefact, beside its signature.
+pub(crate) const FILES: [&str; 5] = [SETTINGS, DATABASE, TEST_VECTOR, EXAMPLE, README];

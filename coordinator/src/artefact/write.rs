@@ -12,6 +12,8 @@ use super::error::WriteError;
 use super::recogniser::Recogniser;
 use super::settings::Settings;
 use super::test_vector::{Example, Verdict, test_vector};
+use crate::signing::SIGNATURE_FILE;
+
 use super::{DATABASE, EXAMPLE, FILES, README, SETTINGS, TEST_VECTOR};
 
 /// What an artefact is made of.
@@ -96,7 +98,7 @@ pub(super) fn refuse_occupied(out: &Path) -> Result<(), WriteError> {
         Err(source) => return Err(WriteError::Write { folder: out.to_owned(), source }),
     };
     let names: Vec<OsString> = entries.flatten().map(|entry| entry.file_name()).collect();
-    match names.iter().find(|&name| FILES.iter().all(|file| name != file)) {
+    match names.iter().find(|&name| FILES.iter().chain([&SIGNATURE_FILE]).all(|file| name != file)) {
         Some(other) => occupied(format!("a folder with {}", Path::new(other).display())),
         None if names.is_empty() || names.iter().any(|name| name == SETTINGS) => Ok(()),
         None => occupied(format!("a folder without {SETTINGS}")),

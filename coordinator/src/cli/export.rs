@@ -12,6 +12,7 @@ use crate::lines::labelled;
 use crate::structure_file;
 
 use super::rejection::{rate, reject_lines};
+use super::sign::{Sign, sign};
 
 /// Take a finished run's descriptor away: a folder with which coordinator recognise names objects
 ///
@@ -49,6 +50,8 @@ pub struct Export {
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
     #[command(flatten)]
+    sign: Sign,
+    #[command(flatten)]
     storage: StorageArgs,
 }
 
@@ -60,6 +63,7 @@ enum Which {
 
 impl Export {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
+        let key = self.sign.key()?;
         let which = match (&self.structure, self.point, self.descriptor) {
             (Some(file), ..) => DescriptorChoice::Structure(structure_file::read(file)?),
             (_, Some(point), _) => DescriptorChoice::Point(point),
@@ -76,6 +80,7 @@ impl Export {
             &self.out,
             &storage,
         )?;
+        sign(key.as_ref(), &self.out, &artefact::FILES)?;
         let out = self.out.display();
         let descriptor = labelled("descriptor", 14, &exported.descriptor.to_string());
         // What a reader who has not asked for it must know is that there is none.

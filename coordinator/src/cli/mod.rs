@@ -8,6 +8,7 @@ mod compare;
 mod evaluate;
 mod exhaust;
 mod export;
+mod keygen;
 mod learn;
 #[cfg(feature = "sql")]
 mod memory_limit;
@@ -19,6 +20,7 @@ mod report;
 mod resume;
 mod run;
 mod schema;
+mod sign;
 mod split;
 mod synth;
 mod verify;
@@ -54,6 +56,7 @@ enum Command {
     Evaluate(evaluate::Evaluate),
     Exhaust(exhaust::Exhaust),
     Export(export::Export),
+    Keygen(keygen::Keygen),
     Learn(learn::Learn),
     #[cfg(feature = "sql")]
     Query(query::Query),
@@ -87,6 +90,7 @@ pub fn main(cli: Cli) -> ExitCode {
         Command::Evaluate(command) => command.execute(),
         Command::Exhaust(command) => command.execute(),
         Command::Export(command) => command.execute(),
+        Command::Keygen(command) => command.execute(),
         Command::Learn(command) => command.execute(),
         #[cfg(feature = "sql")]
         Command::Query(command) => command.execute(),

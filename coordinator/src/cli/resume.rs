@@ -6,6 +6,7 @@ use std::process::ExitCode;
 use clap::Args;
 
 use super::run::{Events, Manner};
+use super::sign::Sign;
 use crate::run;
 
 /// Go on with a run that was interrupted or killed, from the evaluation at which it was
@@ -19,6 +20,8 @@ pub struct Resume {
     #[arg(value_name = "DIR")]
     folder: PathBuf,
     #[command(flatten)]
+    sign: Sign,
+    #[command(flatten)]
     events: Events,
     #[command(flatten)]
     manner: Manner,
@@ -26,7 +29,8 @@ pub struct Resume {
 
 impl Resume {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
+        let key = self.sign.key()?;
         let plan = run::recorded_plan(&self.folder, self.manner.overrides(None))?;
-        self.manner.execute(&plan, self.folder, self.events.file, false)
+        self.manner.execute(&plan, self.folder, self.events.file, false, key.as_ref())
     }
 }

@@ -9,8 +9,10 @@ use clap::Args;
 use proto::Principal;
 
 use super::after_run::AfterRun;
+use super::sign::{RUN_FILES, Sign, sign};
 use crate::experiment::{LocalWorkers, Overrides, Plan};
 use crate::run::{self, RunOptions};
+use crate::signing::SigningKey;
 use crate::sweep;
 use transport::Protection;
 
@@ -45,6 +47,8 @@ pub struct Run {
     /// sweep, write a variant instead
     #[arg(long)]
     control: bool,
+    #[command(flatten)]
+    sign: Sign,
     #[command(flatten)]
     events: Events,
     #[command(flatten)]
@@ -85,6 +89,7 @@ pub struct Manner {
 
 impl Run {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
+        let key = self.sign.key()?;
         let plan = Plan::read(&self.experiment, self.manner.overrides(self.seed))?;
         let out = match &plan {
             Plan::Run(experiment) => run::folder(experiment, self.out, self.fresh),
@@ -95,7 +100,7 @@ impl Run {
                 "--control: is for a single run, got a sweep\nadd a variant to it: [sweep.variants.random] search.method = \"random\""
             );
         }
-        self.manner.execute(&plan, out, self.events.file, self.control)
+        self.manner.execute(&plan, out, self.events.file, self.control, key.as_ref())
     }
 }
 
@@ -104,15 +109,19 @@ impl Manner {
         Overrides { seed, listen: self.listen, local_workers: self.local_workers }
     }
 
-    /// Runs an experiment or a sweep in a folder and shows the result.
+    /// Runs an experiment or a sweep in a folder, signs and shows the result.
     pub(super) fn execute(
         self,
         plan: &Plan,
         out: PathBuf,
         events: Option<PathBuf>,
         control: bool,
+        key: Option<&SigningKey>,
     ) -> anyhow::Result<ExitCode> {
-        let [json, text] = self.run(plan, out, events, control)?;
+        let [json, text] = self.run(plan, out.clone(), events, control)?;
+        for (_, run) in sweep::run_folders(&out)? {
+            sign(key, &run, &RUN_FILES)?;
+        }
         super::print(if self.json { &json } else { &text })?;
         Ok(ExitCode::SUCCESS)
     }

@@ -119,7 +119,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let texts = (experiment.search_toml(), experiment.record_toml());
     let (header, journal, recorded) =
         open_journal(texts, &dataset, &out, started_at, std::slice::from_ref(&out))?;
-    let at_work = recorded.at_work;
+    let (at_work, is_whole) = (recorded.at_work, recorded.repairs == 0);
     if recorded.starts > 1 {
         let there = recorded.accepted.len();
         progress.say(&format!(
@@ -158,11 +158,11 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     }
     let outcome = searched?;
     run.progress.finish();
-    let trusted = session.cluster.is_trusted();
+    let trusted = session.cluster.is_trusted() && is_whole;
     let summary = run.finish(&outcome)?;
     remove_journal(&out);
     // Not before the run is finished: what a failed one computed is in doubt, and so is what one with a worker that
-    // was wrong computed where nobody has looked.
+    // was wrong computed where nobody has looked; after damage to the journal nobody knows whether there was one.
     if trusted && remembers {
         let vouched = session.cluster.vouched();
         outcome.found.counts.keep(&train_memory, &validation_memory, &vouched);

@@ -13,12 +13,15 @@ use crate::run::directory::difference;
 use crate::run::{RunError, clouds, data_digest, refuse_other_data};
 use crate::sweep::SWEEP_FILE;
 use crate::sweep::recorded_sweep;
-use cluster::journal::{Header, JOURNAL_FILE, Journal, JournalFile, Recorded};
+use cluster::journal::{
+    EARLIER_JOURNAL_FILE, Header, JOURNAL_FILE, Journal, JournalError, JournalFile, Recorded,
+};
 use cluster::scheduler::RunSecret;
 
 /// The journal in `folder`, at work, of what `search` determines and `record` tells in full; a new one if the folder has
-/// none. `runs`: the folders of the runs that it is of, which must not have tables then unless they are finished:
-/// without a journal nothing says which clouds and answers they rest on.
+/// none, or none that says what it is of: then the generations that are there are compared with what is computed again.
+/// `runs`: the folders of the runs that it is of, which must not have tables where there is no journal, unless they are
+/// finished: nothing says which clouds and answers they rest on.
 pub fn open_journal(
     (search, record): (String, String),
     dataset: &Dataset,
@@ -37,12 +40,20 @@ pub fn open_journal(
         started_at: now,
     };
     if !path.exists() {
+        refuse_earlier(folder)?;
         if let Some(folder) = runs.iter().find(|run| lacks_journal(run)) {
             return Err(RunError::JournalGone { folder: folder.clone() });
         }
         JournalFile::create(&path, &this)?;
     }
-    let (file, header, recorded) = JournalFile::open(&path)?;
+    let (file, header, recorded) = match JournalFile::open(&path) {
+        // That the folder is this search's, its search.toml has said.
+        Err(JournalError::Damaged { .. }) => {
+            JournalFile::replace(&path, &this)?;
+            JournalFile::open(&path)
+        }
+        opened => opened,
+    }?;
     refuse_another(folder, &header, &this, dataset)?;
     clouds::keep(folder, dataset)?;
     Ok((header, Journal::start(file)?, recorded))
@@ -51,6 +62,12 @@ pub fn open_journal(
 /// Whether a folder without a journal has tables of a run that is not finished.
 fn lacks_journal(run: &Path) -> bool {
     RunFolder::has_tables(run) && matches!(results::read_run(run), Err(results::Error::Unfinished(_)))
+}
+
+/// Refuses a folder whose journal an earlier build has written.
+fn refuse_earlier(folder: &Path) -> Result<(), JournalError> {
+    let earlier = folder.join(EARLIER_JOURNAL_FILE);
+    if earlier.exists() { Err(JournalError::earlier(&earlier)) } else { Ok(()) }
 }
 
 fn refuse_another(folder: &Path, then: &Header, now: &Header, dataset: &Dataset) -> Result<(), RunError> {
@@ -89,6 +106,7 @@ pub fn recorded_plan(folder: &Path, overrides: Overrides) -> Result<Plan, RunErr
         Err(results::Error::Unfinished(_)) => {
             let path = folder.join(JOURNAL_FILE);
             if !path.is_file() {
+                refuse_earlier(folder)?;
                 let folder = folder.to_owned();
                 return Err(match folder.parent().filter(|parent| parent.join(SWEEP_FILE).is_file()) {
                     Some(sweep) => RunError::MemberOfSweep { sweep: sweep.to_owned(), folder },

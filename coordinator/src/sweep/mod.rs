@@ -79,7 +79,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     make_folder(&out, sweep)?;
     let texts = (sweep.search_toml(), sweep.record_toml());
     let (header, journal, recorded) = open_journal(texts, &dataset, &out, started_at, &run_folders)?;
-    let (trusted, begun) = (recorded.is_trusted(), recorded.starts > 1);
+    let (trusted, begun, is_whole) = (recorded.is_trusted(), recorded.starts > 1, recorded.repairs == 0);
     let start = Start { now, first: header.started_at, before: recorded.at_work };
     if begun {
         let there = recorded.accepted.len();
@@ -122,7 +122,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     progress.finish();
 
     remove_journal(&out);
-    let (trusted, vouched) = (session.cluster.is_trusted(), session.cluster.vouched());
+    let (trusted, vouched) = (session.cluster.is_trusted() && is_whole, session.cluster.vouched());
     for (place, summary, found) in done {
         summaries.push((place, summary));
         // Not before all are finished, as none of them was told a wrong answer that is known to be one.

@@ -1,7 +1,7 @@
 //! Certificates and token of a coordinator: a folder of files that lets its own workers in, and nobody else.
 //!
 //! The folder holds `ca.pem` and `ca.key`, the coordinator's `cert.pem` (with the CA at its end) and `key.pem`, `token`,
-//! `join` (the join address with the token), and for each worker with a certificate `workers/NAME/`: `cert.pem`,
+//! `join` (the join address with the token), the list `deny`, and for each worker with a certificate `workers/NAME/`: `cert.pem`,
 //! `key.pem` and a `join` without token. What is secret only its owner can read.
 
 use std::fs::{self, DirBuilder};
@@ -27,6 +27,11 @@ const CA_KEY_FILE: &str = "ca.key";
 pub const TOKEN_FILE: &str = "token";
 /// The join address.
 pub const JOIN_FILE: &str = "join";
+/// The deny list.
+pub const DENY_FILE: &str = "deny";
+/// A deny list that denies nobody.
+const NOBODY: &str =
+    "# nobody; to deny: a worker's name, the fingerprint of a certificate, or token, one on a line\n";
 /// Where the workers' certificates are, a folder each.
 pub const WORKERS_FOLDER: &str = "workers";
 
@@ -115,6 +120,7 @@ pub fn make_folder(folder: &Path, site: &Site, valid: &Range<SystemTime>) -> Res
     let ca = read_certificates(&new.path().join(CA_FILE))?;
     address.trust = Some(Trust { ca: fingerprint(&ca[0]), token: Some(token) });
     write(JOIN_FILE, &format!("{}\n", address.reveal()))?;
+    write(DENY_FILE, NOBODY)?;
     new.commit(folder).map_err(failed)
 }
 

@@ -8,10 +8,8 @@ use std::path::{Path, PathBuf};
 use proto::tls::{CERTIFICATE_FILE, fingerprint, read_certificates};
 use proto::{Fingerprint, Message};
 
-use crate::certs::{WORKERS_FOLDER, is_worker_name};
+use crate::certs::{DENY_FILE, WORKERS_FOLDER, is_worker_name};
 
-/// Its file in the folder of certificates.
-pub const DENY_FILE: &str = "deny";
 /// The line that denies the token.
 const TOKEN_LINE: &str = "token";
 /// A longer list is not read.
@@ -54,71 +52,89 @@ fn parse(text: &str) -> Lines {
 }
 
 /// The deny list of a folder of certificates, read again whenever its bytes change.
+///
+/// A list that is missing, empty, unreadable or not understood in full lifts no denial: what it adds is added, and what
+/// was denied stays so.
 pub struct DenyList {
     folder: PathBuf,
     /// What was read last, or why nothing was.
-    seen: Option<Result<Vec<u8>, io::ErrorKind>>,
+    seen: Result<Vec<u8>, io::ErrorKind>,
+    in_force: Denied,
 }
 
 impl DenyList {
-    /// The list of this folder, not read yet.
-    pub fn new(folder: &Path) -> Self {
-        Self { folder: folder.to_owned(), seen: None }
+    /// The list of this folder, with what it denies.
+    ///
+    /// # Errors
+    /// What is wrong with it: there is no list before it that could hold.
+    pub fn open(folder: &Path) -> Result<Self, String> {
+        let mut list = Self { folder: folder.to_owned(), seen: Ok(Vec::new()), in_force: Denied::default() };
+        let read = read(&list.path());
+        list.seen = read.as_ref().map(Clone::clone).map_err(io::Error::kind);
+        let (denied, doubts) = list.resolve(read);
+        list.in_force = denied;
+        doubts.into_iter().next().map_or(Ok(list), Err)
     }
 
-    /// Whether the list of this folder, if there is one, can be read: at first there is none before it that could hold.
-    pub fn check(folder: &Path) -> io::Result<()> {
-        match read(&folder.join(DENY_FILE)) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
-            read => read.map(drop),
-        }
+    /// Who is denied.
+    pub fn in_force(&self) -> Denied {
+        self.in_force.clone()
     }
 
-    /// The list, if it is another than at the last look. One that cannot be read leaves the last in force.
+    /// Who is denied now, if the file is another than at the last look.
     pub fn look(&mut self) -> Option<Denied> {
-        let path = self.folder.join(DENY_FILE);
-        let read = match read(&path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
-            other => other,
-        };
+        let read = read(&self.path());
         let seen = read.as_ref().map(Clone::clone).map_err(io::Error::kind);
-        if self.seen.as_ref() == Some(&seen) {
+        if self.seen == seen {
             return None;
         }
-        self.seen = Some(seen);
-        match read {
-            Ok(bytes) => Some(self.resolve(parse(&String::from_utf8_lossy(&bytes)))),
-            Err(error) => {
-                tracing::error!("{}: cannot be read, got {error}; the list before holds", path.display());
-                None
-            }
+        self.seen = seen;
+        let (mut denied, doubts) = self.resolve(read);
+        if !doubts.is_empty() {
+            denied.certificates.extend(&self.in_force.certificates);
+            denied.token |= self.in_force.token;
+            let (path, doubts) = (self.path(), doubts.join("; "));
+            tracing::warn!("{}: {doubts}; whoever was denied stays denied", path.display());
         }
+        self.in_force = denied;
+        Some(self.in_force())
     }
 
-    /// Workers are known by the certificates in their folders.
-    fn resolve(&self, lines: Lines) -> Denied {
-        let path = self.folder.join(DENY_FILE);
-        for line in lines.unknown {
-            tracing::error!(
-                "{}: must be a fingerprint, a worker's name or token, got {line}",
-                path.display()
-            );
+    fn path(&self) -> PathBuf {
+        self.folder.join(DENY_FILE)
+    }
+
+    /// Whom the bytes deny, and what of them is not understood. Workers are known by the certificates in their folders.
+    fn resolve(&self, read: io::Result<Vec<u8>>) -> (Denied, Vec<String>) {
+        let bytes = match read {
+            // What is left of a file that was cut off, or that an editor is about to write.
+            Ok(bytes) if bytes.is_empty() => {
+                return (Denied::default(), vec!["got an empty file".to_owned()]);
+            }
+            Ok(bytes) => bytes,
+            Err(error) => return (Denied::default(), vec![format!("cannot be read, got {error}")]),
+        };
+        let Lines { fingerprints: mut certificates, workers, token, unknown } =
+            parse(&String::from_utf8_lossy(&bytes));
+        let mut doubts = Vec::new();
+        if let [first, others @ ..] = &unknown[..] {
+            let others =
+                if others.is_empty() { String::new() } else { format!(" and {} more", others.len()) };
+            doubts.push(format!(
+                "each line must be a fingerprint, a worker's name or token, got {first}{others}"
+            ));
         }
-        let mut certificates = lines.fingerprints;
-        for worker in lines.workers {
+        for worker in workers {
             let certificate = self.folder.join(WORKERS_FOLDER).join(&worker).join(CERTIFICATE_FILE);
             match read_certificates(&certificate) {
                 Ok(chain) => certificates.extend(chain.first().map(fingerprint)),
                 Err(error) => {
                     let error = Message::of(&error).what;
-                    tracing::error!(
-                        "{}: {worker} is not denied: {error}; write its fingerprint",
-                        path.display()
-                    );
+                    doubts.push(format!("{worker} is not known by its name: {error}: write its fingerprint"));
                 }
             }
         }
-        Denied { certificates, token: lines.token }
+        (Denied { certificates, token }, doubts)
     }
 }
 
@@ -157,24 +173,69 @@ mod tests {
         assert_eq!(lines.unknown, ["../../etc"]);
     }
 
-    #[test]
-    fn a_list_is_told_when_it_changes_and_kept_when_it_cannot_be_read() {
+    /// A folder of certificates with one worker, lab-1, and the fingerprint of its certificate.
+    fn site() -> (tempfile::TempDir, PathBuf, Fingerprint) {
         let parent = tempfile::tempdir().unwrap();
         let folder = parent.path().join("tls");
         make_folder(&folder, &Site { hosts: vec![], port: 7700 }, &validity(1)).unwrap();
         let worker = add_worker(&folder, "lab-1", &validity(1)).unwrap();
         let print = fingerprint(&read_certificates(&worker.join(CERTIFICATE_FILE)).unwrap()[0]);
-        let mut list = DenyList::new(&folder);
-        assert_eq!(list.look(), Some(Denied::default()), "no list is an empty one");
-        assert_eq!(list.look(), None);
+        (parent, folder, print)
+    }
+
+    #[test]
+    fn a_list_is_told_when_it_changes() {
+        let (_parent, folder, print) = site();
+        let mut list = DenyList::open(&folder).unwrap();
+        assert_eq!((list.in_force(), list.look()), (Denied::default(), None), "a new folder denies nobody");
         let path = folder.join(DENY_FILE);
-        fs::write(&path, "lab-1\nnobody\n").unwrap();
-        assert_eq!(list.look(), Some(Denied { certificates: [print].into(), token: false }));
-        assert_eq!(list.look(), None);
-        fs::write(&path, vec![b'#'; MAX_BYTES as usize + 1]).unwrap();
-        assert_eq!(list.look(), None, "too long: the list before holds");
-        fs::remove_file(&path).unwrap();
+        let lab_1 = Denied { certificates: [print].into(), token: false };
+        fs::write(&path, "lab-1\n").unwrap();
+        assert_eq!(list.look(), Some(lab_1.clone()));
+        assert_eq!((list.in_force(), list.look()), (lab_1, None));
+        fs::write(&path, "token\n").unwrap();
+        assert_eq!(list.look(), Some(Denied { certificates: [].into(), token: true }), "lab-1 is lifted");
+        fs::write(&path, "# nobody\n").unwrap();
         assert_eq!(list.look(), Some(Denied::default()));
+    }
+
+    #[test]
+    fn a_list_that_is_missing_or_garbled_lifts_no_denial_and_is_none_to_start_with() {
+        let (_parent, folder, print) = site();
+        let path = folder.join(DENY_FILE);
+        let (more, long) = (Fingerprint([0xab; 32]), vec![b'#'; MAX_BYTES as usize + 1]);
+        let cut_off = &print.to_string()[1..];
+        let spoilt: [(&str, Option<&[u8]>); 7] = [
+            ("a file that is gone", None),
+            ("an empty file", Some(b"")),
+            ("a worker that is not known", Some(b"lab-2\n")),
+            ("a fingerprint cut off", Some(cut_off.as_bytes())),
+            ("no text", Some(&[0, 159, 146, 150, b'\n'])),
+            ("a line that is nothing", Some(b"# here\n../../etc\n")),
+            ("too much", Some(&long)),
+        ];
+        for (what, bytes) in spoilt {
+            fs::write(&path, "lab-1\ntoken\n").unwrap();
+            let mut list = DenyList::open(&folder).unwrap();
+            let denied = list.in_force();
+            assert_eq!(denied, Denied { certificates: [print].into(), token: true });
+            match bytes {
+                Some(bytes) => fs::write(&path, bytes).unwrap(),
+                None => fs::remove_file(&path).unwrap(),
+            }
+            assert_eq!(list.look(), Some(denied.clone()), "{what}");
+            assert_eq!(list.look(), None, "{what}: said once");
+            assert!(DenyList::open(&folder).is_err(), "{what}");
+            // What is readable in it is denied as well.
+            fs::write(&path, format!("{more}\n???\n")).unwrap();
+            let both = Denied { certificates: [print, more].into(), token: true };
+            assert_eq!(list.look(), Some(both), "{what}");
+            fs::write(&path, format!("{more}\n")).unwrap();
+            assert_eq!(list.look(), Some(Denied { certificates: [more].into(), token: false }), "{what}");
+        }
+        fs::remove_file(&path).unwrap();
+        fs::create_dir(&path).unwrap();
+        assert!(DenyList::open(&folder).is_err(), "a folder");
     }
 
     proptest! {

@@ -47,4 +47,14 @@ pub enum ListenError {
         /// Why.
         reason: String,
     },
+    /// Nobody knows who is denied.
+    #[error(
+        "{path}: must say who is denied, {reason}\ncorrect it or restore it from a copy; if nobody is to be denied, write the line # nobody"
+    )]
+    DenyList {
+        /// The list.
+        path: PathBuf,
+        /// What is wrong with it.
+        reason: String,
+    },
 }

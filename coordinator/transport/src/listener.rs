@@ -15,7 +15,7 @@ use tokio_rustls::TlsAcceptor;
 use crate::access::{AccessControl, Requirement};
 use crate::certs;
 use crate::connection::{ConnectionStream, Stream};
-use crate::deny_list::{self, DenyList};
+use crate::deny_list::DenyList;
 use crate::host_name;
 use crate::limiter::ConnectionLimits;
 use crate::listen_error::ListenError;
@@ -44,6 +44,7 @@ pub struct Listener {
     listener: TcpListener,
     address: SocketAddr,
     tls: Option<Tls>,
+    deny: Option<DenyList>,
 }
 
 impl Listener {
@@ -53,18 +54,17 @@ impl Listener {
             return Err(ListenError::NotLoopback { address });
         }
         let tls = protection.tls.as_deref().map(Tls::read).transpose()?;
-        if let Some(tls) = &tls {
-            DenyList::check(&tls.folder).map_err(|error| ListenError::Unfit {
-                folder: tls.folder.clone(),
-                reason: format!("{} that cannot be read: {error}", deny_list::DENY_FILE),
-            })?;
-        }
+        let opened = tls.as_ref().map(|Tls { folder, .. }| {
+            let path = folder.join(certs::DENY_FILE);
+            DenyList::open(folder).map_err(|reason| ListenError::DenyList { path, reason })
+        });
+        let deny = opened.transpose()?;
         let listener = TcpListener::bind(address).await.map_err(|source| match source.kind() {
             io::ErrorKind::AddrInUse => ListenError::PortInUse { address },
             _ => ListenError::Listen { address, source },
         })?;
         let address = listener.local_addr().map_err(|source| ListenError::Listen { address, source })?;
-        Ok(Self { listener, address, tls })
+        Ok(Self { listener, address, tls, deny })
     }
 
     /// What there is to say to people: how workers join, and what may have been overlooked. Without secrets.
@@ -109,13 +109,14 @@ impl Listener {
         let requirement = self.tls.as_ref().map_or(Requirement::Nothing, |tls| tls.requirement.clone());
         let limits = ConnectionLimits::within(open_files().unwrap_or(1024));
         let access = AccessControl::new(cluster, requirement, limits);
-        let mut deny = self.tls.as_ref().map(|tls| DenyList::new(&tls.folder));
-        read_deny_list(&mut deny, &access); // before the first connection
+        if let Some(deny) = &self.deny {
+            access.deny(deny.in_force()); // before the first connection
+        }
         let acceptor = self.tls.map(|tls| tls.acceptor);
         let (sender, connections) = mpsc::channel(64);
         let (accepting, watching) = (Arc::clone(&access), Arc::clone(&access));
         let run = async move {
-            tokio::join!(accept(self.listener, acceptor, accepting, sender), watch(deny, watching));
+            tokio::join!(accept(self.listener, acceptor, accepting, sender), watch(self.deny, watching));
         };
         Accepting { connections, access, run: Box::pin(run) }
     }
@@ -167,16 +168,14 @@ async fn accept(
 }
 
 /// Keeps the deny list in force.
-async fn watch(mut deny: Option<DenyList>, access: Arc<AccessControl>) {
-    while deny.is_some() {
+async fn watch(deny: Option<DenyList>, access: Arc<AccessControl>) {
+    let Some(mut deny) = deny else { return };
+    loop {
         tokio::time::sleep(DENY_INTERVAL).await;
-        read_deny_list(&mut deny, &access); // a small file, once a second: not worth a thread of its own
-    }
-}
-
-fn read_deny_list(deny: &mut Option<DenyList>, access: &AccessControl) {
-    if let Some(denied) = deny.as_mut().and_then(DenyList::look) {
-        access.deny(denied);
+        // A small file, once a second: not worth a thread of its own.
+        if let Some(denied) = deny.look() {
+            access.deny(denied);
+        }
     }
 }
 

@@ -80,5 +80,7 @@ record! {
         command: String, "", "by which command: run or compare, the latter with --perturb and its kinds";
         reason: String, "", "what for";
         descriptors: String, "", "which descriptors were measured, separated by spaces";
+        => chain: Option<String>, "", "BLAKE3 that chains all looks before this one; null in those of earlier builds"
+            = |_, _| None; // from the other files
     }
 }

@@ -253,6 +253,17 @@ record! {
         => regret: Option<f64>, "share",
             "(grid_best_object_correct - train_object_correct) / train_queries; null as that"
             = |row, _| row.regret();
+        => evaluations_digest: Option<String>, "",
+            "BLAKE3 of the files of table evaluations, whatever the run digest covers of them; null, as all below, in runs of earlier builds"
+            = |_, _| None; // this and those below from the other files
+        => generations_digest: Option<String>, "", "the same of table generations" = |_, _| None;
+        => skipped_digest: Option<String>, "", "the same of table skipped" = |_, _| None;
+        => workers_digest: Option<String>, "", "the same of table workers" = |_, _| None;
+        => attempts_digest: Option<String>, "", "the same of table attempts" = |_, _| None;
+        => events_digest: Option<String>, "", "the same of table events" = |_, _| None;
+        => sets_digest: Option<String>, "", "the same of table sets; null if there is none" = |_, _| None;
+        => looks_digest: Option<String>, "", "head of the chain of looks at the end of the run" = |_, _| None;
+        => row_digest: Option<String>, "", "BLAKE3 of all other cells of this row" = |_, _| None;
     }
 }
 

@@ -175,6 +175,7 @@ fn every_file_has_its_place() {
         events/events.parquet
         generations/generation-00001.parquet
         generations/generation-00002.parquet
+        looks/head
         looks/look-00001.parquet
         predictions/test.parquet
         predictions/validation.parquet
@@ -327,7 +328,7 @@ fn discarding_removes_what_the_run_wrote_and_nothing_else() {
     let folder = tempdir().unwrap();
     fixture::write(folder.path());
     let foreign = [
-        "journal.redb",
+        "journal.log",
         "notes.parquet",
         "evaluations/mine.parquet",
         "evaluations/generation-1.parquet",
@@ -343,7 +344,7 @@ fn discarding_removes_what_the_run_wrote_and_nothing_else() {
     assert_eq!((out.is_finished(), out.generations()), (false, 0));
     let mut expected = foreign.map(str::to_owned).to_vec();
     // Looks at the test clouds were had, whatever becomes of the run.
-    expected.extend([".lock", "looks/look-00001.parquet"].map(str::to_owned));
+    expected.extend([".lock", "looks/head", "looks/look-00001.parquet"].map(str::to_owned));
     expected.sort();
     assert_eq!(files(folder.path()), expected);
     out.write_generation(&population(1), &generation(1)).unwrap();

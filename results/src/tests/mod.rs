@@ -2,6 +2,7 @@
 
 mod comparison;
 mod database;
+mod file_digests;
 pub(crate) mod fixture;
 mod folder;
 mod foreign;

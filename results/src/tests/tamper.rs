@@ -16,7 +16,7 @@ use crate::tables::TableFile;
 use crate::{Error, RunFolder, TableName, run_digest, verify};
 
 /// Rewrites a file, checksum and all, with its frame changed.
-fn rewrite(file: &Path, table: TableName, change: impl FnOnce(&mut TableFile)) {
+pub fn rewrite(file: &Path, table: TableName, change: impl FnOnce(&mut TableFile)) {
     let mut content = read_file(file, table).unwrap();
     change(&mut content);
     fs::write(file, encode(&content.table, content.frame, file).unwrap()).unwrap();
@@ -60,7 +60,10 @@ fn altered(column: &Column, row: usize) -> Column {
 fn nulled(column: &Column, row: usize) -> Column {
     let rows = column.len();
     let null = Column::full_null(column.name().clone(), 1, column.dtype());
-    let one = Series::new(column.name().clone(), ["1"]).cast(column.dtype()).unwrap().into_column();
+    let one = Series::new(column.name().clone(), ["1"]);
+    // No text is a time.
+    let one = if column.dtype().is_temporal() { one.cast(&DataType::Int64).unwrap() } else { one };
+    let one = one.cast(column.dtype()).unwrap().into_column();
     let mut cell = if column.get(row).unwrap().is_null() { one } else { null };
     let mut whole = column.slice(0, row);
     cell.append(&column.slice(row as i64 + 1, rows - row - 1)).unwrap();
@@ -129,7 +132,7 @@ fn any_covered_cell_changes_the_run_digest_and_no_other_does() {
 }
 
 #[test]
-fn verification_notices_every_changed_cell_but_those_that_nothing_else_tells() {
+fn verification_notices_every_changed_cell() {
     let folder = tempdir().unwrap();
     fixture::write(folder.path());
     let mut unnoticed: BTreeMap<String, u32> = BTreeMap::new();
@@ -144,56 +147,7 @@ fn verification_notices_every_changed_cell_but_those_that_nothing_else_tells() {
             *unnoticed.entry(format!("{name}.{}", column.name)).or_default() += 1;
         }
     });
-    let names: Vec<String> = unnoticed.into_keys().collect();
-    expect![[r#"
-        attempts.attempt
-        attempts.end
-        attempts.ended_at
-        attempts.handed_out_at
-        attempts.job
-        attempts.reason
-        attempts.run_seconds
-        attempts.task
-        attempts.worker
-        evaluations.attempt
-        evaluations.elite
-        evaluations.queued_seconds
-        evaluations.run_seconds
-        evaluations.worker
-        events.at
-        events.event
-        events.generation
-        events.message
-        events.worker
-        generations.seconds
-        looks.at
-        looks.command
-        looks.descriptors
-        looks.reason
-        run.build
-        run.evaluation_version
-        run.finished_at
-        run.host
-        run.name
-        run.program_version
-        run.resolved_toml
-        run.seconds
-        run.started_at
-        skipped.cloud
-        skipped.reason
-        skipped.split
-        workers.answers
-        workers.build
-        workers.credential
-        workers.departure
-        workers.gone_at
-        workers.id
-        workers.joined_at
-        workers.leases
-        workers.principal
-        workers.threads
-        workers.worker"#]]
-    .assert_eq(&names.join("\n"));
+    assert_eq!(unnoticed, BTreeMap::new());
 }
 
 #[test]
@@ -209,7 +163,10 @@ fn verification_names_the_generation_and_the_table() {
         change(&file, name, column, row, false);
         report += &format!("# {table}.{column}\n");
         for problem in verify(folder.path()).unwrap().problems {
-            report += &format!("{problem}\n");
+            let problem = problem.to_string();
+            // What it is of depends on the bytes that the writer of Parquet makes.
+            let row = "run: digest of its row";
+            report += &format!("{}\n", if problem.starts_with(row) { row } else { &problem });
         }
         fs::write(file, before).unwrap();
     };
@@ -247,7 +204,8 @@ fn verification_names_the_generation_and_the_table() {
         run, row 0: test_object_error: expected 0.0, got 0.3333333333333333
         # run.generations
         FOLDER/evaluations/generation-00003.parquet: cannot read this file, got: No such file or directory (os error 2)
-        check that it is there and that the disk works"#]].assert_eq(&report.join("\n"));
+        check that it is there and that the disk works
+        run: digest of its row"#]].assert_eq(&report.join("\n"));
 }
 
 #[test]

@@ -369,8 +369,8 @@ fn a_full_disk_stops_the_run_with_a_message_and_leaves_nothing_half_written() {
     limited.arg(program("coordinator").get_program()).args(experiment.run_args("out", &[]));
     let finished = finish(&mut limited).expect_error();
     let message = message(&finished);
-    assert!(message.contains("journal.redb") && message.lines().count() >= 2, "{finished}");
-    assert!(!experiment.folder().join("out/journal.redb").exists(), "{finished}");
+    assert!(message.contains("journal.log: ") && message.lines().count() >= 2, "{finished}");
+    assert!(!experiment.folder().join("out/journal.log").exists(), "{finished}");
     // With space again, the same command ends as if nothing had happened.
     experiment.run("out", &[]).expect_success();
 }

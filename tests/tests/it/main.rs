@@ -82,6 +82,7 @@ mod resuming;
 mod sessions;
 mod several_objectives;
 mod several_sets;
+mod signatures;
 mod strangers;
 mod structures;
 mod sweeps;

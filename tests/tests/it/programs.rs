@@ -298,6 +298,7 @@ fn every_option_has_help_with_an_example() {
         "evaluate",
         "exhaust",
         "export",
+        "keygen",
         "query",
         "learn",
         "assess",

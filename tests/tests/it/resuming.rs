@@ -19,7 +19,7 @@ const SEARCH: &str = "[ga]\npopulation = 8\n[stop]\ngenerations = 60\nstagnation
 /// Nothing is in doubt where one worker is alone: what is to be audited, and is not, is asked again at the next start.
 const NO_AUDIT: &str = "[coordinator]\naudit = 0\n";
 
-const JOURNAL: &str = "journal.redb";
+const JOURNAL: &str = "journal.log";
 
 /// A run of one in-process worker, killed after its second generation.
 fn killed(experiment: &Experiment, out: &str) {
@@ -128,7 +128,7 @@ fn a_run_with_workers_of_its_own_goes_on_by_resume_and_keeps_who_computed_what()
     // While it runs, nobody else may write into its folder.
     let args = ["resume", &out, "--listen", "127.0.0.1:0", "--json"];
     let mut resumed = Running::start(experiment.folder(), "resumed", "coordinator", args);
-    resumed.wait_for("generation 4/60");
+    resumed.wait_for(": joined, ");
     let second = experiment.run("out", &[]).expect_error();
     assert!(second.stderr.contains("in use"), "{second}");
     for (signal, code) in [("INT", 130), ("TERM", 143)] {
@@ -162,27 +162,68 @@ fn a_run_with_workers_of_its_own_goes_on_by_resume_and_keeps_who_computed_what()
 }
 
 #[test]
-fn a_journal_that_is_damaged_or_of_another_run_is_refused_and_left_as_it_is() {
+fn a_run_whose_journal_is_damaged_goes_on_with_what_is_sound_to_the_same_digest() {
     let experiment = Experiment::new(SEARCH);
     killed(&experiment, "out");
     let journal = Path::new(&experiment.path("out")).join(JOURNAL);
     let whole = fs::read(&journal).unwrap();
+    let undisturbed = experiment.run("undisturbed", &[]).expect_success();
+    let page = |number: usize| {
+        let mut bytes = whole.clone();
+        bytes[number * 4096..][..4096].fill(0);
+        assert_ne!(bytes, whole);
+        bytes
+    };
     let mut flipped = whole.clone();
-    flipped[3] ^= 1;
-    for bytes in [b"".to_vec(), b"not a journal".to_vec(), whole[..whole.len() / 2].to_vec(), flipped] {
-        fs::write(&journal, &bytes).unwrap();
-        let refused = experiment.run("out", &[]).expect_error();
-        assert!(refused.stderr.contains("journal.redb: damaged, got "), "{refused}");
-        assert!(refused.stderr.contains("--fresh"), "{refused}");
-        assert_eq!(fs::read(&journal).unwrap().len(), bytes.len());
+    flipped[whole.len() - 100] ^= 1;
+    let last = whole.len() / 4096 - 1;
+    let cut = whole[..whole.len() - 1].to_vec();
+    let damaged = [page(0), page(last), flipped, cut, b"".to_vec(), vec![7; 9000]];
+    for (number, bytes) in damaged.into_iter().enumerate() {
+        let name = format!("out-{number}");
+        let (out, from) = (Path::new(&experiment.path(&name)).to_owned(), experiment.path("out"));
+        assert!(Command::new("cp").args(["-r", &from]).arg(&out).status().unwrap().success());
+        fs::write(out.join(JOURNAL), &bytes).unwrap();
+        if number > 3 {
+            // Nothing says any more what the experiment was.
+            let refused = run("coordinator", ["resume", &experiment.path(&name)]).expect_error();
+            assert!(refused.stderr.contains("journal.log: damaged, got "), "{refused}");
+            assert!(refused.stderr.contains("go on by the command that has begun this run"), "{refused}");
+            assert_eq!(fs::read(out.join(JOURNAL)).unwrap(), bytes);
+        }
+        let finished = experiment.run(&name, &[]).expect_success();
+        assert_eq!(digest(&finished), digest(&undisturbed), "{number}");
+        // Part of a record is what a process leaves that was killed while it wrote.
+        let said = if number == 3 { "and is left out" } else { "journal.log: damaged: " };
+        assert!(finished.stderr.contains(said), "{number}: {finished}");
+        if number != 3 {
+            assert_eq!(fs::read(out.join("journal.damaged-1")).unwrap(), bytes, "{number}");
+        }
+        run("coordinator", ["verify", &experiment.path(&name), "--sample", "4"]).expect_success();
     }
+}
 
+#[test]
+fn a_journal_of_another_run_or_an_earlier_build_is_refused_and_left_as_it_is() {
+    let experiment = Experiment::new(SEARCH);
+    killed(&experiment, "out");
+    let journal = Path::new(&experiment.path("out")).join(JOURNAL);
+    let whole = fs::read(&journal).unwrap();
     // The journal of another search.
     let other = Experiment::new(&SEARCH.replace("population = 8", "population = 9"));
     killed(&other, "out");
     fs::copy(Path::new(&other.path("out")).join(JOURNAL), &journal).unwrap();
     let refused = experiment.run("out", &[]).expect_error();
     assert!(refused.stderr.contains("  - population = 9\n  + population = 8"), "{refused}");
+
+    let earlier = journal.with_extension("redb");
+    fs::rename(&journal, &earlier).unwrap();
+    let out = experiment.path("out");
+    for refused in [experiment.run("out", &[]), run("coordinator", ["resume", &out])] {
+        let refused = refused.expect_error();
+        assert!(refused.stderr.contains("journal.redb: version must be 3, got 2"), "{refused}");
+    }
+    fs::remove_file(&earlier).unwrap();
 
     fs::write(&journal, &whole).unwrap();
     let finished = experiment.run("out", &[]).expect_success();

@@ -228,8 +228,12 @@ impl ClusterState {
             self.accept(&finished);
         }
         for confirmed in self.scheduler.drain_confirmed() {
-            if let Some(finished) = self.scheduler.jobs.assure(&confirmed) {
-                self.keep(&finished);
+            match self.scheduler.jobs.assure(&confirmed) {
+                Some(finished) if confirmed.was_disputed => self.keep(&finished),
+                Some(Finished { job, assurance, seconded, .. }) => {
+                    self.record(|| Entry::Assured(job, assurance, seconded));
+                }
+                None => {}
             }
         }
         let mut is_news = false;

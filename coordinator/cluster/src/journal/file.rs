@@ -1,80 +1,100 @@
-//! The journal's file: made whole, checked when it is opened, written in transactions.
+//! The journal's file: made whole, read when it is opened, appended to, and written anew where something is taken back.
 
-use std::fs::File;
-use std::io::ErrorKind;
+use std::collections::BTreeSet;
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{self, ErrorKind, Read as _, Seek as _, SeekFrom, Write as _};
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::sync::Mutex;
+use std::time::Instant;
 
-use proto::journal::{AcceptedResult, Member};
-use proto::{JobId, WorkerId};
-use redb::{
-    Database, Durability, Error, ReadTransaction, ReadableDatabase as _, ReadableTable as _, TableDefinition,
-    backends::FileBackend,
-};
+use proto::JobId;
 
+use super::frame::Key;
+use super::layout::Head;
+use super::records::{Contents, Record, Tally, encode};
+use super::repair::{Salvaged, keep_damaged, salvage};
 use super::{Entry, Header, JournalError, Recorded};
-use crate::events::Event;
-use crate::sharding::plan::{ShardPlan, SidePlan};
-
-/// One row: [`Header`].
-const HEADER: TableDefinition<&str, &[u8]> = TableDefinition::new("header");
-/// Starts, and milliseconds at work.
-const TALLY: TableDefinition<&str, u64> = TableDefinition::new("tally");
-/// Results by job.
-const ACCEPTED: TableDefinition<u64, &[u8]> = TableDefinition::new("accepted");
-/// Shards and ranges of queries and database by job of the whole evaluation.
-const PLANS: TableDefinition<u64, (u32, u32, u32, u32)> = TableDefinition::new("plans");
-/// Workers by id.
-const MEMBERS: TableDefinition<&[u8; 16], &[u8]> = TableDefinition::new("members");
-/// Workers by job and attempt.
-const LEASES: TableDefinition<(u64, u32), &[u8; 16]> = TableDefinition::new("leases");
-/// Principals that were wrong.
-const QUARANTINED: TableDefinition<&str, ()> = TableDefinition::new("quarantined");
-/// Events as JSON, by sequence number.
-const EVENTS: TableDefinition<u64, &[u8]> = TableDefinition::new("events");
-
-/// Memory for pages: a journal is written at its end and read once.
-const CACHE_BYTES: usize = 8 << 20;
-/// Highest attempt that is believed: more failures and losses end a run long before.
-pub(super) const MAX_ATTEMPT: u32 = 100_000;
-/// Highest sequence number that is believed.
-const MAX_SEQUENCE: u64 = 1 << 53;
+use crate::lock::lock;
 
 /// A journal that this process has open; no other can open it meanwhile.
 pub struct JournalFile {
-    database: Database,
     path: PathBuf,
     opened: Instant,
-    /// Time at work of earlier starts.
-    earlier: Duration,
+    /// At the beginning of this start.
+    earlier: Tally,
+    end: Mutex<End>,
+}
+
+/// Where the file ends.
+struct End {
+    /// Locked.
+    file: File,
+    key: Key,
+    bytes: u64,
+    next_number: u64,
+    /// Jobs whose results are in the file.
+    answered: BTreeSet<JobId>,
 }
 
 impl JournalFile {
     /// Makes a journal that has nothing but its header; it becomes visible whole.
     pub fn create(path: &Path, header: &Header) -> Result<(), JournalError> {
-        atomic::write_with(path, |file| write_header(file.try_clone()?, header))
-            .map_err(|error| classified(path, error))
+        let made = || {
+            let head = Head { key: Key(rand::random()), header: header.encode()? };
+            atomic::write(path, &head.file(&Contents::default()).0)
+        };
+        made().map_err(|error| unusable(path, &error))
     }
 
-    /// Opens a journal, checks all of it, counts one start more, and returns what is in it.
+    /// Opens a journal, checks all of it, counts one start more, and returns what is in it. One that is damaged is
+    /// written anew with what is sound in it, and kept beside.
+    ///
+    /// # Errors
+    /// [`JournalError::Damaged`] if nothing says what it was the journal of.
     pub fn open(path: &Path) -> Result<(Self, Header, Recorded), JournalError> {
-        let database = builder().open(path).map_err(|error| classified(path, error.into()))?;
-        let transaction = database.begin_read().map_err(|error| classified(path, error.into()))?;
-        let header = read_header(&transaction, path)?;
-        let mut recorded = read_recorded(&transaction).map_err(|what| JournalError::damaged(path, what))?;
-        drop(transaction);
-        recorded.starts += 1;
-        let (path, opened, earlier) = (path.to_owned(), Instant::now(), recorded.at_work);
-        let file = Self { database, path, opened, earlier };
-        file.count_start(recorded.starts).map_err(|error| classified(&file.path, error))?;
-        Ok((file, header, recorded))
+        let file = open_locked(path)?;
+        let Salvaged { head, mut contents, next_number, end, loss, begun_bytes } = read(&file, path)?;
+        let header = Header::decode(&head.header, path)?;
+        contents.tally.starts += 1;
+        let end = if let Some(loss) = loss {
+            contents.tally.repairs += 1;
+            replace(path, &head, &contents, loss.to_string())?
+        } else {
+            let answered = contents.accepted.keys().copied().collect();
+            let mut end = End { file, key: head.key, bytes: end as u64, next_number, answered };
+            end.append([contents.tally.encode()]).map_err(|error| unusable(path, &error))?;
+            if begun_bytes > 0 {
+                tracing::warn!(
+                    "{}: the last record, {begun_bytes} bytes, is not complete and is left out",
+                    path.display()
+                );
+            }
+            end
+        };
+        let (path, earlier) = (path.to_owned(), contents.tally);
+        Ok((
+            Self { path, opened: Instant::now(), earlier, end: Mutex::new(end) },
+            header,
+            contents.recorded(),
+        ))
     }
 
     /// The header of a journal that nobody has open.
     pub fn header(path: &Path) -> Result<Header, JournalError> {
-        let database = builder().open(path).map_err(|error| classified(path, error.into()))?;
-        let transaction = database.begin_read().map_err(|error| classified(path, error.into()))?;
-        read_header(&transaction, path)
+        Header::decode(&read(&open_locked(path)?, path)?.head.header, path)
+    }
+
+    /// Puts a new journal in the place of one that does not say what it was the journal of, and keeps that beside.
+    pub fn replace(path: &Path, header: &Header) -> Result<(), JournalError> {
+        let _locked = open_locked(path)?;
+        let head = Head {
+            key: Key(rand::random()),
+            header: header.encode().map_err(|error| unusable(path, &error))?,
+        };
+        let mut contents = Contents::default();
+        contents.tally.repairs = 1;
+        replace(path, &head, &contents, "no record can be read".to_owned()).map(drop)
     }
 
     /// Where it is.
@@ -82,174 +102,150 @@ impl JournalFile {
         &self.path
     }
 
-    /// Writes entries, all of them or none; they are on the disk when this returns.
+    /// Writes entries; they are on the disk when this returns.
+    ///
+    /// What is taken back must never come back, whatever becomes of the file: then the file is written anew, without it
+    /// and under another key.
     pub fn commit(&self, entries: &[Entry]) -> Result<(), JournalError> {
-        self.write(entries).map_err(|error| classified(&self.path, error))
-    }
-
-    fn count_start(&self, starts: u64) -> Result<(), Error> {
-        let mut transaction = self.database.begin_write()?;
-        transaction.set_durability(Durability::Immediate)?;
-        transaction.open_table(TALLY)?.insert("starts", starts)?;
-        Ok(transaction.commit()?)
-    }
-
-    fn write(&self, entries: &[Entry]) -> Result<(), Error> {
-        let mut transaction = self.database.begin_write()?;
-        transaction.set_durability(Durability::Immediate)?;
-        {
-            let mut accepted = transaction.open_table(ACCEPTED)?;
-            let mut members = transaction.open_table(MEMBERS)?;
-            let mut leases = transaction.open_table(LEASES)?;
-            let mut plans = transaction.open_table(PLANS)?;
-            let mut events = transaction.open_table(EVENTS)?;
-            for entry in entries {
-                match entry {
-                    Entry::Accepted(JobId(job), answer) => {
-                        let (job, Some(bytes)) = (*job, answer.encode()) else { continue };
-                        accepted.insert(job, bytes.as_slice())?;
-                        leases.retain_in((job, 0)..=(job, u32::MAX), |_, _| false)?;
-                    }
-                    Entry::Joined(id, member) => {
-                        members.insert(&id.0, member.encode().as_slice())?;
-                    }
-                    Entry::Left(id) => {
-                        members.remove(&id.0)?;
-                    }
-                    Entry::Leased(job, attempt, id) => {
-                        leases.insert((job.0, *attempt), &id.0)?;
-                    }
-                    Entry::Retracted(job) => {
-                        accepted.remove(job.0)?;
-                    }
-                    Entry::Sharded(job, ShardPlan { query, database }) => {
-                        let numbers = (query.shards, query.ranges, database.shards, database.ranges);
-                        plans.insert(job.0, numbers)?;
-                    }
-                    Entry::Quarantined(principal) => {
-                        transaction.open_table(QUARANTINED)?.insert(principal.to_string().as_str(), ())?;
-                    }
-                    Entry::Readmitted(principal) => {
-                        transaction.open_table(QUARANTINED)?.remove(principal.to_string().as_str())?;
-                    }
-                    Entry::Event(event) => {
-                        let bytes = serde_json::to_vec(&**event).map_err(std::io::Error::from)?;
-                        events.insert(event.sequence, bytes.as_slice())?;
-                    }
+        let mut end = lock(&self.end);
+        let tally = Tally {
+            milliseconds: self.earlier.milliseconds + self.opened.elapsed().as_millis() as u64,
+            ..self.earlier
+        };
+        if end.takes_back(entries) {
+            let Salvaged { head, mut contents, loss, .. } = read(&end.file, &self.path)?;
+            contents.take(Record::Tally(tally));
+            entries.iter().for_each(|entry| contents.take(Record::Entry(entry.clone())));
+            *end = match loss {
+                Some(loss) => {
+                    contents.tally.repairs += 1;
+                    replace(&self.path, &head, &contents, loss.to_string())?
                 }
+                None => rewrite(&self.path, &head, &contents)?,
+            };
+            return Ok(());
+        }
+        let payloads = entries.iter().filter_map(encode).chain([tally.encode()]);
+        end.append(payloads).map_err(|error| unusable(&self.path, &error))?;
+        end.answered.extend(entries.iter().filter_map(answered));
+        Ok(())
+    }
+}
+
+impl End {
+    /// Whether one of these entries makes something void that the file has, or them.
+    fn takes_back(&self, entries: &[Entry]) -> bool {
+        let mut new = BTreeSet::new();
+        entries.iter().any(|entry| match entry {
+            Entry::Accepted(job, _) => self.answered.contains(job) || !new.insert(*job),
+            Entry::Retracted(job) => self.answered.contains(job) || new.contains(job),
+            Entry::Quarantined(_) | Entry::Readmitted(_) => true,
+            _ => false,
+        })
+    }
+
+    /// Writes records, and all of them to the disk.
+    fn append(&mut self, payloads: impl IntoIterator<Item = Vec<u8>>) -> io::Result<()> {
+        let (mut bytes, mut next_number) = (Vec::new(), self.next_number);
+        for payload in payloads {
+            self.key.append(&mut bytes, self.bytes, next_number, &payload);
+            next_number += 1;
+        }
+        // What an earlier process has begun to write there goes.
+        self.file.set_len(self.bytes)?;
+        self.file.seek(SeekFrom::Start(self.bytes))?;
+        self.file.write_all(&bytes)?;
+        self.file.sync_data()?;
+        (self.bytes, self.next_number) = (self.bytes + bytes.len() as u64, next_number);
+        Ok(())
+    }
+}
+
+fn answered(entry: &Entry) -> Option<JobId> {
+    match entry {
+        Entry::Accepted(job, _) => Some(*job),
+        _ => None,
+    }
+}
+
+/// Writes a journal anew, keeps the damaged file beside it, and tells both.
+fn replace(path: &Path, head: &Head, contents: &Contents, what: String) -> Result<End, JournalError> {
+    let damaged = keep_damaged(path).map_err(|error| unusable(path, &error))?;
+    let end = rewrite(path, head, contents).inspect_err(|_| {
+        let _ = std::fs::remove_file(&damaged); // it is still where it was
+    })?;
+    let there = contents.accepted.len();
+    tracing::warn!(
+        "{}: damaged: {what}; goes on with {there} results, computes again what is lost, and keeps the damaged file as {}",
+        path.display(),
+        damaged.file_name().unwrap_or_default().display()
+    );
+    Ok(end)
+}
+
+/// Writes a journal anew, under a key of its own, and holds it locked before it can be seen.
+fn rewrite(path: &Path, head: &Head, contents: &Contents) -> Result<End, JournalError> {
+    let head = Head { key: Key(rand::random()), ..head.clone() };
+    let (bytes, next_number) = head.file(contents);
+    let mut locked = None;
+    let written = atomic::write_with(path, |file| {
+        file.write_all(&bytes)?;
+        let own = file.try_clone()?;
+        lock_file(&own)?;
+        locked = Some(own);
+        Ok::<_, io::Error>(())
+    });
+    let file = written.and_then(|()| locked.ok_or_else(|| io::Error::other("no file")));
+    let (bytes, answered) = (bytes.len() as u64, contents.accepted.keys().copied().collect());
+    let file = file.map_err(|error| unusable(path, &error))?;
+    Ok(End { file, key: head.key, bytes, next_number, answered })
+}
+
+/// Opens the file that has this name, for nobody else.
+fn open_locked(path: &Path) -> Result<File, JournalError> {
+    let failed = |error: io::Error| unusable(path, &error);
+    loop {
+        let file = OpenOptions::new().read(true).write(true).open(path).map_err(failed)?;
+        let opened = file.metadata().map_err(failed)?;
+        if !opened.is_file() {
+            return Err(JournalError::unusable(path, "something that is no file"));
+        }
+        match lock_file(&file) {
+            Ok(()) => {}
+            Err(error) if error.kind() == ErrorKind::WouldBlock => {
+                return Err(JournalError::InUse { path: path.to_owned() });
             }
-            let at_work = self.earlier + self.opened.elapsed();
-            transaction.open_table(TALLY)?.insert("milliseconds", at_work.as_millis() as u64)?;
+            Err(error) => return Err(failed(error)),
         }
-        Ok(transaction.commit()?)
+        // It may have been replaced before it was locked.
+        let named = std::fs::metadata(path).map_err(failed)?;
+        if (opened.dev(), opened.ino()) == (named.dev(), named.ino()) {
+            return Ok(file);
+        }
     }
 }
 
-fn builder() -> redb::Builder {
-    let mut builder = Database::builder();
-    // A page that was altered is found when the file is opened, not in the middle of a run.
-    builder.set_cache_size(CACHE_BYTES).set_check_integrity_on_open(true);
-    builder
+/// Locks a file as long as it is open; where the file system knows no locks, nobody else is kept out.
+fn lock_file(file: &File) -> io::Result<()> {
+    match file.try_lock() {
+        Err(TryLockError::WouldBlock) => Err(ErrorKind::WouldBlock.into()),
+        Err(TryLockError::Error(error)) if error.kind() != ErrorKind::Unsupported => Err(error),
+        _ => Ok(()),
+    }
 }
 
-fn write_header(file: File, header: &Header) -> Result<(), Error> {
-    let database = builder().create_with_backend(FileBackend::new(file)?)?;
-    let mut transaction = database.begin_write()?;
-    transaction.set_durability(Durability::Immediate)?;
-    let bytes = header.encode().map_err(std::io::Error::from)?;
-    transaction.open_table(HEADER)?.insert("header", bytes.as_slice())?;
-    // The other tables are made here, so that one that is missing later is damage.
-    transaction.open_table(TALLY)?.insert("milliseconds", 0)?;
-    transaction.open_table(ACCEPTED)?;
-    transaction.open_table(MEMBERS)?;
-    transaction.open_table(LEASES)?;
-    transaction.open_table(PLANS)?;
-    transaction.open_table(QUARANTINED)?;
-    transaction.open_table(EVENTS)?;
-    Ok(transaction.commit()?)
-}
-
-fn read_header(transaction: &ReadTransaction, path: &Path) -> Result<Header, JournalError> {
-    let bytes = || -> Result<Option<Vec<u8>>, Error> {
-        Ok(transaction.open_table(HEADER)?.get("header")?.map(|bytes| bytes.value().to_vec()))
+fn read(mut file: &File, path: &Path) -> Result<Salvaged, JournalError> {
+    let mut bytes = Vec::new();
+    let mut all = || {
+        let length = usize::try_from(file.metadata()?.len()).map_err(io::Error::other)?;
+        bytes.try_reserve_exact(length).map_err(io::Error::other)?;
+        file.seek(SeekFrom::Start(0))?;
+        file.read_to_end(&mut bytes)
     };
-    match bytes() {
-        Ok(Some(bytes)) => Header::decode(&bytes, path),
-        Ok(None) => Err(JournalError::damaged(path, "no header")),
-        Err(error) => Err(JournalError::damaged(path, error)),
-    }
+    all().map_err(|error| unusable(path, &error))?;
+    salvage(&bytes).ok_or_else(|| JournalError::damaged(path, "nothing that says what it is the journal of"))
 }
 
-fn read_recorded(transaction: &ReadTransaction) -> Result<Recorded, String> {
-    let mut recorded = Recorded::default();
-    let tally = transaction.open_table(TALLY).map_err(|error| error.to_string())?;
-    let number = |name: &str| -> Result<u64, String> {
-        Ok(tally.get(name).map_err(|error| error.to_string())?.map_or(0, |value| value.value()))
-    };
-    recorded.starts = number("starts")?.min(u64::MAX / 2);
-    recorded.at_work = Duration::from_millis(number("milliseconds")?);
-
-    for_each(transaction, ACCEPTED, |job, bytes| {
-        let accepted = AcceptedResult::decode(bytes);
-        recorded.accepted.insert(JobId(job), accepted.ok_or_else(|| format!("no answer to job {job}"))?);
-        Ok(())
-    })?;
-    for_each(transaction, PLANS, |job, (of_query, query_ranges, of_database, database_ranges)| {
-        let query = SidePlan { shards: of_query, ranges: query_ranges };
-        let database = SidePlan { shards: of_database, ranges: database_ranges };
-        recorded.plans.insert(JobId(job), ShardPlan { query, database });
-        Ok(())
-    })?;
-    for_each(transaction, MEMBERS, |id, bytes| {
-        let (id, member) = (WorkerId(*id), Member::decode(bytes));
-        recorded.members.insert(id, member.ok_or_else(|| format!("no worker under {id}"))?);
-        Ok(())
-    })?;
-    for_each(transaction, LEASES, |(job, attempt), id| {
-        if attempt == 0 || attempt > MAX_ATTEMPT {
-            return Err(format!("attempt {attempt} of job {job}"));
-        }
-        recorded.leases.push((JobId(job), attempt, WorkerId(*id)));
-        Ok(())
-    })?;
-    for_each(transaction, QUARANTINED, |principal, ()| {
-        recorded.quarantined.insert(principal.parse().map_err(|error| format!("{error}"))?);
-        Ok(())
-    })?;
-    for_each(transaction, EVENTS, |sequence, bytes| {
-        let event: Event = serde_json::from_slice(bytes).map_err(|error| format!("no event: {error}"))?;
-        if event.sequence != sequence || sequence > MAX_SEQUENCE {
-            return Err(format!("event {} where {sequence} should be", event.sequence));
-        }
-        recorded.events.push(event);
-        Ok(())
-    })?;
-    Ok(recorded)
-}
-
-/// Hands each row of a table to `take`, in the order of keys.
-fn for_each<K: redb::Key, V: redb::Value>(
-    transaction: &ReadTransaction,
-    table: TableDefinition<'_, K, V>,
-    mut take: impl FnMut(K::SelfType<'_>, V::SelfType<'_>) -> Result<(), String>,
-) -> Result<(), String> {
-    let table = transaction.open_table(table).map_err(|error| error.to_string())?;
-    for row in table.iter().map_err(|error| error.to_string())? {
-        let (key, value) = row.map_err(|error| error.to_string())?;
-        take(key.value(), value.value())?;
-    }
-    Ok(())
-}
-
-/// Damage needs other advice than a disk that fails or another process. It may show late: a file that was sharded is missed
-/// where it was sharded.
-fn classified(path: &Path, error: Error) -> JournalError {
-    match error {
-        Error::Io(error) if !matches!(error.kind(), ErrorKind::InvalidData | ErrorKind::UnexpectedEof) => {
-            JournalError::unusable(path, format!("I/O error: {error}"))
-        }
-        Error::PreviousIo => JournalError::unusable(path, "an earlier I/O error"),
-        Error::DatabaseAlreadyOpen => JournalError::InUse { path: path.to_owned() },
-        error => JournalError::damaged(path, error),
-    }
+fn unusable(path: &Path, error: &dyn std::fmt::Display) -> JournalError {
+    JournalError::unusable(path, format!("I/O error: {error}"))
 }

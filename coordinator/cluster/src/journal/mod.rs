@@ -1,10 +1,15 @@
 //! The journal of a run: every result that was accepted, kept through any end of the coordinator.
 //!
-//! A search is deterministic, so that going on is doing it again with the results that are there. `header`, `file` and
-//! `proto::journal` turn what is kept into bytes and back; `writer` commits it in groups on a thread of its own.
+//! A search is deterministic, so that going on is doing it again with the results that are there. It is an append-only log:
+//! `frame` has single records with their checksums, `records` and `header` what they say, `layout` the whole file, `repair`
+//! takes what is sound in it, `file` opens and appends; `writer` commits in groups on a thread of its own.
 
 mod file;
+mod frame;
 mod header;
+mod layout;
+mod records;
+mod repair;
 mod writer;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -12,7 +17,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use proto::journal::{AcceptedResult, Member};
+use proto::journal::{AcceptedResult, Assurance, Member};
 use proto::{JobId, Principal, WorkerId};
 
 use crate::events::Event;
@@ -22,14 +27,16 @@ pub use header::Header;
 pub use writer::{Journal, LogSequence};
 
 /// File in a run folder.
-pub const JOURNAL_FILE: &str = "journal.redb";
+pub const JOURNAL_FILE: &str = "journal.log";
+/// Journals of version 2 and earlier have this name and another form, which is not read.
+pub const EARLIER_JOURNAL_FILE: &str = "journal.redb";
 
 /// Why a journal cannot be read or written.
 #[derive(Clone, Debug, thiserror::Error)]
 pub enum JournalError {
-    /// Its bytes are not those that were written.
+    /// Nothing in it says what it is the journal of.
     #[error(
-        "{path}: damaged, got {what}\nthis run cannot go on: start another with --fresh, or remove its folder"
+        "{path}: damaged, got {what}\ngo on by the command that has begun this run: it computes again what is lost; or start another with --fresh"
     )]
     Damaged {
         /// The journal.
@@ -68,6 +75,11 @@ pub enum JournalError {
 }
 
 impl JournalError {
+    /// A journal of a version before there was [`JOURNAL_FILE`].
+    pub fn earlier(path: &Path) -> Self {
+        Self::Version { path: path.to_owned(), got: 2 }
+    }
+
     fn damaged(path: &Path, what: impl ToString) -> Self {
         Self::Damaged { path: path.to_owned(), what: what.to_string() }
     }
@@ -82,6 +94,8 @@ impl JournalError {
 pub enum Entry {
     /// A result of a job was accepted. It ends what is kept of the job's leases.
     Accepted(JobId, Box<AcceptedResult>),
+    /// Why the accepted result of a job is believed by now, and another principal that gave it.
+    Assured(JobId, Assurance, Option<Principal>),
     /// A worker joined.
     Joined(WorkerId, Member),
     /// A worker went.
@@ -119,12 +133,14 @@ pub struct Recorded {
     pub quarantined: BTreeSet<Principal>,
     /// What happened, in order.
     pub events: Vec<Event>,
+    /// How often the journal was damaged, so that not all of this is here.
+    pub repairs: u64,
 }
 
 impl Recorded {
-    /// Whether nobody was found to be wrong.
+    /// Whether nobody was found to be wrong, as far as anybody can know.
     pub fn is_trusted(&self) -> bool {
-        self.quarantined.is_empty()
+        self.quarantined.is_empty() && self.repairs == 0
     }
 
     /// Labels under which results are recorded.

@@ -161,6 +161,8 @@ pub struct Confirmed {
     pub seconded: Option<Principal>,
     /// Why it is believed.
     pub assurance: Assurance,
+    /// It was retracted, because results differed.
+    pub was_disputed: bool,
 }
 
 /// Something that happened, for the event log.

@@ -121,7 +121,8 @@ impl Scheduler {
         if settled && job.delivered {
             let confirmed = |leading: &Vote| {
                 let (fingerprint, seconded) = (leading.fingerprint, job.seconded());
-                Some(Confirmed { job: job_id, fingerprint, seconded, assurance: job.assurance()? })
+                let (assurance, was_disputed) = (job.assurance()?, disputed);
+                Some(Confirmed { job: job_id, fingerprint, seconded, assurance, was_disputed })
             };
             self.confirmed.extend(job.leading().and_then(confirmed));
         }

@@ -83,7 +83,13 @@ fn what_is_accepted_about_a_descriptor_is_found_and_its_assurance_kept() {
     assert_eq!(found(&store), [(job, Assurance::Unaudited)]);
     let audited = |correct| {
         let fingerprint = finished(job, GOOD, correct).result.fingerprint();
-        Confirmed { job, fingerprint, seconded: Some(BAD), assurance: Assurance::Audited }
+        Confirmed {
+            job,
+            fingerprint,
+            seconded: Some(BAD),
+            assurance: Assurance::Audited,
+            was_disputed: false,
+        }
     };
     assert_eq!(store.assure(&audited(6)), None);
     assert_eq!(found(&store), [(job, Assurance::Unaudited)]);

@@ -24,6 +24,13 @@ fn a_revoked_worker_is_shown_out_at_once_and_another_does_its_work() {
     // It does not get in again either, while others do.
     let again = site.certified("lab-1", port).wait().expect_error();
     assert!(again.stderr.contains("on the coordinator's deny list"), "{again}");
+    // A list that is gone or garbled lifts nothing.
+    fs::remove_file(site.experiment.path("tls/deny")).unwrap();
+    coordinator.wait_for("tls/deny: cannot be read, got No such file");
+    fs::write(site.experiment.path("tls/deny"), &fingerprint[..40]).unwrap();
+    coordinator.wait_for("is not known by its name");
+    let again = site.certified("lab-1", port).wait().expect_error();
+    assert!(again.stderr.contains("on the coordinator's deny list"), "{again}");
     let _second = site.certified("lab-2", port);
     assert_eq!(digest(&coordinator.wait().expect_success()), site.undisturbed());
 }
@@ -47,4 +54,24 @@ fn a_denied_token_shows_out_who_came_with_it_and_leaves_the_others_in() {
     assert!(ended.stderr.contains("the token is on the coordinator's deny list"), "{ended}");
     let _certified = site.certified("lab-1", port);
     assert_eq!(digest(&coordinator.wait().expect_success()), site.undisturbed());
+}
+
+#[test]
+fn with_a_deny_list_that_is_missing_or_garbled_no_coordinator_starts() {
+    let site = Site::new(&[]);
+    let (tls, deny) = (site.experiment.path("tls"), site.experiment.path("tls/deny"));
+    let refused = || {
+        let refused = site.experiment.run("out", &["--tls", &tls]).expect_error();
+        assert!(refused.stderr.contains("tls/deny: must say who is denied, "), "{refused}");
+        assert!(refused.stderr.contains("\ncorrect it or restore it from a copy; "), "{refused}");
+    };
+    for garbled in ["", "lab-1\n", "token\n???\n"] {
+        fs::write(&deny, garbled).unwrap();
+        refused();
+    }
+    fs::remove_file(&deny).unwrap();
+    refused();
+    assert!(!site.experiment.folder().join("out").exists());
+    fs::write(&deny, "# nobody\n").unwrap();
+    site.experiment.run("out", &["--tls", &tls]).expect_success();
 }

@@ -41,7 +41,7 @@ fn two_workers_of_one_principal_have_one_voice() {
     let confirmed = bench.scheduler.drain_confirmed();
     let fingerprint = good().unwrap().fingerprint();
     let (seconded, assurance) = (Some(principal(3)), Assurance::Audited);
-    assert_eq!(confirmed, [Confirmed { job, fingerprint, seconded, assurance }]);
+    assert_eq!(confirmed, [Confirmed { job, fingerprint, seconded, assurance, was_disputed: false }]);
     bench.scheduler.check_invariants();
 }
 

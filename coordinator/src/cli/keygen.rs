@@ -1,0 +1,34 @@
+//! `coordinator keygen`: a key with which results are signed.
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+
+use crate::signing::{SigningKey, public_file};
+
+/// Make a key (ed25519) to sign runs and artefacts with; print its public key
+///
+/// The key goes to a file that only its owner can read, the public key beside it. Give the public key to whoever shall
+/// verify: `coordinator verify RUN --key PUBLIC`.
+///
+/// Example: coordinator keygen results.key
+#[derive(Debug, Args)]
+pub struct Keygen {
+    /// File of the key, for example results.key; never overwritten
+    #[arg(value_name = "KEY")]
+    key: PathBuf,
+}
+
+impl Keygen {
+    pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
+        let public = SigningKey::make(&self.key)?;
+        eprintln!("made {0}: sign with --sign-key {0}", self.key.display());
+        eprintln!(
+            "made {0}: whoever verifies needs it: coordinator verify RUN --key {0}",
+            public_file(&self.key).display()
+        );
+        super::print(&format!("{public}\n"))?;
+        Ok(ExitCode::SUCCESS)
+    }
+}
