@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 
+use crate::console::say;
 use crate::signing::{SigningKey, public_file};
 
 /// Make a key (ed25519) to sign runs and artefacts with; print its public key
@@ -23,11 +24,12 @@ pub struct Keygen {
 impl Keygen {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let public = SigningKey::make(&self.key)?;
-        eprintln!("made {0}: sign with --sign-key {0}", self.key.display());
-        eprintln!(
-            "made {0}: whoever verifies needs it: coordinator verify RUN --key {0}",
-            public_file(&self.key).display()
-        );
+        let (key, public_file) = (self.key.display(), public_file(&self.key));
+        say(format_args!("made {key}: sign with --sign-key {key}"));
+        let public_file = public_file.display();
+        say(format_args!(
+            "made {public_file}: whoever verifies needs it: coordinator verify RUN --key {public_file}"
+        ));
         super::print(&format!("{public}\n"))?;
         Ok(ExitCode::SUCCESS)
     }

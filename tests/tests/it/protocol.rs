@@ -119,8 +119,10 @@ async fn what_a_worker_says_of_a_failure_forges_no_line_and_hides_nothing() {
         v2::register_reply::Outcome::Accepted(accepted) => accepted,
         v2::register_reply::Outcome::Refused(refused) => panic!("{refused:?}"),
     };
+    let v2::RegisterRequest { worker_id, worker_secret, .. } = introduction();
     let mut poll = v2::PollRequest {
-        worker_id: vec![7; 16],
+        worker_id,
+        worker_secret,
         session_id: accepted.session_id,
         sequence: 1,
         wanted: 1,

@@ -392,6 +392,18 @@ fn documents_name_no_machine_and_committed_files_are_small() {
 }
 
 #[test]
+fn who_is_believed_is_said_with_tests_that_exist() {
+    let page = read("docs/src/explanation/trust.md");
+    let names: Vec<&str> = page.split('`').filter(|name| name.matches('_').count() > 2).collect();
+    assert!(names.len() > 8, "{names:?}");
+    let sources: Vec<String> = sources().iter().map(|path| read(path)).collect();
+    for name in names {
+        let is_it = |source: &String| source.contains(&format!("fn {name}("));
+        assert!(sources.iter().any(is_it), "docs/src/explanation/trust.md: {name} is no test");
+    }
+}
+
+#[test]
 fn cargo_metadata_has_no_duplicate_binary_names() {
     let metadata: Value =
         serde_json::from_str(&cargo(&["metadata", "--no-deps", "--format-version", "1"])).unwrap();

@@ -24,7 +24,7 @@ pub struct Batch {
 enum State {
     Whole,
     Sharded(JobId, Box<ShardedEvaluation>),
-    Done(Finished<EvaluationResult>),
+    Done(Box<Finished<EvaluationResult>>),
 }
 
 impl Batch {
@@ -59,7 +59,7 @@ impl Batch {
             _ => (Vec::new(), None), // answered before
         };
         if let Some(result) = result {
-            self.evaluations[index] = State::Done(result);
+            self.evaluations[index] = State::Done(Box::new(result));
             self.done += 1;
         }
         self.number(index, further)
@@ -73,7 +73,7 @@ impl Batch {
     /// The results in the order of the evaluations, of those that are done.
     pub fn finish(self) -> Vec<Finished<EvaluationResult>> {
         let result = |state| match state {
-            State::Done(finished) => Some(finished),
+            State::Done(finished) => Some(*finished),
             State::Whole | State::Sharded(..) => None,
         };
         self.evaluations.into_iter().filter_map(result).collect()
