@@ -11,6 +11,7 @@ use proto::v2;
 use proto::v2::coordinator_client::CoordinatorClient;
 use proto::v2::coordinator_server::{Coordinator, CoordinatorServer};
 use results::TableName;
+use tokio::task::JoinSet;
 use tonic::transport::Server;
 use tonic::transport::server::TcpIncoming;
 use tonic::{Code, Request, Response, Status, Streaming};
@@ -303,27 +304,30 @@ async fn three_workers_that_always_fail_do_not_end_a_run() {
     assert_eq!(digest(&finished), digest(&alone));
 }
 
+/// Registers twenty ids over a connection of its own; how many were let in.
+async fn flood(address: String, connection: u32) -> (CoordinatorClient<worker::Link>, u32) {
+    let mut client = connect(&address, None);
+    let mut registered = 0;
+    for number in 0..20u32 {
+        let mut secret = [0; 32];
+        secret[..4].copy_from_slice(&connection.to_le_bytes());
+        secret[4..8].copy_from_slice(&number.to_le_bytes());
+        let reply = register(&mut client, introduction(secret, "flood")).await;
+        registered += u32::from(reply.is_ok());
+    }
+    (client, registered)
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn ten_thousand_ids_and_sixty_greedy_connections_lock_nobody_out() {
     let experiment = Experiment::new(SEARCH);
     let args = experiment.run_args("out", &["--local-workers", "0"]);
     let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
     let address = coordinator.join_address();
-    let flood = async |connection: u32| {
-        let mut client = connect(&address, None);
-        let mut registered = 0;
-        for number in 0..20u32 {
-            let mut secret = [0; 32];
-            secret[..4].copy_from_slice(&connection.to_le_bytes());
-            secret[4..8].copy_from_slice(&number.to_le_bytes());
-            let reply = register(&mut client, introduction(secret, "flood")).await;
-            registered += u32::from(reply.is_ok());
-        }
-        (client, registered)
-    };
     let mut connections = Vec::new();
-    for connection in 0..505 {
-        connections.push(flood(connection).await);
+    for several in (0..505).collect::<Vec<u32>>().chunks(20) {
+        let flood = several.iter().map(|&connection| flood(address.clone(), connection));
+        connections.extend(flood.collect::<JoinSet<_>>().join_all().await);
     }
     assert_eq!(connections.iter().map(|(_, registered)| registered).sum::<u32>(), 10_100);
     coordinator.wait_for("displaced");

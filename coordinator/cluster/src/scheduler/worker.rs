@@ -88,11 +88,40 @@ impl WorkerIdentity {
     }
 }
 
-/// `name`, or `name-2`, `name-3`, … if that is taken.
+/// `name`, or `name-2`, `name-3`, … if that is taken. Thousands of one name cost no more than a few looks each.
 fn unique_label(name: &str, taken: &BTreeSet<String>) -> String {
     let name = if name.is_empty() { "worker" } else { name };
-    if !taken.contains(name) {
-        return name.to_owned();
+    let label = |number: u64| if number < 2 { name.to_owned() } else { format!("{name}-{number}") };
+    let is_taken = |number: u64| taken.contains(&label(number));
+    if !is_taken(1) {
+        return label(1);
     }
-    (2u64..).map(|number| format!("{name}-{number}")).find(|label| !taken.contains(label)).unwrap_or_default()
+    let (mut last_taken, mut free) = (1, 2);
+    while is_taken(free) {
+        (last_taken, free) = (free, 2 * free);
+    }
+    while free - last_taken > 1 {
+        let between = last_taken + (free - last_taken) / 2;
+        if is_taken(between) { last_taken = between } else { free = between }
+    }
+    label(free)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn labels_are_unique_and_count_up() {
+        let mut taken = BTreeSet::new();
+        for number in 1..=300u32 {
+            let expected = if number == 1 { "rack".to_owned() } else { format!("rack-{number}") };
+            let label = unique_label("rack", &taken);
+            assert_eq!(label, expected);
+            assert!(taken.insert(label));
+        }
+        taken.remove("rack");
+        assert_eq!(unique_label("rack", &taken), "rack");
+        assert_eq!(unique_label("", &taken), "worker");
+    }
 }
