@@ -296,10 +296,10 @@ fn join_addresses() -> Vec<Vec<u8>> {
 }
 
 fn header() -> Vec<u8> {
-    br#"{"magic":"descry journal","version":3,"search":"seed = 1\n","experiment":"version = 1\n","data_digest":"00","evaluation_version":2,"session":[7,7,7,7,7,7,7,7,7,7,7,7,7,7,7,7],"started_milliseconds":1700000000123}"#.to_vec()
+    br#"{"magic":"descry journal","version":3,"search":"seed = 1\n","experiment":"version = 1\n","data_digest":"00","evaluation_version":2,"session":[7,7,7,7,7,7,7,7,7,7,7,7,7,7,7,7],"secret":[8,8,8,8,8,8,8,8,8,8,8,8,8,8,8,8,8,8,8,8,8,8,8,8,8,8,8,8,8,8,8,8],"started_milliseconds":1700000000123}"#.to_vec()
 }
 
-/// As version 2 writes them: evaluations by the paper's rule and by another, a description and a scale.
+/// As version 3 writes them: evaluations by the paper's rule and by another, a description and a scale.
 fn answers() -> Vec<Vec<u8>> {
     use v2::accepted_result::Result;
     let found = v2::Match { nearest: 3, distance: 0.25, runner_up: None };

@@ -1,5 +1,6 @@
 //! Failures: when a job has failed for good, and when it is rather its workers that are at fault.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -105,7 +106,7 @@ impl Scheduler {
             |(_, failure): &(WorkerId, WorkerFailure)| failure.failure.reason == FailureReason::InvalidJob;
         let malformed: Vec<WorkerId> =
             job.failures.iter().filter(|failure| is_malformed(failure)).map(|(id, _)| *id).collect();
-        let principals: std::collections::BTreeSet<Principal> =
+        let principals: BTreeSet<Principal> =
             malformed.iter().filter_map(|id| self.workers.get(id)).map(|worker| worker.principal).collect();
         principals.contains(&Principal::Coordinator)
             || principals.len() >= 2

@@ -60,7 +60,7 @@ impl Scheduler {
     fn may_take(&self, id: WorkerId, job: JobId) -> bool {
         let (Some(job), Some(worker)) = (self.jobs.get(job), self.workers.get(&id)) else { return false };
         let principal = worker.principal;
-        if job.required() == Voices::Own && principal != Principal::Coordinator {
+        if job.awaits_own() && principal != Principal::Coordinator {
             return false;
         }
         let tried =
@@ -77,7 +77,7 @@ impl Scheduler {
     /// How many results a job needs that somebody who is here can give.
     pub(super) fn wanted(&self, job: &Job) -> usize {
         let needs = job.needs();
-        if needs == 0 || job.required() == Voices::Own {
+        if needs == 0 || job.awaits_own() {
             return needs.min(usize::from(self.somebody_else(job)));
         }
         self.present.keys().filter(|principal| !job.answered_by(**principal)).take(needs).count()

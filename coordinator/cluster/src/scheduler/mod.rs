@@ -217,6 +217,7 @@ impl Scheduler {
             let channels = self.channels(task);
             let mut job = Job::new(Arc::clone(task), channels, self.queue.position(client), now);
             job.delivered = true;
+            job.restore_attempts(&[(accepted.worker_id, accepted.attempt)], now);
             let vote = |principal, worker, label| Vote {
                 worker,
                 principal,

@@ -184,6 +184,12 @@ impl Job {
         self.required
     }
 
+    /// Whether it has to be answered by the coordinator's own process, which has not done so. Where two workers of that
+    /// differ, anybody may decide.
+    pub fn awaits_own(&self) -> bool {
+        self.required == Voices::Own && !self.answered_by(Principal::Coordinator)
+    }
+
     /// Has it answered by these voices, unless more are required already.
     pub fn require(&mut self, voices: Voices) {
         self.required = self.required.max(voices);
@@ -197,9 +203,9 @@ impl Job {
         }
         let agreeing = self.leading().map_or(0, |vote| self.agreeing(vote.fingerprint));
         match self.required {
-            Voices::Own => 1,
+            _ if self.awaits_own() => 1,
             Voices::One if !self.is_disputed() => 1 - agreeing.min(1),
-            Voices::One | Voices::Two => 2 - agreeing.min(2),
+            _ => 2 - agreeing.min(2),
         }
     }
 

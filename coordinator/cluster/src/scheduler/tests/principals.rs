@@ -222,6 +222,16 @@ fn what_two_liars_agree_on_is_confirmed_by_the_coordinator_itself() {
 }
 
 #[test]
+fn what_is_confirmed_is_one_attempt_more() {
+    let mut bench = with_audit(2, 0.0, 0);
+    let job = bench.submit();
+    answer(&mut bench, 1, good());
+    let accepted = bench.scheduler.drain_finished().remove(0);
+    bench.scheduler.confirm(job, &evaluation(), &accepted, ClientId(1), bench.now);
+    assert_eq!(bench.take(2), bench.lease(2, job, 2));
+}
+
+#[test]
 fn nobody_speaks_in_anothers_name() {
     let mut bench = Bench::new(2);
     bench.submit();
