@@ -126,10 +126,10 @@ fn an_unfinished_run_whose_journal_is_gone_keeps_its_tables() {
         running.signal("KILL");
         assert_eq!(running.wait().status.code(), None, "the fault came too late");
         let out = experiment.folder().join("out");
-        let (journal, kept) = (out.join("journal.redb"), experiment.folder().join("kept.redb"));
+        let (journal, kept) = (out.join("journal.log"), experiment.folder().join("kept.log"));
         fs::rename(&journal, &kept).unwrap();
         let before = files(&out);
-        let gone = ["no journal.redb", "--fresh", "nothing was changed"];
+        let gone = ["no journal.log", "--fresh", "nothing was changed"];
         refuses(experiment.run("out", &[]), &gone);
         assert_eq!(files(&out), before);
 

@@ -168,7 +168,8 @@ async fn two_workers_that_differ_end_the_run_with_a_code_of_its_own_where_no_thi
     let honest = experiment.run("honest", &["--local-workers", "2"]).expect_success();
     let args = experiment.run_args("out", &["--local-workers", "0"]);
     let (mut coordinator, port) = site.start("coordinator", "127.0.0.1", args);
-    let liar = certified_liar(&site, port, u32::MAX);
+    // Then it waits: the run must not end before the other comes.
+    let liar = certified_liar(&site, port, 12);
     let ended = tokio::task::block_in_place(|| {
         coordinator.wait_for("generation 1/5");
         let _worker = honest_worker(&site, &mut coordinator, port, "first");
