@@ -48,6 +48,7 @@ pub use foreign::{
 pub use grid::{FinishedGrid, GridFolder, read_grid};
 pub use parquet::SCHEMA_VERSION;
 pub use population::PopulationSummary;
+pub use printable::is_printable;
 pub use problem::Problem;
 #[cfg(feature = "sql")]
 pub use query::{Answer, AnswerFormat, LONGEST_QUERY, QueryError, query};

@@ -1,7 +1,8 @@
 //! Which characters show themselves: names in tables come from other machines.
 
-/// Whether a character is shown as itself and does nothing else; the same as of names of workers in the protocol.
-pub(crate) fn is_printable(c: char) -> bool {
+/// Whether a character is shown as itself and does nothing else; a test holds it against that of the protocol, which this
+/// crate must not know.
+pub fn is_printable(c: char) -> bool {
     /// Letters, marks and symbols of Unicode that show nothing.
     const INVISIBLE: [(char, char); 10] = [
         ('\u{34f}', '\u{34f}'),

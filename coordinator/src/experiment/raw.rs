@@ -454,7 +454,8 @@ pub(super) struct RawCoordinator {
     /// A job without a result for this long is given to another worker, too, and counts as failed once.
     #[schemars(range(min = 1, max = 604_800))]
     pub job_seconds: u32,
-    /// A job that failed this many times stops the run. Workers that are lost do not count.
+    /// A job that failed on this many workers that have computed others, or this many times and on all that are there,
+    /// stops the run. Workers that are lost do not count.
     #[schemars(range(min = 1, max = 100))]
     pub max_failures: u32,
     /// How long the run waits for another worker after it lost the last one.

@@ -41,7 +41,7 @@ fn a_run_is_the_same_whole_in_pieces_audited_killed_remembered_and_in_a_sweep() 
     let audited = experiment("audit = 1.0");
     let finished = audited.run("out", &["--local-workers", "3"]).expect_success();
     assert_eq!(digest(&finished), expected);
-    // Workers of the coordinator's own process have one voice: hedges are compared, and nothing else.
+    // Workers of the coordinator's own process have one vote: hedges are compared, and nothing else.
     let ends = texts(&audited.path("out"), TableName::Attempts, "end");
     assert!(ends.iter().all(|end| end != "disagreed"), "{ends:?}");
 

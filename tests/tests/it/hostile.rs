@@ -107,7 +107,7 @@ async fn what_was_said_over_one_certificate_is_of_no_use_over_another() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn many_ids_and_connections_of_one_certificate_have_one_voice() {
+async fn many_ids_and_connections_of_one_certificate_have_one_vote() {
     let site = site(&["liar", "first", "second"]);
     let args = site.experiment.run_args("out", &["--local-workers", "0"]);
     let (mut coordinator, port) = site.start("coordinator", "127.0.0.1", args);

@@ -16,7 +16,7 @@ use crate::process::{Finished, Running, program, run};
 const SEARCH: &str = "[ga]\npopulation = 8\n[stop]\ngenerations = 60\nstagnation = \"off\"\n\
     validation_patience = \"off\"\n";
 
-/// Nothing is in doubt where one worker is alone: what is to be audited, and is not, is asked again at the next start.
+/// Newcomers only are audited, and one worker alone by nobody.
 const NO_AUDIT: &str = "[coordinator]\naudit = 0\n";
 
 const JOURNAL: &str = "journal.log";

@@ -91,8 +91,8 @@ impl Client {
     }
 
     /// Has everything confirmed that this run knows about a descriptor, by the coordinator's own process or by a second
-    /// principal, while other tasks go on. The next call that waits for results waits for this as well, as far as there is anybody who can
-    /// confirm; it fails with [`ClusterError::Corrected`] if something was wrong.
+    /// principal, while other tasks go on. The next call that waits for results waits for this as well, as far as there is
+    /// anybody who can confirm; it fails with [`ClusterError::Corrected`] if something was wrong.
     pub fn confirm(&self, descriptor: &DescriptorBytes) {
         self.cluster.state().confirm(self.id, descriptor, Instant::now());
     }

@@ -148,7 +148,7 @@ impl ClusterState {
         jobs.ask(job);
         if let Some(finished) = jobs.recall(job, &task) {
             if finished.assurance == Assurance::Owed {
-                self.scheduler.audit(job, &task, &finished, client, now); // an earlier start could not
+                self.scheduler.audit(&task, &finished, client, now); // an earlier start could not
             }
             self.clients.deliver_one(client, finished);
             return job;
@@ -292,8 +292,8 @@ impl ClusterState {
 
     /// Has every result about this descriptor confirmed: see [`Scheduler::confirm`].
     pub(super) fn confirm(&mut self, client: ClientId, descriptor: &DescriptorBytes, now: Instant) {
-        for (job, task, accepted) in self.scheduler.about(descriptor) {
-            self.scheduler.confirm(job, &task, &accepted, client, now);
+        for (task, accepted) in self.scheduler.about(descriptor) {
+            self.scheduler.confirm(&task, &accepted, client, now);
         }
         self.settle(now);
         self.wake(now);

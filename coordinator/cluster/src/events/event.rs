@@ -141,7 +141,7 @@ impl fmt::Display for EventKind {
                 write!(f, "{task}: workers differ and no other is there to decide; waiting for one to join")
             }
             Self::Unaudited => f.write_str(
-                "nothing can be audited: all workers show the same credential from the same address, and have one voice until another joins",
+                "nothing can be audited: all workers show the same credential from the same address, and have one vote until another joins",
             ),
             Self::Starving { idle, unfinished } => {
                 let workers = if *idle == 1 { "worker is" } else { "workers are" };

@@ -12,7 +12,7 @@ use super::Scheduler;
 use super::worker::Worker;
 use crate::cost::counted_cost;
 use crate::events::{Attempt, AttemptEnd, EventKind};
-use crate::store::{Job, Voices};
+use crate::store::{Job, Quorum};
 
 /// A job is given to an idle second worker when it has run for this many times the median of its kind.
 const PATIENCE: f64 = 1.5;
@@ -97,7 +97,7 @@ impl Scheduler {
             job.leases.push((id, attempt));
             // Its second answer is asked for at once, not when the first is there.
             if self.trust.audits(worker.principal, self.secret.draw(job_id)) {
-                job.require(Voices::Two);
+                job.require(Quorum::Two);
             }
             self.idle -= usize::from(worker.is_idle());
             worker.take(job_id, attempt, now);

@@ -26,7 +26,7 @@ use proto::{JobId, Lease, Principal, WorkerId};
 
 use crate::events::{AttemptEnd, Departure, EventKind};
 pub use crate::secret::{Caller, RunSecret};
-use crate::store::{Job, JobStore, Voices, Vote};
+use crate::store::{Job, JobStore, Quorum, Vote};
 pub use affinity::ChannelsOf;
 pub use fair_queue::ClientId;
 pub use messages::{
@@ -176,43 +176,29 @@ impl Scheduler {
         }
     }
 
-    /// Has a job answered by the coordinator's own process, where that works, or else by a second principal, unless it
-    /// was: one whose result was `accepted` before, or that is still open.
-    pub fn confirm(
-        &mut self,
-        id: JobId,
-        task: &Arc<Task>,
-        accepted: &Finished,
-        client: ClientId,
-        now: Instant,
-    ) {
+    /// Has a job whose result was accepted before, or that is still open, answered by the coordinator's own process, where
+    /// that works, or else by a second principal, unless it was.
+    pub fn confirm(&mut self, task: &Arc<Task>, accepted: &Finished, client: ClientId, now: Instant) {
         let own = self.present.contains_key(&Principal::Coordinator);
-        self.require(if own { Voices::Own } else { Voices::Two }, (id, task), accepted, client, now);
+        self.require(if own { Quorum::Own } else { Quorum::Two }, (task, accepted), client, now);
     }
 
-    /// Has a second principal answer a job whose result was `accepted` before, or that is still open.
-    pub fn audit(
-        &mut self,
-        id: JobId,
-        task: &Arc<Task>,
-        accepted: &Finished,
-        client: ClientId,
-        now: Instant,
-    ) {
-        self.require(Voices::Two, (id, task), accepted, client, now);
+    /// The same by a second principal.
+    pub fn audit(&mut self, task: &Arc<Task>, accepted: &Finished, client: ClientId, now: Instant) {
+        self.require(Quorum::Two, (task, accepted), client, now);
     }
 
     fn require(
         &mut self,
-        voices: Voices,
-        (id, task): (JobId, &Arc<Task>),
-        accepted: &Finished,
+        quorum: Quorum,
+        (task, accepted): (&Arc<Task>, &Finished),
         client: ClientId,
         now: Instant,
     ) {
-        if accepted.assurance >= voices.assurance() {
+        if accepted.assurance >= quorum.assurance() {
             return;
         }
+        let id = accepted.job;
         if self.jobs.get(id).is_none() {
             let channels = self.channels(task);
             let mut job = Job::new(Arc::clone(task), channels, self.queue.position(client), now);
@@ -236,7 +222,7 @@ impl Scheduler {
             self.jobs.open(id, job);
         }
         if let Some(job) = self.jobs.get_mut(id) {
-            job.require(voices);
+            job.require(quorum);
         }
         self.settle(id, now);
     }
@@ -256,8 +242,8 @@ impl Scheduler {
         descriptors.into_iter().filter(|(_, vouched)| *vouched).map(|(one, _)| one.clone()).collect()
     }
 
-    /// The accepted results about a descriptor, with their jobs and tasks: see [`JobStore::about`].
-    pub fn about(&self, descriptor: &DescriptorBytes) -> Vec<(JobId, Arc<Task>, Finished)> {
+    /// The accepted results about a descriptor, with their tasks: see [`JobStore::about`].
+    pub fn about(&self, descriptor: &DescriptorBytes) -> Vec<(Arc<Task>, Finished)> {
         self.jobs.about(descriptor, self.limits.channels_of)
     }
 

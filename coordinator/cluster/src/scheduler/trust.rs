@@ -63,7 +63,8 @@ impl Trust {
         self.agreed.remove(&principal);
     }
 
-    /// Whether the answer of a principal to a job with this draw ([`RunSecret::draw`](crate::secret::RunSecret::draw)) is audited.
+    /// Whether the answer of a principal to a job with this draw is audited
+    /// ([`RunSecret::draw`](crate::secret::RunSecret::draw)).
     pub(super) fn audits(&self, principal: Principal, draw: f64) -> bool {
         principal != Principal::Coordinator && draw < self.share(principal)
     }

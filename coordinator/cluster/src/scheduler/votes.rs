@@ -10,7 +10,7 @@ use proto::{JobId, Lease, Principal, WorkerId};
 use super::messages::Confirmed;
 use super::{Doubt, Emitted, Finished, Scheduler};
 use crate::events::{AttemptEnd, Departure, EventKind};
-use crate::store::{Job, Voices, Vote};
+use crate::store::{Job, Quorum, Vote};
 
 impl Scheduler {
     /// Takes one report; a valid result counts from whichever lease, once a worker.
@@ -73,7 +73,7 @@ impl Scheduler {
         };
         let result = vote.result.filter(|_| !job.delivered);
         if self.trust.audits(principal, self.secret.draw(job_id)) {
-            job.require(Voices::Two);
+            job.require(Quorum::Two);
         }
         let is_first = !job.answered_by(principal);
         job.votes.push(Vote { result, ..vote });
@@ -82,7 +82,7 @@ impl Scheduler {
                 self.trust.agree(agreed);
             }
         }
-        if is_first && (job.required() > Voices::One || job.votes.len() > 1) {
+        if is_first && (job.quorum() > Quorum::One || job.votes.len() > 1) {
             self.trust.count(principal);
         }
         if let Some(known) = self.identities.get_mut(&id) {

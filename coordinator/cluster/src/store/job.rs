@@ -28,19 +28,19 @@ pub struct Vote {
     pub run_seconds: f64,
 }
 
-/// Who has to give a result before it is settled. The coordinator's own process settles it in any case.
+/// Who has to give the same result before it counts. What the coordinator's own process gives counts in any case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Voices {
+pub enum Quorum {
     /// Anybody.
     One,
-    /// Two principals, the same.
+    /// Two principals.
     Two,
     /// The coordinator's own process.
     Own,
 }
 
-impl Voices {
-    /// How a result that they have given is believed.
+impl Quorum {
+    /// Why a result that it has given is believed.
     pub fn assurance(self) -> Assurance {
         match self {
             Self::One => Assurance::Unaudited,
@@ -64,8 +64,7 @@ pub struct Job {
     /// Jobs are handed out in this order.
     pub position: QueuePosition,
     pub submitted: Instant,
-    /// Who has to answer it.
-    required: Voices,
+    quorum: Quorum,
     /// A result has been delivered.
     pub delivered: bool,
     /// Who works on it, on which attempt.
@@ -85,7 +84,7 @@ impl Job {
             channels,
             position,
             submitted,
-            required: Voices::One,
+            quorum: Quorum::One,
             delivered: false,
             leases: Vec::new(),
             handed_out: Vec::new(),
@@ -180,19 +179,19 @@ impl Job {
     }
 
     /// Who has to answer it.
-    pub fn required(&self) -> Voices {
-        self.required
+    pub fn quorum(&self) -> Quorum {
+        self.quorum
     }
 
     /// Whether it has to be answered by the coordinator's own process, which has not done so. Where two workers of that
     /// differ, anybody may decide.
     pub fn awaits_own(&self) -> bool {
-        self.required == Voices::Own && !self.answered_by(Principal::Coordinator)
+        self.quorum == Quorum::Own && !self.answered_by(Principal::Coordinator)
     }
 
-    /// Has it answered by these voices, unless more are required already.
-    pub fn require(&mut self, voices: Voices) {
-        self.required = self.required.max(voices);
+    /// Has it answered by this quorum, unless a higher one is required already.
+    pub fn require(&mut self, quorum: Quorum) {
+        self.quorum = self.quorum.max(quorum);
     }
 
     /// How many more equal results it needs: none beside the coordinator's own; of two principals where results differ, or
@@ -202,9 +201,9 @@ impl Job {
             return 0;
         }
         let agreeing = self.leading().map_or(0, |vote| self.agreeing(vote.fingerprint));
-        match self.required {
+        match self.quorum {
             _ if self.awaits_own() => 1,
-            Voices::One if !self.is_disputed() => 1 - agreeing.min(1),
+            Quorum::One if !self.is_disputed() => 1 - agreeing.min(1),
             _ => 2 - agreeing.min(2),
         }
     }

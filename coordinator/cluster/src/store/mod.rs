@@ -12,7 +12,7 @@ use proto::journal::{AcceptedResult, Assurance};
 use proto::task::{DescriptorBytes, Subject, Task};
 use proto::{Digest, JobId, Lease, Principal, WorkerId};
 
-pub use job::{Job, Voices, Vote};
+pub use job::{Job, Quorum, Vote};
 
 use crate::journal::{LogSequence, Recorded};
 use crate::scheduler::fair_queue::ClientId;
@@ -246,20 +246,14 @@ impl JobStore {
         })
     }
 
-    /// The accepted results about a descriptor, with their jobs and tasks, among them the scales of its channels.
+    /// The accepted results about a descriptor, with their tasks, among them the scales of its channels.
     pub fn about(
         &self,
         descriptor: &DescriptorBytes,
         channels_of: impl Fn(&Subject) -> Vec<u64>,
-    ) -> Vec<(JobId, Arc<Task>, Finished)> {
-        let accepted = || {
-            self.entries.iter().filter_map(|(job, entry)| match entry.result.as_deref()? {
-                StoredResult::Accepted { task, finished, .. } => Some((*job, task, finished)),
-                StoredResult::Recorded(_) => None,
-            })
-        };
+    ) -> Vec<(Arc<Task>, Finished)> {
         let is_about = |task: &Task| task.subject().descriptor == *descriptor;
-        let subject = accepted().find(|(_, task, _)| is_about(task)).map(|(_, task, _)| task.subject());
+        let subject = self.accepted().find(|(task, _)| is_about(task)).map(|(task, _)| task.subject());
         let channels = subject.map(&channels_of).unwrap_or_default();
         let is_its_scale = |task: &Task| match task {
             Task::Scale(scale) => {
@@ -267,8 +261,8 @@ impl JobStore {
             }
             _ => false,
         };
-        let about = accepted().filter(|(_, task, _)| is_about(task) || is_its_scale(task));
-        about.map(|(job, task, finished)| (job, Arc::clone(task), finished.clone())).collect()
+        let about = self.accepted().filter(|(task, _)| is_about(task) || is_its_scale(task));
+        about.map(|(task, finished)| (Arc::clone(task), finished.clone())).collect()
     }
 
     /// Drops the results that rest on a principal's word and that nobody has asked for in this start. Returns their jobs.
@@ -283,8 +277,8 @@ impl JobStore {
         dropped
     }
 
-    /// Jobs that ask again for all accepted results that rest on a principal's word. First askings are numbered from 0, these from the other
-    /// end.
+    /// Jobs that ask again for all accepted results that rest on a principal's word. First askings are numbered from 0,
+    /// these from the other end.
     pub fn recheck(&mut self, principal: Principal) -> Vec<Recheck> {
         let mut rechecks = Vec::new();
         for (&of, entry) in &self.entries {

@@ -78,7 +78,7 @@ fn what_is_accepted_about_a_descriptor_is_found_and_its_assurance_kept() {
     let about = &task_8.subject().descriptor;
     let found = |store: &JobStore| {
         let found = store.about(about, |_| Vec::new());
-        found.iter().map(|(job, _, finished)| (*job, finished.assurance)).collect::<Vec<_>>()
+        found.iter().map(|(_, finished)| (finished.job, finished.assurance)).collect::<Vec<_>>()
     };
     assert_eq!(found(&store), [(job, Assurance::Unaudited)]);
     let audited = |correct| {

@@ -35,7 +35,7 @@ fn play(workers: u8, audit: Audit, new_best_each: Option<u32>) -> Cost {
         {
             let task = Arc::new(Task::Evaluation(Evaluation::sample((generation - 1) * POPULATION, 10, 10)));
             assert_eq!(task.job(0), best.job);
-            bench.scheduler.audit(best.job, &task, best, ClientId(1), bench.now);
+            bench.scheduler.audit(&task, best, ClientId(1), bench.now);
         }
         accepted.clear();
         loop {

@@ -156,7 +156,7 @@ fn an_answer_that_was_accepted_is_taken_back_when_its_hedge_and_a_third_contradi
 }
 
 #[test]
-fn a_worker_has_one_voice_and_only_on_what_it_was_given() {
+fn a_worker_has_one_vote_and_only_on_what_it_was_given() {
     let mut bench = audited(2);
     let job = bench.submit();
     let (first, second) = (bench.take(1), bench.take(2));

@@ -1,4 +1,4 @@
-//! Who answers for whom: one voice a principal, trust that is earned, the coordinator's own workers, ids and places.
+//! Who answers for whom: one vote a principal, trust that is earned, the coordinator's own workers, ids and places.
 
 use super::*;
 
@@ -25,7 +25,7 @@ fn answer(bench: &mut Bench, number: u8, outcome: Result<TaskResult, Failure>) -
 }
 
 #[test]
-fn two_workers_of_one_principal_have_one_voice() {
+fn two_workers_of_one_principal_have_one_vote() {
     let mut bench = with_audit(1, 1.0, 0);
     bench.join_as(2, principal(1)).unwrap();
     let job = bench.submit();
@@ -186,7 +186,7 @@ fn what_is_to_be_confirmed_goes_to_another_principal() {
     let accepted = bench.scheduler.drain_finished().remove(0);
     assert_eq!(accepted.assurance, Assurance::Unaudited);
     assert!(bench.poll(2, &[], 1).jobs.is_empty());
-    bench.scheduler.audit(job, &evaluation(), &accepted, ClientId(1), bench.now);
+    bench.scheduler.audit(&evaluation(), &accepted, ClientId(1), bench.now);
     assert!(bench.scheduler.in_doubt());
     assert!(bench.poll(3, &[], 1).jobs.is_empty());
     assert_eq!(answer(&mut bench, 2, good()), job);
@@ -197,7 +197,7 @@ fn what_is_to_be_confirmed_goes_to_another_principal() {
     bench.scheduler.check_invariants();
     // What two agree on is not asked a third time.
     let audited = Finished { assurance: Assurance::Audited, ..accepted };
-    bench.scheduler.audit(job, &evaluation(), &audited, ClientId(1), bench.now);
+    bench.scheduler.audit(&evaluation(), &audited, ClientId(1), bench.now);
     assert_eq!(bench.scheduler.jobs.len(), 0);
 }
 
@@ -211,7 +211,7 @@ fn what_two_liars_agree_on_is_confirmed_by_the_coordinator_itself() {
     }
     let accepted = bench.scheduler.drain_finished().remove(0);
     assert_eq!(accepted.assurance, Assurance::Audited, "they are believed");
-    bench.scheduler.confirm(job, &evaluation(), &accepted, ClientId(1), bench.now);
+    bench.scheduler.confirm(&evaluation(), &accepted, ClientId(1), bench.now);
     assert!(bench.scheduler.in_doubt());
     bench.join(4).unwrap();
     assert!(bench.poll(4, &[], 1).jobs.is_empty(), "nobody else can confirm it");
@@ -227,7 +227,7 @@ fn what_is_confirmed_is_one_attempt_more() {
     let job = bench.submit();
     answer(&mut bench, 1, good());
     let accepted = bench.scheduler.drain_finished().remove(0);
-    bench.scheduler.confirm(job, &evaluation(), &accepted, ClientId(1), bench.now);
+    bench.scheduler.confirm(&evaluation(), &accepted, ClientId(1), bench.now);
     assert_eq!(bench.take(2), bench.lease(2, job, 2));
 }
 
