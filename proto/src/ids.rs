@@ -30,6 +30,11 @@ macro_rules! byte_id {
             pub fn to_vec(self) -> Vec<u8> {
                 self.0.to_vec()
             }
+
+            /// The inverse of `to_string`; `None` of other texts.
+            pub fn from_hex(text: &str) -> Option<Self> {
+                parse_hex(text).map(Self)
+            }
         }
 
         impl TryFrom<&[u8]> for $name {
@@ -98,7 +103,7 @@ impl FromStr for Fingerprint {
 
     /// Colons between the digits do not matter, nor does the case.
     fn from_str(text: &str) -> Result<Self, InvalidFingerprint> {
-        parse_hex(&text.replace(':', "")).map(Self).ok_or(InvalidFingerprint)
+        Self::from_hex(&text.replace(':', "")).ok_or(InvalidFingerprint)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Keeps a cache folder within its limit: what was used least recently goes first.
 
-use std::fs::{self, DirEntry};
+use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, SystemTime};
 
 use crate::layout;
+use crate::listing::{folders, is_folder, list};
 
 /// A temporary file this old was left behind, whoever wrote it.
 const ABANDONED: Duration = Duration::from_secs(24 * 60 * 60);
@@ -89,22 +90,6 @@ fn fan_out_folders(root: &Path) -> Vec<PathBuf> {
     parents.flat_map(|folder| folders(&folder, layout::is_fan_out)).collect()
 }
 
-/// The folders below `parent` with names that are ours; links are none.
-fn folders(parent: &Path, is_ours: impl Fn(&str) -> bool) -> Vec<PathBuf> {
-    let is_ours = |entry: &DirEntry| {
-        entry.file_name().to_str().is_some_and(&is_ours) && entry.file_type().is_ok_and(|kind| kind.is_dir())
-    };
-    if !is_folder(parent) {
-        return Vec::new();
-    }
-    list(parent).filter(is_ours).map(|entry| entry.path()).collect()
-}
-
-/// Whether there is a folder, and no link to one: what lies behind a link is not ours to remove.
-fn is_folder(path: &Path) -> bool {
-    fs::symlink_metadata(path).is_ok_and(|metadata| metadata.is_dir())
-}
-
 /// Lists the entries in `folder` and removes abandoned temporary files. Whatever vanishes meanwhile, because another
 /// process evicts, is passed over.
 fn scan(folder: &Path, now: SystemTime, files: &mut Vec<Kept>) {
@@ -122,10 +107,6 @@ fn scan(folder: &Path, now: SystemTime, files: &mut Vec<Kept>) {
             }
         }
     }
-}
-
-fn list(folder: &Path) -> impl Iterator<Item = DirEntry> {
-    fs::read_dir(folder).into_iter().flatten().flatten()
 }
 
 /// Whether the file is gone; if another process was faster, so much the better.

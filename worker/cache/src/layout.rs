@@ -15,10 +15,16 @@ pub fn blob(digest: Digest) -> PathBuf {
     Path::new(BLOBS).join(fanned_out(digest))
 }
 
-/// Where an entry lies below the root; `None` for kinds that are not lower-case words, which could lead elsewhere.
-pub fn derived(kind: &str, key: Digest) -> Option<PathBuf> {
+/// Where the entries of a kind lie below the root; `None` for kinds that are not lower-case words, which could lead
+/// elsewhere.
+pub fn kind(kind: &str) -> Option<PathBuf> {
     let slug = kind.replace(' ', "-");
-    is_slug(&slug).then(|| Path::new(DERIVED).join(slug).join(fanned_out(key)))
+    is_slug(&slug).then(|| Path::new(DERIVED).join(slug))
+}
+
+/// Where an entry lies below the root; `None` as for [`kind`].
+pub fn derived(kind: &str, key: Digest) -> Option<PathBuf> {
+    Some(self::kind(kind)?.join(fanned_out(key)))
 }
 
 fn fanned_out(digest: Digest) -> PathBuf {

@@ -5,6 +5,7 @@ mod entry;
 mod evictor;
 mod key;
 mod layout;
+mod listing;
 mod lru;
 mod memory;
 mod options;

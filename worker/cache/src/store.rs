@@ -2,12 +2,13 @@
 //! computed once and can be checked. Losing one costs time, never a result.
 
 use std::path::Path;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 use proto::{Digest, MAX_BLOB_BYTES};
 
 use crate::entry::{self, Damage, MAX_ENTRY_BYTES, Origin};
 use crate::layout;
+use crate::listing;
 use crate::options::Storage;
 use crate::single_flight::{Claim, SingleFlight};
 use crate::tier::Tier;
@@ -21,6 +22,8 @@ pub struct Store {
     /// Entries of another evaluation version are of no use.
     version: u32,
     origin: Mutex<Origin>,
+    /// What was wrong with an entry that others have made.
+    distrusted: OnceLock<String>,
     making: SingleFlight,
 }
 
@@ -35,6 +38,7 @@ impl Store {
             tiers: disk.into_iter().chain(shared).collect(),
             version,
             origin: Mutex::new(Origin { producer, run: String::new() }),
+            distrusted: OnceLock::new(),
             making: SingleFlight::default(),
         }
     }
@@ -52,9 +56,14 @@ impl Store {
     /// The payload of an entry, if there is a sound one. `kind` is lower-case words; `key` comes from a
     /// [`KeyBuilder`].
     pub fn get(&self, kind: &str, key: Digest) -> Option<Vec<u8>> {
-        let (mut bytes, header) = self.find(kind, key)?;
+        self.get_with_place(kind, key).map(|(payload, _)| payload)
+    }
+
+    /// As [`Store::get`], and whether it was on this machine's disk: others write to the shared folder.
+    pub fn get_with_place(&self, kind: &str, key: Digest) -> Option<(Vec<u8>, bool)> {
+        let (mut bytes, header, is_local) = self.find(kind, key)?;
         bytes.drain(..header);
-        Some(bytes)
+        Some((bytes, is_local))
     }
 
     /// As [`Store::get`], from this machine's disk only: for what changes under one key, and for results, which a folder
@@ -67,7 +76,7 @@ impl Store {
 
     /// A whole entry, as it travels to another machine, if there is a sound one.
     pub fn entry(&self, kind: &str, key: Digest) -> Option<Vec<u8>> {
-        self.find(kind, key).map(|(bytes, _)| bytes)
+        self.find(kind, key).map(|(bytes, ..)| bytes)
     }
 
     /// Keeps an entry in every tier. What cannot be kept is computed again when it is needed; the first failure of each
@@ -81,6 +90,11 @@ impl Store {
     pub fn put_local(&self, kind: &str, key: Digest, payload: &[u8]) {
         let header = entry::header(kind, key, self.version, &self.origin(), payload);
         put(self.local(), kind, key, &[&header, payload]);
+    }
+
+    /// The keys of all entries of a kind on this machine's disk, sound or not.
+    pub fn local_keys(&self, kind: &str) -> Vec<Digest> {
+        self.local().map(|disk| listing::keys(disk.root(), kind)).unwrap_or_default()
     }
 
     /// Removes an entry of [`Store::put_local`].
@@ -130,13 +144,31 @@ impl Store {
         self.making.wait(key).await;
     }
 
-    /// A sound entry and the length of its header, from the nearest tier that has it; nearer ones keep a copy.
-    fn find(&self, kind: &str, key: Digest) -> Option<(Vec<u8>, usize)> {
+    /// Notes that an entry which others have made is sound and wrong, removes it everywhere, and everything of these kinds
+    /// from this machine's disk: it may follow from others like it.
+    pub fn distrust(&self, kind: &str, key: Digest, what: String, kinds: &[&str]) {
+        let _ = self.distrusted.set(what); // the first says enough
+        if let Some(name) = layout::derived(kind, key) {
+            self.tiers.iter().for_each(|tier| tier.remove(&name));
+        }
+        for kind in kinds {
+            self.local_keys(kind).into_iter().for_each(|key| self.remove_local(kind, key));
+        }
+    }
+
+    /// What was wrong with an entry that others have made, if one was: nothing is to be computed from others any more.
+    pub fn distrusted(&self) -> Option<&str> {
+        self.distrusted.get().map(String::as_str)
+    }
+
+    /// A sound entry, the length of its header and whether it was here, from the nearest tier that has it; nearer ones keep a
+    /// copy.
+    fn find(&self, kind: &str, key: Digest) -> Option<(Vec<u8>, usize, bool)> {
         let name = layout::derived(kind, key)?;
         self.tiers.iter().enumerate().find_map(|(nearer, tier)| {
-            let found = self.sound(tier, &name, kind, key)?;
-            self.tiers[..nearer].iter().for_each(|tier| tier.put(&name, &[&found.0]));
-            Some(found)
+            let (bytes, header) = self.sound(tier, &name, kind, key)?;
+            self.tiers[..nearer].iter().for_each(|tier| tier.put(&name, &[&bytes]));
+            Some((bytes, header, tier.is_local()))
         })
     }
 

@@ -1,5 +1,6 @@
 //! The store as a whole: tiers, faults, writers at the same time.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Barrier};
@@ -243,6 +244,22 @@ fn a_local_entry_neither_goes_to_the_shared_folder_nor_comes_from_there() {
     open(shared.path()).put(KIND, key(), b"of others");
     assert_eq!(store.get_local(KIND, key()), None);
     assert_eq!(store.get(KIND, key()).as_deref(), Some(&b"of others"[..]));
+}
+
+#[test]
+fn the_entries_of_a_kind_are_listed() {
+    let (cache, shared) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let storage = Storage { shared: Some(shared.path().to_owned()), ..storage(cache.path()) };
+    let store = Store::open(&storage, "here", VERSION);
+    assert_eq!(store.local_keys(KIND), []);
+    let keys: BTreeSet<Digest> = [b"one", b"two", b"six"].map(|name| Digest::of(name)).into();
+    keys.iter().for_each(|&key| store.put_local(KIND, key, b"payload"));
+    store.put_local("other kind", Digest::of(b"other"), b"payload");
+    open(shared.path()).put(KIND, Digest::of(b"elsewhere"), b"payload");
+    fs::write(path(cache.path()).with_file_name("foreign"), b"").unwrap_or_default();
+    assert_eq!(store.local_keys(KIND).into_iter().collect::<BTreeSet<_>>(), keys);
+    assert_eq!(store.local_keys("../blobs"), []);
+    assert_eq!(Store::open(&nothing(), "here", VERSION).local_keys(KIND), []);
 }
 
 #[test]

@@ -103,7 +103,8 @@ impl Tier {
         Ok(())
     }
 
-    fn root(&self) -> &Path {
+    /// The folder.
+    pub fn root(&self) -> &Path {
         match &self.place {
             Place::Disk { root, .. } | Place::Shared { root } => root,
         }
