@@ -1,13 +1,16 @@
 //! A session: a cluster with the data set released to it, the port for remote workers and the workers of this process,
 //! from bring-up to take-down, for every command that has something computed.
 
+use std::collections::BTreeSet;
+use std::convert::Infallible;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use cache::{ByteSize, Store};
 use descriptor::Descriptor;
-use proto::SessionId;
+use proto::{Principal, SessionId};
 
 use crate::console::Console;
 use crate::dataset::Dataset;
@@ -15,6 +18,7 @@ use crate::experiment::{Experiment, LocalWorkers};
 use crate::fitness::{Fitness, Measured};
 use crate::in_process::{self, InProcessWorkers};
 use crate::prepared::PreparedClouds;
+use crate::result_cache::{Known, Wrong, finished_runs, forget};
 use crate::run::fitness_batch::FitnessBatch;
 use crate::run::matching::Matching;
 use crate::run::scales::Scales;
@@ -65,6 +69,8 @@ pub struct Session<'a> {
     pub store: Arc<Store>,
     servers: Servers,
     memory: ByteSize,
+    /// Quarantined principals whose contributions were dropped from the store.
+    forgotten: Mutex<BTreeSet<Principal>>,
     /// Until [`Session::perform`] takes them.
     in_process: Mutex<Option<InProcessWorkers>>,
 }
@@ -120,7 +126,15 @@ impl<'a> Session<'a> {
         let released = Arc::clone(&cluster);
         let derived = Arc::new(move |kind: &str, key| prepared.read(kind, key, &released.blobs));
         let servers = Servers::new(Arc::clone(&cluster), release, derived);
-        Ok(Self { cluster, splits, store, servers, memory, in_process: Mutex::new(None) })
+        Ok(Self {
+            cluster,
+            splits,
+            store,
+            servers,
+            memory,
+            forgotten: Mutex::default(),
+            in_process: Mutex::new(None),
+        })
     }
 
     /// Lets remote workers connect, if there is a port, and starts the workers of this process.
@@ -155,10 +169,51 @@ impl<'a> Session<'a> {
             self.cluster.wait_for_worker(waiting).await;
             work.await
         };
-        let done = in_time(deadline, workers.during(waited)).await?;
+        // At once: a coordinator that is killed must not leave to others what it knows to be wrong.
+        let done = tokio::select! {
+            done = in_time(deadline, workers.during(waited)) => done,
+            never = self.watch_quarantine(console) => match never {},
+        };
+        self.forget_quarantined(console);
+        let done = done?;
         workers.stop().await;
         self.cluster.close();
         Ok(done)
+    }
+
+    /// Notes that the run in a folder is finished, and on whose word it rests: see [`finished_runs`].
+    pub fn register(&self, folder: &Path, counts: &Known) {
+        let used = counts.used.iter().map(|source| (**source).clone());
+        let Self { store, cluster, .. } = self;
+        finished_runs::note(store, (folder, false), cluster.session, cluster.answerers(), used);
+    }
+
+    /// Drops from the store what is in doubt.
+    pub fn forget(&self, wrong: &Wrong, console: &Console) {
+        let forgotten = forget(&self.store, wrong);
+        if !forgotten.is_empty() {
+            console.say(&format!("principal {wrong} was wrong: {forgotten}"));
+        }
+    }
+
+    /// Drops from the store what the principals have left that were quarantined, once.
+    pub fn forget_quarantined(&self, console: &Console) {
+        let mut wrong = self.cluster.quarantined();
+        let mut forgotten = self.forgotten.lock().unwrap_or_else(PoisonError::into_inner);
+        wrong.retain(|principal| forgotten.insert(*principal));
+        if !wrong.is_empty() {
+            self.forget(&Wrong::principals(wrong), console);
+        }
+    }
+
+    /// The same as often as something happens.
+    async fn watch_quarantine(&self, console: &Console) -> Infallible {
+        let mut events = self.cluster.events();
+        loop {
+            self.forget_quarantined(console);
+            events.wait().await;
+            events.read_to_end();
+        }
     }
 
     /// What some descriptors have by a fitness, with a weight for each set, on the training clouds, in their order.

@@ -8,14 +8,16 @@ use std::sync::Arc;
 use cache::Storage;
 use cache::Store;
 use descriptor::{Descriptor, random};
+use proto::Principal;
 use rand::RngExt as _;
-use results::EvaluationRow;
+use results::{EvaluationRow, WorkerRow};
 
 use crate::console::Console;
 use crate::console::say;
 use crate::experiment::{LocalWorkers, Overrides};
 use crate::fitness::Measured;
 use crate::reopen::{ReopenError, Reopened, reopen};
+use crate::result_cache::{Remembered, Wrong, finished_runs, forget};
 use crate::run::{Matching, RunError, clouds, data_digest, nothing_recognised};
 use crate::session::Session;
 use crate::signing::PublicKey;
@@ -132,9 +134,13 @@ pub async fn verify(
     verdict.recomputed = measured.len();
     let nothing = nothing_recognised(&experiment, &dataset, Matching::Train);
     let mut measured = measured.into_iter();
+    let mut wrong_rows = Vec::new();
     for (row, descriptor) in chosen.iter().zip(&descriptors) {
         let recomputed = if experiment.affords(descriptor) { measured.next() } else { Some(nothing) };
         let Some(Measured { counts, margin }) = recomputed else { continue };
+        if row.margin.map(f64::to_bits) != margin.map(f64::to_bits) || row.counts != counts {
+            wrong_rows.push((row, descriptor));
+        }
         if row.margin.map(f64::to_bits) != margin.map(f64::to_bits) {
             verdict.problems.push(format!(
                 "evaluations, generation {}, individual {}: expected margin {margin:?}, got {:?}",
@@ -154,7 +160,50 @@ pub async fn verify(
             ));
         }
     }
+    if !wrong_rows.is_empty() {
+        let memory = session.splits.memory(&session.store, experiment.preprocess(), Matching::Train);
+        let remembered =
+            if experiment.remembers_counts(&dataset) { memory.recall() } else { Remembered::new() };
+        let wrong = wrong_sources(run, &wrong_rows, &remembered, &session.store)?;
+        let mut forgotten = forget(&session.store, &wrong);
+        let this = std::path::absolute(run).unwrap_or_else(|_| run.to_owned());
+        forgotten.finished.retain(|other| other.folder != this);
+        if !forgotten.is_empty() {
+            say(format_args!("principal {wrong} was wrong: {forgotten}"));
+        }
+    }
     Ok(verdict)
+}
+
+/// Who is to blame for these rows of a run: the principals of the workers that have computed them, those from which an
+/// earlier run had what they rest on, and the run itself, for what it has left to later ones.
+fn wrong_sources(
+    run: &Path,
+    rows: &[(&EvaluationRow, &Descriptor)],
+    remembered: &Remembered,
+    store: &Store,
+) -> Result<Wrong, results::Error> {
+    let mut wrong =
+        Wrong { runs: finished_runs::session_of(store, run).into_iter().collect(), ..Wrong::default() };
+    let workers = results::read_workers(run)?;
+    for (row, descriptor) in rows {
+        match &row.computed {
+            Some(computed) => {
+                let is_its = |worker: &&WorkerRow| worker.worker == computed.worker;
+                let of_one = workers.iter().any(|worker| is_its(&worker));
+                // Of pieces, it may have been any of them.
+                let theirs = workers.iter().filter(|worker| !of_one || is_its(worker));
+                let principals =
+                    theirs.filter_map(|worker| worker.principal.as_ref()?.parse::<Principal>().ok());
+                wrong.principals.extend(principals);
+            }
+            None => {
+                let sources = remembered.get(descriptor).map(|one| one.source.suspects());
+                wrong.principals.extend(sources.into_iter().flatten());
+            }
+        }
+    }
+    Ok(wrong)
 }
 
 /// A sample without repetition; which one depends on the run alone, so that two people see the same.

@@ -52,6 +52,8 @@ impl GridFolder {
             object_correct,
             worker_id: points.worker_id.clone(),
             principal: points.principal.clone(),
+            seconded: points.seconded.clone(),
+            basis: points.basis.clone(),
         };
         let rows: Vec<_> = points.object_correct.iter().enumerate().map(row).collect();
         self.write(TableName::Cells, &rows, 0, &cell_file(name))
@@ -86,6 +88,8 @@ impl GridFolder {
             object_correct: Vec::new(),
             worker_id: None,
             principal: None,
+            seconded: None,
+            basis: None,
         };
         for row in content.rows::<CellRow>()? {
             for (values, value) in points.genes.iter_mut().zip(row.genes) {
@@ -94,6 +98,8 @@ impl GridFolder {
             points.object_correct.push(row.object_correct);
             points.worker_id = row.worker_id;
             points.principal = row.principal;
+            points.seconded = row.seconded;
+            points.basis = row.basis;
         }
         Ok(Some(points))
     }

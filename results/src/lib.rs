@@ -54,7 +54,7 @@ pub use problem::Problem;
 pub use query::{Answer, AnswerFormat, LONGEST_QUERY, QueryError, query};
 pub use read::{
     FinishedRun, read_answers, read_comparison, read_evaluations, read_front, read_pairs, read_perturbed,
-    read_predictions, read_run, read_sets, read_table,
+    read_predictions, read_run, read_sets, read_table, read_workers,
 };
 pub use report::{ChannelPairs, Report, Told, WinnerChannel};
 pub use schema::schema_markdown;

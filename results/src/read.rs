@@ -13,6 +13,7 @@ use crate::parquet;
 use crate::table_name::TableName;
 use crate::tables::TableFile;
 use crate::tables::comparison::{ComparedRow, PairRow, PerturbedRow, SetRow};
+use crate::tables::log::WorkerRow;
 use crate::tables::run::{EvaluationRow, FrontRow, PredictionRow, PredictionSplit, RunRow};
 
 /// Name of a generation's file in its table's folder.
@@ -177,6 +178,15 @@ pub fn read_evaluations(run: impl AsRef<Path>) -> Result<Vec<EvaluationRow>, Err
         rows.extend(read_file(&file, TableName::Evaluations)?.rows::<EvaluationRow>()?);
     }
     Ok(rows)
+}
+
+/// The workers of a finished run.
+///
+/// # Errors
+/// If the file cannot be read, or is damaged.
+pub fn read_workers(run: impl AsRef<Path>) -> Result<Vec<WorkerRow>, Error> {
+    let file = run.as_ref().join(TableName::Workers.as_str()).join(TableName::Workers.file());
+    read_file(&file, TableName::Workers)?.rows()
 }
 
 /// The descriptors of the comparison in a run folder, in its order; none if there is none, or none that is whole.

@@ -1,50 +1,54 @@
 //! Descriptions in the coordinator's own store: one that was made once is not asked for again.
 
-use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use cache::Store;
-use cluster::DescriptionAnswer;
+use cluster::scheduler::Provenance;
 use descriptor::Preprocess;
-use proto::Digest;
 use proto::task::Description;
+use proto::{Digest, SessionId};
 
+use crate::result_cache::Source;
+use crate::result_cache::sourced::Sourced;
 use crate::storage;
 use crate::tasks::CHECK_DESCRIPTION;
 
-/// Kind of the entries in the store.
-const KIND: &str = "descriptions";
+/// What the entries hold.
+const KIND: Sourced = Sourced::Descriptions;
+
+/// A description that the store has, and where it comes from.
+pub type Recalled = (Source, Arc<[u8]>);
 
 /// The descriptions of some shards: which the store has, and which of the others it keeps as workers send them.
 pub struct KeptDescriptions<'a> {
     store: &'a Store,
     preprocess: Preprocess,
     shards: &'a [Description],
-    /// Shards whose entry this has written.
-    written: BTreeSet<usize>,
+    /// The session that asks.
+    run: SessionId,
 }
 
 impl<'a> KeptDescriptions<'a> {
     /// The places of these shards of clouds that are prepared like this.
-    pub fn new(store: &'a Store, preprocess: &Preprocess, shards: &'a [Description]) -> Self {
-        Self { store, preprocess: *preprocess, shards, written: BTreeSet::new() }
+    pub fn new(store: &'a Store, preprocess: &Preprocess, shards: &'a [Description], run: SessionId) -> Self {
+        Self { store, preprocess: *preprocess, shards, run }
     }
 
     /// The key of a shard's entry: clouds and descriptor, but not the search space for which the clouds are prepared,
     /// because every descriptor is counted exactly from each.
     fn key(&self, shard: &Description) -> Digest {
         let inputs = [shard.subject.descriptor.bytes(), &shard.manifest.0];
-        storage::key(KIND, &self.preprocess, &inputs)
+        storage::key(KIND.kind(), &self.preprocess, &inputs)
     }
 
     /// Of each shard the description that the store has, if it has a sound one.
-    pub fn recall(&self) -> Vec<Option<Arc<[u8]>>> {
+    pub fn recall(&self) -> Vec<Option<Recalled>> {
         let one = |shard: &Description| {
-            let bytes = self.store.get_local(KIND, self.key(shard))?;
+            let (source, bytes) = KIND.get(self.store, self.key(shard))?;
             match CHECK_DESCRIPTION(&shard.subject, &bytes, shard.clouds) {
-                Ok(()) => Some(bytes.into()),
+                Ok(()) => Some((source, bytes.into())),
                 Err(what) => {
-                    tracing::warn!("cache: {KIND} {} are made again, got {what}", self.key(shard));
+                    tracing::warn!("cache: {} {} are made again, got {what}", KIND.kind(), self.key(shard));
                     None
                 }
             }
@@ -52,61 +56,35 @@ impl<'a> KeptDescriptions<'a> {
         self.shards.iter().map(one).collect()
     }
 
-    /// Takes in what workers have answered, numbered as the shards. As soon as one of them has turned out to be wrong
-    /// (`trusted` is false), nothing more is kept and what was written is removed. An answer whose audit is not over is
-    /// left to [`KeptDescriptions::complete`].
-    pub fn take(&mut self, answers: &[DescriptionAnswer], trusted: bool) {
-        if !trusted {
-            return self.forget_written();
-        }
-        for DescriptionAnswer { place, bytes, settled } in answers {
-            if let (Some(bytes), true) = (bytes, settled) {
-                self.write(*place, bytes);
-            }
-        }
-    }
-
-    /// Keeps those of these answers, one a place, that are not kept yet: nobody is left who could contradict them.
-    pub fn complete<'b>(&mut self, answers: impl Iterator<Item = (usize, &'b [u8])>, trusted: bool) {
-        if !trusted {
-            return self.forget_written();
-        }
-        for (place, bytes) in answers {
-            self.write(place, bytes);
-        }
-    }
-
-    fn write(&mut self, place: usize, bytes: &[u8]) {
-        if let Some(shard) = self.shards.get(place)
-            && self.written.insert(place)
-        {
-            self.store.put_local(KIND, self.key(shard), bytes);
-        }
-    }
-
-    fn forget_written(&mut self) {
-        for place in std::mem::take(&mut self.written) {
-            self.store.remove_local(KIND, self.key(&self.shards[place]));
+    /// Keeps the description of a shard, if it has a provenance: the others are nothing to go on with.
+    pub fn keep(&self, place: usize, bytes: &[u8], provenance: Option<Provenance>) {
+        if let (Some(shard), Some(provenance)) = (self.shards.get(place), provenance) {
+            KIND.put(self.store, self.key(shard), &Source { run: self.run, provenance }, bytes);
         }
     }
 
     /// Removes the descriptions of all shards, whoever wrote them: one of them is wrong.
     pub fn forget_all(&self) {
         for shard in self.shards {
-            self.store.remove_local(KIND, self.key(shard));
+            self.store.remove_local(KIND.kind(), self.key(shard));
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use descriptor::{Descriptor, Family, FixedDescriptor, FixedKind, SearchSpace};
 
     use super::*;
+    use crate::result_cache::source::tests::{principal, source};
     use crate::storage::store_in;
     use crate::tasks;
+    use cluster::scheduler::Basis;
 
     const CLOUDS: u32 = 3;
+    const RUN: SessionId = SessionId([7; 16]);
 
     fn shard(descriptor: &Descriptor, manifest: u8) -> Description {
         let space = SearchSpace::single(descriptor).unwrap();
@@ -124,8 +102,8 @@ mod tests {
         vec![0; (u64::from(shard.clouds) * shard.subject.facts.description_bytes) as usize].into()
     }
 
-    fn answer(shards: &[Description], place: usize, settled: bool) -> DescriptionAnswer {
-        DescriptionAnswer { place, bytes: Some(zeros(&shards[place])), settled }
+    fn kept<'a>(store: &'a Store, shards: &'a [Description]) -> KeptDescriptions<'a> {
+        KeptDescriptions::new(store, &Preprocess::default(), shards, RUN)
     }
 
     fn recalled(kept: &KeptDescriptions<'_>) -> Vec<bool> {
@@ -137,7 +115,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let store = store_in(folder.path());
         let preprocess = Preprocess::default();
-        let kept = KeptDescriptions::new(&store, &preprocess, &[]);
+        let kept = KeptDescriptions::new(&store, &preprocess, &[], RUN);
         let paper = Descriptor::default_of(Family::DiskRing);
         let fixed = |kind, radius_um| Descriptor::Fixed(FixedDescriptor { kind, radius_um });
         let keys = [
@@ -148,7 +126,7 @@ mod tests {
             kept.key(&shard(&fixed(FixedKind::ShotColor, 50_001), 0)),
         ];
         let coarser = Preprocess { leaf_um: preprocess.leaf_um + 1, ..preprocess };
-        let elsewhere = KeptDescriptions::new(&store, &coarser, &[]).key(&shard(&paper, 0));
+        let elsewhere = KeptDescriptions::new(&store, &coarser, &[], RUN).key(&shard(&paper, 0));
         let different: BTreeSet<Digest> = keys.into_iter().chain([elsewhere]).collect();
         assert_eq!(different.len(), keys.len() + 1);
 
@@ -160,47 +138,32 @@ mod tests {
     }
 
     #[test]
-    fn what_is_settled_is_kept_at_once_and_the_rest_at_the_end() {
+    fn what_has_a_provenance_is_kept_and_nothing_else() {
         let folder = tempfile::tempdir().unwrap();
         let (store, shards) = (store_in(folder.path()), shards());
-        let mut kept = KeptDescriptions::new(&store, &Preprocess::default(), &shards);
-        kept.take(&[answer(&shards, 2, true), answer(&shards, 1, false)], true);
-        kept.take(&[DescriptionAnswer { place: 0, bytes: None, settled: true }], true);
+        let kept = kept(&store, &shards);
+        let source = source(RUN.0[0], &[principal(1)], Basis::Earned);
+        kept.keep(2, &zeros(&shards[2]), Some(source.provenance.clone()));
+        kept.keep(1, &zeros(&shards[1]), None);
+        kept.keep(4, &zeros(&shards[1]), Some(Provenance::own()));
         assert_eq!(recalled(&kept), [false, false, true, false]);
-        let bytes: Vec<Arc<[u8]>> = shards.iter().map(zeros).collect();
-        kept.complete(bytes.iter().map(|bytes| &**bytes).enumerate(), true);
-        let again = KeptDescriptions::new(&store, &Preprocess::default(), &shards);
-        assert_eq!(again.recall(), bytes.into_iter().map(Some).collect::<Vec<_>>());
-        again.forget_all();
-        assert_eq!(recalled(&again), [false; 4]);
-    }
-
-    #[test]
-    fn nothing_stays_of_a_call_in_which_a_worker_was_wrong() {
-        let folder = tempfile::tempdir().unwrap();
-        let (store, shards) = (store_in(folder.path()), shards());
-        let mut earlier = KeptDescriptions::new(&store, &Preprocess::default(), &shards);
-        earlier.take(&[answer(&shards, 0, true)], true);
-        let mut kept = KeptDescriptions::new(&store, &Preprocess::default(), &shards);
-        kept.take(&[answer(&shards, 1, true)], true);
-        assert_eq!(recalled(&kept), [true, true, false, false]);
-        kept.take(&[answer(&shards, 2, true)], false);
-        assert_eq!(recalled(&kept), [true, false, false, false], "what an earlier call has kept stays");
-        kept.complete([(3, &*zeros(&shards[3]))].into_iter(), false);
-        assert_eq!(recalled(&kept), [true, false, false, false]);
+        assert_eq!(kept.recall()[2], Some((source, zeros(&shards[2]))));
+        kept.forget_all();
+        assert_eq!(recalled(&kept), [false; 4]);
     }
 
     #[test]
     fn a_description_that_makes_no_sense_is_made_again() {
         let folder = tempfile::tempdir().unwrap();
         let (store, shards) = (store_in(folder.path()), shards());
-        let mut kept = KeptDescriptions::new(&store, &Preprocess::default(), &shards);
-        let no_numbers = vec![0xff; zeros(&shards[1]).len()];
-        store.put_local(KIND, kept.key(&shards[0]), &zeros(&shards[0])[4..]);
-        store.put_local(KIND, kept.key(&shards[1]), &no_numbers);
-        kept.take(&[answer(&shards, 2, true)], true);
+        let kept = kept(&store, &shards);
+        let own = || Some(Provenance::own());
+        kept.keep(0, &zeros(&shards[0])[4..], own());
+        kept.keep(1, &vec![0xff; zeros(&shards[1]).len()], own());
+        store.put_local(KIND.kind(), kept.key(&shards[3]), &zeros(&shards[3])); // as earlier releases did
+        kept.keep(2, &zeros(&shards[2]), own());
         assert_eq!(recalled(&kept), [false, false, true, false]);
-        kept.take(&[answer(&shards, 0, true), answer(&shards, 1, true)], true);
+        (0..2).for_each(|place| kept.keep(place, &zeros(&shards[place]), own()));
         assert_eq!(recalled(&kept), [true, true, true, false]);
     }
 }

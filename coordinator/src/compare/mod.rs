@@ -32,6 +32,7 @@ use results::{ComparedRow, LookRow, PairRow, PerturbedRow, RunFolder, TableName}
 
 use crate::experiment::Overrides;
 use crate::reopen::{Reopened, reopen};
+use crate::result_cache::finished_runs;
 use crate::run::scaled::Scaled;
 use crate::run::splits::ONLY_SET;
 use crate::run::{Matching, RunError, choose_set, refuse_other_data, rows, sets};
@@ -172,13 +173,15 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
         return Err(CompareError::NoTest(folder.to_owned()));
     };
     let tasks = shards.tasks(&descriptors);
-    let mut kept = KeptDescriptions::new(&store, preprocess, &tasks);
+    let kept = KeptDescriptions::new(&store, preprocess, &tasks, session.cluster.session);
     let names: Vec<&str> = named.iter().map(|one| one.name.as_str()).collect();
-    let mut describing = Describing::new(&tasks, &kept, &names, &display);
+    let mut describing = Describing::new(&tasks, &kept, &names, &session.cluster, &display);
     if !describing.is_complete() {
         session.start(listener, settings.local_workers).await;
-        describing.complete(&session, &mut client, settings.deadline, &mut kept, &display).await?;
+        describing.complete(&session, &mut client, settings.deadline, &kept, &display).await?;
     }
+    let answerers = session.cluster.answerers();
+    finished_runs::note_comparison(&store, folder, answerers, describing.sources());
     let gathered = shards.gather(&descriptors, &describing.into_descriptions())?;
 
     let tables = Tables { run: &run.row, dataset, labels: shards.labels(), out };

@@ -10,9 +10,12 @@ use super::cell_task::cell_subject;
 use super::cells::{Cells, CountedBy};
 use super::grid_spec::GridSpec;
 use super::landscape::Landscape;
+use crate::result_cache::finished_runs;
+use crate::result_cache::source::{basis_name, basis_of, principals_text};
 use crate::run::RunError;
 use crate::run::progress::{CellReport, Progress};
 use crate::session::Session;
+use cluster::scheduler::Provenance;
 use cluster::{CellAnswer, Client, ClusterNews};
 
 /// Counts of a cell, and who counted.
@@ -82,9 +85,10 @@ impl GridSearch<'_> {
         };
         progress.cells_start(&report);
         let take = |news: &ClusterNews, answers: Vec<CellAnswer>| {
-            for CellAnswer { place, counts, by: (worker_id, principal), settled } in answers {
+            for answer in answers {
+                let by = CountedBy::of(&answer);
+                let CellAnswer { place, counts, settled, .. } = answer;
                 let cell = missing[place];
-                let by = CountedBy { worker_id: worker_id.to_string(), principal: principal.to_string() };
                 landscape.add(cell, &counts);
                 cells.add(cell, Some(&by));
                 // Written before the next is waited for: a killed search loses at most what comes in at once, and
@@ -114,7 +118,9 @@ impl GridSearch<'_> {
         for (cell, counts, by) in unsettled {
             folder.write_cell(&spec.cell_name(cell), &spec.points(cell, counts, Some(by)))?;
         }
-        self.finish(&landscape, found, started)?;
+        self.finish(&landscape, found, cells.provenance(), started)?;
+        let (session, place) = (self.session.cluster.session, (folder.path(), true));
+        finished_runs::note(&self.session.store, place, session, cells.principals(), std::iter::empty());
         Ok(Some(read_grid(folder.path())?))
     }
 
@@ -125,7 +131,9 @@ impl GridSearch<'_> {
             Ok(None) => return Ok(None),
             Ok(Some(mut points)) => {
                 let by = points.worker_id.take().zip(points.principal.take());
-                let by = by.map(|(worker_id, principal)| CountedBy { worker_id, principal });
+                let (seconded, basis) = (points.seconded.take(), points.basis.take());
+                let basis = basis.and_then(|name| basis_of(&name));
+                let by = by.map(|(worker_id, principal)| CountedBy { worker_id, principal, seconded, basis });
                 match self.spec.counts(cell, points) {
                     Some(counts) => return Ok(Some((counts, by))),
                     None => "it holds other descriptors".to_owned(),
@@ -138,7 +146,13 @@ impl GridSearch<'_> {
         Ok(None)
     }
 
-    fn finish(&self, landscape: &Landscape<'_>, found: usize, started: Instant) -> Result<(), RunError> {
+    fn finish(
+        &self,
+        landscape: &Landscape<'_>,
+        found: usize,
+        provenance: Option<Provenance>,
+        started: Instant,
+    ) -> Result<(), RunError> {
         let GridSpec { grid, queries, train_digest, text, key } = self.spec;
         let best = landscape.best();
         // Both are there: every gene has a value, and all cells have come.
@@ -158,6 +172,9 @@ impl GridSearch<'_> {
             grid_digest: digest.to_hex().to_string(),
             cells_computed: (grid.cells() - found) as u32,
             cells_found: found as u32,
+            run: provenance.is_some().then(|| self.session.cluster.session.to_string()),
+            principals: provenance.as_ref().map(|one| principals_text(&one.principals)),
+            basis: provenance.map(|one| basis_name(one.basis).to_owned()),
             seconds: started.elapsed().as_secs_f64(),
             finished_at: SystemTime::now(),
         };

@@ -11,6 +11,7 @@ use super::grid::{Grid, GridError};
 use super::optimum::Optimum;
 use crate::dataset::{CloudEntry, Dataset};
 use crate::experiment::Experiment;
+use crate::result_cache::source::basis_name;
 
 /// A grid and the clouds it is evaluated on.
 #[derive(Clone, Debug)]
@@ -63,8 +64,19 @@ impl GridSpec {
                 column.push(value);
             }
         }
-        let (worker_id, principal) = by.map(|by| (by.worker_id, by.principal)).unzip();
-        CellPoints { genes, object_correct, worker_id, principal }
+        let mut points = CellPoints {
+            genes,
+            object_correct,
+            worker_id: None,
+            principal: None,
+            seconded: None,
+            basis: None,
+        };
+        if let Some(CountedBy { worker_id, principal, seconded, basis }) = by {
+            (points.worker_id, points.principal) = (Some(worker_id), Some(principal));
+            (points.seconded, points.basis) = (seconded, basis.map(|basis| basis_name(basis).to_owned()));
+        }
+        points
     }
 
     /// The counts of a cell's rows as they were read, if they are those of this cell.

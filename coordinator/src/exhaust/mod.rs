@@ -22,11 +22,12 @@ use std::sync::Arc;
 
 use cache::Store;
 use descriptor::Family;
-use results::{FinishedGrid, GridFolder};
+use results::{FinishedGrid, GridFolder, GridRow};
 
 use crate::console::say;
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::Experiment;
+use crate::result_cache::source::source_of;
 use crate::run::directory::{beside, claim, difference, refuse_another};
 use crate::run::progress::Progress;
 use crate::run::{RunError, RunOptions, open_data, refuse_sets, rows};
@@ -179,6 +180,10 @@ fn finished(out: &Path, spec: &GridSpec) -> Result<Option<FinishedGrid>, RunErro
 /// Keeps the optimum for later runs, wherever their results go.
 fn keep(spec: &GridSpec, grid: &FinishedGrid, out: &Path, store: &Store) -> Result<Optimum, RunError> {
     let optimum = spec.optimum(grid, out)?;
-    optimum.remember(store, spec.key, spec.queries);
+    // As a result, it is what it is; others go on only with what somebody stands for.
+    let GridRow { run, principals, basis, .. } = &grid.row;
+    if let Some(source) = source_of(run.as_deref(), principals.as_deref(), basis.as_deref()) {
+        optimum.remember(store, spec.key, spec.queries, &source);
+    }
     Ok(optimum)
 }

@@ -6,9 +6,9 @@ use proto::Digest;
 use serde::{Deserialize, Serialize};
 
 use super::grid::Grid;
+use crate::result_cache::Source;
+use crate::result_cache::sourced::Sourced;
 
-/// Kind of the entry in a store.
-const KIND: &str = "grid optimum";
 /// Version of the entry's form.
 const VERSION: u32 = 1;
 /// Bytes of the largest entry that is looked at.
@@ -42,13 +42,14 @@ impl Optimum {
 
     /// The optimum that a store has under a grid's key, if it is one of this grid.
     pub fn recall(store: &Store, key: Digest, grid: &Grid, queries: u32) -> Option<Self> {
-        Self::decode(&store.get_local(KIND, key)?, grid, queries)
+        let (_, payload) = Sourced::GridOptimum.get(store, key)?;
+        Self::decode(&payload, grid, queries)
     }
 
-    /// Keeps it for later runs.
-    pub fn remember(&self, store: &Store, key: Digest, queries: u32) {
+    /// Keeps it for later runs, with who has computed the grid.
+    pub fn remember(&self, store: &Store, key: Digest, queries: u32, source: &Source) {
         if let Ok(payload) = serde_json::to_vec(&self.entry(queries)) {
-            store.put_local(KIND, key, &payload);
+            Sourced::GridOptimum.put(store, key, source, &payload);
         }
     }
 
@@ -79,6 +80,9 @@ mod tests {
 
     use super::super::grid::tests::grid;
     use super::*;
+    use crate::result_cache::source::tests::source;
+    use cluster::scheduler::Basis;
+    use proto::Principal;
 
     #[test]
     fn what_was_remembered_is_recalled_under_its_key_only() {
@@ -91,7 +95,8 @@ mod tests {
         let optimum = Optimum { parameters: grid.descriptor([1, 0, 1, 0, 1]), object_correct: 7 };
         let (key, other) = (Digest::of(b"this"), Digest::of(b"other"));
         assert_eq!(Optimum::recall(&store, key, &grid, 9), None);
-        optimum.remember(&store, key, 9);
+        let source = source(1, &[Principal::Coordinator], Basis::Own);
+        optimum.remember(&store, key, 9, &source);
         assert_eq!(Optimum::recall(&store, key, &grid, 9), Some(optimum));
         assert_eq!(Optimum::recall(&store, other, &grid, 9), None);
     }

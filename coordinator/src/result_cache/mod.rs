@@ -2,53 +2,120 @@
 //!
 //! Counts are exact for every gene table, so that searches of different spaces, seeds and methods share them.
 
+pub mod finished_runs;
+mod forget;
 mod records;
+pub mod source;
+pub mod sourced;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
 use cache::Store;
+use cluster::Cluster;
 use descriptor::{Descriptor, Preprocess};
 use proto::Digest;
-use proto::task::DescriptorBytes;
 use results::Counts;
 
 use crate::fitness::Measured;
 use crate::storage;
 use crate::tasks::descriptor_bytes;
+pub use forget::forget;
+pub use source::{Source, Wrong};
 
 /// Kind of the entries in the store.
 const KIND: &str = "remembered counts";
 
-/// Counts by descriptor.
-pub type Remembered = BTreeMap<Descriptor, Counts>;
+/// Counts that an earlier run has left.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RememberedCounts {
+    /// The counts.
+    pub counts: Counts,
+    /// Where they come from.
+    pub source: Arc<Source>,
+}
+
+/// What is remembered, by descriptor.
+pub type Remembered = BTreeMap<Descriptor, RememberedCounts>;
+
+/// What is known of descriptors under one fitness on the clouds of one matching.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct KnownCounts {
+    /// What they have.
+    pub measured: BTreeMap<Descriptor, Measured>,
+    /// Where those come from that an earlier run has left and this one has not used yet.
+    pub unused: BTreeMap<Descriptor, Arc<Source>>,
+}
 
 /// What is known of descriptors under one fitness.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Known {
     /// On the training clouds.
-    pub train: BTreeMap<Descriptor, Measured>,
+    pub train: KnownCounts,
     /// On the validation clouds.
-    pub validation: BTreeMap<Descriptor, Measured>,
+    pub validation: KnownCounts,
+    /// Where those come from that an earlier run has left and this one has used.
+    pub used: BTreeSet<Arc<Source>>,
+}
+
+impl KnownCounts {
+    fn recall(memory: &Memory<'_>) -> Self {
+        let mut known = Self::default();
+        for (descriptor, RememberedCounts { counts, source }) in memory.recall() {
+            known.measured.insert(descriptor.clone(), Measured { counts, margin: None });
+            known.unused.insert(descriptor, source);
+        }
+        known
+    }
+
+    /// Whether an earlier run has left what is known of a descriptor, and this one has not used it yet.
+    pub fn is_unused(&self, descriptor: &Descriptor) -> bool {
+        self.unused.contains_key(descriptor)
+    }
+
+    /// Drops what earlier runs have left of these descriptors.
+    pub fn drop_unused(&mut self, is_dropped: impl Fn(&Descriptor, &Source) -> bool) {
+        let Self { measured, unused } = self;
+        unused.retain(|descriptor, source| {
+            let is_dropped = is_dropped(descriptor, source);
+            if is_dropped {
+                measured.remove(descriptor);
+            }
+            !is_dropped
+        });
+    }
 }
 
 impl Known {
     /// What is remembered under the paper's fitness.
     pub fn recall(train: &Memory<'_>, validation: &Memory<'_>) -> Self {
-        let recalled = |memory: &Memory<'_>| {
-            let plain = |(descriptor, counts)| (descriptor, Measured { counts, margin: None });
-            memory.recall().into_iter().map(plain).collect()
-        };
-        Self { train: recalled(train), validation: recalled(validation) }
+        let [train, validation] = [train, validation].map(KnownCounts::recall);
+        Self { train, validation, used: BTreeSet::new() }
     }
 
-    /// Adds what is known under the paper's fitness to what is remembered, of those descriptors that are `vouched` for:
-    /// nobody goes on with what one stranger alone has said.
-    pub fn keep(&self, train: &Memory<'_>, validation: &Memory<'_>, vouched: &BTreeSet<DescriptorBytes>) {
+    /// Drops what is in doubt.
+    pub fn drop_wrong(&mut self, wrong: &Wrong) {
+        for counts in [&mut self.train, &mut self.validation] {
+            counts.drop_unused(|_, source| wrong.concerns(source));
+        }
+    }
+
+    /// Whether anything that was used is in doubt.
+    pub fn rests_on(&self, wrong: &Wrong) -> bool {
+        self.used.iter().any(|source| wrong.concerns(source))
+    }
+
+    /// Adds what is known under the paper's fitness to what is remembered, of those descriptors of which the run has a
+    /// provenance: nobody goes on with what one stranger alone has said.
+    pub fn keep(&self, train: &Memory<'_>, validation: &Memory<'_>, cluster: &Cluster) {
+        let provenances = cluster.provenances();
         for (memory, known) in [(train, &self.train), (validation, &self.validation)] {
-            let vouched =
-                known.iter().filter(|(descriptor, _)| vouched.contains(&descriptor_bytes(descriptor)));
-            let plain = vouched.map(|(descriptor, measured)| (descriptor.clone(), measured.counts));
-            memory.keep(&plain.collect());
+            let found = known.measured.iter().filter_map(|(descriptor, measured)| {
+                let provenance = provenances.get(&descriptor_bytes(descriptor))?.clone();
+                let source = Arc::new(Source { run: cluster.session, provenance });
+                Some((descriptor.clone(), RememberedCounts { counts: measured.counts, source }))
+            });
+            memory.keep(&found.collect());
         }
     }
 }
@@ -93,24 +160,31 @@ impl<'a> Memory<'a> {
     }
 }
 
-/// Adds counts and returns whether anything changed. Where two runs disagree, one of them was computed wrongly:
-/// neither is kept.
+/// Adds counts and returns whether anything changed. Of two that agree, the one that is believed for the better reason
+/// stays. Where two runs disagree, one of them was computed wrongly: neither is kept.
 fn merge(known: &mut Remembered, found: &Remembered) -> bool {
     let mut changed = false;
-    for (descriptor, counts) in found {
-        match known.insert(descriptor.clone(), *counts) {
-            Some(before) if before == *counts => {}
-            Some(before) => {
-                tracing::warn!(
-                    "cache: {KIND}: {descriptor}: {} of {} recognised before, got {}\none of the two runs is wrong: check them with `coordinator verify`",
-                    before.object_correct,
-                    before.queries,
-                    counts.object_correct
-                );
-                known.remove(descriptor);
+    for (descriptor, new) in found {
+        let (before, now) = match known.get_mut(descriptor) {
+            Some(before) => (before, new.counts),
+            None => {
+                known.insert(descriptor.clone(), new.clone());
                 changed = true;
+                continue;
             }
-            None => changed = true,
+        };
+        if before.counts != now {
+            tracing::warn!(
+                "cache: {KIND}: {descriptor}: {} of {} recognised before, got {}\none of the two runs is wrong: check them with `coordinator verify`",
+                before.counts.object_correct,
+                before.counts.queries,
+                now.object_correct
+            );
+            known.remove(descriptor);
+            changed = true;
+        } else if before.source.provenance.basis < new.source.provenance.basis {
+            before.source = Arc::clone(&new.source);
+            changed = true;
         }
     }
     changed
@@ -118,8 +192,10 @@ fn merge(known: &mut Remembered, found: &Remembered) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use cluster::scheduler::Basis;
     use descriptor::Parameters;
 
+    use super::source::tests::{principal, source};
     use super::*;
 
     fn memory<'a>(store: &'a Store, preprocess: &Preprocess, query: &[u8], database: &[u8]) -> Memory<'a> {
@@ -134,7 +210,8 @@ mod tests {
     fn remembered(descriptors: &[(u32, u32)]) -> Remembered {
         let one = |&(shape_bins, correct): &(u32, u32)| {
             let parameters = Parameters { shape_bins, ..Parameters::PAPER_BEST };
-            (Descriptor::DiskRing(parameters), counts(correct))
+            let source = Arc::new(source(1, &[principal(1)], Basis::Earned));
+            (Descriptor::DiskRing(parameters), RememberedCounts { counts: counts(correct), source })
         };
         descriptors.iter().map(one).collect()
     }
@@ -164,6 +241,18 @@ mod tests {
         assert!(!merge(&mut known, &remembered(&[(8, 3)])));
         assert!(merge(&mut known, &remembered(&[(9, 5)])));
         assert_eq!(known, remembered(&[(8, 3)]));
+    }
+
+    #[test]
+    fn of_two_runs_that_agree_the_surer_one_is_the_source() {
+        let mut known = remembered(&[(8, 3)]);
+        let mut surer = known.clone();
+        let own = Arc::new(source(2, &[proto::Principal::Coordinator], Basis::Own));
+        surer.values_mut().for_each(|one| one.source = Arc::clone(&own));
+        assert!(merge(&mut known, &surer));
+        assert_eq!(known, surer);
+        assert!(!merge(&mut known, &remembered(&[(8, 3)])));
+        assert_eq!(known, surer);
     }
 
     #[test]

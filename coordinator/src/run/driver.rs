@@ -16,6 +16,7 @@ use crate::fitness::{Fitness, Measured};
 use crate::observers::tables;
 use crate::result_cache::Known;
 use crate::run::bounds::bounds;
+use crate::run::contradiction::{check_used, contradicted, remembered_wrongly};
 use crate::run::matching::Matching;
 use crate::run::progress::Progress;
 use crate::run::search::{SearchLoop, SearchResult};
@@ -70,16 +71,25 @@ impl RunDriver<'_> {
     /// From the first generation to the winner's measures.
     pub async fn search(&mut self) -> Result<Outcome, RunError> {
         let Self { experiment, dataset, session, remembered, client, folder, progress, .. } = self;
+        let mut remembered = remembered.clone();
         loop {
             let search = begin_search(experiment, dataset, session, client, progress).await?;
             progress.search_starts(folder.generations());
             let cached = remembered.clone();
             let mut search_loop = SearchLoop::new(experiment, session, client, progress, cached);
-            match search_once(experiment, &mut search_loop, search, dataset, session, remembered, folder)
+            match search_once(experiment, &mut search_loop, search, dataset, session, &remembered, folder)
                 .await
             {
                 // The search is deterministic: it comes back to where it was, by way of the answers that still hold.
                 Err(RunError::Cluster(ClusterError::Corrected(tasks))) => search_loop.note_rewind(&tasks),
+                Err(error @ RunError::WronglyRemembered { .. }) => {
+                    client.note_rewind(1, error.to_string());
+                    progress.say(&format!("back to generation 1: {error}"));
+                    if let RunError::WronglyRemembered { wrong, .. } = error {
+                        remembered.drop_wrong(&wrong);
+                        session.forget(&wrong, progress.console());
+                    }
+                }
                 done => return done,
             }
         }
@@ -204,6 +214,7 @@ async fn search_once(
         search_loop.client_and_progress(),
     )
     .await?;
+    check_used(&session.cluster, &found.counts)?;
     Ok(Outcome { found, finals })
 }
 
@@ -349,19 +360,19 @@ impl Finals {
             of(Matching::Test, &weights[1]),
             of(Matching::Train, &weights[2]),
         ];
+        let validated = found.counts.validation.measured.get(winner);
         let known = [
-            ("training", Some(&found.train), &remembered.train, &training),
-            (
-                "validation",
-                found.counts.validation.get(&found.descriptor),
-                &remembered.validation,
-                &validation,
-            ),
+            (Matching::Train, Some(&found.train), &remembered.train, &training),
+            (Matching::Validation, validated, &remembered.validation, &validation),
         ];
-        for (name, held, remembered, computed) in known {
-            if let (Some(held), Some(computed)) = (held, computed) {
-                let is_remembered = remembered.contains_key(&found.descriptor);
-                agree(name, found, (held, is_remembered), &computed.measured)?;
+        for (matching, held, remembered, computed) in known {
+            let (Some(held), Some(Final { measured: computed, .. })) = (held, computed) else { continue };
+            if held != computed {
+                let (held, computed) = (&held.counts, &computed.counts);
+                return Err(match remembered.unused.get(winner) {
+                    Some(source) => remembered_wrongly(cluster, winner, matching, (held, source), computed),
+                    None => contradicted(winner, matching, held, computed),
+                });
             }
         }
         let results: Vec<EvaluationResult> = results.collect();
@@ -371,29 +382,4 @@ impl Finals {
         let baselines = results.chunks(tested.len().max(1)).map(of_all).collect();
         Ok(Self { validation, test, candidates, baselines })
     }
-}
-
-/// Refuses a winner whose counts, as the search took them, are not those that were just computed.
-/// `remembered`: they are another run's.
-fn agree(
-    matching: &'static str,
-    found: &SearchResult,
-    (held, remembered): (&Measured, bool),
-    computed: &Measured,
-) -> Result<(), RunError> {
-    if held == computed {
-        return Ok(());
-    }
-    let said = |Measured { counts, .. }: &Measured| {
-        format!(
-            "{} objects and {} categories of {}",
-            counts.object_correct, counts.category_correct, counts.queries
-        )
-    };
-    let (descriptor, computed, held) = (found.descriptor.clone(), said(computed), said(held));
-    Err(if remembered {
-        RunError::Contradiction { descriptor, matching, computed, remembered: held }
-    } else {
-        RunError::Disagreement { descriptor, matching, computed, held }
-    })
 }

@@ -8,13 +8,14 @@ use cluster::journal::{JOURNAL_FILE, JournalError};
 use evolution::SettingsError;
 use transport::ListenError;
 
-use proto::Principal;
+use proto::{Digest, Principal};
 
 use crate::dataset::DatasetError;
 use crate::exhaust::grid::GridError;
 use crate::experiment::ExperimentError;
 use crate::in_process::InProcessError;
 use crate::observers::event_file::EventFileError;
+use crate::result_cache::Wrong;
 use crate::run::data::DataError;
 
 /// Why a run has no result.
@@ -140,12 +141,20 @@ pub enum RunError {
         /// Its evaluation version.
         then: u32,
     },
-    /// A count of an earlier run is not what this one finds.
+    /// Counts that earlier runs have left are wrong: the search begins again without them.
+    #[error("remembered counts: {what}")]
+    WronglyRemembered {
+        /// Whoever is to blame.
+        wrong: Wrong,
+        /// What is wrong with them.
+        what: String,
+    },
+    /// A count of an earlier run is not what this one finds, and nobody is there to tell which is wrong.
     #[error(
-        "remembered counts: {descriptor}: {matching}: must be what was computed now, {computed}, got {remembered}\nrun again with --no-cache, and remove derived/remembered-counts from the cache: another run has kept wrong counts there"
+        "remembered counts: {descriptor}: {matching}: must be what was computed now, {computed}, got {remembered}\nstart a worker of the coordinator's own process, which decides (--local-workers 1), or run again with --no-cache"
     )]
     Contradiction {
-        /// The winner.
+        /// The descriptor.
         descriptor: descriptor::Descriptor,
         /// Which counts.
         matching: &'static str,
@@ -153,6 +162,15 @@ pub enum RunError {
         computed: String,
         /// The same, as they were remembered.
         remembered: String,
+    },
+    /// A description that an earlier comparison has left is not what this one finds, and nobody is there to tell which is
+    /// wrong.
+    #[error(
+        "descriptions: those of the clouds of split manifest {manifest} must be what was computed now, got others from the cache\nstart a worker of the coordinator's own process, which decides (--local-workers 1), or use --no-cache"
+    )]
+    WrongDescription {
+        /// The clouds.
+        manifest: Digest,
     },
     /// A principal that is to be readmitted is not quarantined.
     #[error(

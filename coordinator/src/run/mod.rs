@@ -2,6 +2,7 @@
 
 mod bounds;
 pub mod clouds;
+mod contradiction;
 mod data;
 pub mod directory;
 mod driver;
@@ -143,6 +144,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     progress.follow(&session.cluster);
     let events = EventFile::open(options.events.as_deref(), &session.cluster).await?;
     session.start(listener, settings.local_workers).await;
+    session.forget_quarantined(progress.console()); // of an earlier start, which may have been killed before it could
     let memory = |matching| session.splits.memory(&store, experiment.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
     let remembers = experiment.remembers_counts(&dataset);
@@ -158,14 +160,14 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     }
     let outcome = searched?;
     run.progress.finish();
-    let trusted = session.cluster.is_trusted() && is_whole;
+    let trusted = session.cluster.quarantined().is_empty() && is_whole;
     let summary = run.finish(&outcome)?;
     remove_journal(&out);
+    session.register(&out, &outcome.found.counts);
     // Not before the run is finished: what a failed one computed is in doubt, and so is what one with a worker that
     // was wrong computed where nobody has looked; after damage to the journal nobody knows whether there was one.
     if trusted && remembers {
-        let vouched = session.cluster.vouched();
-        outcome.found.counts.keep(&train_memory, &validation_memory, &vouched);
+        outcome.found.counts.keep(&train_memory, &validation_memory, &session.cluster);
     }
     Ok(summary)
 }

@@ -11,8 +11,9 @@ use results::RunFolder;
 
 use crate::experiment::Experiment;
 use crate::fitness::Measured;
-use crate::result_cache::Known;
+use crate::result_cache::{Known, Wrong};
 use crate::run::RunError;
+use crate::run::contradiction::{check_used, remembered_wrongly};
 use crate::run::fitness_batch::{Answer, FitnessBatch};
 use crate::run::fitness_check::nothing_recognised;
 use crate::run::front::FrontPoint;
@@ -86,8 +87,8 @@ impl<'a> SearchLoop<'a> {
                 [(Matching::Train, &mut cached.train), (Matching::Validation, &mut cached.validation)]
             {
                 // Only families without scales are remembered, and clouds of one set.
-                counts.retain(|descriptor, _| {
-                    !cluster.recalls(splits.evaluation(ONLY_SET, &descriptor.into(), matching, false))
+                counts.drop_unused(|descriptor, _| {
+                    cluster.recalls(splits.evaluation(ONLY_SET, &descriptor.into(), matching, false))
                 });
             }
         }
@@ -132,9 +133,10 @@ impl<'a> SearchLoop<'a> {
             let descriptors = self.descriptors_within_budget(&search);
             search.keep_first(descriptors.len());
             let population = search.ask().to_vec();
+            self.drop_wrong()?;
             let computed = self.evaluate_new(&descriptors).await?;
             let measured: Vec<Measured> =
-                descriptors.iter().map(|descriptor| self.counts.train[descriptor]).collect();
+                descriptors.iter().map(|descriptor| self.counts.train.measured[descriptor]).collect();
             let (experiment, fitness) = (self.experiment, self.experiment.fitness());
             let scored = descriptors.iter().zip(&measured);
             let scores: Vec<Score> =
@@ -182,6 +184,7 @@ impl<'a> SearchLoop<'a> {
             // Whoever is best decides what comes next: more than one has to say so.
             self.confirm(&descriptors[state.best as usize]);
             if let Some(stop_reason) = state.stop {
+                self.drop_wrong()?;
                 let front = self.front(&search).await?;
                 front.iter().for_each(|point| self.confirm(&point.descriptor));
                 let points = front.iter().map(|point| point.found.clone());
@@ -191,13 +194,13 @@ impl<'a> SearchLoop<'a> {
                 if let Some(max_cost) =
                     self.experiment.max_cost().filter(|_| !self.experiment.affords(&descriptor))
                 {
-                    let costs = self.counts.train.keys().map(Descriptor::recognition_cost);
+                    let costs = self.counts.train.measured.keys().map(Descriptor::recognition_cost);
                     return Err(RunError::TooCostly { max_cost, least: costs.min().unwrap_or(u64::MAX) });
                 }
                 return Ok(SearchResult {
                     stop_reason,
                     generations: generation,
-                    train: self.counts.train[&descriptor],
+                    train: self.counts.train.measured[&descriptor],
                     winner,
                     front,
                     descriptor,
@@ -247,26 +250,87 @@ impl<'a> SearchLoop<'a> {
     ) -> Result<BTreeMap<usize, Finished<EvaluationResult>>, RunError> {
         let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
         for (index, descriptor) in descriptors.iter().enumerate() {
-            if self.counts.train.contains_key(descriptor) {
+            if self.counts.train.measured.contains_key(descriptor) {
                 continue;
             }
             if !self.experiment.affords(descriptor) {
-                self.counts.train.insert(descriptor.clone(), self.nothing_recognised(Matching::Train));
+                let nothing = self.nothing_recognised(Matching::Train);
+                self.counts.train.measured.insert(descriptor.clone(), nothing);
             } else if seen.insert(descriptor) {
                 new.push((index, descriptor));
             }
         }
         self.computed += new.len() as u64;
         self.remembered += (descriptors.len() - new.len()) as u64;
+        self.use_remembered(descriptors.iter(), Matching::Train).await?;
         let descriptors: Vec<&Descriptor> = new.iter().map(|&(_, descriptor)| descriptor).collect();
         let finished = self.measure(&descriptors, Matching::Train).await?;
         self.progress.counted(self.computed, self.remembered);
         let mut computed = BTreeMap::new();
         for ((index, descriptor), Answer { measured, first }) in new.into_iter().zip(finished) {
-            self.counts.train.insert(descriptor.clone(), measured);
+            self.counts.train.measured.insert(descriptor.clone(), measured);
             computed.insert(index, first);
         }
         Ok(computed)
+    }
+
+    /// Uses what earlier runs have left of these descriptors, a share of it only after it was computed again.
+    ///
+    /// # Errors
+    /// As [`disagreement`], where something else was computed.
+    async fn use_remembered<'d>(
+        &mut self,
+        descriptors: impl Iterator<Item = &'d Descriptor>,
+        matching: Matching,
+    ) -> Result<(), RunError> {
+        let Self { client, progress, session, counts, .. } = self;
+        let known = if matching == Matching::Train { &mut counts.train } else { &mut counts.validation };
+        let (mut checked, mut asked) = (Vec::new(), Vec::new());
+        for descriptor in descriptors {
+            let Some(source) = known.unused.remove(descriptor) else { continue };
+            counts.used.insert(Arc::clone(&source));
+            // Another task than that of the search, of which the next start must not find an answer.
+            let evaluation = session.splits.evaluation(ONLY_SET, &descriptor.into(), matching, true);
+            if session.cluster.spot_checks(&Task::Evaluation(evaluation.clone())) {
+                checked.push((descriptor, source));
+                asked.push(evaluation);
+            }
+        }
+        if asked.is_empty() {
+            return Ok(());
+        }
+        let computed = client.evaluate(asked, |news| progress.news(news)).await?;
+        let computed = computed.iter().map(|finished| rows::counts(&finished.result));
+        let differing: Vec<_> = checked
+            .into_iter()
+            .zip(computed)
+            .filter(|((descriptor, _), computed)| known.measured[*descriptor].counts != *computed)
+            .collect();
+        for ((descriptor, _), _) in &differing {
+            client.confirm(&tasks::descriptor_bytes(descriptor));
+        }
+        // What was computed now may be as wrong: then it is corrected, and the search begins again.
+        client.confirmed(|news| progress.news(news)).await?;
+        match differing.into_iter().next() {
+            Some(((descriptor, source), computed)) => Err(remembered_wrongly(
+                &session.cluster,
+                descriptor,
+                matching,
+                (&known.measured[descriptor].counts, &source),
+                &computed,
+            )),
+            None => Ok(()),
+        }
+    }
+
+    /// Drops what principals that were found to be wrong by now have left in earlier runs.
+    ///
+    /// # Errors
+    /// If some of it was used.
+    fn drop_wrong(&mut self) -> Result<(), RunError> {
+        let cluster = &self.session.cluster;
+        self.counts.drop_wrong(&Wrong::principals(cluster.quarantined()));
+        check_used(cluster, &self.counts)
     }
 
     /// Measures descriptors by the fitness.
@@ -295,21 +359,22 @@ impl<'a> SearchLoop<'a> {
     async fn validate(&mut self, descriptors: &[&Descriptor]) -> Result<Vec<Measured>, RunError> {
         let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
         for &descriptor in descriptors {
-            if self.counts.validation.contains_key(descriptor) {
+            if self.counts.validation.measured.contains_key(descriptor) {
                 continue;
             }
             if !self.experiment.affords(descriptor) {
                 let nothing = self.nothing_recognised(Matching::Validation);
-                self.counts.validation.insert(descriptor.clone(), nothing);
+                self.counts.validation.measured.insert(descriptor.clone(), nothing);
             } else if seen.insert(descriptor) {
                 new.push(descriptor);
             }
         }
+        self.use_remembered(descriptors.iter().copied(), Matching::Validation).await?;
         let finished = self.measure(&new, Matching::Validation).await?;
         for (descriptor, Answer { measured, .. }) in new.into_iter().zip(finished) {
-            self.counts.validation.insert(descriptor.clone(), measured);
+            self.counts.validation.measured.insert(descriptor.clone(), measured);
         }
-        Ok(descriptors.iter().map(|&descriptor| self.counts.validation[descriptor]).collect())
+        Ok(descriptors.iter().map(|&descriptor| self.counts.validation.measured[descriptor]).collect())
     }
 
     /// The front of a search of several objectives, each point on the validation set if there is one.
@@ -334,7 +399,7 @@ impl<'a> SearchLoop<'a> {
                     validation: validation.as_ref().map(|measured| fitness.score(measured)),
                     ..found.clone()
                 },
-                train: self.counts.train[&descriptor],
+                train: self.counts.train.measured[&descriptor],
                 descriptor,
                 validation,
             };

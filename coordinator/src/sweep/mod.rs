@@ -18,7 +18,7 @@ use crate::console::say;
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{Member, Overrides, Plan, Sweep};
 use crate::observers::event_file::EventFile;
-use crate::result_cache::Known;
+use crate::result_cache::{Known, Wrong};
 use crate::run::directory::{chosen, claim, refuse_another};
 use crate::run::progress::Progress;
 use crate::run::readmit;
@@ -100,6 +100,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     progress.follow(&session.cluster);
     let events = EventFile::open(options.events.as_deref(), &session.cluster).await?;
     session.start(listener, settings.local_workers).await;
+    session.forget_quarantined(progress.console()); // of an earlier start, which may have been killed before it could
     let memory = |matching| session.splits.memory(&store, base.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
     let (known, none) = (Known::recall(&train_memory, &validation_memory), Known::default());
@@ -122,12 +123,13 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     progress.finish();
 
     remove_journal(&out);
-    let (trusted, vouched) = (session.cluster.is_trusted() && is_whole, session.cluster.vouched());
+    let trusted = session.cluster.quarantined().is_empty() && is_whole;
     for (place, summary, found) in done {
+        session.register(&summary.out, &found);
         summaries.push((place, summary));
         // Not before all are finished, as none of them was told a wrong answer that is known to be one.
         if trusted && members[place].experiment.remembers_counts(dataset) {
-            found.keep(&train_memory, &validation_memory, &vouched);
+            found.keep(&train_memory, &validation_memory, &session.cluster);
         }
     }
     summaries.sort_by_key(|(place, _)| *place);
@@ -174,7 +176,9 @@ async fn run_all(runs: &mut [(usize, RunDriver<'_>)], tally: &Tally) -> Result<V
     loop {
         let mut again = Vec::new();
         for (place, run) in &mut *runs {
-            if run.client.begins_again() {
+            let wrong = Wrong::principals(run.session.cluster.quarantined());
+            let rests_on = |(finished, _, known): &Done| finished == place && known.rests_on(&wrong);
+            if run.client.begins_again() || done.iter().any(rests_on) {
                 run.progress.say("is searched again: answers that it was given were wrong");
                 run.folder.discard()?;
                 done.retain(|(finished, ..)| finished != place);

@@ -25,6 +25,10 @@ pub struct CellPoints {
     pub worker_id: Option<String>,
     /// Who answers for that worker; `None` if it is not known.
     pub principal: Option<String>,
+    /// Another principal that counted the same; `None` if there was none.
+    pub seconded: Option<String>,
+    /// Why later runs may go on with it: own, audited or earned; `None` if they may not, or if it is not known.
+    pub basis: Option<String>,
 }
 
 record! {
@@ -34,6 +38,8 @@ record! {
         object_correct: u32, "clouds", "first training set's clouds whose nearest cloud is of the same object";
         worker_id: Option<String>, "", "id of the worker that counted them, hexadecimal; null if not known";
         principal: Option<String>, "", "who answers for that worker, as in workers; null if not known";
+        seconded: Option<String>, "", "another principal that counted the same; null if none";
+        basis: Option<String>, "", "why later runs may go on with it: own, audited or earned; null if they may not";
     }
 }
 
@@ -126,6 +132,9 @@ record! {
         grid_digest: String, "", "BLAKE3 over the counts of all cells, R1 and R2 ascending";
         cells_computed: u32, "", "cells evaluated since the last start";
         cells_found: u32, "", "cells that were evaluated before it";
+        run: Option<String>, "", "session that finished it, hexadecimal; null if basis is";
+        principals: Option<String>, "", "on whose word its cells rest, separated by commas; null if basis is";
+        basis: Option<String>, "", "why later runs may go on with it, as in cells, the least of them; null if they may not";
         seconds: f64, "s", "wall time since the last start";
         finished_at: SystemTime, "UTC", "end of the last cell's evaluation";
     }

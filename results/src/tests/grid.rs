@@ -22,6 +22,8 @@ fn points() -> CellPoints {
         object_correct: vec![3, 9, 0, 9],
         worker_id: Some("07".repeat(16)),
         principal: Some("token 192.0.2.7".to_owned()),
+        seconded: Some("address 192.0.2.8".to_owned()),
+        basis: Some("audited".to_owned()),
     }
 }
 
@@ -51,6 +53,9 @@ fn tables() -> GridTables {
             grid_digest: "ef".repeat(32),
             cells_computed: 1,
             cells_found: 0,
+            run: Some("12".repeat(16)),
+            principals: Some("address 192.0.2.8, token 192.0.2.7".to_owned()),
+            basis: Some("audited".to_owned()),
             seconds: 1.5,
             finished_at: SystemTime::UNIX_EPOCH + Duration::from_millis(1_700_000_005_456),
         },
@@ -141,7 +146,14 @@ fn row_structs_and_column_table_do_not_drift_apart() {
     let genes = fixture::genes();
     let GridTables { grid, best, marginals, landscapes, counts } = tables();
     let context = Context { queries: 9, ..Context::default() };
-    let cell = CellRow { genes: best[0].genes.clone(), object_correct: 9, worker_id: None, principal: None };
+    let cell = CellRow {
+        genes: best[0].genes.clone(),
+        object_correct: 9,
+        worker_id: None,
+        principal: None,
+        seconded: None,
+        basis: None,
+    };
     let frames = [
         (TableName::Cells, frame(TableName::Cells, &[cell], context)),
         (TableName::Best, frame(TableName::Best, &best, context)),

@@ -252,8 +252,14 @@ fn a_grid_is_asked_like_a_run_and_a_table_of_the_statement_is_not_taken_for_one_
     let out = GridFolder::create(folder.path(), &genes()).unwrap();
     for (name, correct) in [("a", vec![3, 5]), ("b", vec![4])] {
         let genes = genes().iter().map(|_| vec![Some(1.0); correct.len()]).collect();
-        let points =
-            CellPoints { genes, object_correct: correct, worker_id: Some("ab".to_owned()), principal: None };
+        let points = CellPoints {
+            genes,
+            object_correct: correct,
+            worker_id: Some("ab".to_owned()),
+            principal: None,
+            seconded: None,
+            basis: None,
+        };
         out.write_cell(name, &points).unwrap();
     }
     let answer = rows(&[folder.path()], "SELECT COUNT(*) AS n, MAX(object_correct) AS most FROM cells");

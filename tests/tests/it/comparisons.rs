@@ -408,7 +408,8 @@ fn tables(out: &str) -> [Rows; 5] {
 #[test]
 fn a_comparison_that_is_killed_asks_only_for_the_descriptions_that_are_missing() {
     const KIND: &str = "descriptions";
-    let experiment = Experiment::new(SEARCH);
+    // None of those that are there is described again only to check it.
+    let experiment = Experiment::new(&format!("{SEARCH}[coordinator]\naudit = 0.0\n"));
     experiment.run("out", &[]).expect_success();
     let (out, undisturbed, cache) =
         (experiment.path("out"), experiment.path("undisturbed"), experiment.path("kept"));
@@ -433,14 +434,20 @@ fn a_comparison_that_is_killed_asks_only_for_the_descriptions_that_are_missing()
     let sound = fs::read(damaged).unwrap();
     fs::write(damaged, &sound[..sound.len() - 1]).unwrap();
     let mut coordinator = Running::start(experiment.folder(), "again", "coordinator", with("0"));
-    let worker = experiment.worker("second", &address);
+    let mut worker = experiment.worker("second", &address);
     let again = coordinator.wait().expect_success();
+    worker.signal("TERM");
+    let described = begun(&worker.wait().expect_success().stderr).values().sum::<usize>();
     assert!(again.stderr.contains("descriptions are there already"), "{again}");
     assert!(again.stderr.contains("is truncated, making it again"), "{again}");
+    assert!(tables(&out) == tables(&undisturbed));
+    // What a newcomer has said that nobody could audit is nothing for the next to go on with.
+    assert_eq!(entries(&cache, KIND).len(), there.len() - 1);
+    run("coordinator", with("1")).expect_success();
     let all = entries(&cache, KIND);
     let missing = all.len() - (there.len() - 1);
     assert!(missing > 1, "the fault came too late: {} of {}", there.len(), all.len());
-    assert_eq!(begun(&worker.log()).values().sum::<usize>(), missing, "{}", worker.log());
+    assert_eq!(described, missing, "{again}");
     assert_ne!(fs::read(damaged).unwrap(), sound[..sound.len() - 1], "it was made again");
     assert!(tables(&out) == tables(&undisturbed));
 

@@ -46,7 +46,7 @@ fn check(site: &Site, finished: &Finished, quarantined: &[&str]) {
 }
 
 /// Answers every job with what `answer` makes of it, until the coordinator wants no more or goes.
-async fn answer_all(mut peer: Peer, answer: impl Fn(v2::Job) -> v2::JobReport) -> Status {
+pub async fn answer_all(mut peer: Peer, answer: impl Fn(v2::Job) -> v2::JobReport) -> Status {
     let mut finished = Vec::new();
     loop {
         let reports = std::mem::take(&mut finished);

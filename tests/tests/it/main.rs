@@ -71,6 +71,7 @@ mod parity;
 mod peer;
 mod perturbed;
 mod pieces;
+mod poison;
 mod programs;
 mod protocol;
 mod query;

@@ -7,10 +7,12 @@ use std::{env, fs};
 
 use cache::Store;
 use cache::{ByteSize, Storage};
-use proto::Digest;
 use serde_json::Value;
 
 use crate::experiments::{Experiment, summary};
+use crate::hostile::answer_all;
+use crate::impostors::lie;
+use crate::peer::Peer;
 use crate::process::{Finished, Running, finish, program, run};
 
 /// Comes back to some descriptors, and validates.
@@ -70,7 +72,7 @@ fn a_run_that_was_killed_is_not_remembered() {
 }
 
 /// Every file below a folder.
-fn files(folder: &Path) -> Vec<PathBuf> {
+pub fn files(folder: &Path) -> Vec<PathBuf> {
     let (mut files, mut folders) = (Vec::new(), vec![folder.to_owned()]);
     while let Some(folder) = folders.pop() {
         for entry in fs::read_dir(folder).unwrap() {
@@ -198,23 +200,28 @@ fn a_worker_elsewhere_gets_prepared_clouds_instead_of_preparing_them() {
     assert_eq!(outcome(&second).0, outcome(&plain).0);
 }
 
+/// The store in a cache folder.
+pub fn store(cache: &str) -> Store {
+    let size = ByteSize::gib(1);
+    let storage = Storage { cache: Some(cache.into()), cache_size: size, ..Storage::in_memory(size) };
+    Store::open(&storage, "liar", descriptor::EVALUATION_VERSION)
+}
+
 /// Raises the object count of every remembered record to its category count or to all queries, and keeps the entries
 /// again as the store itself does.
 fn improve_remembered_counts(cache: &str) -> usize {
-    let size = ByteSize::gib(1);
-    let storage = Storage { cache: Some(cache.into()), cache_size: size, ..Storage::in_memory(size) };
-    let store = Store::open(&storage, "liar", descriptor::EVALUATION_VERSION);
-    let folder = Path::new(cache).join("derived/remembered-counts");
+    let store = store(cache);
     let mut improved = 0;
-    for file in files(&folder) {
-        let name = file.file_name().unwrap().to_str().unwrap();
-        let bytes: Vec<u8> =
-            (0..32).map(|byte| u8::from_str_radix(&name[2 * byte..2 * byte + 2], 16).unwrap()).collect();
-        let key = Digest::try_from(&bytes[..]).unwrap();
+    for key in store.local_keys("remembered counts") {
         let mut payload = store.get_local("remembered counts", key).unwrap();
-        // Magic (8 bytes) and queries (4); a record has the length of a descriptor, its 22 bytes, and two counts.
+        // Magic (8 bytes), queries (4), number of sources (4) and each source with its length; a record has the length of
+        // a descriptor, its 22 bytes, two counts and the number of its source.
         let queries: [u8; 4] = payload[8..12].try_into().unwrap();
-        for record in payload[12..].chunks_exact_mut(31) {
+        let mut records = 16;
+        for _ in 0..u32::from_le_bytes(payload[12..16].try_into().unwrap()) {
+            records += 4 + u32::from_le_bytes(payload[records..records + 4].try_into().unwrap()) as usize;
+        }
+        for record in payload[records..].chunks_exact_mut(35) {
             assert_eq!(record[0], 22);
             record[23..27].copy_from_slice(&queries);
             record[27..31].copy_from_slice(&queries);
@@ -226,14 +233,40 @@ fn improve_remembered_counts(cache: &str) -> usize {
 }
 
 #[test]
-fn a_winner_that_rests_on_wrong_remembered_counts_is_refused() {
-    let experiment = Experiment::new(SEARCH);
+fn a_run_begins_again_without_remembered_counts_that_are_wrong() {
+    for audit in ["0.0", "1.0"] {
+        let experiment = Experiment::new(&format!("{SEARCH}[coordinator]\naudit = {audit}\n"));
+        let cache = experiment.path("cache");
+        let honest = experiment.run("honest", &["--cache", &cache]).expect_success();
+        assert!(improve_remembered_counts(&cache) > 20);
+        let misled = experiment.run("misled", &["--cache", &cache]).expect_success();
+        assert_eq!(outcome(&misled).0, outcome(&honest).0, "{misled}");
+        assert!(misled.stderr.contains("back to generation 1: remembered counts: shape_bins="), "{misled}");
+        assert!(misled.stderr.contains("coordinator was wrong: dropped from the cache: "), "{misled}");
+        let named = format!("{} rests on such answers, too", experiment.path("honest"));
+        assert!(misled.stderr.contains(&named), "{misled}");
+        let after = experiment.run("after", &["--cache", &cache]).expect_success();
+        assert_eq!(outcome(&after), (outcome(&honest).0, 0, 96), "{after}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_stranger_alone_does_not_overrule_what_is_remembered() {
+    let experiment = Experiment::new(&format!("{SEARCH}[results]\nbaselines = false\n"));
     let cache = experiment.path("cache");
-    experiment.run("honest", &["--cache", &cache]).expect_success();
-    assert!(improve_remembered_counts(&cache) > 20);
-    let refused = experiment.run("misled", &["--cache", &cache]).expect_error();
-    assert!(refused.stderr.contains("error: remembered counts: shape_bins="), "{refused}");
-    assert!(refused.stderr.contains("\nrun again with --no-cache, and remove"), "{refused}");
-    assert!(!Path::new(&experiment.path("misled")).join("run/run.parquet").exists());
-    experiment.run("misled", &["--no-cache"]).expect_success();
+    tokio::task::block_in_place(|| experiment.run("honest", &["--cache", &cache]).expect_success());
+    let args = experiment.run_args("lied", &["--local-workers", "0", "--cache", &cache]);
+    let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
+    let liar = Peer::join(&coordinator.join_address(), None, "liar").await.unwrap();
+    let liar = tokio::spawn(answer_all(liar, lie));
+    tokio::task::block_in_place(|| {
+        let refused = coordinator.wait().expect_error();
+        assert!(refused.stderr.contains("error: remembered counts: shape_bins="), "{refused}");
+        assert!(refused.stderr.contains("which decides (--local-workers 1)"), "{refused}");
+        // The run goes on where somebody decides.
+        let decided = experiment.run("lied", &["--cache", &cache]).expect_success();
+        let after = experiment.run("honest", &["--cache", &cache, "--fresh"]).expect_success();
+        assert_eq!(outcome(&decided).0, outcome(&after).0, "{decided}");
+    });
+    liar.await.unwrap();
 }

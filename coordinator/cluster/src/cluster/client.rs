@@ -13,7 +13,7 @@ use tokio::sync::Notify;
 
 use super::{Cluster, ClusterError, ClusterNews};
 use crate::events::{Event, EventKind, Omitted};
-use crate::scheduler::{ClientId, Finished, Staffing};
+use crate::scheduler::{ClientId, Finished, Provenance, Staffing};
 
 /// Tasks by job, with their index among all that were submitted together.
 type Asked = BTreeMap<JobId, (usize, Arc<Task>)>;
@@ -34,10 +34,12 @@ pub struct CellAnswer {
     pub place: usize,
     /// How many queries each descriptor recognises.
     pub counts: Vec<u32>,
-    /// The worker that counted, and who answers for it.
-    pub by: (WorkerId, Principal),
+    /// The worker that counted, who answers for it, and another principal that counted the same, if one did.
+    pub by: (WorkerId, Principal, Option<Principal>),
     /// Whether nothing more is needed to believe it.
     pub settled: bool,
+    /// Its provenance; `None` if it is nothing to go on with for others than this search.
+    pub provenance: Option<Provenance>,
 }
 
 /// A shard that was described.
@@ -47,8 +49,8 @@ pub struct DescriptionAnswer {
     pub place: usize,
     /// Its description; `None` of one of which only the name is kept.
     pub bytes: Option<Arc<[u8]>>,
-    /// Whether nothing more is needed to believe it.
-    pub settled: bool,
+    /// Its provenance; `None` if it is nothing to go on with for others.
+    pub provenance: Option<Provenance>,
 }
 
 impl Client {
@@ -140,15 +142,19 @@ impl Client {
         cells: Vec<GridCell>,
         mut take: impl FnMut(&ClusterNews, Vec<CellAnswer>) -> Result<(), E>,
     ) -> Result<(), E> {
+        let cluster = Arc::clone(&self.cluster);
         self.perform(cells.into_iter().map(Task::GridCell).collect(), |news, finished| {
-            let answer = |(place, finished): (usize, Finished)| match finished.result {
-                TaskResult::GridCell(counts) => Some(CellAnswer {
-                    place,
-                    counts,
-                    by: (finished.worker_id, finished.principal),
-                    settled: finished.assurance > Assurance::Owed,
-                }),
-                _ => None, // `Task::check` lets none pass
+            let answer = |(place, finished): (usize, Finished)| {
+                let provenance = cluster.state().scheduler.provenance(&finished);
+                let Finished { worker_id, principal, seconded, assurance, .. } = finished;
+                let settled = assurance > Assurance::Owed;
+                match finished.result {
+                    TaskResult::GridCell(counts) => {
+                        let by = (worker_id, principal, seconded);
+                        Some(CellAnswer { place, counts, by, settled, provenance })
+                    }
+                    _ => None, // `Task::check` lets none pass
+                }
             };
             take(news, finished.into_iter().filter_map(answer).collect()).map(|()| Vec::new())
         })
@@ -166,17 +172,18 @@ impl Client {
         shards: &[Description],
         mut watch: impl FnMut(Vec<DescriptionAnswer>),
     ) -> Result<Vec<Arc<[u8]>>, ClusterError> {
+        let cluster = Arc::clone(&self.cluster);
         loop {
             let mut names = vec![None; shards.len()];
             let tasks = shards.iter().cloned().map(Task::Description).collect();
             let done = self
                 .perform(tasks, |_, finished| {
                     let mut answers = Vec::new();
-                    for (place, Finished { result, assurance, .. }) in finished {
-                        let settled = assurance > Assurance::Owed;
-                        if let TaskResult::Description(Described { digest, bytes }) = result {
+                    for (place, finished) in finished {
+                        let provenance = cluster.state().scheduler.provenance(&finished);
+                        if let TaskResult::Description(Described { digest, bytes }) = finished.result {
                             names[place] = Some((digest, bytes.clone()));
-                            answers.push(DescriptionAnswer { place, bytes, settled });
+                            answers.push(DescriptionAnswer { place, bytes, provenance });
                         }
                     }
                     watch(answers);

@@ -7,7 +7,7 @@ mod client;
 mod clients;
 mod state;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, Weak};
 use std::time::{Duration, Instant, SystemTime};
 
@@ -21,8 +21,8 @@ use crate::events::{EventCursor, EventKind, EventLog};
 use crate::journal::{Journal, JournalError, LogSequence, Recorded};
 use crate::lock::lock;
 use crate::scheduler::{
-    Answer, Caller, Doubt, Finished, JobFailed, Limits, Poll, PollRefusal, RegisterRefusal, RunSecret,
-    Scheduler, Staffing,
+    Answer, Caller, Doubt, Finished, JobFailed, Limits, Poll, PollRefusal, Provenance, RegisterRefusal,
+    RunSecret, Scheduler, Staffing,
 };
 use crate::sharding::{Batch, Layouts, ShardCount};
 pub use client::{CellAnswer, Client, DescriptionAnswer};
@@ -380,14 +380,32 @@ impl Cluster {
         self.state().close(Instant::now());
     }
 
-    /// See [`Scheduler::vouched`].
-    pub fn vouched(&self) -> BTreeSet<DescriptorBytes> {
-        self.state().scheduler.vouched()
+    /// See [`Scheduler::provenances`].
+    pub fn provenances(&self) -> BTreeMap<DescriptorBytes, Provenance> {
+        self.state().scheduler.provenances()
     }
 
-    /// Whether nobody was quarantined in this run; otherwise results that were not audited may be wrong.
-    pub fn is_trusted(&self) -> bool {
-        self.state().scheduler.is_trusted()
+    /// The provenance of the result of a task that is kept; `None` also if it is nothing to go on with for others than this
+    /// run.
+    pub fn provenance(&self, task: &Task) -> Option<Provenance> {
+        let mut state = self.state();
+        let finished = state.scheduler.jobs.recall(task.job(0), &Arc::new(task.clone()))?;
+        state.scheduler.provenance(&finished)
+    }
+
+    /// See [`Scheduler::answerers`].
+    pub fn answerers(&self) -> BTreeSet<Principal> {
+        self.state().scheduler.answerers()
+    }
+
+    /// See [`Scheduler::spot_checks`].
+    pub fn spot_checks(&self, task: &Task) -> bool {
+        self.state().scheduler.spot_checks(task.job(0))
+    }
+
+    /// Who was quarantined in this run. If anybody was, results that were not audited may be wrong.
+    pub fn quarantined(&self) -> BTreeSet<Principal> {
+        self.state().scheduler.quarantined().clone()
     }
 
     fn state(&self) -> MutexGuard<'_, ClusterState> {

@@ -56,7 +56,7 @@ async fn evaluate(answer: impl Fn(u32) -> Vec<u32>) -> Result<Vec<(usize, Vec<u3
     let mut client = cluster.client();
     let evaluation = client.evaluate_cells([5, 6, 7].map(cell).to_vec(), |_, answers| {
         all.extend(answers.into_iter().map(|answer| {
-            assert_eq!(answer.by, (WorkerId([1; 16]), principal()));
+            assert_eq!(answer.by, (WorkerId([1; 16]), principal(), None));
             (answer.place, answer.counts)
         }));
         Ok(())

@@ -9,6 +9,7 @@ mod health;
 mod leases;
 mod membership;
 pub mod messages;
+mod provenance;
 mod queue;
 mod restore;
 mod run_times;
@@ -33,6 +34,7 @@ pub use messages::{
     Answer, Confirmed, Doubt, Emitted, Finished, JobFailed, Poll, PollRefusal, RegisterRefusal, Staffing,
     WorkerFailure,
 };
+pub use provenance::{Basis, Provenance};
 use queue::Queue;
 use run_times::RunTimes;
 pub use trust::Audit;
@@ -227,19 +229,38 @@ impl Scheduler {
         self.settle(id, now);
     }
 
-    /// The descriptors with which others may go on: everything that is known about them was computed by the coordinator's
-    /// own process, audited, or given by principals that have earned trust.
-    pub fn vouched(&self) -> BTreeSet<DescriptorBytes> {
-        let vouched = |finished: &Finished| match finished.assurance {
-            Assurance::Own | Assurance::Audited => true,
-            Assurance::Unaudited => self.trust.has_earned(finished.principal),
-            Assurance::Owed => false,
-        };
-        let mut descriptors: BTreeMap<&DescriptorBytes, bool> = BTreeMap::new();
+    /// The provenance of everything that is known about each descriptor; without those that are nothing to go on with for
+    /// others than this run.
+    pub fn provenances(&self) -> BTreeMap<DescriptorBytes, Provenance> {
+        let mut descriptors: BTreeMap<&DescriptorBytes, Option<Provenance>> = BTreeMap::new();
         for (task, finished) in self.jobs.accepted() {
-            *descriptors.entry(&task.subject().descriptor).or_insert(true) &= vouched(finished);
+            let one = Provenance::of(finished, &self.trust);
+            descriptors
+                .entry(&task.subject().descriptor)
+                .and_modify(|all| *all = all.take().zip(one.clone()).map(|(all, one)| all.and(one)))
+                .or_insert(one);
         }
-        descriptors.into_iter().filter(|(_, vouched)| *vouched).map(|(one, _)| one.clone()).collect()
+        descriptors.into_iter().filter_map(|(one, provenance)| Some((one.clone(), provenance?))).collect()
+    }
+
+    /// The provenance of a result; `None` if it is nothing to go on with for others than this run.
+    pub fn provenance<R>(&self, finished: &Finished<R>) -> Option<Provenance> {
+        Provenance::of(finished, &self.trust)
+    }
+
+    /// The principals on whose word the accepted results of this start rest.
+    pub fn answerers(&self) -> BTreeSet<Principal> {
+        let principals = |finished: &Finished| match finished.assurance {
+            Assurance::Own => [Some(Principal::Coordinator), None],
+            _ => [Some(finished.principal), finished.seconded],
+        };
+        self.jobs.accepted().flat_map(|(_, finished)| principals(finished)).flatten().collect()
+    }
+
+    /// Whether what an earlier run has left about this job is computed again by this one: as often as answers are audited,
+    /// and as little to be foreseen.
+    pub fn spot_checks(&self, job: JobId) -> bool {
+        self.secret.draw(job) < self.limits.audit.share
     }
 
     /// The accepted results about a descriptor, with their tasks: see [`JobStore::about`].
@@ -393,9 +414,9 @@ impl Scheduler {
         self.failed.as_ref()
     }
 
-    /// Whether nobody was quarantined, in this start or an earlier one.
-    pub fn is_trusted(&self) -> bool {
-        self.quarantined.is_empty()
+    /// Who was quarantined, in this start or an earlier one.
+    pub fn quarantined(&self) -> &BTreeSet<Principal> {
+        &self.quarantined
     }
 
     /// How many workers there are.

@@ -1,0 +1,68 @@
+//! Two counts of one descriptor that differ: which of them is wrong, and what follows.
+
+use cluster::Cluster;
+use cluster::scheduler::Basis;
+use descriptor::Descriptor;
+use results::Counts;
+
+use crate::result_cache::{Known, Source, Wrong};
+use crate::run::RunError;
+use crate::run::matching::Matching;
+use crate::tasks;
+
+/// Counts that an earlier run has left and that differ from those that were computed now, after all that can be confirmed
+/// of these was. Where the own process or two principals stand for them, the others are wrong.
+pub fn remembered_wrongly(
+    cluster: &Cluster,
+    descriptor: &Descriptor,
+    matching: Matching,
+    (held, source): (&Counts, &Source),
+    computed: &Counts,
+) -> RunError {
+    let [remembered, computed] = [held, computed].map(said);
+    let provenances = cluster.provenances();
+    let provenance = provenances.get(&tasks::descriptor_bytes(descriptor));
+    let matching = name(matching);
+    if provenance.is_some_and(|provenance| provenance.basis >= Basis::Audited) {
+        let what = format!("{descriptor}: {matching}: must be {computed}, got {remembered}");
+        return RunError::WronglyRemembered { wrong: Wrong::principals(source.suspects()), what };
+    }
+    RunError::Contradiction { descriptor: descriptor.clone(), matching, computed, remembered }
+}
+
+/// Whether nothing that a run has used of earlier ones rests on a principal that was found to be wrong since.
+///
+/// # Errors
+/// [`RunError::WronglyRemembered`].
+pub fn check_used(cluster: &Cluster, known: &Known) -> Result<(), RunError> {
+    let wrong = Wrong::principals(cluster.quarantined());
+    if !known.rests_on(&wrong) {
+        return Ok(());
+    }
+    let what = "were used, and a worker whose principal has left them was wrong".to_owned();
+    Err(RunError::WronglyRemembered { wrong, what })
+}
+
+/// Two answers to this run that differ.
+pub fn contradicted(
+    descriptor: &Descriptor,
+    matching: Matching,
+    held: &Counts,
+    computed: &Counts,
+) -> RunError {
+    let [held, computed] = [held, computed].map(said);
+    RunError::Disagreement { descriptor: descriptor.clone(), matching: name(matching), computed, held }
+}
+
+fn name(matching: Matching) -> &'static str {
+    match matching {
+        Matching::Train => "training",
+        Matching::Validation => "validation",
+        Matching::Test => "test",
+    }
+}
+
+fn said(counts: &Counts) -> String {
+    let Counts { object_correct, category_correct, queries } = counts;
+    format!("{object_correct} objects and {category_correct} categories of {queries}")
+}
