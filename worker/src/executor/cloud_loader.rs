@@ -4,12 +4,13 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use cache::{Claim, Store};
-use descriptor::{PreparedCloud, pcd};
+use descriptor::PreparedCloud;
 use proto::{Digest, Message};
 use rayon::iter::Either;
 use rayon::prelude::*;
 
 use crate::blobs::Blobs;
+use crate::executor::cloud_check::{self, CHECKED_ONE_IN};
 use crate::executor::computing::Computing;
 use crate::executor::error::EvaluationError;
 use crate::executor::manifest::{Listed, Manifest};
@@ -17,7 +18,8 @@ use crate::executor::preparation_cache::PreparationCache;
 use crate::executor::work::Work;
 use crate::prepared_cloud::PREPARED_CLOUD;
 
-type Loaded = Vec<(Digest, Arc<PreparedCloud>)>;
+type Prepared = (Digest, Arc<PreparedCloud>);
+type Loaded = Vec<Prepared>;
 
 /// Loads prepared clouds for tasks, batch by batch.
 pub struct CloudLoader {
@@ -26,13 +28,15 @@ pub struct CloudLoader {
     /// The threads that prepare, and compute whatever else is to be computed.
     pub computing: Computing,
     pub(super) store: Arc<Store>,
+    /// One in so many clouds that others have prepared is prepared again: see [`cloud_check::check`].
+    pub(super) checked_one_in: u32,
     work: Mutex<Work>,
 }
 
 impl CloudLoader {
     /// Clouds from `store` and `blobs`, prepared by `computing`.
     pub fn new(blobs: Blobs, store: Arc<Store>, computing: Computing) -> Self {
-        Self { blobs, store, computing, work: Mutex::default() }
+        Self { blobs, store, computing, checked_one_in: CHECKED_ONE_IN, work: Mutex::default() }
     }
 
     /// What was done so far.
@@ -108,8 +112,19 @@ impl CloudLoader {
         wanted: Vec<Listed>,
     ) -> Result<Loaded, EvaluationError> {
         let fetched_before = self.blobs.fetched();
+        let listed = wanted.clone();
         let (loaded, wanted) = self.load_from_disk(cache, wanted).await;
         let (fetched, wanted) = self.fetch(cache, wanted).await;
+        let shared = loaded.iter().filter(|(_, is_local)| !is_local).map(|(one, _)| one);
+        // Which ones nobody can foresee; no result depends on it.
+        let chosen = shared.chain(&fetched).filter(|_| rand::random_range(0..self.checked_one_in) == 0);
+        let with_source = |(digest, cloud): &Prepared| {
+            let listed = listed.iter().find(|listed| listed.digest == *digest)?;
+            Some((listed.clone(), Arc::clone(cloud)))
+        };
+        let chosen = chosen.filter_map(with_source).collect();
+        cloud_check::check(chosen, cache, (&self.blobs, &self.computing, &self.store)).await?;
+        let loaded: Loaded = loaded.into_iter().map(|(one, _)| one).collect();
         let prepared = self.prepare(cache, wanted).await?;
         let counts = [loaded.len(), fetched.len(), prepared.len()].map(|count| count as u64);
         {
@@ -132,19 +147,21 @@ impl CloudLoader {
         Ok(all)
     }
 
-    /// From this machine's disk or the shared folder; the second list is what neither has.
+    /// From this machine's disk, which is noted of each, or the shared folder; the second list is what neither has.
     async fn load_from_disk(
         &self,
         cache: &Arc<PreparationCache>,
         wanted: Vec<Listed>,
-    ) -> (Loaded, Vec<Listed>) {
+    ) -> (Vec<(Prepared, bool)>, Vec<Listed>) {
         if !self.store.is_kept() {
-            return (Loaded::new(), wanted);
+            return (Vec::new(), wanted);
         }
         let (store, cache) = (Arc::clone(&self.store), Arc::clone(cache));
         let load = move |cloud: Listed| {
-            let payload = cache.entry_key(cloud.digest).and_then(|key| store.get(PREPARED_CLOUD, key));
-            decoded(&cache, cloud, payload)
+            let key = cache.entry_key(cloud.digest);
+            let found = key.and_then(|key| store.get_with_place(PREPARED_CLOUD, key));
+            let (payload, is_local) = found.unzip();
+            decoded(&cache, cloud, payload).map_left(|one| (one, is_local == Some(true)))
         };
         self.computing.run(move || wanted.into_par_iter().partition_map(load)).await
     }
@@ -183,7 +200,7 @@ impl CloudLoader {
         let bytes = futures_util::future::try_join_all(bytes).await?;
         let (store, cache) = (Arc::clone(&self.store), Arc::clone(cache));
         let prepare = move |(cloud, bytes): (Listed, Vec<u8>)| {
-            let prepared = prepared(&cache, &cloud, &bytes)?;
+            let prepared = cache.prepare(&cloud, &bytes)?;
             if let Some(key) = cache.entry_key(cloud.digest).filter(|_| store.is_kept())
                 && let Some(payload) = cache.preparer.encode(&prepared)
             {
@@ -210,15 +227,4 @@ fn decoded(
         }
         None => Either::Right(cloud),
     }
-}
-
-fn prepared(
-    cache: &PreparationCache,
-    cloud: &Listed,
-    bytes: &[u8],
-) -> Result<PreparedCloud, EvaluationError> {
-    let failed = |what: String| EvaluationError::Cloud { path: cloud.path.clone(), what };
-    let source = pcd::read(bytes).map_err(|error| failed(error.to_string()))?;
-    let prepared = cache.preparer.prepare(&source, &cache.preparation().preprocess);
-    prepared.map_err(|error| failed(error.to_string()))
 }

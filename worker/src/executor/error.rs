@@ -62,6 +62,9 @@ pub enum EvaluationError {
     /// What the task names are no signatures of its shard.
     #[error(transparent)]
     Undecodable(#[from] SignatureError),
+    /// A cloud that others have prepared is not what its source gives: whatever was computed here may be wrong.
+    #[error("{0}")]
+    Distrusted(String),
     /// A cloud that the coordinator listed cannot be described.
     #[error("{path}: {what}")]
     Cloud {
@@ -81,7 +84,7 @@ impl EvaluationError {
             | Self::Recognise(_)
             | Self::Sequence { .. }
             | Self::TooLarge { .. } => FailureReason::InvalidJob,
-            Self::Blob(_) => FailureReason::Data,
+            Self::Blob(_) | Self::Distrusted(_) => FailureReason::Data,
             Self::Cloud { .. } => FailureReason::Cloud,
             Self::Description { .. } | Self::Undecodable(_) => FailureReason::Description,
         }

@@ -1,6 +1,7 @@
 //! The executor: computes tasks, one at a time, on a pool of threads. What does not depend on the genes that changed is
 //! not computed again.
 
+mod cloud_check;
 mod cloud_loader;
 mod computing;
 pub(crate) mod decoded;
@@ -78,8 +79,14 @@ impl Executor {
         self.store.name_run(run);
     }
 
+    /// Refuses to go on once a cloud that others have prepared was found to be wrong.
+    fn check_trust(&self) -> Result<(), EvaluationError> {
+        self.store.distrusted().map_or(Ok(()), |what| Err(EvaluationError::Distrusted(what.to_owned())))
+    }
+
     /// Fetches what is missing and computes.
     pub async fn carry_out(self: Arc<Self>, task: Task) -> Result<TaskResult, EvaluationError> {
+        self.check_trust()?;
         let Decoded { preparation, subject } = Decoded::new(&task)?;
         let cache = self.preparation_cache(&preparation)?;
         let result = match (&task, &subject) {
@@ -103,6 +110,7 @@ impl Executor {
             _ => return Err(InvalidTask::Subject.into()),
         };
         tracing::debug!("work so far: {:?}", self.work());
+        self.check_trust()?; // another worker of this process may have found it meanwhile
         result
     }
 

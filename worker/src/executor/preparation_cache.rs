@@ -4,9 +4,10 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use cache::ByteSize;
-use descriptor::{Preparation, PreparedCloud, Preparer, QuantiseError};
+use descriptor::{Preparation, PreparedCloud, Preparer, QuantiseError, pcd};
 use proto::Digest;
 
+use crate::executor::error::EvaluationError;
 use crate::executor::manifest::Listed;
 use crate::prepared_cloud::prepared_cloud_key;
 
@@ -68,6 +69,17 @@ impl PreparationCache {
     /// The name of a cloud's entry in the store; `None` of clouds that are prepared anew each time.
     pub fn entry_key(&self, cloud: Digest) -> Option<Digest> {
         prepared_cloud_key(&self.preparation.preprocess, &self.preparer, cloud)
+    }
+
+    /// Prepares a cloud from the bytes of its source.
+    ///
+    /// # Errors
+    /// If they are no cloud, or none that can be prepared.
+    pub fn prepare(&self, cloud: &Listed, bytes: &[u8]) -> Result<PreparedCloud, EvaluationError> {
+        let failed = |what: String| EvaluationError::Cloud { path: cloud.path.clone(), what };
+        let source = pcd::read(bytes).map_err(|error| failed(error.to_string()))?;
+        let prepared = self.preparer.prepare(&source, &self.preparation.preprocess);
+        prepared.map_err(|error| failed(error.to_string()))
     }
 
     /// The clouds in memory.

@@ -1,6 +1,7 @@
 //! Evaluations with everything that saves work give what plain evaluations give, and do not do work twice.
 
 mod coordinator;
+mod foreign_clouds;
 mod rules;
 mod scales;
 mod signature_files;
