@@ -39,8 +39,16 @@ impl CountedBy {
         if basis == Basis::Own {
             return Some(Provenance::own());
         }
-        let principals = std::iter::once(&self.principal).chain(&self.seconded);
-        Some(Provenance { principals: principals.map(|one| one.parse().ok()).collect::<Option<_>>()?, basis })
+        let principals = self.principals();
+        (!principals.is_empty()).then_some(Provenance { principals, basis })
+    }
+
+    /// Who has counted it.
+    fn principals(&self) -> BTreeSet<Principal> {
+        if self.basis == Some(Basis::Own) {
+            return [Principal::Coordinator].into();
+        }
+        std::iter::once(&self.principal).chain(&self.seconded).filter_map(|one| one.parse().ok()).collect()
     }
 
     /// Whether it is believed on the word of this principal.
@@ -67,11 +75,7 @@ impl Cells {
 
     /// Who has counted them, as far as that is known.
     pub fn principals(&self) -> BTreeSet<Principal> {
-        let of = |by: &CountedBy| match by.basis {
-            Some(Basis::Own) => vec![Some(Principal::Coordinator)],
-            _ => std::iter::once(&by.principal).chain(&by.seconded).map(|one| one.parse().ok()).collect(),
-        };
-        self.there.iter().filter_map(|(_, by)| by.as_ref()).flat_map(of).flatten().collect()
+        self.there.iter().filter_map(|(_, by)| by.as_ref()).flat_map(CountedBy::principals).collect()
     }
 
     /// The provenance of all of them together; `None` if one has none.
@@ -91,7 +95,21 @@ impl Cells {
             },
             Doubt::Quarantined(principal) => counted.is_some_and(|by| by.rests_on(&principal.to_string())),
         };
-        let gone = self.there.extract_if(.., |(cell, counted)| doubtful(*cell, counted.as_ref()));
+        self.remove(doubtful)
+    }
+
+    /// Whoever has counted a cell that an earlier start has left and that is wrong, and the cells that are in doubt for it,
+    /// which are there no longer: all that they have counted.
+    pub fn wrong(&mut self, wrong: usize) -> (BTreeSet<Principal>, Vec<usize>) {
+        let counted = self.there.iter().find(|(cell, _)| *cell == wrong);
+        let who = counted.and_then(|(_, by)| Some(by.as_ref()?.principals())).unwrap_or_default();
+        let theirs = |by: &CountedBy| !by.principals().is_disjoint(&who);
+        let gone = self.remove(|cell, by| cell == wrong || by.is_some_and(theirs));
+        (who, gone)
+    }
+
+    fn remove(&mut self, is_doubtful: impl Fn(usize, Option<&CountedBy>) -> bool) -> Vec<usize> {
+        let gone = self.there.extract_if(.., |(cell, counted)| is_doubtful(*cell, counted.as_ref()));
         let gone: Vec<usize> = gone.map(|(cell, _)| cell).collect();
         self.removed += gone.len();
         gone

@@ -1,21 +1,23 @@
 //! The evaluation of a whole grid: cells that are there are read, the others computed by the workers.
 
-use proto::Message;
+use std::collections::BTreeMap;
 use std::time::{Instant, SystemTime};
 
 use descriptor::{Descriptor, EVALUATION_VERSION};
+use proto::Message;
+use proto::task::{GridCell, Task};
 use results::{FinishedGrid, GridFolder, GridRow, GridTables, read_grid};
 
 use super::cell_task::cell_subject;
 use super::cells::{Cells, CountedBy};
 use super::grid_spec::GridSpec;
 use super::landscape::Landscape;
-use crate::result_cache::finished_runs;
 use crate::result_cache::source::{basis_name, basis_of, principals_text};
+use crate::result_cache::{Wrong, finished_runs};
 use crate::run::RunError;
 use crate::run::progress::{CellReport, Progress};
 use crate::session::Session;
-use cluster::scheduler::Provenance;
+use cluster::scheduler::{Basis, Provenance};
 use cluster::{CellAnswer, Client, ClusterNews};
 
 /// Counts of a cell, and who counted.
@@ -53,28 +55,29 @@ impl GridSearch<'_> {
         let Self { spec, folder, .. } = self;
         let grid = &spec.grid;
         let mut landscape = Landscape::new(grid, spec.queries);
-        let (mut missing, mut cells, mut unsettled) = (Vec::new(), Cells::default(), Vec::new());
+        let (mut asked, mut cells, mut unsettled) = (Vec::new(), Cells::default(), Vec::new());
+        // Cells that are there and computed again, to compare: as often as answers are audited.
+        let (mut checked, mut differing) = (BTreeMap::new(), Vec::new());
+        let task = |cell: usize| self.task(cell);
         for cell in 0..grid.cells() {
             match self.read(cell, progress)? {
                 Some((counts, by)) => {
                     landscape.add(cell, &counts);
                     cells.add(cell, by.as_ref());
+                    if self.session.cluster.spot_checks(&Task::GridCell(task(cell))) {
+                        checked.insert(cell, counts);
+                        asked.push(cell);
+                    }
                 }
-                None => missing.push(cell),
+                None => asked.push(cell),
             }
         }
-        let found = grid.cells() - missing.len();
+        let found = grid.cells() + checked.len() - asked.len();
         if found > 0 {
             progress.say(&format!("{found} of {} cells are there already", grid.cells()));
         }
 
-        let splits = &self.session.splits;
-        let descriptors = grid.cell_len() as u32; // at most `MAX_CELL`
-        let task = |&cell: &usize| {
-            let subject = cell_subject(splits.preparation(), grid.radii(cell), descriptors);
-            splits.grid_cell(subject, descriptors)
-        };
-        let tasks = missing.iter().map(task).collect();
+        let tasks = asked.iter().map(|&cell| task(cell)).collect();
         let mut report = CellReport {
             done: found,
             cells: grid.cells(),
@@ -87,8 +90,14 @@ impl GridSearch<'_> {
         let take = |news: &ClusterNews, answers: Vec<CellAnswer>| {
             for answer in answers {
                 let by = CountedBy::of(&answer);
-                let CellAnswer { place, counts, settled, .. } = answer;
-                let cell = missing[place];
+                let CellAnswer { place, counts, settled, provenance, .. } = answer;
+                let cell = asked[place];
+                if let Some(before) = checked.get(&cell) {
+                    if *before != counts {
+                        differing.push((cell, provenance));
+                    }
+                    continue;
+                }
                 landscape.add(cell, &counts);
                 cells.add(cell, Some(&by));
                 // Written before the next is waited for: a killed search loses at most what comes in at once, and
@@ -111,6 +120,19 @@ impl GridSearch<'_> {
             Ok::<_, RunError>(())
         };
         client.evaluate_cells(tasks, take).await?;
+        for (cell, provenance) in differing {
+            if provenance.is_none_or(|provenance| provenance.basis < Basis::Audited) {
+                return Err(RunError::WrongCell {
+                    folder: folder.path().to_owned(),
+                    cell: spec.cell_name(cell),
+                });
+            }
+            let (who, gone) = cells.wrong(cell);
+            for cell in gone {
+                folder.remove_cell(&spec.cell_name(cell))?;
+            }
+            self.session.forget(&Wrong::principals(who), progress.console());
+        }
         if cells.removed > 0 {
             progress.say(&format!("{} cells that were in doubt are computed again", cells.removed));
             return Ok(None);
@@ -122,6 +144,13 @@ impl GridSearch<'_> {
         let (session, place) = (self.session.cluster.session, (folder.path(), true));
         finished_runs::note(&self.session.store, place, session, cells.principals(), std::iter::empty());
         Ok(Some(read_grid(folder.path())?))
+    }
+
+    /// What is asked of a cell.
+    fn task(&self, cell: usize) -> GridCell {
+        let (grid, splits) = (&self.spec.grid, &self.session.splits);
+        let descriptors = grid.cell_len() as u32; // at most `MAX_CELL`
+        splits.grid_cell(cell_subject(splits.preparation(), grid.radii(cell), descriptors), descriptors)
     }
 
     /// The counts of a cell that is there and sound, and who counted.

@@ -28,7 +28,7 @@ impl fmt::Display for Finished {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let folder = self.folder.display();
         match self.is_grid {
-            true => write!(f, "coordinator exhaust EXPERIMENT --out {folder} --recheck 1000"),
+            true => write!(f, "coordinator exhaust EXPERIMENT --out {folder} --sample 1000"),
             false => write!(f, "coordinator verify {folder} --sample 1000"),
         }
     }

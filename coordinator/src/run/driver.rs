@@ -240,14 +240,20 @@ async fn begin_search(
 
 /// Notes how good the best descriptor there is would have been, if that is known.
 pub fn compare_with_optimum(run: &mut RunRow, experiment: &Experiment, dataset: &Dataset, store: &Store) {
-    let best = known_optimum(experiment, dataset, store).map(|optimum| optimum.object_correct);
-    // What the run has beaten is no optimum: a cache entry that lies.
-    if let Some(best) = best.filter(|&best| best < run.train.object_correct) {
+    let Some(optimum) = known_optimum(experiment, dataset, store) else {
+        run.grid_best_object_correct = None;
+        return;
+    };
+    let (best, winner) = (optimum.object_correct, run.train.object_correct);
+    // What the run has beaten is no optimum, nor is what it finds to be worse than the grid says.
+    let is_winner = optimum.descriptor().values() == run.best_genes;
+    let is_wrong = best < winner || is_winner && best != winner;
+    if is_wrong {
         say(format_args!(
-            "warning: grid: the optimum that is known recognises {best} clouds, fewer than the winner\nevaluate the grid again: coordinator exhaust --fresh"
+            "warning: grid: the optimum that is known recognises {best} clouds, the winner {winner}: the grid is wrong\nevaluate it again: coordinator exhaust --fresh"
         ));
     }
-    run.grid_best_object_correct = best.filter(|&best| best >= run.train.object_correct);
+    run.grid_best_object_correct = (!is_wrong).then_some(best);
 }
 
 /// The winner on the sets that had no part in the search; and on the training sets once more, so that no winner rests

@@ -172,6 +172,16 @@ pub enum RunError {
         /// The clouds.
         manifest: Digest,
     },
+    /// A cell that an earlier start has left is not what this one counts, and nobody is there to tell which is wrong.
+    #[error(
+        "{folder}: cell {cell} must be what was computed now, got other counts\nstart a worker of the coordinator's own process, which decides (--local-workers 1), or remove the cell", folder = .folder.display()
+    )]
+    WrongCell {
+        /// The grid's folder.
+        folder: PathBuf,
+        /// Name of the cell.
+        cell: String,
+    },
     /// A principal that is to be readmitted is not quarantined.
     #[error(
         "--readmit: must name a principal that is quarantined in this run, got {principal}\nthe table `workers` of its folder shows them"

@@ -187,24 +187,39 @@ fn a_sample_of_counts_is_computed_again_and_a_wrong_one_is_named() {
     let far = exhaust(&experiment, "out", &["--sample", "1000001"]).expect_error();
     assert!(far.stderr.contains("1000001"), "{far}");
 
-    // One cell as its own program writes it, but with another count.
-    let cells = results::read_table(experiment.path("out"), TableName::Cells).unwrap();
-    let [disk, ring] =
-        ["R1", "R2"].map(|gene| cells.column(gene).unwrap().get(0).unwrap().try_extract::<f64>().unwrap());
-    let name = format!("{}-{}", disk * 10_000.0, ring * 10_000.0);
-    let folder = GridFolder::create(experiment.path("out"), &gene_columns(Family::DiskRing)).unwrap();
-    let mut points = folder.read_cell(&name).unwrap().unwrap();
-    points.object_correct[3] += 1;
-    folder.write_cell(&name, &points).unwrap();
-    drop(folder);
+    let expected = miscount(&experiment.path("out"));
     let wrong = exhaust(&experiment, "out", &["--sample", "1000"]);
     assert_eq!(wrong.status.code(), Some(1), "{wrong}");
     let problems = summary(&wrong)["problems"].as_array().unwrap().clone();
     assert_eq!(problems.len(), 1, "{problems:?}");
-    let expected = points.object_correct[3];
     assert!(
         problems[0].as_str().unwrap().contains(&format!("the grid has {expected}, got {}", expected - 1))
     );
+}
+
+/// Adds one to a count in a cell, which is then as its own program writes it, and returns that.
+fn miscount(out: &str) -> u32 {
+    let cells = results::read_table(out, TableName::Cells).unwrap();
+    let [disk, ring] =
+        ["R1", "R2"].map(|gene| cells.column(gene).unwrap().get(0).unwrap().try_extract::<f64>().unwrap());
+    let name = format!("{}-{}", disk * 10_000.0, ring * 10_000.0);
+    let folder = GridFolder::create(out, &gene_columns(Family::DiskRing)).unwrap();
+    let mut points = folder.read_cell(&name).unwrap().unwrap();
+    points.object_correct[3] += 1;
+    folder.write_cell(&name, &points).unwrap();
+    points.object_correct[3]
+}
+
+#[test]
+fn a_wrong_cell_of_an_earlier_start_is_found_and_all_of_whoever_counted_it_are_counted_again() {
+    let experiment = Experiment::new(&format!("{SMALL}[coordinator]\naudit = 1.0\n"));
+    let right = summary(&exhaust(&experiment, "out", &[]).expect_success());
+    miscount(&experiment.path("out"));
+    fs::remove_file(Path::new(&experiment.path("out")).join("grid/grid.parquet")).unwrap();
+    let cured = exhaust(&experiment, "out", &[]).expect_success();
+    assert!(cured.stderr.contains("9 cells that were in doubt are computed again"), "{cured}");
+    assert_eq!(summary(&cured)["grid_digest"], right["grid_digest"]);
+    assert_eq!(summary(&cured)["cells_computed"], 9);
 }
 
 #[test]
