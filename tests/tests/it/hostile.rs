@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use proto::task::{Failure, FailureReason, Report};
+use proto::task::{Evaluation, EvaluationResult, Failure, FailureReason, Match, Report, Task, TaskResult};
 use proto::v2;
 use proto::v2::coordinator_client::CoordinatorClient;
 use proto::v2::coordinator_server::{Coordinator, CoordinatorServer};
@@ -390,4 +390,75 @@ async fn what_a_liar_alone_has_said_is_remembered_by_no_later_run() {
     assert_eq!(digest(&again), digest(&alone));
     assert_eq!(summary(&warm)["evaluations_computed"], summary(&alone)["evaluations_computed"]);
     assert_eq!(summary(&again)["evaluations_computed"], 0, "{again}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_machine_that_was_repaired_is_let_in_again() {
+    let longer = Experiment::new(&SEARCH.replace("generations = 12", "generations = 200"));
+    let site = Site::with(longer, "127.0.0.1", &["machine"]);
+    let args = site.experiment.run_args("out", &["--local-workers", "1"]);
+    let (mut coordinator, port) = site.start("coordinator", "127.0.0.1", args.clone());
+    let folder = PathBuf::from(site.worker_folder("machine", port));
+    let broken = Peer::join(&site.address(port), Some(&folder), "machine").await.unwrap();
+    let last_word = answer_all(broken, lie).await.message().to_owned();
+    tokio::task::block_in_place(|| {
+        coordinator.wait_for("generation 20/200"); // what came before is on the disk
+        coordinator.signal("KILL");
+        assert_eq!(coordinator.wait().status.code(), None, "the fault came too late")
+    });
+    let (_, principal) = last_word.split_once("--readmit '").unwrap();
+    let principal = principal.trim_end_matches('\'').to_owned();
+
+    let with = |principal: &str| [args.clone(), vec!["--readmit".to_owned(), principal.to_owned()]].concat();
+    let finished = tokio::task::block_in_place(|| {
+        let wrong = run("coordinator", with("token 192.0.2.7")).expect_error();
+        let expected = "must name a principal that is quarantined in this run, got token 192.0.2.7";
+        assert!(wrong.stderr.contains(expected), "{wrong}");
+        let (mut again, port) = site.start("again", "127.0.0.1", with(&principal));
+        again.wait_for(&format!("{principal}: is no longer quarantined"));
+        let _repaired = site.certified("machine", port);
+        again.wait_for("worker machine: joined");
+        again.wait()
+    })
+    .expect_success();
+    let stays = pairs(&site.experiment.path("out"), TableName::Workers, ["worker", "departure"]);
+    assert!(stays.contains(&("machine".to_owned(), String::new())), "it was there to the end: {stays:?}");
+    check(&site, &finished, &["machine"]);
+}
+
+/// All is recognised, but where somebody wants to see by what: then nothing is.
+fn contradict_oneself(job: v2::Job) -> v2::JobReport {
+    let lease = job.lease.unwrap().into();
+    let Task::Evaluation(Evaluation { queries, want_matches, .. }) = job.task.unwrap().try_into().unwrap()
+    else {
+        panic!("no evaluation")
+    };
+    let found = Match { nearest: 0, distance: 1.0, runner_up: None };
+    let right = if want_matches { 0 } else { queries };
+    let matches = if want_matches { vec![found; queries as usize] } else { Vec::new() };
+    let counts =
+        EvaluationResult { queries, object_correct: right, category_correct: right, ..Default::default() };
+    let outcome = Ok(TaskResult::Evaluation(EvaluationResult { matches, ..counts }));
+    Report { lease, run_seconds: 0.0, outcome }.into()
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_run_whose_own_answers_differ_goes_on_once_somebody_is_there_to_decide() {
+    let experiment = Experiment::new(
+        "[ga]\npopulation = 8\n[stop]\ngenerations = 4\nvalidation_patience = 10\n[results]\nbaselines = false\n",
+    );
+    let args = experiment.run_args("out", &["--local-workers", "0"]);
+    let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
+    let liar = Peer::join(&coordinator.join_address(), None, "liar").await.unwrap();
+    let liar = tokio::spawn(answer_all(liar, contradict_oneself));
+    tokio::task::block_in_place(|| {
+        let ended = coordinator.wait().expect_error();
+        assert!(ended.stderr.contains("two of this run's own answers differ"), "{ended}");
+        assert!(ended.stderr.contains("or --local-workers 1, then run the same command again"), "{ended}");
+        let finished = experiment.run("out", &["--local-workers", "1"]).expect_success();
+        assert!(finished.stderr.contains("worker liar: quarantined"), "{finished}");
+        let alone = experiment.run("alone", &[]).expect_success();
+        assert_eq!(digest(&finished), digest(&alone), "{finished}");
+    });
+    liar.await.unwrap();
 }

@@ -81,8 +81,10 @@ impl Site {
     pub fn worker_folder(&self, name: &str, port: u16) -> String {
         let folder = self.experiment.path(&format!("tls/workers/{name}"));
         let join = PathBuf::from(&folder).join("join");
-        let address = fs::read_to_string(&join).unwrap().replace(":7700", &format!(":{port}"));
-        fs::write(join, address).unwrap();
+        let address = fs::read_to_string(&join).unwrap();
+        let (host, rest) = address.rsplit_once(':').unwrap(); // a port of an earlier start, perhaps
+        let rest = rest.trim_start_matches(|digit: char| digit.is_ascii_digit());
+        fs::write(join, format!("{host}:{port}{rest}")).unwrap();
         folder
     }
 
