@@ -207,6 +207,7 @@ impl Session {
             self.slots.clear();
             self.current = Some(accepted.session);
             self.executor.name_run(accepted.session.to_string());
+            self.executor.set_audit(accepted.audit);
             tracing::info!("joined as {}", proto::printable(&accepted.name));
         }
         Ok(accepted)

@@ -36,6 +36,8 @@ pub struct Accepted {
     pub heartbeat: Duration,
     /// The longest time for which a poll is held back.
     pub hold: Duration,
+    /// The share of the clouds prepared by others that it prepares again, from 0 to 1.
+    pub audit: f64,
 }
 
 /// What a worker says in one poll.
@@ -109,6 +111,7 @@ impl Client {
                 name: accepted.name,
                 heartbeat: Duration::from_millis(accepted.heartbeat_milliseconds.max(1).into()),
                 hold: Duration::from_millis(accepted.hold_milliseconds.into()),
+                audit: if accepted.audit.is_nan() { 1.0 } else { accepted.audit.clamp(0.0, 1.0) },
             })),
             Some(Outcome::Refused(refused)) => Ok(Registration::Refused(refused.message)),
             None => Err(Status::internal("the reply to the registration is empty")),

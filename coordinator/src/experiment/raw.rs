@@ -466,7 +466,7 @@ pub(super) struct RawCoordinator {
     pub deadline_seconds: NumberOr<RawOff>,
     /// Least share of the evaluations that somebody else computes, too, when there is somebody: their answers must be
     /// equal. Of newcomers all first answers are audited, whatever the share. 1 is all of everybody's, and then nobody
-    /// alone can change a result.
+    /// alone can change a result. Also the share that is computed anew of what earlier runs have left.
     #[schemars(range(min = 0.0, max = 1.0))]
     pub audit: f64,
     /// Into how many shards and tiles an evaluation is cut that few workers would be busy with: "auto" is as many as

@@ -60,6 +60,8 @@ pub struct Accepted {
     pub heartbeat: Duration,
     /// The longest time for which a poll is held back.
     pub hold: Duration,
+    /// The share of the clouds prepared by others that it prepares again.
+    pub audit: f64,
 }
 
 /// Why a worker is not registered, and what to do.
@@ -176,7 +178,7 @@ impl Service {
         })?;
         let cluster = &self.cluster;
         let (session, heartbeat, hold) = (cluster.session, cluster.heartbeat(), cluster.hold());
-        Ok(Accepted { name, session, heartbeat, hold })
+        Ok(Accepted { name, session, heartbeat, hold, audit: cluster.audit() })
     }
 
     /// Answers a poll.

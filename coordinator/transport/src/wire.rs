@@ -58,11 +58,12 @@ impl Coordinator for Service {
         let registration =
             Registration { protocol_major, protocol_minor, evaluation_version, worker, name, threads, build };
         let outcome = match self.register(caller, registration) {
-            Ok(Accepted { name, session, heartbeat, hold }) => Outcome::Accepted(v2::Accepted {
+            Ok(Accepted { name, session, heartbeat, hold, audit }) => Outcome::Accepted(v2::Accepted {
                 name,
                 session_id: session.to_vec(),
                 heartbeat_milliseconds: heartbeat.as_millis() as u32,
                 hold_milliseconds: hold.as_millis() as u32,
+                audit,
             }),
             Err(refusal) => {
                 let reason = match refusal {

@@ -15,9 +15,6 @@ use crate::executor::preparation_cache::PreparationCache;
 use crate::executor::signature_files::SIGNATURES;
 use crate::prepared_cloud::PREPARED_CLOUD;
 
-/// One in so many clouds that others have prepared is prepared again: as often as a run audits unless it says otherwise.
-pub(super) const CHECKED_ONE_IN: u32 = 100;
-
 /// Prepares some clouds again, which others have prepared for `cache`.
 ///
 /// # Errors

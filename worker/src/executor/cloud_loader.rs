@@ -1,6 +1,7 @@
 //! Where prepared clouds come from: memory, this machine's disk, the shared folder, the coordinator, or their source.
 
 use std::collections::{BTreeMap, HashMap};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use cache::{Claim, Store};
@@ -10,7 +11,7 @@ use rayon::iter::Either;
 use rayon::prelude::*;
 
 use crate::blobs::Blobs;
-use crate::executor::cloud_check::{self, CHECKED_ONE_IN};
+use crate::executor::cloud_check;
 use crate::executor::computing::Computing;
 use crate::executor::error::EvaluationError;
 use crate::executor::manifest::{Listed, Manifest};
@@ -28,15 +29,20 @@ pub struct CloudLoader {
     /// The threads that prepare, and compute whatever else is to be computed.
     pub computing: Computing,
     pub(super) store: Arc<Store>,
-    /// One in so many clouds that others have prepared is prepared again: see [`cloud_check::check`].
-    pub(super) checked_one_in: u32,
+    /// The share of the clouds prepared by others that is prepared again ([`cloud_check::check`]): the bits of a float.
+    audit: AtomicU64,
     work: Mutex<Work>,
 }
 
 impl CloudLoader {
     /// Clouds from `store` and `blobs`, prepared by `computing`.
     pub fn new(blobs: Blobs, store: Arc<Store>, computing: Computing) -> Self {
-        Self { blobs, store, computing, checked_one_in: CHECKED_ONE_IN, work: Mutex::default() }
+        Self { blobs, store, computing, audit: AtomicU64::new(0), work: Mutex::default() }
+    }
+
+    /// From here on, this share of the clouds that others have prepared is prepared again, from 0 to 1.
+    pub fn set_audit(&self, share: f64) {
+        self.audit.store(share.to_bits(), Ordering::Relaxed);
     }
 
     /// What was done so far.
@@ -117,7 +123,8 @@ impl CloudLoader {
         let (fetched, wanted) = self.fetch(cache, wanted).await;
         let shared = loaded.iter().filter(|(_, is_local)| !is_local).map(|(one, _)| one);
         // Which ones nobody can foresee; no result depends on it.
-        let chosen = shared.chain(&fetched).filter(|_| rand::random_range(0..self.checked_one_in) == 0);
+        let share = f64::from_bits(self.audit.load(Ordering::Relaxed));
+        let chosen = shared.chain(&fetched).filter(|_| rand::random_bool(share));
         let with_source = |(digest, cloud): &Prepared| {
             let listed = listed.iter().find(|listed| listed.digest == *digest)?;
             Some((listed.clone(), Arc::clone(cloud)))

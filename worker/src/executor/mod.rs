@@ -79,6 +79,11 @@ impl Executor {
         self.store.name_run(run);
     }
 
+    /// From here on, this share of the clouds that others have prepared is prepared again.
+    pub fn set_audit(&self, share: f64) {
+        self.matcher.loader.set_audit(share);
+    }
+
     /// Refuses to go on once a cloud that others have prepared was found to be wrong.
     fn check_trust(&self) -> Result<(), EvaluationError> {
         self.store.distrusted().map_or(Ok(()), |what| Err(EvaluationError::Distrusted(what.to_owned())))

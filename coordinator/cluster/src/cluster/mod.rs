@@ -192,6 +192,11 @@ impl Cluster {
         (self.limits.lease / 3).min(Duration::from_secs(10))
     }
 
+    /// The least share of what others have computed that is computed again, from 0 to 1.
+    pub fn audit(&self) -> f64 {
+        self.limits.audit.share
+    }
+
     /// See [`Scheduler::register`]. A worker of this process ends with it, and is not kept.
     pub fn register(&self, id: WorkerId, introduction: Introduction) -> Result<String, RegisterRefusal> {
         self.state().register(id, introduction, Instant::now())

@@ -14,8 +14,8 @@ fn sharing(cache: &Path, shared: &Path) -> Arc<Store> {
 /// An executor that prepares again whatever others have prepared.
 fn checking(archive: &Archive, store: &Arc<Store>) -> Arc<Executor> {
     let blobs = Blobs::new(archive.clone().serve(), Some(Arc::clone(store)));
-    let mut executor = Executor::new(2, LARGE, blobs, Arc::clone(store)).unwrap();
-    executor.matcher.loader.checked_one_in = 1;
+    let executor = Executor::new(2, LARGE, blobs, Arc::clone(store)).unwrap();
+    executor.set_audit(1.0);
     Arc::new(executor)
 }
 
