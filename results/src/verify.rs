@@ -1,6 +1,8 @@
 //! Verification of a finished run: checksums, digests, and the values that follow from others.
 
-use std::path::Path;
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
 
 use blake3::Hash;
 
@@ -37,6 +39,20 @@ impl Verification {
     pub fn is_intact(&self) -> bool {
         self.problems.is_empty()
     }
+}
+
+/// Folders of the comparisons on the clouds of one set, `sets/NAME` in the run folder.
+fn comparisons_of_sets(run: &Path) -> Result<Vec<PathBuf>, Error> {
+    let sets = run.join(TableName::Sets.as_str());
+    let failed = |error| Error::io(&sets, "list this folder", error);
+    if !sets.is_dir() {
+        return Ok(Vec::new());
+    }
+    let entries = fs::read_dir(&sets).and_then(Iterator::collect::<io::Result<Vec<_>>>).map_err(failed)?;
+    let mut folders: Vec<PathBuf> =
+        entries.iter().map(fs::DirEntry::path).filter(|path| path.is_dir()).collect();
+    folders.sort();
+    Ok(folders)
 }
 
 /// Computes the run digest of a finished run from its files. Fails at the first file that is not sound.
@@ -142,6 +158,9 @@ pub fn verify(run: impl AsRef<Path>) -> Result<Verification, Error> {
     }
     let covers_log = file_digests::verify(run, &content, &mut problems)?;
     checksums::verify(run, covers_log, &mut problems);
+    for set in comparisons_of_sets(run)? {
+        checksums::verify(&set, covers_log, &mut problems);
+    }
     Ok(Verification {
         generations: row.generations,
         recorded_run_digest: finished.run_digest,

@@ -295,6 +295,31 @@ fn each_file_of_a_comparison_that_is_missing_or_changed_is_named_also_after_it_w
             }
         }
     }
+    // That of one set of clouds has checksums of its own.
+    let of_set = |spoil: fn(&Path)| {
+        after(run, |run| {
+            let set = run.join("sets/lab");
+            for table in ["comparison", "pairs"] {
+                fs::create_dir_all(set.join(table)).unwrap();
+                for file in fs::read_dir(run.join(table)).unwrap().map(|entry| entry.unwrap().path()) {
+                    fs::copy(&file, set.join(table).join(file.file_name().unwrap())).unwrap();
+                }
+            }
+            let sums = fs::read_to_string(set.join("comparison/b3sums")).unwrap();
+            let there = sums
+                .lines()
+                .filter(|line| ["comparison/", "pairs/"].iter().any(|table| line.contains(table)));
+            fs::write(
+                set.join("comparison/b3sums"),
+                there.map(|line| format!("{line}\n")).collect::<String>(),
+            )
+            .unwrap();
+            spoil(&set);
+        })
+    };
+    assert_eq!(of_set(|_| {}), [""; 0]);
+    let gone = of_set(|set| fs::remove_file(set.join("pairs/pairs.parquet")).unwrap());
+    assert!(gone.len() == 1 && gone[0].contains("sets/lab/pairs/pairs.parquet"), "{gone:?}");
     let without = after(run, |run| fs::remove_file(run.join("comparison/b3sums")).unwrap());
     assert!(
         without.len() == 1 && without[0].contains("comparison/b3sums: not as it was written: it is missing")
