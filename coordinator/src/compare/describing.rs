@@ -109,9 +109,11 @@ impl<'a> Describing<'a> {
         let is_asked = |place: &usize| self.found[*place].is_none() || self.checked.contains(place);
         let asked: Vec<usize> = (0..self.shards.len()).filter(is_asked).collect();
         let shards: Vec<Description> = asked.iter().map(|&place| self.shards[place].clone()).collect();
+        let mut is_kept = vec![false; asked.len()];
         let watch = |answers: Vec<DescriptionAnswer>| {
             display.news();
             for DescriptionAnswer { place, bytes, provenance } in answers {
+                is_kept[place] = bytes.is_some() && provenance.is_some();
                 let place = asked[place];
                 // One that was corrected comes again.
                 if !std::mem::replace(&mut shown[place], true) && self.found[place].is_none() {
@@ -121,13 +123,12 @@ impl<'a> Describing<'a> {
             }
         };
         let described = client.describe(&shards, watch).await?;
-        for (place, bytes) in asked.into_iter().zip(described) {
-            // It may have been audited since it came.
-            kept.keep(
-                place,
-                &bytes,
-                session.cluster.provenance(&Task::Description(self.shards[place].clone())),
-            );
+        for ((place, bytes), is_kept) in asked.into_iter().zip(described).zip(is_kept) {
+            // Of the others one or the other was audited after it had come.
+            if !is_kept {
+                let task = Task::Description(self.shards[place].clone());
+                kept.keep(place, &bytes, session.cluster.provenance(&task));
+            }
             self.described[place] = Some(bytes);
         }
         Ok(())

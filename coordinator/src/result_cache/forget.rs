@@ -57,9 +57,10 @@ impl Forgotten {
 impl fmt::Display for Forgotten {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { counts, entries, finished } = self;
-        write!(f, "dropped from the cache: {counts} counts")?;
-        if *entries > 0 {
-            write!(f, " and {entries} other entries")?;
+        match (counts, entries) {
+            (0, 0) => f.write_str("the cache has nothing of it")?,
+            (_, 0) => write!(f, "dropped from the cache: {counts} counts")?,
+            _ => write!(f, "dropped from the cache: {counts} counts and {entries} other entries")?,
         }
         for one in finished.iter().take(MAX_SHOWN) {
             write!(f, "\n{} rests on such answers, too; check it: {one}", one.folder.display())?;

@@ -1,5 +1,6 @@
 //! What liars have left in a cache: no later run rests on it, and it goes when one of them is found out.
 
+use std::fs;
 use std::path::PathBuf;
 
 use results::TableName;
@@ -211,4 +212,29 @@ async fn a_grid_that_a_stranger_alone_has_counted_is_no_optimum_of_later_runs() 
         assert_eq!((stranger, own), ([None].into(), [Some("own".to_owned())].into()));
     });
     liar.await.unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn each_run_of_a_sweep_begins_again_without_what_two_liars_have_left() {
+    let site = Site::with(search("0.0"), "127.0.0.1", &LIARS);
+    let experiment = &site.experiment;
+    let cache = experiment.path("cache");
+    poisoned(&site, &cache).await;
+    tokio::task::block_in_place(|| {
+        let toml = fs::read_to_string(experiment.path("exp.toml")).unwrap();
+        let sweep = experiment.path("sweep.toml");
+        fs::write(&sweep, format!("{toml}[sweep]\nseeds = \"5..6\"\n")).unwrap();
+        let run = |out: &str, more: &[&str]| {
+            let out = experiment.path(out);
+            let args = ["run", &sweep, "--out", &out, "--listen", "127.0.0.1:0", "--json"];
+            let finished = run("coordinator", args.into_iter().chain(more.iter().copied())).expect_success();
+            let digest = |line: &str| serde_json::from_str::<Value>(line).unwrap()["run_digest"].clone();
+            (finished.stdout.lines().map(digest).collect::<Vec<_>>(), finished)
+        };
+        let (cured, finished) = run("cured", &["--cache", &cache]);
+        assert_eq!(cured.len(), 2, "{finished}");
+        assert_eq!(cured, run("alone", &["--no-cache"]).0, "{finished}");
+        assert!(finished.stderr.contains("back to generation 1: remembered counts: "), "{finished}");
+        assert!(finished.stderr.contains(" was wrong: dropped from the cache: "), "{finished}");
+    });
 }
