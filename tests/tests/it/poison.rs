@@ -15,9 +15,9 @@ use crate::remembering::store;
 use crate::strangers::Site;
 
 /// With a share of everything that is audited and checked again.
-fn search(audit: &str) -> Experiment {
+fn search(audit: &str, generations: u32) -> Experiment {
     Experiment::new(&format!(
-        "[ga]\npopulation = 8\n[stop]\ngenerations = 12\nstagnation = \"off\"\nperfect = false\n\
+        "[ga]\npopulation = 8\n[stop]\ngenerations = {generations}\nstagnation = \"off\"\nperfect = false\n\
          validation_patience = \"off\"\n[results]\nbaselines = false\n[coordinator]\naudit = {audit}\n"
     ))
 }
@@ -28,12 +28,13 @@ const LIARS: [&str; 2] = ["liar-a", "liar-b"];
 async fn poisoned(site: &Site, cache: &str) -> Finished {
     let args = site.experiment.run_args("poisoned", &["--local-workers", "0", "--cache", cache]);
     let (mut coordinator, port) = site.start("coordinator", "127.0.0.1", args);
-    let mut liars = Vec::new();
+    // Both are there before one of them answers: each is to second the other.
+    let mut peers = Vec::new();
     for name in LIARS {
         let folder = PathBuf::from(site.worker_folder(name, port));
-        let peer = Peer::join(&site.address(port), Some(&folder), name).await.unwrap();
-        liars.push(tokio::spawn(answer_all(peer, lie)));
+        peers.push(Peer::join(&site.address(port), Some(&folder), name).await.unwrap());
     }
+    let liars: Vec<_> = peers.into_iter().map(|peer| tokio::spawn(answer_all(peer, lie))).collect();
     let poisoned = tokio::task::block_in_place(|| coordinator.wait()).expect_success();
     for liar in liars {
         liar.await.unwrap();
@@ -63,7 +64,7 @@ fn assert_cured(site: &Site, cured: &Finished, cache: &str) {
 }
 
 async fn two_liars_have_left_what_a_run_begins_with(audit: &str) {
-    let site = Site::with(search(audit), "127.0.0.1", &LIARS);
+    let site = Site::with(search(audit, 12), "127.0.0.1", &LIARS);
     let cache = site.experiment.path("cache");
     let poisoned = poisoned(&site, &cache).await;
     tokio::task::block_in_place(|| {
@@ -89,7 +90,8 @@ async fn what_two_liars_have_left_is_found_by_the_winner_where_nothing_else_is_c
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_liar_that_is_found_out_later_takes_with_it_what_it_has_left_before() {
-    let site = Site::with(search("0.0"), "127.0.0.1", &LIARS);
+    // Long enough for it to join.
+    let site = Site::with(search("0.0", 60), "127.0.0.1", &LIARS);
     let cache = site.experiment.path("cache");
     poisoned(&site, &cache).await;
 
@@ -115,7 +117,7 @@ async fn a_liar_that_is_found_out_later_takes_with_it_what_it_has_left_before() 
 
 #[tokio::test(flavor = "multi_thread")]
 async fn verification_drops_what_whoever_was_wrong_has_left() {
-    let site = Site::with(search("0.0"), "127.0.0.1", &LIARS);
+    let site = Site::with(search("0.0", 12), "127.0.0.1", &LIARS);
     let cache = site.experiment.path("cache");
     poisoned(&site, &cache).await;
     tokio::task::block_in_place(|| {
@@ -216,7 +218,7 @@ async fn a_grid_that_a_stranger_alone_has_counted_is_no_optimum_of_later_runs() 
 
 #[tokio::test(flavor = "multi_thread")]
 async fn each_run_of_a_sweep_begins_again_without_what_two_liars_have_left() {
-    let site = Site::with(search("0.0"), "127.0.0.1", &LIARS);
+    let site = Site::with(search("0.0", 12), "127.0.0.1", &LIARS);
     let experiment = &site.experiment;
     let cache = experiment.path("cache");
     poisoned(&site, &cache).await;
