@@ -52,7 +52,7 @@ pub mod normals;
 pub mod prepare;
 mod prepare_error;
 mod surface;
-mod wide;
+pub mod wide;
 
 mod bytes;
 pub mod colour;

@@ -2,26 +2,69 @@
 //!
 //! A kernel is plain Rust: it is compiled for each level of x86-64 (and once for everything else), and the best one is
 //! taken at run time. All of them compute the same bits: Rust never fuses or reorders floating-point operations.
+//!
+//! The environment variable `DESCRY_VECTORS` asks for a lower level, so that one machine can test and measure all of them:
+//! "v3" for AVX2 where there is AVX-512, "baseline" for what every processor of the target has (SSE2 on x86-64).
+
+use std::sync::OnceLock;
 
 use pulp::{Arch, NullaryFnOnce};
 
-/// Runs a kernel, whose `call` must be `#[inline(always)]`: otherwise it is compiled for the baseline only.
-#[cfg(not(test))]
-pub(crate) fn widest<K: NullaryFnOnce>(kernel: K) -> K::Output {
-    Arch::new().dispatch(kernel)
+/// What kernels run with.
+#[derive(Clone, Copy, Debug)]
+enum Level {
+    Widest(Arch),
+    #[cfg(target_arch = "x86_64")]
+    V3(pulp::x86::V3),
+    Baseline,
 }
 
-/// As in other builds, unless `DESCRY_VECTORS` names a lower level: "baseline" or "v3". All levels must pass the tests,
-/// and one machine has to be able to run them.
-#[cfg(test)]
+/// `DESCRY_VECTORS` asks for what this processor does not have, or for something unknown.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "DESCRY_VECTORS: baseline, or v3 on a processor with AVX2, expected, got {0}\nleave it out for the widest vectors"
+)]
+pub struct VectorsError(String);
+
+/// Checks what `DESCRY_VECTORS` asks for. Programs call it when they start: kernels take a mistake in it for nothing.
+///
+/// # Errors
+/// If this processor cannot do that.
+pub fn check_environment() -> Result<(), VectorsError> {
+    Level::of_environment().map(|_| ())
+}
+
+impl Level {
+    fn of_environment() -> Result<Self, VectorsError> {
+        let asked = std::env::var_os("DESCRY_VECTORS").unwrap_or_default();
+        let level = match asked.to_str() {
+            Some("") => Some(Self::Widest(Arch::new())),
+            Some("baseline") => Some(Self::Baseline),
+            #[cfg(target_arch = "x86_64")]
+            Some("v3") => pulp::x86::V3::try_new().map(Self::V3),
+            _ => None,
+        };
+        level.ok_or_else(|| VectorsError(asked.to_string_lossy().into_owned()))
+    }
+}
+
+/// Runs a kernel, whose `call` must be `#[inline(always)]`: otherwise it is compiled for the baseline only.
 pub(crate) fn widest<K: NullaryFnOnce>(kernel: K) -> K::Output {
-    static LEVEL: std::sync::OnceLock<String> = std::sync::OnceLock::new();
-    let level = LEVEL.get_or_init(|| std::env::var("DESCRY_VECTORS").unwrap_or_default());
-    match level.as_str() {
-        "baseline" => kernel.call(),
+    static LEVEL: OnceLock<Level> = OnceLock::new();
+    let level = LEVEL.get_or_init(|| Level::of_environment().unwrap_or(Level::Widest(Arch::new())));
+    match level {
+        Level::Widest(arch) => arch.dispatch(kernel),
         #[cfg(target_arch = "x86_64")]
-        "v3" => pulp::x86::V3::try_new().expect("a processor of level x86-64-v3").vectorize(kernel),
-        "" => Arch::new().dispatch(kernel),
-        other => panic!("DESCRY_VECTORS: must be baseline or v3, got {other}"),
+        Level::V3(vectors) => vectors.vectorize(kernel),
+        Level::Baseline => kernel.call(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    /// A mistake in it would have every other test run with the widest vectors.
+    #[test]
+    fn tests_run_with_the_vectors_that_the_environment_asks_for() {
+        super::check_environment().unwrap();
     }
 }

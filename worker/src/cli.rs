@@ -97,6 +97,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         .with_target(false)
         .log_internal_errors(false) // they would go to standard error, too, and panic where that is lost
         .init();
+    descriptor::wide::check_environment()?;
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
     let done = runtime.block_on(serve(cli));
     // A running job is abandoned: its lease was handed back.

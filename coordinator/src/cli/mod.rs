@@ -80,7 +80,18 @@ pub fn main(cli: Cli) -> ExitCode {
         .with_target(false)
         .log_internal_errors(false) // they would go to standard error, too, and panic where that is lost
         .init();
-    let done = match cli.command {
+    match execute(cli.command) {
+        Ok(code) => code,
+        Err(error) => {
+            say(format_args!("error: {error}"));
+            exit_code(&error)
+        }
+    }
+}
+
+fn execute(command: Command) -> anyhow::Result<ExitCode> {
+    descriptor::wide::check_environment()?;
+    match command {
         Command::Run(command) => command.execute(),
         Command::Resume(command) => command.execute(),
         Command::Check(command) => command.execute(),
@@ -100,13 +111,6 @@ pub fn main(cli: Cli) -> ExitCode {
         Command::Synth(command) => command.execute(),
         Command::Verify(command) => command.execute(),
         Command::Schema(command) => command.execute(),
-    };
-    match done {
-        Ok(code) => code,
-        Err(error) => {
-            say(format_args!("error: {error}"));
-            exit_code(&error)
-        }
     }
 }
 
