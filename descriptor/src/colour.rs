@@ -15,21 +15,20 @@ impl HueSaturation {
     ///
     /// A colour can lie exactly on the edge of a bin (hue 45° and m = 8), and such colours are common enough to show
     /// in histograms. Then rounding decides: everything is f32 in the usual order, as a PCL user would write it.
+    #[inline(always)]
     pub fn new(colour: [u8; 3]) -> Self {
-        let [r, g, b] = colour.map(|channel| f32::from(channel) / 255.0);
-        let (max, min) = (r.max(g).max(b), r.min(g).min(b));
+        let [r, g, b] = [colour[0], colour[1], colour[2]].map(|channel| f32::from(channel) / 255.0);
+        // Selects all the way, so that loops over colours become vectors.
+        let (most, least) = (if r > g { r } else { g }, if r < g { r } else { g });
+        let (max, min) = (if most > b { most } else { b }, if least < b { least } else { b });
         let chroma = max - min;
-        if chroma == 0.0 {
-            return Self { hue: 0.0, saturation: 0.0 };
-        }
-        let hue = if max == r {
-            60.0 * ((g - b) / chroma)
-        } else if max == g {
-            60.0 * ((b - r) / chroma + 2.0)
-        } else {
-            60.0 * ((r - g) / chroma + 4.0)
-        };
-        Self { hue: if hue < 0.0 { hue + 360.0 } else { hue }, saturation: 100.0 * chroma / max }
+        let (difference, sextants) = if max == g { (b - r, 2.0) } else { (r - g, 4.0) };
+        let (difference, sextants) = if max == r { (g - b, 0.0) } else { (difference, sextants) };
+        let hue = 60.0 * (difference / chroma + sextants);
+        let hue = if hue < 0.0 { hue + 360.0 } else { hue };
+        let saturation = 100.0 * chroma / max;
+        let is_grey = chroma == 0.0;
+        Self { hue: if is_grey { 0.0 } else { hue }, saturation: if is_grey { 0.0 } else { saturation } }
     }
 }
 
@@ -146,7 +145,7 @@ mod tests {
             })
             .collect();
         for colour in colours() {
-            let class = usize::from(quantiser.colour_class(colour));
+            let class = usize::from(quantiser.colour_classes(&[colour])[0]);
             for binning in &binnings {
                 let m = binning.parameters().colour_bins;
                 assert_eq!(

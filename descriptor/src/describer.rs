@@ -2,7 +2,7 @@
 //! descriptor, measures its stages, or recognises clouds as they come.
 
 use crate::descriptor::Descriptor;
-use crate::disk_ring::{Binning, QuantiseError, QuantisedCloud, Quantiser};
+use crate::disk_ring::{Binning, QuantiseError, Quantiser};
 use crate::fixed::{DescribeError, FixedDescriptor};
 use crate::gene::GeneError;
 use crate::global_hue::GlobalHue;
@@ -86,8 +86,8 @@ impl Describer {
         match &self.form {
             Form::DiskRing(form) => {
                 let (quantiser, binning) = &**form;
-                let cloud = QuantisedCloud::describe(cloud, keypoints, normals, quantiser)?;
-                Ok(Described { signatures: binning.signature(&cloud).into(), keypoints: cloud.keypoints() })
+                let signatures = binning.signature_of(cloud, keypoints, normals, quantiser)?.into();
+                Ok(Described { signatures, keypoints: normals.keypoints.iter().flatten().count() })
             }
             Form::Fixed(fixed) => {
                 let histograms = fixed.describe(cloud, keypoints, normals)?;

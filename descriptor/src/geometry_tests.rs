@@ -127,6 +127,12 @@ fn voxel_grid_is_brute_forces() {
             check_voxels(&cloud, leaf);
         }
     }
+    // So far apart that the numbers of all voxels between them do not fit 64 bits.
+    let mut cloud = sheet(5, 300);
+    for (point, far) in cloud.points.iter_mut().zip([-4e7f32, 4e7, -3e7, 4e7].into_iter().cycle().take(100)) {
+        *point = point.map(|coordinate| coordinate + far);
+    }
+    check_voxels(&cloud, 0.02);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! Keypoints: the centroid of every occupied voxel, cells and order as PCL's VoxelGrid (DESIGN 5.2).
 
 use crate::Cloud;
+use crate::cell_list;
 use crate::prepare_error::PrepareError;
 
 /// Keypoints of one cloud, one a voxel, z slowest and x fastest.
@@ -21,18 +22,11 @@ impl Keypoints {
     /// # Errors
     /// [`PrepareError::CellRange`] if a cell's index does not fit 32 bits.
     pub fn new(cloud: &Cloud, leaf: f32) -> Result<Self, PrepareError> {
-        let per_metre = 1.0 / leaf;
-        let mut keys: Vec<Key> = Vec::with_capacity(cloud.len());
-        for (&[x, y, z], index) in cloud.points.iter().zip(0u32..) {
-            let [x, y, z] = [cell(x, per_metre)?, cell(y, per_metre)?, cell(z, per_metre)?];
-            keys.push([z, y, x, index].into_iter().fold(0, |key, part| key << 32 | Key::from(part)));
-        }
-        keys.sort_unstable();
-
+        let cells = Cells::new(cloud, 1.0 / leaf)?;
         let mut keypoints = Self { points: Vec::new(), colours: cloud.colours.as_ref().map(|_| Vec::new()) };
-        for voxel in keys.chunk_by(|a, b| a >> 32 == b >> 32) {
+        for voxel in cells.order.chunk_by(|&a, &b| cells.of_point[a as usize] == cells.of_point[b as usize]) {
             let count = voxel.len() as f64;
-            let members = || voxel.iter().map(|&key| key as u32 as usize);
+            let members = || voxel.iter().map(|&index| index as usize);
             let mut sum = [0.0f64; 3];
             for member in members() {
                 for (sum, &coordinate) in sum.iter_mut().zip(&cloud.points[member]) {
@@ -64,15 +58,54 @@ impl Keypoints {
     }
 }
 
-/// A voxel and the index of a point in it, in one number to sort by: z, y, x, index.
-type Key = u128;
+/// The points of a cloud by voxel: z, y, x, and in a voxel by index.
+struct Cells {
+    /// x, y, z of each point's voxel, counted from the lowest that there can be.
+    of_point: Vec<[u32; 3]>,
+    /// Indices of the points.
+    order: Vec<u32>,
+}
+
+impl Cells {
+    fn new(cloud: &Cloud, per_metre: f32) -> Result<Self, PrepareError> {
+        let (mut low, mut high) = ([u32::MAX; 3], [0; 3]);
+        let mut of_point = Vec::with_capacity(cloud.len());
+        for &[x, y, z] in &cloud.points {
+            let voxel = [cell(x, per_metre)?, cell(y, per_metre)?, cell(z, per_metre)?];
+            for axis in 0..3 {
+                low[axis] = low[axis].min(voxel[axis]);
+                high[axis] = high[axis].max(voxel[axis]);
+            }
+            of_point.push(voxel);
+        }
+        let bits = [0, 1, 2].map(|axis| u32::BITS - high[axis].saturating_sub(low[axis]).leading_zeros());
+        let order = if bits.iter().sum::<u32>() < u64::BITS {
+            let pack = |voxel: &[u32; 3]| {
+                let [x, y, z] = [0, 1, 2].map(|axis| u64::from(voxel[axis].saturating_sub(low[axis])));
+                (z << bits[1] | y) << bits[0] | x
+            };
+            cell_list::sort(&of_point.iter().map(pack).collect::<Vec<_>>(), pack(&high)).0
+        } else {
+            let mut order: Vec<u32> = (0u32..).take(cloud.len()).collect();
+            order.sort_unstable_by_key(|&index| {
+                let [x, y, z] = of_point[index as usize];
+                [z, y, x, index]
+            });
+            order
+        };
+        Ok(Self { of_point, order })
+    }
+}
 
 /// Index of the voxel along one axis, counted from the lowest that there can be.
 fn cell(coordinate: f32, per_metre: f32) -> Result<u32, PrepareError> {
-    let cell = (coordinate * per_metre).floor();
+    let scaled = coordinate * per_metre;
     // Both bounds are exact in f32; NaN and infinities fail the test as well.
-    if (-2_147_483_648.0..2_147_483_648.0).contains(&cell) {
-        Ok((cell as i32).wrapping_sub(i32::MIN) as u32)
+    if (-2_147_483_648.0..2_147_483_648.0).contains(&scaled) {
+        // ⌊scaled⌋, for which not every processor has an instruction.
+        let towards_zero = scaled as i32;
+        let cell = towards_zero.wrapping_sub(i32::from(scaled < towards_zero as f32));
+        Ok(cell.wrapping_sub(i32::MIN) as u32)
     } else {
         Err(PrepareError::CellRange { coordinate, leaf: 1.0 / per_metre })
     }

@@ -5,10 +5,11 @@ use std::ops::Range;
 
 use pulp::NullaryFnOnce;
 
-use crate::cell_list::{CellList, Queries};
+use crate::cell_list::{BEYOND, CellList, Queries};
 use crate::eigen::{LANES, smallest_eigenvector, smallest_eigenvectors};
 use crate::neighbours::{floor_f32, squared_distance};
 use crate::prepare_error::PrepareError;
+use crate::surface::select;
 use crate::wide::widest;
 
 /// Neighbours without which no plane is fitted.
@@ -74,7 +75,9 @@ fn fit(
     mut found: impl FnMut(usize, [f32; 3]),
 ) -> Result<(), PrepareError> {
     let cells = CellList::new(points, radius, others.len())?;
+    let position = cells.position().each_ref().map(Vec::as_slice);
     let limit = floor_f32(radius * radius);
+    let mut places = Vec::new();
     cells.batches(wanted, others, LANES, |batch| {
         let query = |index: u32| {
             let index = index as usize;
@@ -82,11 +85,13 @@ fn fit(
         };
         let (Some(&first), Some(&last)) = (batch.first(), batch.last()) else { return };
         let runs = cells.near(query(first), query(last));
-        let near = Near { points: cells.points(), runs: &runs, limit };
         // Lanes without a query repeat the first one.
         let lanes: [[f32; 3]; LANES] = array::from_fn(|lane| query(*batch.get(lane).unwrap_or(&first)));
         let queries = [0, 1, 2].map(|axis| lanes.map(|query| query[axis]));
-        let planes = widest(Fit { queries: &queries, viewpoint, near });
+        let places = &mut places;
+        let (candidates, planes) =
+            widest(Fit { queries: &queries, viewpoint, position, runs: &runs, limit, places });
+        let near = Near { position, places: &places[..candidates], limit };
         for (lane, &index) in batch.iter().enumerate() {
             if (planes.count[lane] as usize) < MIN_NEIGHBOURS {
                 continue;
@@ -102,18 +107,20 @@ fn fit(
 /// Where the neighbours of some queries are.
 #[derive(Clone, Copy)]
 struct Near<'a> {
-    points: &'a [[f32; 3]],
-    /// Positions in `points`; neighbours are not elsewhere.
-    runs: &'a [Range<usize>],
+    /// x, y, z of the points.
+    position: [&'a [f32]; 3],
+    /// Which of them; neighbours are not elsewhere.
+    places: &'a [u32],
     /// Largest d² of a neighbour.
     limit: f32,
 }
 
 impl Near<'_> {
-    /// Every point that may be a neighbour, run by run.
+    /// Every point that may be a neighbour.
     #[inline(always)]
-    fn candidates(&self) -> impl Iterator<Item = &[[f32; 3]]> {
-        self.runs.iter().map(|run| &self.points[run.clone()])
+    fn candidates(&self) -> impl Iterator<Item = [f32; 3]> {
+        let [x, y, z] = self.position;
+        self.places.iter().map(move |&place| [x[place as usize], y[place as usize], z[place as usize]])
     }
 
     /// The normal of one query, from sums in f64.
@@ -121,8 +128,7 @@ impl Near<'_> {
         let mut n = 0.0f64;
         let [mut sx, mut sy, mut sz] = [0.0f64; 3];
         let [mut sxx, mut sxy, mut sxz, mut syy, mut syz, mut szz] = [0.0f64; 6];
-        let is_neighbour = |&&point: &&[f32; 3]| squared_distance(point, query) <= self.limit;
-        for &point in self.candidates().flatten().filter(is_neighbour) {
+        for point in self.candidates().filter(|&point| squared_distance(point, query) <= self.limit) {
             let [x, y, z] = [0, 1, 2].map(|axis| f64::from(point[axis]) - f64::from(query[axis]));
             n += 1.0;
             (sx, sy, sz) = (sx + x, sy + y, sz + z);
@@ -154,40 +160,91 @@ struct Fit<'a> {
     /// x, y, z.
     queries: &'a [[f32; LANES]; 3],
     viewpoint: [f32; 3],
-    near: Near<'a>,
+    /// x, y, z of the points.
+    position: [&'a [f32]; 3],
+    /// Which of them may be neighbours.
+    runs: &'a [Range<usize>],
+    /// Largest d² of a neighbour.
+    limit: f32,
+    /// Filled with the points that are near to any query, and some more.
+    places: &'a mut Vec<u32>,
+}
+
+impl Fit<'_> {
+    /// Fills `places` with the points that are near to the box around all queries, in their order; how many they are.
+    ///
+    /// Rounds like the distances of points, so that no neighbour is left out: differences and squares never decrease with
+    /// the distance along an axis, however they round.
+    #[inline(always)]
+    fn select(&mut self) -> usize {
+        let (mut low, mut high) = ([0.0f32; 3], [0.0f32; 3]);
+        for axis in 0..3 {
+            let values = &self.queries[axis];
+            (low[axis], high[axis]) = (values[0], values[0]);
+            for &value in values {
+                low[axis] = if value < low[axis] { value } else { low[axis] };
+                high[axis] = if value > high[axis] { value } else { high[axis] };
+            }
+        }
+        let candidates: usize = self.runs.iter().map(|run| run.len() + BEYOND).sum();
+        self.places.resize(self.places.len().max(candidates + 8), 0);
+        let mut count = 0;
+        for run in self.runs {
+            for start in run.clone().step_by(BEYOND) {
+                let mut is_near = [false; BEYOND];
+                let [x, y, z] =
+                    self.position.map(|values| &values[start..start + BEYOND].as_chunks::<BEYOND>().0[0]);
+                let left = (run.end - start) as u32;
+                for (i, is_near) in (0u32..).zip(&mut is_near) {
+                    let outside = |axis: usize, value: f32| {
+                        let nearest = if value < low[axis] { low[axis] } else { value };
+                        let nearest = if nearest > high[axis] { high[axis] } else { nearest };
+                        value - nearest
+                    };
+                    let place = i as usize;
+                    let (x, y, z) = (outside(0, x[place]), outside(1, y[place]), outside(2, z[place]));
+                    *is_near = (x * x + y * y + z * z <= self.limit) & (i < left);
+                }
+                count = select(&is_near, start as u32, self.places, count);
+            }
+        }
+        count
+    }
 }
 
 impl NullaryFnOnce for Fit<'_> {
-    type Output = Planes;
+    type Output = (usize, Planes);
 
     #[inline(always)]
-    fn call(self) -> Planes {
+    fn call(mut self) -> (usize, Planes) {
+        let candidates = self.select();
         let [qx, qy, qz] = self.queries;
         let mut count = [0u32; LANES];
         let [mut sx, mut sy, mut sz] = [[0.0f32; LANES]; 3];
         let [mut sxx, mut sxy, mut sxz, mut syy, mut syz, mut szz] = [[0.0f32; LANES]; 6];
-        let limit = self.near.limit;
-        for run in self.near.candidates() {
-            for &[px, py, pz] in run {
-                for lane in 0..LANES {
-                    let (x, y, z) = (px - qx[lane], py - qy[lane], pz - qz[lane]);
-                    let d2 = x * x + y * y + z * z;
-                    // Adding zero leaves a sum as it is: a candidate that is no neighbour might as well not be there.
-                    // By bits, as a select of floats would be taken for a branch.
-                    let mask = if d2 <= limit { u32::MAX } else { 0 };
-                    let only = |value: f32| f32::from_bits(value.to_bits() & mask);
-                    let (x, y, z) = (only(x), only(y), only(z));
-                    count[lane] += mask & 1;
-                    sx[lane] += x;
-                    sy[lane] += y;
-                    sz[lane] += z;
-                    sxx[lane] += x * x;
-                    sxy[lane] += x * y;
-                    sxz[lane] += x * z;
-                    syy[lane] += y * y;
-                    syz[lane] += y * z;
-                    szz[lane] += z * z;
-                }
+        let limit = self.limit;
+        let [px, py, pz] = self.position;
+        for &place in &self.places[..candidates] {
+            let place = place as usize;
+            let (px, py, pz) = (px[place], py[place], pz[place]);
+            for lane in 0..LANES {
+                let (x, y, z) = (px - qx[lane], py - qy[lane], pz - qz[lane]);
+                let d2 = x * x + y * y + z * z;
+                // Adding zero leaves a sum as it is: a candidate that is no neighbour might as well not be there.
+                // By bits, as a select of floats would be taken for a branch.
+                let mask = if d2 <= limit { u32::MAX } else { 0 };
+                let only = |value: f32| f32::from_bits(value.to_bits() & mask);
+                let (x, y, z) = (only(x), only(y), only(z));
+                count[lane] += mask & 1;
+                sx[lane] += x;
+                sy[lane] += y;
+                sz[lane] += z;
+                sxx[lane] += x * x;
+                sxy[lane] += x * y;
+                sxz[lane] += x * z;
+                syy[lane] += y * y;
+                syz[lane] += y * z;
+                szz[lane] += z * z;
             }
         }
         let mut covariance = [[0.0f64; LANES]; 6];
@@ -212,7 +269,7 @@ impl NullaryFnOnce for Fit<'_> {
             let normal = towards(normal, [qx[lane], qy[lane], qz[lane]], self.viewpoint);
             (normals[0][lane], normals[1][lane], normals[2][lane]) = (normal[0], normal[1], normal[2]);
         }
-        Planes { count, normals }
+        (candidates, Planes { count, normals })
     }
 }
 

@@ -127,6 +127,8 @@ fn check_rows(cloud: &Cloud, quantiser: &Quantiser, parameters: &Parameters) {
         assert_eq!(shape_rows(prepared, &binning), shape, "shape, {parameters}");
         assert_eq!(colour_rows(prepared, &binning), colour, "colour, {parameters}");
     }
+    let direct = binning.signature_of(cloud, &keypoints, &normals, quantiser).unwrap();
+    assert_eq!(direct, binning.signature(&prepared), "{parameters}");
     let features = if quantiser.has_colour() { 2 } else { 1 };
     assert!(prepared.bytes() > features * prepared.records());
 }

@@ -3,11 +3,14 @@
 //! Each bin of each descriptor is a union of classes, so a neighbour is classified once and every descriptor only
 //! looks its bins up.
 
+use pulp::NullaryFnOnce;
+
 use crate::colour::{Component, HueSaturation};
 use crate::disk_ring::angle::{self, Turn};
 use crate::disk_ring::bins::BinOfClass;
-use crate::disk_ring::step_table::{Slicer, StepTable};
+use crate::disk_ring::step_table::StepTable;
 use crate::neighbours::floor_f32;
+use crate::wide::widest;
 use crate::{GeneKind, GeneTable, Parameters};
 
 /// Most radii in one table: each costs four bytes a keypoint.
@@ -137,20 +140,14 @@ impl Quantiser {
     }
 
     /// Number of radii R with d² > R²: the shell that a neighbour lies in.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn shell(&self, d2: f32) -> usize {
         self.radius_table.below(d2)
     }
 
-    /// Class of the angle between two unit normals, from its cosine; `slice` is that of the negative cosine.
-    #[inline]
-    pub(crate) fn angle_class_in(&self, slice: u16, cosine: f32) -> u16 {
-        self.angle_table.below_in(slice, -cosine) as u16
-    }
-
-    /// Finds the slice of a negative cosine.
-    pub(crate) fn angle_slicer(&self) -> Slicer {
-        self.angle_table.slicer()
+    /// Number of bounds that an angle between two unit normals has reached, its class, by its negative cosine.
+    pub(crate) fn angle_table(&self) -> &StepTable {
+        &self.angle_table
     }
 
     /// Class of the angle between two unit normals, from its cosine.
@@ -159,12 +156,9 @@ impl Quantiser {
         self.angle_table.below(-cosine) as u16
     }
 
-    /// Class of a colour: hue class · number of saturation classes + saturation class.
-    pub(crate) fn colour_class(&self, colour: [u8; 3]) -> u16 {
-        let HueSaturation { hue, saturation } = HueSaturation::new(colour);
-        let class = |value: f32, bounds: &[f32]| bounds.partition_point(|&bound| bound <= value);
-        let columns = self.saturation_bounds.len() + 1;
-        (class(hue, &self.hue_bounds) * columns + class(saturation, &self.saturation_bounds)) as u16
+    /// Classes of colours: hue class · number of saturation classes + saturation class.
+    pub(crate) fn colour_classes(&self, colours: &[[u8; 3]]) -> Vec<u16> {
+        widest(ColourClasses { quantiser: self, colours })
     }
 
     /// How the classes fall into the bins of one descriptor.
@@ -202,6 +196,49 @@ impl Quantiser {
             ring: position(parameters.ring_um),
             digest: self.digest,
         })
+    }
+}
+
+/// Colours that are classified at once.
+const COLOURS: usize = 64;
+
+/// The kernel of [`Quantiser::colour_classes`].
+struct ColourClasses<'a> {
+    quantiser: &'a Quantiser,
+    colours: &'a [[u8; 3]],
+}
+
+impl NullaryFnOnce for ColourClasses<'_> {
+    type Output = Vec<u16>;
+
+    #[inline(always)]
+    fn call(self) -> Vec<u16> {
+        let Quantiser { hue_bounds, saturation_bounds, .. } = self.quantiser;
+        let columns = saturation_bounds.len() as u32 + 1;
+        let mut classes = vec![0; self.colours.len()];
+        for (classes, colours) in classes.chunks_mut(COLOURS).zip(self.colours.chunks(COLOURS)) {
+            let [mut hues, mut saturations] = [[0.0f32; COLOURS]; 2];
+            for ((hue, saturation), &colour) in hues.iter_mut().zip(&mut saturations).zip(colours) {
+                let components = HueSaturation::new(colour);
+                (*hue, *saturation) = (components.hue, components.saturation);
+            }
+            // There are few bounds: comparing with all of them in vectors costs less than a search.
+            let [mut hue_classes, mut saturation_classes] = [[0u32; COLOURS]; 2];
+            for (bounds, values, classes) in [
+                (hue_bounds, &hues, &mut hue_classes),
+                (saturation_bounds, &saturations, &mut saturation_classes),
+            ] {
+                for &bound in bounds {
+                    for (class, &value) in classes.iter_mut().zip(values) {
+                        *class += u32::from(bound <= value);
+                    }
+                }
+            }
+            for ((class, hue), saturation) in classes.iter_mut().zip(hue_classes).zip(saturation_classes) {
+                *class = (hue * columns + saturation) as u16;
+            }
+        }
+        classes
     }
 }
 

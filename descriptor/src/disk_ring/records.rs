@@ -70,10 +70,10 @@ impl Records {
     }
 
     /// Adds records of these codes: positions in the list, if there is one.
-    pub(crate) fn extend(&mut self, codes: impl Iterator<Item = u16>) {
+    pub(crate) fn extend(&mut self, codes: &[u16]) {
         match self {
-            Self::Listed { positions, .. } => positions.extend(codes.map(|position| position as u8)),
-            Self::Plain(classes) => classes.extend(codes),
+            Self::Listed { positions, .. } => positions.extend(codes.iter().map(|&position| position as u8)),
+            Self::Plain(classes) => classes.extend_from_slice(codes),
         }
     }
 

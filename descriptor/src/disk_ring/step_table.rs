@@ -7,9 +7,19 @@ const BUCKETS: usize = 4096;
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct StepTable {
     thresholds: Vec<f32>,
-    /// For every slice the number of thresholds in the slices before it.
-    before: Vec<u32>,
+    slices: Vec<Slice>,
+    /// Whether no slice has more than one threshold.
+    is_fine: bool,
     slicer: Slicer,
+}
+
+/// What is known of the values in one slice.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Slice {
+    /// Number of thresholds in earlier slices.
+    before: u32,
+    /// The threshold after these, which no value of an earlier slice exceeds; infinite if there is none.
+    next: f32,
 }
 
 /// Which slice of the thresholds' range a value lies in.
@@ -41,21 +51,18 @@ impl StepTable {
         };
         let slices_per_unit = if high > low { BUCKETS as f32 / (high - low) } else { 0.0 };
         let slicer = Slicer { low, slices_per_unit };
-        let mut table = Self { thresholds, before: vec![0; BUCKETS], slicer };
-        let mut position = 0;
-        for slice in 0..BUCKETS {
-            while position < table.thresholds.len()
-                && usize::from(slicer.slice(table.thresholds[position])) < slice
-            {
-                position += 1;
-            }
-            table.before[slice] = position as u32;
-        }
-        table
+        let slice_of = |threshold: &f32| usize::from(slicer.slice(*threshold));
+        let slice = |slice: usize| {
+            let before = thresholds.partition_point(|threshold| slice_of(threshold) < slice);
+            Slice { before: before as u32, next: thresholds.get(before).copied().unwrap_or(f32::INFINITY) }
+        };
+        let slices = (0..BUCKETS).map(slice).collect();
+        let is_fine = thresholds.windows(2).all(|pair| slice_of(&pair[0]) < slice_of(&pair[1]));
+        Self { thresholds, slices, is_fine, slicer }
     }
 
     /// Number of thresholds below `value`.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn below(&self, value: f32) -> usize {
         self.below_in(self.slicer.slice(value), value)
     }
@@ -64,13 +71,37 @@ impl StepTable {
     ///
     /// Exact for every value: as slices never decrease, thresholds of earlier slices are below the value and those of
     /// later slices are not; the rest is compared.
-    #[inline]
+    #[inline(always)]
     pub(crate) fn below_in(&self, slice: u16, value: f32) -> usize {
-        let mut count = self.before[usize::from(slice)] as usize;
+        let Slice { before, next } = self.slices[usize::from(slice)];
+        let mut count = before as usize + usize::from(next < value);
+        if self.is_fine {
+            return count;
+        }
         while self.thresholds.get(count).is_some_and(|&threshold| threshold < value) {
             count += 1;
         }
         count
+    }
+
+    /// Fills a list with the numbers of thresholds below some values, whose slices are known, at these places.
+    #[inline(always)]
+    pub(crate) fn fill(&self, values: &[f32], slices: &[u16], places: &[u32], list: &mut Vec<u16>) {
+        list.resize(places.len(), 0);
+        let Self { slices: table, is_fine, .. } = self;
+        let (values, slices) = (&values[..slices.len()], slices);
+        if *is_fine && table.len() == BUCKETS {
+            let table = &table[..BUCKETS];
+            for (entry, &place) in list.iter_mut().zip(places) {
+                let place = place as usize;
+                let Slice { before, next } = table[usize::from(slices[place]) % BUCKETS];
+                *entry = (before + u32::from(next < values[place])) as u16;
+            }
+            return;
+        }
+        for (entry, &place) in list.iter_mut().zip(places) {
+            *entry = self.below_in(slices[place as usize], values[place as usize]) as u16;
+        }
     }
 
     /// The thresholds, ascending.

@@ -2,7 +2,7 @@
 
 use pulp::NullaryFnOnce;
 
-use crate::surface::{BLOCK, Surface};
+use crate::surface::{BLOCK, Surface, block, select};
 use crate::wide::widest;
 
 /// Neighbours that a kernel looks at together, each in a lane of its own.
@@ -24,20 +24,7 @@ pub(super) struct Neighbourhood {
 impl Neighbourhood {
     /// Fills it with the points whose d² to `centre` is above `beyond` and at most `limit`, square metres.
     pub(super) fn fill(&mut self, surface: &Surface, centre: [f32; 3], [beyond, limit]: [f32; 2]) {
-        self.places.clear();
-        let mut d2 = [0.0; BLOCK];
-        let mut selected = [0u32; BLOCK];
-        for block in surface.blocks(centre, limit) {
-            let position = surface.position.each_ref().map(|values| &values[block.clone()]);
-            widest(SquaredDistances { position, centre, d2: &mut d2 });
-            // Free of branches: about half of the points are neighbours, in no pattern a processor could predict.
-            let mut count = 0;
-            for (place, &d2) in (block.start as u32..).zip(&d2[..block.len()]) {
-                selected[count % BLOCK] = place;
-                count += usize::from((d2 > beyond) & (d2 <= limit));
-            }
-            self.places.extend_from_slice(&selected[..count]);
-        }
+        widest(Select { surface, centre, limits: [beyond, limit], places: &mut self.places });
         for axis in 0..3 {
             copy(&self.places, &surface.position[axis], &mut self.position[axis]);
             copy(&self.places, &surface.normal[axis], &mut self.normal[axis]);
@@ -68,21 +55,30 @@ pub(super) fn group<T>(list: &[T], start: usize) -> &[T; GROUP] {
 }
 
 /// The kernel of [`Neighbourhood::fill`].
-struct SquaredDistances<'a> {
-    position: [&'a [f32]; 3],
+struct Select<'a> {
+    surface: &'a Surface,
     centre: [f32; 3],
-    d2: &'a mut [f32; BLOCK],
+    limits: [f32; 2],
+    places: &'a mut Vec<u32>,
 }
 
-impl NullaryFnOnce for SquaredDistances<'_> {
+impl NullaryFnOnce for Select<'_> {
     type Output = ();
 
     #[inline(always)]
     fn call(self) {
-        let ([x, y, z], [cx, cy, cz]) = (self.position, self.centre);
-        for (((d2, &x), &y), &z) in self.d2.iter_mut().zip(x).zip(y).zip(z) {
-            let (x, y, z) = (x - cx, y - cy, z - cz);
-            *d2 = x * x + y * y + z * z;
+        let ([cx, cy, cz], [beyond, limit]) = (self.centre, self.limits);
+        let (mut is_near, mut count) = ([false; BLOCK], 0);
+        self.places.resize(self.surface.room(), 0);
+        for number in self.surface.blocks(self.centre, limit) {
+            let [x, y, z] = self.surface.position.each_ref().map(|values| block(values, number));
+            for (((is_near, &x), &y), &z) in is_near.iter_mut().zip(x).zip(y).zip(z) {
+                let (x, y, z) = (x - cx, y - cy, z - cz);
+                let d2 = x * x + y * y + z * z;
+                *is_near = (d2 > beyond) & (d2 <= limit);
+            }
+            count = select(&is_near, (number * BLOCK) as u32, self.places, count);
         }
+        self.places.truncate(count);
     }
 }
