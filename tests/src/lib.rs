@@ -3,10 +3,12 @@
 //! - `process`: the harness: programs, their logs, waiting for states
 //! - `browser`: a browser without a window
 //! - `experiments`: small experiments on synthetic clouds
+//! - `benches`: what benchmarks share: their clouds, samples and tables
 //! - `readers`: every reader of bytes from outside, for the fuzz drivers
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
+pub mod benches;
 pub mod browser;
 pub mod experiments;
 pub mod process;

@@ -5,7 +5,7 @@ use serde_json::Value;
 use crate::Bench;
 use crate::peer::Work;
 use crate::programs;
-use crate::table::{Row, Samples, time};
+use tests::benches::table::{Row, Samples, time};
 
 /// Stages in the report of `coordinator evaluate`.
 const STAGES: [&str; 5] = ["read", "keypoints", "normals", "describe", "match"];

@@ -5,8 +5,9 @@ use std::fs;
 use tempfile::TempDir;
 
 use crate::Bench;
-use crate::programs::{Running, cores, program};
-use crate::table::{Row, megabytes};
+use crate::programs::{Running, program};
+use tests::benches::machine::cores;
+use tests::benches::table::{Row, megabytes};
 
 /// Measures the row once.
 pub fn measure(bench: &mut Bench) {

@@ -11,8 +11,8 @@ use descriptor::{
 
 use crate::Bench;
 use crate::peer::Work;
-use crate::prepared::pool;
-use crate::table::{Row, Samples, time};
+use tests::benches::prepared::pool;
+use tests::benches::table::{Row, Samples, time};
 
 /// Names of the stages below, in their order.
 const STAGES: [&str; 5] = ["read", "keypoints", "normals", "describe", "match"];

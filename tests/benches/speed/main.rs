@@ -1,10 +1,7 @@
 //! `cargo bench`: what Descry costs beside the same work done with PCL, measured side by side in one run.
 //!
-//! - `table`: samples, rows and how they are printed
-//! - `household`: the benchmark data and the experiment on it
 //! - `programs`: the programs of this workspace, with their wall time and memory
 //! - `peer`: the PCL harness
-//! - `prepared`: clouds in memory, evaluated as a worker does it
 //! - `cold`, `fixed`, `warm`, `runs`, `recognise`, `exhaust`: rows of the table
 //! - `scaling`: how cost grows with the number of clouds
 //! - `load`: how many workers one coordinator keeps busy
@@ -18,23 +15,21 @@
 mod cold;
 mod exhaust;
 mod fixed;
-mod household;
 mod load;
 mod peer;
-mod prepared;
 mod programs;
 mod recognise;
 mod runs;
 mod scaling;
 mod soak;
-mod table;
 mod warm;
 
 use clap::Parser;
 
-use household::Household;
 use peer::Peer;
-use table::Table;
+use tests::benches::household::Household;
+use tests::benches::machine::machine;
+use tests::benches::table::Table;
 
 /// Rows of the table, in its order.
 const ROWS: [&str; 10] =
@@ -97,7 +92,7 @@ impl Bench {
 fn main() {
     let options = Options::parse();
     let repetitions = if options.quick { 1 } else { 3 };
-    println!("{}", programs::machine());
+    println!("{}", machine());
     if options.scaling {
         scaling::measure(repetitions);
         return;

@@ -6,8 +6,9 @@ use std::process::Command;
 
 use tempfile::TempDir;
 
-use crate::household::{Household, repository};
-use crate::table::{Anchors, Samples};
+use tests::benches::household::Household;
+use tests::benches::table::{Anchors, Samples};
+use tests::experiments::repository;
 
 /// How to get it, where it is not.
 const ADVICE: &str =

@@ -5,10 +5,10 @@ use std::time::Instant;
 use serde_json::Value;
 
 use crate::Bench;
-use crate::household::section;
 use crate::programs::{self, program};
 use crate::runs::Place;
-use crate::table::{Row, Samples, time};
+use tests::benches::household::section;
+use tests::benches::table::{Row, Samples, time};
 
 /// Clouds that are asked for, one a program.
 const CLOUDS: usize = 20;

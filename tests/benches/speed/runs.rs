@@ -7,9 +7,10 @@ use serde_json::Value;
 use tempfile::TempDir;
 
 use crate::Bench;
-use crate::household::{GENERATIONS, section};
-use crate::programs::{Finished, Running, cores, program};
-use crate::table::{Row, Samples, megabytes, time};
+use crate::programs::{Finished, Running, program};
+use tests::benches::household::{GENERATIONS, section};
+use tests::benches::machine::cores;
+use tests::benches::table::{Row, Samples, megabytes, time};
 
 /// Individuals a generation in the experiment.
 const POPULATION: u32 = 10;

@@ -7,9 +7,9 @@ use std::time::Instant;
 use descriptor::Parameters;
 use tempfile::TempDir;
 
-use crate::prepared::{Evaluated, Pair, pool};
 use crate::programs;
-use crate::table::{Samples, megabytes, time};
+use tests::benches::prepared::{Evaluated, Pair, pool};
+use tests::benches::table::{Samples, megabytes, time};
 
 /// Objects in each set.
 const OBJECTS: &str = "24";

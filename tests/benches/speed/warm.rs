@@ -7,9 +7,9 @@ use descriptor::{Correct, Parameters};
 use crate::Bench;
 use crate::cold;
 use crate::peer::Work;
-use crate::prepared::{Pair, pool, spread};
-use crate::programs::cores;
-use crate::table::{Row, Samples, time};
+use tests::benches::machine::cores;
+use tests::benches::prepared::{Pair, pool, spread};
+use tests::benches::table::{Row, Samples, time};
 
 /// Descriptors that are measured after each run of the peer.
 const DESCRIPTORS: usize = 15;

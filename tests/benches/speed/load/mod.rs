@@ -18,10 +18,10 @@ use tokio::sync::Mutex;
 use tokio::task::JoinSet;
 
 use crate::programs::{Finished, Running, program, run};
-use crate::table::{megabytes, time};
 use meter::{Cost, Meter};
 pub use pieces::measure as measure_pieces;
 use record::{Findings, Record, percentile};
+use tests::benches::table::{megabytes, time};
 use worker::{Effort, Manner, Worker};
 
 /// How long the jobs of a row would last if every worker were always busy, seconds.

@@ -11,7 +11,7 @@ use super::meter::Meter;
 use super::worker::Effort;
 use super::{start_coordinator, work};
 use crate::programs::run;
-use crate::table::megabytes;
+use tests::benches::table::megabytes;
 
 /// Individuals of a generation.
 const POPULATION: u32 = 10;

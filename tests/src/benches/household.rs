@@ -5,13 +5,10 @@ use std::path::{Path, PathBuf};
 
 use toml::{Table, Value};
 
+use crate::experiments::repository;
+
 /// Generations of the forced run.
 pub const GENERATIONS: u32 = 200;
-
-/// The root of this repository.
-pub fn repository() -> &'static Path {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap()
-}
 
 /// The household clouds.
 #[derive(Debug)]
@@ -21,31 +18,14 @@ pub struct Household {
 }
 
 impl Household {
-    /// The clouds below `DESCRY_SHARED`, or in `../shared`; without them the program ends.
+    /// The clouds, as [`find_set`] finds them.
     pub fn find() -> Self {
-        let shared =
-            std::env::var_os("DESCRY_SHARED").map_or_else(|| repository().join("../shared"), PathBuf::from);
-        let root = shared.join("data/household-rgbd");
-        match root.canonicalize() {
-            Ok(root) => Self { root },
-            Err(error) => {
-                eprintln!(
-                    "error: {}: no benchmark data, got {error}\nset DESCRY_SHARED to the folder that holds data/household-rgbd, or use --scaling, which needs none",
-                    root.display()
-                );
-                std::process::exit(1);
-            }
-        }
+        Self { root: find_set("household-rgbd") }
     }
 
     /// Paths in some lists, one list after the other.
     pub fn listed(&self, lists: &[&str]) -> Vec<String> {
-        let read = |list: &&str| {
-            let path = self.root.join(list);
-            fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
-        };
-        let text: String = lists.iter().map(read).collect();
-        text.lines().filter(|line| !line.is_empty()).map(str::to_owned).collect()
+        listed(&self.root, lists)
     }
 
     /// The experiment as it is shipped, on the clouds here; `change` is done to it.
@@ -71,6 +51,30 @@ impl Household {
             section(experiment, "stop").extend(stop.map(|(key, value)| (key.to_owned(), value)));
         })
     }
+}
+
+/// The folder of a benchmark set below `DESCRY_SHARED`, or in `../shared`; without it the program ends.
+pub fn find_set(name: &str) -> PathBuf {
+    let shared =
+        std::env::var_os("DESCRY_SHARED").map_or_else(|| repository().join("../shared"), PathBuf::from);
+    let root = shared.join("data").join(name);
+    root.canonicalize().unwrap_or_else(|error| {
+        eprintln!(
+            "error: {}: no benchmark data, got {error}\nset DESCRY_SHARED to the folder that holds data/{name}",
+            root.display()
+        );
+        std::process::exit(1);
+    })
+}
+
+/// Paths in some lists of a set, one list after the other.
+pub fn listed(root: &Path, lists: &[&str]) -> Vec<String> {
+    let read = |list: &&str| {
+        let path = root.join(list);
+        fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+    };
+    let text: String = lists.iter().map(read).collect();
+    text.lines().filter(|line| !line.is_empty()).map(str::to_owned).collect()
 }
 
 /// A section of an experiment; an empty one if it is not written.

@@ -59,6 +59,13 @@ impl Pair {
         self.query.clouds.len() + self.database.clouds.len()
     }
 
+    /// Keypoints that are described, and their neighbours within the largest radius.
+    pub fn keypoints_and_records(&self) -> [u64; 2] {
+        let clouds = || self.query.clouds.iter().chain(&self.database.clouds);
+        let keypoints = clouds().map(|cloud| cloud.keypoints() as u64).sum();
+        [keypoints, clouds().map(|cloud| cloud.records() as u64).sum()]
+    }
+
     /// Memory that the prepared clouds take, bytes.
     pub fn bytes(&self) -> u64 {
         let clouds = self.query.clouds.iter().chain(&self.database.clouds);
