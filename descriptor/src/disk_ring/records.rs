@@ -42,12 +42,13 @@ impl Records {
         self.listed().map_or(classes, <[u16]>::len)
     }
 
-    /// Adds one to the count of the code of each of these records.
+    /// Adds one to a count of the code of each of these records, of consecutive ones to another of its two: a count that
+    /// was just changed takes time until it can be changed again.
     #[inline(always)]
-    pub(crate) fn count(&self, records: Range<usize>, counts: &mut [u32]) {
+    pub(crate) fn count_in_turn(&self, records: Range<usize>, counts: &mut [[u32; 2]]) {
         match self {
-            Self::Listed { positions, .. } => count(&positions[records], counts),
-            Self::Plain(classes) => count(&classes[records], counts),
+            Self::Listed { positions, .. } => count_in_turn(&positions[records], counts),
+            Self::Plain(classes) => count_in_turn(&classes[records], counts),
         }
     }
 
@@ -114,8 +115,13 @@ impl Records {
 }
 
 #[inline(always)]
-fn count<C: Copy + Into<usize>>(codes: &[C], counts: &mut [u32]) {
-    for &code in codes {
-        counts[code.into()] += 1;
+fn count_in_turn<C: Copy + Into<usize>>(codes: &[C], counts: &mut [[u32; 2]]) {
+    let (pairs, last) = codes.as_chunks::<2>();
+    for &[even, odd] in pairs {
+        counts[even.into()][0] += 1;
+        counts[odd.into()][1] += 1;
+    }
+    if let [last] = last {
+        counts[(*last).into()][0] += 1;
     }
 }

@@ -113,8 +113,29 @@ impl Rows {
 
 /// Position of the lowest value, the first of equal ones.
 fn lowest(values: &[f32]) -> usize {
-    let lowest = values.iter().copied().fold(f32::INFINITY, f32::min);
+    let lowest = widest(Least { values });
     values.iter().position(|&value| value == lowest).unwrap_or(0)
+}
+
+/// The kernel of [`lowest`]: the least of values that are never NaN.
+struct Least<'a> {
+    values: &'a [f32],
+}
+
+impl NullaryFnOnce for Least<'_> {
+    type Output = f32;
+
+    #[inline(always)]
+    fn call(self) -> f32 {
+        let (blocks, rest) = self.values.as_chunks::<LANES>();
+        let mut lanes = [f32::INFINITY; LANES];
+        for block in blocks {
+            for (least, &value) in lanes.iter_mut().zip(block) {
+                *least = if value < *least { value } else { *least };
+            }
+        }
+        lanes.iter().chain(rest).copied().fold(f32::INFINITY, f32::min)
+    }
 }
 
 /// A cloud of the database that can be the nearest for some w.
@@ -135,6 +156,8 @@ struct Candidate {
 #[derive(Default)]
 struct CandidateFilter {
     candidates: Vec<Candidate>,
+    /// Those that show the query's object, or those that do not.
+    alike: Vec<Candidate>,
     nearest_same: Vec<f64>,
     nearest_other: Vec<f64>,
 }
@@ -156,11 +179,10 @@ impl CandidateFilter {
             return;
         }
         for (nearest, same) in [(&mut self.nearest_same, true), (&mut self.nearest_other, false)] {
-            nearest.clear();
+            self.alike.clear();
+            self.alike.extend(self.candidates.iter().filter(|candidate| candidate.same == same));
             nearest.resize(weights.len(), f64::INFINITY);
-            for candidate in self.candidates.iter().filter(|candidate| candidate.same == same) {
-                widest(LeastDistances { weights, candidate: *candidate, nearest });
-            }
+            widest(LeastDistances { weights, candidates: &self.alike, nearest });
         }
         for (w, count) in counts.iter_mut().enumerate() {
             let (same, other) = (self.nearest_same[w], self.nearest_other[w]);
@@ -200,20 +222,26 @@ impl NullaryFnOnce for Select<'_> {
                     *is_candidate &= u8::from((s <= shape) | (c <= colour));
                 }
             }
-            for (place, (&shape, &colour)) in shapes.iter().zip(colours).enumerate() {
-                if is_candidate[place] != 0 {
-                    let index = block * BLOCK + place;
-                    self.candidates.push(Candidate { shape, colour, same: self.same[index] });
+            // Few are: eight places are passed over at once.
+            for (group, flags) in is_candidate.as_chunks::<8>().0.iter().enumerate() {
+                if u64::from_ne_bytes(*flags) == 0 {
+                    continue;
+                }
+                for place in
+                    (group * 8..shapes.len().min(group * 8 + 8)).filter(|place| is_candidate[*place] != 0)
+                {
+                    let same = self.same[block * BLOCK + place];
+                    self.candidates.push(Candidate { shape: shapes[place], colour: colours[place], same });
                 }
             }
         }
     }
 }
 
-/// The set distance of one cloud for every w, and the least so far.
+/// The kernel that finds the least set distance of some clouds for every w.
 struct LeastDistances<'a> {
     weights: &'a [f64],
-    candidate: Candidate,
+    candidates: &'a [Candidate],
     nearest: &'a mut [f64],
 }
 
@@ -222,10 +250,17 @@ impl NullaryFnOnce for LeastDistances<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Candidate { shape, colour, .. } = self.candidate;
-        for (nearest, &weight) in self.nearest.iter_mut().zip(self.weights) {
-            let distance = weighted(shape, colour, weight);
-            *nearest = if distance < *nearest { distance } else { *nearest };
+        const AT_ONCE: usize = 32;
+        for (weights, nearest) in self.weights.chunks(AT_ONCE).zip(self.nearest.chunks_mut(AT_ONCE)) {
+            let (mut lanes, mut least) = ([0.0; AT_ONCE], [f64::INFINITY; AT_ONCE]);
+            lanes[..weights.len()].copy_from_slice(weights);
+            for &Candidate { shape, colour, .. } in self.candidates {
+                for (least, &weight) in least.iter_mut().zip(&lanes) {
+                    let distance = weighted(shape, colour, weight);
+                    *least = if distance < *least { distance } else { *least };
+                }
+            }
+            nearest.copy_from_slice(&least[..weights.len()]);
         }
     }
 }

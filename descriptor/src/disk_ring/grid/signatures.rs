@@ -55,29 +55,41 @@ impl Cell {
     }
 }
 
-/// Rows of one descriptor under construction: as `histogram` makes them.
+/// Rows of several descriptors under construction, side by side: of each keypoint the histograms of its disk by all of
+/// them, then those of its ring.
 struct Rows {
-    bins: usize,
+    /// Bins of each descriptor's histograms.
+    bins: Vec<usize>,
     values: Vec<f32>,
 }
 
 impl Rows {
-    fn new(bins: usize, keypoints: usize) -> Self {
-        Self { bins, values: vec![0.0; keypoints * 2 * bins] }
+    fn new(bins: Vec<usize>, keypoints: usize) -> Self {
+        let values = vec![0.0; keypoints * 2 * bins.iter().sum::<usize>()];
+        Self { bins, values }
     }
 
-    /// The histogram of a keypoint's disk (0) or ring (1).
-    #[inline(always)]
-    fn region(&mut self, keypoint: usize, region: usize) -> &mut [f32] {
-        &mut self.values[(2 * keypoint + region) * self.bins..][..self.bins]
+    /// Bins of all histograms of a region.
+    fn width(&self) -> usize {
+        self.bins.iter().sum()
     }
 
+    /// The signatures: as `histogram` makes the rows of each descriptor. Sums of columns do not depend on each other.
     #[inline(always)]
-    fn signature(&self) -> Signature {
-        if self.bins == 0 {
-            return Signature::default();
+    fn signatures(&self) -> Vec<Signature> {
+        let width = self.width();
+        if width == 0 {
+            return vec![Signature::default(); self.bins.len()];
         }
-        MeanAndDeviation { rows: &self.values, width: 2 * self.bins }.call()
+        let all = MeanAndDeviation { rows: &self.values, width: 2 * width }.call();
+        let mut start = 0;
+        let mut signatures = Vec::with_capacity(self.bins.len());
+        for &bins in &self.bins {
+            let of = |values: &[f32]| [&values[start..][..bins], &values[width + start..][..bins]].concat();
+            signatures.push(Signature { centroid: of(&all.centroid), deviation: of(&all.deviation) });
+            start += bins;
+        }
+        signatures
     }
 }
 
@@ -96,46 +108,50 @@ impl NullaryFnOnce for Shapes<'_> {
     fn call(self) -> Vec<Signature> {
         let codes = self.angles.codes(self.classes);
         let bin = |binning: &Binning, code| binning.shape.get(self.angles.class(code));
-        // The first code of each bin and the end of the last, for all descriptors one after the other.
-        let edges: Vec<Vec<usize>> = self
-            .binnings
-            .iter()
-            .map(|binning| edges(binning.shape_bins(), codes, |code| bin(binning, code)))
-            .collect();
-        let mut rows: Vec<Rows> =
-            self.binnings.iter().map(|binning| Rows::new(binning.shape_bins(), self.regions.len())).collect();
-        let mut counts = vec![0u32; codes];
-        // Neighbours of the codes before each code.
+        let mut rows = Rows::new(self.binnings.iter().map(Binning::shape_bins).collect(), self.regions.len());
+        // The first code of each bin, for all descriptors one after the other.
+        let mut first: Vec<u32> = Vec::with_capacity(rows.width());
+        for binning in self.binnings {
+            first.extend(firsts(binning.shape_bins(), codes, |code| bin(binning, code)));
+        }
+        let mut counts = vec![[0u32; 2]; codes];
+        // Neighbours of the codes before each code, and of those before each bin.
         let mut before = vec![0u32; codes + 1];
-        for (keypoint, regions) in self.regions.iter().enumerate() {
-            for (region, records) in regions.iter().enumerate() {
-                if records.is_empty() {
-                    continue;
-                }
-                counts.fill(0);
-                self.angles.count(records.clone(), &mut counts);
-                let mut sum = 0;
-                for (before, &count) in before[1..].iter_mut().zip(&counts) {
-                    sum += count;
-                    *before = sum;
-                }
-                let total = records.len() as f32;
-                for (rows, edges) in rows.iter_mut().zip(&edges) {
-                    let shares = rows.region(keypoint, region).iter_mut();
-                    for (share, bin) in shares.zip(edges.windows(2)) {
-                        *share = (before[bin[1]] - before[bin[0]]) as f32 / total;
-                    }
-                }
+        let mut before_bin = vec![0u32; first.len()];
+        let regions = self.regions.as_flattened().iter();
+        for (records, shares) in regions.zip(rows.values.chunks_exact_mut(first.len().max(1))) {
+            if records.is_empty() {
+                continue;
+            }
+            counts.fill([0; 2]);
+            self.angles.count_in_turn(records.clone(), &mut counts);
+            let mut sum = 0;
+            for (before, [even, odd]) in before[1..].iter_mut().zip(&counts) {
+                sum += even + odd;
+                *before = sum;
+            }
+            for (count, &first) in before_bin.iter_mut().zip(&first) {
+                *count = before[first as usize];
+            }
+            let total = records.len() as f32;
+            for ((share, &here), &next) in shares.iter_mut().zip(&before_bin).zip(&before_bin[1..]) {
+                *share = next.wrapping_sub(here) as f32 / total;
+            }
+            // What follows a descriptor's last bin is another one's first.
+            let mut end = 0;
+            for bins in &rows.bins {
+                end += bins;
+                shares[end - 1] = (sum - before_bin[end - 1]) as f32 / total;
             }
         }
-        rows.iter().map(Rows::signature).collect()
+        rows.signatures()
     }
 }
 
-/// The first code of every bin, and the number of codes.
-fn edges(bins: usize, codes: usize, bin: impl Fn(u16) -> usize) -> Vec<usize> {
-    let all: Vec<usize> = (0..codes).collect();
-    (0..bins).map(|k| all.partition_point(|&code| bin(code as u16) < k)).chain([codes]).collect()
+/// The first code of every bin.
+fn firsts(bins: usize, codes: usize, bin: impl Fn(u16) -> usize) -> impl Iterator<Item = u32> {
+    let of_code: Vec<usize> = (0..codes).map(|code| bin(code as u16)).collect();
+    (0..bins).map(move |k| of_code.partition_point(|&bin| bin < k) as u32)
 }
 
 /// Colour: the classes that occur are few, and each descriptor adds their counts up anew.
@@ -151,36 +167,46 @@ impl NullaryFnOnce for Colours<'_> {
 
     #[inline(always)]
     fn call(self) -> Vec<Signature> {
-        let mut rows: Vec<Rows> = self
-            .binnings
-            .iter()
-            .map(|binning| Rows::new(binning.colour_bins(), self.regions.len()))
-            .collect();
-        let mut counts = vec![0u32; self.colours.codes(self.classes)];
-        let mut present: Vec<(u16, u32)> = Vec::new();
-        let mut bins = vec![0u32; rows.iter().map(|rows| rows.bins).max().unwrap_or(0)];
-        for (keypoint, regions) in self.regions.iter().enumerate() {
-            for (region, records) in regions.iter().enumerate() {
-                // Without colour there is nothing to count.
-                if records.is_empty() || self.classes == 0 {
-                    continue;
-                }
-                self.colours.count(records.clone(), &mut counts);
-                present.clear();
-                let of_code = (0u16..).zip(&mut counts).filter(|(_, count)| **count > 0);
-                present
-                    .extend(of_code.map(|(code, count)| (self.colours.class(code), std::mem::take(count))));
-                let total = records.len() as f32;
-                for (rows, binning) in rows.iter_mut().zip(self.binnings) {
-                    for &(class, count) in &present {
-                        bins[binning.colour.get(class)] += count;
-                    }
-                    for (share, bin) in rows.region(keypoint, region).iter_mut().zip(&mut bins) {
-                        *share = std::mem::take(bin) as f32 / total;
+        let mut rows =
+            Rows::new(self.binnings.iter().map(Binning::colour_bins).collect(), self.regions.len());
+        let width = rows.width();
+        // Without colour there is nothing to count.
+        if self.classes == 0 || width == 0 {
+            return rows.signatures();
+        }
+        let codes = self.colours.codes(self.classes);
+        // Of each code its bin in every descriptor's histogram, which lie side by side.
+        let mut bins_of_code: Vec<u32> = Vec::with_capacity(codes * self.binnings.len());
+        for code in 0..codes {
+            let class = self.colours.class(code as u16);
+            let mut start = 0;
+            for binning in self.binnings {
+                bins_of_code.push((start + binning.colour.get(class)) as u32);
+                start += binning.colour_bins();
+            }
+        }
+        let mut counts = vec![[0u32; 2]; codes];
+        let mut bins = vec![0u32; width];
+        let regions = self.regions.as_flattened().iter();
+        for (records, shares) in regions.zip(rows.values.chunks_exact_mut(width)) {
+            if records.is_empty() {
+                continue;
+            }
+            self.colours.count_in_turn(records.clone(), &mut counts);
+            for ([even, odd], places) in counts.iter_mut().zip(bins_of_code.chunks_exact(self.binnings.len()))
+            {
+                let count = std::mem::take(even) + std::mem::take(odd);
+                if count > 0 {
+                    for &place in places {
+                        bins[place as usize] += count;
                     }
                 }
             }
+            let total = records.len() as f32;
+            for (share, bin) in shares.iter_mut().zip(&mut bins) {
+                *share = std::mem::take(bin) as f32 / total;
+            }
         }
-        rows.iter().map(Rows::signature).collect()
+        rows.signatures()
     }
 }
