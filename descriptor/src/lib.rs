@@ -51,6 +51,7 @@ pub mod neighbours;
 pub mod normals;
 pub mod prepare;
 mod prepare_error;
+mod select;
 mod surface;
 pub mod wide;
 

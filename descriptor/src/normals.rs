@@ -9,7 +9,7 @@ use crate::cell_list::{BEYOND, CellList, Queries};
 use crate::eigen::{LANES, smallest_eigenvector, smallest_eigenvectors};
 use crate::neighbours::{floor_f32, squared_distance};
 use crate::prepare_error::PrepareError;
-use crate::surface::select;
+use crate::select::select;
 use crate::wide::widest;
 
 /// Neighbours without which no plane is fitted.

@@ -7,7 +7,8 @@ use crate::disk_ring::quantise::Quantiser;
 use crate::disk_ring::records::Records;
 use crate::prepare::Normals;
 use crate::prepare_error::PrepareError;
-use crate::surface::{BLOCK, Surface, block, block_mut, select};
+use crate::select::select;
+use crate::surface::{BLOCK, Surface, block, block_mut};
 use crate::wide::widest;
 
 /// Shells up to which each is given a list of its own: as many passes over a block cost less than a sort.

@@ -2,7 +2,8 @@
 
 use pulp::NullaryFnOnce;
 
-use crate::surface::{BLOCK, Surface, block, select};
+use crate::select::select;
+use crate::surface::{BLOCK, Surface, block};
 use crate::wide::widest;
 
 /// Neighbours that a kernel looks at together, each in a lane of its own.

@@ -32,8 +32,19 @@ use tests::benches::machine::machine;
 use tests::benches::table::Table;
 
 /// Rows of the table, in its order.
-const ROWS: [&str; 10] =
-    ["cold", "shotcolor", "pfhrgb", "warm", "weight", "run", "worker", "memory", "second", "recognise"];
+const ROWS: [&str; 11] = [
+    "cold",
+    "shotcolor",
+    "pfhrgb",
+    "warm",
+    "weight",
+    "run",
+    "worker",
+    "memory",
+    "second",
+    "recognise",
+    "named",
+];
 
 /// Speed of Descry beside PCL's.
 ///

@@ -22,6 +22,8 @@ struct Stages {
     total: f64,
     /// Histograms and matching: what is left with the normals cached.
     cached: f64,
+    /// From files to histograms.
+    described: f64,
     /// Object error, per cent.
     object_error: f64,
 }
@@ -135,6 +137,13 @@ impl Peer {
             .then(|| Anchors { scratch: median(|run| run.total), cached: median(|run| run.cached) })
     }
 
+    /// What it takes to describe one cloud, from its file to its histograms, as far as it was run on this work.
+    pub fn described(&self, work: Work) -> Option<f64> {
+        let Matching { runs, clouds, .. } = &self.matchings[work as usize];
+        let all = runs.iter().map(|run| run.described).collect::<Samples>();
+        (!runs.is_empty()).then(|| all.median() / *clouds as f64)
+    }
+
     /// What a whole run would take: the first preparation, fitness values, and validations, each as long as a fitness
     /// value in proportion to its clouds; all from scratch, or with the normals kept.
     pub fn search(
@@ -178,5 +187,7 @@ fn stages(text: &str) -> Option<Stages> {
         word.trim_end_matches(['s', '%']).parse().ok()
     };
     let (describe, matching) = (value("desc")?, value("match")?);
-    Some(Stages { total: value("total")?, cached: describe + matching, object_error: value("obj_err")? })
+    let total = value("total")?;
+    let object_error = value("obj_err")?;
+    Some(Stages { total, cached: describe + matching, described: total - matching, object_error })
 }

@@ -1,9 +1,10 @@
 //! One digest, whatever the workers do.
 
 use std::collections::BTreeSet;
+use std::fs;
 
 use crate::experiments::{Experiment, digest, summary};
-use crate::process::{Running, run};
+use crate::process::{Running, finish, program, run};
 
 /// Long enough that workers can come and go while it runs, short enough to run several times.
 const SEARCH: &str = "[ga]\npopulation = 8\n[stop]\ngenerations = 60\nstagnation = \"off\"\n\
@@ -203,4 +204,29 @@ fn seed_and_labels_change_the_digest_and_names_and_paths_do_not() {
     let stale = copy.run("out", &[]).expect_error();
     assert!(stale.stderr.contains("is a run of other clouds"), "{stale}");
     assert_ne!(base, digest(&copy.run("out", &["--fresh"]).expect_success()));
+}
+
+#[test]
+fn narrower_vectors_change_no_digest_and_those_that_are_not_there_are_refused() {
+    let experiment = Experiment::new("[stop]\ngenerations = 2\n");
+    let with = |vectors: &str, out: &str| {
+        let mut command = program("coordinator");
+        command.args(experiment.run_args(out, &["--no-cache"])).env("DESCRY_VECTORS", vectors);
+        finish(&mut command)
+    };
+    let widest = digest(&with("", "widest").expect_success());
+    assert_eq!(digest(&with("baseline", "baseline").expect_success()), widest);
+    if cfg!(target_arch = "x86_64")
+        && fs::read_to_string("/proc/cpuinfo").is_ok_and(|it| it.contains(" avx2 "))
+    {
+        assert_eq!(digest(&with("v3", "v3").expect_success()), widest);
+    }
+    let refused = with("v5", "refused").expect_error();
+    let expected =
+        "error: DESCRY_VECTORS: baseline, or v3 on a processor with AVX2, expected, got v5\nleave it out";
+    assert!(refused.stderr.contains(expected), "{refused}");
+    let mut worker = program("worker");
+    let refused = finish(worker.args(["--coordinator", "http://127.0.0.1:1"]).env("DESCRY_VECTORS", "AVX2"))
+        .expect_error();
+    assert!(refused.stderr.contains("expected, got AVX2"), "{refused}");
 }
