@@ -75,7 +75,7 @@ pub fn hellinger(a: &[f32], b: &[f32]) -> f32 {
 }
 
 /// What a distance is the sum of.
-trait Terms {
+pub(crate) trait Terms {
     /// What the sum is multiplied by.
     const FACTOR: f32;
 
@@ -83,7 +83,7 @@ trait Terms {
     fn of_two(a: [f32; 2], b: [f32; 2]) -> f32;
 }
 
-struct ChiSquared;
+pub(crate) struct ChiSquared;
 
 impl Terms for ChiSquared {
     const FACTOR: f32 = 0.5;
@@ -101,7 +101,7 @@ fn at_least(sum: f32) -> f32 {
     if sum > LEAST { sum } else { LEAST }
 }
 
-struct L1;
+pub(crate) struct L1;
 
 impl Terms for L1 {
     const FACTOR: f32 = 1.0;
@@ -112,7 +112,7 @@ impl Terms for L1 {
     }
 }
 
-struct Hellinger;
+pub(crate) struct Hellinger;
 
 impl Terms for Hellinger {
     const FACTOR: f32 = 0.5;
@@ -262,6 +262,13 @@ impl<T: Terms> NullaryFnOnce for Distances<'_, T> {
 #[inline(always)]
 fn lanes<T: Terms>(query: &[f32], block: &[[[f32; LANES]; 2]]) -> [f32; LANES] {
     let mut sums = [0.0f32; LANES];
+    add_terms::<T>(query, block, &mut sums);
+    sums
+}
+
+/// Adds the terms of a part of one histogram and those of a block, in their order.
+#[inline(always)]
+pub(crate) fn add_terms<T: Terms>(query: &[f32], block: &[[[f32; LANES]; 2]], sums: &mut [f32; LANES]) {
     let (pairs, last) = query.as_chunks::<2>();
     let last = last.first().map(|&last| [last, 0.0]);
     for (a, b) in pairs.iter().chain(&last).zip(block) {
@@ -269,7 +276,6 @@ fn lanes<T: Terms>(query: &[f32], block: &[[[f32; LANES]; 2]]) -> [f32; LANES] {
             sums[lane] += T::of_two(*a, [b[0][lane], b[1][lane]]);
         }
     }
-    sums
 }
 
 impl DistanceMatrix {
