@@ -198,6 +198,18 @@ impl Transposed {
         Self { pairs, blocks }
     }
 
+    /// The signatures again; lengths are those of a centroid and of a deviation.
+    pub(crate) fn signatures(&self, clouds: usize, [bins, deviation]: [usize; 2]) -> Signatures {
+        let mut values = Vec::with_capacity(clouds * (bins + deviation));
+        for cloud in 0..clouds {
+            let block = &self.blocks[cloud / LANES * self.pairs..][..self.pairs];
+            for (part, length) in block.chunks_exact((self.pairs / 2).max(1)).zip([bins, deviation]) {
+                values.extend((0..length).map(|bin| part[bin / 2][bin % 2][cloud % LANES]));
+            }
+        }
+        Signatures { bins, width: bins + deviation, clouds, values, keypoints: Vec::new() }
+    }
+
     /// One query's χ² distances to every cloud; `row` has room for the whole blocks.
     pub(crate) fn distances(&self, query: [&[f32]; 2], row: &mut [[f32; LANES]]) {
         self.distances_by::<ChiSquared>(query, row);
@@ -205,10 +217,21 @@ impl Transposed {
 
     /// As [`Transposed::distances`], by any set distance.
     pub(crate) fn by(&self, distance: SetDistance, query: [&[f32]; 2], row: &mut [[f32; LANES]]) {
+        self.later(distance, 0, query, row);
+    }
+
+    /// As [`Transposed::by`], to the clouds of block `first` and of later ones.
+    pub(crate) fn later(
+        &self,
+        distance: SetDistance,
+        first: usize,
+        query: [&[f32]; 2],
+        row: &mut [[f32; LANES]],
+    ) {
         match distance {
-            SetDistance::ChiSquared => self.distances_by::<ChiSquared>(query, row),
-            SetDistance::L1 => self.distances_by::<L1>(query, row),
-            SetDistance::Hellinger => self.distances_by::<Hellinger>(query, row),
+            SetDistance::ChiSquared => self.distances_from::<ChiSquared>(first, query, row),
+            SetDistance::L1 => self.distances_from::<L1>(first, query, row),
+            SetDistance::Hellinger => self.distances_from::<Hellinger>(first, query, row),
         }
     }
 
@@ -262,13 +285,6 @@ impl<T: Terms> NullaryFnOnce for Distances<'_, T> {
 #[inline(always)]
 fn lanes<T: Terms>(query: &[f32], block: &[[[f32; LANES]; 2]]) -> [f32; LANES] {
     let mut sums = [0.0f32; LANES];
-    add_terms::<T>(query, block, &mut sums);
-    sums
-}
-
-/// Adds the terms of a part of one histogram and those of a block, in their order.
-#[inline(always)]
-pub(crate) fn add_terms<T: Terms>(query: &[f32], block: &[[[f32; LANES]; 2]], sums: &mut [f32; LANES]) {
     let (pairs, last) = query.as_chunks::<2>();
     let last = last.first().map(|&last| [last, 0.0]);
     for (a, b) in pairs.iter().chain(&last).zip(block) {
@@ -276,6 +292,7 @@ pub(crate) fn add_terms<T: Terms>(query: &[f32], block: &[[[f32; LANES]; 2]], su
             sums[lane] += T::of_two(*a, [b[0][lane], b[1][lane]]);
         }
     }
+    sums
 }
 
 impl DistanceMatrix {

@@ -26,7 +26,7 @@
 use std::ops::Range;
 
 use crate::distance::{LANES, SetDistance, Transposed};
-use crate::pruning::gathered::{CHUNK, add_gathered, factor};
+use crate::pruning::gathered::{CHUNK, ROWS, add_gathered, factor};
 use crate::pruning::groups::{Channel, Groups};
 use crate::signature::Signatures;
 
@@ -110,11 +110,7 @@ impl Bounds {
     fn merge_all(&mut self, channels: &[Channel<'_>], clouds: usize) {
         let mut rows = [Vec::new(), Vec::new()];
         for cloud in 0..clouds {
-            let values = channels.iter().map(|(signatures, ..)| {
-                let [centroid, deviation] = signatures.get(cloud);
-                [centroid, deviation]
-            });
-            let (merged, _) = self.merged(values);
+            let (merged, _) = self.merged(channels.iter().map(|(signatures, ..)| signatures.get(cloud)));
             rows.iter_mut().zip(merged).for_each(|(rows, merged)| rows.extend(merged));
         }
         let [fine, coarse] = rows;
@@ -161,8 +157,8 @@ impl Bounds {
     }
 
     /// Clouds whose bound is larger are farther away than this distance.
-    pub(super) fn limit(&self, query: &Query, distance: f64) -> f64 {
-        (distance * self.unit + query.slack) * (1.0 + self.share)
+    pub(super) fn limit(&self, query: &Query, distance: f64) -> f32 {
+        (((distance * self.unit + query.slack) * (1.0 + self.share)) as f32).next_up()
     }
 
     /// The query's coarse bounds of all clouds; `row` has room for whole blocks, `other` likewise. Returns the number of terms.
@@ -189,12 +185,12 @@ impl Bounds {
         terms as u64
     }
 
-    /// The query's fine bounds of the clouds in the lanes. Returns the number of terms, too.
-    pub(super) fn fine(&self, query: &Query, clouds: &[u32; LANES]) -> ([f32; LANES], u64) {
-        let (mut bounds, mut terms) = ([0.0; LANES], 0);
+    /// The query's fine bounds of some clouds. Returns the number of terms, too.
+    pub(super) fn fine(&self, query: &Query, clouds: &[u32; ROWS]) -> ([f32; ROWS], u64) {
+        let (mut bounds, mut terms) = ([0.0; ROWS], 0);
         for Fine { metric, range, merged } in &self.fine {
             let rows = clouds.map(|cloud| merged.get(cloud as usize)[0]);
-            let mut sums = [0.0; LANES];
+            let mut sums = [0.0; ROWS];
             for (chunk, values) in query.fine[range.clone()].chunks(CHUNK).enumerate() {
                 let rows = rows.map(|row| &row[chunk * CHUNK..][..values.len()]);
                 add_gathered(*metric, values, &rows, &mut sums);
@@ -202,7 +198,7 @@ impl Bounds {
             for (bound, sum) in bounds.iter_mut().zip(sums) {
                 *bound += factor(*metric) * sum;
             }
-            terms += LANES * range.len();
+            terms += ROWS * range.len();
         }
         (bounds, terms as u64)
     }

@@ -1,25 +1,30 @@
-//! Terms of a query and a few clouds out of many, whose values are gathered into lanes.
+//! Terms of a query and a few clouds out of many, wherever they lie in the database.
 
 use std::marker::PhantomData;
 
 use pulp::NullaryFnOnce;
 
-use crate::distance::{ChiSquared, Hellinger, L1, LANES, SetDistance, Terms, add_terms};
+use crate::distance::{ChiSquared, Hellinger, L1, SetDistance, Terms};
 use crate::wide::widest;
 
-/// Values of a cloud that are gathered at once, an even number: so many terms lie between two looks at what they add up to.
+/// Clouds that are compared with a query at once: so many sums wait for their next term together.
+pub(super) const ROWS: usize = 8;
+
+/// Values of a cloud that are compared at once, an even number: so many terms lie between two looks at what they add up to.
 pub(super) const CHUNK: usize = 64;
 
-/// Adds the terms of some bins, at most [`CHUNK`], of a query and of a cloud in each lane: those of
-/// [`DistanceMatrix`](crate::DistanceMatrix), to the bit, if the first bin of each part but the first has an even number.
+/// Adds the terms of some bins, at most [`CHUNK`], of a query and of some clouds: those of
+/// [`DistanceMatrix`](crate::DistanceMatrix), to the bit, if all parts of a histogram but the last have [`CHUNK`] bins.
 pub(super) fn add_gathered(
     distance: SetDistance,
     query: &[f32],
-    clouds: &[&[f32]; LANES],
-    sums: &mut [f32; LANES],
+    clouds: &[&[f32]; ROWS],
+    sums: &mut [f32; ROWS],
 ) {
     match distance {
-        SetDistance::ChiSquared => widest(Gathered { query, clouds, sums, terms: PhantomData::<ChiSquared> }),
+        SetDistance::ChiSquared => {
+            widest(Gathered { query, clouds, sums, terms: PhantomData::<ChiSquared> });
+        }
         SetDistance::L1 => widest(Gathered { query, clouds, sums, terms: PhantomData::<L1> }),
         SetDistance::Hellinger => widest(Gathered { query, clouds, sums, terms: PhantomData::<Hellinger> }),
     }
@@ -34,11 +39,12 @@ pub(super) fn factor(distance: SetDistance) -> f32 {
     }
 }
 
-/// The kernel of [`add_gathered`].
+/// The kernel of [`add_gathered`]: terms of one cloud after the other in vectors along the bins, then all sums in the order
+/// of the bins.
 struct Gathered<'a, T> {
     query: &'a [f32],
-    clouds: &'a [&'a [f32]; LANES],
-    sums: &'a mut [f32; LANES],
+    clouds: &'a [&'a [f32]; ROWS],
+    sums: &'a mut [f32; ROWS],
     terms: PhantomData<T>,
 }
 
@@ -47,18 +53,25 @@ impl<T: Terms> NullaryFnOnce for Gathered<'_, T> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { query, clouds, sums, terms: _ } = self;
-        let mut block = [[[0.0; LANES]; 2]; CHUNK / 2];
-        for (lane, values) in clouds.iter().enumerate() {
-            let (pairs, last) = values.as_chunks::<2>();
-            for (of_pair, values) in block.iter_mut().zip(pairs) {
-                of_pair[0][lane] = values[0];
-                of_pair[1][lane] = values[1];
+        let mut terms = [[0.0; ROWS]; CHUNK / 2];
+        let (pairs, last) = self.query.as_chunks::<2>();
+        for (row, cloud) in self.clouds.iter().enumerate() {
+            let (of_cloud, last_of_cloud) = cloud.as_chunks::<2>();
+            let mut of_row = [0.0; CHUNK / 2];
+            for ((term, a), b) in of_row.iter_mut().zip(pairs).zip(of_cloud) {
+                *term = T::of_two(*a, *b);
             }
-            if let (Some(of_last), [value]) = (block.get_mut(pairs.len()), last) {
-                of_last[0][lane] = *value;
+            if let ([a], [b]) = (last, last_of_cloud) {
+                of_row[pairs.len()] = T::of_two([*a, 0.0], [*b, 0.0]);
+            }
+            for (terms, term) in terms.iter_mut().zip(of_row) {
+                terms[row] = term;
             }
         }
-        add_terms::<T>(query, &block, sums);
+        for terms in &terms[..self.query.len().div_ceil(2)] {
+            for (sum, term) in self.sums.iter_mut().zip(terms) {
+                *sum += term;
+            }
+        }
     }
 }

@@ -12,7 +12,7 @@ use crate::signature::Signatures;
 use crate::wide::widest;
 
 /// Pairs of clouds on which losses are measured, a multiple of [`LANES`].
-const PAIRS: usize = 64;
+const PAIRS: usize = 32;
 /// More values than this are first merged with their neighbours: losses are those of every two of them.
 const CELLS: usize = 1024;
 /// Groups of the two levels, even numbers, because terms come in twos.
@@ -48,10 +48,16 @@ struct Cell {
     is_there: bool,
 }
 
+/// What merging two cells loses: the bits of a float ≥ 0, which are in its order and are compared in vectors.
+type Loss = u32;
+
+/// Of two cells that cannot be merged.
+const IMPOSSIBLE: Loss = f32::INFINITY.to_bits();
+
 /// The least loss by merging a cell with a later one.
 #[derive(Clone, Copy)]
 struct Best {
-    loss: f32,
+    loss: Loss,
     other: usize,
 }
 
@@ -161,11 +167,15 @@ impl Cell {
         }
     }
 
-    fn losses(&self, others: &[Self], losses: &mut [f32]) {
+    fn losses(&self, others: &[Self], losses: &mut [Loss]) {
         match self.metric {
-            SetDistance::ChiSquared => widest(Losses { cell: self, others, losses, terms: PhantomData::<ChiSquared> }),
+            SetDistance::ChiSquared => {
+                widest(Losses { cell: self, others, losses, terms: PhantomData::<ChiSquared> })
+            }
             SetDistance::L1 => widest(Losses { cell: self, others, losses, terms: PhantomData::<L1> }),
-            SetDistance::Hellinger => widest(Losses { cell: self, others, losses, terms: PhantomData::<Hellinger> }),
+            SetDistance::Hellinger => {
+                widest(Losses { cell: self, others, losses, terms: PhantomData::<Hellinger> })
+            }
         }
     }
 }
@@ -175,11 +185,11 @@ fn term_of<T: Terms>(a: f32, b: f32) -> f32 {
     T::FACTOR * T::of_two([a, 0.0], [b, 0.0])
 }
 
-/// What merging a cell with each of others loses; infinite where that is not possible.
+/// What merging a cell with each of others loses.
 struct Losses<'a, T> {
     cell: &'a Cell,
     others: &'a [Cell],
-    losses: &'a mut [f32],
+    losses: &'a mut [Loss],
     terms: PhantomData<T>,
 }
 
@@ -191,7 +201,7 @@ impl<T: Terms> NullaryFnOnce for Losses<'_, T> {
         let Self { cell, others, losses, terms: _ } = self;
         for (other, loss) in others.iter().zip(losses) {
             if !other.is_there || other.metric != cell.metric {
-                *loss = f32::INFINITY;
+                *loss = IMPOSSIBLE;
                 continue;
             }
             let mut sums = [0.0; LANES];
@@ -202,7 +212,12 @@ impl<T: Terms> NullaryFnOnce for Losses<'_, T> {
                     *sum += cell.terms[pair] + other.terms[pair] - term_of::<T>(merged[0], merged[1]);
                 }
             }
-            *loss = sums.iter().sum();
+            for half in [8, 4, 2, 1] {
+                let (sums, others) = sums.split_at_mut(half);
+                sums.iter_mut().zip(others).for_each(|(sum, other)| *sum += *other);
+            }
+            // Rounding can make nothing of it, or less.
+            *loss = if sums[0] > 0.0 { sums[0].to_bits() } else { 0 };
         }
     }
 }
@@ -213,7 +228,7 @@ struct Merging {
     /// Of each cell the one that it has been merged into, or itself.
     into: Vec<usize>,
     /// Loss by merging a cell with a later one: all of the first cell's, then all of the second's.
-    losses: Vec<f32>,
+    losses: Vec<Loss>,
     left: usize,
     terms: u64,
 }
@@ -221,7 +236,7 @@ struct Merging {
 impl Merging {
     fn new(cells: Vec<Cell>) -> Self {
         let count = cells.len();
-        let (into, losses) = ((0..count).collect(), vec![f32::INFINITY; count * count]);
+        let (into, losses) = ((0..count).collect(), vec![IMPOSSIBLE; count * count]);
         let mut merging = Self { cells, into, losses, left: count, terms: 0 };
         for cell in 0..count {
             let later = cell + 1..count;
@@ -234,10 +249,10 @@ impl Merging {
     }
 
     fn find_best(&mut self, cell: usize) {
-        let losses = self.losses[cell * self.cells.len()..][..self.cells.len()].iter().copied().enumerate();
-        let least = losses.skip(cell + 1).min_by(|a, b| a.1.total_cmp(&b.1));
-        let least = least.filter(|(_, loss)| *loss < f32::INFINITY);
-        self.cells[cell].best = least.map(|(other, loss)| Best { loss, other });
+        let losses = &self.losses[cell * self.cells.len()..][cell + 1..self.cells.len()];
+        let loss = losses.iter().fold(IMPOSSIBLE, |least, &loss| least.min(loss));
+        let place = losses.iter().position(|&other| other == loss).filter(|_| loss < IMPOSSIBLE);
+        self.cells[cell].best = place.map(|place| Best { loss, other: cell + 1 + place });
     }
 
     /// Merges until so many are left, or one of each metric: of each cell the one that stands for its group.
@@ -245,7 +260,7 @@ impl Merging {
         while self.left > groups {
             let cells = self.cells.iter().enumerate().filter(|(_, cell)| cell.is_there);
             let best = cells.filter_map(|(index, cell)| cell.best.map(|best| (index, best)));
-            let Some((one, Best { other, .. })) = best.min_by(|a, b| a.1.loss.total_cmp(&b.1.loss)) else {
+            let Some((one, Best { other, .. })) = best.min_by_key(|(_, best)| best.loss) else {
                 break;
             };
             self.merge(one, other);
@@ -274,13 +289,13 @@ impl Merging {
         self.into[other] = one;
         self.left -= 1;
 
-        let mut losses = vec![0.0; count];
+        let mut losses = vec![0; count];
         self.cells[one].losses(&self.cells, &mut losses);
         self.terms += (self.left * PAIRS) as u64;
-        losses[one] = f32::INFINITY;
+        losses[one] = IMPOSSIBLE;
         for (cell, &loss) in losses.iter().enumerate() {
             self.losses[cell.min(one) * count + cell.max(one)] = loss;
-            self.losses[cell.min(other) * count + cell.max(other)] = f32::INFINITY;
+            self.losses[cell.min(other) * count + cell.max(other)] = IMPOSSIBLE;
         }
         for cell in (0..count).filter(|&cell| cell != one) {
             if !self.cells[cell].is_there {

@@ -2,13 +2,15 @@
 //!
 //! - `groups`: which values are merged
 //! - `bounds`: lower bounds from merged values, and how far rounding can carry them
-//! - `gathered`: terms of clouds out of the order of the database
+//! - `scan`: what the bounds of all clouds give
+//! - `gathered`: terms of clouds wherever they lie in the database
 //! - `ranking`: the nearest objects so far
 
 mod bounds;
 mod gathered;
 mod groups;
 mod ranking;
+mod scan;
 #[cfg(test)]
 mod tests;
 
@@ -18,7 +20,7 @@ use rayon::prelude::*;
 
 use crate::distance::{LANES, SetDistance};
 use crate::pruning::bounds::{Bounds, Query};
-use crate::pruning::gathered::{CHUNK, add_gathered, factor};
+use crate::pruning::gathered::{CHUNK, ROWS, add_gathered, factor};
 use crate::pruning::ranking::Nearest;
 use crate::recognise::{Hit, Label, Match, RecogniseError};
 use crate::signature::Signatures;
@@ -47,7 +49,7 @@ pub struct Ranked {
     /// The nearest cloud of each of the nearest objects, nearest first.
     pub hits: Vec<Hit>,
     /// Terms that were computed: one for each value of the query, or merged value, and a value of a cloud that it is
-    /// compared with. Lanes that are computed for nothing count, too.
+    /// compared with. Those that are computed for nothing, to fill vectors, count, too.
     pub terms: u64,
 }
 
@@ -138,7 +140,7 @@ impl<'a> PrunedDatabase<'a> {
                 }
                 None => {
                     let all: Vec<u32> = (0..self.clouds as u32).collect();
-                    all.chunks(LANES)
+                    all.chunks(ROWS)
                         .for_each(|clouds| self.compare(query, clouds, false, &mut found, &mut terms));
                 }
             }
@@ -159,71 +161,45 @@ impl<'a> PrunedDatabase<'a> {
         row.as_flattened_mut()[self.clouds..].fill(f32::INFINITY);
 
         // As many objects as are asked for, those with the least bounds, so that there is something to prune by.
+        let objects = self.objects.as_chunks::<LANES>().0;
         while !found.is_full() {
-            let clouds = self.least(row, found);
+            let known: Vec<u32> = found.objects().map(|(object, _)| object).collect();
+            let clouds = scan::least(row, objects, &known);
             if clouds.is_empty() {
                 break;
             }
-            self.compare(query, &clouds, true, found, terms);
+            clouds.chunks(ROWS).for_each(|clouds| self.compare(query, clouds, true, found, terms));
             clouds.iter().for_each(|&cloud| row.as_flattened_mut()[cloud as usize] = f32::INFINITY);
         }
 
         left.clear();
-        let widest = bounds.limit(merged, found.limit());
-        for (block, of_block) in (0u32..).zip(&*row) {
-            if of_block.iter().fold(f32::INFINITY, |least, &bound| least.min(bound)) as f64 > widest {
-                continue;
-            }
-            for (cloud, &bound) in (block * LANES as u32..).zip(of_block) {
-                let limit = || bounds.limit(merged, found.limit_of(self.objects[cloud as usize]));
-                // Infinite: there is no such cloud, or it has been compared.
-                if bound < f32::INFINITY && f64::from(bound) <= widest && f64::from(bound) <= limit() {
-                    left.push(cloud);
-                }
-            }
-        }
+        let limits: Vec<(u32, f32)> =
+            found.objects().map(|(object, distance)| (object, bounds.limit(merged, distance))).collect();
+        scan::within(row, objects, bounds.limit(merged, found.limit()), &limits, left);
 
         candidates.clear();
-        for clouds in left.chunks(LANES) {
-            let (of_clouds, computed) = bounds.fine(merged, &in_lanes(clouds));
+        let limit =
+            |found: &Nearest, cloud: u32| bounds.limit(merged, found.limit_of(self.objects[cloud as usize]));
+        for clouds in left.chunks(ROWS) {
+            let (of_clouds, computed) = bounds.fine(merged, &in_rows(clouds));
             *terms += computed;
-            for (&cloud, bound) in clouds.iter().zip(of_clouds) {
-                let limit = bounds.limit(merged, found.limit_of(self.objects[cloud as usize]));
-                if f64::from(bound) <= limit {
-                    candidates.push((bound, cloud));
-                }
-            }
+            let candidate = |(&cloud, bound)| (bound <= limit(found, cloud)).then_some((bound, cloud));
+            candidates.extend(clouds.iter().zip(of_clouds).filter_map(candidate));
         }
         candidates.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         let mut rest = candidates.iter();
         loop {
-            let is_near = |&&(bound, cloud): &&(f32, u32)| {
-                f64::from(bound) <= bounds.limit(merged, found.limit_of(self.objects[cloud as usize]))
-            };
-            let clouds: Vec<u32> = rest.by_ref().filter(is_near).take(LANES).map(|&(_, cloud)| cloud).collect();
-            if clouds.is_empty() {
+            left.clear();
+            let near = rest.by_ref().filter(|&&(bound, cloud)| bound <= limit(found, cloud));
+            left.extend(near.take(ROWS).map(|&(_, cloud)| cloud));
+            if left.is_empty() {
                 break;
             }
-            self.compare(query, &clouds, true, found, terms);
+            self.compare(query, left, true, found, terms);
         }
     }
 
-    /// Of the clouds of objects that are not found yet the one with the least bound in each lane; none that is infinite.
-    fn least(&self, row: &[[f32; LANES]], found: &Nearest) -> Vec<u32> {
-        let known: Vec<u32> = found.objects().collect();
-        let mut least = [(f32::INFINITY, 0); LANES];
-        let objects = self.objects.as_chunks::<LANES>().0;
-        for ((block, bounds), objects) in (0u32..).zip(row).zip(objects) {
-            for (lane, least) in least.iter_mut().enumerate() {
-                if bounds[lane] < least.0 && !known.contains(&objects[lane]) {
-                    *least = (bounds[lane], block * LANES as u32 + lane as u32);
-                }
-            }
-        }
-        least.iter().filter(|(bound, _)| *bound < f32::INFINITY).map(|&(_, cloud)| cloud).collect()
-    }
-
-    /// Compares a query with up to [`LANES`] clouds in full or, if no term is below 0, until all are known to be too far
+    /// Compares a query with up to [`ROWS`] clouds in full or, if no term is below 0, until all are known to be too far
     /// away.
     fn compare(
         &self,
@@ -233,32 +209,32 @@ impl<'a> PrunedDatabase<'a> {
         found: &mut Nearest,
         terms: &mut u64,
     ) {
-        let lanes = in_lanes(clouds);
-        let limits = lanes.map(|cloud| found.limit_of(self.objects[cloud as usize]));
-        let mut distances = [0.0f64; LANES];
+        let rows = in_rows(clouds);
+        let limits = rows.map(|cloud| found.limit_of(self.objects[cloud as usize]));
+        let mut distances = [0.0f64; ROWS];
         for (index, ((signatures, metric, weight), query)) in self.channels.iter().zip(query).enumerate() {
             if is_bounded && *weight == 0.0 {
                 continue; // adds nothing to finite distances
             }
-            let rows = lanes.map(|cloud| signatures.get(cloud as usize));
-            let mut sums = [[0.0f32; LANES]; 2];
+            let signatures = rows.map(|cloud| signatures.get(cloud as usize));
+            let mut sums = [[0.0f32; ROWS]; 2];
             let so_far = distances;
-            let of_channel = |[centroids, deviations]: [[f32; LANES]; 2], lane: usize| {
-                let distance = factor(*metric) * centroids[lane] + factor(*metric) * deviations[lane];
+            let with_channel = |[centroids, deviations]: [[f32; ROWS]; 2], row: usize| {
+                let distance = factor(*metric) * centroids[row] + factor(*metric) * deviations[row];
                 let weighted = weight * f64::from(distance);
-                if index == 0 { weighted } else { so_far[lane] + weighted }
+                if index == 0 { weighted } else { so_far[row] + weighted }
             };
             for part in 0..2 {
                 for (chunk, values) in query[part].chunks(CHUNK).enumerate() {
-                    let rows = rows.map(|row| &row[part][chunk * CHUNK..][..values.len()]);
-                    add_gathered(*metric, values, &rows, &mut sums[part]);
-                    *terms += (LANES * values.len()) as u64;
-                    if is_bounded && (0..LANES).all(|lane| of_channel(sums, lane) > limits[lane]) {
+                    let of_rows = signatures.map(|row| &row[part][chunk * CHUNK..][..values.len()]);
+                    add_gathered(*metric, values, &of_rows, &mut sums[part]);
+                    *terms += (ROWS * values.len()) as u64;
+                    if is_bounded && (0..ROWS).all(|row| with_channel(sums, row) > limits[row]) {
                         return;
                     }
                 }
             }
-            distances = std::array::from_fn(|lane| of_channel(sums, lane));
+            distances = std::array::from_fn(|row| with_channel(sums, row));
         }
         for (&cloud, distance) in clouds.iter().zip(distances) {
             found.offer(self.objects[cloud as usize], Hit { index: cloud, distance });
@@ -266,7 +242,7 @@ impl<'a> PrunedDatabase<'a> {
     }
 }
 
-/// Up to [`LANES`] clouds, at least one, the last of them in all lanes that are left.
-fn in_lanes(clouds: &[u32]) -> [u32; LANES] {
-    std::array::from_fn(|lane| clouds[lane.min(clouds.len() - 1)])
+/// Up to [`ROWS`] clouds, at least one, the last of them in all rows that are left.
+fn in_rows(clouds: &[u32]) -> [u32; ROWS] {
+    std::array::from_fn(|row| clouds[row.min(clouds.len() - 1)])
 }

@@ -24,9 +24,9 @@ impl Nearest {
         self.found.len() >= self.most
     }
 
-    /// The objects, nearest first.
-    pub(super) fn objects(&self) -> impl Iterator<Item = u32> {
-        self.found.iter().map(|(object, _)| *object)
+    /// The objects and their distances, nearest first.
+    pub(super) fn objects(&self) -> impl Iterator<Item = (u32, f64)> {
+        self.found.iter().map(|(object, hit)| (*object, hit.distance))
     }
 
     /// A cloud that is farther away than this changes nothing, whatever its object.
@@ -43,9 +43,8 @@ impl Nearest {
 
     /// Looks at a cloud.
     pub(super) fn offer(&mut self, object: u32, hit: Hit) {
-        let is_nearer = |other: &Hit| {
-            hit.distance.total_cmp(&other.distance).then(hit.index.cmp(&other.index)).is_lt()
-        };
+        let is_nearer =
+            |other: &Hit| hit.distance.total_cmp(&other.distance).then(hit.index.cmp(&other.index)).is_lt();
         if let Some(known) = self.found.iter().position(|(other, _)| *other == object) {
             if !is_nearer(&self.found[known].1) {
                 return;

@@ -41,7 +41,8 @@ fn clouds(seed: u64, purpose: &str, channels: &[Channel], count: usize) -> Vec<S
                     .collect()
             };
             let drawn = Signature { centroid: values(bins), deviation: values(deviations) };
-            let earlier = cloud.checked_sub(1).map(|last| all[rng.random::<u64>() as usize % (last + 1)].clone());
+            let earlier =
+                cloud.checked_sub(1).map(|last| all[rng.random::<u64>() as usize % (last + 1)].clone());
             all.push(match (earlier, rng.random::<u32>() % 4) {
                 (Some(same), 0) => same,
                 (Some(mut near), 1) => {
@@ -69,12 +70,7 @@ fn pruned<'a>(channels: &[Channel], known: &'a [Signatures], labels: &[Label]) -
     PrunedDatabase::new(own.collect(), labels).unwrap()
 }
 
-fn in_full(
-    channels: &[Channel],
-    asked: &[Signatures],
-    known: &[Signatures],
-    labels: &[Label],
-) -> Vec<Match> {
+fn in_full(channels: &[Channel], asked: &[Signatures], known: &[Signatures], labels: &[Label]) -> Vec<Match> {
     let matrices: Vec<(DistanceMatrix, f64)> = channels
         .iter()
         .zip(asked.iter().zip(known))

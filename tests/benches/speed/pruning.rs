@@ -76,8 +76,7 @@ fn compare(name: &str, descriptor: &Descriptor, queries: &Side, database: &Side)
         .map(|((channel, weight), scale)| (channel.metric(), weight / scale))
         .collect();
     let own = database.channels.iter().zip(&channels);
-    let own: Vec<_> =
-        own.map(|(known, &(metric, weight))| (Cow::Borrowed(known), metric, weight)).collect();
+    let own: Vec<_> = own.map(|(known, &(metric, weight))| (Cow::Borrowed(known), metric, weight)).collect();
     let mut made = Vec::new();
     for _ in 0..3 {
         let clock = Instant::now();
@@ -138,8 +137,7 @@ fn part(channel: &Signatures, first: usize, count: usize) -> Signatures {
         let [centroid, deviation] = channel.get(cloud).map(<[f32]>::to_vec);
         Signature { centroid, deviation }
     };
-    let signatures: Vec<Signature> =
-        (first..(first + count).min(channel.clouds())).map(signature).collect();
+    let signatures: Vec<Signature> = (first..(first + count).min(channel.clouds())).map(signature).collect();
     signatures.iter().collect()
 }
 
