@@ -12,8 +12,8 @@ use crate::signature::{Signature, Signatures};
 
 /// Databases of fewer clouds are always matched in full, in 0.1 ms or so.
 const PRUNED_FROM: usize = 4000;
-/// Preparing to prune takes as long as so many queries gain by it.
-const ASKED_BEFORE: u32 = 32;
+/// Preparing to prune takes as long as 20 to 80 queries in full.
+const ASKED_BEFORE: u32 = 64;
 /// Rankings of more objects leave little to prune.
 const MOST: usize = 16;
 

@@ -132,13 +132,15 @@ impl Bounds {
 
     /// The merged values of a cloud on both levels, and what they add up to.
     fn merged<'a>(&self, channels: impl Iterator<Item = [&'a [f32]; 2]>) -> ([Vec<f32>; 2], f64) {
-        let mut fine = vec![0.0f64; self.groups.metrics[0].len()];
+        // Four sums in turn: neighbours often share a group, and would wait for each other.
+        let mut sums = vec![[0.0f64; 4]; self.groups.metrics[0].len()];
         let mut coarse = vec![0.0f64; self.groups.metrics[1].len()];
         for ((values, groups), factor) in channels.zip(&self.groups.of_values).zip(&self.factors) {
-            for (&value, &group) in values.into_iter().flatten().zip(groups) {
-                fine[group as usize] += factor * f64::from(value);
+            for (index, (&value, &group)) in values.into_iter().flatten().zip(groups).enumerate() {
+                sums[group as usize][index % 4] += factor * f64::from(value);
             }
         }
+        let fine: Vec<f64> = sums.iter().map(|sums| sums.iter().sum()).collect();
         for (value, &group) in fine.iter().zip(&self.groups.of_groups) {
             coarse[group as usize] += value;
         }

@@ -53,25 +53,23 @@ impl<T: Terms> NullaryFnOnce for Gathered<'_, T> {
 
     #[inline(always)]
     fn call(self) {
-        let mut terms = [[0.0; ROWS]; CHUNK / 2];
+        let mut terms = [[0.0; CHUNK / 2]; ROWS];
         let (pairs, last) = self.query.as_chunks::<2>();
-        for (row, cloud) in self.clouds.iter().enumerate() {
+        for (terms, cloud) in terms.iter_mut().zip(self.clouds) {
             let (of_cloud, last_of_cloud) = cloud.as_chunks::<2>();
-            let mut of_row = [0.0; CHUNK / 2];
-            for ((term, a), b) in of_row.iter_mut().zip(pairs).zip(of_cloud) {
+            for ((term, a), b) in terms.iter_mut().zip(pairs).zip(of_cloud) {
                 *term = T::of_two(*a, *b);
             }
             if let ([a], [b]) = (last, last_of_cloud) {
-                of_row[pairs.len()] = T::of_two([*a, 0.0], [*b, 0.0]);
-            }
-            for (terms, term) in terms.iter_mut().zip(of_row) {
-                terms[row] = term;
+                terms[pairs.len()] = T::of_two([*a, 0.0], [*b, 0.0]);
             }
         }
-        for terms in &terms[..self.query.len().div_ceil(2)] {
-            for (sum, term) in self.sums.iter_mut().zip(terms) {
-                *sum += term;
+        let mut sums = *self.sums;
+        for pair in 0..self.query.len().div_ceil(2).min(CHUNK / 2) {
+            for (sum, terms) in sums.iter_mut().zip(&terms) {
+                *sum += terms[pair];
             }
         }
+        *self.sums = sums;
     }
 }
