@@ -301,7 +301,7 @@ mod tests {
         };
         let lengths: &[[u32; 2]] = match descriptor {
             Descriptor::DiskRing(_) => &[[60, 60], [128, 128]],
-            _ => &[[250, 0], [40, 40]],
+            _ => &[[50, 0], [40, 40]],
         };
         let signature = |cloud: u32, &[bins, deviations]: &[u32; 2]| Signature {
             centroid: values(cloud, bins),
@@ -322,7 +322,7 @@ mod tests {
     #[test]
     fn what_is_pruned_is_what_is_matched_in_full() {
         let structure: StructureFile = toml::from_str(
-            "version = 1\n[[channel]]\npairs = \"cloud\"\nfeatures = [\"d 250\"]\nradius_cm = 5\n[[channel]]\npairs = \"neighbours\"\nfeatures = [\"f1 40\"]\nradius_cm = 5\nmetric = \"hellinger\"\n",
+            "version = 1\n[[channel]]\npairs = \"cloud\"\nfeatures = [\"d 50\"]\nradius_cm = 5\n[[channel]]\npairs = \"neighbours\"\nfeatures = [\"f1 40\"]\nradius_cm = 5\nmetric = \"hellinger\"\n",
         )
         .unwrap();
         for descriptor in [

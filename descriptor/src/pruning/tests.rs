@@ -5,7 +5,8 @@ use std::borrow::Cow;
 use proptest::prelude::*;
 use rand::RngExt;
 
-use crate::distance::{DistanceMatrix, SetDistance};
+use crate::distance::{DistanceMatrix, LANES, SetDistance, set_distances};
+use crate::pruning::gathered::ROWS;
 use crate::pruning::{PrunedDatabase, Ranked, Scratch};
 use crate::random::stream;
 use crate::recognise::{Hit, Label, Match, RecogniseError, recognise_from};
@@ -70,13 +71,16 @@ fn pruned<'a>(channels: &[Channel], known: &'a [Signatures], labels: &[Label]) -
     PrunedDatabase::new(own.collect(), labels).unwrap()
 }
 
+fn matrices(channels: &[Channel], asked: &[Signatures], known: &[Signatures]) -> Vec<(DistanceMatrix, f64)> {
+    let sides = asked.iter().zip(known);
+    let matrix = |(&(_, metric, weight), (asked, known)): (&Channel, (&Signatures, &Signatures))| {
+        (DistanceMatrix::by(metric, asked, known), weight)
+    };
+    channels.iter().zip(sides).map(matrix).collect()
+}
+
 fn in_full(channels: &[Channel], asked: &[Signatures], known: &[Signatures], labels: &[Label]) -> Vec<Match> {
-    let matrices: Vec<(DistanceMatrix, f64)> = channels
-        .iter()
-        .zip(asked.iter().zip(known))
-        .map(|(&(_, metric, weight), (asked, known))| (DistanceMatrix::by(metric, asked, known), weight))
-        .collect();
-    recognise_from(asked[0].clouds(), &matrices, labels).unwrap()
+    recognise_from(asked[0].clouds(), &matrices(channels, asked, known), labels).unwrap()
 }
 
 fn bits(found: &[Match]) -> Vec<[Option<(u32, u64)>; 2]> {
@@ -110,6 +114,31 @@ proptest! {
         // Clouds of the database are asked for, too.
         asked.iter_mut().zip(&known).for_each(|(asked, known)| asked.append(&known.first(3)));
         assert_equal(&channels, &asked, &known, &labels(seed, count, objects));
+    }
+
+    #[test]
+    fn no_bound_is_above_the_limit_of_its_distance(
+        channels in channels(),
+        seed in any::<u64>(),
+        count in 1usize..=40,
+    ) {
+        let [known, asked] = ["known", "asked"].map(|purpose| clouds(seed, purpose, &channels, count));
+        let database = pruned(&channels, &known, &labels(seed, count, 3));
+        let matrices = matrices(&channels, &asked, &known);
+        let mut distances = Vec::new();
+        for query in 0..count {
+            let Some(bounds) = &database.bounds else { break };
+            let values: Vec<[&[f32]; 2]> = asked.iter().map(|channel| channel.get(query)).collect();
+            let Some(merged) = bounds.query(&values) else { continue };
+            set_distances(&matrices, query, &mut distances);
+            let mut row = vec![[0.0; LANES]; count.div_ceil(LANES)];
+            bounds.coarse(&merged, &mut row, &mut Vec::new());
+            for (cloud, &distance) in distances.iter().enumerate() {
+                let limit = bounds.limit(&merged, distance);
+                prop_assert!(row.as_flattened()[cloud] <= limit, "coarse, {distance}");
+                prop_assert!(bounds.fine(&merged, &[cloud as u32; ROWS]).0[0] <= limit, "fine, {distance}");
+            }
+        }
     }
 
     #[test]
