@@ -213,7 +213,7 @@ impl Descriptor {
     }
 
     /// What distances by this set distance, or by a channel's own as in [`Descriptor::distances`], are divided by in each
-    /// channel: the [`scale`] of the first clouds of a database, so many as `known` says, or 1 where they are taken as they
+    /// channel: the [`scale_among`] of the first clouds of a database, so many as `known` says, or 1 where they are taken as they
     /// are. Signatures are those of the database in each channel.
     ///
     /// # Panics
