@@ -16,6 +16,9 @@ use rayon::prelude::*;
 
 use crate::dataset::{ListedCloud, Listing, read_file};
 
+/// More distances, over all channels, are not kept at once: queries are matched by pruning. They would take 256 MiB.
+const LARGEST_DISTANCES: usize = 64 << 20;
+
 /// What to evaluate.
 #[derive(Clone, Debug)]
 pub struct Request {
@@ -170,18 +173,26 @@ impl DescribedClouds {
 
     /// Matches them by a set distance; the time that it took to describe them is part of the report.
     pub fn report(&self, distance: SetDistance) -> Result<Report, EvaluateError> {
-        self.pool.install(|| self.matched_by(distance))
+        self.pool.install(|| self.matched_by(distance, LARGEST_DISTANCES))
     }
 
-    fn matched_by(&self, distance: SetDistance) -> Result<Report, EvaluateError> {
+    fn matched_by(&self, distance: SetDistance, most: usize) -> Result<Report, EvaluateError> {
         let Self { query, database, .. } = self;
         let matching = Instant::now();
         let channels = 0..self.descriptor.channels().len();
         let signatures: Vec<[Signatures; 2]> =
             channels.map(|channel| [query, database].map(|side| side.channel(channel))).collect();
         let scaled_by = self.scaled_by.unwrap_or(database.signatures.len());
-        let distances = self.descriptor.distances(distance, &signatures, scaled_by);
-        let matches = recognise_from(query.signatures.len(), &distances, &database.labels)?;
+        let pairs = query.signatures.len().saturating_mul(database.signatures.len());
+        let matches = if pairs.saturating_mul(signatures.len()) <= most {
+            let distances = self.descriptor.distances(distance, &signatures, scaled_by);
+            recognise_from(query.signatures.len(), &distances, &database.labels)?
+        } else {
+            let [queries, known] =
+                [0, 1].map(|side| signatures.iter().map(|both| &both[side]).collect::<Vec<_>>());
+            let pruned = self.descriptor.pruned(distance, &known, &database.labels, scaled_by)?;
+            pruned.recognise(&queries, true).0
+        };
         let correct = Correct::count(&matches, &query.labels, &database.labels);
         let mut seconds = self.seconds;
         seconds.matching = matching.elapsed();
@@ -274,4 +285,65 @@ pub fn stages(
     let described = describer.describe(cloud, &keypoints, &normals, preprocess)?;
     seconds.describe = clock.elapsed();
     Ok(described)
+}
+
+#[cfg(test)]
+mod tests {
+    use descriptor::structure::StructureFile;
+    use descriptor::{Family, Parameters};
+
+    use super::*;
+
+    fn side(descriptor: &Descriptor, first: u32, clouds: u32) -> Side {
+        // Few values, so that some clouds are equally near.
+        let values = |cloud: u32, bins: u32| -> Vec<f32> {
+            (0..bins).map(|bin| ((cloud * 7 + bin * bin * (1 + cloud % 5)) % 4) as f32 / 4.0).collect()
+        };
+        let lengths: &[[u32; 2]] = match descriptor {
+            Descriptor::DiskRing(_) => &[[60, 60], [128, 128]],
+            _ => &[[50, 0], [40, 40]],
+        };
+        let signature = |cloud: u32, &[bins, deviations]: &[u32; 2]| Signature {
+            centroid: values(cloud, bins),
+            deviation: values(cloud + 1, deviations),
+        };
+        let clouds = first..first + clouds;
+        Side {
+            signatures: clouds
+                .clone()
+                .map(|cloud| lengths.iter().map(|lengths| signature(cloud, lengths)).collect())
+                .collect(),
+            labels: clouds.clone().map(|cloud| Label { category: 0, instance: cloud % 13 }).collect(),
+            paths: clouds.map(|cloud| cloud.to_string()).collect(),
+            skipped: 0,
+        }
+    }
+
+    #[test]
+    fn what_is_pruned_is_what_is_matched_in_full() {
+        let structure: StructureFile = toml::from_str(
+            "version = 1\n[[channel]]\npairs = \"cloud\"\nfeatures = [\"d 50\"]\nradius_cm = 5\n[[channel]]\npairs = \"neighbours\"\nfeatures = [\"f1 40\"]\nradius_cm = 5\nmetric = \"hellinger\"\n",
+        )
+        .unwrap();
+        for descriptor in [
+            Descriptor::default_of(Family::DiskRing),
+            Descriptor::DiskRing(Parameters { shape_weight_ppm: 1_000_000, ..Parameters::PAPER_BEST }),
+            Descriptor::Structure(structure.structure().unwrap()),
+        ] {
+            let clouds = DescribedClouds {
+                pool: rayon::ThreadPoolBuilder::new().num_threads(2).build().unwrap(),
+                query: side(&descriptor, 100, 30),
+                database: side(&descriptor, 0, 75),
+                descriptor,
+                skipped: Vec::new(),
+                keypoints: 0,
+                scaled_by: Some(50),
+                seconds: Seconds::default(),
+            };
+            for distance in SetDistance::ALL {
+                let matches = |most| clouds.matched_by(distance, most).unwrap().matches;
+                assert_eq!(matches(0), matches(usize::MAX));
+            }
+        }
+    }
 }

@@ -1,17 +1,31 @@
 //! A database that is asked one query at a time, on the thread that asks: recognition on a small computer.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 use crate::distance::{LANES, SetDistance, Transposed};
+use crate::pruning::{PrunedDatabase, Scratch};
 use crate::recognise::{Hit, Label, Match, RecogniseError};
 use crate::signature::{Signature, Signatures};
 
+/// Databases of fewer clouds are always matched in full, in 0.1 ms or so.
+const PRUNED_FROM: usize = 4000;
+/// Preparing to prune takes as long as 20 to 80 queries in full.
+const ASKED_BEFORE: u32 = 64;
+/// Rankings of more objects leave little to prune.
+const MOST: usize = 16;
+
 /// Reference clouds under one descriptor, made ready for matching.
 ///
-/// Answers are those of [`crate::recognise()`], bit for bit. Nothing here starts a thread.
+/// Answers are those of [`crate::recognise()`], bit for bit. Nothing here starts a thread. A large database is matched by
+/// pruning ([`PrunedDatabase`]) once it has been asked so often that preparing for it pays; it then takes about twice the memory.
 pub struct Database {
     channels: Vec<Channel>,
     labels: Vec<Label>,
+    asked: AtomicU32,
+    pruned: OnceLock<PrunedDatabase<'static>>,
 }
 
 /// The clouds in one channel.
@@ -45,7 +59,7 @@ impl Database {
         if labels.is_empty() {
             return Err(RecogniseError::EmptyDatabase);
         }
-        Ok(Self { channels, labels })
+        Ok(Self { channels, labels, asked: AtomicU32::new(0), pruned: OnceLock::new() })
     }
 
     /// Number of clouds, at least 1.
@@ -59,7 +73,33 @@ impl Database {
     /// # Panics
     /// If the query is of another descriptor: a programming error.
     pub fn ranking(&self, query: &[Signature], most: usize) -> Vec<Hit> {
-        self.ranking_by(&self.distances(query), most)
+        let pruned = if most <= MOST { self.pruned() } else { None };
+        let Some(pruned) = pruned else { return self.ranking_by(&self.distances(query), most) };
+        let query: Vec<[&[f32]; 2]> =
+            query.iter().map(|Signature { centroid, deviation }| [&centroid[..], deviation]).collect();
+        pruned.ranking(&query, most, &mut Scratch::default()).hits
+    }
+
+    /// The same clouds with bounds, if that pays by now.
+    fn pruned(&self) -> Option<&PrunedDatabase<'static>> {
+        if self.clouds() < PRUNED_FROM {
+            return None;
+        }
+        if let Some(pruned) = self.pruned.get() {
+            return Some(pruned);
+        }
+        if self.asked.fetch_add(1, Ordering::Relaxed) < ASKED_BEFORE {
+            return None;
+        }
+        let channel = |Channel { lengths, transposed, metric, weight }: &Channel| {
+            (Cow::Owned(transposed.signatures(self.clouds(), *lengths)), *metric, *weight)
+        };
+        // There is a cloud: no database is without.
+        let pruned = || PrunedDatabase::new(self.channels.iter().map(channel).collect(), &self.labels).ok();
+        if self.pruned.get().is_none() {
+            self.pruned.set(pruned()?).ok();
+        }
+        self.pruned.get()
     }
 
     /// As [`Database::ranking`], from the set distances of the query to all clouds.
@@ -209,6 +249,21 @@ mod tests {
             assert_eq!(distances.min_by(|a, b| a.partial_cmp(b).unwrap()), Some((hit.distance, hit.index)));
         }
         assert_eq!(database(&reference, &labels, 0.5).ranking(query, 3), ranking[..3]);
+    }
+
+    #[test]
+    fn a_large_database_answers_as_before_once_it_prunes() {
+        for colour in [0, COLOUR] {
+            let reference = clouds("reference", PRUNED_FROM + 5, colour);
+            let database = database(&reference, &labels(PRUNED_FROM + 5, 9), 0.41);
+            for query in &clouds("query", ASKED_BEFORE as usize + 8, colour) {
+                for most in [1, 2, 5, MOST + 1] {
+                    let expected = database.ranking_by(&database.distances(query), most);
+                    assert_eq!(database.ranking(query, most), expected);
+                }
+            }
+            assert!(database.pruned.get().is_some());
+        }
     }
 
     #[test]

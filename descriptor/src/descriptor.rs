@@ -1,6 +1,6 @@
 //! A descriptor of any family: to everything outside this crate a value with bytes, a name, columns and a cost.
 
-use std::borrow::Borrow;
+use std::borrow::{Borrow, Cow};
 use std::fmt;
 
 use crate::bytes::{self, BytesError, Reader};
@@ -11,9 +11,11 @@ use crate::distance::{DistanceMatrix, SetDistance};
 use crate::family::Family;
 use crate::fixed::{FixedDescriptor, FixedKind};
 use crate::global_hue::GlobalHue;
+use crate::pruning::PrunedDatabase;
+use crate::recognise::{Label, RecogniseError};
 use crate::signature::Signatures;
 use crate::signature_bytes::{Columns, Layout, SignatureError};
-use crate::structure::{Scale, Structure, Weighted, scale};
+use crate::structure::{Scale, Structure, Weighted, scale_among};
 
 /// Clouds of the database among which [`Descriptor::recognition_cost`] counts a cloud to be recognised.
 pub const COST_DATABASE: u64 = 1000;
@@ -186,8 +188,32 @@ impl Descriptor {
             .collect()
     }
 
+    /// A database in each channel, compared as in [`Descriptor::distances`], with bounds: what takes its place where the
+    /// distances would take too much memory.
+    ///
+    /// # Errors
+    /// [`RecogniseError::EmptyDatabase`] if there is no cloud.
+    ///
+    /// # Panics
+    /// If there are not as many signatures as channels, or not one label for each cloud: a programming error.
+    pub fn pruned<'a>(
+        &self,
+        distance: SetDistance,
+        database: &[&'a Signatures],
+        labels: &[Label],
+        known: usize,
+    ) -> Result<PrunedDatabase<'a>, RecogniseError> {
+        let scales = self.scales(distance, database, known);
+        let channels = self.channels().into_iter().zip(scales).zip(database).map(
+            |(((channel, weight), scale), &database)| {
+                (Cow::Borrowed(database), channel.metric_or(distance), weight / scale)
+            },
+        );
+        PrunedDatabase::new(channels.collect(), labels)
+    }
+
     /// What distances by this set distance, or by a channel's own as in [`Descriptor::distances`], are divided by in each
-    /// channel: the [`scale`] of the first clouds of a database, so many as `known` says, or 1 where they are taken as they
+    /// channel: the [`scale_among`] of the first clouds of a database, so many as `known` says, or 1 where they are taken as they
     /// are. Signatures are those of the database in each channel.
     ///
     /// # Panics
@@ -204,8 +230,7 @@ impl Descriptor {
         channels
             .map(|(((channel, _), scaled), database)| {
                 scaled.map_or(1.0, |_| {
-                    let known = database.borrow().first(known);
-                    scale(&DistanceMatrix::by(channel.metric_or(distance), &known, &known))
+                    scale_among(channel.metric_or(distance), &database.borrow().first(known))
                 })
             })
             .collect()

@@ -75,7 +75,7 @@ pub fn hellinger(a: &[f32], b: &[f32]) -> f32 {
 }
 
 /// What a distance is the sum of.
-trait Terms {
+pub(crate) trait Terms {
     /// What the sum is multiplied by.
     const FACTOR: f32;
 
@@ -83,7 +83,7 @@ trait Terms {
     fn of_two(a: [f32; 2], b: [f32; 2]) -> f32;
 }
 
-struct ChiSquared;
+pub(crate) struct ChiSquared;
 
 impl Terms for ChiSquared {
     const FACTOR: f32 = 0.5;
@@ -101,7 +101,7 @@ fn at_least(sum: f32) -> f32 {
     if sum > LEAST { sum } else { LEAST }
 }
 
-struct L1;
+pub(crate) struct L1;
 
 impl Terms for L1 {
     const FACTOR: f32 = 1.0;
@@ -112,7 +112,7 @@ impl Terms for L1 {
     }
 }
 
-struct Hellinger;
+pub(crate) struct Hellinger;
 
 impl Terms for Hellinger {
     const FACTOR: f32 = 0.5;
@@ -198,6 +198,18 @@ impl Transposed {
         Self { pairs, blocks }
     }
 
+    /// The signatures again; lengths are those of a centroid and of a deviation.
+    pub(crate) fn signatures(&self, clouds: usize, [bins, deviation]: [usize; 2]) -> Signatures {
+        let mut values = Vec::with_capacity(clouds * (bins + deviation));
+        for cloud in 0..clouds {
+            let block = &self.blocks[cloud / LANES * self.pairs..][..self.pairs];
+            for (part, length) in block.chunks_exact((self.pairs / 2).max(1)).zip([bins, deviation]) {
+                values.extend((0..length).map(|bin| part[bin / 2][bin % 2][cloud % LANES]));
+            }
+        }
+        Signatures { bins, width: bins + deviation, clouds, values, keypoints: Vec::new() }
+    }
+
     /// One query's χ² distances to every cloud; `row` has room for the whole blocks.
     pub(crate) fn distances(&self, query: [&[f32]; 2], row: &mut [[f32; LANES]]) {
         self.distances_by::<ChiSquared>(query, row);
@@ -205,10 +217,21 @@ impl Transposed {
 
     /// As [`Transposed::distances`], by any set distance.
     pub(crate) fn by(&self, distance: SetDistance, query: [&[f32]; 2], row: &mut [[f32; LANES]]) {
+        self.later(distance, 0, query, row);
+    }
+
+    /// As [`Transposed::by`], to the clouds of block `first` and of later ones.
+    pub(crate) fn later(
+        &self,
+        distance: SetDistance,
+        first: usize,
+        query: [&[f32]; 2],
+        row: &mut [[f32; LANES]],
+    ) {
         match distance {
-            SetDistance::ChiSquared => self.distances_by::<ChiSquared>(query, row),
-            SetDistance::L1 => self.distances_by::<L1>(query, row),
-            SetDistance::Hellinger => self.distances_by::<Hellinger>(query, row),
+            SetDistance::ChiSquared => self.distances_from::<ChiSquared>(first, query, row),
+            SetDistance::L1 => self.distances_from::<L1>(first, query, row),
+            SetDistance::Hellinger => self.distances_from::<Hellinger>(first, query, row),
         }
     }
 

@@ -160,12 +160,19 @@ impl Recogniser {
 
     /// As [`Recogniser::answer`], from the signatures of a cloud.
     pub(super) fn answer_to(&self, query: &[Signature], most: usize) -> Answer<'_> {
-        let distances = self.database.distances(query);
-        let mut hits = match &self.learned {
-            Some(learned) => learned.ranking(query, || distances.clone()),
-            None => self.database.ranking_by(&distances, most.max(2)),
+        let (mut hits, nearest) = match &self.learned {
+            Some(learned) => {
+                let distances = self.database.distances(query);
+                let nearest = distances.iter().copied().fold(f64::INFINITY, f64::min);
+                (learned.ranking(query, || distances), nearest)
+            }
+            None => {
+                let hits = self.database.ranking(query, most.max(2));
+                let nearest = hits[0].distance;
+                (hits, nearest)
+            }
         };
-        let evidence = hits.get(1).map(|&next| Evidence::of(hits[0], next, &distances));
+        let evidence = hits.get(1).map(|&next| Evidence::of(hits[0], next, nearest));
         let known = self.reject.zip(evidence).map(|(rule, evidence)| Known {
             probability: rule.probability(evidence),
             is_accepted: rule.accepts(evidence),

@@ -2,7 +2,7 @@
 
 use descriptor::distance::{DistanceMatrix, set_distances};
 use descriptor::recognise::{Hit, RecogniseError, nearest, recognise_from};
-use descriptor::recogniser::{ChosenSettings, LabelledClouds, LearnedRecogniser};
+use descriptor::recogniser::{ChosenSettings, LabelledClouds, LearnedRecogniser, Method};
 use descriptor::{Label, Match, Signatures};
 use rayon::prelude::*;
 use results::{Curve, DistanceRow};
@@ -83,6 +83,19 @@ impl Recognition {
         let [queries, database] = &described.clouds;
         let labels: Vec<Label> = database.iter().map(|&index| database_labels[index as usize]).collect();
         let known = database.iter().take_while(|&&cloud| cloud < trained).count();
+        let failed = |source| CompareError::Recognise { label: candidate.label.clone(), source };
+        let clouds = queries.len() + database.len();
+        let keypoints_per_cloud = described.keypoints.map(|all| all as f64 / clouds as f64);
+        // Without all distances: they are not kept, and nothing is learned from them.
+        if candidate.recogniser == Method::Nearest && queries.len() * database.len() > MAX_PAIRS {
+            let [asked, of_database] =
+                [0, 1].map(|side| described.channels.iter().map(|both| &both[side]).collect::<Vec<_>>());
+            let pruned = candidate.descriptor.pruned(candidate.distance, &of_database, &labels, known);
+            let (found, _) = pruned.map_err(failed)?.recognise(&asked, true);
+            let found =
+                Self::of(found, [queries, database], [query_labels, database_labels], None, |_, _| ());
+            return Ok(Self { keypoints_per_cloud, ..found });
+        }
         let distances = candidate.descriptor.distances(candidate.distance, &described.channels, known);
         let learned = learn(candidate, described, &distances, database_labels, sequences)?;
         let found = match &learned {
@@ -91,11 +104,8 @@ impl Recognition {
                     described.channels.iter().map(|[queries, _]| queries).collect();
                 recogniser.recognise(&queries, &distances)
             }
-            None => recognise_from(queries.len(), &distances, &labels)
-                .map_err(|source| CompareError::Recognise { label: candidate.label.clone(), source })?,
+            None => recognise_from(queries.len(), &distances, &labels).map_err(failed)?,
         };
-        let clouds = queries.len() + database.len();
-        let keypoints_per_cloud = described.keypoints.map(|all| all as f64 / clouds as f64);
         let of_query = |query: usize, sums: &mut Vec<f64>| set_distances(&distances, query, sums);
         let learned = learned.map(|(recogniser, chosen)| Learned::of_signatures(recogniser, &chosen));
         let found = Self::of(found, [queries, database], [query_labels, database_labels], learned, of_query);

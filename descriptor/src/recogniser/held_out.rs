@@ -49,11 +49,15 @@ pub struct HeldOutAnswer {
 }
 
 impl Evidence {
-    /// Of the best object and the next, and the set distances to all clouds of the database.
-    pub fn of(best: Hit, next: Hit, distances: &[f64]) -> Self {
-        let nearest = distances.iter().copied().fold(f64::INFINITY, f64::min);
+    /// Of the best object and the next, and the set distance to the nearest cloud of the database.
+    pub fn of(best: Hit, next: Hit, nearest: f64) -> Self {
         Self { distance: best.distance, margin: next.distance - best.distance, nearest }
     }
+}
+
+/// The least of some distances, infinite if there is none.
+fn least(distances: &[f64]) -> f64 {
+    distances.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
 impl<'a> HeldOut<'a> {
@@ -80,7 +84,7 @@ impl<'a> HeldOut<'a> {
         };
         let answer = |best: Hit, second: Hit, distances: &[f64]| HeldOutAnswer {
             object: objects[best.index as usize],
-            evidence: Evidence::of(best, second, distances),
+            evidence: Evidence::of(best, second, least(distances)),
         };
         let of_votes = |votes: Vec<Vote>, distances: &[f64]| {
             let hit = |vote: &Vote| Hit { index: vote.cloud, distance: 1.0 - vote.score };
@@ -187,7 +191,7 @@ mod tests {
             for ((answer, found), query) in answers.iter().zip(&found).zip(0..) {
                 let next = found.runner_up.unwrap();
                 let row = distances[0].0.row(query).iter().map(|&distance| 0.7 * f64::from(distance));
-                let expected = Evidence::of(found.nearest, next, &row.collect::<Vec<_>>());
+                let expected = Evidence::of(found.nearest, next, least(&row.collect::<Vec<_>>()));
                 assert_eq!(answer.evidence, expected, "{settings:?}");
                 assert_eq!(answer.object, shown[found.nearest.index as usize]);
             }

@@ -41,7 +41,7 @@ pub use file::{ChannelFile, StructureFile};
 pub use genome::StructureSpace;
 pub use plan::StructurePlan;
 pub(crate) use scale::quantile;
-pub use scale::scale;
+pub use scale::{scale, scale_among};
 
 use crate::distance::SetDistance;
 

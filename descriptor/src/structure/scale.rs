@@ -2,7 +2,10 @@
 
 use std::cmp::Ordering;
 
-use crate::distance::DistanceMatrix;
+use rayon::prelude::*;
+
+use crate::distance::{DistanceMatrix, LANES, SetDistance, Transposed};
+use crate::signature::Signatures;
 
 /// One distance in so many lies below the scale.
 const ONE_IN: usize = 20;
@@ -20,6 +23,76 @@ pub fn scale(distances: &DistanceMatrix) -> f64 {
     if scale > 0.0 { scale } else { 1.0 }
 }
 
+/// More distances are counted instead of kept: they would take 256 MiB.
+const LARGEST_DISTANCES: usize = 64 << 20;
+
+/// The [`scale`] of some clouds, by the current rayon pool. Of many, their distances are computed twice, but never kept.
+pub fn scale_among(distance: SetDistance, clouds: &Signatures) -> f64 {
+    scale_within(LARGEST_DISTANCES, distance, clouds)
+}
+
+fn scale_within(most: usize, distance: SetDistance, clouds: &Signatures) -> f64 {
+    let count = clouds.clouds();
+    if count < 2 || count.saturating_mul(count) <= most {
+        return scale(&DistanceMatrix::among(distance, clouds));
+    }
+    let place = (count * (count - 1) / 2 / ONE_IN) as u64;
+    let transposed = Transposed::new(clouds);
+    // Distances are not negative: their bits are in their order. First the upper half of the bits, then the lower.
+    let upper = Counts::new(&transposed, distance, clouds, |bits| Some(bits >> 16)).at(place);
+    let of_upper = |bits: u32| (bits >> 16 == upper.value).then_some(bits & 0xFFFF);
+    let lower = Counts::new(&transposed, distance, clouds, of_upper).at(place - upper.before);
+    let scale = f64::from(f32::from_bits(upper.value << 16 | lower.value));
+    if scale > 0.0 { scale } else { 1.0 }
+}
+
+/// How many distances have each value of half of their bits.
+struct Counts(Vec<u64>);
+
+/// The value at some place, and how many are less.
+struct Found {
+    value: u32,
+    before: u64,
+}
+
+impl Counts {
+    /// Of the distances of all unordered pairs that have a value.
+    fn new(
+        transposed: &Transposed,
+        distance: SetDistance,
+        clouds: &Signatures,
+        value: impl Fn(u32) -> Option<u32> + Sync,
+    ) -> Self {
+        let none = || (vec![0u64; 1 << 16], Vec::new());
+        let count = |(mut counts, mut row): (Vec<u64>, Vec<[f32; LANES]>), cloud: usize| {
+            let first = cloud / LANES;
+            row.resize(clouds.clouds().div_ceil(LANES) - first, [0.0; LANES]);
+            transposed.later(distance, first, clouds.get(cloud), &mut row);
+            let later = &row.as_flattened()[cloud % LANES + 1..clouds.clouds() - first * LANES];
+            for value in later.iter().filter_map(|distance| value(distance.to_bits())) {
+                counts[value as usize] += 1;
+            }
+            (counts, row)
+        };
+        let counted = (0..clouds.clouds()).into_par_iter().fold(none, count).map(|(counts, _)| counts);
+        let add = |mut all: Vec<u64>, more: Vec<u64>| {
+            all.iter_mut().zip(more).for_each(|(sum, more)| *sum += more);
+            all
+        };
+        Self(counted.reduce(|| none().0, add))
+    }
+
+    fn at(&self, place: u64) -> Found {
+        let mut before = 0;
+        let value = self.0.iter().position(|&count| {
+            before += count;
+            before > place
+        });
+        let value = value.unwrap_or(self.0.len() - 1);
+        Found { value: value as u32, before: before - self.0[value] }
+    }
+}
+
 /// Of distances, sorted, the one at index ⌊number/20⌋; `None` of none. Their order is lost.
 pub(crate) fn quantile<T: Copy>(distances: &mut [T], order: impl FnMut(&T, &T) -> Ordering) -> Option<T> {
     let place = distances.len() / ONE_IN;
@@ -31,8 +104,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::distance::SetDistance;
-    use crate::signature::{Signature, Signatures};
+    use crate::signature::Signature;
 
     /// Of signatures, by their distances to each other.
     fn of(signatures: &[Signature], metric: SetDistance) -> f64 {
@@ -68,6 +140,10 @@ mod tests {
             signatures.extend(std::iter::repeat_n(signatures.first().cloned(), repeated).flatten());
             for metric in SetDistance::ALL {
                 prop_assert_eq!(of(&signatures, metric), plain(&signatures, metric));
+                let clouds: Signatures = signatures.iter().collect();
+                for most in [0, usize::MAX] {
+                    prop_assert_eq!(scale_within(most, metric, &clouds), plain(&signatures, metric));
+                }
             }
         }
     }

@@ -5,6 +5,7 @@
 //! - `cold`, `fixed`, `warm`, `runs`, `recognise`, `exhaust`: rows of the table
 //! - `scaling`: how cost grows with the number of clouds
 //! - `load`: how many workers one coordinator keeps busy
+//! - `pruning`: matching with a database of 20 000 clouds, in full and with pruning
 //! - `soak`: run after run while programs are killed and stopped, for ten minutes
 
 #![expect(
@@ -18,6 +19,7 @@ mod fixed;
 mod load;
 mod peer;
 mod programs;
+mod pruning;
 mod recognise;
 mod runs;
 mod scaling;
@@ -78,6 +80,9 @@ struct Options {
     /// Measure only what cutting evaluations into pieces gives, with workers that only wait
     #[arg(long, conflicts_with_all = ["rows", "exhaust", "scaling", "load"])]
     pieces: bool,
+    /// Measure only matching with a database of 20 000 clouds, in full and with pruning
+    #[arg(long, conflicts_with_all = ["rows", "exhaust", "scaling", "load", "soak", "pieces"])]
+    pruning: bool,
     /// Given by cargo
     #[arg(long, hide = true)]
     bench: bool,
@@ -122,6 +127,10 @@ fn main() {
     }
     let rows = if options.rows.is_empty() { ROWS.map(str::to_owned).to_vec() } else { options.rows };
     let household = Household::find();
+    if options.pruning {
+        pruning::measure(&household);
+        return;
+    }
     let peer = Peer::find(&household);
     let mut bench = Bench { rows, repetitions, household, peer, table: Table::default() };
     if options.exhaust {

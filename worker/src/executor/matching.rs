@@ -7,7 +7,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use cache::ByteSize;
 use descriptor::grid::{Cell, CellSignatures};
-use descriptor::{Descriptor, DistanceMatrix, PrepareError, PreparedCloud, Signatures};
+use descriptor::{
+    Descriptor, DistanceMatrix, Label, Match, PrepareError, PreparedCloud, PrunedDatabase, Signatures,
+};
 use proto::{Digest, MAX_DESCRIPTION_BYTES};
 use rayon::prelude::*;
 
@@ -93,18 +95,10 @@ impl Matcher {
             wanted.keys.iter().map(|key| self.reuse().distances(&pairing, key)).collect();
         let missing: Vec<bool> = kept.iter().map(Option::is_none).collect();
 
-        let mut by_source: BTreeMap<Digest, ByChannel> = BTreeMap::new();
-        if missing.contains(&true) {
-            for source in query.iter().chain(database) {
-                if let Entry::Vacant(vacant) = by_source.entry(source.name) {
-                    vacant.insert(if source.is_described() {
-                        self.described(&wanted, source).await?.into_iter().map(Some).collect()
-                    } else {
-                        self.signatures(&wanted, &source.manifest, &missing).await?
-                    });
-                }
-            }
-        }
+        let by_source = match missing.contains(&true) {
+            true => self.by_source(&wanted, query.iter().chain(database), &missing).await?,
+            false => BTreeMap::new(),
+        };
         let mut distances = Vec::new();
         for (index, (kept, (channel, weight))) in kept.into_iter().zip(descriptor.channels()).enumerate() {
             let matrix = match kept {
@@ -129,6 +123,71 @@ impl Matcher {
             distances.push((matrix, weight));
         }
         Ok(distances)
+    }
+
+    /// Whether the distances of so many queries to so many clouds in each channel of a descriptor can be kept.
+    pub(super) fn has_room(&self, descriptor: &Descriptor, clouds: [usize; 2]) -> bool {
+        self.reuse().has_room(descriptor.channels().len(), clouds)
+    }
+
+    /// What each query is recognised as, by the distance of each channel over its scale: as from [`Matcher::distances`], but
+    /// without them, so that memory does not grow with the product of queries and database. No scales are scales of 1.
+    /// The clouds of the database show `labels`; without `runner_up` only nearest clouds are looked for.
+    pub(super) async fn recognise(
+        &self,
+        cache: &Arc<PreparationCache>,
+        descriptor: &Descriptor,
+        [query, database]: [&[Source]; 2],
+        scales: &[f64],
+        (labels, runner_up): (Vec<Label>, bool),
+    ) -> Result<Vec<Match>, EvaluationError> {
+        let wanted = Wanted::new(cache, descriptor);
+        let all = vec![true; wanted.keys.len()];
+        let by_source = self.by_source(&wanted, query.iter().chain(database), &all).await?;
+        let of_side = |sources: &[Source], channel: usize| -> Vec<Arc<Signatures>> {
+            sources.iter().filter_map(|source| by_source[&source.name][channel].clone()).collect()
+        };
+        let scales = scales.iter().copied().chain(std::iter::repeat(1.0));
+        let channels: Vec<_> = descriptor
+            .channels()
+            .into_iter()
+            .zip(scales)
+            .enumerate()
+            .map(|(index, ((channel, weight), scale))| {
+                let sides = [query, database].map(|side| of_side(side, index));
+                (sides, channel.metric(), weight / scale)
+            })
+            .collect();
+        drop(by_source);
+        let recognise = move || {
+            let known = channels.iter().map(|([_, known], metric, weight)| (joined(known), *metric, *weight));
+            let database = PrunedDatabase::new(known.collect(), &labels)?;
+            let asked: Vec<Cow<'_, Signatures>> =
+                channels.iter().map(|([asked, _], ..)| joined(asked)).collect();
+            Ok(database.recognise(&asked.iter().map(AsRef::as_ref).collect::<Vec<_>>(), runner_up).0)
+        };
+        self.loader.work().pruned += 1;
+        self.loader.computing.run(recognise).await
+    }
+
+    /// The signatures of the clouds of each source in the channels where they are missing.
+    async fn by_source<'a>(
+        &self,
+        wanted: &Wanted<'_>,
+        sources: impl Iterator<Item = &'a Source>,
+        missing: &[bool],
+    ) -> Result<BTreeMap<Digest, ByChannel>, EvaluationError> {
+        let mut by_source: BTreeMap<Digest, ByChannel> = BTreeMap::new();
+        for source in sources {
+            if let Entry::Vacant(vacant) = by_source.entry(source.name) {
+                vacant.insert(if source.is_described() {
+                    self.described(wanted, source).await?.into_iter().map(Some).collect()
+                } else {
+                    self.signatures(wanted, &source.manifest, missing).await?
+                });
+            }
+        }
+        Ok(by_source)
     }
 
     /// The signatures of a split in the channels where they are missing; those that are not kept are computed.

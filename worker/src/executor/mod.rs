@@ -156,6 +156,15 @@ impl Executor {
         let sides = [manifests(&query), manifests(&database)];
         let members =
             (!rule.is_default()).then(|| rule::members(&rule, [&sides[0], &sides[1]])).transpose()?;
+        let clouds = sides.each_ref().map(|manifests| manifests.iter().map(|one| one.clouds.len()).sum());
+        if members.is_none() && !self.matcher.has_room(descriptor, clouds) {
+            let [queries, known] = sides.map(|manifests| labels(&manifests));
+            let wanted = (known.clone(), want_matches);
+            let matches =
+                self.matcher.recognise(cache, descriptor, [&query, &database], scales, wanted).await?;
+            let correct = Correct::count(&matches, &queries, &known);
+            return Ok(result(&correct, if want_matches { &matches } else { &[] }));
+        }
         let mut distances = self.matcher.distances(cache, descriptor, &query, &database).await?;
         for ((_, weight), scale) in distances.iter_mut().zip(scales) {
             *weight /= scale;

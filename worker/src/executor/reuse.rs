@@ -17,12 +17,21 @@ pub type Pairing = [Arc<[Digest]>; 2];
 pub struct Reuse {
     signatures: Lru<(Digest, Key), Arc<Signatures>>,
     distances: Lru<(Pairing, Key), Arc<DistanceMatrix>>,
+    /// For distances, bytes.
+    capacity: usize,
 }
 
 impl Reuse {
     /// Holds up to `capacity` bytes, half of them signatures and half of them distances.
     pub fn new(capacity: usize) -> Self {
-        Self { signatures: Lru::new(capacity / 2), distances: Lru::new(capacity / 2) }
+        let capacity = capacity / 2;
+        Self { signatures: Lru::new(capacity), distances: Lru::new(capacity), capacity }
+    }
+
+    /// Whether the distances of so many queries to so many clouds can be kept in so many channels at once.
+    pub fn has_room(&self, channels: usize, [queries, database]: [usize; 2]) -> bool {
+        let of_channel = queries.saturating_mul(database).saturating_mul(size_of::<f32>());
+        of_channel.saturating_mul(channels) <= self.capacity
     }
 
     /// The signatures of one split, or those encoded with this digest.

@@ -17,6 +17,8 @@ pub struct Work {
     pub handed: u64,
     /// Distance matrices computed.
     pub matched: u64,
+    /// Evaluations matched by pruning, without distance matrices.
+    pub pruned: u64,
     /// Grid cells computed.
     pub cells: u64,
 }

@@ -25,6 +25,8 @@ use coordinator::{Archive, CLOUDS, SPLIT};
 
 const LARGE: ByteSize = ByteSize::gib(1);
 const SMALL: ByteSize = ByteSize::mib(1);
+/// Not enough for the distances of six clouds to six others.
+const TINY: ByteSize = ByteSize::kib(1);
 
 fn preparation() -> Preparation {
     let domain = |low, step, count| Domain { low, step, count };
@@ -372,6 +374,25 @@ async fn a_wrong_description_is_taken_for_nothing_but_itself() {
         assert_eq!(carry_out(other, tile(&archive, parameters, descriptions)).await, expected);
         assert_eq!(carry_out(other, task(&archive, parameters, true)).await, expected);
     }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn distances_that_cannot_be_kept_are_not_computed_and_results_are_the_same() {
+    let archive = Archive::new();
+    let [pruning, keeping] = [TINY, LARGE].map(|memory| executor(&archive, memory, &store(None)));
+    check(&pruning, &archive).await;
+    let work = pruning.work();
+    assert_eq!((work.matched, work.pruned), (0, 2 * descriptors().len() as u64));
+    let mut asked = evaluation(&archive, descriptors()[0], true);
+    for scales in [vec![], vec![0.25, 3.0]] {
+        for want_matches in [false, true] {
+            asked = Evaluation { want_matches, scales: scales.clone(), ..asked };
+            let [pruned, kept] =
+                [&pruning, &keeping].map(|executor| carry_out(executor, Task::Evaluation(asked.clone())));
+            assert_eq!(pruned.await, kept.await);
+        }
+    }
+    assert_eq!((pruning.work().matched, keeping.work().pruned), (0, 0));
 }
 
 #[tokio::test(flavor = "multi_thread")]
