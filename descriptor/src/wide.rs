@@ -48,15 +48,32 @@ impl Level {
     }
 }
 
-/// Runs a kernel, whose `call` must be `#[inline(always)]`: otherwise it is compiled for the baseline only.
-pub(crate) fn widest<K: NullaryFnOnce>(kernel: K) -> K::Output {
+/// That of this process.
+fn level() -> Level {
     static LEVEL: OnceLock<Level> = OnceLock::new();
-    let level = LEVEL.get_or_init(|| Level::of_environment().unwrap_or(Level::Widest(Arch::new())));
-    match level {
+    *LEVEL.get_or_init(|| Level::of_environment().unwrap_or(Level::Widest(Arch::new())))
+}
+
+/// Runs a kernel, whose `call` must be `#[inline(always)]`: otherwise it is compiled for the baseline only.
+pub fn widest<K: NullaryFnOnce>(kernel: K) -> K::Output {
+    match level() {
         Level::Widest(arch) => arch.dispatch(kernel),
         #[cfg(target_arch = "x86_64")]
         Level::V3(vectors) => vectors.vectorize(kernel),
         Level::Baseline => kernel.call(),
+    }
+}
+
+/// What people call the vectors that kernels run with.
+pub fn name() -> &'static str {
+    match level() {
+        #[cfg(target_arch = "x86_64")]
+        Level::Widest(_) if pulp::x86::V4::try_new().is_some() => "AVX-512 (x86-64-v4)",
+        #[cfg(target_arch = "x86_64")]
+        Level::Widest(_) if pulp::x86::V3::try_new().is_some() => "AVX2 (x86-64-v3)",
+        #[cfg(target_arch = "x86_64")]
+        Level::V3(_) => "AVX2 (x86-64-v3)",
+        _ => "those of the baseline",
     }
 }
 

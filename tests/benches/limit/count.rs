@@ -1,5 +1,6 @@
 //! How much there is to do, counted by looking at every pair of points.
 
+use descriptor::wide::widest;
 use std::iter::Sum;
 use std::ops::AddAssign;
 
@@ -7,8 +8,6 @@ use descriptor::keypoints::Keypoints;
 use descriptor::prepare::Normals;
 use descriptor::{Cloud, Preprocess};
 use pulp::NullaryFnOnce;
-
-use crate::wide::widest;
 
 /// Largest f32 that is not above the square of a radius, square metres.
 fn limit(radius_um: u32) -> f32 {

@@ -3,7 +3,7 @@
 //! A limit counts what the definition of a stage needs, from the data (neighbours, not candidates), and divides it by the
 //! rates of small kernels: a ratio is what better algorithms could still gain.
 //!
-//! - `wide`, `kernels`, `rates`: what the processor does a second
+//! - `kernels`, `rates`: what the processor does a second
 //! - `work`: what a stage consists of, and its limit
 //! - `count`: neighbours, counted by looking at every pair
 //! - `stage`, `cold`, `fitness`, `structures`, `fixed`: the stages and their times
@@ -21,7 +21,6 @@ mod kernels;
 mod rates;
 mod stage;
 mod structures;
-mod wide;
 mod work;
 
 use std::path::PathBuf;
@@ -93,7 +92,8 @@ impl Set {
 
 fn main() {
     let options = Options::parse();
-    println!("{}; vectors: {}", machine(), wide::name());
+    descriptor::wide::check_environment().unwrap_or_else(|error| panic!("{error}"));
+    println!("{}; vectors: {}", machine(), descriptor::wide::name());
     let names = if options.rates { [].as_slice() } else { &SETS };
     let mut sets: Vec<Set> = pool(cores()).install(|| names.iter().map(|name| Set::new(name)).collect());
     let mut processor = Processor::new();

@@ -1,5 +1,6 @@
 //! How many elements of each kind the processor does a second, on one thread.
 
+use descriptor::wide::widest;
 use std::fs::{self, File};
 use std::hint::black_box;
 use std::io::Read as _;
@@ -15,7 +16,6 @@ use crate::kernels::{
     Aligned, BINS, Bytes, Column, Columns, Distances, DotProducts, FEW, Features, Fetches, FewBins, ManyBins,
     Moments, PAIRS, POINTS, Read, Record, Roots, Shares, Sums, Terms, WIDTH,
 };
-use crate::wide::widest;
 use crate::work::{Element, Rates};
 
 /// What one sample of a rate takes at least.

@@ -14,9 +14,10 @@ use descriptor::{
 };
 use rayon::prelude::*;
 
-use crate::household::{Household, repository};
-use crate::prepared::pool;
-use crate::table::{Samples, time};
+use tests::benches::household::Household;
+use tests::benches::prepared::pool;
+use tests::benches::table::{Samples, time};
+use tests::experiments::repository;
 
 /// Clouds of the database.
 const CLOUDS: usize = 20_000;
