@@ -60,7 +60,8 @@ fn measure_one(data: &Path, workers: u32, pieces: &str, effort: Effort) -> Strin
     let toml = format!(
         "version = 1\nname = \"load\"\nseed = 1\n[dataset]\nroot = \"{}\"\n[search]\nmethod = \"random\"\n\
          [ga]\npopulation = {POPULATION}\n[stop]\ngenerations = {GENERATIONS}\nstagnation = \"off\"\nperfect = false\n\
-         validation_patience = \"off\"\n[coordinator]\naudit = 0\npieces = {pieces}\n",
+         validation_patience = \"off\"\n[coordinator]\naudit = 0\npieces = {pieces}\n\
+         [results]\nbaselines = false\n",
         data.display()
     );
     fs::write(place.join("load.toml"), toml).unwrap();
