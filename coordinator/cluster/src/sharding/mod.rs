@@ -17,4 +17,6 @@ pub use planner::Planner;
 pub use side::Side;
 
 #[cfg(test)]
+mod busy;
+#[cfg(test)]
 mod tests;
