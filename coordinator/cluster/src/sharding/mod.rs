@@ -17,6 +17,4 @@ pub use planner::Planner;
 pub use side::Side;
 
 #[cfg(test)]
-mod busy;
-#[cfg(test)]
 mod tests;

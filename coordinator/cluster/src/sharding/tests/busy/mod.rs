@@ -4,7 +4,7 @@
 mod simulation;
 mod worker;
 
-use super::ShardCount;
+use crate::sharding::ShardCount;
 use simulation::{Measured, Setting, Simulation};
 
 const GENERATIONS: u32 = 12;

@@ -7,11 +7,11 @@ use std::time::{Duration, Instant};
 use proto::task::{CloudEntry, Evaluation, Facts, Label, SplitManifest, Task};
 use proto::{Digest, JobId};
 
-use super::super::{Batch, Layouts, Load, Planner, ShardCount};
 use super::worker::{STAND_IN, Worker};
 use crate::blobs::BlobStore;
 use crate::job_names::JobNames;
 use crate::scheduler::{Answer, ClientId, Finished, Limits, Poll, RunSecret, Scheduler};
+use crate::sharding::{Batch, Layouts, Load, Planner, ShardCount};
 
 /// Clouds of either side of an evaluation.
 const CLOUDS: u32 = 360;
