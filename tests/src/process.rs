@@ -29,7 +29,6 @@ pub fn program(name: &str) -> Command {
         "DESCRY_CACHE_SIZE",
         "DESCRY_MEMORY",
         "DESCRY_SHARED_CACHE",
-        "DESCRY_VECTORS",
     ] {
         command.env_remove(variable);
     }

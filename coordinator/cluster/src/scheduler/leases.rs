@@ -16,6 +16,8 @@ use crate::store::{Job, Quorum};
 
 /// A job is given to an idle second worker when it has run for this many times the median of its kind.
 const PATIENCE: f64 = 1.5;
+/// A job that takes longer than this is not taken ahead.
+const LONGEST_AHEAD: Duration = Duration::from_millis(100);
 
 impl Scheduler {
     /// Leases of up to `wanted` jobs.
@@ -43,8 +45,7 @@ impl Scheduler {
         if worker.health.is_excluded() {
             return None;
         }
-        // A job taken ahead waits behind another: as long as a worker has none at all, it is better off there.
-        if !idle && self.queue.waiting() <= self.idle {
+        if !idle && !self.hands_out_ahead() {
             return None;
         }
         let waiting = self.queue.in_order().filter(|job| self.may_take(id, *job));
@@ -52,6 +53,15 @@ impl Scheduler {
         let waiting = self.best_match(id, waiting, now);
         // Only an idle worker doubles the work of another.
         waiting.or_else(|| self.queue.overdue(now).find(|job| idle && self.may_take(id, *job)))
+    }
+
+    /// Whether workers may take a job beside the one in hand. It waits behind that: as long as a worker has none at all, it
+    /// is better off there. Nor is one taken ahead that is known to take long, beside which a poll takes no time: jobs that
+    /// are begun out of turn, or twice, keep a generation waiting.
+    pub(super) fn hands_out_ahead(&self) -> bool {
+        let first = self.queue.in_order().next().and_then(|job| self.jobs.get(job));
+        let expected = first.and_then(|job| self.run_times.expected(counted_cost(&job.task)));
+        self.queue.waiting() > self.idle && expected.is_none_or(|expected| expected <= LONGEST_AHEAD)
     }
 
     /// Whether a worker may take a job that wants one: it must not work on it, nor anybody of its principal have reported a

@@ -463,7 +463,7 @@ impl Scheduler {
         if wakeups > 0 {
             for (busy, id) in self.queue.idle_polls() {
                 // The others are as busy, and as little allowed to take a job ahead.
-                if wakeups == 0 || busy && self.queue.waiting() <= self.idle {
+                if wakeups == 0 || busy && !self.hands_out_ahead() {
                     break;
                 }
                 if self.next_job(id, now).is_some() {

@@ -423,6 +423,21 @@ fn nobody_takes_a_job_ahead_while_another_has_none() {
     assert_eq!(bench.poll(1, &[first[0].0], 1).jobs.len(), 1);
 }
 
+#[test]
+fn a_job_that_takes_long_is_not_taken_ahead() {
+    for (milliseconds, ahead) in [(100, 1), (101, 0)] {
+        let mut bench = Bench::new(1);
+        bench.submit();
+        let lease = bench.take(1);
+        bench.now += Duration::from_millis(milliseconds);
+        bench.report(1, lease, good());
+        for _ in 0..3 {
+            bench.submit();
+        }
+        assert_eq!(bench.poll(1, &[], 2).jobs.len(), 1 + ahead, "{milliseconds} ms");
+    }
+}
+
 /// How often one of four workers has nothing to do, while each client has generations of five made, one after another.
 fn idle_turns(clients: u32) -> usize {
     let mut bench = Bench::new(4);

@@ -4,14 +4,18 @@ use std::num::NonZeroU32;
 use std::ops::Range;
 
 use proto::MAX_DESCRIPTION_BYTES;
-use proto::task::{Evaluation, Facts};
+use proto::task::Evaluation;
 
 use super::costs::Costs;
 
-/// A shard or tile that is predicted to take less is not worth its overhead, seconds.
-const LEAST_SECONDS: f64 = 0.1;
-/// Shards per worker: several, so that a slow one does not hold up all others.
-const SHARDS_PER_WORKER: usize = 2;
+/// A shard that is predicted to take less is not worth its overhead, seconds; …
+const LEAST_SHARD: f64 = 0.1;
+/// … nor is a tile, whose result is small.
+const LEAST_TILE: f64 = 0.05;
+/// Shards per worker of all evaluations: several, so that a slow one does not hold up all others.
+const SHARDS_PER_WORKER: f64 = 2.0;
+/// Tiles per worker of all that is left to match, which are rounded up to a power of two.
+const TILES_PER_WORKER: f64 = 1.5;
 /// The most shards, and the most tiles, of one evaluation.
 pub const MAX_SHARDS: u32 = 4096;
 
@@ -53,8 +57,14 @@ pub struct ShardPlan {
 }
 
 impl ShardPlan {
-    /// How to shard an evaluation; `None`: not at all.
-    pub fn of(evaluation: &Evaluation, shard_count: ShardCount, load: Load, costs: &Costs) -> Option<Self> {
+    /// How to shard an evaluation; `None`: not at all. `left` is how long one worker would be matching this evaluation
+    /// and those that are handed out after it, seconds.
+    pub fn of(
+        evaluation: &Evaluation,
+        shard_count: ShardCount,
+        (load, left): (Load, f64),
+        costs: &Costs,
+    ) -> Option<Self> {
         let (queries, database) = (evaluation.queries, evaluation.database_clouds);
         if queries == 0 || database == 0 {
             return None;
@@ -63,15 +73,20 @@ impl ShardPlan {
             ShardCount::Fixed(count) => (count.get(), count.get()),
             ShardCount::Auto if load.workers < 2 => return None,
             ShardCount::Auto => {
-                let wanted = (SHARDS_PER_WORKER * load.workers).div_ceil(load.jobs.max(1));
-                let wanted = u32::try_from(wanted).unwrap_or(MAX_SHARDS).min(MAX_SHARDS);
-                let worth_while = |seconds: f64| (seconds / LEAST_SECONDS) as u32;
-                let Facts { cloud_cost, pair_cost, .. } = evaluation.subject.facts;
-                let clouds = (u64::from(queries) + u64::from(database)).saturating_mul(cloud_cost);
-                let pairs = (u64::from(queries) * u64::from(database)).saturating_mul(pair_cost);
-                // Of few sizes: each has manifests of its own.
-                let shards = previous_power(worth_while(costs.describing(clouds)));
-                (shards.min(wanted.next_power_of_two()), worth_while(costs.matching(pairs)).min(wanted))
+                let shards = SHARDS_PER_WORKER * load.workers as f64 / load.jobs.max(1) as f64;
+                if shards <= 1.0 {
+                    return None;
+                }
+                let matching = costs.matching(pairs_cost(evaluation));
+                // Tiles are what the workers end with: the less is left, the smaller they are.
+                let tiles = TILES_PER_WORKER * load.workers as f64 * matching / left.max(matching);
+                // Of few sizes, all even: each number of shards has manifests of its own.
+                let power = |wanted: f64, seconds: f64, least: f64| {
+                    let wanted = (wanted.ceil() as u32).min(MAX_SHARDS).next_power_of_two();
+                    wanted.min(previous_power((seconds / least) as u32))
+                };
+                let describing = costs.describing(clouds_cost(evaluation));
+                (power(shards, describing, LEAST_SHARD), power(tiles, matching, LEAST_TILE))
             }
         };
         if shards.max(tiles) < 2 {
@@ -105,16 +120,30 @@ impl ShardPlan {
     }
 }
 
+/// Counted cost of describing all clouds of an evaluation.
+fn clouds_cost(evaluation: &Evaluation) -> u64 {
+    let clouds = u64::from(evaluation.queries) + u64::from(evaluation.database_clouds);
+    clouds.saturating_mul(evaluation.subject.facts.cloud_cost)
+}
+
+/// Counted cost of matching all pairs of an evaluation.
+pub fn pairs_cost(evaluation: &Evaluation) -> u64 {
+    let pairs = u64::from(evaluation.queries) * u64::from(evaluation.database_clouds);
+    pairs.saturating_mul(evaluation.subject.facts.pair_cost)
+}
+
 /// Which of `total` things fall to each of `parts`, in order, as evenly as can be.
 pub fn shares(total: u32, parts: u32) -> impl Iterator<Item = Range<u32>> {
     let bound = move |part: u32| (u64::from(total) * u64::from(part) / u64::from(parts)) as u32;
     (0..parts).map(move |part| bound(part)..bound(part + 1))
 }
 
-/// Rows and columns of at most so many tiles, about as high as they are wide: these read the fewest descriptions.
+/// Rows and columns of at most so many tiles, about as high as they are wide: these read the fewest descriptions. Of a
+/// power of two both are, too, which divide the shards into equal ranges.
 fn tile_sides(tiles: u32, queries: u32, database: u32) -> [u32; 2] {
     let tiles = tiles.max(1);
     let rows = (f64::from(tiles) * f64::from(queries) / f64::from(database)).sqrt().round() as u32;
+    let rows = if tiles.is_power_of_two() { previous_power(rows) } else { rows };
     let rows = rows.clamp(1, tiles.min(queries));
     [rows, (tiles / rows).clamp(1, database)]
 }
@@ -127,6 +156,7 @@ fn previous_power(number: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+    use proto::task::Facts;
 
     use super::*;
 
@@ -143,10 +173,16 @@ mod tests {
         ShardCount::Fixed(NonZeroU32::new(count).unwrap())
     }
 
-    /// How ten evaluations of so many clouds are sharded for so many workers.
+    /// How the last of ten evaluations of so many clouds is sharded for so many workers.
     fn auto(clouds: u32, workers: usize) -> Option<ShardPlan> {
-        let load = Load { jobs: 10, workers };
-        ShardPlan::of(&evaluation(clouds, clouds), ShardCount::Auto, load, &Costs::default())
+        one_of_ten(clouds, workers, 1.0)
+    }
+
+    /// How that is sharded after which so many are left, itself included.
+    fn one_of_ten(clouds: u32, workers: usize, left: f64) -> Option<ShardPlan> {
+        let (load, evaluation) = (Load { jobs: 10, workers }, evaluation(clouds, clouds));
+        let seconds = left * Costs::default().matching(pairs_cost(&evaluation));
+        ShardPlan::of(&evaluation, ShardCount::Auto, (load, seconds), &Costs::default())
     }
 
     #[test]
@@ -158,18 +194,21 @@ mod tests {
         let load = Load { jobs: 1, workers: 100 };
         for (queries, database) in [(0, 9), (9, 0)] {
             assert_eq!(
-                ShardPlan::of(&evaluation(queries, database), fixed(9), load, &Costs::default()),
+                ShardPlan::of(&evaluation(queries, database), fixed(9), (load, 0.0), &Costs::default()),
                 None
             );
         }
-        assert_eq!(ShardPlan::of(&evaluation(9, 9), fixed(1), load, &Costs::default()), None);
+        assert_eq!(ShardPlan::of(&evaluation(9, 9), fixed(1), (load, 0.0), &Costs::default()), None);
     }
 
     #[test]
-    fn more_workers_get_more_pieces_of_at_least_a_tenth_of_a_second() {
+    fn more_workers_get_more_pieces_and_the_last_tiles_are_the_smallest() {
         let tiles = |plan: ShardPlan| plan.query.ranges * plan.database.ranges;
         let of_workers = [10, 100, 1000].map(|workers| auto(100_000, workers).unwrap());
-        assert_eq!(of_workers.map(tiles), [2, 20, 196]);
+        assert_eq!(of_workers.map(tiles), [16, 256, 2048]);
+        let of_a_hundred =
+            [10, 7, 6, 4, 3, 2, 1].map(|left| tiles(one_of_ten(100_000, 100, f64::from(left)).unwrap()));
+        assert_eq!(of_a_hundred, [16, 32, 32, 64, 64, 128, 256]);
         // Describing takes some ten seconds, which are not divided into more than a hundred shards.
         assert!(
             of_workers.iter().all(|plan| plan.query.shards + plan.database.shards <= 256),
@@ -181,16 +220,31 @@ mod tests {
     }
 
     #[test]
+    fn tiles_of_an_evaluation_are_of_one_size() {
+        for left in 1..=10 {
+            let plan = one_of_ten(4096, 100, f64::from(left)).unwrap();
+            for SidePlan { shards, ranges } in [plan.query, plan.database] {
+                assert_eq!(shards % ranges, 0, "{plan:?}");
+            }
+        }
+    }
+
+    #[test]
     fn what_costs_more_is_divided_more_finely() {
         let plan = |factor: u64| {
             let mut evaluation = evaluation(1000, 1000);
             let Facts { cloud_cost, pair_cost, .. } = &mut evaluation.subject.facts;
             (*cloud_cost, *pair_cost) = (*cloud_cost * factor, *pair_cost * factor);
-            ShardPlan::of(&evaluation, ShardCount::Auto, Load { jobs: 10, workers: 1000 }, &Costs::default())
+            ShardPlan::of(
+                &evaluation,
+                ShardCount::Auto,
+                (Load { jobs: 10, workers: 1000 }, 0.0),
+                &Costs::default(),
+            )
         };
         assert_eq!(plan(1), None, "some tenths of a second");
         let dear = plan(100).unwrap();
-        assert_eq!((dear.query.ranges, dear.database.ranges), (8, 7));
+        assert_eq!((dear.query.ranges, dear.database.ranges), (8, 8));
         assert_eq!(dear.query.shards + dear.database.shards, 64);
     }
 
@@ -198,7 +252,8 @@ mod tests {
     fn a_fixed_number_is_kept_as_far_as_there_are_clouds() {
         let load = Load { jobs: 100, workers: 1 };
         let plan = |count, queries, database| {
-            let plan = ShardPlan::of(&evaluation(queries, database), fixed(count), load, &Costs::default());
+            let plan =
+                ShardPlan::of(&evaluation(queries, database), fixed(count), (load, 0.0), &Costs::default());
             let ShardPlan { query, database } = plan.unwrap();
             [query.shards, query.ranges, database.shards, database.ranges]
         };
@@ -212,12 +267,12 @@ mod tests {
     fn shards_fit_into_messages() {
         let load = Load { jobs: 1, workers: 1 };
         let huge = evaluation(1_000_000, 10);
-        let plan = ShardPlan::of(&huge, fixed(2), load, &Costs::default()).unwrap();
+        let plan = ShardPlan::of(&huge, fixed(2), (load, 0.0), &Costs::default()).unwrap();
         let largest = shares(1_000_000, plan.query.shards).map(|share| share.len() as u32).max().unwrap();
         assert!(u64::from(largest) * SIGNATURE <= MAX_DESCRIPTION_BYTES, "{plan:?}");
         let mut undescribable = evaluation(10, 10);
         undescribable.subject.facts.description_bytes = MAX_DESCRIPTION_BYTES + 1;
-        assert_eq!(ShardPlan::of(&undescribable, fixed(4), load, &Costs::default()), None);
+        assert_eq!(ShardPlan::of(&undescribable, fixed(4), (load, 0.0), &Costs::default()), None);
     }
 
     proptest! {
@@ -228,11 +283,12 @@ mod tests {
             count in 1u32..=MAX_SHARDS,
             workers in 0usize..3000,
             jobs in 0usize..100,
+            left in 0.0..1e4f64,
         ) {
             let evaluation = evaluation(queries, database);
             let slow = Costs::slower(1e4);
             for shard_count in [fixed(count), ShardCount::Auto] {
-                let Some(plan) = ShardPlan::of(&evaluation, shard_count, Load { jobs, workers }, &slow) else { continue };
+                let Some(plan) = ShardPlan::of(&evaluation, shard_count, (Load { jobs, workers }, left), &slow) else { continue };
                 prop_assert!(plan.suits(&evaluation), "{plan:?}");
                 let shares: Vec<_> = shares(queries, plan.query.shards).collect();
                 prop_assert!(shares.iter().all(|share| !share.is_empty()));

@@ -5,7 +5,7 @@ use proto::JobId;
 use proto::task::{Evaluation, Task};
 
 use super::costs::Costs;
-use super::plan::{Load, ShardCount, ShardPlan};
+use super::plan::{Load, ShardCount, ShardPlan, pairs_cost};
 use crate::store::JobStore;
 
 /// Decides by what the experiment says and what recent tasks took; the store of jobs remembers what was decided.
@@ -45,9 +45,12 @@ impl Planner {
             }
         }
         let load = Load { jobs: load.jobs + undecided.len(), ..load };
+        let matching = |evaluation: &Evaluation| self.costs.matching(pairs_cost(evaluation));
+        let mut left: f64 = undecided.iter().map(|(_, evaluation)| matching(evaluation)).sum();
         let mut new = Vec::new();
         for (job, evaluation) in undecided {
-            let plan = ShardPlan::of(evaluation, self.shard_count, load, &self.costs);
+            let plan = ShardPlan::of(evaluation, self.shard_count, (load, left), &self.costs);
+            left -= matching(evaluation);
             jobs.set_plan(job, plan);
             new.extend(plan.map(|plan| (job, plan)));
         }

@@ -1,5 +1,7 @@
 //! Sharded evaluations give what they give whole, whatever the plan and the order of arrival.
 
+mod busy;
+
 use std::time::Duration;
 
 use descriptor::recognise::recognise_from;

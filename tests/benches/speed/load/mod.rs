@@ -102,7 +102,8 @@ fn measure_one(load: Load) -> Measured {
 fn experiment(data: &Path, population: u32) -> String {
     format!(
         "version = 1\nname = \"load\"\nseed = 1\n[dataset]\nroot = \"{}\"\n[search]\nmethod = \"random\"\n\
-         [ga]\npopulation = {population}\n[stop]\ngenerations = 1\nperfect = false\nvalidation_patience = \"off\"\n",
+         [ga]\npopulation = {population}\n[stop]\ngenerations = 1\nperfect = false\nvalidation_patience = \"off\"\n\
+         [results]\nbaselines = false\n",
         data.display()
     )
 }
