@@ -56,6 +56,9 @@ struct Options {
     /// Rows to measure, for example warm; all by default
     #[arg(value_name = "ROW", value_parser = ROWS)]
     rows: Vec<String>,
+    /// The clouds of another set than household-rgbd, for rows that need no experiment: tabletop-rgbd
+    #[arg(long, value_name = "SET", default_value = "household-rgbd")]
+    set: String,
     /// One repetition instead of several of what takes long
     #[arg(long)]
     quick: bool,
@@ -126,7 +129,7 @@ fn main() {
         return;
     }
     let rows = if options.rows.is_empty() { ROWS.map(str::to_owned).to_vec() } else { options.rows };
-    let household = Household::find();
+    let household = Household::find(&options.set);
     if options.pruning {
         pruning::measure(&household);
         return;

@@ -10,7 +10,7 @@ use crate::experiments::repository;
 /// Generations of the forced run.
 pub const GENERATIONS: u32 = 200;
 
-/// The household clouds.
+/// The household clouds, or those of a set with the same lists.
 #[derive(Debug)]
 pub struct Household {
     /// The folder that holds them and their lists.
@@ -18,9 +18,9 @@ pub struct Household {
 }
 
 impl Household {
-    /// The clouds, as [`find_set`] finds them.
-    pub fn find() -> Self {
-        Self { root: find_set("household-rgbd") }
+    /// The clouds of a set, as [`find_set`] finds them.
+    pub fn find(set: &str) -> Self {
+        Self { root: find_set(set) }
     }
 
     /// Paths in some lists, one list after the other.
