@@ -88,10 +88,8 @@ impl StepTable {
     #[inline(always)]
     pub(crate) fn fill(&self, values: &[f32], slices: &[u16], places: &[u32], list: &mut Vec<u16>) {
         list.resize(places.len(), 0);
-        let Self { slices: table, is_fine, .. } = self;
-        let (values, slices) = (&values[..slices.len()], slices);
-        if *is_fine && table.len() == BUCKETS {
-            let table = &table[..BUCKETS];
+        let values = &values[..slices.len()];
+        if let (true, Some(table)) = (self.is_fine, self.slices.first_chunk::<BUCKETS>()) {
             for (entry, &place) in list.iter_mut().zip(places) {
                 let place = place as usize;
                 let Slice { before, next } = table[usize::from(slices[place]) % BUCKETS];
