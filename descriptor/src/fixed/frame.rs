@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 
 use pulp::NullaryFnOnce;
 
-use super::neighbourhood::Neighbourhood;
+use super::neighbourhood::{GROUP, Neighbourhood, group};
 use crate::eigen::extreme_eigenvectors;
 use crate::neighbours::{Neighbour, squared_distance};
 use crate::wide::widest;
@@ -50,11 +50,22 @@ struct Offsets<'a> {
 }
 
 impl Offsets<'_> {
-    /// Offset of a neighbour, exact but for the subtraction in f32; what lies beyond the last one counts as well.
-    #[inline(always)]
+    /// Offset of a neighbour, exact but for the subtraction in f32.
     fn get(&self, index: usize) -> [f32; 3] {
-        let Neighbourhood { position: [x, y, z], .. } = self.near;
-        [x[index] - self.keypoint[0], y[index] - self.keypoint[1], z[index] - self.keypoint[2]]
+        [0, 1, 2].map(|axis| self.near.position[axis][index] - self.keypoint[axis])
+    }
+
+    /// Offsets of the group of neighbours that begins at `start`, axis by axis; what lies beyond the last one is no
+    /// neighbour.
+    #[inline(always)]
+    fn group(&self, start: usize) -> [[f32; GROUP]; 3] {
+        let mut offsets = [[0.0; GROUP]; 3];
+        for ((offsets, list), at) in offsets.iter_mut().zip(&self.near.position).zip(self.keypoint) {
+            for (offset, value) in offsets.iter_mut().zip(group(list, start)) {
+                *offset = value - at;
+            }
+        }
+        offsets
     }
 
     /// The axis or its opposite, whichever has more neighbours ahead of it (those at right angles count as ahead); if none
@@ -102,15 +113,25 @@ impl NullaryFnOnce for Covariance<'_> {
     fn call(self) -> [f64; 6] {
         let neighbours = self.offsets.near.len();
         let mut sums = [[0.0f64; LANES]; 6];
-        for start in (0..neighbours).step_by(LANES) {
-            for lane in 0..LANES {
-                let [x, y, z] = self.offsets.get(start + lane);
-                let distance = f64::from((x * x + y * y + z * z).sqrt());
-                let weight = if start + lane < neighbours { self.radius - distance } else { 0.0 };
-                let [x, y, z] = [x, y, z].map(f64::from);
-                let (wx, wy, wz) = (weight * x, weight * y, weight * z);
-                for (sums, product) in sums.iter_mut().zip([wx * x, wx * y, wx * z, wy * y, wy * z, wz * z]) {
-                    sums[lane] += product;
+        for start in (0..neighbours).step_by(GROUP) {
+            let [x, y, z] = self.offsets.group(start);
+            let mut weights = [0.0; GROUP];
+            for (lane, weight) in weights.iter_mut().enumerate() {
+                let distance = f64::from((x[lane] * x[lane] + y[lane] * y[lane] + z[lane] * z[lane]).sqrt());
+                *weight = if start + lane < neighbours { self.radius - distance } else { 0.0 };
+            }
+            let [x, y, z] = [&x, &y, &z].map(|list| list.as_chunks::<LANES>().0);
+            for (((weights, x), y), z) in weights.as_chunks::<LANES>().0.iter().zip(x).zip(y).zip(z) {
+                for lane in 0..LANES {
+                    let (weight, x, y, z) =
+                        (weights[lane], f64::from(x[lane]), f64::from(y[lane]), f64::from(z[lane]));
+                    let (wx, wy, wz) = (weight * x, weight * y, weight * z);
+                    sums[0][lane] += wx * x;
+                    sums[1][lane] += wx * y;
+                    sums[2][lane] += wx * z;
+                    sums[3][lane] += wy * y;
+                    sums[4][lane] += wy * z;
+                    sums[5][lane] += wz * z;
                 }
             }
         }
@@ -130,6 +151,14 @@ impl NullaryFnOnce for Behind<'_> {
     #[inline(always)]
     fn call(self) -> u32 {
         let neighbours = self.offsets.near.len();
-        (0..neighbours).map(|index| u32::from(dot(self.offsets.get(index), self.axis) < 0.0)).sum()
+        let mut behind = [0; GROUP];
+        for start in (0..neighbours).step_by(GROUP) {
+            let [x, y, z] = self.offsets.group(start);
+            for (lane, behind) in behind.iter_mut().enumerate() {
+                let is_behind = dot([x[lane], y[lane], z[lane]], self.axis) < 0.0;
+                *behind += u32::from(is_behind & (start + lane < neighbours));
+            }
+        }
+        behind.iter().sum()
     }
 }

@@ -127,7 +127,9 @@ impl NullaryFnOnce for Describe<'_> {
         for start in (0..neighbours).step_by(GROUP) {
             let votes = self.votes(start);
             for lane in 0..GROUP.min(neighbours - start) {
-                let [husk, half, sector] = votes.volume_weights.map(|weights| weights[lane]);
+                // Not by `array::map`, which would copy all lanes for each.
+                let [husk, half, sector] = &votes.volume_weights;
+                let [husk, half, sector] = [husk[lane], half[lane], sector[lane]];
                 for (places, weights) in votes.places.iter().zip(&votes.weights) {
                     let weights = [weights[0][lane], weights[1][lane], husk, half, sector];
                     for (place, weight) in places.iter().zip(weights) {

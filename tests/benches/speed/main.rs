@@ -4,7 +4,7 @@
 //! - `peer`: the PCL harness
 //! - `cold`, `fixed`, `warm`, `runs`, `recognise`, `exhaust`: rows of the table
 //! - `scaling`: how cost grows with the number of clouds
-//! - `load`: how many workers one coordinator keeps busy
+//! - `load`: how many workers one coordinator keeps busy, and for how long
 //! - `pruning`: matching with a database of 20 000 clouds, in full and with pruning
 //! - `soak`: run after run while programs are killed and stopped, for ten minutes
 
@@ -83,8 +83,13 @@ struct Options {
     /// Measure only what cutting evaluations into pieces gives, with workers that only wait
     #[arg(long, conflicts_with_all = ["rows", "exhaust", "scaling", "load"])]
     pieces: bool,
+    /// Measure only whether a coordinator with 1000 workers that only wait goes on for so many seconds, 3600 by default, as
+    /// it began
+    #[arg(long, value_name = "SECONDS", num_args = 0..=1, default_missing_value = "3600")]
+    #[arg(conflicts_with_all = ["rows", "exhaust", "scaling", "load", "soak", "pieces"])]
+    endurance: Option<u64>,
     /// Measure only matching with a database of 20 000 clouds, in full and with pruning
-    #[arg(long, conflicts_with_all = ["rows", "exhaust", "scaling", "load", "soak", "pieces"])]
+    #[arg(long, conflicts_with_all = ["rows", "exhaust", "scaling", "load", "soak", "pieces", "endurance"])]
     pruning: bool,
     /// Given by cargo
     #[arg(long, hide = true)]
@@ -122,6 +127,10 @@ fn main() {
     }
     if let Some(workers) = options.load {
         load::measure(&workers, repetitions);
+        return;
+    }
+    if let Some(seconds) = options.endurance {
+        load::measure_endurance(seconds);
         return;
     }
     if let Some(seconds) = options.soak {

@@ -139,8 +139,17 @@ pub fn run<A: AsRef<OsStr>>(name: &str, args: impl IntoIterator<Item = A>) -> Fi
 
 /// Largest resident memory of a process so far, bytes; `None` once it has ended, and where there is no /proc.
 pub fn peak(process: u32) -> Option<u64> {
+    status(process, "VmHWM:")
+}
+
+/// Resident memory of a process now, bytes; `None` as for [`peak`].
+pub fn resident(process: u32) -> Option<u64> {
+    status(process, "VmRSS:")
+}
+
+fn status(process: u32, field: &str) -> Option<u64> {
     let status = fs::read_to_string(format!("/proc/{process}/status")).ok()?;
-    let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;
+    let line = status.lines().find_map(|line| line.strip_prefix(field))?;
     let kibibytes: u64 = line.trim().strip_suffix("kB")?.trim().parse().ok()?;
     Some(kibibytes << 10)
 }

@@ -14,8 +14,14 @@ use crate::process::Running;
 const SEARCH: &str = "[ga]\npopulation = 4\n[stop]\ngenerations = 5\nstagnation = \"off\"\nperfect = false\n\
     validation_patience = 5\n";
 
-fn experiment(pieces: u32) -> Experiment {
-    Experiment::new(&format!("{SEARCH}[coordinator]\nlease_seconds = 2\naudit = 0\npieces = {pieces}\n"))
+/// A lease of 2 s, after which a worker that was killed is lost.
+const SHORT_LEASE: u32 = 2;
+/// One that a worker does not lose because the machine is busy.
+const LONG_LEASE: u32 = 60;
+
+fn experiment(pieces: u32, lease_seconds: u32) -> Experiment {
+    let settings = format!("lease_seconds = {lease_seconds}\naudit = 0\npieces = {pieces}\n");
+    Experiment::new(&format!("{SEARCH}[coordinator]\n{settings}"))
 }
 
 /// How many attempts of a run were at tasks whose description begins like this.
@@ -27,11 +33,11 @@ fn attempts(experiment: &Experiment, out: &str, task: &str) -> usize {
 
 #[test]
 fn the_digest_is_the_same_whole_and_in_pieces_and_when_a_worker_dies_between_them() {
-    let whole = experiment(1);
+    let whole = experiment(1, SHORT_LEASE);
     let expected = digest(&whole.run("out", &["--local-workers", "1"]).expect_success());
     assert_eq!(attempts(&whole, "out", "tile of "), 0);
     for pieces in [3, 16] {
-        let experiment = experiment(pieces);
+        let experiment = experiment(pieces, SHORT_LEASE);
         for workers in ["1", "3"] {
             let finished = experiment.run(workers, &["--local-workers", workers]).expect_success();
             assert_eq!(digest(&finished), expected, "{pieces} pieces, {workers} workers");
@@ -41,7 +47,7 @@ fn the_digest_is_the_same_whole_and_in_pieces_and_when_a_worker_dies_between_the
         }
     }
 
-    let experiment = experiment(16);
+    let experiment = experiment(16, SHORT_LEASE);
     let args = experiment.run_args("killed", &["--local-workers", "0"]);
     let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
     let address = coordinator.join_address();
@@ -67,8 +73,8 @@ fn the_digest_is_the_same_whole_and_in_pieces_and_when_a_worker_dies_between_the
 #[test]
 fn a_coordinator_killed_between_pieces_goes_on_with_those_that_are_there() {
     const KILLS: u32 = 8;
-    let expected = digest(&experiment(1).run("out", &["--local-workers", "1"]).expect_success());
-    let experiment = experiment(16);
+    let expected = digest(&experiment(1, LONG_LEASE).run("out", &["--local-workers", "1"]).expect_success());
+    let experiment = experiment(16, LONG_LEASE);
     let address = free_address();
     let args = experiment.run_args_at("out", &address);
     let mut steady = experiment.worker("steady", &address);

@@ -1,6 +1,7 @@
 //! How far one coordinator goes: the real program with its journal, and thousands of workers in this process, each over
 //! a TCP connection of its own, whose evaluations only take time.
 
+mod endurance;
 mod meter;
 mod pieces;
 mod record;
@@ -18,6 +19,7 @@ use tokio::sync::Mutex;
 use tokio::task::JoinSet;
 
 use crate::programs::{Finished, Running, program, run};
+pub use endurance::measure as measure_endurance;
 use meter::{Cost, Meter};
 pub use pieces::measure as measure_pieces;
 use record::{Findings, Record, percentile};
@@ -84,7 +86,7 @@ fn measure_one(load: Load) -> Measured {
     let population = (wanted as u32).min(MAX_POPULATION);
     fs::write(place.join("load.toml"), experiment(&data, population)).unwrap();
 
-    let mut coordinator = start_coordinator(place);
+    let mut coordinator = start_coordinator(place, "warn,cluster::journal=debug");
     let (_, line) = coordinator.wait_for("workers may join with");
     let address = line.rsplit(' ').next().unwrap().to_owned();
     let process = coordinator.process();
@@ -108,12 +110,12 @@ fn experiment(data: &Path, population: u32) -> String {
     )
 }
 
-fn start_coordinator(place: &Path) -> Running {
+fn start_coordinator(place: &Path, log: &str) -> Running {
     let mut command = program("coordinator");
     command.arg("run").arg(place.join("load.toml"));
     command.arg("--out").arg(place.join("run")).arg("--cache").arg(place.join("cache"));
     command.args(["--listen", "127.0.0.1:0", "--local-workers", "0", "--json"]);
-    command.env("DESCRY_LOG", "warn,cluster::journal=debug");
+    command.env("DESCRY_LOG", log);
     Running::start(command)
 }
 

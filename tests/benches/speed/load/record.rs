@@ -21,12 +21,12 @@ pub struct Span {
     pub took: Duration,
 }
 
-/// A poll that brought a job.
+/// A poll and its reply.
 #[derive(Clone, Copy, Debug)]
-pub struct Dispatch {
+pub struct Answered {
     /// When it was sent.
     pub sent: Instant,
-    /// Until when the job was there.
+    /// Until when the reply was there.
     pub took: Duration,
 }
 
@@ -57,7 +57,9 @@ pub struct Record {
     /// Its jobs, in order.
     pub spans: Vec<Span>,
     /// Its polls that brought jobs, in order.
-    pub dispatches: Vec<Dispatch>,
+    pub dispatches: Vec<Answered>,
+    /// Its polls that handed in a result, in order.
+    pub reports: Vec<Answered>,
     /// Bytes of its messages, to the coordinator and from it.
     pub traffic: [u64; 2],
     /// When and how the coordinator went.

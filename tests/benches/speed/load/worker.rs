@@ -17,7 +17,7 @@ use tokio::sync::{Mutex, mpsc};
 use tonic::Status;
 use tonic::transport::Channel;
 
-use super::record::{Dispatch, Record, Span, Traffic};
+use super::record::{Answered, Record, Span, Traffic};
 
 /// What all workers have in common.
 #[derive(Debug)]
@@ -128,7 +128,7 @@ impl Worker {
             self.start_next();
             let request = self.request();
             self.traffic.sent(request.encoded_len());
-            let (sent, wanted) = (Instant::now(), request.wanted);
+            let (sent, wanted, reports) = (Instant::now(), request.wanted, request.finished.len());
             let mut client = self.client.clone();
             tokio::select! {
                 biased;
@@ -141,7 +141,10 @@ impl Worker {
                     Ok(reply) => {
                         let reply = reply.into_inner();
                         self.traffic.received(reply.encoded_len());
-                        self.absorb(reply, sent, wanted);
+                        let answered = Answered { sent, took: sent.elapsed() };
+                        self.record.reports.extend((reports > 0).then_some(answered));
+                        self.record.dispatches.extend((wanted > 0 && !reply.jobs.is_empty()).then_some(answered));
+                        self.absorb(reply);
                     }
                     Err(status) => return self.end(status),
                 },
@@ -178,13 +181,10 @@ impl Worker {
         }
     }
 
-    fn absorb(&mut self, reply: v2::PollReply, sent: Instant, wanted: u32) {
+    fn absorb(&mut self, reply: v2::PollReply) {
         self.finished
             .retain(|report| report.lease.as_ref().is_none_or(|lease| !reply.acknowledged.contains(lease)));
         self.queue.retain(|job| job.lease.as_ref().is_none_or(|lease| !reply.revoked.contains(lease)));
-        if wanted > 0 && !reply.jobs.is_empty() {
-            self.record.dispatches.push(Dispatch { sent, took: sent.elapsed() });
-        }
         self.queue.extend(reply.jobs);
     }
 

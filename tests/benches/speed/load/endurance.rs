@@ -1,0 +1,142 @@
+//! Whether a coordinator with a thousand workers goes on for long as it began: its memory, its journal and how fast it
+//! answers, from one part of the time to the next.
+
+use std::fs;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{self, JoinHandle};
+use std::time::{Duration, Instant};
+
+use results::TableName;
+use tempfile::TempDir;
+
+use super::record::{Record, percentile};
+use super::worker::Effort;
+use super::{start_coordinator, work};
+use crate::programs::{self, run};
+use tests::benches::table::{megabytes, time};
+
+const WORKERS: u32 = 1000;
+/// Individuals of a generation, each a random descriptor.
+const POPULATION: u32 = 10_000;
+/// What an evaluation takes on average.
+const JOB: Duration = Duration::from_secs(1);
+/// Parts of the time that are shown.
+const PARTS: u32 = 6;
+/// How often the coordinator is looked at.
+const GLANCE: Duration = Duration::from_secs(1);
+
+/// What was seen of the coordinator at one moment.
+#[derive(Clone, Copy, Debug)]
+struct Glance {
+    at: Instant,
+    /// Resident memory, bytes.
+    memory: u64,
+    /// Size of the journal, bytes.
+    journal: u64,
+}
+
+/// Lets the workers of a random search work for so many seconds, and prints a row for each part of them.
+pub fn measure(seconds: u64) {
+    let folder = TempDir::new().unwrap();
+    let place = folder.path();
+    let data = place.join("data");
+    run("coordinator", ["synth", data.to_str().unwrap(), "--objects", "4", "--views", "12", "--seed", "1"]);
+    let evaluations = seconds * u64::from(WORKERS) / JOB.as_secs();
+    let toml = format!(
+        "version = 1\nname = \"load\"\nseed = 1\n[dataset]\nroot = \"{}\"\n[search]\nmethod = \"random\"\n\
+         [ga]\npopulation = {POPULATION}\n[stop]\ngenerations = 1000000\nevaluations = {evaluations}\n\
+         stagnation = \"off\"\nperfect = false\nvalidation_patience = \"off\"\n[results]\nbaselines = false\n",
+        data.display()
+    );
+    fs::write(place.join("load.toml"), toml).unwrap();
+
+    let mut coordinator = start_coordinator(place, "warn");
+    let (_, line) = coordinator.wait_for("workers may join with");
+    let watch = Watch::start(coordinator.process(), place.join("run"));
+    let began = Instant::now();
+    let records = work(WORKERS, 1, Effort::About(JOB), line.rsplit(' ').next().unwrap().to_owned());
+    let glances = watch.stop();
+    let finished = coordinator.finish();
+    check(&finished.json(), &records, place);
+
+    println!(
+        "| from, to | evaluations/s | memory | journal | poll p50, p99, longest |\n|---|---|---|---|---|"
+    );
+    let end = spans_end(&records);
+    let part = (end - began) / PARTS;
+    for number in 0..PARTS {
+        let within = began + part * number..began + part * (number + 1);
+        println!("| {} |", row(began, within, &glances, &records));
+    }
+    let peak = glances.iter().map(|glance| glance.memory).max().unwrap_or_default();
+    println!("largest resident memory to the end, tables included: {}", megabytes(peak));
+}
+
+/// Every answer that was given must be in the results.
+fn check(summary: &serde_json::Value, records: &[Record], place: &Path) {
+    let table = results::read_table(place.join("run"), TableName::Evaluations).unwrap();
+    let answered = table.column("worker").unwrap().str().unwrap().iter().flatten().count() as u64;
+    assert_eq!(summary["evaluations_computed"].as_u64().unwrap(), answered, "an answer to each evaluation");
+    let done: usize = records.iter().map(|record| record.spans.len()).sum();
+    assert!(done as u64 >= answered, "{done} jobs were done, {answered} are in the results");
+}
+
+fn spans_end(records: &[Record]) -> Instant {
+    let ends = records.iter().flat_map(|record| record.spans.last()).map(|span| span.end);
+    ends.max().expect("jobs")
+}
+
+fn row(began: Instant, within: Range<Instant>, glances: &[Glance], records: &[Record]) -> String {
+    let jobs =
+        records.iter().flat_map(|record| &record.spans).filter(|span| within.contains(&span.end)).count();
+    // One that hands in a result is not held back until there is a job: at the end of a generation there is none.
+    let polls = records.iter().flat_map(|record| &record.reports).filter(|poll| within.contains(&poll.sent));
+    let mut took: Vec<f64> = polls.map(|poll| poll.took.as_secs_f64()).collect();
+    took.sort_by(f64::total_cmp);
+    let last = glances.iter().rfind(|glance| within.contains(&glance.at)).expect("it was looked at");
+    let minutes = [within.start, within.end].map(|at| (at - began).as_secs_f64() / 60.0);
+    format!(
+        "{:.1}, {:.1} min | {:.0} | {} | {} | {}, {}, {}",
+        minutes[0],
+        minutes[1],
+        jobs as f64 / (within.end - within.start).as_secs_f64(),
+        megabytes(last.memory),
+        megabytes(last.journal),
+        time(percentile(&took, 0.5)),
+        time(percentile(&took, 0.99)),
+        time(took.last().copied().unwrap_or(f64::NAN)),
+    )
+}
+
+/// Looks at a coordinator, on a thread of its own.
+struct Watch {
+    stop: Arc<AtomicBool>,
+    thread: JoinHandle<Vec<Glance>>,
+}
+
+impl Watch {
+    fn start(process: u32, run: PathBuf) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = Arc::clone(&stop);
+        let thread = thread::spawn(move || {
+            let mut glances = Vec::new();
+            while !stopped.load(Ordering::Relaxed) {
+                let memory = programs::resident(process);
+                let journal = fs::metadata(run.join("journal.log")).map(|file| file.len()).ok();
+                let glance = |(memory, journal)| Glance { at: Instant::now(), memory, journal };
+                glances.extend(memory.zip(journal).map(glance));
+                thread::sleep(GLANCE);
+            }
+            glances
+        });
+        Self { stop, thread }
+    }
+
+    fn stop(self) -> Vec<Glance> {
+        self.stop.store(true, Ordering::Relaxed);
+        self.thread.join().unwrap()
+    }
+}
