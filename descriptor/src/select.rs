@@ -1,7 +1,10 @@
 //! Which of some flags are set, without branches.
 
+/// Places beyond those of all flags that [`select`] writes to.
+pub(crate) const ROOM: usize = 8;
+
 /// Appends `first` + i, for each flag i that is set, to the first `count` of `places`, ascending; how many there are then.
-/// There must be room for all flags and eight more.
+/// There must be room for all flags and [`ROOM`] more.
 ///
 /// Free of branches, as about half of the points of a block are neighbours, in no pattern that a processor could predict;
 /// eight points at once.
@@ -59,7 +62,7 @@ mod tests {
             blocks in prop::collection::vec(prop::collection::vec(any::<bool>(), N), 0..5),
             dense in 0u32..3,
         ) {
-            let mut places = vec![0; blocks.len() * N + 8];
+            let mut places = vec![0; blocks.len() * N + ROOM];
             let (mut expected, mut count) = (Vec::new(), 0);
             for (block, flags) in blocks.iter().enumerate() {
                 let flags: [bool; N] = std::array::from_fn(|place| match dense {

@@ -8,6 +8,7 @@ use crate::Cloud;
 use crate::cell_list::CellList;
 use crate::prepare::Normals;
 use crate::prepare_error::PrepareError;
+use crate::select::ROOM;
 
 /// Points that are passed over together if none of them can be a neighbour.
 pub(crate) const BLOCK: usize = 64;
@@ -61,9 +62,9 @@ impl Surface {
         Ok(surface)
     }
 
-    /// Room that [`select`] needs for the points of all blocks.
+    /// Room that [`crate::select::select`] needs for the points of all blocks.
     pub(crate) fn room(&self) -> usize {
-        self.boxes.len() * BLOCK + 8
+        self.boxes.len() * BLOCK + ROOM
     }
 
     /// The blocks that hold every point with d² ≤ `reach2`, and some more, by number: block b has the points from

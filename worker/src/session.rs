@@ -206,7 +206,7 @@ impl Session {
         if self.current != Some(accepted.session) {
             self.slots.clear();
             self.current = Some(accepted.session);
-            self.executor.name_run(accepted.session.to_string());
+            self.executor.name_run(accepted.session.to_string()).await;
             self.executor.set_audit(accepted.audit);
             tracing::info!("joined as {}", proto::printable(&accepted.name));
         }

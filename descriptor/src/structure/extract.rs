@@ -10,7 +10,7 @@ use crate::structure::channel::{Pairs, StructureChannel};
 use crate::structure::cloud::StructureCloud;
 use crate::structure::colours::mean_opponents;
 use crate::structure::counts::Counts;
-use crate::structure::lanes::{Group, Table};
+use crate::structure::lanes::{Group, Quads, Table};
 use crate::structure::pairs::count;
 use crate::structure::plan::StructurePlan;
 use crate::wide::widest;
@@ -99,37 +99,59 @@ pub(super) struct Counter<'a> {
     rows: &'a Rows,
     first: Group,
     second: Group,
+    /// The second minus the first.
+    apart: Group,
     blocks: Vec<u32>,
     near: Vec<u32>,
+    /// The values of the near points.
+    of_near: Quads,
     /// Those of the row that was counted last.
     pub(super) counts: Counts,
 }
 
 impl<'a> Counter<'a> {
     pub(super) fn new(plan: &'a StructurePlan, rows: &'a Rows) -> Self {
-        let [first, second] = [Group::EMPTY; 2];
-        let counts = Counts::new(plan.bins);
-        Self { plan, rows, first, second, blocks: Vec::new(), near: Vec::new(), counts }
+        let [first, second, apart] = [Group::EMPTY; 3];
+        let (blocks, near, of_near) = Default::default();
+        Self { plan, rows, first, second, apart, blocks, near, of_near, counts: Counts::new(plan.bins) }
     }
 
     /// Counts a row.
     #[inline(always)]
     pub(super) fn count(&mut self, row: usize) {
         let Self { plan, rows: Rows { keypoints, points }, .. } = *self;
-        match plan.channel.pairs {
-            Pairs::KeypointNeighbour => self.about(keypoints, row, points, false),
-            Pairs::Keypoints => self.about(keypoints, row, keypoints, true),
-            Pairs::Neighbours => {
-                let centre = keypoints.position(row);
-                points.blocks_within(centre, plan.reach2, &mut self.blocks);
-                points.points_within(centre, plan.reach2, &self.blocks, &mut self.near);
-                self.among(points);
+        let is_among = plan.channel.pairs != Pairs::KeypointNeighbour;
+        if plan.channel.pairs.is_sampled() {
+            self.find_near(row);
+            if plan.draws(self.near.len()) {
+                return self.draw(points);
             }
-            Pairs::Cloud => {
-                self.near.clear();
-                self.near.extend(0..points.points as u32);
-                self.among(points);
+        }
+        let near;
+        let (points, of_row, others) = match plan.channel.pairs {
+            Pairs::KeypointNeighbour => (keypoints, row..row + 1, points),
+            Pairs::Keypoints => (keypoints, row..row + 1, keypoints),
+            Pairs::Neighbours | Pairs::Cloud => {
+                near = points.gather(plan, &self.near);
+                (&near, 0..near.points, &near)
             }
+        };
+        for point in of_row {
+            self.about(points, point, others, is_among);
+        }
+    }
+
+    /// Finds the points whose pairs are a row's.
+    #[inline(always)]
+    fn find_near(&mut self, row: usize) {
+        let Self { plan, rows: Rows { keypoints, points }, blocks, near, .. } = self;
+        if plan.is_of_cloud() {
+            near.clear();
+            near.extend(0..points.points as u32);
+        } else {
+            let centre = keypoints.position(row);
+            points.blocks_within(centre, plan.reach2, blocks);
+            points.points_within(centre, plan.reach2, blocks, near);
         }
     }
 
@@ -137,7 +159,7 @@ impl<'a> Counter<'a> {
     #[inline(always)]
     fn about(&mut self, points: &Table, point: usize, others: &Table, is_among: bool) {
         const BLOCKS: usize = LANES / BLOCK;
-        let Self { plan, first, second, blocks, counts, .. } = self;
+        let Self { plan, first, second, apart, blocks, counts, .. } = self;
         first.repeat(points, point);
         others.blocks_within(points.position(point), plan.most2, blocks);
         for blocks in blocks.chunks(BLOCKS) {
@@ -151,33 +173,37 @@ impl<'a> Counter<'a> {
             {
                 second.clear(place * BLOCK + point % BLOCK);
             }
-            count(plan, [first, second], counts);
+            apart.subtract(plan.differences, first, second);
+            count(plan, [first, second], apart, counts);
         }
     }
 
-    /// Counts ordered pairs among the near points: those that are drawn, or all.
+    /// Counts the ordered pairs that are drawn among the near points.
     #[inline(always)]
-    fn among(&mut self, points: &Table) {
+    fn draw(&mut self, points: &Table) {
         let plan = self.plan;
-        if !plan.draws(self.near.len()) {
-            let near = points.gather(plan, &self.near);
-            for point in 0..near.points {
-                self.about(&near, point, &near, true);
-            }
-            return;
+        let Self { first, second, apart, near, of_near, counts, .. } = self;
+        let is_all = plan.is_of_cloud();
+        // Few points are copied together first: each is drawn several times.
+        let are_copied = !is_all && near.len() < 2 * plan.channel.samples as usize;
+        if are_copied {
+            of_near.take(plan.values, &points.quads, near);
         }
-        let Self { first, second, near, counts, .. } = self;
+        let quads = if are_copied { &*of_near } else { &points.quads };
         for group in 0..plan.draws.groups() {
             let (mut drawn, is_pair) = plan.draws.group(group, near.len() as u32);
-            for index in drawn.as_flattened_mut() {
-                *index = near[*index as usize];
+            if !is_all && !are_copied {
+                for index in drawn.as_flattened_mut() {
+                    *index = near[*index as usize];
+                }
             }
-            first.gather(plan.values_of_first, points, &drawn[0]);
-            second.gather(plan.values, points, &drawn[1]);
-            for (x, is_pair) in second.values[0].iter_mut().zip(is_pair) {
+            apart.gather_differences(plan.differences, quads, &drawn);
+            first.gather(plan.differences..plan.values_of_first, quads, &drawn[0]);
+            second.gather(plan.differences..plan.values, quads, &drawn[1]);
+            for (x, is_pair) in apart.values[0].iter_mut().zip(is_pair) {
                 *x = if is_pair { *x } else { f32::NAN };
             }
-            count(plan, [first, second], counts);
+            count(plan, [first, second], apart, counts);
         }
     }
 }

@@ -1,22 +1,27 @@
 //! Points value by value and in blocks, so that loops over them become vector loops.
 
 use std::borrow::Cow;
+use std::ops::Range;
+
+use pulp::NullaryFnOnce;
 
 use crate::prepare_error::PrepareError;
+use crate::select::{ROOM, select};
 use crate::structure::block::{BLOCK, LANES};
 use crate::structure::channel::StructureChannel;
 use crate::structure::cloud::Points;
 use crate::structure::colours::values;
 use crate::structure::plan::{Column, StructurePlan};
+use crate::wide::widest;
 
 /// Values of a point that are moved together.
 const QUAD: usize = 4;
 
-/// Most values of a point: position, normal and columns.
-const MAX_VALUES: usize = 6 + StructureChannel::MAX_AXES;
+/// Most values of a point, position, normal and columns, in whole quads.
+const MAX_VALUES: usize = (6 + StructureChannel::MAX_AXES).next_multiple_of(QUAD);
 
-/// Values of points, one in each lane, in the order of [`StructurePlan::values`]. No distance to a lane whose x is NaN
-/// counts.
+/// Values of points or their differences, one in each lane, in the order of [`StructurePlan::values`]. No distance to a
+/// lane whose x is NaN counts.
 pub(super) struct Group {
     pub(super) values: [[f32; LANES]; MAX_VALUES],
 }
@@ -42,8 +47,8 @@ impl Group {
 
     /// The normal in a lane, of a plan with angles.
     #[inline(always)]
-    pub(super) fn normal(&self, lane: usize) -> [f32; 3] {
-        [self.values[3][lane], self.values[4][lane], self.values[5][lane]]
+    pub(super) fn normal(&self, plan: &StructurePlan, lane: usize) -> [f32; 3] {
+        [0, 1, 2].map(|axis| self.values[plan.differences + axis][lane])
     }
 
     /// Empties a lane.
@@ -52,20 +57,86 @@ impl Group {
         self.values[0][lane] = f32::NAN;
     }
 
-    /// Takes over the first values of some points, lane by lane.
+    /// Takes over some values of some points, lane by lane, and maybe those beside them.
     #[inline(always)]
-    pub(super) fn gather(&mut self, values: usize, points: &Table, indices: &[u32; LANES]) {
-        let quads = points.quads.chunks_exact(points.points.max(1)).take(values.div_ceil(QUAD));
-        for (quads, lanes) in quads.zip(self.values.chunks_mut(QUAD)) {
+    pub(super) fn gather(&mut self, values: Range<usize>, points: &Quads, indices: &[u32; LANES]) {
+        for quad in values.start / QUAD..values.end.div_ceil(QUAD) {
+            let quads = points.quads(quad);
             let mut gathered = [[0.0; QUAD]; LANES];
             for (gathered, &index) in gathered.iter_mut().zip(indices) {
                 *gathered = quads[index as usize];
             }
-            for (value, lanes) in lanes.iter_mut().enumerate() {
-                for (lane, gathered) in lanes.iter_mut().zip(&gathered) {
-                    *lane = gathered[value];
+            self.turn(quad, &gathered);
+        }
+    }
+
+    /// Takes over the first values of some points minus those of others, lane by lane.
+    #[inline(always)]
+    pub(super) fn gather_differences(
+        &mut self,
+        values: usize,
+        points: &Quads,
+        [first, second]: &[[u32; LANES]; 2],
+    ) {
+        for quad in 0..values.div_ceil(QUAD) {
+            let quads = points.quads(quad);
+            let mut gathered = [[0.0; QUAD]; LANES];
+            for ((gathered, &first), &second) in gathered.iter_mut().zip(first).zip(second) {
+                let (first, second) = (quads[first as usize], quads[second as usize]);
+                for value in 0..QUAD {
+                    gathered[value] = second[value] - first[value];
                 }
             }
+            self.turn(quad, &gathered);
+        }
+    }
+
+    /// Turns values of one lane after the other into lanes of one value after the other.
+    #[inline(always)]
+    fn turn(&mut self, quad: usize, gathered: &[[f32; QUAD]; LANES]) {
+        let [a, b, c, d] = &mut self.values.as_chunks_mut::<QUAD>().0[quad];
+        // All four at once: of one value alone, the last lanes would be left to a loop without vectors.
+        for (lane, gathered) in gathered.iter().enumerate() {
+            [a[lane], b[lane], c[lane], d[lane]] = *gathered;
+        }
+    }
+
+    /// The first values of the points in each lane of `second` minus those of `first`.
+    #[inline(always)]
+    pub(super) fn subtract(&mut self, values: usize, first: &Self, second: &Self) {
+        for ((lanes, second), first) in
+            self.values.iter_mut().zip(&second.values).zip(&first.values).take(values)
+        {
+            for ((lane, second), first) in lanes.iter_mut().zip(second).zip(first) {
+                *lane = second - first;
+            }
+        }
+    }
+}
+
+/// Values of points, point after point, four at a time: of all points the first four, then the next.
+#[derive(Default)]
+pub(super) struct Quads {
+    /// Number of points.
+    points: usize,
+    values: Vec<[f32; QUAD]>,
+}
+
+impl Quads {
+    /// Four values of all points.
+    #[inline(always)]
+    fn quads(&self, quad: usize) -> &[[f32; QUAD]] {
+        &self.values[quad * self.points..][..self.points]
+    }
+
+    /// Takes over some points of others.
+    #[inline(always)]
+    pub(super) fn take(&mut self, values: usize, points: &Self, indices: &[u32]) {
+        self.points = indices.len();
+        self.values.clear();
+        for quad in 0..values.div_ceil(QUAD) {
+            let quads = points.quads(quad);
+            self.values.extend(indices.iter().map(|&index| quads[index as usize]));
         }
     }
 }
@@ -81,9 +152,8 @@ pub(super) struct Table {
     stride: usize,
     /// Lowest x, y, z and highest x, y, z of each block, like columns; infinite where there is no block.
     boxes: [Vec<f32>; 6],
-    /// The same values point after point, four at a time: of all points the first four, then the next. Empty unless pairs
-    /// are drawn.
-    quads: Vec<[f32; QUAD]>,
+    /// The same values; empty unless pairs are drawn.
+    pub(super) quads: Quads,
 }
 
 impl Table {
@@ -101,13 +171,8 @@ impl Table {
         let is_used = |index: &usize| !needs_normals || points.normals[*index].is_some();
         let used: Vec<usize> = (0..points.positions.len()).filter(is_used).collect();
         let mut table = Self::of_size(plan, used.len());
-        for axis in 0..3 {
-            table.column(axis).zip(&used).for_each(|(value, &index)| *value = points.positions[index][axis]);
-            if plan.has_angles {
-                let normal = |index: usize| points.normals[index].unwrap_or_default()[axis];
-                table.column(3 + axis).zip(&used).for_each(|(value, &index)| *value = normal(index));
-            }
-        }
+        let normal = plan.has_angles.then_some(plan.differences);
+        widest(Place { table: &mut table, points, used: &used, normal });
         let colours: Cow<[[u8; 3]]> = if used.len() == points.positions.len() {
             Cow::Borrowed(colours)
         } else {
@@ -150,41 +215,36 @@ impl Table {
 
     /// Makes what points are found by.
     fn finish(&mut self, plan: &StructurePlan) {
-        self.find_boxes();
         if plan.draws(self.points) {
             let zeros = vec![0.0; self.stride];
-            self.quads.reserve_exact(plan.values.div_ceil(QUAD) * self.points);
+            self.quads.points = self.points;
+            self.quads.values.reserve_exact(plan.values.div_ceil(QUAD) * self.points);
             for columns in self.columns.chunks(QUAD * self.stride) {
                 let column = |number: usize| columns.chunks_exact(self.stride).nth(number).unwrap_or(&zeros);
                 let [a, b, c, d] = [0, 1, 2, 3].map(column);
                 let quads = a.iter().zip(b).zip(c).zip(d).map(|(((&a, &b), &c), &d)| [a, b, c, d]);
-                self.quads.extend(quads.take(self.points));
+                self.quads.values.extend(quads.take(self.points));
             }
         }
     }
 
+    #[inline(always)]
     fn find_boxes(&mut self) {
-        let blocks = self.points.div_ceil(BLOCK);
-        let boxes = blocks.next_multiple_of(BLOCK);
-        for (axis, column) in self.columns.chunks_exact(self.stride).take(3).enumerate() {
-            let used = column[..self.points].chunks(BLOCK);
-            // A NaN is neither: nothing is near it.
-            let extremes = used.map(|block| {
-                block.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], &value| {
-                    [if value < low { value } else { low }, if value > high { value } else { high }]
-                })
-            });
-            let (mut low, mut high): (Vec<f32>, Vec<f32>) = extremes.map(|[low, high]| (low, high)).unzip();
-            low.resize(boxes, f32::INFINITY);
-            high.resize(boxes, f32::INFINITY);
-            [self.boxes[axis], self.boxes[3 + axis]] = [low, high];
+        let boxes = self.points.div_ceil(BLOCK).next_multiple_of(BLOCK);
+        let (low, high) = self.boxes.split_at_mut(3);
+        for (column, (low, high)) in self.columns.chunks_exact(self.stride).zip(low.iter_mut().zip(high)) {
+            *low = vec![f32::INFINITY; boxes];
+            *high = vec![f32::INFINITY; boxes];
+            // A column without points is one block of NaN, for which there is no box.
+            for ((block, low), high) in column.as_chunks::<BLOCK>().0.iter().zip(low).zip(high) {
+                [*low, *high] = extremes(block);
+            }
         }
     }
 
     /// Finds the blocks that may have a point that near, in their order.
     #[inline(always)]
     pub(super) fn blocks_within(&self, [x, y, z]: [f32; 3], reach2: f32, found: &mut Vec<u32>) {
-        found.clear();
         let columns = self.boxes.each_ref().map(|values| values.as_chunks::<BLOCK>().0);
         let [low_x, low_y, low_z, high_x, high_y, high_z] = columns;
         // Rounds like the distances of points: differences and squares never decrease with the distance along an axis.
@@ -193,35 +253,40 @@ impl Table {
             let most = if below > above { below } else { above };
             if most > 0.0 { most * most } else { 0.0 }
         };
+        let mut count = 0;
+        found.resize(low_x.len() * BLOCK + ROOM, 0);
         for place in 0..low_x.len() {
-            let mut d2 = [0.0; BLOCK];
-            for (lane, d2) in d2.iter_mut().enumerate() {
+            let mut is_near = [false; BLOCK];
+            for (lane, is_near) in is_near.iter_mut().enumerate() {
                 let dx = outside(low_x[place][lane], x, high_x[place][lane]);
                 let dy = outside(low_y[place][lane], y, high_y[place][lane]);
                 let dz = outside(low_z[place][lane], z, high_z[place][lane]);
-                *d2 = dx + dy + dz;
+                *is_near = dx + dy + dz <= reach2;
             }
-            keep(place * BLOCK, &d2, reach2, found);
+            count = select(&is_near, (place * BLOCK) as u32, found, count);
         }
+        found.truncate(count);
     }
 
     /// Finds the points within reach of a place among these blocks, in their order.
     #[inline(always)]
     pub(super) fn points_within(&self, centre: [f32; 3], reach2: f32, blocks: &[u32], found: &mut Vec<u32>) {
-        found.clear();
         let (x, rest) = self.columns.split_at(self.stride);
         let (y, z) = rest.split_at(self.stride);
         let [x, y, z] = [x, y, z].map(|column| column.as_chunks::<BLOCK>().0);
+        let mut count = 0;
+        found.resize(blocks.len() * BLOCK + ROOM, 0);
         for &block in blocks {
             let place = block as usize;
-            let mut d2 = [0.0; BLOCK];
-            for (lane, d2) in d2.iter_mut().enumerate() {
+            let mut is_near = [false; BLOCK];
+            for (lane, is_near) in is_near.iter_mut().enumerate() {
                 let [dx, dy, dz] =
                     [x[place][lane] - centre[0], y[place][lane] - centre[1], z[place][lane] - centre[2]];
-                *d2 = dx * dx + dy * dy + dz * dz;
+                *is_near = dx * dx + dy * dy + dz * dz <= reach2;
             }
-            keep(place * BLOCK, &d2, reach2, found);
+            count = select(&is_near, (place * BLOCK) as u32, found, count);
         }
+        found.truncate(count);
     }
 
     /// A point's position, metres.
@@ -231,26 +296,59 @@ impl Table {
     }
 }
 
-/// Appends the numbers of those whose squared distance is within the limit.
+/// The lowest and the highest value; a NaN is neither: nothing is near it.
 #[inline(always)]
-fn keep(first: usize, d2: &[f32; BLOCK], limit2: f32, found: &mut Vec<u32>) {
-    let before = found.len();
-    found.resize(before + BLOCK, 0);
-    let Some(kept) = found.last_chunk_mut::<BLOCK>() else { return };
-    // Free of branches: some are within reach, in no pattern a processor could predict.
-    let mut count = 0;
-    for (lane, &d2) in d2.iter().enumerate() {
-        kept[count % BLOCK] = (first + lane) as u32;
-        count += usize::from(d2 <= limit2);
+fn extremes(block: &[f32; BLOCK]) -> [f32; 2] {
+    let (mut low, mut high) = ([f32::INFINITY; BLOCK], [f32::NEG_INFINITY; BLOCK]);
+    for lane in 0..BLOCK {
+        low[lane] = if block[lane] < f32::INFINITY { block[lane] } else { f32::INFINITY };
+        high[lane] = if block[lane] > f32::NEG_INFINITY { block[lane] } else { f32::NEG_INFINITY };
     }
-    found.truncate(before + count);
+    for half in [8, 4, 2, 1] {
+        for lane in 0..half {
+            low[lane] = if low[lane + half] < low[lane] { low[lane + half] } else { low[lane] };
+            high[lane] = if high[lane + half] > high[lane] { high[lane + half] } else { high[lane] };
+        }
+    }
+    [low[0], high[0]]
+}
+
+/// Fills a table's positions, its normals, and the boxes about its blocks.
+struct Place<'a> {
+    table: &'a mut Table,
+    points: &'a Points,
+    used: &'a [usize],
+    /// Where the normal is among the values, if it is one.
+    normal: Option<usize>,
+}
+
+impl NullaryFnOnce for Place<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        let Self { table, points, used, normal } = self;
+        for axis in 0..3 {
+            let column = &mut table.columns[axis * table.stride..][..used.len()];
+            for (value, &index) in column.iter_mut().zip(used) {
+                *value = points.positions[index][axis];
+            }
+            if let Some(normal) = normal {
+                let column = &mut table.columns[(normal + axis) * table.stride..][..used.len()];
+                for (value, &index) in column.iter_mut().zip(used) {
+                    *value = points.normals[index].unwrap_or_default()[axis];
+                }
+            }
+        }
+        table.find_boxes();
+    }
 }
 
 impl Column {
     /// The values of points of these colours.
     fn values(&self, colours: &[[u8; 3]], mean: [i32; 2]) -> Vec<f32> {
         let axes = match self {
-            Self::Value(feature) => return values(*feature, colours, mean),
+            Self::Difference(feature) | Self::Ratio(feature) => return values(*feature, colours, mean),
             Self::Code(axes) => axes,
         };
         let mut codes = vec![0u32; colours.len()];

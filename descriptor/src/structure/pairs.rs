@@ -8,6 +8,8 @@
 //! f₁ = atan2(b − c·a, c·|x|)    f₂ = x·n/|x|    f₃ = a/|d|
 //! ```
 
+use std::hint::black_box;
+
 use crate::structure::block::LANES;
 use crate::structure::counts::Counts;
 use crate::structure::edges::Turns;
@@ -17,10 +19,10 @@ use crate::structure::plan::{Measure, PairBins, StructurePlan};
 /// A number of each pair.
 type Lanes = [f32; LANES];
 
-/// Counts the pairs of the points in equal lanes of two groups.
+/// Counts the pairs of the points in equal lanes of two groups, whose differences are `apart`.
 #[inline(always)]
-pub(super) fn count(plan: &StructurePlan, [first, second]: [&Group; 2], counts: &mut Counts) {
-    let pairs = Pairs::new(plan, first, second);
+pub(super) fn count(plan: &StructurePlan, [first, second]: [&Group; 2], apart: &Group, counts: &mut Counts) {
+    let pairs = Pairs::new(plan, [first, second], apart);
     let shells = pairs.shells(plan);
     for histogram in &plan.histograms {
         let mut codes = [histogram.first; LANES];
@@ -30,11 +32,13 @@ pub(super) fn count(plan: &StructurePlan, [first, second]: [&Group; 2], counts: 
             }
         }
         for axis in &histogram.axes {
+            // Compilers would compute roots and quotients of all features before this loop, although one is wanted.
+            let pairs = black_box(&pairs);
             let bins = match &axis.bins {
                 PairBins::Distance { per_metre, last } => pairs.distances(*per_metre, *last),
                 PairBins::Turn(turns) => pairs.turns(turns),
                 PairBins::Edges(measure, edges) => {
-                    reached(&pairs.values(plan, *measure, [first, second]), edges)
+                    reached(&pairs.values(plan, *measure, [first, second], apart), edges)
                 }
             };
             for (code, bin) in codes.iter_mut().zip(bins) {
@@ -67,29 +71,25 @@ struct Pairs {
 
 impl Pairs {
     #[inline(always)]
-    fn new(plan: &StructurePlan, first: &Group, second: &Group) -> Self {
+    fn new(plan: &StructurePlan, [first, second]: [&Group; 2], apart: &Group) -> Self {
         const ZEROS: Lanes = [0.0; LANES];
         let mut pairs = Self { d2: ZEROS, cosine: ZEROS, along: [ZEROS; 2], across2: ZEROS, across: ZEROS };
-        let mut d = [ZEROS; 3];
-        for ((d, second), first) in d.iter_mut().zip(&second.values).zip(&first.values) {
-            for ((d, second), first) in d.iter_mut().zip(second).zip(first) {
-                *d = second - first;
-            }
-        }
+        let [x, y, z, ..] = &apart.values;
+        let d = [x, y, z];
         for (lane, d2) in pairs.d2.iter_mut().enumerate() {
-            let [x, y, z] = at(&d, lane);
+            let [x, y, z] = at(d, lane);
             *d2 = x * x + y * y + z * z;
         }
         if plan.has_angles {
             for lane in 0..LANES {
-                let (m, n) = (first.normal(lane), second.normal(lane));
+                let (m, n) = (first.normal(plan, lane), second.normal(plan, lane));
                 pairs.cosine[lane] = m[0] * n[0] + m[1] * n[1] + m[2] * n[2];
             }
         }
         if plan.has_frame {
             for lane in 0..LANES {
-                let (m, n) = (first.normal(lane), second.normal(lane));
-                let [x, y, z] = at(&d, lane);
+                let (m, n) = (first.normal(plan, lane), second.normal(plan, lane));
+                let [x, y, z] = at(d, lane);
                 pairs.along[0][lane] = m[0] * x + m[1] * y + m[2] * z;
                 pairs.along[1][lane] = n[0] * x + n[1] * y + n[2] * z;
                 let cross = [y * m[2] - z * m[1], z * m[0] - x * m[2], x * m[1] - y * m[0]];
@@ -160,8 +160,7 @@ impl Pairs {
 
     /// Values that edges are compared with.
     #[inline(always)]
-    fn values(&self, plan: &StructurePlan, measure: Measure, points: [&Group; 2]) -> Lanes {
-        let of_points = |column: usize| points.map(|group| &group.values[plan.place_of_column(column)]);
+    fn values(&self, plan: &StructurePlan, measure: Measure, points: [&Group; 2], apart: &Group) -> Lanes {
         let mut values = [0.0; LANES];
         match measure {
             Measure::Angle => {
@@ -179,14 +178,9 @@ impl Pairs {
                     *value = self.along[0][lane] / self.d2[lane].sqrt();
                 }
             }
-            Measure::Difference(column) => {
-                let [first, second] = of_points(column);
-                for (lane, value) in values.iter_mut().enumerate() {
-                    *value = second[lane] - first[lane];
-                }
-            }
+            Measure::Difference(column) => values = apart.values[plan.place_of_column(column)],
             Measure::Ratio(column) => {
-                let [first, second] = of_points(column);
+                let [first, second] = points.map(|group| &group.values[plan.place_of_column(column)]);
                 for (lane, value) in values.iter_mut().enumerate() {
                     *value = ratio(first[lane], second[lane]);
                 }
@@ -201,7 +195,7 @@ impl Pairs {
 
 /// A lane of three. Not by `array::map`, which can stay a function of its own, and then the loop has no vectors.
 #[inline(always)]
-fn at(vectors: &[Lanes; 3], lane: usize) -> [f32; 3] {
+fn at(vectors: [&Lanes; 3], lane: usize) -> [f32; 3] {
     [vectors[0][lane], vectors[1][lane], vectors[2][lane]]
 }
 

@@ -28,10 +28,15 @@ pub struct StructurePlan {
     pub(super) histograms: Vec<Histogram>,
     /// What is computed of each point's colour beforehand.
     pub(super) columns: Vec<Column>,
-    /// What is known of a point: position, normal if a feature is made of normals, columns.
+    /// How many values of a point there are. First those of which a pair only needs the difference: position, columns of
+    /// differences. Then the normal, if a feature is made of normals, columns of ratios, and codes.
     pub(super) values: usize,
-    /// The first of these that a pair's first point needs; what is left out are codes at the end.
+    /// The first of these: differences are enough.
+    pub(super) differences: usize,
+    /// The first of these: all that a pair's first point needs. What is left out are codes.
     pub(super) values_of_first: usize,
+    /// Where each column is among the values.
+    places: Vec<usize>,
     /// Which pairs are drawn.
     pub(super) draws: Draws,
     /// Whether a feature is made of the normals, and whether of their frame.
@@ -53,8 +58,10 @@ pub(super) struct Histogram {
 /// What is computed of each point's colour once for all of its pairs.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Column {
-    /// What a pair's feature is made of.
-    Value(Feature),
+    /// What is subtracted.
+    Difference(Feature),
+    /// What is divided.
+    Ratio(Feature),
     /// The bins of features of a single point, as their part of a code.
     Code(Vec<PointAxis>),
 }
@@ -127,7 +134,9 @@ impl StructurePlan {
             histograms: Vec::new(),
             columns: Vec::new(),
             values: 0,
+            differences: 0,
             values_of_first: 0,
+            places: Vec::new(),
             draws: Draws::new(if channel.pairs.is_sampled() { channel.samples } else { 0 }),
             has_angles: channel.axes.iter().any(|axis| axis.feature.needs_normals()),
             has_frame: channel.axes.iter().any(|axis| axis.feature.needs_frame()),
@@ -141,17 +150,35 @@ impl StructurePlan {
             plan.histogram_bins = if first == 0 { bins } else { plan.histogram_bins };
             first += bins;
         }
-        let is_value = |column: &Column| matches!(column, Column::Value(_));
-        plan.values = plan.place_of_column(plan.columns.len());
-        plan.values_of_first =
-            plan.place_of_column(plan.columns.iter().rposition(is_value).map_or(0, |last| last + 1));
+        plan.place_columns();
         plan
+    }
+
+    /// Orders the values of a point.
+    fn place_columns(&mut self) {
+        let kind = |column: &Column| match column {
+            Column::Difference(_) => 0,
+            Column::Ratio(_) => 1,
+            Column::Code(_) => 2,
+        };
+        let count = |wanted: usize| self.columns.iter().filter(|column| kind(column) == wanted).count();
+        self.differences = 3 + count(0);
+        let ratios = self.differences + if self.has_angles { 3 } else { 0 };
+        self.values_of_first = ratios + count(1);
+        self.values = self.values_of_first + count(2);
+        let mut next = [3, ratios, self.values_of_first];
+        let mut place = |column: &Column| {
+            let place = &mut next[kind(column)];
+            *place += 1;
+            *place - 1
+        };
+        self.places = self.columns.iter().map(&mut place).collect();
     }
 
     /// Where a column is among the values of a point.
     #[inline(always)]
     pub(super) fn place_of_column(&self, column: usize) -> usize {
-        column + if self.has_angles { 6 } else { 3 }
+        self.places[column]
     }
 
     /// Adds a histogram of axes, of which the first has the largest stride.
@@ -193,10 +220,10 @@ impl StructurePlan {
             Feature::A2 => Measure::A2,
             Feature::A3 => Measure::A3,
             Feature::LogRed | Feature::LogGreen | Feature::LogBlue | Feature::O1 | Feature::O2 => {
-                Measure::Difference(self.add_column(Column::Value(feature)))
+                Measure::Difference(self.add_column(Column::Difference(feature)))
             }
             Feature::RatioRed | Feature::RatioGreen | Feature::RatioBlue => {
-                Measure::Ratio(self.add_column(Column::Value(feature)))
+                Measure::Ratio(self.add_column(Column::Ratio(feature)))
             }
             Feature::Hue
             | Feature::Saturation

@@ -68,12 +68,15 @@ pub(super) struct Matcher {
     /// Where prepared clouds come from.
     pub(super) loader: CloudLoader,
     reuse: Mutex<Reuse>,
+    /// Signatures on this machine's disk.
+    pub(super) files: signature_files::Writer,
 }
 
 impl Matcher {
     /// With clouds from `loader`; keeps up to a share of `memory`.
     pub(super) fn new(loader: CloudLoader, memory: ByteSize) -> Self {
-        Self { loader, reuse: Mutex::new(Reuse::new(Shares::of(memory).reuse)) }
+        let files = signature_files::Writer::new(Arc::clone(&loader.store));
+        Self { loader, reuse: Mutex::new(Reuse::new(Shares::of(memory).reuse)), files }
     }
 
     fn reuse(&self) -> MutexGuard<'_, Reuse> {
@@ -223,9 +226,7 @@ impl Matcher {
             let (signatures, key) = (Arc::new(signatures), &wanted.keys[index]);
             self.loader.work().described += signatures.clouds() as u64;
             self.reuse().keep_signatures(manifest.digest, key, &signatures);
-            let (store, manifest) = (Arc::clone(&self.loader.store), Arc::clone(manifest));
-            let (key, kept) = (key.clone(), Arc::clone(&signatures));
-            self.loader.computing.run(move || signature_files::keep(&store, &manifest, &key, &kept)).await;
+            self.files.keep(manifest, key, &signatures).await;
             found[index] = Some(signatures);
         }
         Ok(found)

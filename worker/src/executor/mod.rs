@@ -75,8 +75,14 @@ impl Executor {
     }
 
     /// From here on, what is kept on disk is noted as made for this run.
-    pub fn name_run(&self, run: String) {
+    pub async fn name_run(&self, run: String) {
+        self.settle().await;
         self.store.name_run(run);
+    }
+
+    /// Waits until everything that is to be kept on disk is there.
+    async fn settle(&self) {
+        self.matcher.files.settle().await;
     }
 
     /// From here on, this share of the clouds that others have prepared is prepared again.

@@ -2,9 +2,12 @@
 //!
 //! Only those of structures: other families describe clouds again as fast as their signatures are read.
 
+use std::sync::Arc;
+
 use cache::Store;
 use descriptor::{Channel, Descriptor, Signatures};
 use proto::Digest;
+use tokio::sync::Semaphore;
 
 use crate::executor::manifest::Manifest;
 use crate::executor::reuse::Key;
@@ -31,8 +34,39 @@ pub fn load(store: &Store, manifest: &Manifest, key: &Key) -> Option<Signatures>
     }
 }
 
+/// Most files that are being written: their signatures stay in memory until they are.
+const MOST: u32 = 8;
+
+/// Writes files while others compute.
+pub struct Writer {
+    store: Arc<Store>,
+    room: Arc<Semaphore>,
+}
+
+impl Writer {
+    pub fn new(store: Arc<Store>) -> Self {
+        Self { store, room: Arc::new(Semaphore::new(MOST as usize)) }
+    }
+
+    /// Keeps the signatures of a split in a channel, soon.
+    pub async fn keep(&self, manifest: &Arc<Manifest>, key: &Key, signatures: &Arc<Signatures>) {
+        let Ok(place) = Arc::clone(&self.room).acquire_owned().await else { return }; // it is never closed
+        let (store, manifest, key) = (Arc::clone(&self.store), Arc::clone(manifest), key.clone());
+        let signatures = Arc::clone(signatures);
+        tokio::task::spawn_blocking(move || {
+            keep(&store, &manifest, &key, &signatures);
+            drop(place);
+        });
+    }
+
+    /// Waits until everything is written.
+    pub async fn settle(&self) {
+        let _all = self.room.acquire_many(MOST).await;
+    }
+}
+
 /// Keeps the signatures of a split in a channel.
-pub fn keep(store: &Store, manifest: &Manifest, key: &Key, signatures: &Signatures) {
+fn keep(store: &Store, manifest: &Manifest, key: &Key, signatures: &Signatures) {
     if let Some(alone) = Descriptor::of_channel(&key.1).filter(|_| store.is_kept()) {
         let bytes = alone.encode_signatures(&[signatures]);
         store.put_local(SIGNATURES, entry_key(manifest, key), &bytes);

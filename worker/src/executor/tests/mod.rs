@@ -133,7 +133,9 @@ fn executor(archive: &Archive, memory: ByteSize, store: &Arc<Store>) -> Arc<Exec
 }
 
 async fn carry_out(executor: &Arc<Executor>, task: Task) -> TaskResult {
-    Arc::clone(executor).carry_out(task).await.unwrap()
+    let result = Arc::clone(executor).carry_out(task).await.unwrap();
+    executor.settle().await;
+    result
 }
 
 /// Carries out training and validation of all descriptors, and compares with the plain evaluations.
