@@ -25,6 +25,8 @@ pub struct JobStore {
     entries: BTreeMap<JobId, Entry>,
     /// Index: the entries whose job is open.
     open: BTreeSet<JobId>,
+    /// Reports by job and attempt that were accepted and are not known to be on the disk: the worker keeps them.
+    pending: BTreeMap<(JobId, u32), LogSequence>,
     /// Jobs that check an accepted result so far, which names the next.
     checks: u32,
     /// How many of them have no result.
@@ -44,8 +46,6 @@ struct Entry {
     /// Leases that an earlier start granted, until this one asks for the job.
     earlier_leases: Vec<(WorkerId, u32)>,
     result: Option<Box<StoredResult>>,
-    /// Reports of it that were accepted and are not known to be on the disk: the worker keeps them.
-    pending: BTreeMap<u32, LogSequence>,
     /// The job whose accepted result it checks, and whether it still has to.
     check: Option<(JobId, bool)>,
     /// Whether and how the evaluation is sharded, once that is decided.
@@ -331,7 +331,7 @@ impl JobStore {
 impl JobStore {
     /// Notes that the report on a lease was accepted, and will be on the disk with this entry of the journal.
     pub fn set_pending(&mut self, job: JobId, attempt: u32, sequence: LogSequence) {
-        self.entries.entry(job).or_default().pending.insert(attempt, sequence);
+        self.pending.insert((job, attempt), sequence);
     }
 
     /// Takes out of `acknowledged` the reports that are not on the disk.
@@ -341,10 +341,10 @@ impl JobStore {
         is_durable: impl Fn(LogSequence) -> bool,
     ) -> Vec<Lease> {
         let is_pending = |lease: &mut Lease| {
-            let Some(entry) = self.entries.get_mut(&lease.job) else { return false };
-            let pending = entry.pending.get(&lease.attempt).copied();
+            let report = (lease.job, lease.attempt);
+            let pending = self.pending.get(&report).copied();
             if pending.is_some_and(&is_durable) {
-                entry.pending.remove(&lease.attempt);
+                self.pending.remove(&report);
                 return false;
             }
             pending.is_some()
@@ -354,7 +354,7 @@ impl JobStore {
 
     /// The entry of the journal with which the last of these reports is on the disk.
     pub fn last_pending(&self, leases: &[Lease]) -> Option<LogSequence> {
-        let pending = |lease: &Lease| self.entries.get(&lease.job)?.pending.get(&lease.attempt).copied();
+        let pending = |lease: &Lease| self.pending.get(&(lease.job, lease.attempt)).copied();
         leases.iter().filter_map(pending).max()
     }
 }
