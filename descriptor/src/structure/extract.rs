@@ -10,9 +10,11 @@ use crate::structure::channel::{Pairs, StructureChannel};
 use crate::structure::cloud::StructureCloud;
 use crate::structure::colours::mean_opponents;
 use crate::structure::counts::Counts;
-use crate::structure::lanes::{Group, Quads, Table};
+use crate::structure::group::Group;
+use crate::structure::lanes::Table;
 use crate::structure::pairs::count;
 use crate::structure::plan::StructurePlan;
+use crate::structure::quads::Quads;
 use crate::wide::widest;
 
 impl StructureChannel {

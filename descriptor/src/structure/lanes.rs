@@ -1,145 +1,17 @@
 //! Points value by value and in blocks, so that loops over them become vector loops.
 
 use std::borrow::Cow;
-use std::ops::Range;
 
 use pulp::NullaryFnOnce;
 
 use crate::prepare_error::PrepareError;
 use crate::select::{ROOM, select};
-use crate::structure::block::{BLOCK, LANES};
-use crate::structure::channel::StructureChannel;
+use crate::structure::block::BLOCK;
 use crate::structure::cloud::Points;
 use crate::structure::colours::values;
 use crate::structure::plan::{Column, StructurePlan};
+use crate::structure::quads::Quads;
 use crate::wide::widest;
-
-/// Values of a point that are moved together.
-const QUAD: usize = 4;
-
-/// Most values of a point, position, normal and columns, in whole quads.
-const MAX_VALUES: usize = (6 + StructureChannel::MAX_AXES).next_multiple_of(QUAD);
-
-/// Values of points or their differences, one in each lane, in the order of [`StructurePlan::values`]. No distance to a
-/// lane whose x is NaN counts.
-pub(super) struct Group {
-    pub(super) values: [[f32; LANES]; MAX_VALUES],
-}
-
-impl Group {
-    pub(super) const EMPTY: Self = Self { values: [[f32::NAN; LANES]; MAX_VALUES] };
-
-    /// Takes over one point in all lanes.
-    #[inline(always)]
-    pub(super) fn repeat(&mut self, points: &Table, point: usize) {
-        for (lanes, value) in self.values.iter_mut().zip(points.values_of(point)) {
-            *lanes = [value; LANES];
-        }
-    }
-
-    /// Takes over a block of points as one of the group's own blocks.
-    #[inline(always)]
-    pub(super) fn copy_block(&mut self, place: usize, points: &Table, block: usize) {
-        for (lanes, column) in self.values.iter_mut().zip(points.columns.chunks_exact(points.stride)) {
-            lanes[place * BLOCK..][..BLOCK].copy_from_slice(&column[block * BLOCK..][..BLOCK]);
-        }
-    }
-
-    /// The normal in a lane, of a plan with angles.
-    #[inline(always)]
-    pub(super) fn normal(&self, plan: &StructurePlan, lane: usize) -> [f32; 3] {
-        [0, 1, 2].map(|axis| self.values[plan.differences + axis][lane])
-    }
-
-    /// Empties a lane.
-    #[inline(always)]
-    pub(super) fn clear(&mut self, lane: usize) {
-        self.values[0][lane] = f32::NAN;
-    }
-
-    /// Takes over some values of some points, lane by lane, and maybe those beside them.
-    #[inline(always)]
-    pub(super) fn gather(&mut self, values: Range<usize>, points: &Quads, indices: &[u32; LANES]) {
-        for quad in values.start / QUAD..values.end.div_ceil(QUAD) {
-            let quads = points.quads(quad);
-            let mut gathered = [[0.0; QUAD]; LANES];
-            for (gathered, &index) in gathered.iter_mut().zip(indices) {
-                *gathered = quads[index as usize];
-            }
-            self.turn(quad, &gathered);
-        }
-    }
-
-    /// Takes over the first values of some points minus those of others, lane by lane.
-    #[inline(always)]
-    pub(super) fn gather_differences(
-        &mut self,
-        values: usize,
-        points: &Quads,
-        [first, second]: &[[u32; LANES]; 2],
-    ) {
-        for quad in 0..values.div_ceil(QUAD) {
-            let quads = points.quads(quad);
-            let mut gathered = [[0.0; QUAD]; LANES];
-            for ((gathered, &first), &second) in gathered.iter_mut().zip(first).zip(second) {
-                let (first, second) = (quads[first as usize], quads[second as usize]);
-                for value in 0..QUAD {
-                    gathered[value] = second[value] - first[value];
-                }
-            }
-            self.turn(quad, &gathered);
-        }
-    }
-
-    /// Turns values of one lane after the other into lanes of one value after the other.
-    #[inline(always)]
-    fn turn(&mut self, quad: usize, gathered: &[[f32; QUAD]; LANES]) {
-        let [a, b, c, d] = &mut self.values.as_chunks_mut::<QUAD>().0[quad];
-        // All four at once: of one value alone, the last lanes would be left to a loop without vectors.
-        for (lane, gathered) in gathered.iter().enumerate() {
-            [a[lane], b[lane], c[lane], d[lane]] = *gathered;
-        }
-    }
-
-    /// The first values of the points in each lane of `second` minus those of `first`.
-    #[inline(always)]
-    pub(super) fn subtract(&mut self, values: usize, first: &Self, second: &Self) {
-        for ((lanes, second), first) in
-            self.values.iter_mut().zip(&second.values).zip(&first.values).take(values)
-        {
-            for ((lane, second), first) in lanes.iter_mut().zip(second).zip(first) {
-                *lane = second - first;
-            }
-        }
-    }
-}
-
-/// Values of points, point after point, four at a time: of all points the first four, then the next.
-#[derive(Default)]
-pub(super) struct Quads {
-    /// Number of points.
-    points: usize,
-    values: Vec<[f32; QUAD]>,
-}
-
-impl Quads {
-    /// Four values of all points.
-    #[inline(always)]
-    fn quads(&self, quad: usize) -> &[[f32; QUAD]] {
-        &self.values[quad * self.points..][..self.points]
-    }
-
-    /// Takes over some points of others.
-    #[inline(always)]
-    pub(super) fn take(&mut self, values: usize, points: &Self, indices: &[u32]) {
-        self.points = indices.len();
-        self.values.clear();
-        for quad in 0..values.div_ceil(QUAD) {
-            let quads = points.quads(quad);
-            self.values.extend(indices.iter().map(|&index| quads[index as usize]));
-        }
-    }
-}
 
 /// The points that a channel can use, in their order.
 #[derive(Default)]
@@ -182,7 +54,9 @@ impl Table {
             let values = column.values(&colours, mean);
             table.column(plan.place_of_column(number)).zip(values).for_each(|(place, value)| *place = value);
         }
-        table.finish(plan);
+        if plan.draws(table.points) {
+            table.quads = Quads::new(table.points, &table.columns, table.stride);
+        }
         Ok(table)
     }
 
@@ -190,7 +64,7 @@ impl Table {
     #[inline(always)]
     pub(super) fn gather(&self, plan: &StructurePlan, points: &[u32]) -> Self {
         let mut gathered = Self::of_size(plan, points.len());
-        for (value, column) in self.columns.chunks_exact(self.stride).enumerate() {
+        for (value, column) in self.columns().enumerate() {
             gathered.column(value).zip(points).for_each(|(value, &point)| *value = column[point as usize]);
         }
         gathered.find_boxes();
@@ -208,24 +82,16 @@ impl Table {
         self.columns[value * self.stride..][..self.points].iter_mut()
     }
 
-    /// The values of a point.
-    fn values_of(&self, point: usize) -> impl Iterator<Item = f32> {
-        self.columns.chunks_exact(self.stride).map(move |column| column[point])
+    /// The values of all points, and NaN after the last one, value after value.
+    #[inline(always)]
+    pub(super) fn columns(&self) -> impl Iterator<Item = &[f32]> {
+        self.columns.chunks_exact(self.stride)
     }
 
-    /// Makes what points are found by.
-    fn finish(&mut self, plan: &StructurePlan) {
-        if plan.draws(self.points) {
-            let zeros = vec![0.0; self.stride];
-            self.quads.points = self.points;
-            self.quads.values.reserve_exact(plan.values.div_ceil(QUAD) * self.points);
-            for columns in self.columns.chunks(QUAD * self.stride) {
-                let column = |number: usize| columns.chunks_exact(self.stride).nth(number).unwrap_or(&zeros);
-                let [a, b, c, d] = [0, 1, 2, 3].map(column);
-                let quads = a.iter().zip(b).zip(c).zip(d).map(|(((&a, &b), &c), &d)| [a, b, c, d]);
-                self.quads.values.extend(quads.take(self.points));
-            }
-        }
+    /// The values of a point.
+    #[inline(always)]
+    pub(super) fn values_of(&self, point: usize) -> impl Iterator<Item = f32> {
+        self.columns().map(move |column| column[point])
     }
 
     #[inline(always)]

@@ -13,7 +13,7 @@ use std::hint::black_box;
 use crate::structure::block::LANES;
 use crate::structure::counts::Counts;
 use crate::structure::edges::Turns;
-use crate::structure::lanes::Group;
+use crate::structure::group::Group;
 use crate::structure::plan::{Measure, PairBins, StructurePlan};
 
 /// A number of each pair.

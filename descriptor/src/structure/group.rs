@@ -1,0 +1,109 @@
+//! The values of a group of points or pairs, one in each lane, and how they get there.
+
+use std::ops::Range;
+
+use crate::structure::block::{BLOCK, LANES};
+use crate::structure::channel::StructureChannel;
+use crate::structure::lanes::Table;
+use crate::structure::plan::StructurePlan;
+use crate::structure::quads::{QUAD, Quads};
+
+/// Most values of a point, position, normal and columns, in whole quads.
+const MAX_VALUES: usize = (6 + StructureChannel::MAX_AXES).next_multiple_of(QUAD);
+
+/// Values of points or their differences, one in each lane, in the order of [`StructurePlan::values`]. No distance to a
+/// lane whose x is NaN counts.
+pub(super) struct Group {
+    pub(super) values: [[f32; LANES]; MAX_VALUES],
+}
+
+impl Group {
+    pub(super) const EMPTY: Self = Self { values: [[f32::NAN; LANES]; MAX_VALUES] };
+
+    /// Takes over one point in all lanes.
+    #[inline(always)]
+    pub(super) fn repeat(&mut self, points: &Table, point: usize) {
+        for (lanes, value) in self.values.iter_mut().zip(points.values_of(point)) {
+            *lanes = [value; LANES];
+        }
+    }
+
+    /// Takes over a block of points as one of the group's own blocks.
+    #[inline(always)]
+    pub(super) fn copy_block(&mut self, place: usize, points: &Table, block: usize) {
+        for (lanes, column) in self.values.iter_mut().zip(points.columns()) {
+            lanes[place * BLOCK..][..BLOCK].copy_from_slice(&column[block * BLOCK..][..BLOCK]);
+        }
+    }
+
+    /// The normal in a lane, of a plan with angles.
+    #[inline(always)]
+    pub(super) fn normal(&self, plan: &StructurePlan, lane: usize) -> [f32; 3] {
+        [0, 1, 2].map(|axis| self.values[plan.differences + axis][lane])
+    }
+
+    /// Empties a lane.
+    #[inline(always)]
+    pub(super) fn clear(&mut self, lane: usize) {
+        self.values[0][lane] = f32::NAN;
+    }
+
+    /// Takes over some values of some points, lane by lane, and maybe those beside them.
+    #[inline(always)]
+    pub(super) fn gather(&mut self, values: Range<usize>, points: &Quads, indices: &[u32; LANES]) {
+        if values.is_empty() {
+            return;
+        }
+        for quad in values.start / QUAD..values.end.div_ceil(QUAD) {
+            let quads = points.quads(quad);
+            let mut gathered = [[0.0; QUAD]; LANES];
+            for (gathered, &index) in gathered.iter_mut().zip(indices) {
+                *gathered = quads[index as usize];
+            }
+            self.turn(quad, &gathered);
+        }
+    }
+
+    /// Takes over the first values of some points minus those of others, lane by lane.
+    #[inline(always)]
+    pub(super) fn gather_differences(
+        &mut self,
+        values: usize,
+        points: &Quads,
+        [first, second]: &[[u32; LANES]; 2],
+    ) {
+        for quad in 0..values.div_ceil(QUAD) {
+            let quads = points.quads(quad);
+            let mut gathered = [[0.0; QUAD]; LANES];
+            for ((gathered, &first), &second) in gathered.iter_mut().zip(first).zip(second) {
+                let (first, second) = (quads[first as usize], quads[second as usize]);
+                for value in 0..QUAD {
+                    gathered[value] = second[value] - first[value];
+                }
+            }
+            self.turn(quad, &gathered);
+        }
+    }
+
+    /// Turns values of one lane after the other into lanes of one value after the other.
+    #[inline(always)]
+    fn turn(&mut self, quad: usize, gathered: &[[f32; QUAD]; LANES]) {
+        let [a, b, c, d] = &mut self.values.as_chunks_mut::<QUAD>().0[quad];
+        // All four at once: of one value alone, the last lanes would be left to a loop without vectors.
+        for (lane, gathered) in gathered.iter().enumerate() {
+            [a[lane], b[lane], c[lane], d[lane]] = *gathered;
+        }
+    }
+
+    /// The first values of the points in each lane of `second` minus those of `first`.
+    #[inline(always)]
+    pub(super) fn subtract(&mut self, values: usize, first: &Self, second: &Self) {
+        for ((lanes, second), first) in
+            self.values.iter_mut().zip(&second.values).zip(&first.values).take(values)
+        {
+            for ((lane, second), first) in lanes.iter_mut().zip(second).zip(first) {
+                *lane = second - first;
+            }
+        }
+    }
+}
