@@ -93,6 +93,18 @@ impl Session {
     /// Works until `shutdown` is ready, the coordinator refuses this worker, or it has been out of reach for
     /// longer than `patience`.
     pub async fn run(
+        self,
+        patience: Option<Duration>,
+        backoff: Backoff,
+        shutdown: impl Future<Output = ()>,
+    ) -> Result<(), WorkerError> {
+        let executor = Arc::clone(&self.executor);
+        let ended = self.work_until(patience, backoff, shutdown).await;
+        executor.settle().await;
+        ended
+    }
+
+    async fn work_until(
         mut self,
         patience: Option<Duration>,
         mut backoff: Backoff,

@@ -81,7 +81,7 @@ impl Executor {
     }
 
     /// Waits until everything that is to be kept on disk is there.
-    async fn settle(&self) {
+    pub async fn settle(&self) {
         self.matcher.files.settle().await;
     }
 
