@@ -2,8 +2,9 @@
 //!
 //! - `programs`: the programs of this workspace, with their wall time and memory
 //! - `peer`: the PCL harness
+//! - `watch`: a coordinator's memory and journal while it runs
 //! - `cold`, `fixed`, `warm`, `runs`, `recognise`, `exhaust`: rows of the table
-//! - `scaling`: how cost grows with the number of clouds
+//! - `scaling`: how cost grows with clouds, points, generations and workers
 //! - `load`: how many workers one coordinator keeps busy, and for how long
 //! - `pruning`: matching with a database of 20 000 clouds, in full and with pruning
 //! - `soak`: run after run while programs are killed and stopped, for ten minutes
@@ -25,6 +26,9 @@ mod runs;
 mod scaling;
 mod soak;
 mod warm;
+mod watch;
+
+use std::path::PathBuf;
 
 use clap::Parser;
 
@@ -62,9 +66,15 @@ struct Options {
     /// One repetition instead of several of what takes long
     #[arg(long)]
     quick: bool,
-    /// Measure only how cost grows with the number of clouds, on synthetic ones
+    /// Measure only how cost grows with clouds, points, generations and workers, on synthetic clouds
     #[arg(long, conflicts_with_all = ["rows", "exhaust"])]
     scaling: bool,
+    /// With 100 000 clouds, too: some ten minutes and 14 GB of disk more
+    #[arg(long, requires = "scaling")]
+    large: bool,
+    /// Where to draw the curves, for example docs/src/images
+    #[arg(long, value_name = "DIR", requires = "scaling")]
+    curves: Option<PathBuf>,
     /// Measure only the exhaustive search of the whole grid, which takes minutes
     #[arg(long, conflicts_with = "rows")]
     exhaust: bool,
@@ -118,7 +128,7 @@ fn main() {
     let repetitions = if options.quick { 1 } else { 3 };
     println!("{}", machine());
     if options.scaling {
-        scaling::measure(repetitions);
+        scaling::measure(repetitions, options.large, options.curves.as_deref());
         return;
     }
     if options.pieces {

@@ -3,10 +3,7 @@
 
 use std::fs;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::{self, JoinHandle};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use results::TableName;
@@ -15,7 +12,8 @@ use tempfile::TempDir;
 use super::record::{Record, percentile};
 use super::worker::Effort;
 use super::{start_coordinator, work};
-use crate::programs::{self, run};
+use crate::programs::run;
+use crate::watch::{Glance, Watch};
 use tests::benches::table::{megabytes, time};
 
 const WORKERS: u32 = 1000;
@@ -25,18 +23,6 @@ const POPULATION: u32 = 10_000;
 const JOB: Duration = Duration::from_secs(1);
 /// Parts of the time that are shown.
 const PARTS: u32 = 6;
-/// How often the coordinator is looked at.
-const GLANCE: Duration = Duration::from_secs(1);
-
-/// What was seen of the coordinator at one moment.
-#[derive(Clone, Copy, Debug)]
-struct Glance {
-    at: Instant,
-    /// Resident memory, bytes.
-    memory: u64,
-    /// Size of the journal, bytes.
-    journal: u64,
-}
 
 /// Lets the workers of a random search work for so many seconds, and prints a row for each part of them.
 pub fn measure(seconds: u64) {
@@ -55,7 +41,7 @@ pub fn measure(seconds: u64) {
 
     let mut coordinator = start_coordinator(place, "warn");
     let (_, line) = coordinator.wait_for("workers may join with");
-    let watch = Watch::start(coordinator.process(), place.join("run"));
+    let watch = Watch::start(coordinator.process(), &place.join("run"));
     let began = Instant::now();
     let records = work(WORKERS, 1, Effort::About(JOB), line.rsplit(' ').next().unwrap().to_owned());
     let glances = watch.stop();
@@ -109,34 +95,4 @@ fn row(began: Instant, within: Range<Instant>, glances: &[Glance], records: &[Re
         time(percentile(&took, 0.99)),
         time(took.last().copied().unwrap_or(f64::NAN)),
     )
-}
-
-/// Looks at a coordinator, on a thread of its own.
-struct Watch {
-    stop: Arc<AtomicBool>,
-    thread: JoinHandle<Vec<Glance>>,
-}
-
-impl Watch {
-    fn start(process: u32, run: PathBuf) -> Self {
-        let stop = Arc::new(AtomicBool::new(false));
-        let stopped = Arc::clone(&stop);
-        let thread = thread::spawn(move || {
-            let mut glances = Vec::new();
-            while !stopped.load(Ordering::Relaxed) {
-                let memory = programs::resident(process);
-                let journal = fs::metadata(run.join("journal.log")).map(|file| file.len()).ok();
-                let glance = |(memory, journal)| Glance { at: Instant::now(), memory, journal };
-                glances.extend(memory.zip(journal).map(glance));
-                thread::sleep(GLANCE);
-            }
-            glances
-        });
-        Self { stop, thread }
-    }
-
-    fn stop(self) -> Vec<Glance> {
-        self.stop.store(true, Ordering::Relaxed);
-        self.thread.join().unwrap()
-    }
 }

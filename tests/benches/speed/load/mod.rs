@@ -33,12 +33,13 @@ const MAX_POPULATION: u32 = 65_536;
 
 /// One load.
 #[derive(Clone, Copy, Debug)]
-struct Load {
-    workers: u32,
+pub struct Load {
+    /// How many there are.
+    pub workers: u32,
     /// What an evaluation takes on average.
-    job: Duration,
+    pub job: Duration,
     /// Jobs taken ahead.
-    ahead: usize,
+    pub ahead: usize,
 }
 
 /// Rows: workers, milliseconds of a job, jobs taken ahead.
@@ -74,6 +75,12 @@ pub fn measure(wanted: &[u32], repetitions: usize) {
         measured.sort_by(|a, b| a.findings.rate.total_cmp(&b.findings.rate));
         println!("| {} |", measured[repetitions / 2].cells().join(" | "));
     }
+}
+
+/// A coordinator's peak resident memory under a load, bytes, and how many cores it keeps busy.
+pub fn coordinator_cost(load: Load) -> (u64, f64) {
+    let Cost { peak, cores, .. } = measure_one(load).coordinator;
+    (peak, cores)
 }
 
 fn measure_one(load: Load) -> Measured {

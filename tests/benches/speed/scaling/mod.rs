@@ -1,110 +1,117 @@
-//! How cost grows with the number of clouds: synthetic sets of one, four and sixteen times as many views.
+//! How cost grows with clouds, with points in a cloud, with generations and with workers: tables, exponents, curves.
+
+mod cost;
+mod curves;
+mod dense;
+mod series;
 
 use std::fs;
 use std::path::Path;
-use std::time::Instant;
+use std::time::Duration;
 
-use descriptor::Parameters;
 use tempfile::TempDir;
 
+use crate::load::{self, Load};
 use crate::programs;
-use tests::benches::prepared::{Evaluated, Pair, pool};
-use tests::benches::table::{Samples, megabytes, time};
+use cost::{Searched, prepared, searched};
+use series::{Growth, Quantity};
+use tests::benches::table::{megabytes, time};
 
-/// Objects in each set.
+/// Objects in each synthetic set, …
 const OBJECTS: &str = "24";
-/// Views of each object.
-const VIEWS: [u32; 3] = [20, 80, 320];
-/// Descriptors that are measured on each set, times the repetitions.
-const DESCRIPTORS: usize = 7;
+/// … and views of each object, for sets of ever more clouds.
+const VIEWS: [&str; 3] = ["20", "80", "320"];
+/// Objects and views of the largest set.
+const LARGE: [&str; 2] = ["100", "1000"];
+/// How many times as many points there are in each cloud.
+const POINTS: [u32; 3] = [1, 4, 16];
+/// Generations of a run.
+const GENERATIONS: [u32; 3] = [10, 40, 160];
+/// Workers that only wait.
+const WORKERS: [u32; 3] = [10, 100, 1000];
+/// How long such a worker takes for an evaluation.
+const JOB: Duration = Duration::from_secs(1);
 
-/// What a set costs.
-struct Cost {
-    clouds: usize,
-    /// In the order of [`QUANTITIES`].
-    values: [f64; 6],
+fn bytes(bytes: f64) -> String {
+    if bytes < 1e7 { format!("{:.0} KB", bytes / 1e3) } else { megabytes(bytes as u64) }
 }
 
-/// How a quantity is written.
-type Written = fn(f64) -> String;
+const PREPARE: Quantity = Quantity { what: "reading and preparing the training clouds", write: time };
+const DESCRIBE: Quantity = Quantity { what: "one new chromosome: histograms", write: time };
+const MATCH: Quantity = Quantity { what: "one new chromosome: matching", write: time };
+const PREPARED: Quantity = Quantity { what: "prepared training clouds in memory", write: bytes };
+const RUN: Quantity = Quantity { what: "a run from an empty cache", write: time };
+const PEAK: Quantity = Quantity { what: "its peak resident memory", write: bytes };
+const CACHE: Quantity = Quantity { what: "its cache on disk", write: bytes };
+const RESULTS: Quantity = Quantity { what: "its results on disk", write: bytes };
+const JOURNAL: Quantity = Quantity { what: "its journal on disk, before it ends", write: bytes };
+const COORDINATOR: Quantity = Quantity { what: "the coordinator's peak resident memory", write: bytes };
+const CORES: Quantity = Quantity { what: "the coordinator's processor time, a second", write: time };
 
-/// What is measured.
-const QUANTITIES: [(&str, Written); 6] = [
-    ("read and prepare the training clouds, one thread", time),
-    ("one new chromosome: histograms", time),
-    ("one new chromosome: matching", time),
-    ("prepared training clouds in memory", memory),
-    ("a run of 2 generations from an empty cache, all threads", time),
-    ("its peak resident memory", memory),
-];
-
-fn memory(bytes: f64) -> String {
-    megabytes(bytes as u64)
-}
-
-/// Measures all sets and prints a table with exponents.
-pub fn measure(repetitions: usize) {
-    let folder = TempDir::new().unwrap();
-    let costs = VIEWS.map(|views| {
-        println!("{OBJECTS} objects, {views} views");
-        cost(&folder.path().join(views.to_string()), views, repetitions)
-    });
-    let heads = costs.each_ref().map(|cost| format!("{} training clouds", cost.clouds));
-    println!("\n| what | {} | exponent | of the last step |\n|---|---|---|---|---|---|", heads.join(" | "));
-    for (index, (what, write)) in QUANTITIES.iter().enumerate() {
-        let cells = costs.each_ref().map(|cost| write(cost.values[index]));
-        let points = costs.each_ref().map(|cost| (cost.clouds as f64, cost.values[index]));
-        println!(
-            "| {what} | {} | {:.2} | {:.2} |",
-            cells.join(" | "),
-            exponent(&points),
-            exponent(&points[1..])
-        );
+/// Measures all of them, prints a table each, and draws curves where they are wanted.
+pub fn measure(repetitions: usize, large: bool, curves: Option<&Path>) {
+    let workers = by_workers();
+    for growth in [by_points(repetitions), by_generations(), workers, by_clouds(repetitions, large)] {
+        println!("\n{}", growth.to_string().trim_end());
+        if let Some(folder) = curves {
+            fs::write(folder.join(format!("growth-{}.svg", growth.by)), curves::draw(&growth)).unwrap();
+        }
     }
 }
 
-fn cost(folder: &Path, views: u32, repetitions: usize) -> Cost {
-    let data = folder.join("data");
-    let root = data.to_str().unwrap();
-    programs::run("coordinator", ["synth", root, "--objects", OBJECTS, "--views", &views.to_string()]);
-    let one_thread = pool(1);
-    let clock = Instant::now();
-    let pair = one_thread.install(|| Pair::prepare(&data, "train1.txt", "train2.txt"));
-    let prepare = clock.elapsed().as_secs_f64();
-    let evaluated: Vec<Evaluated> = one_thread
-        .install(|| (0..DESCRIPTORS * repetitions).map(|_| pair.evaluate(&Parameters::PAPER_BEST)).collect());
-    let median = |value: fn(&Evaluated) -> f64| evaluated.iter().map(value).collect::<Samples>().median();
-    let bytes = pair.bytes() as f64;
-    let clouds = pair.clouds();
-    drop(pair);
-
-    let experiment = folder.join("exp.toml");
-    let text = format!("version = 1\n[dataset]\nroot = {root:?}\n[stop]\ngenerations = 2\n");
-    fs::write(&experiment, text).unwrap();
-    let [experiment, out, cache] =
-        [experiment, folder.join("run"), folder.join("cache")].map(|path| path.display().to_string());
-    let args = ["run", &experiment, "--out", &out, "--cache", &cache, "--listen", "127.0.0.1:0", "--json"];
-    let run = programs::run("coordinator", args);
-    let values = [
-        prepare,
-        median(|one| one.describe),
-        median(|one| one.matching),
-        bytes,
-        run.seconds,
-        run.peak as f64,
-    ];
-    fs::remove_dir_all(folder).unwrap(); // the largest sets fill gigabytes
-    Cost { clouds, values }
+/// Makes a synthetic set.
+fn make(folder: &Path, objects: &str, views: &str) {
+    println!("{objects} objects, {views} views");
+    programs::run("coordinator", ["synth", folder.to_str().unwrap(), "--objects", objects, "--views", views]);
 }
 
-/// Slope of the least-squares line through the logarithms.
-#[expect(clippy::disallowed_methods, reason = "describes a measurement, which no two machines share")]
-fn exponent(points: &[(f64, f64)]) -> f64 {
-    let logarithms: Vec<(f64, f64)> = points.iter().map(|(x, y)| (x.ln(), y.ln())).collect();
-    let mean =
-        |value: fn(&(f64, f64)) -> f64| logarithms.iter().map(value).sum::<f64>() / points.len() as f64;
-    let (x_mean, y_mean) = (mean(|point| point.0), mean(|point| point.1));
-    let covariance: f64 = logarithms.iter().map(|(x, y)| (x - x_mean) * (y - y_mean)).sum();
-    let variance: f64 = logarithms.iter().map(|(x, _)| (x - x_mean) * (x - x_mean)).sum();
-    covariance / variance
+fn by_clouds(repetitions: usize, large: bool) -> Growth {
+    let mut growth = Growth::new("clouds", "clouds", &[PREPARE, DESCRIBE, MATCH, PREPARED, RUN, PEAK, CACHE]);
+    let sets = VIEWS.map(|views| [OBJECTS, views]).into_iter().chain(large.then_some(LARGE));
+    for [objects, views] in sets {
+        let folder = TempDir::new().unwrap();
+        let data = folder.path().join("data");
+        make(&data, objects, views);
+        let repetitions = if [objects, views] == LARGE { 1 } else { repetitions };
+        let (of_clouds, run) = (prepared(&data, repetitions), searched(folder.path(), &data, 2));
+        let clouds = [objects, views].map(|count| count.parse::<f64>().unwrap());
+        growth.add(clouds[0] * clouds[1], [&of_clouds[..], &[run.seconds, run.peak, run.cache]].concat());
+    }
+    growth
+}
+
+fn by_points(repetitions: usize) -> Growth {
+    let mut growth =
+        Growth::new("points", "points in a cloud", &[PREPARE, DESCRIBE, PREPARED, RUN, PEAK, CACHE]);
+    for times in POINTS {
+        let folder = TempDir::new().unwrap();
+        let data = folder.path().join("data");
+        make(&data, OBJECTS, VIEWS[0]);
+        let points = dense::fill(&data, times);
+        let ([prepare, describe, _, memory], run) =
+            (prepared(&data, repetitions), searched(folder.path(), &data, 2));
+        growth.add(points, vec![prepare, describe, memory, run.seconds, run.peak, run.cache]);
+    }
+    growth
+}
+
+fn by_generations() -> Growth {
+    let mut growth = Growth::new("generations", "generations", &[RUN, PEAK, RESULTS, JOURNAL]);
+    let folder = TempDir::new().unwrap();
+    let data = folder.path().join("data");
+    make(&data, OBJECTS, VIEWS[0]);
+    for generations in GENERATIONS {
+        let Searched { seconds, peak, results, journal, .. } = searched(folder.path(), &data, generations);
+        growth.add(generations.into(), vec![seconds, peak, results, journal]);
+    }
+    growth
+}
+
+fn by_workers() -> Growth {
+    let mut growth = Growth::new("workers", "workers", &[COORDINATOR, CORES]);
+    for workers in WORKERS {
+        let (peak, cores) = load::coordinator_cost(Load { workers, job: JOB, ahead: 1 });
+        growth.add(workers.into(), vec![peak as f64, cores]);
+    }
+    growth
 }
