@@ -163,10 +163,11 @@ impl<'a> Session<'a> {
                 "waiting for a worker: none was started here (--local-workers 0); --local-workers auto starts one",
             );
         }
+        let is_own_coming = !workers.is_empty();
         let waited = async {
             let waiting =
                 |waited: Duration| console.say(&format!("no worker yet after {} min", waited.as_secs() / 60));
-            self.cluster.wait_for_worker(waiting).await;
+            self.cluster.wait_for_worker(is_own_coming, waiting).await;
             work.await
         };
         // At once: a coordinator that is killed must not leave to others what it knows to be wrong.

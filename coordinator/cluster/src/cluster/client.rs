@@ -53,6 +53,9 @@ pub struct DescriptionAnswer {
     pub provenance: Option<Provenance>,
 }
 
+/// A worker of the own process joins at once, unless it is refused, and then it is not waited for any longer.
+const OWN_JOINS_WITHIN: Duration = Duration::from_secs(10);
+
 impl Client {
     pub(super) fn new(cluster: &Arc<Cluster>) -> Self {
         let (id, wakeup) = cluster.state().clients.join();
@@ -60,11 +63,20 @@ impl Client {
     }
 
     /// As [`Cluster::wait_for_worker`].
-    pub(super) async fn wait_for_worker(&self, mut still_waiting: impl FnMut(Duration)) {
+    pub(super) async fn wait_for_worker(&self, is_own_coming: bool, mut still_waiting: impl FnMut(Duration)) {
         let begun = Instant::now();
         let mut next = Duration::from_secs(60);
-        while self.cluster.state().scheduler.staffing(Instant::now()) != Staffing::Staffed {
-            let waited = Instant::now().saturating_duration_since(begun);
+        loop {
+            let now = Instant::now();
+            let waited = now.saturating_duration_since(begun);
+            let (staffing, has_own) = {
+                let scheduler = &self.cluster.state().scheduler;
+                (scheduler.staffing(now), scheduler.has_own())
+            };
+            let is_own_missing = is_own_coming && !has_own && waited < OWN_JOINS_WITHIN;
+            if staffing == Staffing::Staffed && !is_own_missing {
+                return;
+            }
             if waited >= next {
                 still_waiting(waited);
                 next += Duration::from_secs(60);

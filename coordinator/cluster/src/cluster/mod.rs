@@ -375,9 +375,10 @@ impl Cluster {
         }
     }
 
-    /// Waits until a worker has joined; calls `still_waiting` each minute with the time that has passed.
-    pub async fn wait_for_worker(self: &Arc<Self>, still_waiting: impl FnMut(Duration)) {
-        self.client().wait_for_worker(still_waiting).await;
+    /// Waits until a worker has joined, and, if one of the own process is to come, until that has: it decides where others
+    /// differ, who may be there from an earlier start. Calls `still_waiting` each minute with the time that has passed.
+    pub async fn wait_for_worker(self: &Arc<Self>, is_own_coming: bool, still_waiting: impl FnMut(Duration)) {
+        self.client().wait_for_worker(is_own_coming, still_waiting).await;
     }
 
     /// Ends all leases, because nobody waits for them any more.

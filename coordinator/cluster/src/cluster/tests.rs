@@ -70,6 +70,24 @@ async fn evaluate(answer: impl Fn(u32) -> Vec<u32>) -> Result<Vec<(usize, Vec<u3
 }
 
 #[tokio::test]
+async fn a_worker_of_the_own_process_is_waited_for_where_one_is_to_come() {
+    let cluster = Cluster::new(LIMITS);
+    let foreign = Introduction::sample("one", 1);
+    cluster.register(WorkerId([1; 16]), foreign.clone()).unwrap();
+    cluster.wait_for_worker(false, |_| {}).await;
+    let own = Introduction { principal: Principal::Coordinator, ..foreign };
+    let waiting = cluster.wait_for_worker(true, |_| {});
+    tokio::select! {
+        biased;
+        () = waiting => panic!("only a foreign worker is here"),
+        () = tokio::task::yield_now() => {}
+    }
+    cluster.register(WorkerId([2; 16]), own).unwrap();
+    cluster.wait_for_worker(true, |_| {}).await;
+    assert!(cluster.state().scheduler.has_own());
+}
+
+#[tokio::test]
 async fn a_late_copy_of_an_older_poll_does_not_silence_the_one_that_is_held_back() {
     let cluster = Cluster::new(LIMITS);
     let id = WorkerId([1; 16]);

@@ -181,8 +181,7 @@ impl Scheduler {
     /// Has a job whose result was accepted before, or that is still open, answered by the coordinator's own process, where
     /// that works, or else by a second principal, unless it was.
     pub fn confirm(&mut self, task: &Arc<Task>, accepted: &Finished, client: ClientId, now: Instant) {
-        let own = self.present.contains_key(&Principal::Coordinator);
-        self.require(if own { Quorum::Own } else { Quorum::Two }, (task, accepted), client, now);
+        self.require(if self.has_own() { Quorum::Own } else { Quorum::Two }, (task, accepted), client, now);
     }
 
     /// The same by a second principal.
@@ -422,6 +421,11 @@ impl Scheduler {
     /// How many workers there are.
     pub fn worker_count(&self) -> usize {
         self.workers.len()
+    }
+
+    /// Whether a worker of the coordinator's own process is here.
+    pub fn has_own(&self) -> bool {
+        self.present.contains_key(&Principal::Coordinator)
     }
 
     /// How many jobs have no result.

@@ -246,7 +246,7 @@ impl Scheduler {
     /// Whether there is a principal that has not answered this job and may.
     pub(super) fn somebody_else(&self, job: &Job) -> bool {
         if job.awaits_own() {
-            return self.present.contains_key(&Principal::Coordinator);
+            return self.has_own();
         }
         let voters: BTreeSet<Principal> = job.votes.iter().map(|vote| vote.principal).collect();
         self.present.keys().any(|principal| !voters.contains(principal))
