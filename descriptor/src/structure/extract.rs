@@ -11,10 +11,10 @@ use crate::structure::cloud::StructureCloud;
 use crate::structure::colours::mean_opponents;
 use crate::structure::counts::Counts;
 use crate::structure::group::Group;
-use crate::structure::lanes::Table;
 use crate::structure::pairs::count;
 use crate::structure::plan::StructurePlan;
 use crate::structure::quads::Quads;
+use crate::structure::table::Table;
 use crate::wide::widest;
 
 impl StructureChannel {

@@ -4,9 +4,9 @@ use std::ops::Range;
 
 use crate::structure::block::{BLOCK, LANES};
 use crate::structure::channel::StructureChannel;
-use crate::structure::lanes::Table;
 use crate::structure::plan::StructurePlan;
 use crate::structure::quads::{QUAD, Quads};
+use crate::structure::table::Table;
 
 /// Most values of a point, position, normal and columns, in whole quads.
 const MAX_VALUES: usize = (6 + StructureChannel::MAX_AXES).next_multiple_of(QUAD);

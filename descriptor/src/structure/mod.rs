@@ -17,13 +17,13 @@ mod file;
 mod genes;
 mod genome;
 mod group;
-mod lanes;
 mod pairs;
 mod plan;
 mod quads;
 mod sampling;
 mod scale;
 mod shells;
+mod table;
 mod text;
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Points value by value and in blocks, so that loops over them become vector loops.
+//! The points of a cloud value by value and in blocks, so that loops over them become vector loops.
 
 use std::borrow::Cow;
 

@@ -48,13 +48,16 @@ impl Writer {
         Self { store, room: Arc::new(Semaphore::new(MOST as usize)) }
     }
 
-    /// Keeps the signatures of a split in a channel, soon.
+    /// Keeps the signatures of a split in a channel, soon, if they can be kept.
     pub async fn keep(&self, manifest: &Arc<Manifest>, key: &Key, signatures: &Arc<Signatures>) {
+        if !self.store.is_kept() || !are_of(&key.1) {
+            return;
+        }
         let Ok(place) = Arc::clone(&self.room).acquire_owned().await else { return }; // it is never closed
         let (store, manifest, key) = (Arc::clone(&self.store), Arc::clone(manifest), key.clone());
         let signatures = Arc::clone(signatures);
         tokio::task::spawn_blocking(move || {
-            keep(&store, &manifest, &key, &signatures);
+            write(&store, &manifest, &key, &signatures);
             drop(place);
         });
     }
@@ -65,9 +68,8 @@ impl Writer {
     }
 }
 
-/// Keeps the signatures of a split in a channel.
-fn keep(store: &Store, manifest: &Manifest, key: &Key, signatures: &Signatures) {
-    if let Some(alone) = Descriptor::of_channel(&key.1).filter(|_| store.is_kept()) {
+fn write(store: &Store, manifest: &Manifest, key: &Key, signatures: &Signatures) {
+    if let Some(alone) = Descriptor::of_channel(&key.1) {
         let bytes = alone.encode_signatures(&[signatures]);
         store.put_local(SIGNATURES, entry_key(manifest, key), &bytes);
     }
