@@ -53,7 +53,7 @@ pub struct DescriptionAnswer {
     pub provenance: Option<Provenance>,
 }
 
-/// A worker of the own process joins at once, unless it is refused, and then it is not waited for any longer.
+/// How long a worker of the own process is waited for: it joins at once, or is refused and never comes.
 const OWN_JOINS_WITHIN: Duration = Duration::from_secs(10);
 
 impl Client {
