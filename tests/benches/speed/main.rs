@@ -2,7 +2,7 @@
 //!
 //! - `programs`: the programs of this workspace, with their wall time and memory
 //! - `peer`: the PCL harness
-//! - `watch`: a coordinator's memory and journal while it runs
+//! - `sampler`, `watch`: what is seen of a process while it runs
 //! - `cold`, `fixed`, `warm`, `runs`, `recognise`, `exhaust`: rows of the table
 //! - `scaling`: how cost grows with clouds, points, generations and workers
 //! - `load`: how many workers one coordinator keeps busy, and for how long
@@ -23,6 +23,7 @@ mod programs;
 mod pruning;
 mod recognise;
 mod runs;
+mod sampler;
 mod scaling;
 mod soak;
 mod warm;

@@ -1,13 +1,11 @@
-//! A coordinator while it runs: its memory and its journal, on a thread of its own.
+//! A coordinator's memory and journal while it runs.
 
 use std::fs;
 use std::path::Path;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use crate::programs;
+use crate::sampler::Sampler;
 
 /// How often it is looked at.
 const GLANCE: Duration = Duration::from_millis(100);
@@ -23,34 +21,12 @@ pub struct Glance {
     pub journal: u64,
 }
 
-/// Looks at a coordinator.
-pub struct Watch {
-    stop: Arc<AtomicBool>,
-    thread: JoinHandle<Vec<Glance>>,
-}
-
-impl Watch {
-    /// Begins to look at a process that writes into a run's folder.
-    pub fn start(process: u32, run: &Path) -> Self {
-        let stop = Arc::new(AtomicBool::new(false));
-        let (stopped, journal) = (Arc::clone(&stop), run.join("journal.log"));
-        let thread = thread::spawn(move || {
-            let mut glances = Vec::new();
-            while !stopped.load(Ordering::Relaxed) {
-                let memory = programs::resident(process);
-                let journal = fs::metadata(&journal).map(|file| file.len()).ok();
-                let glance = |(memory, journal)| Glance { at: Instant::now(), memory, journal };
-                glances.extend(memory.zip(journal).map(glance));
-                thread::sleep(GLANCE);
-            }
-            glances
-        });
-        Self { stop, thread }
-    }
-
-    /// What was seen.
-    pub fn stop(self) -> Vec<Glance> {
-        self.stop.store(true, Ordering::Relaxed);
-        self.thread.join().unwrap()
-    }
+/// Looks at a process that writes into a run's folder.
+pub fn watch(process: u32, run: &Path) -> Sampler<Glance> {
+    let journal = run.join("journal.log");
+    Sampler::start(GLANCE, move || {
+        let memory = programs::resident(process)?;
+        let journal = fs::metadata(&journal).ok()?.len();
+        Some(Glance { at: Instant::now(), memory, journal })
+    })
 }

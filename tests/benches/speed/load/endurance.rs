@@ -1,7 +1,6 @@
 //! Whether a coordinator with a thousand workers goes on for long as it began: its memory, its journal and how fast it
 //! answers, from one part of the time to the next.
 
-use std::fs;
 use std::ops::Range;
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -11,9 +10,8 @@ use tempfile::TempDir;
 
 use super::record::{Record, percentile};
 use super::worker::Effort;
-use super::{start_coordinator, work};
-use crate::programs::run;
-use crate::watch::{Glance, Watch};
+use super::{make_search, start_coordinator, work};
+use crate::watch::{Glance, watch};
 use tests::benches::table::{megabytes, time};
 
 const WORKERS: u32 = 1000;
@@ -28,23 +26,14 @@ const PARTS: u32 = 6;
 pub fn measure(seconds: u64) {
     let folder = TempDir::new().unwrap();
     let place = folder.path();
-    let data = place.join("data");
-    run("coordinator", ["synth", data.to_str().unwrap(), "--objects", "4", "--views", "12", "--seed", "1"]);
     let evaluations = seconds * u64::from(WORKERS) / JOB.as_secs();
-    let toml = format!(
-        "version = 1\nname = \"load\"\nseed = 1\n[dataset]\nroot = \"{}\"\n[search]\nmethod = \"random\"\n\
-         [ga]\npopulation = {POPULATION}\n[stop]\ngenerations = 1000000\nevaluations = {evaluations}\n\
-         stagnation = \"off\"\nperfect = false\nvalidation_patience = \"off\"\n[results]\nbaselines = false\n",
-        data.display()
-    );
-    fs::write(place.join("load.toml"), toml).unwrap();
+    make_search(place, POPULATION, &format!("generations = 1000000\nevaluations = {evaluations}"));
 
-    let mut coordinator = start_coordinator(place, "warn");
-    let (_, line) = coordinator.wait_for("workers may join with");
-    let watch = Watch::start(coordinator.process(), &place.join("run"));
+    let (coordinator, address) = start_coordinator(place, "warn");
+    let glances = watch(coordinator.process(), &place.join("run"));
     let began = Instant::now();
-    let records = work(WORKERS, 1, Effort::About(JOB), line.rsplit(' ').next().unwrap().to_owned());
-    let glances = watch.stop();
+    let records = work(WORKERS, 1, Effort::About(JOB), address);
+    let glances = glances.stop();
     let finished = coordinator.finish();
     check(&finished.json(), &records, place);
 

@@ -1,12 +1,10 @@
 //! What a process costs while it runs, as Linux counts it: processor time and memory.
 
 use std::fs;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
 use crate::programs;
+use crate::sampler::Sampler;
 
 /// How often a process is looked at.
 const GLANCE: Duration = Duration::from_millis(50);
@@ -25,32 +23,18 @@ struct Reading {
     peak: u64,
 }
 
-/// Looks at a process, on a thread of its own.
-pub struct Meter {
-    stop: Arc<AtomicBool>,
-    thread: JoinHandle<Vec<Reading>>,
-}
+/// Looks at a process.
+pub struct Meter(Sampler<Reading>);
 
 impl Meter {
     /// Begins to look.
     pub fn start(process: u32) -> Self {
-        let stop = Arc::new(AtomicBool::new(false));
-        let stopped = Arc::clone(&stop);
-        let thread = thread::spawn(move || {
-            let mut readings = Vec::new();
-            while !stopped.load(Ordering::Relaxed) {
-                readings.extend(read(process));
-                thread::sleep(GLANCE);
-            }
-            readings
-        });
-        Self { stop, thread }
+        Self(Sampler::start(GLANCE, move || read(process)))
     }
 
     /// What the process cost between two moments in the past.
     pub fn cost(self, from: Instant, to: Instant) -> Cost {
-        self.stop.store(true, Ordering::Relaxed);
-        let readings = self.thread.join().unwrap();
+        let readings = self.0.stop();
         let peak = readings.iter().map(|reading| reading.peak).max().unwrap_or_default();
         let within: Vec<Reading> =
             readings.into_iter().filter(|reading| (from..=to).contains(&reading.at)).collect();

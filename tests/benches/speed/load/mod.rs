@@ -86,16 +86,11 @@ pub fn coordinator_cost(load: Load) -> (u64, f64) {
 fn measure_one(load: Load) -> Measured {
     let folder = TempDir::new().unwrap();
     let place = folder.path();
-    let data = place.join("data");
-    let made = ["synth", data.to_str().unwrap(), "--objects", "4", "--views", "12", "--seed", "1"];
-    run("coordinator", made);
     let wanted = f64::from(load.workers * SECONDS) / load.job.as_secs_f64();
     let population = (wanted as u32).min(MAX_POPULATION);
-    fs::write(place.join("load.toml"), experiment(&data, population)).unwrap();
+    make_search(place, population, "generations = 1");
 
-    let mut coordinator = start_coordinator(place, "warn,cluster::journal=debug");
-    let (_, line) = coordinator.wait_for("workers may join with");
-    let address = line.rsplit(' ').next().unwrap().to_owned();
+    let (coordinator, address) = start_coordinator(place, "warn,cluster::journal=debug");
     let process = coordinator.process();
     let meters = [process, std::process::id()].map(Meter::start);
     let records = work(load.workers, load.ahead, Effort::About(load.job), address);
@@ -107,23 +102,30 @@ fn measure_one(load: Load) -> Measured {
     Measured { load, findings, coordinator, generator, commits: commits(&finished.log) }
 }
 
-/// One generation of random individuals: none of them waits for another.
-fn experiment(data: &Path, population: u32) -> String {
-    format!(
+/// Writes a search of random individuals, none of which waits for another of its generation, and its clouds.
+fn make_search(place: &Path, population: u32, stop: &str) {
+    let data = place.join("data");
+    let made = ["synth", data.to_str().unwrap(), "--objects", "4", "--views", "12", "--seed", "1"];
+    run("coordinator", made);
+    let toml = format!(
         "version = 1\nname = \"load\"\nseed = 1\n[dataset]\nroot = \"{}\"\n[search]\nmethod = \"random\"\n\
-         [ga]\npopulation = {population}\n[stop]\ngenerations = 1\nperfect = false\nvalidation_patience = \"off\"\n\
-         [results]\nbaselines = false\n",
+         [ga]\npopulation = {population}\n[stop]\n{stop}\nstagnation = \"off\"\nperfect = false\n\
+         validation_patience = \"off\"\n[results]\nbaselines = false\n",
         data.display()
-    )
+    );
+    fs::write(place.join("load.toml"), toml).unwrap();
 }
 
-fn start_coordinator(place: &Path, log: &str) -> Running {
+/// Starts a coordinator; where workers may join it.
+fn start_coordinator(place: &Path, log: &str) -> (Running, String) {
     let mut command = program("coordinator");
     command.arg("run").arg(place.join("load.toml"));
     command.arg("--out").arg(place.join("run")).arg("--cache").arg(place.join("cache"));
     command.args(["--listen", "127.0.0.1:0", "--local-workers", "0", "--json"]);
     command.env("DESCRY_LOG", log);
-    Running::start(command)
+    let mut coordinator = Running::start(command);
+    let (_, line) = coordinator.wait_for("workers may join with");
+    (coordinator, line.rsplit(' ').next().unwrap().to_owned())
 }
 
 /// Lets all workers join and work until the coordinator has gone.

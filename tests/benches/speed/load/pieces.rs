@@ -69,10 +69,9 @@ fn measure_one(data: &Path, workers: u32, pieces: &str, effort: Effort) -> Strin
         data.display()
     );
     fs::write(place.join("load.toml"), toml).unwrap();
-    let mut coordinator = start_coordinator(place, "warn");
-    let (_, line) = coordinator.wait_for("workers may join with");
+    let (coordinator, address) = start_coordinator(place, "warn");
     let (meter, begun) = (Meter::start(coordinator.process()), Instant::now());
-    let records = work(workers, 1, effort, line.rsplit(' ').next().unwrap().to_owned());
+    let records = work(workers, 1, effort, address);
     coordinator.finish();
 
     let table = results::read_table(place.join("run"), TableName::Generations).unwrap();

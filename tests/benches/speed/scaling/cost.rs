@@ -7,7 +7,7 @@ use std::time::Instant;
 use descriptor::Parameters;
 
 use crate::programs::{Running, program};
-use crate::watch::Watch;
+use crate::watch::watch;
 use tests::benches::prepared::{Evaluated, Pair, pool};
 use tests::benches::table::Samples;
 
@@ -51,9 +51,9 @@ pub fn searched(folder: &Path, data: &Path, generations: u32) -> Searched {
     command.arg("run").arg(&experiment).arg("--out").arg(&out).arg("--cache").arg(&cache);
     command.args(["--listen", "127.0.0.1:0", "--json"]);
     let run = Running::start(command);
-    let watch = Watch::start(run.process(), &out);
+    let glances = watch(run.process(), &out);
     let finished = run.finish();
-    let glances = watch.stop();
+    let glances = glances.stop();
     let searched = Searched {
         seconds: finished.seconds,
         peak: finished.peak as f64,
