@@ -38,16 +38,16 @@ void main() {
   float depth = texelFetch(depths, at, 0).r;
   if (depth >= 1.0) { // the background, but for a soft edge
     vec4 sum = vec4(0.0);
-    for (int i = 0; i < 9; i++) sum += texelFetch(colours, inside(at + ivec2(i % 3 - 1, i / 3 - 1)), 0);
-    shaded = sum.a > 2.5 ? sum / 9.0 : vec4(0.0);
+    for (int i = 0; i < 4; i++) sum += texelFetch(colours, inside(at + ivec2(i / 2 * 2 - 1, i % 2 * 2 - 1)), 0);
+    shaded = sum.a > 1.5 ? sum / 6.0 : vec4(0.0);
     return;
   }
   float behind = 0.0;
-  for (int i = 0; i < 16; i++) {
-    vec2 away = vec2(cos(float(i) * 0.7854), sin(float(i) * 0.7854)) * (i < 8 ? reach : reach * 3.0);
+  for (int i = 0; i < 12; i++) {
+    vec2 away = vec2(cos(float(i) * 1.0472), sin(float(i) * 1.0472)) * (i < 6 ? reach : reach * 3.0);
     behind += clamp(depth - texelFetch(depths, inside(at + ivec2(round(away))), 0).r, 0.0, 0.12);
   }
-  shaded = vec4(texelFetch(colours, at, 0).rgb * exp(-1.6 * behind), 1.0);
+  shaded = vec4(texelFetch(colours, at, 0).rgb * exp(-2.1 * behind), 1.0);
 }`;
 
 const clamp = (value, low, high) => Math.max(low, Math.min(high, value));
