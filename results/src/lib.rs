@@ -20,6 +20,7 @@ mod printable;
 mod schema;
 
 mod checksums;
+mod columnar;
 mod consistency;
 mod database;
 mod file;
@@ -38,10 +39,11 @@ mod statistics;
 mod query;
 mod report;
 
+pub use columnar::{Columnar, complete_generations};
 pub use columns::{Column, ColumnKind, GeneColumn};
 pub use database::{Database, DatabasePart, DatabaseParts, read_database, write_database};
 pub use error::Error;
-pub use folder::{LOCK, RunFolder};
+pub use folder::{LOCK, RunFolder, is_in_use};
 pub use foreign::{
     Among, Foreign, ForeignClouds, ForeignError, ForeignValues, read_foreign, write_distances, write_vectors,
 };
@@ -53,10 +55,11 @@ pub use problem::Problem;
 #[cfg(feature = "sql")]
 pub use query::{Answer, AnswerFormat, LONGEST_QUERY, QueryError, query};
 pub use read::{
-    FinishedRun, read_answers, read_comparison, read_evaluations, read_front, read_pairs, read_perturbed,
-    read_predictions, read_run, read_sets, read_table, read_workers,
+    FinishedRun, read_answers, read_comparison, read_evaluations, read_front, read_individual,
+    read_landscapes, read_log, read_looks, read_pairs, read_perturbed, read_predictions, read_run, read_sets,
+    read_table, read_workers,
 };
-pub use report::{ChannelPairs, Report, Told, WinnerChannel};
+pub use report::{CLOUD_VIEWER, ChannelPairs, Report, Told, WinnerChannel};
 pub use schema::schema_markdown;
 pub use statistics::{Cluster, RankSum, bootstrap, holm, mcnemar, rank_sum, wilson};
 pub use table_name::TableName;

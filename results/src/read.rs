@@ -13,7 +13,8 @@ use crate::parquet;
 use crate::table_name::TableName;
 use crate::tables::TableFile;
 use crate::tables::comparison::{ComparedRow, PairRow, PerturbedRow, SetRow};
-use crate::tables::log::WorkerRow;
+use crate::tables::grid::LandscapeRow;
+use crate::tables::log::{LookRow, RunLog, WorkerRow};
 use crate::tables::run::{EvaluationRow, FrontRow, PredictionRow, PredictionSplit, RunRow};
 
 /// Name of a generation's file in its table's folder.
@@ -187,6 +188,56 @@ pub fn read_evaluations(run: impl AsRef<Path>) -> Result<Vec<EvaluationRow>, Err
 pub fn read_workers(run: impl AsRef<Path>) -> Result<Vec<WorkerRow>, Error> {
     let file = run.as_ref().join(TableName::Workers.as_str()).join(TableName::Workers.file());
     read_file(&file, TableName::Workers)?.rows()
+}
+
+/// One individual by its generation and its index in it; `None` if it is not there.
+///
+/// # Errors
+/// If the file cannot be read, or is damaged.
+pub fn read_individual(
+    run: impl AsRef<Path>,
+    generation: u32,
+    individual: u32,
+) -> Result<Option<EvaluationRow>, Error> {
+    let file = run.as_ref().join(TableName::Evaluations.as_str()).join(generation_file(generation));
+    let Some(content) = read_file_if_any(&file, TableName::Evaluations)? else { return Ok(None) };
+    let rows = content.rows::<EvaluationRow>()?;
+    Ok(rows.into_iter().find(|row| row.individual == individual))
+}
+
+/// Workers, attempts and events of a run that has ended in any way; nothing of tables that are not there.
+///
+/// # Errors
+/// If a file cannot be read, or is damaged.
+pub fn read_log(run: impl AsRef<Path>) -> Result<RunLog, Error> {
+    let run = run.as_ref();
+    let read = |table: TableName| read_file_if_any(&run.join(table.as_str()).join(table.file()), table);
+    Ok(RunLog {
+        workers: read(TableName::Workers)?.map_or(Ok(Vec::new()), |content| content.rows())?,
+        attempts: read(TableName::Attempts)?.map_or(Ok(Vec::new()), |content| content.rows())?,
+        events: read(TableName::Events)?.map_or(Ok(Vec::new()), |content| content.rows())?,
+    })
+}
+
+/// What descriptors have with each pair of values of two genes, of the grid in a folder; none if there is none.
+///
+/// # Errors
+/// If the file cannot be read, or is damaged.
+pub fn read_landscapes(grid: impl AsRef<Path>) -> Result<Vec<LandscapeRow>, Error> {
+    let file = grid.as_ref().join(TableName::Landscapes.as_str()).join(TableName::Landscapes.file());
+    read_file_if_any(&file, TableName::Landscapes)?.map_or(Ok(Vec::new()), |content| content.rows())
+}
+
+/// The looks at the test clouds of a run, in their order.
+///
+/// # Errors
+/// If a file cannot be read, or is damaged.
+pub fn read_looks(run: impl AsRef<Path>) -> Result<Vec<LookRow>, Error> {
+    let mut rows = Vec::new();
+    for file in table_files(run.as_ref(), TableName::Looks)? {
+        rows.extend(read_file(&file, TableName::Looks)?.rows::<LookRow>()?);
+    }
+    Ok(rows)
 }
 
 /// The descriptors of the comparison in a run folder, in its order; none if there is none, or none that is whole.

@@ -30,6 +30,9 @@ use crate::error::Error;
 use crate::file::write_whole;
 use crate::table_name::TableName;
 
+/// The script that shows point clouds: a module without imports, which pages have as a file or in their text.
+pub const CLOUD_VIEWER: &str = include_str!("viewer.js");
+
 /// What is known of a run that its tables do not say.
 #[derive(Clone, Debug, Default)]
 pub struct Told {
