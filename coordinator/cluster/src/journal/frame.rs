@@ -46,13 +46,19 @@ impl Key {
 
     /// The record at `place` of a file: its number, its payload, and where the next begins.
     pub fn record<'a>(&self, file: &'a [u8], place: usize) -> Option<(u64, &'a [u8], usize)> {
-        let (length, rest) = self.head(file.get(place..)?)?;
+        let (number, payload) = self.first_record(file.get(place..)?, place as u64)?;
+        Some((number, payload, place + framed(payload.len())))
+    }
+
+    /// The record that bytes of a file begin with, which stand at `place` in it: its number and its payload.
+    pub fn first_record<'a>(&self, bytes: &'a [u8], place: u64) -> Option<(u64, &'a [u8])> {
+        let (length, rest) = self.head(bytes)?;
         let (number, rest) = rest.split_first_chunk()?;
         let (checksum, rest) = rest.split_first_chunk::<16>()?;
         let payload = rest.get(..length)?;
         let number = u64::from_le_bytes(*number);
-        let sound = self.checksum(place as u64, number, payload) == *checksum;
-        sound.then_some((number, payload, place + HEAD + length))
+        let sound = self.checksum(place, number, payload) == *checksum;
+        sound.then_some((number, payload))
     }
 
     /// The length of the payload, if `bytes` begin as a record, and what follows.

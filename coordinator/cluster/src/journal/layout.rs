@@ -1,5 +1,8 @@
 //! A journal's file as a whole: its head twice, each on pages of its own, then records.
 
+use std::fs::File;
+use std::io::{self, Read as _, Seek as _, SeekFrom};
+
 use super::Entry;
 use super::frame::{Key, PAGE, framed};
 use super::records::{Contents, encode, padding};
@@ -42,6 +45,12 @@ impl Head {
         let head = first.or(second)?;
         let records = 2 * head.pages();
         Some((head, records, is_whole))
+    }
+
+    /// Reads the bytes of a file in which its head must be.
+    pub fn most_of(file: &mut File, bytes: &mut Vec<u8>) -> io::Result<usize> {
+        file.seek(SeekFrom::Start(0))?;
+        file.take(2 * MAX_HEAD as u64).read_to_end(bytes)
     }
 
     /// Bytes of the pages that one copy takes.

@@ -2,9 +2,11 @@
 //!
 //! A search is deterministic, so that going on is doing it again with the results that are there. It is an append-only log:
 //! `frame` has single records with their checksums, `records` and `header` what they say, `layout` the whole file, `repair`
-//! takes what is sound in it, `file` opens and appends; `writer` commits in groups on a thread of its own.
+//! takes what is sound in it, `file` opens and appends; `writer` commits in groups on a thread of its own. `follower`
+//! reads what another process writes.
 
 mod file;
+mod follower;
 mod frame;
 mod header;
 mod layout;
@@ -23,6 +25,7 @@ use proto::{JobId, Principal, WorkerId};
 use crate::events::Event;
 use crate::sharding::plan::ShardPlan;
 pub use file::JournalFile;
+pub use follower::JournalFollower;
 pub use header::Header;
 pub use writer::{Journal, LogSequence};
 
