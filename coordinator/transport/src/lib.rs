@@ -14,12 +14,14 @@ mod refusals;
 mod server;
 mod service;
 mod tls;
+mod web;
 mod wire;
 
 pub use listen_error::ListenError;
 pub use listener::{Listener, Protection};
 pub use server::Servers;
 pub use service::{DerivedEntries, Release};
+pub use web::{WebConnection, WebError, WebListener, WebTokens};
 #[doc(hidden)]
 pub use wire::{reads_fetch, reads_poll};
 
