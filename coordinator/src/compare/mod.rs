@@ -52,6 +52,8 @@ use progress::Display;
 use recognition::MAX_PAIRS;
 pub use summary::Comparison;
 use tables::{Compared, Tables};
+#[cfg(test)]
+pub use timing::listing as test_listing;
 use timing::time;
 use transport::Protection;
 pub use verdict::{Difference, differences, verdict};

@@ -121,7 +121,7 @@ impl Timed {
 }
 
 /// The usable clouds of the final test.
-fn listing(dataset: &Dataset) -> Listing {
+pub fn listing(dataset: &Dataset) -> Listing {
     let (queries, database) = (Matching::Test.query_clouds(dataset), Matching::Test.database_clouds(dataset));
     let listed = |&index: &u32| {
         let cloud = &dataset.clouds.entries[index as usize];

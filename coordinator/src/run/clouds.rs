@@ -31,6 +31,15 @@ pub fn difference(folder: &Path, then: &str, now: &Dataset) -> String {
     lines.iter().map(|line| format!("  {line}")).collect::<Vec<_>>().join("\n")
 }
 
+/// The clouds that a folder lists, or, for a run of a sweep, that of the sweep.
+pub fn listed(folder: &Path) -> Option<Vec<CloudRecord>> {
+    let read = |folder: &Path| {
+        let bytes = read_file(&folder.join(CLOUDS_FILE)).ok()?;
+        record::from_text(std::str::from_utf8(&bytes).ok()?)
+    };
+    read(folder).or_else(|| read(folder.parent()?))
+}
+
 /// The clouds that a folder lists, or, for a run of a sweep, that of the sweep, if they are those of the digest.
 fn kept(folder: &Path, digest: &str) -> Option<Vec<CloudRecord>> {
     let read = |folder: &Path| {
