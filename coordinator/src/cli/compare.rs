@@ -7,7 +7,7 @@ use clap::Args;
 use descriptor::recogniser::Method;
 use descriptor::{Perturbation, SetDistance, VectorMetric};
 
-use super::run::Manner;
+use super::run::{Manner, Observers};
 use crate::compare::{ForeignSource, Named, Options, Source, Sources, compare};
 use crate::experiment::Plan;
 use crate::{run, sweep};
@@ -117,7 +117,7 @@ impl Compare {
                 Plan::Run(experiment) => run::folder(experiment, None, false),
                 Plan::Sweep(sweep) => sweep::folder(sweep, None, false),
             };
-            manner.run(&plan, out.clone(), None, false)?;
+            manner.run(&plan, out.clone(), Observers::default(), false)?;
             out
         } else {
             subject

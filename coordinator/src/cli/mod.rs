@@ -5,6 +5,7 @@ mod assess;
 mod certs;
 mod check;
 mod compare;
+mod dashboard;
 mod evaluate;
 mod exhaust;
 mod export;
@@ -60,6 +61,7 @@ enum Command {
     Learn(learn::Learn),
     #[cfg(feature = "sql")]
     Query(query::Query),
+    Dashboard(dashboard::Dashboard),
     Recognise(recognise::Recognise),
     Assess(assess::Assess),
     Report(report::Report),
@@ -98,6 +100,7 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
         Command::Compare(command) => command.execute(),
         Command::Assess(command) => command.execute(),
         Command::Certs(command) => command.execute(),
+        Command::Dashboard(command) => command.execute(),
         Command::Evaluate(command) => command.execute(),
         Command::Exhaust(command) => command.execute(),
         Command::Export(command) => command.execute(),

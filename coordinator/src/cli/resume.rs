@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 
-use super::run::{Events, Manner};
+use super::run::{Manner, Observers};
 use super::sign::Sign;
 use crate::run;
 
@@ -22,7 +22,7 @@ pub struct Resume {
     #[command(flatten)]
     sign: Sign,
     #[command(flatten)]
-    events: Events,
+    observers: Observers,
     #[command(flatten)]
     manner: Manner,
 }
@@ -31,6 +31,6 @@ impl Resume {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let key = self.sign.key()?;
         let plan = run::recorded_plan(&self.folder, self.manner.overrides(None))?;
-        self.manner.execute(&plan, self.folder, self.events.file, false, key.as_ref())
+        self.manner.execute(&plan, self.folder, self.observers, false, key.as_ref())
     }
 }

@@ -10,6 +10,8 @@ use proto::Principal;
 
 use super::after_run::AfterRun;
 use super::sign::{RUN_FILES, Sign, sign};
+use crate::console::say;
+use crate::dashboard::Dashboard;
 use crate::experiment::{LocalWorkers, Overrides, Plan};
 use crate::run::{self, RunOptions};
 use crate::signing::SigningKey;
@@ -50,17 +52,22 @@ pub struct Run {
     #[command(flatten)]
     sign: Sign,
     #[command(flatten)]
-    events: Events,
+    observers: Observers,
     #[command(flatten)]
     manner: Manner,
 }
 
 /// Who else follows a run.
-#[derive(Debug, Args)]
-pub struct Events {
+#[derive(Debug, Default, Args)]
+pub struct Observers {
     /// Append what happens, as it happens, to this file: one JSON object a line, for example events.jsonl
-    #[arg(long = "events", value_name = "FILE")]
-    pub(super) file: Option<PathBuf>,
+    #[arg(long, value_name = "FILE")]
+    pub(super) events: Option<PathBuf>,
+    /// Show the run in a browser while it goes on, by default at 127.0.0.1:7780, for example 0.0.0.0:7780 with --tls for
+    /// browsers of other machines; `coordinator dashboard` shows it afterwards
+    #[arg(long, value_name = "ADDR", num_args = 0..=1)]
+    #[expect(clippy::option_option, reason = "left out, without an address, with one")]
+    pub(super) dashboard: Option<Option<SocketAddr>>,
 }
 
 /// How a run is carried out, which changes none of its results.
@@ -100,7 +107,7 @@ impl Run {
                 "--control: is for a single run, got a sweep\nadd a variant to it: [sweep.variants.random] search.method = \"random\""
             );
         }
-        self.manner.execute(&plan, out, self.events.file, self.control, key.as_ref())
+        self.manner.execute(&plan, out, self.observers, self.control, key.as_ref())
     }
 }
 
@@ -114,11 +121,11 @@ impl Manner {
         self,
         plan: &Plan,
         out: PathBuf,
-        events: Option<PathBuf>,
+        observers: Observers,
         control: bool,
         key: Option<&SigningKey>,
     ) -> anyhow::Result<ExitCode> {
-        let [json, text] = self.run(plan, out.clone(), events, control)?;
+        let [json, text] = self.run(plan, out.clone(), observers, control)?;
         for (_, run) in sweep::run_folders(&out)? {
             sign(key, &run, &RUN_FILES)?;
         }
@@ -132,7 +139,7 @@ impl Manner {
         &self,
         plan: &Plan,
         out: PathBuf,
-        events: Option<PathBuf>,
+        observers: Observers,
         control: bool,
     ) -> anyhow::Result<[String; 2]> {
         let advice = format!(
@@ -141,15 +148,20 @@ impl Manner {
         );
         let (protection, storage) = (self.protection.clone(), self.storage.clone().resolve());
         let options = RunOptions {
-            out: Some(out),
+            out: Some(out.clone()),
             fresh: false,
-            events,
+            events: observers.events,
             protection,
             storage,
             readmit: self.readmit.clone(),
         };
         let after = AfterRun { options: &options, overrides: self.overrides(None), control };
         super::block_on(&advice, async {
+            if let Some(address) = observers.dashboard {
+                let dashboard = Dashboard::of_run(out, address, &self.protection).await?;
+                dashboard.notices().iter().for_each(|notice| say(notice));
+                tokio::spawn(dashboard.serve());
+            }
             Ok(match plan {
                 Plan::Run(experiment) => {
                     let summary = run::run(experiment, &options).await?;

@@ -187,3 +187,12 @@ fn keep(spec: &GridSpec, grid: &FinishedGrid, out: &Path, store: &Store) -> Resu
     }
     Ok(optimum)
 }
+
+/// Whether the grid in a folder is of an experiment's search space and of as many training queries: then it is of the
+/// same clouds, as far as their list tells.
+pub fn is_landscape_of(folder: &Path, experiment: &Experiment, queries: Option<u32>) -> bool {
+    let is_alike = |grid: results::FinishedGrid| {
+        Some(grid.row.queries) == queries && grid.row.search_space.ends_with(&experiment.space_toml())
+    };
+    results::read_grid(folder).is_ok_and(is_alike)
+}

@@ -15,15 +15,27 @@ pub fn rows(client: &Client) -> RunLog {
     tables.finish(client.omitted_events(), SystemTime::now())
 }
 
+/// Rows of the tables, event by event.
 #[derive(Default)]
-struct Tables {
+pub struct Tables {
     rows: RunLog,
     /// Rows of the workers that are here.
     present: BTreeMap<WorkerId, usize>,
 }
 
 impl Tables {
-    fn add(&mut self, event: &Event) {
+    /// With the rows that a run has written.
+    pub fn of(rows: RunLog) -> Self {
+        Self { rows, present: BTreeMap::new() }
+    }
+
+    /// The rows so far.
+    pub fn rows(&self) -> &RunLog {
+        &self.rows
+    }
+
+    /// Adds what an event says.
+    pub fn add(&mut self, event: &Event) {
         if event.omitted {
             return;
         }

@@ -1,0 +1,54 @@
+//! `coordinator dashboard`: runs in a browser.
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Args;
+use transport::Protection;
+
+use crate::console::say;
+use crate::dashboard::{DEFAULT_ADDRESS, Dashboard as Server};
+
+/// Show runs in a browser, finished, running and dead ones alike: their progress, their descriptors, and the clouds that
+/// they get wrong, in 3D
+///
+/// Reads run folders and needs no coordinator at work. On this machine nobody has to show anything; from other machines
+/// it takes --tls and a token.
+///
+/// Example: coordinator dashboard results
+#[derive(Debug, Args)]
+pub struct Dashboard {
+    /// Folders of runs, sweeps and grids, or folders that have some below them, for example results/runs; by default
+    /// results
+    #[arg(value_name = "DIR")]
+    folders: Vec<PathBuf>,
+    /// Where it is served, for example 0.0.0.0:7780 (other machines) or 127.0.0.1:0 (any free port)
+    #[arg(long, value_name = "ADDR", default_value_t = DEFAULT_ADDRESS)]
+    listen: SocketAddr,
+    #[command(flatten)]
+    protection: Protection,
+}
+
+impl Dashboard {
+    pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
+        let folders = match self.folders {
+            none if none.is_empty() => vec![PathBuf::from("results")],
+            some => some,
+        };
+        if let Some(missing) = folders.iter().find(|folder| !folder.is_dir()) {
+            anyhow::bail!(
+                "{}: a folder of runs expected, got none\nname one, or start a run: coordinator run EXP.toml",
+                missing.display()
+            );
+        }
+        super::block_on("start it again: it has nothing to lose", async {
+            let dashboard = Server::bind(folders, self.listen, &self.protection).await?;
+            for notice in dashboard.notices() {
+                say(&notice);
+            }
+            dashboard.serve().await;
+            Ok(ExitCode::SUCCESS)
+        })
+    }
+}

@@ -1,0 +1,170 @@
+//! Everything about one run that does not change while it is looked at: verdict, errors, comparison, channels.
+
+use std::path::Path;
+
+use descriptor::Descriptor;
+use results::{Columnar, Counts, FinishedRun, TableName, wilson};
+use serde_json::{Value, json};
+
+use super::overview::Overview;
+use super::run_log::milliseconds;
+use crate::examine::layouts;
+use crate::experiment::Experiment;
+
+/// A run in full, as JSON. `run`: its summary.
+pub fn detail(folder: &Path, overview: &Overview, run: Value) -> Result<String, results::Error> {
+    let finished = overview.finished();
+    let table = |table| -> Result<String, results::Error> {
+        let rows = Columnar::read(folder, table)?;
+        Ok(rows.map_or_else(|| "null".to_owned(), |rows| Columnar::json([&rows].into_iter())))
+    };
+    let winner = finished
+        .zip(overview.experiment())
+        .and_then(|(finished, experiment)| experiment.space().from_values(&finished.row.best_genes));
+    let looks: Vec<Value> = results::read_looks(folder)?
+        .into_iter()
+        .map(|look| {
+            json!({
+                "at_ms": milliseconds(look.at), "command": look.command, "reason": look.reason,
+                "descriptors": look.descriptors,
+            })
+        })
+        .collect();
+    let experiment = overview.experiment();
+    let parts = json!({
+        "run": run,
+        "method": experiment.map(|experiment| experiment.method().as_str()),
+        "family": experiment.map(|experiment| experiment.space().family().name()),
+        "genes": experiment.map(genes).unwrap_or_default(),
+        "objectives": if experiment.is_some_and(|experiment| experiment.objectives().are_several()) {
+            json!(["object_error", "cost", "size"])
+        } else {
+            json!(["object_error"])
+        },
+        "errors": finished.map(errors).unwrap_or_default(),
+        "winner": finished.map(|finished| json!({
+            "generation": finished.row.winner_generation, "individual": finished.row.winner_individual,
+            "text": winner.as_ref().map(Descriptor::parameters),
+        })),
+        "channels": winner.as_ref().map(channels).unwrap_or_default(),
+        "answers": answers(folder)?,
+        "test_clouds": test_clouds(finished, experiment),
+        "looks": looks,
+        "toml": match (finished, experiment) {
+            (Some(finished), _) => Some(finished.row.resolved_toml.clone()),
+            (None, experiment) => experiment.map(Experiment::resolved_toml),
+        },
+        "digests": finished.map_or(json!({}), |finished| json!({
+            "run_digest": finished.run_digest, "data_digest": finished.row.data_digest,
+            "evaluation_version": finished.row.evaluation_version, "build": finished.row.build,
+        })),
+    });
+    let mut text = parts.to_string();
+    text.pop();
+    for (name, table) in [
+        ("compared", table(TableName::Comparison)?),
+        ("pairs", table(TableName::Pairs)?),
+        ("front", table(TableName::Front)?),
+        ("sets", table(TableName::Sets)?),
+    ] {
+        text += &format!(",\"{name}\":{table}");
+    }
+    text.push('}');
+    Ok(text)
+}
+
+fn genes(experiment: &Experiment) -> Vec<Value> {
+    let columns = experiment.space().family().columns();
+    columns.into_iter().map(|column| json!({"name": column.name, "unit": column.unit})).collect()
+}
+
+fn errors(finished: &FinishedRun) -> Vec<Value> {
+    let row = &finished.row;
+    let splits = [("train", Some(row.train)), ("validation", row.validation), ("test", row.test)];
+    let error = |(split, counts): (&str, Option<Counts>)| {
+        let counts = counts?;
+        let wrong = counts.queries.saturating_sub(counts.object_correct);
+        let [low, high] = wilson(wrong, counts.queries);
+        Some(json!({
+            "split": split, "object_error": counts.object_error(), "object_wrong": wrong,
+            "category_error": counts.category_error(),
+            "category_wrong": counts.queries.saturating_sub(counts.category_correct),
+            "queries": counts.queries, "low": low, "high": high,
+        }))
+    };
+    splits.into_iter().filter_map(error).collect()
+}
+
+/// The channels of a descriptor.
+fn channels(descriptor: &Descriptor) -> Vec<Value> {
+    let weights = descriptor.channels().into_iter().map(|(_, weight)| weight);
+    let texts: Vec<String> = match descriptor {
+        Descriptor::Structure(structure) => {
+            structure.channels.iter().map(|weighted| weighted.channel.to_string()).collect()
+        }
+        other => layouts(other).into_iter().map(|layout| layout.name).collect(),
+    };
+    let channels = layouts(descriptor).into_iter().zip(texts).zip(weights);
+    channels
+        .map(|((layout, text), weight)| {
+            let values: u32 = layout.parts.iter().map(|part| part.bins.iter().product::<u32>()).sum();
+            json!({"name": layout.name, "text": text, "weight": weight, "values": values, "regions": layout.regions})
+        })
+        .collect()
+}
+
+/// What answers to queries there are: the names that [`answers_of`] takes.
+fn answers(folder: &Path) -> Result<Vec<String>, results::Error> {
+    let is_there = |table: TableName, file: String| folder.join(table.as_str()).join(file).is_file();
+    let mut names: Vec<String> = ["validation", "test"]
+        .into_iter()
+        .filter(|split| is_there(TableName::Predictions, format!("{split}.parquet")))
+        .map(str::to_owned)
+        .collect();
+    for row in results::read_comparison(folder)? {
+        if is_there(TableName::Answers, format!("{}.parquet", row.descriptor)) {
+            names.push(format!("compared:{}", row.descriptor));
+        }
+    }
+    Ok(names)
+}
+
+/// Answers to queries as a table; `None` if there are none of this name.
+///
+/// # Errors
+/// If a file cannot be read, or is damaged.
+pub fn answers_of(folder: &Path, of: &str) -> Result<Option<String>, results::Error> {
+    if !answers(folder)?.iter().any(|name| name == of) {
+        return Ok(None);
+    }
+    let (table, file) = match of.strip_prefix("compared:") {
+        Some(descriptor) => (TableName::Answers, descriptor),
+        None => (TableName::Predictions, of),
+    };
+    let rows = Columnar::of_file(&folder.join(table.as_str()).join(format!("{file}.parquet")), table)?;
+    Ok(rows.map(|rows| Columnar::json([&rows].into_iter())))
+}
+
+fn test_clouds(finished: Option<&FinishedRun>, experiment: Option<&Experiment>) -> &'static str {
+    match (finished, experiment) {
+        (Some(finished), _) if finished.row.test.is_some() => "shown",
+        (Some(_), _) => "none",
+        (None, _) => "hidden until the search ends",
+    }
+}
+
+/// The errors of all descriptors by the values of two genes, from the grid in a folder; `None` if it does not have them.
+pub fn landscape(grid: &Path, a: &str, b: &str) -> Result<Option<Value>, results::Error> {
+    let rows = results::read_landscapes(grid)?;
+    let is_asked = |row: &&results::LandscapeRow| row.gene_a == a && row.gene_b == b;
+    let chosen: Vec<_> = rows.iter().filter(is_asked).collect();
+    let queries = results::read_grid(grid)?.row.queries;
+    let error = |correct: f64| 1.0 - correct / f64::from(queries.max(1));
+    let table = json!({"rows": chosen.len(), "columns": {
+        "value_a": chosen.iter().map(|row| row.value_a).collect::<Vec<_>>(),
+        "value_b": chosen.iter().map(|row| row.value_b).collect::<Vec<_>>(),
+        "best_object_error": chosen.iter().map(|row| error(f64::from(row.best))).collect::<Vec<_>>(),
+        "mean_object_error": chosen.iter().map(|row| error(row.mean)).collect::<Vec<_>>(),
+    }});
+    Ok((!chosen.is_empty()).then(|| json!({"a": a, "b": b, "table": table})))
+}

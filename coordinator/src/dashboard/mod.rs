@@ -1,0 +1,106 @@
+//! The dashboard: a page that shows runs, read from their folders, so that it outlives the coordinator and can neither
+//! change nor slow what it shows.
+//!
+//! `folders.rs` finds runs; `shown.rs` is one of them: `feed.rs` reads its tables as they grow, `run_log.rs` its log,
+//! `overview.rs` and `detail.rs` sum it up. `server.rs` answers requests that `access.rs` lets in, `stream.rs` sends what
+//! is new, `assets.rs` has the page.
+
+mod access;
+mod assets;
+mod detail;
+mod error;
+mod feed;
+mod folders;
+mod overview;
+mod query;
+mod run_log;
+mod server;
+mod shown;
+mod stream;
+mod watched;
+
+use std::net::SocketAddr;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use transport::{Protection, WebError, WebListener, host_name};
+
+use access::Access;
+use server::Server;
+use watched::Watched;
+
+/// Where a dashboard is served unless the command line says otherwise.
+pub const DEFAULT_ADDRESS: SocketAddr =
+    SocketAddr::new(std::net::IpAddr::V4(std::net::Ipv4Addr::LOCALHOST), 7780);
+
+/// A dashboard whose port is bound.
+pub struct Dashboard {
+    listener: WebListener,
+    roots: Vec<PathBuf>,
+}
+
+impl Dashboard {
+    /// Of the runs in some folders.
+    ///
+    /// # Errors
+    /// If nobody can connect.
+    pub async fn bind(
+        roots: Vec<PathBuf>,
+        address: SocketAddr,
+        protection: &Protection,
+    ) -> Result<Self, WebError> {
+        Ok(Self { listener: WebListener::bind(address, protection).await?, roots })
+    }
+
+    /// Of one run or sweep, whose folder need not be there yet. Without an address at the default one, or, if another
+    /// program has that, at any free port.
+    ///
+    /// # Errors
+    /// If nobody can connect.
+    pub async fn of_run(
+        folder: PathBuf,
+        address: Option<SocketAddr>,
+        protection: &Protection,
+    ) -> Result<Self, WebError> {
+        let roots = vec![folder];
+        match Self::bind(roots.clone(), address.unwrap_or(DEFAULT_ADDRESS), protection).await {
+            Err(WebError::PortInUse { .. }) if address.is_none() => {
+                Self::bind(roots, SocketAddr::new(DEFAULT_ADDRESS.ip(), 0), protection).await
+            }
+            bound => bound,
+        }
+    }
+
+    /// What there is to say to people: where it is and what has to be shown. Without secrets.
+    pub fn notices(&self) -> Vec<String> {
+        let (address, tokens) = (self.listener.address, &self.listener.tokens);
+        let host = match address.ip() {
+            ip if ip.is_unspecified() => host_name(),
+            std::net::IpAddr::V6(ip) => format!("[{ip}]"),
+            ip => ip.to_string(),
+        };
+        let port = address.port();
+        let Some(tokens) = tokens else {
+            let mut notices = vec![format!("dashboard: http://{host}:{port}/")];
+            if !address.ip().is_loopback() {
+                notices.push(
+                    "warning: --insecure: whoever reaches this port can see the runs and their clouds"
+                        .to_owned(),
+                );
+            }
+            return notices;
+        };
+        let folder = tokens.folder.display();
+        vec![format!(
+            "dashboard: https://{host}:{port}/, which asks for a token: {folder}/dashboard-view to look, \
+             {folder}/dashboard-control to act, too"
+        )]
+    }
+
+    /// Answers requests as long as it is polled.
+    pub async fn serve(self) {
+        let access = Access::new(self.listener.address, self.listener.tokens.clone());
+        let server = Server::new(Watched::new(self.roots), access);
+        server::serve(Arc::new(server), self.listener.accept()).await;
+    }
+}
