@@ -11,8 +11,8 @@ const compare = (a, b) => {
 };
 
 /** `key:descending` of the address as {id, descending}. */
-export function parseSort(text, otherwise) {
-  const [id, order] = (text ?? otherwise ?? '').split(':');
+export function parseSort(text) {
+  const [id, order] = (text ?? '').split(':');
   return { id, descending: order === 'descending' };
 }
 
@@ -31,6 +31,10 @@ export function createTable(options) {
   let own = options.sort ?? '';
 
   const getSort = options.getSort ?? (() => own);
+  const sortNow = () => {
+    const sort = parseSort(getSort());
+    return columns.some(({ id }) => id === sort.id) ? sort : parseSort(options.sort);
+  };
   const setSort = (text) => {
     if (options.setSort) options.setSort(text);
     else own = text;
@@ -54,10 +58,21 @@ export function createTable(options) {
   const element = h('div', { class: 'table' }, h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': caption }, table), nothing, pager);
 
   function toggle(column) {
-    const sort = parseSort(getSort(), options.sort);
+    const sort = sortNow();
     const descending = sort.id === column.id ? !sort.descending : Boolean(column.number);
     first = 0;
     setSort(`${column.id}:${descending ? 'descending' : 'ascending'}`);
+  }
+
+  function ordered() {
+    const sort = sortNow();
+    const column = columns.find(({ id }) => id === sort.id);
+    if (!column) return rows;
+    const sign = sort.descending ? -1 : 1;
+    const none = (value) => value === null || value === undefined;
+    const keyed = rows.map((row) => [column.value(row), row]);
+    keyed.sort(([a], [b]) => (none(a) || none(b) ? compare(a, b) : sign * compare(a, b)));
+    return keyed.map(([, row]) => row);
   }
 
   function move(by) {
@@ -98,23 +113,14 @@ export function createTable(options) {
   }
 
   function render() {
-    const sort = parseSort(getSort(), options.sort);
-    const column = columns.find(({ id }) => id === sort.id);
+    const sort = sortNow();
     for (const [id, th] of heads) {
-      const order = column && id === column.id ? (sort.descending ? 'descending' : 'ascending') : null;
+      const order = id === sort.id ? (sort.descending ? 'descending' : 'ascending') : null;
       if (order === null) th.removeAttribute('aria-sort');
       else th.setAttribute('aria-sort', order);
     }
-    let ordered = rows;
-    if (column) {
-      const sign = sort.descending ? -1 : 1;
-      const none = (value) => value === null || value === undefined;
-      const keyed = rows.map((row) => [column.value(row), row]);
-      keyed.sort(([a], [b]) => (none(a) || none(b) ? compare(a, b) : sign * compare(a, b)));
-      ordered = keyed.map(([, row]) => row);
-    }
     if (first >= rows.length) first = Math.max(0, Math.floor((rows.length - 1) / page) * page);
-    const shown = ordered.slice(first, first + page);
+    const shown = ordered().slice(first, first + page);
     const elements = shown.map((row, at) => fill(at, row));
     elements.forEach((row, at) => {
       if (body.children[at] !== row) body.insertBefore(row, body.children[at] ?? null);
@@ -136,6 +142,14 @@ export function createTable(options) {
       render();
     },
     render,
+    /** Turns to the page that has the row of a key and puts it into sight. */
+    reveal(name) {
+      const at = ordered().findIndex((row) => String(key(row)) === name);
+      if (at < 0) return;
+      first = Math.floor(at / page) * page;
+      render();
+      body.children[at - first].scrollIntoView({ block: 'center' });
+    },
   };
 }
 

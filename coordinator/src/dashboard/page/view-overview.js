@@ -106,6 +106,15 @@ const PAIRS = [
   ['p_adjusted', 'p after Holm'],
 ];
 
+const FRONT = [
+  ['point', 'Point'],
+  ['train_object_error', 'Training error'],
+  ['validation_object_error', 'Validation error'],
+  ['cost', 'Cost (≈ ns)'],
+  ['size', 'Values a cloud'],
+  ['winner', 'Winner'],
+];
+
 function verdictPanel(detail) {
   const { run } = detail;
   const sentences = run.verdict?.length
@@ -119,7 +128,7 @@ function verdictPanel(detail) {
 function winnerPanel(detail, context) {
   if (detail.winner === null) return null;
   const { generation, individual, text } = detail.winner;
-  const open = () => context.navigate('population', { individual: `${generation}.${individual}` });
+  const open = () => context.navigate('population', { selected: `${generation}.${individual}` });
   const channels = detail.channels?.length
     ? h(
         'div',
@@ -241,7 +250,7 @@ export const view = {
           errorsPanel(detail),
           comparedPanel(detail),
           winnerPanel(detail, context),
-          detail.front && panel('Front', h('p', { class: 'muted' }, 'Descriptors of which none is better than another in all objectives.'), plainTable('Front', detail.front)),
+          detail.front && panel('Front', h('p', { class: 'muted' }, 'Descriptors of which none is better than another in all objectives.'), plainTable('Front', detail.front, FRONT)),
           looksPanel(detail),
           experimentPanel(detail),
         ),
