@@ -35,6 +35,7 @@ export function number(value) {
 /** A length of time. */
 export function duration(seconds) {
   if (missing(seconds)) return NONE;
+  if (seconds === 0) return `0${THIN}s`;
   if (seconds < 0.001) return `${Math.round(seconds * 1e6)}${THIN}µs`;
   if (seconds < 1) return `${Math.round(seconds * 1000)}${THIN}ms`;
   if (seconds < 10) return `${seconds.toFixed(1)}${THIN}s`;

@@ -126,6 +126,7 @@ async function refreshDetail() {
   try {
     const detail = await api.get('/api/run', { id: run });
     if (shown.run === run) store.put('detail', detail);
+    await probe();
   } catch (error) {
     detailFor = '';
     if (error.status !== 0 && shown.run === run) banner('error', error.message);
@@ -173,8 +174,6 @@ function showRun(run) {
   shown = { run, stream: null, brush: null };
   detailFor = '';
   shown.stream = run === null ? openRunsStream() : openRunStream(run);
-  // Controls, and the names of a sweep's members, come with the runs.
-  if (run !== null) probe().catch(() => {});
 }
 
 function applyBrush() {

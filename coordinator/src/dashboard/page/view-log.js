@@ -6,6 +6,8 @@ import { count, moment, plural } from './format.js';
 import { createTable } from './table.js';
 
 const LEVELS = { error: '✕ error', warning: '▲ warning', info: '· info' };
+/** What of the timeline is shown about an event, in milliseconds. */
+const AROUND = 15_000;
 const NAMES = Object.keys(LEVELS);
 
 export const view = {
@@ -40,7 +42,7 @@ export const view = {
           id: 'worker',
           title: 'Worker',
           value: (event) => event.worker,
-          node: (event) => (event.worker === null ? '' : h('a', { href: state.link({ view: 'timeline', worker: event.worker, at: event.at_ms }), title: 'its lane in the timeline' }, event.worker)),
+          node: (event) => (event.worker === null ? '' : h('a', { href: state.link({ view: 'timeline', worker: event.worker, t: `${event.at_ms - AROUND}..${event.at_ms + AROUND}` }), title: 'its lane in the timeline' }, event.worker)),
         },
         { id: 'generation', title: 'Generation', number: true, value: (event) => event.generation },
         { id: 'message', title: 'Message', value: (event) => event.message, node: (event) => h('div', { class: 'message' }, event.message) },
@@ -75,8 +77,8 @@ export const view = {
           return words.every((word) => text.includes(word));
         });
         const all = store.events ?? [];
-        const of = (name) => count(all.filter(({ level }) => level === name).length);
-        setText(summary, `${plural(all.length, 'event')}: ${of('error')} errors, ${of('warning')} warnings, ${of('info')} of information; ${count(events.length)} shown.`);
+        const of = (name) => all.filter(({ level }) => level === name).length;
+        setText(summary, `${plural(all.length, 'event')}: ${plural(of('error'), 'error')}, ${plural(of('warning'), 'warning')}, ${count(of('info'))} of information; ${count(events.length)} shown.`);
         table.set(events);
       },
       destroy() {},
