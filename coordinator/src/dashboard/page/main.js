@@ -3,6 +3,7 @@
 import { createApi } from './api.js';
 import { brushPredicate, parseBrush } from './brush.js';
 import { h, replace, setText } from './dom.js';
+import { clock } from './format.js';
 import { createRunHeader } from './run-header.js';
 import { createState } from './state.js';
 import { createStore } from './store.js';
@@ -90,21 +91,25 @@ document.addEventListener('visibilitychange', flush);
 let bannerKind = null;
 function banner(kind, text) {
   const box = element('banner');
-  bannerKind = kind;
+  bannerKind = text === null ? null : kind;
   box.hidden = text === null;
   box.className = `banner ${kind}`;
   setText(box, text ?? '');
 }
 
-function connection(now, again) {
+let lostAt = null;
+function connection(now) {
   const names = { connecting: 'connecting', open: 'connected', lost: 'connection lost' };
   const box = element('connection');
   box.className = `connection ${now}`;
   setText(box, names[now]);
   if (now === 'lost') {
-    const seconds = Math.max(1, Math.round((again - Date.now()) / 1000));
-    banner('lost', `No connection to the coordinator. What you see is as of the last message. Trying again in ${seconds} s.`);
-  } else if (now === 'open' && bannerKind === 'lost') banner('lost', null);
+    lostAt ??= Date.now();
+    banner('lost', `No connection to the coordinator since ${clock(lostAt)}. What you see is as it was then; it goes on by itself when the coordinator is back.`);
+  } else if (now === 'open') {
+    lostAt = null;
+    if (bannerKind !== null) banner(bannerKind, null);
+  }
 }
 
 const probe = () => api.get('/api/runs', {}, AbortSignal.timeout(8000)).then(setRuns);
@@ -133,6 +138,17 @@ async function refreshDetail() {
   }
 }
 
+/** The server has no stream of the run: it says why where the run itself is asked for. */
+async function refused(run) {
+  connection('connecting');
+  try {
+    await api.get('/api/run', { id: run });
+    banner('error', `${run}: the server does not stream this run. Reload the page.`);
+  } catch (error) {
+    if (error.status !== 0 && shown.run === run) banner('error', error.message);
+  }
+}
+
 function openRunStream(run) {
   const begin = () => {
     store.reset();
@@ -142,6 +158,7 @@ function openRunStream(run) {
     address: () => api.address('/api/stream', { id: run, ...store.position() }),
     probe,
     onconnection: connection,
+    onrefused: () => refused(run),
     handlers: {
       run: (value) => store.put('run', value),
       generations: (table) => store.add('generations', table),
@@ -162,6 +179,7 @@ function openRunsStream() {
     address: () => '/api/stream',
     probe,
     onconnection: connection,
+    onrefused: () => banner('error', 'The server does not stream its runs. Reload the page.'),
     handlers: { runs: setRuns },
   });
 }

@@ -9,24 +9,29 @@ const SILENCE = 20_000;
  * @param {function(): string} options.address the address to (re)connect to, with what has been seen
  * @param {Object<string, function(any): void>} options.handlers by name of event
  * @param {function(): Promise<void>} options.probe asks the server for something small: logs in where that is needed
- * @param {function('connecting'|'open'|'lost', number=): void} options.onconnection the state, and when lost the
- *   time of the next attempt
+ * @param {function('connecting'|'open'|'lost'): void} options.onconnection the state
+ * @param {function(): void} options.onrefused called when the server answers, but not with this stream
  */
-export function openStream({ address, handlers, probe, onconnection }) {
+export function openStream({ address, handlers, probe, onconnection, onrefused }) {
   let source = null;
   let timer = 0;
   let delay = FIRST_DELAY;
   let heard = Date.now();
   let closed = false;
 
+  function later() {
+    if (closed) return;
+    clearTimeout(timer);
+    timer = setTimeout(retry, delay);
+    delay = Math.min(delay * 1.6, LONGEST_DELAY);
+  }
+
   function lose() {
     source?.close();
     source = null;
     if (closed) return;
-    onconnection('lost', Date.now() + delay);
-    clearTimeout(timer);
-    timer = setTimeout(retry, delay);
-    delay = Math.min(delay * 1.6, LONGEST_DELAY);
+    onconnection('lost');
+    later();
   }
 
   async function retry() {
@@ -39,15 +44,32 @@ export function openStream({ address, handlers, probe, onconnection }) {
     if (!closed) connect();
   }
 
+  /** The stream did not even begin: either nobody answers, or the server does not have it. */
+  async function refuse() {
+    source?.close();
+    source = null;
+    try {
+      await probe();
+    } catch {
+      lose();
+      return;
+    }
+    if (closed) return;
+    onrefused();
+    later();
+  }
+
   function connect() {
+    let opened = false;
     source = new EventSource(address());
     heard = Date.now();
     source.onopen = () => {
+      opened = true;
       heard = Date.now();
       delay = FIRST_DELAY;
       onconnection('open');
     };
-    source.onerror = lose;
+    source.onerror = () => (opened ? lose() : refuse());
     for (const [name, handle] of Object.entries(handlers)) {
       source.addEventListener(name, (event) => {
         heard = Date.now();

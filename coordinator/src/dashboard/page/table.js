@@ -3,17 +3,26 @@
 import { h, setText } from './dom.js';
 import { count, cell as formatCell } from './format.js';
 
+const collator = new Intl.Collator('en', { numeric: true });
+
 const compare = (a, b) => {
   const none = (value) => value === null || value === undefined || Number.isNaN(value);
   if (none(a) || none(b)) return none(a) - none(b);
   if (typeof a === 'number' && typeof b === 'number') return a - b;
-  return String(a).localeCompare(String(b), 'en', { numeric: true });
+  return collator.compare(String(a), String(b));
 };
 
 /** `key:descending` of the address as {id, descending}. */
 export function parseSort(text) {
   const [id, order] = (text ?? '').split(':');
   return { id, descending: order === 'descending' };
+}
+
+function meanings(columns) {
+  const explained = columns.filter(({ hint }) => hint);
+  if (explained.length === 0) return null;
+  const list = explained.map(({ title, hint }) => [h('dt', null, title), h('dd', null, hint)]);
+  return h('details', { class: 'data' }, h('summary', null, 'What the columns mean'), h('dl', { class: 'facts' }, list));
 }
 
 /**
@@ -43,7 +52,7 @@ export function createTable(options) {
 
   const head = columns.map((column) => {
     if (column.sortable === false) return h('th', { scope: 'col', class: column.number ? 'number' : null }, column.title);
-    const button = h('button', { class: 'sort', title: column.hint, onclick: () => toggle(column) }, column.title);
+    const button = h('button', { class: 'sort', onclick: () => toggle(column) }, column.title);
     const element = h('th', { scope: 'col', class: column.number ? 'number' : null }, button);
     heads.set(column.id, element);
     return element;
@@ -55,7 +64,7 @@ export function createTable(options) {
     h('button', { class: 'small', 'aria-label': label, onclick: () => move(by) }, text);
   const [before, after] = [step('‹ Previous', 'Previous rows', -page), step('Next ›', 'Next rows', page)];
   const pager = h('div', { class: 'pager', hidden: true }, before, after, place);
-  const element = h('div', { class: 'table' }, h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': caption }, table), nothing, pager);
+  const element = h('div', { class: 'table' }, h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': caption }, table), nothing, pager, meanings(columns));
 
   function toggle(column) {
     const sort = sortNow();

@@ -18,7 +18,7 @@ const COMMANDS = [
     action: 'stop',
     button: 'Stop',
     danger: true,
-    text: 'The search ends after this generation; the winner so far is then measured on the test clouds.',
+    text: 'The search ends, as if its last generation had been reached: the winner so far is measured on the test clouds.',
     allowed: (run) => run.state === 'running' || run.state === 'paused',
   },
 ];

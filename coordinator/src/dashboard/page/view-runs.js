@@ -22,6 +22,7 @@ export const view = {
     const which = h('select', { onchange: () => state.set({ state: which.value }) });
     replace(which, h('option', { value: '' }, 'any'), ORDER.map((name) => h('option', { value: name }, name)));
     const selection = h('span', { role: 'status' });
+    const jump = h('button', { class: 'primary', hidden: true, onclick: () => box.scrollIntoView() }, 'Show the comparison');
     const clear = h('button', { class: 'small', onclick: () => setCompared(state, []) }, 'Select none');
     const shownButton = h('button', { class: 'small', onclick: () => setCompared(state, listed().filter(isRun).map(({ id }) => id).slice(0, 40)) }, 'Select all shown');
     const box = h('section', { class: 'panel', hidden: true, 'aria-label': 'Comparison' });
@@ -47,6 +48,7 @@ export const view = {
           node: (run) => [
             run.kind === 'run' ? h('a', { href: state.link({ run: run.id }, false) }, run.id) : h('span', null, run.id),
             run.kind !== 'run' && h('span', { class: 'kind' }, ` ${run.kind}`),
+            run.kind === 'sweep' && h('button', { class: 'small', onclick: () => compareMembers(run) }, 'Compare its members'),
             run.problem && h('div', { class: 'problem' }, run.problem),
           ].filter(Boolean),
         },
@@ -63,6 +65,12 @@ export const view = {
         { id: 'started', title: 'Started', value: (run) => run.started_ms, text: (run) => moment(run.started_ms) },
       ],
     });
+
+    function compareMembers(sweep) {
+      const members = context.runs.runs.filter((run) => run.sweep === sweep.id);
+      setCompared(state, members.map(({ id }) => id));
+      box.scrollIntoView();
+    }
 
     function tick(run) {
       const toggle = (event) => {
@@ -84,6 +92,7 @@ export const view = {
       setText(selection, selected.length === 0 ? 'Select two runs or more to compare them.' : `${plural(selected.length, 'run')} selected.`);
       clear.hidden = ids.length === 0;
       box.hidden = selected.length < 2;
+      jump.hidden = box.hidden;
       if (box.hidden) {
         comparison?.destroy();
         comparison = null;
@@ -101,7 +110,7 @@ export const view = {
       root,
       h('h1', null, 'Runs'),
       summary,
-      h('div', { class: 'row' }, h('label', { class: 'field' }, 'Find', search), h('label', { class: 'field' }, 'State', which), shownButton, clear, selection),
+      h('div', { class: 'row' }, h('label', { class: 'field' }, 'Find', search), h('label', { class: 'field' }, 'State', which), shownButton, clear, selection, jump),
       h('section', { class: 'panel' }, table.element),
       box,
     );

@@ -12,6 +12,9 @@ const LOAD = 70;
 const AXIS = 44;
 const MOST_HEIGHT = 560;
 const BINS = 240;
+/** Above so many attempts, the table follows the stream more slowly than the lanes. */
+const MANY = 20_000;
+const TABLE_PAUSE = 3000;
 const AUDITS = new Set(['agreed', 'disagreed']);
 
 export const view = {
@@ -463,6 +466,7 @@ export const view = {
       draw();
     });
     let placed = false;
+    let tableAt = 0;
 
     return {
       update(changed) {
@@ -478,7 +482,11 @@ export const view = {
         if (changed.has('attempts')) drawLegend();
         draw();
         drawFacts();
-        drawTable();
+        const byReader = changed.has('state') || changed.has('filter');
+        if (byReader || store.attempts.rows < MANY || performance.now() - tableAt > TABLE_PAUSE) {
+          tableAt = performance.now();
+          drawTable();
+        }
         if (!placed && width > 0) {
           placed = true;
           sight();
