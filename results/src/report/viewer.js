@@ -390,7 +390,7 @@ export function link([first, ...others]) {
 
 /** Calls `callback(true)` when `element` nears the visible part of the page, `callback(false)` when it leaves. */
 export function whenSeen(element, callback) {
-  const observer = new IntersectionObserver((all) => callback(all.at(-1).isIntersecting), { rootMargin: '300px' });
+  const observer = new IntersectionObserver((all) => callback(all.at(-1).isIntersecting), { rootMargin: '1200px' });
   observer.observe(element);
   return observer;
 }

@@ -18,7 +18,11 @@ function create(root, context) {
   const stop = new AbortController();
   const load = createCloudCache(api);
   const run = () => store.run?.id ?? null;
-  const set = (values) => state.set(values);
+  // The page tells of a new state a little later; the list moves its focus at once.
+  const set = (values) => {
+    state.set(values);
+    refresh();
+  };
 
   const of = select('Answers of', (value) => set({ of: value, query: null, object: null, taken: null }));
   const object = select('Object', (value) => set({ object: value, taken: null, query: null }));
@@ -62,6 +66,11 @@ function create(root, context) {
   let data = { key: null, rows: [], problem: null };
   let pairs = [];
   let drawn = '';
+
+  function refresh() {
+    fetchAnswers();
+    show();
+  }
 
   function choices() {
     return store.detail?.answers ?? [];
@@ -204,9 +213,7 @@ function create(root, context) {
 
   return {
     update(changed) {
-      if (!['run', 'detail', 'state'].some((name) => changed.has(name))) return;
-      fetchAnswers();
-      show();
+      if (['run', 'detail', 'state'].some((name) => changed.has(name))) refresh();
     },
     destroy() {
       stop.abort();
@@ -223,11 +230,11 @@ function nameOf(choice) {
 /** A select whose choices `[value, text]` may be exchanged; `onChange` gets null for an empty value. */
 function select(label, onChange) {
   const list = h('select', { onchange: (event) => onChange(event.target.value || null) });
-  const name = h('span', null, label);
+  const name = new Text(label);
   let known = '';
   return {
     element: h('label', { class: 'field' }, name, list),
-    rename: (text) => (name.textContent = text),
+    rename: (text) => (name.data = text),
     fill(choices, value) {
       const now = JSON.stringify(choices);
       if (now !== known) list.replaceChildren(...choices.map(([key, text]) => h('option', { value: key }, text)));
