@@ -4,7 +4,7 @@ import { number } from './format.js';
 
 /**
  * `distances`: `[{name, total, parts: [one a channel]}]`; `channels`: `[{name, weight}]`. The table has a column for each
- * distance and, of two, their difference.
+ * distance and, of two, their difference, of one, its shares.
  */
 export function channelBars(channels, distances) {
   const longest = Math.max(1e-12, ...distances.map(({ total }) => total));
@@ -35,7 +35,7 @@ function table(channels, distances) {
       h('th', { scope: 'row' }, mark, name),
       cell(weight),
       values.map((value) => cell(number(value))),
-      both ? cell(signed(values[1] - values[0])) : null,
+      both ? cell(signed(values[1] - values[0])) : cell(`${((100 * values[0]) / (distances[0].total || 1)).toFixed(1)} %`),
     );
   const lines = channels.map((channel, i) =>
     line(channel.name, number(channel.weight), distances.map(({ parts }) => parts[i]), h('span', { class: `key channel-${i % 7}` })),
@@ -48,7 +48,7 @@ function table(channels, distances) {
     h(
       'thead',
       null,
-      h('tr', null, h('th', { scope: 'col' }, 'Channel'), head('Weight'), distances.map(({ name }) => head(name)), both ? head('Difference') : null),
+      h('tr', null, h('th', { scope: 'col' }, 'Channel'), head('Weight'), distances.map(({ name }) => head(name)), head(both ? 'Difference' : 'Share')),
     ),
     h('tbody', null, lines),
     h('tfoot', null, sum),

@@ -43,6 +43,8 @@ export function createConfusion(onPick) {
     table.addEventListener('focusin', (event) => enter(event.target, cells));
     box.replaceChildren(table);
     at = home;
+    const chosen = box.querySelector('.picked.error') ?? box.querySelector('.picked');
+    if (chosen && (!hadFocus || !box.scrollTop)) box.scrollTo(chosen.offsetLeft - box.clientWidth / 2, chosen.offsetTop - box.clientHeight / 2);
     if (hadFocus && home) cells.get(home.join('\n'))?.focus({ preventScroll: true });
   }
 

@@ -4,11 +4,10 @@ import { createCloudCache } from './cloud-cache.js';
 import { createConfusion } from './confusion.js';
 import { h } from './dom.js';
 import { percent } from './format.js';
+import { createConsent, mayLook } from './looks.js';
 import { createTriple } from './triple.js';
 import { createWrongList } from './wrong-list.js';
 
-// Runs whose test clouds the reader has agreed to see, since the page was loaded.
-const agreed = new Set();
 const COMPARED = 'compared:';
 
 export const view = { id: 'answers', title: 'Wrong answers', create };
@@ -54,10 +53,14 @@ function create(root, context) {
   const title = h('h2', { tabindex: '-1', class: 'answer-title' });
   const place = h('span', { class: 'muted' });
   const steps = [h('button', { class: 'small', onclick: () => list.step(-1) }, '‹ Previous'), h('button', { class: 'small', onclick: () => list.step(1) }, 'Next ›')];
-  const consent = h('div', { class: 'consent', hidden: true });
+  const compare = h('button', { class: 'small' }, 'Histograms of query and answer');
+  const consent = createConsent(run, () => {
+    refresh();
+    title.focus();
+  });
   const key = (name) => h('kbd', null, name);
   const hint = h('p', { class: 'muted hint' }, key('j'), ' ', key('k'), ' next, previous wrong answer · ', key('Enter'), ' to its clouds · ', key('Esc'), ' back to the list');
-  const detail = h('section', { class: 'panel answer-detail' }, h('div', { class: 'row' }, title, place, steps), consent, triple.element);
+  const detail = h('section', { class: 'panel answer-detail' }, h('div', { class: 'row' }, title, place, steps, compare), consent, triple.element);
   const matrix = h('section', { class: 'panel' }, h('div', { class: 'row' }, h('h2', null, 'Confusion'), by), confusion.element);
   const wrongPanel = h('section', { class: 'panel' }, h('h2', null, 'Wrong answers'), hint, list.element);
   const body = h('div', { class: 'answers' }, h('div', { class: 'answers-side' }, matrix, wrongPanel), detail);
@@ -135,22 +138,13 @@ function create(root, context) {
     title.textContent = row ? `${row.instance} taken for ${row.predicted}` : 'No wrong answer here';
     const [at, all] = list.position();
     place.textContent = row ? `${at + 1} of ${all} wrong` : '';
+    compare.hidden = row === null;
+    compare.onclick = () => context.navigate('descriptor', { first: row.cloud, second: row.nearest });
     steps[0].disabled = at <= 0;
     steps[1].disabled = at >= all - 1;
-    const ask = row !== null && what !== 'validation' && !agreed.has(run());
+    const ask = row !== null && what !== 'validation' && !mayLook(run());
     consent.hidden = !ask;
     triple.element.hidden = row === null || ask;
-    if (ask && consent.childElementCount === 0) {
-      const agree = () => {
-        agreed.add(run());
-        show();
-        title.focus();
-      };
-      consent.append(
-        h('p', null, 'This is a test cloud. Showing test clouds is recorded as a look in the table “looks” of the run: whoever measures often enough on them finds something good by chance.'),
-        h('button', { class: 'primary', onclick: agree }, 'Show test clouds and record it'),
-      );
-    }
     if (row === null || ask) return;
     const other = what.startsWith(COMPARED)
       ? `The answer is of ${nameOf(what)}; the right cloud and the channels are of the winner, for the same two clouds.`
