@@ -95,12 +95,12 @@ function createRenderer() {
   function makeRoom(width, height) {
     if (canvas.width >= width && canvas.height >= height) return;
     [canvas.width, canvas.height] = [Math.max(canvas.width, width), Math.max(canvas.height, height)];
-    const kinds = [[gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE], [gl.DEPTH_COMPONENT24, gl.DEPTH_COMPONENT, gl.UNSIGNED_INT]];
-    kinds.forEach(([stored, ...given], i) => {
+    const colour = [gl.COLOR_ATTACHMENT0, gl.RGBA8, gl.RGBA, gl.UNSIGNED_BYTE];
+    const depth = [gl.DEPTH_ATTACHMENT, gl.DEPTH_COMPONENT24, gl.DEPTH_COMPONENT, gl.UNSIGNED_INT];
+    [colour, depth].forEach(([attachment, stored, ...given], i) => {
       gl.bindTexture(gl.TEXTURE_2D, textures[i]);
       gl.texImage2D(gl.TEXTURE_2D, 0, stored, canvas.width, canvas.height, 0, ...given, null);
       [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER].forEach((at) => gl.texParameteri(gl.TEXTURE_2D, at, gl.NEAREST));
-      const attachment = i ? gl.DEPTH_ATTACHMENT : gl.COLOR_ATTACHMENT0;
       gl.framebufferTexture2D(gl.FRAMEBUFFER, attachment, gl.TEXTURE_2D, textures[i], 0);
     });
   }
@@ -390,7 +390,7 @@ export function link([first, ...others]) {
 
 /** Calls `callback(true)` when `element` nears the visible part of the page, `callback(false)` when it leaves. */
 export function whenSeen(element, callback) {
-  const observer = new IntersectionObserver((all) => callback(all.at(-1).isIntersecting), { rootMargin: '1200px' });
+  const observer = new IntersectionObserver((all) => callback(all.at(-1).isIntersecting), { rootMargin: '2000px' });
   observer.observe(element);
   return observer;
 }

@@ -18,9 +18,24 @@ export function channelBars(channels, distances) {
       return segment;
     });
     const bar = h('div', { class: 'bar', role: 'img', 'aria-label': `${name}: ${number(total)}; ${told}` }, segments);
-    return h('div', { class: 'bar-line' }, h('span', { class: 'bar-name' }, name), bar, h('span', { class: 'number' }, number(total)));
+    return h(
+      'div',
+      { class: 'bar-line' },
+      h('span', { class: 'bar-name' }, name),
+      bar,
+      h('span', { class: 'number' }, number(total)),
+    );
   });
-  return h('div', { class: 'channel-bars' }, bars, h('div', { class: 'scroll' }, table(channels, distances)));
+  return h(
+    'div',
+    { class: 'channel-bars' },
+    bars,
+    h(
+      'div',
+      { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'Parts of the channels' },
+      table(channels, distances),
+    ),
+  );
 }
 
 function table(channels, distances) {
@@ -35,12 +50,24 @@ function table(channels, distances) {
       h('th', { scope: 'row' }, mark, name),
       cell(weight),
       values.map((value) => cell(number(value))),
-      both ? cell(signed(values[1] - values[0])) : cell(`${((100 * values[0]) / (distances[0].total || 1)).toFixed(1)} %`),
+      both
+        ? cell(signed(values[1] - values[0]))
+        : cell(`${((100 * values[0]) / (distances[0].total || 1)).toFixed(1)} %`),
     );
   const lines = channels.map((channel, i) =>
-    line(channel.name, number(channel.weight), distances.map(({ parts }) => parts[i]), h('span', { class: `key channel-${i % 7}` })),
+    line(
+      channel.name,
+      number(channel.weight),
+      distances.map(({ parts }) => parts[i]),
+      h('span', { class: `key channel-${i % 7}` }),
+    ),
   );
-  const sum = line('together', '', distances.map(({ total }) => total), null);
+  const sum = line(
+    'together',
+    '',
+    distances.map(({ total }) => total),
+    null,
+  );
   return h(
     'table',
     { class: 'parts' },
@@ -48,7 +75,14 @@ function table(channels, distances) {
     h(
       'thead',
       null,
-      h('tr', null, h('th', { scope: 'col' }, 'Channel'), head('Weight'), distances.map(({ name }) => head(name)), head(both ? 'Difference' : 'Share')),
+      h(
+        'tr',
+        null,
+        h('th', { scope: 'col' }, 'Channel'),
+        head('Weight'),
+        distances.map(({ name }) => head(name)),
+        head(both ? 'Difference' : 'Share'),
+      ),
     ),
     h('tbody', null, lines),
     h('tfoot', null, sum),

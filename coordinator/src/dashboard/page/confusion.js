@@ -12,7 +12,8 @@ export function createConfusion(onPick) {
   let at = null;
 
   function show(rows, by, picked) {
-    const names = by === 'category' ? (row) => [row.category, row.predictedCategory] : (row) => [row.instance, row.predicted];
+    const names =
+      by === 'category' ? (row) => [row.category, row.predictedCategory] : (row) => [row.instance, row.predicted];
     const { counts, shown, hidden, most } = count(rows, names);
     const what = by === 'category' ? 'categories' : 'objects';
     note.textContent = `Rows: the ${what} of the clouds. Columns: what they were taken for.`;
@@ -44,7 +45,8 @@ export function createConfusion(onPick) {
     box.replaceChildren(table);
     at = home;
     const chosen = box.querySelector('.picked.error') ?? box.querySelector('.picked');
-    if (chosen && (!hadFocus || !box.scrollTop)) box.scrollTo(chosen.offsetLeft - box.clientWidth / 2, chosen.offsetTop - box.clientHeight / 2);
+    if (chosen && (!hadFocus || !box.scrollTop))
+      box.scrollTo(chosen.offsetLeft - box.clientWidth / 2, chosen.offsetTop - box.clientHeight / 2);
     if (hadFocus && home) cells.get(home.join('\n'))?.focus({ preventScroll: true });
   }
 
@@ -52,7 +54,11 @@ export function createConfusion(onPick) {
     const same = own === other;
     const label = same ? `${own}: ${amount} right` : `${own} taken for ${other}: ${amount}`;
     const kind = same ? 'same' : amount ? 'error' : 'none';
-    const cell = h('td', { class: kind, tabindex: '-1', 'aria-label': label, title: label }, amount ? String(amount) : '');
+    const cell = h(
+      'td',
+      { class: kind, tabindex: '-1', 'aria-label': label, title: label },
+      amount ? String(amount) : '',
+    );
     if (!same && amount) {
       cell.style.setProperty('--heat', `${Math.round(12 + (40 * amount) / most)}%`);
     }

@@ -18,7 +18,11 @@ export function createConsent(run, onAgree) {
   return h(
     'div',
     { class: 'consent', hidden: true },
-    h('p', null, 'This is a test cloud. Showing test clouds is recorded as a look in the table “looks” of the run: whoever measures often enough on them finds something good by chance.'),
+    h(
+      'p',
+      null,
+      'This is a test cloud. Showing test clouds is recorded as a look in the table “looks” of the run: whoever measures often enough on them finds something good by chance.',
+    ),
     h('button', { class: 'primary', onclick: agree }, 'Show test clouds and record it'),
   );
 }

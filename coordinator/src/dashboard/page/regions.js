@@ -36,24 +36,39 @@ function drawShape(context, scene, cloud, { kind, at_m, radius_cm, colour, dash 
       return scene.project(middle.map((value, k) => value + c * a[k] + s * b[k]));
     });
   const style = getComputedStyle(context.canvas);
-  context.strokeStyle = context.fillStyle = colour.startsWith('--') ? style.getPropertyValue(colour) : colour;
-  context.lineWidth = 1.75 * scene.ratio;
-  context.setLineDash(dash.map((length) => length * scene.ratio));
+  const ink = colour.startsWith('--') ? style.getPropertyValue(colour) : colour;
+  const halo = style.getPropertyValue('--panel') || 'white';
+  const size = parseFloat(style.fontSize) * scene.ratio;
+  const draw = (points, width, dashes) => {
+    context.lineWidth = (width * size) / 14;
+    context.setLineDash(dashes.map((length) => (length * size) / 14));
+    context.beginPath();
+    points.forEach(([right, down]) => context.lineTo(right, down));
+    context.stroke();
+  };
   // The rows of the rotation are the axes of the screen: they give the outline.
   const outline = ring(scene.turn.slice(0, 3), scene.turn.slice(3, 6));
   const [x, y, z] = AXES;
   const great = kind === 'sphere' ? [ring(x, y), ring(x, z), ring(y, z)] : [];
+  // A halo, because the cloud below may have the colour of the line.
+  context.strokeStyle = halo;
+  context.globalAlpha = 0.75;
+  draw(outline, 4, []);
+  context.strokeStyle = context.fillStyle = ink;
   for (const points of [...great, outline]) {
     context.globalAlpha = points === outline ? 1 : 0.4;
-    context.beginPath();
-    points.forEach(([right, down]) => context.lineTo(right, down));
-    context.stroke();
+    draw(points, 1.75, dash);
   }
   if (!label) return;
-  context.font = `600 ${12 * scene.ratio}px system-ui, sans-serif`;
+  context.font = `600 ${0.9 * size}px system-ui, sans-serif`;
   context.textAlign = 'center';
-  const top = Math.min(...outline.map((point) => point[1])) - 5 * scene.ratio;
-  context.fillText(label, scene.project(middle)[0], Math.max(12 * scene.ratio, top));
+  const at = [scene.project(middle)[0], Math.max(size, Math.min(...outline.map((point) => point[1])) - 0.4 * size)];
+  context.setLineDash([]);
+  context.lineWidth = 0.25 * size;
+  context.lineJoin = 'round';
+  context.strokeStyle = halo;
+  context.strokeText(label, ...at);
+  context.fillText(label, ...at);
 }
 
 function pointUnder(canvas, event, scene, cloud) {

@@ -19,21 +19,37 @@ export function createTriple({ load, explain }) {
     const more = h('span', { class: 'muted' });
     const problem = h('span', { class: 'problem' });
     const role = h('span', { class: `role ${key}` }, h('span', { 'aria-hidden': 'true' }, `${mark} `), title);
-    const element = h('figure', { class: `cloud-figure ${key}` }, canvas, h('figcaption', null, role, name, more, problem));
+    const element = h(
+      'figure',
+      { class: `cloud-figure ${key}` },
+      canvas,
+      h('figcaption', null, role, name, more, problem),
+    );
     return { element, viewer: createViewer(canvas, { label: title }), name, more, problem, title, path: null };
   });
   link(views.map(({ viewer }) => viewer));
   const figures = h('dl', { class: 'figures' });
   const reason = h('div');
-  const clouds = h('div', { class: 'clouds' }, views.map(({ element }) => element));
+  const clouds = h(
+    'div',
+    { class: 'clouds' },
+    views.map(({ element }) => element),
+  );
   const reset = h('button', { class: 'small', onclick: () => views[0].viewer.fit() }, 'Reset view');
-  const hint = h('p', { class: 'muted hint' }, 'One camera for all three: drag or arrow keys turn, the wheel zooms after a click. ', reset);
+  const hint = h(
+    'p',
+    { class: 'muted hint' },
+    'One camera for all three: drag or arrow keys turn, the wheel zooms after a click. ',
+    reset,
+  );
   const element = h('div', { class: 'triple' }, clouds, hint, figures, reason);
   let turn = 0;
 
   async function place(view, path, object, distance, now) {
     view.name.textContent = object;
-    view.more.textContent = path ? `${shortName(path)}${distance === null ? '' : `, distance ${number(distance)}`}` : 'none in the database';
+    view.more.textContent = path
+      ? `${shortName(path)}${distance === null ? '' : `, distance ${number(distance)}`}`
+      : 'none in the database';
     view.more.title = path ?? '';
     view.problem.textContent = '';
     if (view.path === path) return;
@@ -42,7 +58,8 @@ export function createTriple({ load, explain }) {
     if (!path) return;
     try {
       const cloud = await load(path);
-      if (turn === now || view.path === path) view.viewer.setCloud(cloud, `${view.title}: ${object}, ${shortName(path)}`);
+      if (turn === now || view.path === path)
+        view.viewer.setCloud(cloud, `${view.title}: ${object}, ${shortName(path)}`);
     } catch (error) {
       if (view.path !== path) return;
       view.path = null;
@@ -75,7 +92,8 @@ export function createTriple({ load, explain }) {
   }
 
   function describe(row, told, note) {
-    const term = (name, value, hint) => h('div', null, h('dt', null, name), h('dd', null, value, hint ? h('small', null, ` ${hint}`) : null));
+    const term = (name, value, hint) =>
+      h('div', null, h('dt', null, name), h('dd', null, value, hint ? h('small', null, ` ${hint}`) : null));
     const own = note === null;
     const margin = told.margin === null ? '–' : `${told.margin > 0 ? '+' : ''}${number(told.margin).replace('-', '−')}`;
     figures.replaceChildren(
@@ -89,7 +107,9 @@ export function createTriple({ load, explain }) {
         : []),
       term('Runner-up', number(row.runnerUpDistance), shortName(row.runnerUp ?? '')),
     );
-    const distances = [{ name: 'answer', total: told.answer_distance, parts: told.channels.map((c) => c.answer_distance) }];
+    const distances = [
+      { name: 'answer', total: told.answer_distance, parts: told.channels.map((c) => c.answer_distance) },
+    ];
     if (told.right_distance !== null) {
       distances.push({ name: 'right', total: told.right_distance, parts: told.channels.map((c) => c.right_distance) });
     }

@@ -26,9 +26,25 @@ function create(root, context) {
   const of = select('Answers of', (value) => set({ of: value, query: null, object: null, taken: null }));
   const object = select('Object', (value) => set({ object: value, taken: null, query: null }));
   const category = select('Category', (value) => set({ category: value, object: null, taken: null, query: null }));
-  const text = h('input', { type: 'search', placeholder: 'cloud or object', oninput: (event) => set({ text: event.target.value, query: null }) });
-  const clear = h('button', { onclick: () => set({ object: null, taken: null, category: null, text: null, query: null }) }, 'Show all');
-  const filters = h('div', { class: 'row' }, of.element, category.element, object.element, h('label', { class: 'field' }, 'Text', text), clear);
+  const text = h('input', {
+    type: 'search',
+    placeholder: 'cloud or object',
+    oninput: (event) => set({ text: event.target.value, query: null }),
+  });
+  const clear = h(
+    'button',
+    { onclick: () => set({ object: null, taken: null, category: null, text: null, query: null }) },
+    'Show all',
+  );
+  const filters = h(
+    'div',
+    { class: 'row' },
+    of.element,
+    category.element,
+    object.element,
+    h('label', { class: 'field' }, 'Text', text),
+    clear,
+  );
   const summary = h('p', { class: 'answers-summary', role: 'status' });
   const notice = h('div');
 
@@ -52,16 +68,41 @@ function create(root, context) {
   const triple = createTriple({ load: (path) => load(run(), path), explain });
   const title = h('h2', { tabindex: '-1', class: 'answer-title' });
   const place = h('span', { class: 'muted' });
-  const steps = [h('button', { class: 'small', onclick: () => list.step(-1) }, '‹ Previous'), h('button', { class: 'small', onclick: () => list.step(1) }, 'Next ›')];
+  const steps = [
+    h('button', { class: 'small', onclick: () => list.step(-1) }, '‹ Previous'),
+    h('button', { class: 'small', onclick: () => list.step(1) }, 'Next ›'),
+  ];
   const compare = h('button', { class: 'small' }, 'Histograms of query and answer');
   const consent = createConsent(run, () => {
     refresh();
     title.focus();
   });
   const key = (name) => h('kbd', null, name);
-  const hint = h('p', { class: 'muted hint' }, key('j'), ' ', key('k'), ' next, previous wrong answer · ', key('Enter'), ' to its clouds · ', key('Esc'), ' back to the list');
-  const detail = h('section', { class: 'panel answer-detail' }, h('div', { class: 'row' }, title, place, steps, compare), consent, triple.element);
-  const matrix = h('section', { class: 'panel' }, h('div', { class: 'row' }, h('h2', null, 'Confusion'), by), confusion.element);
+  const hint = h(
+    'p',
+    { class: 'muted hint' },
+    key('j'),
+    ' ',
+    key('k'),
+    ' next, previous wrong answer · ',
+    key('Enter'),
+    ' to its clouds · ',
+    key('Esc'),
+    ' back to the list',
+  );
+  const detail = h(
+    'section',
+    { class: 'panel answer-detail' },
+    h('div', { class: 'row' }, title, place, steps, compare),
+    consent,
+    triple.element,
+  );
+  const matrix = h(
+    'section',
+    { class: 'panel' },
+    h('div', { class: 'row' }, h('h2', null, 'Confusion'), by),
+    confusion.element,
+  );
   const wrongPanel = h('section', { class: 'panel' }, h('h2', null, 'Wrong answers'), hint, list.element);
   const body = h('div', { class: 'answers' }, h('div', { class: 'answers-side' }, matrix, wrongPanel), detail);
   root.append(h('section', { class: 'panel' }, filters, summary, notice), body);
@@ -115,13 +156,23 @@ function create(root, context) {
       drawn = now;
       const scope = data.rows.filter((row) => inScope(row, filter));
       const wrong = scope.filter((row) => row.wrong);
-      pairs = pairsOf(wrong.filter((row) => isPicked(row, picked)), data.rows);
+      pairs = pairsOf(
+        wrong.filter((row) => isPicked(row, picked)),
+        data.rows,
+      );
       const names = (get) => [...new Set(data.rows.map(get))].sort(byName);
-      of.fill(choices().map((choice) => [choice, nameOf(choice)]), what);
+      of.fill(
+        choices().map((choice) => [choice, nameOf(choice)]),
+        what,
+      );
       category.fill([['', 'all'], ...names((row) => row.category).map((name) => [name, name])], filter.category);
-      const errors = (name) => wrong.filter((row) => (kind === 'category' ? row.category : row.instance) === name).length;
+      const errors = (name) =>
+        wrong.filter((row) => (kind === 'category' ? row.category : row.instance) === name).length;
       const objects = names(kind === 'category' ? (row) => row.category : (row) => row.instance);
-      object.fill([['', 'all'], ...objects.filter(errors).map((name) => [name, `${name} (${errors(name)} wrong)`])], picked.object);
+      object.fill(
+        [['', 'all'], ...objects.filter(errors).map((name) => [name, `${name} (${errors(name)} wrong)`])],
+        picked.object,
+      );
       object.rename(kind === 'category' ? 'Category, as in the matrix' : 'Object');
       by.forEach((button) => button.setAttribute('aria-pressed', String(button.dataset.by === kind)));
       confusion.show(scope, kind, picked);
@@ -167,9 +218,16 @@ function create(root, context) {
         : '';
     const lines = [];
     if (data.problem) lines.push(h('p', { class: 'problem', role: 'alert' }, data.problem));
-    if (known && what === null) lines.push(h('p', { class: 'notice' }, 'There are no answers yet: they are written when the search has ended.'));
+    if (known && what === null)
+      lines.push(h('p', { class: 'notice' }, 'There are no answers yet: they are written when the search has ended.'));
     if (known?.test_clouds === 'hidden until the search ends') {
-      lines.push(h('p', { class: 'notice' }, 'Test clouds are hidden until the search ends, lest the search is steered by them. Their answers follow then.'));
+      lines.push(
+        h(
+          'p',
+          { class: 'notice' },
+          'Test clouds are hidden until the search ends, lest the search is steered by them. Their answers follow then.',
+        ),
+      );
     } else if (known?.test_clouds === 'shown' && what !== null && what !== 'validation') {
       lines.push(h('p', { class: 'notice' }, 'These are test clouds. That they are shown is recorded as a look.'));
     }

@@ -1,6 +1,7 @@
 // The view of a descriptor: what its channels see of any two clouds, and how that makes their distance.
 import { channelBars } from './channel-bars.js';
 import { createCloudCache, shortName } from './cloud-cache.js';
+import { cloudInput } from './cloud-input.js';
 import { h, svg } from './dom.js';
 import { histograms } from './histogram.js';
 import { createConsent, mayLook } from './looks.js';
@@ -8,7 +9,6 @@ import { number } from './format.js';
 import { createRegionViewer } from './regions.js';
 import { link } from './viewer.js';
 
-const OFFERED = 200;
 const STEPS = 40;
 const DASHES = [[], [7, 4], [2, 3], [9, 3, 2, 3]];
 
@@ -19,7 +19,7 @@ function create(root, context) {
   const stop = new AbortController();
   const load = createCloudCache(api);
   const run = () => store.run?.id ?? null;
-  const inputs = ['A', 'B'].map((letter, i) => cloudInput(letter, (path) => set({ [i ? 'second' : 'first']: path })));
+  const inputs = ['A', 'B'].map((letter, i) => cloudInput(letter, (path) => pickCloud(i, path)));
   const whole = (label, name) => {
     const input = h('input', { type: 'number', min: '0', step: '1', name, onchange: pickIndividual });
     return { input, element: h('label', { class: 'field individual' }, label, input) };
@@ -34,21 +34,60 @@ function create(root, context) {
     refresh();
     sides[0].canvas.focus();
   });
-  const form = h('section', { class: 'panel' }, h('div', { class: 'row' }, inputs.map(({ element }) => element), swap), h('div', { class: 'row' }, generation.element, individual.element, winner), text, problem, consent);
+  const form = h(
+    'section',
+    { class: 'panel' },
+    h(
+      'div',
+      { class: 'row' },
+      inputs.map(({ element }) => element),
+      swap,
+    ),
+    h('div', { class: 'row' }, generation.element, individual.element, winner),
+    text,
+    problem,
+    consent,
+  );
 
   const sides = ['A', 'B'].map((letter, i) => makeSide(letter, i));
   link(sides.map(({ viewer }) => viewer));
   const legend = h('div');
   const bars = h('div');
-  const channels = h('div');
+  const channels = h('div', { class: 'channels' });
   const keys = ['n', 'p'].map((name) => h('kbd', null, name));
-  const hint = h('p', { class: 'muted hint' }, 'Click a point to draw the regions around it; ', keys[0], ' ', keys[1], ' next, previous point. One camera for both: drag or arrow keys turn, the wheel zooms after a click. ', h('button', { class: 'small', onclick: () => sides[0].viewer.fit() }, 'Reset view'));
+  const hint = h(
+    'p',
+    { class: 'muted hint' },
+    'Click a point to draw the regions around it; ',
+    keys[0],
+    ' ',
+    keys[1],
+    ' next, previous point. One camera for both: drag or arrow keys turn, the wheel zooms after a click. ',
+    h('button', { class: 'small', onclick: () => sides[0].viewer.fit() }, 'Reset view'),
+  );
   const body = h(
     'div',
     { class: 'descriptor' },
-    h('section', { class: 'panel' }, h('h2', null, 'What it looks at'), h('div', { class: 'clouds' }, sides.map(({ element }) => element)), hint, legend),
+    h(
+      'section',
+      { class: 'panel' },
+      h('h2', null, 'What it looks at'),
+      h(
+        'div',
+        { class: 'clouds' },
+        sides.map(({ element }) => element),
+      ),
+      hint,
+      legend,
+    ),
     h('section', { class: 'panel' }, h('h2', null, 'Distance of A and B'), bars),
-    h('section', { class: 'panel wide' }, h('h2', null, 'Histograms'), channels),
+    h(
+      'section',
+      { class: 'panel wide' },
+      h('h2', null, 'Histograms'),
+      h('p', { class: 'muted' }, 'Both clouds have the same scale; the dashed line is the other cloud.'),
+      channels,
+    ),
   );
   root.append(form, body);
 
@@ -59,6 +98,12 @@ function create(root, context) {
   function set(values) {
     state.set(values);
     refresh();
+  }
+
+  function pickCloud(i, path) {
+    // The other one too: what stands for it by default depends on this one.
+    const [first, second] = chosen();
+    set(i === 0 ? { first: path, second } : { first, second: path });
   }
 
   function pickIndividual() {
@@ -104,7 +149,8 @@ function create(root, context) {
     const paths = chosen();
     inputs.forEach((input, i) => input.show(paths[i]));
     const by = state.get('selected');
-    const known = by ?? (store.detail?.winner ? `${store.detail.winner.generation}.${store.detail.winner.individual}` : '.');
+    const known =
+      by ?? (store.detail?.winner ? `${store.detail.winner.generation}.${store.detail.winner.individual}` : '.');
     [generation.input, individual.input].forEach((input, i) => {
       if (document.activeElement !== input) input.value = known.split('.')[i] ?? '';
     });
@@ -114,7 +160,9 @@ function create(root, context) {
     const unknown = paths.find((path) => !clouds.byPath.has(path));
     if (unknown !== undefined) {
       const hidden = store.detail?.test_clouds === 'hidden until the search ends';
-      fail(`cloud: no cloud of this name, got ${unknown}\n${hidden ? 'test clouds are hidden until the search ends; ' : ''}pick one of the list`);
+      fail(
+        `cloud: no cloud of this name, got ${unknown}\n${hidden ? 'test clouds are hidden until the search ends; ' : ''}pick one of the list`,
+      );
       body.hidden = true;
       return;
     }
@@ -132,7 +180,13 @@ function create(root, context) {
     sides.forEach((side, i) => side.show(paths[i]));
     const [g, i] = by === null ? [] : by.split('.');
     try {
-      const answer = await api.get('/api/explain', { id: run(), query: paths[0], answer: paths[1], generation: g, individual: i });
+      const answer = await api.get('/api/explain', {
+        id: run(),
+        query: paths[0],
+        answer: paths[1],
+        generation: g,
+        individual: i,
+      });
       if (asked !== key) return;
       told = answer;
       describe(paths.map(shortName));
@@ -153,7 +207,13 @@ function create(root, context) {
     channels.replaceChildren(
       ...told.channels.map((channel, i) => {
         const share = (100 * channel.answer_distance) / (told.answer_distance || 1);
-        const title = h('h3', null, h('span', { class: `key channel-${i % 7}` }), channel.name, h('small', { class: 'muted' }, ` weight ${number(channel.weight)}, ${share.toFixed(1)} % of the distance`));
+        const title = h(
+          'h3',
+          null,
+          h('span', { class: `key channel-${i % 7}` }),
+          channel.name,
+          h('small', { class: 'muted' }, ` weight ${number(channel.weight)}, ${share.toFixed(1)} % of the distance`),
+        );
         return h('div', { class: 'channel' }, title, histograms(channel, names));
       }),
     );
@@ -171,22 +231,56 @@ function create(root, context) {
         found.get(key).channels.push(channel.name);
       }
     }
-    return [...found.values()].map((region, i) => ({ ...region, colour: `--c${(i % 7) + 1}`, dash: DASHES[i % DASHES.length] }));
+    return [...found.values()].map((region, i) => ({
+      ...region,
+      colour: `--c${(i % 7) + 1}`,
+      dash: DASHES[i % DASHES.length],
+    }));
   }
 
   function showLegend() {
     const all = regions();
     const without = told.channels.filter((channel) => channel.regions.length === 0).map(({ name }) => name);
     const lines = all.map((region) => {
-      const line = svg('line', { x1: 0, x2: 36, y1: 5, y2: 5, 'stroke-width': 2.5, 'stroke-dasharray': region.dash.join(' ') });
+      const line = svg('line', {
+        x1: 0,
+        x2: 36,
+        y1: 5,
+        y2: 5,
+        'stroke-width': 2.5,
+        'stroke-dasharray': region.dash.join(' '),
+      });
       line.style.stroke = `var(${region.colour})`;
       const sample = svg('svg', { width: 36, height: 10, 'aria-hidden': 'true' }, line);
-      const cells = sides.map(({ within }) => h('td', { class: 'number', 'data-region': region.name }, String(within(region))));
-      return h('tr', null, h('th', { scope: 'row' }, sample, ` ${region.name}`), h('td', { class: 'number' }, `${number(region.inner_cm)} – ${number(region.outer_cm)} cm`), h('td', null, region.channels.join(', ')), cells);
+      const cells = sides.map(({ within }) =>
+        h('td', { class: 'number', 'data-region': region.name }, String(within(region))),
+      );
+      return h(
+        'tr',
+        null,
+        h('th', { scope: 'row' }, sample, ` ${region.name}`),
+        h('td', { class: 'number' }, `${number(region.inner_cm)} – ${number(region.outer_cm)} cm`),
+        h('td', null, region.channels.join(', ')),
+        cells,
+      );
     });
-    const heads = ['Region', 'Radius', 'Channels', 'Points, A', 'Points, B'].map((name, i) => h('th', { scope: 'col', class: i === 1 || i > 2 ? 'number' : null }, name));
+    const heads = ['Region', 'Radius', 'Channels', 'Points, A', 'Points, B'].map((name, i) =>
+      h('th', { scope: 'col', class: i === 1 || i > 2 ? 'number' : null }, name),
+    );
     legend.replaceChildren(
-      all.length ? h('div', { class: 'scroll' }, h('table', null, h('caption', { class: 'hidden' }, 'Regions around the picked points'), h('thead', null, h('tr', null, heads)), h('tbody', null, lines))) : '',
+      all.length
+        ? h(
+            'div',
+            { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': 'Regions' },
+            h(
+              'table',
+              null,
+              h('caption', { class: 'hidden' }, 'Regions around the picked points'),
+              h('thead', null, h('tr', null, heads)),
+              h('tbody', null, lines),
+            ),
+          )
+        : '',
       without.length ? h('p', { class: 'muted' }, `${without.join(', ')}: the whole cloud, without regions.`) : '',
     );
   }
@@ -196,8 +290,15 @@ function create(root, context) {
     const title = h('strong');
     const trouble = h('span', { class: 'problem' });
     const place = h('span', { class: 'muted', role: 'status' });
-    const step = (by, name) => h('button', { class: 'small', 'aria-label': `${name} point of ${letter}`, onclick: () => side.step(by) }, name);
-    const caption = h('figcaption', null, h('span', null, h('span', { class: `cloud-mark cloud-${index}` }, letter), ' ', title), trouble, h('span', { class: 'row steps' }, step(-1, 'Previous'), step(1, 'Next'), place));
+    const step = (by, name) =>
+      h('button', { class: 'small', 'aria-label': `${name} point of ${letter}`, onclick: () => side.step(by) }, name);
+    const caption = h(
+      'figcaption',
+      null,
+      h('span', null, h('span', { class: `cloud-mark cloud-${index}` }, letter), ' ', title),
+      trouble,
+      h('span', { class: 'row steps' }, step(-1, 'Previous'), step(1, 'Next'), place),
+    );
     const viewer = createRegionViewer(canvas, { label: letter, onPick: (point) => side.pick(point.index) });
     let cloud = null;
     let path = null;
@@ -255,7 +356,16 @@ function create(root, context) {
       mark() {
         if (!cloud) return;
         place.textContent = `point ${point + 1} of ${cloud.count}`;
-        viewer.setShapes(regions().map(({ name, outer_cm, colour, dash }) => ({ kind: 'sphere', at_m: at(), radius_cm: outer_cm, colour, dash, label: name })));
+        viewer.setShapes(
+          regions().map(({ name, outer_cm, colour, dash }) => ({
+            kind: 'sphere',
+            at_m: at(),
+            radius_cm: outer_cm,
+            colour,
+            dash,
+            label: name,
+          })),
+        );
       },
       dispose: () => viewer.dispose(),
     };
@@ -266,7 +376,14 @@ function create(root, context) {
     'keydown',
     (event) => {
       const by = { n: 1, p: -1 }[event.key];
-      if (!by || event.ctrlKey || event.metaKey || event.altKey || event.target.closest('input, select, textarea, dialog[open]')) return;
+      if (
+        !by ||
+        event.ctrlKey ||
+        event.metaKey ||
+        event.altKey ||
+        event.target.closest('input, select, textarea, dialog[open]')
+      )
+        return;
       const focused = sides.filter(({ element }) => element.contains(document.activeElement));
       (focused.length ? focused : sides).forEach((side) => side.step(by));
     },
@@ -302,35 +419,4 @@ function nearestToCentroid(cloud) {
     if (off < least) [best, least] = [i, off];
   }
   return best;
-}
-
-/** An input that offers the clouds whose path has the words typed so far. */
-function cloudInput(letter, onPick) {
-  const id = `clouds-${letter}`;
-  const options = h('datalist', { id });
-  const input = h('input', { type: 'text', list: id, autocomplete: 'off', spellcheck: 'false', oninput: typed, onchange: () => onPick(input.value.trim() || null) });
-  let all = [];
-
-  function suggest() {
-    const words = input.value.toLowerCase().split(/\s+/).filter(Boolean);
-    const known = all.some(({ path }) => path === input.value);
-    const fitting = known ? all : all.filter(({ path }) => words.every((word) => path.toLowerCase().includes(word)));
-    options.replaceChildren(...fitting.slice(0, OFFERED).map((cloud) => h('option', { value: cloud.path }, `${cloud.instance}, ${cloud.split}`)));
-  }
-
-  function typed() {
-    suggest();
-    if (all.some(({ path }) => path === input.value)) onPick(input.value);
-  }
-
-  return {
-    element: h('label', { class: 'field cloud-input' }, `Cloud ${letter}`, input, options),
-    offer(list) {
-      all = list;
-      suggest();
-    },
-    show(path) {
-      if (document.activeElement !== input || all.some((cloud) => cloud.path === input.value)) input.value = path ?? '';
-    },
-  };
 }

@@ -35,11 +35,29 @@ export function createWrongList({ onSelect, onOpen }) {
       const rows = pair.rows.slice(0, left);
       left -= rows.length;
       const times = `${pair.rows.length} of ${pair.queries} ${pair.queries === 1 ? 'cloud' : 'clouds'}`;
-      const title = h('th', { scope: 'rowgroup', colspan: '3' }, h('strong', null, pair.own), ' taken for ', h('strong', null, pair.other), h('span', { class: 'muted' }, `, ${times}`));
+      const title = h(
+        'th',
+        { scope: 'rowgroup', colspan: '3' },
+        h('strong', null, pair.own),
+        ' taken for ',
+        h('strong', null, pair.other),
+        h('span', { class: 'muted' }, `, ${times}`),
+      );
       bodies.push(h('tbody', null, h('tr', { class: 'pair' }, title), rows.map(makeLine)));
     }
-    const head = h('tr', null, ['Cloud', 'Nearest cloud'].map((text) => h('th', { scope: 'col' }, text)), h('th', { scope: 'col', class: 'number' }, 'Distance'));
-    const table = h('table', null, h('caption', { class: 'hidden' }, 'Wrong answers by pair of objects, the most frequent first'), h('thead', null, head), bodies);
+    const head = h(
+      'tr',
+      null,
+      ['Cloud', 'Nearest cloud'].map((text) => h('th', { scope: 'col' }, text)),
+      h('th', { scope: 'col', class: 'number' }, 'Distance'),
+    );
+    const table = h(
+      'table',
+      null,
+      h('caption', { class: 'hidden' }, 'Wrong answers by pair of objects, the most frequent first'),
+      h('thead', null, head),
+      bodies,
+    );
     const more = () => {
       most += AT_FIRST;
       render();
@@ -93,5 +111,11 @@ export function createWrongList({ onSelect, onOpen }) {
     reveal(true);
   });
 
-  return { element, show, step, reveal, position: () => [flat.findIndex((row) => row.cloud === shown.selected), flat.length] };
+  return {
+    element,
+    show,
+    step,
+    reveal,
+    position: () => [flat.findIndex((row) => row.cloud === shown.selected), flat.length],
+  };
 }
