@@ -14,4 +14,6 @@ mod secret;
 pub mod sharding;
 pub mod store;
 
-pub use cluster::{CellAnswer, Client, Cluster, ClusterError, ClusterNews, DescriptionAnswer};
+pub use cluster::{
+    CellAnswer, Client, Cluster, ClusterError, ClusterNews, ControlRefusal, DescriptionAnswer,
+};

@@ -79,6 +79,10 @@ impl Tables {
             EventKind::Excluded { label, .. } => {
                 self.tell(event, "excluded", Some(label), None, event.kind.to_string());
             }
+            EventKind::Controlled(controlled) => {
+                let word = controlled.action.as_done();
+                self.tell(event, word, controlled.action.worker(), None, controlled.to_string());
+            }
             EventKind::Readmitted { .. } => self.describe(event, "readmitted"),
             EventKind::Undecided { .. } => self.describe(event, "undecided"),
             EventKind::Unaudited => self.describe(event, "unaudited"),

@@ -175,6 +175,9 @@ impl Service {
                 "this coordinator has as many workers as it can take",
             )),
             RegisterRefusal::Quarantined => Refusal::Quarantined(principal),
+            RegisterRefusal::Denied => Refusal::Call(Status::permission_denied(
+                "this worker was denied by whoever runs the coordinator\nask them why",
+            )),
         })?;
         let cluster = &self.cluster;
         let (session, heartbeat, hold) = (cluster.session, cluster.heartbeat(), cluster.hold());

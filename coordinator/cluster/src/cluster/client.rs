@@ -62,17 +62,25 @@ impl Client {
         Self { id, cluster: Arc::clone(cluster), wakeup }
     }
 
+    /// By what the cluster knows it.
+    pub fn id(&self) -> ClientId {
+        self.id
+    }
+
     /// As [`Cluster::wait_for_worker`].
     pub(super) async fn wait_for_worker(&self, is_own_coming: bool, mut still_waiting: impl FnMut(Duration)) {
-        let begun = Instant::now();
+        let (mut waited, mut last) = (Duration::ZERO, Instant::now());
         let mut next = Duration::from_secs(60);
         loop {
             let now = Instant::now();
-            let waited = now.saturating_duration_since(begun);
-            let (staffing, has_own) = {
-                let scheduler = &self.cluster.state().scheduler;
-                (scheduler.staffing(now), scheduler.has_own())
+            let (staffing, has_own, is_halted) = {
+                let state = self.cluster.state();
+                (state.scheduler.staffing(now), state.scheduler.has_own(), state.is_halted())
             };
+            if !is_halted {
+                waited += now.saturating_duration_since(last);
+            }
+            last = now;
             let is_own_missing = is_own_coming && !has_own && waited < OWN_JOINS_WITHIN;
             if staffing == Staffing::Staffed && !is_own_missing {
                 return;

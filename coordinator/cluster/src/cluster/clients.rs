@@ -98,6 +98,11 @@ impl Clients {
         !self.accounts.is_empty() && self.accounts.values().all(|account| account.arrived)
     }
 
+    /// Those that wait for a result.
+    pub(super) fn that_wait(&self) -> impl Iterator<Item = ClientId> {
+        self.accounts.iter().filter(|(_, account)| account.waits_for > 0).map(|(id, _)| *id)
+    }
+
     /// Names the job by which this client asks for a task.
     pub(super) fn name(&mut self, id: ClientId, task: &Task) -> JobId {
         self.account(id).names.next(task)

@@ -5,6 +5,7 @@
 
 mod client;
 mod clients;
+mod control;
 mod state;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -26,6 +27,7 @@ use crate::scheduler::{
 };
 use crate::sharding::{Batch, Layouts, ShardCount};
 pub use client::{CellAnswer, Client, DescriptionAnswer};
+pub use control::ControlRefusal;
 use state::ClusterState;
 
 /// Polls with reports that may wait for a run to begin.

@@ -187,6 +187,9 @@ impl ClusterState {
 
     /// One tick of the clock: removes silent workers, and wakes all clients, for whom a grace may be over.
     pub(super) fn expire(&mut self, now: Instant) {
+        if self.is_halted() {
+            self.scheduler.extend_graces(now);
+        }
         self.scheduler.expire(now);
         self.settle(now);
         self.wake(now);
@@ -223,7 +226,7 @@ impl ClusterState {
     }
 
     /// Draws the consequences of what the scheduler has decided since the last call.
-    fn settle(&mut self, now: Instant) {
+    pub(super) fn settle(&mut self, now: Instant) {
         for finished in self.scheduler.drain_finished() {
             self.accept(&finished);
         }
@@ -254,10 +257,15 @@ impl ClusterState {
         }
     }
 
+    /// The time of day at a moment.
+    pub(super) fn time_of(&self, at: Instant) -> SystemTime {
+        let (started, time) = self.started;
+        time + at.saturating_duration_since(started)
+    }
+
     /// Appends an event to the log, and keeps it.
     pub(super) fn append(&mut self, at: Instant, kind: EventKind) -> Arc<Event> {
-        let (started, time) = self.started;
-        let event = self.events.append(time + at.saturating_duration_since(started), kind);
+        let event = self.events.append(self.time_of(at), kind);
         if !event.omitted {
             self.record(|| Entry::Event(Arc::clone(&event)));
         }

@@ -6,6 +6,7 @@ use std::time::{Duration, SystemTime};
 use proto::{Introduction, JobId, WorkerId};
 use serde::{Deserialize, Serialize};
 
+use super::control::Controlled;
 use super::serde_forms;
 
 /// Something that happened, and when. In JSON all fields stand side by side.
@@ -103,6 +104,8 @@ pub enum EventKind {
         /// Jobs that others work on.
         unfinished: usize,
     },
+    /// An operator has ordered something, and it was done.
+    Controlled(Controlled),
     /// A run went back to the beginning of a generation.
     Rewind {
         /// Which one.
@@ -148,6 +151,7 @@ impl fmt::Display for EventKind {
                 let jobs = if *unfinished == 1 { "evaluation is" } else { "evaluations are" };
                 write!(f, "{idle} {workers} idle: only {unfinished} {jobs} left before the next can be chosen")
             }
+            Self::Controlled(controlled) => controlled.fmt(f),
             Self::Rewind { generation, why } => write!(f, "back to generation {generation}: {why}"),
         }
     }
@@ -175,7 +179,7 @@ pub enum Departure {
     Lost,
     /// A result of its principal was wrong.
     Quarantined,
-    /// It is on the deny list.
+    /// It is on the deny list, or an operator has denied it.
     Denied,
     /// It had nothing to show when there were too many workers.
     Displaced,
@@ -199,7 +203,7 @@ impl Departure {
             Self::Left => "said goodbye",
             Self::Lost => "no sign of life within the lease",
             Self::Quarantined => "an answer that came with its credential was wrong",
-            Self::Denied => "is on the deny list",
+            Self::Denied => "is not let in any more",
             Self::Displaced => "too many workers, and it has answered nothing",
         }
     }

@@ -33,13 +33,15 @@ impl Scheduler {
         let Some(worker) = self.workers.get_mut(&id) else { return };
         let principal = worker.principal;
         let suspect = self.exclusions.get(&principal).is_some_and(|&count| count > 0);
-        let was_excluded = worker.health.is_excluded();
+        let (was_excluded, was_available) = (worker.health.is_excluded(), worker.is_available());
         let Some(length) = worker.health.failed(suspect, now) else { return };
         if was_excluded {
             return; // an answer to a job of before
         }
         *self.exclusions.entry(principal).or_default() += 1;
-        self.leave_present(principal);
+        if was_available {
+            self.leave_present(principal);
+        }
         if !self.has_fit_worker() {
             return self.include_all(); // where all fail, none is better than another
         }
@@ -48,17 +50,16 @@ impl Scheduler {
         self.events.push(Emitted { at: now, kind });
     }
 
-    /// Whether somebody is here who is not excluded.
+    /// Whether somebody is here who may be given jobs.
     fn has_fit_worker(&self) -> bool {
         !self.present.is_empty()
     }
 
     /// Ends the exclusions whose time is over.
     pub(super) fn end_exclusions(&mut self, now: Instant) {
-        let over = self
-            .workers
-            .values_mut()
-            .filter_map(|worker| worker.health.end_exclusion(now).then_some(worker.principal));
+        let over = self.workers.values_mut().filter_map(|worker| {
+            (worker.health.end_exclusion(now) && !worker.draining).then_some(worker.principal)
+        });
         for principal in over.collect::<Vec<_>>() {
             self.join_present(principal);
         }
@@ -67,9 +68,9 @@ impl Scheduler {
     /// Ends all exclusions, because nobody else is left.
     pub(super) fn include_all(&mut self) {
         let excluded = self.workers.values_mut().filter(|worker| worker.health.is_excluded());
-        let included = excluded.map(|worker| {
+        let included = excluded.filter_map(|worker| {
             worker.health = Health::default();
-            worker.principal
+            (!worker.draining).then_some(worker.principal)
         });
         for principal in included.collect::<Vec<_>>() {
             self.join_present(principal);
@@ -99,7 +100,7 @@ impl Scheduler {
         };
         let able = job.failures.iter().filter(|(id, _)| is_able(id)).count();
         let untried = self.workers.iter().any(|(id, worker)| {
-            !worker.health.is_excluded() && !job.failed_on(*id) && !job.answered_by(worker.principal)
+            worker.is_available() && !job.failed_on(*id) && !job.answered_by(worker.principal)
         });
         // A job of this release that one worker cannot read is malformed for all of them, if it says the truth.
         let is_malformed =

@@ -1,7 +1,7 @@
 //! Whose job is next: clients are served in turn, so that one that asks for a thousand jobs at once does not hold up one that
 //! asks for ten.
 //!
-//! Start-time fair queueing (Goyal, Vin and Cheng, 1996) with jobs of equal length and clients of equal weight.
+//! Start-time fair queueing (Goyal, Vin and Cheng, 1996) with jobs of equal length, and clients with a weight each.
 
 use std::collections::BTreeMap;
 
@@ -13,6 +13,9 @@ impl ClientId {
     /// Checks results, for all others.
     pub const AUDITOR: Self = Self(0);
 }
+
+/// Virtual time of one job of a client of weight 1.
+const JOB: u64 = 1 << 20;
 
 /// Where a job stands among those that wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -29,15 +32,18 @@ pub(super) struct FairQueue {
     current: u64,
     /// Virtual start time of the next job of each client. One that did not ask for a while has saved up nothing.
     next: BTreeMap<ClientId, u64>,
+    /// Clients of another weight than 1: of those that compete, each gets workers in proportion to its own.
+    weights: BTreeMap<ClientId, u32>,
     positions: u64,
 }
 
 impl FairQueue {
     /// The position of a client's next job: after its other jobs, and not before what was handed out already.
     pub(super) fn position(&mut self, client: ClientId) -> QueuePosition {
+        let length = JOB / u64::from(self.weight(client));
         let next = self.next.entry(client).or_default();
         let virtual_start = self.current.max(*next);
-        *next = virtual_start + 1;
+        *next = virtual_start + length;
         self.positions += 1;
         QueuePosition { virtual_start, number: self.positions }
     }
@@ -48,7 +54,22 @@ impl FairQueue {
     }
 
     pub(super) fn forget(&mut self, client: ClientId) {
+        self.restart(client);
+        self.weights.remove(&client);
+    }
+
+    /// The client's next job is its first.
+    pub(super) fn restart(&mut self, client: ClientId) {
         self.next.remove(&client);
+    }
+
+    pub(super) fn weight(&self, client: ClientId) -> u32 {
+        self.weights.get(&client).copied().unwrap_or(1)
+    }
+
+    /// Sets the weight of a client, at least 1, for the jobs that it asks for from here on.
+    pub(super) fn set_weight(&mut self, client: ClientId, weight: u32) {
+        self.weights.insert(client, weight.max(1));
     }
 }
 

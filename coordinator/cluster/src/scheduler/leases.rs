@@ -42,7 +42,7 @@ impl Scheduler {
     pub(super) fn next_job(&self, id: WorkerId, now: Instant) -> Option<JobId> {
         let worker = self.workers.get(&id)?;
         let idle = worker.is_idle();
-        if worker.health.is_excluded() {
+        if !worker.is_available() {
             return None;
         }
         if !idle && !self.hands_out_ahead() {
@@ -73,8 +73,9 @@ impl Scheduler {
         if job.awaits_own() && principal != Principal::Coordinator {
             return false;
         }
-        let tried =
-            |(id, worker): (&WorkerId, &Worker)| job.answered_by(worker.principal) || job.failed_on(*id);
+        let tried = |(id, worker): (&WorkerId, &Worker)| {
+            worker.draining || job.answered_by(worker.principal) || job.failed_on(*id)
+        };
         let of_principal =
             |holder: &WorkerId| self.workers.get(holder).is_some_and(|worker| worker.principal == principal);
         let has_lease = match self.wanted(job) {
@@ -109,7 +110,7 @@ impl Scheduler {
             if self.trust.audits(worker.principal, self.secret.draw(job_id)) {
                 job.require(Quorum::Two);
             }
-            self.idle -= usize::from(worker.is_idle());
+            self.idle -= usize::from(worker.is_free());
             worker.take(job_id, attempt, now);
             worker.described.add(&job.channels);
             self.refile(job_id);
@@ -176,7 +177,7 @@ impl Scheduler {
             ran = worker.works_on(job_id).map(|since| now.saturating_duration_since(since));
             worker.put_down(job_id, now);
             if worker.is_idle() {
-                self.idle += 1;
+                self.idle += usize::from(worker.is_free());
                 self.queue.comes_free(id);
             }
             next = worker.in_hand().map(|(job, _)| job);
@@ -219,12 +220,12 @@ impl Scheduler {
         if job.delivered && needs == 0 && job.leases.is_empty() {
             return self.forget(id);
         }
-        let wanted = self.wanted(job);
+        let (wanted, is_held) = (self.wanted(job), self.is_held(job));
         let hedge_from = match job.leases[..] {
-            [(holder, attempt)] if wanted == 1 => self.hedge_from(id, job, holder, attempt),
+            [(holder, attempt)] if wanted == 1 && !is_held => self.hedge_from(id, job, holder, attempt),
             _ => None,
         };
-        let (position, waits) = (job.position, wanted > job.leases.len());
+        let (position, waits) = (job.position, !is_held && wanted > job.leases.len());
         let Some(job) = self.jobs.get_mut(id) else { return };
         let before = std::mem::replace(&mut job.hedge_from, hedge_from);
         self.queue.move_covered(id, before, hedge_from);
@@ -268,10 +269,10 @@ impl Scheduler {
 impl Scheduler {
     /// Asserts that all lists agree.
     pub(super) fn check_invariants(&self) {
-        let idle = self.workers.values().filter(|worker| worker.is_idle()).count();
+        let idle = self.workers.values().filter(|worker| worker.is_free()).count();
         assert_eq!(self.idle, idle, "idle workers");
         let mut present = BTreeMap::new();
-        for worker in self.workers.values().filter(|worker| !worker.health.is_excluded()) {
+        for worker in self.workers.values().filter(|worker| worker.is_available()) {
             *present.entry(worker.principal).or_default() += 1;
         }
         assert_eq!(self.present, present, "principals");
@@ -285,7 +286,7 @@ impl Scheduler {
                 assert!(self.workers[holder].leases().contains(&(id, *attempt)), "job {id} and {holder}");
             }
             let waits = self.queue.in_order().any(|waiting| waiting == id);
-            assert_eq!(waits, self.wanted(job) > job.leases.len(), "job {id} waits");
+            assert_eq!(waits, !self.is_held(job) && self.wanted(job) > job.leases.len(), "job {id} waits");
             assert!(!job.delivered || job.needs() > 0 || !job.leases.is_empty(), "job {id} is over");
         }
         assert!(self.queue.waiting() <= self.jobs.len());

@@ -20,6 +20,9 @@ impl Scheduler {
         now: Instant,
     ) -> Result<String, RegisterRefusal> {
         let principal = introduction.principal;
+        if self.denied.contains(&id) {
+            return Err(RegisterRefusal::Denied);
+        }
         match self.workers.get_mut(&id) {
             Some(worker) if worker.principal == principal => {
                 worker.last_seen = now;
@@ -37,19 +40,19 @@ impl Scheduler {
         let (name, used) = (&introduction.name, &mut self.used_labels);
         let acquaintance = self.identities.entry(id).or_insert_with(|| WorkerIdentity::new(name, used));
         let label = acquaintance.label.clone();
-        self.add_worker(id, principal, now);
+        self.add_worker(id, &introduction, now);
         self.emit(now, EventKind::Joined { worker: id, label: label.clone(), introduction });
         Ok(label)
     }
 
-    pub(super) fn add_worker(&mut self, id: WorkerId, principal: Principal, now: Instant) {
-        self.workers.insert(id, Worker::new(principal, now));
+    pub(super) fn add_worker(&mut self, id: WorkerId, introduction: &Introduction, now: Instant) {
+        self.workers.insert(id, Worker::new(introduction, now));
         self.idle += 1;
         self.alone_since = None;
-        self.join_present(principal);
+        self.join_present(introduction.principal);
     }
 
-    /// One more worker of a principal is here and not excluded.
+    /// One more worker of a principal is here and may be given jobs.
     pub(super) fn join_present(&mut self, principal: Principal) {
         let present = self.present.entry(principal).or_default();
         *present += 1;
@@ -97,7 +100,7 @@ impl Scheduler {
         was_quarantined
     }
 
-    /// Removes a worker that is on the deny list: its leases are free at once.
+    /// Removes a worker that is not let in any more: its leases are free at once.
     pub fn deny(&mut self, id: WorkerId, now: Instant) {
         self.remove_worker(id, Departure::Denied, now);
     }
@@ -114,12 +117,13 @@ impl Scheduler {
                 self.count_loss(job, WorkerFailure { worker: label.clone(), failure });
             }
         }
-        let was_excluded = self.workers.remove(&id).is_some_and(|worker| worker.health.is_excluded());
-        self.idle -= 1;
-        self.queue.forget_worker(id);
-        if !was_excluded {
-            self.leave_present(principal);
+        if let Some(worker) = self.workers.remove(&id) {
+            self.idle -= usize::from(worker.is_free());
+            if worker.is_available() {
+                self.leave_present(principal);
+            }
         }
+        self.queue.forget_worker(id);
         if self.present.is_empty() {
             self.include_all();
         }

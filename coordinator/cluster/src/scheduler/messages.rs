@@ -61,6 +61,8 @@ pub enum RegisterRefusal {
     Full,
     /// Its principal gave a wrong result.
     Quarantined,
+    /// An operator has denied it.
+    Denied,
 }
 
 /// A job that is done.

@@ -3,8 +3,10 @@
 //! Nothing here does IO or waits. The service feeds polls in, the run driver submits jobs and drains outcomes.
 
 mod affinity;
+mod control;
 mod failures;
 pub mod fair_queue;
+pub mod fleet;
 mod health;
 mod leases;
 mod membership;
@@ -29,7 +31,9 @@ use crate::events::{AttemptEnd, Departure, EventKind};
 pub use crate::secret::{Caller, RunSecret};
 use crate::store::{Job, JobStore, Quorum, Vote};
 pub use affinity::ChannelsOf;
+pub use control::{Drained, MAX_PRIORITY};
 pub use fair_queue::ClientId;
+pub use fleet::{LeaseStatus, WorkerStatus};
 pub use messages::{
     Answer, Confirmed, Doubt, Emitted, Finished, JobFailed, Poll, PollRefusal, RegisterRefusal, Staffing,
     WorkerFailure,
@@ -93,12 +97,13 @@ pub struct Scheduler {
     limits: Limits,
     secret: RunSecret,
     workers: BTreeMap<WorkerId, Worker>,
-    /// How many workers of each principal are here and not excluded: none only where there is no worker at all.
+    /// How many workers of each principal are here and may be given jobs: none only where there is no worker at all, or
+    /// an operator drains all.
     present: BTreeMap<Principal, usize>,
     trust: Trust,
     /// How often workers of a principal were excluded because they failed.
     exclusions: BTreeMap<Principal, u32>,
-    /// How many workers have no lease.
+    /// How many workers have no lease and may have one.
     idle: usize,
     /// One entry per job; the scheduler works on those that are open.
     pub jobs: JobStore,
@@ -126,6 +131,10 @@ pub struct Scheduler {
     starving_since: Option<Instant>,
     /// Whether the event that audits wait for another principal was emitted.
     unaudited: bool,
+    /// Clients whose jobs are not handed out.
+    paused: BTreeSet<ClientId>,
+    /// Workers that an operator does not let in any more.
+    denied: BTreeSet<WorkerId>,
     /// There was an earlier start, which may have granted leases that are not recorded.
     restarted: bool,
 }
@@ -159,6 +168,8 @@ impl Scheduler {
             undecided_since: None,
             starving_since: None,
             unaudited: false,
+            paused: BTreeSet::new(),
+            denied: BTreeSet::new(),
             restarted: false,
         }
     }
@@ -169,7 +180,7 @@ impl Scheduler {
     pub fn submit(&mut self, id: JobId, task: Arc<Task>, client: ClientId, now: Instant) {
         self.abandon(id, now); // of the same name before the run began again
         let channels = self.channels(&task);
-        let mut job = Job::new(task, channels, self.queue.position(client), now);
+        let mut job = Job::new(task, channels, (client, self.queue.position(client)), now);
         let lease = self.restore_attempts(id, &mut job, now);
         self.jobs.open(id, job);
         match lease {
@@ -202,7 +213,7 @@ impl Scheduler {
         let id = accepted.job;
         if self.jobs.get(id).is_none() {
             let channels = self.channels(task);
-            let mut job = Job::new(Arc::clone(task), channels, self.queue.position(client), now);
+            let mut job = Job::new(Arc::clone(task), channels, (client, self.queue.position(client)), now);
             job.delivered = true;
             job.restore_attempts(&[(accepted.worker_id, accepted.attempt)], now);
             let vote = |principal, worker, label| Vote {
@@ -224,6 +235,7 @@ impl Scheduler {
         }
         if let Some(job) = self.jobs.get_mut(id) {
             job.require(quorum);
+            job.clients.insert(client);
         }
         self.settle(id, now);
     }
@@ -270,15 +282,20 @@ impl Scheduler {
     /// Another client asks for a job that is there: it is handed out as early as for the one that waits less.
     pub fn share(&mut self, id: JobId, client: ClientId) {
         let position = self.queue.position(client);
-        let Some(job) = self.jobs.get_mut(id).filter(|job| position < job.position) else { return };
-        self.queue.set_waiting(job.position, id, false);
-        job.position = position;
+        let Some(job) = self.jobs.get_mut(id) else { return };
+        job.clients.insert(client);
+        let before = job.position;
+        job.position = position.min(before);
+        self.queue.set_waiting(before, id, false);
         self.refile(id);
     }
 
     /// A client will submit no more jobs.
     pub fn forget_client(&mut self, client: ClientId) {
         self.queue.forget_client(client);
+        if self.paused.remove(&client) {
+            self.refile_all();
+        }
     }
 
     /// Notes a sign of life that cannot be answered yet.
@@ -497,8 +514,10 @@ impl Scheduler {
     }
 
     fn notice_starving(&mut self, now: Instant) {
-        let idle = || self.queue.idle_polls().take_while(|(busy, _)| !busy).count();
-        let unfinished = || self.jobs.iter().filter(|(_, job)| !job.delivered).count();
+        let is_free = |id: &WorkerId| self.workers.get(id).is_some_and(Worker::is_free);
+        let polls = || self.queue.idle_polls().take_while(|(busy, _)| !busy);
+        let idle = || polls().filter(|(_, id)| is_free(id)).count();
+        let unfinished = || self.jobs.iter().filter(|(_, job)| !job.delivered && !self.is_held(job)).count();
         let waiting = self.queue.waiting() > 0;
         let (idle, unfinished) = if waiting { (0, 0) } else { (idle(), unfinished()) };
         if idle == 0 || unfinished == 0 {

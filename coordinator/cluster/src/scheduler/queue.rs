@@ -49,6 +49,19 @@ impl Queue {
         self.fair_queue.forget(client);
     }
 
+    /// As if the client had asked for nothing yet.
+    pub(super) fn restart_client(&mut self, client: ClientId) {
+        self.fair_queue.restart(client);
+    }
+
+    pub(super) fn weight(&self, client: ClientId) -> u32 {
+        self.fair_queue.weight(client)
+    }
+
+    pub(super) fn set_weight(&mut self, client: ClientId, weight: u32) {
+        self.fair_queue.set_weight(client, weight);
+    }
+
     pub(super) fn set_waiting(&mut self, position: QueuePosition, job: JobId, waits: bool) {
         if waits {
             self.waiting.insert(position, job);

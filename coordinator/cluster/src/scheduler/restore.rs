@@ -31,12 +31,15 @@ impl Scheduler {
             }
         }
         for (&id, Member { label, introduction }) in &recorded.members {
-            let (worker, introduction) = (label.clone(), introduction.clone());
-            self.add_worker(id, introduction.principal, now);
+            let worker = label.clone();
+            self.add_worker(id, introduction, now);
             let answers = u64::from(answered.contains(&id));
-            self.identities.insert(id, WorkerIdentity { label: worker.clone(), answers });
+            self.identities.insert(id, WorkerIdentity { label: worker.clone(), answers, busy_seconds: 0.0 });
             self.used_labels.insert(worker.clone());
-            self.emit(now, EventKind::Joined { worker: id, label: worker, introduction });
+            self.emit(
+                now,
+                EventKind::Joined { worker: id, label: worker, introduction: introduction.clone() },
+            );
         }
         self.used_labels.extend(recorded.labels());
         self.restarted = true;

@@ -87,6 +87,7 @@ impl Scheduler {
         }
         if let Some(known) = self.identities.get_mut(&id) {
             known.answers += 1;
+            known.busy_seconds += run_seconds.filter(|seconds| seconds.is_finite()).unwrap_or(0.0).max(0.0);
         }
         if let Some(worker) = self.workers.get_mut(&id) {
             worker.health.succeeded();

@@ -3,14 +3,19 @@
 use std::collections::BTreeSet;
 use std::time::{Duration, Instant};
 
-use proto::{JobId, Principal};
+use proto::{Introduction, JobId, Principal};
 
 use super::affinity::Described;
 use super::health::Health;
 
 pub(super) struct Worker {
     pub(super) principal: Principal,
+    pub(super) threads: u32,
+    pub(super) build: String,
+    pub(super) joined: Instant,
     pub(super) health: Health,
+    /// An operator has said that it gets no more jobs.
+    pub(super) draining: bool,
     pub(super) last_seen: Instant,
     pub(super) sequence: u64,
     pub(super) described: Described,
@@ -21,10 +26,14 @@ pub(super) struct Worker {
 }
 
 impl Worker {
-    pub(super) fn new(principal: Principal, now: Instant) -> Self {
+    pub(super) fn new(introduction: &Introduction, now: Instant) -> Self {
         Self {
-            principal,
+            principal: introduction.principal,
+            threads: introduction.threads,
+            build: introduction.build.clone(),
+            joined: now,
             health: Health::default(),
+            draining: false,
             last_seen: now,
             sequence: 0,
             described: Described::default(),
@@ -39,6 +48,16 @@ impl Worker {
 
     pub(super) fn is_idle(&self) -> bool {
         self.leases.is_empty()
+    }
+
+    /// Whether it may be given jobs.
+    pub(super) fn is_available(&self) -> bool {
+        !self.health.is_excluded() && !self.draining
+    }
+
+    /// Whether it has no job, and is not kept from having one by an operator.
+    pub(super) fn is_free(&self) -> bool {
+        self.is_idle() && !self.draining
     }
 
     /// The job it works on, and since when.
@@ -77,6 +96,8 @@ pub(super) struct WorkerIdentity {
     pub(super) label: String,
     /// Valid results of jobs that were open.
     pub(super) answers: u64,
+    /// What computing them took on its clock.
+    pub(super) busy_seconds: f64,
 }
 
 impl WorkerIdentity {
@@ -84,7 +105,7 @@ impl WorkerIdentity {
     pub(super) fn new(name: &str, used_labels: &mut BTreeSet<String>) -> Self {
         let label = unique_label(name, used_labels);
         used_labels.insert(label.clone());
-        Self { label, answers: 0 }
+        Self { label, answers: 0, busy_seconds: 0.0 }
     }
 }
 

@@ -8,7 +8,7 @@ use proto::journal::Assurance;
 use proto::task::{Task, TaskResult};
 use proto::{Digest, Principal, WorkerId};
 
-use crate::scheduler::fair_queue::QueuePosition;
+use crate::scheduler::fair_queue::{ClientId, QueuePosition};
 use crate::scheduler::messages::WorkerFailure;
 
 /// Attempts that are remembered: a worker that never gets its replies must not fill the memory.
@@ -61,6 +61,8 @@ pub struct Job {
     pub task: Arc<Task>,
     /// The channels in which whoever takes it will have described clouds.
     pub channels: Vec<u64>,
+    /// Who asks for it.
+    pub clients: BTreeSet<ClientId>,
     /// Jobs are handed out in this order.
     pub position: QueuePosition,
     pub submitted: Instant,
@@ -78,10 +80,17 @@ pub struct Job {
 }
 
 impl Job {
-    pub fn new(task: Arc<Task>, channels: Vec<u64>, position: QueuePosition, submitted: Instant) -> Self {
+    /// A job that this client asks for.
+    pub fn new(
+        task: Arc<Task>,
+        channels: Vec<u64>,
+        (client, position): (ClientId, QueuePosition),
+        submitted: Instant,
+    ) -> Self {
         Self {
             task,
             channels,
+            clients: [client].into(),
             position,
             submitted,
             quorum: Quorum::One,

@@ -15,7 +15,7 @@ fn a_revoked_worker_is_shown_out_at_once_and_another_does_its_work() {
     coordinator.wait_for("generation 2/100");
     first.signal("STOP"); // with a job in hand: the run waits, and its lease would last a minute longer
     fs::write(site.experiment.path("tls/deny"), format!("{fingerprint} # was stolen\n")).unwrap();
-    coordinator.wait_for("worker lab-1: denied: is on the deny list");
+    coordinator.wait_for("worker lab-1: denied: is not let in any more");
     coordinator.wait_for("transport: on the deny list: 1 refused so far");
     assert!(!coordinator.log().contains("generation 100/100"), "too late:\n{}", coordinator.log());
     first.signal("CONT");
