@@ -1,6 +1,7 @@
 //! A coordinator: reads an experiment, searches for descriptors, hands tasks to workers, writes the results.
 
 pub mod cli;
+pub mod control;
 pub mod dataset;
 pub mod exhaust;
 pub mod experiment;

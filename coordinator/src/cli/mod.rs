@@ -5,6 +5,7 @@ mod assess;
 mod certs;
 mod check;
 mod compare;
+mod control;
 mod dashboard;
 mod evaluate;
 mod exhaust;
@@ -37,6 +38,9 @@ use crate::console::say;
 use crate::run::RunError;
 use cluster::ClusterError;
 
+/// The exit code that shells have for Ctrl-C, and a run that an operator has stopped.
+const INTERRUPTED: u8 = 130;
+
 /// Evolves 3D point-cloud descriptors, on this machine and on as many others as join.
 ///
 /// Example: coordinator run experiments/demo.toml
@@ -53,6 +57,7 @@ enum Command {
     Resume(resume::Resume),
     Check(check::Check),
     Compare(Box<compare::Compare>),
+    Control(control::Control),
     Certs(certs::Certs),
     Evaluate(evaluate::Evaluate),
     Exhaust(exhaust::Exhaust),
@@ -100,6 +105,7 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
         Command::Compare(command) => command.execute(),
         Command::Assess(command) => command.execute(),
         Command::Certs(command) => command.execute(),
+        Command::Control(command) => command.execute(),
         Command::Dashboard(command) => command.execute(),
         Command::Evaluate(command) => command.execute(),
         Command::Exhaust(command) => command.execute(),
@@ -128,6 +134,7 @@ fn exit_code(error: &anyhow::Error) -> ExitCode {
         Some(RunError::Cluster(ClusterError::JobFailed(_))) => ExitCode::from(4),
         Some(RunError::Deadline { .. }) => ExitCode::from(5),
         Some(RunError::Cluster(ClusterError::Undecided { .. })) => ExitCode::from(6),
+        Some(RunError::Stopped { .. }) => ExitCode::from(INTERRUPTED),
         _ => ExitCode::FAILURE,
     }
 }
@@ -155,14 +162,14 @@ fn block_on<T>(advice: &str, work: impl Future<Output = anyhow::Result<T>>) -> a
 async fn interruption() -> std::io::Result<i32> {
     let mut terminate = tokio::signal::unix::signal(tokio::signal::unix::SignalKind::terminate())?;
     tokio::select! {
-        interrupt = tokio::signal::ctrl_c() => interrupt.map(|()| 130),
+        interrupt = tokio::signal::ctrl_c() => interrupt.map(|()| INTERRUPTED.into()),
         _ = terminate.recv() => Ok(143),
     }
 }
 
 #[cfg(not(unix))]
 async fn interruption() -> std::io::Result<i32> {
-    tokio::signal::ctrl_c().await.map(|()| 130)
+    tokio::signal::ctrl_c().await.map(|()| INTERRUPTED.into())
 }
 
 /// A length given in centimetres.

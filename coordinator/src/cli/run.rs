@@ -25,8 +25,8 @@ use transport::Protection;
 /// Killed, the same command goes on with the evaluation at which it was killed; so does `coordinator resume DIR`.
 ///
 /// Exit codes: 0 finished; 1 bad input or another error; 2 usage; 3 no worker left within the grace; 4 a job failed for
-/// good; 5 the deadline was reached; 6 two workers differ and nobody else came to decide; 130 or 143 interrupted. After all of
-/// them the same command goes on.
+/// good; 5 the deadline was reached; 6 two workers differ and nobody else came to decide; 130 interrupted, or stopped by
+/// `coordinator control`; 143 terminated. After all of them the same command goes on.
 ///
 /// Example: coordinator run experiments/demo.toml
 #[derive(Debug, Args)]

@@ -53,6 +53,18 @@ pub enum RunError {
         /// The deadline.
         seconds: u64,
     },
+    /// An operator has ended it.
+    #[error(
+        "stopped by {by}: {reason}\ngo on: the same command again, or coordinator resume {folder} with the same options", folder = .folder.display()
+    )]
+    Stopped {
+        /// The folder of the run or sweep.
+        folder: PathBuf,
+        /// Who.
+        by: String,
+        /// Why.
+        reason: String,
+    },
     /// Nothing to go on with.
     #[error(
         "{folder}: holds no run to go on with\nname the folder of a run, or start one: coordinator run EXP.toml"

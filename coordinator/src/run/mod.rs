@@ -37,6 +37,7 @@ use results::RunFolder;
 use transport::host_name;
 
 use crate::console::say;
+use crate::control::{Operator, Requests};
 use crate::dataset::{Dataset, Wanted};
 use crate::exhaust::grid::Grid;
 use crate::experiment::Experiment;
@@ -120,6 +121,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let texts = (experiment.search_toml(), experiment.record_toml());
     let (header, journal, recorded) =
         open_journal(texts, &dataset, &out, started_at, std::slice::from_ref(&out))?;
+    let requests = Requests::begin(&out);
     let (at_work, is_whole) = (recorded.at_work, recorded.repairs == 0);
     if recorded.starts > 1 {
         let there = recorded.accepted.len();
@@ -150,10 +152,18 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let remembers = experiment.remembers_counts(&dataset);
     let known = if remembers { Known::recall(&train_memory, &validation_memory) } else { Known::default() };
     let start = Start { now: started, first: header.started_at, before: at_work };
-    let console = progress.console().clone();
+    let (console, tell) = (progress.console().clone(), progress.teller());
+    let operator = Operator {
+        requests,
+        cluster: Arc::clone(&session.cluster),
+        clients: vec![(None, client.id())],
+        folder: out.clone(),
+        tls: options.protection.tls.clone(),
+    };
     let (dataset, session, remembered) = (&dataset, &session, &known);
     let mut run = RunDriver { experiment, dataset, session, remembered, client, folder, progress, start };
-    let searched = session.perform(&console, settings.deadline, run.search()).await;
+    let work = session.perform(&console, settings.deadline, run.search());
+    let searched = operator.during(tell, work).await;
     EventFile::finish(events).await;
     if searched.is_err() {
         run.tell_what_happened();

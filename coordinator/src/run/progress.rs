@@ -162,11 +162,15 @@ impl Progress {
     }
 
     fn print_events(&self) {
-        let Some(events) = &self.events else { return };
-        let events = events.lock().unwrap_or_else(PoisonError::into_inner).read_to_end();
-        for event in events.iter().filter(|event| event.kind.is_news()) {
-            self.console.say(&event.kind.to_string());
+        if let Some(events) = &self.events {
+            print_news(events, &self.console);
         }
+    }
+
+    /// Prints what has happened and is not printed yet, as this does, whatever this does meanwhile.
+    pub fn teller(&self) -> impl Fn() + use<> {
+        let (events, console) = (self.events.clone(), self.console.clone());
+        move || events.iter().for_each(|events| print_news(events, &console))
     }
 
     /// A line that stays.
@@ -364,6 +368,13 @@ impl Progress {
             bar.set_prefix(prefix);
             bar.set_message(message);
         }
+    }
+}
+
+fn print_news(events: &Mutex<EventCursor>, console: &Console) {
+    let events = events.lock().unwrap_or_else(PoisonError::into_inner).read_to_end();
+    for event in events.iter().filter(|event| event.kind.is_news()) {
+        console.say(&event.kind.to_string());
     }
 }
 

@@ -15,6 +15,7 @@ use futures_util::future::try_join_all;
 use results::RunFolder;
 
 use crate::console::say;
+use crate::control::{Operator, Requests};
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{Member, Overrides, Plan, Sweep};
 use crate::observers::event_file::EventFile;
@@ -79,6 +80,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     make_folder(&out, sweep)?;
     let texts = (sweep.search_toml(), sweep.record_toml());
     let (header, journal, recorded) = open_journal(texts, &dataset, &out, started_at, &run_folders)?;
+    let requests = Requests::begin(&out);
     let (trusted, begun, is_whole) = (recorded.is_trusted(), recorded.starts > 1, recorded.repairs == 0);
     let start = Start { now, first: header.started_at, before: recorded.at_work };
     if begun {
@@ -96,6 +98,16 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     session.cluster.share();
     readmit(&session.cluster, &options.readmit)?;
     let clients: Vec<_> = folders.iter().map(|_| session.cluster.client()).collect();
+    let named = |((place, _), client): (&(usize, RunFolder), &cluster::Client)| {
+        (Some(members[*place].name.clone()), client.id())
+    };
+    let operator = Operator {
+        requests,
+        cluster: Arc::clone(&session.cluster),
+        clients: folders.iter().zip(&clients).map(named).collect(),
+        folder: out.clone(),
+        tls: options.protection.tls.clone(),
+    };
     let settings = base.coordinator();
     progress.follow(&session.cluster);
     let events = EventFile::open(options.events.as_deref(), &session.cluster).await?;
@@ -114,7 +126,8 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
         (place, RunDriver { experiment, dataset, session, remembered, client, folder, progress, start })
     };
     let mut runs: Vec<(usize, RunDriver<'_>)> = folders.into_iter().zip(clients).map(driver).collect();
-    let searched = session.perform(progress.console(), settings.deadline, run_all(&mut runs, &tally)).await;
+    let work = session.perform(progress.console(), settings.deadline, run_all(&mut runs, &tally));
+    let searched = operator.during(progress.teller(), work).await;
     EventFile::finish(events).await;
     if searched.is_err() {
         runs.iter().for_each(|(_, run)| run.tell_what_happened());

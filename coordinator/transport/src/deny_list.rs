@@ -138,6 +138,38 @@ impl DenyList {
     }
 }
 
+/// Why nobody more is denied.
+#[derive(Debug, thiserror::Error)]
+#[error("{path}: cannot be used, got {source}\ncheck permissions and free space, or write the line by hand")]
+pub struct DenyError {
+    path: PathBuf,
+    source: io::Error,
+}
+
+/// Adds a certificate to the deny list of a folder, which there must be, with a comment of one line. Gives the list.
+///
+/// # Errors
+/// If the list cannot be read or written; then it is as it was.
+pub fn deny(folder: &Path, certificate: &Fingerprint, comment: &str) -> Result<PathBuf, DenyError> {
+    let path = folder.join(DENY_FILE);
+    let add = || {
+        let mut bytes = read(&path)?;
+        if parse(&String::from_utf8_lossy(&bytes)).fingerprints.contains(certificate) {
+            return Ok(());
+        }
+        if bytes.last().is_some_and(|&last| last != b'\n') {
+            bytes.push(b'\n');
+        }
+        let comment = comment.replace(['\n', '\r'], " ");
+        bytes.extend(format!("{certificate} # {comment}\n").bytes());
+        atomic::write(&path, &bytes)
+    };
+    match add() {
+        Ok(()) => Ok(path),
+        Err(source) => Err(DenyError { path, source }),
+    }
+}
+
 fn read(path: &Path) -> io::Result<Vec<u8>> {
     if !fs::metadata(path)?.is_file() {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "something that is no file")); // a pipe would be waited for
@@ -236,6 +268,23 @@ mod tests {
         fs::remove_file(&path).unwrap();
         fs::create_dir(&path).unwrap();
         assert!(DenyList::open(&folder).is_err(), "a folder");
+    }
+
+    #[test]
+    fn a_certificate_is_added_once_and_what_else_is_denied_stays_so() {
+        let (_parent, folder, print) = site();
+        let path = folder.join(DENY_FILE);
+        fs::write(&path, "token").unwrap();
+        for _ in 0..2 {
+            assert_eq!(deny(&folder, &print, "by jo:\nstolen").unwrap(), path);
+        }
+        assert_eq!(fs::read_to_string(&path).unwrap(), format!("token\n{print} # by jo: stolen\n"));
+        let both = Denied { certificates: [print].into(), token: true };
+        assert_eq!(DenyList::open(&folder).unwrap().in_force(), both);
+        fs::remove_file(&path).unwrap();
+        let error = deny(&folder, &print, "").unwrap_err().to_string();
+        assert!(error.contains("deny: cannot be used, got No such file"), "{error}");
+        assert!(!path.exists(), "a list that is missing is not made: it may have denied others");
     }
 
     proptest! {

@@ -17,6 +17,7 @@ mod tls;
 mod web;
 mod wire;
 
+pub use deny_list::{DenyError, deny};
 pub use listen_error::ListenError;
 pub use listener::{Listener, Protection};
 pub use server::Servers;

@@ -90,6 +90,7 @@ impl ClusterState {
     ) -> Result<String, ControlRefusal> {
         let done = self.carry_out(&order.action, clients, now)?;
         self.append(now, EventKind::Controlled(order));
+        self.hold_checks();
         self.settle(now);
         self.wake(now);
         self.clients.wake_all();
@@ -167,6 +168,15 @@ impl ClusterState {
             }
             ControlRefusal::UnknownWorker { label: label.to_owned(), here }
         })
+    }
+
+    /// Hands out checks of accepted results as long as anybody waits for a result who is not paused.
+    pub(super) fn hold_checks(&mut self) {
+        if self.is_halted() {
+            self.scheduler.pause(ClientId::AUDITOR);
+        } else {
+            self.scheduler.resume(ClientId::AUDITOR);
+        }
     }
 
     /// Whether nobody waits for a result but clients that are paused, if any is: then nothing is to be handed out.

@@ -187,6 +187,7 @@ impl ClusterState {
 
     /// One tick of the clock: removes silent workers, and wakes all clients, for whom a grace may be over.
     pub(super) fn expire(&mut self, now: Instant) {
+        self.hold_checks();
         if self.is_halted() {
             self.scheduler.extend_graces(now);
         }

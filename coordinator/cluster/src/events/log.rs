@@ -210,7 +210,7 @@ mod tests {
     use super::*;
     use proto::Introduction;
 
-    use crate::events::{Attempt, AttemptEnd};
+    use crate::events::{Attempt, AttemptEnd, ControlAction, Controlled};
 
     fn joined(number: u8) -> EventKind {
         let introduction = Introduction::sample("host", number);
@@ -233,6 +233,11 @@ mod tests {
             run_seconds: None,
             end,
         })
+    }
+
+    fn controlled(action: ControlAction, member: Option<&str>) -> EventKind {
+        let (reason, by) = ("the disk is full".to_owned(), "jo@lab".to_owned());
+        EventKind::Controlled(Controlled { action, member: member.map(str::to_owned), reason, by })
     }
 
     fn log() -> Arc<EventLog> {
@@ -337,6 +342,13 @@ mod tests {
             EventKind::Unaudited,
             EventKind::Starving { idle: 1, unfinished: 2 },
             EventKind::Rewind { generation: 3, why: "why".to_owned() },
+            controlled(ControlAction::Pause, Some("seed-1")),
+            controlled(ControlAction::Resume { worker: None }, None),
+            controlled(ControlAction::Resume { worker: Some("host".to_owned()) }, None),
+            controlled(ControlAction::Stop, None),
+            controlled(ControlAction::Priority { priority: 3 }, Some("seed-1")),
+            controlled(ControlAction::Drain { worker: "host".to_owned() }, None),
+            controlled(ControlAction::Deny { worker: "host".to_owned() }, None),
         ];
         let log = log();
         for kind in kinds {

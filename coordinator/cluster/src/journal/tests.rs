@@ -153,8 +153,23 @@ fn a_journal_is_not_there_before_it_is_whole_and_a_killed_attempt_to_make_it_is_
 #[test]
 fn a_journal_that_is_in_use_is_refused() {
     let (_folder, path) = journal(&[]);
-    let _file = JournalFile::open(&path).unwrap();
+    assert_eq!(JournalFile::is_open(&path).unwrap(), Some(false));
+    let file = JournalFile::open(&path).unwrap();
+    assert_eq!(JournalFile::is_open(&path).unwrap(), Some(true));
     assert!(matches!(JournalFile::header(&path), Err(JournalError::InUse { .. })));
+    drop(file);
+    // A look does not keep a coordinator from starting.
+    let look = File::open(&path).unwrap();
+    look.try_lock_shared().unwrap();
+    let opened = std::thread::scope(|scope| {
+        let opened = scope.spawn(|| JournalFile::open(&path).map(drop));
+        std::thread::yield_now();
+        drop(look);
+        opened.join().unwrap()
+    });
+    opened.unwrap();
+    fs::remove_file(&path).unwrap();
+    assert_eq!(JournalFile::is_open(&path).unwrap_err().kind(), io::ErrorKind::NotFound);
 }
 
 #[test]

@@ -1,6 +1,7 @@
 //! The scheduler's promises: every job is answered once, whatever happens to workers and messages.
 
 mod affinity;
+mod control;
 mod cost;
 mod failures;
 mod opinions;

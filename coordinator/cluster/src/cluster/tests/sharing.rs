@@ -3,6 +3,8 @@
 use std::cell::Cell;
 
 use super::*;
+use crate::events::{ControlAction, Controlled};
+use crate::scheduler::ClientId;
 
 fn evaluation_of(number: u32) -> Evaluation {
     Evaluation::sample(number, 9, 9)
@@ -160,4 +162,92 @@ async fn whatever_stops_one_stops_all() {
     assert!(matches!(two, Err(ClusterError::JobFailed(_)) | Ok(_)), "{two:?}");
     let next = ask(&mut second, &[3]).await;
     assert!(matches!(next, Err(ClusterError::JobFailed(_))), "{next:?}");
+}
+
+/// An order of an operator.
+fn order(action: ControlAction) -> Controlled {
+    let (reason, by) = ("for a test".to_owned(), "jo@lab".to_owned());
+    Controlled { action, member: None, reason, by }
+}
+
+#[tokio::test]
+async fn what_an_operator_orders_is_done_once_and_told_to_everybody() {
+    let (cluster, answers) = (Cluster::new(LIMITS), Cell::new(0));
+    let [mut first, mut second] = [cluster.client(), cluster.client()];
+    let (one, both) = ([first.id()], [first.id(), second.id()]);
+    let worker = || "host".to_owned();
+    let refused = |action, clients: &[_]| cluster.control(order(action), clients).unwrap_err();
+    let done = |action, clients: &[_]| cluster.control(order(action), clients).unwrap();
+
+    done(ControlAction::Pause, &one);
+    assert!(cluster.is_paused(first.id()) && !cluster.is_paused(second.id()));
+    assert_eq!(refused(ControlAction::Pause, &one), ControlRefusal::Paused);
+    let told = async {
+        let (asked, ()) = tokio::join!(ask(&mut first, &[1]), async {
+            assert_eq!(ask(&mut second, &[2]).await.unwrap(), [2]);
+            assert_eq!(answers.get(), 1, "although another was asked first");
+            // Nobody waits but who is paused.
+            assert!(cluster.state().is_halted());
+            done(ControlAction::Pause, &both);
+            assert_eq!(refused(ControlAction::Pause, &both), ControlRefusal::Paused);
+            assert!(cluster.state().scheduler.is_paused(ClientId::AUDITOR), "nor is anything checked");
+            done(ControlAction::Resume { worker: None }, &both);
+            assert!(!cluster.state().is_halted());
+            assert!(!cluster.state().scheduler.is_paused(ClientId::AUDITOR));
+        });
+        asked.unwrap()
+    };
+    let told = tokio::select! {
+        told = told => told,
+        () = labour(&cluster, 1, &answers, |bins| bins) => unreachable!(),
+    };
+    assert_eq!(told, [1]);
+    assert_eq!(refused(ControlAction::Resume { worker: None }, &both), ControlRefusal::NotPaused);
+
+    assert_eq!(
+        cluster.fleet().iter().map(|one| (one.answers, one.draining)).collect::<Vec<_>>(),
+        [(2, false)]
+    );
+    assert!((cluster.fleet()[0].busy_seconds - 0.2).abs() < 1e-9);
+    let drained = done(ControlAction::Drain { worker: worker() }, &both);
+    assert!(drained.ends_with("; no other worker is here to go on"), "{drained}");
+    assert!(cluster.fleet()[0].draining);
+    assert_eq!(refused(ControlAction::Drain { worker: worker() }, &both), ControlRefusal::Drained(worker()));
+    done(ControlAction::Resume { worker: Some(worker()) }, &both);
+    let again = ControlAction::Resume { worker: Some(worker()) };
+    assert_eq!(refused(again, &both), ControlRefusal::NotDrained(worker()));
+    let nobody = refused(ControlAction::Deny { worker: "nobody".to_owned() }, &both).to_string();
+    assert_eq!(nobody, "worker: must be one that is here, got \"nobody\"\nhere are: host");
+    let own = Introduction { principal: Principal::Coordinator, ..Introduction::sample("local", 2) };
+    cluster.register(WorkerId([2; 16]), own).unwrap();
+    let local = ControlAction::Deny { worker: "local".to_owned() };
+    assert_eq!(refused(local, &both), ControlRefusal::Own("local".to_owned()));
+    done(ControlAction::Deny { worker: worker() }, &both);
+    assert_eq!(cluster.fleet().len(), 1);
+    for (priority, clients) in [(0, &one), (101, &one)] {
+        assert_eq!(
+            refused(ControlAction::Priority { priority }, clients),
+            ControlRefusal::Priority(priority)
+        );
+    }
+    done(ControlAction::Priority { priority: 7 }, &one);
+    assert_eq!((cluster.priority(first.id()), cluster.priority(second.id())), (7, 1));
+
+    let said = |kind: &EventKind| match kind {
+        EventKind::Controlled(_) => Some(kind.to_string()),
+        _ => None,
+    };
+    let events: Vec<String> = second.events().iter().filter_map(|event| said(&event.kind)).collect();
+    assert_eq!(
+        events,
+        [
+            "paused by jo@lab: for a test",
+            "paused by jo@lab: for a test",
+            "resumed by jo@lab: for a test",
+            "worker host: drained by jo@lab: for a test",
+            "worker host: resumed by jo@lab: for a test",
+            "worker host: denied by jo@lab: for a test",
+            "priority 7 by jo@lab: for a test",
+        ]
+    );
 }

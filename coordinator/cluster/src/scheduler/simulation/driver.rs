@@ -13,7 +13,7 @@ use crate::events::EventKind;
 use crate::job_names::JobNames;
 
 /// Runs that share the workers.
-const CLIENTS: u32 = 3;
+pub const CLIENTS: u32 = 3;
 
 /// The run.
 #[derive(Default)]

@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
 use descriptor::random::stream;
-use proto::{Introduction, Lease, Principal};
+use proto::{Introduction, Lease, Principal, WorkerId};
 use rand::RngExt;
 
-use super::super::{Answer, Audit, Limits, Poll, PollRefusal, RunSecret, Scheduler};
+use super::super::{Answer, Audit, ClientId, Limits, MAX_PRIORITY, Poll, PollRefusal, RunSecret, Scheduler};
 use super::actor::{Actor, Nature, by_address};
-use super::driver::Driver;
+use super::driver::{CLIENTS, Driver};
 use super::mishaps::Mishaps;
 
 const TICK: Duration = Duration::from_millis(500);
@@ -44,6 +44,9 @@ enum Happening {
     Submit,
     Mishap,
     Join(Nature, Principal),
+    /// An operator lets a client go on, or a worker.
+    Resume(ClientId),
+    EndDrain(WorkerId),
 }
 
 /// One schedule.
@@ -188,7 +191,12 @@ impl World {
     fn happens(&mut self, happening: Happening) {
         let heard = matches!(
             happening,
-            Happening::Register(_) | Happening::Poll(..) | Happening::HoldEnds(..) | Happening::Tick
+            Happening::Register(_)
+                | Happening::Poll(..)
+                | Happening::HoldEnds(..)
+                | Happening::Tick
+                | Happening::Resume(_)
+                | Happening::EndDrain(_)
         );
         if heard && self.clock < self.deaf_until {
             self.neglected.clear();
@@ -208,6 +216,14 @@ impl World {
             Happening::Submit => self.submit(),
             Happening::Mishap => self.mishap(),
             Happening::Join(nature, principal) => self.join(nature, principal),
+            Happening::Resume(client) => {
+                self.scheduler.resume(client);
+                self.look();
+            }
+            Happening::EndDrain(id) => {
+                self.scheduler.end_drain(id);
+                self.look();
+            }
         }
     }
 
@@ -393,7 +409,7 @@ impl World {
             return;
         }
         let index = self.below(self.actors.len().max(1) as u32) as usize;
-        let what = self.below(5);
+        let what = self.below(8);
         self.steal();
         match what {
             0 => {
@@ -417,10 +433,28 @@ impl World {
                 self.deaf_until = self.deaf_until.max(until);
                 self.mishaps.paused += 1;
             }
+            5 | 6 => {
+                let client = ClientId(self.below(CLIENTS));
+                if what == 5 && self.scheduler.pause(client) {
+                    self.mishaps.held += 1;
+                    self.later(Happening::Resume(client));
+                } else {
+                    let priority = 1 + self.below(MAX_PRIORITY);
+                    self.scheduler.set_priority(client, priority);
+                    self.mishaps.prioritised += 1;
+                }
+            }
             _ if index >= self.actors.len() || self.actors[index].dead => {}
             2 => {
                 self.actors[index].cut_until = self.clock + Duration::from_secs(self.below(100).into());
                 self.mishaps.cut += 1;
+            }
+            7 => {
+                let id = self.actors[index].id;
+                if self.scheduler.drain(id, self.now()).is_some() {
+                    self.mishaps.drained += 1;
+                    self.later(Happening::EndDrain(id));
+                }
             }
             what => {
                 let actor = &mut self.actors[index];
@@ -489,6 +523,12 @@ impl World {
 
     fn soon_after(&mut self, milliseconds: u32, happening: Happening) {
         self.at(self.clock + Duration::from_millis(milliseconds.into()), happening);
+    }
+
+    /// Within a minute, and not after it is calm.
+    fn later(&mut self, happening: Happening) {
+        let after = Duration::from_secs(self.below(60).into());
+        self.at((self.clock + after).min(CALM), happening);
     }
 
     /// Within so many milliseconds.

@@ -1,0 +1,16 @@
+//! The control of running runs: an operator's request goes through a file in the run folder to the coordinator at work.
+//!
+//! `request` writes it and waits for the answer, `watch` is the coordinator's side, `message` what the files say, `folder`
+//! where they are.
+
+mod folder;
+mod message;
+mod request;
+mod watch;
+
+pub use folder::{ControlError, Requests};
+pub use message::{Request, me};
+pub use request::{WAIT, request, request_within};
+pub use watch::Operator;
+
+pub use cluster::events::ControlAction as Action;

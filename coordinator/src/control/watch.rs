@@ -1,0 +1,140 @@
+//! The coordinator's side: looks for requests while it works, and carries them out.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
+
+use cluster::Cluster;
+use cluster::events::{ControlAction, Controlled};
+use cluster::scheduler::ClientId;
+use proto::{Message, Principal};
+use tokio::task::spawn_blocking;
+use tokio::time::MissedTickBehavior;
+
+use super::folder::{Requests, Taken};
+use super::message::{Answer, Request};
+use crate::run::RunError;
+
+/// How often it looks.
+const LOOK: Duration = Duration::from_millis(500);
+
+/// Carries out requests of operators.
+pub struct Operator {
+    /// Where they come from.
+    pub requests: Requests,
+    /// Who computes.
+    pub cluster: Arc<Cluster>,
+    /// The run's client; of a sweep, those of its runs that are not finished, with their names.
+    pub clients: Vec<(Option<String>, ClientId)>,
+    /// The run folder, for messages.
+    pub folder: PathBuf,
+    /// The folder of certificates and deny list, if there is one.
+    pub tls: Option<PathBuf>,
+}
+
+impl Operator {
+    /// Does `work`, and meanwhile what operators request; `tell` is called when something was done.
+    ///
+    /// # Errors
+    /// Those of the work, and that an operator has stopped it.
+    pub async fn during<T>(
+        self,
+        tell: impl Fn(),
+        work: impl Future<Output = Result<T, RunError>>,
+    ) -> Result<T, RunError> {
+        let requests = self.requests.clone();
+        let done = tokio::select! {
+            done = work => done,
+            stopped = self.watch(tell) => Err(stopped),
+        };
+        requests.end();
+        done
+    }
+
+    /// Carries out requests until one of them stops the run.
+    async fn watch(mut self, tell: impl Fn()) -> RunError {
+        let mut looks = tokio::time::interval(LOOK);
+        looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        loop {
+            looks.tick().await;
+            let mut requests = self.requests.clone();
+            // On a thread of its own: a network file system may be slow.
+            let Ok((requests, taken)) = spawn_blocking(move || {
+                let taken = requests.take();
+                (requests, taken)
+            })
+            .await
+            else {
+                continue; // the runtime ends
+            };
+            self.requests = requests;
+            for taken in taken {
+                if let Some(stopped) = self.answer(&taken).await {
+                    tell();
+                    return stopped;
+                }
+                tell();
+            }
+        }
+    }
+
+    /// Carries out one request, and answers it; gives how the run ends, if it does.
+    async fn answer(&self, taken: &Taken) -> Option<RunError> {
+        let (request, member) = match &taken.request {
+            Ok(request) => request,
+            Err(error) => {
+                taken.answer(&Answer::Error(error.clone()));
+                return None;
+            }
+        };
+        let done = self.carry_out(request, member.as_deref());
+        let stops = request.action == ControlAction::Stop && done.is_ok();
+        if stops {
+            // What the run ends with says why it ended.
+            let _ = self.cluster.flush().await; // a journal that has failed ends the run with its own error next time
+        }
+        taken.answer(&match done {
+            Ok(done) => Answer::Done(done),
+            Err(error) => Answer::Error(error),
+        });
+        let Request { by, reason, .. } = request.clone();
+        stops.then(|| RunError::Stopped { folder: self.folder.clone(), by, reason })
+    }
+
+    fn carry_out(&self, request: &Request, member: Option<&str>) -> Result<String, String> {
+        let Request { action, reason, by } = request.clone();
+        // Workers are those of the whole sweep.
+        let member = member.filter(|_| action.worker().is_none());
+        let its = |(name, _): &&(Option<String>, ClientId)| member.is_none() || name.as_deref() == member;
+        let clients: Vec<ClientId> = self.clients.iter().filter(its).map(|(_, client)| *client).collect();
+        if clients.is_empty() {
+            return Err(format!(
+                "member: must be a run of this sweep that is not finished, got {}\nname the folder of one that goes on",
+                member.unwrap_or_default()
+            ));
+        }
+        let certificate = match &action {
+            ControlAction::Deny { worker } => self.cluster.principal_of(worker),
+            _ => None,
+        };
+        let denies = matches!(action, ControlAction::Deny { .. });
+        let order = Controlled { action, member: member.map(str::to_owned), reason, by };
+        let because = order.because();
+        let done = self.cluster.control(order, &clients).map_err(|refusal| refusal.to_string())?;
+        let prefix = member.map_or_else(String::new, |member| format!("{member}: "));
+        let more = if denies { self.keep_out(certificate, &because) } else { String::new() };
+        Ok(format!("{prefix}{done}{more}"))
+    }
+
+    /// Puts a denied worker's certificate onto the deny list, if there are both; says how it is kept out.
+    fn keep_out(&self, principal: Option<Principal>, because: &str) -> String {
+        let session = "; it is let in no more as long as this coordinator is at work";
+        let (Some(tls), Some(Principal::Certificate(certificate))) = (&self.tls, principal) else {
+            return session.to_owned();
+        };
+        match transport::deny(tls, &certificate, because) {
+            Ok(list) => format!("; {} has its certificate now", list.display()),
+            Err(error) => format!("{session}: {}", Message::of(&error).what),
+        }
+    }
+}
