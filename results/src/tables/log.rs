@@ -65,7 +65,8 @@ record! {
     pub struct EventRow {
         at: SystemTime, "UTC", "when";
         event: String, "",
-            "lost, quarantined, denied, disagreement, undecided, rewind, unaudited, starving or omitted (rows that had no room)";
+            "lost, quarantined, denied, disagreement, undecided, rewind, unaudited, starving, omitted (rows that had no room), \
+             or what an operator ordered: paused, resumed, stopped, priority, drained, denied";
         worker: Option<String>, "", "whom it is about";
         generation: Option<u32>, "", "generation that the run went back to";
         message: String, "", "what happened, for people";

@@ -5,6 +5,7 @@
 //! - `bad_input`: what users get wrong, and what they are told
 //! - `circles`: no file imports another in a circle
 //! - `comparisons`: descriptors on the test clouds of a run
+//! - `control`: orders to runs that go on
 //! - `costs`: what a structure may cost, and what counts as recognised
 //! - `determinism`: one digest, whatever the workers do
 //! - `families`: another family than the paper's
@@ -50,6 +51,7 @@ mod artefact;
 mod bad_input;
 mod circles;
 mod comparisons;
+mod control;
 mod costs;
 mod determinism;
 mod documents;

@@ -295,6 +295,7 @@ fn every_option_has_help_with_an_example() {
         "check",
         "certs",
         "compare",
+        "control",
         "evaluate",
         "exhaust",
         "export",
@@ -309,7 +310,10 @@ fn every_option_has_help_with_an_example() {
         "verify",
         "schema",
     ];
-    let of_coordinator: Vec<&[&str]> = commands.iter().map(std::slice::from_ref).collect();
+    let orders =
+        ["pause", "resume", "stop", "priority", "drain", "deny"].map(|order| ["control", "RUN", order]);
+    let mut of_coordinator: Vec<&[&str]> = commands.iter().map(std::slice::from_ref).collect();
+    of_coordinator.extend(orders.iter().map(|order| &order[..]));
     for (program_name, commands) in [("coordinator", of_coordinator), ("worker", vec![&[][..]])] {
         for command in commands {
             let mut help = program(program_name);

@@ -136,7 +136,7 @@ fn programs(folder: &Path, port: &str) {
     script(
         "coordinator",
         &format!(
-            "case \" $* \" in\n*\" --help \"* | *\" --listen \"*) ;;\n\
+            "case \" $* \" in\n*\" --help \"* | *\" --listen \"* | \" control \"*) ;;\n\
              \" run \"* | \" resume \"* | \" compare \"* | \" exhaust \"*) set -- \"$@\" --listen 127.0.0.1:{port} ;;\n\
              \" certs \"*) set -- \"$@\" --port {port} ;;\nesac\n"
         ),
