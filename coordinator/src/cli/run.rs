@@ -159,7 +159,7 @@ impl Manner {
         super::block_on(&advice, async {
             if let Some(address) = observers.dashboard {
                 let dashboard = Dashboard::of_run(out, address, &self.protection).await?;
-                dashboard.notices().iter().for_each(|notice| say(notice));
+                dashboard.notices().iter().for_each(say);
                 tokio::spawn(dashboard.serve());
             }
             Ok(match plan {

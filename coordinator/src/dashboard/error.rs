@@ -2,6 +2,7 @@
 
 use axum::http::StatusCode;
 
+use crate::control::ControlError;
 use crate::examine::ExamineError;
 
 /// Why a dashboard cannot answer.
@@ -59,6 +60,17 @@ pub enum DashboardError {
         /// The cloud.
         path: String,
     },
+    /// A body that is no order.
+    #[error(
+        "order: an action with a reason expected, got {got}\nreload the page: the program may be another"
+    )]
+    Order {
+        /// What is wrong with it.
+        got: String,
+    },
+    /// An order that was not carried out.
+    #[error(transparent)]
+    Control(#[from] ControlError),
     /// The run folder.
     #[error(transparent)]
     Results(#[from] results::Error),
@@ -71,9 +83,9 @@ impl DashboardError {
     /// The status that goes with it.
     pub fn status(&self) -> StatusCode {
         match self {
-            Self::Parameter { .. } => StatusCode::BAD_REQUEST,
+            Self::Parameter { .. } | Self::Order { .. } => StatusCode::BAD_REQUEST,
             Self::Hidden { .. } => StatusCode::FORBIDDEN,
-            Self::Results(results::Error::InUse(_)) => StatusCode::CONFLICT,
+            Self::Control(_) | Self::Results(results::Error::InUse(_)) => StatusCode::CONFLICT,
             Self::Results(_) => StatusCode::INTERNAL_SERVER_ERROR,
             _ => StatusCode::NOT_FOUND,
         }

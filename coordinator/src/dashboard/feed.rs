@@ -65,7 +65,7 @@ impl Feed {
             epoch: 0,
             generations: Vec::new(),
             individuals: Vec::new(),
-            log: RunLogReader::new(&found.folder),
+            log: RunLogReader::new(found),
             overview: Overview::new(found),
             run: (Value::Null, 0),
         }

@@ -3,10 +3,11 @@
 //!
 //! `folders.rs` finds runs; `shown.rs` is one of them: `feed.rs` reads its tables as they grow, `run_log.rs` its log,
 //! `overview.rs` and `detail.rs` sum it up. `server.rs` answers requests that `access.rs` lets in, `stream.rs` sends what
-//! is new, `assets.rs` has the page.
+//! is new, `control.rs` passes orders on, `assets.rs` has the page.
 
 mod access;
 mod assets;
+mod control;
 mod detail;
 mod error;
 mod feed;

@@ -1,15 +1,18 @@
 //! Workers, attempts and events of a run: from its journal while it is unfinished, from its tables afterwards.
 
-use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-use std::time::SystemTime;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+use std::time::{Instant, SystemTime};
 
+use cluster::events::{ControlAction, Controlled, Event, EventKind};
 use cluster::journal::{JOURNAL_FILE, JournalFollower};
+use proto::JobId;
 use results::{AttemptRow, EventRow, RunLog, WorkerRow};
 use serde::Serialize;
 use serde_json::json;
 
 use super::feed::Message;
+use super::folders::Found;
 use crate::observers::tables::Tables;
 
 /// Attempts and events of one message beyond which the older ones are left out.
@@ -18,12 +21,18 @@ const MOST: usize = 20_000;
 /// Reads the log of one run.
 pub struct RunLogReader {
     folder: PathBuf,
+    /// Its name in its sweep, if it is a member of one.
+    member: Option<String>,
     source: Source,
     rows: Tables,
     /// What `rows` has, in the order in which it came.
     order: Vec<Entry>,
     /// By worker: seconds of reported jobs.
     busy: BTreeMap<String, f64>,
+    /// What operators have ordered of the coordinator at work.
+    orders: Orders,
+    /// When a lease was first seen here.
+    leased: BTreeMap<(JobId, u32), Instant>,
     fleet: (String, u64),
 }
 
@@ -34,6 +43,14 @@ enum Source {
     Journal(Box<JournalFollower>),
     /// A finished run.
     Tables,
+}
+
+/// Orders that a coordinator obeys until it is told otherwise, or started again.
+#[derive(Default)]
+struct Orders {
+    is_paused: bool,
+    /// Labels of workers that get no more jobs.
+    drained: BTreeSet<String>,
 }
 
 #[derive(Clone, Copy)]
@@ -71,14 +88,18 @@ struct EventJson<'a> {
 }
 
 impl RunLogReader {
-    /// Of the run in a folder.
-    pub fn new(folder: &Path) -> Self {
+    /// Of the run that was found in a folder.
+    pub fn new(found: &Found) -> Self {
+        let name = found.folder.file_name().map(|name| name.to_string_lossy().into_owned());
         Self {
-            folder: folder.to_owned(),
+            folder: found.folder.clone(),
+            member: found.sweep.as_ref().and(name),
             source: Source::Nothing,
             rows: Tables::default(),
             order: Vec::new(),
             busy: BTreeMap::new(),
+            orders: Orders::default(),
+            leased: BTreeMap::new(),
             fleet: (String::new(), 0),
         }
     }
@@ -127,12 +148,25 @@ impl RunLogReader {
                 if followed.is_anew && !self.order.is_empty() {
                     read.is_anew = true;
                     (self.rows, self.order, self.busy) = Default::default();
+                    self.orders = Orders::default();
                 }
-                for event in &followed.events {
+                let now = Instant::now();
+                let first_seen =
+                    |lease: &(JobId, u32)| (*lease, self.leased.get(lease).copied().unwrap_or(now));
+                self.leased = follower.leases().keys().map(first_seen).collect();
+                let member = self.member.clone();
+                for (place, event) in followed.events.iter().enumerate() {
+                    if followed.starts.contains(&place) {
+                        self.orders = Orders::default();
+                    }
+                    self.orders.take(event, member.as_deref());
                     let rows = self.rows.rows();
                     let before = (rows.attempts.len(), rows.events.len());
                     self.rows.add(event);
                     self.note_new(before);
+                }
+                if followed.starts.contains(&followed.events.len()) {
+                    self.orders = Orders::default();
                 }
             }
             Ok(None) => {}
@@ -158,6 +192,7 @@ impl RunLogReader {
 
     fn clear(&mut self) {
         (self.rows, self.order, self.busy) = Default::default();
+        (self.orders, self.leased) = Default::default();
     }
 
     fn note_new(&mut self, (attempts, events): (usize, usize)) {
@@ -181,11 +216,9 @@ impl RunLogReader {
             .then(|| self.rows.rows().workers.iter().filter(is_here).count())
     }
 
-    /// Whether the last word of an operator was to pause.
+    /// Whether an operator has paused the coordinator at work.
     pub fn is_paused(&self) -> bool {
-        let is_word = |event: &&EventRow| matches!(event.event.as_str(), "paused" | "resumed");
-        let last = self.rows.rows().events.iter().rev().find(is_word);
-        last.is_some_and(|event| event.event == "paused")
+        self.orders.is_paused
     }
 
     /// The experiment of an unfinished run, or of its sweep, as it was started with.
@@ -234,8 +267,12 @@ impl RunLogReader {
         let mut held: BTreeMap<String, Vec<serde_json::Value>> = BTreeMap::new();
         let is_live = match &self.source {
             Source::Journal(follower) => {
-                for (&(job, attempt), worker) in follower.leases() {
-                    let lease = json!({"job": job.0, "attempt": attempt, "task": null, "age_seconds": null});
+                for (lease, worker) in follower.leases() {
+                    let (job, attempt) = lease;
+                    let age = self.leased.get(lease).map(|since| since.elapsed().as_secs());
+                    let lease = json!({
+                        "job": job.0.to_string(), "attempt": attempt, "task": null, "age_seconds": age,
+                    });
                     held.entry(worker.to_string()).or_default().push(lease);
                 }
                 true
@@ -250,6 +287,7 @@ impl RunLogReader {
             let busy = self.busy.get(&row.worker).copied().unwrap_or_default();
             let state = match (&row.gone_at, &leases) {
                 (Some(_), _) => "gone",
+                _ if self.orders.drained.contains(&row.worker) => "draining",
                 (None, Some(_)) => "busy",
                 (None, None) => "idle",
             };
@@ -262,6 +300,21 @@ impl RunLogReader {
             })
         });
         json!({"live": is_live, "workers": workers.collect::<Vec<_>>()}).to_string()
+    }
+}
+
+impl Orders {
+    /// Takes what an event says of the run, which is this member if it is one of a sweep.
+    fn take(&mut self, event: &Event, member: Option<&str>) {
+        let EventKind::Controlled(Controlled { action, member: of, .. }) = &event.kind else { return };
+        let is_ours = of.is_none() || of.as_deref() == member;
+        match action {
+            ControlAction::Pause if is_ours => self.is_paused = true,
+            ControlAction::Resume { worker: None } if is_ours => self.is_paused = false,
+            ControlAction::Drain { worker } => drop(self.drained.insert(worker.clone())),
+            ControlAction::Resume { worker: Some(worker) } => drop(self.drained.remove(worker)),
+            _ => {}
+        }
     }
 }
 
@@ -298,7 +351,7 @@ fn attempts_json(attempts: &[(u64, &AttemptRow)]) -> String {
 fn event_json(sequence: u64, row: &EventRow) -> EventJson<'_> {
     let level = match row.event.as_str() {
         "quarantined" | "undecided" => "error",
-        "paused" | "resumed" | "priority" | "drained" | "readmitted" => "info",
+        "paused" | "resumed" | "stopped" | "priority" | "drained" | "readmitted" => "info",
         _ => "warning",
     };
     EventJson {

@@ -22,6 +22,7 @@ use transport::WebConnection;
 
 use super::access::{Access, Refusal, Right, protect};
 use super::assets::asset;
+use super::control::Order;
 use super::error::DashboardError;
 use super::query::Query;
 use super::shown::Which;
@@ -78,6 +79,7 @@ pub async fn serve(server: Arc<Server>, mut connections: mpsc::Receiver<WebConne
         .route("/api/explain", get(explain))
         .route("/api/landscape", get(landscape))
         .route("/api/report", get(report))
+        .route("/api/control", post(control))
         .route("/api/login", post(login))
         .route("/api/{*path}", any(unknown))
         .fallback(get(page))
@@ -269,6 +271,17 @@ async fn report(State(server): Shared, request: Request) -> Response {
     }
 }
 
+async fn control(State(server): Shared, request: Request) -> Response {
+    let body = body(request).await.unwrap_or_default();
+    // Not among those that read folders: it waits for another process.
+    let work = move || {
+        let order = Order::read(&body)?;
+        let shown = server.watched.run(&order.id)?;
+        order.carry_out(&shown).map(|done| json!({"done": done}).to_string())
+    };
+    answer(tokio::task::spawn_blocking(work).await.ok())
+}
+
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Login {
@@ -284,7 +297,7 @@ async fn login(State(server): Shared, request: Request) -> Response {
 }
 
 /// The body of a request; `None` if it is too long or breaks off.
-pub async fn body(request: Request<Body>) -> Option<Bytes> {
+async fn body(request: Request<Body>) -> Option<Bytes> {
     axum::body::to_bytes(request.into_body(), MAX_BODY).await.ok()
 }
 

@@ -118,11 +118,11 @@ mod tests {
         assert_eq!(u32::from_le_bytes(bytes[..4].try_into().unwrap()) as usize, count);
         let unit = float(20);
         for (place, point) in few.points.iter().enumerate() {
-            for axis in 0..3 {
+            for (axis, coordinate) in point.iter().enumerate() {
                 let at = 24 + 6 * place + 2 * axis;
                 let units = i16::from_le_bytes(bytes[at..at + 2].try_into().unwrap());
                 let there = float(8 + 4 * axis) + f32::from(units) * unit;
-                assert!((there - point[axis]).abs() <= unit, "{there} for {}", point[axis]);
+                assert!((there - coordinate).abs() <= unit, "{there} for {coordinate}");
             }
         }
         let nothing = Cloud { points: Vec::new(), colours: None, viewpoint: [0.0; 3] };

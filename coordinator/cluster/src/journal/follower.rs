@@ -33,6 +33,8 @@ struct Place {
     header: Header,
     /// Where the next record begins.
     next: u64,
+    /// Starts of coordinators so far.
+    starts: u64,
 }
 
 /// What a read has found.
@@ -42,6 +44,8 @@ pub struct Followed {
     pub is_anew: bool,
     /// What has happened since, in order.
     pub events: Vec<Event>,
+    /// How many of these happened before each start of a coordinator.
+    pub starts: Vec<usize>,
 }
 
 impl JournalFollower {
@@ -80,7 +84,7 @@ impl JournalFollower {
             let nothing = || JournalError::damaged(&self.path, "nothing that says what it is the journal of");
             let (head, records, _) = Head::read(&bytes).ok_or_else(nothing)?;
             let header = Header::decode(&head.header, &self.path)?;
-            self.place = Some(Place { file: id, key: head.key, header, next: records as u64 });
+            self.place = Some(Place { file: id, key: head.key, header, next: records as u64, starts: 0 });
         }
         let Some(place) = &mut self.place else { return Ok(None) };
         loop {
@@ -89,8 +93,13 @@ impl JournalFollower {
             (&file).take(CHUNK).read_to_end(&mut bytes).map_err(unusable)?;
             let mut rest = &bytes[..];
             while let Some((_, payload)) = place.key.first_record(rest, place.next) {
-                if let Some(Record::Entry(entry)) = decode(payload) {
-                    take(&mut self.leases, &mut followed.events, entry);
+                match decode(payload) {
+                    Some(Record::Entry(entry)) => take(&mut self.leases, &mut followed.events, entry),
+                    Some(Record::Tally(tally)) if tally.starts > place.starts => {
+                        place.starts = tally.starts;
+                        followed.starts.push(followed.events.len());
+                    }
+                    _ => {}
                 }
                 let length = framed(payload.len());
                 (rest, place.next) = (&rest[length..], place.next + length as u64);
