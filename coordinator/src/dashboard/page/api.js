@@ -45,7 +45,8 @@ export function createApi(box) {
           const headers = { 'Content-Type': 'application/json' };
           const response = await fetch('/api/login', { method: 'POST', body, headers });
           if (!response.ok) {
-            problem.textContent = response.status === 401 ? 'This token is not known.' : (await failure(response)).message;
+            problem.textContent =
+              response.status === 401 ? 'This token is not known.' : (await failure(response)).message;
             input.select();
             return;
           }

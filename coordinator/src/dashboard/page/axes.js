@@ -10,7 +10,8 @@ export function ticks(low, high, wanted) {
   const step = [1, 2, 5, 10].map((factor) => factor * power).find((candidate) => candidate >= raw * 0.999);
   const first = Math.ceil(low / step - 1e-9);
   const values = [];
-  for (let index = first; index * step <= high + step * 1e-9; index++) values.push(Number((index * step).toPrecision(12)));
+  for (let index = first; index * step <= high + step * 1e-9; index++)
+    values.push(Number((index * step).toPrecision(12)));
   return values;
 }
 
@@ -68,7 +69,17 @@ export function drawAxes({ x, y, xTitle, yTitle, xFormat, yFormat, xTicks, yTick
   group.append(
     svg('line', { class: 'axis', x1: left, x2: right, y1: bottom + 0.5, y2: bottom + 0.5 }),
     svg('text', { class: 'axis-title', x: (left + right) / 2, y: bottom + 34, 'text-anchor': 'middle' }, xTitle),
-    svg('text', { class: 'axis-title', x: left - 6, y: top - 8, 'text-anchor': left > 70 ? 'middle' : 'start', dx: left > 70 ? 0 : -left + 8 }, yTitle),
+    svg(
+      'text',
+      {
+        class: 'axis-title',
+        x: left - 6,
+        y: top - 8,
+        'text-anchor': left > 70 ? 'middle' : 'start',
+        dx: left > 70 ? 0 : -left + 8,
+      },
+      yTitle,
+    ),
   );
   return group;
 }

@@ -10,7 +10,13 @@ const path = (points, x, y) =>
 
 function bandPath(points, x, y) {
   const back = [...points].reverse().map(([px, low]) => [px, low]);
-  return points.length < 2 ? '' : `${path(points.map(([px, , high]) => [px, high]), x, y)}${path(back, x, y).replace('M', 'L')}z`;
+  return points.length < 2
+    ? ''
+    : `${path(
+        points.map(([px, , high]) => [px, high]),
+        x,
+        y,
+      )}${path(back, x, y).replace('M', 'L')}z`;
 }
 
 /** Parts of a line without the points that have no value. */
@@ -34,14 +40,16 @@ function sample({ colour, dash, symbol, band, only }) {
     { class: 'sample', width: 28, height: 12, 'aria-hidden': 'true' },
     band && svg('rect', { x: 1, y: 1, width: 26, height: 10, style: { fill: `var(${colour})` }, opacity: 0.25 }),
     !band && !only && svg('line', { x1: 1, x2: 27, y1: 6, y2: 6, 'stroke-width': 2, ...stroke }),
-    symbol && svg('path', { d: symbolPath(symbol, 14, 6, 4), style: { fill: `var(${colour})`, stroke: `var(${colour})` } }),
+    symbol &&
+      svg('path', { d: symbolPath(symbol, 14, 6, 4), style: { fill: `var(${colour})`, stroke: `var(${colour})` } }),
   );
 }
 
 /** The nearest of sorted numbers. */
 function nearest(sorted, value) {
   let best = null;
-  for (const candidate of sorted) if (best === null || Math.abs(candidate - value) < Math.abs(best - value)) best = candidate;
+  for (const candidate of sorted)
+    if (best === null || Math.abs(candidate - value) < Math.abs(best - value)) best = candidate;
   return best;
 }
 
@@ -57,8 +65,14 @@ export function createChart(root, { height, onzoom }) {
   const readout = h('p', { class: 'readout', 'aria-live': 'polite' });
   const legend = h('ul', { class: 'legend' });
   const data = h('div', { class: 'scroll' });
-  const details = h('details', { class: 'data', ontoggle: () => tabulate() }, h('summary', null, 'Data as a table'), data);
-  const button = (text, label, act) => h('button', { class: 'small', title: label, 'aria-label': label, onclick: act }, text);
+  const details = h(
+    'details',
+    { class: 'data', ontoggle: () => tabulate() },
+    h('summary', null, 'Data as a table'),
+    data,
+  );
+  const button = (text, label, act) =>
+    h('button', { class: 'small', title: label, 'aria-label': label, onclick: act }, text);
   const tools = h(
     'div',
     { class: 'plot-tools' },
@@ -74,7 +88,11 @@ export function createChart(root, { height, onzoom }) {
   let positions = [];
   let cursor = null;
 
-  const whole = () => extent([...spec.series, ...spec.bands].flatMap(({ points }) => points.map(([x]) => x)), { margin: 0.01 });
+  const whole = () =>
+    extent(
+      [...spec.series, ...spec.bands].flatMap(({ points }) => points.map(([x]) => x)),
+      { margin: 0.01 },
+    );
 
   function zoom(factor) {
     const [low, high] = scales.x.domain;
@@ -104,7 +122,20 @@ export function createChart(root, { height, onzoom }) {
       data,
       levels && h('p', null, levels),
       positions.length > shown.length && h('p', null, `The last ${shown.length} of ${positions.length} rows.`),
-      h('table', null, h('thead', null, h('tr', null, head.map((text) => h('th', { scope: 'col' }, text)))), h('tbody', null, rows)),
+      h(
+        'table',
+        null,
+        h(
+          'thead',
+          null,
+          h(
+            'tr',
+            null,
+            head.map((text) => h('th', { scope: 'col' }, text)),
+          ),
+        ),
+        h('tbody', null, rows),
+      ),
     );
   }
 
@@ -138,8 +169,20 @@ export function createChart(root, { height, onzoom }) {
       for (const other of placed) if (text < other + 13) text = other + 13;
       placed.push(text);
       group.append(
-        svg('line', { class: 'level', x1: x.range[0], x2: x.range[1], y1: at, y2: at, 'stroke-dasharray': line.dash ?? '6 4', style: { stroke: `var(${line.colour})` } }),
-        svg('text', { class: 'level-name', x: x.range[1] - 4, y: text, 'text-anchor': 'end' }, `${line.name} ${spec.y.format(line.y)}`),
+        svg('line', {
+          class: 'level',
+          x1: x.range[0],
+          x2: x.range[1],
+          y1: at,
+          y2: at,
+          'stroke-dasharray': line.dash ?? '6 4',
+          style: { stroke: `var(${line.colour})` },
+        }),
+        svg(
+          'text',
+          { class: 'level-name', x: x.range[1] - 4, y: text, 'text-anchor': 'end' },
+          `${line.name} ${spec.y.format(line.y)}`,
+        ),
       );
     }
     return group;
@@ -163,7 +206,12 @@ export function createChart(root, { height, onzoom }) {
     picture.setAttribute('viewBox', `0 0 ${width} ${height}`);
     picture.setAttribute('width', width);
     picture.setAttribute('aria-label', `${spec.label} Arrow keys read values, plus and minus zoom.`);
-    const box = { x: x.range[0], y: y.range[1] - 3, width: x.range[1] - x.range[0], height: y.range[0] - y.range[1] + 6 };
+    const box = {
+      x: x.range[0],
+      y: y.range[1] - 3,
+      width: x.range[1] - x.range[0],
+      height: y.range[0] - y.range[1] + 6,
+    };
     const clip = `clip-${(createChart.made = (createChart.made ?? 0) + 1)}`;
     const marks = svg('g', { 'clip-path': `url(#${clip})`, 'aria-hidden': 'true' });
     for (const { colour, points } of spec.bands) {
@@ -172,13 +220,21 @@ export function createChart(root, { height, onzoom }) {
     for (const { colour, dash, symbol, only, thin, points } of spec.series) {
       for (const part of only ? [] : parts(points)) {
         marks.append(
-          svg('path', { class: thin ? 'line thin' : 'line', d: path(part, x, y), 'stroke-dasharray': dash ?? '', style: { stroke: `var(${colour})` } }),
+          svg('path', {
+            class: thin ? 'line thin' : 'line',
+            d: path(part, x, y),
+            'stroke-dasharray': dash ?? '',
+            style: { stroke: `var(${colour})` },
+          }),
         );
       }
       if (!symbol) continue;
       const shown = points.filter((p) => inside(p) && p[1] !== null && p[1] !== undefined);
       const every = only ? 1 : Math.max(1, Math.ceil(shown.length / 30));
-      const d = shown.filter((_, index) => index % every === 0).map(([px, py]) => symbolPath(symbol, x(px), y(py), only ? 5 : 3.2)).join('');
+      const d = shown
+        .filter((_, index) => index % every === 0)
+        .map(([px, py]) => symbolPath(symbol, x(px), y(py), only ? 5 : 3.2))
+        .join('');
       marks.append(svg('path', { d, class: 'symbol', style: { fill: `var(${colour})`, stroke: `var(${colour})` } }));
     }
     replace(
@@ -214,7 +270,15 @@ export function createChart(root, { height, onzoom }) {
       return;
     }
     const [low, high] = [Math.min(from, at(event)), Math.max(from, at(event))];
-    picture.append(svg('rect', { class: 'zooming', x: low, width: high - low, y: scales.y.range[1], height: scales.y.range[0] - scales.y.range[1] }));
+    picture.append(
+      svg('rect', {
+        class: 'zooming',
+        x: low,
+        width: high - low,
+        y: scales.y.range[1],
+        height: scales.y.range[0] - scales.y.range[1],
+      }),
+    );
   });
   picture.addEventListener('pointerup', (event) => {
     picture.querySelector('.zooming')?.remove();

@@ -8,18 +8,27 @@ export function refusal(context) {
   if (context.runs === null || run === null) return 'Waiting for the run.';
   if (!context.runs.may_control) return 'This dashboard only shows: start it with control allowed to give commands.';
   if (run.state !== 'running' && run.state !== 'paused') return `The run is ${run.state}: there is nothing to control.`;
-  if (fleet !== null && !fleet.live) return 'The coordinator of this run is another process: give commands on its own dashboard.';
+  if (fleet !== null && !fleet.live)
+    return 'The coordinator of this run is another process: give commands on its own dashboard.';
   return null;
 }
 
 /**
  * Shows a dialog that asks for a reason and sends the command.
  * @param {object} context of the page
- * @param {{title: string, text: string, button: string, danger?: boolean, body: object}} command
+ * @param {{title: string, text: string, button: string, danger?: boolean, body: object}} command `body` may name another
+ *   `id` than that of the run on show
  */
 export function giveCommand(context, { title, text, button, danger, body }) {
   const { run } = context.store;
-  const reason = h('input', { type: 'text', name: 'reason', required: true, minlength: 1, maxlength: 200, autocomplete: 'off' });
+  const reason = h('input', {
+    type: 'text',
+    name: 'reason',
+    required: true,
+    minlength: 1,
+    maxlength: 200,
+    autocomplete: 'off',
+  });
   const answer = h('p', { role: 'alert', class: 'problem' });
   const send = h('button', { class: danger ? 'danger' : 'primary' }, button);
   const close = h('button', { type: 'button', onclick: () => dialog.close() }, 'Cancel');

@@ -15,7 +15,11 @@ const STYLES = [
   { colour: '--c6', dash: '5 5', symbol: 'circle' },
   { colour: '--c7', dash: '2 5', symbol: 'diamond' },
 ];
-const MEASURES = { best: 'best so far, training', mean: 'mean, training', validation: 'best of the generation, validation' };
+const MEASURES = {
+  best: 'best so far, training',
+  mean: 'mean, training',
+  validation: 'best of the generation, validation',
+};
 const ONE_MINUS = (fitness) => 1 - fitness;
 
 function measure(columns, axis, of) {
@@ -63,7 +67,13 @@ function differenceTable(first) {
     ['test_error', 'Test'],
   ];
   const columns = [
-    { id: 'id', title: 'Run', header: true, value: (run) => run.id, text: (run) => (run.id === first().id ? `${run.id} (reference)` : run.id) },
+    {
+      id: 'id',
+      title: 'Run',
+      header: true,
+      value: (run) => run.id,
+      text: (run) => (run.id === first().id ? `${run.id} (reference)` : run.id),
+    },
     { id: 'seed', title: 'Seed', number: true, value: (run) => run.seed },
   ];
   for (const [name, title] of errors) {
@@ -81,11 +91,28 @@ function differenceTable(first) {
   }
   columns.push(
     { id: 'regret', title: 'Regret', number: true, value: (run) => run.regret, text: (run) => percent(run.regret) },
-    { id: 'generation', title: 'Generations', number: true, value: (run) => run.generation, text: (run) => count(run.generation) },
-    { id: 'evaluations', title: 'Evaluations', number: true, value: (run) => run.evaluations_computed, text: (run) => count(run.evaluations_computed) },
+    {
+      id: 'generation',
+      title: 'Generations',
+      number: true,
+      value: (run) => run.generation,
+      text: (run) => count(run.generation),
+    },
+    {
+      id: 'evaluations',
+      title: 'Evaluations',
+      number: true,
+      value: (run) => run.evaluations_computed,
+      text: (run) => count(run.evaluations_computed),
+    },
     { id: 'seconds', title: 'Time', number: true, value: (run) => run.seconds, text: (run) => duration(run.seconds) },
   );
-  return createTable({ caption: 'Differences of the selected runs', columns, key: (run) => run.id, sort: 'id:ascending' });
+  return createTable({
+    caption: 'Differences of the selected runs',
+    columns,
+    key: (run) => run.id,
+    sort: 'id:ascending',
+  });
 }
 
 /**
@@ -127,7 +154,15 @@ export function createComparison(root, context) {
       tools,
       axisChoice(state),
       choice('Error', Object.entries(MEASURES), of, (value) => state.set({ measure: value })),
-      choice('Seeds', [['on', 'as bands'], ['off', 'as single lines']], state.get('bands') ?? 'on', (bands) => state.set({ bands })),
+      choice(
+        'Seeds',
+        [
+          ['on', 'as bands'],
+          ['off', 'as single lines'],
+        ],
+        state.get('bands') ?? 'on',
+        (bands) => state.set({ bands }),
+      ),
     );
     const spec = { series: [], bands: [], lines: [] };
     const absent = runs.filter(({ id, generation }) => generation > 0 && curves.of(id) === null);
@@ -135,7 +170,11 @@ export function createComparison(root, context) {
     let index = 0;
     for (const [name, members] of grouped()) {
       const style = STYLES[index++ % STYLES.length];
-      const present = members.map(({ id }) => curves.of(id)).filter(Boolean).map((columns) => measure(columns, axis, of)).filter((line) => line.length > 0);
+      const present = members
+        .map(({ id }) => curves.of(id))
+        .filter(Boolean)
+        .map((columns) => measure(columns, axis, of))
+        .filter((line) => line.length > 0);
       if (present.length === 0) continue;
       if (present.length === 1) {
         spec.series.push({ name: members.length === 1 ? members[0].id : name, ...style, points: present[0] });

@@ -67,7 +67,11 @@ export function createLanes() {
       const before = lanes.size;
       for (let row = seen; row < table.rows; row++) {
         let lane = lanes.get(worker[row]);
-        if (lane === undefined) lanes.set(worker[row], (lane = { worker: worker[row], rows: [], slots: [], height: 1, longest: 0, dirty: true }));
+        if (lane === undefined)
+          lanes.set(
+            worker[row],
+            (lane = { worker: worker[row], rows: [], slots: [], height: 1, longest: 0, dirty: true }),
+          );
         lane.rows.push(row);
         lane.dirty = true;
         if (start[row] < span[0]) span[0] = start[row];

@@ -50,7 +50,9 @@ function novelty(store, genes, row) {
   if (columns.elite?.[row]) return 'copied (elite)';
   if (parents.length === 0) return 'drawn at random';
   const fresh = genes.filter((gene) => parents.every((parent) => columns[gene][parent] !== columns[gene][row]));
-  return fresh.length === 0 ? 'all genes of its parents' : `new: ${fresh.map((gene) => `${gene} ${number(columns[gene][row])}`).join(', ')}`;
+  return fresh.length === 0
+    ? 'all genes of its parents'
+    : `new: ${fresh.map((gene) => `${gene} ${number(columns[gene][row])}`).join(', ')}`;
 }
 
 /**
@@ -91,14 +93,35 @@ export function createLineage(root, context, onselect) {
       .join('');
     const nodes = rows.map((row) => {
       const [cx, cy] = at(row);
-      return svg('circle', { class: row === selected ? 'node selected' : 'node', cx, cy, r: row === selected ? 7 : 4.5, onclick: () => onselect(row) }, svg('title', null, shown.name(row)));
+      return svg(
+        'circle',
+        {
+          class: row === selected ? 'node selected' : 'node',
+          cx,
+          cy,
+          r: row === selected ? 7 : 4.5,
+          onclick: () => onselect(row),
+        },
+        svg('title', null, shown.name(row)),
+      );
     });
     picture.setAttribute('viewBox', `0 0 ${width} ${HEIGHT}`);
     picture.setAttribute('width', width);
-    picture.setAttribute('aria-label', `Ancestors of ${shown.name(selected)} by generation and error. They are listed below.`);
+    picture.setAttribute(
+      'aria-label',
+      `Ancestors of ${shown.name(selected)} by generation and error. They are listed below.`,
+    );
     replace(
       picture,
-      drawAxes({ x, y, xTitle: 'Generation', yTitle: 'Object error', xFormat: count, yFormat: (value) => percent(value, 1), xTicks }),
+      drawAxes({
+        x,
+        y,
+        xTitle: 'Generation',
+        yTitle: 'Object error',
+        xFormat: count,
+        yFormat: (value) => percent(value, 1),
+        xTicks,
+      }),
       svg('path', { class: 'links', d: lines }),
       nodes,
     );
@@ -106,7 +129,8 @@ export function createLineage(root, context, onselect) {
 
   function tableFor(genes) {
     const cell = (name) => (row) => store.individuals.columns[name][row];
-    const parents = (row) => [cell('parent_a')(row), cell('parent_b')(row)].filter((parent) => parent !== null && parent !== undefined);
+    const parents = (row) =>
+      [cell('parent_a')(row), cell('parent_b')(row)].filter((parent) => parent !== null && parent !== undefined);
     return createTable({
       caption: 'The individual and its ancestors',
       key: (row) => shown.name(row),
@@ -115,12 +139,34 @@ export function createLineage(root, context, onselect) {
       rowClass: (row) => (row === shown.row ? 'selected' : ''),
       columns: [
         { id: 'generation', title: 'Generation', number: true, value: cell('generation') },
-        { id: 'individual', title: 'Individual', number: true, header: true, value: cell('individual'), node: (row) => h('button', { class: 'small', 'aria-label': `lineage of ${shown.name(row)}`, onclick: () => onselect(row) }, shown.name(row)) },
+        {
+          id: 'individual',
+          title: 'Individual',
+          number: true,
+          header: true,
+          value: cell('individual'),
+          node: (row) =>
+            h(
+              'button',
+              { class: 'small', 'aria-label': `lineage of ${shown.name(row)}`, onclick: () => onselect(row) },
+              shown.name(row),
+            ),
+        },
         { id: 'object_error', title: 'Error', number: true, value: cell('object_error') },
         ...genes.map((gene) => ({ id: gene, title: gene, number: true, value: cell(gene) })),
-        { id: 'parents', title: 'Parents', value: (row) => parents(row)[0], text: (row) => [...new Set(parents(row))].map((parent) => `${cell('generation')(row) - 1}.${parent}`).join(' × ') || '–' },
+        {
+          id: 'parents',
+          title: 'Parents',
+          value: (row) => parents(row)[0],
+          text: (row) =>
+            [...new Set(parents(row))].map((parent) => `${cell('generation')(row) - 1}.${parent}`).join(' × ') || '–',
+        },
         { id: 'origin', title: 'What is new', value: (row) => novelty(store, genes, row) },
-        { id: 'worker', title: 'Computed by', value: (row) => cell('worker')(row) ?? (cell('remembered')(row) ? 'remembered' : null) },
+        {
+          id: 'worker',
+          title: 'Computed by',
+          value: (row) => cell('worker')(row) ?? (cell('remembered')(row) ? 'remembered' : null),
+        },
       ],
     });
   }
@@ -136,7 +182,9 @@ export function createLineage(root, context, onselect) {
       shown = { ...ancestors(store, row), row };
       const { rows, unknown, more } = shown;
       const first = store.individuals.columns.generation[rows[rows.length - 1]];
-      const parts = [`Individual ${shown.name(row)} has ${plural(rows.length - 1, 'ancestor')} back to generation ${first}.`];
+      const parts = [
+        `Individual ${shown.name(row)} has ${plural(rows.length - 1, 'ancestor')} back to generation ${first}.`,
+      ];
       if (more) parts.push(`Only the ${MOST} nearest are shown.`);
       if (unknown > 0) parts.push('Older ones have not been loaded.');
       said.textContent = parts.join(' ');

@@ -28,7 +28,18 @@ const VIEWS = [
   { id: 'control', title: 'Control', load: () => import('./view-control.js') },
 ];
 const RUNS = { id: 'runs', title: 'Runs', load: () => import('./view-runs.js') };
-const EVERYTHING = ['run', 'detail', 'generations', 'individuals', 'attempts', 'events', 'fleet', 'runs', 'filter', 'state'];
+const EVERYTHING = [
+  'run',
+  'detail',
+  'generations',
+  'individuals',
+  'attempts',
+  'events',
+  'fleet',
+  'runs',
+  'filter',
+  'state',
+];
 
 const element = (id) => document.getElementById(id);
 const content = element('content');
@@ -105,7 +116,10 @@ function connection(now) {
   setText(box, names[now]);
   if (now === 'lost') {
     lostAt ??= Date.now();
-    banner('lost', `No connection to the coordinator since ${clock(lostAt)}. What you see is as it was then; it goes on by itself when the coordinator is back.`);
+    banner(
+      'lost',
+      `No connection to the coordinator since ${clock(lostAt)}. What you see is as it was then; it goes on by itself when the coordinator is back.`,
+    );
   } else if (now === 'open') {
     lostAt = null;
     if (bannerKind !== null) banner(bannerKind, null);
@@ -214,7 +228,10 @@ async function mount(view, key) {
     mounted.handle.update(new Set(EVERYTHING));
   } catch (error) {
     if (mounted.key !== key) return;
-    replace(content, h('p', { class: 'problem', role: 'alert' }, `${view.title}: this view cannot be shown: ${error.message}`));
+    replace(
+      content,
+      h('p', { class: 'problem', role: 'alert' }, `${view.title}: this view cannot be shown: ${error.message}`),
+    );
     console.error(error);
   }
 }

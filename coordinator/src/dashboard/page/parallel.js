@@ -70,7 +70,7 @@ export function createParallel(root, { onbrush, onselect }) {
     context.globalAlpha = 0.25;
     context.strokeStyle = colour('--line');
     strokeRows(context, others);
-    context.globalAlpha = Math.max(0.12, Math.min(0.85, 60 / Math.sqrt(spec.rows.length + 1) / 4));
+    context.globalAlpha = Math.max(0.04, Math.min(0.85, 400 / (spec.rows.length + 1)));
     for (let index = colours.length - 1; index >= 0; index--) {
       context.strokeStyle = colours[index];
       strokeRows(context, buckets[index]);
@@ -91,13 +91,30 @@ export function createParallel(root, { onbrush, onselect }) {
       svg('text', { class: 'label strong', x: axis.x, y: 16, 'text-anchor': 'middle' }, spec.title(axis.name)),
     );
     for (const value of ticks(...axis.y.domain, 5)) {
-      group.append(svg('text', { class: 'tick outlined', x: axis.x - 5, y: axis.y(value) + 4, 'text-anchor': 'end' }, spec.format(axis.name, value)));
+      group.append(
+        svg(
+          'text',
+          { class: 'tick outlined', x: axis.x - 5, y: axis.y(value) + 4, 'text-anchor': 'end' },
+          spec.format(axis.name, value),
+        ),
+      );
     }
     if (range) {
-      const [low, high] = range.map((end) => Math.max(TOP, Math.min(HEIGHT - BOTTOM, axis.y(Math.max(-1e300, Math.min(1e300, end))))));
+      const [low, high] = range.map((end) =>
+        Math.max(TOP, Math.min(HEIGHT - BOTTOM, axis.y(Math.max(-1e300, Math.min(1e300, end))))),
+      );
       group.append(svg('rect', { class: 'brush', x: axis.x - 8, width: 16, y: high, height: Math.max(3, low - high) }));
     }
-    group.append(svg('rect', { class: 'handle', 'data-axis': axis.name, x: axis.x - 14, width: 28, y: TOP - 6, height: HEIGHT - TOP - BOTTOM + 12 }));
+    group.append(
+      svg('rect', {
+        class: 'handle',
+        'data-axis': axis.name,
+        x: axis.x - 14,
+        width: 28,
+        y: TOP - 6,
+        height: HEIGHT - TOP - BOTTOM + 12,
+      }),
+    );
     return group;
   }
 
@@ -155,7 +172,10 @@ export function createParallel(root, { onbrush, onselect }) {
   });
 
   function pick(x, y) {
-    const right = Math.max(1, axes.findIndex((axis) => axis.x >= x));
+    const right = Math.max(
+      1,
+      axes.findIndex((axis) => axis.x >= x),
+    );
     const [a, b] = [axes[right - 1], axes[right]];
     if (!a || !b) return;
     const share = (x - a.x) / (b.x - a.x);

@@ -31,7 +31,11 @@ function figures(run) {
   ];
   if (run.optimum_error !== null) list.push(['Known optimum', percent(run.optimum_error), 'of the whole space']);
   if (run.regret !== null) list.push(['Regret', percent(run.regret), 'above the optimum']);
-  list.push(['Evaluations', `${count(run.evaluations_computed)} + ${count(run.evaluations_remembered)}`, 'computed + remembered']);
+  list.push([
+    'Evaluations',
+    `${count(run.evaluations_computed)} + ${count(run.evaluations_remembered)}`,
+    'computed + remembered',
+  ]);
   if (run.workers !== null) list.push(['Workers', count(run.workers)]);
   if (run.state === 'running' && run.seconds_left !== null) list.push(['Time left', `≈ ${duration(run.seconds_left)}`]);
   list.push(['Time', duration(run.seconds)]);
@@ -115,11 +119,7 @@ export function createRunHeader(root, views, context) {
       replace(
         tabs,
         views.map((item) =>
-          h(
-            'a',
-            { href: state.link({ view: item.id }), 'aria-current': item.id === view ? 'page' : null },
-            item.title,
-          ),
+          h('a', { href: state.link({ view: item.id }), 'aria-current': item.id === view ? 'page' : null }, item.title),
         ),
       );
       const current = tabs.querySelector('[aria-current]');

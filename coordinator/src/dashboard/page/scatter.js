@@ -92,7 +92,8 @@ export function createScatter(root, { onbrush, onselect }) {
     context.globalAlpha = 0.35;
     dots(context, others, radius * 0.7, colour('--muted'));
     context.globalAlpha = outline ? 1 : 0.75;
-    for (let index = colours.length - 1; index >= 0; index--) dots(context, buckets[index], radius, colours[index], outline);
+    for (let index = colours.length - 1; index >= 0; index--)
+      dots(context, buckets[index], radius, colours[index], outline);
     context.globalAlpha = 1;
     context.lineWidth = 1.5;
     dots(context, spec.front ?? [], radius + 3, 'none', colour('--text'));
@@ -103,13 +104,28 @@ export function createScatter(root, { onbrush, onselect }) {
     overlay.setAttribute('viewBox', `0 0 ${width} ${height}`);
     overlay.setAttribute('width', width);
     overlay.setAttribute('aria-label', `${spec.label} Individuals are in the table.`);
-    replace(overlay, drawAxes({ ...scales, xTitle: spec.xTitle, yTitle: spec.yTitle, xFormat: spec.xFormat, yFormat: spec.yFormat }));
+    replace(
+      overlay,
+      drawAxes({ ...scales, xTitle: spec.xTitle, yTitle: spec.yTitle, xFormat: spec.xFormat, yFormat: spec.yFormat }),
+    );
     const [rx, ry] = [spec.ranges.get(spec.x), spec.ranges.get(spec.y)];
     if (rx || ry) {
       const clamp = (scale, end, fallback) => (Number.isFinite(end) ? scale(end) : fallback);
-      const [left, right] = rx ? [clamp(scales.x, rx[0], MARGIN.left), clamp(scales.x, rx[1], width - MARGIN.right)] : scales.x.range;
-      const [low, high] = ry ? [clamp(scales.y, ry[0], scales.y.range[0]), clamp(scales.y, ry[1], scales.y.range[1])] : scales.y.range;
-      overlay.append(svg('rect', { class: 'brush', x: left, width: Math.max(1, right - left), y: high, height: Math.max(1, low - high) }));
+      const [left, right] = rx
+        ? [clamp(scales.x, rx[0], MARGIN.left), clamp(scales.x, rx[1], width - MARGIN.right)]
+        : scales.x.range;
+      const [low, high] = ry
+        ? [clamp(scales.y, ry[0], scales.y.range[0]), clamp(scales.y, ry[1], scales.y.range[1])]
+        : scales.y.range;
+      overlay.append(
+        svg('rect', {
+          class: 'brush',
+          x: left,
+          width: Math.max(1, right - left),
+          y: high,
+          height: Math.max(1, low - high),
+        }),
+      );
     }
   }
 

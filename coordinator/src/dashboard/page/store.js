@@ -1,7 +1,15 @@
 // All that is known of the run on show: tables that grow as the stream brings rows, and the filters over them.
 
 const KEEP_ROWS = 200_000;
-const EMPTY = { run: null, detail: null, generations: null, individuals: null, attempts: null, events: null, fleet: null };
+const EMPTY = {
+  run: null,
+  detail: null,
+  generations: null,
+  individuals: null,
+  attempts: null,
+  events: null,
+  fleet: null,
+};
 
 /** The keys of rows that have come already: a stream begins again a little before the place where it broke off. */
 const KEYS = {

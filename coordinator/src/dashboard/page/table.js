@@ -22,7 +22,12 @@ function meanings(columns) {
   const explained = columns.filter(({ hint }) => hint);
   if (explained.length === 0) return null;
   const list = explained.map(({ title, hint }) => [h('dt', null, title), h('dd', null, hint)]);
-  return h('details', { class: 'data' }, h('summary', null, 'What the columns mean'), h('dl', { class: 'facts' }, list));
+  return h(
+    'details',
+    { class: 'data' },
+    h('summary', null, 'What the columns mean'),
+    h('dl', { class: 'facts' }, list),
+  );
 }
 
 /**
@@ -51,20 +56,33 @@ export function createTable(options) {
   };
 
   const head = columns.map((column) => {
-    if (column.sortable === false) return h('th', { scope: 'col', class: column.number ? 'number' : null }, column.title);
+    if (column.sortable === false)
+      return h('th', { scope: 'col', class: column.number ? 'number' : null }, column.title);
     const button = h('button', { class: 'sort', onclick: () => toggle(column) }, column.title);
     const element = h('th', { scope: 'col', class: column.number ? 'number' : null }, button);
     heads.set(column.id, element);
     return element;
   });
-  const table = h('table', null, h('caption', { class: 'hidden' }, caption), h('thead', null, h('tr', null, head)), body);
+  const table = h(
+    'table',
+    null,
+    h('caption', { class: 'hidden' }, caption),
+    h('thead', null, h('tr', null, head)),
+    body,
+  );
   const nothing = h('p', { class: 'muted', hidden: true }, empty);
   const place = h('span', { class: 'muted' });
-  const step = (text, label, by) =>
-    h('button', { class: 'small', 'aria-label': label, onclick: () => move(by) }, text);
+  const step = (text, label, by) => h('button', { class: 'small', 'aria-label': label, onclick: () => move(by) }, text);
   const [before, after] = [step('‹ Previous', 'Previous rows', -page), step('Next ›', 'Next rows', page)];
   const pager = h('div', { class: 'pager', hidden: true }, before, after, place);
-  const element = h('div', { class: 'table' }, h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': caption }, table), nothing, pager, meanings(columns));
+  const element = h(
+    'div',
+    { class: 'table' },
+    h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': caption }, table),
+    nothing,
+    pager,
+    meanings(columns),
+  );
 
   function toggle(column) {
     const sort = sortNow();
@@ -91,7 +109,9 @@ export function createTable(options) {
 
   function line(row) {
     const cells = columns.map((column) => {
-      const cellElement = column.header ? h('th', { scope: 'row' }) : h('td', { class: column.number ? 'number' : null });
+      const cellElement = column.header
+        ? h('th', { scope: 'row' })
+        : h('td', { class: column.number ? 'number' : null });
       return cellElement;
     });
     return { element: h('tr', null, cells), cells, key: null, signature: null };
@@ -182,7 +202,12 @@ export function plainTable(caption, table, names = Object.keys(table.columns).ma
   const head = present.map(([name, title], index) =>
     h('th', { scope: 'col', class: index > 0 && numeric(name) ? 'number' : null }, title),
   );
-  const made = h('table', null, h('caption', { class: 'hidden' }, caption), h('thead', null, h('tr', null, head)), h('tbody', null, rows));
+  const made = h(
+    'table',
+    null,
+    h('caption', { class: 'hidden' }, caption),
+    h('thead', null, h('tr', null, head)),
+    h('tbody', null, rows),
+  );
   return h('div', { class: 'scroll', tabindex: '0', role: 'region', 'aria-label': caption }, made);
 }
-

@@ -19,7 +19,9 @@ function brushed(store, columns, axis) {
     if (error !== null && error < (least.get(generation) ?? Infinity)) least.set(generation, error);
   }
   const xs = positions(columns, axis);
-  return columns.generation.map((generation, row) => [xs[row], least.get(generation) ?? null]).filter(([, y]) => y !== null);
+  return columns.generation
+    .map((generation, row) => [xs[row], least.get(generation) ?? null])
+    .filter(([, y]) => y !== null);
 }
 
 /** Compared descriptors as level lines. They are errors on test clouds, and the names say so. */
@@ -55,7 +57,11 @@ export const view = {
     let drawnList = '';
 
     function drawTools() {
-      const toggle = h('input', { type: 'checkbox', checked: state.get('lines') !== 'off', onchange: (event) => state.set({ lines: event.target.checked ? null : 'off' }) });
+      const toggle = h('input', {
+        type: 'checkbox',
+        checked: state.get('lines') !== 'off',
+        onchange: (event) => state.set({ lines: event.target.checked ? null : 'off' }),
+      });
       if (tools.contains(document.activeElement)) return;
       replace(tools, axisChoice(state), h('label', { class: 'field inline' }, toggle, 'Compared descriptors'));
     }
@@ -63,7 +69,13 @@ export const view = {
     function drawErrors(columns, axis) {
       const series = [
         { name: 'best so far', colour: '--c1', points: bestCurve(columns, axis) },
-        { name: 'best of the generation', colour: '--c1', thin: true, dash: '2 3', points: curve(columns, axis, 'best_fitness', ONE_MINUS) },
+        {
+          name: 'best of the generation',
+          colour: '--c1',
+          thin: true,
+          dash: '2 3',
+          points: curve(columns, axis, 'best_fitness', ONE_MINUS),
+        },
         { name: 'mean', colour: '--c2', dash: '7 3', points: curve(columns, axis, 'mean_fitness', ONE_MINUS) },
       ];
       const validation = curve(columns, axis, 'validation_object_error');
@@ -71,23 +83,46 @@ export const view = {
         series.push({ name: 'validation', colour: '--c3', dash: '1 4', symbol: 'triangle', points: validation });
       }
       if (store.filtered() && store.individuals !== null) {
-        series.push({ name: 'best of the brushed', colour: '--c5', symbol: 'diamond', only: true, points: brushed(store, columns, axis) });
+        series.push({
+          name: 'best of the brushed',
+          colour: '--c5',
+          symbol: 'diamond',
+          only: true,
+          points: brushed(store, columns, axis),
+        });
       }
       const winner = store.detail?.winner;
       const at = winner ? columns.generation.indexOf(winner.generation) : -1;
       if (at >= 0) {
-        series.push({ name: 'winner', colour: '--text', symbol: 'square', only: true, points: [[positions(columns, axis)[at], 1 - columns.best_fitness[at]]] });
+        series.push({
+          name: 'winner',
+          colour: '--text',
+          symbol: 'square',
+          only: true,
+          points: [[positions(columns, axis)[at], 1 - columns.best_fitness[at]]],
+        });
       }
       const lines = state.get('lines') === 'off' ? [] : comparedLines(store.detail);
       const optimum = store.run?.optimum_error;
-      if (optimum !== null && optimum !== undefined) lines.push({ name: 'known optimum, training', y: optimum, colour: '--good', dash: '2 3' });
+      if (optimum !== null && optimum !== undefined)
+        lines.push({ name: 'known optimum, training', y: optimum, colour: '--good', dash: '2 3' });
       const last = columns.generation.length - 1;
       chart.draw({
         label: `Error by ${AXES[axis].toLowerCase()}: best so far ${percent(1 - columns.best_so_far_fitness[last])} after generation ${columns.generation[last]}, mean ${percent(1 - columns.mean_fitness[last])}, validation ${percent(columns.validation_object_error?.[last])}.`,
         x: { title: AXES[axis], format: axisFormat(axis), domain: zoomOf(state) },
         y: { title: 'Error', format: (value) => percent(value, 1) },
         series,
-        bands: [{ name: 'best to worst of the generation', colour: '--c6', points: positions(columns, axis).map((x, row) => [x, 1 - columns.best_fitness[row], 1 - columns.worst_fitness[row]]) }],
+        bands: [
+          {
+            name: 'best to worst of the generation',
+            colour: '--c6',
+            points: positions(columns, axis).map((x, row) => [
+              x,
+              1 - columns.best_fitness[row],
+              1 - columns.worst_fitness[row],
+            ]),
+          },
+        ],
         lines,
       });
     }
@@ -98,7 +133,8 @@ export const view = {
         { name: 'mutation rate', colour: '--c7', dash: '7 3', points: curve(columns, axis, 'mutation_rate') },
       ];
       const volume = curve(columns, axis, 'hypervolume');
-      if (volume.some(([, y]) => y !== null)) series.push({ name: 'hypervolume of the front', colour: '--c3', dash: '2 3', points: volume });
+      if (volume.some(([, y]) => y !== null))
+        series.push({ name: 'hypervolume of the front', colour: '--c3', dash: '2 3', points: volume });
       const last = columns.generation.length - 1;
       small.draw({
         label: `Diversity ${percent(columns.diversity[last])} per bit, mutation rate ${number(columns.mutation_rate[last])} in generation ${columns.generation[last]}.`,
@@ -132,17 +168,37 @@ export const view = {
       replace(
         list,
         h('legend', null, 'Runs of the same sweep, and of the same name'),
-        h('button', { class: 'small', onclick: () => setCompared(state, runs.slice(0, 40).map(({ id }) => id)) }, 'All'),
-        h('button', { class: 'small', onclick: () => setCompared(state, []) }, 'None'),
-        runs.slice(0, 200).map((run) =>
-          h('label', { class: 'inline' }, h('input', { type: 'checkbox', checked: ids.includes(run.id), onchange: toggle(run.id) }), run.id),
+        h(
+          'button',
+          {
+            class: 'small',
+            onclick: () =>
+              setCompared(
+                state,
+                runs.slice(0, 40).map(({ id }) => id),
+              ),
+          },
+          'All',
         ),
+        h('button', { class: 'small', onclick: () => setCompared(state, []) }, 'None'),
+        runs
+          .slice(0, 200)
+          .map((run) =>
+            h(
+              'label',
+              { class: 'inline' },
+              h('input', { type: 'checkbox', checked: ids.includes(run.id), onchange: toggle(run.id) }),
+              run.id,
+            ),
+          ),
       );
     }
 
     function drawComparison() {
       const runs = context.runs?.runs ?? [];
-      const selected = comparedIds(state).map((id) => runs.find((run) => run.id === id)).filter((run) => run && run.id !== store.run?.id);
+      const selected = comparedIds(state)
+        .map((id) => runs.find((run) => run.id === id))
+        .filter((run) => run && run.id !== store.run?.id);
       if (selected.length === 0 || store.run === null) {
         comparison?.destroy();
         comparison = null;

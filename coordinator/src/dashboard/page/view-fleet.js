@@ -9,12 +9,18 @@ import { createTable } from './table.js';
 const STATES = { busy: '▶ busy', idle: '○ idle', draining: '◐ draining', gone: '✕ gone' };
 const ORDER = Object.keys(STATES);
 
-const oldest = (worker) => worker.leases?.reduce((most, { age_seconds: age }) => (age !== null && (most === null || age > most) ? age : most), null) ?? null;
+const oldest = (worker) =>
+  worker.leases?.reduce(
+    (most, { age_seconds: age }) => (age !== null && (most === null || age > most) ? age : most),
+    null,
+  ) ?? null;
 
 function leaseText(worker) {
   if (worker.leases === null || worker.leases.length === 0) return '';
   const age = oldest(worker);
-  return age === null ? plural(worker.leases.length, 'job') : `${plural(worker.leases.length, 'job')}, oldest ${duration(age)}`;
+  return age === null
+    ? plural(worker.leases.length, 'job')
+    : `${plural(worker.leases.length, 'job')}, oldest ${duration(age)}`;
 }
 
 export const view = {
@@ -24,7 +30,11 @@ export const view = {
     const { store, state } = context;
     const summary = h('p', { role: 'status' });
     const refused = h('p', { class: 'muted' });
-    const search = h('input', { type: 'search', value: state.get('wfind') ?? '', oninput: () => state.set({ wfind: search.value }) });
+    const search = h('input', {
+      type: 'search',
+      value: state.get('wfind') ?? '',
+      oninput: () => state.set({ wfind: search.value }),
+    });
     const tools = h('div', { class: 'row' });
     let passing = null;
     let mayControl = false;
@@ -34,8 +44,8 @@ export const view = {
       giveCommand(context, {
         title: `${drain ? 'Drain' : 'Deny'} ${worker.worker}`,
         text: drain
-          ? 'It gets no further jobs and leaves when those it has are done.'
-          : 'It is sent away at once, its jobs go to others, and it may not come back.',
+          ? 'It gets no more jobs and ends those it has. It stays connected; started again, it is given jobs as a new worker.'
+          : 'It is removed, its jobs go to others, and it is let in no more. What it had handed in before remains.',
         button: drain ? 'Drain it' : 'Deny it',
         danger: !drain,
         body: { action, worker: worker.worker },
@@ -45,14 +55,30 @@ export const view = {
     function actions(worker) {
       if (worker.state === 'gone') return null;
       const button = (action, title) =>
-        h('button', { class: action === 'deny' ? 'small danger' : 'small', disabled: !mayControl || (action === 'drain' && worker.state === 'draining'), 'aria-label': `${title} ${worker.worker}`, onclick: () => command(worker, action) }, title);
+        h(
+          'button',
+          {
+            class: action === 'deny' ? 'small danger' : 'small',
+            disabled: !mayControl || (action === 'drain' && worker.state === 'draining'),
+            'aria-label': `${title} ${worker.worker}`,
+            onclick: () => command(worker, action),
+          },
+          title,
+        );
       return h('div', { class: 'actions' }, button('drain', 'Drain'), button('deny', 'Deny'));
     }
 
     const busy = (worker) => {
       const share = worker.busy_share;
       if (share === null || share === undefined) return '–';
-      return [h('span', { class: 'share', 'aria-hidden': 'true' }, h('span', { style: { width: `${Math.round(share * 100)}%` } })), percent(share, 0)];
+      return [
+        h(
+          'span',
+          { class: 'share', 'aria-hidden': 'true' },
+          h('span', { style: { width: `${Math.round(share * 100)}%` } }),
+        ),
+        percent(share, 0),
+      ];
     };
 
     const table = createTable({
@@ -66,16 +92,72 @@ export const view = {
       rowClass: (worker) => (worker.state === 'gone' ? 'gone' : ''),
       empty: 'No worker matches.',
       columns: [
-        { id: 'worker', title: 'Worker', header: true, value: (worker) => worker.worker, node: (worker) => h('a', { href: state.link({ view: 'timeline', worker: worker.worker }), title: 'its lane in the timeline' }, worker.worker) },
-        { id: 'state', title: 'State', value: (worker) => ORDER.indexOf(worker.state), text: (worker) => STATES[worker.state] ?? worker.state },
+        {
+          id: 'worker',
+          title: 'Worker',
+          header: true,
+          value: (worker) => worker.worker,
+          node: (worker) =>
+            h(
+              'a',
+              { href: state.link({ view: 'timeline', worker: worker.worker }), title: 'its lane in the timeline' },
+              worker.worker,
+            ),
+        },
+        {
+          id: 'state',
+          title: 'State',
+          value: (worker) => ORDER.indexOf(worker.state),
+          text: (worker) => STATES[worker.state] ?? worker.state,
+        },
         { id: 'threads', title: 'Threads', number: true, value: (worker) => worker.threads },
-        { id: 'busy', title: 'Busy', value: (worker) => worker.busy_share, hint: 'share of its time in which its threads evaluated', node: busy },
-        { id: 'leases', title: 'In hand', value: oldest, text: leaseText, hint: 'jobs it has now, and since when the oldest' },
-        { id: 'answers', title: 'Answers', number: true, value: (worker) => worker.answers, text: (worker) => count(worker.answers) },
-        { id: 'brushed', title: 'Brushed', number: true, value: (worker) => passing?.get(worker.worker) ?? null, text: (worker) => (passing ? count(passing.get(worker.worker) ?? 0) : ''), hint: 'individuals of the brush that it computed' },
-        { id: 'joined', title: 'Joined', value: (worker) => worker.joined_ms, text: (worker) => moment(worker.joined_ms) },
-        { id: 'gone', title: 'Went', value: (worker) => worker.gone_ms, text: (worker) => (worker.gone_ms === null ? '' : moment(worker.gone_ms)) },
-        { id: 'departure', title: 'Why it left', value: (worker) => worker.departure, text: (worker) => worker.departure ?? '' },
+        {
+          id: 'busy',
+          title: 'Busy',
+          value: (worker) => worker.busy_share,
+          hint: 'share of its time in which its threads evaluated',
+          node: busy,
+        },
+        {
+          id: 'leases',
+          title: 'In hand',
+          value: oldest,
+          text: leaseText,
+          hint: 'jobs it has now, and since when the oldest',
+        },
+        {
+          id: 'answers',
+          title: 'Answers',
+          number: true,
+          value: (worker) => worker.answers,
+          text: (worker) => count(worker.answers),
+        },
+        {
+          id: 'brushed',
+          title: 'Brushed',
+          number: true,
+          value: (worker) => passing?.get(worker.worker) ?? null,
+          text: (worker) => (passing ? count(passing.get(worker.worker) ?? 0) : ''),
+          hint: 'individuals of the brush that it computed',
+        },
+        {
+          id: 'joined',
+          title: 'Joined',
+          value: (worker) => worker.joined_ms,
+          text: (worker) => moment(worker.joined_ms),
+        },
+        {
+          id: 'gone',
+          title: 'Went',
+          value: (worker) => worker.gone_ms,
+          text: (worker) => (worker.gone_ms === null ? '' : moment(worker.gone_ms)),
+        },
+        {
+          id: 'departure',
+          title: 'Why it left',
+          value: (worker) => worker.departure,
+          text: (worker) => worker.departure ?? '',
+        },
         { id: 'actions', title: 'Commands', sortable: false, value: () => null, node: actions },
         { id: 'principal', title: 'Who answers for it', value: (worker) => worker.principal },
         { id: 'build', title: 'Build', value: (worker) => worker.build },
@@ -91,7 +173,9 @@ export const view = {
       replace(
         tools,
         h('label', { class: 'field' }, 'Find', search),
-        choice('State', [['', 'any'], ...ORDER.map((name) => [name, name])], wanted, (value) => state.set({ wstate: value })),
+        choice('State', [['', 'any'], ...ORDER.map((name) => [name, name])], wanted, (value) =>
+          state.set({ wstate: value }),
+        ),
       );
     }
 
@@ -101,7 +185,8 @@ export const view = {
       return store.fleet.workers.filter((worker) => {
         if (wanted && worker.state !== wanted) return false;
         if (passing !== null && !passing.has(worker.worker)) return false;
-        const text = `${worker.worker} ${worker.principal ?? ''} ${worker.build} ${worker.departure ?? ''}`.toLowerCase();
+        const text =
+          `${worker.worker} ${worker.principal ?? ''} ${worker.build} ${worker.departure ?? ''}`.toLowerCase();
         return words.every((word) => text.includes(word));
       });
     }

@@ -16,7 +16,11 @@ export const view = {
   create(root, context) {
     const { store, state } = context;
     const summary = h('p', { class: 'muted', role: 'status' });
-    const search = h('input', { type: 'search', value: state.get('lfind') ?? '', oninput: () => state.set({ lfind: search.value }) });
+    const search = h('input', {
+      type: 'search',
+      value: state.get('lfind') ?? '',
+      oninput: () => state.set({ lfind: search.value }),
+    });
     const shown = () => (state.get('levels') ?? NAMES.join(',')).split(',').filter((name) => LEVELS[name]);
     const boxes = new Map();
     const toggle = () => {
@@ -35,17 +39,46 @@ export const view = {
       setSort: (sort) => state.set({ sort }),
       empty: 'No event matches. Losses, differing answers, rewinds and commands would stand here.',
       columns: [
-        { id: 'at', title: 'When', value: (event) => event.at_ms + event.sequence / 1e9, text: (event) => moment(event.at_ms) },
-        { id: 'level', title: 'Level', value: (event) => -NAMES.indexOf(event.level), node: (event) => h('span', { class: `badge ${event.level}` }, LEVELS[event.level] ?? event.level) },
+        {
+          id: 'at',
+          title: 'When',
+          value: (event) => event.at_ms + event.sequence / 1e9,
+          text: (event) => moment(event.at_ms),
+        },
+        {
+          id: 'level',
+          title: 'Level',
+          value: (event) => -NAMES.indexOf(event.level),
+          node: (event) => h('span', { class: `badge ${event.level}` }, LEVELS[event.level] ?? event.level),
+        },
         { id: 'event', title: 'Event', header: true, value: (event) => event.event },
         {
           id: 'worker',
           title: 'Worker',
           value: (event) => event.worker,
-          node: (event) => (event.worker === null ? '' : h('a', { href: state.link({ view: 'timeline', worker: event.worker, t: `${event.at_ms - AROUND}..${event.at_ms + AROUND}` }), title: 'its lane in the timeline' }, event.worker)),
+          node: (event) =>
+            event.worker === null
+              ? ''
+              : h(
+                  'a',
+                  {
+                    href: state.link({
+                      view: 'timeline',
+                      worker: event.worker,
+                      t: `${event.at_ms - AROUND}..${event.at_ms + AROUND}`,
+                    }),
+                    title: 'its lane in the timeline',
+                  },
+                  event.worker,
+                ),
         },
         { id: 'generation', title: 'Generation', number: true, value: (event) => event.generation },
-        { id: 'message', title: 'Message', value: (event) => event.message, node: (event) => h('div', { class: 'message' }, event.message) },
+        {
+          id: 'message',
+          title: 'Message',
+          value: (event) => event.message,
+          node: (event) => h('div', { class: 'message' }, event.message),
+        },
       ],
     });
     replace(
@@ -54,7 +87,13 @@ export const view = {
         'section',
         { class: 'panel' },
         h('h2', null, 'Log'),
-        h('div', { class: 'row' }, h('label', { class: 'field' }, 'Find', search), NAMES.map((name) => h('label', { class: 'inline' }, boxes.get(name), LEVELS[name])), clear),
+        h(
+          'div',
+          { class: 'row' },
+          h('label', { class: 'field' }, 'Find', search),
+          NAMES.map((name) => h('label', { class: 'inline' }, boxes.get(name), LEVELS[name])),
+          clear,
+        ),
         summary,
         table.element,
       ),
@@ -78,7 +117,10 @@ export const view = {
         });
         const all = store.events ?? [];
         const of = (name) => all.filter(({ level }) => level === name).length;
-        setText(summary, `${plural(all.length, 'event')}: ${plural(of('error'), 'error')}, ${plural(of('warning'), 'warning')}, ${count(of('info'))} of information; ${count(events.length)} shown.`);
+        setText(
+          summary,
+          `${plural(all.length, 'event')}: ${plural(of('error'), 'error')}, ${plural(of('warning'), 'warning')}, ${count(of('info'))} of information; ${count(events.length)} shown.`,
+        );
         table.set(events);
       },
       destroy() {},

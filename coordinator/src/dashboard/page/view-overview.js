@@ -26,8 +26,12 @@ function intervals(rows, optimum, width) {
   }
   rows.forEach(({ name, error, low, high, strong }, index) => {
     const y = index * 26 + 18;
-    const paint = { style: { stroke: strong ? 'var(--c1)' : 'var(--muted)', fill: strong ? 'var(--c1)' : 'var(--muted)' } };
-    picture.append(svg('text', { class: strong ? 'label strong' : 'label', x: left - 10, y: y + 4, 'text-anchor': 'end' }, name));
+    const paint = {
+      style: { stroke: strong ? 'var(--c1)' : 'var(--muted)', fill: strong ? 'var(--c1)' : 'var(--muted)' },
+    };
+    picture.append(
+      svg('text', { class: strong ? 'label strong' : 'label', x: left - 10, y: y + 4, 'text-anchor': 'end' }, name),
+    );
     if (low !== null && low !== undefined) {
       picture.append(svg('line', { ...paint, 'stroke-width': 2, x1: x(low), x2: x(high), y1: y, y2: y }));
     }
@@ -35,7 +39,15 @@ function intervals(rows, optimum, width) {
   });
   if (optimum !== null && optimum !== undefined) {
     picture.append(
-      svg('line', { class: 'level', x1: x(optimum), x2: x(optimum), y1: 2, y2: height - 26, 'stroke-dasharray': '2 3', style: { stroke: 'var(--good)' } }),
+      svg('line', {
+        class: 'level',
+        x1: x(optimum),
+        x2: x(optimum),
+        y1: 2,
+        y2: height - 26,
+        'stroke-dasharray': '2 3',
+        style: { stroke: 'var(--good)' },
+      }),
     );
   }
   return picture;
@@ -75,7 +87,11 @@ function errorsTable(detail) {
     ),
   );
   const th = (text, index) => h('th', { scope: 'col', class: index > 0 ? 'number' : null }, text);
-  return h('div', { class: 'scroll' }, h('table', null, h('thead', null, h('tr', null, head.map(th))), h('tbody', null, rows)));
+  return h(
+    'div',
+    { class: 'scroll' },
+    h('table', null, h('thead', null, h('tr', null, head.map(th))), h('tbody', null, rows)),
+  );
 }
 
 function figureOf(rows, optimum, text) {
@@ -119,7 +135,13 @@ function verdictPanel(detail) {
   const { run } = detail;
   const sentences = run.verdict?.length
     ? run.verdict.map((sentence) => h('p', { class: 'verdict' }, sentence))
-    : h('p', { class: 'muted' }, run.state === 'finished' ? 'This run has no verdict.' : 'The verdict comes when the run has ended: the winner is then measured on test clouds.');
+    : h(
+        'p',
+        { class: 'muted' },
+        run.state === 'finished'
+          ? 'This run has no verdict.'
+          : 'The verdict comes when the run has ended: the winner is then measured on test clouds.',
+      );
   const made = panel('Verdict', sentences);
   made.classList.add('wide');
   return made;
@@ -136,7 +158,17 @@ function winnerPanel(detail, context) {
         h(
           'table',
           null,
-          h('thead', null, h('tr', null, ['Channel', 'Weight', 'Values', 'Radius'].map((name, at) => h('th', { scope: 'col', class: at > 0 ? 'number' : null }, name)))),
+          h(
+            'thead',
+            null,
+            h(
+              'tr',
+              null,
+              ['Channel', 'Weight', 'Values', 'Radius'].map((name, at) =>
+                h('th', { scope: 'col', class: at > 0 ? 'number' : null }, name),
+              ),
+            ),
+          ),
           h(
             'tbody',
             null,
@@ -147,7 +179,13 @@ function winnerPanel(detail, context) {
                 h('th', { scope: 'row' }, channel.text),
                 h('td', { class: 'number' }, number(channel.weight)),
                 h('td', { class: 'number' }, number(channel.values)),
-                h('td', { class: 'number' }, channel.radius_cm === null || channel.radius_cm === undefined ? '–' : `${number(channel.radius_cm)} cm`),
+                h(
+                  'td',
+                  { class: 'number' },
+                  channel.radius_cm === null || channel.radius_cm === undefined
+                    ? '–'
+                    : `${number(channel.radius_cm)} cm`,
+                ),
               ),
             ),
           ),
@@ -158,28 +196,49 @@ function winnerPanel(detail, context) {
     `Winner: generation ${generation}, individual ${individual}`,
     h('pre', { class: 'descriptor' }, text),
     channels,
-    h('p', { class: 'row' }, h('button', { onclick: open }, 'Its lineage'), h('button', { onclick: () => context.navigate('descriptor') }, 'What it looks at')),
+    h(
+      'p',
+      { class: 'row' },
+      h('button', { onclick: open }, 'Its lineage'),
+      h('button', { onclick: () => context.navigate('descriptor') }, 'What it looks at'),
+    ),
   );
 }
 
 function looksPanel(detail) {
-  const shown = { none: 'This experiment has no test clouds.', 'hidden until the search ends': 'Test clouds are hidden until the search ends.', shown: 'Test clouds may be shown.' };
+  const shown = {
+    none: 'This experiment has no test clouds.',
+    'hidden until the search ends': 'Test clouds are hidden until the search ends.',
+    shown: 'Test clouds may be shown.',
+  };
   const looks = detail.looks ?? [];
   const rows = looks.map((look) =>
-    h('tr', null, h('th', { scope: 'row' }, moment(look.at_ms)), h('td', null, look.command), h('td', null, look.reason), h('td', null, look.descriptors)),
+    h(
+      'tr',
+      null,
+      h('th', { scope: 'row' }, moment(look.at_ms)),
+      h('td', null, look.command),
+      h('td', null, look.reason),
+      h('td', null, look.descriptors),
+    ),
   );
   const head = ['When', 'Command', 'Reason', 'Descriptors'].map((name) => h('th', { scope: 'col' }, name));
   return panel(
     `Looks at test clouds: ${count(looks.length)}`,
     h('p', { class: 'muted' }, shown[detail.test_clouds] ?? detail.test_clouds),
-    rows.length > 0 && h('div', { class: 'scroll' }, h('table', null, h('thead', null, h('tr', null, head)), h('tbody', null, rows))),
+    rows.length > 0 &&
+      h('div', { class: 'scroll' }, h('table', null, h('thead', null, h('tr', null, head)), h('tbody', null, rows))),
   );
 }
 
 function optimumText(run) {
   if (run.optimum_error === null) return null;
   const regret = run.regret === null ? '' : ` This run ended ${percent(run.regret)} above it (regret).`;
-  return h('p', null, `Known optimum of the whole search space: ${percent(run.optimum_error)} training error.${regret}`);
+  return h(
+    'p',
+    null,
+    `Known optimum of the whole search space: ${percent(run.optimum_error)} training error.${regret}`,
+  );
 }
 
 function experimentPanel(detail) {
@@ -188,7 +247,11 @@ function experimentPanel(detail) {
     'Experiment',
     h('p', null, `Method ${detail.method}, family ${detail.family}, objectives ${detail.objectives.join(', ')}.`),
     digests.length > 0 &&
-      h('dl', { class: 'digests' }, digests.map(([name, value]) => [h('dt', null, name.replace(/_/g, ' ')), h('dd', null, h('code', null, value))])),
+      h(
+        'dl',
+        { class: 'digests' },
+        digests.map(([name, value]) => [h('dt', null, name.replace(/_/g, ' ')), h('dd', null, h('code', null, value))]),
+      ),
     h('details', null, h('summary', null, 'The experiment file'), h('pre', null, detail.toml)),
   );
 }
@@ -210,9 +273,15 @@ export const view = {
     function errorsPanel(detail) {
       const { run } = detail;
       if (detail.errors.length === 0) {
-        return panel('Errors', h('p', { class: 'muted' }, 'Errors with intervals come when the run has ended.'), optimumText(run));
+        return panel(
+          'Errors',
+          h('p', { class: 'muted' }, 'Errors with intervals come when the run has ended.'),
+          optimumText(run),
+        );
       }
-      const said = detail.errors.map((row) => `${SPLITS[row.split] ?? row.split} ${percent(row.object_error)}`).join(', ');
+      const said = detail.errors
+        .map((row) => `${SPLITS[row.split] ?? row.split} ${percent(row.object_error)}`)
+        .join(', ');
       return panel(
         'Object errors of the winner',
         figure(errorRows(detail), run.optimum_error, `Object errors with 95 % intervals: ${said}`),
@@ -229,7 +298,13 @@ export const view = {
         'Compared on the test clouds',
         figure(rows, null, `Object errors on test clouds with 95 % intervals: ${said}`),
         plainTable('Compared descriptors', detail.compared, COMPARED),
-        detail.pairs && h('details', null, h('summary', null, 'Every pair: difference, interval, McNemar’s test'), plainTable('Pairs of descriptors', detail.pairs, PAIRS)),
+        detail.pairs &&
+          h(
+            'details',
+            null,
+            h('summary', null, 'Every pair: difference, interval, McNemar’s test'),
+            plainTable('Pairs of descriptors', detail.pairs, PAIRS),
+          ),
       );
     }
 
@@ -250,7 +325,12 @@ export const view = {
           errorsPanel(detail),
           comparedPanel(detail),
           winnerPanel(detail, context),
-          detail.front && panel('Front', h('p', { class: 'muted' }, 'Descriptors of which none is better than another in all objectives.'), plainTable('Front', detail.front, FRONT)),
+          detail.front &&
+            panel(
+              'Front',
+              h('p', { class: 'muted' }, 'Descriptors of which none is better than another in all objectives.'),
+              plainTable('Front', detail.front, FRONT),
+            ),
           looksPanel(detail),
           experimentPanel(detail),
         ),
@@ -273,4 +353,3 @@ export const view = {
     };
   },
 };
-

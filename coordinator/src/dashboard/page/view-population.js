@@ -65,21 +65,50 @@ export const view = {
     const axesBox = h('details', null, h('summary', null, 'Axes'));
     const legend = h('div', null);
     const rangeBox = h('div', { class: 'ranges' });
-    const rangeDetails = h('details', { open: state.get('brush') !== null }, h('summary', null, 'Ranges by numbers'), rangeBox);
+    const rangeDetails = h(
+      'details',
+      { open: state.get('brush') !== null },
+      h('summary', null, 'Ranges by numbers'),
+      rangeBox,
+    );
     const parallelPlace = h('div', null);
     const scatterTools = h('div', { class: 'row' });
     const scatterPlace = h('div', null);
     const landscapeNote = h('p', { class: 'muted', role: 'status' });
     const lineagePlace = h('div', null);
-    const lineageNote = h('p', { class: 'muted' }, 'Click an individual, or choose one in the table, to see where it comes from.');
-    const lineagePanel = section('Lineage', lineageNote, lineagePlace);
+    const lineageNote = h(
+      'p',
+      { class: 'muted' },
+      'Click an individual, or choose one in the table, to see where it comes from.',
+    );
+    const descriptorButton = h('button', { onclick: () => context.navigate('descriptor') }, 'What it looks at');
+    const lineagePanel = section('Lineage', lineageNote, descriptorButton, lineagePlace);
     const frontPlace = h('div', null);
     const frontPanel = h('section', { class: 'panel', hidden: true }, h('h2', null, 'Front'), frontPlace);
     const tablePlace = h('div', null);
     replace(
       root,
-      section('Parallel coordinates', scopeTools, note, parallelPlace, legend, h('p', { class: 'muted' }, 'Drag along an axis to brush it, click a brushed axis to clear it, click a line for its lineage.'), axesBox, rangeDetails),
-      h('div', { class: 'grid' }, section('Scatter', scatterTools, scatterPlace, landscapeNote), frontPanel, lineagePanel),
+      section(
+        'Parallel coordinates',
+        scopeTools,
+        note,
+        parallelPlace,
+        legend,
+        h(
+          'p',
+          { class: 'muted' },
+          'Drag along an axis to brush it, click a brushed axis to clear it, click a line for its lineage.',
+        ),
+        axesBox,
+        rangeDetails,
+      ),
+      h(
+        'div',
+        { class: 'grid two' },
+        section('Scatter', scatterTools, scatterPlace, landscapeNote),
+        frontPanel,
+        lineagePanel,
+      ),
       section('Individuals', tablePlace),
     );
     const parallel = createParallel(parallelPlace, { onbrush: setRange, onselect: select });
@@ -99,7 +128,8 @@ export const view = {
     let landscape = { key: null, value: null };
     let toolsKey = '';
 
-    const genes = () => store.detail?.genes.map(({ name }) => name).filter((name) => store.individuals.columns[name]) ?? [];
+    const genes = () =>
+      store.detail?.genes.map(({ name }) => name).filter((name) => store.individuals.columns[name]) ?? [];
     const unit = (name) => {
       const found = store.detail?.genes.find((gene) => gene.name === name)?.unit;
       return found ? `${name} (${found})` : name.replace(/_/g, ' ');
@@ -124,7 +154,10 @@ export const view = {
 
     /** The genes on axes: those chosen, or the most informative ones. */
     function shownGenes(rows) {
-      const chosen = state.get('axes')?.split(',').filter((name) => genes().includes(name));
+      const chosen = state
+        .get('axes')
+        ?.split(',')
+        .filter((name) => genes().includes(name));
       if (chosen?.length) return chosen;
       const { columns } = store.individuals;
       const candidates = varying(columns, genes(), rows);
@@ -139,21 +172,42 @@ export const view = {
       const chosen = state.get(key);
       if (chosen && store.individuals.columns[chosen]) return chosen;
       const [first, second] = shownGenes(scopeRows());
-      return key === 'sx' ? (first ?? 'generation') : (landscapeKnown() && second ? second : 'object_error');
+      return key === 'sx' ? (first ?? 'generation') : landscapeKnown() && second ? second : 'object_error';
     }
 
     const landscapeKnown = () => store.run?.optimum_error !== null && store.run?.optimum_error !== undefined;
 
     function drawTools(rows, shown) {
       const generations = [...new Set(store.individuals.columns.generation)].sort((a, b) => b - a);
-      const key = JSON.stringify([generations.length, state.get('scope'), scope(), state.get('colour'), axis('sx'), axis('sy'), shown, genes().length]);
+      const key = JSON.stringify([
+        generations.length,
+        state.get('scope'),
+        scope(),
+        state.get('colour'),
+        axis('sx'),
+        axis('sy'),
+        shown,
+        genes().length,
+      ]);
       if (key === toolsKey) return;
       toolsKey = key;
-      const scopes = [['all', 'all loaded'], ['last', 'the last generation'], ...generations.slice(0, 500).map((value) => [String(value), `generation ${value}`])];
+      const scopes = [
+        ['all', 'all loaded'],
+        ['last', 'the last generation'],
+        ...generations.slice(0, 500).map((value) => [String(value), `generation ${value}`]),
+      ];
       replace(
         scopeTools,
         choice('Individuals of', scopes, scope(), (value) => state.set({ scope: value })),
-        choice('Colour', [['object_error', 'object error'], ['generation', 'generation']], colourBy(), (value) => state.set({ colour: value })),
+        choice(
+          'Colour',
+          [
+            ['object_error', 'object error'],
+            ['generation', 'generation'],
+          ],
+          colourBy(),
+          (value) => state.set({ colour: value }),
+        ),
       );
       const columns = [...genes(), ...measures(), 'generation'].map((name) => [name, unit(name)]);
       replace(
@@ -163,10 +217,25 @@ export const view = {
       );
       const toggle = (name) => (event) => {
         const rest = shown.filter((other) => other !== name);
-        state.set({ axes: genes().filter((gene) => (gene === name ? event.target.checked : rest.includes(gene))).join(',') });
+        state.set({
+          axes: genes()
+            .filter((gene) => (gene === name ? event.target.checked : rest.includes(gene)))
+            .join(','),
+        });
       };
-      const boxes = genes().map((name) => h('label', { class: 'inline' }, h('input', { type: 'checkbox', checked: shown.includes(name), onchange: toggle(name) }), name));
-      replace(axesBox, h('summary', null, `Axes: ${shown.length} of ${genes().length} genes`), h('div', { class: 'siblings' }, boxes));
+      const boxes = genes().map((name) =>
+        h(
+          'label',
+          { class: 'inline' },
+          h('input', { type: 'checkbox', checked: shown.includes(name), onchange: toggle(name) }),
+          name,
+        ),
+      );
+      replace(
+        axesBox,
+        h('summary', null, `Axes: ${shown.length} of ${genes().length} genes`),
+        h('div', { class: 'siblings' }, boxes),
+      );
       drawRanges(rows, [...shown, ...measures()]);
     }
 
@@ -175,10 +244,27 @@ export const view = {
       replace(
         rangeBox,
         names.map((name) => {
-          const present = extent(rows.map((row) => columns[name][row]), { margin: 0 });
+          const present = extent(
+            rows.map((row) => columns[name][row]),
+            { margin: 0 },
+          );
           const field = (which, text, fallback) =>
-            h('input', { type: 'number', step: 'any', 'data-range': `${name} ${which}`, 'aria-label': `${name}, ${text}`, placeholder: number(fallback), onchange: (event) => setEnd(name, which, event.target.value) });
-          return h('div', null, h('span', null, unit(name)), field(0, 'at least', present[0]), 'to', field(1, 'at most', present[1]));
+            h('input', {
+              type: 'number',
+              step: 'any',
+              'data-range': `${name} ${which}`,
+              'aria-label': `${name}, ${text}`,
+              placeholder: number(fallback),
+              onchange: (event) => setEnd(name, which, event.target.value),
+            });
+          return h(
+            'div',
+            null,
+            h('span', null, unit(name)),
+            field(0, 'at least', present[0]),
+            'to',
+            field(1, 'at most', present[1]),
+          );
         }),
       );
     }
@@ -210,9 +296,18 @@ export const view = {
         if (landscape.key !== key) return;
         landscape.value = value;
         const [low, high] = value.domain;
-        setText(landscapeNote, `Beneath: the best error of the whole grid for each pair of values, ${percent(low)} to ${percent(high)}.`);
+        setText(
+          landscapeNote,
+          `Beneath: the best error of the whole grid for each pair of values, ${percent(low)} to ${percent(high)}.`,
+        );
       } catch (error) {
-        if (landscape.key === key) setText(landscapeNote, error.status === 404 ? 'No grid of this search space is known: coordinator exhaust makes one.' : error.message);
+        if (landscape.key === key)
+          setText(
+            landscapeNote,
+            error.status === 404
+              ? 'No grid of this search space is known: coordinator exhaust makes one.'
+              : error.message,
+          );
       }
       draw();
     }
@@ -235,7 +330,11 @@ export const view = {
       const place = h('div', null);
       replace(frontPlace, place, plainTable('Front', front, FRONT));
       const across = columns.cost ? 'cost' : 'size';
-      const of = (wins) => columns[across].map((x, row) => [x, columns.train_object_error[row], columns.winner[row]]).filter(([, , winner]) => winner === wins).map(([x, y]) => [x, y]);
+      const of = (wins) =>
+        columns[across]
+          .map((x, row) => [x, columns.train_object_error[row], columns.winner[row]])
+          .filter(([, , winner]) => winner === wins)
+          .map(([x, y]) => [x, y]);
       let domain;
       const paint = () =>
         frontChart.draw({
@@ -275,8 +374,25 @@ export const view = {
           setSort: (sort) => state.set({ sort }),
           rowClass: (row) => (state.get('selected') === id(row) ? 'selected' : ''),
           columns: [
-            { id: 'individual', title: 'Individual', header: true, value: (row) => of('generation')(row) * 1e6 + of('individual')(row), node: (row) => h('button', { class: 'small', 'aria-label': `lineage of ${id(row)}`, onclick: () => select(row) }, id(row)) },
-            ...names.map((name) => ({ id: name, title: unit(name), number: true, value: of(name), text: (row) => cell(name, of(name)(row)) })),
+            {
+              id: 'individual',
+              title: 'Individual',
+              header: true,
+              value: (row) => of('generation')(row) * 1e6 + of('individual')(row),
+              node: (row) =>
+                h(
+                  'button',
+                  { class: 'small', 'aria-label': `lineage of ${id(row)}`, onclick: () => select(row) },
+                  id(row),
+                ),
+            },
+            ...names.map((name) => ({
+              id: name,
+              title: unit(name),
+              number: true,
+              value: of(name),
+              text: (row) => cell(name, of(name)(row)),
+            })),
             { id: 'elite', title: 'Elite', value: of('elite') },
             { id: 'remembered', title: 'Remembered', value: of('remembered') },
             { id: 'worker', title: 'Worker', value: of('worker') },
@@ -293,6 +409,7 @@ export const view = {
       const [generation, individual] = (state.get('selected') ?? '').split('.').map(Number);
       const row = store.rowOf(generation, individual);
       lineagePlace.hidden = row === undefined;
+      descriptorButton.hidden = row === undefined;
       lineageNote.hidden = row !== undefined;
       if (row !== undefined) lineage.show(row, shown);
       return row;
@@ -313,12 +430,24 @@ export const view = {
       setText(note, `${parts.join('; ')}.`);
       const selected = drawLineage(shown);
       const by = colourBy();
-      const colourDomain = extent(rows.map((row) => columns[by][row]), { margin: 0 });
-      replace(legend, rampLegend(by === 'generation' ? 'Generation' : 'Object error', colourDomain, (value) => cell(by, value)));
+      const colourDomain = extent(
+        rows.map((row) => columns[by][row]),
+        { margin: 0 },
+      );
+      replace(
+        legend,
+        rampLegend(by === 'generation' ? 'Generation' : 'Object error', colourDomain, (value) => cell(by, value)),
+      );
       const passes = (row) => store.passes(row);
       const common = { rows, table: columns, ranges, passes, colourBy: by, colourDomain, selected };
       const format = (name, value) => (/error$/.test(name) ? percent(value, 0) : number(value));
-      parallel.draw({ ...common, columns: [...shown, ...measures()], format, title: unit, label: `Parallel coordinates of ${rows.length} individuals, ${shown.length} genes.` });
+      parallel.draw({
+        ...common,
+        columns: [...shown, ...measures()],
+        format,
+        title: unit,
+        label: `Parallel coordinates of ${rows.length} individuals, ${shown.length} genes.`,
+      });
       const [x, y] = [axis('sx'), axis('sy')];
       fetchLandscape(x, y);
       scatter.draw({

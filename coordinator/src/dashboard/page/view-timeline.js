@@ -30,7 +30,13 @@ export const view = {
     const spacer = h('div', null);
     const box = h(
       'div',
-      { class: 'lanes', tabindex: '0', role: 'application', 'aria-label': 'Lanes of workers. Up and down choose a lane, left and right a job, Enter shows its row, plus and minus zoom, 0 shows all.' },
+      {
+        class: 'lanes',
+        tabindex: '0',
+        role: 'application',
+        'aria-label':
+          'Lanes of workers. Up and down choose a lane, left and right a job, Enter shows its row, plus and minus zoom, 0 shows all.',
+      },
       canvas,
       spacer,
     );
@@ -41,7 +47,16 @@ export const view = {
     const tablePlace = h('div', null);
     replace(
       root,
-      h('section', { class: 'panel' }, h('h2', null, 'Timeline'), summary, tools, place, legend, h('p', { class: 'muted' }, 'Drag to zoom in time, click a job for its row. Pale: in hand; solid: computing.')),
+      h(
+        'section',
+        { class: 'panel' },
+        h('h2', null, 'Timeline'),
+        summary,
+        tools,
+        place,
+        legend,
+        h('p', { class: 'muted' }, 'Drag to zoom in time, click a job for its row. Pale: in hand; solid: computing.'),
+      ),
       h('section', { class: 'panel' }, h('h2', null, 'Job'), facts),
       h('section', { class: 'panel' }, h('h2', null, 'Attempts'), tablePlace),
     );
@@ -99,7 +114,11 @@ export const view = {
     function listNames() {
       const words = (state.get('wfind') ?? '').toLowerCase();
       const chosen = state.get('worker');
-      names = lanes.names().filter((name) => name.toLowerCase().includes(words) && (passing === null || passing.has(name) || name === chosen));
+      names = lanes
+        .names()
+        .filter(
+          (name) => name.toLowerCase().includes(words) && (passing === null || passing.has(name) || name === chosen),
+        );
     }
 
     function drawLoad() {
@@ -128,7 +147,10 @@ export const view = {
       context2d.font = '11.5px system-ui, sans-serif';
       context2d.fillText('Jobs in hand', 4, LOAD / 2);
       context2d.fillText(`≤ ${most.toFixed(most < 10 ? 1 : 0)}`, 4, LOAD / 2 + 15);
-      load.setAttribute('aria-label', `Jobs in hand of all workers, at most ${most.toFixed(1)} at once, from ${clock(low)} to ${clock(high)}.`);
+      load.setAttribute(
+        'aria-label',
+        `Jobs in hand of all workers, at most ${most.toFixed(1)} at once, from ${clock(low)} to ${clock(high)}.`,
+      );
     }
 
     function drawLane(context2d, lane, top, colours, selected) {
@@ -195,7 +217,8 @@ export const view = {
       spacer.style.height = `${Math.max(0, names.length * LANE - height)}px`;
       const context2d = prepareCanvas(canvas, width - 2, height);
       const colours = Object.fromEntries(Object.entries(KINDS).map(([kind, { colour: name }]) => [kind, colour(name)]));
-      for (const name of ['text', 'muted', 'line', 'bad', 'warn', 'accent', 'hover']) colours[name] = colour(`--${name}`);
+      for (const name of ['text', 'muted', 'line', 'bad', 'warn', 'accent', 'hover'])
+        colours[name] = colour(`--${name}`);
       context2d.strokeStyle = colours.muted;
       const selected = selectedRow();
       const first = Math.floor(box.scrollTop / LANE);
@@ -240,7 +263,10 @@ export const view = {
         y: linear([0, 1], [2, 2]),
         xTitle: `Time since ${moment(span()[0])}`,
         yTitle: '',
-        xFormat: (at) => (fine ? `${((at - span()[0]) / 1000).toFixed(3)} s` : duration(Math.max(0, Math.round((at - span()[0]) / 1000)))),
+        xFormat: (at) =>
+          fine
+            ? `${((at - span()[0]) / 1000).toFixed(3)} s`
+            : duration(Math.max(0, Math.round((at - span()[0]) / 1000))),
         yFormat: () => '',
         xTicks: timeTicks(),
         yTicks: [],
@@ -252,17 +278,31 @@ export const view = {
       const key = JSON.stringify([show(), state.get('t'), state.get('worker'), lanes.names().length]);
       if (key === toolsKey) return;
       toolsKey = key;
-      const search = h('input', { type: 'search', value: state.get('wfind') ?? '', oninput: (event) => state.set({ wfind: event.target.value }) });
+      const search = h('input', {
+        type: 'search',
+        value: state.get('wfind') ?? '',
+        oninput: (event) => state.set({ wfind: event.target.value }),
+      });
       const focused = tools.contains(document.activeElement) && document.activeElement.type === 'search';
       const button = (text, label, act) => h('button', { 'aria-label': label, title: label, onclick: act }, text);
       replace(
         tools,
         h('label', { class: 'field' }, 'Workers', search),
-        choice('Jobs', [['all', 'all'], ['audits', 'audits'], ['losses', 'losses and disagreements']], show(), (value) => state.set({ show: value === 'all' ? null : value })),
+        choice(
+          'Jobs',
+          [
+            ['all', 'all'],
+            ['audits', 'audits'],
+            ['losses', 'losses and disagreements'],
+          ],
+          show(),
+          (value) => state.set({ show: value === 'all' ? null : value }),
+        ),
         button('+', 'Zoom in', () => zoom(0.5)),
         button('−', 'Zoom out', () => zoom(2)),
         button('Whole', 'Show the whole time', () => setDomain(null)),
-        state.get('worker') && button(`Lane of ${state.get('worker')} ✕`, 'No lane chosen', () => state.set({ worker: null })),
+        state.get('worker') &&
+          button(`Lane of ${state.get('worker')} ✕`, 'No lane chosen', () => state.set({ worker: null })),
       );
       if (focused) search.focus();
     }
@@ -273,11 +313,19 @@ export const view = {
       replace(
         legend,
         Object.entries(KINDS).map(([kind, { colour: name, symbol, title }]) =>
-          h('li', null, h('span', { class: 'swatch', 'aria-hidden': 'true', style: { background: `var(${name})` } }, symbol), `${title}: ${count(counts[kind] ?? 0)}`),
+          h(
+            'li',
+            null,
+            h('span', { class: 'swatch', 'aria-hidden': 'true', style: { background: `var(${name})` } }, symbol),
+            `${title}: ${count(counts[kind] ?? 0)}`,
+          ),
         ),
         h('li', null, '▼ event of the worker'),
       );
-      setText(summary, `${plural(store.attempts.rows, 'attempt')} of ${plural(lanes.names().length, 'worker')}; ${count((counts.agreed ?? 0) + (counts.disagreed ?? 0))} audits, ${count(counts.disagreed ?? 0)} of them disagreed; ${count(counts.lost ?? 0)} lost.`);
+      setText(
+        summary,
+        `${plural(store.attempts.rows, 'attempt')} of ${plural(lanes.names().length, 'worker')}; ${count((counts.agreed ?? 0) + (counts.disagreed ?? 0))} audits, ${count(counts.disagreed ?? 0)} of them disagreed; ${count(counts.lost ?? 0)} lost.`,
+      );
     }
 
     /** The individual that an attempt computed, as `generation.individual`, or null. */
@@ -306,18 +354,30 @@ export const view = {
         ['Worker', of('worker')],
         ['Task', of('task')],
         ['Handed out', moment(of('handed_out_ms'))],
-        ['Ended', `${moment(of('ended_ms'))}, after ${duration((of('ended_ms') - of('handed_out_ms')) / 1000)}, of which it ran ${duration(of('run_seconds'))}`],
+        [
+          'Ended',
+          `${moment(of('ended_ms'))}, after ${duration((of('ended_ms') - of('handed_out_ms')) / 1000)}, of which it ran ${duration(of('run_seconds'))}`,
+        ],
         ['End', `${of('end')}${of('reason') ? `: ${of('reason')}` : ''}`],
       ];
       replace(
         facts,
-        h('dl', { class: 'facts' }, list.map(([name, text]) => [h('dt', null, name), h('dd', null, text)])),
+        h(
+          'dl',
+          { class: 'facts' },
+          list.map(([name, text]) => [h('dt', null, name), h('dd', null, text)]),
+        ),
         h(
           'p',
           { class: 'row' },
           h('button', { onclick: () => table.reveal(String(of('sequence'))) }, 'Its row in the table'),
           h('button', { onclick: () => context.navigate('log', { worker: of('worker') }) }, 'Events of the worker'),
-          individual && h('button', { onclick: () => context.navigate('population', { selected: individual }) }, `Individual ${individual}`),
+          individual &&
+            h(
+              'button',
+              { onclick: () => context.navigate('population', { selected: individual }) },
+              `Individual ${individual}`,
+            ),
         ),
       );
     }
@@ -333,11 +393,32 @@ export const view = {
       rowClass: (row) => (String(columns().sequence[row]) === state.get('attempt') ? 'selected' : ''),
       empty: 'No attempt matches.',
       columns: [
-        { id: 'job', title: 'Job', header: true, value: cell('job'), node: (row) => h('button', { class: 'small', 'aria-label': `show job ${cell('job')(row)}`, onclick: () => choose(row) }, String(cell('job')(row))) },
+        {
+          id: 'job',
+          title: 'Job',
+          header: true,
+          value: cell('job'),
+          node: (row) =>
+            h(
+              'button',
+              { class: 'small', 'aria-label': `show job ${cell('job')(row)}`, onclick: () => choose(row) },
+              String(cell('job')(row)),
+            ),
+        },
         { id: 'attempt', title: 'Attempt', number: true, value: cell('attempt') },
         { id: 'worker', title: 'Worker', value: cell('worker') },
-        { id: 'end', title: 'End', value: cell('end'), text: (row) => `${KINDS[kindOf(cell('end')(row))].symbol} ${cell('end')(row)}`.trim() },
-        { id: 'handed_out_ms', title: 'Handed out', value: cell('handed_out_ms'), text: (row) => moment(cell('handed_out_ms')(row)) },
+        {
+          id: 'end',
+          title: 'End',
+          value: cell('end'),
+          text: (row) => `${KINDS[kindOf(cell('end')(row))].symbol} ${cell('end')(row)}`.trim(),
+        },
+        {
+          id: 'handed_out_ms',
+          title: 'Handed out',
+          value: cell('handed_out_ms'),
+          text: (row) => moment(cell('handed_out_ms')(row)),
+        },
         { id: 'ended_ms', title: 'Ended', value: cell('ended_ms'), text: (row) => moment(cell('ended_ms')(row)) },
         { id: 'run_seconds', title: 'Ran', number: true, value: cell('run_seconds') },
         { id: 'task', title: 'Task', value: cell('task') },
