@@ -67,7 +67,10 @@ export function createTriple({ load, explain }) {
     }
   }
 
-  /** Shows a row; `note` is said above the channels, such as that they are of another descriptor. */
+  /**
+   * Shows a row; `note` is said above the channels, such as that they are of another descriptor. Resolves to false if
+   * something could not be had.
+   */
   async function show(row, note) {
     const now = ++turn;
     const [query, answer, right] = views;
@@ -77,15 +80,19 @@ export function createTriple({ load, explain }) {
     element.setAttribute('aria-busy', 'true');
     try {
       const told = await explain(row);
-      if (turn !== now) return;
+      if (turn !== now) return true;
       place(right, told.right, row.instance, note ? null : told.right_distance, now);
       describe(row, told, note);
+      return true;
     } catch (error) {
-      if (turn !== now) return;
+      if (turn !== now) return true;
       place(right, null, row.instance, null, now);
       right.more.textContent = 'not known';
       figures.replaceChildren();
-      reason.replaceChildren(h('p', { class: 'problem', role: 'alert' }, error.message));
+      if (reason.textContent !== error.message) {
+        reason.replaceChildren(h('p', { class: 'problem', role: 'alert' }, error.message));
+      }
+      return false;
     } finally {
       if (turn === now) element.removeAttribute('aria-busy');
     }

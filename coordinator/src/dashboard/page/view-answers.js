@@ -110,6 +110,7 @@ function create(root, context) {
   let data = { key: null, rows: [], problem: null };
   let pairs = [];
   let drawn = '';
+  let shown = null;
 
   function refresh() {
     fetchAnswers();
@@ -129,7 +130,7 @@ function create(root, context) {
     const what = chosen();
     const key = JSON.stringify([run(), what, store.detail?.winner ?? null]);
     if (what === null || data.key === key) return;
-    data = { key, rows: [], problem: null, loading: true };
+    data = { key, rows: [], problem: data.problem, loading: true };
     drawn = '';
     try {
       const rows = readAnswers(await api.get('/api/answers', { id: run(), of: what }));
@@ -137,7 +138,8 @@ function create(root, context) {
       data = { key, rows, problem: null };
     } catch (error) {
       if (data.key !== key) return;
-      data = { key, rows: [], problem: error.message };
+      // Without a key: it is asked for again as soon as there is news of the run.
+      data = { key: null, rows: [], problem: error.message };
     }
     drawn = '';
     if (!stop.signal.aborted) show();
@@ -173,7 +175,7 @@ function create(root, context) {
         [['', 'all'], ...objects.filter(errors).map((name) => [name, `${name} (${errors(name)} wrong)`])],
         picked.object,
       );
-      object.rename(kind === 'category' ? 'Category, as in the matrix' : 'Object');
+      object.rename(kind === 'category' ? 'Category of the cloud' : 'Object');
       by.forEach((button) => button.setAttribute('aria-pressed', String(button.dataset.by === kind)));
       confusion.show(scope, kind, picked);
       clear.disabled = !(filter.category || filter.find || picked.object);
@@ -200,9 +202,12 @@ function create(root, context) {
     const other = what.startsWith(COMPARED)
       ? `The answer is of ${nameOf(what)}; the right cloud and the channels are of the winner, for the same two clouds.`
       : null;
-    if (triple.element.dataset.shown === `${data.key} ${row.cloud}`) return;
-    triple.element.dataset.shown = `${data.key} ${row.cloud}`;
-    triple.show(row, other);
+    const key = `${data.key} ${row.cloud}`;
+    if (shown === key) return;
+    shown = key;
+    triple.show(row, other).then((fine) => {
+      if (!fine && shown === key) shown = null;
+    });
   }
 
   function tell(what) {

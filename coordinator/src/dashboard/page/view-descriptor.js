@@ -94,6 +94,7 @@ function create(root, context) {
   let clouds = { run: null, list: [], byPath: new Map() };
   let told = null;
   let asked = null;
+  let trouble = null;
 
   function set(values) {
     state.set(values);
@@ -166,7 +167,7 @@ function create(root, context) {
       body.hidden = true;
       return;
     }
-    fail(null);
+    fail(trouble);
     const test = paths.some((path) => clouds.byPath.get(path).split === 'test');
     consent.hidden = !test || mayLook(run());
     body.hidden = !consent.hidden;
@@ -174,7 +175,7 @@ function create(root, context) {
   }
 
   async function ask(paths, by) {
-    const key = JSON.stringify([run(), paths, by, by === null ? store.detail?.winner : null]);
+    const key = JSON.stringify([run(), paths, by, by === null ? [store.detail?.winner, store.run?.best_error] : null]);
     if (asked === key) return;
     asked = key;
     sides.forEach((side, i) => side.show(paths[i]));
@@ -189,10 +190,12 @@ function create(root, context) {
       });
       if (asked !== key) return;
       told = answer;
+      trouble = null;
+      fail(null);
       describe(paths.map(shortName));
     } catch (error) {
       if (asked !== key) return;
-      told = null;
+      [told, asked, trouble] = [null, null, error.message];
       [bars, channels, legend].forEach((element) => element.replaceChildren());
       sides.forEach((side) => side.mark());
       text.textContent = '';
