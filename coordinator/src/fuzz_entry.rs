@@ -27,6 +27,16 @@ pub fn sample_artefact_settings() -> [String; 2] {
     crate::artefact::sample_settings()
 }
 
+/// An operator's request to a coordinator at work, or the answer to it.
+pub fn control(bytes: &[u8]) -> bool {
+    crate::control::reads(bytes)
+}
+
+/// A sound request, as a file has it.
+pub fn sample_request() -> Vec<u8> {
+    crate::control::sample()
+}
+
 /// A poll of a worker.
 pub fn poll(bytes: &[u8]) -> bool {
     transport::reads_poll(bytes)

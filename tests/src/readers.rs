@@ -78,6 +78,12 @@ pub fn all(folder: PathBuf) -> Vec<Reader> {
             coordinator::fuzz_entry::sample_artefact_settings().map(String::into_bytes).to_vec(),
             move |bytes| coordinator::fuzz_entry::artefact_settings(&text(bytes)),
         ),
+        reader(
+            "control",
+            &["\"action\":\"deny\",\"worker\":", "\"member\":", "\\u202e", "{\"done\":"],
+            vec![coordinator::fuzz_entry::sample_request()],
+            coordinator::fuzz_entry::control,
+        ),
         reader("poll", &[], vec![poll().encode_to_vec()], coordinator::fuzz_entry::poll),
         reader("fetch", &["..", "/", "prepared-cloud"], fetches(), coordinator::fuzz_entry::fetch),
         reader("reply", &[], vec![reply().encode_to_vec()], worker::fuzz_entry::reply),

@@ -358,11 +358,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let root = fs::canonicalize(folder.path()).unwrap();
         let [sweep, member, run] = ["sweep", "sweep/seed-1", "run"].map(|name| root.join(name));
-        [&sweep, &member, &run].map(|folder| fs::create_dir_all(folder).unwrap());
+        [&sweep, &member, &run].iter().for_each(|folder| fs::create_dir_all(folder).unwrap());
         fs::write(sweep.join(SWEEP_FILE), "").unwrap();
         assert!(matches!(Place::of(&run), Err(ControlError::NoRun(_))));
         assert!(matches!(Place::of(&root.join("none")), Err(ControlError::NoRun(_))));
-        [&sweep, &member, &run].map(|folder| fs::write(folder.join(SEARCH_FILE), "").unwrap());
+        [&sweep, &member, &run].iter().for_each(|folder| fs::write(folder.join(SEARCH_FILE), "").unwrap());
         for (named, folder, of) in
             [(&sweep, &sweep, None), (&member, &sweep, Some("seed-1")), (&run, &run, None)]
         {

@@ -111,6 +111,17 @@ impl Answer {
     }
 }
 
+/// Whether these bytes are a request or an answer.
+pub fn reads(bytes: &[u8]) -> bool {
+    Request::decode(bytes).is_ok() || Answer::decode(bytes).is_ok()
+}
+
+/// A request as a file has it.
+pub fn sample() -> Vec<u8> {
+    let action = ControlAction::Priority { priority: 4 };
+    Request { action, reason: "deadline".to_owned(), by: "jo@lab".to_owned() }.encode(Some("seed-1"))
+}
+
 fn text(what: &str, text: &str) -> Result<(), String> {
     let count = text.chars().count();
     if text.trim().is_empty() || count > MAX_CHARS || !text.chars().all(proto::is_printable) {

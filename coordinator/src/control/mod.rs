@@ -10,6 +10,7 @@ mod watch;
 
 pub use folder::{ControlError, Requests};
 pub use message::{Request, me};
+pub(crate) use message::{reads, sample};
 pub use request::{WAIT, request, request_within};
 pub use watch::Operator;
 
