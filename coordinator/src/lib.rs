@@ -24,6 +24,7 @@ mod objectives;
 mod observers;
 mod prepared;
 mod reopen;
+mod report;
 mod result_cache;
 pub mod session;
 mod signing;

@@ -4,13 +4,10 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Args;
-use descriptor::Descriptor;
-use descriptor::structure::{Pairs, Weighted};
-use results::{ChannelPairs, Told, WinnerChannel};
 
-use crate::compare::verdict;
 use crate::console::say;
-use crate::experiment::{DEFAULT_RESULTS_DIR, Experiment, Overrides};
+use crate::experiment::DEFAULT_RESULTS_DIR;
+use crate::report::told;
 use crate::run::directory::SEARCH_FILE;
 use crate::sweep::{self, SWEEP_FILE, Seed};
 
@@ -67,16 +64,6 @@ impl Report {
     }
 }
 
-/// What is known of a run. The report shows a run as well whose experiment or comparison this program cannot read: then
-/// there is less to say.
-fn told(folder: &Path) -> Told {
-    let verdict = || {
-        let (rows, pairs) = (results::read_comparison(folder).ok()?, results::read_pairs(folder).ok()?);
-        Some(verdict(&rows, &pairs, &results::read_front(folder).ok()?))
-    };
-    Told { channels: winner_channels(folder), verdict: verdict().unwrap_or_default() }
-}
-
 /// What the seeds of a sweep say together, those of each variant.
 fn verdict_of_seeds(folders: &[(String, PathBuf)]) -> Vec<String> {
     let read = |(name, folder): &(String, PathBuf)| {
@@ -91,39 +78,6 @@ fn verdict_of_seeds(folders: &[(String, PathBuf)]) -> Vec<String> {
         if variant.is_empty() { text } else { format!("{variant}: {text}") }
     };
     sweep::verdicts(&seeds).into_iter().map(of_variant).collect()
-}
-
-/// The channels of a finished run's winner, if that is a structure.
-fn winner_channels(folder: &Path) -> Vec<WinnerChannel> {
-    let winner = || {
-        let row = results::read_run(folder).ok()?.row;
-        let experiment =
-            Experiment::from_record(&row.resolved_toml, folder, None, Overrides::default()).ok()?;
-        experiment.space().from_values(&row.best_genes)
-    };
-    let Some(Descriptor::Structure(structure)) = winner() else { return Vec::new() };
-    structure.channels.iter().map(winner_channel).collect()
-}
-
-fn winner_channel(weighted: &Weighted) -> WinnerChannel {
-    let Weighted { channel, .. } = weighted;
-    let centimetres = |um: u32| f64::from(um) / 1e4;
-    WinnerChannel {
-        text: channel.to_string(),
-        pairs: match channel.pairs {
-            Pairs::KeypointNeighbour => ChannelPairs::KeypointNeighbour,
-            Pairs::Neighbours => ChannelPairs::Neighbours,
-            Pairs::Keypoints => ChannelPairs::Keypoints,
-            Pairs::Cloud => ChannelPairs::Cloud,
-        },
-        features: channel.axes.iter().map(|axis| (axis.feature.name().to_owned(), axis.bins)).collect(),
-        values: channel.bins(),
-        weight: weighted.weight(),
-        radius_cm: centimetres(channel.radius_um),
-        shells_cm: channel.shells_um.iter().copied().map(centimetres).collect(),
-        least_cm: centimetres(channel.least_um),
-        grid_cm: centimetres(channel.grid_um),
-    }
 }
 
 /// The folder in `parent` that was written to last, which is told.

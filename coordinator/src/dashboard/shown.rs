@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Instant, SystemTime};
 
 use descriptor::Descriptor;
-use results::{LookRow, RunFolder, Told};
+use results::{LookRow, RunFolder};
 use serde_json::{Value, json};
 
 use super::detail;
@@ -17,6 +17,7 @@ use crate::dataset::SPLITS;
 use crate::dataset::record::CloudRecord;
 use crate::examine::{DecimatedCloud, Examiner};
 use crate::experiment::Experiment;
+use crate::report::told;
 use crate::run::rows;
 
 /// Most points of a cloud that is sent.
@@ -139,7 +140,7 @@ impl Shown {
     /// # Errors
     /// If a table cannot be read.
     pub fn report(&self) -> Result<String, DashboardError> {
-        Ok(results::Report::of_run(&self.found.folder, None, &Told::default())?.html())
+        Ok(results::Report::of_run(&self.found.folder, None, &told(&self.found.folder))?.html()?)
     }
 
     /// Training clouds that the fitness asks for; `None` before the first generation.

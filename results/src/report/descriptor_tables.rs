@@ -2,9 +2,9 @@
 
 use super::data::Rows;
 use super::figures::comparison::STAGES;
-use super::html::TableBlock;
 use super::run_tables::p_text;
 use super::summary::interval_text;
+use super::table::TableBlock;
 use crate::error::Error;
 
 /// Rows of pairs that are shown.
@@ -16,6 +16,117 @@ fn seconds_text(seconds: Option<f64>) -> String {
 
 fn size_text(size: String) -> String {
     if size.is_empty() { "–".to_owned() } else { size }
+}
+
+/// Label of the run's own descriptor, with a recogniser's name after it where that is not the nearest cloud.
+const WINNER: &str = "evolved";
+/// Label of the descriptor that the paper ended with.
+const DEFAULT: &str = "paper";
+/// What labels of points of the run's front begin with.
+const POINT: &str = "point-";
+
+/// What a descriptor of a comparison is, in the order of the verdict.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Role {
+    Winner,
+    Default,
+    Baseline,
+    Front,
+}
+
+impl Role {
+    fn of(label: &str) -> Self {
+        let is = |name: &str| {
+            label.strip_prefix(name).is_some_and(|rest| rest.is_empty() || rest.starts_with('-'))
+        };
+        if is(WINNER) {
+            Self::Winner
+        } else if is(DEFAULT) {
+            Self::Default
+        } else if label.strip_prefix(POINT).is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_digit()))
+        {
+            Self::Front
+        } else {
+            Self::Baseline
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Winner => "winner",
+            Self::Default => "default",
+            Self::Baseline => "baseline",
+            Self::Front => "front",
+        }
+    }
+}
+
+/// The error of the descriptor that anybody has, of objects; `None` if it was not compared.
+pub(crate) fn default_error(comparison: &Rows) -> Result<Option<f64>, Error> {
+    let place = comparison.texts("descriptor")?.iter().position(|name| name == DEFAULT);
+    let errors = comparison.numbers("object_error")?;
+    Ok(place.map(|place| errors[place]))
+}
+
+/// The winner beside what it is to be better than.
+pub(crate) fn verdict(comparison: &Rows) -> Result<TableBlock, Error> {
+    let names = comparison.texts("descriptor")?;
+    let distances = comparison.texts("distance")?;
+    let sizes = comparison.texts("cloud_size")?;
+    let milliseconds = milliseconds(comparison)?;
+    let number = |name: &str| comparison.numbers(name);
+    let levels = ["object", "category"].map(|level| -> Result<_, Error> {
+        let column = |name: &str| number(&format!("{level}_error{name}"));
+        Ok([column("")?, column("_instances_low")?, column("_instances_high")?])
+    });
+    let [object, category] = levels;
+    let levels = [object?, category?];
+    let row = |row: usize| {
+        let mut cells = vec![names[row].clone(), Role::of(&names[row]).name().to_owned()];
+        for [error, low, high] in &levels {
+            cells.push(format!("{:.2}", 100.0 * error[row]));
+            cells.push(interval_text([low[row], high[row]]));
+        }
+        cells.push(size_text(sizes[row].clone()));
+        cells.push(milliseconds[row].map_or_else(|| "–".to_owned(), |time| format!("{time:.1}")));
+        cells
+    };
+    let mut places: Vec<usize> = (0..names.len()).filter(|&row| distances[row] != "l1").collect();
+    places.sort_by_key(|&row| Role::of(&names[row])); // stable: otherwise as compared
+    let head = [
+        "descriptor",
+        "",
+        "object error, %",
+        "95 %",
+        "category error, %",
+        "95 %",
+        "values a cloud",
+        "time a cloud, ms",
+    ];
+    Ok(TableBlock {
+        caption: "The winner beside the default, which is the paper’s descriptor, baselines and points of its front: errors \
+                  on the test clouds with 95 % intervals of the bootstrap over objects, values kept of a cloud, and the \
+                  time from its points to these on one thread."
+            .to_owned(),
+        head: head.map(str::to_owned).to_vec(),
+        rows: places.into_iter().map(row).collect(),
+        texts: 2,
+    })
+}
+
+/// Time to describe a cloud, where it was measured: over all clouds, or else over some.
+fn milliseconds(comparison: &Rows) -> Result<Vec<Option<f64>>, Error> {
+    let stages =
+        ["keypoints", "normals", "describe"].map(|stage| comparison.optional(&format!("seconds_{stage}")));
+    let [keypoints, normals, describe] = stages;
+    let (keypoints, normals, describe) = (keypoints?, normals?, describe?);
+    let (queries, database) = (comparison.numbers("queries")?, comparison.numbers("database")?);
+    let some = comparison.optional("seconds_cloud")?;
+    let of = |row: usize| {
+        let all = Some((keypoints[row]? + normals[row]? + describe[row]?) / (queries[row] + database[row]));
+        all.filter(|seconds| seconds.is_finite())
+    };
+    Ok((0..some.len()).map(|row| Some(1000.0 * of(row).or(some[row])?)).collect())
 }
 
 /// The paper's Table 1: errors, times and sizes, one row per descriptor.

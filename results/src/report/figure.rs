@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+pub(crate) use super::palette::Colour;
 use crate::printable::is_printable;
 
 /// Width of a figure in CSS pixels: what fits on a sheet of A4 or Letter with narrow margins.
@@ -20,6 +21,17 @@ pub(crate) struct Figure {
     pub panels: Vec<Panel>,
     /// Number of panels side by side, at least 1.
     pub columns: usize,
+    /// Where its numbers can be read.
+    pub numbers: Numbers,
+}
+
+/// Where the numbers of a figure can be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Numbers {
+    /// Under it, in a table that is made of its marks.
+    Below,
+    /// Elsewhere on the page, or it has none.
+    Elsewhere,
 }
 
 impl Figure {
@@ -31,7 +43,13 @@ impl Figure {
             caption: caption.into(),
             panels: vec![panel],
             columns: 1,
+            numbers: Numbers::Below,
         }
+    }
+
+    /// The same without a table: its numbers are elsewhere on the page.
+    pub fn told_elsewhere(self) -> Self {
+        Self { numbers: Numbers::Elsewhere, ..self }
     }
 
     /// Whether there is nothing to draw.
@@ -60,6 +78,16 @@ pub(crate) struct Panel {
     pub height: u32,
 }
 
+impl Panel {
+    /// Values at the ends of its axes, the lower first: of x, of y.
+    pub fn ranges(&self) -> [[f64; 2]; 2] {
+        let extent = |axis: usize| {
+            self.series.iter().flat_map(move |series| series.marks.extent().map(move |place| place[axis]))
+        };
+        [self.x.range(extent(0)), self.y.range(extent(1))]
+    }
+}
+
 /// An axis: its label always says the quantity, and the unit where there is one.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Axis {
@@ -76,6 +104,8 @@ pub(crate) struct Axis {
 pub(crate) enum Scale {
     /// Numbers, so that all marks and these values can be seen.
     Numbers(Vec<f64>),
+    /// Numbers between these; marks beyond are cut off.
+    Within([f64; 2]),
     /// Names at 0, 1, …: from left to right, from top to bottom.
     Names(Vec<String>),
 }
@@ -89,6 +119,12 @@ impl Axis {
     /// An axis of names.
     pub fn names(label: &str, names: Vec<String>) -> Self {
         Self { label: label.to_owned(), unit: String::new(), scale: Scale::Names(names) }
+    }
+
+    /// An axis that ends a little beyond these values, whatever marks there are.
+    pub fn within(label: &str, unit: &str, ends: [f64; 2]) -> Self {
+        let ends = padded(ends);
+        Self { label: label.to_owned(), unit: unit.to_owned(), scale: Scale::Within(ends) }
     }
 
     /// Extends the axis so that it includes a value; has no effect on names.
@@ -111,18 +147,23 @@ impl Axis {
     pub fn range(&self, marks: impl Iterator<Item = f64>) -> [f64; 2] {
         let seen = match &self.scale {
             Scale::Names(names) => return [-0.5, names.len().max(1) as f64 - 0.5],
+            Scale::Within(ends) => return *ends,
             Scale::Numbers(seen) => seen,
         };
         let finite = marks.chain(seen.iter().copied()).filter(|value| value.is_finite());
         let ends = finite.fold(None, |ends: Option<[f64; 2]>, value| {
             Some(ends.map_or([value; 2], |[low, high]| [low.min(value), high.max(value)]))
         });
-        let [low, high] = ends.unwrap_or([0.0, 1.0]);
-        let margin = if high > low { 0.04 * (high - low) } else { low.abs().max(1.0) / 2.0 };
-        // Where zero is the end that was asked for, the axis begins there.
-        let from = if low == 0.0 { 0.0 } else { low - margin };
-        [from, high + margin]
+        padded(ends.unwrap_or([0.0, 1.0]))
     }
+}
+
+/// Ends of an axis that shows all between two values.
+fn padded([low, high]: [f64; 2]) -> [f64; 2] {
+    let margin = if high > low { 0.04 * (high - low) } else { low.abs().max(1.0) / 2.0 };
+    // Where zero is the end that was asked for, the axis begins there.
+    let from = if low == 0.0 { 0.0 } else { low - margin };
+    [from, high + margin]
 }
 
 /// Marks of one style.
@@ -143,6 +184,8 @@ pub(crate) enum Marks {
     Line {
         /// The points.
         points: Vec<[f64; 2]>,
+        /// Whether each value holds from its x to the next.
+        stepped: bool,
         /// How it is drawn.
         dash: Dash,
     },
@@ -166,14 +209,22 @@ pub(crate) enum Marks {
     Matrix {
         /// Rows of cells, as many as the axes have names.
         cells: Vec<Vec<Option<f64>>>,
-        /// What a cell counts.
+        /// What a cell counts or measures.
         unit: String,
+        /// The values of the lightest and the darkest shade.
+        ends: [f64; 2],
         /// Whether the cells show their numbers.
         written: bool,
     },
 }
 
 impl Marks {
+    /// A matrix of counts: the more, the darker.
+    pub fn counts(cells: Vec<Vec<Option<f64>>>, unit: &str, written: bool) -> Self {
+        let most = cells.iter().flatten().flatten().fold(1.0, |most: f64, &value| most.max(value));
+        Self::Matrix { cells, unit: unit.to_owned(), ends: [0.0, most], written }
+    }
+
     /// Every coordinate pair that must be seen.
     pub fn extent(&self) -> Box<dyn Iterator<Item = [f64; 2]> + '_> {
         match self {
@@ -201,13 +252,12 @@ impl Series {
 
     /// A line that differs from others without its colour.
     pub fn dashed(name: &str, colour: Colour, dash: Dash, points: Vec<[f64; 2]>) -> Self {
-        Self { name: name.to_owned(), colour, marks: Marks::Line { points, dash } }
+        Self { name: name.to_owned(), colour, marks: Marks::Line { points, stepped: false, dash } }
     }
 
     /// A line of steps: each value holds from its x to the next.
-    pub fn steps(name: &str, colour: Colour, dash: Dash, points: &[[f64; 2]]) -> Self {
-        let corners = points.windows(2).flat_map(|pair| [pair[0], [pair[1][0], pair[0][1]]]);
-        Self::dashed(name, colour, dash, corners.chain(points.last().copied()).collect())
+    pub fn steps(name: &str, colour: Colour, dash: Dash, points: Vec<[f64; 2]>) -> Self {
+        Self { name: name.to_owned(), colour, marks: Marks::Line { points, stepped: true, dash } }
     }
 
     /// Points.
@@ -223,45 +273,6 @@ impl Series {
     /// Straight pieces.
     pub fn segments(name: &str, colour: Colour, width: u32, ends: Vec<[[f64; 2]; 2]>) -> Self {
         Self { name: name.to_owned(), colour, marks: Marks::Segments { ends, width } }
-    }
-}
-
-/// The palette of Okabe and Ito (Color universal design, 2008), which people who confuse red and green can tell apart,
-/// without its yellow, which is too faint for lines on white.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Colour {
-    Blue,
-    Vermillion,
-    Green,
-    Orange,
-    Sky,
-    Purple,
-    Black,
-    Grey,
-}
-
-impl Colour {
-    /// The colours of things without an order.
-    pub const CYCLE: [Self; 7] =
-        [Self::Blue, Self::Vermillion, Self::Green, Self::Orange, Self::Sky, Self::Purple, Self::Black];
-
-    /// The colour of the n-th of many things, from 0.
-    pub fn nth(index: usize) -> Self {
-        Self::CYCLE[index % Self::CYCLE.len()]
-    }
-
-    /// Red, green and blue.
-    pub fn rgb(self) -> [u8; 3] {
-        match self {
-            Self::Blue => [0x00, 0x72, 0xb2],
-            Self::Vermillion => [0xd5, 0x5e, 0x00],
-            Self::Green => [0x00, 0x9e, 0x73],
-            Self::Orange => [0xe6, 0x9f, 0x00],
-            Self::Sky => [0x56, 0xb4, 0xe9],
-            Self::Purple => [0xcc, 0x79, 0xa7],
-            Self::Black => [0x00, 0x00, 0x00],
-            Self::Grey => [0x8a, 0x8a, 0x8a],
-        }
     }
 }
 
@@ -288,19 +299,6 @@ pub(crate) enum Symbol {
     Circle,
     Triangle,
     Dot,
-}
-
-/// The colour of a matrix cell: nearly white for none, through blue to a blue that is nearly black, as its value grows to
-/// `most`.
-pub(crate) fn shade(value: f64, most: f64) -> [u8; 3] {
-    const STOPS: [[f64; 3]; 3] = [[244.0, 246.0, 248.0], [86.0, 180.0, 233.0], [0.0, 40.0, 90.0]];
-    let place = if most > 0.0 { (value / most).clamp(0.0, 1.0) * 2.0 } else { 0.0 };
-    let (from, share) = if place < 1.0 { (0, place) } else { (1, place - 1.0) };
-    let mut rgb = [0; 3];
-    for (part, (a, b)) in rgb.iter_mut().zip(STOPS[from].into_iter().zip(STOPS[from + 1])) {
-        *part = (a + share * (b - a)).round() as u8;
-    }
-    rgb
 }
 
 /// Text without control and format characters: names come from outside, and XML cannot hold all of them.
@@ -333,25 +331,9 @@ mod tests {
             assert!(seen.into_iter().all(|value| (low..=high).contains(value)), "{marks:?}: {low} to {high}");
         }
         assert_eq!(axis.range([0.0, 10.0].into_iter())[0], 0.0);
+        let [low, high] = Axis::within("error", "%", [10.0, 20.0]).range([0.0, 90.0].into_iter());
+        assert!((9.0..10.0).contains(&low) && (20.0..21.0).contains(&high), "{low} to {high}");
         assert_eq!(Axis::names("object", vec!["a".into(), "b".into()]).range([9.0].into_iter()), [-0.5, 1.5]);
-    }
-
-    #[test]
-    fn steps_hold_each_value_to_the_next() {
-        let Series { marks: Marks::Line { points, .. }, .. } =
-            Series::steps("", Colour::Blue, Dash::Solid, &[[1.0, 9.0], [2.0, 7.0], [4.0, 6.0]])
-        else {
-            panic!("steps are a line");
-        };
-        assert_eq!(points, [[1.0, 9.0], [2.0, 9.0], [2.0, 7.0], [4.0, 7.0], [4.0, 6.0]]);
-        assert!(Series::steps("", Colour::Blue, Dash::Solid, &[]).marks.is_empty());
-    }
-
-    #[test]
-    fn shades_darken_with_the_value() {
-        let light = |value| shade(value, 10.0).map(u32::from).iter().sum::<u32>();
-        assert!((1..=10).all(|value| light(f64::from(value)) < light(f64::from(value - 1))));
-        assert_eq!(shade(0.0, 0.0), shade(0.0, 10.0));
     }
 
     #[test]

@@ -1,9 +1,9 @@
 //! Several runs in tables: their groups, each run, and how sure their differences are.
 
 use super::figures::quantile;
-use super::html::TableBlock;
 use super::runs::{Group, Member, Runs};
 use super::summary::interval_text;
+use super::table::TableBlock;
 use crate::statistics::{RankSum, holm, rank_sum, wilson};
 use crate::tables::run::Counts;
 

@@ -1,7 +1,9 @@
 //! A run in tables: what it was, what it found, how certain that is.
 
 use super::data::{Rows, RunData};
-use super::html::{Item, TableBlock};
+use super::html::Item;
+use super::table::TableBlock;
+use crate::columns::GeneColumn;
 use crate::error::Error;
 use crate::read::FinishedRun;
 use crate::statistics::wilson;
@@ -20,43 +22,61 @@ pub(crate) fn interval_text([low, high]: [f64; 2]) -> String {
     format!("{:.1} – {:.1} %", 100.0 * low, 100.0 * high)
 }
 
-/// What the run was and what it found. `has_channels`: the winner is shown by its channels instead of its genes.
-pub(crate) fn overview(data: &RunData, has_channels: bool) -> Result<TableBlock, Error> {
+/// What the run did, in a line or two.
+pub(crate) fn lead(FinishedRun { row, .. }: &FinishedRun) -> String {
+    format!(
+        "Evolution of a 3D point-cloud descriptor. The winner is individual {} of generation {}; the search ended after \
+         generation {}, stopped by {}, with {} evaluations computed and {} remembered in {:.1} s.",
+        row.winner_individual,
+        row.winner_generation,
+        row.generations,
+        row.stop_reason,
+        row.evaluations_computed,
+        row.evaluations_remembered,
+        row.seconds
+    )
+}
+
+/// How far the winner is from the best descriptor of the search space, where that is known.
+pub(crate) fn regret(FinishedRun { row, .. }: &FinishedRun) -> Option<String> {
+    let (best, regret) = row.grid_best_object_correct.zip(row.regret())?;
+    let behind = best.saturating_sub(row.train.object_correct);
+    Some(match behind {
+        0 => "no descriptor of the search space is better in training".to_owned(),
+        _ => format!(
+            "{:.2} % ({behind} of {} clouds) behind the best descriptor of the search space, in training",
+            100.0 * regret,
+            row.train.queries
+        ),
+    })
+}
+
+/// The winner's genes.
+pub(crate) fn genes(run: &FinishedRun) -> TableBlock {
+    let genes = run.genes.iter().zip(&run.row.best_genes);
+    let row = |(gene, value): (&GeneColumn, &Option<f64>)| {
+        let value = format!("{} {}", (*value)?, gene.unit);
+        Some(vec![gene.name.clone(), value.trim_end().to_owned(), gene.meaning.clone()])
+    };
+    TableBlock {
+        caption: "The winner’s genes.".to_owned(),
+        head: ["gene", "value", "meaning"].map(str::to_owned).to_vec(),
+        rows: genes.filter_map(row).collect(),
+        texts: 3,
+    }
+}
+
+/// What the run was: all that finds it again.
+pub(crate) fn overview(data: &RunData) -> Result<TableBlock, Error> {
     let mut rows: Vec<Vec<String>> = Vec::new();
     let mut row = |name: &str, value: String| rows.push(vec![name.to_owned(), value]);
     match (&data.finished, &data.run) {
-        (Some(FinishedRun { row: run, genes, run_digest }), Some(table)) => {
+        (Some(FinishedRun { row: run, run_digest, .. }), Some(table)) => {
             let text = |column: &str| -> Result<String, Error> {
                 Ok(table.texts(column)?.into_iter().next().unwrap_or_default())
             };
             row("experiment", run.name.clone());
             row("seed", run.seed.to_string());
-            row("stopped by", format!("{}, after generation {}", run.stop_reason, run.generations));
-            row(
-                "winner",
-                format!("generation {}, individual {}", run.winner_generation, run.winner_individual),
-            );
-            let genes = if has_channels { &[] } else { genes.as_slice() };
-            for (gene, value) in genes.iter().zip(&run.best_genes) {
-                if let Some(value) = value {
-                    let value = format!("{value} {}", gene.unit);
-                    row(
-                        &format!("winner’s {}", gene.name),
-                        format!("{} — {}", value.trim_end(), gene.meaning),
-                    );
-                }
-            }
-            if let Some((best, regret)) = run.grid_best_object_correct.zip(run.regret()) {
-                let behind = best.saturating_sub(run.train.object_correct);
-                let regret = format!("{:.2} % ({behind} of {} clouds)", 100.0 * regret, run.train.queries);
-                row(
-                    "regret",
-                    format!("{regret} behind the best descriptor of the search space, in training"),
-                );
-            }
-            let (computed, remembered) = (run.evaluations_computed, run.evaluations_remembered);
-            row("evaluations", format!("{computed} computed, {remembered} remembered"));
-            row("time at work", format!("{:.1} s", run.seconds));
             row("started", format!("{} UTC", text("started_at")?));
             row("finished", format!("{} UTC", text("finished_at")?));
             row("machine of the coordinator", run.host.clone());
@@ -71,9 +91,8 @@ pub(crate) fn overview(data: &RunData, has_channels: bool) -> Result<TableBlock,
             row("run digest", run_digest.clone());
         }
         _ => {
-            row("state", "unfinished: what is there is shown".to_owned());
             let generations = data.generations.as_ref().map_or(0, Rows::len);
-            row("generations so far", generations.to_string());
+            row("state", format!("unfinished, {generations} generations so far"));
         }
     }
     if let Some(skipped) = &data.skipped {

@@ -1,7 +1,7 @@
 //! The channels of a winner that is a structure: which pairs of points each looks at, and in how many bins.
 
-use crate::report::figure::{Axis, Colour, Dash, Figure, Panel, Series, Symbol};
-use crate::report::html::TableBlock;
+use crate::report::figure::{Axis, Colour, Dash, Figure, Numbers, Panel, Series, Symbol};
+use crate::report::table::TableBlock;
 
 /// A channel of a structure, as a report shows it.
 #[derive(Clone, Debug, PartialEq)]
@@ -73,6 +73,7 @@ pub(crate) fn pairs(channels: &[WinnerChannel]) -> Figure {
         caption: caption.to_owned(),
         panels,
         columns: 2,
+        numbers: Numbers::Below,
     }
 }
 

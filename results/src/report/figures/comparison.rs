@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::error_axis;
 use crate::error::Error;
 use crate::report::data::{Rows, percent};
-use crate::report::figure::{Axis, Colour, Dash, Figure, Marks, Panel, Series, Symbol};
+use crate::report::figure::{Axis, Colour, Dash, Figure, Marks, Numbers, Panel, Series, Symbol};
 
 /// Most rows of the matrix of objects whose names are readable.
 const MOST_OBJECTS: usize = 60;
@@ -47,6 +47,7 @@ pub(crate) fn errors(comparison: &Rows) -> Result<Figure, Error> {
             .to_owned(),
         panels: vec![level("object")?, level("category")?],
         columns: 2,
+        numbers: Numbers::Below,
     })
 }
 
@@ -105,6 +106,7 @@ pub(crate) fn times(comparison: &Rows) -> Result<Option<Figure>, Error> {
             panel(Axis::numbers("share of the time", "%"), bars(&|row| 100.0 / totals[row])),
         ],
         columns: 2,
+        numbers: Numbers::Below,
     }))
 }
 
@@ -139,6 +141,7 @@ pub(crate) fn recall_precision(points: &Rows, descriptors: &[String]) -> Result<
         ),
         panels: panels.into_iter().filter_map(panel).collect(),
         columns: 2,
+        numbers: Numbers::Below,
     })
 }
 
@@ -188,7 +191,7 @@ pub(crate) fn objects(answers: &Rows, descriptors: &[String]) -> Result<Figure, 
         shown.sort_by_key(|(object, _)| *object);
     }
     let cells = shown.iter().map(|(_, counts)| counts.iter().map(|&count| Some(count)).collect());
-    let marks = Marks::Matrix { cells: cells.collect(), unit: "wrong clouds".to_owned(), written: true };
+    let marks = Marks::counts(cells.collect(), "wrong clouds", true);
     let names = shown.iter().map(|((_, instance), _)| (*instance).to_owned()).collect();
     let height = 150 + 13 * shown.len() as u32;
     let series = vec![Series { name: String::new(), colour: Colour::Blue, marks }];

@@ -3,7 +3,7 @@
 use super::{error_axis, generations_axis, panel, zip};
 use crate::error::Error;
 use crate::report::data::{Rows, percent};
-use crate::report::figure::{Axis, Colour, Figure, Series, Symbol};
+use crate::report::figure::{Axis, Colour, Figure, Numbers, Series, Symbol};
 
 /// The points of a front: errors against counted cost, and against size.
 pub(crate) fn front(front: &Rows) -> Result<Figure, Error> {
@@ -44,6 +44,7 @@ pub(crate) fn front(front: &Rows) -> Result<Figure, Error> {
         caption: caption.to_owned(),
         panels: axes.into_iter().map(of).collect(),
         columns: 2,
+        numbers: Numbers::Below,
     })
 }
 

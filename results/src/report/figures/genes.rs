@@ -6,7 +6,7 @@ use super::{error_axis, generations_axis, quantile, zip};
 use crate::columns::GeneColumn;
 use crate::error::Error;
 use crate::report::data::{Rows, percent};
-use crate::report::figure::{Axis, Colour, Dash, Figure, Panel, Series, Symbol};
+use crate::report::figure::{Axis, Colour, Dash, Figure, Numbers, Panel, Series, Symbol};
 
 const HEIGHT: u32 = 230;
 
@@ -46,7 +46,7 @@ pub(crate) fn trajectories(evaluations: &Rows, generations: &Rows) -> Result<Fig
         let series = vec![
             Series::band("population: lowest to highest", Colour::Sky, band(0.0, 1.0)),
             Series::band("population: middle half", Colour::Blue, band(0.25, 0.75)),
-            Series::steps("best individual", Colour::Black, Dash::Solid, &line),
+            Series::steps("best individual", Colour::Black, Dash::Solid, line),
         ];
         let (x, y) = (generations_axis(), gene_axis(&gene));
         panels.push(Panel { title: String::new(), x, y, series, height: HEIGHT });
@@ -59,6 +59,7 @@ pub(crate) fn trajectories(evaluations: &Rows, generations: &Rows) -> Result<Fig
             .to_owned(),
         panels,
         columns: 2,
+        numbers: Numbers::Below,
     })
 }
 
@@ -112,6 +113,7 @@ pub(crate) fn marginals(evaluations: &Rows, grid: Option<&Rows>) -> Result<Figur
         caption,
         panels,
         columns: 2,
+        numbers: Numbers::Below,
     })
 }
 

@@ -3,7 +3,7 @@
 use super::error_axis;
 use crate::error::Error;
 use crate::report::data::{Rows, percent};
-use crate::report::figure::{Axis, Colour, Dash, Figure, Panel, Series, Symbol};
+use crate::report::figure::{Axis, Colour, Dash, Figure, Numbers, Panel, Series, Symbol};
 
 /// Errors by strength of every descriptor, by name.
 pub(crate) fn errors(rows: &Rows, descriptors: &[String]) -> Result<Figure, Error> {
@@ -37,5 +37,6 @@ pub(crate) fn errors(rows: &Rows, descriptors: &[String]) -> Result<Figure, Erro
             .to_owned(),
         panels: panels.into_iter().map(|(_, panel)| panel).collect(),
         columns: 2,
+        numbers: Numbers::Below,
     })
 }

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use crate::error::Error;
 use crate::report::data::Rows;
 use crate::report::figure::{Axis, Colour, Figure, Marks, Panel, Series};
-use crate::report::html::TableBlock;
+use crate::report::table::TableBlock;
 
 /// Most objects of a matrix whose names are readable.
 const MOST_OBJECTS: usize = 60;
@@ -99,7 +99,7 @@ fn matrix(
         }
     }
     let height = (names.len() as u32 * 12).clamp(220, 620) + 120;
-    let marks = Marks::Matrix { cells, unit: "clouds".to_owned(), written };
+    let marks = Marks::counts(cells, "clouds", written);
     let series = vec![Series { name: String::new(), colour: Colour::Blue, marks }];
     let x = Axis::names(&format!("{what} of the nearest cloud"), names.clone());
     let y = Axis::names(what, names);

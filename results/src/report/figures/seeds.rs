@@ -1,7 +1,7 @@
 //! Several seeds: how results are distributed, and how fast searches get there.
 
 use super::{error_axis, quantile};
-use crate::report::figure::{Axis, Colour, Dash, Figure, Panel, Series, Symbol};
+use crate::report::figure::{Axis, Colour, Dash, Figure, Numbers, Panel, Series, Symbol};
 use crate::report::runs::{Group, Member};
 
 /// Points of a convergence curve.
@@ -22,6 +22,7 @@ pub(crate) fn errors(groups: &[Group]) -> Figure {
                 .to_owned(),
         panels,
         columns: 1,
+        numbers: Numbers::Below,
     }
 }
 

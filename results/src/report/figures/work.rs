@@ -9,8 +9,8 @@ use crate::report::figure::{Axis, Colour, Dash, Figure, Panel, Series};
 
 /// Most workers of a timeline.
 const MOST_WORKERS: usize = 60;
-/// Steps of the time axis: attempts that are closer become one bar, so that a hundred thousand can be drawn.
-const STEPS: f64 = 1400.0;
+/// Steps of the time axis: attempts that are closer become one bar, as nobody could tell them apart.
+const STEPS: f64 = 560.0;
 
 /// Time of each generation, by what it was spent on.
 pub(crate) fn generation_times(evaluations: &Rows, generations: &Rows) -> Result<Figure, Error> {

@@ -6,11 +6,10 @@ use plotters::coord::ranged1d::{BoldPoints, Ranged as _};
 use plotters::coord::types::RangedCoordf64;
 
 use super::canvas::{At, Canvas, Drawn, text_width};
-use crate::report::figure::{Axis, Dash, Panel, Scale, shortened};
+use crate::report::figure::{Axis, Dash, Marks, Panel, Scale, shortened};
+use crate::report::palette::{GRID, INK};
 
 const LABEL: f64 = 12.0;
-const INK: [u8; 3] = [0x1a, 0x1a, 0x1a];
-const GRID: [u8; 3] = [0xe4, 0xe4, 0xe4];
 /// Characters of a name beside an axis.
 const NAME_LENGTH: usize = 24;
 
@@ -37,9 +36,7 @@ struct Tick {
 impl<'a> Frame<'a> {
     /// Lays out a panel at `corner`, with room for ticks and names around its axes.
     pub fn new(panel: &'a Panel, corner: [f64; 2], width: f64) -> Self {
-        let extent =
-            |axis: usize| panel.series.iter().flat_map(move |s| s.marks.extent().map(move |p| p[axis]));
-        let [x, mut y] = [panel.x.range(extent(0)), panel.y.range(extent(1))];
+        let [x, mut y] = panel.ranges();
         let height = f64::from(panel.height);
         let tick_size = [tick_size(&panel.x), tick_size(&panel.y)];
         let ticks = [ticks(&panel.x, x, width / 80.0), ticks(&panel.y, y, height / 45.0)];
@@ -48,7 +45,7 @@ impl<'a> Frame<'a> {
         };
         let upright_names = matches!(&panel.x.scale, Scale::Names(names) if names.len() > 6);
         let below = if upright_names { widest(0) + 8.0 } else { 20.0 };
-        let bar = panel.series.iter().any(|s| matches!(s.marks, super::Marks::Matrix { .. }));
+        let bar = panel.series.iter().any(|s| matches!(s.marks, Marks::Matrix { .. }));
         let left = corner[0] + widest(1) + 8.0 + if panel.y.label.is_empty() { 8.0 } else { 26.0 };
         let right = corner[0] + width - if bar { 64.0 } else { 14.0 };
         let top = corner[1] + if panel.title.is_empty() { 8.0 } else { 26.0 };
@@ -77,10 +74,10 @@ impl<'a> Frame<'a> {
     }
 
     /// Faint lines behind the marks.
-    pub fn draw_grid(&self, canvas: &Canvas<'_>) -> Drawn {
+    pub fn draw_grid(&self, canvas: &dyn Canvas) -> Drawn {
         let [[left, right], [bottom, top]] = self.pixels;
         for (axis, scale) in [&self.panel.x.scale, &self.panel.y.scale].into_iter().enumerate() {
-            for tick in self.ticks[axis].iter().filter(|_| matches!(scale, Scale::Numbers(_))) {
+            for tick in self.ticks[axis].iter().filter(|_| !matches!(scale, Scale::Names(_))) {
                 let at = self.place(axis, tick.at);
                 let ends = if axis == 0 { [[at, bottom], [at, top]] } else { [[left, at], [right, at]] };
                 canvas.line(&ends, GRID, 0.8, Dash::Solid)?;
@@ -90,7 +87,7 @@ impl<'a> Frame<'a> {
     }
 
     /// Lines, ticks, names and labels.
-    pub fn draw_axes(&self, canvas: &Canvas<'_>) -> Drawn {
+    pub fn draw_axes(&self, canvas: &dyn Canvas) -> Drawn {
         let [[left, right], [bottom, top]] = self.pixels;
         canvas.line(&[[left, top], [left, bottom], [right, bottom]], INK, 1.0, Dash::Solid)?;
         for tick in &self.ticks[0] {
@@ -139,7 +136,8 @@ fn ticks(axis: &Axis, [low, high]: [f64; 2], wanted: f64) -> Vec<Tick> {
     at.into_iter().map(|at| Tick { at, text: number(at, decimals) }).collect()
 }
 
-fn number(value: f64, decimals: usize) -> String {
+/// A number as axes have it.
+pub(super) fn number(value: f64, decimals: usize) -> String {
     let text = format!("{value:.decimals$}");
     // A typographic minus, and none before zero.
     match text.strip_prefix('-') {
