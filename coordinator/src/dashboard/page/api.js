@@ -60,7 +60,7 @@ export function createApi(box) {
       };
       const form = h(
         'form',
-        { class: 'panel login', onsubmit: send },
+        { class: 'panel login', 'aria-label': 'Token', onsubmit: send },
         h('h2', null, 'Token'),
         h('p', null, 'This dashboard asks for a token. Whoever started the coordinator has it.'),
         h('label', { class: 'field' }, 'Token', input),

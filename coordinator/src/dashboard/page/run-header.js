@@ -53,7 +53,15 @@ export function createRunHeader(root, views, context) {
   const chip = h('div', { class: 'brush-chip', hidden: true, role: 'status' });
   const tabs = h('nav', { class: 'tabs', 'aria-label': 'Views of the run' });
   const problem = h('p', { class: 'problem', hidden: true });
-  const box = h('div', { class: 'run-header', hidden: true }, title, strip, problem, tabs, chip);
+  const box = h(
+    'section',
+    { class: 'run-header', hidden: true, 'aria-label': 'The run on show' },
+    title,
+    strip,
+    problem,
+    tabs,
+    chip,
+  );
   root.append(box);
   let id = null;
   let drawnTitle = '';
@@ -84,11 +92,12 @@ export function createRunHeader(root, views, context) {
     const list = figures(run);
     while (strip.children.length > list.length) strip.lastChild.remove();
     list.forEach(([name, text, hint], index) => {
-      if (!strip.children[index]) strip.append(h('div', null, h('dt', null), h('dd', null), h('small', null)));
-      const [dt, dd, small] = strip.children[index].children;
+      if (!strip.children[index])
+        strip.append(h('div', null, h('dt', null), h('dd', null, h('span', null), h('small', null))));
+      const [dt, dd] = strip.children[index].children;
       setText(dt, name);
-      setText(dd, text);
-      setText(small, hint ?? '');
+      setText(dd.children[0], text);
+      setText(dd.children[1], hint ?? '');
     });
   }
 

@@ -2,6 +2,7 @@
 
 import { linear, ticks } from './axes.js';
 import { h, onWidth, replace, svg } from './dom.js';
+import { FRONT_COLUMNS } from './front.js';
 import { count, moment, number, percent } from './format.js';
 import { plainTable } from './table.js';
 
@@ -120,15 +121,6 @@ const PAIRS = [
   ['difference_high', 'high'],
   ['p_value', 'p'],
   ['p_adjusted', 'p after Holm'],
-];
-
-const FRONT = [
-  ['point', 'Point'],
-  ['train_object_error', 'Training error'],
-  ['validation_object_error', 'Validation error'],
-  ['cost', 'Cost (≈ ns)'],
-  ['size', 'Values a cloud'],
-  ['winner', 'Winner'],
 ];
 
 function verdictPanel(detail) {
@@ -329,7 +321,7 @@ export const view = {
             panel(
               'Front',
               h('p', { class: 'muted' }, 'Descriptors of which none is better than another in all objectives.'),
-              plainTable('Front', detail.front, FRONT),
+              plainTable('Front', detail.front, FRONT_COLUMNS),
             ),
           looksPanel(detail),
           experimentPanel(detail),

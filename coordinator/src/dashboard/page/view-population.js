@@ -2,29 +2,26 @@
 
 import { extent } from './axes.js';
 import { parseBrush, printBrush } from './brush.js';
-import { createChart } from './chart.js';
 import { choice, h, replace, setText } from './dom.js';
 import { cell, count, number, percent, plural } from './format.js';
+import { createFront } from './front.js';
 import { createLineage } from './lineage.js';
 import { createParallel } from './parallel.js';
 import { rampLegend } from './ramp.js';
+import { createRanges } from './ranges.js';
 import { createScatter, prepareLandscape } from './scatter.js';
-import { createTable, plainTable } from './table.js';
+import { createTable } from './table.js';
 
 const MOST_DRAWN = 20_000;
 const MOST_AT_FIRST = 6_000;
 const AXES_AT_FIRST = 10;
+const GENERATIONS_TO_CHOOSE = 500;
 const MEASURES = ['object_error', 'category_error', 'cost', 'size', 'margin'];
-const FRONT = [
-  ['point', 'Point'],
-  ['generation', 'Generation'],
-  ['individual', 'Individual'],
-  ['train_object_error', 'Training error'],
-  ['validation_object_error', 'Validation error'],
-  ['cost', 'Cost (≈ ns)'],
-  ['size', 'Values a cloud'],
-  ['winner', 'Winner'],
+const COLOURS = [
+  ['object_error', 'object error'],
+  ['generation', 'generation'],
 ];
+const HINT = 'Drag along an axis to brush it, click a brushed axis to clear it, click a line for its lineage.';
 
 /** Columns that hold at least two different numbers in some rows, in order. */
 function varying(table, names, rows) {
@@ -40,30 +37,89 @@ function varying(table, names, rows) {
   });
 }
 
-const filled = (table, name, rows) => rows.reduce((sum, row) => sum + (typeof table[name][row] === 'number'), 0);
+/** The columns that vary, or of many those that most rows have. */
+function informative(table, names, rows) {
+  const candidates = varying(table, names, rows);
+  if (candidates.length <= AXES_AT_FIRST) return candidates;
+  const filled = new Map(
+    candidates.map((name) => [name, rows.reduce((sum, row) => sum + (typeof table[name][row] === 'number'), 0)]),
+  );
+  const best = [...candidates].sort((a, b) => filled.get(b) - filled.get(a)).slice(0, AXES_AT_FIRST);
+  return candidates.filter((name) => best.includes(name));
+}
+
+/** The table of individuals with the columns of some names; `select` takes a row. */
+function individualsTable({ store, state }, names, title, select) {
+  const of = (name) => (row) => store.individuals.columns[name]?.[row];
+  const id = (row) => `${of('generation')(row)}.${of('individual')(row)}`;
+  const chosen = (row) => state.get('selected') === id(row);
+  const button = (row) =>
+    h('button', { class: 'small', 'aria-label': `lineage of ${id(row)}`, onclick: () => select(row) }, id(row));
+  const place = (row) => of('generation')(row) * 1e6 + of('individual')(row);
+  return createTable({
+    caption: 'Individuals',
+    key: id,
+    page: 25,
+    sort: 'object_error:ascending',
+    getSort: () => state.get('sort'),
+    setSort: (sort) => state.set({ sort }),
+    rowClass: (row) => (chosen(row) ? 'selected' : ''),
+    empty: 'No individual passes the brush.',
+    columns: [
+      { id: 'individual', title: 'Individual', header: true, value: place, node: button },
+      ...names.map((name) => ({ id: name, title: title(name), number: true, value: of(name) })),
+      { id: 'elite', title: 'Elite', value: of('elite') },
+      { id: 'remembered', title: 'Remembered', value: of('remembered') },
+      { id: 'worker', title: 'Worker', value: of('worker') },
+      { id: 'queued_seconds', title: 'Waited', number: true, value: of('queued_seconds') },
+      { id: 'run_seconds', title: 'Ran', number: true, value: of('run_seconds') },
+    ],
+  });
+}
+
+/** The landscape of two genes, fetched when they change: `of` gives it once it is there. */
+function createLandscape(context, note, onready) {
+  let key = null;
+  let value = null;
+  return {
+    async want(a, b, genes) {
+      const run = context.store.run?.id;
+      const next = run && a !== b && genes.includes(a) && genes.includes(b) ? `${run} ${a} ${b}` : null;
+      if (next === key) return;
+      [key, value] = [next, null];
+      setText(note, '');
+      if (next === null) return;
+      try {
+        const fetched = prepareLandscape(await context.api.get('/api/landscape', { id: run, a, b }));
+        if (key !== next) return;
+        value = fetched;
+        const [low, high] = value.domain.map((error) => percent(error));
+        setText(note, `Beneath: the best error of the whole grid for each pair of values, ${low} to ${high}.`);
+      } catch (error) {
+        if (key !== next) return;
+        const unknown = 'No grid of this search space is known: coordinator exhaust makes one.';
+        setText(note, error.status === 404 ? unknown : error.message);
+        return;
+      }
+      onready();
+    },
+    of: () => value,
+  };
+}
 
 export const view = {
   id: 'population',
   title: 'Population',
   create(root, context) {
     const { store, state } = context;
-    const select = (row) => {
-      const { generation, individual } = store.individuals.columns;
-      state.set({ selected: `${generation[row]}.${individual[row]}` });
-      lineagePanel.scrollIntoView({ block: 'nearest' });
-    };
-    const setRange = (name, range) => {
-      const ranges = parseBrush(state.get('brush'));
-      if (range === null) ranges.delete(name);
-      else ranges.set(name, range);
-      state.set({ brush: printBrush(ranges) });
-    };
-
     const section = (title, ...children) => h('section', { class: 'panel' }, h('h2', null, title), ...children);
-    const scopeTools = h('div', { class: 'row' });
-    const note = h('p', { class: 'muted', role: 'status' });
-    const axesBox = h('details', null, h('summary', null, 'Axes'));
-    const legend = h('div', null);
+    const box = () => h('div', null);
+    const muted = (text) => h('p', { class: 'muted', role: 'status' }, text);
+    const [parallelPlace, legend, scatterPlace, lineagePlace, frontPlace, tablePlace] = Array.from({ length: 6 }, box);
+    const [scopeTools, scatterTools] = [h('div', { class: 'row' }), h('div', { class: 'row' })];
+    const [note, landscapeNote] = [muted(''), muted('')];
+    const lineageNote = muted('Click an individual, or choose one in the table, to see where it comes from.');
+    const axesBox = h('details', null);
     const rangeBox = h('div', { class: 'ranges' });
     const rangeDetails = h(
       'details',
@@ -71,21 +127,9 @@ export const view = {
       h('summary', null, 'Ranges by numbers'),
       rangeBox,
     );
-    const parallelPlace = h('div', null);
-    const scatterTools = h('div', { class: 'row' });
-    const scatterPlace = h('div', null);
-    const landscapeNote = h('p', { class: 'muted', role: 'status' });
-    const lineagePlace = h('div', null);
-    const lineageNote = h(
-      'p',
-      { class: 'muted' },
-      'Click an individual, or choose one in the table, to see where it comes from.',
-    );
     const descriptorButton = h('button', { onclick: () => context.navigate('descriptor') }, 'What it looks at');
     const lineagePanel = section('Lineage', lineageNote, descriptorButton, lineagePlace);
-    const frontPlace = h('div', null);
-    const frontPanel = h('section', { class: 'panel', hidden: true }, h('h2', null, 'Front'), frontPlace);
-    const tablePlace = h('div', null);
+    const frontPanel = section('Front', frontPlace);
     replace(
       root,
       section(
@@ -94,11 +138,7 @@ export const view = {
         note,
         parallelPlace,
         legend,
-        h(
-          'p',
-          { class: 'muted' },
-          'Drag along an axis to brush it, click a brushed axis to clear it, click a line for its lineage.',
-        ),
+        h('p', { class: 'muted' }, HINT),
         axesBox,
         rangeDetails,
       ),
@@ -111,45 +151,56 @@ export const view = {
       ),
       section('Individuals', tablePlace),
     );
+
     const parallel = createParallel(parallelPlace, { onbrush: setRange, onselect: select });
-    const scatter = createScatter(scatterPlace, {
-      onselect: select,
-      onbrush: ({ x, y }) => {
-        const ranges = parseBrush(state.get('brush'));
-        ranges.set(axis('sx'), x);
-        ranges.set(axis('sy'), y);
-        state.set({ brush: printBrush(ranges) });
-      },
-    });
+    const scatter = createScatter(scatterPlace, { onbrush: brushBoth, onselect: select });
     const lineage = createLineage(lineagePlace, context, select);
-    let frontChart = null;
+    const ranges = createRanges(rangeBox, setRange);
+    const front = createFront(frontPlace);
+    const landscape = createLandscape(context, landscapeNote, () => draw());
     let table = null;
-    let tableColumns = '';
-    let landscape = { key: null, value: null };
+    let tableNames = '';
     let toolsKey = '';
 
-    const genes = () =>
-      store.detail?.genes.map(({ name }) => name).filter((name) => store.individuals.columns[name]) ?? [];
-    const unit = (name) => {
-      const found = store.detail?.genes.find((gene) => gene.name === name)?.unit;
-      return found ? `${name} (${found})` : name.replace(/_/g, ' ');
-    };
+    function select(row) {
+      const { generation, individual } = store.individuals.columns;
+      state.set({ selected: `${generation[row]}.${individual[row]}` });
+      lineagePanel.scrollIntoView({ block: 'nearest' });
+    }
+
+    function setRange(name, range) {
+      const all = parseBrush(state.get('brush'));
+      if (range === null) all.delete(name);
+      else all.set(name, range);
+      state.set({ brush: printBrush(all) });
+    }
+
+    function brushBoth({ x, y }) {
+      const all = parseBrush(state.get('brush'));
+      const [first, second] = scatterAxes(shownGenes(scopeRows()));
+      all.set(first, x);
+      all.set(second, y);
+      state.set({ brush: printBrush(all) });
+    }
+
+    const genes = () => store.detail.genes.map(({ name }) => name).filter((name) => store.individuals.columns[name]);
     const measures = () => MEASURES.filter((name) => store.individuals.columns[name]?.some((value) => value !== null));
-    const lastGeneration = () => store.individuals.columns.generation[store.individuals.rows - 1];
     const scope = () => state.get('scope') ?? (store.individuals.rows > MOST_AT_FIRST ? 'last' : 'all');
     const colourBy = () => (state.get('colour') === 'generation' ? 'generation' : 'object_error');
+    const format = (name, value) => (/error$/.test(name) ? percent(value, 0) : number(value));
+
+    function title(name) {
+      const unit = store.detail.genes.find((gene) => gene.name === name)?.unit;
+      return unit ? `${name} (${unit})` : name.replace(/_/g, ' ');
+    }
 
     function scopeRows() {
       const { rows, columns } = store.individuals;
       const wanted = scope();
-      const rowsOf = (test) => {
-        const found = [];
-        for (let row = 0; row < rows; row++) if (test(columns.generation[row])) found.push(row);
-        return found;
-      };
-      if (wanted === 'all') return Array.from({ length: rows }, (_, row) => row);
-      const generation = wanted === 'last' ? lastGeneration() : Number(wanted);
-      return rowsOf((value) => value === generation);
+      const of = wanted === 'last' ? columns.generation[rows - 1] : Number(wanted);
+      const found = [];
+      for (let row = 0; row < rows; row++) if (wanted === 'all' || columns.generation[row] === of) found.push(row);
+      return found;
     }
 
     /** The genes on axes: those chosen, or the most informative ones. */
@@ -158,34 +209,29 @@ export const view = {
         .get('axes')
         ?.split(',')
         .filter((name) => genes().includes(name));
-      if (chosen?.length) return chosen;
-      const { columns } = store.individuals;
-      const candidates = varying(columns, genes(), rows);
-      if (candidates.length <= AXES_AT_FIRST) return candidates;
-      const order = new Map(candidates.map((name) => [name, filled(columns, name, rows)]));
-      const best = new Set([...candidates].sort((a, b) => order.get(b) - order.get(a)).slice(0, AXES_AT_FIRST));
-      return candidates.filter((name) => best.has(name));
+      return chosen?.length ? chosen : informative(store.individuals.columns, genes(), rows);
     }
 
-    /** The column along one axis of the scatter. */
-    function axis(key) {
-      const chosen = state.get(key);
-      if (chosen && store.individuals.columns[chosen]) return chosen;
-      const [first, second] = shownGenes(scopeRows());
-      return key === 'sx' ? (first ?? 'generation') : landscapeKnown() && second ? second : 'object_error';
+    /** The columns along x and y of the scatter: two genes where there is a landscape, else a gene and the error. */
+    function scatterAxes(shown) {
+      const known = (key) => (store.individuals.columns[state.get(key)] ? state.get(key) : null);
+      const hasGrid = typeof store.run?.optimum_error === 'number';
+      return [
+        known('sx') ?? shown[0] ?? 'generation',
+        known('sy') ?? (hasGrid && shown[1] ? shown[1] : 'object_error'),
+      ];
     }
 
-    const landscapeKnown = () => store.run?.optimum_error !== null && store.run?.optimum_error !== undefined;
-
-    function drawTools(rows, shown) {
+    function drawTools(shown) {
       const generations = [...new Set(store.individuals.columns.generation)].sort((a, b) => b - a);
+      const [x, y] = scatterAxes(shown);
       const key = JSON.stringify([
+        generations[0],
         generations.length,
-        state.get('scope'),
         scope(),
-        state.get('colour'),
-        axis('sx'),
-        axis('sy'),
+        colourBy(),
+        x,
+        y,
         shown,
         genes().length,
       ]);
@@ -194,274 +240,112 @@ export const view = {
       const scopes = [
         ['all', 'all loaded'],
         ['last', 'the last generation'],
-        ...generations.slice(0, 500).map((value) => [String(value), `generation ${value}`]),
+        ...generations.slice(0, GENERATIONS_TO_CHOOSE).map((value) => [String(value), `generation ${value}`]),
       ];
       replace(
         scopeTools,
         choice('Individuals of', scopes, scope(), (value) => state.set({ scope: value })),
-        choice(
-          'Colour',
-          [
-            ['object_error', 'object error'],
-            ['generation', 'generation'],
-          ],
-          colourBy(),
-          (value) => state.set({ colour: value }),
-        ),
+        choice('Colour', COLOURS, colourBy(), (value) => state.set({ colour: value })),
       );
-      const columns = [...genes(), ...measures(), 'generation'].map((name) => [name, unit(name)]);
+      const columns = [...genes(), ...measures(), 'generation'].map((name) => [name, title(name)]);
       replace(
         scatterTools,
-        choice('Along x', columns, axis('sx'), (value) => state.set({ sx: value })),
-        choice('Along y', columns, axis('sy'), (value) => state.set({ sy: value })),
+        choice('Along x', columns, x, (value) => state.set({ sx: value })),
+        choice('Along y', columns, y, (value) => state.set({ sy: value })),
       );
       const toggle = (name) => (event) => {
-        const rest = shown.filter((other) => other !== name);
-        state.set({
-          axes: genes()
-            .filter((gene) => (gene === name ? event.target.checked : rest.includes(gene)))
-            .join(','),
-        });
+        const next = genes().filter((gene) => (gene === name ? event.target.checked : shown.includes(gene)));
+        state.set({ axes: next.join(',') });
       };
-      const boxes = genes().map((name) =>
-        h(
-          'label',
-          { class: 'inline' },
-          h('input', { type: 'checkbox', checked: shown.includes(name), onchange: toggle(name) }),
-          name,
-        ),
-      );
-      replace(
-        axesBox,
-        h('summary', null, `Axes: ${shown.length} of ${genes().length} genes`),
-        h('div', { class: 'siblings' }, boxes),
-      );
-      drawRanges(rows, [...shown, ...measures()]);
+      const tick = (name) => h('input', { type: 'checkbox', checked: shown.includes(name), onchange: toggle(name) });
+      const boxes = genes().map((name) => h('label', { class: 'inline' }, tick(name), name));
+      const text = `Axes: ${shown.length} of ${genes().length} genes`;
+      replace(axesBox, h('summary', null, text), h('div', { class: 'siblings' }, boxes));
     }
 
-    function drawRanges(rows, names) {
-      const { columns } = store.individuals;
-      replace(
-        rangeBox,
-        names.map((name) => {
-          const present = extent(
-            rows.map((row) => columns[name][row]),
-            { margin: 0 },
-          );
-          const field = (which, text, fallback) =>
-            h('input', {
-              type: 'number',
-              step: 'any',
-              'data-range': `${name} ${which}`,
-              'aria-label': `${name}, ${text}`,
-              placeholder: number(fallback),
-              onchange: (event) => setEnd(name, which, event.target.value),
-            });
-          return h(
-            'div',
-            null,
-            h('span', null, unit(name)),
-            field(0, 'at least', present[0]),
-            'to',
-            field(1, 'at most', present[1]),
-          );
-        }),
-      );
-    }
-
-    function setEnd(name, which, text) {
-      const range = [...(parseBrush(state.get('brush')).get(name) ?? [-Infinity, Infinity])];
-      range[which] = text === '' ? (which === 0 ? -Infinity : Infinity) : Number(text);
-      setRange(name, range.every((end) => !Number.isFinite(end)) ? null : range);
-    }
-
-    function fillRanges(ranges) {
-      for (const input of rangeBox.querySelectorAll('input')) {
-        if (input === document.activeElement) continue;
-        const at = input.dataset.range.lastIndexOf(' ');
-        const end = ranges.get(input.dataset.range.slice(0, at))?.[Number(input.dataset.range.slice(at + 1))];
-        input.value = Number.isFinite(end) ? String(Number(end.toPrecision(5))) : '';
-      }
-    }
-
-    async function fetchLandscape(a, b) {
-      const both = genes().includes(a) && genes().includes(b) && a !== b;
-      const key = both ? `${store.run?.id} ${a} ${b}` : null;
-      if (landscape.key === key) return;
-      landscape = { key, value: null };
-      setText(landscapeNote, '');
-      if (key === null || store.run === null) return;
-      try {
-        const value = prepareLandscape(await context.api.get('/api/landscape', { id: store.run.id, a, b }));
-        if (landscape.key !== key) return;
-        landscape.value = value;
-        const [low, high] = value.domain;
-        setText(
-          landscapeNote,
-          `Beneath: the best error of the whole grid for each pair of values, ${percent(low)} to ${percent(high)}.`,
-        );
-      } catch (error) {
-        if (landscape.key === key)
-          setText(
-            landscapeNote,
-            error.status === 404
-              ? 'No grid of this search space is known: coordinator exhaust makes one.'
-              : error.message,
-          );
-      }
-      draw();
+    function drawNote(all, drawn) {
+      const { omitted } = store.individuals;
+      const parts = [plural(all.length, 'individual')];
+      if (drawn.length < all.length) parts.push(`the last ${count(drawn.length)} are drawn`);
+      if (omitted) parts.push(`${count(omitted)} older ones have not been loaded`);
+      setText(note, `${parts.join('; ')}.`);
     }
 
     function frontRows() {
-      const { front } = store.detail ?? {};
-      if (!front) return [];
-      const { generation, individual } = front.columns;
+      if (!store.detail.front) return [];
+      const { generation, individual } = store.detail.front.columns;
       return generation.map((of, row) => store.rowOf(of, individual[row])).filter((row) => row !== undefined);
     }
 
     function drawFront() {
-      const front = store.detail?.front ?? null;
-      frontPanel.hidden = front === null;
-      lineagePanel.classList.toggle('wide', front !== null);
-      if (front === null || frontPanel.dataset.rows === String(front.rows)) return;
-      frontPanel.dataset.rows = String(front.rows);
-      frontChart?.destroy();
-      const { columns } = front;
-      const place = h('div', null);
-      replace(frontPlace, place, plainTable('Front', front, FRONT));
-      const across = columns.cost ? 'cost' : 'size';
-      const of = (wins) =>
-        columns[across]
-          .map((x, row) => [x, columns.train_object_error[row], columns.winner[row]])
-          .filter(([, , winner]) => winner === wins)
-          .map(([x, y]) => [x, y]);
-      let domain;
-      const paint = () =>
-        frontChart.draw({
-          label: `Front of ${front.rows} descriptors, ${across} against training error.`,
-          x: { title: across === 'cost' ? 'Counted cost (≈ ns a cloud)' : 'Values a cloud', format: count, domain },
-          y: { title: 'Training error', format: (value) => percent(value, 1) },
-          series: [
-            { name: 'front', colour: '--c1', symbol: 'circle', only: true, points: of(false) },
-            { name: 'winner', colour: '--c2', symbol: 'square', only: true, points: of(true) },
-          ],
-          bands: [],
-          lines: [],
-        });
-      frontChart = createChart(place, {
-        height: 260,
-        onzoom: (next) => {
-          domain = next ?? undefined;
-          paint();
-        },
-      });
-      paint();
+      const known = store.detail.front !== null;
+      frontPanel.hidden = !known;
+      lineagePanel.classList.toggle('wide', known);
+      if (known) front.show(store.detail.front);
     }
 
     function drawTable(rows, shown) {
       const names = [...shown, ...measures()];
-      if (tableColumns !== names.join()) {
-        tableColumns = names.join();
-        const of = (name) => (row) => store.individuals.columns[name]?.[row];
-        const id = (row) => `${of('generation')(row)}.${of('individual')(row)}`;
-        table = createTable({
-          caption: 'Individuals',
-          key: id,
-          signature: (row) => String(state.get('selected') === id(row)),
-          page: 25,
-          sort: 'object_error:ascending',
-          getSort: () => state.get('sort'),
-          setSort: (sort) => state.set({ sort }),
-          rowClass: (row) => (state.get('selected') === id(row) ? 'selected' : ''),
-          columns: [
-            {
-              id: 'individual',
-              title: 'Individual',
-              header: true,
-              value: (row) => of('generation')(row) * 1e6 + of('individual')(row),
-              node: (row) =>
-                h(
-                  'button',
-                  { class: 'small', 'aria-label': `lineage of ${id(row)}`, onclick: () => select(row) },
-                  id(row),
-                ),
-            },
-            ...names.map((name) => ({
-              id: name,
-              title: unit(name),
-              number: true,
-              value: of(name),
-              text: (row) => cell(name, of(name)(row)),
-            })),
-            { id: 'elite', title: 'Elite', value: of('elite') },
-            { id: 'remembered', title: 'Remembered', value: of('remembered') },
-            { id: 'worker', title: 'Worker', value: of('worker') },
-            { id: 'queued_seconds', title: 'Waited', number: true, value: of('queued_seconds') },
-            { id: 'run_seconds', title: 'Ran', number: true, value: of('run_seconds') },
-          ],
-        });
+      if (tableNames !== names.join()) {
+        tableNames = names.join();
+        table = individualsTable(context, names, title, select);
         replace(tablePlace, table.element);
       }
       table.set(rows.filter((row) => store.passes(row)));
     }
 
+    /** Shows the lineage of the individual in the address, if it has been loaded, and returns its row. */
     function drawLineage(shown) {
       const [generation, individual] = (state.get('selected') ?? '').split('.').map(Number);
       const row = store.rowOf(generation, individual);
-      lineagePlace.hidden = row === undefined;
-      descriptorButton.hidden = row === undefined;
+      for (const element of [lineagePlace, descriptorButton]) element.hidden = row === undefined;
       lineageNote.hidden = row !== undefined;
       if (row !== undefined) lineage.show(row, shown);
       return row;
     }
 
-    function draw() {
-      if (store.individuals === null || store.detail === null) return;
-      const { columns, omitted } = store.individuals;
-      const all = scopeRows();
-      const rows = all.slice(-MOST_DRAWN);
-      const shown = shownGenes(all);
-      const ranges = parseBrush(state.get('brush'));
-      drawTools(rows, shown);
-      fillRanges(ranges);
-      const parts = [`${plural(all.length, 'individual')}`];
-      if (rows.length < all.length) parts.push(`the last ${count(rows.length)} are drawn`);
-      if (omitted) parts.push(`${count(omitted)} older ones have not been loaded`);
-      setText(note, `${parts.join('; ')}.`);
-      const selected = drawLineage(shown);
+    function drawMarks(rows, shown, selected) {
+      const { columns } = store.individuals;
       const by = colourBy();
-      const colourDomain = extent(
+      const domain = extent(
         rows.map((row) => columns[by][row]),
         { margin: 0 },
       );
       replace(
         legend,
-        rampLegend(by === 'generation' ? 'Generation' : 'Object error', colourDomain, (value) => cell(by, value)),
+        rampLegend(title(by), domain, (value) => cell(by, value)),
       );
+      const brush = parseBrush(state.get('brush'));
       const passes = (row) => store.passes(row);
-      const common = { rows, table: columns, ranges, passes, colourBy: by, colourDomain, selected };
-      const format = (name, value) => (/error$/.test(name) ? percent(value, 0) : number(value));
-      parallel.draw({
-        ...common,
-        columns: [...shown, ...measures()],
-        format,
-        title: unit,
-        label: `Parallel coordinates of ${rows.length} individuals, ${shown.length} genes.`,
-      });
-      const [x, y] = [axis('sx'), axis('sy')];
-      fetchLandscape(x, y);
+      const common = { rows, table: columns, ranges: brush, passes, colourBy: by, colourDomain: domain, selected };
+      const names = [...shown, ...measures()];
+      ranges.draw(columns, names, rows, brush, title);
+      const text = `Parallel coordinates of ${rows.length} individuals, ${shown.length} genes.`;
+      parallel.draw({ ...common, columns: names, format, title, label: text });
+      const [x, y] = scatterAxes(shown);
+      landscape.want(x, y, genes());
       scatter.draw({
         ...common,
         x,
         y,
-        xTitle: unit(x),
-        yTitle: unit(y),
+        xTitle: title(x),
+        yTitle: title(y),
         xFormat: (value) => format(x, value),
         yFormat: (value) => format(y, value),
-        landscape: landscape.value,
+        landscape: landscape.of(),
         front: frontRows(),
-        label: `Scatter of ${rows.length} individuals, ${unit(x)} against ${unit(y)}.`,
+        label: `Scatter of ${rows.length} individuals, ${title(x)} against ${title(y)}.`,
       });
+    }
+
+    function draw() {
+      if (store.individuals === null || store.detail === null) return;
+      const all = scopeRows();
+      const rows = all.slice(-MOST_DRAWN);
+      const shown = shownGenes(all);
+      drawTools(shown);
+      drawNote(all, rows);
+      drawMarks(rows, shown, drawLineage(shown));
       drawFront();
       drawTable(all, shown);
     }
@@ -471,10 +355,7 @@ export const view = {
         if (['individuals', 'filter', 'state', 'detail'].some((name) => changed.has(name))) draw();
       },
       destroy() {
-        parallel.destroy();
-        scatter.destroy();
-        lineage.destroy();
-        frontChart?.destroy();
+        for (const part of [parallel, scatter, lineage, front]) part.destroy();
       },
     };
   },
