@@ -13,28 +13,53 @@ macro_rules! pages {
 }
 
 const SCRIPTS: &[Asset] = &pages![JS;
+    "answers.js",
     "api.js",
     "axes.js",
     "brush.js",
+    "channel-bars.js",
     "chart.js",
+    "cloud-cache.js",
+    "cloud-input.js",
+    "command.js",
     "comparison.js",
+    "confusion.js",
     "curves.js",
     "dom.js",
     "format.js",
+    "front.js",
+    "histogram.js",
+    "lanes.js",
+    "lineage.js",
+    "looks.js",
     "main.js",
+    "parallel.js",
+    "ramp.js",
+    "ranges.js",
     "regions.js",
     "run-header.js",
+    "scatter.js",
     "state.js",
     "store.js",
     "stream.js",
     "table.js",
     "theme.js",
+    "timeline-canvas.js",
+    "triple.js",
+    "view-answers.js",
+    "view-control.js",
     "view-convergence.js",
+    "view-descriptor.js",
+    "view-fleet.js",
+    "view-log.js",
     "view-overview.js",
+    "view-population.js",
     "view-runs.js",
+    "view-timeline.js",
+    "wrong-list.js",
 ];
 
-const STYLES: &[Asset] = &pages![CSS; "style.css"];
+const STYLES: &[Asset] = &pages![CSS; "clouds.css", "style.css"];
 
 /// The file at a path.
 pub fn asset(path: &str) -> Option<Asset> {
