@@ -12,7 +12,7 @@ pub enum Error {
     #[error("{}: run folder is not a folder, got a file\nchoose another folder", .0.display())]
     NotAFolder(PathBuf),
     /// A file of a report would replace a file of somebody else.
-    #[error("{}: must be a new file or one of an earlier report, got another file\nchoose another --out or --svg: nothing was written", .0.display())]
+    #[error("{}: must be a new file or one of an earlier report, got another file\nchoose another --out, --svg or --figures: nothing was written", .0.display())]
     Occupied(PathBuf),
     /// The run folder cannot be made or written to.
     #[error("{}: run folder is not writable, got: {source}\nchange its permissions or choose another folder", .folder.display())]

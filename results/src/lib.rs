@@ -59,7 +59,9 @@ pub use read::{
     read_landscapes, read_log, read_looks, read_pairs, read_perturbed, read_predictions, read_run, read_sets,
     read_table, read_workers,
 };
-pub use report::{CLOUD_VIEWER, ChannelPairs, Report, ShownCloud, Told, WinnerChannel, WrongClouds};
+pub use report::{
+    CLOUD_VIEWER, ChannelPairs, NamedRun, Report, ShownCloud, Told, WinnerChannel, WrongClouds,
+};
 pub use schema::schema_markdown;
 pub use statistics::{Cluster, RankSum, bootstrap, holm, mcnemar, rank_sum, wilson};
 pub use table_name::TableName;

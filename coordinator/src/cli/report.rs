@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::Args;
+use results::{NamedRun, TableName};
 
 use crate::console::say;
 use crate::experiment::DEFAULT_RESULTS_DIR;
@@ -14,12 +15,14 @@ use crate::sweep::{self, SWEEP_FILE, Seed};
 /// Write a report: one HTML page that needs nothing else, and each of its figures as an SVG file
 ///
 /// Of one run, finished or not, all there is to see; of a sweep or several runs, how results are distributed over seeds
-/// and how kinds of search compare. Tables are read and never changed.
+/// and how kinds of search compare; of an exhaustive search, the best descriptors and what the search space is like. Tables
+/// are read and never changed.
 ///
 /// Example: coordinator report results/runs/demo-0123456789ab --out demo.html
 #[derive(Debug, Args)]
 pub struct Report {
-    /// Folders of runs or sweeps, for example results/runs/demo-0123456789ab; by default the newest in results/runs
+    /// Folders of runs or sweeps, or that of an exhaustive search, for example results/runs/demo-0123456789ab; by default
+    /// the newest in results/runs
     #[arg(value_name = "RUN")]
     runs: Vec<PathBuf>,
     /// The page, for example demo.html; by default RUN/report/report.html, needed with several RUN
@@ -28,6 +31,9 @@ pub struct Report {
     /// Folder of the SVG files, for example figures; by default that of the page
     #[arg(long, value_name = "DIR")]
     svg: Option<PathBuf>,
+    /// Folder for each figure as SVG and PDF, and the paper's Table 1 as LaTeX, for example paper/figures
+    #[arg(long, value_name = "DIR")]
+    figures: Option<PathBuf>,
     /// The folder of an exhaustive search of the same space, for example results/grids/demo: draws its exact marginals
     /// beside those that the run has met
     #[arg(long, value_name = "GRID")]
@@ -46,27 +52,51 @@ impl Report {
                 runs.len()
             ),
         };
-        let folders = folders(&runs)?;
-        let report = match (folders.as_slice(), self.grid) {
-            ([(_, folder)], grid) => results::Report::of_run(folder, grid.as_deref(), &told(folder))?,
-            (_, Some(grid)) => anyhow::bail!(
-                "--grid: goes with one run, got {} and {}\nleave it out, or name one run",
-                folders.len(),
-                grid.display()
-            ),
-            (folders, None) => results::Report::of_runs(&title(&runs), folders, &verdict_of_seeds(folders))?,
-        };
+        let report = report(&runs, self.grid.as_deref(), &page)?;
         let svg = self.svg.unwrap_or_else(|| page.parent().unwrap_or(Path::new("")).to_owned());
         let figures = report.write(&page, &svg)?.len();
         let svg = if svg.as_os_str().is_empty() { PathBuf::from(".") } else { svg };
-        super::print(&format!("{}\n{figures} figures as SVG in {}\n", page.display(), svg.display()))?;
+        let mut lines = format!("{}\n{figures} figures as SVG in {}\n", page.display(), svg.display());
+        if let Some(folder) = self.figures {
+            let files = report.write_figures(&folder)?.len();
+            lines.push_str(&format!("{files} files for a paper in {}\n", folder.display()));
+        }
+        super::print(&lines)?;
         Ok(ExitCode::SUCCESS)
     }
 }
 
+/// The report of these folders, whose page will be `page`.
+fn report(runs: &[PathBuf], grid: Option<&Path>, page: &Path) -> anyhow::Result<results::Report> {
+    if let [folder] = runs
+        && folder.join(TableName::Grid.as_str()).is_dir()
+    {
+        if let Some(grid) = grid {
+            anyhow::bail!(
+                "--grid: goes with a run, got {} and the exhaustive search {}\nleave it out, or name a run",
+                grid.display(),
+                folder.display()
+            );
+        }
+        return Ok(results::Report::of_grid(folder)?);
+    }
+    let folders = folders(runs)?;
+    match (folders.as_slice(), grid) {
+        ([run], grid) => Ok(results::Report::of_run(&run.folder, grid, &told(&run.folder))?),
+        (_, Some(grid)) => anyhow::bail!(
+            "--grid: goes with one run, got {} and {}\nleave it out, or name one run",
+            folders.len(),
+            grid.display()
+        ),
+        (folders, None) => {
+            Ok(results::Report::of_runs(&title(runs), folders, &verdict_of_seeds(folders), page)?)
+        }
+    }
+}
+
 /// What the seeds of a sweep say together, those of each variant.
-fn verdict_of_seeds(folders: &[(String, PathBuf)]) -> Vec<String> {
-    let read = |(name, folder): &(String, PathBuf)| {
+fn verdict_of_seeds(folders: &[NamedRun]) -> Vec<String> {
+    let read = |NamedRun { name, folder, .. }: &NamedRun| {
         let run = results::read_run(folder).ok()?.row;
         Some((name.clone(), run, results::read_comparison(folder).ok()?, results::read_pairs(folder).ok()?))
     };
@@ -96,9 +126,9 @@ fn newest_run(parent: &Path) -> anyhow::Result<PathBuf> {
     Ok(newest)
 }
 
-/// The folders of all runs with what to call them, each folder once. Runs of a sweep that have not begun are not there.
-fn folders(runs: &[PathBuf]) -> anyhow::Result<Vec<(String, PathBuf)>> {
-    let mut folders: Vec<(String, PathBuf)> = Vec::new();
+/// All runs with what to call them, each folder once. Runs of a sweep that have not begun are not there.
+fn folders(runs: &[PathBuf]) -> anyhow::Result<Vec<NamedRun>> {
+    let mut folders: Vec<NamedRun> = Vec::new();
     let mut met = std::collections::BTreeSet::new();
     for run in runs {
         for (member, folder) in sweep::run_folders(run)? {
@@ -110,11 +140,15 @@ fn folders(runs: &[PathBuf]) -> anyhow::Result<Vec<(String, PathBuf)>> {
                 say(format_args!("{}: named twice, counts once", folder.display()));
                 continue;
             }
-            let label = match (runs.len(), member.is_empty()) {
+            // Its seed tells where the name of a member's variant ends.
+            let seed = results::read_run(&folder).ok().map(|run| run.row.seed);
+            let variant = seed.map(|seed| sweep::variant(&member, seed).to_owned());
+            let variant = variant.filter(|variant| !variant.is_empty());
+            let name = match (runs.len(), member.is_empty()) {
                 (1, false) => member,
                 _ => folder.display().to_string(),
             };
-            folders.push((label, folder));
+            folders.push(NamedRun { name, folder, variant });
         }
     }
     Ok(folders)

@@ -32,7 +32,7 @@ use crate::run::{
 use crate::session::{Session, listen};
 pub use record::{SWEEP_FILE, recorded_sweep};
 pub use summary::SweepSummary;
-pub use verdict::{Seed, verdicts};
+pub use verdict::{Seed, variant, verdicts};
 
 /// The folder of a sweep: `out`, or one that the same sweep finds again; `fresh`: one that is not there.
 pub fn folder(sweep: &Sweep, out: Option<PathBuf>, fresh: bool) -> PathBuf {

@@ -108,6 +108,8 @@ pub(crate) enum Scale {
     Within([f64; 2]),
     /// Names at 0, 1, …: from left to right, from top to bottom.
     Names(Vec<String>),
+    /// Values at 0, 1, …: from left to right, from bottom to top.
+    Values(Vec<f64>),
 }
 
 impl Axis {
@@ -119,6 +121,11 @@ impl Axis {
     /// An axis of names.
     pub fn names(label: &str, names: Vec<String>) -> Self {
         Self { label: label.to_owned(), unit: String::new(), scale: Scale::Names(names) }
+    }
+
+    /// An axis of values that are as far apart whatever lies between them.
+    pub fn values(label: &str, unit: &str, values: Vec<f64>) -> Self {
+        Self { label: label.to_owned(), unit: unit.to_owned(), scale: Scale::Values(values) }
     }
 
     /// An axis that ends a little beyond these values, whatever marks there are.
@@ -146,7 +153,8 @@ impl Axis {
     /// Both ends, the lower first: beyond all marks of the panel by a little, or half a place beyond the names.
     pub fn range(&self, marks: impl Iterator<Item = f64>) -> [f64; 2] {
         let seen = match &self.scale {
-            Scale::Names(names) => return [-0.5, names.len().max(1) as f64 - 0.5],
+            Scale::Names(names) => return places(names.len()),
+            Scale::Values(values) => return places(values.len()),
             Scale::Within(ends) => return *ends,
             Scale::Numbers(seen) => seen,
         };
@@ -156,6 +164,11 @@ impl Axis {
         });
         padded(ends.unwrap_or([0.0, 1.0]))
     }
+}
+
+/// Ends of an axis of so many places.
+fn places(count: usize) -> [f64; 2] {
+    [-0.5, count.max(1) as f64 - 0.5]
 }
 
 /// Ends of an axis that shows all between two values.

@@ -3,13 +3,16 @@
 //! Tables are read in `data.rs`; `figures/` makes figures of them, `figure.rs` says what a figure is; `draw/` draws it,
 //! `run_page.rs` and its neighbours say what stands on a page, `html.rs` lays it out.
 
+mod address;
 mod data;
 mod descriptor_tables;
 mod draw;
 mod escape;
 mod figure;
 mod figures;
+mod grid_page;
 mod html;
+mod latex;
 mod numbers;
 mod palette;
 mod run_page;
@@ -29,6 +32,7 @@ use std::{fs, io};
 use data::{Rows, RunData};
 pub use figures::channels::{ChannelPairs, WinnerChannel};
 use html::Page;
+pub use runs::NamedRun;
 use runs::Runs;
 pub use told::Told;
 pub use wrong::{ShownCloud, WrongClouds};
@@ -44,6 +48,8 @@ pub const CLOUD_VIEWER: &str = html::VIEWER;
 #[derive(Clone, Debug)]
 pub struct Report {
     page: Page,
+    /// The paper's Table 1, if descriptors were compared.
+    table1: Option<String>,
 }
 
 impl Report {
@@ -63,16 +69,27 @@ impl Report {
                 Some(Rows::read(grid, TableName::Marginals)?.ok_or(missing)?)
             }
         };
-        Ok(Self { page: run_page::page(&data, grid.as_ref(), told)? })
+        let table1 =
+            data.comparison.as_ref().map(|comparison| latex::table1(&comparison.descriptors)).transpose()?;
+        Ok(Self { page: run_page::page(&data, grid.as_ref(), told)?, table1 })
     }
 
-    /// The report of several runs, each by its name and folder: what they reached, over seeds and compared with each other.
-    /// A run that is named twice, or is the same as another, counts once. `verdict`: what seeds say together, in sentences.
+    /// The report of several runs: what they reached, over seeds and compared with each other. A run that is named twice,
+    /// or is the same as another, counts once. `verdict`: what seeds say together, in sentences. `page`: where the page
+    /// will be, from which it leads to the reports of the runs that have one.
     ///
     /// # Errors
     /// As [`Report::of_run`].
-    pub fn of_runs(title: &str, folders: &[(String, PathBuf)], verdict: &[String]) -> Result<Self, Error> {
-        Ok(Self { page: runs_page::page(title, &Runs::read(folders)?, verdict) })
+    pub fn of_runs(title: &str, runs: &[NamedRun], verdict: &[String], page: &Path) -> Result<Self, Error> {
+        Ok(Self { page: runs_page::page(title, &Runs::read(runs, page)?, verdict), table1: None })
+    }
+
+    /// The report of an exhaustive search: the best descriptors, how rare they are, and how errors depend on genes.
+    ///
+    /// # Errors
+    /// If the grid is not whole, or if a file in it cannot be read or is damaged; the message names the file.
+    pub fn of_grid(folder: impl AsRef<Path>) -> Result<Self, Error> {
+        Ok(Self { page: grid_page::page(folder.as_ref())?, table1: None })
     }
 
     /// The page.
@@ -90,6 +107,34 @@ impl Report {
     pub fn svgs(&self) -> Result<Vec<(String, String)>, Error> {
         let file = |figure: &figure::Figure| Ok((format!("{}.svg", figure.id), draw::svg(figure)?));
         self.page.figures().map(file).collect()
+    }
+
+    /// Writes each figure as SVG and PDF into the folder `to`, which is made, and the comparison as LaTeX, if there is one.
+    /// Gives the files.
+    ///
+    /// # Errors
+    /// As [`Report::write`].
+    pub fn write_figures(&self, to: &Path) -> Result<Vec<PathBuf>, Error> {
+        let mut files: Vec<(String, Vec<u8>, fn(&str) -> bool)> = Vec::new();
+        for (name, content) in self.svgs()? {
+            files.push((name, content.into_bytes(), draw::begins_svg));
+        }
+        for figure in self.page.figures() {
+            files.push((format!("{}.pdf", figure.id), draw::pdf(figure)?, draw::begins_pdf));
+        }
+        if let Some(table) = &self.table1 {
+            files.push((latex::FILE.to_owned(), table.clone().into_bytes(), latex::begins_table));
+        }
+        for (name, _, is_ours) in &files {
+            refuse_foreign(&to.join(name), is_ours)?;
+        }
+        fs::create_dir_all(to).map_err(|source| Error::io(to, "make this folder", source))?;
+        let write = |(name, content, _): (String, Vec<u8>, fn(&str) -> bool)| {
+            let file = to.join(name);
+            write_whole(&file, &content)?;
+            Ok(file)
+        };
+        files.into_iter().map(write).collect()
     }
 
     /// Writes the page to `html` and the figures into the folder `svg`, which are made. Gives the figures' files.

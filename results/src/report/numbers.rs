@@ -88,6 +88,7 @@ fn table(figure: &Figure, panel: &Panel) -> Option<TableBlock> {
 fn place(axis: &Axis, place: usize) -> String {
     match &axis.scale {
         Scale::Names(names) => names.get(place).cloned().unwrap_or_default(),
+        Scale::Values(values) => values.get(place).copied().map(number).unwrap_or_default(),
         _ => place.to_string(),
     }
 }

@@ -1,6 +1,7 @@
 //! Several runs in tables: their groups, each run, and how sure their differences are.
 
 use super::figures::quantile;
+use super::html::Item;
 use super::runs::{Group, Member, Runs};
 use super::summary::interval_text;
 use super::table::TableBlock;
@@ -26,31 +27,40 @@ fn spread(values: impl Iterator<Item = f64> + Clone) -> String {
 
 /// One row per group.
 pub(crate) fn groups(groups: &[Group]) -> TableBlock {
-    let row = |Group { name, members, .. }: &Group| {
+    // Where variants have names, what is behind them is not said yet.
+    let with_settings = groups.iter().any(|group| group.name != group.settings);
+    let row = |Group { name, settings, members, .. }: &Group| {
         let evaluated = median(members.iter().map(|member| member.best.len() as f64));
-        vec![
-            name.clone(),
+        let mut row = vec![name.clone()];
+        if with_settings {
+            row.push(settings.clone());
+        }
+        row.extend([
             members.len().to_string(),
             evaluated.map_or_else(String::new, |evaluated| format!("{evaluated:.0}")),
             spread(members.iter().map(Member::training_error)),
             spread(members.iter().filter_map(Member::test_error)),
             spread(members.iter().filter_map(Member::regret)),
-        ]
+        ]);
+        row
     };
-    let head =
-        ["runs of", "runs", "different descriptors", "training error, %", "test error, %", "regret, %"];
+    let mut head =
+        vec!["runs of", "runs", "different descriptors", "training error, %", "test error, %", "regret, %"];
+    if with_settings {
+        head.insert(1, "which differs in");
+    }
     TableBlock {
         caption:
             "Groups of runs that differ in their seed only: median, lowest and highest of their winners."
                 .to_owned(),
-        head: head.map(str::to_owned).to_vec(),
+        head: head.into_iter().map(str::to_owned).collect(),
         rows: groups.iter().map(row).collect(),
-        texts: 1,
+        texts: if with_settings { 2 } else { 1 },
     }
 }
 
-/// One row per run.
-pub(crate) fn members(runs: &Runs) -> TableBlock {
+/// One row per run, which leads to the run's own report, and what to do where there is none.
+pub(crate) fn members(runs: &Runs) -> Vec<Item> {
     let all = runs.groups.iter().flat_map(|group| &group.members);
     let count = all.clone().count();
     let error = |counts: Option<Counts>| {
@@ -73,15 +83,27 @@ pub(crate) fn members(runs: &Runs) -> TableBlock {
     };
     let head = ["run", "descriptors", "training, %", "validation, %", "test, %", "95 %", "run digest"];
     let more = if count > MOST_RUNS { format!(" The first {MOST_RUNS} of {count}.") } else { String::new() };
-    TableBlock {
+    let table = TableBlock {
         caption: format!(
             "Object errors of the winner of each run, in the test with Wilson’s 95 % interval; descriptors: different ones \
              that were evaluated.{more}"
         ),
         head: head.map(str::to_owned).to_vec(),
-        rows: all.take(MOST_RUNS).map(row).collect(),
+        rows: all.clone().take(MOST_RUNS).map(row).collect(),
         texts: 1,
+    };
+    let addresses = all.clone().take(MOST_RUNS).map(|member| member.report.clone()).collect();
+    let mut items = vec![Item::Links { table, addresses }];
+    let without: Vec<&Member> = all.filter(|member| member.report.is_none()).collect();
+    if let [first, ..] = without.as_slice() {
+        items.push(Item::Missing(format!(
+            "No report yet of {} runs: `coordinator report {}` writes that of {}.",
+            without.len(),
+            first.folder.display(),
+            first.label
+        )));
     }
+    items
 }
 
 /// A comparison of two groups in one measure.
@@ -183,11 +205,15 @@ mod tests {
     fn group(name: &str, data_digest: &str, bests: [&[f64]; 3]) -> Group {
         let member = |best: &[f64]| Member {
             label: name.to_owned(),
+            folder: std::path::PathBuf::new(),
+            variant: None,
+            report: None,
             run: FinishedRun { row: fixture::run(), genes: fixture::genes(), run_digest: String::new() },
             best: best.to_vec(),
         };
         let members = bests.map(member).to_vec();
-        Group { name: name.to_owned(), data_digest: data_digest.to_owned(), members }
+        let (name, data_digest) = (name.to_owned(), data_digest.to_owned());
+        Group { settings: name.clone(), name, data_digest, members }
     }
 
     #[test]

@@ -3,16 +3,35 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
+use super::address::address;
+
 use super::data::{Rows, percent};
 use crate::error::Error;
 use crate::read::{FinishedRun, finished, read_file, run_file};
 use crate::table_name::TableName;
+
+/// A run among several, by its folder.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NamedRun {
+    /// What it is called.
+    pub name: String,
+    /// Its folder.
+    pub folder: PathBuf,
+    /// What the variant that it is of is called by whoever wrote the sweep, if it has a name.
+    pub variant: Option<String>,
+}
 
 /// A run among several.
 #[derive(Clone, Debug)]
 pub(crate) struct Member {
     /// Its label.
     pub label: String,
+    /// Its folder.
+    pub folder: PathBuf,
+    /// The variant that it is of.
+    pub variant: Option<String>,
+    /// Where its own report is, from the page; `None` if it has none.
+    pub report: Option<String>,
     /// Its row.
     pub run: FinishedRun,
     /// The lowest training error, percent, after each number of different descriptors from 1.
@@ -22,8 +41,10 @@ pub(crate) struct Member {
 /// Runs of one search on the same clouds, which differ in their seed only.
 #[derive(Clone, Debug)]
 pub(crate) struct Group {
-    /// The settings in which it differs from the others.
+    /// Its variant, or the settings in which it differs from the others.
     pub name: String,
+    /// The settings in which it differs from the others.
+    pub settings: String,
     /// The clouds.
     pub data_digest: String,
     /// Its runs.
@@ -40,15 +61,15 @@ pub(crate) struct Runs {
 }
 
 impl Runs {
-    /// Reads runs, each by its name and folder. One that is named twice, or that is the same as another, counts once; one
+    /// Reads runs, for the page `page`. One that is named twice, or that is the same as another, counts once; one
     /// that is not finished has no result.
     ///
     /// # Errors
     /// If a folder is not a run folder, or if a file in it cannot be read or is damaged; the message names the file.
-    pub fn read(folders: &[(String, PathBuf)]) -> Result<Self, Error> {
+    pub fn read(runs: &[NamedRun], page: &Path) -> Result<Self, Error> {
         let (mut members, mut notes) = (Vec::new(), Vec::new());
         let mut met: BTreeMap<String, String> = BTreeMap::new();
-        for (label, folder) in folders {
+        for NamedRun { name: label, folder, variant } in runs {
             let file = match run_file(folder) {
                 Ok(file) => file,
                 Err(Error::Unfinished(_)) => {
@@ -65,7 +86,10 @@ impl Runs {
                 continue;
             }
             let best = best_so_far(folder)?;
-            members.push(Member { label: label.clone(), run, best });
+            let report = folder.join("report").join("report.html");
+            let report = report.is_file().then(|| address(page, &report)).flatten();
+            let (label, folder, variant) = (label.clone(), folder.clone(), variant.clone());
+            members.push(Member { label, folder, variant, report, run, best });
         }
         Ok(Self { groups: grouped(members), notes })
     }
@@ -90,13 +114,22 @@ fn best_so_far(folder: &Path) -> Result<Vec<f64>, Error> {
     Ok(best)
 }
 
+/// What the runs of a group share.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Key {
+    settings: Vec<String>,
+    data_digest: String,
+    variant: Option<String>,
+}
+
 /// Runs that differ in nothing but the seed, together.
 fn grouped(members: Vec<Member>) -> Vec<Group> {
-    let mut keys: Vec<(Vec<String>, String)> = Vec::new();
+    let mut keys: Vec<Key> = Vec::new();
     let mut groups: Vec<Vec<Member>> = Vec::new();
     for member in members {
         let row = &member.run.row;
-        let key = (settings(&row.search_config), row.data_digest.clone());
+        let (settings, data_digest) = (settings(&row.search_config), row.data_digest.clone());
+        let key = Key { settings, data_digest, variant: member.variant.clone() };
         let place = keys.iter().position(|other| *other == key).unwrap_or_else(|| {
             keys.push(key);
             groups.push(Vec::new());
@@ -104,9 +137,17 @@ fn grouped(members: Vec<Member>) -> Vec<Group> {
         });
         groups[place].push(member);
     }
-    let names = names(&keys, &groups);
-    let of = |((members, (_, data_digest)), name)| Group { name, data_digest, members };
-    groups.into_iter().zip(keys).zip(names).map(of).collect()
+    let differences = differences(&keys, &groups);
+    let names = names(&keys, &differences);
+    let named = groups.into_iter().zip(keys).zip(differences.into_iter().zip(names));
+    named
+        .map(|((members, Key { data_digest, .. }), (settings, name))| Group {
+            name,
+            settings,
+            data_digest,
+            members,
+        })
+        .collect()
 }
 
 /// The lines of a search's canonical TOML as `section.key = value`, without its seed. (Seeds of the data are in
@@ -125,9 +166,9 @@ fn settings(search_config: &str) -> Vec<String> {
 }
 
 /// The settings in which the groups differ.
-fn names(keys: &[(Vec<String>, String)], groups: &[Vec<Member>]) -> Vec<String> {
-    let everywhere = |setting: &String| keys.iter().all(|(settings, _)| settings.contains(setting));
-    let name = |((settings, data), members): (&(Vec<String>, String), &Vec<Member>)| {
+fn differences(keys: &[Key], groups: &[Vec<Member>]) -> Vec<String> {
+    let everywhere = |setting: &String| keys.iter().all(|key| key.settings.contains(setting));
+    let name = |(Key { settings, data_digest: data, .. }, members): (&Key, &Vec<Member>)| {
         let mut parts: Vec<String> = settings
             .iter()
             .filter(|setting| !everywhere(setting))
@@ -136,7 +177,7 @@ fn names(keys: &[(Vec<String>, String)], groups: &[Vec<Member>]) -> Vec<String> 
                 format!("{} {}", key.rsplit('.').next().unwrap_or(key), value.trim_matches('"'))
             })
             .collect();
-        if keys.iter().any(|(_, other)| other != data) {
+        if keys.iter().any(|other| other.data_digest != *data) {
             parts.push(format!("data {}", data.get(..8).unwrap_or(data)));
         }
         if parts.is_empty() {
@@ -145,6 +186,19 @@ fn names(keys: &[(Vec<String>, String)], groups: &[Vec<Member>]) -> Vec<String> 
         parts.join(", ")
     };
     keys.iter().zip(groups).map(name).collect()
+}
+
+/// What to call the groups: by their variants, with their differences where a variant has another beside it of the same
+/// name; without variants by their differences.
+fn names(keys: &[Key], differences: &[String]) -> Vec<String> {
+    let name = |(key, settings): (&Key, &String)| match &key.variant {
+        None => settings.clone(),
+        Some(variant) if keys.iter().filter(|other| other.variant == key.variant).count() == 1 => {
+            variant.clone()
+        }
+        Some(variant) => format!("{variant}: {settings}"),
+    };
+    keys.iter().zip(differences).map(name).collect()
 }
 
 impl Member {
@@ -186,13 +240,20 @@ mod tests {
 
     #[test]
     fn groups_are_named_by_what_tells_them_apart() {
-        let key = |config: &str, data: &str| (settings(config), data.to_owned());
+        let key = |config: &str, data: &str, variant: &str| Key {
+            settings: settings(config),
+            data_digest: data.to_owned(),
+            variant: (!variant.is_empty()).then(|| variant.to_owned()),
+        };
+        let named = |keys: [Key; 2]| names(&keys, &differences(&keys, &[Vec::new(), Vec::new()]));
         let random = GA.replace("ga", "random");
-        let empty = vec![Vec::new(), Vec::new()];
-        let both = names(&[key(GA, "d"), key(&random, "d")], &empty);
-        assert_eq!(both, ["method ga", "method random"]);
-        let data = names(&[key(GA, "0123456789"), key(GA, "abcdef0123")], &empty);
-        assert_eq!(data, ["data 01234567", "data abcdef01"]);
+        assert_eq!(named([key(GA, "d", ""), key(&random, "d", "")]), ["method ga", "method random"]);
+        assert_eq!(
+            named([key(GA, "0123456789", ""), key(GA, "abcdef0123", "")]),
+            ["data 01234567", "data abcdef01"]
+        );
+        assert_eq!(named([key(GA, "d", "evolved"), key(&random, "d", "blind")]), ["evolved", "blind"]);
+        assert_eq!(named([key(GA, "d", "x"), key(&random, "d", "x")]), ["x: method ga", "x: method random"]);
     }
 
     #[test]
@@ -202,10 +263,14 @@ mod tests {
         fixture::write(&path("a"));
         fixture::write(&path("b"));
         drop(crate::RunFolder::create(path("c"), &fixture::genes()).unwrap());
-        let runs = Runs::read(&["a", "b", "c"].map(|name| (name.to_owned(), path(name)))).unwrap();
+        std::fs::create_dir(path("a/report")).unwrap();
+        std::fs::write(path("a/report/report.html"), "").unwrap();
+        let named = |name: &str| NamedRun { name: name.to_owned(), folder: path(name), variant: None };
+        let runs = Runs::read(&["a", "b", "c"].map(named), &path("all.html")).unwrap();
         assert_eq!(runs.notes.len(), 2, "{:?}", runs.notes);
         assert_eq!(runs.groups.len(), 1);
         let [member] = runs.groups[0].members.as_slice() else { panic!("{:?}", runs.groups) };
+        assert_eq!(member.report.as_deref(), Some("./a/report/report.html"));
         // Of 9 clouds its individuals have 5, 7, 4 and 6, 8, 5 right, no two of them with the same genes.
         let wrong = member.best.iter().map(|error| (error * 9.0 / 100.0).round() as u32);
         assert_eq!(wrong.collect::<Vec<_>>(), [4, 2, 2, 2, 1, 1]);

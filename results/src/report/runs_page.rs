@@ -17,7 +17,7 @@ pub(crate) fn page(title: &str, runs: &Runs, verdict: &[String]) -> Page {
         items.push(Item::Missing("No run has finished.".to_owned()));
     } else {
         items.push(Item::Table(run_tables::groups(groups)));
-        items.push(Item::Table(run_tables::members(runs)));
+        items.extend(run_tables::members(runs));
     }
     let mut comparison = Vec::new();
     add(&mut comparison, seeds::errors(groups));
@@ -30,7 +30,7 @@ pub(crate) fn page(title: &str, runs: &Runs, verdict: &[String]) -> Page {
                 .to_owned(),
         ));
     } else {
-        comparison.push(Item::Figure(regret));
+        add(&mut comparison, regret);
     }
     match run_tables::tests(groups) {
         Some(table) => comparison.push(Item::Table(table)),
@@ -41,12 +41,9 @@ pub(crate) fn page(title: &str, runs: &Runs, verdict: &[String]) -> Page {
         )),
     }
     let count: usize = groups.iter().map(|group| group.members.len()).sum();
-    let lead = format!(
-        "{count} runs of {} kinds. Each run has a report of its own: `coordinator report` with its folder.",
-        groups.len()
-    );
+    let lead = format!("{count} runs of {} kinds.", groups.len());
     let sections = vec![
-        Section { id: "runs", title: "Runs", items },
+        Section { id: "verdict", title: "Verdict", items },
         Section { id: "comparison", title: "Over seeds", items: comparison },
     ];
     Page { title: title.to_owned(), lead, sections }

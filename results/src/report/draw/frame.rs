@@ -73,11 +73,18 @@ impl<'a> Frame<'a> {
         self.pixels
     }
 
+    /// Whether its places are those of values.
+    pub fn has_values(&self) -> bool {
+        matches!(self.panel.x.scale, Scale::Values(_))
+    }
+
     /// Faint lines behind the marks.
     pub fn draw_grid(&self, canvas: &dyn Canvas) -> Drawn {
         let [[left, right], [bottom, top]] = self.pixels;
         for (axis, scale) in [&self.panel.x.scale, &self.panel.y.scale].into_iter().enumerate() {
-            for tick in self.ticks[axis].iter().filter(|_| !matches!(scale, Scale::Names(_))) {
+            for tick in
+                self.ticks[axis].iter().filter(|_| matches!(scale, Scale::Numbers(_) | Scale::Within(_)))
+            {
                 let at = self.place(axis, tick.at);
                 let ends = if axis == 0 { [[at, bottom], [at, top]] } else { [[left, at], [right, at]] };
                 canvas.line(&ends, GRID, 0.8, Dash::Solid)?;
@@ -124,6 +131,17 @@ fn ticks(axis: &Axis, [low, high]: [f64; 2], wanted: f64) -> Vec<Tick> {
         let tick =
             |(place, name): (usize, &String)| Tick { at: place as f64, text: shortened(name, NAME_LENGTH) };
         return names.iter().enumerate().map(tick).collect();
+    }
+    if let Scale::Values(values) = &axis.scale {
+        let every = (values.len() as f64 / wanted.max(2.0)).ceil().max(1.0) as usize;
+        let text = |value: f64| {
+            number(
+                value,
+                usize::from(value.fract() != 0.0) + usize::from((10.0 * value).fract().abs() > 1e-6),
+            )
+        };
+        let tick = |(place, &value): (usize, &f64)| Tick { at: place as f64, text: text(value) };
+        return values.iter().enumerate().step_by(every).map(tick).collect();
     }
     let at = round_numbers(low..high, wanted.max(2.0) as usize);
     let step = at.windows(2).map(|pair| pair[1] - pair[0]).fold(f64::INFINITY, f64::min);

@@ -57,11 +57,13 @@ fn draw_matrix(
     let [[left, right], [bottom, top]] = frame.pixels();
     // Large matrices are mostly empty: what is empty is drawn at once, and the lines between.
     canvas.rectangle([left, top], [right, bottom], shade(0.0))?;
-    for row in 1..cells.len() {
+    // Between names there are lines; values follow each other.
+    let gap = if frame.has_values() { 0.0 } else { 0.4 };
+    for row in (1..cells.len()).filter(|_| gap > 0.0) {
         let at = frame.point([0.0, row as f64 - 0.5])[1];
         canvas.line(&[[left, at], [right, at]], PAPER, 0.8, Dash::Solid)?;
     }
-    for column in 1..cells.first().map_or(0, Vec::len) {
+    for column in (1..cells.first().map_or(0, Vec::len)).filter(|_| gap > 0.0) {
         let at = frame.point([column as f64 - 0.5, 0.0])[0];
         canvas.line(&[[at, bottom], [at, top]], PAPER, 0.8, Dash::Solid)?;
     }
@@ -78,8 +80,9 @@ fn draw_matrix(
     for &(row, column, value) in &filled {
         let (x, y) = (column as f64, row as f64);
         let [from, to] = [[x - 0.5, y - 0.5], [x + 0.5, y + 0.5]].map(|corner| frame.point(corner));
-        let [from, to] = [[from[0] + 0.4, from[1] + 0.4], [to[0] - 0.4, to[1] - 0.4]];
-        canvas.rectangle(from, to, shade(share(value)))?;
+        let [left, right] = [from[0].min(to[0]) + gap, from[0].max(to[0]) - gap];
+        let [top, bottom] = [from[1].min(to[1]) + gap, from[1].max(to[1]) - gap];
+        canvas.rectangle([left, top], [right, bottom], shade(share(value)))?;
     }
     for (row, column, value) in filled.into_iter().filter(|_| written) {
         let ink = if needs_light_ink(share(value)) { PAPER } else { Colour::Black.rgb() };

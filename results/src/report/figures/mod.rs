@@ -4,6 +4,7 @@ pub(crate) mod channels;
 pub(crate) mod comparison;
 pub(crate) mod front;
 pub(crate) mod genes;
+pub(crate) mod grid;
 pub(crate) mod lineage;
 pub(crate) mod perturbed;
 pub(crate) mod recognition;
