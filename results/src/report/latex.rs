@@ -23,16 +23,26 @@ pub(crate) fn table1(comparison: &Rows) -> Result<String, Error> {
     let names = comparison.texts("descriptor")?;
     let [object, category] = ["object_error", "category_error"].map(|column| comparison.numbers(column));
     let (object, category, seconds) = (object?, category?, comparison.optional("seconds_total")?);
+    // Without the times of all stages there may be those of some clouds.
+    let of_cloud = comparison.optional("seconds_cloud")?;
+    let is_measured = seconds.iter().any(Option::is_some);
+    let (times, unit, of_what) = match is_measured {
+        true => (seconds, "Time (s)", "seconds for queries and database"),
+        false => {
+            let milliseconds = of_cloud.into_iter().map(|seconds| Some(1000.0 * seconds?)).collect();
+            (milliseconds, "Time a cloud (ms)", "milliseconds to describe a cloud")
+        }
+    };
     let mut out = format!(
-        "{BEGINNING}errors on the test clouds in percent, seconds for queries and database on one thread.\n\
+        "{BEGINNING}errors on the test clouds in percent, {of_what} on one thread.\n\
          \\begin{{tabular}}{{lrrr}}\n\\hline\n\
-         Descriptor & Object error (\\%) & Category error (\\%) & Time (s) \\\\\n\\hline\n"
+         Descriptor & Object error (\\%) & Category error (\\%) & {unit} \\\\\n\\hline\n"
     );
     for (row, name) in names.iter().enumerate() {
-        let seconds = seconds[row].map_or_else(|| "--".to_owned(), |seconds| format!("{seconds:.2}"));
+        let time = times[row].map_or_else(|| "--".to_owned(), |time| format!("{time:.2}"));
         let (object, category) = (100.0 * object[row], 100.0 * category[row]);
         // Writing to a String cannot fail.
-        let _ = writeln!(out, "{} & {object:.2} & {category:.2} & {seconds} \\\\", escaped(name));
+        let _ = writeln!(out, "{} & {object:.2} & {category:.2} & {time} \\\\", escaped(name));
     }
     out.push_str("\\hline\n\\end{tabular}\n");
     Ok(out)

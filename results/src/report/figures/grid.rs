@@ -104,8 +104,6 @@ pub(crate) fn landscapes(rows: &Rows, genes: &[GeneColumn], best: bool) -> Resul
         .into_iter()
         .map(percent)
         .collect();
-    let ends = [f64::max as fn(f64, f64) -> f64, f64::min]
-        .map(|of| errors.iter().copied().reduce(of).unwrap_or(0.0));
     let (mut panels, mut is_coarse) = (Vec::new(), false);
     for (place, a) in genes.iter().enumerate() {
         for b in &genes[place + 1..] {
@@ -138,7 +136,11 @@ pub(crate) fn landscapes(rows: &Rows, genes: &[GeneColumn], best: bool) -> Resul
                 }
             }
             let value = |(sum, weight): (f64, f64)| (weight > 0.0).then(|| sum / weight);
-            let cells = cells.into_iter().map(|row| row.into_iter().map(value).collect()).collect();
+            let cells: Vec<Vec<Option<f64>>> =
+                cells.into_iter().map(|row| row.into_iter().map(value).collect()).collect();
+            let found = || cells.iter().flatten().flatten().copied();
+            let ends =
+                [f64::max as fn(f64, f64) -> f64, f64::min].map(|of| found().reduce(of).unwrap_or(0.0));
             let marks = Marks::Matrix { cells, unit: "% wrong".to_owned(), ends, written: false };
             let axis = |gene: &GeneColumn, all: &[f64], every| {
                 Axis::values(&gene.name, &gene.unit, all.iter().copied().step_by(every).collect())
@@ -157,7 +159,8 @@ pub(crate) fn landscapes(rows: &Rows, genes: &[GeneColumn], best: bool) -> Resul
         false => ("landscapes-mean", "Mean error over two genes", "The mean"),
     };
     let mut caption = format!(
-        "{what} training error of all descriptors with two values, whatever their other genes are; dark is low."
+        "{what} training error of all descriptors with two values, whatever their other genes are. Each panel has a scale of \
+         its own: its strongest colour is its lowest error."
     );
     if is_coarse {
         caption.push_str(" Neighbouring values share a cell where a gene has many.");

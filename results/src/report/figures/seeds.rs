@@ -4,6 +4,8 @@ use super::{error_axis, quantile};
 use crate::report::figure::{Axis, Colour, Dash, Figure, Numbers, Panel, Series, Symbol};
 use crate::report::runs::{Group, Member};
 
+/// Share of its evaluations after which a search is past its beginning.
+const SETTLED: f64 = 0.03;
 /// Points of a convergence curve.
 const STEPS: usize = 300;
 
@@ -65,10 +67,15 @@ fn spread(groups: &[Group], label: &str, of: impl Fn(&Member) -> Option<f64>) ->
 /// The best training error over the number of evaluations, one curve with a band per group.
 pub(crate) fn convergence(groups: &[Group]) -> Figure {
     let mut series = Vec::new();
+    let mut ends = [f64::INFINITY, f64::NEG_INFINITY];
     for (index, group) in groups.iter().enumerate() {
         let most = group.members.iter().map(|member| member.best.len()).max().unwrap_or(0);
         let curve: Vec<[f64; 4]> =
             places(most).into_iter().filter_map(|at| at_evaluations(group, at)).collect();
+        // The first descriptors are drawn at random: how bad they are would make all else small.
+        let settled = curve.iter().skip_while(|[at, ..]| *at < SETTLED * most as f64);
+        ends =
+            settled.fold(ends, |[lowest, highest], [_, low, _, high]| [lowest.min(*low), highest.max(*high)]);
         let (colour, dash) = (Colour::nth(index), Dash::nth(index));
         series.push(Series::band(
             "",
@@ -84,8 +91,11 @@ pub(crate) fn convergence(groups: &[Group]) -> Figure {
     }
     let x = Axis::numbers("different descriptors evaluated", "").including(0.0);
     let caption = "The lowest training error so far over the number of different descriptors that a run has evaluated: \
-                   median of the runs, and their middle half. A run that has ended keeps its result.";
-    let panel = Panel { title: String::new(), x, y: error_axis("training error"), series, height: 360 };
+                   median of the runs, and their middle half. A run that has ended keeps its result. What the first \
+                   descriptors had is cut off.";
+    let ends = if ends[0] <= ends[1] { ends } else { [0.0, 1.0] };
+    let y = Axis::within("training error", "% of clouds", ends);
+    let panel = Panel { title: String::new(), x, y, series, height: 360 };
     Figure::single("seeds-convergence", "Convergence over seeds", caption, panel)
 }
 
