@@ -12,7 +12,7 @@ function address(path, parameters) {
 }
 
 /** What the server said instead of an answer; `status` is 0 if nothing answered at all. */
-export class ApiError extends Error {
+class ApiError extends Error {
   constructor(status, message) {
     super(message);
     this.status = status;

@@ -10,7 +10,7 @@ const HEIGHT = 280;
 const MARGIN = { top: 26, right: 16, bottom: 42, left: 58 };
 
 /** Rows of an individual and its ancestors, the youngest first; `more` if there are too many to show. */
-export function ancestors(store, row) {
+function ancestors(store, row) {
   const { generation, individual, parent_a: a, parent_b: b } = store.individuals.columns;
   const rows = [row];
   const links = [];

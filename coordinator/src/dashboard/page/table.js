@@ -13,7 +13,7 @@ const compare = (a, b) => {
 };
 
 /** `key:descending` of the address as {id, descending}. */
-export function parseSort(text) {
+function parseSort(text) {
   const [id, order] = (text ?? '').split(':');
   return { id, descending: order === 'descending' };
 }
@@ -107,20 +107,17 @@ export function createTable(options) {
     render();
   }
 
-  function line(row) {
-    const cells = columns.map((column) => {
-      const cellElement = column.header
-        ? h('th', { scope: 'row' })
-        : h('td', { class: column.number ? 'number' : null });
-      return cellElement;
-    });
+  function line() {
+    const cells = columns.map(({ header, number }) =>
+      header ? h('th', { scope: 'row' }) : h('td', { class: number ? 'number' : null }),
+    );
     return { element: h('tr', null, cells), cells, key: null, signature: null };
   }
 
   const lines = [];
 
   function fill(at, row) {
-    lines[at] ??= line(row);
+    lines[at] ??= line();
     const entry = lines[at];
     const [name, signature] = [String(key(row)), options.signature?.(row) ?? ''];
     const same = entry.key === name && entry.signature === signature;
