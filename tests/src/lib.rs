@@ -11,5 +11,6 @@
 pub mod benches;
 pub mod browser;
 pub mod experiments;
+pub mod http;
 pub mod process;
 pub mod readers;

@@ -53,6 +53,9 @@ impl Cursor {
     }
 }
 
+/// In which order viewers get what is new: first what is short and seen first.
+const ORDER: [&str; 7] = ["reload", "run", "generations", "fleet", "events", "individuals", "attempts"];
+
 /// A message to a viewer: its name, and its body as JSON.
 pub type Message = (&'static str, String);
 
@@ -154,6 +157,11 @@ impl Feed {
         best.map(|(_, generation, individual)| (generation, individual))
     }
 
+    /// The generations as a table.
+    pub fn generations(&self) -> String {
+        Columnar::json(self.generations.iter())
+    }
+
     /// What a viewer does not have yet.
     pub fn since(&self, cursor: &mut Cursor) -> Vec<Message> {
         let mut messages = Vec::new();
@@ -185,6 +193,7 @@ impl Feed {
         let mut place = LogCursor { log: cursor.log, fleet: cursor.fleet };
         messages.extend(self.log.since(&mut place));
         (cursor.log, cursor.fleet) = (place.log, place.fleet);
+        messages.sort_by_key(|(name, _)| ORDER.iter().position(|other| other == name));
         messages
     }
 }

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use cluster::journal::{JOURNAL_FILE, JournalFile};
 use results::{Columnar, FinishedRun, is_in_use};
 use serde_json::{Value, json};
 
@@ -99,7 +100,12 @@ impl Overview {
             };
             self.experiment = record.and_then(|(record, member)| experiment(record, folder, member));
         }
-        self.state = match (&self.finished, is_in_use(folder)) {
+        let is_held = match self.found.kind {
+            // Its runs hold their folders; it has the journal of all.
+            Kind::Sweep => matches!(JournalFile::is_open(&folder.join(JOURNAL_FILE)), Ok(Some(true))),
+            Kind::Run | Kind::Grid => is_in_use(folder),
+        };
+        self.state = match (&self.finished, is_held) {
             (Some(_), _) => State::Finished,
             (None, true) if log.is_paused() => State::Paused,
             (None, true) => State::Running,
@@ -112,7 +118,12 @@ impl Overview {
             (Kind::Run, Some(finished)) => of_finished(finished),
             (Kind::Run, None) => self.of_unfinished(generations, log),
         };
-        if self.found.kind == Kind::Grid && self.figures["finished_ms"].is_number() {
+        let is_done = match self.found.kind {
+            Kind::Grid => self.figures["finished_ms"].is_number(),
+            Kind::Sweep => !is_held && !folder.join(JOURNAL_FILE).exists(),
+            Kind::Run => false,
+        };
+        if is_done {
             self.state = State::Finished;
         }
         self.figures["problem"] = json!(problem);

@@ -72,6 +72,7 @@ pub async fn serve(server: Arc<Server>, mut connections: mpsc::Receiver<WebConne
     let router = Router::new()
         .route("/api/runs", get(runs))
         .route("/api/run", get(run))
+        .route("/api/generations", get(generations))
         .route("/api/stream", get(stream))
         .route("/api/answers", get(answers))
         .route("/api/clouds", get(clouds))
@@ -178,6 +179,16 @@ async fn run(State(server): Shared, request: Request) -> Response {
         let shown = server.watched.run(query.text("id")?)?;
         shown.refresh();
         shown.detail()
+    };
+    answer(server.blocking(work).await)
+}
+
+async fn generations(State(server): Shared, request: Request) -> Response {
+    let query = Query::new(request.uri().query());
+    let work = move |server: &Server| {
+        let shown = server.watched.run(query.text("id")?)?;
+        shown.refresh();
+        Ok(shown.generations())
     };
     answer(server.blocking(work).await)
 }

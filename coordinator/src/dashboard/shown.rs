@@ -78,6 +78,11 @@ impl Shown {
         lock(&self.feed).since(cursor)
     }
 
+    /// The generations as a table.
+    pub fn generations(&self) -> String {
+        lock(&self.feed).generations()
+    }
+
     /// The run in full, as JSON.
     ///
     /// # Errors

@@ -77,8 +77,8 @@ record! {
     /// A release of test clouds to workers.
     #[derive(Clone, Debug, PartialEq)]
     pub struct LookRow {
-        at: SystemTime, "UTC", "when test clouds were released to workers";
-        command: String, "", "by which command: run or compare, the latter with --perturb and its kinds";
+        at: SystemTime, "UTC", "when test clouds were released to workers or shown to people";
+        command: String, "", "by which command: run, compare (with --perturb and its kinds), dashboard or report";
         reason: String, "", "what for";
         descriptors: String, "", "which descriptors were measured, separated by spaces";
         => chain: Option<String>, "", "BLAKE3 that chains all looks before this one; null in those of earlier builds"

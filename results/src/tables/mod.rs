@@ -131,7 +131,10 @@ fn declaration(table: TableName) -> Declaration {
             &["job", "attempt", "ended_at"],
         ),
         TableName::Events => Declaration::of::<EventRow>("something worth telling that happened", &["at"]),
-        TableName::Looks => Declaration::of::<LookRow>("a release of test clouds to workers", &["at"]),
+        TableName::Looks => Declaration::of::<LookRow>(
+            "a release of test clouds to workers, or that people are shown some",
+            &["at"],
+        ),
         TableName::Run => {
             Declaration::of::<RunRow>("the run; the table has one row, written last", &["name"]).digest(&[
                 "search_config",

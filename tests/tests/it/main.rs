@@ -53,6 +53,7 @@ mod circles;
 mod comparisons;
 mod control;
 mod costs;
+mod dashboard;
 mod determinism;
 mod documents;
 mod exhaust;
@@ -92,4 +93,4 @@ mod sweeps;
 mod unknown_objects;
 mod verdicts;
 
-use tests::{browser, experiments, process};
+use tests::{browser, experiments, http, process};
