@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::draw;
 use super::escape::{escaped, with_code};
-use super::figure::{Figure, Marks, Numbers, Panel, Scale, WIDTH};
+use super::figure::{Figure, Marks, Numbers, Panel, Scale, Series, WIDTH};
 use super::numbers::{spoken, tables};
 use super::palette;
 use super::table::TableBlock;
@@ -270,16 +270,13 @@ fn write_table(
 
 fn write_figure(out: &mut String, figure: &Figure, number: u32) -> Result<(), Error> {
     let id = escaped(&figure.id);
-    let _ = writeln!(out, "<figure id=\"{id}\">\n<div class=\"panels\">");
+    let _ = writeln!(out, "<figure id=\"{id}\">");
+    // Who has no mouse scrolls what has the focus.
+    let scrolls = if figure.panels.iter().any(is_large) { " tabindex=\"0\" role=\"group\"" } else { "" };
+    let _ = writeln!(out, "<div class=\"panels\"{scrolls}>");
     for panel in &figure.panels {
         let label = spoken(figure, panel);
-        let matrix = panel.series.iter().find_map(|series| match &series.marks {
-            Marks::Matrix { cells, .. } => Some(cells),
-            _ => None,
-        });
-        let is_large = matrix.is_some_and(|cells| {
-            cells.len() > FEW_NAMES || cells.first().is_some_and(|row| row.len() > FEW_NAMES)
-        });
+        let is_large = is_large(panel);
         let width = figure.panel_width();
         // A wide figure is drawn again for telephones: its letters would shrink with it. A large matrix is scrolled.
         let classes = match width == WIDTH {
@@ -309,6 +306,17 @@ fn write_figure(out: &mut String, figure: &Figure, number: u32) -> Result<(), Er
     }
     out.push_str("</figure>\n");
     Ok(())
+}
+
+/// Whether a panel is a matrix of so many names that they would not be read if it were made smaller.
+fn is_large(panel: &Panel) -> bool {
+    let is_large = |series: &Series| match &series.marks {
+        Marks::Matrix { cells, .. } => {
+            cells.len() > FEW_NAMES || cells.first().is_some_and(|row| row.len() > FEW_NAMES)
+        }
+        _ => false,
+    };
+    !matches!(panel.x.scale, Scale::Values(_)) && panel.series.iter().any(is_large)
 }
 
 /// Rows of names need their height; a curve does not.
