@@ -26,12 +26,15 @@ pub fn open(folder: &Path, page: &Path) -> Option<Opened> {
     let name = page.file_stem()?.to_string_lossy().into_owned();
     let mut command = Command::new("chromium");
     command.args(["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"]);
+    // Without a graphics processor clouds are drawn by software; its remarks on speed are none of the page's.
+    command.arg("--enable-unsafe-swiftshader");
     command.args(["--disable-background-networking", "--disable-component-update", "--disable-sync"]);
     command.arg(format!("--user-data-dir={}", folder.join(format!("{name}-profile")).display()));
     // Waits until nothing is left to do, however long that takes by the clock.
     command.args(["--virtual-time-budget=30000", "--dump-dom", "--enable-logging=stderr", "--v=0"]);
     command.arg(format!("file://{}", page.display())).stdin(std::process::Stdio::null());
     let finished = Running::spawn(folder, &name, command).wait().expect_success();
-    let console = finished.stderr.lines().filter(|line| line.contains("CONSOLE")).map(str::to_owned);
+    let of_page = |line: &&str| line.contains("CONSOLE") && !line.contains("GL Driver Message");
+    let console = finished.stderr.lines().filter(of_page).map(str::to_owned);
     Some(Opened { console: console.collect(), dom: finished.stdout })
 }

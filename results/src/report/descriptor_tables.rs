@@ -7,6 +7,8 @@ use super::summary::interval_text;
 use super::table::TableBlock;
 use crate::error::Error;
 
+/// Points of the front that are shown.
+const MOST_POINTS: usize = 20;
 /// Rows of pairs that are shown.
 const MOST_PAIRS: usize = 100;
 
@@ -110,6 +112,49 @@ pub(crate) fn verdict(comparison: &Rows) -> Result<TableBlock, Error> {
             .to_owned(),
         head: head.map(str::to_owned).to_vec(),
         rows: places.into_iter().map(row).collect(),
+        texts: 2,
+    })
+}
+
+/// The points of a run's front, whose errors are those of the clouds that the search has seen.
+pub(crate) fn front(front: &Rows) -> Result<TableBlock, Error> {
+    let (points, sizes) = (front.texts("point")?, front.texts("size")?);
+    let (train, validation) =
+        (front.numbers("train_object_error")?, front.optional("validation_object_error")?);
+    let (cost, winner) = (front.numbers("cost")?, front.numbers("winner")?);
+    let error = |error: f64| format!("{:.2}", 100.0 * error);
+    let row = |row: usize| {
+        vec![
+            format!("{POINT}{}", points[row]),
+            if winner[row] > 0.0 { "winner" } else { "" }.to_owned(),
+            error(train[row]),
+            validation[row].map_or_else(|| "–".to_owned(), error),
+            sizes[row].clone(),
+            format!("{:.0}", cost[row] / 1000.0),
+        ]
+    };
+    let every = front.len().div_ceil(MOST_POINTS).max(1);
+    let rows: Vec<Vec<String>> =
+        (0..front.len()).filter(|&row| row % every == 0 || winner[row] > 0.0).map(row).collect();
+    let more = match rows.len() {
+        shown if shown < front.len() => format!(" {shown} of {} points, evenly chosen.", front.len()),
+        _ => String::new(),
+    };
+    let head = [
+        "front",
+        "",
+        "training error, %",
+        "validation error, %",
+        "values a cloud",
+        "counted cost, thousands",
+    ];
+    Ok(TableBlock {
+        caption: format!(
+            "The front: descriptors of which none is better than another in all objectives. `coordinator compare` with \
+             --point measures them on the test clouds.{more}"
+        ),
+        head: head.map(str::to_owned).to_vec(),
+        rows,
         texts: 2,
     })
 }

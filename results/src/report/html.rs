@@ -237,7 +237,7 @@ fn write_table(
     let columns = table.rows.iter().map(Vec::len).max().unwrap_or(0);
     let dense = if columns >= DENSE { " class=\"dense\"" } else { "" };
     let number = number.map_or_else(String::new, |number| format!("<b>Table {number}.</b> "));
-    let (id, caption) = (escaped(id), escaped(&table.caption));
+    let (id, caption) = (escaped(id), with_code(&table.caption));
     let _ = writeln!(
         out,
         "<p class=\"caption\" id=\"{id}\">{number}{caption}</p>\n\

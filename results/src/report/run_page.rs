@@ -51,6 +51,9 @@ fn verdict_items(data: &RunData, told: &Told) -> Result<Vec<Item>, Error> {
         Some(comparison) => items.push(Item::Table(descriptor_tables::verdict(&comparison.descriptors)?)),
         None => items.push(Item::Missing(NO_COMPARISON.to_owned())),
     }
+    if let Some(front) = &data.front {
+        items.push(Item::Table(descriptor_tables::front(front)?));
+    }
     items.push(Item::Table(summary::errors(run)));
     Ok(items)
 }
@@ -62,7 +65,7 @@ fn descriptor_items(data: &RunData, Told { channels, .. }: &Told) -> Vec<Item> {
         items.push(Item::Table(summary::genes(run)));
     } else {
         items.push(Item::Table(channels::table(channels)));
-        add(&mut items, channels::pairs(channels));
+        add(&mut items, channels::pairs(channels).told_elsewhere());
         add(&mut items, channels::bins(channels).told_elsewhere());
     }
     items
