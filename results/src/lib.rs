@@ -60,7 +60,7 @@ pub use read::{
     read_table, read_workers,
 };
 pub use report::{
-    CLOUD_VIEWER, ChannelPairs, NamedRun, Report, ShownCloud, Told, WinnerChannel, WrongClouds,
+    CLOUD_VIEWER, ChannelPairs, NamedRun, Report, ShownCloud, Told, WinnerChannel, WrongClouds, cloud_bytes,
 };
 pub use schema::schema_markdown;
 pub use statistics::{Cluster, RankSum, bootstrap, holm, mcnemar, rank_sum, wilson};

@@ -1,7 +1,7 @@
 //! What is known of one run, read from its folder as it grows; viewers get what is new to them.
 
-use std::path::PathBuf;
-use std::time::{Duration, Instant};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant, SystemTime};
 
 use results::{Columnar, TableName, complete_generations};
 use serde_json::Value;
@@ -21,6 +21,10 @@ const MOST_INDIVIDUALS: usize = 20_000;
 pub struct Feed {
     folder: PathBuf,
     next_read: Option<Instant>,
+    /// Of the files that say that the run has ended, as they were when it was read; `None` of others.
+    ended: Option<Ended>,
+    /// Whether tables and log are read, not only what the list of runs shows.
+    is_whole: bool,
     /// Grows when what was sent is void.
     epoch: u64,
     /// Complete generations, from 1.
@@ -53,6 +57,24 @@ impl Cursor {
     }
 }
 
+/// When the files of a run that has ended were written.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct Ended {
+    run: SystemTime,
+    /// Of a comparison, which may come later.
+    comparison: Option<SystemTime>,
+}
+
+impl Ended {
+    fn of(folder: &Path) -> Option<Self> {
+        let written = |table: TableName| {
+            let file = folder.join(table.as_str()).join(table.file());
+            file.metadata().and_then(|file| file.modified()).ok()
+        };
+        Some(Self { run: written(TableName::Run)?, comparison: written(TableName::Comparison) })
+    }
+}
+
 /// In which order viewers get what is new: first what is short and seen first.
 const ORDER: [&str; 7] = ["reload", "run", "generations", "fleet", "events", "individuals", "attempts"];
 
@@ -65,6 +87,8 @@ impl Feed {
         Self {
             folder: found.folder.clone(),
             next_read: None,
+            ended: None,
+            is_whole: false,
             epoch: 0,
             generations: Vec::new(),
             individuals: Vec::new(),
@@ -79,18 +103,31 @@ impl Feed {
         self.next_read.is_none_or(|next| now >= next)
     }
 
-    /// Reads what is new in the folder, if it is time.
-    pub fn refresh(&mut self) {
+    /// Reads what is new in the folder, if it is time; of a run that has ended nothing but its row as long as no `whole`
+    /// is wanted: a list may have thousands.
+    pub fn refresh(&mut self, whole: bool) {
         let begun = Instant::now();
-        if !self.is_due(begun) {
+        let is_missing = whole && !self.is_whole;
+        if !self.is_due(begun) && !is_missing {
             return;
         }
-        let problem = self.read_tables().err().map(|error| error.to_string());
-        let read = self.log.read();
-        if read.is_anew {
-            self.epoch += 1;
+        let ended = Ended::of(&self.folder);
+        if ended.is_some() && ended == self.ended && !is_missing {
+            self.next_read = Some(begun + EVERY);
+            return;
         }
-        self.overview.read(&self.generations, &self.log, problem.or(read.problem));
+        let mut problem = None;
+        if whole || self.is_whole || ended.is_none() {
+            self.is_whole = true;
+            problem = self.read_tables().err().map(|error| error.to_string());
+            let read = self.log.read();
+            if read.is_anew {
+                self.epoch += 1;
+            }
+            problem = problem.or(read.problem);
+        }
+        self.ended = ended;
+        self.overview.read(&self.generations, &self.log, problem);
         let run = self.overview.json();
         if run != self.run.0 {
             self.run = (run, self.run.1 + 1);

@@ -87,11 +87,15 @@ impl Overview {
     /// Takes what was read.
     pub fn read(&mut self, generations: &[Columnar], log: &RunLogReader, problem: Option<String>) {
         let folder = &self.found.folder;
-        if self.finished.is_none()
-            && let Ok(run) = results::read_run(folder)
-        {
-            self.finished = Some(Finished { verdict: read_verdict(folder).unwrap_or_default(), run });
-        }
+        let mut problem = problem;
+        self.finished = match results::read_run(folder) {
+            Ok(run) => Some(Finished { verdict: read_verdict(folder).unwrap_or_default(), run }),
+            Err(results::Error::Unfinished(_)) => None,
+            Err(error) => {
+                problem = problem.or(Some(error.to_string()));
+                None
+            }
+        };
         if self.experiment.is_none() {
             let member = self.found.sweep.as_ref().and(folder.file_name()).and_then(|name| name.to_str());
             let record = match &self.finished {

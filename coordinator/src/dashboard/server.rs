@@ -31,8 +31,10 @@ use super::watched::Watched;
 
 /// Longest body of a request, bytes.
 const MAX_BODY: usize = 16 << 10;
-/// Requests that read folders or clouds at a time; others wait.
-const BLOCKING: usize = 4;
+/// Requests that read tables at a time, …
+const READING: usize = 2;
+/// … and those that describe clouds; others wait.
+const COMPUTING: usize = 2;
 /// Points of a cloud unless the request says otherwise.
 const POINTS: usize = 20_000;
 
@@ -41,7 +43,8 @@ pub struct Server {
     /// The runs.
     pub watched: Watched,
     access: Access,
-    blocking: Semaphore,
+    reading: Semaphore,
+    computing: Semaphore,
 }
 
 /// Who asks, as `check` has found out.
@@ -53,15 +56,31 @@ type Shared = State<Arc<Server>>;
 impl Server {
     /// Of these runs, for whom `access` lets in.
     pub fn new(watched: Watched, access: Access) -> Self {
-        Self { watched, access, blocking: Semaphore::new(BLOCKING) }
+        Self { watched, access, reading: Semaphore::new(READING), computing: Semaphore::new(COMPUTING) }
     }
 
-    /// Does what blocks on another thread, some at a time.
+    /// Reads on another thread, some at a time.
     pub async fn blocking<T: Send + 'static>(
         self: &Arc<Self>,
         work: impl FnOnce(&Self) -> T + Send + 'static,
     ) -> Option<T> {
-        let _permit = self.blocking.acquire().await.ok()?;
+        self.elsewhere(&self.reading, work).await
+    }
+
+    /// Does what takes longer, so that nobody waits for it who reads.
+    async fn computing<T: Send + 'static>(
+        self: &Arc<Self>,
+        work: impl FnOnce(&Self) -> T + Send + 'static,
+    ) -> Option<T> {
+        self.elsewhere(&self.computing, work).await
+    }
+
+    async fn elsewhere<T: Send + 'static>(
+        self: &Arc<Self>,
+        permits: &Semaphore,
+        work: impl FnOnce(&Self) -> T + Send + 'static,
+    ) -> Option<T> {
+        let _permit = permits.acquire().await.ok()?;
         let server = Arc::clone(self);
         tokio::task::spawn_blocking(move || work(&server)).await.ok()
     }
@@ -161,11 +180,9 @@ async fn unknown() -> Response {
 
 /// The runs in short. `right`: what the caller may do.
 pub fn list(server: &Server, right: Right) -> String {
-    json!({
-        "root": server.watched.roots(), "build": worker::BUILD, "may_control": right == Right::Control,
-        "runs": server.watched.list(),
-    })
-    .to_string()
+    let runs = server.watched.list();
+    let (root, build, may_control) = (server.watched.roots(), json!(worker::BUILD), right == Right::Control);
+    format!("{{\"root\":{root},\"build\":{build},\"may_control\":{may_control},\"runs\":{runs}}}")
 }
 
 async fn runs(State(server): Shared, request: Request) -> Response {
@@ -225,7 +242,7 @@ async fn cloud(State(server): Shared, request: Request) -> Response {
         shown.refresh();
         shown.cloud(query.text("path")?, query.number("points")?.unwrap_or(POINTS))
     };
-    match server.blocking(work).await {
+    match server.computing(work).await {
         Some(Ok(bytes)) => {
             ([(CONTENT_TYPE, "application/octet-stream"), (CACHE_CONTROL, "private, max-age=3600")], bytes)
                 .into_response()
@@ -246,7 +263,7 @@ async fn explain(State(server): Shared, request: Request) -> Response {
         };
         shown.explain(which, query.text("query")?, query.text("answer")?)
     };
-    answer(server.blocking(work).await)
+    answer(server.computing(work).await)
 }
 
 async fn landscape(State(server): Shared, request: Request) -> Response {
@@ -266,7 +283,7 @@ async fn report(State(server): Shared, request: Request) -> Response {
         let name = Path::new(&shown.found().id).file_name().map(|name| name.to_string_lossy().into_owned());
         Ok::<_, DashboardError>((name.unwrap_or_default(), shown.report()?))
     };
-    match server.blocking(work).await {
+    match server.computing(work).await {
         Some(Ok((name, page))) => {
             let plain: String =
                 name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '-' }).collect();

@@ -65,12 +65,14 @@ impl Shown {
 
     /// Reads what is new in the folder, if it is time. Blocks.
     pub fn refresh(&self) {
-        lock(&self.feed).refresh();
+        lock(&self.feed).refresh(true);
     }
 
-    /// The run in short.
+    /// The run in short. Blocks.
     pub fn run(&self) -> Value {
-        lock(&self.feed).run().clone()
+        let mut feed = lock(&self.feed);
+        feed.refresh(false);
+        feed.run().clone()
     }
 
     /// What a viewer does not have yet.

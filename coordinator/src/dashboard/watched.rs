@@ -14,6 +14,8 @@ use crate::exhaust::is_landscape_of;
 
 /// Folders are not looked through again before this.
 const EVERY: Duration = Duration::from_secs(2);
+/// How long a list holds.
+const LISTED: Duration = Duration::from_millis(900);
 /// Share of a core that looking may take, as one over it.
 const SPARING: u32 = 20;
 
@@ -27,6 +29,8 @@ pub struct Watched {
 struct State {
     next_look: Option<Instant>,
     runs: BTreeMap<String, Arc<Shown>>,
+    /// All of them in short, as JSON, and when that was found out.
+    list: Option<(Instant, Arc<str>)>,
 }
 
 impl Watched {
@@ -62,15 +66,20 @@ impl Watched {
         found.ok_or_else(|| DashboardError::UnknownRun { id: id.escape_debug().take(200).collect() })
     }
 
-    /// All runs in short. Blocks.
-    pub fn list(&self) -> Vec<Value> {
+    /// All runs in short, as JSON; for many viewers, made once a second. Blocks.
+    pub fn list(&self) -> Arc<str> {
         self.look();
+        let begun = Instant::now();
+        if let Some((at, list)) = &self.state().list
+            && begun.duration_since(*at) < LISTED
+        {
+            return Arc::clone(list);
+        }
         let runs: Vec<Arc<Shown>> = self.state().runs.values().cloned().collect();
-        let in_short = |shown: Arc<Shown>| {
-            shown.refresh();
-            shown.run()
-        };
-        runs.into_iter().map(in_short).collect()
+        let list: Vec<Value> = runs.iter().map(|shown| shown.run()).collect();
+        let list: Arc<str> = json!(list).to_string().into();
+        self.state().list = Some((begun, Arc::clone(&list)));
+        list
     }
 
     /// The errors of all descriptors by the values of two genes, from a grid of a run's search space and clouds. Blocks.

@@ -38,36 +38,10 @@ impl DecimatedCloud {
         }
     }
 
-    /// Little endian: u32 points, u32 points before, f32 centre (x, y, z), f32 metres per unit, i16 x, y, z of each point
-    /// in these units from the centre, u8 red, green, blue of each.
+    /// As [`results::cloud_bytes`] has it.
     pub fn to_bytes(&self) -> Vec<u8> {
-        let mut low = [f32::INFINITY; 3];
-        let mut high = [f32::NEG_INFINITY; 3];
-        for point in &self.points {
-            for axis in 0..3 {
-                low[axis] = low[axis].min(point[axis]);
-                high[axis] = high[axis].max(point[axis]);
-            }
-        }
-        if self.points.is_empty() {
-            (low, high) = ([0.0; 3], [0.0; 3]);
-        }
-        let centre: [f32; 3] = std::array::from_fn(|axis| low[axis] + (high[axis] - low[axis]) / 2.0);
-        let half = (0..3).map(|axis| (high[axis] - low[axis]) / 2.0).fold(0.0f32, f32::max);
-        let unit = if half > 0.0 { half / f32::from(i16::MAX) } else { 1.0 };
-        let mut bytes = Vec::with_capacity(24 + 9 * self.points.len());
-        bytes.extend((self.points.len() as u32).to_le_bytes());
-        bytes.extend((self.before as u32).to_le_bytes());
-        for value in centre.into_iter().chain([unit]) {
-            bytes.extend(value.to_le_bytes());
-        }
-        for point in &self.points {
-            for axis in 0..3 {
-                bytes.extend((((point[axis] - centre[axis]) / unit).round() as i16).to_le_bytes());
-            }
-        }
-        bytes.extend(self.colours.iter().flatten());
-        bytes
+        let before = u32::try_from(self.before).unwrap_or(u32::MAX);
+        results::cloud_bytes(&self.points, &self.colours, before)
     }
 }
 
@@ -106,26 +80,5 @@ mod tests {
             assert!(most > 0.09, "{most}");
         }
         assert_eq!(DecimatedCloud::new(&cloud, 10_000).points.len(), 10_000);
-    }
-
-    #[test]
-    fn bytes_have_every_point_to_within_their_unit() {
-        let few = DecimatedCloud::new(&plane(20), 1000);
-        let bytes = few.to_bytes();
-        let count = few.points.len();
-        assert_eq!(bytes.len(), 24 + 9 * count);
-        let float = |at: usize| f32::from_le_bytes(bytes[at..at + 4].try_into().unwrap());
-        assert_eq!(u32::from_le_bytes(bytes[..4].try_into().unwrap()) as usize, count);
-        let unit = float(20);
-        for (place, point) in few.points.iter().enumerate() {
-            for (axis, coordinate) in point.iter().enumerate() {
-                let at = 24 + 6 * place + 2 * axis;
-                let units = i16::from_le_bytes(bytes[at..at + 2].try_into().unwrap());
-                let there = float(8 + 4 * axis) + f32::from(units) * unit;
-                assert!((there - coordinate).abs() <= unit, "{there} for {coordinate}");
-            }
-        }
-        let nothing = Cloud { points: Vec::new(), colours: None, viewpoint: [0.0; 3] };
-        assert_eq!(DecimatedCloud::new(&nothing, 5).to_bytes().len(), 24);
     }
 }

@@ -35,7 +35,7 @@ use html::Page;
 pub use runs::NamedRun;
 use runs::Runs;
 pub use told::Told;
-pub use wrong::{ShownCloud, WrongClouds};
+pub use wrong::{ShownCloud, WrongClouds, cloud_bytes};
 
 use crate::error::Error;
 use crate::file::write_whole;

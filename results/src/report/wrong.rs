@@ -139,33 +139,40 @@ fn figures(wrong: &[WrongClouds], all: usize) -> (Vec<&ShownCloud>, String) {
     (clouds, out)
 }
 
-/// A cloud of at most so many points as the viewer reads it, little endian: number of points, number before; centre in
-/// metres, metres per unit; places in units about the centre; colours.
+/// A cloud of at most so many points as the viewer reads it.
 fn encoded(cloud: &ShownCloud, most: usize) -> Vec<u8> {
     let finite = |(place, _): &(&[f32; 3], &[u8; 3])| place.iter().all(|part| part.is_finite());
     let all: Vec<(&[f32; 3], &[u8; 3])> = cloud.points.iter().zip(&cloud.colours).filter(finite).collect();
-    let kept: Vec<(&[f32; 3], &[u8; 3])> =
-        (0..all.len().min(most)).map(|index| all[index * all.len() / all.len().min(most)]).collect();
+    let kept = (0..all.len().min(most)).map(|index| all[index * all.len() / all.len().min(most)]);
+    let (points, colours): (Vec<[f32; 3]>, Vec<[u8; 3]>) =
+        kept.map(|(place, colour)| (*place, *colour)).unzip();
+    cloud_bytes(&points, &colours, cloud.total)
+}
+
+/// Finite points and their colours as the viewer reads them ([`CLOUD_VIEWER`](super::CLOUD_VIEWER)), little endian: u32
+/// number of points, u32 number `total` before some were left out; f32 centre in metres (x, y, z), f32 metres per unit;
+/// i16 place of each point in units from the centre; u8 red, green and blue of each.
+pub fn cloud_bytes(points: &[[f32; 3]], colours: &[[u8; 3]], total: u32) -> Vec<u8> {
     let axis = |axis: usize| {
-        let ends = kept.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], (place, _)| {
+        let ends = points.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], place| {
             [low.min(place[axis]), high.max(place[axis])]
         });
         if ends[0] <= ends[1] { [ends[0].midpoint(ends[1]), (ends[1] - ends[0]) / 2.0] } else { [0.0; 2] }
     };
     let axes = [axis(0), axis(1), axis(2)];
     let unit = axes.iter().map(|[_, half]| *half).fold(0.0, f32::max).max(1e-6) / f32::from(i16::MAX);
-    let mut bytes = Vec::with_capacity(HEADER + POINT * kept.len());
-    let count = u32::try_from(kept.len()).unwrap_or(u32::MAX);
+    let mut bytes = Vec::with_capacity(HEADER + POINT * points.len());
+    let count = u32::try_from(points.len()).unwrap_or(u32::MAX);
     bytes.extend(count.to_le_bytes());
-    bytes.extend(cloud.total.max(count).to_le_bytes());
+    bytes.extend(total.max(count).to_le_bytes());
     axes.iter().for_each(|[centre, _]| bytes.extend(centre.to_le_bytes()));
     bytes.extend(unit.to_le_bytes());
-    for (place, _) in &kept {
+    for place in points {
         for (part, [centre, _]) in place.iter().zip(axes) {
             bytes.extend((((part - centre) / unit).round() as i16).to_le_bytes());
         }
     }
-    kept.iter().for_each(|(_, colour)| bytes.extend(colour.iter()));
+    bytes.extend(colours.iter().flatten());
     bytes
 }
 
