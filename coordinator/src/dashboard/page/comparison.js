@@ -166,7 +166,12 @@ export function createComparison(root, context) {
     );
     const spec = { series: [], bands: [], lines: [] };
     const absent = runs.filter(({ id, generation }) => generation > 0 && curves.of(id) === null);
-    note.textContent = absent.length > 0 ? `Fetching ${absent.length} of ${runs.length} runs …` : '';
+    const failed = absent.find(({ id }) => curves.problem(id));
+    note.textContent = failed
+      ? `${failed.id}: ${curves.problem(failed.id)}`
+      : absent.length > 0
+        ? `Fetching ${absent.length} of ${runs.length} runs …`
+        : '';
     let index = 0;
     for (const [name, members] of grouped()) {
       const style = STYLES[index++ % STYLES.length];

@@ -1,8 +1,6 @@
 // How runs converged: their tables of generations, fetched for comparison, as points and as bands over seeds.
 
 const AT_ONCE = 2;
-const PATIENCE = 10_000;
-const NO_EVENTS = Number.MAX_SAFE_INTEGER;
 const GRID = 240;
 
 /** What may lie along x. */
@@ -67,60 +65,45 @@ export function bandOf(curves) {
 }
 
 /**
- * Fetches generations of runs by their streams, two at a time, and keeps them.
+ * Fetches generations of runs, two at a time, and keeps them.
  * @param {function(): void} onchange called when more has come
  */
 export function createCurves(api, onchange) {
   const known = new Map();
   const waiting = [];
-  let open = new Set();
-  let closed = false;
-
-  function take(id, table) {
-    const entry = known.get(id);
-    const { columns } = entry;
-    for (let row = 0; row < table.rows; row++) {
-      if (table.columns.generation[row] <= entry.seen) continue;
-      for (const [name, cells] of Object.entries(table.columns)) (columns[name] ??= []).push(cells[row]);
-      entry.seen = table.columns.generation[row];
-    }
-    onchange();
-  }
+  const stop = new AbortController();
+  let busy = 0;
 
   function next() {
-    while (!closed && open.size < AT_ONCE && waiting.length > 0) fetchOne(waiting.shift());
+    while (!stop.signal.aborted && busy < AT_ONCE && waiting.length > 0) fetchOne(waiting.shift());
   }
 
-  function fetchOne({ id, wanted }) {
+  async function fetchOne(id) {
     const entry = known.get(id);
-    const source = new EventSource(api.address('/api/stream', { id, generation: entry.seen, event: NO_EVENTS }));
-    open.add(source);
-    const end = () => {
-      source.close();
-      open.delete(source);
-      clearTimeout(timer);
-      entry.busy = false;
-      next();
-    };
-    const timer = setTimeout(end, PATIENCE);
-    source.addEventListener('generations', (event) => {
-      take(id, JSON.parse(event.data));
-      if (entry.seen >= wanted) end();
-    });
-    source.addEventListener('reload', end);
-    source.onerror = end;
+    busy++;
+    try {
+      const { rows, columns } = await api.get('/api/generations', { id }, stop.signal);
+      Object.assign(entry, { columns, seen: rows === 0 ? 0 : columns.generation[rows - 1], problem: null });
+    } catch (error) {
+      entry.problem = error.message;
+    }
+    busy--;
+    entry.busy = false;
+    if (stop.signal.aborted) return;
+    onchange();
+    next();
   }
 
   return {
     /** Asks for the generations of a run up to its last one. */
     want(run) {
-      if (!known.has(run.id)) known.set(run.id, { columns: {}, seen: 0, busy: false });
+      if (!known.has(run.id)) known.set(run.id, { columns: {}, seen: 0, busy: false, problem: null });
       const entry = known.get(run.id);
       // A run that began anew has fewer generations than were seen.
       if (run.generation < entry.seen) Object.assign(entry, { columns: {}, seen: 0 });
       if (entry.busy || entry.seen >= run.generation) return;
       entry.busy = true;
-      waiting.push({ id: run.id, wanted: run.generation });
+      waiting.push(run.id);
       next();
     },
     /** The columns of a run's generations, or null if nothing has come yet. */
@@ -128,10 +111,8 @@ export function createCurves(api, onchange) {
       const entry = known.get(id);
       return entry && entry.seen > 0 ? entry.columns : null;
     },
-    close() {
-      closed = true;
-      open.forEach((source) => source.close());
-      open = new Set();
-    },
+    /** Why the last attempt to fetch a run failed, or null. */
+    problem: (id) => known.get(id)?.problem ?? null,
+    close: () => stop.abort(),
   };
 }
