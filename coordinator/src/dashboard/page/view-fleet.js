@@ -8,6 +8,20 @@ import { createTable } from './table.js';
 
 const STATES = { busy: '▶ busy', idle: '○ idle', draining: '◐ draining', gone: '✕ gone' };
 const ORDER = Object.keys(STATES);
+const COMMANDS = {
+  drain: {
+    verb: 'Drain',
+    text: 'It gets no more jobs and ends those it has. It stays connected, and can be given jobs again.',
+    button: 'Drain it',
+  },
+  resume: { verb: 'Give jobs to', text: 'It is drained no more: it gets jobs again.', button: 'Give it jobs' },
+  deny: {
+    verb: 'Deny',
+    text: 'It is removed, its jobs go to others, and it is let in no more. What it had handed in before remains.',
+    button: 'Deny it',
+    danger: true,
+  },
+};
 
 const oldest = (worker) =>
   worker.leases?.reduce(
@@ -40,14 +54,12 @@ export const view = {
     let mayControl = false;
 
     function command(worker, action) {
-      const drain = action === 'drain';
+      const { verb, text, button, danger } = COMMANDS[action];
       giveCommand(context, {
-        title: `${drain ? 'Drain' : 'Deny'} ${worker.worker}`,
-        text: drain
-          ? 'It gets no more jobs and ends those it has. It stays connected; started again, it is given jobs as a new worker.'
-          : 'It is removed, its jobs go to others, and it is let in no more. What it had handed in before remains.',
-        button: drain ? 'Drain it' : 'Deny it',
-        danger: !drain,
+        title: `${verb} ${worker.worker}`,
+        text,
+        button,
+        danger,
         body: { action, worker: worker.worker },
       });
     }
@@ -59,13 +71,14 @@ export const view = {
           'button',
           {
             class: action === 'deny' ? 'small danger' : 'small',
-            disabled: !mayControl || (action === 'drain' && worker.state === 'draining'),
+            disabled: !mayControl,
             'aria-label': `${title} ${worker.worker}`,
             onclick: () => command(worker, action),
           },
           title,
         );
-      return h('div', { class: 'actions' }, button('drain', 'Drain'), button('deny', 'Deny'));
+      const first = worker.state === 'draining' ? button('resume', 'Give jobs') : button('drain', 'Drain');
+      return h('div', { class: 'actions' }, first, button('deny', 'Deny'));
     }
 
     const busy = (worker) => {
