@@ -139,6 +139,12 @@ function verdictPanel(detail) {
   return made;
 }
 
+/** How far a channel looks: the outermost of its regions. */
+function radiusText({ regions }) {
+  if (regions.length === 0) return 'whole cloud';
+  return `${number(Math.max(...regions.map(({ outer_cm }) => outer_cm)))} cm`;
+}
+
 function winnerPanel(detail, context) {
   if (detail.winner === null) return null;
   const { generation, individual, text } = detail.winner;
@@ -171,13 +177,7 @@ function winnerPanel(detail, context) {
                 h('th', { scope: 'row' }, channel.text),
                 h('td', { class: 'number' }, number(channel.weight)),
                 h('td', { class: 'number' }, number(channel.values)),
-                h(
-                  'td',
-                  { class: 'number' },
-                  channel.radius_cm === null || channel.radius_cm === undefined
-                    ? '–'
-                    : `${number(channel.radius_cm)} cm`,
-                ),
+                h('td', { class: 'number' }, radiusText(channel)),
               ),
             ),
           ),
