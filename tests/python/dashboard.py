@@ -31,7 +31,7 @@ class Test:
         self.programs = runs.Programs(pathlib.Path(options.coordinator).resolve(), self.out)
         self.browser = None
         self.failed = []
-        self.exp = runs.experiment(self.out, self.out / "data", population=16, generations=30)
+        self.exp = runs.experiment(self.out, self.out / "data", population=12, generations=24)
         self.digest = None  # of the run that nobody has watched
         self.base = None  # the address of a dashboard of all finished runs
         self.served = None  # its program
@@ -43,7 +43,8 @@ class Test:
             seen = what(self)
         except Exception as error:
             frames = traceback.extract_tb(error.__traceback__)
-            where = [frame for frame in frames if pathlib.Path(frame.filename).parent == HERE][-1]
+            ours = [frame for frame in frames if pathlib.Path(frame.filename).parent == HERE]
+            where = next((frame for frame in reversed(ours) if frame.name != "<lambda>"), ours[-1])
             self.failed.append(name)
             print(f"FAILED {name}: {error} ({pathlib.Path(where.filename).name}:{where.lineno})", flush=True)
         else:

@@ -20,6 +20,11 @@ DEMO = REPOSITORY / "experiments/demo.toml"
 BROWSER = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 PATIENCE = 40  # seconds, for what takes some on a busy machine
 LOOK = 0.05
+UNCHECKED = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)  # of certificates that a test has just made
+UNCHECKED.check_hostname, UNCHECKED.verify_mode = False, ssl.CERT_NONE
+OPENER = urllib.request.build_opener(
+    urllib.request.ProxyHandler({}), urllib.request.HTTPSHandler(context=UNCHECKED)
+)
 
 
 def wait(what, condition, seconds=PATIENCE):
@@ -133,11 +138,8 @@ def ask(url, body=None, **headers):
     """Status and body of a request; header names with _ for -."""
     headers = {name.replace("_", "-"): value for name, value in headers.items()}
     request = urllib.request.Request(url, data=body, headers=headers)
-    unchecked = ssl.create_default_context()
-    unchecked.check_hostname, unchecked.verify_mode = False, ssl.CERT_NONE
-    handlers = [urllib.request.ProxyHandler({}), urllib.request.HTTPSHandler(context=unchecked)]
     try:
-        with urllib.request.build_opener(*handlers).open(request, timeout=PATIENCE) as response:
+        with OPENER.open(request, timeout=PATIENCE) as response:
             return response.status, response.read()
     except urllib.error.HTTPError as error:
         return error.code, error.read()
