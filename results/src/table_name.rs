@@ -103,7 +103,7 @@ impl TableName {
     pub const ARTEFACT: [Self; 2] = [Self::Database, Self::Channels];
 
     /// Name of the file of a table that has one file.
-    pub(crate) fn file(self) -> String {
+    pub fn file(self) -> String {
         format!("{self}.parquet")
     }
 }
