@@ -44,6 +44,9 @@ use crate::table_name::TableName;
 /// The script that shows point clouds: a module without imports, which pages have as a file or in their text.
 pub const CLOUD_VIEWER: &str = html::VIEWER;
 
+/// Name and content of a file, and how to tell that an earlier one of this name is ours.
+type File = (String, Vec<u8>, fn(&str) -> bool);
+
 /// A report that is ready to be written. Equal tables give equal bytes.
 #[derive(Clone, Debug)]
 pub struct Report {
@@ -115,7 +118,7 @@ impl Report {
     /// # Errors
     /// As [`Report::write`].
     pub fn write_figures(&self, to: &Path) -> Result<Vec<PathBuf>, Error> {
-        let mut files: Vec<(String, Vec<u8>, fn(&str) -> bool)> = Vec::new();
+        let mut files: Vec<File> = Vec::new();
         for (name, content) in self.svgs()? {
             files.push((name, content.into_bytes(), draw::begins_svg));
         }
@@ -129,7 +132,7 @@ impl Report {
             refuse_foreign(&to.join(name), is_ours)?;
         }
         fs::create_dir_all(to).map_err(|source| Error::io(to, "make this folder", source))?;
-        let write = |(name, content, _): (String, Vec<u8>, fn(&str) -> bool)| {
+        let write = |(name, content, _): File| {
             let file = to.join(name);
             write_whole(&file, &content)?;
             Ok(file)

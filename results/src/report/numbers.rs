@@ -195,8 +195,10 @@ fn range(values: impl Iterator<Item = f64>) -> Option<String> {
 
 /// A number with four digits, or all before the point.
 fn number(value: f64) -> String {
-    let before = if value == 0.0 { 0 } else { value.abs().log10().floor() as i32 };
-    let decimals = usize::try_from(3 - before).unwrap_or(0).min(9);
+    // The power of ten before which its first digit stands.
+    let scientific = format!("{value:e}");
+    let power = scientific.split_once('e').and_then(|(_, power)| power.parse().ok()).unwrap_or(0);
+    let decimals = usize::try_from(3_i32.saturating_sub(power)).unwrap_or(0).min(9);
     let text = format!("{value:.decimals$}");
     let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
     text.replacen('-', "−", 1)

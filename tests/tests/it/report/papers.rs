@@ -144,12 +144,10 @@ fn wrong_clouds_are_drawn_in_3d_and_the_page_stays_small() {
     let folder = TempDir::new().unwrap();
     let out = folder.path().join("run");
     write_hostile(&out, [3, 2], 30, 5);
-    // A ball of 5000 points, as much as any.
-    let turn = |n: u32| f64::from(n) * 2.399_963;
+    // A sheet of 5000 points that is bent.
     let place = |n: u32| {
-        let (z, around) = (2.0 * f64::from(n) / 5000.0 - 1.0, turn(n));
-        let r = (1.0 - z * z).max(0.0).sqrt();
-        [r * around.cos(), r * around.sin(), 10.0 + z].map(|part| (0.05 * part) as f32)
+        let [x, y] = [n % 100, n / 100].map(|part| part as f32 / 1000.0);
+        [x, y, 0.5 + x * x + y * y]
     };
     let cloud = |role: &str, number: u32| ShownCloud {
         name: format!("{HOSTILE}{role}{number}"),
