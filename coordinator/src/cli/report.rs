@@ -14,9 +14,9 @@ use crate::sweep::{self, SWEEP_FILE, Seed};
 
 /// Write a report: one HTML page that needs nothing else, and each of its figures as an SVG file
 ///
-/// Of one run, finished or not, all there is to see; of a sweep or several runs, how results are distributed over seeds
-/// and how kinds of search compare; of an exhaustive search, the best descriptors and what the search space is like. Tables
-/// are read and never changed.
+/// Of one run, finished or not, all there is to see; of a sweep or several runs, how results are distributed over
+/// seeds and how kinds of search compare; of an exhaustive search, the best descriptors and what the search space
+/// is like. Results are never changed; that test clouds are shown is noted in the run.
 ///
 /// Example: coordinator report results/runs/demo-0123456789ab --out demo.html
 #[derive(Debug, Args)]
