@@ -91,7 +91,7 @@ def first_view(programs, exp):
                 page.goto(runs.address(served.address(), "large", view=view))
                 page.locator(f"#content {shown}").first.wait_for()
                 if view == "population":
-                    runs.wait("all individuals", lambda: "2000 individuals" in page.locator("#content").inner_text())
+                    runs.wait("all individuals", lambda: "2\u202f000 individuals" in page.inner_text("#content"))
                 seconds.append(time.monotonic() - begun)
                 page.context.close()
             print(f"{view:10} {spread(seconds, 2)}")
@@ -102,12 +102,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("coordinator")
     parser.add_argument("out")
-    parser.add_argument("--times", type=int, default=5)
+    parser.add_argument("--times", type=int, default=5, help="0: only the first view")
     options = parser.parse_args()
     out = runs.fresh(options.out)
     programs = runs.Programs(pathlib.Path(options.coordinator).resolve(), out)
     try:
-        cost(programs, runs.experiment(out, out / "data"), options.times)
+        if options.times:
+            cost(programs, runs.experiment(out, out / "data"), options.times)
         large = {"population": 500, "generations": 4, "objects": 6, "views": 8}
         first_view(programs, runs.experiment(out, out / "few", **large))
     finally:
