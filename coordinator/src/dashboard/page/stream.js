@@ -1,4 +1,5 @@
-// A stream of server-sent events that comes back by itself, from where it broke off.
+// A stream of server-sent events that comes back by itself, from where it broke off. It rests while nobody sees the
+// page: a browser holds six connections to a host, and the stream of each tab would keep one of them from the others.
 
 const FIRST_DELAY = 500;
 const LONGEST_DELAY = 5000;
@@ -18,9 +19,10 @@ export function openStream({ address, handlers, probe, onconnection, onrefused }
   let delay = FIRST_DELAY;
   let heard = Date.now();
   let closed = false;
+  let rests = false;
 
   function later() {
-    if (closed) return;
+    if (closed || rests) return;
     clearTimeout(timer);
     timer = setTimeout(retry, delay);
     delay = Math.min(delay * 1.6, LONGEST_DELAY);
@@ -41,7 +43,7 @@ export function openStream({ address, handlers, probe, onconnection, onrefused }
       lose();
       return;
     }
-    if (!closed) connect();
+    if (!closed && !rests) connect();
   }
 
   /** The stream did not even begin: either nobody answers, or the server does not have it. */
@@ -60,6 +62,11 @@ export function openStream({ address, handlers, probe, onconnection, onrefused }
   }
 
   function connect() {
+    if (document.hidden) {
+      rests = true;
+      return;
+    }
+    source?.close();
     let opened = false;
     source = new EventSource(address());
     heard = Date.now();
@@ -89,18 +96,32 @@ export function openStream({ address, handlers, probe, onconnection, onrefused }
     }
   }, 5000);
 
+  function rest() {
+    if (closed) return;
+    if (document.hidden) {
+      clearTimeout(timer);
+      source?.close();
+      source = null;
+      rests = true;
+    } else if (rests) {
+      rests = false;
+      connect();
+    }
+  }
+  document.addEventListener('visibilitychange', rest);
+
   onconnection('connecting');
   connect();
 
   return {
     /** Connects again at once. */
     restart() {
-      source?.close();
       clearTimeout(timer);
       connect();
     },
     close() {
       closed = true;
+      document.removeEventListener('visibilitychange', rest);
       source?.close();
       clearTimeout(timer);
       clearInterval(watch);
