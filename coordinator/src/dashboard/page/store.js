@@ -90,7 +90,7 @@ export function createStore(announce) {
     add(name, more) {
       store[name] ??= { rows: 0, columns: {}, omitted: 0 };
       const table = store[name];
-      if (more.omitted) table.omitted = more.omitted;
+      if (more.omitted_generations) table.omittedGenerations = more.omitted_generations;
       const changed = append(table, keys[name], more, KEYS[name]);
       if (name === 'attempts') sequence = Math.max(sequence, highest(more.columns.sequence));
       else generation[name] = Math.max(generation[name], highest(more.columns.generation));

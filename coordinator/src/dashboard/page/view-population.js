@@ -264,10 +264,12 @@ export const view = {
     }
 
     function drawNote(all, drawn) {
-      const { omitted } = store.individuals;
+      const { omitted, omittedGenerations } = store.individuals;
       const parts = [plural(all.length, 'individual')];
       if (drawn.length < all.length) parts.push(`the last ${count(drawn.length)} are drawn`);
-      if (omitted) parts.push(`${count(omitted)} older ones have not been loaded`);
+      const early = plural(omittedGenerations ?? 0, 'generation');
+      if (omittedGenerations) parts.push(`those of the first ${early} have not been loaded`);
+      if (omitted) parts.push(`${count(omitted)} older ones are no longer kept`);
       setText(note, `${parts.join('; ')}.`);
     }
 
