@@ -1,6 +1,6 @@
 """Tests the dashboard in a browser, and its server by requests that no browser would send.
 
-Usage: dashboard.py COORDINATOR OUT_DIR [--all] [--shots DIR] [--page DIR]
+Usage: dashboard.py COORDINATOR OUT_DIR [--all] [--only NAMES] [--shots DIR] [--page DIR]
 
 Needs playwright (PyPI) and Chromium. Makes its own runs in OUT_DIR, which is emptied first. --all also tests narrow and
 wide screens, keyboards, crowds of viewers and a dashboard that is killed; --page takes the page from a folder instead of
@@ -81,6 +81,7 @@ def main():
     parser.add_argument("coordinator")
     parser.add_argument("out")
     parser.add_argument("--all", action="store_true")
+    parser.add_argument("--only", help="names of checks, for example brush,names")
     parser.add_argument("--shots")
     parser.add_argument("--page")
     options = parser.parse_args()
@@ -88,8 +89,10 @@ def main():
     try:
         with runs.browser() as test.browser:
             checks.CHECKS[0][1](test)
+            only = options.only.split(",") if options.only else None
             for name, what in [*checks.CHECKS[1:], *requests.CHECKS, *((checks.MORE + crowds.CHECKS) * options.all)]:
-                test.check(name, what)
+                if only is None or name in only:
+                    test.check(name, what)
     finally:
         test.programs.close()
     sys.exit(1 if test.failed else 0)

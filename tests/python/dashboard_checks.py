@@ -44,6 +44,10 @@ def tab(page, title):
 def order(page, button, reason):
     """Gives an order in the view of control."""
     page.locator(".commands").get_by_role("button", name=button, exact=True).click()
+    confirm(page, reason)
+
+
+def confirm(page, reason):
     page.locator("dialog input[name=reason]").fill(reason)
     page.locator("dialog form button.primary, dialog form button.danger").click()
     page.locator("dialog .done").wait_for()
@@ -66,7 +70,7 @@ def serve(test, listen="127.0.0.1:0"):
 
 def live(test):
     """A run is watched from its first generation to its end, paused and resumed on the way."""
-    program = test.programs.run("watched", test.exp, "--dashboard", "127.0.0.1:0")
+    program = test.programs.run("watched", test.exp, "--local-workers", "2", "--dashboard", "127.0.0.1:0")
     page = test.page()
     page.goto(runs.address(program.address(), "watched"))
     page.evaluate("window.notReloaded = true")
@@ -77,6 +81,11 @@ def live(test):
     tab(page, "Control")
     order(page, "Pause", "a test looks")
     page.locator(".badge.paused").wait_for()
+    tab(page, "Fleet")
+    for button, then in [("Drain", "draining"), ("Give jobs", "idle")]:
+        page.get_by_role("button", name=f"{button} local-2").click()
+        confirm(page, "a test looks")
+        page.locator("#content tbody tr", has_text="local-2").get_by_text(then).wait_for()
     tab(page, "Wrong answers")
     hidden = page.get_by_text("Test clouds are hidden until the search ends")
     hidden.wait_for()
@@ -95,7 +104,7 @@ def live(test):
     assert "No connection to the coordinator since" in lost.inner_text(), lost.inner_text()
     assert page.evaluate("window.notReloaded"), "the page was loaded again"
     page.context.close()
-    return f"generations {first}, {second}, paused, test clouds hidden, resumed, the same digest, connection lost"
+    return f"generations {first}, {second}, paused, a worker drained and back, test clouds hidden, resumed, the same digest, connection lost"
 
 
 def every_view(test):
@@ -330,6 +339,33 @@ def keyboard(test):
     return f"9 tabs and the numbers of a wrong answer, {pressed} times Tab"
 
 
+def tabs(test):
+    """More tabs than a browser has connections to a host: those that nobody sees leave theirs to the others."""
+    context = test.page().context
+    context.add_init_script("Object.defineProperty(document, 'hidden', {get: () => window.isHidden ?? false})")
+    hide = """is => {
+        window.isHidden = is;
+        document.dispatchEvent(new Event('visibilitychange'));
+    }"""
+    opened = []
+    for _ in range(9):
+        page = context.new_page()
+        if test.page_folder:
+            page.route("**/*.js", test.from_folder)
+        page.goto(runs.address(test.base, "quiet", view="overview"))
+        page.locator("#content .verdict").first.wait_for()
+        page.evaluate(hide, True)
+        opened.append(page)
+    first = opened[0]
+    first.evaluate("document.querySelector('#connection').textContent = 'rests'")
+    first.evaluate(hide, False)
+    until(first, "document.querySelector('#connection').textContent === 'connected'")
+    tab(first, "Population")
+    first.locator("#content tbody td").first.wait_for()
+    context.close()
+    return f"{len(opened)} tabs, the first goes on when it is seen again"
+
+
 CHECKS = [
     ("prepare", prepare),
     ("live", live),
@@ -339,4 +375,4 @@ CHECKS = [
     ("back again", back_again),
     ("names", names),
 ]
-MORE = [("screens", screens), ("keyboard", keyboard)]
+MORE = [("screens", screens), ("keyboard", keyboard), ("tabs", tabs)]
