@@ -2,10 +2,10 @@
 
 import { svg } from './dom.js';
 
-/** Round values between two ends, about `wanted` of them. */
-export function ticks(low, high, wanted) {
+/** Round values between two ends, about `wanted` of them, at least `least` apart. */
+export function ticks(low, high, wanted, least = 0) {
   if (!(high > low)) return [low];
-  const raw = (high - low) / Math.max(1, wanted);
+  const raw = Math.max(least, (high - low) / Math.max(1, wanted));
   const power = 10 ** Math.floor(Math.log10(raw));
   const step = [1, 2, 5, 10].map((factor) => factor * power).find((candidate) => candidate >= raw * 0.999);
   const first = Math.ceil(low / step - 1e-9);
@@ -46,9 +46,9 @@ export function extent(values, { margin = 0.04, zero = false } = {}) {
 /**
  * Axes, grid lines and titles.
  * @param {{x: function, y: function, xTitle: string, yTitle: string, xFormat: function, yFormat: function,
- *   xTicks?: number[], yTicks?: number[]}} options `x` and `y` from {@link linear}
+ *   xTicks?: number[], yTicks?: number[], xLeast?: number}} options `x` and `y` from {@link linear}
  */
-export function drawAxes({ x, y, xTitle, yTitle, xFormat, yFormat, xTicks, yTicks }) {
+export function drawAxes({ x, y, xTitle, yTitle, xFormat, yFormat, xTicks, yTicks, xLeast }) {
   const [left, right] = x.range;
   const [bottom, top] = y.range;
   const group = svg('g', { class: 'axes', 'aria-hidden': 'true' });
@@ -59,7 +59,7 @@ export function drawAxes({ x, y, xTitle, yTitle, xFormat, yFormat, xTicks, yTick
       svg('text', { class: 'tick', x: left - 6, y: at + 4, 'text-anchor': 'end' }, yFormat(value)),
     );
   }
-  for (const value of xTicks ?? ticks(...x.domain, Math.max(2, (right - left) / 90))) {
+  for (const value of xTicks ?? ticks(...x.domain, Math.max(2, (right - left) / 90), xLeast)) {
     const at = Math.round(x(value)) + 0.5;
     group.append(
       svg('line', { class: 'tickmark', x1: at, x2: at, y1: bottom, y2: bottom + 4 }),

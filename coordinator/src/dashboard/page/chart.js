@@ -240,7 +240,15 @@ export function createChart(root, { height, onzoom }) {
     replace(
       picture,
       svg('defs', null, svg('clipPath', { id: clip }, svg('rect', box))),
-      drawAxes({ x, y, xTitle: spec.x.title, yTitle: spec.y.title, xFormat: spec.x.format, yFormat: spec.y.format }),
+      drawAxes({
+        x,
+        y,
+        xTitle: spec.x.title,
+        yTitle: spec.y.title,
+        xFormat: spec.x.format,
+        yFormat: spec.y.format,
+        xLeast: spec.x.least,
+      }),
       marks,
       levelLabels(x, y),
     );

@@ -41,6 +41,9 @@ export function setCompared(state, ids) {
 /** What numbers look like along an axis. */
 export const axisFormat = (axis) => (axis === 'time' ? duration : count);
 
+/** The least distance of ticks along an axis: there is no half generation. */
+export const axisLeast = (axis) => (axis === 'time' ? 0 : 1);
+
 /** The domain in the address, or undefined. */
 export function zoomOf(state) {
   const ends = (state.get('zoom') ?? '').split('..').map(Number);
@@ -194,7 +197,7 @@ export function createComparison(root, context) {
     chart.draw({
       ...spec,
       label: `Convergence of ${runs.length} runs: ${runs.map((run) => `${run.id} ${percent(run.best_error)}`).join(', ')}.`,
-      x: { title: AXES[axis], format: axisFormat(axis), domain: zoomOf(state) },
+      x: { title: AXES[axis], format: axisFormat(axis), least: axisLeast(axis), domain: zoomOf(state) },
       y: { title: `Error: ${MEASURES[of]}`, format: (value) => percent(value, 1) },
     });
     table.set(runs);

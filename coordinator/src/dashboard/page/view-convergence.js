@@ -1,7 +1,16 @@
 // How the run converges: best, mean and validation error, diversity, and other runs of its sweep beside it.
 
 import { createChart } from './chart.js';
-import { axisChoice, axisFormat, comparedIds, createComparison, setCompared, setZoom, zoomOf } from './comparison.js';
+import {
+  axisChoice,
+  axisFormat,
+  axisLeast,
+  comparedIds,
+  createComparison,
+  setCompared,
+  setZoom,
+  zoomOf,
+} from './comparison.js';
 import { AXES, bestCurve, curve, positions } from './curves.js';
 import { h, replace } from './dom.js';
 import { number, percent } from './format.js';
@@ -109,7 +118,7 @@ export const view = {
       const last = columns.generation.length - 1;
       chart.draw({
         label: `Error by ${AXES[axis].toLowerCase()}: best so far ${percent(1 - columns.best_so_far_fitness[last])} after generation ${columns.generation[last]}, mean ${percent(1 - columns.mean_fitness[last])}, validation ${percent(columns.validation_object_error?.[last])}.`,
-        x: { title: AXES[axis], format: axisFormat(axis), domain: zoomOf(state) },
+        x: { title: AXES[axis], format: axisFormat(axis), least: axisLeast(axis), domain: zoomOf(state) },
         y: { title: 'Error', format: (value) => percent(value, 1) },
         series,
         bands: [
@@ -138,7 +147,7 @@ export const view = {
       const last = columns.generation.length - 1;
       small.draw({
         label: `Diversity ${percent(columns.diversity[last])} per bit, mutation rate ${number(columns.mutation_rate[last])} in generation ${columns.generation[last]}.`,
-        x: { title: AXES[axis], format: axisFormat(axis), domain: zoomOf(state) },
+        x: { title: AXES[axis], format: axisFormat(axis), least: axisLeast(axis), domain: zoomOf(state) },
         y: { title: 'Share', format: (value) => percent(value, 0), zero: true },
         series,
         bands: [],
