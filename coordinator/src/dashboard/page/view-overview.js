@@ -108,7 +108,7 @@ const COMPARED = [
   ['object_error_high', 'high'],
   ['category_error', 'Category error'],
   ['queries', 'Clouds'],
-  ['values', 'Values a cloud'],
+  ['cloud_size', 'Values a cloud'],
   ['seconds_cloud', 'Time a cloud'],
   ['note', 'Note'],
 ];
