@@ -12,6 +12,15 @@ const STATES = {
   unreadable: '✕ unreadable',
 };
 
+const STOPS = {
+  perfect: 'every training query was right',
+  validation: 'the validation error had risen for long',
+  stagnation: 'nothing had become better for long',
+  generations: 'the limit of generations was reached',
+  evaluations: 'the limit of evaluations was reached',
+  exhaustive: 'all descriptors were evaluated',
+};
+
 /** The state of a run as a badge: colour, symbol and word. */
 export function stateBadge(state) {
   return h('span', { class: `badge ${state}` }, STATES[state] ?? String(state));
@@ -77,7 +86,7 @@ export function createRunHeader(root, views, context) {
       h('span', { class: 'muted', 'aria-hidden': 'true' }, '›'),
       h('h1', null, id),
       run && stateBadge(run.state),
-      run?.stop_reason && h('span', { class: 'muted' }, run.stop_reason),
+      run?.stop_reason && h('span', { class: 'muted' }, STOPS[run.stop_reason] ?? run.stop_reason),
       h('span', { class: 'spacer' }),
       h('a', { class: 'button', href: `/api/report?id=${encodeURIComponent(id)}`, download: '' }, 'Export report'),
     );
