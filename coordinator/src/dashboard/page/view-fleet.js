@@ -29,6 +29,19 @@ const oldest = (worker) =>
     null,
   ) ?? null;
 
+/** How long the jobs of each worker ran on average, as name -> seconds. */
+function meanSeconds(attempts) {
+  const sums = new Map();
+  for (let row = 0; row < (attempts?.rows ?? 0); row++) {
+    const seconds = attempts.columns.run_seconds[row];
+    if (seconds === null) continue;
+    const name = attempts.columns.worker[row];
+    const [sum, jobs] = sums.get(name) ?? [0, 0];
+    sums.set(name, [sum + seconds, jobs + 1]);
+  }
+  return new Map([...sums].map(([name, [sum, jobs]]) => [name, sum / jobs]));
+}
+
 function leaseText(worker) {
   if (worker.leases === null || worker.leases.length === 0) return '';
   const age = oldest(worker);
@@ -51,6 +64,7 @@ export const view = {
     });
     const tools = h('div', { class: 'row' });
     let passing = null;
+    let ran = new Map();
     let mayControl = false;
 
     function command(worker, action) {
@@ -146,6 +160,14 @@ export const view = {
           text: (worker) => count(worker.answers),
         },
         {
+          id: 'ran',
+          title: 'Time a job',
+          number: true,
+          value: (worker) => ran.get(worker.worker) ?? null,
+          text: (worker) => duration(ran.get(worker.worker)),
+          hint: 'mean time that its jobs ran: a slow machine has a long one',
+        },
+        {
           id: 'brushed',
           title: 'Brushed',
           number: true,
@@ -210,6 +232,7 @@ export const view = {
         const why = refusal(context);
         mayControl = why === null;
         setText(refused, why ?? '');
+        if (changed.has('attempts')) ran = meanSeconds(store.attempts);
         if (store.fleet === null) {
           setText(summary, 'Waiting for the fleet …');
           return;
