@@ -13,12 +13,12 @@ const STATES = {
 };
 
 const STOPS = {
-  perfect: 'every training query was right',
-  validation: 'the validation error had risen for long',
-  stagnation: 'nothing had become better for long',
-  generations: 'the limit of generations was reached',
-  evaluations: 'the limit of evaluations was reached',
-  exhaustive: 'all descriptors were evaluated',
+  perfect: 'every training query was named correctly',
+  validation: 'validation errors rose',
+  stagnation: 'the training fitness no longer improved',
+  generations: 'the last generation was reached',
+  evaluations: 'the budget of evaluations was spent',
+  exhaustive: 'the whole grid was evaluated',
 };
 
 /** The state of a run as a badge: colour, symbol and word. */
