@@ -1,5 +1,6 @@
 """Crowds of viewers, and a dashboard that dies: the part of dashboard.py that asks whether runs stay as they are."""
 
+import json
 import socket
 import threading
 import time
@@ -81,13 +82,19 @@ def killed(test):
     """A dashboard of its own is killed while the run that it shows goes on."""
     program = test.programs.run("survivor", test.exp)
     served = test.programs.dashboard(test.out / "runs", name="killed")
-    is_running = lambda: runs.ask(f"{served.address()}api/run?id=survivor")[0] == 200
-    runs.wait("the dashboard shows the run", is_running)
+
+    def order(action):
+        body = json.dumps({"id": "survivor", "action": action, "reason": "a test looks"}).encode()
+        return runs.ask(f"{served.address()}api/control", body, Origin=served.address().rstrip("/"))[0] == 200
+
+    # Paused until somebody watches: it may be a matter of seconds.
+    runs.wait("the run is paused", lambda: order("pause"))
     viewers = Crowd(served.port(), "survivor", 4)
     try:
-        runs.wait("somebody watches", lambda: program.process.poll() is not None or viewers.bytes or viewers.streams)
-        assert program.process.poll() is None, "the run has ended too early for this check"
+        runs.wait("somebody watches", lambda: viewers.streams)
+        assert order("resume"), "the run is not resumed"
         served.kill()
+        assert program.process.poll() is None, "the run has ended with its dashboard"
         assert program.digest() == test.digest, "a run whose dashboard was killed has another digest"
     finally:
         viewers.end()
