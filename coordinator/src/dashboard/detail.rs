@@ -8,7 +8,6 @@ use serde_json::{Value, json};
 
 use super::overview::Overview;
 use super::run_log::milliseconds;
-use crate::examine::layouts;
 use crate::experiment::Experiment;
 
 /// A run in full, as JSON. `run`: its summary.
@@ -102,9 +101,9 @@ fn channels(descriptor: &Descriptor) -> Vec<Value> {
         Descriptor::Structure(structure) => {
             structure.channels.iter().map(|weighted| weighted.channel.to_string()).collect()
         }
-        other => layouts(other).into_iter().map(|layout| layout.name).collect(),
+        other => other.layouts().into_iter().map(|layout| layout.name).collect(),
     };
-    let channels = layouts(descriptor).into_iter().zip(texts).zip(weights);
+    let channels = descriptor.layouts().into_iter().zip(texts).zip(weights);
     channels
         .map(|((layout, text), weight)| {
             let values: u32 = layout.parts.iter().map(|part| part.bins.iter().product::<u32>()).sum();

@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use super::folders::Found;
 use super::overview::Overview;
-use super::run_log::{LogCursor, RunLogReader};
+use super::run_log::{LogCursor, Message, RunLogReader};
 
 /// A folder is not read again before this.
 const EVERY: Duration = Duration::from_millis(900);
@@ -77,9 +77,6 @@ impl Ended {
 
 /// In which order viewers get what is new: first what is short and seen first.
 const ORDER: [&str; 7] = ["reload", "run", "generations", "fleet", "events", "individuals", "attempts"];
-
-/// A message to a viewer: its name, and its body as JSON.
-pub type Message = (&'static str, String);
 
 impl Feed {
     /// Of a folder that was found.

@@ -1,7 +1,10 @@
 //! The runs, sweeps and grids below the folders that a dashboard shows.
 
+use std::collections::BTreeSet;
 use std::fs;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 use results::TableName;
 
@@ -35,15 +38,21 @@ pub struct Found {
     pub kind: Kind,
     /// The id of the sweep that it is a member of.
     pub sweep: Option<String>,
+    /// Inode and time of the file that says what is searched: a run in the place of one that was removed has others.
+    stamp: Option<(u64, SystemTime)>,
 }
 
 /// What there is below some folders, sorted by id. A folder that cannot be read has nothing.
 pub fn find(roots: &[PathBuf]) -> Vec<Found> {
-    let mut found = Vec::new();
+    let (mut found, mut names) = (Vec::new(), BTreeSet::new());
     for root in roots {
         let name = fs::canonicalize(root).unwrap_or_else(|_| root.clone());
         let name =
             name.file_name().map_or_else(|| "results".to_owned(), |name| name.to_string_lossy().into_owned());
+        // Two folders of one name are two.
+        let numbered = (2..).map(|number| format!("{name}-{number}"));
+        let unused = std::iter::once(name.clone()).chain(numbered).find(|name| names.insert(name.clone()));
+        let name = unused.unwrap_or(name);
         match kind(root) {
             Some(_) => look(root, &name, None, DEPTH, &mut found),
             None if roots.len() == 1 => look_below(root, "", None, DEPTH, &mut found),
@@ -77,7 +86,9 @@ fn look(folder: &Path, id: &str, sweep: Option<&str>, depth: usize, found: &mut 
         return look_below(folder, id, None, depth, found);
     };
     let sweep = sweep.map(str::to_owned);
-    found.push(Found { id: id.to_owned(), folder: folder.to_owned(), kind, sweep });
+    let file = folder.join(if kind == Kind::Sweep { SWEEP_FILE } else { SEARCH_FILE });
+    let stamp = file.metadata().ok().and_then(|file| Some((file.ino(), file.modified().ok()?)));
+    found.push(Found { id: id.to_owned(), folder: folder.to_owned(), kind, sweep, stamp });
     if kind == Kind::Sweep {
         look_below(folder, id, Some(id), 1, found);
     }
@@ -138,5 +149,13 @@ mod tests {
         let both = ids(&[at("results/runs/one"), at("results/grids")]);
         assert_eq!(both.iter().map(|found| found.0.as_str()).collect::<Vec<_>>(), ["grids/demo", "one"]);
         assert_eq!(ids(&[at("nothing")]), []);
+        let twice = ids(&[at("results/runs/one"), at("results/runs/one")]);
+        assert_eq!(twice.iter().map(|found| found.0.as_str()).collect::<Vec<_>>(), ["one", "one-2"]);
+        let before = find(&[at("elsewhere")]);
+        fs::remove_file(at("elsewhere").join(SEARCH_FILE)).unwrap();
+        let later = SystemTime::now() + std::time::Duration::from_secs(5);
+        let file = fs::File::create(at("elsewhere").join(SEARCH_FILE)).unwrap();
+        file.set_modified(later).unwrap();
+        assert_ne!(find(&[at("elsewhere")]), before, "another run in its place");
     }
 }

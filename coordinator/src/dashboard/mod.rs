@@ -17,6 +17,7 @@ mod query;
 mod run_log;
 mod server;
 mod shown;
+mod state;
 mod stream;
 mod watched;
 
@@ -27,7 +28,7 @@ use std::sync::Arc;
 use transport::{Protection, WebError, WebListener, host_name};
 
 use access::Access;
-use server::Server;
+use state::Server;
 use watched::Watched;
 
 /// Where a dashboard is served unless the command line says otherwise.

@@ -69,11 +69,6 @@ impl Overview {
         }
     }
 
-    /// Where the run stands.
-    pub fn state(&self) -> State {
-        self.state
-    }
-
     /// What it was started with, if that can be read.
     pub fn experiment(&self) -> Option<&Experiment> {
         self.experiment.as_deref()
@@ -87,12 +82,13 @@ impl Overview {
     /// Takes what was read.
     pub fn read(&mut self, generations: &[Columnar], log: &RunLogReader, problem: Option<String>) {
         let folder = &self.found.folder;
-        let mut problem = problem;
+        let (mut problem, mut is_damaged) = (problem, false);
         self.finished = match results::read_run(folder) {
             Ok(run) => Some(Finished { verdict: read_verdict(folder).unwrap_or_default(), run }),
             Err(results::Error::Unfinished(_)) => None,
             Err(error) => {
-                problem = problem.or(Some(error.to_string()));
+                problem = Some(error.to_string());
+                is_damaged = true;
                 None
             }
         };
@@ -113,7 +109,7 @@ impl Overview {
             (Some(_), _) => State::Finished,
             (None, true) if log.is_paused() => State::Paused,
             (None, true) => State::Running,
-            (None, false) if problem.is_some() && generations.is_empty() => State::Unreadable,
+            (None, false) if is_damaged || problem.is_some() && generations.is_empty() => State::Unreadable,
             (None, false) => State::Unfinished,
         };
         self.figures = match (self.found.kind, &self.finished) {
@@ -172,7 +168,7 @@ impl Overview {
 
     /// As JSON.
     pub fn json(&self) -> Value {
-        let Found { id, kind, sweep, folder } = &self.found;
+        let Found { id, kind, sweep, folder, .. } = &self.found;
         let base = folder.file_name().map(|name| name.to_string_lossy().into_owned());
         let name = self.experiment().map(|experiment| experiment.name().to_owned());
         let mut run = json!({

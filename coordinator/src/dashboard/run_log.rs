@@ -11,9 +11,11 @@ use results::{AttemptRow, EventRow, RunLog, WorkerRow};
 use serde::Serialize;
 use serde_json::json;
 
-use super::feed::Message;
 use super::folders::Found;
 use crate::observers::tables::Tables;
+
+/// A message to a viewer: its name, and its body as JSON.
+pub type Message = (&'static str, String);
 
 /// Attempts and events of one message beyond which the older ones are left out.
 const MOST: usize = 20_000;
@@ -27,8 +29,8 @@ pub struct RunLogReader {
     rows: Tables,
     /// What `rows` has, in the order in which it came.
     order: Vec<Entry>,
-    /// By worker: seconds of reported jobs.
-    busy: BTreeMap<String, f64>,
+    /// By worker: seconds of reported jobs, and valid answers.
+    busy: BTreeMap<String, (f64, u64)>,
     /// What operators have ordered of the coordinator at work.
     orders: Orders,
     /// When a lease was first seen here.
@@ -284,7 +286,7 @@ impl RunLogReader {
             let leases = if row.gone_at.is_none() { held.remove(&row.id) } else { None };
             let end = row.gone_at.or(last).unwrap_or(row.joined_at);
             let here = end.duration_since(row.joined_at).unwrap_or_default().as_secs_f64();
-            let busy = self.busy.get(&row.worker).copied().unwrap_or_default();
+            let (busy, answers) = self.busy.get(&row.worker).copied().unwrap_or_default();
             let state = match (&row.gone_at, &leases) {
                 (Some(_), _) => "gone",
                 _ if self.orders.drained.contains(&row.worker) => "draining",
@@ -295,7 +297,7 @@ impl RunLogReader {
                 "worker": row.worker, "id": row.id, "threads": row.threads, "build": row.build,
                 "principal": row.principal, "joined_ms": milliseconds(row.joined_at),
                 "gone_ms": row.gone_at.map(milliseconds), "departure": row.departure,
-                "answers": row.answers, "busy_share": (here > 0.0).then(|| (busy / here).min(1.0)),
+                "answers": row.answers.unwrap_or(answers), "busy_share": (here > 0.0).then(|| (busy / here).min(1.0)),
                 "leases": if is_live { Some(leases.unwrap_or_default()) } else { None }, "state": state,
             })
         });
@@ -318,10 +320,10 @@ impl Orders {
     }
 }
 
-fn note_busy(busy: &mut BTreeMap<String, f64>, attempt: &AttemptRow) {
-    if let Some(seconds) = attempt.run_seconds {
-        *busy.entry(attempt.worker.clone()).or_default() += seconds;
-    }
+fn note_busy(busy: &mut BTreeMap<String, (f64, u64)>, attempt: &AttemptRow) {
+    let (seconds, answers) = busy.entry(attempt.worker.clone()).or_default();
+    *seconds += attempt.run_seconds.unwrap_or_default();
+    *answers += u64::from(matches!(attempt.end.as_str(), "answered" | "agreed" | "disagreed" | "late"));
 }
 
 fn attempts_json(attempts: &[(u64, &AttemptRow)]) -> String {

@@ -17,74 +17,28 @@ use hyper_util::service::TowerToHyperService;
 use proto::Message;
 use serde::Deserialize;
 use serde_json::json;
-use tokio::sync::{Semaphore, mpsc};
+use tokio::sync::mpsc;
 use transport::WebConnection;
 
-use super::access::{Access, Refusal, Right, protect};
+use super::access::{Refusal, Right, protect};
 use super::assets::asset;
 use super::control::Order;
 use super::error::DashboardError;
 use super::query::Query;
 use super::shown::Which;
+use super::state::Server;
 use super::stream;
-use super::watched::Watched;
 
 /// Longest body of a request, bytes.
 const MAX_BODY: usize = 16 << 10;
-/// Requests that read tables at a time, …
-const READING: usize = 2;
-/// … and those that describe clouds; others wait.
-const COMPUTING: usize = 2;
 /// Points of a cloud unless the request says otherwise.
 const POINTS: usize = 20_000;
-
-/// What requests are answered from.
-pub struct Server {
-    /// The runs.
-    pub watched: Watched,
-    access: Access,
-    reading: Semaphore,
-    computing: Semaphore,
-}
 
 /// Who asks, as `check` has found out.
 #[derive(Clone, Copy)]
 struct Caller(Right);
 
 type Shared = State<Arc<Server>>;
-
-impl Server {
-    /// Of these runs, for whom `access` lets in.
-    pub fn new(watched: Watched, access: Access) -> Self {
-        Self { watched, access, reading: Semaphore::new(READING), computing: Semaphore::new(COMPUTING) }
-    }
-
-    /// Reads on another thread, some at a time.
-    pub async fn blocking<T: Send + 'static>(
-        self: &Arc<Self>,
-        work: impl FnOnce(&Self) -> T + Send + 'static,
-    ) -> Option<T> {
-        self.elsewhere(&self.reading, work).await
-    }
-
-    /// Does what takes longer, so that nobody waits for it who reads.
-    async fn computing<T: Send + 'static>(
-        self: &Arc<Self>,
-        work: impl FnOnce(&Self) -> T + Send + 'static,
-    ) -> Option<T> {
-        self.elsewhere(&self.computing, work).await
-    }
-
-    async fn elsewhere<T: Send + 'static>(
-        self: &Arc<Self>,
-        permits: &Semaphore,
-        work: impl FnOnce(&Self) -> T + Send + 'static,
-    ) -> Option<T> {
-        let _permit = permits.acquire().await.ok()?;
-        let server = Arc::clone(self);
-        tokio::task::spawn_blocking(move || work(&server)).await.ok()
-    }
-}
 
 /// Answers requests of all connections as long as they come.
 pub async fn serve(server: Arc<Server>, mut connections: mpsc::Receiver<WebConnection>) {
@@ -178,16 +132,9 @@ async fn unknown() -> Response {
     (StatusCode::NOT_FOUND, [(CONTENT_TYPE, "application/json")], text).into_response()
 }
 
-/// The runs in short. `right`: what the caller may do.
-pub fn list(server: &Server, right: Right) -> String {
-    let runs = server.watched.list();
-    let (root, build, may_control) = (server.watched.roots(), json!(worker::BUILD), right == Right::Control);
-    format!("{{\"root\":{root},\"build\":{build},\"may_control\":{may_control},\"runs\":{runs}}}")
-}
-
 async fn runs(State(server): Shared, request: Request) -> Response {
     let right = right(&request);
-    answer(server.blocking(move |server| Ok(list(server, right))).await)
+    answer(server.blocking(move |server| Ok(server.list(right))).await)
 }
 
 async fn run(State(server): Shared, request: Request) -> Response {
@@ -300,7 +247,11 @@ async fn report(State(server): Shared, request: Request) -> Response {
 }
 
 async fn control(State(server): Shared, request: Request) -> Response {
-    let body = body(request).await.unwrap_or_default();
+    let Some(body) = body(request).await else {
+        let text = format!("order: at most {MAX_BODY} bytes expected, got more\nshorten the reason");
+        let text = json!({"error": text}).to_string();
+        return (StatusCode::PAYLOAD_TOO_LARGE, [(CONTENT_TYPE, "application/json")], text).into_response();
+    };
     // Not among those that read folders: it waits for another process.
     let work = move || {
         let order = Order::read(&body)?;

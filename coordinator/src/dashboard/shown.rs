@@ -10,9 +10,9 @@ use serde_json::{Value, json};
 
 use super::detail;
 use super::error::DashboardError;
-use super::feed::{Cursor, Feed, Message};
+use super::feed::{Cursor, Feed};
 use super::folders::Found;
-use super::overview::State;
+use super::run_log::Message;
 use crate::dataset::SPLITS;
 use crate::dataset::record::CloudRecord;
 use crate::examine::{DecimatedCloud, Examiner};
@@ -155,8 +155,9 @@ impl Shown {
         lock(&self.feed).train_queries()
     }
 
+    /// By the folder as it is now: what was read before may be of a run that somebody has removed.
     fn is_finished(&self) -> bool {
-        lock(&self.feed).overview().state() == State::Finished
+        results::read_run(&self.found.folder).is_ok()
     }
 
     /// What the run was started with.

@@ -11,10 +11,11 @@ use tokio::time::{Interval, MissedTickBehavior};
 
 use super::access::Right;
 use super::error::DashboardError;
-use super::feed::{Cursor, Message};
+use super::feed::Cursor;
 use super::query::Query;
-use super::server::{Server, list};
+use super::run_log::Message;
 use super::shown::Shown;
+use super::state::Server;
 
 /// How often a viewer is looked after.
 const TICK: Duration = Duration::from_secs(1);
@@ -92,7 +93,7 @@ impl Viewer {
         match &mut self.subject {
             Subject::List(sent) => {
                 let right = self.right;
-                let now = self.server.blocking(move |server| list(server, right)).await;
+                let now = self.server.blocking(move |server| server.list(right)).await;
                 match now {
                     Some(now) if now != *sent => {
                         *sent = now.clone();

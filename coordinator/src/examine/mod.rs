@@ -1,7 +1,6 @@
 //! Single clouds of a run under one descriptor: which clouds are near, and how much each channel adds to the distance.
 
 mod error;
-mod layout;
 mod points;
 #[cfg(test)]
 mod tests;
@@ -10,7 +9,9 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use descriptor::{Cloud, Describer, Descriptor, Preprocess, SetDistance, Signature, Signatures, pcd};
+use descriptor::{
+    ChannelLayout, Cloud, Describer, Descriptor, Preprocess, SetDistance, Signature, Signatures, pcd,
+};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -20,7 +21,6 @@ use crate::evaluate::{Seconds, stages};
 use crate::experiment::Experiment;
 use crate::run::clouds::listed;
 pub use error::ExamineError;
-pub use layout::{ChannelLayout, layouts};
 pub use points::DecimatedCloud;
 
 /// Descriptors whose signatures are kept.
@@ -175,7 +175,7 @@ impl Examiner {
         }
         let answer_parts = parts(&answered);
         let right_parts = right.as_ref().map(|(_, _, parts)| parts);
-        let layouts = layouts(descriptor);
+        let layouts = descriptor.layouts();
         let in_favour = |channel: usize| match right_parts {
             Some(right) => right[channel] - answer_parts[channel],
             None => answer_parts[channel],

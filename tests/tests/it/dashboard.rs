@@ -176,7 +176,7 @@ fn what_comes_from_elsewhere_or_makes_no_sense_is_refused() {
     assert_eq!(ask("POST", &[], order), 403);
     assert_eq!(ask("POST", &[("Origin", "http://evil.example")], order), 403);
     assert_eq!(ask("POST", &[("Origin", &origin)], "{}"), 400);
-    assert_eq!(ask("POST", &[("Origin", &origin)], &" ".repeat(1 << 20)), 400);
+    assert_eq!(ask("POST", &[("Origin", &origin)], &" ".repeat(1 << 20)), 413);
     assert_eq!(ask("POST", &[("Origin", &origin)], order), 409, "nobody is at work on it");
 }
 

@@ -1,7 +1,8 @@
 //! Where the channels of a descriptor look, and how their values are divided.
 
-use descriptor::structure::{Pairs, StructureChannel};
-use descriptor::{Descriptor, Parameters};
+use crate::descriptor::Descriptor;
+use crate::disk_ring::Parameters;
+use crate::structure::{Pairs, StructureChannel};
 use serde::Serialize;
 
 /// A channel as people are shown it.
@@ -36,23 +37,25 @@ pub struct Region {
     pub outer_cm: f64,
 }
 
-/// The channels of a descriptor, in their order.
-pub fn layouts(descriptor: &Descriptor) -> Vec<ChannelLayout> {
-    match descriptor {
-        Descriptor::DiskRing(parameters) => disk_ring(parameters),
-        Descriptor::Fixed(fixed) => vec![ChannelLayout {
-            name: fixed.kind.name().to_owned(),
-            parts: vec![Part { name: "keypoints".to_owned(), bins: vec![fixed.kind.size() as u32] }],
-            regions: vec![ball("neighbourhood", 0, fixed.radius_um)],
-        }],
-        Descriptor::GlobalHue(hue) => vec![ChannelLayout {
-            name: "hue".to_owned(),
-            parts: vec![Part { name: "cloud".to_owned(), bins: vec![hue.bins()] }],
-            regions: Vec::new(),
-        }],
-        Descriptor::Structure(structure) => {
-            let channels = (1..).zip(&structure.channels);
-            channels.map(|(number, weighted)| of_channel(number, &weighted.channel)).collect()
+impl Descriptor {
+    /// Its channels as people are shown them, in their order.
+    pub fn layouts(&self) -> Vec<ChannelLayout> {
+        match self {
+            Self::DiskRing(parameters) => disk_ring(parameters),
+            Self::Fixed(fixed) => vec![ChannelLayout {
+                name: fixed.kind.name().to_owned(),
+                parts: vec![Part { name: "keypoints".to_owned(), bins: vec![fixed.kind.size() as u32] }],
+                regions: vec![ball("neighbourhood", 0, fixed.radius_um)],
+            }],
+            Self::GlobalHue(hue) => vec![ChannelLayout {
+                name: "hue".to_owned(),
+                parts: vec![Part { name: "cloud".to_owned(), bins: vec![hue.bins()] }],
+                regions: Vec::new(),
+            }],
+            Self::Structure(structure) => {
+                let channels = (1..).zip(&structure.channels);
+                channels.map(|(number, weighted)| of_channel(number, &weighted.channel)).collect()
+            }
         }
     }
 }
@@ -112,7 +115,7 @@ mod tests {
 
     #[test]
     fn regions_of_the_papers_descriptor_are_its_disk_and_ring() {
-        let layouts = layouts(&Descriptor::DiskRing(Parameters::PAPER_BEST));
+        let layouts = Descriptor::DiskRing(Parameters::PAPER_BEST).layouts();
         let regions: Vec<(&str, f64, f64)> = layouts[0]
             .regions
             .iter()

@@ -1,0 +1,64 @@
+//! What requests are answered from, and how many of them at a time.
+
+use std::sync::Arc;
+
+use serde_json::json;
+use tokio::sync::Semaphore;
+
+use super::access::{Access, Right};
+use super::watched::Watched;
+
+/// Requests that read tables at a time, …
+const READING: usize = 2;
+/// … and those that describe clouds; others wait.
+const COMPUTING: usize = 2;
+/// What requests are answered from.
+pub struct Server {
+    /// The runs.
+    pub watched: Watched,
+    /// Who may come in.
+    pub access: Access,
+    reading: Semaphore,
+    computing: Semaphore,
+}
+
+impl Server {
+    /// Of these runs, for whom `access` lets in.
+    pub fn new(watched: Watched, access: Access) -> Self {
+        Self { watched, access, reading: Semaphore::new(READING), computing: Semaphore::new(COMPUTING) }
+    }
+
+    /// Reads on another thread, some at a time.
+    pub async fn blocking<T: Send + 'static>(
+        self: &Arc<Self>,
+        work: impl FnOnce(&Self) -> T + Send + 'static,
+    ) -> Option<T> {
+        self.elsewhere(&self.reading, work).await
+    }
+
+    /// Does what takes longer, so that nobody waits for it who reads.
+    pub async fn computing<T: Send + 'static>(
+        self: &Arc<Self>,
+        work: impl FnOnce(&Self) -> T + Send + 'static,
+    ) -> Option<T> {
+        self.elsewhere(&self.computing, work).await
+    }
+
+    async fn elsewhere<T: Send + 'static>(
+        self: &Arc<Self>,
+        permits: &Semaphore,
+        work: impl FnOnce(&Self) -> T + Send + 'static,
+    ) -> Option<T> {
+        let _permit = permits.acquire().await.ok()?;
+        let server = Arc::clone(self);
+        tokio::task::spawn_blocking(move || work(&server)).await.ok()
+    }
+
+    /// The runs in short, as JSON, for who may do this. Blocks.
+    pub fn list(&self, right: Right) -> String {
+        let runs = self.watched.list();
+        let (root, build, may_control) =
+            (self.watched.roots(), json!(worker::BUILD), right == Right::Control);
+        format!("{{\"root\":{root},\"build\":{build},\"may_control\":{may_control},\"runs\":{runs}}}")
+    }
+}
