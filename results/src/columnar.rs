@@ -209,7 +209,7 @@ mod tests {
         ]);
         let json: serde_json::Value = serde_json::from_str(&Columnar::json([&part].into_iter())).unwrap();
         let expected = serde_json::json!({"rows": 2, "columns": {
-            "joined_ms": [5, null], "flat": [null, 0.1], "name": ["</script>\n\"", "größe"], "values": [[0.5], [1.0, 2.0]],
+            "joined_ms": [5, null], "flat": [null, 0.1], "name": ["</script>\n\"", "größe"], "values": [[0.5], [1, 2]],
         }});
         assert_eq!(json, expected);
         assert_eq!(part.numbers("flat"), [None, Some(0.1)]);
