@@ -42,13 +42,24 @@ impl Dashboard {
                 missing.display()
             );
         }
-        super::block_on("start it again: it has nothing to lose", async {
-            let dashboard = Server::bind(folders, self.listen, &self.protection).await?;
-            for notice in dashboard.notices() {
-                say(&notice);
+        let runtime = super::runtime()?;
+        runtime.block_on(async {
+            let served = async {
+                let dashboard = Server::bind(folders, self.listen, &self.protection).await?;
+                for notice in dashboard.notices() {
+                    say(&notice);
+                }
+                dashboard.serve().await;
+                anyhow::Ok(())
+            };
+            tokio::select! {
+                biased; // once the address is told, an interruption is awaited
+                // This is how a server ends, and nothing is lost by it.
+                interruption = super::interruption() => interruption.map(|_| ()).map_err(Into::into),
+                served = served => served,
             }
-            dashboard.serve().await;
-            Ok(ExitCode::SUCCESS)
-        })
+        })?;
+        runtime.shutdown_background(); // what a viewer has asked for is abandoned
+        Ok(ExitCode::SUCCESS)
     }
 }

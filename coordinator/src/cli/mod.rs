@@ -142,7 +142,7 @@ fn exit_code(error: &anyhow::Error) -> ExitCode {
 /// Runs a command's asynchronous part; `advice` says how to go on after an interruption. Evaluations have threads of
 /// their own.
 fn block_on<T>(advice: &str, work: impl Future<Output = anyhow::Result<T>>) -> anyhow::Result<T> {
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
+    let runtime = runtime()?;
     let advice = advice.to_owned();
     // In a task of its own, because reading a large data set keeps this thread busy. What is visible in a run folder
     // is whole at any time, so there is nothing to clean up.
@@ -155,6 +155,10 @@ fn block_on<T>(advice: &str, work: impl Future<Output = anyhow::Result<T>>) -> a
     let done = runtime.block_on(work);
     runtime.shutdown_background(); // an evaluation under way in this process is abandoned
     done
+}
+
+fn runtime() -> std::io::Result<tokio::runtime::Runtime> {
+    tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()
 }
 
 /// Waits for Ctrl-C or SIGTERM; gives the exit code that shells have for it.

@@ -28,6 +28,8 @@ const PORT: &str = ":7700";
 /// Commands that await workers.
 const LISTENERS: [&str; 4] =
     ["coordinator run", "coordinator resume", "coordinator compare", "coordinator exhaust"];
+/// Commands that go on until they are told to stop.
+const SERVERS: [&str; 2] = ["worker ", "coordinator dashboard "];
 /// Far more than a page takes on a slow machine.
 const LIMIT_SECONDS: &str = "900";
 
@@ -42,6 +44,7 @@ pub fn transcript(page: &Page) -> Transcript {
     let mut script = String::from("exec 2>&1\n");
     let mut add = |line: String| script.extend([line, "\n".to_owned()]);
     let log = |index: usize| folder.path().join(format!("{index}.log")).display().to_string();
+    let is_server = |command: &str| SERVERS.iter().any(|server| command.starts_with(server));
     // The commands that go on beside others.
     let mut started: Vec<(usize, &str)> = Vec::new();
     for (index, step) in page.steps.iter().enumerate() {
@@ -56,7 +59,7 @@ pub fn transcript(page: &Page) -> Transcript {
             Action::Run(command) | Action::Silent(command) => {
                 // There is one port for all coordinators of a page.
                 if LISTENERS.iter().any(|listener| command.starts_with(listener)) {
-                    let coordinators = started.iter().filter(|(_, command)| !command.starts_with("worker "));
+                    let coordinators = started.iter().filter(|(_, command)| !is_server(command));
                     coordinators.for_each(|(index, _)| add(format!("wait $started_{index}")));
                 }
                 add(format!("{}\n{}; (exit $code)", here(command, &port), ended(index)));
@@ -67,10 +70,12 @@ pub fn transcript(page: &Page) -> Transcript {
             }
         }
     }
-    // Workers wait for the next run until they are told to stop.
-    started.sort_by_key(|(_, command)| command.starts_with("worker "));
+    started.sort_by_key(|(_, command)| is_server(command));
     for (index, command) in started {
-        if command.starts_with("worker ") {
+        if is_server(command) {
+            let log = log(index);
+            // What has said nothing yet may not know what to do when it is told.
+            add(format!("while [ ! -s {log} ] && kill -0 $started_{index}; do sleep 0.05; done"));
             add(format!("kill -TERM $started_{index}"));
         }
         add(format!("wait $started_{index}\n{}; cat {}", ended(index), log(index)));
@@ -113,6 +118,7 @@ fn ended(index: usize) -> String {
 /// A command as it is given on this machine.
 fn here(command: &str, port: &str) -> String {
     let command = command.replace("cargo run --release --bin coordinator --", "coordinator");
+    let command = command.replace("0.0.0.0:7780", "127.0.0.1:0"); // nobody has to reach a page's dashboard
     command.replace(HOST.0, HOST.1).replace(&format!("0.0.0.0{PORT}"), &format!("127.0.0.1:{port}"))
 }
 
@@ -138,6 +144,7 @@ fn programs(folder: &Path, port: &str) {
         &format!(
             "case \" $* \" in\n*\" --help \"* | *\" --listen \"* | \" control \"*) ;;\n\
              \" run \"* | \" resume \"* | \" compare \"* | \" exhaust \"*) set -- \"$@\" --listen 127.0.0.1:{port} ;;\n\
+             \" dashboard \"*) set -- \"$@\" --listen 127.0.0.1:0 ;;\n\
              \" certs \"*) set -- \"$@\" --port {port} ;;\nesac\n"
         ),
     );
