@@ -31,7 +31,7 @@ class Test:
         self.programs = runs.Programs(pathlib.Path(options.coordinator).resolve(), self.out)
         self.browser = None
         self.failed = []
-        self.exp = runs.experiment(self.out, self.out / "data", population=12, generations=24)
+        self.exp = runs.experiment(self.out, self.out / "data", population=40, generations=60)
         self.digest = None  # of the run that nobody has watched
         self.base = None  # the address of a dashboard of all finished runs
         self.served = None  # its program
