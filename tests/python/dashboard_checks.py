@@ -69,7 +69,7 @@ def serve(test, listen="127.0.0.1:0"):
 
 
 def live(test):
-    """A run is watched from its first generation to its end, paused and resumed on the way."""
+    """A run is watched from one of its first generations to its end, paused and resumed on the way."""
     program = test.programs.run("watched", test.exp, "--local-workers", "2", "--dashboard", "127.0.0.1:0")
     address = program.address()
     # Held from outside until the page is open: the run may be over before a browser on a busy machine has drawn it.
@@ -194,7 +194,6 @@ def brush(test):
     shown = chip.inner_text().replace("\u202f", "").split(" individuals")[0]
     passing, of = [int(word) for word in shown.split()[-3::2]]
     assert 0 < passing < of, f"a brush of a part lets some pass, got {passing} of {of}"
-    rows = page.locator("#content .pager span").last
     rows = page.locator("#content .pager span").last
     runs.wait(f"fewer rows than {total}", lambda: rows.inner_text().replace("\u202f", "").endswith(f" of {passing}"))
     tab(page, "Convergence")
