@@ -3,7 +3,6 @@
 use std::fs::{self, File, TryLockError};
 use std::io;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 use atomic::is_temporary;
 use blake3::Hash;
@@ -385,22 +384,8 @@ impl RunFolder {
 
 /// Whether a process holds a run or grid folder locked.
 pub fn is_in_use(folder: &Path) -> bool {
-    // Shared, so that several that look do not take each other for its process.
-    let held = |lock: File| matches!(lock.try_lock_shared(), Err(TryLockError::WouldBlock));
-    File::open(folder.join(LOCK)).is_ok_and(held)
-}
-
-/// Locks a file, also if somebody just looks whether it is locked, for which it is locked for a moment.
-fn try_lock(file: &File) -> Result<(), TryLockError> {
-    let mut locked = file.try_lock();
-    for _ in 0..10 {
-        if !matches!(locked, Err(TryLockError::WouldBlock)) {
-            break;
-        }
-        std::thread::sleep(Duration::from_millis(10));
-        locked = file.try_lock();
-    }
-    locked
+    let held = File::open(folder.join(LOCK)).and_then(|lock| atomic::is_locked(&lock));
+    matches!(held, Ok(Some(true)))
 }
 
 /// Makes a folder with these tables, locks it, and removes files left half written. The lock lasts as long as the
@@ -416,7 +401,7 @@ pub(crate) fn open_tables(folder: &Path, tables: &[TableName], genes: &[GeneColu
         .write(true)
         .open(folder.join(LOCK))
         .map_err(|source| opening(folder, source))?;
-    match try_lock(&lock) {
+    match atomic::try_lock(&lock) {
         Ok(()) => {}
         Err(TryLockError::WouldBlock) => return Err(Error::InUse(folder.to_owned())),
         Err(TryLockError::Error(source)) => return Err(Error::io(folder, "lock this folder", source)),

@@ -166,3 +166,26 @@ fn a_place_that_cannot_be_taken_keeps_what_it_has() {
     new(&full).commit(&full).unwrap();
     assert_eq!(names(&full), ["a"], "an empty folder makes room");
 }
+
+#[test]
+fn a_lock_is_held_by_one_and_waits_for_those_that_only_look() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("lock");
+    fs::write(&path, "").unwrap();
+    let open = || fs::OpenOptions::new().write(true).read(true).open(&path).unwrap();
+    let (own, other) = (open(), open());
+    assert_eq!(is_locked(&other).unwrap(), Some(false));
+    assert_eq!(is_locked(&open()).unwrap(), Some(false), "a look ends with itself");
+    // Somebody looks until we have tried.
+    let look = open();
+    look.try_lock_shared().unwrap();
+    std::thread::scope(|scope| {
+        let waiting = scope.spawn(|| try_lock(&own));
+        look.unlock().unwrap();
+        waiting.join().unwrap().unwrap();
+    });
+    assert_eq!(is_locked(&other).unwrap(), Some(true));
+    assert!(matches!(try_lock(&other), Err(fs::TryLockError::WouldBlock)));
+    drop(own);
+    try_lock(&other).unwrap();
+}

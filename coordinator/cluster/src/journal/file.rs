@@ -6,8 +6,7 @@ use std::io::{self, ErrorKind, Read as _, Seek as _, SeekFrom, Write as _};
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
-use std::thread;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use proto::JobId;
 
@@ -17,11 +16,6 @@ use super::records::{Contents, Record, Tally, encode};
 use super::repair::{Salvaged, keep_damaged, salvage};
 use super::{Entry, Header, JournalError, Recorded};
 use crate::lock::lock;
-
-/// How often a journal is tried that another process has open, …
-const LOOKS: u32 = 10;
-/// … and how long in between.
-const LOOK: Duration = Duration::from_millis(10);
 
 /// A journal that this process has open; no other can open it meanwhile.
 pub struct JournalFile {
@@ -100,12 +94,7 @@ impl JournalFile {
         if !std::fs::metadata(path)?.is_file() {
             return Err(io::Error::new(ErrorKind::InvalidInput, "something that is no file")); // a pipe would be waited for
         }
-        match File::open(path)?.try_lock_shared() {
-            Ok(()) => Ok(Some(false)),
-            Err(TryLockError::WouldBlock) => Ok(Some(true)),
-            Err(TryLockError::Error(error)) if error.kind() == ErrorKind::Unsupported => Ok(None),
-            Err(TryLockError::Error(error)) => Err(error),
-        }
+        atomic::is_locked(&File::open(path)?)
     }
 
     /// Puts a new journal in the place of one that does not say what it was the journal of, and keeps that beside.
@@ -227,7 +216,6 @@ fn rewrite(path: &Path, head: &Head, contents: &Contents) -> Result<End, Journal
 /// Opens the file that has this name, for nobody else.
 fn open_locked(path: &Path) -> Result<File, JournalError> {
     let failed = |error: io::Error| unusable(path, &error);
-    let mut looks = 0;
     loop {
         let file = OpenOptions::new().read(true).write(true).open(path).map_err(failed)?;
         let opened = file.metadata().map_err(failed)?;
@@ -236,12 +224,6 @@ fn open_locked(path: &Path) -> Result<File, JournalError> {
         }
         match lock_file(&file) {
             Ok(()) => {}
-            // Somebody may only be looking whether it is open.
-            Err(error) if error.kind() == ErrorKind::WouldBlock && looks < LOOKS => {
-                looks += 1;
-                thread::sleep(LOOK);
-                continue;
-            }
             Err(error) if error.kind() == ErrorKind::WouldBlock => {
                 return Err(JournalError::InUse { path: path.to_owned() });
             }
@@ -257,7 +239,7 @@ fn open_locked(path: &Path) -> Result<File, JournalError> {
 
 /// Locks a file as long as it is open; where the file system knows no locks, nobody else is kept out.
 fn lock_file(file: &File) -> io::Result<()> {
-    match file.try_lock() {
+    match atomic::try_lock(file) {
         Err(TryLockError::WouldBlock) => Err(ErrorKind::WouldBlock.into()),
         Err(TryLockError::Error(error)) if error.kind() != ErrorKind::Unsupported => Err(error),
         _ => Ok(()),
