@@ -8,8 +8,8 @@ use descriptor::structure::{Pairs, Weighted};
 use proto::Message;
 use rayon::prelude::*;
 use results::{
-    ChannelPairs, FinishedRun, LookRow, PredictionSplit, RunFolder, ShownCloud, Told, WinnerChannel,
-    WrongClouds,
+    ChannelPairs, FinishedRun, LookRow, PredictionSplit, RunFolder, SeenCloud, ShownCloud, Told,
+    WinnerChannel, WrongClouds,
 };
 
 use crate::compare::verdict;
@@ -32,18 +32,39 @@ pub fn told(folder: &Path) -> Told {
     let mut told = Told { verdict: verdict().unwrap_or_default(), ..Told::default() };
     let Ok(finished) = results::read_run(folder) else { return told };
     let record = &finished.row.resolved_toml;
-    let Ok(experiment) = Experiment::from_record(record, folder, None, Overrides::default()) else {
-        return told;
+    let experiment = match Experiment::from_record(record, folder, None, Overrides::default()) {
+        Ok(experiment) => experiment,
+        Err(error) => {
+            told.not_seen = Some(failed(&error));
+            return told;
+        }
     };
     let Some(winner) = experiment.space().from_values(&finished.row.best_genes) else { return told };
     if let Descriptor::Structure(structure) = &winner {
         told.channels = structure.channels.iter().map(winner_channel).collect();
+    }
+    match seen_cloud(folder, &experiment, &winner) {
+        Ok(seen) => told.seen = Some(seen),
+        Err(reason) => told.not_seen = Some(reason),
     }
     match wrong_clouds(folder, &finished, &experiment, &winner) {
         Ok(wrong) => told.wrong = wrong,
         Err(reason) => told.no_clouds = Some(reason),
     }
     told
+}
+
+/// What went wrong, without what to do: a report is read by others.
+fn failed(error: &dyn std::error::Error) -> String {
+    Message::of(error).what
+}
+
+/// Where the winner looks on the first cloud that the run was trained on; `Err` says why there is none to see.
+fn seen_cloud(folder: &Path, experiment: &Experiment, winner: &Descriptor) -> Result<SeenCloud, String> {
+    let examiner = Examiner::new(folder, experiment).map_err(|error| failed(&error))?;
+    let first = examiner.clouds().iter().find(|cloud| cloud.split == 0);
+    let first = first.ok_or_else(|| "the run lists no training cloud".to_owned())?;
+    examiner.reach(winner, &first.path).map_err(|error| failed(&error))
 }
 
 /// The wrong answers to test queries whose right cloud is furthest behind; `Err` says why there are none to see.
@@ -53,7 +74,6 @@ fn wrong_clouds(
     experiment: &Experiment,
     winner: &Descriptor,
 ) -> Result<Vec<WrongClouds>, String> {
-    let failed = |error: &dyn std::error::Error| Message::of(error).what;
     let answers = results::read_predictions(folder, PredictionSplit::Test).map_err(|error| failed(&error))?;
     let wrong: Vec<_> =
         answers.iter().filter(|answer| answer.instance != answer.predicted_instance).collect();

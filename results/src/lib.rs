@@ -55,12 +55,13 @@ pub use problem::Problem;
 #[cfg(feature = "sql")]
 pub use query::{Answer, AnswerFormat, LONGEST_QUERY, QueryError, query};
 pub use read::{
-    FinishedRun, read_answers, read_comparison, read_evaluations, read_front, read_individual,
-    read_landscapes, read_log, read_looks, read_pairs, read_perturbed, read_predictions, read_run, read_sets,
-    read_table, read_workers,
+    FinishedRun, read_answers, read_comparison, read_evaluations, read_front, read_generations,
+    read_individual, read_landscapes, read_log, read_looks, read_pairs, read_perturbed, read_predictions,
+    read_run, read_sets, read_table, read_workers,
 };
 pub use report::{
-    CLOUD_VIEWER, ChannelPairs, NamedRun, Report, ShownCloud, Told, WinnerChannel, WrongClouds, cloud_bytes,
+    CLOUD_VIEWER, ChannelPairs, NamedRun, Report, SeenChannel, SeenCloud, SeenPairs, SeenRegion, ShownCloud,
+    Told, WinnerChannel, WrongClouds, cloud_bytes,
 };
 pub use schema::schema_markdown;
 pub use statistics::{Cluster, RankSum, bootstrap, holm, mcnemar, rank_sum, wilson};

@@ -10,12 +10,13 @@ use crate::columns::GeneColumn;
 use crate::error::Error;
 use crate::file::names;
 use crate::parquet;
+use crate::record::Value;
 use crate::table_name::TableName;
 use crate::tables::TableFile;
 use crate::tables::comparison::{ComparedRow, PairRow, PerturbedRow, SetRow};
 use crate::tables::grid::LandscapeRow;
 use crate::tables::log::{LookRow, RunLog, WorkerRow};
-use crate::tables::run::{EvaluationRow, FrontRow, PredictionRow, PredictionSplit, RunRow};
+use crate::tables::run::{EvaluationRow, FrontRow, GenerationRow, PredictionRow, PredictionSplit, RunRow};
 
 /// Name of a generation's file in its table's folder.
 pub(crate) fn generation_file(generation: u32) -> String {
@@ -174,9 +175,22 @@ pub(crate) fn expect_one_row(content: &TableFile, file: &Path, of: &str) -> Resu
 /// # Errors
 /// If a file cannot be read, or is damaged.
 pub fn read_evaluations(run: impl AsRef<Path>) -> Result<Vec<EvaluationRow>, Error> {
+    rows_of_all(run.as_ref(), TableName::Evaluations)
+}
+
+/// Every row of table `generations`, in order.
+///
+/// # Errors
+/// If a file cannot be read, or is damaged.
+pub fn read_generations(run: impl AsRef<Path>) -> Result<Vec<GenerationRow>, Error> {
+    rows_of_all(run.as_ref(), TableName::Generations)
+}
+
+/// The rows of all files of a table, in order.
+fn rows_of_all<R: Value>(run: &Path, table: TableName) -> Result<Vec<R>, Error> {
     let mut rows = Vec::new();
-    for file in table_files(run.as_ref(), TableName::Evaluations)? {
-        rows.extend(read_file(&file, TableName::Evaluations)?.rows::<EvaluationRow>()?);
+    for file in table_files(run, table)? {
+        rows.extend(read_file(&file, table)?.rows::<R>()?);
     }
     Ok(rows)
 }
@@ -233,11 +247,7 @@ pub fn read_landscapes(grid: impl AsRef<Path>) -> Result<Vec<LandscapeRow>, Erro
 /// # Errors
 /// If a file cannot be read, or is damaged.
 pub fn read_looks(run: impl AsRef<Path>) -> Result<Vec<LookRow>, Error> {
-    let mut rows = Vec::new();
-    for file in table_files(run.as_ref(), TableName::Looks)? {
-        rows.extend(read_file(&file, TableName::Looks)?.rows::<LookRow>()?);
-    }
-    Ok(rows)
+    rows_of_all(run.as_ref(), TableName::Looks)
 }
 
 /// The descriptors of the comparison in a run folder, in its order; none if there is none, or none that is whole.

@@ -2,6 +2,7 @@
 
 mod error;
 mod points;
+mod reach;
 #[cfg(test)]
 mod tests;
 
@@ -13,6 +14,7 @@ use descriptor::{
     ChannelLayout, Cloud, Describer, Descriptor, Preprocess, SetDistance, Signature, Signatures, pcd,
 };
 use rayon::prelude::*;
+use results::SeenCloud;
 use serde::Serialize;
 
 use crate::dataset::record::CloudRecord;
@@ -22,6 +24,7 @@ use crate::experiment::Experiment;
 use crate::run::clouds::listed;
 pub use error::ExamineError;
 pub use points::DecimatedCloud;
+use reach::reach;
 
 /// Descriptors whose signatures are kept.
 const KEPT: usize = 8;
@@ -125,6 +128,16 @@ impl Examiner {
     /// Whether a cloud is one of the final test.
     pub fn is_test(&self, cloud: &CloudRecord) -> bool {
         SPLITS[cloud.split] == "test"
+    }
+
+    /// What the channels of a descriptor look at on a cloud.
+    ///
+    /// # Errors
+    /// If the cloud cannot be read, or has no keypoints.
+    pub fn reach(&self, descriptor: &Descriptor, path: &str) -> Result<SeenCloud, ExamineError> {
+        let CloudRecord { path, instance, .. } = self.record(path)?;
+        let seen = reach(descriptor, &self.preprocess, &self.cloud(path)?, [path, instance]);
+        seen.map_err(|error| ExamineError::Cloud { path: path.clone(), what: error.to_string() })
     }
 
     /// The points of a cloud, metres.

@@ -102,6 +102,7 @@ pub(crate) struct RunData {
     pub attempts: Option<Rows>,
     pub events: Option<Rows>,
     pub looks: Option<Rows>,
+    pub sets: Option<Rows>,
     /// The comparison of descriptors, if it is complete.
     pub comparison: Option<Comparison>,
 }
@@ -138,6 +139,7 @@ impl RunData {
             attempts: read(TableName::Attempts)?,
             events: read(TableName::Events)?,
             looks: read(TableName::Looks)?,
+            sets: read(TableName::Sets)?,
             comparison: Comparison::read(folder)?,
         })
     }

@@ -116,6 +116,43 @@ pub(crate) fn verdict(comparison: &Rows) -> Result<TableBlock, Error> {
     })
 }
 
+/// Errors of the winner and its baselines on the test clouds of each set.
+pub(crate) fn sets(sets: &Rows) -> Result<TableBlock, Error> {
+    let [names, labels, weights, queries] =
+        ["set", "descriptor", "weight", "queries"].map(|column| sets.texts(column));
+    let (names, labels, weights, queries) = (names?, labels?, weights?, queries?);
+    let levels = ["object", "category"].map(|level| -> Result<_, Error> {
+        let column = |end: &str| sets.numbers(&format!("{level}_error{end}"));
+        Ok([column("")?, column("_low")?, column("_high")?])
+    });
+    let [object, category] = levels;
+    let levels = [object?, category?];
+    let row = |row: usize| {
+        let weight = if weights[row] == "0" { "not seen".to_owned() } else { weights[row].clone() };
+        let mut cells = vec![names[row].clone(), labels[row].clone(), weight];
+        for [error, low, high] in &levels {
+            cells.push(format!("{:.2}", 100.0 * error[row]));
+            cells.push(interval_text([low[row], high[row]]));
+        }
+        cells.push(queries[row].clone());
+        cells
+    };
+    // Set by set: descriptors are compared where clouds are.
+    let first = |row: usize| names.iter().position(|name| *name == names[row]);
+    let mut places: Vec<usize> = (0..sets.len()).collect();
+    places.sort_by_key(|&row| first(row)); // stable: otherwise as written
+    let head =
+        ["set", "descriptor", "weight", "object error, %", "95 %", "category error, %", "95 %", "clouds"];
+    Ok(TableBlock {
+        caption: "Errors on the test clouds of each set, which are compared with clouds of their own set only, with 95 % \
+                  intervals (Wilson’s score, as if clouds were independent), and the set’s weight in the fitness."
+            .to_owned(),
+        head: head.map(str::to_owned).to_vec(),
+        rows: places.into_iter().map(row).collect(),
+        texts: 2,
+    })
+}
+
 /// The points of a run's front, whose errors are those of the clouds that the search has seen.
 pub(crate) fn front(front: &Rows) -> Result<TableBlock, Error> {
     let (points, sizes) = (front.texts("point")?, front.texts("size")?);

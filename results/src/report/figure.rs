@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 
 pub(crate) use super::palette::Colour;
+use super::palette::Rgb;
 use crate::printable::is_printable;
 
 /// Width of a figure in CSS pixels: what fits on a sheet of A4 or Letter with narrow margins.
@@ -209,6 +210,15 @@ pub(crate) enum Marks {
         /// How they are drawn.
         symbol: Symbol,
     },
+    /// Points of a cloud, each in a colour of its own.
+    Cloud {
+        /// Where.
+        points: Vec<[f64; 2]>,
+        /// The colour of each.
+        colours: Vec<Rgb>,
+        /// How much is seen of what lies behind, from 0, nothing is drawn, to 1.
+        opacity: f64,
+    },
     /// The space between two lines: x, lower y, upper y.
     Band(Vec<[f64; 3]>),
     /// Straight pieces, such as bars, spans of time and intervals.
@@ -241,7 +251,9 @@ impl Marks {
     /// Every coordinate pair that must be seen.
     pub fn extent(&self) -> Box<dyn Iterator<Item = [f64; 2]> + '_> {
         match self {
-            Self::Line { points, .. } | Self::Points { points, .. } => Box::new(points.iter().copied()),
+            Self::Line { points, .. } | Self::Points { points, .. } | Self::Cloud { points, .. } => {
+                Box::new(points.iter().copied())
+            }
             Self::Band(points) => Box::new(points.iter().flat_map(|&[x, low, high]| [[x, low], [x, high]])),
             Self::Segments { ends, .. } => Box::new(ends.iter().flatten().copied()),
             Self::Matrix { .. } => Box::new(std::iter::empty()),
@@ -276,6 +288,12 @@ impl Series {
     /// Points.
     pub fn points(name: &str, colour: Colour, symbol: Symbol, points: Vec<[f64; 2]>) -> Self {
         Self { name: name.to_owned(), colour, marks: Marks::Points { points, symbol } }
+    }
+
+    /// Points of a cloud, which have colours of their own.
+    pub fn cloud(points: Vec<[f64; 2]>, colours: Vec<Rgb>, opacity: f64) -> Self {
+        let marks = Marks::Cloud { points, colours, opacity };
+        Self { name: String::new(), colour: Colour::Grey, marks }
     }
 
     /// The space between two lines.

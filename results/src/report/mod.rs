@@ -31,6 +31,7 @@ use std::{fs, io};
 
 use data::{Rows, RunData};
 pub use figures::channels::{ChannelPairs, WinnerChannel};
+pub use figures::on_cloud::{SeenChannel, SeenCloud, SeenPairs, SeenRegion};
 use html::Page;
 pub use runs::NamedRun;
 use runs::Runs;

@@ -36,6 +36,7 @@ fn spoken_series(panel: &Panel, series: &Series) -> Option<String> {
         Marks::Points { points, .. } => {
             format!("{} points, {}", points.len(), range(points.iter().map(|point| point[1]))?)
         }
+        Marks::Cloud { points, .. } => format!("{} points of the cloud", points.len()),
         Marks::Matrix { cells, unit, .. } => {
             format!("{} rows, {} columns, {unit}", cells.len(), cells.first().map_or(0, Vec::len))
         }

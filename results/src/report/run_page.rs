@@ -2,7 +2,7 @@
 
 use super::data::{Rows, RunData, percent};
 use super::figures::{
-    channels, comparison as compared, front, genes, lineage, perturbed, recognition, search, work,
+    channels, comparison as compared, front, genes, lineage, on_cloud, perturbed, recognition, search, work,
 };
 use super::html::{Item, Page, Section, add};
 use super::told::Told;
@@ -55,10 +55,13 @@ fn verdict_items(data: &RunData, told: &Told) -> Result<Vec<Item>, Error> {
         items.push(Item::Table(descriptor_tables::front(front)?));
     }
     items.push(Item::Table(summary::errors(run)));
+    if let Some(sets) = &data.sets {
+        items.push(Item::Table(descriptor_tables::sets(sets)?));
+    }
     Ok(items)
 }
 
-fn descriptor_items(data: &RunData, Told { channels, .. }: &Told) -> Vec<Item> {
+fn descriptor_items(data: &RunData, Told { channels, seen, not_seen, .. }: &Told) -> Vec<Item> {
     let mut items = Vec::new();
     let Some(run) = &data.finished else { return items };
     if channels.is_empty() {
@@ -67,6 +70,13 @@ fn descriptor_items(data: &RunData, Told { channels, .. }: &Told) -> Vec<Item> {
         items.push(Item::Table(channels::table(channels)));
         add(&mut items, channels::pairs(channels).told_elsewhere());
         add(&mut items, channels::bins(channels).told_elsewhere());
+    }
+    if let Some(seen) = seen {
+        add(&mut items, on_cloud::regions(seen));
+        items.push(Item::Table(on_cloud::table(seen)));
+    }
+    if let Some(reason) = not_seen {
+        items.push(Item::Missing(format!("Where the winner looks is not drawn on a cloud: {reason}")));
     }
     items
 }

@@ -52,7 +52,7 @@ fn the_report_of_a_run_draws_every_figure_and_loads_nothing() {
     let before = tables(&out);
     let page = out.join("report/report.html");
     let finished = report(&[&experiment.path("out")]).expect_success();
-    assert!(finished.stdout.starts_with(&format!("{}\n13 figures as SVG in ", page.display())), "{finished}");
+    assert!(finished.stdout.starts_with(&format!("{}\n14 figures as SVG in ", page.display())), "{finished}");
     // That test clouds are shown is noted, once; nothing else changes.
     let after = tables(&out);
     let is_look = |file: &PathBuf| file.starts_with(out.join("looks"));
@@ -77,13 +77,27 @@ fn the_report_of_a_run_draws_every_figure_and_loads_nothing() {
     for sentence in verdict.as_array().unwrap() {
         assert!(html.contains(&format!("<p>{}</p>", sentence.as_str().unwrap())), "{sentence}");
     }
-    expect_drawn(&page, &[&FIGURES[..], &COMPARISON[..3]].concat());
+    expect_drawn(&page, &[&FIGURES[..], &COMPARISON[..3], &["channels-on-cloud"]].concat());
+    assert!(
+        html.contains("on the training cloud") && html.contains(">disk, 0 to "),
+        "where the winner looks"
+    );
     // Equal tables, equal bytes.
     let (again, svg) = (experiment.path("again.html"), experiment.path("svg"));
     report(&[&experiment.path("out"), "--out", &again, "--svg", &svg]).expect_success();
     assert!(tables(&out) == after, "a report that is made again shows nothing more");
     assert_eq!(fs::read_to_string(again).unwrap(), html);
     assert_eq!(figures(Path::new(&svg)), figures(page.parent().unwrap()));
+    // Where clouds cannot be read, the page says so, and the rest is there.
+    fs::remove_file(out.join("clouds.tsv")).unwrap();
+    let without = experiment.path("without.html");
+    report(&[&experiment.path("out"), "--out", &without, "--svg", &svg]).expect_success();
+    let html = fs::read_to_string(without).unwrap();
+    assert!(
+        html.contains("Where the winner looks is not drawn on a cloud: ")
+            && html.contains("no list of clouds")
+    );
+    assert!(!html.contains("channels-on-cloud") && html.contains("<figure id=\"convergence\">"));
 }
 
 #[test]
@@ -105,6 +119,11 @@ fn the_report_of_a_structure_shows_its_channels() {
     let alone = if active == 1 { 2 } else { 1 }; // for telephones, too
     assert!([active, alone * active].contains(&channels.matches("class=\"plot").count()), "{active}");
     let drawn: Vec<String> = figures(experiment.folder());
+    let (_, seen) = html.split_once("<figure id=\"channels-on-cloud\">").expect("its channels on a cloud");
+    let (seen, after) = seen.split_once("</figure>").unwrap();
+    assert!(seen.contains("class=\"plot\""), "{active}");
+    let (table, _) = after.split_once("</table>").unwrap();
+    assert!(table.matches("<tr>").count() > active, "a row for each at least: {table}");
     assert!(drawn.iter().any(|name| name == "channels") && drawn.iter().any(|name| name == "channel-bins"));
     let drawn: Vec<&str> = drawn.iter().map(String::as_str).collect();
     expect_drawn(&page, &drawn);

@@ -50,6 +50,9 @@ pub(super) trait Canvas {
     /// A point.
     fn symbol(&self, at: [f64; 2], symbol: Symbol, rgb: Rgb) -> Drawn;
 
+    /// A filled circle.
+    fn dot(&self, at: [f64; 2], radius: f64, rgb: Rgb, opacity: f64) -> Drawn;
+
     /// A text whose middle is at the height of its position.
     fn text(&self, text: &str, position: [f64; 2], size: f64, at: At, rgb: Rgb) -> Drawn;
 }
@@ -128,6 +131,11 @@ impl<B: DrawingBackend> Canvas for Area<B> {
             Symbol::Dot => self.draw(&Circle::new(at, 15, filled)),
             Symbol::Triangle => self.draw(&TriangleMarker::new(at, 45, filled)),
         }
+    }
+
+    fn dot(&self, at: [f64; 2], radius: f64, rgb: Rgb, opacity: f64) -> Drawn {
+        let radius = (radius * UNITS).round() as i32;
+        self.draw(&Circle::new(units(at), radius, style(rgb, opacity, 1.0).filled()))
     }
 
     fn text(&self, text: &str, position: [f64; 2], size: f64, at: At, rgb: Rgb) -> Drawn {

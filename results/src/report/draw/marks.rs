@@ -4,10 +4,14 @@ use super::canvas::{At, Canvas, Drawn};
 use super::frame::{Frame, number};
 use super::shape::{clipped_area, clipped_line, contains, seen_line, steps};
 use crate::report::figure::{Colour, Dash, Marks, Series};
-use crate::report::palette::{PAPER, needs_light_ink, shade};
+use crate::report::palette::{PAPER, Rgb, needs_light_ink, shade};
 
 /// How far marks may lie beyond the axes, pixels: places of values are not exact.
 const SLACK: f64 = 0.5;
+
+/// Radius of a point of a cloud, and of the rim behind it, pixels.
+const DOT: f64 = 1.6;
+const RIM: f64 = 2.0;
 
 /// Draws a series.
 pub(super) fn draw(canvas: &dyn Canvas, frame: &Frame<'_>, series: &Series) -> Drawn {
@@ -24,6 +28,14 @@ pub(super) fn draw(canvas: &dyn Canvas, frame: &Frame<'_>, series: &Series) -> D
         Marks::Points { points, symbol } => {
             let places = points.iter().map(|&point| frame.point(point));
             places.filter(|&at| contains(bounds, at)).try_for_each(|at| canvas.symbol(at, *symbol, rgb))
+        }
+        Marks::Cloud { points, colours, opacity } => {
+            let places: Vec<([f64; 2], Rgb)> =
+                points.iter().map(|&point| frame.point(point)).zip(colours.iter().copied()).collect();
+            let seen = || places.iter().filter(|(at, _)| contains(bounds, *at));
+            // White points lie on white paper, black ones on dark pages: all have a rim.
+            seen().try_for_each(|&(at, _)| canvas.dot(at, RIM, rgb, *opacity))?;
+            seen().try_for_each(|&(at, own)| canvas.dot(at, DOT, own, *opacity))
         }
         Marks::Band(points) => {
             let side = |of: fn(&[f64; 3]) -> [f64; 2]| {
@@ -121,6 +133,6 @@ pub(super) fn draw_sample(canvas: &dyn Canvas, series: &Series, [x, y]: [f64; 2]
         Marks::Segments { width, .. } => {
             canvas.line(&[[x, y], [x + 22.0, y]], rgb, f64::from(*width).min(10.0), Dash::Solid)
         }
-        Marks::Matrix { .. } => Ok(()),
+        Marks::Cloud { .. } | Marks::Matrix { .. } => Ok(()),
     }
 }

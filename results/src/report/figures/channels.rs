@@ -40,7 +40,7 @@ pub enum ChannelPairs {
 }
 
 /// Width and height of a panel: its axes are a square.
-const SIDE: u32 = 354;
+pub(super) const SIDE: u32 = 354;
 /// Points that a schematic has of a cloud.
 const POINTS: usize = 160;
 /// Keypoints across a radius, at most.
@@ -235,7 +235,7 @@ fn lattice(view: f64, edge: f64) -> Vec<Point> {
 }
 
 /// A circle, as far as it is seen: the pieces of it.
-fn arcs(centre: Point, radius: f64, view: f64) -> Vec<Vec<Point>> {
+pub(super) fn arcs(centre: Point, radius: f64, view: f64) -> Vec<Vec<Point>> {
     let mut direction = [radius, 0.0];
     let mut arcs: Vec<Vec<Point>> = vec![Vec::new()];
     for _ in 0..=STEPS {

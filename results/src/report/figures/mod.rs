@@ -6,6 +6,7 @@ pub(crate) mod front;
 pub(crate) mod genes;
 pub(crate) mod grid;
 pub(crate) mod lineage;
+pub(crate) mod on_cloud;
 pub(crate) mod perturbed;
 pub(crate) mod recognition;
 pub(crate) mod search;
