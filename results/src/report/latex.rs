@@ -48,7 +48,8 @@ pub(crate) fn table1(comparison: &Rows) -> Result<String, Error> {
     Ok(out)
 }
 
-/// Text as LaTeX shows it. Letters beyond Latin 1, which not every set of fonts has, become a sign that is seen.
+/// Text as LaTeX shows it. Letters that not every set of fonts has, which are those beyond Latin 1 and of Icelandic, become
+/// a sign that is seen.
 fn escaped(text: &str) -> String {
     let mut out = String::with_capacity(text.len());
     for c in printable(text).chars() {
@@ -63,6 +64,10 @@ fn escaped(text: &str) -> String {
             '"' => out.push_str("''"),
             // Would be a command's argument at the beginning of a row.
             '[' | ']' | '*' => out.extend(['{', c, '}']),
+            '`' => out.push_str("\\textasciigrave{}"),
+            // Two would be one longer dash.
+            '-' if out.ends_with('-') => out.push_str("{}-"),
+            'Ð' | 'Þ' | 'ð' | 'þ' => out.push_str("\\textquestiondown{}"),
             c if c.is_ascii() || ('À'..='ÿ').contains(&c) => out.push(c),
             _ => out.push_str("\\textquestiondown{}"),
         }
@@ -83,6 +88,8 @@ mod tests {
             r"50\% of a\_b \& c\#1 \textasciitilde{}\textasciicircum{}\$"
         );
         assert_eq!(escaped("größe 物\n"), r"größe \textquestiondown{}\textquestiondown{}");
+        assert_eq!(escaped("a--b---c`"), r"a-{}-b-{}-{}-c\textasciigrave{}");
+        assert_eq!(escaped("Þór ð"), r"\textquestiondown{}ór \textquestiondown{}");
         assert_eq!(escaped("*[<|\">]"), "{*}{[}\\textless{}\\textbar{}''\\textgreater{}{]}");
     }
 }

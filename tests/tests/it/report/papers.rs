@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 
 use results::{
     BestRow, CountRow, GeneColumn, GridFolder, GridRow, GridTables, LandscapeRow, MarginalRow, ShownCloud,
@@ -10,7 +11,8 @@ use results::{
 use tempfile::TempDir;
 
 use super::browsing::{LARGEST, expect_drawn, figures, on_a_telephone, report};
-use super::written::{HOSTILE, at, write_comparison, write_hostile};
+use super::written::{HOSTILE, at, write_comparison, write_hostile, write_named};
+use crate::experiments::repository;
 
 #[test]
 fn every_figure_is_there_as_pdf_and_the_comparison_as_latex() {
@@ -41,6 +43,28 @@ fn every_figure_is_there_as_pdf_and_the_comparison_as_latex() {
     let refused = report(&arguments).expect_error();
     assert!(refused.stderr.contains("table1.tex") && refused.stderr.contains("--figures"), "{refused}");
     assert_eq!(fs::read_to_string(to.join("table1.tex")).unwrap(), "mine");
+}
+
+/// Names that LaTeX would take for something else.
+const AWKWARD: [&str; 5] =
+    ["a_b & c% #1 $x", "~^\\{x}", "[1]* a--b ` 'q' <x> |", "größe þ", "\\input{/etc/passwd}%"];
+
+#[test]
+fn latex_sets_the_comparison_whatever_names_are() {
+    let there = |program: &str| Command::new(program).arg("-v").output().is_ok();
+    if !there("pdflatex") || !there("pdftotext") {
+        eprintln!("SKIPPED: no pdflatex or no pdftotext");
+        return;
+    }
+    let folder = TempDir::new().unwrap();
+    let (out, to) = (folder.path().join("run"), folder.path().join("figures"));
+    write_hostile(&out, [3, 4], 5, 50);
+    write_named(&out, &AWKWARD);
+    report(&[out.to_str().unwrap(), "--figures", to.to_str().unwrap()]).expect_success();
+    let script = repository().join("tests/python/table_tex.py");
+    let names = AWKWARD.map(|name| name.replace('þ', "¿"));
+    let set = Command::new("python3").arg(script).arg(to.join("table1.tex")).args(names).output().unwrap();
+    assert!(set.status.success(), "{}", String::from_utf8_lossy(&set.stderr));
 }
 
 #[test]

@@ -130,31 +130,10 @@ pub(super) fn write_hostile(
 }
 
 pub(super) const DESCRIPTORS: [&str; 3] = ["evolved", "paper", "pfhrgb"];
-/// Adds a comparison with hostile names to a finished run, and two looks.
-pub(super) fn write_comparison(folder: &Path, objects: u32) {
-    let out = RunFolder::create(folder, &[]).unwrap();
-    for reason in [HOSTILE, "again"] {
-        let descriptors = DESCRIPTORS.join(" ");
-        let (command, reason) = ("compare".to_owned(), reason.to_owned());
-        out.record_look(&LookRow { at: at(0), command, reason, descriptors }).unwrap();
-    }
-    out.begin_comparison().unwrap();
-    let answer = |query: u32| PredictionRow {
-        query,
-        cloud: HOSTILE.to_owned(),
-        instance: format!("{HOSTILE}{query:03}"),
-        category: HOSTILE.to_owned(),
-        nearest_cloud: HOSTILE.to_owned(),
-        predicted_instance: format!("{HOSTILE}{:03}", query / 2 * 2),
-        predicted_category: HOSTILE.to_owned(),
-        distance: 1.0,
-        runner_up: None,
-    };
-    let answers: Vec<PredictionRow> = (0..objects).map(answer).collect();
-    let point = |n: u64| CurvePoint { distance: n as f64, accepted: 3 * n + n % 7 + 1, relevant: n };
-    let curve = |name| Curve { name, relevant: 20_000, points: (0..=20_000).map(point).collect() };
+/// A descriptor of a comparison on so many queries.
+fn compared(descriptor: &str, objects: u32) -> ComparedRow {
     let counts = Counts { object_correct: objects / 2, category_correct: objects, queries: objects };
-    let row = |descriptor: &str| ComparedRow {
+    ComparedRow {
         descriptor: descriptor.to_owned(),
         kind: "disk-ring".to_owned(),
         distance: "chi2".to_owned(),
@@ -187,7 +166,32 @@ pub(super) fn write_comparison(folder: &Path, objects: u32) {
         nearest_area: None,
         bytes: None,
         file_digest: None,
+    }
+}
+
+/// Adds a comparison with hostile names to a finished run, and two looks.
+pub(super) fn write_comparison(folder: &Path, objects: u32) {
+    let out = RunFolder::create(folder, &[]).unwrap();
+    for reason in [HOSTILE, "again"] {
+        let descriptors = DESCRIPTORS.join(" ");
+        let (command, reason) = ("compare".to_owned(), reason.to_owned());
+        out.record_look(&LookRow { at: at(0), command, reason, descriptors }).unwrap();
+    }
+    out.begin_comparison().unwrap();
+    let answer = |query: u32| PredictionRow {
+        query,
+        cloud: HOSTILE.to_owned(),
+        instance: format!("{HOSTILE}{query:03}"),
+        category: HOSTILE.to_owned(),
+        nearest_cloud: HOSTILE.to_owned(),
+        predicted_instance: format!("{HOSTILE}{:03}", query / 2 * 2),
+        predicted_category: HOSTILE.to_owned(),
+        distance: 1.0,
+        runner_up: None,
     };
+    let answers: Vec<PredictionRow> = (0..objects).map(answer).collect();
+    let point = |n: u64| CurvePoint { distance: n as f64, accepted: 3 * n + n % 7 + 1, relevant: n };
+    let curve = |name| Curve { name, relevant: 20_000, points: (0..=20_000).map(point).collect() };
     for descriptor in DESCRIPTORS {
         out.write_compared(
             descriptor,
@@ -210,5 +214,14 @@ pub(super) fn write_comparison(folder: &Path, objects: u32) {
         p_value: 0.5,
         p_adjusted: 1.0,
     };
-    out.write_comparison(&DESCRIPTORS.map(row), &[pair]).unwrap();
+    let rows = DESCRIPTORS.map(|descriptor| compared(descriptor, objects));
+    out.write_comparison(&rows, &[pair]).unwrap();
+}
+
+/// Adds a comparison of descriptors of these names, whatever they are, without answers.
+pub(super) fn write_named(folder: &Path, names: &[&str]) {
+    let out = RunFolder::create(folder, &[]).unwrap();
+    out.begin_comparison().unwrap();
+    let rows: Vec<ComparedRow> = names.iter().map(|name| compared(name, 9)).collect();
+    out.write_comparison(&rows, &[]).unwrap();
 }
