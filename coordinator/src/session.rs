@@ -28,7 +28,7 @@ use crate::run::{DataError, RunError};
 use crate::tasks;
 use cluster::journal::{Journal, Recorded};
 use cluster::scheduler::{Audit, Limits, RunSecret};
-use cluster::{Cluster, ClusterError};
+use cluster::{Client, Cluster, ClusterError};
 use transport::{ListenError, Listener, Protection, Release, Servers};
 
 /// Where workers are awaited unless the experiment or the command line says otherwise.
@@ -220,14 +220,15 @@ impl<'a> Session<'a> {
     /// What some descriptors have by a fitness, with a weight for each set, on the training clouds, in their order.
     pub async fn measure(
         &self,
+        client: &mut Client,
         (fitness, weights): (&Fitness, &[u32]),
         descriptors: &[&Descriptor],
     ) -> Result<Vec<Measured>, ClusterError> {
-        let (mut client, mut scales) = (self.cluster.client(), Scales::default());
-        scales.complete(descriptors, &with_weight(weights), &self.splits, &mut client, |_| {}).await?;
+        let mut scales = Scales::default();
+        scales.complete(descriptors, &with_weight(weights), &self.splits, client, |_| {}).await?;
         let batch =
             FitnessBatch::new((fitness, weights), &self.splits, &scales, descriptors, Matching::Train);
-        let answers = batch.evaluate(&mut client, |_, _| {}).await?;
+        let answers = batch.evaluate(client, |_, _| {}).await?;
         Ok(answers.into_iter().map(|answer| answer.measured).collect())
     }
 }

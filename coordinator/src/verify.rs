@@ -129,7 +129,7 @@ pub async fn verify(
         descriptors.iter().filter(|descriptor| experiment.affords(descriptor)).collect();
     let weights = experiment.set_weights(&dataset);
     let fitness = (experiment.fitness(), &weights[..]);
-    let recomputed = async { Ok(session.measure(fitness, &affordable).await?) };
+    let recomputed = async { Ok(session.measure(&mut session.cluster.client(), fitness, &affordable).await?) };
     let measured = session.perform(&Console::default(), None, recomputed).await?;
     verdict.recomputed = measured.len();
     let nothing = nothing_recognised(&experiment, &dataset, Matching::Train);

@@ -7,14 +7,15 @@ use std::path::{Path, PathBuf};
 use crate::checks::{check_best, check_cell, check_grid};
 use crate::columns::GeneColumn;
 use crate::error::Error;
-use crate::file::write_whole;
-use crate::folder::open_tables;
+use crate::file::{names, sync_folder, write_whole};
+use crate::folder::{open_tables, opening};
 use crate::parquet;
 use crate::read::{expect_one_row, read_file, read_file_if_any};
 use crate::record::{Context, Value};
 use crate::table_name::TableName;
 use crate::tables::Table;
 use crate::tables::grid::{BestRow, CellPoints, CellRow, CountRow, GridRow, GridTables};
+use crate::tables::log::EventRow;
 
 /// A grid folder that this process writes to. No other process can open it while this value lives.
 ///
@@ -104,6 +105,19 @@ impl GridFolder {
         Ok(Some(points))
     }
 
+    /// Records an event of the search; it is on the disk when this returns, and stays when the grid is finished.
+    ///
+    /// # Errors
+    /// If it cannot be written.
+    pub fn record_event(&self, event: &EventRow) -> Result<(), Error> {
+        let folder = self.folder.join(TableName::Events.as_str());
+        fs::create_dir_all(&folder).map_err(|source| opening(&folder, source))?;
+        sync_folder(&self.folder)?;
+        let number = names(&folder)?.iter().filter_map(|name| event_number(name)).max().unwrap_or(0) + 1;
+        let rows = std::slice::from_ref(event);
+        self.write(TableName::Events, rows, 0, &format!("event-{number:05}.parquet"))
+    }
+
     /// Writes the tables over all cells, the grid's row last, and with it finishes the grid.
     pub fn write_tables(&self, tables: &GridTables) -> Result<(), Error> {
         let GridTables { grid, best, marginals, landscapes, counts } = tables;
@@ -123,6 +137,11 @@ impl GridFolder {
         let bytes = parquet::encode(&rows.table, rows.frame, &file)?;
         write_whole(&file, &bytes)
     }
+}
+
+/// Number of an event's file.
+fn event_number(name: &str) -> Option<u32> {
+    name.strip_prefix("event-")?.strip_suffix(".parquet")?.parse().ok()
 }
 
 fn cell_file(name: &str) -> String {

@@ -7,6 +7,8 @@ use std::path::{Path, PathBuf};
 
 use cluster::journal::{JOURNAL_FILE, JournalFile};
 
+use results::TableName;
+
 use super::message::{Answer, MAX_BYTES, Request};
 use crate::run::directory::SEARCH_FILE;
 use crate::sweep::SWEEP_FILE;
@@ -27,11 +29,14 @@ const MAX_NAMES: usize = 1024;
 #[derive(Debug, thiserror::Error)]
 pub enum ControlError {
     /// Nothing that could be controlled.
-    #[error("{folder}: holds no run\nname the folder of a run, of a sweep, or of a run of a sweep", folder = .0.display())]
+    #[error("{folder}: holds no run\nname the folder of a run, of a sweep, of a run of a sweep, or of a grid", folder = .0.display())]
     NoRun(PathBuf),
     /// There was nobody at work, or is nobody any more.
     #[error("{folder}: no coordinator is at work on it\nlet it go on: coordinator resume {folder}", folder = .0.display())]
     Nobody(PathBuf),
+    /// The same of a grid.
+    #[error("{folder}: no coordinator is at work on it\nlet it go on: the same coordinator exhaust again", folder = .0.display())]
+    NobodyAtGrid(PathBuf),
     /// There is nothing left to do.
     #[error("{folder}: is finished\nonly a run that goes on can be controlled", folder = .0.display())]
     Finished(PathBuf),
@@ -76,6 +81,8 @@ pub(super) struct Place {
     pub(super) folder: PathBuf,
     /// Which of the sweep's runs it is.
     pub(super) member: Option<String>,
+    /// Whether it is a grid.
+    pub(super) is_grid: bool,
 }
 
 impl Place {
@@ -85,7 +92,7 @@ impl Place {
         // A folder may be named by `.`, which has no parent.
         let folder = fs::canonicalize(run).map_err(|_| ControlError::NoRun(named.clone()))?;
         if folder.join(SWEEP_FILE).is_file() {
-            return Ok(Self { named, folder, member: None });
+            return Ok(Self { named, folder, member: None, is_grid: false });
         }
         if !folder.join(SEARCH_FILE).is_file() {
             return Err(ControlError::NoRun(named));
@@ -93,14 +100,20 @@ impl Place {
         let sweep = folder.parent().filter(|parent| parent.join(SWEEP_FILE).is_file());
         Ok(match (sweep, folder.file_name().and_then(|name| name.to_str())) {
             (Some(sweep), Some(name)) => {
-                Self { named, folder: sweep.to_owned(), member: Some(name.to_owned()) }
+                Self { named, folder: sweep.to_owned(), member: Some(name.to_owned()), is_grid: false }
             }
-            _ => Self { named, folder, member: None },
+            _ => {
+                let is_grid = folder.join(TableName::Cells.as_str()).is_dir();
+                Self { named, folder, member: None, is_grid }
+            }
         })
     }
 
     /// Refuses a run that nobody is at work on.
     pub(super) fn check_at_work(&self) -> Result<(), ControlError> {
+        if self.is_grid {
+            return self.check_at_work_on_grid();
+        }
         let is_finished = |folder: &Path| folder.join("run").join("run.parquet").is_file();
         if let Some(member) = &self.member
             && is_finished(&self.folder.join(member))
@@ -118,6 +131,16 @@ impl Place {
             }
             Err(source) => Err(ControlError::File { path: journal, source }),
         }
+    }
+
+    /// The same of a grid, which has no journal: its folder is locked.
+    fn check_at_work_on_grid(&self) -> Result<(), ControlError> {
+        let named = || self.named.clone();
+        if results::is_in_use(&self.folder) {
+            return Ok(());
+        }
+        let is_finished = self.folder.join(TableName::Grid.as_str()).join(TableName::Grid.file()).is_file();
+        Err(if is_finished { ControlError::Finished(named()) } else { ControlError::NobodyAtGrid(named()) })
     }
 
     /// The folder as it was named.

@@ -12,6 +12,6 @@ pub use folder::{ControlError, Requests};
 pub use message::{Request, me};
 pub(crate) use message::{reads, sample};
 pub use request::{WAIT, request, request_within};
-pub use watch::Operator;
+pub use watch::{Operator, resuming};
 
 pub use cluster::events::ControlAction as Action;

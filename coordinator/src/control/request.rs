@@ -6,6 +6,8 @@ use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use cluster::events::ControlAction;
+
 use super::folder::{ControlError, Place, read};
 use super::message::{Answer, Request};
 
@@ -33,6 +35,11 @@ pub fn request(run: &Path, request: &Request) -> Result<String, ControlError> {
 /// As of [`request`].
 pub fn request_within(run: &Path, request: &Request, wait: Duration) -> Result<String, ControlError> {
     let place = Place::of(run)?;
+    if place.is_grid && matches!(request.action, ControlAction::Priority { .. }) {
+        let refused =
+            "priority: must be of one run of a sweep, got a grid\na grid has all workers of its coordinator";
+        return Err(ControlError::Refused(refused.to_owned()));
+    }
     request.check(place.member.is_some()).map_err(ControlError::Refused)?;
     place.check_at_work()?;
     let [file, answer] = place.files();

@@ -1,6 +1,6 @@
 //! The coordinator's side: looks for requests while it works, and carries them out.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -18,21 +18,31 @@ use crate::run::RunError;
 /// How often it looks.
 const LOOK: Duration = Duration::from_millis(500);
 
+/// Keeps an order that was carried out.
+pub type Keep<'a> = &'a dyn Fn(&Controlled) -> Result<(), results::Error>;
+
 /// Carries out requests of operators.
-pub struct Operator {
+pub struct Operator<'a> {
     /// Where they come from.
     pub requests: Requests,
     /// Who computes.
     pub cluster: Arc<Cluster>,
     /// The run's client; of a sweep, those of its runs that are not finished, with their names.
     pub clients: Vec<(Option<String>, ClientId)>,
-    /// The run folder, for messages.
-    pub folder: PathBuf,
+    /// How to go on with what is stopped, for messages.
+    pub go_on: String,
+    /// Keeps orders where no journal does.
+    pub keep: Option<Keep<'a>>,
     /// The folder of certificates and deny list, if there is one.
     pub tls: Option<PathBuf>,
 }
 
-impl Operator {
+/// How to go on with the run or sweep in a folder.
+pub fn resuming(folder: &Path) -> String {
+    format!("the same command again, or coordinator resume {} with the same options", folder.display())
+}
+
+impl Operator<'_> {
     /// Does `work`, and meanwhile what operators request; `tell` is called when something was done.
     ///
     /// # Errors
@@ -98,7 +108,7 @@ impl Operator {
             Err(error) => Answer::Error(error),
         });
         let Request { by, reason, .. } = request.clone();
-        stops.then(|| RunError::Stopped { folder: self.folder.clone(), by, reason })
+        stops.then(|| RunError::Stopped { go_on: self.go_on.clone(), by, reason })
     }
 
     fn carry_out(&self, request: &Request, member: Option<&str>) -> Result<String, String> {
@@ -120,10 +130,14 @@ impl Operator {
         let denies = matches!(action, ControlAction::Deny { .. });
         let order = Controlled { action, member: member.map(str::to_owned), reason, by };
         let because = order.because();
-        let done = self.cluster.control(order, &clients).map_err(|refusal| refusal.to_string())?;
+        let done = self.cluster.control(order.clone(), &clients).map_err(|refusal| refusal.to_string())?;
+        let kept = self.keep.map_or(Ok(()), |keep| keep(&order));
         let prefix = member.map_or_else(String::new, |member| format!("{member}: "));
         let more = if denies { self.keep_out(certificate, &because) } else { String::new() };
-        Ok(format!("{prefix}{done}{more}"))
+        let lost = kept.err().map_or_else(String::new, |error| {
+            format!("; table events does not have it: {}", Message::of(&error).what)
+        });
+        Ok(format!("{prefix}{done}{more}{lost}"))
     }
 
     /// Puts a denied worker's certificate onto the deny list, if there are both; says how it is kept out.

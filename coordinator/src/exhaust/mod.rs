@@ -19,20 +19,24 @@ use proto::Message;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::SystemTime;
 
 use cache::Store;
 use descriptor::Family;
 use results::{FinishedGrid, GridFolder, GridRow};
 
 use crate::console::say;
+use crate::control::{Operator, Requests};
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::Experiment;
+use crate::observers::tables::control_row;
 use crate::result_cache::source::source_of;
 use crate::run::directory::{beside, claim, difference, refuse_another};
 use crate::run::progress::Progress;
 use crate::run::{RunError, RunOptions, open_data, refuse_sets, rows};
 use crate::session::{Session, listen};
 use cluster::Client;
+use cluster::events::Controlled;
 use grid::Grid;
 use grid_search::GridSearch;
 use grid_spec::GridSpec;
@@ -74,7 +78,17 @@ pub async fn exhaust(
     let settings = experiment.coordinator();
     progress.follow(&session.cluster);
     session.start(listener, settings.local_workers).await;
-    let console = progress.console().clone();
+    let (console, tell) = (progress.console().clone(), progress.teller());
+    // A grid has no journal: what was ordered is on the disk before whoever ordered it is told.
+    let record = |order: &Controlled| folder.record_event(&control_row(SystemTime::now(), order));
+    let operator = Operator {
+        requests: Requests::begin(&out),
+        cluster: Arc::clone(&session.cluster),
+        clients: vec![(None, client.id())],
+        go_on: "the same command again".to_owned(),
+        keep: Some(&record),
+        tls: options.protection.tls.clone(),
+    };
     let search = async {
         let grid = match finished {
             Some(grid) => grid,
@@ -84,16 +98,18 @@ pub async fn exhaust(
                 search.run(&mut client, &mut progress).await?
             }
         };
-        client.rest(); // it has no further question, and nobody may wait for one
         let recheck = match sample {
             0 => None,
             sample => {
-                Some(recheck::recheck(&spec, &folder, &session, sample, |line| progress.say(line)).await?)
+                let say = |line: &str| progress.say(line);
+                Some(recheck::recheck(&spec, &folder, (&session, &mut client), sample, say).await?)
             }
         };
+        client.rest(); // it has no further question, and nobody may wait for one
         Ok((grid, recheck))
     };
-    let (grid, recheck) = session.perform(&console, settings.deadline, search).await?;
+    let work = session.perform(&console, settings.deadline, search);
+    let (grid, recheck) = operator.during(tell, work).await?;
     progress.finish();
     let summary = GridSummary { grid, out, recheck };
     if summary.is_sound() {

@@ -12,6 +12,7 @@ use super::grid_spec::GridSpec;
 use crate::fitness::Fitness;
 use crate::run::RunError;
 use crate::session::Session;
+use cluster::Client;
 
 /// Problems that are shown.
 const SHOWN: usize = 10;
@@ -45,7 +46,7 @@ impl fmt::Display for Recheck {
 pub async fn recheck(
     spec: &GridSpec,
     folder: &GridFolder,
-    session: &Session<'_>,
+    (session, client): (&Session<'_>, &mut Client),
     sample: u32,
     mut say: impl FnMut(&str),
 ) -> Result<Recheck, RunError> {
@@ -84,7 +85,7 @@ pub async fn recheck(
             batch.descriptors.push(Descriptor::DiskRing(descriptors[place]));
             batch.expected.push(counts[place]);
             if batch.descriptors.len() == BATCH {
-                batch.evaluate(session, &mut recheck).await?;
+                batch.evaluate(session, client, &mut recheck).await?;
             }
         }
         if recheck.recomputed >= told + 10 * BATCH {
@@ -92,7 +93,7 @@ pub async fn recheck(
             say(&format!("{told} of {drawn_in_all} counts computed again"));
         }
     }
-    batch.evaluate(session, &mut recheck).await?;
+    batch.evaluate(session, client, &mut recheck).await?;
     Ok(recheck)
 }
 
@@ -105,9 +106,14 @@ struct Batch {
 
 impl Batch {
     /// Evaluates, compares and empties it.
-    async fn evaluate(&mut self, session: &Session<'_>, recheck: &mut Recheck) -> Result<(), RunError> {
+    async fn evaluate(
+        &mut self,
+        session: &Session<'_>,
+        client: &mut Client,
+        recheck: &mut Recheck,
+    ) -> Result<(), RunError> {
         let descriptors: Vec<&Descriptor> = self.descriptors.iter().collect();
-        let found = session.measure((&Fitness::PAPER, &[1]), &descriptors).await?;
+        let found = session.measure(client, (&Fitness::PAPER, &[1]), &descriptors).await?;
         recheck.recomputed += found.len();
         for ((descriptor, expected), found) in
             self.descriptors.drain(..).zip(self.expected.drain(..)).zip(found)

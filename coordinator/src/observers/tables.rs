@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::SystemTime;
 
 use cluster::Client;
-use cluster::events::{Attempt, Departure, Event, EventKind, MAX_KEPT, Omitted};
+use cluster::events::{Attempt, Controlled, Departure, Event, EventKind, MAX_KEPT, Omitted};
 use proto::WorkerId;
 use results::{AttemptRow, EventRow, RunLog, WorkerRow};
 
@@ -79,10 +79,7 @@ impl Tables {
             EventKind::Excluded { label, .. } => {
                 self.tell(event, "excluded", Some(label), None, event.kind.to_string());
             }
-            EventKind::Controlled(controlled) => {
-                let word = controlled.action.as_done();
-                self.tell(event, word, controlled.action.worker(), None, controlled.to_string());
-            }
+            EventKind::Controlled(controlled) => self.rows.events.push(control_row(event.at, controlled)),
             EventKind::Readmitted { .. } => self.describe(event, "readmitted"),
             EventKind::Undecided { .. } => self.describe(event, "undecided"),
             EventKind::Unaudited => self.describe(event, "unaudited"),
@@ -123,6 +120,17 @@ impl Tables {
             }
         }
         self.rows
+    }
+}
+
+/// The row of table `events` of an order.
+pub fn control_row(at: SystemTime, controlled: &Controlled) -> EventRow {
+    EventRow {
+        at,
+        event: controlled.action.as_done().to_owned(),
+        worker: controlled.action.worker().cloned(),
+        generation: None,
+        message: controlled.to_string(),
     }
 }
 

@@ -54,12 +54,10 @@ pub enum RunError {
         seconds: u64,
     },
     /// An operator has ended it.
-    #[error(
-        "stopped by {by}: {reason}\ngo on: the same command again, or coordinator resume {folder} with the same options", folder = .folder.display()
-    )]
+    #[error("stopped by {by}: {reason}\ngo on: {go_on}")]
     Stopped {
-        /// The folder of the run or sweep.
-        folder: PathBuf,
+        /// How to go on.
+        go_on: String,
         /// Who.
         by: String,
         /// Why.

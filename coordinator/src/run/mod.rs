@@ -37,7 +37,7 @@ use results::RunFolder;
 use transport::host_name;
 
 use crate::console::say;
-use crate::control::{Operator, Requests};
+use crate::control::{Operator, Requests, resuming};
 use crate::dataset::{Dataset, Wanted};
 use crate::exhaust::grid::Grid;
 use crate::experiment::Experiment;
@@ -157,7 +157,8 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
         requests,
         cluster: Arc::clone(&session.cluster),
         clients: vec![(None, client.id())],
-        folder: out.clone(),
+        go_on: resuming(&out),
+        keep: None,
         tls: options.protection.tls.clone(),
     };
     let (dataset, session, remembered) = (&dataset, &session, &known);

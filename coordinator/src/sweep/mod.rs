@@ -15,7 +15,7 @@ use futures_util::future::try_join_all;
 use results::RunFolder;
 
 use crate::console::say;
-use crate::control::{Operator, Requests};
+use crate::control::{Operator, Requests, resuming};
 use crate::dataset::{Dataset, Wanted};
 use crate::experiment::{Member, Overrides, Plan, Sweep};
 use crate::observers::event_file::EventFile;
@@ -105,7 +105,8 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
         requests,
         cluster: Arc::clone(&session.cluster),
         clients: folders.iter().zip(&clients).map(named).collect(),
-        folder: out.clone(),
+        go_on: resuming(&out),
+        keep: None,
         tls: options.protection.tls.clone(),
     };
     let settings = base.coordinator();

@@ -301,3 +301,76 @@ fn the_certificate_of_a_denied_worker_goes_onto_the_deny_list() {
     let again = site.certified("lab-1", port).wait().expect_error();
     assert!(again.stderr.contains("on the coordinator's deny list"), "{again}");
 }
+
+/// A grid of 128 cells, long enough to do something to it.
+const GRID: &str = "[descriptor.genes]\nshape_bins = { min = 8, max = 64, step = 14 }\nm = { min = 3, max = 8, step = 1 }\n\
+    R1 = { min = 0.5, max = 2.0, step = 0.1 }\nR2 = { min = 2.1, max = 4.9, step = 0.4 }\n\
+    w = { min = 0.0, max = 1.0, step = 0.1 }\n[coordinator]\naudit = 0\n";
+
+#[test]
+fn a_grid_that_is_controlled_is_the_same_grid_and_keeps_who_ordered_what() {
+    let experiment = Experiment::new(GRID);
+    let arguments = |out: &str, more: &[&str]| {
+        let (toml, out) = (experiment.path("exp.toml"), experiment.path(out));
+        let args = ["exhaust", &toml, "--out", &out, "--listen", "127.0.0.1:0", "--json"];
+        [&args[..], more].concat().into_iter().map(str::to_owned).collect::<Vec<String>>()
+    };
+    let undisturbed =
+        run("coordinator", arguments("undisturbed", &["--local-workers", "1"])).expect_success();
+    let out = experiment.path("out");
+    let alone = arguments("out", &["--local-workers", "0"]);
+    let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", alone);
+    let address = coordinator.join_address();
+    coordinator.wait_for("waiting for a worker");
+
+    // Paused before anybody is there: nobody is given anything, whoever joins.
+    assert!(ordered(&out, &["pause"]).starts_with("paused: "));
+    refused(&out, &["pause"], "pause: must be a run that goes on, got one that is paused\nresume");
+    refused(&out, &["priority", "3"], "priority: must be of one run of a sweep, got a grid\n");
+    let [mut one, two] = ["one", "two"].map(|name| experiment.worker(name, &address));
+    for name in ["one", "two"] {
+        coordinator.wait_for(&format!("worker {name}: joined"));
+    }
+    ordered(&out, &["drain", "two"]); // a look later, both have asked for jobs
+    assert_eq!((jobs(&one), jobs(&two)), (0, 0));
+    assert_eq!(ordered(&out, &["resume"]), "resumed");
+    coordinator.wait_for("cell 3/128");
+    assert_eq!(jobs(&two), 0, "drained");
+    assert_eq!(ordered(&out, &["resume", "--worker", "two"]), "worker two: is given jobs again");
+    wait_until("at work again", || jobs(&two) > 0);
+    ordered(&out, &["deny", "one"]);
+    let ended = one.wait().expect_error();
+    assert!(ended.stderr.contains("this worker was denied by whoever runs the coordinator"), "{ended}");
+
+    assert_eq!(ordered(&out, &["stop"]), "stopped");
+    let stopped = coordinator.wait().expect_error();
+    assert_eq!(stopped.status.code(), Some(130), "{stopped}");
+    assert!(stopped.stderr.contains(": for a test\ngo on: the same command again"), "{stopped}");
+    assert!(!stopped.stderr.contains("cell 128/128"), "too late: {stopped}");
+    refused(
+        &out,
+        &["pause"],
+        "no coordinator is at work on it\nlet it go on: the same coordinator exhaust again",
+    );
+    assert!(!Path::new(&out).join("control").exists());
+
+    let finished = run("coordinator", arguments("out", &["--local-workers", "1"])).expect_success();
+    for key in ["grid_digest", "best", "best_object_correct", "optimal_descriptors"] {
+        assert_eq!(summary(&finished)[key], summary(&undisturbed)[key], "{key}");
+    }
+    assert!(summary(&finished)["grid_digest"].is_string());
+    refused(&out, &["pause"], "is finished\nonly a run that goes on can be controlled");
+    let (rows, named) = (events(&out), |worker: &str| Some(worker.to_owned()));
+    let told: Vec<(&str, Option<String>)> =
+        rows.iter().map(|(event, worker, _)| (event.as_str(), worker.clone())).collect();
+    let expected = [
+        ("paused", None),
+        ("drained", named("two")),
+        ("resumed", None),
+        ("resumed", named("two")),
+        ("denied", named("one")),
+        ("stopped", None),
+    ];
+    assert_eq!(told, expected);
+    assert!(rows.iter().all(|(.., message)| message.contains(" by ") && message.contains('@')), "{rows:?}");
+}
