@@ -1,8 +1,14 @@
 //! A client of the dashboard that can say whatever a test wants it to say.
 
-use std::io::{BufRead as _, BufReader, Read as _, Write as _};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
+use std::path::Path;
+use std::sync::Arc;
 
+use rustls::crypto::ring::default_provider;
+use rustls::pki_types::CertificateDer;
+use rustls::pki_types::pem::PemObject as _;
+use rustls::{ClientConfig, ClientConnection, RootCertStore, StreamOwned};
 use serde_json::Value;
 
 use crate::process::PATIENCE;
@@ -36,15 +42,19 @@ impl Answer {
     }
 }
 
-fn connect(
-    address: &str,
-    method: &str,
-    path: &str,
-    headers: &[(&str, &str)],
-    body: &str,
-) -> BufReader<TcpStream> {
+fn connected(address: &str) -> TcpStream {
     let stream = TcpStream::connect(address).unwrap();
     stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream
+}
+
+/// Sends a request.
+fn ask<S: Read + Write>(
+    mut stream: S,
+    (address, method, path): (&str, &str, &str),
+    headers: &[(&str, &str)],
+    body: &str,
+) -> BufReader<S> {
     let mut request = format!("{method} {path} HTTP/1.1\r\n");
     if !headers.iter().any(|(name, _)| *name == "Host") {
         request += &format!("Host: {address}\r\n");
@@ -54,12 +64,12 @@ fn connect(
     }
     request += &format!("Content-Length: {}\r\nConnection: close\r\n\r\n{body}", body.len());
     // A server that refuses a request need not read all of it.
-    let _ = (&stream).write_all(request.as_bytes());
+    let _ = stream.write_all(request.as_bytes());
     BufReader::new(stream)
 }
 
 /// Status and headers.
-fn head(stream: &mut BufReader<TcpStream>) -> (u16, Vec<(String, String)>) {
+fn head(stream: &mut impl BufRead) -> (u16, Vec<(String, String)>) {
     let mut lines = Vec::new();
     loop {
         let mut line = String::new();
@@ -79,7 +89,11 @@ fn head(stream: &mut BufReader<TcpStream>) -> (u16, Vec<(String, String)>) {
 
 /// A request.
 pub fn request(address: &str, method: &str, path: &str, headers: &[(&str, &str)], body: &str) -> Answer {
-    let mut stream = connect(address, method, path, headers, body);
+    answer(ask(connected(address), (address, method, path), headers, body))
+}
+
+/// All of an answer.
+fn answer(mut stream: impl BufRead) -> Answer {
     let (status, headers) = head(&mut stream);
     let mut rest = Vec::new();
     stream.read_to_end(&mut rest).unwrap();
@@ -90,6 +104,36 @@ pub fn request(address: &str, method: &str, path: &str, headers: &[(&str, &str)]
 /// What is there at a path.
 pub fn get(address: &str, path: &str) -> Answer {
     request(address, "GET", path, &[], "")
+}
+
+/// A client over TLS.
+pub struct Tls(Arc<ClientConfig>);
+
+impl Tls {
+    /// That trusts who shows a certificate of the authority in this file.
+    pub fn trusting(authority: &Path) -> Self {
+        let mut roots = RootCertStore::empty();
+        roots.add(CertificateDer::from_pem_file(authority).unwrap()).unwrap();
+        let config = ClientConfig::builder_with_provider(Arc::new(default_provider()));
+        let config = config.with_safe_default_protocol_versions().unwrap().with_root_certificates(roots);
+        Self(Arc::new(config.with_no_client_auth()))
+    }
+
+    /// A request, as [`request`].
+    pub fn request(
+        &self,
+        address: &str,
+        method: &str,
+        path: &str,
+        headers: &[(&str, &str)],
+        body: &str,
+    ) -> Answer {
+        let (host, _) = address.rsplit_once(':').unwrap();
+        let connection =
+            ClientConnection::new(Arc::clone(&self.0), host.to_owned().try_into().unwrap()).unwrap();
+        let stream = StreamOwned::new(connection, connected(address));
+        answer(ask(stream, (address, method, path), headers, body))
+    }
 }
 
 fn joined(mut chunked: &[u8]) -> Vec<u8> {
@@ -108,7 +152,7 @@ pub struct Events(BufReader<TcpStream>);
 impl Events {
     /// Of the stream at a path.
     pub fn open(address: &str, path: &str) -> Self {
-        let mut stream = connect(address, "GET", path, &[], "");
+        let mut stream = ask(connected(address), (address, "GET", path), &[], "");
         let (status, _) = head(&mut stream);
         assert_eq!(status, 200);
         Self(stream)

@@ -6,8 +6,9 @@ use std::path::Path;
 use serde_json::{Value, json};
 
 use crate::experiments::{Experiment, copy_folder, digest, run_demo};
-use crate::http::{Events, get, request};
+use crate::http::{Events, Tls, get, request};
 use crate::process::Running;
+use crate::strangers::Site;
 
 /// Long enough to be watched.
 const SEARCH: &str = "[search]\nmethod = \"random\"\n[ga]\npopulation = 8\n[stop]\ngenerations = 60\n\
@@ -185,6 +186,79 @@ fn what_comes_from_elsewhere_or_makes_no_sense_is_refused() {
     assert_eq!(ask("POST", &[("Origin", &origin)], "{}"), 400);
     assert_eq!(ask("POST", &[("Origin", &origin)], &" ".repeat(1 << 20)), 413);
     assert_eq!(ask("POST", &[("Origin", &origin)], order), 409, "nobody is at work on it");
+}
+
+#[test]
+fn over_tls_one_token_may_look_and_another_act_and_nobody_else_anything() {
+    let site = Site::with(Experiment::with(""), "127.0.0.1", &[]);
+    let demo = run_demo().folder().join("results/runs/demo");
+    copy_folder(&demo, &site.experiment.folder().join("runs/demo"));
+    let (runs, folder) = (site.experiment.path("runs"), site.experiment.path("tls"));
+    let args = ["dashboard", &runs, "--tls", &folder, "--listen", "0.0.0.0:0"];
+    let mut program = Running::start(site.experiment.folder(), "dashboard", "coordinator", args);
+    let line = program.wait_for("dashboard: https://");
+    let port = line.split("https://").nth(1).unwrap().split('/').next().unwrap().rsplit(':').next().unwrap();
+    let at = format!("127.0.0.1:{port}");
+    let tls = Tls::trusting(&Path::new(&folder).join("ca.pem"));
+    let token = |name: &str| {
+        let token = fs::read_to_string(Path::new(&folder).join(name)).unwrap().trim().to_owned();
+        assert!(!line.contains(&token), "{line}");
+        format!("Bearer {token}")
+    };
+    let (look, act) = (token("dashboard-view"), token("dashboard-control"));
+    let ask = |path: &str, headers: &[(&str, &str)]| tls.request(&at, "GET", path, headers, "");
+
+    // The page asks for a token, and all that it would show needs one.
+    assert_eq!(ask("/", &[]).status, 200);
+    let wrong = format!("{}A", &look[..look.len() - 1]);
+    let worker = format!("Bearer {}", fs::read_to_string(Path::new(&folder).join("token")).unwrap().trim());
+    for path in ["/api/runs", "/api/run?id=demo", "/api/stream", "/api/report?id=demo", "/api/nothing"] {
+        for shown in
+            [None, Some("Bearer "), Some(&wrong), Some(&look.replace("Bearer", "Basic")), Some(&worker)]
+        {
+            let headers: Vec<(&str, &str)> = shown.iter().map(|shown| ("Authorization", *shown)).collect();
+            let answer = ask(path, &headers);
+            assert_eq!(answer.status, 401, "{path} with {shown:?}");
+            assert!(!answer.text().contains("demo"), "{path} with {shown:?}");
+        }
+    }
+    for (shown, may_control) in [(&look, false), (&act, true)] {
+        let answer = ask("/api/runs", &[("Authorization", shown)]);
+        assert_eq!((answer.status, answer.json()["may_control"].clone()), (200, json!(may_control)));
+        assert_eq!(answer.json()["runs"][0]["id"], "demo");
+    }
+
+    // From its own page only, whatever is shown.
+    let own = format!("https://{at}");
+    let order = json!({"id": "demo", "action": "pause", "reason": "for a test"}).to_string();
+    let order = |headers: &[(&str, &str)]| tls.request(&at, "POST", "/api/control", headers, &order).status;
+    assert_eq!(order(&[("Origin", &own)]), 401);
+    assert_eq!(order(&[("Origin", &own), ("Authorization", &look)]), 401);
+    let allowed = order(&[("Origin", &own), ("Authorization", &act)]);
+    assert_eq!(allowed, 409, "it may, but nobody is at work on it");
+    assert_eq!(order(&[("Authorization", &act)]), 403);
+    assert_eq!(order(&[("Origin", "https://evil.example"), ("Authorization", &act)]), 403);
+    assert_eq!(order(&[("Origin", &own), ("Host", "evil.example"), ("Authorization", &act)]), 403);
+    for elsewhere in [("Origin", "https://evil.example"), ("Sec-Fetch-Site", "cross-site")] {
+        assert_eq!(ask("/api/runs", &[elsewhere, ("Authorization", &look)]).status, 403, "{elsewhere:?}");
+    }
+    // A name of elsewhere that leads here has no cookie, and shows nothing.
+    assert_eq!(ask("/api/runs", &[("Host", "evil.example")]).status, 401);
+
+    // A token becomes a cookie that no script reads and no other site sends.
+    let login = |token: &str| {
+        let body = json!({"token": token.trim_start_matches("Bearer ")}).to_string();
+        tls.request(&at, "POST", "/api/login", &[("Origin", &own)], &body)
+    };
+    assert_eq!(login(&wrong).status, 401);
+    let answer = login(&look);
+    let cookie = answer.header("set-cookie").unwrap();
+    for part in ["HttpOnly", "Secure", "SameSite=Strict"] {
+        assert!(cookie.contains(part), "{cookie}");
+    }
+    let cookie = cookie.split(';').next().unwrap();
+    assert_eq!(ask("/api/runs", &[("Cookie", cookie)]).status, 200);
+    assert_eq!(order(&[("Origin", &own), ("Cookie", cookie)]), 401);
 }
 
 #[test]
