@@ -28,7 +28,7 @@ impl Front {
 
     /// Adds an individual, number `index` of its generation, unless one that is there dominates or equals it, and drops
     /// those that it dominates.
-    pub(crate) fn add(&mut self, generation: u32, index: u32, individual: &Individual, score: Score) {
+    pub fn add(&mut self, generation: u32, index: u32, individual: &Individual, score: Score) {
         let objectives = score.objectives();
         let is_beaten = |point: &Found| {
             let there = point.score.objectives();

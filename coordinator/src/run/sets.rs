@@ -1,12 +1,14 @@
 //! Sets of clouds that are each compared within themselves: which have a part in a fitness, one result of the results
 //! of all, and what descriptors have on each.
 
+use std::collections::HashMap;
+
 use proto::task::{EvaluationResult, Match};
-use results::{Counts, SetRow, wilson};
+use results::{Counts, PredictionRow, SetRow, wilson};
 use serde_json::{Value, json};
 
 use crate::compare::{EVOLVED, PAPER};
-use crate::dataset::Dataset;
+use crate::dataset::{Clouds, Dataset};
 use crate::run::matching::Matching;
 use crate::run::progress::percent;
 
@@ -62,8 +64,37 @@ pub fn rows(dataset: &Dataset, weights: &[u32], descriptor: &str, result: &Evalu
         counts.category_correct += u32::from(nearest.category == query.category);
         counts.queries += 1;
     }
+    of_counts(&dataset.clouds.sets, weights, descriptor, of_sets)
+}
+
+/// The same from its answers to all test queries; `None` if one is of a cloud that the data set does not list.
+pub fn of_answers(
+    clouds: &Clouds,
+    weights: &[u32],
+    descriptor: &str,
+    answers: &[PredictionRow],
+) -> Option<Vec<SetRow>> {
+    let numbers: HashMap<&str, usize> =
+        clouds.sets.iter().enumerate().map(|(number, set)| (set.as_str(), number)).collect();
+    let of_path: HashMap<&str, usize> = clouds
+        .listed
+        .iter()
+        .filter_map(|cloud| Some((cloud.path.as_str(), *numbers.get(cloud.set.as_deref()?)?)))
+        .collect();
+    let mut of_sets = vec![Counts { object_correct: 0, category_correct: 0, queries: 0 }; weights.len()];
+    for answer in answers {
+        let counts = of_sets.get_mut(*of_path.get(answer.cloud.as_str())?)?;
+        counts.object_correct += u32::from(answer.predicted_instance == answer.instance);
+        counts.category_correct += u32::from(answer.predicted_category == answer.category);
+        counts.queries += 1;
+    }
+    Some(of_counts(&clouds.sets, weights, descriptor, of_sets))
+}
+
+/// A row for each set that has queries.
+fn of_counts(sets: &[String], weights: &[u32], descriptor: &str, of_sets: Vec<Counts>) -> Vec<SetRow> {
     let interval = |counts: Counts, correct: u32| wilson(counts.queries - correct, counts.queries);
-    let named = dataset.clouds.sets.iter().zip(weights).zip(of_sets);
+    let named = sets.iter().zip(weights).zip(of_sets);
     let row = |((set, weight), counts): ((&String, &u32), Counts)| SetRow {
         descriptor: descriptor.to_owned(),
         set: set.clone(),

@@ -1,5 +1,9 @@
 //! Verification of a finished run: its files against their digests, and a sample of its fitness values against the
-//! data and this program.
+//! data and this program; of a search of several objectives the front against all evaluations, of clouds of several sets the
+//! errors by set against the answers.
+
+mod front;
+mod sets;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -48,6 +52,12 @@ pub struct Verdict {
     signer: Option<PublicKey>,
     problems: Vec<String>,
     recomputed: usize,
+    /// Descriptors whose errors by set were counted again from their answers.
+    by_set: usize,
+    /// Points of the front that was found again among the evaluations.
+    front: usize,
+    /// What could not be looked at.
+    notes: Vec<String>,
 }
 
 impl Verdict {
@@ -73,12 +83,22 @@ impl fmt::Display for Verdict {
         if !self.covers_log {
             writeln!(f, "{NOT_RECORDED}")?;
         }
+        for note in &self.notes {
+            writeln!(f, "{note}")?;
+        }
         let verdict = if self.is_sound() { "sound" } else { "NOT sound" };
-        writeln!(
+        write!(
             f,
             "{verdict}: run digest {}, {} fitness values recomputed",
             self.run_digest, self.recomputed
         )?;
+        if self.front > 0 {
+            write!(f, ", front of {} points found again", self.front)?;
+        }
+        if self.by_set > 0 {
+            write!(f, ", errors by set of {} descriptors counted again", self.by_set)?;
+        }
+        writeln!(f)?;
         self.signer.map_or(Ok(()), |signer| writeln!(f, "signed by {signer}"))
     }
 }
@@ -101,6 +121,9 @@ pub async fn verify(
         signer: None,
         problems: verification.problems.iter().map(ToString::to_string).collect(),
         recomputed: 0,
+        by_set: 0,
+        front: 0,
+        notes: Vec::new(),
     };
     if sample == 0 || !verdict.is_sound() {
         return Ok(verdict);
@@ -115,7 +138,18 @@ pub async fn verify(
         return Ok(verdict);
     }
 
-    let chosen = choose(results::read_evaluations(run)?, sample, &verdict.run_digest);
+    let evaluations = results::read_evaluations(run)?;
+    if experiment.objectives().are_several() {
+        let found = front::check(run, &experiment, &evaluations)?;
+        verdict.front = found.points;
+        verdict.problems.extend(found.problems);
+    }
+    let found = sets::check(run, &experiment, &dataset)?;
+    verdict.by_set = found.descriptors;
+    verdict.problems.extend(found.problems);
+    verdict.notes.extend(found.notes);
+
+    let chosen = choose(evaluations, sample, &verdict.run_digest);
     let space = experiment.space();
     let descriptors = chosen.iter().map(|row| space.from_values(&row.genes));
     let Some(descriptors) = descriptors.collect::<Option<Vec<_>>>() else {
@@ -129,7 +163,8 @@ pub async fn verify(
         descriptors.iter().filter(|descriptor| experiment.affords(descriptor)).collect();
     let weights = experiment.set_weights(&dataset);
     let fitness = (experiment.fitness(), &weights[..]);
-    let recomputed = async { Ok(session.measure(&mut session.cluster.client(), fitness, &affordable).await?) };
+    let recomputed =
+        async { Ok(session.measure(&mut session.cluster.client(), fitness, &affordable).await?) };
     let measured = session.perform(&Console::default(), None, recomputed).await?;
     verdict.recomputed = measured.len();
     let nothing = nothing_recognised(&experiment, &dataset, Matching::Train);
