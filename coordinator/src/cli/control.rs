@@ -10,7 +10,7 @@ use cluster::scheduler::MAX_PRIORITY;
 
 use crate::control::{Action, Request, me, request_within};
 
-/// Pause, resume or stop a run that goes on, set priorities in a sweep, drain or deny its workers
+/// Pause, resume or stop a run or grid that goes on, set priorities in a sweep, drain or deny its workers
 ///
 /// The request goes through the run folder, so that this works on every machine that mounts it. Results stay as they are: a
 /// run that was controlled ends with the same digest. Each order is in the table `events`, with who gave it and why. A
@@ -21,7 +21,7 @@ use crate::control::{Action, Request, me, request_within};
 /// Example: coordinator control results/runs/demo-9c8cd1e943e6 pause --reason "the room gets too warm"
 #[derive(Debug, Args)]
 pub struct Control {
-    /// The folder of a run, a sweep, or a run of a sweep, for example results/runs/demo-9c8cd1e943e6
+    /// The folder of a run, a sweep, a run of a sweep, or a grid (`exhaust`), for example results/runs/demo-9c8cd1e943e6
     #[arg(value_name = "RUN")]
     run: PathBuf,
     #[command(subcommand)]
@@ -48,7 +48,7 @@ enum Order {
     },
     /// End a run as an interrupt does: its exit code is 130, and it can be resumed
     ///
-    /// Of a sweep, all its runs; none of them alone.
+    /// Of a sweep, all its runs; none of them alone. A grid goes on by the same command.
     ///
     /// Example: coordinator control results/runs/demo-9c8cd1e943e6 stop --reason "the machines are needed"
     Stop(Why),

@@ -13,6 +13,9 @@ use crate::{sweep, verify};
 
 /// Recompute the digest of a finished run and a sample of its fitness values
 ///
+/// With a sample, the front of a search of several objectives is found again among all evaluations, and errors by set are
+/// counted again from the answers.
+///
 /// Example: coordinator verify results/runs/demo-0123456789ab --sample 20
 #[derive(Debug, Args)]
 pub struct Verify {
