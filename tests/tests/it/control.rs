@@ -302,10 +302,10 @@ fn the_certificate_of_a_denied_worker_goes_onto_the_deny_list() {
     assert!(again.stderr.contains("on the coordinator's deny list"), "{again}");
 }
 
-/// A grid of 128 cells, long enough to do something to it.
-const GRID: &str = "[descriptor.genes]\nshape_bins = { min = 8, max = 64, step = 14 }\nm = { min = 3, max = 8, step = 1 }\n\
-    R1 = { min = 0.5, max = 2.0, step = 0.1 }\nR2 = { min = 2.1, max = 4.9, step = 0.4 }\n\
-    w = { min = 0.0, max = 1.0, step = 0.1 }\n[coordinator]\naudit = 0\n";
+/// A grid of 480 cells, long enough to do something to it.
+const GRID: &str = "[descriptor.genes]\nshape_bins = { min = 8, max = 64, step = 28 }\nm = { min = 3, max = 4, step = 1 }\n\
+    R1 = { min = 0.5, max = 2.0, step = 0.1 }\nR2 = { min = 2.1, max = 5.0, step = 0.1 }\n\
+    w = { min = 0.0, max = 1.0, step = 0.5 }\n[coordinator]\naudit = 0\n";
 
 #[test]
 fn a_grid_that_is_controlled_is_the_same_grid_and_keeps_who_ordered_what() {
@@ -334,19 +334,21 @@ fn a_grid_that_is_controlled_is_the_same_grid_and_keeps_who_ordered_what() {
     ordered(&out, &["drain", "two"]); // a look later, both have asked for jobs
     assert_eq!((jobs(&one), jobs(&two)), (0, 0));
     assert_eq!(ordered(&out, &["resume"]), "resumed");
-    coordinator.wait_for("cell 3/128");
+    coordinator.wait_for("cell 3/480");
+    ordered(&out, &["pause"]); // so that the grid is not over before the rest is ordered
     assert_eq!(jobs(&two), 0, "drained");
     assert_eq!(ordered(&out, &["resume", "--worker", "two"]), "worker two: is given jobs again");
-    wait_until("at work again", || jobs(&two) > 0);
     ordered(&out, &["deny", "one"]);
     let ended = one.wait().expect_error();
     assert!(ended.stderr.contains("this worker was denied by whoever runs the coordinator"), "{ended}");
-
+    assert_eq!(jobs(&two), 0, "paused");
+    ordered(&out, &["resume"]);
+    wait_until("at work again", || jobs(&two) > 0);
     assert_eq!(ordered(&out, &["stop"]), "stopped");
     let stopped = coordinator.wait().expect_error();
     assert_eq!(stopped.status.code(), Some(130), "{stopped}");
     assert!(stopped.stderr.contains(": for a test\ngo on: the same command again"), "{stopped}");
-    assert!(!stopped.stderr.contains("cell 128/128"), "too late: {stopped}");
+    assert!(!stopped.stderr.contains("cell 480/480"), "too late: {stopped}");
     refused(
         &out,
         &["pause"],
@@ -367,8 +369,10 @@ fn a_grid_that_is_controlled_is_the_same_grid_and_keeps_who_ordered_what() {
         ("paused", None),
         ("drained", named("two")),
         ("resumed", None),
+        ("paused", None),
         ("resumed", named("two")),
         ("denied", named("one")),
+        ("resumed", None),
         ("stopped", None),
     ];
     assert_eq!(told, expected);

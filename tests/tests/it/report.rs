@@ -79,7 +79,7 @@ fn the_report_of_a_run_draws_every_figure_and_loads_nothing() {
     }
     expect_drawn(&page, &[&FIGURES[..], &COMPARISON[..3], &["channels-on-cloud"]].concat());
     assert!(
-        html.contains("on the training cloud") && html.contains(">disk, 0 to "),
+        html.contains("on the training cloud") && html.contains("</svg> disk, 0 to "),
         "where the winner looks"
     );
     // Equal tables, equal bytes.

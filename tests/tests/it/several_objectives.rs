@@ -62,6 +62,8 @@ fn a_front_is_the_same_with_one_worker_or_three_and_after_a_kill_and_its_points_
     assert!(volumes.len() > 3 && volumes.is_sorted() && volumes[0] < *volumes.last().unwrap(), "{volumes:?}");
     let verified = run("coordinator", ["verify", &killed]).expect_success();
     assert!(verified.stdout.contains("sound: run digest"), "{verified}");
+    let found = format!(", front of {} points found again\n", front.len());
+    assert!(verified.stdout.ends_with(&found), "{verified}");
 
     // What is printed, again as often as it is asked for.
     let printed = summary(&first);
@@ -115,6 +117,8 @@ fn two_objectives_of_plain_genes_make_a_front_of_these_and_other_methods_none() 
     assert_eq!(ran["winner_generation"], front.iter().find(|row| row.winner).unwrap().generation);
     let verified = run("coordinator", ["verify", &out]).expect_success();
     assert!(verified.stdout.contains("sound: run digest"), "{verified}");
+    let found = format!(", front of {} points found again\n", front.len());
+    assert!(verified.stdout.ends_with(&found), "{verified}");
     run("coordinator", ["report", &out]).expect_success();
     for figure in ["front", "hypervolume"] {
         let svg = fs::read_to_string(format!("{out}/report/{figure}.svg")).unwrap();

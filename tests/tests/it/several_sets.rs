@@ -95,6 +95,22 @@ fn counts_are_the_weighted_sums_of_what_each_set_has_alone() {
         check_each_set_alone(&both);
         let verified = run("coordinator", ["verify", &both.path("out"), "--sample", "5"]).expect_success();
         assert!(verified.stdout.contains("sound: run digest"), "{verified}");
+        // The winner and its three baselines.
+        assert!(verified.stdout.ends_with(", errors by set of 4 descriptors counted again\n"), "{verified}");
+        let page = both.path("report.html");
+        run("coordinator", ["report", &both.path("out"), "--out", &page]).expect_success();
+        let html = std::fs::read_to_string(page).unwrap();
+        let (_, table) = html.split_once("Errors on the test clouds of each set").expect("a table of sets");
+        let (table, _) = table.split_once("</table>").unwrap();
+        let rows = read_sets(both.path("out")).unwrap();
+        assert_eq!(table.matches("<tr>").count(), 1 + rows.len(), "{table}");
+        for row in rows {
+            let error = format!("{:.2}", 100.0 * row.counts.object_error());
+            assert!(
+                table.contains(&row.set) && table.contains(&row.descriptor) && table.contains(&error),
+                "{table}"
+            );
+        }
     }
 }
 
