@@ -10,7 +10,7 @@ use crate::report::palette::{PAPER, Rgb, needs_light_ink, shade};
 const SLACK: f64 = 0.5;
 
 /// Radius of a point of a cloud, and of the rim behind it, pixels.
-const DOT: f64 = 1.6;
+const DOT: f64 = 1.7;
 const RIM: f64 = 2.0;
 
 /// Draws a series.

@@ -71,7 +71,7 @@ const LEVELS: u32 = 8;
 const DARKEST: u32 = 9;
 const LIGHTEST: u32 = 247;
 /// How much is seen of points that lie in no region, beside such that do.
-const FAINT: f64 = 0.35;
+const FAINT: f64 = 0.6;
 /// How much of the surroundings of the regions is seen where it is looked at closely.
 const CLOSE: f64 = 1.3;
 
