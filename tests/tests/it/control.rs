@@ -336,7 +336,10 @@ fn a_grid_that_is_controlled_is_the_same_grid_and_keeps_who_ordered_what() {
     assert_eq!(ordered(&out, &["resume"]), "resumed");
     let cells = || fs::read_dir(Path::new(&out).join("cells")).map_or(0, Iterator::count);
     wait_until("some cells", || cells() >= 3);
-    ordered(&out, &["pause"]); // so that the grid is not over before the rest is ordered
+    // A worker that stands still keeps the grid from its end until the order is there.
+    one.signal("STOP");
+    ordered(&out, &["pause"]);
+    one.signal("CONT");
     assert_eq!(jobs(&two), 0, "drained");
     assert_eq!(ordered(&out, &["resume", "--worker", "two"]), "worker two: is given jobs again");
     ordered(&out, &["deny", "one"]);
@@ -345,6 +348,7 @@ fn a_grid_that_is_controlled_is_the_same_grid_and_keeps_who_ordered_what() {
     assert_eq!(jobs(&two), 0, "paused");
     ordered(&out, &["resume"]);
     wait_until("at work again", || jobs(&two) > 0);
+    two.signal("STOP");
     assert_eq!(ordered(&out, &["stop"]), "stopped");
     let stopped = coordinator.wait().expect_error();
     assert_eq!(stopped.status.code(), Some(130), "{stopped}");
