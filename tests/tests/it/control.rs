@@ -359,7 +359,6 @@ fn a_grid_that_is_controlled_is_the_same_grid_and_keeps_who_ordered_what() {
         &["pause"],
         "no coordinator is at work on it\nlet it go on: the same coordinator exhaust again",
     );
-    assert!(!Path::new(&out).join("control").exists());
 
     let finished = run("coordinator", arguments("out", &["--local-workers", "1"])).expect_success();
     for key in ["grid_digest", "best", "best_object_correct", "optimal_descriptors"] {
@@ -367,6 +366,7 @@ fn a_grid_that_is_controlled_is_the_same_grid_and_keeps_who_ordered_what() {
     }
     assert!(summary(&finished)["grid_digest"].is_string());
     refused(&out, &["pause"], "is finished\nonly a run that goes on can be controlled");
+    assert!(!Path::new(&out).join("control").exists());
     let (rows, named) = (events(&out), |worker: &str| Some(worker.to_owned()));
     let told: Vec<(&str, Option<String>)> =
         rows.iter().map(|(event, worker, _)| (event.as_str(), worker.clone())).collect();
