@@ -5,7 +5,7 @@ import { number } from './format.js';
 
 const NONE = '–';
 
-/** Lines `[name, cells, isNumber]` of some runs' details: a gene each, then a channel each; what no run has is left out. */
+/** Lines `[name, cells, isNumber]` of some runs' details: a channel each, then a gene each; what no run has is left out. */
 export function winnerLines(details) {
   const genes = new Map();
   const length = Math.max(0, ...details.map(({ channels }) => channels.length));
@@ -16,9 +16,9 @@ export function winnerLines(details) {
   const channelOf = ({ channels }, at) =>
     channels[at] ? `${channels[at].text}, weight ${number(channels[at].weight)}` : null;
   const lines = [['family', details.map(({ family }) => family), false]];
-  for (const [name, title] of genes) lines.push([title, details.map((detail) => geneOf(detail, name)), true]);
   for (let at = 0; at < length; at++)
     lines.push([`channel ${at + 1}`, details.map((detail) => channelOf(detail, at)), false]);
+  for (const [name, title] of genes) lines.push([title, details.map((detail) => geneOf(detail, name)), true]);
   return lines.filter(([, cells]) => cells.some((cell) => cell !== null));
 }
 
