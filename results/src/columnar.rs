@@ -84,6 +84,19 @@ impl Columnar {
         cells.split(',').filter(|cell| !cell.is_empty()).map(|cell| cell.parse().ok()).collect()
     }
 
+    /// Whether it has a column of this name.
+    pub fn has(&self, name: &str) -> bool {
+        self.columns.iter().any(|(other, _)| other == name)
+    }
+
+    /// Adds a column that the table does not have, a cell for each row; what is missing at the end is null.
+    pub fn add(&mut self, name: &str, cells: impl IntoIterator<Item = Option<u64>>) {
+        let cells = cells.into_iter().chain(std::iter::repeat(None)).take(self.rows);
+        let cells: Vec<String> =
+            cells.map(|cell| cell.map_or_else(|| "null".to_owned(), |cell| cell.to_string())).collect();
+        self.columns.push((name.to_owned(), cells.join(",")));
+    }
+
     /// The table's genes.
     pub fn genes(&self) -> &[GeneColumn] {
         &self.genes

@@ -1,11 +1,11 @@
 """Tests the dashboard in a browser, and its server by requests that no browser would send.
 
-Usage: dashboard.py COORDINATOR OUT_DIR [--all] [--only NAMES] [--shots DIR] [--page DIR]
+Usage: dashboard.py COORDINATOR OUT_DIR [--gate | --all] [--only NAMES] [--shots DIR] [--page DIR]
 
-Needs playwright (PyPI) and Chromium. Makes its own runs in OUT_DIR, which is emptied first. --all also tests narrow and
-wide screens, keyboards, crowds of viewers and a dashboard that is killed; --page takes the page from a folder instead of
-from the program, to try a change of it without a build. Says what it has checked, a line each; exit code 1 if something
-is not as it should be.
+Needs playwright (PyPI) and Chromium. Makes its own runs in OUT_DIR, which is emptied first. --gate tests only what must
+pass before a change lands, in a shorter run; --all also tests narrow and wide screens, keyboards, crowds of viewers and a
+dashboard that is killed; --page takes the page from a folder instead of from the program, to try a change of it without a
+build. Says what it has checked, a line each; exit code 1 if something is not as it should be.
 """
 
 import argparse
@@ -20,6 +20,7 @@ import dashboard_requests as requests
 import dashboard_runs as runs
 
 HERE = pathlib.Path(__file__).parent
+GATE = ["live", "wrong answers", "brush", "back again", "elsewhere", "tokens"]
 
 
 class Test:
@@ -31,7 +32,7 @@ class Test:
         self.programs = runs.Programs(pathlib.Path(options.coordinator).resolve(), self.out)
         self.browser = None
         self.failed = []
-        self.exp = runs.experiment(self.out, self.out / "data", population=40, generations=60)
+        self.exp = runs.experiment(self.out, self.out / "data", population=40, generations=24 if options.gate else 60)
         self.digest = None  # of the run that nobody has watched
         self.base = None  # the address of a dashboard of all finished runs
         self.served = None  # its program
@@ -80,6 +81,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("coordinator")
     parser.add_argument("out")
+    parser.add_argument("--gate", action="store_true")
     parser.add_argument("--all", action="store_true")
     parser.add_argument("--only", help="names of checks, for example brush,names")
     parser.add_argument("--shots")
@@ -89,7 +91,7 @@ def main():
     try:
         with runs.browser() as test.browser:
             checks.CHECKS[0][1](test)
-            only = options.only.split(",") if options.only else None
+            only = options.only.split(",") if options.only else GATE if options.gate else None
             for name, what in [*checks.CHECKS[1:], *requests.CHECKS, *((checks.MORE + crowds.CHECKS) * options.all)]:
                 if only is None or name in only:
                     test.check(name, what)

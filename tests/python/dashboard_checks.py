@@ -36,6 +36,11 @@ def ready(page):
     until(page, "!document.querySelector('#content').innerText.match(/(Loading|Waiting for the .*) …/)")
 
 
+def last_number(place):
+    """The last number of a text, such as that of all rows under a table."""
+    return int(place.inner_text().replace("\u202f", "").split()[-1])
+
+
 def tab(page, title):
     page.locator(".tabs a", has_text=title).click()
     ready(page)
@@ -69,7 +74,7 @@ def serve(test, listen="127.0.0.1:0"):
 
 
 def live(test):
-    """A run is watched from one of its first generations to its end, paused and resumed on the way."""
+    """A run is watched to its end: paused and resumed on the way, its coordinator killed and back."""
     program = test.programs.run("watched", test.exp, "--local-workers", "2", "--dashboard", "127.0.0.1:0")
     address = program.address()
     # Held from outside until the page is open: the run may be over before a browser on a busy machine has drawn it.
@@ -101,15 +106,22 @@ def live(test):
     second = runs.wait("another generation", lambda: (now := generation()) > first and now)
     order(page, "Pause", "a test looks again")
     page.locator(".badge.paused").wait_for()
-    order(page, "Resume", "the test has looked again")
-    page.locator(".badge.running, .badge.finished").first.wait_for()
-    assert program.digest() == test.digest, "a run that was watched, paused and resumed has another digest"
+    program.kill()
     lost = page.locator("#banner.lost")
+    lost.wait_for()
+    back = ["resume", test.out / "runs/watched", "--listen", "127.0.0.1:0", "--no-cache", "--local-workers", "2"]
+    program = test.programs.start("watched-again", *back, "--dashboard", address.split("/")[2])
+    program.address()
+    lost.wait_for(state="hidden")
+    page.locator("#connection.open").wait_for()
+    if page.locator(".badge.paused").count():
+        order(page, "Resume", "the test has looked again")
+    assert program.digest() == test.digest, "a run that was watched, paused, killed and resumed has another digest"
     lost.wait_for()
     assert "No connection to the coordinator since" in lost.inner_text(), lost.inner_text()
     assert page.evaluate("window.notReloaded"), "the page was loaded again"
     page.context.close()
-    return f"paused at generation {first}, a worker drained and back, test clouds hidden, paused at {second}, the same digest, connection lost"
+    return f"paused at generation {first}, a worker drained and back, test clouds hidden, killed at {second} and back, the same digest, connection lost"
 
 
 def every_view(test):
@@ -198,6 +210,9 @@ def brush(test):
     runs.wait(f"fewer rows than {total}", lambda: rows.inner_text().replace("\u202f", "").endswith(f" of {passing}"))
     tab(page, "Convergence")
     page.get_by_text("best of the brushed").first.wait_for()
+    tab(page, "Timeline")
+    attempts = page.locator("#content .pager span").last
+    runs.wait("fewer attempts", lambda: 0 < last_number(attempts) <= passing)
     tab(page, "Fleet")
     column = page.locator("#content thead th").all_inner_texts().index("Brushed")
     cells = page.locator(f"#content tbody tr > :nth-child({column + 1})").all_inner_texts()

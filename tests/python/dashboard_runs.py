@@ -57,7 +57,7 @@ class Program:
         with open(log, "wb") as file:
             self.process = subprocess.Popen([str(part) for part in command], stdout=file, stderr=file)
 
-    def said(self, pattern):
+    def said(self, pattern, seconds=PATIENCE):
         """What a line of its output says, once it does."""
 
         def find():
@@ -65,7 +65,7 @@ class Program:
             assert found or self.process.poll() in (None, 0), f"{self.process.args} failed: {self.log.read_text()}"
             return found
 
-        return wait(f"{self.log.name} says {pattern}", find).group(1)
+        return wait(f"{self.log.name} says {pattern}", find, seconds).group(1)
 
     def address(self):
         return self.said(r"dashboard: (https?://[^/]+/)")

@@ -51,6 +51,7 @@ use perturbed::{PerturbedClouds, PerturbedDescriptor, Subject};
 use progress::Display;
 use recognition::MAX_PAIRS;
 pub use summary::Comparison;
+pub use tables::descriptor_of;
 use tables::{Compared, Tables};
 #[cfg(test)]
 pub use timing::listing as test_listing;

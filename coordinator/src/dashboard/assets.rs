@@ -56,6 +56,7 @@ const SCRIPTS: &[Asset] = &pages![JS;
     "view-population.js",
     "view-runs.js",
     "view-timeline.js",
+    "winners.js",
     "wrong-list.js",
 ];
 

@@ -43,7 +43,7 @@ pub fn detail(folder: &Path, overview: &Overview, run: Value) -> Result<String, 
         "errors": finished.map(errors).unwrap_or_default(),
         "winner": finished.map(|finished| json!({
             "generation": finished.row.winner_generation, "individual": finished.row.winner_individual,
-            "text": winner.as_ref().map(Descriptor::parameters),
+            "text": winner.as_ref().map(Descriptor::parameters), "values": finished.row.best_genes,
         })),
         "channels": winner.as_ref().map(channels).unwrap_or_default(),
         "answers": answers(folder)?,

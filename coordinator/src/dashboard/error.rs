@@ -40,6 +40,16 @@ pub enum DashboardError {
         /// The run.
         run: String,
     },
+    /// A compared descriptor whose channels cannot be known.
+    #[error(
+        "{descriptor}: its channels cannot be known: {reason}\nlook at the winner's, for the same two clouds, under Descriptor"
+    )]
+    NoChannels {
+        /// Its name in the comparison.
+        descriptor: String,
+        /// Why.
+        reason: &'static str,
+    },
     /// There is no such individual.
     #[error("{run}: no such individual\nwait for the first generation, or take one of the population")]
     NoIndividual {

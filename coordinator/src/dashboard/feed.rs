@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant, SystemTime};
 
+use descriptor::{Descriptor, SearchSpace};
 use results::{Columnar, TableName, complete_generations};
 use serde_json::Value;
 
@@ -75,6 +76,20 @@ impl Ended {
     }
 }
 
+/// Adds what the descriptors of individuals cost and keep, which no table needs to say: their genes do.
+fn count(individuals: &mut Columnar, space: &SearchSpace) {
+    if individuals.has("cost") {
+        return;
+    }
+    let columns = space.family().columns();
+    let genes: Vec<_> = columns.iter().map(|column| individuals.numbers(column.name)).collect();
+    let values = |row: usize| genes.iter().map(|gene| gene.get(row).copied().flatten()).collect::<Vec<_>>();
+    let descriptors: Vec<_> = (0..individuals.rows()).map(|row| space.from_values(&values(row))).collect();
+    let of = |measure: fn(&Descriptor) -> u64| descriptors.iter().map(move |one| one.as_ref().map(measure));
+    individuals.add("cost", of(Descriptor::recognition_cost));
+    individuals.add("size", of(Descriptor::size_of_cloud));
+}
+
 /// In which order viewers get what is new: first what is short and seen first.
 const ORDER: [&str; 7] = ["reload", "run", "generations", "fleet", "events", "individuals", "attempts"];
 
@@ -125,6 +140,9 @@ impl Feed {
         }
         self.ended = ended;
         self.overview.read(&self.generations, &self.log, problem);
+        if let Some(experiment) = self.overview.experiment() {
+            self.individuals.iter_mut().for_each(|individuals| count(individuals, experiment.space()));
+        }
         let run = self.overview.json();
         if run != self.run.0 {
             self.run = (run, self.run.1 + 1);

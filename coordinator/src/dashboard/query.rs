@@ -22,12 +22,17 @@ impl Query {
         self.0.get(name).map(String::as_str).ok_or_else(missing)
     }
 
+    /// A parameter that may be left out.
+    pub fn text_if_any(&self, name: &'static str) -> Option<&str> {
+        self.0.get(name).map(String::as_str)
+    }
+
     /// A number that may be left out.
     ///
     /// # Errors
     /// If it is something else.
     pub fn number<T: std::str::FromStr>(&self, name: &'static str) -> Result<Option<T>, DashboardError> {
-        let Some(text) = self.0.get(name) else { return Ok(None) };
+        let Some(text) = self.text_if_any(name) else { return Ok(None) };
         let got: String = text.escape_debug().take(40).collect();
         let unfit = |_| DashboardError::Parameter { name, expected: "a number", got };
         text.parse().map(Some).map_err(unfit)

@@ -204,9 +204,11 @@ async fn explain(State(server): Shared, request: Request) -> Response {
     let work = move |server: &Server| {
         let shown = server.watched.run(query.text("id")?)?;
         shown.refresh();
-        let which = match (query.number("generation")?, query.number("individual")?) {
-            (Some(generation), Some(individual)) => Which::Individual(generation, individual),
-            _ => Which::Best,
+        let individual = query.number("generation")?.zip(query.number("individual")?);
+        let which = match (query.text_if_any("compared"), individual) {
+            (Some(name), _) => Which::Compared(name),
+            (None, Some((generation, individual))) => Which::Individual(generation, individual),
+            (None, None) => Which::Best,
         };
         shown.explain(which, query.text("query")?, query.text("answer")?)
     };

@@ -13,6 +13,7 @@ use super::error::DashboardError;
 use super::feed::{Cursor, Feed};
 use super::folders::Found;
 use super::run_log::Message;
+use crate::compare::descriptor_of;
 use crate::dataset::SPLITS;
 use crate::dataset::record::CloudRecord;
 use crate::examine::{DecimatedCloud, Examiner};
@@ -35,11 +36,13 @@ pub struct Shown {
 
 /// Which descriptor is asked about.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Which {
+pub enum Which<'a> {
     /// The winner, or the best so far.
     Best,
     /// An individual, by generation and index.
     Individual(u32, u32),
+    /// One of the run's comparison, by name.
+    Compared(&'a str),
 }
 
 impl Shown {
@@ -135,7 +138,7 @@ impl Shown {
     ///
     /// # Errors
     /// If a cloud may not be shown yet or cannot be read, or if there is no such descriptor.
-    pub fn explain(&self, which: Which, query: &str, answer: &str) -> Result<String, DashboardError> {
+    pub fn explain(&self, which: Which<'_>, query: &str, answer: &str) -> Result<String, DashboardError> {
         let examiner = self.examiner()?;
         self.allow(&examiner, &[query, answer])?;
         let descriptor = self.descriptor(which)?;
@@ -179,9 +182,9 @@ impl Shown {
         Ok(made)
     }
 
-    fn descriptor(&self, which: Which) -> Result<Descriptor, DashboardError> {
-        let experiment = self.experiment()?;
+    fn descriptor(&self, which: Which<'_>) -> Result<Descriptor, DashboardError> {
         let folder = &self.found.folder;
+        let experiment = self.experiment()?;
         let missing = || DashboardError::NoIndividual { run: self.found.id.clone() };
         let values = match (which, results::read_run(folder)) {
             (Which::Best, Ok(finished)) => finished.row.best_genes,
@@ -192,8 +195,28 @@ impl Shown {
             (Which::Individual(generation, individual), _) => {
                 results::read_individual(folder, generation, individual)?.ok_or_else(missing)?.genes
             }
+            (Which::Compared(name), _) => return self.compared(name),
         };
         experiment.space().from_values(&values).ok_or_else(missing)
+    }
+
+    /// A descriptor of the comparison that has channels.
+    fn compared(&self, name: &str) -> Result<Descriptor, DashboardError> {
+        let run = || self.found.id.clone();
+        let rows = results::read_comparison(&self.found.folder)?;
+        let row = rows.iter().find(|row| row.descriptor == name);
+        let row = row.ok_or_else(|| DashboardError::NoAnswers { run: run(), of: name.to_owned() })?;
+        let unknown = |reason| DashboardError::NoChannels { descriptor: name.to_owned(), reason };
+        if row.file_digest.is_some() {
+            return Err(unknown("it comes from a file that has a cloud's values, not how they came about"));
+        }
+        match descriptor_of(row) {
+            Some(Descriptor::Fixed(_)) => {
+                Err(unknown("it is one histogram for each keypoint, not divided into channels"))
+            }
+            Some(descriptor) => Ok(descriptor),
+            None => Err(unknown("its comparison is of a release that did not keep its parameters exactly")),
+        }
     }
 
     /// Refuses test clouds of a run that is not finished. That they are shown is noted first, once in this process: who

@@ -3,6 +3,7 @@
 use std::fs;
 use std::path::Path;
 
+use descriptor::{Descriptor, Family};
 use serde_json::{Value, json};
 
 use crate::experiments::{Experiment, copy_folder, digest, run_demo};
@@ -68,16 +69,25 @@ fn a_finished_run_is_told_as_its_tables_have_it() {
     assert_eq!(generations["rows"], json!(row.generations));
 
     // Everything once, and nothing more to who has it.
-    let mut individuals = 0;
+    let (mut individuals, mut costs) = (0, Vec::new());
     for (name, body) in Events::open(&at, "/api/stream?id=runs/demo") {
         if name == "individuals" {
             individuals += body["rows"].as_u64().unwrap();
+            let [cost, size] = ["cost", "size"].map(|name| body["columns"][name].as_array().unwrap().clone());
+            costs.extend(cost.into_iter().zip(size));
         }
         if name == "attempts" {
             break; // the last of the first messages
         }
     }
-    assert_eq!(individuals, results::read_evaluations(&run).unwrap().len() as u64);
+    let evaluations = results::read_evaluations(&run).unwrap();
+    assert_eq!(individuals, evaluations.len() as u64);
+    let counted: Vec<_> = evaluations
+        .iter()
+        .map(|row| Descriptor::from_values(Family::DiskRing, &row.genes).unwrap())
+        .map(|one| (json!(one.recognition_cost()), json!(one.size_of_cloud())))
+        .collect();
+    assert_eq!(costs, counted, "counted cost and size of each individual");
     let again = format!("/api/stream?id=runs/demo&generation={}&event=0", row.generations);
     let names: Vec<String> =
         Events::open(&at, &again).map(|(name, _)| name).take_while(|name| name != "attempts").collect();
@@ -110,6 +120,19 @@ fn a_finished_run_is_told_as_its_tables_have_it() {
         explained += 1;
     }
     assert_eq!(explained, row.test.unwrap().queries - row.test.unwrap().object_correct);
+    // Of a compared descriptor by its own channels, as far as it has some.
+    for compared in ["paper", "global-hue-saturation"] {
+        for answer in results::read_answers(&run, compared).unwrap().iter().take(5) {
+            let (query, nearest) = (&answer.cloud, &answer.nearest_cloud);
+            let path =
+                format!("/api/explain?id=runs/demo&query={query}&answer={nearest}&compared={compared}");
+            let told = get(&at, &path).json();
+            let distance = told["answer_distance"].as_f64().unwrap();
+            assert!((distance - answer.distance).abs() < 1e-9, "{compared}: {told} for {}", answer.distance);
+        }
+    }
+    let path = format!("/api/explain?id=runs/demo&query={0}&answer={0}&compared=shot", predictions[0].cloud);
+    assert_eq!(get(&at, &path).status, 404, "it is not in the comparison");
     let cloud = get(&at, &format!("/api/cloud?id=runs/demo&points=500&path={}", predictions[0].cloud));
     let points = u32::from_le_bytes(cloud.body[..4].try_into().unwrap()) as usize;
     assert!((100..=500).contains(&points) && cloud.body.len() == 24 + 9 * points, "{points}");

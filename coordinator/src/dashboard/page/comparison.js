@@ -5,6 +5,7 @@ import { AXES, bandOf, bestCurve, createCurves, curve, groupOf } from './curves.
 import { choice, h, replace } from './dom.js';
 import { count, duration, percent, points } from './format.js';
 import { createTable } from './table.js';
+import { createWinners } from './winners.js';
 
 const STYLES = [
   { colour: '--c1', dash: '', symbol: 'circle' },
@@ -131,7 +132,9 @@ export function createComparison(root, context) {
   const chart = createChart(place, { height: 340, onzoom: (domain) => setZoom(state, domain) });
   let runs = [];
   const table = differenceTable(() => runs[0]);
-  root.append(tools, note, place, h('h3', null, 'Differences'), table.element);
+  const winnersPlace = h('div', null, h('h3', null, 'Winners'));
+  root.append(tools, note, place, h('h3', null, 'Differences'), table.element, winnersPlace);
+  const winners = createWinners(winnersPlace, context.api);
   const curves = createCurves(context.api, () => schedule());
   let timer = 0;
 
@@ -207,12 +210,14 @@ export function createComparison(root, context) {
     show(next) {
       runs = next;
       runs.forEach((run) => curves.want(run));
+      winners.show(runs);
       draw();
     },
     draw,
     destroy() {
       clearTimeout(timer);
       curves.close();
+      winners.close();
       chart.destroy();
     },
   };

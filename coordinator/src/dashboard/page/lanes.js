@@ -52,6 +52,7 @@ export function createLanes() {
   let names = [];
   let seen = 0;
   let dropped = 0;
+  let counts = {};
   let span = [Infinity, -Infinity];
 
   return {
@@ -60,10 +61,11 @@ export function createLanes() {
       if (table.rows < seen || (table.omitted ?? 0) !== dropped) {
         lanes = new Map();
         seen = 0;
+        counts = {};
         span = [Infinity, -Infinity];
       }
       dropped = table.omitted ?? 0;
-      const { worker, handed_out_ms: start, ended_ms: end } = table.columns;
+      const { worker, handed_out_ms: start, ended_ms: end, end: how } = table.columns;
       const before = lanes.size;
       for (let row = seen; row < table.rows; row++) {
         let lane = lanes.get(worker[row]);
@@ -73,6 +75,8 @@ export function createLanes() {
             (lane = { worker: worker[row], rows: [], slots: [], height: 1, longest: 0, dirty: true }),
           );
         lane.rows.push(row);
+        const kind = kindOf(how[row]);
+        counts[kind] = (counts[kind] ?? 0) + 1;
         lane.dirty = true;
         if (start[row] < span[0]) span[0] = start[row];
         if (end[row] > span[1]) span[1] = end[row];
@@ -88,6 +92,8 @@ export function createLanes() {
     },
     /** Names of all workers that have a lane, sorted. */
     names: () => names,
+    /** How many attempts there are of each kind. */
+    counts: () => counts,
     /** The first and last time of all. */
     span: () => span,
   };

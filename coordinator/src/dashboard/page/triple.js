@@ -68,10 +68,10 @@ export function createTriple({ load, explain }) {
   }
 
   /**
-   * Shows a row; `note` is said above the channels, such as that they are of another descriptor. Resolves to false if
-   * something could not be had.
+   * Shows a row; a `note` of the explanation is said above the channels, such as that they are of another descriptor.
+   * Resolves to false if something could not be had.
    */
-  async function show(row, note) {
+  async function show(row) {
     const now = ++turn;
     const [query, answer, right] = views;
     place(query, row.cloud, row.instance, null, now);
@@ -81,8 +81,8 @@ export function createTriple({ load, explain }) {
     try {
       const told = await explain(row);
       if (turn !== now) return true;
-      place(right, told.right, row.instance, note ? null : told.right_distance, now);
-      describe(row, told, note);
+      place(right, told.right, row.instance, told.note ? null : told.right_distance, now);
+      describe(row, told);
       return true;
     } catch (error) {
       if (turn !== now) return true;
@@ -98,9 +98,10 @@ export function createTriple({ load, explain }) {
     }
   }
 
-  function describe(row, told, note) {
+  function describe(row, told) {
     const term = (name, value, hint) =>
       h('div', null, h('dt', null, name), h('dd', null, value, hint ? h('small', null, ` ${hint}`) : null));
+    const note = told.note ?? null;
     const own = note === null;
     const margin = told.margin === null ? '–' : `${told.margin > 0 ? '+' : ''}${number(told.margin).replace('-', '−')}`;
     figures.replaceChildren(

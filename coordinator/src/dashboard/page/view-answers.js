@@ -64,7 +64,7 @@ function create(root, context) {
       open();
     },
   });
-  const explain = (row) => api.get('/api/explain', { id: run(), query: row.cloud, answer: row.nearest });
+  const explain = (row) => explainedBy(chosen(), row, (more) => api.get('/api/explain', { id: run(), ...more }));
   const triple = createTriple({ load: (path) => load(run(), path), explain });
   const title = h('h2', { tabindex: '-1', class: 'answer-title' });
   const place = h('span', { class: 'muted' });
@@ -199,13 +199,10 @@ function create(root, context) {
     consent.hidden = !ask;
     triple.element.hidden = row === null || ask;
     if (row === null || ask) return;
-    const other = what.startsWith(COMPARED)
-      ? `The answer is of ${nameOf(what)}; the right cloud and the channels are of the winner, for the same two clouds.`
-      : null;
     const key = `${data.key} ${row.cloud}`;
     if (shown === key) return;
     shown = key;
-    triple.show(row, other).then((fine) => {
+    triple.show(row).then((fine) => {
       if (!fine && shown === key) shown = null;
     });
   }
@@ -277,6 +274,24 @@ function create(root, context) {
       triple.dispose();
     },
   };
+}
+
+/** How the distances of a row come about: by the channels of the descriptor that answered, where they can be known. */
+async function explainedBy(what, row, ask) {
+  const clouds = { query: row.cloud, answer: row.nearest };
+  if (!what.startsWith(COMPARED)) return ask(clouds);
+  const compared = what.slice(COMPARED.length);
+  try {
+    const told = await ask({ ...clouds, compared });
+    const isSame = Math.abs(told.answer_distance - row.distance) <= 1e-9 * Math.max(1, Math.abs(row.distance));
+    const other = `${compared} answered by another distance than its own: what follows is by its own, and need not decide as the answer did.`;
+    return { ...told, note: isSame ? null : other };
+  } catch (error) {
+    if (error.status !== 404) throw error;
+    const [why] = error.message.split('\n');
+    const note = `${why}. The right cloud and the channels below are of the winner, for the same two clouds.`;
+    return { ...(await ask(clouds)), note };
+  }
 }
 
 function nameOf(choice) {

@@ -7,9 +7,11 @@ import { KINDS, createLanes, kindOf } from './lanes.js';
 import { createTable } from './table.js';
 import { createTimelineCanvas } from './timeline-canvas.js';
 
+/** Between two drawings of the lanes by the stream; what the reader does is shown at once. */
+const LANES_PAUSE = 2000;
 /** Above so many attempts, the table follows the stream more slowly than the lanes. */
-const MANY = 20_000;
-const TABLE_PAUSE = 3000;
+const MANY = 1_000;
+const TABLE_PAUSE = 5000;
 const AUDITS = new Set(['agreed', 'disagreed']);
 const LOSSES = new Set(['lost', 'failed', 'late', 'disagreed']);
 const CHOICES = [
@@ -112,6 +114,11 @@ export const view = {
     let jobs = null;
     let placed = false;
     let tableAt = 0;
+    let lanesAt = 0;
+    let timer = 0;
+    let omitted = 0;
+    let isStale = false;
+    let isFiltered = false;
     let toolsKey = '';
     let factsKey = '';
 
@@ -188,8 +195,7 @@ export const view = {
     }
 
     function drawLegend() {
-      const counts = {};
-      for (const end of columns().end) counts[kindOf(end)] = (counts[kindOf(end)] ?? 0) + 1;
+      const counts = lanes.counts();
       replace(legend, legendEntries(counts));
       const audits = (counts.agreed ?? 0) + (counts.disagreed ?? 0);
       const parts = [
@@ -291,34 +297,53 @@ export const view = {
       0: () => setDomain(null),
     };
 
+    /** Draws what has come since, and what the reader has changed. */
+    function follow(byReader) {
+      if (store.attempts === null) return;
+      lanesAt = performance.now();
+      if (isStale) lanes.read(store.attempts);
+      if (isFiltered) {
+        passing = passingWorkers(store);
+        jobs = passingJobs(store);
+      }
+      listNames();
+      drawTools();
+      if (isStale) drawLegend();
+      [isStale, isFiltered] = [false, false];
+      draw();
+      drawFacts();
+      if (byReader || store.attempts.rows < MANY || performance.now() - tableAt > TABLE_PAUSE) {
+        tableAt = performance.now();
+        drawTable();
+      }
+      if (!placed) {
+        placed = true;
+        sight();
+      }
+    }
+
     return {
       update(changed) {
         if (store.attempts === null) {
           setText(summary, store.run === null ? 'Waiting for the run …' : 'No attempt has ended yet.');
           return;
         }
-        if (!['attempts', 'events', 'filter', 'state', 'individuals'].some((name) => changed.has(name))) return;
-        if (changed.has('attempts')) lanes.read(store.attempts);
-        if (changed.has('filter') || (store.filtered() && changed.has('individuals'))) {
-          passing = passingWorkers(store);
-          jobs = passingJobs(store);
-        }
-        listNames();
-        drawTools();
-        if (changed.has('attempts')) drawLegend();
-        draw();
-        drawFacts();
+        const follows = ['attempts', 'events', 'filter', 'state'];
+        if (store.filtered() || state.get('attempt') !== null) follows.push('individuals');
+        if (!follows.some((name) => changed.has(name))) return;
         const byReader = changed.has('state') || changed.has('filter');
-        if (byReader || store.attempts.rows < MANY || performance.now() - tableAt > TABLE_PAUSE) {
-          tableAt = performance.now();
-          drawTable();
-        }
-        if (!placed) {
-          placed = true;
-          sight();
-        }
+        isStale ||= changed.has('attempts');
+        isFiltered ||= changed.has('filter') || (store.filtered() && changed.has('individuals'));
+        clearTimeout(timer);
+        // Rows have other places as soon as the oldest are dropped.
+        const isMoved = omitted !== (store.attempts.omitted ?? 0);
+        omitted = store.attempts.omitted ?? 0;
+        const wait = byReader || isMoved ? 0 : Math.max(0, lanesAt + LANES_PAUSE - performance.now());
+        if (wait > 0) timer = setTimeout(() => follow(false), wait);
+        else follow(byReader);
       },
       destroy() {
+        clearTimeout(timer);
         canvas.destroy();
       },
     };
