@@ -5,8 +5,8 @@ Usage: ply_clouds.py DATA OUT [--open3d], where DATA is as `coordinator synth` w
 
 Every cloud is written below the same name with the ending .ply, the lists with these names. plyfile's clouds take turns
 in what PLY files can be: text, little and big endian; float and double; red and diffuse_red; uchar and ushort; faces in
-front of or behind the points. Open3D's take turns in text and binary, and have positions in double, as Open3D writes
-them. The viewpoint must be the origin, since neither writes one.
+front of or behind the points. Open3D's are binary with positions in double: its text has six digits, which are other points.
+The viewpoint must be the origin, since neither writes one.
 """
 
 import argparse
@@ -38,13 +38,13 @@ def by_plyfile(number, xyz, rgb, path):
     data.write(str(path))
 
 
-def by_open3d(number, xyz, rgb, path):
-    """Writes the cloud as text or binary."""
+def by_open3d(_number, xyz, rgb, path):
+    """Writes the cloud as Open3D does by itself."""
     import open3d
 
     cloud = open3d.geometry.PointCloud(open3d.utility.Vector3dVector(xyz.astype("f8")))
     cloud.colors = open3d.utility.Vector3dVector(rgb / 255)
-    assert open3d.io.write_point_cloud(str(path), cloud, write_ascii=number % 2 == 0)
+    assert open3d.io.write_point_cloud(str(path), cloud)
 
 
 def main():
