@@ -10,7 +10,7 @@ use descriptor::prepare::{Normals, keypoints};
 use descriptor::recognise::{RecogniseError, recognise_from};
 use descriptor::{
     Cloud, Correct, DescribeError, Described, Describer, DescriberError, Descriptor, Label, Match,
-    PrepareError, Preprocess, SetDistance, Signature, Signatures, pcd,
+    PrepareError, Preprocess, SetDistance, Signature, Signatures, cloud_file,
 };
 use rayon::prelude::*;
 
@@ -254,7 +254,7 @@ pub fn describe_file(
     let mut seconds = Seconds::default();
     let clock = Instant::now();
     let bytes = read_file(file).map_err(|reason| failed(format!("cannot be read, got {reason}")))?;
-    let cloud = pcd::read(&bytes).map_err(|error| failed(error.to_string()))?;
+    let cloud = cloud_file::read(&bytes).map_err(|error| failed(error.to_string()))?;
     let cloud = cloud.in_metres(preprocess.unit.metres());
     seconds.read = clock.elapsed();
 

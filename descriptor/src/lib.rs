@@ -6,7 +6,7 @@
 //!
 //! ```
 //! use descriptor::recognise::recognise_from;
-//! use descriptor::{Descriptor, Label, Parameters, PreparedCloud, Preprocess, SearchSpace, pcd};
+//! use descriptor::{Descriptor, Label, Parameters, PreparedCloud, Preprocess, SearchSpace, cloud_file, pcd};
 //!
 //! # use descriptor::synth::{self, SynthSettings};
 //! # let settings = SynthSettings::default();
@@ -22,7 +22,7 @@
 //! let descriptor = Descriptor::DiskRing(Parameters::PAPER_BEST); // or one that a search has found
 //! let preparer = SearchSpace::single(&descriptor)?.preparer()?;
 //! let prepare = |file| -> Result<PreparedCloud, Box<dyn std::error::Error>> {
-//!     Ok(preparer.prepare(&pcd::read(&std::fs::read(file)?)?, &Preprocess::default())?)
+//!     Ok(preparer.prepare(&cloud_file::read(&std::fs::read(file)?)?, &Preprocess::default())?)
 //! };
 //! let (known, asked) = ([prepare(mug)?, prepare(box_)?], [prepare(query)?]);
 //! let mut distances = Vec::new();
@@ -40,7 +40,10 @@
 //! ```
 
 pub mod cloud;
+pub mod cloud_file;
+mod header_text;
 pub mod pcd;
+pub mod ply;
 pub mod preprocess;
 pub mod synth;
 

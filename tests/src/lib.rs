@@ -4,6 +4,7 @@
 //! - `browser`: a browser without a window
 //! - `experiments`: small experiments on synthetic clouds
 //! - `benches`: what benchmarks share: their clouds, samples and tables
+//! - `ply_files`: clouds as PLY files
 //! - `readers`: every reader of bytes from outside, for the fuzz drivers
 
 #![expect(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
@@ -12,5 +13,6 @@ pub mod benches;
 pub mod browser;
 pub mod experiments;
 pub mod http;
+pub mod ply_files;
 pub mod process;
 pub mod readers;

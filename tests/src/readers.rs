@@ -8,7 +8,7 @@ use descriptor::pcd::{self, DataEncoding};
 use descriptor::synth::{self, SynthSettings};
 use descriptor::{
     Cloud, Descriptor, GeneTable, GlobalHue, Parameters, Preprocess, QuantisedCloud, Quantiser, SearchSpace,
-    grid,
+    cloud_file, grid, ply,
 };
 use prost::Message as _;
 use proto::task::{
@@ -17,6 +17,8 @@ use proto::task::{
     TaskResult, Tile,
 };
 use proto::{Digest, JobId, Lease, LeaseNonce, v2};
+
+use crate::ply_files::PlyFormat;
 
 /// Of the descriptions that are fed: few bytes a cloud.
 const DESCRIPTOR: Descriptor =
@@ -55,6 +57,13 @@ pub fn all(folder: PathBuf) -> Vec<Reader> {
     let journal = folder.join("journal.log");
     vec![
         reader("pcd", PCD_WORDS, clouds(&cloud), |bytes| pcd::read(bytes).is_ok()),
+        reader("ply", PLY_WORDS, ply_files(&cloud), |bytes| ply::read(bytes).is_ok()),
+        reader(
+            "cloud file",
+            &["ply\n", "ply\r\n", "VERSION 0.7\n"],
+            [clouds(&cloud), ply_files(&cloud)].concat(),
+            |bytes| cloud_file::read(bytes).is_ok(),
+        ),
         reader("prepared cloud", &[], vec![prepared], move |bytes| {
             let Ok(read) = QuantisedCloud::decode(bytes, &quantiser) else { return false };
             assert_eq!(read.encode(), bytes, "what is accepted is what would be written");
@@ -129,6 +138,23 @@ const PCD_WORDS: &[&str] = &[
     "1e39",
     "-0",
 ];
+const PLY_WORDS: &[&str] = &[
+    "ply\n",
+    "format ascii 1.0\n",
+    "format binary_little_endian 1.0\n",
+    "format binary_big_endian 1.0\r\n",
+    "comment \n",
+    "element vertex 18446744073709551615\n",
+    "element camera 1\n",
+    "element face 9999999\n",
+    "property list int double ids\n",
+    "property ushort diffuse_red\n",
+    "property char x\n",
+    "property float view_px\n",
+    "end_header\n",
+    "nan",
+    "-1",
+];
 const TOML_WORDS: &[&str] = &[
     "[dataset]\n",
     "[genes]\n",
@@ -160,6 +186,13 @@ fn cloud() -> Cloud {
 fn clouds(cloud: &Cloud) -> Vec<Vec<u8>> {
     let encodings = [DataEncoding::Ascii, DataEncoding::Binary, DataEncoding::BinaryCompressed];
     encodings.map(|encoding| pcd::write(cloud, encoding)).to_vec()
+}
+
+/// The cloud in each format of PLY, with a list in front of the points and a camera behind them.
+fn ply_files(cloud: &Cloud) -> Vec<Vec<u8>> {
+    [PlyFormat::Ascii, PlyFormat::LittleEndian, PlyFormat::BigEndian]
+        .map(|format| format.write(cloud))
+        .to_vec()
 }
 
 fn experiments() -> Vec<Vec<u8>> {

@@ -4,7 +4,7 @@ use proto::Message;
 use std::io;
 use std::path::PathBuf;
 
-use descriptor::pcd::PcdError;
+use descriptor::cloud_file::CloudFileError;
 use descriptor::recogniser;
 use descriptor::{DescribeError, Family, Skip};
 
@@ -93,11 +93,11 @@ impl From<results::Error> for ArtefactError {
 #[derive(Debug, thiserror::Error)]
 pub enum CloudError {
     /// The file cannot be read.
-    #[error("cannot be read, got {0}\nname a file (.pcd), or - for standard input")]
+    #[error("cannot be read, got {0}\nname a file (.pcd or .ply), or - for standard input")]
     Read(String),
     /// It is no cloud.
     #[error(transparent)]
-    Pcd(#[from] PcdError),
+    File(#[from] CloudFileError),
     /// It is sound, but there is too little of it.
     #[error("{0}\nshow more of the object, and check the unit: the artefact's clouds are in {1}")]
     Skip(Skip, &'static str),
@@ -279,7 +279,7 @@ pub enum LearnError {
     #[error(transparent)]
     Dataset(#[from] DatasetError),
     /// There is nothing to add.
-    #[error("{folder}: must have clouds to add, got {got}\nput PCD files into <category>/<instance>/ folders, or describe others with --manifest", folder = .folder.display())]
+    #[error("{folder}: must have clouds to add, got {got}\nput PCD or PLY files into <category>/<instance>/ folders, or describe others with --manifest", folder = .folder.display())]
     NoCloud {
         /// Where clouds were looked for.
         folder: PathBuf,

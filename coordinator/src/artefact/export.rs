@@ -4,10 +4,12 @@ use proto::Message;
 use std::path::{Path, PathBuf};
 
 use cache::{Storage, Store};
+use descriptor::cloud_file::{self, CloudFileError};
+use descriptor::pcd::{self, DataEncoding};
 use descriptor::recogniser::{ChosenSettings, LabelledClouds, LearnError, Method};
 use descriptor::structure::Structure;
 use descriptor::{
-    Describer, Descriptor, Family, Preprocess, SearchSpace, SetDistance, Signature, Signatures, pcd,
+    Describer, Descriptor, Family, Preprocess, SearchSpace, SetDistance, Signature, Signatures, ply,
 };
 use rayon::prelude::*;
 use results::{DatabaseCloud, DatabasePart, DatabaseParts, PredictionRow, PredictionSplit};
@@ -258,7 +260,8 @@ fn describe(
         .par_iter()
         .map(|&entry| {
             let failed = |what: String| ExportError::Cloud { path: dataset.clouds.file(entry), what };
-            let cloud = pcd::read(&read(dataset, entry)?).map_err(|error| failed(error.to_string()))?;
+            let cloud =
+                cloud_file::read(&read(dataset, entry)?).map_err(|error| failed(error.to_string()))?;
             let cloud = preprocess.in_metres(&cloud);
             let described = stages(&cloud, preprocess, &describer, &mut Seconds::default());
             Ok(described.map_err(|error| failed(error.to_string()))?.signatures)
@@ -320,7 +323,16 @@ fn example(dataset: &Dataset) -> Result<Example, ExportError> {
     let index = first.copied().unwrap_or_default();
     let entry = &dataset.clouds.entries[index as usize];
     let DatabaseCloud { cloud, instance, category, .. } = labelled(dataset, entry);
-    Ok(Example { cloud, instance, category, bytes: read(dataset, entry)? })
+    let mut bytes = read(dataset, entry)?;
+    // The example's file is PCD by its name: the same points, and so the same summary.
+    if ply::is_ply(&bytes) {
+        let failed = |error: CloudFileError| {
+            let (path, what) = (dataset.clouds.file(entry), error.to_string());
+            ExportError::Cloud { path, what }
+        };
+        bytes = pcd::write(&cloud_file::read(&bytes).map_err(failed)?, DataEncoding::Binary);
+    }
+    Ok(Example { cloud, instance, category, bytes })
 }
 
 fn recorded_verdict(row: &PredictionRow) -> Verdict {

@@ -31,7 +31,7 @@ pub struct Addition {
     pub objects: usize,
     /// Clouds that cannot be used, and why.
     pub skipped: Vec<(String, String)>,
-    /// `.pcd` files whose names the layout does not know.
+    /// Clouds whose names the layout does not know.
     pub ignored: usize,
     /// The artefact before.
     pub before: Sized,

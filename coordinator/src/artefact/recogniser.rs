@@ -7,7 +7,7 @@ use std::time::Instant;
 use descriptor::recogniser::{Evidence, LearnedRecogniser, RejectRule};
 use descriptor::{
     Database, DescribeError, Described, Describer, Descriptor, PrepareError, Preprocess, Signature,
-    Signatures, Unit, pcd, recogniser,
+    Signatures, Unit, cloud_file, recogniser,
 };
 use results::DatabaseCloud;
 
@@ -139,10 +139,10 @@ impl Recogniser {
         self.learned.as_ref()?.size()
     }
 
-    /// The artefact's description of a cloud, given as the bytes of a PCD file; `seconds` takes the time of each stage.
+    /// The artefact's description of a cloud, given as the bytes of its file; `seconds` takes the time of each stage.
     pub(super) fn describe(&self, bytes: &[u8], seconds: &mut Seconds) -> Result<Described, CloudError> {
         let clock = Instant::now();
-        let cloud = pcd::read(bytes)?;
+        let cloud = cloud_file::read(bytes)?;
         let cloud = self.preprocess.in_metres(&cloud);
         seconds.read += clock.elapsed();
         stages(&cloud, &self.preprocess, &self.describer, seconds).map_err(|error| match error {
@@ -185,7 +185,7 @@ impl Recogniser {
         Answer { ranking: hits.into_iter().map(named).collect(), evidence, known }
     }
 
-    /// The nearest `most` objects, at least one, to a cloud, given as the bytes of a PCD file; `seconds` takes the time
+    /// The nearest `most` objects, at least one, to a cloud, given as the bytes of its file; `seconds` takes the time
     /// of each stage.
     ///
     /// # Errors

@@ -300,5 +300,5 @@ fn clouds_without_an_answer_say_why_and_others_have_one() {
     let said = ask(&cloud).unwrap_err().to_string();
     assert!(said.starts_with("fewer than 10 usable points, got 9\n"), "{said}");
     let nothing = recogniser.recognise(b"no cloud", 1, &mut Seconds::default());
-    assert!(matches!(nothing, Err(CloudError::Pcd(_))));
+    assert!(matches!(nothing, Err(CloudError::File(_))));
 }

@@ -46,7 +46,7 @@ impl Learn {
         }
         if added.ignored > 0 {
             say(format_args!(
-                "ignored {} .pcd files with other names than <instance>_<video>_<frame>.pcd",
+                "ignored {} clouds with other names than <instance>_<video>_<frame>.pcd or .ply",
                 added.ignored
             ));
         }

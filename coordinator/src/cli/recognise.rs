@@ -26,8 +26,8 @@ pub struct Recognise {
     /// The folder that coordinator export has made, for example objects
     #[arg(value_name = "ARTEFACT")]
     artefact: PathBuf,
-    /// Clouds, for example cloud.pcd; - is standard input
-    #[arg(value_name = "CLOUD.pcd", required = true)]
+    /// Clouds, PCD or PLY, for example cloud.pcd; - is standard input
+    #[arg(value_name = "CLOUD", required = true)]
     clouds: Vec<PathBuf>,
     /// List the nearest objects, too, for example 5
     #[arg(long, value_name = "K", default_value_t = 0)]

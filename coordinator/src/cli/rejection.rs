@@ -14,7 +14,7 @@ use crate::run::progress::percent;
 /// How the names of clouds are found.
 #[derive(Debug, Args)]
 pub(super) struct Names {
-    /// How names are found: folders is <category>/<instance>/<any name>.pcd, uw <category>/<instance>/<instance>_<video>_<frame>.pcd
+    /// How names are found: folders is <category>/<instance>/<any name>.pcd or .ply, uw <category>/<instance>/<instance>_<video>_<frame>.pcd or .ply
     /// and knows sequences, for example uw
     #[arg(long, value_name = "NAME", default_value = "folders", conflicts_with = "manifest")]
     layout: LayoutName,

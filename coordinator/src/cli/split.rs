@@ -55,9 +55,9 @@ enum Held {
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum Folders {
-    /// <category>/<instance>/<instance>_<video>_<frame>.pcd
+    /// <category>/<instance>/<instance>_<video>_<frame>.pcd or .ply
     Uw,
-    /// <category>/<instance>/<any name>.pcd
+    /// <category>/<instance>/<any name>.pcd or .ply
     Folders,
 }
 

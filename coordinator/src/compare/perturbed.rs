@@ -99,7 +99,7 @@ impl PerturbedClouds<'_> {
             let failed = |what: String| EvaluateError::Cloud { path: cloud.path.clone(), what };
             let file = self.dataset.clouds.file(cloud);
             let bytes = read_file(&file).map_err(|reason| failed(format!("cannot be read, got {reason}")))?;
-            let points = descriptor::pcd::read(&bytes).map_err(|error| failed(error.to_string()))?;
+            let points = descriptor::cloud_file::read(&bytes).map_err(|error| failed(error.to_string()))?;
             let points = points.in_metres(self.preprocess.unit.metres());
             let perturbed = kind.apply(strength, &points, self.seed, &cloud.digest);
             let prepared = keypoints(&perturbed, self.preprocess).and_then(|keypoints| {

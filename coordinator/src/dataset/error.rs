@@ -155,6 +155,33 @@ pub enum DatasetError {
         second: Place,
     },
 
+    /// One name with two endings of clouds.
+    #[error(
+        "{first}: each cloud in one file expected, got {second} beside it\nmove one of the two out of the data root"
+    )]
+    TwoFormats {
+        /// Relative to the root.
+        first: String,
+        /// The other.
+        second: String,
+    },
+
+    /// A root in which the layout finds no cloud.
+    #[error(
+        "{}: clouds at {expected} expected, got {found}\nclouds are read from PCD and PLY files: {advice}",
+        .root.display()
+    )]
+    NoClouds {
+        /// The root.
+        root: PathBuf,
+        /// Where the layout looks.
+        expected: &'static str,
+        /// The files that are there, counted by the ending of their names.
+        found: String,
+        /// How to make clouds of them.
+        advice: &'static str,
+    },
+
     /// The same cloud in two splits.
     #[error(
         "{second}: cloud of one split expected, got {path} in {second_split} and in {first_split} ({first})\n\
@@ -260,7 +287,7 @@ pub enum DatasetError {
 
     /// Clouds without colour where colour is wanted.
     #[error(
-        "dataset: clouds with an rgb or rgba field expected, got {count} without\n{}\n\
+        "dataset: clouds with colours expected, got {count} without\n{}\n\
          set descriptor.colour = false for descriptors of shape alone, or add the colours",
         .first.join("\n")
     )]

@@ -2,7 +2,7 @@
 
 use cache::Store;
 use descriptor::prepare::usable;
-use descriptor::{Cloud, PrepareError, Preprocess, Skip, Unit, pcd};
+use descriptor::{Cloud, PrepareError, Preprocess, Skip, Unit, cloud_file};
 use proto::Message;
 use rayon::prelude::*;
 
@@ -118,7 +118,7 @@ fn inspect_one(
         let state = usable.map_or_else(State::Skipped, |()| State::Usable);
         return Inspected { file, state, spacing, position: None };
     }
-    let cloud = match pcd::read(&bytes) {
+    let cloud = match cloud_file::read(&bytes) {
         Ok(cloud) => cloud,
         Err(error) => return unreadable(file, Message::of(&error).what),
     };

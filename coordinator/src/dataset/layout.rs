@@ -5,9 +5,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use super::error::{DatasetError, Place};
+use super::found::no_clouds;
 use super::root::{Located, Root, read_text};
 use super::settings::Layout;
 use crate::names::is_name;
+use descriptor::cloud_file;
 
 /// A cloud with its labels, not yet read.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -24,7 +26,7 @@ pub(super) struct Labelled {
     pub place: Place,
 }
 
-const UW_FORM: &str = "<category>/<instance>/<instance>_<video>_<frame>.pcd";
+const UW_FORM: &str = "<category>/<instance>/<instance>_<video>_<frame>.pcd or .ply";
 const FOLDERS_FORM: &str = "<category>/<instance>/<file>";
 
 /// What a layout knows before any cloud is asked for.
@@ -101,7 +103,7 @@ impl Labels {
     }
 
     /// Every cloud that the layout finds, by path (in a manifest, by row). In the UW layout, which has other
-    /// files beside the clouds, the paths of `.pcd` files with other names are added to `ignored`.
+    /// files beside the clouds, the paths of clouds with other names are added to `ignored`.
     pub(super) fn all(&self, root: &Root, ignored: &mut Vec<String>) -> Result<Vec<Labelled>, DatasetError> {
         if let Self::Manifest { clouds, .. } = self {
             return Ok(clouds.clone());
@@ -115,10 +117,10 @@ impl Labels {
                 if !root.path().join(&instance).is_dir() {
                     continue;
                 }
-                for path in entries(root.path(), &instance)? {
-                    if !path.to_ascii_lowercase().ends_with(".pcd") {
-                        continue;
-                    }
+                let mut found = entries(root.path(), &instance)?;
+                found.retain(|path| cloud_file::has_ending(path));
+                refuse_two_formats(&found)?;
+                for path in found {
                     let place = Place::Found { path: path.clone() };
                     match self.label(root.locate(&path, &place)?, place) {
                         Ok(cloud) => clouds.push(cloud),
@@ -128,13 +130,31 @@ impl Labels {
                 }
             }
         }
+        if clouds.is_empty() && ignored.is_empty() {
+            return Err(no_clouds(root.path()));
+        }
         Ok(clouds)
     }
 }
 
+/// Refuses a cloud that is there in two formats: a query would meet itself in the database.
+fn refuse_two_formats(paths: &[String]) -> Result<(), DatasetError> {
+    let mut stems = HashMap::new();
+    for path in paths {
+        let (stem, ending) = path.rsplit_once('.').unwrap_or((path, ""));
+        if let Some((first, other)) = stems.insert(stem, (path, ending))
+            && !ending.eq_ignore_ascii_case(other)
+        {
+            return Err(DatasetError::TwoFormats { first: first.clone(), second: path.clone() });
+        }
+    }
+    Ok(())
+}
+
 /// The video in the name of a UW cloud.
 fn uw_video(instance: &str, name: &str) -> Option<String> {
-    let rest = name.strip_prefix(instance)?.strip_prefix('_')?.strip_suffix(".pcd")?;
+    let rest = name.strip_prefix(instance)?.strip_prefix('_')?;
+    let rest = cloud_file::ENDINGS.iter().find_map(|ending| rest.strip_suffix(ending))?;
     let (video, frame) = rest.split_once('_')?;
     let is_number = |text: &str| !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
     (is_number(video) && is_number(frame)).then(|| video.to_owned())

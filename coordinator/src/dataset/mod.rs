@@ -5,6 +5,7 @@
 mod check;
 mod error;
 mod findings;
+mod found;
 mod inspect;
 mod layout;
 mod leak;
@@ -241,7 +242,7 @@ impl Dataset {
         }
         if let Some(first) = ignored.first() {
             clouds.warnings.push(format!(
-                "dataset.layout: only clouds named <instance>_<video>_<frame>.pcd expected, got {} other .pcd files, \
+                "dataset.layout: only clouds named <instance>_<video>_<frame>.pcd or .ply expected, got {} others, \
                  such as {first}\nthey are not used: rename them or set dataset.layout = \"folders\"",
                 ignored.len()
             ));

@@ -38,8 +38,8 @@ impl NamedCloud {
         Self::checked("query", clouds)
     }
 
-    /// Every cloud that the layout finds below a root, by path; of a manifest by row. Also how many `.pcd` files have names
-    /// that the layout does not know.
+    /// Every cloud that the layout finds below a root, by path; of a manifest by row. Also how many clouds have names that
+    /// the layout does not know.
     ///
     /// # Errors
     /// As [`NamedCloud::listed`].

@@ -40,9 +40,9 @@ impl DatasetSettings {
 /// How the labels of a cloud are found.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Layout {
-    /// UW RGB-D: `<root>/<category>/<instance>/<instance>_<video>_<frame>.pcd`; a video is a sequence.
+    /// UW RGB-D: `<root>/<category>/<instance>/<instance>_<video>_<frame>.pcd` or `.ply`; a video is a sequence.
     Uw,
-    /// `<root>/<category>/<instance>/<any name>.pcd`, without sequences.
+    /// `<root>/<category>/<instance>/<any name>.pcd` or `.ply`, without sequences.
     Folders,
     /// A CSV with the columns path, category, instance and, if wanted, sequence and split; paths are relative
     /// to the root.

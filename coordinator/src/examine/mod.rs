@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use descriptor::{
-    ChannelLayout, Cloud, Describer, Descriptor, Preprocess, SetDistance, Signature, Signatures, pcd,
+    ChannelLayout, Cloud, Describer, Descriptor, Preprocess, SetDistance, Signature, Signatures, cloud_file,
 };
 use rayon::prelude::*;
 use results::SeenCloud;
@@ -303,7 +303,7 @@ impl Examiner {
         if digest.is_none_or(|digest| *blake3::hash(&bytes).as_bytes() != digest) {
             return Err(failed("is another one than when the run has seen it".to_owned()));
         }
-        let cloud = pcd::read(&bytes).map_err(|error| failed(error.to_string()))?;
+        let cloud = cloud_file::read(&bytes).map_err(|error| failed(error.to_string()))?;
         Ok(cloud.in_metres(self.preprocess.unit.metres()))
     }
 }

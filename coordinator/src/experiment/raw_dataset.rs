@@ -45,10 +45,10 @@ pub(super) struct RawDataset {
 #[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "lowercase", rename = "layout")]
 pub(super) enum RawLayout {
-    /// UW RGB-D: category/instance/instance_video_frame.pcd.
+    /// UW RGB-D: category/instance/instance_video_frame.pcd or .ply.
     #[default]
     Uw,
-    /// category/instance/any-name.pcd.
+    /// category/instance/any-name.pcd or .ply.
     Folders,
     /// As a CSV says.
     Manifest,

@@ -1,10 +1,11 @@
 //! The points after the header of a PCD file, in its three encodings.
 
 use super::{
-    error::{PcdError, shown},
+    error::PcdError,
     header::{DataEncoding, Header, Packed, Real, Slot},
 };
 use crate::Cloud;
+use crate::header_text::shown;
 
 /// The points of a file whose header is read.
 pub(super) fn read(header: &Header, bytes: &[u8]) -> Result<Cloud, PcdError> {

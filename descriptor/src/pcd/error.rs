@@ -1,14 +1,12 @@
 //! Why a PCD file cannot be read, and what to do about it.
 
-/// The data must start within this many bytes. Real headers take some hundred; a bound keeps a file that is no
-/// PCD file from being searched to its end.
-pub(super) const MAX_HEADER_BYTES: usize = 64 * 1024;
+use crate::header_text::MAX_HEADER_BYTES;
 
 /// What is wrong with a PCD file. The first line of the text is `where: what, got value`, the second says what
 /// to do. Text from the file is cut short and escaped.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum PcdError {
-    /// No line break or no DATA line within the first [`MAX_HEADER_BYTES`].
+    /// No line break or no DATA line within the first 65536 bytes.
     #[error(
         "pcd header: DATA: line expected within the first {} bytes, got none\n\
          the file is not a PCD file, or its header is cut off",
@@ -249,17 +247,4 @@ pub enum PcdError {
         /// Uncompressed size stated before the data.
         expected: u32,
     },
-}
-
-/// Text from a file for a message: escaped and of bounded length.
-pub(super) fn shown(text: &str) -> String {
-    const MAX_CHARS: usize = 40;
-    if text.is_empty() {
-        return "nothing".to_owned();
-    }
-    let mut short: String = text.chars().take(MAX_CHARS).flat_map(char::escape_debug).collect();
-    if text.chars().nth(MAX_CHARS).is_some() {
-        short.push('…');
-    }
-    short
 }

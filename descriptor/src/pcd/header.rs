@@ -1,6 +1,7 @@
 //! The text header of a PCD file: which fields there are, how many points, and where the data starts.
 
-use super::error::{MAX_HEADER_BYTES, PcdError, shown};
+use super::error::PcdError;
+use crate::header_text::{MAX_HEADER_BYTES, shown};
 
 /// A point takes fewer bytes than this.
 const MAX_POINT_BYTES: u64 = 1 << 31;

@@ -18,6 +18,7 @@
 //! - `exhaust`: the exhaustive search, and what runs make of it
 //! - `foreign`: descriptors that another program has computed
 //! - `foreign_folders`: folders of somebody else, and runs without a journal
+//! - `formats`: clouds in files of other formats than PCD
 //! - `grid`: grid cells against the evaluator on real clouds
 //! - `hill_climbing`: hill climbing end to end
 //! - `hosts`: workers on other hosts, behind links that are cut, slow, lossy or late
@@ -60,6 +61,7 @@ mod exhaust;
 mod families;
 mod foreign;
 mod foreign_folders;
+mod formats;
 mod grid;
 mod hill_climbing;
 mod hostile;

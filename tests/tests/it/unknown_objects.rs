@@ -180,7 +180,10 @@ fn clouds_that_cannot_be_added_are_named_and_nothing_changes() {
     let bytes = fs::read(&cloud).unwrap();
     refused(&[&missing.path("nowhere")], "nowhere: must be a folder of clouds, got ");
     fs::create_dir(missing.path("empty")).unwrap();
-    refused(&[&missing.path("empty")], "must have clouds to add, got none");
+    refused(
+        &[&missing.path("empty")],
+        "clouds at <category>/<instance>/<name>.pcd or .ply expected, got no files",
+    );
     let broken = put("broken", "mug/mug_99/a.pcd", b"no cloud");
     refused(&[&broken], "got 1 that cannot be used, such as mug/mug_99/a.pcd: ");
 

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use cache::ByteSize;
-use descriptor::{Preparation, PreparedCloud, Preparer, QuantiseError, pcd};
+use descriptor::{Preparation, PreparedCloud, Preparer, QuantiseError, cloud_file};
 use proto::Digest;
 
 use crate::executor::error::EvaluationError;
@@ -77,7 +77,7 @@ impl PreparationCache {
     /// If they are no cloud, or none that can be prepared.
     pub fn prepare(&self, cloud: &Listed, bytes: &[u8]) -> Result<PreparedCloud, EvaluationError> {
         let failed = |what: String| EvaluationError::Cloud { path: cloud.path.clone(), what };
-        let source = pcd::read(bytes).map_err(|error| failed(error.to_string()))?;
+        let source = cloud_file::read(bytes).map_err(|error| failed(error.to_string()))?;
         let prepared = self.preparer.prepare(&source, &self.preparation.preprocess);
         prepared.map_err(|error| failed(error.to_string()))
     }

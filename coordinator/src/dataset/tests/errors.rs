@@ -211,7 +211,7 @@ fn labels_that_contradict_or_miss() {
             fixture.append("train1.txt", "cup_5/cup_5_1_1.pcd");
         },
         expect![[r#"
-            train1.txt, line 5: <category>/<instance>/<instance>_<video>_<frame>.pcd expected, got cup_5/cup_5_1_1.pcd
+            train1.txt, line 5: <category>/<instance>/<instance>_<video>_<frame>.pcd or .ply expected, got cup_5/cup_5_1_1.pcd
             move the cloud, or set dataset.layout to what the folders are (a manifest can describe any)"#]],
     );
 }
@@ -283,7 +283,7 @@ fn clouds_that_cannot_be_read_or_have_no_colour() {
             fixture.write("cup/cup_2/cup_2_1_4.pcd", pcd::write(&colourless, DataEncoding::BinaryCompressed));
         },
         expect![[r#"
-            dataset: clouds with an rgb or rgba field expected, got 1 without
+            dataset: clouds with colours expected, got 1 without
             cup/cup_2/cup_2_1_4.pcd
             set descriptor.colour = false for descriptors of shape alone, or add the colours"#]],
     );

@@ -1,6 +1,7 @@
 //! Data sets in temporary folders, the one of the benchmark, and everything that can be wrong with one.
 
 mod errors;
+mod formats;
 mod inspecting;
 mod leaks;
 mod loading;
