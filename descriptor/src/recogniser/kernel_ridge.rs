@@ -9,6 +9,11 @@ use crate::structure::quantile;
 /// Clouds of a database that are learned from at most: their kernel takes 512 MB.
 pub const MAX_CLOUDS: usize = 8192;
 
+/// γ that are tried.
+const WIDTHS: [f64; 3] = [1.0, 3.0, 10.0];
+/// λ that are tried. DESIGN 5b begins at 0.001, which was always chosen: databases of hundreds of clouds want less.
+const RIDGES: [f64; 5] = [0.00001, 0.0001, 0.001, 0.01, 0.1];
+
 /// What kernel ridge regression may be set to.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KernelRidgeSettings {
@@ -21,12 +26,11 @@ pub struct KernelRidgeSettings {
 
 impl KernelRidgeSettings {
     /// Those that are tried, the first of equally good ones is taken.
-    pub const ALL: [Self; 9] = {
-        let (widths, ridges) = ([1.0, 3.0, 10.0], [0.001, 0.01, 0.1]);
-        let mut all = [Self { width: 0.0, ridge: 0.0 }; 9];
+    pub const ALL: [Self; WIDTHS.len() * RIDGES.len()] = {
+        let mut all = [Self { width: 0.0, ridge: 0.0 }; WIDTHS.len() * RIDGES.len()];
         let mut place = 0;
         while place < all.len() {
-            all[place] = Self { width: widths[place / 3], ridge: ridges[place % 3] };
+            all[place] = Self { width: WIDTHS[place / RIDGES.len()], ridge: RIDGES[place % RIDGES.len()] };
             place += 1;
         }
         all
@@ -162,6 +166,6 @@ mod tests {
     #[test]
     fn settings_are_all_pairs_narrow_first() {
         let pairs = KernelRidgeSettings::ALL.map(|KernelRidgeSettings { width, ridge }| (width, ridge));
-        assert_eq!((pairs[0], pairs[4], pairs[8]), ((1.0, 0.001), (3.0, 0.01), (10.0, 0.1)));
+        assert_eq!((pairs[0], pairs[7], pairs[14]), ((1.0, 0.00001), (3.0, 0.001), (10.0, 0.1)));
     }
 }

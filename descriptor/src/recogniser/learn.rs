@@ -279,7 +279,7 @@ mod tests {
             }
             hasher.finalize().to_hex()[..16].to_owned()
         });
-        assert_eq!(digests, ["ec6d517d84683dd9", "575ba04a82960589"]);
+        assert_eq!(digests, ["ec6d517d84683dd9", "8f1580b38a54e222"]);
     }
 
     #[test]
