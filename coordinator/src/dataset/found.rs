@@ -58,7 +58,7 @@ pub(super) fn no_clouds(root: &Path) -> DatasetError {
     let mut left = MAX_FILES;
     count(root, MAX_DEPTH, &mut left, &mut counts);
     let has = |ending: &&str| counts.contains_key(*ending);
-    let known = ADVICE.iter().find(|(endings, _)| endings.iter().any(|ending| has(&ending)));
+    let known = ADVICE.iter().find(|(endings, _)| endings.iter().any(&has));
     let advice = known
         .map_or("put them there, for example as Open3D's io.write_point_cloud writes them", |(_, advice)| {
             advice
