@@ -61,7 +61,11 @@ export function colour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 }
 
-/** A canvas's context with the resolution of the screen, cleared; lengths are CSS pixels. */
+/**
+ * A canvas's context with the resolution of the screen, cleared; lengths are CSS pixels. `willReadFrequently` keeps the
+ * canvas in main memory: thousands of thin translucent lines take a browser that draws on an emulated graphics card
+ * seconds, and the page itself milliseconds.
+ */
 export function prepareCanvas(canvas, width, height) {
   const ratio = window.devicePixelRatio || 1;
   const [w, tall] = [Math.max(1, Math.round(width * ratio)), Math.max(1, Math.round(height * ratio))];
@@ -71,7 +75,7 @@ export function prepareCanvas(canvas, width, height) {
     canvas.style.width = `${width}px`;
     canvas.style.height = `${height}px`;
   }
-  const context = canvas.getContext('2d');
+  const context = canvas.getContext('2d', { willReadFrequently: true });
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   context.clearRect(0, 0, width, height);
   return context;
