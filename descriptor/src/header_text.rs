@@ -1,4 +1,4 @@
-//! What the readers of cloud files have in common: how long a header may be, and text from it in messages.
+//! What the readers of cloud files have in common: how long a header may be, text from it in messages, and colours.
 
 /// The data must start within this many bytes. Real headers take some hundred; a bound keeps a file of another
 /// format from being searched to its end.
@@ -15,4 +15,12 @@ pub(crate) fn shown(text: &str) -> String {
         short.push('…');
     }
     short
+}
+
+/// A colour value of a float type, in messages.
+pub(crate) const UNIT: &str = "a number from 0 to 1";
+
+/// 0 to 1 to the nearest of 0 to 255, if it is that.
+pub(crate) fn from_unit(value: f64) -> Option<u8> {
+    (0.0..=1.0).contains(&value).then_some((value * 255.0 + 0.5) as u8)
 }

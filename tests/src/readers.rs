@@ -125,6 +125,7 @@ pub fn all(folder: PathBuf) -> Vec<Reader> {
 const PCD_WORDS: &[&str] = &[
     "VERSION 0.7\n",
     "FIELDS x y z rgb\n",
+    "FIELDS b x y z r g\n",
     "SIZE 4 4 4 4\n",
     "TYPE F F F F\n",
     "COUNT 1 1 1 1\n",
@@ -185,7 +186,15 @@ fn cloud() -> Cloud {
 
 fn clouds(cloud: &Cloud) -> Vec<Vec<u8>> {
     let encodings = [DataEncoding::Ascii, DataEncoding::Binary, DataEncoding::BinaryCompressed];
-    encodings.map(|encoding| pcd::write(cloud, encoding)).to_vec()
+    let mut files = encodings.map(|encoding| pcd::write(cloud, encoding)).to_vec();
+    for (types, row) in
+        [("U F U F F U\nSIZE 1 4 1 4 4 1", "9 1 8 2 3 7"), ("F F F F F F\nSIZE 4 4 4 4 4 4", "0 1 1 2 3 0.5")]
+    {
+        let header =
+            format!("FIELDS b x r y z g\nTYPE {types}\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\n{row}\n");
+        files.push(header.into_bytes());
+    }
+    files
 }
 
 /// The cloud in each format of PLY, with a list in front of the points and a camera behind them.

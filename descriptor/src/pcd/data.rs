@@ -2,10 +2,10 @@
 
 use super::{
     error::PcdError,
-    header::{DataEncoding, Header, Packed, Real, Slot},
+    header::{Colour, Component, DataEncoding, Header, Packed, Real, Slot},
 };
 use crate::Cloud;
-use crate::header_text::shown;
+use crate::header_text::{UNIT, from_unit, shown};
 
 /// The points of a file whose header is read.
 pub(super) fn read(header: &Header, bytes: &[u8]) -> Result<Cloud, PcdError> {
@@ -38,11 +38,10 @@ impl Builder {
         Self { cloud: Cloud { points: Vec::with_capacity(points), colours, viewpoint: header.viewpoint } }
     }
 
-    fn push(&mut self, point: [f32; 3], packed: u32) {
+    fn push(&mut self, point: [f32; 3], colour: Option<[u8; 3]>) {
         self.cloud.points.push(point);
-        if let Some(colours) = &mut self.cloud.colours {
-            let [_, red, green, blue] = packed.to_be_bytes();
-            colours.push([red, green, blue]);
+        if let (Some(colours), Some(colour)) = (&mut self.cloud.colours, colour) {
+            colours.push(colour);
         }
     }
 }
@@ -78,7 +77,12 @@ fn read_ascii_point(
     number: usize,
     builder: &mut Builder,
 ) -> Result<(), PcdError> {
-    let mut words: [&[u8]; 4] = [b""; 4];
+    let mut words: [&[u8]; 6] = [b""; 6];
+    let colour = match header.colour {
+        None => [usize::MAX; 3],
+        Some(Colour::Packed(slot)) => [slot.value, usize::MAX, usize::MAX],
+        Some(Colour::Separate(slots)) => slots.map(|slot| slot.value),
+    };
     let mut count = 0;
     for word in line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty()) {
         for (kept, slot) in words.iter_mut().zip(&header.xyz) {
@@ -86,8 +90,10 @@ fn read_ascii_point(
                 *kept = word;
             }
         }
-        if header.colour.is_some_and(|slot| slot.value == count) {
-            words[3] = word;
+        for (kept, value) in words[3..].iter_mut().zip(colour) {
+            if value == count {
+                *kept = word;
+            }
         }
         count += 1;
     }
@@ -106,19 +112,43 @@ fn read_ascii_point(
     if !is_finite(&point) {
         return Ok(());
     }
-    let packed = match header.colour {
-        None => 0,
-        Some(Slot { of: Packed::U4, .. }) => {
-            parse(words[3]).ok_or_else(|| bad_value(number, "rgb", "a whole number below 2^32", words[3]))?
+    let colour = match header.colour {
+        None => None,
+        Some(Colour::Packed(slot)) => Some(unpacked(match slot.of {
+            Packed::U4 => parse(words[3])
+                .ok_or_else(|| bad_value(number, "rgb", "a whole number below 2^32", words[3]))?,
+            // Every NaN is written alike, so its bits are no longer a colour.
+            Packed::F4 => parse(words[3])
+                .filter(|value: &f32| !value.is_nan())
+                .ok_or_else(|| bad_value(number, "rgb", "a number whose bits are the colour", words[3]))?
+                .to_bits(),
+        })),
+        Some(Colour::Separate(slots)) => {
+            let mut components = [0; 3];
+            for (component, value) in components.iter_mut().enumerate() {
+                let (word, name) = (words[3 + component], COMPONENTS[component]);
+                *value = match slots[component].of {
+                    Component::U1 => parse(word)
+                        .ok_or_else(|| bad_value(number, name, "a whole number below 256", word))?,
+                    Component::F4 => parse(word)
+                        .and_then(|value: f32| from_unit(f64::from(value)))
+                        .ok_or_else(|| bad_value(number, name, UNIT, word))?,
+                };
+            }
+            Some(components)
         }
-        // Every NaN is written alike, so its bits are no longer a colour.
-        Some(Slot { of: Packed::F4, .. }) => parse(words[3])
-            .filter(|value: &f32| !value.is_nan())
-            .ok_or_else(|| bad_value(number, "rgb", "a number whose bits are the colour", words[3]))?
-            .to_bits(),
     };
-    builder.push(point, packed);
+    builder.push(point, colour);
     Ok(())
+}
+
+/// Names of separate colour values.
+const COMPONENTS: [&str; 3] = ["r", "g", "b"];
+
+/// Red, green and blue of a packed colour.
+fn unpacked(packed: u32) -> [u8; 3] {
+    let [_, red, green, blue] = packed.to_be_bytes();
+    [red, green, blue]
 }
 
 fn parse<T: std::str::FromStr>(word: &[u8]) -> Option<T> {
@@ -144,7 +174,7 @@ fn read_binary(header: &Header, data: &[u8]) -> Result<Cloud, PcdError> {
     if rest.iter().any(|&byte| byte != 0) {
         return Err(PcdError::TooMuchData { points, extra: rest.len() });
     }
-    Ok(gather(header, data, points, |byte, _| Column { start: byte, stride }))
+    gather(header, data, points, |byte, _| Column { start: byte, stride })
 }
 
 fn read_compressed(header: &Header, data: &[u8]) -> Result<Cloud, PcdError> {
@@ -179,7 +209,7 @@ fn read_compressed(header: &Header, data: &[u8]) -> Result<Cloud, PcdError> {
             .ok_or(PcdError::BadLzf { expected: uncompressed })?,
     };
     // All values of a field together, one field after the other.
-    Ok(gather(header, &plain, points, |byte, size| Column { start: byte * points, stride: size }))
+    gather(header, &plain, points, |byte, size| Column { start: byte * points, stride: size })
 }
 
 /// The most bytes that LZF can make of `compressed`: the longest copy is 264 bytes, coded in three.
@@ -188,7 +218,12 @@ fn max_expansion(compressed: u32) -> u64 {
 }
 
 /// Points from binary data, in which every `column` is complete.
-fn gather(header: &Header, data: &[u8], points: usize, column: impl Fn(usize, usize) -> Column) -> Cloud {
+fn gather(
+    header: &Header,
+    data: &[u8],
+    points: usize,
+    column: impl Fn(usize, usize) -> Column,
+) -> Result<Cloud, PcdError> {
     let xyz = header.xyz.map(|slot| {
         let size = match slot.of {
             Real::F4 => 4,
@@ -196,7 +231,22 @@ fn gather(header: &Header, data: &[u8], points: usize, column: impl Fn(usize, us
         };
         (slot.of, column(slot.byte, size))
     });
-    let colour = header.colour.map(|slot| column(slot.byte, 4));
+    let colour = |index: usize| -> Result<Option<[u8; 3]>, PcdError> {
+        match header.colour {
+            None => Ok(None),
+            Some(Colour::Packed(slot)) => {
+                let Column { start, stride } = column(slot.byte, 4);
+                Ok(Some(unpacked(u32::from_le_bytes(little_endian(data, start + index * stride)))))
+            }
+            Some(Colour::Separate(slots)) => {
+                let mut components = [0; 3];
+                for ((value, slot), name) in components.iter_mut().zip(slots).zip(COMPONENTS) {
+                    *value = component(data, slot, index, &column, name)?;
+                }
+                Ok(Some(components))
+            }
+        }
+    };
     let mut builder = Builder::new(header, points);
     for index in 0..points {
         let point = xyz.map(|(real, Column { start, stride })| {
@@ -207,13 +257,35 @@ fn gather(header: &Header, data: &[u8], points: usize, column: impl Fn(usize, us
             }
         });
         if is_finite(&point) {
-            let packed = colour.map_or(0, |Column { start, stride }| {
-                u32::from_le_bytes(little_endian(data, start + index * stride))
-            });
-            builder.push(point, packed);
+            builder.push(point, colour(index)?);
         }
     }
-    builder.cloud
+    Ok(builder.cloud)
+}
+
+/// One of the separate colour values of the point with that index.
+fn component(
+    data: &[u8],
+    slot: Slot<Component>,
+    index: usize,
+    column: impl Fn(usize, usize) -> Column,
+    name: &'static str,
+) -> Result<u8, PcdError> {
+    match slot.of {
+        Component::U1 => {
+            let Column { start, stride } = column(slot.byte, 1);
+            Ok(data[start + index * stride])
+        }
+        Component::F4 => {
+            let Column { start, stride } = column(slot.byte, 4);
+            let value = f32::from_le_bytes(little_endian(data, start + index * stride));
+            from_unit(f64::from(value)).ok_or_else(|| PcdError::BadColour {
+                point: index,
+                name,
+                got: value.to_string(),
+            })
+        }
+    }
 }
 
 fn little_endian<const N: usize>(data: &[u8], at: usize) -> [u8; N] {

@@ -1,6 +1,6 @@
 //! Why a PCD file cannot be read, and what to do about it.
 
-use crate::header_text::MAX_HEADER_BYTES;
+use crate::header_text::{MAX_HEADER_BYTES, UNIT};
 
 /// What is wrong with a PCD file. The first line of the text is `where: what, got value`, the second says what
 /// to do. Text from the file is cut short and escaped.
@@ -187,6 +187,20 @@ pub enum PcdError {
         name: &'static str,
         /// What must be there.
         expected: &'static str,
+        /// What is there.
+        got: String,
+    },
+
+    /// A separate colour value of binary data that is out of range.
+    #[error(
+        "pcd data: point {point}: {name}: {unit} expected, got {got}\ndivide colours by 255, or write them as U1",
+        unit = UNIT
+    )]
+    BadColour {
+        /// Counted from 0.
+        point: usize,
+        /// The field.
+        name: &'static str,
         /// What is there.
         got: String,
     },

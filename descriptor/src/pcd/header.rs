@@ -46,6 +46,24 @@ pub(super) enum Packed {
     U4,
 }
 
+/// How one of three separate colour values is stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Component {
+    /// f32 from 0 to 1.
+    F4,
+    /// u8.
+    U1,
+}
+
+/// Where a point's colour is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Colour {
+    /// In rgb or rgba.
+    Packed(Slot<Packed>),
+    /// In r, g and b.
+    Separate([Slot<Component>; 3]),
+}
+
 /// Where a field stands within a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Slot<T> {
@@ -62,8 +80,8 @@ pub(super) struct Slot<T> {
 pub(super) struct Header {
     /// Positions of x, y and z.
     pub xyz: [Slot<Real>; 3],
-    /// Position of rgb or rgba.
-    pub colour: Option<Slot<Packed>>,
+    /// Position of rgb or rgba, or else of r, g and b.
+    pub colour: Option<Colour>,
     /// Bytes of one binary point.
     pub point_bytes: u64,
     /// Values of one ascii point.
@@ -165,6 +183,14 @@ impl Field<'_> {
         }
     }
 
+    fn component(&self) -> Result<Component, PcdError> {
+        match (self.kind, self.size, self.count) {
+            ('F', 4, 1) => Ok(Component::F4),
+            ('U', 1, 1) => Ok(Component::U1),
+            _ => Err(self.error("U1 or F4 with COUNT 1")),
+        }
+    }
+
     fn packed(&self) -> Result<Packed, PcdError> {
         match (self.kind, self.size, self.count) {
             ('F', 4, 1) => Ok(Packed::F4),
@@ -198,7 +224,10 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PcdError> {
         return Err(PcdError::PointCount { width, height, points });
     }
 
-    let (mut xyz, mut colour) = ([None; 3], None);
+    let (mut xyz, mut packed, mut separate) = ([None; 3], None, [None; 3]);
+    // A single letter may stand for anything, as r for a radius: all three are colours, if nothing else is.
+    let named = |name: &str| fields.iter().any(|field| field.name == name);
+    let is_separate = ["r", "g", "b"].into_iter().all(named) && !["rgb", "rgba"].into_iter().any(named);
     let (mut byte, mut value) = (0_u64, 0_u64);
     for field in &fields {
         let (at_byte, at_value) = (byte as usize, value as usize);
@@ -209,9 +238,13 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PcdError> {
             "z" => xyz[2] = coordinate(field.real()?),
             "rgb" | "rgba" => {
                 let slot = Slot { of: field.packed()?, byte: at_byte, value: at_value };
-                if colour.replace(slot).is_some() {
+                if packed.replace(slot).is_some() {
                     return Err(PcdError::TwoColours);
                 }
+            }
+            "r" | "g" | "b" if is_separate => {
+                let component = ["r", "g", "b"].into_iter().position(|name| name == field.name).unwrap_or(0);
+                separate[component] = Some(Slot { of: field.component()?, byte: at_byte, value: at_value });
             }
             _ => {}
         }
@@ -224,6 +257,11 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PcdError> {
         })?;
         value += field.count;
     }
+    let colour = match (packed, separate) {
+        (Some(slot), _) => Some(Colour::Packed(slot)),
+        (None, [Some(red), Some(green), Some(blue)]) => Some(Colour::Separate([red, green, blue])),
+        _ => None,
+    };
     let need = |slot: Option<Slot<Real>>, name| slot.ok_or(PcdError::MissingField { name });
     Ok(Header {
         xyz: [need(xyz[0], "x")?, need(xyz[1], "y")?, need(xyz[2], "z")?],

@@ -23,7 +23,8 @@ use crate::Cloud;
 ///
 /// Fields come in any order and with any others between them. `x`, `y` and `z` are F4 or F8 (narrowed to f32);
 /// points whose position is then not finite are dropped. `rgb` or `rgba`, F4 or U4, holds 0x00RRGGBB in its
-/// bits whatever its type; its top byte is ignored. A file without either has no colours. The viewpoint is
+/// bits whatever its type; its top byte is ignored. Without either, `r`, `g` and `b` together are the colour: U1, or F4
+/// from 0 to 1, rounded to the nearest of 256 steps. A file without any of them has no colours. The viewpoint is
 /// VIEWPOINT's translation, or the origin. A cloud without points is valid.
 ///
 /// # Errors

@@ -110,6 +110,75 @@ fn a_float_colour_is_its_bits_also_when_denormal() {
     }
 }
 
+/// Two points with the colours 1 2 3 and 255 0 204 in fields of their own, of a type that `word` writes as text and
+/// `bytes` in binary; between them is a radius.
+fn separate(kind: &str, word: fn(u8) -> String, bytes: fn(u8) -> Vec<u8>) -> [Vec<u8>; 3] {
+    let (size, letter) = (&kind[1..], &kind[..1]);
+    let header = format!(
+        "FIELDS b x r y radius z g\nSIZE {size} 4 {size} 4 2 4 {size}\nTYPE {letter} F {letter} F U F {letter}\n\
+         WIDTH 2\nHEIGHT 1\nPOINTS 2\nDATA "
+    );
+    let colours = [[1, 2, 3], [255, 0, 204]];
+    let text = colours.map(|[red, green, blue]| {
+        let [red, green, blue] = [red, green, blue].map(word);
+        format!("{blue} 1 {red} 2 7 3 {green}\n")
+    });
+    let columns = |[red, green, blue]: [u8; 3]| {
+        let real = |value: f32| value.to_le_bytes().to_vec();
+        [bytes(blue), real(1.0), bytes(red), real(2.0), vec![7, 0], real(3.0), bytes(green)]
+    };
+    let [first, second] = colours.map(columns);
+    let by_field: Vec<u8> =
+        first.iter().zip(&second).flat_map(|(first, second)| [&first[..], second].concat()).collect();
+    let lzf = literal_lzf(&by_field);
+    let sizes = [lzf.len() as u32, by_field.len() as u32].map(u32::to_le_bytes).concat();
+    [
+        [header.as_bytes(), b"ascii\n", text.concat().as_bytes()].concat(),
+        [header.as_bytes(), b"binary\n", &first.concat(), &second.concat()].concat(),
+        [header.as_bytes(), b"binary_compressed\n", &sizes, &lzf].concat(),
+    ]
+}
+
+#[test]
+fn separate_colours_are_colours() {
+    let whole = separate("U1", |value| value.to_string(), |value| vec![value]);
+    let real = separate(
+        "F4",
+        |value| (f32::from(value) / 255.0).to_string(),
+        |value| (f32::from(value) / 255.0).to_le_bytes().to_vec(),
+    );
+    let points = vec![[1.0, 2.0, 3.0]; 2];
+    let cloud = Cloud { points, colours: Some(vec![[1, 2, 3], [255, 0, 204]]), viewpoint: [0.0; 3] };
+    for file in whole.iter().chain(&real) {
+        assert_eq!(read(file), Ok(cloud.clone()));
+    }
+
+    let text = str::from_utf8(&whole[0]).unwrap();
+    // A single letter is something else, and packed colours come before separate ones.
+    assert_eq!(read(text.replace(" g\n", " green\n").as_bytes()).unwrap().colours, None);
+    let packed = text.replace("radius", "rgb").replace("4 2 4", "4 4 4");
+    assert_eq!(read(packed.as_bytes()).unwrap().colours, Some(vec![[0, 0, 7]; 2]));
+    for (file, message) in [
+        (text.replace("255", "256"), "pcd data: line 9: r: a whole number below 256 expected, got 256\n"),
+        (
+            text.replace("TYPE U", "TYPE I"),
+            "pcd header: b: U1 or F4 with COUNT 1 expected, got I1 with COUNT 1\n",
+        ),
+    ] {
+        let error = read(file.as_bytes()).unwrap_err().to_string();
+        assert!(error.starts_with(message), "{error}");
+    }
+    let bright = separate("F4", |value| value.to_string(), |value| f32::from(value).to_le_bytes().to_vec());
+    assert_eq!(
+        read(&bright[0]).unwrap_err().to_string().lines().next(),
+        Some("pcd data: line 8: g: a number from 0 to 1 expected, got 2")
+    );
+    let error = "pcd data: point 0: g: a number from 0 to 1 expected, got 2\ndivide colours by 255, or write them as U1";
+    for file in &bright[1..] {
+        assert_eq!(read(file).unwrap_err().to_string(), error);
+    }
+}
+
 #[test]
 fn points_that_are_not_finite_are_dropped_with_their_colour() {
     let text = "FIELDS x y z rgb\nSIZE 4 4 8 4\nTYPE F F F F\nWIDTH 6\nHEIGHT 1\nPOINTS 6\nDATA ascii\n\
@@ -193,9 +262,9 @@ fn a_cloud_of_the_uw_object_dataset_reads() {
         assert!((packed * unit / number - 1.0).abs() < 1e-7, "{colour:?} {number:e}");
     }
     // A banana: more red and green than blue on the whole.
-    let sums = colours
-        .iter()
-        .fold([0_u32; 3], |sums, colour| [0, 1, 2].map(|channel| sums[channel] + u32::from(colour[channel])));
+    let sums = colours.iter().fold([0_u32; 3], |sums, colour| {
+        [0, 1, 2].map(|component| sums[component] + u32::from(colour[component]))
+    });
     assert!(sums[0] > sums[2] && sums[1] > sums[2], "{sums:?}");
 }
 

@@ -3,7 +3,7 @@
 use super::error::PlyError;
 use super::header::{Element, Format, Header, Kind, Scalar, Slot, Wanted};
 use crate::Cloud;
-use crate::header_text::shown;
+use crate::header_text::{UNIT, from_unit, shown};
 
 /// The points of a file whose header is read.
 pub(super) fn read(header: &Header, bytes: &[u8]) -> Result<Cloud, PlyError> {
@@ -61,17 +61,9 @@ impl Rows {
     }
 }
 
-/// A colour value of a float type.
-const UNIT: &str = "a number from 0 to 1";
-
 /// 0 to 65535 to the nearest of 0 to 255: 257 of one is one of the other.
 fn from_u16(value: u16) -> u8 {
     ((u32::from(value) + 128) / 257) as u8
-}
-
-/// 0 to 1 to the nearest of 0 to 255, if it is that.
-fn from_unit(value: f64) -> Option<u8> {
-    (0.0..=1.0).contains(&value).then_some((value * 255.0 + 0.5) as u8)
 }
 
 /// What is not read yet.
