@@ -5,18 +5,17 @@ use std::path::Path;
 use descriptor::structure::{Structure, StructureFile};
 use descriptor::{Descriptor, GeneError, Preprocess, SearchSpace, Unit};
 
-use super::ExperimentError;
-use super::error::Fault;
+use super::error::{ExperimentError, Fault};
 use super::forms::RawGene;
+use super::genes::search_space;
+use super::preprocess::preprocess;
 use super::raw::{RawDescriptor, RawFamily, RawGenes, RawPreprocess};
-use super::raw_dataset::RawUnit;
-use super::{validate, validate_genes};
 
 /// Sections `[preprocess]` and `[descriptor]` that mean this.
 ///
 /// # Errors
 /// If no experiment can ask for the descriptor.
-pub(crate) fn of_one(
+pub fn of_one(
     preprocess: &Preprocess,
     descriptor: &Descriptor,
 ) -> Result<(RawPreprocess, RawDescriptor), GeneError> {
@@ -43,7 +42,7 @@ pub(crate) fn of_one(
 }
 
 /// What these sections of `file` mean, if every gene has one value.
-pub(crate) fn one(
+pub fn one(
     raw: &RawPreprocess,
     unit: Unit,
     descriptor: &RawDescriptor,
@@ -57,12 +56,8 @@ fn resolve(
     unit: Unit,
     descriptor: &RawDescriptor,
 ) -> Result<(Preprocess, Descriptor), Fault> {
-    let unit = match unit {
-        Unit::Metre => RawUnit::M,
-        Unit::Millimetre => RawUnit::Mm,
-    };
-    let preprocess = validate::preprocess(raw, unit, descriptor)?;
-    let space = validate_genes::search_space(descriptor)?;
+    let preprocess = preprocess(raw, unit, descriptor)?;
+    let space = search_space(descriptor)?;
     if let SearchSpace::Structures(_) = space {
         let what = format!("there must be 1 to {}, got 0", Structure::MAX_CHANNELS);
         return Err(Fault::new("descriptor.channel", what, "write one [[descriptor.channel]] for each"));

@@ -1,8 +1,13 @@
 //! From a finished run to an artefact: whole, read back, and answering as the run did.
 
-use proto::Message;
 use std::path::{Path, PathBuf};
 
+use artefact::sections::of_one;
+use artefact::{
+    Database, DatabaseCloud, DatabasePart, DatabaseParts, DatabaseSettings, Example, Learned, Recogniser,
+    RecognitionSettings, Settings, TestVectorSettings, Verdict, channels, found_scales, labels,
+    names_objects_by, signatures,
+};
 use cache::{Storage, Store};
 use descriptor::cloud_file::{self, CloudFileError};
 use descriptor::pcd::{self, DataEncoding};
@@ -11,22 +16,18 @@ use descriptor::structure::Structure;
 use descriptor::{
     Describer, Descriptor, Family, Preprocess, SearchSpace, SetDistance, Signature, Signatures, ply,
 };
+use proto::Message;
 use rayon::prelude::*;
-use results::{DatabaseCloud, DatabasePart, DatabaseParts, PredictionRow, PredictionSplit};
+use results::{PredictionRow, PredictionSplit};
 
 use super::readme::{About, Origin};
-use super::recogniser::{Learned, Recogniser};
-use super::recognition::{RecognitionSettings, names_objects_by};
-use super::reference::{channels, labels, signatures};
-use super::reject::{Reject, RejectSettings};
-use super::settings::{DatabaseSettings, Settings, TestVectorSettings};
-use super::test_vector::{Example, Verdict};
+use super::reject::Reject;
 use super::write::{Draft, Written, refuse_occupied};
-use super::{DescriptorChoice, ExportError, reject, scales};
+use super::{DescriptorChoice, ExportError, reject};
 use crate::compare::EVOLVED;
 use crate::dataset::{CloudEntry, Dataset, read_file};
 use crate::evaluate::{Seconds, stages};
-use crate::experiment::{Overrides, of_one};
+use crate::experiment::Overrides;
 use crate::front;
 use crate::reopen::{Reopened, reopen};
 use crate::run::{Matching, choose_set, clouds, data_digest, sets};
@@ -102,7 +103,7 @@ pub fn export(
 
     let database = describe(&dataset, &preprocess, &descriptor, winner)?;
     let reference = signatures(&descriptor, &database).map_err(winner)?;
-    let scales = scales::found(&descriptor, &reference, dataset.splits.trained());
+    let scales = found_scales(&descriptor, &reference, dataset.splits.trained());
     let learning = learning(
         recogniser.unwrap_or(experiment.recognition()),
         &dataset,
@@ -156,7 +157,7 @@ pub fn export(
             preprocess: raw_preprocess,
             descriptor: raw_descriptor,
             recognition: settings_of_recogniser.map(RecognitionSettings::from),
-            reject: RejectSettings::of(&reject),
+            reject: reject.settings(),
             database: DatabaseSettings { clouds: 0, digest: String::new(), scales: scales.clone() },
             test_vector: TestVectorSettings { digest: String::new() },
         },
@@ -183,7 +184,7 @@ fn learning(
     method: Method,
     dataset: &Dataset,
     channels: &[(&Signatures, SetDistance, f64)],
-    database: &results::Database,
+    database: &Database,
 ) -> Result<Option<ChosenSettings>, LearnError> {
     let objects: Vec<u32> = labels(&database.clouds).iter().map(|label| label.instance).collect();
     let sequence = |&cloud: &u32| dataset.clouds.entries[cloud as usize].sequence;
@@ -249,7 +250,7 @@ fn describe(
     preprocess: &Preprocess,
     descriptor: &Descriptor,
     winner: impl Fn(String) -> ExportError,
-) -> Result<results::Database, ExportError> {
+) -> Result<Database, ExportError> {
     let describer = Describer::new(descriptor).map_err(|error| winner(error.to_string()))?;
     let entries: Vec<&CloudEntry> = Matching::Test
         .database_clouds(dataset)
@@ -275,7 +276,7 @@ fn describe(
         _ => DatabaseParts::ShapeColour([part(0), part(1)]),
     };
     let clouds = entries.iter().map(|&entry| labelled(dataset, entry)).collect();
-    Ok(results::Database { clouds, parts })
+    Ok(Database { clouds, parts })
 }
 
 /// The signatures of clouds in one channel, as a database has them.

@@ -4,8 +4,7 @@ use std::path::{Path, PathBuf};
 
 use descriptor::structure::{Structure, StructureError, StructureFile};
 
-use crate::experiment::shortened;
-use crate::run::directory::read_bounded;
+use crate::text::{read_bounded, shortened};
 
 /// Why a file describes no structure.
 #[derive(Debug, thiserror::Error)]
@@ -45,7 +44,15 @@ pub enum StructureFileError {
 pub fn read(path: &Path) -> Result<Structure, StructureFileError> {
     let text =
         read_bounded(path).map_err(|source| StructureFileError::Read { path: path.to_owned(), source })?;
-    let file: StructureFile = toml::from_str(&text).map_err(|error| {
+    parse(&text, path)
+}
+
+/// Reads the text of the file at `path`, which need not be there.
+///
+/// # Errors
+/// What is wrong with the text.
+pub fn parse(text: &str, path: &Path) -> Result<Structure, StructureFileError> {
+    let file: StructureFile = toml::from_str(text).map_err(|error| {
         let line = error.span().map(|span| 1 + text[..span.start].matches('\n').count());
         let place = line.map(|line| format!("line {line}: ")).unwrap_or_default();
         let what = format!("{place}{}", shortened(error.message(), 200));

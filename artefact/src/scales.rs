@@ -6,18 +6,18 @@ use proto::task::is_scale;
 
 /// The scale of each channel, found by the first clouds of a database, so many as `known` says; `None` in families
 /// without scales.
-pub(super) fn found(descriptor: &Descriptor, database: &[Signatures], known: usize) -> Option<Vec<f64>> {
+pub fn found(descriptor: &Descriptor, database: &[Signatures], known: usize) -> Option<Vec<f64>> {
     has_scales(descriptor).then(|| descriptor.scales(SetDistance::ChiSquared, database, known))
 }
 
 /// What each channel's distances are multiplied by, in the order of the channels: weight over scale.
-pub(super) fn weights(descriptor: &Descriptor, scales: Option<&[f64]>) -> Vec<f64> {
+pub fn weights(descriptor: &Descriptor, scales: Option<&[f64]>) -> Vec<f64> {
     let scales = scales.into_iter().flatten().copied().chain(std::iter::repeat(1.0));
     descriptor.channels().into_iter().zip(scales).map(|((_, weight), scale)| weight / scale).collect()
 }
 
 /// Whether a descriptor can have these scales; `Err` says what was found instead.
-pub(super) fn check(descriptor: &Descriptor, scales: Option<&[f64]>) -> Result<(), String> {
+pub fn check(descriptor: &Descriptor, scales: Option<&[f64]>) -> Result<(), String> {
     let Some(scales) = scales else {
         return if has_scales(descriptor) { Err("no database.scales".to_owned()) } else { Ok(()) };
     };

@@ -3,14 +3,14 @@
 use std::fs;
 use std::path::Path;
 
+use artefact::{
+    ArtefactError, CloudError, DATABASE, Database, DatabaseCloud, DatabasePart, DatabaseParts, Recogniser,
+    RejectSettings, SETTINGS, Settings,
+};
 use descriptor::synth::{self, SynthSettings};
 use descriptor::{Descriptor, Family, Parameters, Preprocess, pcd};
-use results::{Database, DatabaseCloud, DatabasePart, DatabaseParts};
 use tempfile::TempDir;
 
-use super::reject::RejectSettings;
-use super::settings::Settings;
-use super::{ArtefactError, CloudError, DATABASE, Recogniser, SETTINGS};
 use crate::evaluate::Seconds;
 
 /// Few values a cloud.

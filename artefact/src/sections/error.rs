@@ -1,6 +1,9 @@
-//! The one error of an experiment file: which file, where in it, what is wrong and what to do.
+//! The one error of an experiment file, and of the sections that artefacts share with it: which file, where in it, what
+//! is wrong and what to do.
 
 use std::path::{Path, PathBuf};
+
+use crate::text::shortened;
 
 /// Why a file is no experiment.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -18,14 +21,14 @@ pub struct ExperimentError {
 
 /// An error whose file is not yet known: the checks see values, not files.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Fault {
-    pub(super) place: String,
-    pub(super) what: String,
-    pub(super) advice: String,
+pub struct Fault {
+    pub place: String,
+    pub what: String,
+    pub advice: String,
 }
 
 impl Fault {
-    pub(super) fn new(place: impl AsRef<str>, what: impl AsRef<str>, advice: impl AsRef<str>) -> Self {
+    pub fn new(place: impl AsRef<str>, what: impl AsRef<str>, advice: impl AsRef<str>) -> Self {
         // What a file says appears in messages: bounded, it cannot flood the terminal or add lines of its own.
         Self {
             place: shortened(place.as_ref(), 200),
@@ -36,30 +39,19 @@ impl Fault {
 
     /// From a message of another module, `place: what, got value` and advice on the second line; `section` is put
     /// before the place.
-    pub(super) fn from_message(section: &str, message: &str) -> Self {
+    pub fn from_message(section: &str, message: &str) -> Self {
         let (first, advice) = message.split_once('\n').unwrap_or((message, "correct the value"));
         let (place, what) = first.split_once(": ").unwrap_or(("", first));
         Self::new(format!("{section}{place}"), what, advice)
     }
 
     /// The same, found in a part of the file that stands for the whole.
-    pub(super) fn within(self, place: &str) -> Self {
+    pub fn within(self, place: &str) -> Self {
         Self { place: format!("{place}.{}", self.place), ..self }
     }
 
-    pub(super) fn in_file(self, path: &Path) -> ExperimentError {
+    pub fn in_file(self, path: &Path) -> ExperimentError {
         let Self { place, what, advice } = self;
         ExperimentError { path: path.to_owned(), place, what, advice }
     }
-}
-
-/// At most `limit` characters, none of them a control character.
-pub(crate) fn shortened(text: &str, limit: usize) -> String {
-    let mut rest = text.chars();
-    let mut short: String =
-        rest.by_ref().take(limit).map(|c| if c.is_control() { '\u{fffd}' } else { c }).collect();
-    if rest.next().is_some() {
-        short.push('…');
-    }
-    short
 }

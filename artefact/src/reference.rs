@@ -4,13 +4,13 @@ use std::collections::BTreeMap;
 
 use descriptor::{Descriptor, Family, Label, SetDistance, Signatures};
 use proto::Message;
-use results::{DatabaseCloud, DatabasePart, DatabaseParts};
 
-use super::scales;
+use crate::database::{Database, DatabaseCloud, DatabasePart, DatabaseParts};
+use crate::scales;
 
 /// The signatures of the reference clouds in each channel, how they are compared, and the channel's weight over its
 /// scale.
-pub(super) fn channels<'a>(
+pub fn channels<'a>(
     descriptor: &Descriptor,
     scales: Option<&[f64]>,
     signatures: &'a [Signatures],
@@ -21,11 +21,8 @@ pub(super) fn channels<'a>(
 }
 
 /// The signatures of the reference clouds in each channel; `Err` says why they are not the descriptor's.
-pub(super) fn signatures(
-    descriptor: &Descriptor,
-    database: &results::Database,
-) -> Result<Vec<Signatures>, String> {
-    let results::Database { clouds, parts } = database;
+pub fn signatures(descriptor: &Descriptor, database: &Database) -> Result<Vec<Signatures>, String> {
+    let Database { clouds, parts } = database;
     let parts: &[DatabasePart] = match (descriptor.family(), parts) {
         (Family::DiskRing, DatabaseParts::ShapeColour(parts)) => parts,
         (Family::Structure, DatabaseParts::Channels(channels)) => channels,
@@ -38,7 +35,7 @@ pub(super) fn signatures(
 }
 
 /// What the clouds show, by numbers.
-pub(super) fn labels(clouds: &[DatabaseCloud]) -> Vec<Label> {
+pub fn labels(clouds: &[DatabaseCloud]) -> Vec<Label> {
     let mut categories: BTreeMap<&str, u32> = BTreeMap::new();
     let mut instances: BTreeMap<(&str, &str), u32> = BTreeMap::new();
     let mut labels = Vec::with_capacity(clouds.len());

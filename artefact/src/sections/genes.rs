@@ -3,14 +3,14 @@
 use descriptor::structure::{StructureError, StructureFile, StructureSpace};
 use descriptor::{Domain, Family, GeneError, GeneSpec, SearchSpace, SetDistance};
 
-use super::checks::number;
 use super::error::Fault;
 use super::forms::{RawGene, RawInterval};
 use super::raw::RawDescriptor;
 use super::suggest;
+use crate::text::number;
 
 /// Checks every gene and builds the search space; a gene that is not written has its default values.
-pub(super) fn search_space(raw: &RawDescriptor) -> Result<SearchSpace, Fault> {
+pub fn search_space(raw: &RawDescriptor) -> Result<SearchSpace, Fault> {
     let family = Family::from(raw.family);
     let mut written = raw.genes.clone();
     let written = written.by_name();
@@ -101,7 +101,7 @@ fn structures(raw: &RawDescriptor) -> Result<SearchSpace, Fault> {
 }
 
 /// The largest counted cost, which no structure can be below if it is 0.
-pub(super) fn max_cost(raw: &RawDescriptor) -> Result<Option<u64>, Fault> {
+pub fn max_cost(raw: &RawDescriptor) -> Result<Option<u64>, Fault> {
     if raw.max_cost == Some(0) {
         return Err(Fault::new("descriptor.max_cost", "not at least 1, got 0", "raise it, or remove it"));
     }

@@ -4,17 +4,15 @@ use std::ffi::OsString;
 use std::fs;
 use std::path::Path;
 
+use artefact::{
+    DATABASE, Database, EXAMPLE, Example, FILES, README, Recogniser, SETTINGS, Settings, TEST_VECTOR,
+    Verdict, test_vector,
+};
 use atomic::{Access, NewFolder};
 use descriptor::Family;
-use results::Database;
 
 use super::error::WriteError;
-use super::recogniser::Recogniser;
-use super::settings::Settings;
-use super::test_vector::{Example, Verdict, test_vector};
 use crate::signing::SIGNATURE_FILE;
-
-use super::{DATABASE, EXAMPLE, FILES, README, SETTINGS, TEST_VECTOR};
 
 /// What an artefact is made of.
 pub(super) struct Draft<'a> {

@@ -15,7 +15,7 @@ const MOST: f64 = 1e6;
 /// Section `[recognition]` of the settings; without it, the nearest cloud names objects.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "method", rename_all = "kebab-case", deny_unknown_fields)]
-pub(super) enum RecognitionSettings {
+pub enum RecognitionSettings {
     Projection { components: u32, shrinkage: f64, reference: NearestTo },
     KernelRidge { width: f64, ridge: f64 },
 }
@@ -23,14 +23,14 @@ pub(super) enum RecognitionSettings {
 /// What a projected cloud is compared with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
-pub(super) enum NearestTo {
+pub enum NearestTo {
     Cloud,
     Object,
 }
 
 impl RecognitionSettings {
     /// The settings; `Err` says which of them can be none.
-    pub(super) fn resolve(&self) -> Result<Settings, String> {
+    pub fn resolve(&self) -> Result<Settings, String> {
         let positive = |key: &str, value: f64| {
             let sound = Some(value).filter(|&value| value > 0.0 && value <= MOST);
             sound.ok_or_else(|| format!("recognition.{key} {value} instead of more than 0, at most {MOST}"))
@@ -76,7 +76,7 @@ impl From<Settings> for RecognitionSettings {
 
 /// What is learned from reference clouds that show these labels, with their signatures in each channel, how these are
 /// compared, and the weight of the channel; `Err` says why nothing is.
-pub(super) fn learn(
+pub fn learn(
     settings: &Settings,
     channels: &[(&Signatures, SetDistance, f64)],
     labels: &[Label],
@@ -87,7 +87,7 @@ pub(super) fn learn(
 }
 
 /// How objects are named, in a line.
-pub(super) fn names_objects_by(settings: Option<&Settings>) -> String {
+pub fn names_objects_by(settings: Option<&Settings>) -> String {
     match settings {
         Some(settings) => format!("{}: {settings}", settings.method().name()),
         None => Method::Nearest.name().to_owned(),

@@ -6,11 +6,12 @@ use descriptor::recogniser::{self, RejectRule};
 use descriptor::{Descriptor, Family, Preprocess, SetDistance, Unit};
 use serde::{Deserialize, Serialize};
 
-use super::recognition::RecognitionSettings;
-use super::reject::RejectSettings;
-use super::{ArtefactError, SETTINGS, scales};
-use crate::experiment::{RawDescriptor, RawPreprocess, of_one, one, shortened};
-use crate::run::directory::read_bounded;
+use crate::error::ArtefactError;
+use crate::recognition::RecognitionSettings;
+use crate::reject::RejectSettings;
+use crate::sections::{RawDescriptor, RawPreprocess, of_one, one};
+use crate::text::{read_bounded, shortened};
+use crate::{SETTINGS, scales};
 
 /// The newest version of the format. Section `[reject]` needs it; without the section the version is 1, which earlier
 /// programs read as well.
@@ -19,7 +20,7 @@ const VERSION: u32 = 2;
 /// The file. Lengths are centimetres, as in experiments.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Settings {
+pub struct Settings {
     pub version: u32,
     /// BLAKE3 of everything else that the file says: [`Settings::digest`]. A parameter that was changed is none that the
     /// database was made with.
@@ -47,7 +48,7 @@ pub(super) struct Settings {
 
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct DatabaseSettings {
+pub struct DatabaseSettings {
     pub clouds: u32,
     /// BLAKE3 of the file.
     pub digest: String,
@@ -58,14 +59,14 @@ pub(super) struct DatabaseSettings {
 
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct TestVectorSettings {
+pub struct TestVectorSettings {
     /// BLAKE3 of the file.
     pub digest: String,
 }
 
 impl Settings {
     /// Reads the file of an artefact; what it says is meant for this program.
-    pub(super) fn read(folder: &Path) -> Result<Self, ArtefactError> {
+    pub fn read(folder: &Path) -> Result<Self, ArtefactError> {
         let path = folder.join(SETTINGS);
         let text =
             read_bounded(&path).map_err(|source| ArtefactError::Read { path: path.clone(), source })?;
@@ -73,7 +74,7 @@ impl Settings {
     }
 
     /// Reads the text of the file at `path`, which need not be there.
-    pub(super) fn parse(text: &str, path: PathBuf) -> Result<Self, ArtefactError> {
+    pub fn parse(text: &str, path: PathBuf) -> Result<Self, ArtefactError> {
         let wrong = |error: toml::de::Error| ArtefactError::Settings {
             path: path.clone(),
             what: shortened(error.message(), 400),
@@ -112,7 +113,7 @@ impl Settings {
     }
 
     /// What is done to a cloud, and by which descriptor, which can have the scales.
-    pub(super) fn resolve(&self, folder: &Path) -> Result<(Preprocess, Descriptor), ArtefactError> {
+    pub fn resolve(&self, folder: &Path) -> Result<(Preprocess, Descriptor), ArtefactError> {
         let path = folder.join(SETTINGS);
         let (preprocess, descriptor) = one(&self.preprocess, self.unit, &self.descriptor, &path)?;
         scales::check(&descriptor, self.database.scales.as_deref())
@@ -121,13 +122,13 @@ impl Settings {
     }
 
     /// The settings of a recogniser that learns; `None` where the nearest cloud names objects.
-    pub(super) fn recognition(&self, folder: &Path) -> Result<Option<recogniser::Settings>, ArtefactError> {
+    pub fn recognition(&self, folder: &Path) -> Result<Option<recogniser::Settings>, ArtefactError> {
         let resolved = self.recognition.map(|settings| settings.resolve()).transpose();
         resolved.map_err(|what| ArtefactError::Settings { path: folder.join(SETTINGS), what })
     }
 
     /// The rule by which answers are rejected; `None` where each is believed.
-    pub(super) fn reject(&self, folder: &Path) -> Result<Option<RejectRule>, ArtefactError> {
+    pub fn reject(&self, folder: &Path) -> Result<Option<RejectRule>, ArtefactError> {
         let is_learned = self.recognition.is_some();
         let resolved = self.reject.map(|settings| settings.resolve(is_learned)).transpose();
         resolved.map_err(|what| ArtefactError::Settings { path: folder.join(SETTINGS), what })
@@ -139,7 +140,7 @@ impl Settings {
     }
 
     /// Settings of no artefact, for tests and fuzzing.
-    pub(super) fn sample(preprocess: &Preprocess, descriptor: &Descriptor) -> Self {
+    pub fn sample(preprocess: &Preprocess, descriptor: &Descriptor) -> Self {
         let sections = of_one(preprocess, descriptor);
         let (raw, sections) = sections.expect("a descriptor that experiments can ask for");
         let scale = |scaled: Option<Descriptor>| scaled.map_or(1.0, |_| 0.125);
@@ -176,7 +177,7 @@ impl Settings {
     }
 
     /// The file's text, with its digest.
-    pub(super) fn seal(mut self) -> Result<String, toml::ser::Error> {
+    pub fn seal(mut self) -> Result<String, toml::ser::Error> {
         self.version = self.least_version();
         self.digest = self.digest()?;
         toml::to_string(&self)

@@ -4,21 +4,19 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs;
 use std::path::Path;
 
+use artefact::{
+    Contents, Database, DatabaseCloud, DatabasePart, EXAMPLE, Example, FALSE_REJECTIONS, Learned, Recogniser,
+    TEST_VECTOR, channels, names_objects_by, signatures,
+};
 use descriptor::Signature;
 use proto::Message;
 use rayon::prelude::*;
-use results::{Database, DatabaseCloud, DatabasePart, DatabaseParts};
 
 use super::error::LearnError;
-use super::export::part_of;
+use super::of_run::part_of;
 use super::readme::{About, Origin};
-use super::recogniser::{Contents, Learned, Recogniser};
-use super::recognition::names_objects_by;
-use super::reference::{channels, signatures};
-use super::reject::{self, FALSE_REJECTIONS, Reject, RejectSettings};
-use super::test_vector::Example;
+use super::reject::{self, Reject};
 use super::write::{Draft, Written, refuse_occupied};
-use super::{EXAMPLE, TEST_VECTOR};
 use crate::dataset::{Layout, NamedCloud, read_file};
 use crate::evaluate::Seconds;
 
@@ -126,7 +124,7 @@ pub fn learn(
     };
     let readme = about.text();
     let mut settings = settings;
-    settings.reject = RejectSettings::of(&reject);
+    settings.reject = reject.settings();
     let draft = Draft {
         settings,
         family: descriptor.family(),
@@ -211,10 +209,7 @@ fn check_contents(database: &Database, added: &[(&NamedCloud, Vec<Signature>)]) 
         };
         [of(&part.centroids), of(&part.deviations)].concat()
     };
-    let parts: &[DatabasePart] = match &database.parts {
-        DatabaseParts::ShapeColour(parts) => parts,
-        DatabaseParts::Channels(parts) => parts,
-    };
+    let parts = database.parts.as_slice();
     let mut seen: HashMap<Vec<u32>, &str> = HashMap::new();
     for (cloud, row) in database.clouds.iter().enumerate() {
         seen.insert(parts.iter().flat_map(|one| part(one, cloud)).collect(), &row.cloud);
@@ -249,11 +244,7 @@ fn with(mut database: Database, added: &[(&NamedCloud, Vec<Signature>)]) -> Data
     };
     database.clouds.extend(added.iter().map(row));
     let described: Vec<Vec<Signature>> = added.iter().map(|(_, signatures)| signatures.clone()).collect();
-    let parts: &mut [DatabasePart] = match &mut database.parts {
-        DatabaseParts::ShapeColour(parts) => parts,
-        DatabaseParts::Channels(parts) => parts,
-    };
-    for (channel, part) in parts.iter_mut().enumerate() {
+    for (channel, part) in database.parts.as_mut_slice().iter_mut().enumerate() {
         let DatabasePart { centroids, deviations } = part_of(&described, channel);
         part.centroids.extend(centroids);
         part.deviations.extend(deviations);

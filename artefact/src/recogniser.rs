@@ -1,28 +1,29 @@
 //! An artefact at work: from the bytes of a cloud to the name of an object, on the calling thread.
 
-use proto::Message;
 use std::path::Path;
 use std::time::Instant;
 
 use descriptor::recogniser::{Evidence, LearnedRecogniser, RejectRule};
 use descriptor::{
-    Database, DescribeError, Described, Describer, Descriptor, PrepareError, Preprocess, Signature,
-    Signatures, Unit, cloud_file, recogniser,
+    Cloud, DescribeError, Described, Describer, Descriptor, PrepareError, Preprocess, Signature, Signatures,
+    Unit, cloud_file, recogniser,
 };
-use results::DatabaseCloud;
+use proto::Message;
 
-use super::error::CloudError;
-use super::reference::{channels, labels, signatures};
-use super::settings::Settings;
-use super::{ArtefactError, DATABASE, SETTINGS, recognition};
-use crate::evaluate::{Seconds, stages};
+use crate::database::{Database, DatabaseCloud};
+use crate::database_file::read_database;
+use crate::error::{ArtefactError, CloudError};
+use crate::reference::{channels, labels, signatures};
+use crate::settings::Settings;
+use crate::stages::{Seconds, stages};
+use crate::{DATABASE, SETTINGS, recognition};
 
 /// A descriptor with its reference clouds. Answers start no thread; opening an artefact that learns from its clouds uses
 /// the current rayon pool.
 pub struct Recogniser {
     preprocess: Preprocess,
     describer: Describer,
-    database: Database,
+    database: descriptor::Database,
     /// `None` by the nearest cloud.
     learned: Option<LearnedRecogniser>,
     /// `None` where every answer is believed.
@@ -32,7 +33,7 @@ pub struct Recogniser {
 
 /// What a recogniser takes from its settings beside the descriptor.
 #[derive(Clone, Copy)]
-pub(super) struct Learned<'a> {
+pub struct Learned<'a> {
     /// Of a structure's channels.
     pub scales: Option<&'a [f64]>,
     /// Of a recogniser that learns.
@@ -42,14 +43,14 @@ pub(super) struct Learned<'a> {
 }
 
 /// What the files of an artefact say.
-pub(super) struct Contents {
+pub struct Contents {
     pub settings: Settings,
     pub preprocess: Preprocess,
     pub descriptor: Descriptor,
     /// `None` by the nearest cloud.
     pub recognition: Option<recogniser::Settings>,
     pub reject: Option<RejectRule>,
-    pub database: results::Database,
+    pub database: Database,
 }
 
 /// An object by the reference cloud that is nearest, or most like the query.
@@ -117,11 +118,11 @@ impl Recogniser {
     }
 
     /// From what an artefact holds; `Err` says why that does not fit together. The descriptor can have the scales.
-    pub(super) fn new(
+    pub fn new(
         preprocess: Preprocess,
         descriptor: &Descriptor,
         Learned { scales, recognition, reject }: Learned<'_>,
-        database: results::Database,
+        database: Database,
     ) -> Result<Self, String> {
         let describer = Describer::new(descriptor).map_err(|error| Message::of(&error).what)?;
         let signatures = signatures(descriptor, &database)?;
@@ -130,20 +131,34 @@ impl Recogniser {
         let labels = labels(&clouds);
         let learned =
             recognition.map(|settings| recognition::learn(settings, &channels, &labels)).transpose()?;
-        let database = Database::new(&channels, labels).map_err(|error| Message::of(&error).what)?;
+        let database =
+            descriptor::Database::new(&channels, labels).map_err(|error| Message::of(&error).what)?;
         Ok(Self { preprocess, describer, database, learned, reject, clouds })
     }
 
     /// Values that are kept of a cloud, if they are others than its signature.
-    pub(super) fn size(&self) -> Option<usize> {
+    pub fn size(&self) -> Option<usize> {
         self.learned.as_ref()?.size()
     }
 
     /// The artefact's description of a cloud, given as the bytes of its file; `seconds` takes the time of each stage.
-    pub(super) fn describe(&self, bytes: &[u8], seconds: &mut Seconds) -> Result<Described, CloudError> {
+    ///
+    /// # Errors
+    /// [`CloudError`] if the bytes are no cloud, or too little of one to be described.
+    pub fn describe(&self, bytes: &[u8], seconds: &mut Seconds) -> Result<Described, CloudError> {
         let clock = Instant::now();
         let cloud = cloud_file::read(bytes)?;
-        let cloud = self.preprocess.in_metres(&cloud);
+        seconds.read += clock.elapsed();
+        self.describe_cloud(&cloud, seconds)
+    }
+
+    /// The artefact's description of a cloud in the artefact's unit; `seconds` takes the time of each stage.
+    ///
+    /// # Errors
+    /// [`CloudError`] if there is too little of it to be described.
+    pub fn describe_cloud(&self, cloud: &Cloud, seconds: &mut Seconds) -> Result<Described, CloudError> {
+        let clock = Instant::now();
+        let cloud = self.preprocess.in_metres(cloud);
         seconds.read += clock.elapsed();
         stages(&cloud, &self.preprocess, &self.describer, seconds).map_err(|error| match error {
             DescribeError::Prepare(PrepareError::Skip(skip)) => {
@@ -154,12 +169,12 @@ impl Recogniser {
     }
 
     /// The nearest `most` objects, at least one, to a cloud that was described.
-    pub(super) fn answer(&self, described: &Described, most: usize) -> Answer<'_> {
+    pub fn answer(&self, described: &Described, most: usize) -> Answer<'_> {
         self.answer_to(&described.signatures, most)
     }
 
     /// As [`Recogniser::answer`], from the signatures of a cloud.
-    pub(super) fn answer_to(&self, query: &[Signature], most: usize) -> Answer<'_> {
+    pub fn answer_to(&self, query: &[Signature], most: usize) -> Answer<'_> {
         let (mut hits, nearest) = match &self.learned {
             Some(learned) => {
                 let distances = self.database.distances(query);
@@ -206,14 +221,14 @@ impl Recogniser {
 
 impl Contents {
     /// Reads an artefact and checks that its files are those that belong together.
-    pub(super) fn read(folder: &Path) -> Result<Self, ArtefactError> {
+    pub fn read(folder: &Path) -> Result<Self, ArtefactError> {
         let settings = Settings::read(folder)?;
         let (preprocess, descriptor) = settings.resolve(folder)?;
         let path = folder.join(DATABASE);
-        let (database, digest) = results::read_database(&path)?;
+        let (database, digest) = read_database(&path)?;
         let (expected, got) = (&settings.database.digest, digest.to_hex());
         if expected.as_str() != got.as_str() {
-            let (expected, got) = (crate::experiment::shortened(expected, 64), got.to_string());
+            let (expected, got) = (crate::text::shortened(expected, 64), got.to_string());
             return Err(ArtefactError::Digest { path, expected, got });
         }
         let (expected, got) = (settings.database.clouds as usize, database.clouds.len());
@@ -235,7 +250,7 @@ impl Contents {
     }
 
     /// What answers from it, read from this folder.
-    pub(super) fn recogniser(self, folder: &Path) -> Result<Recogniser, ArtefactError> {
+    pub fn recogniser(self, folder: &Path) -> Result<Recogniser, ArtefactError> {
         let Self { settings, preprocess, descriptor, recognition, reject, database } = self;
         let scales = settings.database.scales.as_deref();
         let learned = Learned { scales, recognition: recognition.as_ref(), reject };
@@ -243,7 +258,7 @@ impl Contents {
     }
 
     /// The signatures of the reference clouds in each channel, read from this folder.
-    pub(super) fn signatures(&self, folder: &Path) -> Result<Vec<Signatures>, ArtefactError> {
+    pub fn signatures(&self, folder: &Path) -> Result<Vec<Signatures>, ArtefactError> {
         signatures(&self.descriptor, &self.database).map_err(|what| damaged(folder, what))
     }
 }

@@ -3,14 +3,13 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use artefact::{Contents, Recogniser, channels, labels};
 use descriptor::recogniser::{Evidence, HeldOut, LabelledClouds, MAX_CLOUDS, RejectError, RejectRule};
 use descriptor::{SetDistance, Signature, Signatures};
 use proto::Message;
 use rayon::prelude::*;
 
 use super::error::AssessError;
-use super::recogniser::{Contents, Recogniser};
-use super::reference::{channels, labels};
 use super::reject;
 use crate::dataset::{Layout, NamedCloud, read_file};
 use crate::evaluate::Seconds;

@@ -3,10 +3,10 @@
 use descriptor::{Described, Family, Signature};
 use serde::Serialize;
 
-use super::EXAMPLE;
-use super::error::CloudError;
-use super::recogniser::Recogniser;
-use crate::evaluate::Seconds;
+use crate::EXAMPLE;
+use crate::error::CloudError;
+use crate::recogniser::Recogniser;
+use crate::stages::Seconds;
 
 /// The format's version.
 const VERSION: u32 = 1;
@@ -57,7 +57,7 @@ impl<'a> From<&'a Signature> for Part<'a> {
 
 /// The example cloud: where it comes from, what it shows, and its bytes.
 #[derive(Clone)]
-pub(super) struct Example {
+pub struct Example {
     pub cloud: String,
     pub instance: String,
     pub category: String,
@@ -66,7 +66,7 @@ pub(super) struct Example {
 
 /// What a test vector says in the end.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Verdict {
+pub struct Verdict {
     pub nearest_cloud: String,
     pub distance: f64,
     pub runner_up: Option<(String, f64)>,
@@ -83,7 +83,7 @@ impl std::fmt::Display for Verdict {
 }
 
 /// The text of the file, and what it says in the end, of a descriptor of this family.
-pub(super) fn test_vector(
+pub fn test_vector(
     recogniser: &Recogniser,
     family: Family,
     example: &Example,

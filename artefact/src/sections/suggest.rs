@@ -49,7 +49,7 @@ fn extended<'a>(word: &str, known: &[&'a str]) -> Option<&'a str> {
 }
 
 /// A second line for a message about an unknown word: the nearest known one, then all of them.
-pub(crate) fn advice(word: &str, known: &[&str], meaning_of_list: &str) -> String {
+pub fn advice(word: &str, known: &[&str], meaning_of_list: &str) -> String {
     let list = known.join(", ");
     match nearest_name(word, known) {
         Some(nearest) => format!("did you mean `{nearest}`? {meaning_of_list}: {list}"),

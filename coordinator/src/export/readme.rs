@@ -3,15 +3,16 @@
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
+use artefact::{DATABASE, DatabaseCloud, EXAMPLE, SETTINGS, TEST_VECTOR};
 use descriptor::recogniser::{Calibration, ChosenSettings, Settings};
 use descriptor::structure::Structure;
 use descriptor::{Descriptor, Preprocess, Unit};
-use results::{Counts, DatabaseCloud, RunRow, wilson};
-
-use super::reject::{FoldsBy, Reject};
-use super::{DATABASE, DescriptorChoice, EXAMPLE, SETTINGS, TEST_VECTOR};
-use crate::run::progress::percent;
 use proto::Message;
+use results::{Counts, RunRow, wilson};
+
+use super::DescriptorChoice;
+use super::reject::{FoldsBy, Reject};
+use crate::run::progress::percent;
 
 /// Everything the text is made of.
 pub(super) struct About<'a> {
