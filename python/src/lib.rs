@@ -24,6 +24,12 @@ type Ranked = (String, String, String, f64);
 /// An answer, as Python sees it: the ranking, whether the object is unknown, and how probably it is known.
 type Answered = (Vec<Ranked>, bool, Option<f64>);
 
+/// The values of a signature, and how many of them each channel has: of its centroid, and of its deviation.
+type Described<'py> = (Bound<'py, PyArray1<f32>>, Vec<(usize, usize)>);
+
+/// An answer, or the error in its place.
+type AnsweredOrNot = (Option<Answered>, Option<Py<PyAny>>);
+
 fn cloud_of((xyz, rgb, viewpoint): &Arrays<'_>) -> PyResult<Cloud> {
     let contiguous = |_| raised("xyz, rgb: must be contiguous, got strides\nuse numpy.ascontiguousarray");
     let xyz = xyz.as_slice().map_err(contiguous)?;
@@ -67,8 +73,9 @@ impl Form {
                     colour: cloud.colours.is_some() || descriptor.needs_colour(),
                     ..Preprocess::default()
                 };
-                artefact::stages(cloud, &preprocess, describer, seconds)
-                    .map_err(|error| format!("{error}\nshow more of the object, and give lengths in metres"))?
+                artefact::stages(cloud, &preprocess, describer, seconds).map_err(|error| {
+                    format!("{error}\nshow more of the object, and give lengths in metres")
+                })?
             }
         };
         Ok(described.signatures)
@@ -94,11 +101,7 @@ impl NativeDescriber {
     }
 
     /// The signature of a cloud as one array, and the lengths of its parts.
-    fn describe<'py>(
-        &self,
-        py: Python<'py>,
-        arrays: Arrays<'py>,
-    ) -> PyResult<(Bound<'py, PyArray1<f32>>, Vec<(usize, usize)>)> {
+    fn describe<'py>(&self, py: Python<'py>, arrays: Arrays<'py>) -> PyResult<Described<'py>> {
         let cloud = cloud_of(&arrays)?;
         let signatures = py.detach(|| self.form.describe(&cloud)).map_err(raised)?;
         Ok((joined(&signatures).into_pyarray(py), lengths(&signatures)))
@@ -112,9 +115,8 @@ impl NativeDescriber {
     ) -> PyResult<Vec<Bound<'py, PyArray1<f32>>>> {
         let clouds = arrays.iter().map(cloud_of).collect::<PyResult<Vec<Cloud>>>()?;
         drop(arrays);
-        let described: Vec<Result<Vec<f32>, String>> = py.detach(|| {
-            clouds.par_iter().map(|cloud| Ok(joined(&self.form.describe(cloud)?))).collect()
-        });
+        let described: Vec<Result<Vec<f32>, String>> =
+            py.detach(|| clouds.par_iter().map(|cloud| Ok(joined(&self.form.describe(cloud)?))).collect());
         let place = |(index, one): (usize, Result<Vec<f32>, String>)| {
             one.map_err(|error| raised(format!("cloud {index}: {error}")))
         };
@@ -166,7 +168,7 @@ impl NativeRecogniser {
         py: Python<'_>,
         arrays: Vec<Arrays<'_>>,
         most: usize,
-    ) -> PyResult<Vec<(Option<Answered>, Option<Py<PyAny>>)>> {
+    ) -> PyResult<Vec<AnsweredOrNot>> {
         let clouds = arrays.iter().map(cloud_of).collect::<PyResult<Vec<Cloud>>>()?;
         drop(arrays);
         let answers: Vec<Result<Answered, CloudError>> =

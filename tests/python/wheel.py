@@ -9,12 +9,14 @@ of this file runs inside the environment.
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 import threading
 from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
+PAGE = "docs/src/how-to/python.md"
 #: Beside the wheel: for tables, and for the transformer's protocol.
 PACKAGES = ["polars", "scikit-learn"]
 
@@ -38,9 +40,13 @@ def build(out):
     # The target folder of the programs has another profile.
     target = os.environ.get("CARGO_TARGET_DIR", str(REPOSITORY / "target"))
     variables = dict(os.environ, CARGO_TARGET_DIR=f"{target}/python")
-    manifest = REPOSITORY / "python/Cargo.toml"
-    maturin = out / "tools/bin/maturin"
-    run(maturin, "build", "--release", "--locked", "--manifest-path", manifest, "--out", out / "wheels", env=variables)
+    # What the page says, with folders of its own.
+    page = (REPOSITORY / PAGE).read_text()
+    lines = re.search(r"^```\n(pip install maturin\n.*?)^```$", page, re.M | re.S)[1].splitlines()
+    command = shlex.split(lines[1])
+    assert command[0] == "maturin" and command[-2:] == ["--out", "wheels"], command
+    command = [out / "tools/bin/maturin", *command[1:-1], out / "wheels", "--locked"]
+    run(*command, env=variables, cwd=REPOSITORY)
     wheels = list((out / "wheels").glob("descry-*-abi3-*.whl"))
     assert len(wheels) == 1, f"one wheel for all Pythons expected, got {wheels}"
     return wheels[0]
@@ -253,7 +259,7 @@ def tables(coordinator, descry):
 
 def pages(cloud):
     """The examples of README and book."""
-    for page in ("README.md", "docs/src/how-to/python.md"):
+    for page in ("README.md", PAGE):
         blocks = re.findall(r"^```py\n(.*?)^```$", (REPOSITORY / page).read_text(), re.M | re.S)
         assert blocks, f"{page}: no example"
         xyz, rgb, _ = cloud
