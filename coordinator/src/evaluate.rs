@@ -1,17 +1,16 @@
 //! One descriptor on given lists, under one or several set distances, in this process, with the time that each stage
 //! takes.
 
-use proto::Message;
-use std::ops::AddAssign;
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
-use descriptor::prepare::{Normals, keypoints};
+pub use artefact::{Seconds, stages};
 use descriptor::recognise::{RecogniseError, recognise_from};
 use descriptor::{
-    Cloud, Correct, DescribeError, Described, Describer, DescriberError, Descriptor, Label, Match,
-    PrepareError, Preprocess, SetDistance, Signature, Signatures, cloud_file,
+    Correct, DescribeError, Described, Describer, DescriberError, Descriptor, Label, Match, PrepareError,
+    Preprocess, SetDistance, Signature, Signatures, cloud_file,
 };
+use proto::Message;
 use rayon::prelude::*;
 
 use crate::dataset::{ListedCloud, Listing, read_file};
@@ -32,35 +31,6 @@ pub struct Request {
     pub threads: usize,
     /// How many of the first usable database clouds the scales of a structure's channels are found by; `None`: all.
     pub scaled_by: Option<usize>,
-}
-
-/// Time of each stage, added up over clouds and threads; `total` is wall time from the first cloud to the last
-/// match of one set distance.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct Seconds {
-    /// Reading and decoding files.
-    pub read: Duration,
-    /// Keypoints.
-    pub keypoints: Duration,
-    /// Normals of clouds and keypoints.
-    pub normals: Duration,
-    /// Neighbours, histograms and signatures.
-    pub describe: Duration,
-    /// Distances and nearest clouds.
-    pub matching: Duration,
-    /// Wall time of everything.
-    pub total: Duration,
-}
-
-impl AddAssign for Seconds {
-    fn add_assign(&mut self, other: Self) {
-        self.read += other.read;
-        self.keypoints += other.keypoints;
-        self.normals += other.normals;
-        self.describe += other.describe;
-        self.matching += other.matching;
-        self.total += other.total;
-    }
 }
 
 /// What an evaluation under one set distance gives.
@@ -266,25 +236,6 @@ pub fn describe_file(
         }
         Err(error) => Err(failed(error.to_string())),
     }
-}
-
-/// The stages of a cloud in metres, each timed: keypoints, normals, and their description.
-pub fn stages(
-    cloud: &Cloud,
-    preprocess: &Preprocess,
-    describer: &Describer,
-    seconds: &mut Seconds,
-) -> Result<Described, DescribeError> {
-    let clock = Instant::now();
-    let keypoints = keypoints(cloud, preprocess)?;
-    seconds.keypoints = clock.elapsed();
-    let clock = Instant::now();
-    let normals = Normals::new(cloud, &keypoints, preprocess)?;
-    seconds.normals = clock.elapsed();
-    let clock = Instant::now();
-    let described = describer.describe(cloud, &keypoints, &normals, preprocess)?;
-    seconds.describe = clock.elapsed();
-    Ok(described)
 }
 
 #[cfg(test)]

@@ -19,12 +19,12 @@ pub fn experiment(text: &str) -> bool {
 
 /// The settings of an artefact.
 pub fn artefact_settings(text: &str) -> bool {
-    crate::artefact::reads_settings(text)
+    crate::export::reads_settings(text)
 }
 
 /// Sound settings of artefacts.
 pub fn sample_artefact_settings() -> [String; 2] {
-    crate::artefact::sample_settings()
+    crate::export::sample_settings()
 }
 
 /// An operator's request to a coordinator at work, or the answer to it.

@@ -41,14 +41,13 @@ mod report;
 
 pub use columnar::{Columnar, complete_generations};
 pub use columns::{Column, ColumnKind, GeneColumn};
-pub use database::{Database, DatabasePart, DatabaseParts, read_database, write_database};
+pub use database::write_database;
 pub use error::Error;
 pub use folder::{LOCK, RunFolder, is_in_use};
 pub use foreign::{
     Among, Foreign, ForeignClouds, ForeignError, ForeignValues, read_foreign, write_distances, write_vectors,
 };
 pub use grid::{FinishedGrid, GridFolder, read_grid};
-pub use parquet::SCHEMA_VERSION;
 pub use population::PopulationSummary;
 pub use printable::is_printable;
 pub use problem::Problem;
@@ -70,7 +69,6 @@ pub use tables::Table;
 pub use tables::comparison::{
     ComparedRow, Curve, CurvePoint, DistanceRow, PairRow, PerturbedRow, SetRow, Times,
 };
-pub use tables::database::DatabaseCloud;
 pub use tables::grid::{BestRow, CellPoints, CountRow, GridRow, GridTables, LandscapeRow, MarginalRow};
 pub use tables::log::{AttemptRow, EventRow, LookRow, RunLog, WorkerRow};
 pub use tables::run::{

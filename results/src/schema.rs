@@ -4,9 +4,9 @@ use std::fmt::Write;
 
 use crate::columns::{Column, GeneColumn};
 use crate::error::Error;
-use crate::parquet::SCHEMA_VERSION;
 use crate::table_name::TableName;
 use crate::tables::Table;
+use artefact::metadata::SCHEMA_VERSION;
 
 /// SCHEMA.md: every table with its columns, as Markdown.
 pub fn schema_markdown() -> Result<String, Error> {

@@ -7,7 +7,7 @@ use clap::Args;
 use proto::Message;
 use serde_json::{Value, json};
 
-use crate::artefact::{self, Assessment, Rejected};
+use crate::export::{self, Assessment, Rejected};
 use crate::lines::{labelled, table, wrapped};
 use crate::run::progress::percent;
 
@@ -40,7 +40,7 @@ impl Assess {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let lists: Vec<PathBuf> =
             self.query.iter().map(|list| super::evaluate::list_file(&self.data, list)).collect();
-        let assessed = artefact::assess(&self.artefact, &self.data, &self.names.layout(), &lists)?;
+        let assessed = export::assess(&self.artefact, &self.data, &self.names.layout(), &lists)?;
         super::print(&if self.json { format!("{}\n", json(&assessed)) } else { text(&assessed) })?;
         Ok(ExitCode::SUCCESS)
     }

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use anyhow::Context as _;
+use artefact::read_structure;
 use clap::Args;
 use descriptor::{
     COST_DATABASE, Descriptor, Domain, Family, FixedDescriptor, FixedKind, Preprocess, SearchSpace,
@@ -17,7 +18,6 @@ use crate::experiment::name_advice;
 use crate::lines::wrapped;
 use crate::run::progress::percent;
 use crate::run::summary;
-use crate::structure_file;
 
 /// Evaluate one descriptor on lists of clouds
 ///
@@ -134,7 +134,7 @@ impl Evaluate {
 
     fn descriptor(&self, radius_um: u32) -> anyhow::Result<Descriptor> {
         if let Some(file) = &self.structure {
-            let descriptor = Descriptor::Structure(structure_file::read(file)?);
+            let descriptor = Descriptor::Structure(read_structure(file)?);
             let needs_colour = descriptor.needs_colour() && self.no_colour;
             anyhow::ensure!(
                 !needs_colour,

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 use std::process::ExitCode;
 
+use artefact::{FALSE_REJECTIONS, FILES, read_structure};
 use cache::StorageArgs;
 use clap::{Args, ValueEnum};
 use descriptor::recogniser::Method;
 
-use crate::artefact::{self, DescriptorChoice, FALSE_REJECTIONS};
+use crate::export::{self, DescriptorChoice};
 use crate::lines::labelled;
-use crate::structure_file;
 
 use super::rejection::{rate, reject_lines};
 use super::sign::{Sign, sign};
@@ -65,14 +65,14 @@ impl Export {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let key = self.sign.key()?;
         let which = match (&self.structure, self.point, self.descriptor) {
-            (Some(file), ..) => DescriptorChoice::Structure(structure_file::read(file)?),
+            (Some(file), ..) => DescriptorChoice::Structure(read_structure(file)?),
             (_, Some(point), _) => DescriptorChoice::Point(point),
             (.., Which::Evolved) => DescriptorChoice::Evolved,
             (.., Which::Paper) => DescriptorChoice::Paper,
         };
         let storage = self.storage.resolve();
         let recogniser = self.recogniser.as_deref().and_then(Method::named);
-        let exported = artefact::export(
+        let exported = export::export(
             &self.run,
             (which, recogniser),
             self.false_rejections.unwrap_or(FALSE_REJECTIONS),
@@ -80,7 +80,7 @@ impl Export {
             &self.out,
             &storage,
         )?;
-        sign(key.as_ref(), &self.out, &artefact::FILES)?;
+        sign(key.as_ref(), &self.out, &FILES)?;
         let out = self.out.display();
         let descriptor = labelled("descriptor", 14, &exported.descriptor.to_string());
         // What a reader who has not asked for it must know is that there is none.

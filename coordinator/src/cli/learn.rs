@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use clap::Args;
 
-use crate::artefact::{self, Sized};
 use crate::console::say;
+use crate::export::{self, Sized};
 use crate::lines::labelled;
 
 use super::rejection::{Names, count, folds_line, rate, reject_lines};
@@ -40,7 +40,7 @@ impl Learn {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let out = self.out.as_ref().unwrap_or(&self.artefact);
         let layout = self.names.layout();
-        let added = artefact::learn(&self.artefact, &self.new, &layout, self.false_rejections, out)?;
+        let added = export::learn(&self.artefact, &self.new, &layout, self.false_rejections, out)?;
         for (cloud, reason) in &added.skipped {
             say(format_args!("skipped {cloud}: {reason}"));
         }

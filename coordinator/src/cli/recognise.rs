@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
+use artefact::{Answer, CloudError, Named, Recogniser};
 use clap::Args;
 use proto::Message;
 use serde_json::{Map, Value, json};
 
-use crate::artefact::{Answer, CloudError, Named, Recogniser};
 use crate::console::say;
 use crate::dataset::{MAX_FILE_BYTES, read_file};
 use crate::evaluate::Seconds;

@@ -2,12 +2,13 @@
 
 use std::path::PathBuf;
 
+use artefact::MOST_FALSE_REJECTIONS;
 use clap::{Args, ValueEnum};
 use descriptor::recogniser::Calibration;
 use proto::Message;
 
-use crate::artefact::{FoldsBy, MOST_FALSE_REJECTIONS, Reject};
 use crate::dataset::Layout;
+use crate::export::{FoldsBy, Reject};
 use crate::lines::labelled;
 use crate::run::progress::percent;
 

@@ -3,11 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use artefact::Recogniser;
 use cache::StorageArgs;
 use clap::Args;
 
 use super::sign::RUN_FILES;
-use crate::artefact::{self, Recogniser};
 use crate::signing::PublicKey;
 use crate::{sweep, verify};
 

@@ -2,13 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
+use artefact::{StructureFileError, read_structure};
 use descriptor::{Descriptor, Preprocess, SearchSpace, Unit};
 
 use super::candidate::{Given, check_no_point, point_name};
 use crate::experiment::{Experiment, ExperimentError, Overrides};
 use crate::front::{self, FrontError};
 use crate::names::is_name;
-use crate::structure_file::{self, StructureFileError};
 
 /// Where a given descriptor comes from: `PATH`, or `NAME=PATH`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -116,7 +116,7 @@ impl Sources {
         };
         for source in &self.structures {
             let stem = source.path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            add(STRUCTURE, source, stem, Descriptor::Structure(structure_file::read(&source.path)?))?;
+            add(STRUCTURE, source, stem, Descriptor::Structure(read_structure(&source.path)?))?;
         }
         for source in &self.runs {
             let (name, winner) = own.winner_of(&source.path)?;

@@ -1,7 +1,8 @@
 //! Names and seeds, which several sections have: one rule for each.
 
+use artefact::sections::Fault;
+
 use super::MAX_SEED;
-use super::error::Fault;
 use crate::names::{is_allowed, is_name};
 
 /// Refuses a name that is not fit for a folder.
@@ -33,11 +34,4 @@ pub(super) fn checked_seed(place: &str, seed: u64) -> Result<u64, Fault> {
         ));
     }
     Ok(seed)
-}
-
-/// A number as a message shows it: one of very many digits with an exponent.
-pub(super) fn number(value: f64) -> String {
-    let size = value.abs();
-    let is_long = value.is_finite() && size != 0.0 && !(1e-9..1e12).contains(&size);
-    if is_long { format!("{value:e}") } else { value.to_string() }
 }

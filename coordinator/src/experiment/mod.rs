@@ -5,20 +5,16 @@
 
 mod checks;
 mod defaults;
-mod error;
 mod forms;
-mod one;
 mod paths;
 mod raw;
 mod raw_dataset;
 mod resolved;
-mod suggest;
 mod sweep;
 mod syntax;
 mod validate;
 mod validate_dataset;
 mod validate_fitness;
-mod validate_genes;
 mod validate_objectives;
 
 #[cfg(test)]
@@ -39,15 +35,11 @@ use evolution::{Encoding, GaSettings, Method, Score, StopSettings, WinnerRule};
 use crate::dataset::{Clouds, Dataset, DatasetSettings};
 use crate::fitness::{Fitness, Measured};
 use crate::objectives::Objectives;
+pub use artefact::sections::ExperimentError;
+use artefact::sections::Fault;
+pub(crate) use artefact::sections::{advice as name_advice, micrometres};
 use cluster::sharding::ShardCount;
-pub use error::ExperimentError;
-use error::Fault;
-pub(crate) use error::shortened;
-pub(crate) use one::{of_one, one};
-pub(crate) use raw::{RawDescriptor, RawPreprocess};
-pub(crate) use suggest::advice as name_advice;
 pub use sweep::{MAX_MEMBERS, Member, Plan, Sweep};
-pub(crate) use validate::micrometres;
 
 /// Bytes of the largest file that is read.
 const MAX_BYTES: u64 = 1 << 20;

@@ -3,7 +3,7 @@
 use std::env::VarError;
 use std::path::{Path, PathBuf};
 
-use super::error::Fault;
+use artefact::sections::Fault;
 
 /// Where variables come from; [`std::env::var`] outside tests.
 pub(super) type Lookup<'a> = &'a dyn Fn(&str) -> Result<String, VarError>;

@@ -1,5 +1,6 @@
 //! Section `[dataset]` of the experiment file as written. Its doc comments speak to the author of an experiment.
 
+use descriptor::Unit;
 use descriptor::synth::SynthSettings;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -63,6 +64,15 @@ pub(super) enum RawUnit {
     M,
     /// Millimetres.
     Mm,
+}
+
+impl From<RawUnit> for Unit {
+    fn from(unit: RawUnit) -> Self {
+        match unit {
+            RawUnit::M => Self::Metre,
+            RawUnit::Mm => Self::Millimetre,
+        }
+    }
 }
 
 /// Synthetic clouds: views of made-up household objects by a virtual depth camera.

@@ -6,10 +6,10 @@ use std::path::Path;
 use evolution::Method;
 
 use super::checks::{checked_name, checked_seed};
-use super::error::Fault;
 use super::forms::RawSeeds;
 use super::paths::Lookup;
 use super::{Experiment, ExperimentError, Overrides, read_bounded, resolved, syntax, validate};
+use artefact::sections::Fault;
 
 /// Most runs of one sweep: each has a folder of its own and keeps its population in memory.
 pub const MAX_MEMBERS: usize = 1000;

@@ -6,9 +6,9 @@ use serde::Deserialize;
 use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue, Deserializer, Error};
 
-use super::error::{Fault, shortened};
 use super::raw::RawExperiment;
-use super::suggest;
+use artefact::sections::{self, Fault};
+use artefact::text::shortened;
 
 /// The format's version that this program writes and reads.
 const VERSION: i64 = 1;
@@ -150,7 +150,7 @@ fn check_names(table: &DeTable<'_>, place: &str) -> Result<(), Fault> {
 /// The section whose last word was probably meant, and all of them.
 fn section_advice(name: &str) -> String {
     let last = |section: &'static str| section.rsplit_once('.').map_or(section, |(_, last)| last);
-    let meant = suggest::nearest_name(name, &SECTIONS.map(last));
+    let meant = sections::nearest_name(name, &SECTIONS.map(last));
     let meant = meant.and_then(|meant| SECTIONS.into_iter().find(|section| last(section) == meant));
     let list = SECTIONS.map(|section| format!("[{section}]")).join(", ");
     match meant {
@@ -195,7 +195,7 @@ fn key_fault(text: &str, root: &DeTable<'_>, error: &Error) -> Fault {
         return Fault::new(
             found.parent(),
             format!("unknown key, got `{}`", shortened(key, EXCERPT)),
-            suggest::advice(key, &known_words(message), "known keys here"),
+            sections::advice(key, &known_words(message), "known keys here"),
         );
     }
     if let Some(key) = message.strip_prefix("missing field ") {
@@ -211,7 +211,7 @@ fn key_fault(text: &str, root: &DeTable<'_>, error: &Error) -> Fault {
         return Fault::new(
             place,
             format!("unknown word, got {got}"),
-            suggest::advice(word, &known_words(message), "known words here"),
+            sections::advice(word, &known_words(message), "known words here"),
         );
     }
     if message.starts_with("wanted string or table") {

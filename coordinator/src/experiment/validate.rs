@@ -5,26 +5,19 @@ use std::num::NonZeroU32;
 use std::path::Path;
 use std::time::Duration;
 
-use descriptor::Preprocess;
-use descriptor::preprocess::Unit;
 use descriptor::recogniser::Method as Recogniser;
 use evolution::{GaSettings, Method, StopSettings};
 
-use super::checks::{checked_name, checked_seed, number};
+use super::checks::{checked_name, checked_seed};
 use super::defaults::SearchDefaults;
-use super::error::Fault;
 use super::forms::NumberOr;
 use super::paths::{self, Lookup};
-use super::raw::{
-    RawCoordinator, RawDescriptor, RawExperiment, RawFamily, RawGa, RawOff, RawPreprocess, RawRecogniser,
-    RawStop,
-};
-use super::raw_dataset::RawUnit;
+use super::raw::{RawCoordinator, RawExperiment, RawGa, RawOff, RawRecogniser, RawStop};
 use super::validate_dataset::dataset;
 use super::validate_fitness::{fitness, set_weights};
-use super::validate_genes::{max_cost, search_space};
 use super::validate_objectives::objectives;
 use super::{CoordinatorSettings, Experiment, LocalWorkers, MAX_LOCAL_WORKERS, Overrides};
+use artefact::sections::{Fault, max_cost, preprocess, search_space};
 use cluster::sharding::{MAX_SHARDS, ShardCount};
 
 /// Checks the meaning of every key; the first mistake in the order of the file's sections is reported.
@@ -48,7 +41,7 @@ pub(super) fn experiment(
             Some(seed) => checked_seed("--seed", seed)?,
             None => checked_seed("seed", raw.seed)?,
         },
-        preprocess: preprocess(&raw.preprocess, raw.dataset.unit, &raw.descriptor)?,
+        preprocess: preprocess(&raw.preprocess, raw.dataset.unit.into(), &raw.descriptor)?,
         dataset: dataset(raw.dataset, winner.validates(&stop), folder, lookup)?,
         space: search_space(&raw.descriptor)?,
         max_cost: max_cost(&raw.descriptor)?,
@@ -75,57 +68,6 @@ fn name(given: Option<String>, path: &Path) -> Result<String, Fault> {
     let name = given.unwrap_or_else(|| path.file_stem().unwrap_or_default().to_string_lossy().into_owned());
     checked_name("name", &name)?;
     Ok(name)
-}
-
-pub(super) fn preprocess(
-    raw: &RawPreprocess,
-    unit: RawUnit,
-    descriptor: &RawDescriptor,
-) -> Result<Preprocess, Fault> {
-    if let Some(leaf_cm) = raw.leaf_cm.filter(|_| descriptor.family == RawFamily::Structure) {
-        return Err(Fault::new(
-            "preprocess.leaf_cm",
-            format!("not for family structure, whose channels have grids of their own, got {leaf_cm}"),
-            "remove it",
-        ));
-    }
-    if !(1..=1_000_000).contains(&raw.min_points) {
-        return Err(Fault::new(
-            "preprocess.min_points",
-            format!("not between 1 and 1000000, got {}", raw.min_points),
-            "write a number of points such as 10",
-        ));
-    }
-    Ok(Preprocess {
-        leaf_um: match raw.leaf_cm {
-            Some(leaf_cm) => length_um("preprocess.leaf_cm", leaf_cm)?,
-            None => Preprocess::default().leaf_um,
-        },
-        normal_radius_um: length_um("preprocess.normal_radius_cm", raw.normal_radius_cm)?,
-        min_points: raw.min_points,
-        colour: descriptor.colour,
-        unit: match unit {
-            RawUnit::M => Unit::Metre,
-            RawUnit::Mm => Unit::Millimetre,
-        },
-    })
-}
-
-/// Whole micrometres from centimetres; `None` beyond 1 µm to 1 m, or between two micrometres.
-pub(crate) fn micrometres(cm: f64) -> Option<u32> {
-    let um = cm * 1e4;
-    ((1.0..=1e6).contains(&um) && (um - um.round()).abs() < 1e-6).then(|| um.round() as u32)
-}
-
-/// Whole micrometres from centimetres between 0.01 and 100.
-fn length_um(place: &str, cm: f64) -> Result<u32, Fault> {
-    micrometres(cm).filter(|um| *um >= 100).ok_or_else(|| {
-        Fault::new(
-            place,
-            format!("not between 0.01 and 100 cm with at most four decimals, got {}", number(cm)),
-            "write a length in centimetres, such as 2.0",
-        )
-    })
 }
 
 fn ga(raw: &RawGa, defaults: &GaSettings) -> Result<GaSettings, Fault> {

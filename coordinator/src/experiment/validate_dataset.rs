@@ -4,12 +4,13 @@ use std::path::Path;
 
 use descriptor::synth::SynthSettings;
 
-use super::checks::{checked_seed, number};
-use super::error::Fault;
+use super::checks::checked_seed;
 use super::forms::{RawSeeded, RawSplitTable, RawSplitWord, RawSplits};
 use super::paths::{self, Lookup};
 use super::raw_dataset::{RawDataset, RawLayout, RawSynthetic, RawUnit};
 use crate::dataset::{DatasetSettings, Layout, SeededSplit, SplitRule, SyntheticSettings};
+use artefact::sections::Fault;
+use artefact::text::number;
 
 /// Checks `[dataset]`. Paths are expanded and joined, not looked at. `validates`: whether the search needs the validation
 /// split.

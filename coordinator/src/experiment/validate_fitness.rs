@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 use proto::task::Objective;
 
 use super::checks::checked_name;
-use super::error::Fault;
 use super::raw::{RawFitness, RawObjective};
 use crate::fitness::{Fitness, FitnessProtocol, MAX_WEIGHT};
+use artefact::sections::Fault;
 
 /// Checks `[search.fitness]`. Where no protocol has a weight, those of `default` are taken.
 pub(super) fn fitness(raw: Option<&RawFitness>, default: Fitness) -> Result<Fitness, Fault> {

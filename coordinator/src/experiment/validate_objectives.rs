@@ -2,9 +2,9 @@
 
 use evolution::Method;
 
-use super::error::Fault;
 use super::raw::RawSearchObjective;
 use crate::objectives::{Objectives, SearchObjective};
+use artefact::sections::Fault;
 
 const KEY: &str = "search.objectives";
 

@@ -2,7 +2,9 @@
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
-use std::{fs, io, io::Read as _};
+use std::{fs, io};
+
+pub use artefact::text::read_bounded;
 
 use crate::experiment::Experiment;
 use crate::run::RunError;
@@ -78,17 +80,6 @@ pub fn claim(folder: &Path, search: &str) -> Result<(), RunError> {
         }
         Err(error) => Err(failed(error)),
     }
-}
-
-/// A text of at most 1 MiB, as every search and every record is; what is longer is cut, and so differs from all of them.
-pub fn read_bounded(path: &Path) -> io::Result<String> {
-    if !fs::metadata(path)?.is_file() {
-        // A pipe would be waited for.
-        return Err(io::Error::new(io::ErrorKind::InvalidInput, "something that is no file"));
-    }
-    let mut bytes = Vec::new();
-    fs::File::open(path)?.take(1 << 20).read_to_end(&mut bytes)?;
-    Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
 /// Lines of one text that are not in the other, marked - and +.

@@ -32,7 +32,7 @@ impl OpenTable {
         for member in members {
             for file in table_files(&member.folder, table)? {
                 let owner = several.then(|| PlSmallStr::from_str(&member.name));
-                files.push((owner, VerifiedFile::open(read_bytes(&file)?, &[table], &file)?));
+                files.push((owner, VerifiedFile::open(read_bytes(&file)?, table, &file)?));
             }
         }
         let mut schemas = Vec::new();

@@ -4,8 +4,7 @@ use crate::record::record;
 
 record! {
     /// What a reference cloud shows.
-    #[derive(Clone, Debug, PartialEq, Eq)]
-    pub struct DatabaseCloud {
+    pub(crate) struct CloudCells {
         cloud: String, "", "path below the data root";
         instance: String, "", "the cloud's object";
         category: String, "", "the cloud's category";
@@ -17,7 +16,7 @@ record! {
 record! {
     /// A reference cloud and its summaries.
     pub(crate) struct DatabaseRow {
-        cloud as "": DatabaseCloud, "", "what it shows";
+        cloud as "": CloudCells, "", "what it shows";
         shape_centroid: Vec<f32>, "share",
             "mean of the keypoints' shape histograms: the bins of the disk up to 180 degrees, then those of the ring";
         shape_deviation: Vec<f32>, "share", "their standard deviation (N - 1), bin by bin";
@@ -39,7 +38,7 @@ record! {
 record! {
     /// A reference cloud and its summaries, channel by channel.
     pub(crate) struct ChannelsRow {
-        cloud as "": DatabaseCloud, "", "what it shows";
+        cloud as "": CloudCells, "", "what it shows";
         channel_1 as "channel_1_": Option<PartCells>, "", "the rows of channel 1";
         channel_2 as "channel_2_": Option<PartCells>, "", "the rows of channel 2";
         channel_3 as "channel_3_": Option<PartCells>, "", "the rows of channel 3";
@@ -52,11 +51,8 @@ record! {
 }
 
 impl ChannelsRow {
-    /// Most channels.
-    pub(crate) const CHANNELS: usize = 8;
-
     /// With the first channels, so many as there are.
-    pub(crate) fn new(cloud: DatabaseCloud, mut channels: impl Iterator<Item = PartCells>) -> Self {
+    pub(crate) fn new(cloud: CloudCells, mut channels: impl Iterator<Item = PartCells>) -> Self {
         Self {
             cloud,
             channel_1: channels.next(),
@@ -68,23 +64,5 @@ impl ChannelsRow {
             channel_7: channels.next(),
             channel_8: channels.next(),
         }
-    }
-
-    /// Undoes [`ChannelsRow::new`]; `None` where the row lacks the channel.
-    pub(crate) fn into_channels(self) -> (DatabaseCloud, [Option<PartCells>; Self::CHANNELS]) {
-        let Self {
-            cloud,
-            channel_1,
-            channel_2,
-            channel_3,
-            channel_4,
-            channel_5,
-            channel_6,
-            channel_7,
-            channel_8,
-        } = self;
-        let channels =
-            [channel_1, channel_2, channel_3, channel_4, channel_5, channel_6, channel_7, channel_8];
-        (cloud, channels)
     }
 }

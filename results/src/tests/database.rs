@@ -8,6 +8,7 @@ use tempfile::tempdir;
 
 use crate::parquet::{encode, encode_with};
 use crate::*;
+use artefact::{Database, DatabaseCloud, DatabasePart, DatabaseParts, read_database};
 
 fn clouds() -> Vec<DatabaseCloud> {
     let cloud = |number: u32| DatabaseCloud {
@@ -74,7 +75,7 @@ fn a_database_without_the_later_columns_is_read() {
     let file = folder.path().join("database.parquet");
     for database in [database(2), channels(3)] {
         write_database(&file, &database).unwrap();
-        let content = crate::read::read_file(&file, database.parts.table()).unwrap();
+        let content = crate::read::read_file(&file, crate::database::table_name(&database.parts)).unwrap();
         let mut frame = content.frame.drop("sequence").unwrap().drop("addition").unwrap();
         let metadata = [
             ("descry.schema_version", "1".to_owned()),

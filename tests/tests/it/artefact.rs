@@ -4,8 +4,9 @@ use std::fs;
 use std::path::Path;
 use std::process::Stdio;
 
+use artefact::DatabaseParts;
 use expect_test::expect;
-use results::{DatabaseParts, PredictionRow, PredictionSplit};
+use results::{PredictionRow, PredictionSplit};
 use serde_json::Value;
 
 use crate::experiments::{Experiment, clouds, repository};
@@ -270,7 +271,7 @@ fn an_artefact_of_a_structure_holds_its_channels_and_scales() {
         scales.split_once(']').unwrap().0.split(',').map(|scale| scale.trim().parse().unwrap()).collect();
     assert!(channels > 1 && scales.len() == channels, "{text}");
     assert!(scales.iter().all(|&scale| scale > 0.0 && scale != 1.0), "{text}");
-    let (database, _) = results::read_database(format!("{artefact}/database.parquet")).unwrap();
+    let (database, _) = artefact::read_database(format!("{artefact}/database.parquet")).unwrap();
     let DatabaseParts::Channels(parts) = &database.parts else { panic!("a table of channels") };
     assert_eq!((database.clouds.len(), parts.len()), (48, channels));
     let vector: Value =

@@ -231,7 +231,7 @@ fn clouds_that_cannot_be_added_are_named_and_nothing_changes() {
         missing.learn("artefact", "new", &["--manifest", &manifest, "--out", &out]).expect_success();
     assert!(learned.stderr.contains(&format!("skipped {object}/broken.pcd: ")), "{learned}");
     assert!(learned.stdout.contains("added         1 cloud of 1 object, 1 of them new\n"), "{learned}");
-    let (database, _) = results::read_database(format!("{out}/database.parquet")).unwrap();
+    let (database, _) = artefact::read_database(format!("{out}/database.parquet")).unwrap();
     let last = database.clouds.last().unwrap();
     assert_eq!((&*last.instance, last.sequence.as_deref(), last.addition), ("mug_99", Some("4"), Some(1)));
     assert!(database.clouds[..72].iter().all(|cloud| cloud.sequence.is_some() && cloud.addition.is_none()));
@@ -249,7 +249,7 @@ fn clouds_that_cannot_be_added_are_named_and_nothing_changes() {
     assert!(learned.stdout.contains("added         1 cloud of 1 object, 0 of them new\n"), "{learned}");
     let told = learned.stdout.replace("\n              ", " ");
     assert!(told.contains("sequences (one is an addition without any)"), "{learned}");
-    let (database, _) = results::read_database(format!("{out}/database.parquet")).unwrap();
+    let (database, _) = artefact::read_database(format!("{out}/database.parquet")).unwrap();
     assert_eq!(database.clouds.last().unwrap().addition, Some(2));
 }
 

@@ -1,0 +1,61 @@
+//! A run's descriptor taken away: the artefact made, added to, and measured. The crate `artefact` reads it and answers.
+//!
+//! `export` makes the folder from a run, `learn` adds clouds to it, `write` writes it, `assess` measures its answers,
+//! `readme` is its text for people, `reject` finds when an answer is not believed.
+
+mod assess;
+mod error;
+mod learn;
+mod of_run;
+mod readme;
+mod reject;
+mod write;
+
+#[cfg(test)]
+mod tests;
+
+use artefact::{RecognitionSettings, RejectSettings, SETTINGS, Settings};
+use descriptor::structure::Structure;
+use descriptor::{Descriptor, Family};
+
+pub use assess::{Assessment, Rejected, assess};
+pub use error::ExportError;
+pub use learn::{Sized, learn};
+pub use of_run::export;
+pub use reject::{FoldsBy, Reject};
+
+/// Which descriptor is taken away.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum DescriptorChoice {
+    /// The run's winner.
+    Evolved,
+    /// This point of the run's front, from 1.
+    Point(u32),
+    /// The paper's best chromosome, on the run's clouds.
+    Paper,
+    /// This structure, on the run's clouds.
+    Structure(Structure),
+}
+
+/// Whether this is the text of an artefact's settings that mean something.
+pub(crate) fn reads_settings(text: &str) -> bool {
+    let folder = std::path::Path::new("artefact");
+    Settings::parse(text, folder.join(SETTINGS)).is_ok_and(|settings| {
+        settings.resolve(folder).is_ok()
+            && settings.recognition(folder).is_ok()
+            && settings.reject(folder).is_ok()
+    })
+}
+
+/// Texts of sound settings: one of each family that artefacts hold, the second with a recogniser that learns.
+pub(crate) fn sample_settings() -> [String; 2] {
+    [Family::DiskRing, Family::Structure].map(|family| {
+        let mut sample = Settings::sample(&Default::default(), &Descriptor::default_of(family));
+        if family == Family::Structure {
+            let learns = RecognitionSettings::KernelRidge { width: 3.0, ridge: 0.001 };
+            sample.recognition = Some(learns);
+            sample.reject = Some(RejectSettings::default());
+        }
+        sample.seal().unwrap_or_default()
+    })
+}

@@ -1,0 +1,40 @@
+"""Arrays as the compiled half takes them: contiguous, float32 and uint8, of shape (n, 3)."""
+
+from __future__ import annotations
+
+from typing import Any, Optional, Sequence, Tuple
+
+import numpy as np
+
+from .errors import Error
+
+Arrays = Tuple[np.ndarray, Optional[np.ndarray], Tuple[float, float, float]]
+
+
+def checked(xyz: Any, rgb: Any = None, viewpoint: Sequence[float] = (0.0, 0.0, 0.0)) -> Arrays:
+    """The cloud, or ``Error`` if the arrays are none. Copies only what is not yet of the right form."""
+    points = np.asarray(xyz)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise Error(f"xyz: must have the shape (n, 3), got {points.shape}", "give one row for each point")
+    if points.dtype.kind not in "fiu":
+        raise Error(f"xyz: must hold numbers, got {points.dtype}", "give float32 or float64, in metres")
+    colours = None
+    if rgb is not None:
+        colours = np.asarray(rgb)
+        if colours.shape != points.shape:
+            raise Error(
+                f"rgb: must have the shape of xyz, {points.shape}, got {colours.shape}",
+                "give one row for each point, or None",
+            )
+        if colours.dtype != np.uint8:
+            raise Error(
+                f"rgb: must hold uint8, got {colours.dtype}",
+                "convert colours from 0 to 1 with (255 * rgb).round().astype(numpy.uint8)",
+            )
+        colours = np.ascontiguousarray(colours)
+    try:
+        x, y, z = (float(value) for value in viewpoint)
+    except (TypeError, ValueError):
+        raise Error(f"viewpoint: must be three numbers, got {viewpoint!r}", "give (x, y, z)") from None
+    with np.errstate(over="ignore"):
+        return np.ascontiguousarray(points, dtype=np.float32), colours, (x, y, z)

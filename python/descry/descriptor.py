@@ -1,0 +1,135 @@
+"""Clouds described: one at a time, or as a transformer in a pipeline of scikit-learn."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any, Dict, Iterable, List, Sequence, Tuple, Union
+
+import numpy as np
+
+from .arrays import Arrays, checked
+from .errors import Error
+from .native import NativeDescriber
+
+PathOrText = Union[str, "os.PathLike[str]"]
+
+
+class Signature(np.ndarray):
+    """What a cloud is described by: float32 of shape (values,), channel after channel the centroid, then the deviation.
+
+    ``channels`` has the two views of each channel; a deviation is empty in a channel of one row a cloud.
+    """
+
+    lengths: Tuple[Tuple[int, int], ...]
+
+    def __array_finalize__(self, source: Any) -> None:
+        self.lengths = getattr(source, "lengths", ())
+
+    @property
+    def channels(self) -> List[Tuple[np.ndarray, np.ndarray]]:
+        """Centroid and deviation of each channel."""
+        if sum(map(sum, self.lengths)) != self.size:
+            raise Error("channels: must be asked of a whole signature, got a part", "ask before slicing")
+        channels, at, values = [], 0, self.view(np.ndarray)
+        for centroid, deviation in self.lengths:
+            middle, end = at + centroid, at + centroid + deviation
+            channels.append((values[at:middle], values[middle:end]))
+            at = end
+        return channels
+
+
+def _describer(descriptor: PathOrText) -> NativeDescriber:
+    """An artefact's folder, a structure file, or the text of one."""
+    text = os.fspath(descriptor)
+    if "\n" in text:
+        return NativeDescriber.structure(text, Path("descriptor"))
+    path = Path(text)
+    if path.is_dir():
+        return NativeDescriber.artefact(path)
+    try:
+        size = path.stat().st_size
+        if not path.is_file() or size > 1 << 20:
+            raise Error(f"{path}: must be a structure file of at most 1 MiB, got {size} bytes", "name another")
+        content = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise Error(
+            f"{path}: cannot be read, got {error}", "name an artefact's folder or a structure file"
+        ) from None
+    return NativeDescriber.structure(content, path)
+
+
+def describe(
+    xyz: Any, rgb: Any, descriptor: PathOrText, viewpoint: Sequence[float] = (0.0, 0.0, 0.0)
+) -> Signature:
+    """The signature of a cloud, bit for bit that of the programs.
+
+    ``xyz`` has the shape (n, 3), in metres (for an artefact of clouds in millimetres, in those); ``rgb`` is uint8 of the
+    same shape, or ``None``; ``descriptor`` is an artefact's folder, a structure file, or the text of one; ``viewpoint``
+    is where the camera is: normals are turned towards it. Points that are not finite are left out.
+    """
+    values, lengths = _describer(descriptor).describe(checked(xyz, rgb, viewpoint))
+    signature = values.view(Signature)
+    signature.lengths = tuple(lengths)
+    return signature
+
+
+class Descriptor:
+    """A transformer for pipelines of scikit-learn: clouds in, an array of shape (clouds, values) out.
+
+    A cloud is ``xyz``, ``(xyz, rgb)`` or ``(xyz, rgb, viewpoint)``. Nothing is fitted: ``fit`` opens the descriptor.
+    """
+
+    def __init__(self, descriptor: PathOrText = "") -> None:
+        self.descriptor = descriptor
+
+    def get_params(self, deep: bool = True) -> Dict[str, Any]:
+        """The one setting."""
+        return {"descriptor": self.descriptor}
+
+    def set_params(self, **settings: Any) -> "Descriptor":
+        """Changes the setting; ``fit`` takes it up."""
+        for name, value in settings.items():
+            if name != "descriptor":
+                raise Error(f"set_params: must be descriptor, got {name}", "leave it out")
+            self.descriptor = value
+        return self
+
+    def fit(self, clouds: Any = None, labels: Any = None, **_: Any) -> "Descriptor":
+        """Opens the descriptor."""
+        self.describer_ = _describer(self.descriptor)
+        return self
+
+    def transform(self, clouds: Iterable[Any]) -> np.ndarray:
+        """Signatures, one row a cloud, described in parallel; rows are equal to those of ``describe``."""
+        describer = self.describer_ if hasattr(self, "describer_") else _describer(self.descriptor)
+        rows = describer.describe_many([_arrays(cloud) for cloud in clouds])
+        return np.stack(rows) if rows else np.empty((0, 0), np.float32)
+
+    def fit_transform(self, clouds: Iterable[Any], labels: Any = None, **_: Any) -> np.ndarray:
+        """``fit``, then ``transform``."""
+        return self.fit(clouds, labels).transform(clouds)
+
+    def __sklearn_is_fitted__(self) -> bool:
+        return hasattr(self, "describer_")
+
+    def __sklearn_tags__(self) -> Any:
+        from sklearn.utils import InputTags, Tags, TargetTags, TransformerTags
+
+        tags = InputTags(two_d_array=False, allow_nan=True)
+        return Tags(
+            estimator_type="transformer",
+            target_tags=TargetTags(required=False),
+            transformer_tags=TransformerTags(),
+            input_tags=tags,
+        )
+
+    def __getstate__(self) -> Dict[str, Any]:
+        return {"descriptor": self.descriptor}
+
+    def __repr__(self) -> str:
+        return f"Descriptor(descriptor={self.descriptor!r})"
+
+
+def _arrays(cloud: Any) -> Arrays:
+    return checked(*cloud) if isinstance(cloud, (tuple, list)) else checked(cloud)

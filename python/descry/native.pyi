@@ -1,0 +1,23 @@
+"""The compiled half; use the package instead."""
+
+import os
+from typing import Any, List, Optional, Tuple, Union
+
+import numpy as np
+
+_Path = Union[str, "os.PathLike[str]"]
+_Arrays = Tuple[np.ndarray, Optional[np.ndarray], Tuple[float, float, float]]
+_Answered = Tuple[List[Tuple[str, str, str, float]], bool, Optional[float]]
+
+class NativeDescriber:
+    @staticmethod
+    def artefact(folder: _Path) -> NativeDescriber: ...
+    @staticmethod
+    def structure(text: str, name: _Path) -> NativeDescriber: ...
+    def describe(self, arrays: _Arrays) -> Tuple[np.ndarray, List[Tuple[int, int]]]: ...
+    def describe_many(self, arrays: List[_Arrays]) -> List[np.ndarray]: ...
+
+class NativeRecogniser:
+    def __init__(self, folder: _Path) -> None: ...
+    def recognise(self, arrays: _Arrays, most: int) -> _Answered: ...
+    def recognise_many(self, arrays: List[_Arrays], most: int) -> List[Tuple[Optional[_Answered], Any]]: ...
