@@ -11,7 +11,7 @@ use crate::export::{self, Assessment, Rejected};
 use crate::lines::{labelled, table, wrapped};
 use crate::run::progress::percent;
 
-use super::rejection::Names;
+use super::layout::{LayoutArgs, LayoutName};
 
 /// Measure an artefact on labelled clouds: wrong names, known objects that are rejected, and unknown ones
 ///
@@ -30,7 +30,7 @@ pub struct Assess {
     #[arg(long, value_name = "LIST", required = true, num_args = 1..)]
     query: Vec<PathBuf>,
     #[command(flatten)]
-    names: Names,
+    names: LayoutArgs,
     /// Print one JSON object on standard output, for example for jq
     #[arg(long)]
     json: bool,
@@ -40,7 +40,8 @@ impl Assess {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let lists: Vec<PathBuf> =
             self.query.iter().map(|list| super::evaluate::list_file(&self.data, list)).collect();
-        let assessed = export::assess(&self.artefact, &self.data, &self.names.layout(), &lists)?;
+        let layout = self.names.layout(LayoutName::Folders);
+        let assessed = export::assess(&self.artefact, &self.data, &layout, &lists)?;
         super::print(&if self.json { format!("{}\n", json(&assessed)) } else { text(&assessed) })?;
         Ok(ExitCode::SUCCESS)
     }

@@ -12,7 +12,8 @@ use descriptor::{
 };
 use serde_json::json;
 
-use crate::dataset::{Layout, Listing};
+use super::layout::{LayoutArgs, LayoutName};
+use crate::dataset::Listing;
 use crate::evaluate::{DescribedClouds, Report, Request, compared_by};
 use crate::experiment::name_advice;
 use crate::lines::wrapped;
@@ -65,9 +66,8 @@ pub struct Evaluate {
     /// Shape only, for example for clouds without colour
     #[arg(long)]
     no_colour: bool,
-    /// CSV of path, category, instance for data that is in no category/instance folders, for example labels.csv
-    #[arg(long, value_name = "CSV")]
-    manifest: Option<PathBuf>,
+    #[command(flatten)]
+    names: LayoutArgs,
     /// Write each query's nearest cloud to a file (query, nearest, distance), for example nearest.txt
     #[arg(long, value_name = "FILE")]
     nearest: Option<PathBuf>,
@@ -100,7 +100,7 @@ impl Evaluate {
             || std::thread::available_parallelism().map_or(1, std::num::NonZeroUsize::get),
             usize::from,
         );
-        let layout = self.manifest.map_or(Layout::Folders, |file| Layout::Manifest { file });
+        let layout = self.names.layout(LayoutName::Folders);
         let distance = SetDistance::named(&self.distance).unwrap_or_default();
         let request = Request {
             listing: Listing::load(&self.data, &layout, &place(&self.query), &place(&self.database))?,

@@ -9,7 +9,8 @@ use crate::console::say;
 use crate::export::{self, Sized};
 use crate::lines::labelled;
 
-use super::rejection::{Names, count, folds_line, rate, reject_lines};
+use super::layout::{LayoutArgs, LayoutName};
+use super::rejection::{count, folds_line, rate, reject_lines};
 
 /// Add objects, or further clouds of objects, to an artefact of coordinator export, without the run
 ///
@@ -26,7 +27,7 @@ pub struct Learn {
     #[arg(value_name = "NEW")]
     new: PathBuf,
     #[command(flatten)]
-    names: Names,
+    names: LayoutArgs,
     /// Write another artefact and leave this one as it is, for example more-objects
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -39,7 +40,7 @@ pub struct Learn {
 impl Learn {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let out = self.out.as_ref().unwrap_or(&self.artefact);
-        let layout = self.names.layout();
+        let layout = self.names.layout(LayoutName::Folders);
         let added = export::learn(&self.artefact, &self.new, &layout, self.false_rejections, out)?;
         for (cloud, reason) in &added.skipped {
             say(format_args!("skipped {cloud}: {reason}"));

@@ -11,6 +11,7 @@ mod evaluate;
 mod exhaust;
 mod export;
 mod keygen;
+mod layout;
 mod learn;
 #[cfg(feature = "sql")]
 mod memory_limit;

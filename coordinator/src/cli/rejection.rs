@@ -1,45 +1,12 @@
-//! What commands have in common that make or measure artefacts: where clouds are, and what is said of unknown objects.
-
-use std::path::PathBuf;
+//! What commands say of unknown objects that make or measure artefacts.
 
 use artefact::MOST_FALSE_REJECTIONS;
-use clap::{Args, ValueEnum};
 use descriptor::recogniser::Calibration;
 use proto::Message;
 
-use crate::dataset::Layout;
 use crate::export::{FoldsBy, Reject};
 use crate::lines::labelled;
 use crate::run::progress::percent;
-
-/// How the names of clouds are found.
-#[derive(Debug, Args)]
-pub(super) struct Names {
-    /// How names are found: folders is <category>/<instance>/<any name>.pcd or .ply, uw <category>/<instance>/<instance>_<video>_<frame>.pcd or .ply
-    /// and knows sequences, for example uw
-    #[arg(long, value_name = "NAME", default_value = "folders", conflicts_with = "manifest")]
-    layout: LayoutName,
-    /// CSV of path, category, instance and, if wanted, sequence for clouds that are in no such folders, for example labels.csv
-    #[arg(long, value_name = "CSV")]
-    manifest: Option<PathBuf>,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum LayoutName {
-    Folders,
-    Uw,
-}
-
-impl Names {
-    /// As data sets have it.
-    pub(super) fn layout(&self) -> Layout {
-        match (&self.manifest, self.layout) {
-            (Some(file), _) => Layout::Manifest { file: file.clone() },
-            (None, LayoutName::Folders) => Layout::Folders,
-            (None, LayoutName::Uw) => Layout::Uw,
-        }
-    }
-}
 
 /// A share of false rejections.
 pub(super) fn rate(text: &str) -> Result<f64, String> {

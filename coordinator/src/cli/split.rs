@@ -7,8 +7,9 @@ use std::process::ExitCode;
 
 use clap::{Args, ValueEnum};
 
+use super::layout::{LayoutArgs, LayoutName};
 use crate::console::say;
-use crate::dataset::{Fold, Folds, Layout, Protocol, SPLITS};
+use crate::dataset::{Fold, Folds, Protocol, SPLITS};
 
 /// Write the lists train1, train2, validation and test by a protocol of the field
 ///
@@ -33,12 +34,8 @@ pub struct Split {
     /// Seed of what is drawn, for example 7
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// How folders name objects, for example uw
-    #[arg(long, value_enum, default_value = "uw", conflicts_with = "manifest")]
-    layout: Folders,
-    /// A CSV with the columns path, category, instance and, if wanted, sequence, instead of a layout, for example labels.csv
-    #[arg(long, value_name = "FILE")]
-    manifest: Option<PathBuf>,
+    #[command(flatten)]
+    names: LayoutArgs,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -53,14 +50,6 @@ enum Held {
     KFold,
 }
 
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum Folders {
-    /// <category>/<instance>/<instance>_<video>_<frame>.pcd or .ply
-    Uw,
-    /// <category>/<instance>/<any name>.pcd or .ply
-    Folders,
-}
-
 impl Split {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let protocol = match self.protocol {
@@ -69,11 +58,7 @@ impl Split {
             Held::LeaveInstanceOut => Protocol::Instances,
             Held::KFold => Protocol::Folds(self.folds),
         };
-        let layout = match (&self.manifest, self.layout) {
-            (Some(file), _) => Layout::Manifest { file: file.clone() },
-            (None, Folders::Uw) => Layout::Uw,
-            (None, Folders::Folders) => Layout::Folders,
-        };
+        let layout = self.names.layout(LayoutName::Uw);
         let Folds { folds, ignored, copies, lone_categories } =
             protocol.folds(&self.data, &layout, self.seed)?;
         for (paths, what) in [

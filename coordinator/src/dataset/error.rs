@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::PathBuf;
 
 use super::Clouds;
+use super::pattern::Pattern;
 
 /// Where a cloud was named.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -109,6 +110,19 @@ pub enum DatasetError {
         path: String,
     },
 
+    /// A path that a pattern does not read.
+    #[error(
+        "{place}: path of the form {pattern} expected, got {path}\nrename or move the cloud, or correct the pattern (a manifest can describe any path)"
+    )]
+    NoMatch {
+        /// Where it is named.
+        place: Place,
+        /// The pattern.
+        pattern: Pattern,
+        /// As written.
+        path: String,
+    },
+
     /// An empty field of a manifest.
     #[error(
         "{place}: {column} expected, got nothing\nfill the field: every cloud needs a path, a category and an instance, and a set where there is such a column"
@@ -175,7 +189,7 @@ pub enum DatasetError {
         /// The root.
         root: PathBuf,
         /// Where the layout looks.
-        expected: &'static str,
+        expected: String,
         /// The files that are there, counted by the ending of their names.
         found: String,
         /// How to make clouds of them.

@@ -15,15 +15,9 @@ const MAX_DEPTH: usize = 8;
 /// Endings that a message names; the others are only counted.
 const NAMED: usize = 6;
 
-/// Where the layouts that search folders find clouds.
-const EXPECTED: &str = "<category>/<instance>/<name>.pcd or .ply";
-
 /// How to make clouds, by the endings of the files that they are made of; the first that is there is told.
 const ADVICE: [(&[&str], &str); 7] = [
-    (
-        &[".pcd", ".ply"],
-        "move them to <category>/<instance>/, or write a manifest that names them where they are",
-    ),
+    (&[".pcd", ".ply"], "move them there, or describe where they are by layout \"pattern\" or a manifest"),
     (
         &[".xyz", ".xyzn", ".xyzrgb", ".pts"],
         "python3 -c 'import open3d as o, sys; o.io.write_point_cloud(sys.argv[2], o.io.read_point_cloud(sys.argv[1]))' IN.xyz OUT.ply",
@@ -52,8 +46,8 @@ const ADVICE: [(&[&str], &str); 7] = [
     ),
 ];
 
-/// The error of a root without clouds.
-pub(super) fn no_clouds(root: &Path) -> DatasetError {
+/// The error of a root without clouds, which are `expected` at paths of some form.
+pub(super) fn no_clouds(root: &Path, expected: &str) -> DatasetError {
     let mut counts = BTreeMap::new();
     let mut left = MAX_FILES;
     count(root, MAX_DEPTH, &mut left, &mut counts);
@@ -63,7 +57,7 @@ pub(super) fn no_clouds(root: &Path) -> DatasetError {
         .map_or("put them there, for example as Open3D's io.write_point_cloud writes them", |(_, advice)| {
             advice
         });
-    let (root, expected) = (root.to_owned(), EXPECTED);
+    let (root, expected) = (root.to_owned(), expected.to_owned());
     DatasetError::NoClouds { root, expected, found: told(counts), advice }
 }
 

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use super::error::{DatasetError, Place};
 use super::found::no_clouds;
+use super::pattern::{PathLabels, Pattern};
 use super::root::{Located, Root, read_text};
 use super::settings::Layout;
 use crate::names::is_name;
@@ -28,12 +29,15 @@ pub(super) struct Labelled {
 
 const UW_FORM: &str = "<category>/<instance>/<instance>_<video>_<frame>.pcd or .ply";
 const FOLDERS_FORM: &str = "<category>/<instance>/<file>";
+/// Where the layouts that search folders find clouds.
+const FOUND_FORM: &str = "<category>/<instance>/<name>.pcd or .ply";
 
 /// What a layout knows before any cloud is asked for.
 pub(super) enum Labels {
     Uw,
     Folders,
     Manifest { file: PathBuf, clouds: Vec<Labelled>, by_file: HashMap<PathBuf, usize> },
+    Pattern(Pattern),
 }
 
 impl Labels {
@@ -42,6 +46,7 @@ impl Labels {
         Ok(match layout {
             Layout::Uw => Self::Uw,
             Layout::Folders => Self::Folders,
+            Layout::Pattern(pattern) => Self::Pattern(pattern.clone()),
             Layout::Manifest { file } => {
                 let clouds = read_manifest(file, root)?;
                 let mut by_file = HashMap::new();
@@ -64,6 +69,7 @@ impl Labels {
         let form = match self {
             Self::Uw => UW_FORM,
             Self::Folders => FOLDERS_FORM,
+            Self::Pattern(pattern) => return by_pattern(pattern, located, place),
             Self::Manifest { file, clouds, by_file } => {
                 return match by_file.get(&located.file) {
                     Some(&index) => Ok(Labelled { located, place, ..clouds[index].clone() }),
@@ -108,6 +114,9 @@ impl Labels {
         if let Self::Manifest { clouds, .. } = self {
             return Ok(clouds.clone());
         }
+        if let Self::Pattern(pattern) = self {
+            return found_by_pattern(pattern, root);
+        }
         let mut clouds = Vec::new();
         for category in entries(root.path(), "")? {
             if !root.path().join(&category).is_dir() {
@@ -131,10 +140,44 @@ impl Labels {
             }
         }
         if clouds.is_empty() && ignored.is_empty() {
-            return Err(no_clouds(root.path()));
+            return Err(no_clouds(root.path(), FOUND_FORM));
         }
         Ok(clouds)
     }
+}
+
+/// The cloud at a path that a pattern reads.
+fn by_pattern(pattern: &Pattern, located: Located, place: Place) -> Result<Labelled, DatasetError> {
+    let Some(PathLabels { category, instance, sequence }) = pattern.labels(&located.path) else {
+        return Err(DatasetError::NoMatch { place, pattern: pattern.clone(), path: located.path });
+    };
+    Ok(Labelled { located, category, instance, sequence, split: None, set: None, place })
+}
+
+/// Every cloud in the folders that a pattern names, by path. One that the pattern does not read is refused: it would be
+/// missed without a word.
+fn found_by_pattern(pattern: &Pattern, root: &Root) -> Result<Vec<Labelled>, DatasetError> {
+    let (mut folders, mut found) = (vec![String::new()], Vec::new());
+    while let Some(folder) = folders.pop() {
+        for path in entries(root.path(), &folder)? {
+            if root.path().join(&path).is_dir() {
+                if pattern.enters(&path) {
+                    folders.push(path);
+                }
+            } else if cloud_file::has_ending(&path) {
+                found.push(path);
+            }
+        }
+    }
+    if found.is_empty() {
+        return Err(no_clouds(root.path(), &pattern.to_string()));
+    }
+    found.sort_unstable();
+    let label = |path: String| {
+        let place = Place::Found { path: path.clone() };
+        by_pattern(pattern, root.locate(&path, &place)?, place)
+    };
+    found.into_iter().map(label).collect()
 }
 
 /// Refuses a cloud that is there in two formats: a query would meet itself in the database.

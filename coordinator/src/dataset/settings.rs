@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use super::pattern::Pattern;
+
 /// Where the clouds are, how their labels are found and how they are split.
 ///
 /// The unit of length and whether colour is needed are part of [`descriptor::Preprocess`], because they change
@@ -50,6 +52,8 @@ pub enum Layout {
         /// The CSV, wherever it is.
         file: PathBuf,
     },
+    /// Paths that say the labels as a pattern does; a cloud with another path is refused.
+    Pattern(Pattern),
 }
 
 /// Which cloud is in which split.

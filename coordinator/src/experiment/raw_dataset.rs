@@ -25,6 +25,12 @@ pub(super) struct RawDataset {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(with = "String", example = &"clouds.csv")]
     pub manifest: Option<String>,
+    /// Path of a cloud below root, with {category}, {instance}, {sequence} and {any} for parts of it. Names are read from
+    /// their ends: each of these takes as few characters as it can, the first of a name what is left. An instance is named
+    /// category_instance; without {category} each instance is a category of its own. Only for layout = "pattern".
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "String", example = &"{category}_{instance}_{sequence}_{any}.pcd")]
+    pub pattern: Option<String>,
     /// Unit of length in the clouds.
     #[serde(default)]
     pub unit: RawUnit,
@@ -53,6 +59,8 @@ pub(super) enum RawLayout {
     Folders,
     /// As a CSV says.
     Manifest,
+    /// As the path says, which `pattern` describes.
+    Pattern,
 }
 
 /// Unit of length in the clouds.

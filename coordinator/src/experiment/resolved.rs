@@ -115,12 +115,16 @@ fn unit(experiment: &Experiment) -> &'static str {
 /// The keys of `[dataset]` that are no paths.
 fn dataset_labels(toml: &mut Toml, experiment: &Experiment) {
     let dataset = &experiment.dataset;
-    let layout = match dataset.layout {
+    let layout = match &dataset.layout {
         Layout::Uw => "uw",
         Layout::Folders => "folders",
         Layout::Manifest { .. } => "manifest",
+        Layout::Pattern(_) => "pattern",
     };
     toml.key("layout", quoted(layout));
+    if let Layout::Pattern(pattern) = &dataset.layout {
+        toml.key("pattern", quoted(&pattern.to_string()));
+    }
     toml.key("unit", quoted(unit(experiment)));
     toml.key("skip_unreadable", dataset.skip_unreadable);
 }

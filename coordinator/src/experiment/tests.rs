@@ -25,6 +25,7 @@ const PAPER: &str = include_str!("../../../experiments/paper.toml");
 const HOUSEHOLD: &str = include_str!("../../../experiments/household.toml");
 const SWEEP: &str = include_str!("../../../experiments/sweep.toml");
 const SAMPLE: &str = include_str!("../../testdata/experiment-v1.toml");
+const SAMPLE_PATTERN: &str = include_str!("../../testdata/experiment-v1-pattern.toml");
 const SAMPLE_SYNTHETIC: &str = include_str!("../../testdata/experiment-v1-synthetic.toml");
 const SAMPLE_SWEEP: &str = include_str!("../../testdata/experiment-v1-sweep.toml");
 const SAMPLE_FAMILY: &str = include_str!("../../testdata/experiment-v1-family.toml");
@@ -171,6 +172,11 @@ fn the_first_version_of_the_file_stays_readable() {
     assert_eq!((splits.seed, splits.shares, splits.stratified), (2, [0.4, 0.3, 0.3, 0.0], false));
     assert_eq!(splits.test_sequences, ["2", "4"]);
 
+    let pattern = parse(SAMPLE_PATTERN).unwrap();
+    let Layout::Pattern(read) = &pattern.dataset().layout else { panic!("a pattern") };
+    assert_eq!(read.to_string(), "{category}_{instance}_{sequence}_{any}.pcd");
+    assert_eq!(parse(&pattern.resolved_toml()), Ok(pattern));
+
     let search = parse(SAMPLE_SEARCH).unwrap();
     let ga = GaSettings {
         crossover: Crossover::Slots,
@@ -236,7 +242,9 @@ fn schema_keys(
 fn the_samples_use_every_key_of_the_schema_and_no_other() {
     let mut sampled = BTreeSet::new();
     let of_search = [SAMPLE_SEARCH, SAMPLE_STRUCTURE, objectives::SAMPLE];
-    for sample in [SAMPLE, SAMPLE_SYNTHETIC, SAMPLE_SWEEP, SAMPLE_FAMILY].into_iter().chain(of_search) {
+    for sample in
+        [SAMPLE, SAMPLE_PATTERN, SAMPLE_SYNTHETIC, SAMPLE_SWEEP, SAMPLE_FAMILY].into_iter().chain(of_search)
+    {
         keys_of(&sample.parse().unwrap(), "", &mut sampled);
     }
     let schema = json_schema();

@@ -8,7 +8,9 @@ use super::checks::checked_seed;
 use super::forms::{RawSeeded, RawSplitTable, RawSplitWord, RawSplits};
 use super::paths::{self, Lookup};
 use super::raw_dataset::{RawDataset, RawLayout, RawSynthetic, RawUnit};
-use crate::dataset::{DatasetSettings, Layout, SeededSplit, SplitRule, SyntheticSettings};
+use crate::dataset::{
+    DatasetSettings, Layout, PATTERN_ADVICE, PatternError, SeededSplit, SplitRule, SyntheticSettings,
+};
 use artefact::sections::Fault;
 use artefact::text::number;
 
@@ -21,27 +23,7 @@ pub(super) fn dataset(
     lookup: Lookup<'_>,
 ) -> Result<DatasetSettings, Fault> {
     let root = paths::resolve("dataset.root", &raw.root, folder, lookup)?;
-    let layout = match (raw.layout, raw.manifest) {
-        (RawLayout::Uw, None) => Layout::Uw,
-        (RawLayout::Folders, None) => Layout::Folders,
-        (RawLayout::Manifest, Some(file)) => {
-            Layout::Manifest { file: paths::resolve("dataset.manifest", &file, &root, lookup)? }
-        }
-        (RawLayout::Manifest, None) => {
-            return Err(Fault::new(
-                "dataset.manifest",
-                "required key missing for layout = \"manifest\", got none",
-                "add `manifest = \"clouds.csv\"`",
-            ));
-        }
-        (RawLayout::Uw | RawLayout::Folders, Some(file)) => {
-            return Err(Fault::new(
-                "dataset.manifest",
-                format!("not used by this layout, got {file:?}"),
-                "remove it, or write `layout = \"manifest\"`",
-            ));
-        }
-    };
+    let layout = layout(raw.layout, raw.manifest.as_deref(), raw.pattern.as_deref(), &root, lookup)?;
     let splits = match raw.splits {
         Some(RawSplits::Word(RawSplitWord::Manifest)) => SplitRule::Manifest,
         Some(RawSplits::Table(table)) => split_table(*table, &layout, validates, &root, lookup)?,
@@ -58,6 +40,53 @@ pub(super) fn dataset(
     let synthetic =
         raw.synthetic.map(|synthetic| checked_synthetic(&synthetic, &layout, raw.unit)).transpose()?;
     Ok(DatasetSettings { root, layout, splits, skip_unreadable: raw.skip_unreadable, synthetic })
+}
+
+/// How labels are found, and the one key that the layout needs.
+fn layout(
+    name: RawLayout,
+    manifest: Option<&str>,
+    pattern: Option<&str>,
+    root: &Path,
+    lookup: Lookup<'_>,
+) -> Result<Layout, Fault> {
+    let missing = |key: &str, layout: &str, example: &str| {
+        let what = format!("required key missing for layout = \"{layout}\", got none");
+        Err(Fault::new(format!("dataset.{key}"), what, format!("add `{key} = \"{example}\"`")))
+    };
+    let found = match (name, manifest, pattern) {
+        (RawLayout::Uw, ..) => Layout::Uw,
+        (RawLayout::Folders, ..) => Layout::Folders,
+        (RawLayout::Manifest, Some(file), _) => {
+            Layout::Manifest { file: paths::resolve("dataset.manifest", file, root, lookup)? }
+        }
+        (RawLayout::Manifest, None, _) => return missing("manifest", "manifest", "clouds.csv"),
+        (RawLayout::Pattern, _, Some(text)) => {
+            Layout::Pattern(text.parse().map_err(|error: PatternError| {
+                Fault::new(
+                    "dataset.pattern",
+                    format!("{} expected, got {}", error.expected, error.got),
+                    PATTERN_ADVICE,
+                )
+            })?)
+        }
+        (RawLayout::Pattern, _, None) => {
+            return missing("pattern", "pattern", "{category}_{instance}_{sequence}_{any}.pcd");
+        }
+    };
+    for (key, got, is_used) in [
+        ("manifest", manifest, matches!(found, Layout::Manifest { .. })),
+        ("pattern", pattern, matches!(found, Layout::Pattern(_))),
+    ] {
+        if let Some(got) = got.filter(|_| !is_used) {
+            return Err(Fault::new(
+                format!("dataset.{key}"),
+                format!("not used by this layout, got {got:?}"),
+                format!("remove it, or write `layout = \"{key}\"`"),
+            ));
+        }
+    }
+    Ok(found)
 }
 
 fn split_table(
@@ -150,11 +179,16 @@ fn seeded_split(raw: RawSeeded, layout: &Layout, validates: bool) -> Result<Seed
             "write a share above 0 and lower the others, or name test_sequences",
         ));
     }
-    if !raw.test_sequences.is_empty() && *layout == Layout::Folders {
+    let without = match layout {
+        Layout::Folders => Some("layout \"folders\" has no sequences"),
+        Layout::Pattern(pattern) if !pattern.has_sequences() => Some("the pattern has no {sequence}"),
+        Layout::Uw | Layout::Manifest { .. } | Layout::Pattern(_) => None,
+    };
+    if let Some(without) = without.filter(|_| !raw.test_sequences.is_empty()) {
         return Err(Fault::new(
             place("test_sequences"),
-            format!("layout \"folders\" has no sequences, got {:?}", raw.test_sequences),
-            "remove them, or use layout \"uw\" or \"manifest\"",
+            format!("{without}, got {:?}", raw.test_sequences),
+            "remove them, or use layout \"uw\" or \"manifest\", or a pattern with {sequence}",
         ));
     }
     let mut test_sequences = raw.test_sequences;

@@ -81,7 +81,7 @@ fn folders_without_clouds_are_told_what_is_there() {
         &["a.ply", "b.PLY", "notes.txt", ".hidden.ply"],
         expect![[r#"
             <root>: clouds at <category>/<instance>/<name>.pcd or .ply expected, got 2 .ply, 1 .txt
-            clouds are read from PCD and PLY files: move them to <category>/<instance>/, or write a manifest that names them where they are"#]],
+            clouds are read from PCD and PLY files: move them there, or describe where they are by layout "pattern" or a manifest"#]],
     );
     check(
         &["cup/cup_1/a.xyz", "cup/cup_1/b.xyz", "cup/cup_1/README", "cup/cup_1/v1.of the cup"],
@@ -102,4 +102,66 @@ fn folders_without_clouds_are_told_what_is_there() {
         let text = message(&fixture, &drawn(&fixture, Layout::Uw));
         assert!(text.contains(advice) && text.lines().count() == 2, "{text}");
     }
+}
+
+fn pattern(text: &str) -> Layout {
+    Layout::Pattern(text.parse().unwrap())
+}
+
+#[test]
+fn a_pattern_labels_the_files_of_one_folder() {
+    let mut fixture = Fixture::empty();
+    for category in ["coffee_mug", "cup"] {
+        for (number, sequence, frame) in [(1, 1, 10), (1, 2, 20), (2, 1, 30), (2, 2, 40)] {
+            fixture.cloud(&format!("scans/{category}_{number}_{sequence}_{frame}.pcd"));
+        }
+    }
+    fixture.write("scans/notes.txt", "not a cloud");
+    fixture.write("other/of another pattern.pcd", "not looked at");
+    let settings = drawn(&fixture, pattern("scans/{category}_{instance}_{sequence}_{any}.pcd"));
+    let settings = DatasetSettings {
+        splits: SplitRule::Seeded(SeededSplit {
+            seed: 1,
+            shares: [0.34, 0.33, 0.33, 0.0],
+            stratified: false,
+            test_sequences: vec!["2".to_owned()],
+        }),
+        ..settings
+    };
+    let dataset = Dataset::load(&settings, &Preprocess::default(), Wanted::All, None).unwrap();
+    let clouds = &dataset.clouds;
+    assert_eq!(clouds.categories, ["coffee_mug", "cup"]);
+    let instances: Vec<&str> = clouds.instances.iter().map(|instance| &*instance.name).collect();
+    assert_eq!(instances, ["coffee_mug_1", "coffee_mug_2", "cup_1", "cup_2"]);
+    assert_eq!(clouds.sequences, ["1", "2"]);
+    assert_eq!(lengths(&dataset)[3], 4);
+}
+
+#[test]
+fn what_a_pattern_does_not_read_is_named() {
+    let mut fixture = Fixture::empty();
+    fixture.cloud("cup_1_1.pcd");
+    fixture.cloud("background.pcd");
+    let settings = drawn(&fixture, pattern("{instance}_{sequence}_{any}.pcd"));
+    expect![[r#"
+        background.pcd: path of the form {instance}_{sequence}_{any}.pcd expected, got background.pcd
+        rename or move the cloud, or correct the pattern (a manifest can describe any path)"#]]
+    .assert_eq(&message(&fixture, &settings));
+    let listed = DatasetSettings { layout: settings.layout.clone(), ..fixture.settings() };
+    for (split, path) in
+        [("train1", "cup_1_1.pcd"), ("train2", "background.pcd"), ("validation", ""), ("test", "")]
+    {
+        fixture.append(&format!("{split}.txt"), &format!("{path}\n"));
+    }
+    expect![[r#"
+        train2.txt, line 1: path of the form {instance}_{sequence}_{any}.pcd expected, got background.pcd
+        rename or move the cloud, or correct the pattern (a manifest can describe any path)"#]]
+    .assert_eq(&message(&fixture, &listed));
+    let mut fixture = Fixture::empty();
+    fixture.cloud("others/cup_1_1.pcd");
+    let elsewhere = drawn(&fixture, pattern("scans/{instance}.pcd"));
+    expect![[r#"
+        <root>: clouds at scans/{instance}.pcd expected, got 1 .pcd
+        clouds are read from PCD and PLY files: move them there, or describe where they are by layout "pattern" or a manifest"#]]
+    .assert_eq(&message(&fixture, &elsewhere));
 }

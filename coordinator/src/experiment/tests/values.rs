@@ -68,6 +68,11 @@ fn dataset() {
         &[
             "dataset.layout = 'manifest'",
             "dataset.manifest = 'a.csv'",
+            "dataset.layout = 'pattern'",
+            "dataset.pattern = '{instance}.pcd'",
+            "dataset.layout = 'pattern'\ndataset.pattern = '{object}.pcd'",
+            "dataset.layout = 'pattern'\ndataset.pattern = '{instance}.pcd'\ndataset.splits = 'manifest'",
+            "dataset.layout = 'pattern'\ndataset.pattern = '{instance}.pcd'\ndataset.splits.seeded.test_sequences = ['2']",
             "dataset.layout = 'wu'",
             "dataset.unit = 'cm'",
             "dataset.splits = 'manifest'",
@@ -98,9 +103,24 @@ fn dataset() {
             dataset.manifest = \'a.csv\'
               dataset.manifest: not used by this layout, got "a.csv"
               remove it, or write `layout = "manifest"`
+            dataset.layout = \'pattern\'
+              dataset.pattern: required key missing for layout = "pattern", got none
+              add `pattern = "{category}_{instance}_{sequence}_{any}.pcd"`
+            dataset.pattern = \'{instance}.pcd\'
+              dataset.pattern: not used by this layout, got "{instance}.pcd"
+              remove it, or write `layout = "pattern"`
+            dataset.layout = \'pattern\'\ndataset.pattern = \'{object}.pcd\'
+              dataset.pattern: {category}, {instance}, {sequence} and {any}, and no other braces, expected, got {object}.pcd
+              write a pattern such as {category}_{instance}_{sequence}_{any}.pcd
+            dataset.layout = \'pattern\'\ndataset.pattern = \'{instance}.pcd\'\ndataset.spli
+              dataset.splits: there is no manifest in this layout, got "manifest"
+              write `layout = "manifest"`, or name lists or a seeded draw in [dataset.splits]
+            dataset.layout = \'pattern\'\ndataset.pattern = \'{instance}.pcd\'\ndataset.spli
+              dataset.splits.seeded.test_sequences: the pattern has no {sequence}, got ["2"]
+              remove them, or use layout "uw" or "manifest", or a pattern with {sequence}
             dataset.layout = \'wu\'
               dataset.layout: unknown word, got 'wu'
-              did you mean `uw`? known words here: uw, folders, manifest
+              did you mean `uw`? known words here: uw, folders, manifest, pattern
             dataset.unit = \'cm\'
               dataset.unit: unknown word, got 'cm'
               known words here: m, mm
@@ -151,7 +171,7 @@ fn dataset() {
               choose a smaller number: integers of TOML end there
             dataset.layout = \'folders\'\ndataset.splits.seeded.test_sequences = [\'2\']
               dataset.splits.seeded.test_sequences: layout "folders" has no sequences, got ["2"]
-              remove them, or use layout "uw" or "manifest"
+              remove them, or use layout "uw" or "manifest", or a pattern with {sequence}
             dataset.synthetic.objects = 1
               dataset.synthetic.objects: number outside 2 to 1000, got 1
               choose a number inside these limits
