@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 
 use blake3::Hash;
@@ -102,8 +103,19 @@ pub fn read_database(file: impl AsRef<Path>) -> Result<(Database, Hash), Databas
     }
     let bytes = fs::read(file).map_err(failed)?;
     let digest = blake3::hash(&bytes);
-    let table = Table::open(bytes, file)?;
-    Ok((table.database()?, digest))
+    Ok((decode_database(bytes, file)?, digest))
+}
+
+/// Reads the bytes of such a file, which `file` names in errors. Whoever can write them can write their checksum, too, so a
+/// panic of the decoder is an error like any other.
+///
+/// # Errors
+/// As [`read_database`].
+pub fn decode_database(bytes: Vec<u8>, file: &Path) -> Result<Database, DatabaseError> {
+    catch_unwind(AssertUnwindSafe(|| Table::open(bytes, file)?.database())).unwrap_or_else(|_| {
+        let what = "it has bytes that the decoder stopped at".to_owned();
+        Err(DatabaseError::Damaged { file: file.to_owned(), what })
+    })
 }
 
 /// A file whose checksum and metadata have been checked.

@@ -26,7 +26,7 @@ mod test_vector;
 
 pub use buffers::{BufferError, MAX_POINTS, cloud_of};
 pub use database::{Database, DatabaseCloud, DatabasePart, DatabaseParts, MAX_CHANNELS};
-pub use database_file::{DatabaseError, read_database};
+pub use database_file::{DatabaseError, decode_database, read_database};
 pub use error::{ArtefactError, CloudError};
 pub use recogniser::{Answer, Contents, Known, Learned, Named, Recogniser};
 pub use recognition::{RecognitionSettings, names_objects_by};

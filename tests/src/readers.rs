@@ -1,8 +1,9 @@
 //! Every reader of bytes from outside, with inputs that it accepts: what `tests/fuzz` and `tests/cargo-fuzz` feed.
 
 use std::fs;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use artefact::{Database, DatabaseCloud, DatabasePart, DatabaseParts, metadata};
 use cache::{ByteSize, Storage, Store};
 use descriptor::pcd::{self, DataEncoding};
 use descriptor::synth::{self, SynthSettings};
@@ -93,6 +94,13 @@ pub fn all(folder: PathBuf) -> Vec<Reader> {
             vec![coordinator::fuzz_entry::sample_request()],
             coordinator::fuzz_entry::control,
         ),
+        reader("artefact database", &[], databases(&folder), |bytes| {
+            // With the checksum of what the bytes have become, or nothing behind it would be reached.
+            let mut bytes = bytes.to_vec();
+            let _ = metadata::check(&mut bytes);
+            let _ = metadata::seal(&mut bytes);
+            artefact::decode_database(bytes, Path::new("database.parquet")).is_ok()
+        }),
         reader("poll", &[], vec![poll().encode_to_vec()], coordinator::fuzz_entry::poll),
         reader("fetch", &["..", "/", "prepared-cloud"], fetches(), coordinator::fuzz_entry::fetch),
         reader("reply", &[], vec![reply().encode_to_vec()], worker::fuzz_entry::reply),
@@ -334,6 +342,31 @@ fn entry(folder: PathBuf) -> Reader {
     store.put(kind, key, b"what was derived");
     let seed = store.entry(kind, key).expect("an entry that was put");
     reader("cache entry", &[], vec![seed], move |bytes| worker::fuzz_entry::entry(&store, kind, key, bytes))
+}
+
+/// Of both forms, with and without what is optional.
+fn databases(folder: &Path) -> Vec<Vec<u8>> {
+    let cloud = DatabaseCloud {
+        cloud: "a/a_1/a_1_1_1.pcd".to_owned(),
+        instance: "a_1".to_owned(),
+        category: "a".to_owned(),
+        sequence: None,
+        addition: None,
+    };
+    let added = DatabaseCloud { sequence: Some("2".to_owned()), addition: Some(1), ..cloud.clone() };
+    let part =
+        || DatabasePart { centroids: vec![0.25, 0.75, 0.5, 0.5], deviations: vec![0.0, 0.0, 0.1, 0.1] };
+    [
+        DatabaseParts::ShapeColour([part(), DatabasePart::default()]),
+        DatabaseParts::Channels(vec![part(), part()]),
+    ]
+    .map(|parts| {
+        let file = folder.join("database.parquet");
+        let database = Database { clouds: vec![cloud.clone(), added.clone()], parts };
+        results::write_database(&file, &database).expect("a database that can be written");
+        fs::read(file).expect("a file that was written")
+    })
+    .to_vec()
 }
 
 fn join_addresses() -> Vec<Vec<u8>> {

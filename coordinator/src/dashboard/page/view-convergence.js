@@ -64,6 +64,7 @@ export const view = {
     const small = createChart(second, { height: 190, onzoom });
     let comparison = null;
     let drawnList = '';
+    let drawnOptimum = null;
 
     function drawTools() {
       const toggle = h('input', {
@@ -219,16 +220,23 @@ export const view = {
     }
 
     return {
-      update() {
-        drawTools();
+      update(changed) {
+        const has = (names) => names.some((name) => changed.has(name));
+        if (has(['state'])) drawTools();
         const columns = store.generations?.columns;
         const axis = state.get('x') ?? 'generations';
-        if (columns?.generation?.length > 0) {
+        const optimum = store.run?.optimum_error ?? null;
+        // Not with each attempt that ends: drawing both charts again is what this view costs.
+        const follows = ['generations', 'detail', 'filter', 'state', ...(store.filtered() ? ['individuals'] : [])];
+        if (columns?.generation?.length > 0 && (has(follows) || optimum !== drawnOptimum)) {
+          drawnOptimum = optimum;
           drawErrors(columns, axis);
           drawDiversity(columns, axis);
         }
-        drawList();
-        drawComparison();
+        if (has(['run', 'runs', 'state'])) {
+          drawList();
+          drawComparison();
+        }
       },
       destroy() {
         comparison?.destroy();
