@@ -9,7 +9,7 @@ use crate::dataset::{Layout, Pattern};
 /// One of a layout's name, a manifest and a pattern.
 #[derive(Debug, Args)]
 pub(super) struct LayoutArgs {
-    /// How folders and files name objects; uw unless given for split, folders for other commands
+    /// How folders and files name objects, for example uw, which split takes unless told; other commands take folders
     #[arg(long, value_name = "NAME", conflicts_with_all = ["manifest", "pattern"])]
     layout: Option<LayoutName>,
     /// CSV of path, category, instance and, if wanted, sequence for clouds that are in no such folders, for example labels.csv
