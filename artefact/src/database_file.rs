@@ -16,6 +16,7 @@ use parquet::schema::types::{ColumnDescPtr, ColumnDescriptor};
 
 use crate::database::{Database, DatabaseCloud, DatabasePart, DatabaseParts, MAX_CHANNELS};
 use crate::metadata::{self, MetadataError, SCHEMA_VERSION, TABLE_KEY, VERSION_KEY};
+use crate::parquet_column::{BATCH, read_values};
 
 /// Why a database cannot be read. Messages name the file first and say what to do on a second line.
 #[derive(Debug, thiserror::Error)]
@@ -83,8 +84,6 @@ impl DatabaseError {
 
 /// Most values of one column: the lists of 65 536 clouds, each with 4096 values. A few bytes can claim any number.
 const MAX_VALUES: usize = 1 << 28;
-/// Rows that are read at once.
-const BATCH: usize = 1 << 12;
 
 const TEXT: &str = "text";
 const U32: &str = "u32";
@@ -338,29 +337,14 @@ impl<T> Cells<T> {
 
     fn scalars<D: DataType>(
         &mut self,
-        mut reader: ColumnReaderImpl<D>,
+        reader: ColumnReaderImpl<D>,
         value: impl Fn(&D::T) -> Result<T, ParquetError>,
     ) -> Result<(), ReadError> {
-        let most = self.leaf.max_def_level();
-        loop {
-            let (mut levels, mut values) = (Vec::new(), Vec::new());
-            let (rows, ..) = reader.read_records(BATCH, Some(&mut levels), None, &mut values)?;
-            if rows == 0 {
-                return Ok(());
-            }
-            self.count(rows)?;
-            if most == 0 {
-                levels = vec![0; rows];
-            }
-            let mut values = values.iter();
-            for level in levels {
-                let cell = match level == most {
-                    true => Some(value(values.next().ok_or_else(ReadError::kind)?)?),
-                    false => None,
-                };
-                self.rows.push(cell);
-            }
-        }
+        read_values(reader, self.leaf.max_def_level(), ReadError::kind, |cell| {
+            self.count(1)?;
+            self.rows.push(cell.map(&value).transpose()?);
+            Ok(())
+        })
     }
 }
 

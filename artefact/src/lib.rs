@@ -7,6 +7,7 @@
 //! other implementations, [`sections`] what its settings have in common with experiments.
 
 pub mod metadata;
+pub mod parquet_column;
 pub mod sections;
 pub mod text;
 

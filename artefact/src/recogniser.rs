@@ -141,6 +141,11 @@ impl Recogniser {
         self.learned.as_ref()?.size()
     }
 
+    /// How many values a signature has: of centroid and deviation, channel by channel.
+    pub fn lengths(&self) -> impl Iterator<Item = [usize; 2]> {
+        self.database.lengths()
+    }
+
     /// The artefact's description of a cloud, given as the bytes of its file; `seconds` takes the time of each stage.
     ///
     /// # Errors

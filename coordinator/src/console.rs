@@ -1,9 +1,9 @@
 //! Lines for people on standard error, above the live display if there is one.
 
-use std::fmt::Display;
-use std::io::{self, Write as _};
+use std::io::{self, IsTerminal as _};
 
 use indicatif::ProgressBar;
+pub use worker::log::say;
 
 /// Where lines for people go. Copies share the live display.
 #[derive(Clone, Debug, Default)]
@@ -31,8 +31,7 @@ impl Console {
     }
 }
 
-/// A line on standard error. Where that is closed, or its volume full, the line is lost and the program goes on.
-pub fn say(line: impl Display) {
-    // In one piece, so that lines of several programs in one file stay whole.
-    let _ = io::stderr().write_all(format!("{line}\n").as_bytes());
+/// Whether a live display can be shown: somebody looks, and the lines are for people.
+pub fn has_viewer() -> bool {
+    io::stderr().is_terminal() && !worker::log::is_json()
 }

@@ -13,7 +13,7 @@ use descriptor::{
 use proto::Message;
 use rayon::prelude::*;
 
-use crate::dataset::{ListedCloud, Listing, read_file};
+use crate::dataset::{ListedCloud, Listing, cloud_bytes};
 
 /// More distances, over all channels, are not kept at once: queries are matched by pruning. They would take 256 MiB.
 const LARGEST_DISTANCES: usize = 64 << 20;
@@ -223,7 +223,7 @@ pub fn describe_file(
     let failed = |what: String| EvaluateError::Cloud { path: path.to_owned(), what };
     let mut seconds = Seconds::default();
     let clock = Instant::now();
-    let bytes = read_file(file).map_err(|reason| failed(format!("cannot be read, got {reason}")))?;
+    let bytes = cloud_bytes(file).map_err(|reason| failed(format!("cannot be read, got {reason}")))?;
     let cloud = cloud_file::read(&bytes).map_err(|error| failed(error.to_string()))?;
     let cloud = cloud.in_metres(preprocess.unit.metres());
     seconds.read = clock.elapsed();

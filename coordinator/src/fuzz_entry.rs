@@ -27,6 +27,21 @@ pub fn sample_artefact_settings() -> [String; 2] {
     crate::export::sample_settings()
 }
 
+/// What is known of the camera of images: a corner, or the cameras of a scene.
+pub fn camera(bytes: &[u8]) -> bool {
+    crate::dataset::reads_camera(bytes)
+}
+
+/// The objects of a scene.
+pub fn scene_objects(bytes: &[u8]) -> bool {
+    crate::dataset::reads_objects(bytes)
+}
+
+/// A table of another program that names clouds.
+pub fn manifest_table(bytes: &[u8]) -> bool {
+    crate::dataset::reads_texts(bytes)
+}
+
 /// An operator's request to a coordinator at work, or the answer to it.
 pub fn control(bytes: &[u8]) -> bool {
     crate::control::reads(bytes)

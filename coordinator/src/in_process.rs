@@ -7,7 +7,7 @@ use std::thread::available_parallelism;
 use cache::{ByteSize, Store};
 use tokio::sync::watch;
 use tokio::task::{JoinError, JoinSet};
-use worker::{Credentials, Identity, Link, Options, WorkerError};
+use worker::{Credentials, Identity, LifetimeLimits, Link, Options, WorkerError};
 
 use crate::experiment::LocalWorkers;
 use transport::Servers;
@@ -58,11 +58,14 @@ impl InProcessWorkers {
                     // The files are on this machine: a copy of them would serve nobody.
                     source_blobs: false,
                     patience: None,
+                    lifetime: LifetimeLimits::default(),
+                    stay: false,
+                    join_file: None,
                 };
                 let stop = async move {
                     let _ = stopped.wait_for(|stop| *stop).await; // the sender is gone: stop as well
                 };
-                worker::run(link, options, stop).await
+                worker::run(link, options, stop).await.map(drop)
             });
         }
         Self { stop, tasks }

@@ -25,6 +25,7 @@ use crate::run::scales::Scales;
 use crate::run::sets::with_weight;
 use crate::run::splits::SplitBlobs;
 use crate::run::{DataError, RunError};
+use crate::slurm::{Scaling, SlurmWorkers};
 use crate::tasks;
 use cluster::journal::{Journal, Recorded};
 use cluster::scheduler::{Audit, Limits, RunSecret};
@@ -243,18 +244,33 @@ async fn in_time<T>(
     tokio::time::timeout(deadline, work).await.map_err(late)?
 }
 
+/// Asks Slurm for workers of a session in a folder, where they are wanted, until what this returns is dropped.
+pub fn scale(
+    workers: Option<&SlurmWorkers>,
+    (experiment, out): (&Experiment, &Path),
+    cluster: &Arc<Cluster>,
+    console: &Console,
+) -> Result<Option<Scaling>, RunError> {
+    let listen = experiment.coordinator().listen.unwrap_or(DEFAULT_LISTEN);
+    let start = |workers| Scaling::start(workers, (out, listen), cluster, console);
+    Ok(workers.map(start).transpose()?)
+}
+
 /// Binds the port for remote workers. The default port is a convenience: if it is taken, a session with workers of its
-/// own goes on without.
+/// own goes on without. Where workers find the port is written to `join_file`, in place of what it held; whoever
+/// asks for that cannot do without the port.
 pub async fn listen(
     experiment: &Experiment,
-    protection: &Protection,
+    (protection, join_file): (&Protection, Option<&Path>),
     console: &Console,
 ) -> Result<Option<Listener>, RunError> {
     let settings = experiment.coordinator();
     let has_workers = settings.local_workers != LocalWorkers::Count(0);
-    let listener = match Listener::bind(settings.listen.unwrap_or(DEFAULT_LISTEN), protection).await {
+    let mut listener = match Listener::bind(settings.listen.unwrap_or(DEFAULT_LISTEN), protection).await {
         Ok(listener) => listener,
-        Err(ListenError::PortInUse { address }) if settings.listen.is_none() && has_workers => {
+        Err(ListenError::PortInUse { address })
+            if settings.listen.is_none() && has_workers && join_file.is_none() =>
+        {
             console.say(&format!(
                 "port {} is in use, so that no remote worker can join; --listen chooses another",
                 address.port()
@@ -263,6 +279,9 @@ pub async fn listen(
         }
         Err(error) => return Err(error.into()),
     };
+    if let Some(join_file) = join_file {
+        listener.write_join_file(join_file)?;
+    }
     for notice in listener.notices() {
         console.say(&notice);
     }

@@ -2,28 +2,40 @@
 
 use crate::pcd::PcdError;
 use crate::ply::PlyError;
-use crate::{Cloud, pcd, ply};
+use crate::rgbd::RgbdError;
+use crate::{Cloud, pcd, ply, rgbd};
 
-/// Endings of the names of files that are taken for clouds where folders are searched, in lower case.
-pub const ENDINGS: [&str; 2] = [".pcd", ".ply"];
+/// Endings of the names of files that are taken for clouds where folders are searched, in lower case. A colour image of
+/// the last ending stands for the images beside it, which [`rgbd::write`] makes one byte string of.
+pub const ENDINGS: [&str; 3] = [".pcd", ".ply", "_crop.png"];
 
 /// What is wrong with a cloud file.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum CloudFileError {
-    /// It is no PLY file, and as a PCD file it cannot be read.
+    /// It is neither a PLY file nor images, and as a PCD file it cannot be read.
     #[error(transparent)]
     Pcd(#[from] PcdError),
     /// It begins as a PLY file and cannot be read.
     #[error(transparent)]
     Ply(#[from] PlyError),
+    /// It begins as images do and has no cloud.
+    #[error(transparent)]
+    Rgbd(#[from] RgbdError),
 }
 
-/// The cloud in the bytes of a PLY or PCD file, in the file's own unit of length.
+/// The cloud in the bytes of a PLY or PCD file, in the file's own unit of length, or in what [`rgbd::write`] has made of
+/// images, in metres.
 ///
 /// # Errors
-/// What [`ply::read`] says of a file that begins with `ply`, and [`pcd::read`] of any other.
+/// What [`ply::read`] says of a file that begins with `ply`, [`rgbd::read`] of images, and [`pcd::read`] of any other.
 pub fn read(bytes: &[u8]) -> Result<Cloud, CloudFileError> {
-    if ply::is_ply(bytes) { Ok(ply::read(bytes)?) } else { Ok(pcd::read(bytes)?) }
+    if ply::is_ply(bytes) {
+        Ok(ply::read(bytes)?)
+    } else if rgbd::is_rgbd(bytes) {
+        Ok(rgbd::read(bytes)?)
+    } else {
+        Ok(pcd::read(bytes)?)
+    }
 }
 
 /// Whether a file of this name is taken for a cloud where folders are searched: it ends as one of [`ENDINGS`], in

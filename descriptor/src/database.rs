@@ -62,6 +62,11 @@ impl Database {
         Ok(Self { channels, labels, asked: AtomicU32::new(0), pruned: OnceLock::new() })
     }
 
+    /// How many values a centroid and a deviation have, channel by channel.
+    pub fn lengths(&self) -> impl Iterator<Item = [usize; 2]> {
+        self.channels.iter().map(|channel| channel.lengths)
+    }
+
     /// Number of clouds, at least 1.
     pub fn clouds(&self) -> usize {
         self.labels.len()

@@ -84,6 +84,7 @@ pub mod fitness;
 pub mod pruning;
 pub mod recognise;
 pub mod recogniser;
+pub mod rgbd;
 pub mod signature;
 pub mod signature_bytes;
 mod vector_metric;

@@ -39,7 +39,7 @@ pub const FILE_DESCRIPTOR_SET: &[u8] = include_bytes!(concat!(env!("OUT_DIR"), "
 
 /// Must be equal on both sides.
 pub const PROTOCOL_MAJOR: u32 = 2;
-/// Grows when the protocol grows.
+/// Grows when something is added that a worker must not pass over.
 pub const PROTOCOL_MINOR: u32 = 2;
 
 /// The largest message either side accepts, bytes: some 300 000 matches of one final test.

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Any, Optional, Sequence, Tuple
+from typing import Optional, Sequence, Tuple, Union
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from .errors import Error
 
-Arrays = Tuple[np.ndarray, Optional[np.ndarray], Tuple[float, float, float]]
+#: What ``checked`` returns.
+Arrays = Tuple[NDArray[np.float32], Optional[NDArray[np.uint8]], Tuple[float, float, float]]
+#: What callers may give for a cloud where several are expected.
+CloudLike = Union[
+    ArrayLike,
+    Tuple[ArrayLike, Optional[ArrayLike]],
+    Tuple[ArrayLike, Optional[ArrayLike], Sequence[float]],
+]
 
 
-def checked(xyz: Any, rgb: Any = None, viewpoint: Sequence[float] = (0.0, 0.0, 0.0)) -> Arrays:
+def checked(
+    xyz: ArrayLike, rgb: Optional[ArrayLike] = None, viewpoint: Sequence[float] = (0.0, 0.0, 0.0)
+) -> Arrays:
     """The cloud, or ``Error`` if the arrays are none. Copies only what is not yet of the right form."""
     points = np.asarray(xyz)
     if points.ndim != 2 or points.shape[1] != 3:
@@ -38,3 +48,8 @@ def checked(xyz: Any, rgb: Any = None, viewpoint: Sequence[float] = (0.0, 0.0, 0
         raise Error(f"viewpoint: must be three numbers, got {viewpoint!r}", "give (x, y, z)") from None
     with np.errstate(over="ignore"):
         return np.ascontiguousarray(points, dtype=np.float32), colours, (x, y, z)
+
+
+def checked_cloud(cloud: CloudLike) -> Arrays:
+    """The same of ``xyz``, ``(xyz, rgb)`` or ``(xyz, rgb, viewpoint)``."""
+    return checked(*cloud) if isinstance(cloud, (tuple, list)) else checked(cloud)

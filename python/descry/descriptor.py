@@ -4,18 +4,26 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any, Dict, Iterable, List, Sequence, Tuple, Union
+from typing import TYPE_CHECKING, Any, Dict, Iterable, List, Optional, Sequence, Tuple, Union
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
-from .arrays import Arrays, checked
+from .arrays import CloudLike, checked, checked_cloud
 from .errors import Error
 from .native import NativeDescriber
 
 PathOrText = Union[str, "os.PathLike[str]"]
 
 
-class Signature(np.ndarray):
+if TYPE_CHECKING:
+    _Floats = np.ndarray[Any, np.dtype[np.float32]]
+else:
+    # Older releases of numpy cannot say of what type an array is.
+    _Floats = np.ndarray
+
+
+class Signature(_Floats):
     """What a cloud is described by: float32 of shape (values,), channel after channel the centroid, then the deviation.
 
     ``channels`` has the two views of each channel; a deviation is empty in a channel of one row a cloud.
@@ -27,7 +35,7 @@ class Signature(np.ndarray):
         self.lengths = getattr(source, "lengths", ())
 
     @property
-    def channels(self) -> List[Tuple[np.ndarray, np.ndarray]]:
+    def channels(self) -> List[Tuple[NDArray[np.float32], NDArray[np.float32]]]:
         """Centroid and deviation of each channel."""
         if sum(map(sum, self.lengths)) != self.size:
             raise Error("channels: must be asked of a whole signature, got a part", "ask before slicing")
@@ -60,7 +68,10 @@ def _describer(descriptor: PathOrText) -> NativeDescriber:
 
 
 def describe(
-    xyz: Any, rgb: Any, descriptor: PathOrText, viewpoint: Sequence[float] = (0.0, 0.0, 0.0)
+    xyz: ArrayLike,
+    rgb: Optional[ArrayLike],
+    descriptor: PathOrText,
+    viewpoint: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> Signature:
     """The signature of a cloud, bit for bit that of the programs.
 
@@ -100,13 +111,13 @@ class Descriptor:
         self.describer_ = _describer(self.descriptor)
         return self
 
-    def transform(self, clouds: Iterable[Any]) -> np.ndarray:
+    def transform(self, clouds: Iterable[CloudLike]) -> NDArray[np.float32]:
         """Signatures, one row a cloud, described in parallel; rows are equal to those of ``describe``."""
         describer = self.describer_ if hasattr(self, "describer_") else _describer(self.descriptor)
-        rows = describer.describe_many([_arrays(cloud) for cloud in clouds])
+        rows = describer.describe_many([checked_cloud(cloud) for cloud in clouds])
         return np.stack(rows) if rows else np.empty((0, 0), np.float32)
 
-    def fit_transform(self, clouds: Iterable[Any], labels: Any = None, **_: Any) -> np.ndarray:
+    def fit_transform(self, clouds: Iterable[CloudLike], labels: Any = None, **_: Any) -> NDArray[np.float32]:
         """``fit``, then ``transform``."""
         return self.fit(clouds, labels).transform(clouds)
 
@@ -114,7 +125,7 @@ class Descriptor:
         return hasattr(self, "describer_")
 
     def __sklearn_tags__(self) -> Any:
-        from sklearn.utils import InputTags, Tags, TargetTags, TransformerTags
+        from sklearn.utils import InputTags, Tags, TargetTags, TransformerTags  # type: ignore
 
         tags = InputTags(two_d_array=False, allow_nan=True)
         return Tags(
@@ -129,7 +140,3 @@ class Descriptor:
 
     def __repr__(self) -> str:
         return f"Descriptor(descriptor={self.descriptor!r})"
-
-
-def _arrays(cloud: Any) -> Arrays:
-    return checked(*cloud) if isinstance(cloud, (tuple, list)) else checked(cloud)

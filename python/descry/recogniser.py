@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
-from typing import Any, Iterable, List, NamedTuple, Optional, Sequence, Tuple, Union
+from typing import Any, Iterable, List, Literal, NamedTuple, Optional, Sequence, Tuple, Union, overload
 
-from .arrays import checked
+from numpy.typing import ArrayLike
+
+from .arrays import CloudLike, checked, checked_cloud
 from .errors import Error
 from .native import NativeRecogniser
 
@@ -45,21 +47,40 @@ class Recogniser:
         self._native = NativeRecogniser(self.artefact)
 
     def recognise(
-        self, xyz: Any, rgb: Any = None, viewpoint: Sequence[float] = (0.0, 0.0, 0.0), top: int = 2
+        self,
+        xyz: ArrayLike,
+        rgb: Optional[ArrayLike] = None,
+        viewpoint: Sequence[float] = (0.0, 0.0, 0.0),
+        top: int = 2,
     ) -> Answer:
         """The object in a cloud; arrays as for ``describe``. ``top`` is how many objects are ranked."""
         return _answer(self._native.recognise(checked(xyz, rgb, viewpoint), max(int(top), 2)))
 
+    @overload
     def recognise_many(
-        self, clouds: Iterable[Any], top: int = 2, errors: str = "raise"
-    ) -> List[Union[Answer, Error]]:
+        self, clouds: Iterable[CloudLike], top: int = 2, errors: Literal["raise"] = "raise"
+    ) -> List[Answer]: ...
+
+    @overload
+    def recognise_many(
+        self, clouds: Iterable[CloudLike], top: int, errors: Literal["return"]
+    ) -> List[Union[Answer, Error]]: ...
+
+    @overload
+    def recognise_many(
+        self, clouds: Iterable[CloudLike], top: int = 2, *, errors: Literal["return"]
+    ) -> List[Union[Answer, Error]]: ...
+
+    def recognise_many(
+        self, clouds: Iterable[CloudLike], top: int = 2, errors: str = "raise"
+    ) -> List[Any]:
         """The objects in clouds, each ``xyz``, ``(xyz, rgb)`` or ``(xyz, rgb, viewpoint)``, on all cores.
 
         A cloud without an answer raises ``Error``; with ``errors="return"`` the error stands in its place.
         """
         if errors not in ("raise", "return"):
             raise Error(f'errors: must be "raise" or "return", got {errors!r}', "choose one of them")
-        arrays = [checked(*cloud) if isinstance(cloud, (tuple, list)) else checked(cloud) for cloud in clouds]
+        arrays = [checked_cloud(cloud) for cloud in clouds]
         answers: List[Union[Answer, Error]] = []
         for answer, error in self._native.recognise_many(arrays, max(int(top), 2)):
             if error is not None and errors == "raise":

@@ -7,9 +7,12 @@ import shutil
 import subprocess
 import tempfile
 from pathlib import Path
-from typing import Any, Dict, List, Optional, Union
+from typing import TYPE_CHECKING, Any, Dict, List, Optional, Union
 
 from .errors import Error
+
+if TYPE_CHECKING:
+    import polars
 
 
 class Figure:
@@ -42,7 +45,7 @@ class Run:
         names = {path.parent.name for path in self.folder.glob("*/*.parquet") if path.name[0] != "."}
         return sorted(names)
 
-    def table(self, name: str) -> Any:
+    def table(self, name: str) -> polars.DataFrame:
         """A table as a polars frame: all its files, generations in order."""
         if name not in self.tables():
             known = ", ".join(self.tables())
@@ -52,7 +55,7 @@ class Run:
         # Files of another release may lack its newest columns.
         return polars.concat([polars.read_parquet(file) for file in files], how="diagonal")
 
-    def query(self, sql: str) -> Any:
+    def query(self, sql: str) -> polars.DataFrame:
         """What polars' SQL answers about the tables, as a frame."""
         polars = _polars()
         context = polars.SQLContext({name: self.table(name).lazy() for name in self.tables()})

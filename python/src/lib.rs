@@ -8,8 +8,8 @@ mod error;
 use std::path::PathBuf;
 
 use artefact::{Answer, CloudError, Seconds};
-use descriptor::{Cloud, Describer, Descriptor, Preprocess, Signature};
-use numpy::{IntoPyArray as _, PyArray1, PyReadonlyArray2};
+use descriptor::{Cloud, Describer, Descriptor, Preprocess, Signature, cloud_file};
+use numpy::{IntoPyArray as _, PyArray1, PyArray2, PyArrayMethods as _, PyReadonlyArray2};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
@@ -17,6 +17,9 @@ use error::raised;
 
 /// Points, colours and the position of the camera.
 type Arrays<'py> = (PyReadonlyArray2<'py, f32>, Option<PyReadonlyArray2<'py, u8>>, [f32; 3]);
+
+/// The same of a cloud that was read.
+type ReadCloud<'py> = (Bound<'py, PyArray2<f32>>, Option<Bound<'py, PyArray2<u8>>>, (f32, f32, f32));
 
 /// A named object, as Python sees it: instance, category, reference cloud, distance.
 type Ranked = (String, String, String, f64);
@@ -184,9 +187,26 @@ impl NativeRecogniser {
     }
 }
 
+/// One row a point.
+fn rows<'py, T: numpy::Element>(py: Python<'py>, rows: Vec<[T; 3]>) -> PyResult<Bound<'py, PyArray2<T>>> {
+    let count = rows.len();
+    rows.into_flattened().into_pyarray(py).reshape([count, 3])
+}
+
+/// The cloud in the bytes of a file; `name` names it in errors.
+#[pyfunction]
+fn read_cloud<'py>(py: Python<'py>, content: &[u8], name: PathBuf) -> PyResult<ReadCloud<'py>> {
+    let cloud = py
+        .detach(|| cloud_file::read(content))
+        .map_err(|error| raised(format!("{}: {error}", name.display())))?;
+    let colours = cloud.colours.map(|colours| rows(py, colours)).transpose()?;
+    Ok((rows(py, cloud.points)?, colours, cloud.viewpoint.into()))
+}
+
 /// The module `descry.native`.
 #[pymodule(gil_used = true)]
 fn native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<NativeDescriber>()?;
-    module.add_class::<NativeRecogniser>()
+    module.add_class::<NativeRecogniser>()?;
+    module.add_function(wrap_pyfunction!(read_cloud, module)?)
 }

@@ -2,14 +2,16 @@
 
     python3 tests/python/wheel.py target/release/coordinator OUT_DIR [WHEEL]
 
-Needs the network for maturin and the packages of the environment; WHEEL is one that was built before. The second half
-of this file runs inside the environment.
+OUT_DIR keeps the packages of PyPI, which need the network the first time; everything else in it is made again. WHEEL is
+one that was built before. The second half of this file runs inside the environment, with wheel_types.py and
+wheel_notebook.py.
 """
 
 import json
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 import threading
@@ -17,8 +19,9 @@ from pathlib import Path
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 PAGE = "docs/src/how-to/python.md"
-#: Beside the wheel: for tables, and for the transformer's protocol.
-PACKAGES = ["polars", "scikit-learn"]
+#: Beside the wheel: what builds it, tables, the transformer's protocol, types, the notebook.
+PACKAGES = ["maturin>=1.9,<2", "numpy", "polars", "scikit-learn", "mypy", "typing-extensions", "nbclient", "ipykernel"]
+QUIET = ["--quiet", "--disable-pip-version-check"]
 
 
 def run(*command, **options):
@@ -27,53 +30,69 @@ def run(*command, **options):
     return done.stdout
 
 
-def environment(out):
-    """Python of a fresh environment, and the variables that it needs."""
-    if subprocess.run([sys.executable, "-c", "import ensurepip"], check=False, capture_output=True).returncode == 0:
-        run(sys.executable, "-m", "venv", out / "venv")
-        return out / "venv/bin/python", [], dict(os.environ, PYTHONPATH="")
-    return sys.executable, ["--target", out / "site"], dict(os.environ, PYTHONPATH=str(out / "site"))
+def packages(out):
+    """The folder of the packages; it is made once."""
+    folder, wanted = out / "packages", f"{sys.version}\n{PACKAGES}\n"
+    stamp = folder / "wanted.txt"
+    if not stamp.exists() or stamp.read_text() != wanted:
+        shutil.rmtree(folder, ignore_errors=True)
+        run(sys.executable, "-m", "pip", "install", *QUIET, "--no-compile", "--target", folder, *PACKAGES)
+        stamp.write_text(wanted)
+    return folder
 
 
-def build(out):
-    run(sys.executable, "-m", "pip", "install", "--quiet", "--upgrade", "--target", out / "tools", "maturin>=1.9,<2")
+def build(out, tools):
     # The target folder of the programs has another profile.
-    target = os.environ.get("CARGO_TARGET_DIR", str(REPOSITORY / "target"))
-    variables = dict(os.environ, CARGO_TARGET_DIR=f"{target}/python")
+    target = os.environ.get("CARGO_TARGET_DIR")
+    variables = dict(os.environ, CARGO_TARGET_DIR=f"{target}-python" if target else str(REPOSITORY / "python/target"))
     # What the page says, with folders of its own.
     page = (REPOSITORY / PAGE).read_text()
     lines = re.search(r"^```\n(pip install maturin\n.*?)^```$", page, re.M | re.S)[1].splitlines()
     command = shlex.split(lines[1])
     assert command[0] == "maturin" and command[-2:] == ["--out", "wheels"], command
-    command = [out / "tools/bin/maturin", *command[1:-1], out / "wheels", "--locked"]
-    run(*command, env=variables, cwd=REPOSITORY)
+    run(tools / "bin/maturin", *command[1:-1], out / "wheels", "--locked", env=variables, cwd=REPOSITORY)
     wheels = list((out / "wheels").glob("descry-*-abi3-*.whl"))
     assert len(wheels) == 1, f"one wheel for all Pythons expected, got {wheels}"
     return wheels[0]
 
 
-def outside(coordinator, out, wheel):
-    coordinator, out = Path(coordinator).resolve(), Path(out).resolve()
-    out.mkdir(parents=True, exist_ok=True)
-    wheel = Path(wheel).resolve() if wheel else build(out)
-    python, target, variables = environment(out)
-    run(python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *target, wheel, *PACKAGES)
-    # The folders of the demo, as the pages have them.
+def demo(coordinator, out):
+    """A folder with those of the demo, as the pages have them."""
     work = out / "work"
     work.mkdir(exist_ok=True)
     if not (work / "experiments").exists():
         (work / "experiments").symlink_to(REPOSITORY / "experiments")
     if not (work / "objects").exists():
-        demo = REPOSITORY / "experiments/demo.toml"
-        text = demo.read_text().replace("../results/data/demo", str(work / "results/data/demo"))
-        (work / "demo.toml").write_text(text)
+        text = (REPOSITORY / "experiments/demo.toml").read_text()
+        (work / "demo.toml").write_text(text.replace("../results/data/demo", str(work / "results/data/demo")))
         run(coordinator, "run", "demo.toml", "--out", "results/runs/demo", "--listen", "127.0.0.1:0", cwd=work)
         run(coordinator, "export", "results/runs/demo", "objects", cwd=work)
-    variables["PATH"] = f"{coordinator.parent}{os.pathsep}{variables['PATH']}"
-    done = subprocess.run(
-        [str(python), str(Path(__file__).resolve()), "--inside", str(coordinator)], cwd=work, env=variables, check=False
-    )
-    sys.exit(done.returncode)
+    return work
+
+
+def environment(out, tools, wheel):
+    """Python of a fresh environment with the wheel, which finds the packages, too."""
+    # Debian's Python has no pip for environments, but one that installs into them.
+    run(sys.executable, "-m", "venv", "--without-pip", out / "venv")
+    python = out / "venv/bin/python"
+    site = run(python, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip()
+    Path(site, "packages.pth").write_text(f"{tools}\n")
+    run(sys.executable, "-m", "pip", "--python", python, "install", *QUIET, "--no-index", wheel)
+    return python
+
+
+def outside(coordinator, out, wheel):
+    coordinator, out = Path(coordinator).resolve(), Path(out).resolve()
+    out.mkdir(parents=True, exist_ok=True)
+    os.environ["PYTHONPATH"] = ""
+    for folder in ("wheels", "venv", "work"):
+        shutil.rmtree(out / folder, ignore_errors=True)
+    tools = packages(out)
+    python = environment(out, tools, Path(wheel).resolve() if wheel else build(out, tools))
+    work = demo(coordinator, out)
+    variables = dict(os.environ, PATH=f"{coordinator.parent}{os.pathsep}{os.environ['PATH']}")
+    command = [str(python), str(Path(__file__).resolve()), "--inside", str(coordinator)]
+    sys.exit(subprocess.run(command, cwd=work, env=variables, check=False).returncode)
 
 
 def pcd(path):
@@ -113,6 +132,23 @@ def recognised(coordinator, recogniser, paths, clouds):
             assert line[key] == value, (key, line, answer)
         assert [tuple(one.values()) for one in line["top"]] == [tuple(one) for one in answer.ranking]
     return many
+
+
+def read_files(descry, paths, clouds):
+    """Bit for bit what is read without Descry."""
+    for path, (xyz, rgb, viewpoint) in zip(paths, clouds):
+        cloud = descry.read_cloud(path)
+        assert cloud.xyz.tobytes() == xyz.tobytes() and cloud.rgb.tobytes() == rgb.tobytes()
+        assert (cloud.xyz.shape, cloud.rgb.shape, cloud.viewpoint) == (xyz.shape, rgb.shape, viewpoint)
+    Path("shape.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 1\n"
+        "property float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n"
+    )
+    cloud = descry.read_cloud("shape.ply")
+    assert cloud.xyz.tolist() == [[1, 2, 3]] and cloud.rgb is None
+    refused(descry.Error, lambda: descry.read_cloud("nowhere.pcd"), "nowhere.pcd: must be a file, got nothing")
+    refused(descry.Error, lambda: descry.read_cloud("."), ".: must be a file, got something else", "PLY")
+    refused(descry.Error, lambda: descry.read_cloud("demo.toml"), "demo.toml: pcd header: ", "remove the line")
 
 
 def described(descry, clouds):
@@ -268,9 +304,12 @@ def pages(cloud):
 
 def inside(coordinator):
     import descry
+    import wheel_notebook
+    import wheel_types
 
     paths = sorted(Path("results/data/demo").glob("*/*/*_2_*.pcd"))[:120]
     clouds = [pcd(path) for path in paths]
+    read_files(descry, paths, clouds)
     recogniser = descry.Recogniser("objects")
     answers = recognised(coordinator, recogniser, paths, clouds)
     described(descry, clouds)
@@ -280,6 +319,8 @@ def inside(coordinator):
     memory(recogniser, clouds)
     tables(coordinator, descry)
     pages(clouds[0])
+    wheel_types.check(descry, Path("../mypy").resolve())
+    wheel_notebook.check(Path.cwd())
     print(f"the wheel answers as the programs do: {len(answers)} clouds")
 
 

@@ -36,12 +36,35 @@ pub fn program(name: &str) -> Command {
     command
 }
 
+/// Where programs have a cache each.
+fn caches() -> &'static Path {
+    static CACHES: OnceLock<TempDir> = OnceLock::new();
+    CACHES.get_or_init(|| TempDir::new().unwrap()).path()
+}
+
 /// A cache for one program: what tests want to be remembered, they keep in a cache that they name with `--cache`.
 fn unused_cache() -> PathBuf {
-    static CACHES: OnceLock<TempDir> = OnceLock::new();
     static USED: AtomicU32 = AtomicU32::new(0);
-    let caches = CACHES.get_or_init(|| TempDir::new().unwrap());
-    caches.path().join(USED.fetch_add(1, Ordering::Relaxed).to_string())
+    caches().join(USED.fetch_add(1, Ordering::Relaxed).to_string())
+}
+
+/// The cache that [`program`] has given a program, removed with this: all tests together would leave gigabytes.
+struct OwnCache(Option<PathBuf>);
+
+impl OwnCache {
+    fn of(command: &Command) -> Self {
+        let set = command.get_envs().find(|(name, _)| *name == "XDG_CACHE_HOME");
+        let path = set.and_then(|(_, value)| value).map(PathBuf::from);
+        Self(path.filter(|path| path.starts_with(caches())))
+    }
+}
+
+impl Drop for OwnCache {
+    fn drop(&mut self) {
+        if let Some(path) = &self.0 {
+            let _ = fs::remove_dir_all(path); // a program that kept nothing has made none
+        }
+    }
 }
 
 /// A program that was run to its end.
@@ -89,6 +112,7 @@ pub fn run<A: AsRef<OsStr>>(name: &str, args: impl IntoIterator<Item = A>) -> Fi
 
 /// Runs a prepared program to its end.
 pub fn finish(command: &mut Command) -> Finished {
+    let _cache = OwnCache::of(command);
     let Output { status, stdout, stderr } = command.output().unwrap();
     Finished {
         command: format!("{command:?}"),
@@ -104,6 +128,7 @@ pub struct Running {
     child: Child,
     stdout: PathBuf,
     stderr: PathBuf,
+    _cache: OwnCache,
 }
 
 impl Running {
@@ -124,7 +149,8 @@ impl Running {
         let stdout = folder.join(format!("{name}.out"));
         let stderr = folder.join(format!("{name}.err"));
         command.stdout(File::create(&stdout).unwrap()).stderr(File::create(&stderr).unwrap());
-        Self { name: name.to_owned(), child: command.spawn().unwrap(), stdout, stderr }
+        let _cache = OwnCache::of(&command);
+        Self { name: name.to_owned(), child: command.spawn().unwrap(), stdout, stderr, _cache }
     }
 
     /// What it has written to standard error so far.

@@ -2,15 +2,23 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use artefact::{Database, DatabaseCloud, DatabasePart, DatabaseParts, metadata};
 use cache::{ByteSize, Storage, Store};
 use descriptor::pcd::{self, DataEncoding};
+use descriptor::rgbd::{Camera, Images};
 use descriptor::synth::{self, SynthSettings};
 use descriptor::{
     Cloud, Descriptor, GeneTable, GlobalHue, Parameters, Preprocess, QuantisedCloud, Quantiser, SearchSpace,
-    cloud_file, grid, ply,
+    cloud_file, grid, ply, rgbd,
 };
+use parquet::basic::{Compression, ZstdLevel};
+use parquet::data_type::{ByteArray, ByteArrayType, Int32Type};
+use parquet::file::properties::WriterProperties;
+use parquet::file::writer::SerializedFileWriter;
+use parquet::schema::parser::parse_message_type;
+use png::{BitDepth, ColorType};
 use prost::Message as _;
 use proto::task::{
     CloudEntry, Described, Description, Evaluation, EvaluationResult, Exclusion, Failure, FailureReason,
@@ -61,9 +69,26 @@ pub fn all(folder: PathBuf) -> Vec<Reader> {
         reader("ply", PLY_WORDS, ply_files(&cloud), |bytes| ply::read(bytes).is_ok()),
         reader(
             "cloud file",
-            &["ply\n", "ply\r\n", "VERSION 0.7\n"],
-            [clouds(&cloud), ply_files(&cloud)].concat(),
+            &["ply\n", "ply\r\n", "VERSION 0.7\n", "descry rgb-d 1\r\n"],
+            [clouds(&cloud), ply_files(&cloud), images()].concat(),
             |bytes| cloud_file::read(bytes).is_ok(),
+        ),
+        reader("rgb-d images", &[], images(), |bytes| rgbd::read(bytes).is_ok()),
+        reader(
+            "camera",
+            &["\"cam_K\":", "\"depth_scale\":", "1e308", "-0", "4294967296"],
+            vec![
+                b"271,189\n".to_vec(),
+                br#"{"1":{"cam_K":[500.5,0.0,320.0,0.0,500.5,240.0,0.0,0.0,1.0],"depth_scale":0.1}}"#
+                    .to_vec(),
+            ],
+            coordinator::fuzz_entry::camera,
+        ),
+        reader(
+            "scene objects",
+            &["\"obj_id\":", "18446744073709551615", "-1"],
+            vec![br#"{"0":[{"obj_id":5,"cam_t_m2c":[0.5,1.0,500.0]},{"obj_id":1}],"17":[]}"#.to_vec()],
+            coordinator::fuzz_entry::scene_objects,
         ),
         reader("prepared cloud", &[], vec![prepared], move |bytes| {
             let Ok(read) = QuantisedCloud::decode(bytes, &quantiser) else { return false };
@@ -101,6 +126,7 @@ pub fn all(folder: PathBuf) -> Vec<Reader> {
             let _ = metadata::seal(&mut bytes);
             artefact::decode_database(bytes, Path::new("database.parquet")).is_ok()
         }),
+        reader("manifest table", &[], tables(), coordinator::fuzz_entry::manifest_table),
         reader("poll", &[], vec![poll().encode_to_vec()], coordinator::fuzz_entry::poll),
         reader("fetch", &["..", "/", "prepared-cloud"], fetches(), coordinator::fuzz_entry::fetch),
         reader("reply", &[], vec![reply().encode_to_vec()], worker::fuzz_entry::reply),
@@ -128,6 +154,33 @@ pub fn all(folder: PathBuf) -> Vec<Reader> {
             },
         ),
     ]
+}
+
+/// Parquet files of text and of whole numbers, without compression and with what other programs compress by.
+fn tables() -> Vec<Vec<u8>> {
+    let schema = "message table { optional binary path (UTF8); required binary category (STRING); optional int32 sequence; }";
+    let table = |compression| {
+        let properties = WriterProperties::builder().set_compression(compression).build();
+        let schema = Arc::new(parse_message_type(schema).expect("a sound schema"));
+        let mut writer =
+            SerializedFileWriter::new(Vec::new(), schema, Arc::new(properties)).expect("a writer");
+        let mut group = writer.next_row_group().expect("a row group");
+        let texts = |texts: &[&str]| texts.iter().map(|&text| text.into()).collect::<Vec<ByteArray>>();
+        let mut paths = group.next_column().expect("a column").expect("three columns");
+        let two = texts(&["a.pcd", "b.pcd"]);
+        paths.typed::<ByteArrayType>().write_batch(&two, Some(&[1, 0, 1]), None).expect("three rows");
+        paths.close().expect("a whole column");
+        let mut categories = group.next_column().expect("a column").expect("three columns");
+        categories.typed::<ByteArrayType>().write_batch(&texts(&["cup"; 3]), None, None).expect("three rows");
+        categories.close().expect("a whole column");
+        let mut sequences = group.next_column().expect("a column").expect("three columns");
+        sequences.typed::<Int32Type>().write_batch(&[7, -1], Some(&[1, 1, 0]), None).expect("three rows");
+        sequences.close().expect("a whole column");
+        group.close().expect("a whole row group");
+        writer.into_inner().expect("a whole file")
+    };
+    let zstd = Compression::ZSTD(ZstdLevel::default());
+    [Compression::UNCOMPRESSED, Compression::SNAPPY, zstd].map(table).to_vec()
 }
 
 const PCD_WORDS: &[&str] = &[
@@ -210,6 +263,30 @@ fn ply_files(cloud: &Cloud) -> Vec<Vec<u8>> {
     [PlyFormat::Ascii, PlyFormat::LittleEndian, PlyFormat::BigEndian]
         .map(|format| format.write(cloud))
         .to_vec()
+}
+
+/// Images of two by two pixels, of colour and of grey.
+fn images() -> Vec<Vec<u8>> {
+    let png = |colour, bits, samples: &[u8]| {
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, 2, 2);
+        encoder.set_color(colour);
+        encoder.set_depth(bits);
+        let mut writer = encoder.write_header().expect("room for the image");
+        writer.write_image_data(samples).expect("samples of four pixels");
+        drop(writer);
+        bytes
+    };
+    let depth = png(ColorType::Grayscale, BitDepth::Sixteen, &[3, 232, 0, 0, 7, 208, 4, 0]);
+    let mask = png(ColorType::Grayscale, BitDepth::One, &[0b1100_0000, 0b0100_0000]);
+    let camera = Camera { focal_length: [570.3; 2], centre: [0.5; 2], depth_unit: 0.001 };
+    let colours = [
+        png(ColorType::Rgb, BitDepth::Eight, &[9; 12]),
+        png(ColorType::Rgba, BitDepth::Sixteen, &[9; 32]),
+        png(ColorType::Grayscale, BitDepth::Eight, &[9; 4]),
+    ];
+    let write = |colour: &Vec<u8>| rgbd::write(&camera, Images { colour, depth: &depth, mask: &mask });
+    colours.iter().map(write).collect()
 }
 
 fn experiments() -> Vec<Vec<u8>> {
@@ -309,6 +386,7 @@ fn reply() -> v2::PollReply {
         acknowledged: vec![lease().into()],
         revoked: vec![lease().into()],
         jobs: tasks.iter().map(job).collect(),
+        run_ended: true,
     }
 }
 

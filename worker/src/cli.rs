@@ -2,29 +2,30 @@
 
 use std::convert::Infallible;
 use std::fmt;
-use std::fs::File;
-use std::future::Future;
-use std::io::{IsTerminal as _, Read as _, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::str::FromStr;
 use std::sync::Arc;
 use std::time::Duration;
 
 use anyhow::Context as _;
-use cache::{StorageArgs, Store};
-use clap::Parser;
+use cache::{ByteSize, StorageArgs, Store};
+use clap::{Parser, ValueEnum};
 use descriptor::EVALUATION_VERSION;
 use proto::JoinAddress;
+use tokio::signal::unix::{self, SignalKind};
 
-use crate::identity::Identity;
-use crate::link::link;
+use crate::identity::{BUILD, Identity};
+use crate::join_file::{JoinFile, encrypted_if_shown, read_address};
+use crate::lifetime::{Leaving, LifetimeLimits};
+use crate::link::{Coordinator, warn_if_plain};
+use crate::log::{self, LogFormat};
 use crate::run::{self, Options};
 
 /// Where `--tls` has an address, too.
 const JOIN_FILE: &str = "join";
-/// The longest address that is read from a file, bytes.
-const MAX_ADDRESS_BYTES: u64 = 4096;
+/// A worker with less memory for clouds is of little use.
+const LITTLE_MEMORY: ByteSize = ByteSize::mib(64);
 
 /// An address as it was given, perhaps with a token: no debug output shows it.
 #[derive(Clone)]
@@ -54,7 +55,8 @@ pub struct Cli {
     /// a file, because every user of a machine can read the arguments of its programs
     #[arg(long, env = "DESCRY_COORDINATOR", hide_env_values = true, value_name = "URL")]
     coordinator: Option<Address>,
-    /// File that holds the address of the coordinator, for example join
+    /// File that holds the address of the coordinator, for example join; the worker waits for it, and reads it again
+    /// whenever it looks for the coordinator
     #[arg(long, value_name = "FILE")]
     coordinator_file: Option<PathBuf>,
     /// Folder with the certificate that lets this worker in, as `coordinator certs --worker NAME` makes it, for example
@@ -71,32 +73,60 @@ pub struct Cli {
     /// default it waits for ever
     #[arg(long, value_name = "SECONDS")]
     patience: Option<u64>,
+    /// When a run has ended, wait for the next one at the same address, for example as a service; by default the worker
+    /// exits
+    #[arg(long)]
+    stay: bool,
+    /// Seconds without a job after which the worker exits, whether there is none or the coordinator is out of reach, for
+    /// example 900; by default it waits for ever
+    #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..))]
+    idle_timeout: Option<u64>,
+    /// Seconds after which the worker has left, for example 3500 of an allocation of an hour; what it has not finished by
+    /// then is handed back
+    #[arg(long, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..))]
+    lifetime: Option<u64>,
+    /// A worker takes no more jobs from a moment on that is chosen at random in the last so many seconds of its lifetime,
+    /// so that workers started together do not all leave at once, for example 300; by default a tenth of it
+    #[arg(long, value_name = "SECONDS", requires = "lifetime")]
+    lifetime_stagger: Option<u64>,
+    /// What follows when the worker was told to stop by SIGTERM and has handed its jobs back: exit with 0, or wait to be
+    /// killed, because Slurm does not queue a job again that has ended well: for example requeue where a job can be
+    /// preempted
+    #[arg(
+        long,
+        value_name = "exit|requeue",
+        value_enum,
+        hide_possible_values = true,
+        default_value = "exit"
+    )]
+    on_term: OnTerm,
+    /// The log as text, or as json, one object a line, for a program that collects logs, for example json
+    #[arg(long, value_name = "FORMAT", value_enum, hide_possible_values = true, default_value_t)]
+    log_format: LogFormat,
     #[command(flatten)]
     storage: StorageArgs,
 }
 
-/// Runs the program until it is told to stop; an error goes to standard error.
+/// What follows SIGTERM.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum OnTerm {
+    Exit,
+    Requeue,
+}
+
+/// Runs the program until it is told to stop or there is nothing left to do; an error goes to standard error.
 pub fn main(cli: Cli) -> ExitCode {
     match run(cli) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            // Where standard error is lost, the exit code tells.
-            let _ = std::io::stderr().write_all(format!("error: {error}\n").as_bytes());
+            log::say(format_args!("error: {error}"));
             ExitCode::FAILURE
         }
     }
 }
 
 fn run(cli: Cli) -> anyhow::Result<()> {
-    tracing_subscriber::fmt()
-        .with_env_filter(
-            tracing_subscriber::EnvFilter::try_from_env("DESCRY_LOG").unwrap_or_else(|_| "info".into()),
-        )
-        .with_writer(std::io::stderr)
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_target(false)
-        .log_internal_errors(false) // they would go to standard error, too, and panic where that is lost
-        .init();
+    log::start(cli.log_format, "info");
     descriptor::wide::check_environment()?;
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
     let done = runtime.block_on(serve(cli));
@@ -127,90 +157,115 @@ async fn serve(cli: Cli) -> anyhow::Result<()> {
         "--name: must be printable, got {}\nchoose a name without control and format characters",
         proto::printable(&name)
     );
-    let address = join_address(&cli)?;
-    warn_of(&address);
-    tracing::info!("looking for the coordinator at {address}");
-    let link = link(&address, cli.tls.as_deref())?;
+    let (coordinator, join_file) = find_coordinator(&cli)?;
     let storage = cli.storage.resolve();
-    tracing::info!("memory for clouds: {} (--memory)", storage.memory);
+    tracing::info!(
+        "{BUILD}, evaluation version {EVALUATION_VERSION}, {} {}, {threads} threads, memory for clouds: {} (--memory)",
+        std::env::consts::OS,
+        std::env::consts::ARCH,
+        storage.memory
+    );
+    if storage.memory < LITTLE_MEMORY {
+        tracing::warn!(
+            "with so little memory, clouds are read from the cache for each evaluation: give this worker more"
+        );
+    }
     let options = Options {
         store: Arc::new(Store::open(&storage, &name, EVALUATION_VERSION)),
         identity: Identity { name, threads },
         memory: storage.memory,
         source_blobs: true,
         patience: cli.patience.map(Duration::from_secs),
+        lifetime: cli.lifetime_limits(),
+        stay: cli.stay,
+        join_file,
     };
-    run::run(link, options, stop_signal()?).await?;
+    let (mut signals, mut last) = (Signals::listen()?, None);
+    let left = run::run(coordinator.link(), options, async { last = Some(signals.next().await) }).await?;
+    if (left, last, cli.on_term) == (Leaving::Stopped, Some(Signal::Terminate), OnTerm::Requeue) {
+        tracing::info!(
+            "all jobs are handed back: waiting to be killed, so that this job is queued again (--on-term requeue)"
+        );
+        while signals.next().await != Signal::Interrupt {}
+    }
     Ok(())
 }
 
-/// The join address, from the first of `--coordinator-file`, `--coordinator` and the folder of `--tls`.
-fn join_address(cli: &Cli) -> anyhow::Result<JoinAddress> {
-    let join = cli.tls.as_ref().map(|folder| folder.join(JOIN_FILE));
-    let address: JoinAddress = match (&cli.coordinator_file, &cli.coordinator, join) {
-        (Some(file), _, _) => read_address(file)?.parse()?,
-        (None, Some(Address(address)), _) => address.parse()?,
-        (None, None, Some(file)) => read_address(&file)?.parse()?,
-        (None, None, None) => anyhow::bail!(
-            "--coordinator: which one, got no address\ngive its address, or a file that holds it with --coordinator-file"
-        ),
-    };
-    anyhow::ensure!(
-        cli.tls.is_none() || address.trust.is_some(),
-        "--tls: needs an encrypted connection, got {address}\nuse a join address that begins with https://"
-    );
-    Ok(address)
-}
-
-/// The first line of a small file.
-fn read_address(file: &Path) -> anyhow::Result<String> {
-    let advice = "copy the join address that `coordinator certs` has made there";
-    let mut text = String::new();
-    let read = File::open(file).and_then(|file| file.take(MAX_ADDRESS_BYTES).read_to_string(&mut text));
-    read.map_err(|error| anyhow::anyhow!("{}: cannot be read, got {error}\n{advice}", file.display()))?;
-    Ok(text.lines().next().unwrap_or_default().trim().to_owned())
-}
-
-/// Says what an operator may have overlooked.
-fn warn_of(address: &JoinAddress) {
-    if address.trust.is_none() && !is_loopback(&address.host) {
-        tracing::warn!("the connection is not encrypted: use it inside a trusted network only");
+impl Cli {
+    fn lifetime_limits(&self) -> LifetimeLimits {
+        let lifetime = self.lifetime.map(Duration::from_secs);
+        let tenth = lifetime.map_or(Duration::ZERO, |lifetime| lifetime / 10);
+        LifetimeLimits {
+            lifetime,
+            stagger: self.lifetime_stagger.map_or(tenth, Duration::from_secs),
+            idle: self.idle_timeout.map(Duration::from_secs),
+        }
     }
+}
+
+/// Where the coordinator is, from the first of `--coordinator-file`, `--coordinator` and the folder of `--tls`; with a file
+/// that is looked at again.
+fn find_coordinator(cli: &Cli) -> anyhow::Result<(Coordinator, Option<JoinFile>)> {
     if std::env::args_os().any(|argument| argument.to_string_lossy().contains("token=")) {
         tracing::warn!(
             "every user of this machine can read the token in the list of processes: give the address with --coordinator-file or DESCRY_COORDINATOR"
         );
     }
+    let join = cli.tls.as_ref().map(|folder| folder.join(JOIN_FILE));
+    let (file, address) = match (&cli.coordinator_file, &cli.coordinator, join) {
+        (Some(file), _, _) if !file.exists() => {
+            tracing::info!("waiting for {}", file.display());
+            (Some(file.clone()), None)
+        }
+        (Some(file), _, _) => (Some(file.clone()), Some(read_address(file).map_err(anyhow::Error::msg)?)),
+        (None, Some(Address(address)), _) => (None, Some(address.clone())),
+        (None, None, Some(file)) => (None, Some(read_address(&file).map_err(anyhow::Error::msg)?)),
+        (None, None, None) => anyhow::bail!(
+            "--coordinator: which one, got no address\ngive its address, or a file that holds it with --coordinator-file"
+        ),
+    };
+    let coordinator = Coordinator::default();
+    if let Some(address) = address {
+        let address: JoinAddress = address.parse()?;
+        encrypted_if_shown(&address, cli.tls.as_deref()).map_err(anyhow::Error::msg)?;
+        coordinator.move_to(&address, cli.tls.as_deref())?;
+        if file.is_none() {
+            tracing::info!("looking for the coordinator at {address}");
+            warn_if_plain(&address);
+        }
+    }
+    let file = file.map(|file| JoinFile::new(file, cli.tls.clone(), coordinator.clone()));
+    Ok((coordinator, file))
 }
 
-fn is_loopback(host: &str) -> bool {
-    host == "localhost" || host.parse::<std::net::IpAddr>().is_ok_and(|address| address.is_loopback())
+/// A request to stop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Signal {
+    /// SIGTERM.
+    Terminate,
+    /// Ctrl-C.
+    Interrupt,
 }
 
-/// Ready when the process gets SIGTERM or Ctrl-C.
-fn stop_signal() -> anyhow::Result<impl Future<Output = ()>> {
-    use tokio::signal::unix::{SignalKind, signal};
-    let mut terminate = signal(SignalKind::terminate()).context("cannot listen for SIGTERM")?;
-    let mut interrupt = signal(SignalKind::interrupt()).context("cannot listen for Ctrl-C")?;
-    Ok(async move {
+/// The requests to stop that this process gets.
+struct Signals {
+    terminate: unix::Signal,
+    interrupt: unix::Signal,
+}
+
+impl Signals {
+    fn listen() -> anyhow::Result<Self> {
+        let listen = |kind, name| unix::signal(kind).with_context(|| format!("cannot listen for {name}"));
+        Ok(Self {
+            terminate: listen(SignalKind::terminate(), "SIGTERM")?,
+            interrupt: listen(SignalKind::interrupt(), "Ctrl-C")?,
+        })
+    }
+
+    async fn next(&mut self) -> Signal {
         tokio::select! {
-            _ = terminate.recv() => {}
-            _ = interrupt.recv() => {}
-        }
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn this_machine_is_told_from_others() {
-        for host in ["127.0.0.1", "localhost", "::1", "127.8.8.8"] {
-            assert!(is_loopback(host), "{host}");
-        }
-        for host in ["192.0.2.7", "gpu-host", "2001:db8::1", "127.0.0.1.example"] {
-            assert!(!is_loopback(host), "{host}");
+            _ = self.terminate.recv() => Signal::Terminate,
+            _ = self.interrupt.recv() => Signal::Interrupt,
         }
     }
 }

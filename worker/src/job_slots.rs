@@ -54,6 +54,11 @@ impl JobSlots {
         self.unfinished().next().is_none() && self.handed_in() < self.finished.len()
     }
 
+    /// Whether a job is running that somebody waits for.
+    pub fn has_job(&self) -> bool {
+        self.running.flatten().is_some()
+    }
+
     /// Leases that are running or queued.
     fn unfinished(&self) -> impl Iterator<Item = Lease> {
         self.running.flatten().into_iter().chain(self.queue.iter().map(|job| job.lease))
@@ -73,7 +78,7 @@ impl JobSlots {
 
     /// Takes in a reply: drops what is acknowledged or revoked, queues what is new.
     pub fn absorb(&mut self, reply: Reply) {
-        let Reply { acknowledged, revoked, jobs } = reply;
+        let Reply { acknowledged, revoked, jobs, run_ended: _ } = reply;
         self.finished.retain(|(report, _)| !acknowledged.contains(&report.lease));
         self.queue.retain(|job| !revoked.contains(&job.lease));
         if let Some(running) = &mut self.running {

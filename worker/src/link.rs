@@ -2,8 +2,9 @@
 
 use std::error::Error;
 use std::io;
+use std::net::IpAddr;
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError, RwLock};
 use std::time::Duration;
 
 use hyper_util::rt::TokioIo;
@@ -25,25 +26,91 @@ use crate::tls;
 /// A connection that is made when it is needed and made again when it is lost.
 pub type Link = InterceptedService<Channel, Credentials>;
 
-/// What a worker shows at each call: a token, or nothing.
-#[derive(Clone, Default)]
-pub struct Credentials(Option<MetadataValue<Ascii>>);
+/// Where the coordinator is, and how it is spoken to.
+struct Target {
+    host: String,
+    port: u16,
+    tls: Option<TlsConnector>,
+    token: Option<MetadataValue<Ascii>>,
+}
 
-impl Credentials {
-    /// Shows this token.
-    fn token(token: &Token) -> Self {
-        let mut value = MetadataValue::try_from(format!("Bearer {}", token.reveal())).ok();
-        if let Some(value) = &mut value {
-            value.set_sensitive(true); // kept out of header tables and of debug output
-        }
-        Self(value)
+/// Where a worker looks for its coordinator, which may change; nowhere, at first.
+#[derive(Clone, Default)]
+pub struct Coordinator(Arc<RwLock<Option<Arc<Target>>>>);
+
+impl Coordinator {
+    /// The coordinator at `address`; `identity` is a folder with a certificate to show.
+    ///
+    /// # Errors
+    /// If the files in `identity` cannot be used.
+    pub fn at(address: &JoinAddress, identity: Option<&Path>) -> Result<Self, TlsFilesError> {
+        let coordinator = Self::default();
+        coordinator.move_to(address, identity)?;
+        Ok(coordinator)
+    }
+
+    /// It is elsewhere now: calls go there as soon as the connection to where it was is lost.
+    ///
+    /// # Errors
+    /// If the files in `identity` cannot be used.
+    pub fn move_to(&self, address: &JoinAddress, identity: Option<&Path>) -> Result<(), TlsFilesError> {
+        let tls = match &address.trust {
+            Some(trust) => Some(TlsConnector::from(Arc::new(tls::client_config(trust.ca, identity)?))),
+            None => None,
+        };
+        let token = address.trust.as_ref().and_then(|trust| trust.token.as_ref()).and_then(metadata);
+        let target = Target { host: address.host.clone(), port: address.port, tls, token };
+        *self.0.write().unwrap_or_else(PoisonError::into_inner) = Some(Arc::new(target));
+        Ok(())
+    }
+
+    /// A link to it, wherever it is when the link is dialled.
+    pub fn link(&self) -> Link {
+        let coordinator = self.clone();
+        let connect = service_fn(move |_| {
+            let target = coordinator.target();
+            async move {
+                let nowhere = || io::Error::new(io::ErrorKind::NotFound, "its address is not known yet");
+                Ok::<_, io::Error>(TokioIo::new(connect(&*target.ok_or_else(nowhere)?).await?))
+            }
+        });
+        // The name is for the log only: the connector dials.
+        let channel = Endpoint::from_static("http://coordinator")
+            .connect_timeout(Duration::from_secs(5))
+            // A cable that was pulled gives no error: ask the other side whether it is still there.
+            .http2_keep_alive_interval(Duration::from_secs(10))
+            .keep_alive_timeout(Duration::from_secs(10))
+            .keep_alive_while_idle(true)
+            .connect_with_connector_lazy(connect);
+        Link::new(channel, Credentials(self.clone()))
+    }
+
+    fn target(&self) -> Option<Arc<Target>> {
+        self.0.read().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Host and port.
+    #[cfg(test)]
+    pub fn place(&self) -> Option<(String, u16)> {
+        self.target().map(|target| (target.host.clone(), target.port))
     }
 }
 
+/// How a token is shown.
+fn metadata(token: &Token) -> Option<MetadataValue<Ascii>> {
+    let mut value = MetadataValue::try_from(format!("Bearer {}", token.reveal())).ok()?;
+    value.set_sensitive(true); // kept out of header tables and of debug output
+    Some(value)
+}
+
+/// What a worker shows at each call: the token of its join address, or nothing.
+#[derive(Clone, Default)]
+pub struct Credentials(Coordinator);
+
 impl Interceptor for Credentials {
     fn call(&mut self, mut request: Request<()>) -> Result<Request<()>, Status> {
-        if let Some(token) = &self.0 {
-            request.metadata_mut().insert("authorization", token.clone());
+        if let Some(token) = self.0.target().and_then(|target| target.token.clone()) {
+            request.metadata_mut().insert("authorization", token);
         }
         Ok(request)
     }
@@ -63,32 +130,15 @@ impl<T: AsyncRead + AsyncWrite + Send + Unpin> Stream for T {}
 /// # Errors
 /// If the files in `identity` cannot be used.
 pub fn link(address: &JoinAddress, identity: Option<&Path>) -> Result<Link, TlsFilesError> {
-    let tls = match &address.trust {
-        Some(trust) => Some(TlsConnector::from(Arc::new(tls::client_config(trust.ca, identity)?))),
-        None => None,
-    };
-    let (host, port) = (address.host.clone(), address.port);
-    let connect = service_fn(move |_| {
-        let (host, tls) = (host.clone(), tls.clone());
-        async move { Ok::<_, io::Error>(TokioIo::new(connect(host, port, tls).await?)) }
-    });
-    // The name is for the log only: the connector dials.
-    let channel = Endpoint::from_static("http://coordinator")
-        .connect_timeout(Duration::from_secs(5))
-        // A cable that was pulled gives no error: ask the other side whether it is still there.
-        .http2_keep_alive_interval(Duration::from_secs(10))
-        .keep_alive_timeout(Duration::from_secs(10))
-        .keep_alive_while_idle(true)
-        .connect_with_connector_lazy(connect);
-    let token = address.trust.as_ref().and_then(|trust| trust.token.as_ref());
-    Ok(Link::new(channel, token.map(Credentials::token).unwrap_or_default()))
+    Ok(Coordinator::at(address, identity)?.link())
 }
 
-async fn connect(host: String, port: u16, tls: Option<TlsConnector>) -> io::Result<Box<dyn Stream>> {
-    let stream = TcpStream::connect((host.as_str(), port)).await?;
+async fn connect(target: &Target) -> io::Result<Box<dyn Stream>> {
+    let Target { host, port, tls, .. } = target;
+    let stream = TcpStream::connect((host.as_str(), *port)).await?;
     stream.set_nodelay(true)?;
     let Some(tls) = tls else { return Ok(Box::new(stream)) };
-    let name = ServerName::try_from(host).map_err(io::Error::other)?;
+    let name = ServerName::try_from(host.clone()).map_err(io::Error::other)?;
     let explained = |error: io::Error| {
         let tls = error.get_ref().and_then(|inner| inner.downcast_ref::<rustls::Error>());
         match (tls.and_then(tls::explain), error.kind()) {
@@ -100,6 +150,17 @@ async fn connect(host: String, port: u16, tls: Option<TlsConnector>) -> io::Resu
         }
     };
     Ok(Box::new(tls.connect(name, stream).await.map_err(explained)?))
+}
+
+/// Says that a connection to another machine would not be encrypted.
+pub fn warn_if_plain(address: &JoinAddress) {
+    if address.trust.is_none() && !is_loopback(&address.host) {
+        tracing::warn!("the connection is not encrypted: use it inside a trusted network only");
+    }
+}
+
+fn is_loopback(host: &str) -> bool {
+    host == "localhost" || host.parse::<IpAddr>().is_ok_and(|address| address.is_loopback())
 }
 
 /// Why the same call would fail for ever, if it would: what the operator has to know.
@@ -137,5 +198,20 @@ pub fn hopeless(status: &Status) -> Option<String> {
             Some(status.message().to_owned())
         }
         _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn this_machine_is_told_from_others() {
+        for host in ["127.0.0.1", "localhost", "::1", "127.8.8.8"] {
+            assert!(is_loopback(host), "{host}");
+        }
+        for host in ["192.0.2.7", "gpu-host", "2001:db8::1", "127.0.0.1.example"] {
+            assert!(!is_loopback(host), "{host}");
+        }
     }
 }

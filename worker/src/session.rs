@@ -15,13 +15,17 @@ use crate::backoff::Backoff;
 use crate::executor::Executor;
 use crate::identity::Identity;
 use crate::job_slots::JobSlots;
-use crate::link::hopeless;
-use crate::wire::{Accepted, Client, Job, Poll, Registration};
+use crate::join_file::JoinFile;
+use crate::lifetime::{Leaving, Lifetime, Stage};
+use crate::link::{hopeless, warn_if_plain};
+use crate::wire::{Accepted, Client, Job, Poll, Registration, Reply};
 
 /// Until reports that are not acknowledged yet are handed in again, when they keep a worker from taking a job.
 const REPORTS_PAUSE: Duration = Duration::from_millis(50);
 /// A call that takes this much longer than the coordinator may hold it back is given up.
 const CALL_MARGIN: Duration = Duration::from_secs(10);
+/// Until a worker that stays looks for the next run.
+const NEXT_RUN_PAUSE: Duration = Duration::from_secs(1);
 /// Leaving must not keep a process alive that was asked to stop.
 const LEAVE_TIMEOUT: Duration = Duration::from_secs(5);
 
@@ -47,10 +51,26 @@ pub enum WorkerError {
     Threads(#[from] rayon::ThreadPoolBuildError),
 }
 
+/// How a worker behaves where it is not told.
+pub struct Conduct {
+    /// How long the coordinator may be out of reach before it gives up; `None`: for ever.
+    pub patience: Option<Duration>,
+    /// When it leaves of its own accord.
+    pub lifetime: Lifetime,
+    /// Whether it waits for the next run when one has ended.
+    pub stay: bool,
+    /// Where the address of the coordinator may change.
+    pub join_file: Option<JoinFile>,
+}
+
 /// Why a session ended.
 enum End {
-    /// The worker was asked to stop and has left.
-    Left,
+    /// The worker has left.
+    Left(Leaving),
+    /// Its lifetime has to be looked at.
+    Due,
+    /// The run has ended, and the worker has left it.
+    RunEnded,
     /// The coordinator does not know this worker (any more).
     Unknown,
     /// The coordinator is out of reach.
@@ -66,6 +86,9 @@ pub struct Session {
     secret: WorkerSecret,
     executor: Arc<Executor>,
     slots: JobSlots,
+    conduct: Conduct,
+    /// Near the end of its lifetime: no further job is begun.
+    ending: bool,
     sequence: u64,
     current: Option<SessionId>,
     done_sender: mpsc::UnboundedSender<Report>,
@@ -74,7 +97,13 @@ pub struct Session {
 
 impl Session {
     /// A worker that is not registered yet.
-    pub fn new(client: Client, identity: Identity, secret: WorkerSecret, executor: Arc<Executor>) -> Self {
+    pub fn new(
+        client: Client,
+        identity: Identity,
+        secret: WorkerSecret,
+        executor: Arc<Executor>,
+        conduct: Conduct,
+    ) -> Self {
         // At most one job is running, so the queue holds at most a few stale reports.
         let (done_sender, done) = mpsc::unbounded_channel();
         Self {
@@ -83,6 +112,8 @@ impl Session {
             secret,
             executor,
             slots: JobSlots::new(1),
+            conduct,
+            ending: false,
             sequence: 0,
             current: None,
             done_sender,
@@ -90,31 +121,50 @@ impl Session {
         }
     }
 
-    /// Works until `shutdown` is ready, the coordinator refuses this worker, or it has been out of reach for
-    /// longer than `patience`.
+    /// Works until `shutdown` is ready, the run has ended, its lifetime is over, the coordinator refuses this worker, or it
+    /// has been out of reach for too long.
     pub async fn run(
         self,
-        patience: Option<Duration>,
         backoff: Backoff,
         shutdown: impl Future<Output = ()>,
-    ) -> Result<(), WorkerError> {
+    ) -> Result<Leaving, WorkerError> {
         let executor = Arc::clone(&self.executor);
-        let ended = self.work_until(patience, backoff, shutdown).await;
+        let ended = self.work_until(backoff, shutdown).await;
         executor.settle().await;
+        if let Ok(why) = &ended {
+            tracing::info!("left: {why}");
+        }
         ended
     }
 
     async fn work_until(
         mut self,
-        patience: Option<Duration>,
         mut backoff: Backoff,
         shutdown: impl Future<Output = ()>,
-    ) -> Result<(), WorkerError> {
+    ) -> Result<Leaving, WorkerError> {
         tokio::pin!(shutdown);
         let mut last_contact = Instant::now();
         loop {
+            // Where a coordinator can be told that the worker leaves, `attend` has done so.
+            if let Stage::Over(why) = self.stage() {
+                return Ok(why);
+            }
             match self.attend(shutdown.as_mut(), &mut backoff, &mut last_contact).await {
-                End::Left => return Ok(()),
+                End::Left(why) => return Ok(why),
+                End::Due => {}
+                End::RunEnded if self.conduct.stay => {
+                    self.slots.clear();
+                    if self.current.take().is_some() {
+                        tracing::info!("the run has ended, waiting for the next");
+                    }
+                    last_contact = Instant::now();
+                    tokio::select! {
+                        () = &mut shutdown => return Ok(Leaving::Stopped),
+                        () = self.due() => {}
+                        () = tokio::time::sleep(NEXT_RUN_PAUSE) => {}
+                    }
+                }
+                End::RunEnded => return Ok(Leaving::RunEnded),
                 End::Refused(message) => {
                     let lines: Vec<_> = message.lines().map(proto::printable).collect();
                     return Err(WorkerError::Refused { message: lines.join("\n") });
@@ -123,15 +173,17 @@ impl Session {
                     tracing::info!("the coordinator does not know this worker, registering again")
                 }
                 End::Lost(status) => {
-                    if patience.is_some_and(|patience| last_contact.elapsed() > patience) {
+                    if self.conduct.patience.is_some_and(|patience| last_contact.elapsed() > patience) {
                         return Err(WorkerError::OutOfReach { reason: reason(&status) });
                     }
                     let pause = backoff.next_pause();
                     if backoff.is_first() {
                         tracing::warn!("coordinator out of reach: {}, trying again", reason(&status));
                     }
+                    let due = self.due();
                     tokio::select! {
-                        () = &mut shutdown => return Ok(()),
+                        () = &mut shutdown => return Ok(Leaving::Stopped),
+                        () = due => {}
                         () = self.work_on() => {}
                         () = tokio::time::sleep(pause) => {}
                     }
@@ -140,14 +192,20 @@ impl Session {
         }
     }
 
+    /// Registers, and works until something ends the session.
     async fn attend<S: Future<Output = ()>>(
         &mut self,
         mut shutdown: Pin<&mut S>,
         backoff: &mut Backoff,
         last_contact: &mut Instant,
     ) -> End {
+        if let Err(reason) = self.look_for_coordinator() {
+            return End::Lost(Status::unavailable(reason));
+        }
+        let due = self.due();
         let accepted = tokio::select! {
-            () = &mut shutdown => return End::Left,
+            () = &mut shutdown => return End::Left(Leaving::Stopped),
+            () = due => return End::Due,
             registered = self.register() => match registered {
                 Ok(accepted) => accepted,
                 Err(end) => return end,
@@ -156,44 +214,79 @@ impl Session {
         let timeout = accepted.hold + CALL_MARGIN;
 
         loop {
+            if let Stage::Over(why) = self.stage() {
+                return self.leave(why).await;
+            }
             self.start_next();
             let request = self.request(false);
             let reply = self.client.clone().poll(request, timeout);
+            let due = self.due();
             tokio::select! {
                 biased;
-                () = &mut shutdown => {
-                    self.leave().await;
-                    return End::Left;
-                }
+                () = &mut shutdown => return self.leave(Leaving::Stopped).await,
                 Some(done) = self.done.recv() => {
                     // The poll under way is dropped; should its reply carry jobs, the next poll does not list
                     // them and they are handed out again.
-                    self.slots.finish(done);
+                    self.finish(done);
                     continue;
                 }
                 reply = reply => match reply {
                     Ok(reply) => {
                         *last_contact = Instant::now();
                         backoff.reset();
+                        if reply.run_ended {
+                            // The coordinator waits for this, and may be gone by then.
+                            let _ = self.hand_back().await;
+                            return End::RunEnded;
+                        }
                         self.slots.absorb(reply);
                     }
                     Err(status) if status.code() == Code::NotFound => return End::Unknown,
                     Err(status) => return failed(status),
                 },
+                () = due => continue,
             }
             self.start_next();
-            if self.slots.wanted() == 0 {
+            if self.wanted() == 0 {
                 // Busy: the next poll is due when a job is done, or as a heartbeat. Reports that were handed in and are
                 // not acknowledged yet go with it; where there is nothing else to do, they wait for a slow disk.
                 let pause = if self.slots.only_reports() { REPORTS_PAUSE } else { accepted.heartbeat };
+                let due = self.due();
                 tokio::select! {
-                    () = &mut shutdown => {
-                        self.leave().await;
-                        return End::Left;
-                    }
-                    Some(done) = self.done.recv() => self.slots.finish(done),
+                    () = &mut shutdown => return self.leave(Leaving::Stopped).await,
+                    Some(done) = self.done.recv() => self.finish(done),
+                    () = due => {}
                     () = tokio::time::sleep(pause) => {}
                 }
+            }
+        }
+    }
+
+    /// Reads the file again that says where the coordinator is, if there is one.
+    fn look_for_coordinator(&mut self) -> Result<(), String> {
+        if let Some(file) = &mut self.conduct.join_file
+            && let Some(address) = file.refresh()?
+        {
+            tracing::info!("looking for the coordinator at {address}");
+            warn_if_plain(&address);
+        }
+        Ok(())
+    }
+
+    /// What this worker may do now.
+    fn stage(&mut self) -> Stage {
+        let stage = self.conduct.lifetime.stage(self.slots.has_job(), Instant::now());
+        self.ending = stage != Stage::Working;
+        stage
+    }
+
+    /// Ready when that changes, if nothing else happens.
+    fn due(&self) -> impl Future<Output = ()> + use<> {
+        let next = self.conduct.lifetime.next_change(self.slots.has_job(), Instant::now());
+        async move {
+            match next {
+                Some(next) => tokio::time::sleep_until(next.into()).await,
+                None => std::future::pending().await,
             }
         }
     }
@@ -203,7 +296,7 @@ impl Session {
         loop {
             self.start_next();
             match self.done.recv().await {
-                Some(done) => self.slots.finish(done),
+                Some(done) => self.finish(done),
                 None => std::future::pending().await, // this session holds a sender
             }
         }
@@ -214,6 +307,7 @@ impl Session {
         let accepted = match registered.map_err(failed)? {
             Registration::Accepted(accepted) => accepted,
             Registration::Refused(message) => return Err(End::Refused(message)),
+            Registration::RunEnded => return Err(End::RunEnded),
         };
         if self.current != Some(accepted.session) {
             self.slots.clear();
@@ -233,25 +327,44 @@ impl Session {
             sequence: self.sequence,
             held: if leaving { vec![] } else { self.slots.held() },
             finished: self.slots.finished(),
-            wanted: if leaving { 0 } else { self.slots.wanted() },
+            wanted: if leaving { 0 } else { self.wanted() },
             leaving,
         }
     }
 
-    /// Hands back every lease and hands in every report.
-    async fn leave(&mut self) {
-        while let Ok(done) = self.done.try_recv() {
-            self.slots.finish(done);
-        }
-        let request = self.request(true);
-        match self.client.clone().poll(request, LEAVE_TIMEOUT).await {
-            Ok(_) => tracing::info!("left"),
-            Err(status) => tracing::warn!("left, but the coordinator could not be told: {}", reason(&status)),
-        }
+    /// How many more jobs are wanted now.
+    fn wanted(&self) -> usize {
+        if self.ending { 0 } else { self.slots.wanted() }
     }
 
-    /// Starts the next job if none is running.
+    /// Leaves, and tells the coordinator.
+    async fn leave(&mut self, why: Leaving) -> End {
+        if let Err(status) = self.hand_back().await {
+            tracing::warn!("leaving, but the coordinator could not be told: {}", reason(&status));
+        }
+        End::Left(why)
+    }
+
+    /// Hands back every lease and hands in every report.
+    async fn hand_back(&mut self) -> Result<Reply, Status> {
+        while let Ok(done) = self.done.try_recv() {
+            self.finish(done);
+        }
+        let request = self.request(true);
+        self.client.clone().poll(request, LEAVE_TIMEOUT).await
+    }
+
+    /// Takes in the report of the running job.
+    fn finish(&mut self, done: Report) {
+        self.slots.finish(done);
+        self.conduct.lifetime.note_job(Instant::now());
+    }
+
+    /// Starts the next job if none is running, unless the end is near.
     fn start_next(&mut self) {
+        if self.ending {
+            return;
+        }
         let Some(Job { lease, task }) = self.slots.start() else { return };
         tracing::debug!("job {}, attempt {}: begun", lease.job, lease.attempt);
         let executor = Arc::clone(&self.executor);

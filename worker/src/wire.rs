@@ -23,6 +23,8 @@ pub enum Registration {
     Accepted(Accepted),
     /// It never will: why, and what to do.
     Refused(String),
+    /// The run has ended.
+    RunEnded,
 }
 
 /// How a worker that was accepted has to behave.
@@ -68,6 +70,8 @@ pub struct Reply {
     pub revoked: Vec<Lease>,
     /// New leases.
     pub jobs: Vec<Job>,
+    /// Whether the run has ended.
+    pub run_ended: bool,
 }
 
 /// A lease with what is to be done under it.
@@ -113,6 +117,9 @@ impl Client {
                 hold: Duration::from_millis(accepted.hold_milliseconds.into()),
                 audit: if accepted.audit.is_nan() { 1.0 } else { accepted.audit.clamp(0.0, 1.0) },
             })),
+            Some(Outcome::Refused(refused)) if refused.reason() == v2::RefusalReason::RunEnded => {
+                Ok(Registration::RunEnded)
+            }
             Some(Outcome::Refused(refused)) => Ok(Registration::Refused(refused.message)),
             None => Err(Status::internal("the reply to the registration is empty")),
         }
@@ -158,6 +165,7 @@ fn reply(message: v2::PollReply) -> Reply {
         acknowledged: leases(message.acknowledged),
         revoked: leases(message.revoked),
         jobs: message.jobs.into_iter().filter_map(job).collect(),
+        run_ended: message.run_ended,
     }
 }
 

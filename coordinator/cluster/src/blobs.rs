@@ -4,7 +4,6 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError, RwLock};
-use std::{fs, io};
 
 use cache::Lru;
 use proto::Digest;
@@ -20,13 +19,13 @@ pub enum BlobError {
     /// No such blob, or not yet.
     #[error("blob {0}: this run has none of this name")]
     Unknown(Digest),
-    /// The file cannot be read any more.
-    #[error("{path}: cannot read it any more, got {source}")]
+    /// The cloud cannot be read any more.
+    #[error("{path}: cannot read it any more, got {reason}")]
     Read {
         /// Which file.
         path: PathBuf,
         /// Why.
-        source: io::Error,
+        reason: String,
     },
     /// The file is not the one the run started with.
     #[error(
@@ -35,10 +34,13 @@ pub enum BlobError {
     Changed(PathBuf),
 }
 
+/// Gives the bytes of the cloud that a file stands for, or in a line why there are none.
+pub type ReadCloud = fn(&Path) -> Result<Vec<u8>, String>;
+
 #[derive(Clone, Debug)]
 enum Source {
     Bytes(Vec<u8>),
-    File(PathBuf),
+    Cloud(PathBuf, ReadCloud),
 }
 
 /// What workers may fetch. Paths come from the coordinator's own lists, never from a request.
@@ -62,9 +64,9 @@ impl BlobStore {
         digest
     }
 
-    /// Releases a file whose bytes had this digest when the run started.
-    pub fn publish_file(&self, digest: Digest, path: PathBuf) {
-        self.insert(digest, Source::File(path));
+    /// Releases a cloud whose bytes had this digest when the run started.
+    pub fn publish_cloud(&self, digest: Digest, path: PathBuf, read: ReadCloud) {
+        self.insert(digest, Source::Cloud(path, read));
     }
 
     /// Releases the description of a shard, as long as there is room for it.
@@ -77,7 +79,7 @@ impl BlobStore {
         self.sources.read().unwrap_or_else(PoisonError::into_inner).contains_key(&digest)
     }
 
-    /// The bytes of a released blob; a file is compared with its digest again.
+    /// The bytes of a released blob; a cloud is compared with its digest again.
     pub fn read(&self, digest: Digest) -> Result<Vec<u8>, BlobError> {
         let source = self.sources.read().unwrap_or_else(PoisonError::into_inner).get(&digest).cloned();
         match source {
@@ -86,7 +88,7 @@ impl BlobStore {
                 None => Err(BlobError::Unknown(digest)),
             },
             Some(Source::Bytes(bytes)) => Ok(bytes),
-            Some(Source::File(path)) => read_file(&path, digest),
+            Some(Source::Cloud(path, read)) => read_cloud(path, read, digest),
         }
     }
 
@@ -95,13 +97,18 @@ impl BlobStore {
     }
 }
 
-fn read_file(path: &Path, digest: Digest) -> Result<Vec<u8>, BlobError> {
-    let bytes = fs::read(path).map_err(|source| BlobError::Read { path: path.to_owned(), source })?;
-    if Digest::of(&bytes) == digest { Ok(bytes) } else { Err(BlobError::Changed(path.to_owned())) }
+fn read_cloud(path: PathBuf, read: ReadCloud, digest: Digest) -> Result<Vec<u8>, BlobError> {
+    match read(&path) {
+        Ok(bytes) if Digest::of(&bytes) == digest => Ok(bytes),
+        Ok(_) => Err(BlobError::Changed(path)),
+        Err(reason) => Err(BlobError::Read { path, reason }),
+    }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
 
     #[test]
@@ -112,7 +119,7 @@ mod tests {
         let store = BlobStore::default();
         let digest = Digest::of(b"cloud");
         assert!(matches!(store.read(digest), Err(BlobError::Unknown(_))));
-        store.publish_file(digest, path.clone());
+        store.publish_cloud(digest, path.clone(), |path| fs::read(path).map_err(|error| error.to_string()));
         assert_eq!(store.read(digest).unwrap(), b"cloud");
         fs::write(&path, "another").unwrap();
         assert!(matches!(store.read(digest), Err(BlobError::Changed(_))));

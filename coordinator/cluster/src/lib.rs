@@ -5,6 +5,7 @@
 pub mod blobs;
 mod cluster;
 mod cost;
+pub mod counters;
 pub mod events;
 mod job_names;
 pub mod journal;

@@ -27,7 +27,8 @@ pub(super) struct AfterRun<'a> {
 }
 
 impl AfterRun<'_> {
-    /// Adds what is asked for, and not there yet, to the comparison of a finished run.
+    /// Adds what is asked for, and not there yet, to the comparison of a finished run. `another_follows`: workers stay for
+    /// another comparison.
     ///
     /// # Errors
     /// As of a run and of a comparison. What cannot be learned from these clouds is none: a warning says so.
@@ -35,6 +36,7 @@ impl AfterRun<'_> {
         &self,
         experiment: &Experiment,
         summary: Summary,
+        another_follows: bool,
     ) -> anyhow::Result<Summary> {
         let method = experiment.recognition();
         if summary.run.test.is_none() {
@@ -87,7 +89,10 @@ impl AfterRun<'_> {
             data: None,
             overrides: self.overrides,
             protection: self.options.protection.clone(),
+            join_file: self.options.join_file.clone(),
+            slurm: self.options.slurm.clone(),
             storage: self.options.storage.clone(),
+            another_follows,
         };
         let out = summary.out.clone();
         match compare(&out, &options).await {
@@ -110,8 +115,8 @@ impl AfterRun<'_> {
         let control = experiment.random_control(met.len() as u32);
         say(format_args!("random search of {} descriptors, as many as the run has met", met.len()));
         let out = beside(&summary.out);
-        let finished =
-            run::run(&control, &RunOptions { out: Some(out.clone()), ..self.options.clone() }).await?;
+        let options = RunOptions { out: Some(out.clone()), comparison_follows: true, ..self.options.clone() };
+        let finished = run::run(&control, &options).await?;
         if finished.run.stop_reason != StopReason::Evaluations.as_str() {
             say(format_args!("random search: ended with fewer descriptors, {}", finished.run.stop_reason));
         }

@@ -30,7 +30,7 @@ pub struct Assess {
     #[arg(long, value_name = "LIST", required = true, num_args = 1..)]
     query: Vec<PathBuf>,
     #[command(flatten)]
-    names: LayoutArgs,
+    layout: LayoutArgs,
     /// Print one JSON object on standard output, for example for jq
     #[arg(long)]
     json: bool,
@@ -40,7 +40,7 @@ impl Assess {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let lists: Vec<PathBuf> =
             self.query.iter().map(|list| super::evaluate::list_file(&self.data, list)).collect();
-        let layout = self.names.layout(LayoutName::Folders);
+        let layout = self.layout.or(LayoutName::Folders);
         let assessed = export::assess(&self.artefact, &self.data, &layout, &lists)?;
         super::print(&if self.json { format!("{}\n", json(&assessed)) } else { text(&assessed) })?;
         Ok(ExitCode::SUCCESS)

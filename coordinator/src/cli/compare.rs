@@ -7,7 +7,7 @@ use clap::Args;
 use descriptor::recogniser::Method;
 use descriptor::{Perturbation, SetDistance, VectorMetric};
 
-use super::run::{Manner, Observers};
+use super::run::{Afterwards, Manner, Observers};
 use crate::compare::{ForeignSource, Named, Options, Source, Sources, compare};
 use crate::experiment::Plan;
 use crate::{run, sweep};
@@ -112,12 +112,12 @@ impl Compare {
         let given = Sources { structures: self.structure, runs: self.with_run, points: self.point };
         let radius_um = radius_cm.map(|cm| super::micrometres("--radius-cm", cm)).transpose()?;
         let folder = if subject.is_file() {
-            let plan = Plan::read(&subject, manner.overrides(None))?;
+            let plan = Plan::read(&subject, manner.workers.overrides(None))?;
             let out = match &plan {
                 Plan::Run(experiment) => run::folder(experiment, None, false),
                 Plan::Sweep(sweep) => sweep::folder(sweep, None, false),
             };
-            manner.run(&plan, out.clone(), Observers::default(), false)?;
+            manner.run(&plan, out.clone(), Observers::default(), Afterwards::COMPARISON)?;
             out
         } else {
             subject
@@ -134,7 +134,7 @@ impl Compare {
         let perturbations: Vec<Perturbation> = Perturbation::ALL.into_iter().filter(is_asked).collect();
         let asked = |one: &Named| descriptor.iter().any(|name| name == one.name());
         let named: Vec<Named> = Named::ALL.into_iter().filter(asked).collect();
-        let options = Options {
+        let mut options = Options {
             descriptors: (!named.is_empty()).then_some(named),
             given,
             foreign,
@@ -148,15 +148,20 @@ impl Compare {
             set,
             reason,
             data,
-            overrides: manner.overrides(None),
-            protection: manner.protection.clone(),
-            storage: manner.storage.clone().resolve(),
+            overrides: manner.workers.overrides(None),
+            protection: manner.workers.protection.clone(),
+            join_file: manner.workers.join_file.clone(),
+            slurm: manner.workers.slurm()?,
+            storage: manner.workers.storage.clone().resolve(),
+            another_follows: true,
         };
-        for (member, folder) in sweep::run_folders(&folder)? {
+        let folders = sweep::run_folders(&folder)?;
+        for (place, (member, folder)) in folders.iter().enumerate() {
+            options.another_follows = place + 1 < folders.len();
             let comparison = super::block_on("go on: the same command again", async {
-                Ok(compare(&folder, &options).await?)
+                Ok(compare(folder, &options).await?)
             })?;
-            let title = if member.is_empty() { member } else { format!("{member}\n") };
+            let title = if member.is_empty() { String::new() } else { format!("{member}\n") };
             super::print(&if manner.json {
                 format!("{}\n", comparison.json())
             } else {

@@ -67,7 +67,7 @@ pub struct Evaluate {
     #[arg(long)]
     no_colour: bool,
     #[command(flatten)]
-    names: LayoutArgs,
+    layout: LayoutArgs,
     /// Write each query's nearest cloud to a file (query, nearest, distance), for example nearest.txt
     #[arg(long, value_name = "FILE")]
     nearest: Option<PathBuf>,
@@ -100,7 +100,7 @@ impl Evaluate {
             || std::thread::available_parallelism().map_or(1, std::num::NonZeroUsize::get),
             usize::from,
         );
-        let layout = self.names.layout(LayoutName::Folders);
+        let layout = self.layout.or(LayoutName::Folders);
         let distance = SetDistance::named(&self.distance).unwrap_or_default();
         let request = Request {
             listing: Listing::load(&self.data, &layout, &place(&self.query), &place(&self.database))?,

@@ -1,16 +1,14 @@
 //! `coordinator exhaust`: every descriptor of the search space, on the training clouds.
 
-use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use cache::StorageArgs;
 use clap::Args;
 
+use super::workers::Workers;
 use crate::exhaust;
-use crate::experiment::{Experiment, LocalWorkers, Overrides};
+use crate::experiment::Experiment;
 use crate::run::RunOptions;
-use transport::Protection;
 
 /// Evaluate every descriptor of an experiment's search space on the training clouds; workers may join at any time
 ///
@@ -26,14 +24,6 @@ pub struct Exhaust {
     /// Grid folder, for example results/runs/grid; by default named after experiment, search space and clouds
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// Where workers are awaited, for example 0.0.0.0:7700 (other machines) or 127.0.0.1:0 (any free port); by
-    /// default 127.0.0.1:7700
-    #[arg(long, value_name = "ADDR")]
-    listen: Option<SocketAddr>,
-    /// Workers inside this process: auto (one on all cores), a number that shares the cores, or 0 to wait for
-    /// `worker`s, for example 0
-    #[arg(long, value_name = "auto|N")]
-    local_workers: Option<LocalWorkers>,
     /// Print the summary as one JSON object on standard output, for example for jq
     #[arg(long)]
     json: bool,
@@ -47,18 +37,24 @@ pub struct Exhaust {
     #[arg(value_parser = clap::value_parser!(u32).range(..=i64::from(exhaust::MOST_RECHECKED)))]
     sample: u32,
     #[command(flatten)]
-    protection: Protection,
-    #[command(flatten)]
-    storage: StorageArgs,
+    workers: Workers,
 }
 
 impl Exhaust {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
-        let overrides = Overrides { seed: None, listen: self.listen, local_workers: self.local_workers };
-        let experiment = Experiment::read(&self.experiment, overrides)?;
-        let storage = self.storage.resolve();
-        let (out, fresh, protection) = (self.out, self.fresh, self.protection);
-        let options = RunOptions { out, fresh, events: None, protection, storage, readmit: Vec::new() };
+        let experiment = Experiment::read(&self.experiment, self.workers.overrides(None))?;
+        let options = RunOptions {
+            out: self.out,
+            fresh: self.fresh,
+            events: None,
+            slurm: self.workers.slurm()?,
+            protection: self.workers.protection,
+            join_file: self.workers.join_file,
+            storage: self.workers.storage.resolve(),
+            readmit: Vec::new(),
+            comparison_follows: false,
+            watch: None,
+        };
         let summary = super::block_on(
             "run the same command to go on; with --fresh, name its folder with --out instead",
             async { Ok(exhaust::exhaust(&experiment, &options, self.sample).await?) },

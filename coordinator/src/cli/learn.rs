@@ -27,7 +27,7 @@ pub struct Learn {
     #[arg(value_name = "NEW")]
     new: PathBuf,
     #[command(flatten)]
-    names: LayoutArgs,
+    layout: LayoutArgs,
     /// Write another artefact and leave this one as it is, for example more-objects
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -40,14 +40,14 @@ pub struct Learn {
 impl Learn {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let out = self.out.as_ref().unwrap_or(&self.artefact);
-        let layout = self.names.layout(LayoutName::Folders);
+        let layout = self.layout.or(LayoutName::Folders);
         let added = export::learn(&self.artefact, &self.new, &layout, self.false_rejections, out)?;
         for (cloud, reason) in &added.skipped {
             say(format_args!("skipped {cloud}: {reason}"));
         }
         if added.ignored > 0 {
             say(format_args!(
-                "ignored {} clouds with other names than <instance>_<video>_<frame>.pcd or .ply",
+                "ignored {} clouds with other names than <instance>_<video>_<frame>.pcd, .ply or _crop.png",
                 added.ignored
             ));
         }

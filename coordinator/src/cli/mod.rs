@@ -10,6 +10,7 @@ mod dashboard;
 mod evaluate;
 mod exhaust;
 mod export;
+mod join_command;
 mod keygen;
 mod layout;
 mod learn;
@@ -27,8 +28,8 @@ mod sign;
 mod split;
 mod synth;
 mod verify;
+mod workers;
 
-use std::io::IsTerminal as _;
 use std::process::ExitCode;
 
 use anyhow::Context as _;
@@ -38,6 +39,7 @@ use crate::compare::CompareError;
 use crate::console::say;
 use crate::run::RunError;
 use cluster::ClusterError;
+use worker::log::{self, LogFormat};
 
 /// The exit code that shells have for Ctrl-C, and a run that an operator has stopped.
 const INTERRUPTED: u8 = 130;
@@ -50,6 +52,16 @@ const INTERRUPTED: u8 = 130;
 pub struct Cli {
     #[command(subcommand)]
     command: Command,
+    /// The log as text, or as json, one object a line, for a program that collects logs, for example json
+    #[arg(
+        long,
+        value_name = "FORMAT",
+        value_enum,
+        hide_possible_values = true,
+        global = true,
+        default_value_t
+    )]
+    log_format: LogFormat,
 }
 
 #[derive(Debug, Subcommand)]
@@ -63,6 +75,7 @@ enum Command {
     Evaluate(evaluate::Evaluate),
     Exhaust(exhaust::Exhaust),
     Export(export::Export),
+    JoinCommand(join_command::JoinCommand),
     Keygen(keygen::Keygen),
     Learn(learn::Learn),
     #[cfg(feature = "sql")]
@@ -79,15 +92,7 @@ enum Command {
 
 /// Runs one command; errors go to standard error, the exit code says whether there was one.
 pub fn main(cli: Cli) -> ExitCode {
-    tracing_subscriber::fmt()
-        .with_env_filter(
-            tracing_subscriber::EnvFilter::try_from_env("DESCRY_LOG").unwrap_or_else(|_| "warn".into()),
-        )
-        .with_writer(std::io::stderr)
-        .with_ansi(std::io::stderr().is_terminal())
-        .with_target(false)
-        .log_internal_errors(false) // they would go to standard error, too, and panic where that is lost
-        .init();
+    log::start(cli.log_format, "warn");
     match execute(cli.command) {
         Ok(code) => code,
         Err(error) => {
@@ -111,6 +116,7 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
         Command::Evaluate(command) => command.execute(),
         Command::Exhaust(command) => command.execute(),
         Command::Export(command) => command.execute(),
+        Command::JoinCommand(command) => command.execute(),
         Command::Keygen(command) => command.execute(),
         Command::Learn(command) => command.execute(),
         #[cfg(feature = "sql")]

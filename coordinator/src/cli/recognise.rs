@@ -12,7 +12,7 @@ use proto::Message;
 use serde_json::{Map, Value, json};
 
 use crate::console::say;
-use crate::dataset::{MAX_FILE_BYTES, read_file};
+use crate::dataset::{MAX_FILE_BYTES, cloud_bytes};
 use crate::evaluate::Seconds;
 
 /// Name the objects in clouds, with an artefact of coordinator export; on one thread
@@ -83,7 +83,7 @@ impl Recognise {
         let bytes = match path {
             _ if path == Path::new("-") => read_stream(io::stdin().lock()),
             _ if is_pipe(path) => File::open(path).map_err(|error| error.to_string()).and_then(read_stream),
-            _ => read_file(path),
+            _ => cloud_bytes(path),
         };
         let bytes = bytes.map_err(CloudError::Read)?;
         seconds.read = clock.elapsed();

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 
-use super::run::{Manner, Observers};
+use super::run::{Afterwards, Manner, Observers};
 use super::sign::Sign;
 use crate::run;
 
@@ -30,7 +30,7 @@ pub struct Resume {
 impl Resume {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let key = self.sign.key()?;
-        let plan = run::recorded_plan(&self.folder, self.manner.overrides(None))?;
-        self.manner.execute(&plan, self.folder, self.observers, false, key.as_ref())
+        let plan = run::recorded_plan(&self.folder, self.manner.workers.overrides(None))?;
+        self.manner.execute(&plan, self.folder, self.observers, Afterwards::default(), key.as_ref())
     }
 }

@@ -3,20 +3,22 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
 
-use cache::StorageArgs;
 use clap::Args;
+use descriptor::recogniser::Method;
 use proto::Principal;
 
 use super::after_run::AfterRun;
 use super::sign::{RUN_FILES, Sign, sign};
+use super::workers::Workers;
 use crate::console::say;
 use crate::dashboard::Dashboard;
-use crate::experiment::{LocalWorkers, Overrides, Plan};
+use crate::experiment::{Experiment, Plan};
+use crate::metrics::MetricsServer;
 use crate::run::{self, RunOptions};
 use crate::signing::SigningKey;
 use crate::sweep;
-use transport::Protection;
 
 /// Run an experiment; workers may join at any time
 ///
@@ -68,19 +70,30 @@ pub struct Observers {
     #[arg(long, value_name = "ADDR", num_args = 0..=1)]
     #[expect(clippy::option_option, reason = "left out, without an address, with one")]
     pub(super) dashboard: Option<Option<SocketAddr>>,
+    /// Serve metrics for Prometheus at /metrics, and /healthz and /readyz for probes, by default at 127.0.0.1:7790, for
+    /// example 0.0.0.0:7790 with --tls for a Prometheus of another machine
+    #[arg(long, value_name = "ADDR", num_args = 0..=1)]
+    #[expect(clippy::option_option, reason = "left out, without an address, with one")]
+    pub(super) metrics: Option<Option<SocketAddr>>,
+}
+
+/// What the command does with a run when it is finished, beside showing it.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Afterwards {
+    /// A random search of the same budget, and a comparison of both.
+    pub(super) control: bool,
+    /// A comparison.
+    pub(super) comparison: bool,
+}
+
+impl Afterwards {
+    /// Only a comparison.
+    pub(super) const COMPARISON: Self = Self { control: false, comparison: true };
 }
 
 /// How a run is carried out, which changes none of its results.
 #[derive(Debug, Args)]
 pub struct Manner {
-    /// Where workers are awaited, for example 0.0.0.0:7700 (other machines) or 127.0.0.1:0 (any free port); by
-    /// default 127.0.0.1:7700
-    #[arg(long, value_name = "ADDR")]
-    listen: Option<SocketAddr>,
-    /// Workers inside this process: auto (one on all cores), a number that shares the cores, or 0 to wait for
-    /// `worker`s, for example 0
-    #[arg(long, value_name = "auto|N")]
-    local_workers: Option<LocalWorkers>,
     /// Print the summary as one JSON object (of a sweep, one a line for each run) on standard output, for example for jq
     #[arg(long)]
     pub(super) json: bool,
@@ -89,15 +102,13 @@ pub struct Manner {
     #[arg(long, value_name = "PRINCIPAL")]
     readmit: Vec<Principal>,
     #[command(flatten)]
-    pub(super) protection: Protection,
-    #[command(flatten)]
-    pub(super) storage: StorageArgs,
+    pub(super) workers: Workers,
 }
 
 impl Run {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let key = self.sign.key()?;
-        let plan = Plan::read(&self.experiment, self.manner.overrides(self.seed))?;
+        let plan = Plan::read(&self.experiment, self.manner.workers.overrides(self.seed))?;
         let out = match &plan {
             Plan::Run(experiment) => run::folder(experiment, self.out, self.fresh),
             Plan::Sweep(sweep) => sweep::folder(sweep, self.out, self.fresh),
@@ -107,25 +118,22 @@ impl Run {
                 "--control: is for a single run, got a sweep\nadd a variant to it: [sweep.variants.random] search.method = \"random\""
             );
         }
-        self.manner.execute(&plan, out, self.observers, self.control, key.as_ref())
+        let afterwards = Afterwards { control: self.control, comparison: false };
+        self.manner.execute(&plan, out, self.observers, afterwards, key.as_ref())
     }
 }
 
 impl Manner {
-    pub(super) fn overrides(&self, seed: Option<u64>) -> Overrides {
-        Overrides { seed, listen: self.listen, local_workers: self.local_workers }
-    }
-
     /// Runs an experiment or a sweep in a folder, signs and shows the result.
     pub(super) fn execute(
         self,
         plan: &Plan,
         out: PathBuf,
         observers: Observers,
-        control: bool,
+        afterwards: Afterwards,
         key: Option<&SigningKey>,
     ) -> anyhow::Result<ExitCode> {
-        let [json, text] = self.run(plan, out.clone(), observers, control)?;
+        let [json, text] = self.run(plan, out.clone(), observers, afterwards)?;
         for (_, run) in sweep::run_folders(&out)? {
             sign(key, &run, &RUN_FILES)?;
         }
@@ -133,45 +141,63 @@ impl Manner {
         Ok(ExitCode::SUCCESS)
     }
 
-    /// Runs an experiment or a sweep in a folder: the result as JSON and for people. `control`: a random search follows a
-    /// run.
+    /// Runs an experiment or a sweep in a folder: the result as JSON and for people.
     pub(super) fn run(
         &self,
         plan: &Plan,
         out: PathBuf,
         observers: Observers,
-        control: bool,
+        afterwards: Afterwards,
     ) -> anyhow::Result<[String; 2]> {
         let advice = format!(
             "go on: the same command again, or coordinator resume {} with the same options",
             out.display()
         );
-        let (protection, storage) = (self.protection.clone(), self.storage.clone().resolve());
+        let Workers { protection, storage, join_file, .. } = &self.workers;
+        let Afterwards { control, comparison } = afterwards;
+        let learns = |experiment: &Experiment| experiment.recognition() != Method::Nearest;
+        let learns = match plan {
+            Plan::Run(experiment) => learns(experiment),
+            Plan::Sweep(sweep) => sweep.members().iter().any(|member| learns(&member.experiment)),
+        };
         let options = RunOptions {
             out: Some(out.clone()),
             fresh: false,
             events: observers.events,
-            protection,
-            storage,
+            protection: protection.clone(),
+            join_file: join_file.clone(),
+            slurm: self.workers.slurm()?,
+            storage: storage.clone().resolve(),
             readmit: self.readmit.clone(),
+            comparison_follows: control || comparison || learns,
+            watch: observers.metrics.map(|_| Arc::default()),
         };
-        let after = AfterRun { options: &options, overrides: self.overrides(None), control };
+        let after = AfterRun { options: &options, overrides: self.workers.overrides(None), control };
         super::block_on(&advice, async {
             if let Some(address) = observers.dashboard {
-                let dashboard = Dashboard::of_run(out, address, &self.protection).await?;
+                let dashboard = Dashboard::of_run(out, address, protection).await?;
                 dashboard.notices().iter().for_each(say);
                 tokio::spawn(dashboard.serve());
+            }
+            if let (Some(address), Some(watch)) = (observers.metrics, &options.watch) {
+                let metrics = MetricsServer::bind(address, protection, Arc::clone(watch)).await?;
+                metrics.notices().iter().for_each(say);
+                tokio::spawn(metrics.serve());
             }
             Ok(match plan {
                 Plan::Run(experiment) => {
                     let summary = run::run(experiment, &options).await?;
-                    let summary = after.complete(experiment, summary).await?;
+                    let summary = after.complete(experiment, summary, comparison).await?;
                     [format!("{}\n", summary.json()), summary.text()]
                 }
                 Plan::Sweep(sweep) => {
                     let mut summary = sweep::sweep(sweep, &options).await?;
+                    let mut left = sweep.members().len();
                     for (member, (_, finished)) in sweep.members().iter().zip(&mut summary.summaries) {
-                        *finished = after.complete(&member.experiment, finished.clone()).await?;
+                        left -= 1;
+                        let another_follows = comparison || left > 0;
+                        *finished =
+                            after.complete(&member.experiment, finished.clone(), another_follows).await?;
                     }
                     [summary.json(), summary.text()]
                 }

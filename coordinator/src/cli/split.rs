@@ -35,7 +35,7 @@ pub struct Split {
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
     #[command(flatten)]
-    names: LayoutArgs,
+    layout: LayoutArgs,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -58,7 +58,7 @@ impl Split {
             Held::LeaveInstanceOut => Protocol::Instances,
             Held::KFold => Protocol::Folds(self.folds),
         };
-        let layout = self.names.layout(LayoutName::Uw);
+        let layout = self.layout.or(LayoutName::Uw);
         let Folds { folds, ignored, copies, lone_categories } =
             protocol.folds(&self.data, &layout, self.seed)?;
         for (paths, what) in [

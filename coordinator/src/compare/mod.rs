@@ -36,7 +36,8 @@ use crate::result_cache::finished_runs;
 use crate::run::scaled::Scaled;
 use crate::run::splits::ONLY_SET;
 use crate::run::{Matching, RunError, choose_set, refuse_other_data, rows, sets};
-use crate::session::{Session, listen};
+use crate::session::{Session, listen, scale};
+use crate::slurm::SlurmWorkers;
 pub use candidate::{Candidate, Choice, EVOLVED, Named, PAPER};
 use described::{Described, Shards};
 use describing::Describing;
@@ -94,8 +95,14 @@ pub struct Options {
     pub overrides: Overrides,
     /// How connections from other machines are protected.
     pub protection: Protection,
+    /// A file to which the address of the port is written.
+    pub join_file: Option<PathBuf>,
+    /// Workers that Slurm is asked for, if any.
+    pub slurm: Option<SlurmWorkers>,
     /// Where descriptions and prepared clouds are kept, and memory for the workers of this process.
     pub storage: Storage,
+    /// Whether another comparison of the same command follows: workers stay for it.
+    pub another_follows: bool,
 }
 
 /// A descriptor, whatever the set distance, and its name.
@@ -148,7 +155,8 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     }
     let foreign = foreign::entries(folder, earlier.foreign(), &of_files, &candidates)?;
 
-    let listener = listen(experiment, &options.protection, display.console()).await?;
+    let listener =
+        listen(experiment, (&options.protection, options.join_file.as_deref()), display.console()).await?;
     let memory = options.storage.memory;
     let mut session =
         Session::new(experiment, dataset, Arc::clone(&store), memory).map_err(RunError::from)?;
@@ -180,8 +188,14 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     let names: Vec<&str> = named.iter().map(|one| one.name.as_str()).collect();
     let mut describing = Describing::new(&tasks, &kept, &names, &session.cluster, &display);
     if !describing.is_complete() {
+        let scaling =
+            scale(options.slurm.as_ref(), (experiment, folder), &session.cluster, display.console())?;
         session.start(listener, settings.local_workers).await;
         describing.complete(&session, &mut client, settings.deadline, &kept, &display).await?;
+        drop(scaling); // those that wait for a place would find nobody
+        if !options.another_follows {
+            session.cluster.dismiss_workers().await;
+        }
     }
     let answerers = session.cluster.answerers();
     finished_runs::note_comparison(&store, folder, answerers, describing.sources());

@@ -14,7 +14,7 @@ use super::described::Described;
 use super::differences::{Level, Outcomes, error_interval};
 use super::error::CompareError;
 use super::progress::Display;
-use crate::dataset::{Dataset, read_file};
+use crate::dataset::{Dataset, cloud_bytes};
 use crate::evaluate::EvaluateError;
 use crate::run::Matching;
 
@@ -98,7 +98,8 @@ impl PerturbedClouds<'_> {
             let cloud = &self.dataset.clouds.entries[index as usize];
             let failed = |what: String| EvaluateError::Cloud { path: cloud.path.clone(), what };
             let file = self.dataset.clouds.file(cloud);
-            let bytes = read_file(&file).map_err(|reason| failed(format!("cannot be read, got {reason}")))?;
+            let bytes =
+                cloud_bytes(&file).map_err(|reason| failed(format!("cannot be read, got {reason}")))?;
             let points = descriptor::cloud_file::read(&bytes).map_err(|error| failed(error.to_string()))?;
             let points = points.in_metres(self.preprocess.unit.metres());
             let perturbed = kind.apply(strength, &points, self.seed, &cloud.digest);

@@ -1,6 +1,5 @@
 //! How far a comparison is: a live line on a terminal, a line for each tenth elsewhere, always on standard error.
 
-use std::io::IsTerminal as _;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -8,7 +7,7 @@ use cluster::Cluster;
 use cluster::events::EventCursor;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use crate::console::Console;
+use crate::console::{Console, has_viewer};
 
 /// Clouds that are done under each descriptor.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -68,7 +67,7 @@ pub struct Display {
 impl Display {
     /// A display that shows nothing yet.
     pub fn new() -> Self {
-        let console = if std::io::stderr().is_terminal() {
+        let console = if has_viewer() {
             let bar = ProgressBar::new(0);
             let style = ProgressStyle::with_template("{spinner} {bar:10} {wide_msg}");
             bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));

@@ -2,10 +2,9 @@
 //! change nor slow what it shows.
 //!
 //! `folders.rs` finds runs; `shown.rs` is one of them: `feed.rs` reads its tables as they grow, `run_log.rs` its log,
-//! `overview.rs` and `detail.rs` sum it up. `server.rs` answers requests that `access.rs` lets in, `stream.rs` sends what
+//! `overview.rs` and `detail.rs` sum it up. `server.rs` answers requests that `web/access.rs` lets in, `stream.rs` sends what
 //! is new, `control.rs` passes orders on, `assets.rs` has the page.
 
-mod access;
 mod assets;
 mod control;
 mod detail;
@@ -25,9 +24,9 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use transport::{Protection, WebError, WebListener, host_name};
+use transport::{Protection, WebError, WebListener};
 
-use access::Access;
+use crate::web::access::Access;
 use state::Server;
 use watched::Watched;
 
@@ -51,7 +50,7 @@ impl Dashboard {
         address: SocketAddr,
         protection: &Protection,
     ) -> Result<Self, WebError> {
-        Ok(Self { listener: WebListener::bind(address, protection).await?, roots })
+        Ok(Self { listener: WebListener::bind("dashboard", address, protection).await?, roots })
     }
 
     /// Of one run or sweep, whose folder need not be there yet. Without an address at the default one, or, if another
@@ -64,27 +63,16 @@ impl Dashboard {
         address: Option<SocketAddr>,
         protection: &Protection,
     ) -> Result<Self, WebError> {
-        let roots = vec![folder];
-        match Self::bind(roots.clone(), address.unwrap_or(DEFAULT_ADDRESS), protection).await {
-            Err(WebError::PortInUse { .. }) if address.is_none() => {
-                Self::bind(roots, SocketAddr::new(DEFAULT_ADDRESS.ip(), 0), protection).await
-            }
-            bound => bound,
-        }
+        let listener = WebListener::bind_near("dashboard", (address, DEFAULT_ADDRESS), protection).await?;
+        Ok(Self { listener, roots: vec![folder] })
     }
 
     /// What there is to say to people: where it is and what has to be shown. Without secrets.
     pub fn notices(&self) -> Vec<String> {
-        let (address, tokens) = (self.listener.address, &self.listener.tokens);
-        let host = match address.ip() {
-            ip if ip.is_unspecified() => host_name(),
-            std::net::IpAddr::V6(ip) => format!("[{ip}]"),
-            ip => ip.to_string(),
-        };
-        let port = address.port();
+        let (url, tokens) = (self.listener.url(), &self.listener.tokens);
         let Some(tokens) = tokens else {
-            let mut notices = vec![format!("dashboard: http://{host}:{port}/")];
-            if !address.ip().is_loopback() {
+            let mut notices = vec![format!("dashboard: {url}")];
+            if !self.listener.address.ip().is_loopback() {
                 notices.push(
                     "warning: --insecure: whoever reaches this port can see the runs and their clouds"
                         .to_owned(),
@@ -94,7 +82,7 @@ impl Dashboard {
         };
         let folder = tokens.folder.display();
         vec![format!(
-            "dashboard: https://{host}:{port}/, which asks for a token: {folder}/dashboard-view to look, \
+            "dashboard: {url}, which asks for a token: {folder}/dashboard-view to look, \
              {folder}/dashboard-control to act, too"
         )]
     }

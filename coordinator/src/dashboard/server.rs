@@ -11,16 +11,12 @@ use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse as _, Response};
 use axum::routing::{any, get, post};
-use hyper_util::rt::{TokioExecutor, TokioIo, TokioTimer};
-use hyper_util::server::conn::auto::Builder;
-use hyper_util::service::TowerToHyperService;
 use proto::Message;
 use serde::Deserialize;
 use serde_json::json;
 use tokio::sync::mpsc;
 use transport::WebConnection;
 
-use super::access::{Refusal, Right, protect};
 use super::assets::asset;
 use super::control::Order;
 use super::error::DashboardError;
@@ -28,6 +24,8 @@ use super::query::Query;
 use super::shown::Which;
 use super::state::Server;
 use super::stream;
+use crate::web;
+use crate::web::access::{Refusal, Right, protect};
 
 /// Longest body of a request, bytes.
 const MAX_BODY: usize = 16 << 10;
@@ -41,7 +39,7 @@ struct Caller(Right);
 type Shared = State<Arc<Server>>;
 
 /// Answers requests of all connections as long as they come.
-pub async fn serve(server: Arc<Server>, mut connections: mpsc::Receiver<WebConnection>) {
+pub async fn serve(server: Arc<Server>, connections: mpsc::Receiver<WebConnection>) {
     let router = Router::new()
         .route("/api/runs", get(runs))
         .route("/api/run", get(run))
@@ -59,18 +57,7 @@ pub async fn serve(server: Arc<Server>, mut connections: mpsc::Receiver<WebConne
         .fallback(get(page))
         .layer(from_fn_with_state(Arc::clone(&server), check))
         .with_state(server);
-    while let Some(WebConnection { stream, permit }) = connections.recv().await {
-        let service = TowerToHyperService::new(router.clone());
-        tokio::spawn(async move {
-            let mut builder = Builder::new(TokioExecutor::new());
-            // Whoever is slow to ask holds a connection for half a minute at most.
-            builder.http1().timer(TokioTimer::new());
-            builder.http2().timer(TokioTimer::new()).max_concurrent_streams(64);
-            // What a viewer does to its own connection concerns nobody else.
-            let _ = builder.serve_connection(TokioIo::new(stream), service).await;
-            drop(permit);
-        });
-    }
+    web::serve(router, connections).await;
 }
 
 /// Lets in who may come in, and protects every answer.

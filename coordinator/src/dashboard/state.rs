@@ -5,8 +5,8 @@ use std::sync::Arc;
 use serde_json::json;
 use tokio::sync::Semaphore;
 
-use super::access::{Access, Right};
 use super::watched::Watched;
+use crate::web::access::{Access, Right};
 
 /// Requests that read tables at a time, …
 const READING: usize = 2;

@@ -9,13 +9,13 @@ use axum::body::{Body, Bytes};
 use futures_util::stream;
 use tokio::time::{Interval, MissedTickBehavior};
 
-use super::access::Right;
 use super::error::DashboardError;
 use super::feed::Cursor;
 use super::query::Query;
 use super::run_log::Message;
 use super::shown::Shown;
 use super::state::Server;
+use crate::web::access::Right;
 
 /// How often a viewer is looked after.
 const TICK: Duration = Duration::from_secs(1);

@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 use std::path::Path;
 
 use super::error::DatasetError;
-use super::layout::Labelled;
+use super::labelled::Labelled;
 use super::{CloudEntry, Clouds, SPLITS};
 
 /// Names listed in a warning; the others are only counted.
@@ -23,7 +23,12 @@ pub(super) fn check_overlap(names: &[&'static str], lists: &[Vec<Labelled>]) -> 
             return Err(if first_split == split {
                 DatasetError::Twice { path, first, second }
             } else {
-                DatasetError::Overlap { path, first_split, first, second_split: split, second }
+                DatasetError::Overlap {
+                    path,
+                    first_split,
+                    second_split: split,
+                    places: Box::new([first, second]),
+                }
             });
         }
     }

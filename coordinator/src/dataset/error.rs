@@ -16,6 +16,18 @@ pub enum Place {
         /// Its line.
         line: u64,
     },
+    /// In a row of a table without lines, counted from 0 as data frames count.
+    Row {
+        /// The table.
+        file: PathBuf,
+        /// Its row.
+        row: u64,
+    },
+    /// Somewhere in a file.
+    File {
+        /// The file.
+        file: PathBuf,
+    },
     /// Found in the folders below the data root.
     Found {
         /// Relative to the root.
@@ -27,6 +39,8 @@ impl fmt::Display for Place {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Line { file, line } => write!(formatter, "{}, line {line}", file.display()),
+            Self::Row { file, row } => write!(formatter, "{}, row {row} (from 0)", file.display()),
+            Self::File { file } => write!(formatter, "{}", file.display()),
             Self::Found { path } => write!(formatter, "{path}"),
         }
     }
@@ -134,9 +148,9 @@ pub enum DatasetError {
         column: &'static str,
     },
 
-    /// A manifest that is no CSV with the needed columns.
+    /// A manifest that is no table with the needed columns.
     #[error(
-        "{place}: {expected}, got {got}\nwrite a CSV with the header path,category,instance,sequence,split (the last two if wanted)"
+        "{place}: {expected}, got {got}\nwrite CSV or Parquet with the columns path, category and instance, and sequence, split and set if wanted"
     )]
     Manifest {
         /// The row.
@@ -144,6 +158,15 @@ pub enum DatasetError {
         /// What must be there.
         expected: String,
         /// What is there.
+        got: String,
+    },
+
+    /// A file that says what is in a scene, and does not.
+    #[error("{}: obj_id of each object of each image expected, got {got}\ncopy the scene again, or move it out of the data root", .file.display())]
+    Scene {
+        /// The file.
+        file: PathBuf,
+        /// What is there, in a line.
         got: String,
     },
 
@@ -182,7 +205,7 @@ pub enum DatasetError {
 
     /// A root in which the layout finds no cloud.
     #[error(
-        "{}: clouds at {expected} expected, got {found}\nclouds are read from PCD and PLY files: {advice}",
+        "{}: clouds at {expected} expected, got {found}\nclouds are read from PCD, PLY and RGB-D images: {advice}",
         .root.display()
     )]
     NoClouds {
@@ -198,20 +221,19 @@ pub enum DatasetError {
 
     /// The same cloud in two splits.
     #[error(
-        "{second}: cloud of one split expected, got {path} in {second_split} and in {first_split} ({first})\n\
-         remove it from one of them: a query that is in its own database is always recognised"
+        "{}: cloud of one split expected, got {path} in {second_split} and in {first_split} ({})\n\
+         remove it from one of them: a query that is in its own database is always recognised",
+        .places[1], .places[0]
     )]
     Overlap {
         /// As written the second time.
         path: String,
         /// The earlier split.
         first_split: &'static str,
-        /// Where in it.
-        first: Place,
         /// The later split.
         second_split: &'static str,
-        /// Where in it.
-        second: Place,
+        /// Where in each.
+        places: Box<[Place; 2]>,
     },
 
     /// One instance name in two categories.
@@ -319,7 +341,7 @@ const LIST_ADVICE: &str = "write the list, or set dataset.splits: to other lists
 
 /// What to do about a manifest.
 const MANIFEST_ADVICE: &str =
-    "correct the path (a relative one starts at dataset.root) or write the CSV there";
+    "correct the path (a relative one starts at dataset.root) or write CSV or Parquet there";
 
 /// What to do about a file that an option names.
 const OPTION_ADVICE: &str = "correct the path, or the file";

@@ -35,14 +35,15 @@ const ADVICE: [(&[&str], &str); 7] = [
     ),
     (
         &[".las", ".laz"],
-        "python3 -c 'import laspy, open3d as o, sys; a = laspy.read(sys.argv[1]); \
-         o.io.write_point_cloud(sys.argv[2], o.geometry.PointCloud(o.utility.Vector3dVector(a.xyz)))' IN.las OUT.ply",
+        "with colours: python3 -c 'import laspy, numpy, open3d as o, sys; a = laspy.read(sys.argv[1]); v = o.utility.Vector3dVector; \
+         p = o.geometry.PointCloud(v(a.xyz)); p.colors = v(numpy.stack([a.red, a.green, a.blue], 1) / 65535); \
+         o.io.write_point_cloud(sys.argv[2], p)' IN.las OUT.ply",
     ),
     (&[".bag"], "rosrun pcl_ros bag_to_pcd IN.bag TOPIC FOLDER, and then segment the object"),
     (
         &[".png", ".jpg", ".jpeg", ".tif", ".tiff"],
-        "Open3D makes clouds of colour and depth images with geometry.PointCloud.create_from_rgbd_image, \
-         and io.write_point_cloud writes them",
+        "of images, those of layouts \"uw\" (_crop.png, _depthcrop.png, _maskcrop.png, _loc.txt) and \"bop\"; of others Open3D makes clouds \
+         with geometry.PointCloud.create_from_rgbd_image, and io.write_point_cloud writes them",
     ),
 ];
 

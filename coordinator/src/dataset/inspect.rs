@@ -8,9 +8,10 @@ use rayon::prelude::*;
 
 use super::error::DatasetError;
 use super::findings::{Finding, Findings, Spacing};
-use super::layout::Labelled;
+use super::images::cloud_bytes;
+use super::labelled::Labelled;
 use super::leak::Position;
-use super::root::{Root, read_file};
+use super::root::Root;
 
 /// Clouds whose point spacing is looked at.
 const SPACING_CLOUDS: usize = 20;
@@ -83,7 +84,7 @@ pub(super) fn inspect(
         .enumerate()
         .map(|(index, cloud)| {
             let measured = Measured { spacing: index % every == 0, position: index < positioned };
-            inspect_one(cloud, preprocess, measured, &known)
+            inspect_one(cloud, root, preprocess, measured, &known)
         })
         .collect();
     if let Some(store) = store
@@ -96,6 +97,7 @@ pub(super) fn inspect(
 
 fn inspect_one(
     listed: &Labelled,
+    root: &Root,
     preprocess: &Preprocess,
     measured: Measured,
     known: &Findings,
@@ -104,7 +106,7 @@ fn inspect_one(
         let (state, spacing) = (State::Unreadable(reason), Spacing::NotMeasured);
         Inspected { file, state, spacing, position: None }
     };
-    let bytes = match read_file(&listed.located.file) {
+    let bytes = match cloud_bytes(&root.path().join(&listed.located.path)) {
         Ok(bytes) => bytes,
         Err(reason) => return unreadable(None, reason),
     };

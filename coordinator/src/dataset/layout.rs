@@ -6,31 +6,19 @@ use std::path::{Path, PathBuf};
 
 use super::error::{DatasetError, Place};
 use super::found::no_clouds;
+use super::labelled::Labelled;
+use super::manifest;
 use super::pattern::{PathLabels, Pattern};
 use super::root::{Located, Root, read_text};
+use super::scenes::{SceneCloud, Scenes};
 use super::settings::Layout;
-use crate::names::is_name;
 use descriptor::cloud_file;
 
-/// A cloud with its labels, not yet read.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Labelled {
-    pub located: Located,
-    pub category: String,
-    pub instance: String,
-    /// Name of its sequence, if the layout knows one.
-    pub sequence: Option<String>,
-    /// Name of its split, if the manifest says one.
-    pub split: Option<String>,
-    /// Name of its set, if the manifest has sets.
-    pub set: Option<String>,
-    pub place: Place,
-}
-
-const UW_FORM: &str = "<category>/<instance>/<instance>_<video>_<frame>.pcd or .ply";
+const UW_FORM: &str = "<category>/<instance>/<instance>_<video>_<frame>.pcd, .ply or _crop.png";
 const FOLDERS_FORM: &str = "<category>/<instance>/<file>";
 /// Where the layouts that search folders find clouds.
-const FOUND_FORM: &str = "<category>/<instance>/<name>.pcd or .ply";
+const FOUND_FORM: &str = "<category>/<instance>/<name>.pcd, .ply or _crop.png";
+const BOP_FORM: &str = "<scene>/mask_visib/<image>_<object>.png, of an object in scene_gt.json,";
 
 /// What a layout knows before any cloud is asked for.
 pub(super) enum Labels {
@@ -38,17 +26,19 @@ pub(super) enum Labels {
     Folders,
     Manifest { file: PathBuf, clouds: Vec<Labelled>, by_file: HashMap<PathBuf, usize> },
     Pattern(Pattern),
+    Bop(Scenes),
 }
 
 impl Labels {
-    /// Reads the manifest, if the layout has one.
+    /// Reads the manifest, or what is in the scenes, if the layout has any.
     pub(super) fn read(layout: &Layout, root: &Root) -> Result<Self, DatasetError> {
         Ok(match layout {
             Layout::Uw => Self::Uw,
             Layout::Folders => Self::Folders,
             Layout::Pattern(pattern) => Self::Pattern(pattern.clone()),
+            Layout::Bop => Self::Bop(Scenes::read(root.path(), |folder| entries(root.path(), folder))?),
             Layout::Manifest { file } => {
-                let clouds = read_manifest(file, root)?;
+                let clouds = manifest::read(file, root)?;
                 let mut by_file = HashMap::new();
                 for (index, cloud) in clouds.iter().enumerate() {
                     if let Some(first) = by_file.insert(cloud.located.file.clone(), index) {
@@ -70,6 +60,7 @@ impl Labels {
             Self::Uw => UW_FORM,
             Self::Folders => FOLDERS_FORM,
             Self::Pattern(pattern) => return by_pattern(pattern, located, place),
+            Self::Bop(scenes) => return of_scene(scenes, located, place),
             Self::Manifest { file, clouds, by_file } => {
                 return match by_file.get(&located.file) {
                     Some(&index) => Ok(Labelled { located, place, ..clouds[index].clone() }),
@@ -114,8 +105,10 @@ impl Labels {
         if let Self::Manifest { clouds, .. } = self {
             return Ok(clouds.clone());
         }
-        if let Self::Pattern(pattern) = self {
-            return found_by_pattern(pattern, root);
+        match self {
+            Self::Pattern(pattern) => return found_by_pattern(pattern, root),
+            Self::Bop(scenes) => return found_in_scenes(scenes, root),
+            Self::Uw | Self::Folders | Self::Manifest { .. } => {}
         }
         let mut clouds = Vec::new();
         for category in entries(root.path(), "")? {
@@ -154,6 +147,28 @@ fn by_pattern(pattern: &Pattern, located: Located, place: Place) -> Result<Label
     Ok(Labelled { located, category, instance, sequence, split: None, set: None, place })
 }
 
+/// The cloud that a mask of a scene stands for.
+fn of_scene(scenes: &Scenes, located: Located, place: Place) -> Result<Labelled, DatasetError> {
+    let Some(SceneCloud { instance, sequence }) = scenes.cloud(&located.path) else {
+        return Err(DatasetError::NoLabel { place, expected: BOP_FORM, path: located.path });
+    };
+    let (category, sequence) = (instance.clone(), Some(sequence));
+    Ok(Labelled { located, category, instance, sequence, split: None, set: None, place })
+}
+
+/// Every object in every image of every scene.
+fn found_in_scenes(scenes: &Scenes, root: &Root) -> Result<Vec<Labelled>, DatasetError> {
+    let label = |path: String| {
+        let place = Place::Found { path: path.clone() };
+        of_scene(scenes, root.locate(&path, &place)?, place)
+    };
+    let clouds: Vec<Labelled> = scenes.masks().map(label).collect::<Result<_, _>>()?;
+    if clouds.is_empty() {
+        return Err(no_clouds(root.path(), BOP_FORM));
+    }
+    Ok(clouds)
+}
+
 /// Every cloud in the folders that a pattern names, by path. One that the pattern does not read is refused: it would be
 /// missed without a word.
 fn found_by_pattern(pattern: &Pattern, root: &Root) -> Result<Vec<Labelled>, DatasetError> {
@@ -184,7 +199,9 @@ fn found_by_pattern(pattern: &Pattern, root: &Root) -> Result<Vec<Labelled>, Dat
 fn refuse_two_formats(paths: &[String]) -> Result<(), DatasetError> {
     let mut stems = HashMap::new();
     for path in paths {
-        let (stem, ending) = path.rsplit_once('.').unwrap_or((path, ""));
+        let lower = path.to_ascii_lowercase();
+        let ending = cloud_file::ENDINGS.iter().find(|ending| lower.ends_with(**ending)).unwrap_or(&"");
+        let (stem, ending) = path.split_at(path.len() - ending.len());
         if let Some((first, other)) = stems.insert(stem, (path, ending))
             && !ending.eq_ignore_ascii_case(other)
         {
@@ -219,82 +236,4 @@ fn entries(root: &Path, folder: &str) -> Result<Vec<String>, DatasetError> {
     }
     entries.sort_unstable();
     Ok(entries)
-}
-
-/// The rows of a manifest.
-fn read_manifest(file: &Path, root: &Root) -> Result<Vec<Labelled>, DatasetError> {
-    let text = read_text(file)?;
-    let at = |line| Place::Line { file: file.to_owned(), line };
-    let broken = |error: csv::Error| DatasetError::Manifest {
-        place: at(error.position().map_or(1, csv::Position::line)),
-        expected: "CSV with the same number of fields in each row expected".to_owned(),
-        got: error.to_string(),
-    };
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
-    let header = reader.headers().map_err(broken)?.clone();
-    let column = |name: &'static str| -> Result<Option<usize>, DatasetError> {
-        let mut found = header.iter().enumerate().filter(|&(_, title)| title == name).map(|(index, _)| index);
-        match (found.next(), found.next()) {
-            (_, Some(_)) => Err(DatasetError::Manifest {
-                place: at(1),
-                expected: "each column once expected".to_owned(),
-                got: format!("{name} twice"),
-            }),
-            (first, None) => Ok(first),
-        }
-    };
-    let needed = |name: &'static str| {
-        column(name)?.ok_or_else(|| DatasetError::Manifest {
-            place: at(1),
-            expected: format!("column {name} expected"),
-            got: header.iter().collect::<Vec<_>>().join(","),
-        })
-    };
-    let (path, category, instance) = (needed("path")?, needed("category")?, needed("instance")?);
-    let (sequence, split, set) = (column("sequence")?, column("split")?, column("set")?);
-
-    let mut clouds = Vec::new();
-    for record in reader.records() {
-        let record = record.map_err(broken)?;
-        let place = at(record.position().map_or(1, csv::Position::line));
-        let field = |index: usize, name| match record.get(index) {
-            Some(text) if text.chars().any(char::is_control) => Err(DatasetError::Manifest {
-                place: place.clone(),
-                expected: format!("{name} without control characters expected"),
-                got: text.escape_debug().to_string(),
-            }),
-            Some(text) if !text.is_empty() => Ok(text.to_owned()),
-            _ => Err(DatasetError::EmptyField { place: place.clone(), column: name }),
-        };
-        let optional = |index: Option<usize>, name| match index {
-            Some(index) if record.get(index).is_some_and(|text| !text.is_empty()) => {
-                field(index, name).map(Some)
-            }
-            _ => Ok(None),
-        };
-        let path = field(path, "path")?;
-        clouds.push(Labelled {
-            category: field(category, "category")?,
-            instance: field(instance, "instance")?,
-            sequence: optional(sequence, "sequence")?,
-            split: optional(split, "split")?,
-            // Of a cloud without one nobody knows what it may be compared with.
-            set: set.map(|index| set_name(field(index, "set")?, &place)).transpose()?,
-            located: root.locate(&path, &place)?,
-            place,
-        });
-    }
-    Ok(clouds)
-}
-
-/// A name of a set, which is a key of experiments and the name of a folder, too.
-fn set_name(name: String, place: &Place) -> Result<String, DatasetError> {
-    if is_name(&name) {
-        return Ok(name);
-    }
-    Err(DatasetError::Manifest {
-        place: place.clone(),
-        expected: "set of 1 to 64 of a-z, 0-9, - and _, not beginning with -, expected".to_owned(),
-        got: name,
-    })
 }

@@ -8,7 +8,7 @@ use descriptor::Preprocess;
 use super::check::{check_labels, check_overlap, equal_bytes_warning};
 use super::error::DatasetError;
 use super::inspect::{Inspected, State, inspect, refuse_unit, spacing_warning};
-use super::layout::Labelled;
+use super::labelled::Labelled;
 use super::leak::Position;
 use super::record::{self, CloudRecord};
 use super::root::Root;

@@ -4,19 +4,25 @@
 
 mod check;
 mod error;
+mod file;
 mod findings;
 mod found;
+mod images;
 mod inspect;
+mod labelled;
 mod layout;
 mod leak;
 mod load;
+mod manifest;
 mod named;
 mod pattern;
 mod protocol;
 pub mod record;
 mod root;
+mod scenes;
 mod settings;
 mod split;
+mod text_columns;
 
 #[cfg(test)]
 mod tests;
@@ -28,9 +34,10 @@ use cache::Store;
 use descriptor::{Preprocess, Skip};
 
 pub use error::{DatasetError, Place};
+pub(crate) use file::{MAX_FILE_BYTES, read_file};
+pub(crate) use images::{cloud_bytes, reads_camera};
 pub use leak::{Leak, Recognised, Verdict};
 pub use named::NamedCloud;
-pub(crate) use pattern::PATTERN_ADVICE;
 pub use pattern::{Pattern, PatternError};
 pub use protocol::{Fold, Folds, Protocol};
 use record::CloudRecord;
@@ -40,7 +47,8 @@ use check::{check_overlap, unrecognisable_warning};
 use layout::Labels;
 use load::{Loaded, Numbers, load};
 use root::Root;
-pub(crate) use root::{MAX_FILE_BYTES, read_file};
+pub(crate) use scenes::reads_objects;
+pub(crate) use text_columns::reads_texts;
 
 /// Names of the splits in TOML, manifests, messages and results, in the order in which they enter the data digest.
 pub const SPLITS: [&str; 4] = ["train1", "train2", "validation", "test"];
@@ -245,7 +253,7 @@ impl Dataset {
         }
         if let Some(first) = ignored.first() {
             clouds.warnings.push(format!(
-                "dataset.layout: only clouds named <instance>_<video>_<frame>.pcd or .ply expected, got {} others, \
+                "dataset.layout: only clouds named <instance>_<video>_<frame>.pcd, .ply or _crop.png expected, got {} others, \
                  such as {first}\nthey are not used: rename them or set dataset.layout = \"folders\"",
                 ignored.len()
             ));
@@ -291,7 +299,7 @@ impl Dataset {
 pub struct ListedCloud {
     /// Relative to the data root, with `/`.
     pub path: String,
-    /// Where it is, without symbolic links.
+    /// Where it is.
     pub file: PathBuf,
     /// Index into the categories.
     pub category: u32,
@@ -341,7 +349,7 @@ impl Listing {
         let numbers = Numbers::of(lists.iter().flatten())?;
         let clouds = lists.iter().flatten().map(|cloud| {
             let (category, instance) = numbers.get(cloud);
-            let (path, file) = (cloud.located.path.clone(), cloud.located.file.clone());
+            let (path, file) = (cloud.located.path.clone(), root.path().join(&cloud.located.path));
             ListedCloud { path, file, category, instance }
         });
         Ok(Self {

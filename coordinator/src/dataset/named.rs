@@ -4,7 +4,8 @@ use std::path::{Path, PathBuf};
 
 use super::check::{check_labels, check_overlap};
 use super::error::DatasetError;
-use super::layout::{Labelled, Labels};
+use super::labelled::Labelled;
+use super::layout::Labels;
 use super::root::Root;
 use super::settings::Layout;
 
@@ -13,7 +14,7 @@ use super::settings::Layout;
 pub struct NamedCloud {
     /// Relative to the root, with `/`.
     pub path: String,
-    /// Where it is, without symbolic links.
+    /// Where it is.
     pub file: PathBuf,
     /// Its category.
     pub category: String,
@@ -35,7 +36,7 @@ impl NamedCloud {
         for file in lists {
             clouds.extend(labels.list(file, &root).map_err(|error| error.of_option("query"))?);
         }
-        Self::checked("query", clouds)
+        Self::checked("query", &root, clouds)
     }
 
     /// Every cloud that the layout finds below a root, by path; of a manifest by row. Also how many clouds have names that
@@ -48,17 +49,17 @@ impl NamedCloud {
         let labels = Labels::read(layout, &root).map_err(|error| error.of_option("manifest"))?;
         let mut ignored = Vec::new();
         let clouds = labels.all(&root, &mut ignored)?;
-        Ok((Self::checked("clouds", clouds)?, ignored.len()))
+        Ok((Self::checked("clouds", &root, clouds)?, ignored.len()))
     }
 
-    fn checked(side: &'static str, clouds: Vec<Labelled>) -> Result<Vec<Self>, DatasetError> {
+    fn checked(side: &'static str, root: &Root, clouds: Vec<Labelled>) -> Result<Vec<Self>, DatasetError> {
         let lists = [clouds];
         check_overlap(&[side], &lists)?;
         let [clouds] = lists;
         check_labels(clouds.iter())?;
         let named = |cloud: Labelled| Self {
+            file: root.path().join(&cloud.located.path),
             path: cloud.located.path,
-            file: cloud.located.file,
             category: cloud.category,
             instance: cloud.instance,
             sequence: cloud.sequence,

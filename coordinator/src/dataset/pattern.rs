@@ -48,17 +48,14 @@ pub(super) struct PathLabels {
     pub sequence: Option<String>,
 }
 
-/// What to write instead of what is no pattern.
-pub(crate) const PATTERN_ADVICE: &str = "write a pattern such as {category}_{instance}_{sequence}_{any}.pcd";
-
 /// Why a text is no pattern, in the words of a message.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("{expected} expected, got {got}\n{PATTERN_ADVICE}")]
+#[error(
+    "{expected} expected, got {got}\nwrite a pattern such as {{category}}_{{instance}}_{{sequence}}_{{any}}.pcd"
+)]
 pub struct PatternError {
-    /// What must be there.
-    pub expected: &'static str,
-    /// What is there.
-    pub got: String,
+    expected: &'static str,
+    got: String,
 }
 
 impl FromStr for Pattern {
@@ -73,7 +70,7 @@ impl FromStr for Pattern {
             return Err(error("a path below the data root, with / between names"));
         }
         if !cloud_file::has_ending(text) {
-            return Err(error("a pattern that ends in .pcd or .ply"));
+            return Err(error("a pattern that ends in .pcd, .ply or _crop.png"));
         }
         let names =
             text.split('/').map(|name| Name::parse(name).map_err(error)).collect::<Result<Vec<_>, _>>()?;
@@ -235,7 +232,7 @@ mod tests {
     #[test]
     fn what_is_no_pattern() {
         for (text, expected) in [
-            ("{instance}", "a pattern that ends in .pcd or .ply"),
+            ("{instance}", "a pattern that ends in .pcd, .ply or _crop.png"),
             ("{category}_{any}.pcd", "{instance} once"),
             ("{instance}/{instance}_{any}.pcd", "{instance} once"),
             ("{category}/{category}_{instance}.pcd", "{category} and {sequence} once at most"),

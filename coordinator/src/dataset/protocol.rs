@@ -5,8 +5,10 @@ use std::path::Path;
 
 use super::check::{check_labels, check_overlap};
 use super::error::DatasetError;
-use super::layout::{Labelled, Labels};
-use super::root::{Root, read_file};
+use super::images::cloud_bytes;
+use super::labelled::Labelled;
+use super::layout::Labels;
+use super::root::Root;
 use super::settings::{Layout, SeededSplit};
 use super::split::{deal, draw};
 
@@ -61,7 +63,7 @@ impl Protocol {
         let clouds = Labels::read(layout, &root)?.all(&root, &mut ignored)?;
         check_overlap(&["all"], std::slice::from_ref(&clouds))?;
         check_labels(clouds.iter())?;
-        let (clouds, copies) = without_copies(clouds)?;
+        let (clouds, copies) = without_copies(&root, clouds)?;
         if clouds.is_empty() {
             return Err(DatasetError::no_cloud("data"));
         }
@@ -91,13 +93,11 @@ fn check_paths(clouds: &[Labelled]) -> Result<(), DatasetError> {
 }
 
 /// The clouds without those whose bytes an earlier one has, and the paths of these.
-fn without_copies(clouds: Vec<Labelled>) -> Result<(Vec<Labelled>, Vec<String>), DatasetError> {
+fn without_copies(root: &Root, clouds: Vec<Labelled>) -> Result<(Vec<Labelled>, Vec<String>), DatasetError> {
     let (mut seen, mut copies, mut unique) = (HashMap::new(), Vec::new(), Vec::new());
     for cloud in clouds {
-        let bytes = read_file(&cloud.located.file).map_err(|reason| DatasetError::NotThere {
-            place: cloud.place.clone(),
-            path: cloud.located.path.clone(),
-            reason,
+        let bytes = cloud_bytes(&root.path().join(&cloud.located.path)).map_err(|reason| {
+            DatasetError::NotThere { place: cloud.place.clone(), path: cloud.located.path.clone(), reason }
         })?;
         if seen.insert(*blake3::hash(&bytes).as_bytes(), ()).is_some() {
             copies.push(cloud.located.path);

@@ -1,13 +1,17 @@
 //! The data root, and the only way from a path in a list to a file below it.
 
-use std::fs::{self, File};
-use std::io::Read;
+use std::fs;
 use std::path::{Component, Path, PathBuf};
 
 use super::error::{DatasetError, Place};
+use super::file::read_file;
+use super::images;
 
-/// A larger cloud, list or manifest is refused rather than read: a depth camera's cloud is some megabytes.
-pub(crate) const MAX_FILE_BYTES: u64 = 256 << 20;
+/// Why a path is no file below the root.
+enum Outside {
+    Missing(String),
+    Leaves(&'static str),
+}
 
 /// An existing folder, without symbolic links.
 #[derive(Clone, Debug)]
@@ -18,7 +22,7 @@ pub(super) struct Root(PathBuf);
 pub(super) struct Located {
     /// Relative to the root, with `/`, as named but without `.` and doubled separators.
     pub path: String,
-    /// Without symbolic links: equal for two names of one file.
+    /// Without symbolic links: equal for two names of one file. Files that belong to it lie beside its name, not here.
     pub file: PathBuf,
 }
 
@@ -58,51 +62,55 @@ impl Root {
             }
         }
         let path = parts.join("/");
-        let file = fs::canonicalize(self.0.join(&path)).map_err(|source| missing(source.to_string()))?;
-        if !file.starts_with(&self.0) {
-            return Err(leaves("a symbolic link leads out"));
-        }
-        // Opening a pipe would wait for ever.
-        if !file.is_file() {
-            return Err(missing("not a regular file".to_owned()));
+        let named = self.0.join(&path);
+        let file = self.inside(&named).map_err(|error| match error {
+            Outside::Missing(reason) => missing(reason),
+            Outside::Leaves(reason) => leaves(reason),
+        })?;
+        for other in images::others(&named) {
+            self.inside(&other).map_err(|error| match error {
+                Outside::Missing(reason) => missing(format!("{}: {reason}", other.display())),
+                Outside::Leaves(_) => leaves("a symbolic link of an image beside it leads out"),
+            })?;
         }
         Ok(Located { path, file })
     }
+
+    /// A regular file below the root, without symbolic links.
+    fn inside(&self, file: &Path) -> Result<PathBuf, Outside> {
+        let file = fs::canonicalize(file).map_err(|source| Outside::Missing(source.to_string()))?;
+        if !file.starts_with(&self.0) {
+            return Err(Outside::Leaves("a symbolic link leads out"));
+        }
+        // Opening a pipe would wait for ever.
+        if !file.is_file() {
+            return Err(Outside::Missing("not a regular file".to_owned()));
+        }
+        Ok(file)
+    }
 }
 
-/// All bytes of a regular file of bounded size, or why not.
-pub(crate) fn read_file(file: &Path) -> Result<Vec<u8>, String> {
-    let mut bytes = Vec::new();
-    // Before it is opened: opening a pipe waits for a writer.
-    let metadata = fs::metadata(file).map_err(|error| error.to_string())?;
-    if !metadata.is_file() {
-        return Err("something that is no file".to_owned());
-    }
-    let opened = File::open(file).map_err(|error| error.to_string())?;
-    let length = metadata.len();
-    if length <= MAX_FILE_BYTES {
-        bytes.reserve_exact(length as usize + 1);
-    }
-    opened.take(MAX_FILE_BYTES + 1).read_to_end(&mut bytes).map_err(|error| error.to_string())?;
-    if bytes.len() as u64 > MAX_FILE_BYTES {
-        return Err(format!("file of at most {MAX_FILE_BYTES} bytes expected, got more"));
-    }
-    Ok(bytes)
-}
-
-/// A list or manifest as text.
-pub(super) fn read_text(file: &Path) -> Result<String, DatasetError> {
-    let error = |reason| DatasetError::List {
+/// The error of a list or manifest that cannot be read.
+pub(super) fn unreadable(file: &Path, reason: String) -> DatasetError {
+    DatasetError::List {
         key: "list".to_owned(),
         file: file.to_owned(),
         reason,
         advice: "correct the path, or the file",
-    };
-    let bytes = read_file(file).map_err(error)?;
+    }
+}
+
+/// A list as text.
+pub(super) fn read_text(file: &Path) -> Result<String, DatasetError> {
+    text_of(file, read_file(file).map_err(|reason| unreadable(file, reason))?)
+}
+
+/// The bytes of a list or manifest as text.
+pub(super) fn text_of(file: &Path, bytes: Vec<u8>) -> Result<String, DatasetError> {
     let text = String::from_utf8(bytes).map_err(|source| {
         let before = &source.as_bytes()[..source.utf8_error().valid_up_to()];
         let line = before.iter().filter(|&&byte| byte == b'\n').count() + 1;
-        error(format!("other bytes in line {line}"))
+        unreadable(file, format!("other bytes in line {line}"))
     })?;
     Ok(match text.strip_prefix('\u{feff}') {
         Some(rest) => rest.to_owned(),

@@ -42,17 +42,21 @@ impl DatasetSettings {
 /// How the labels of a cloud are found.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Layout {
-    /// UW RGB-D: `<root>/<category>/<instance>/<instance>_<video>_<frame>.pcd` or `.ply`; a video is a sequence.
+    /// UW RGB-D: `<root>/<category>/<instance>/<instance>_<video>_<frame>.pcd`, `.ply` or `_crop.png` with the images beside
+    /// it; a video is a sequence.
     Uw,
-    /// `<root>/<category>/<instance>/<any name>.pcd` or `.ply`, without sequences.
+    /// `<root>/<category>/<instance>/<any name>.pcd`, `.ply` or `_crop.png`, without sequences.
     Folders,
-    /// A CSV with the columns path, category, instance and, if wanted, sequence and split; paths are relative
-    /// to the root.
+    /// A CSV or Parquet file with the columns path, category, instance and, if wanted, sequence, split and set; paths are
+    /// relative to the root.
     Manifest {
-        /// The CSV, wherever it is.
+        /// Wherever it is.
         file: PathBuf,
     },
-    /// Paths that say the labels as a pattern does; a cloud with another path is refused.
+    /// Scenes of the BOP benchmark, in the root or one folder below: `<scene>/mask_visib/<image>_<object>.png` with
+    /// `rgb`, `depth`, `scene_camera.json` and `scene_gt.json`. A scene is a sequence, an object a category of its own.
+    Bop,
+    /// Paths that say the labels as a pattern does; another cloud in the folders that it names is refused.
     Pattern(Pattern),
 }
 

@@ -6,7 +6,8 @@ use descriptor::random::stream;
 use rand::RngExt;
 
 use super::error::DatasetError;
-use super::layout::{Labelled, Labels};
+use super::labelled::Labelled;
+use super::layout::Labels;
 use super::root::Root;
 use super::settings::{DatasetSettings, SeededSplit, SplitRule};
 use super::{SPLITS, Wanted};

@@ -18,7 +18,7 @@ use results::SeenCloud;
 use serde::Serialize;
 
 use crate::dataset::record::CloudRecord;
-use crate::dataset::{SPLITS, read_file};
+use crate::dataset::{SPLITS, cloud_bytes};
 use crate::evaluate::{Seconds, stages};
 use crate::experiment::Experiment;
 use crate::run::clouds::listed;
@@ -298,7 +298,7 @@ impl Examiner {
     fn read(&self, place: usize) -> Result<Cloud, ExamineError> {
         let CloudRecord { path, digest, .. } = &self.clouds[place];
         let failed = |what: String| ExamineError::Cloud { path: path.clone(), what };
-        let bytes = read_file(&self.root.join(path))
+        let bytes = cloud_bytes(&self.root.join(path))
             .map_err(|reason| failed(format!("cannot be read, got {reason}")))?;
         if digest.is_none_or(|digest| *blake3::hash(&bytes).as_bytes() != digest) {
             return Err(failed("is another one than when the run has seen it".to_owned()));

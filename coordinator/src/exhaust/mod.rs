@@ -34,7 +34,7 @@ use crate::result_cache::source::source_of;
 use crate::run::directory::{beside, claim, difference, refuse_another};
 use crate::run::progress::Progress;
 use crate::run::{RunError, RunOptions, open_data, refuse_sets, rows};
-use crate::session::{Session, listen};
+use crate::session::{Session, listen, scale};
 use cluster::Client;
 use cluster::events::Controlled;
 use grid::Grid;
@@ -69,7 +69,7 @@ pub async fn exhaust(
             return Ok(GridSummary { grid: grid.clone(), out, recheck: None });
         }
     }
-    let listener = listen(experiment, &options.protection, progress.console()).await?;
+    let listener = listen(experiment, options.port(), progress.console()).await?;
     // Before a folder is made: the search space may be too fine.
     let memory = options.storage.memory;
     let mut session = Session::new(experiment, &dataset, Arc::clone(&store), memory)?;
@@ -77,6 +77,7 @@ pub async fn exhaust(
     let mut client = session.cluster.client();
     let settings = experiment.coordinator();
     progress.follow(&session.cluster);
+    let scaling = scale(options.slurm.as_ref(), (experiment, &out), &session.cluster, progress.console())?;
     session.start(listener, settings.local_workers).await;
     let (console, tell) = (progress.console().clone(), progress.teller());
     // A grid has no journal: what was ordered is on the disk before whoever ordered it is told.
@@ -115,6 +116,8 @@ pub async fn exhaust(
     if summary.is_sound() {
         keep(&spec, &summary.grid, &summary.out, &store)?;
     }
+    drop(scaling); // those that wait for a place would find nobody
+    session.cluster.dismiss_workers().await;
     Ok(summary)
 }
 

@@ -52,12 +52,14 @@ pub(super) struct RawDataset {
 #[derive(Clone, Copy, Debug, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(rename_all = "lowercase", rename = "layout")]
 pub(super) enum RawLayout {
-    /// UW RGB-D: category/instance/instance_video_frame.pcd or .ply.
+    /// UW RGB-D: category/instance/instance_video_frame.pcd, .ply or _crop.png, with depth and mask beside it.
     #[default]
     Uw,
-    /// category/instance/any-name.pcd or .ply.
+    /// category/instance/any-name.pcd, .ply or _crop.png.
     Folders,
-    /// As a CSV says.
+    /// Scenes of the BOP benchmark: scene/mask_visib/image_object.png, with rgb, depth and both JSON files.
+    Bop,
+    /// As a CSV or Parquet file says.
     Manifest,
     /// As the path says, which `pattern` describes.
     Pattern,

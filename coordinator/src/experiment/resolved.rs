@@ -118,6 +118,7 @@ fn dataset_labels(toml: &mut Toml, experiment: &Experiment) {
     let layout = match &dataset.layout {
         Layout::Uw => "uw",
         Layout::Folders => "folders",
+        Layout::Bop => "bop",
         Layout::Manifest { .. } => "manifest",
         Layout::Pattern(_) => "pattern",
     };

@@ -8,9 +8,7 @@ use super::checks::checked_seed;
 use super::forms::{RawSeeded, RawSplitTable, RawSplitWord, RawSplits};
 use super::paths::{self, Lookup};
 use super::raw_dataset::{RawDataset, RawLayout, RawSynthetic, RawUnit};
-use crate::dataset::{
-    DatasetSettings, Layout, PATTERN_ADVICE, PatternError, SeededSplit, SplitRule, SyntheticSettings,
-};
+use crate::dataset::{DatasetSettings, Layout, PatternError, SeededSplit, SplitRule, SyntheticSettings};
 use artefact::sections::Fault;
 use artefact::text::number;
 
@@ -57,17 +55,14 @@ fn layout(
     let found = match (name, manifest, pattern) {
         (RawLayout::Uw, ..) => Layout::Uw,
         (RawLayout::Folders, ..) => Layout::Folders,
+        (RawLayout::Bop, ..) => Layout::Bop,
         (RawLayout::Manifest, Some(file), _) => {
             Layout::Manifest { file: paths::resolve("dataset.manifest", file, root, lookup)? }
         }
         (RawLayout::Manifest, None, _) => return missing("manifest", "manifest", "clouds.csv"),
         (RawLayout::Pattern, _, Some(text)) => {
             Layout::Pattern(text.parse().map_err(|error: PatternError| {
-                Fault::new(
-                    "dataset.pattern",
-                    format!("{} expected, got {}", error.expected, error.got),
-                    PATTERN_ADVICE,
-                )
+                Fault::from_message("dataset.", &format!("pattern: {error}"))
             })?)
         }
         (RawLayout::Pattern, _, None) => {
@@ -182,13 +177,13 @@ fn seeded_split(raw: RawSeeded, layout: &Layout, validates: bool) -> Result<Seed
     let without = match layout {
         Layout::Folders => Some("layout \"folders\" has no sequences"),
         Layout::Pattern(pattern) if !pattern.has_sequences() => Some("the pattern has no {sequence}"),
-        Layout::Uw | Layout::Manifest { .. } | Layout::Pattern(_) => None,
+        Layout::Uw | Layout::Bop | Layout::Manifest { .. } | Layout::Pattern(_) => None,
     };
     if let Some(without) = without.filter(|_| !raw.test_sequences.is_empty()) {
         return Err(Fault::new(
             place("test_sequences"),
             format!("{without}, got {:?}", raw.test_sequences),
-            "remove them, or use layout \"uw\" or \"manifest\", or a pattern with {sequence}",
+            "remove them, or use layout \"uw\", \"bop\" or \"manifest\", or a pattern with {sequence}",
         ));
     }
     let mut test_sequences = raw.test_sequences;

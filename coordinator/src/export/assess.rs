@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::error::AssessError;
 use super::reject;
-use crate::dataset::{Layout, NamedCloud, read_file};
+use crate::dataset::{Layout, NamedCloud, cloud_bytes};
 use crate::evaluate::Seconds;
 
 /// Shares of false rejections, as they were calibrated, for which rejections are measured.
@@ -186,7 +186,7 @@ fn answered(recogniser: &Recogniser, query: &Query) -> Answered {
 }
 
 fn describe(recogniser: &Recogniser, cloud: &NamedCloud) -> Result<Vec<Signature>, String> {
-    let bytes = read_file(&cloud.file)?;
+    let bytes = cloud_bytes(&cloud.file)?;
     let described = recogniser.describe(&bytes, &mut Seconds::default());
     Ok(described.map_err(|error| Message::of(&error).what)?.signatures)
 }

@@ -17,7 +17,7 @@ use super::of_run::part_of;
 use super::readme::{About, Origin};
 use super::reject::{self, Reject};
 use super::write::{Draft, Written, refuse_occupied};
-use crate::dataset::{Layout, NamedCloud, read_file};
+use crate::dataset::{Layout, NamedCloud, cloud_bytes, read_file};
 use crate::evaluate::Seconds;
 
 /// What was added.
@@ -194,7 +194,7 @@ fn check_names(found: &[NamedCloud], reference: &[DatabaseCloud]) -> Result<(), 
 
 /// The signatures of a cloud, or in a line why it has none.
 fn describe(recogniser: &Recogniser, cloud: &NamedCloud) -> Result<Vec<Signature>, String> {
-    let bytes = read_file(&cloud.file)?;
+    let bytes = cloud_bytes(&cloud.file)?;
     let described = recogniser.describe(&bytes, &mut Seconds::default());
     Ok(described.map_err(|error| Message::of(&error).what)?.signatures)
 }

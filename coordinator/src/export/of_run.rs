@@ -14,7 +14,7 @@ use descriptor::pcd::{self, DataEncoding};
 use descriptor::recogniser::{ChosenSettings, LabelledClouds, LearnError, Method};
 use descriptor::structure::Structure;
 use descriptor::{
-    Describer, Descriptor, Family, Preprocess, SearchSpace, SetDistance, Signature, Signatures, ply,
+    Describer, Descriptor, Family, Preprocess, SearchSpace, SetDistance, Signature, Signatures, ply, rgbd,
 };
 use proto::Message;
 use rayon::prelude::*;
@@ -25,7 +25,7 @@ use super::reject::Reject;
 use super::write::{Draft, Written, refuse_occupied};
 use super::{DescriptorChoice, ExportError, reject};
 use crate::compare::EVOLVED;
-use crate::dataset::{CloudEntry, Dataset, read_file};
+use crate::dataset::{CloudEntry, Dataset, cloud_bytes};
 use crate::evaluate::{Seconds, stages};
 use crate::experiment::Overrides;
 use crate::front;
@@ -302,7 +302,7 @@ fn labelled(dataset: &Dataset, entry: &CloudEntry) -> DatabaseCloud {
 /// The bytes of a cloud, which are those that the data digest covers.
 fn read(dataset: &Dataset, entry: &CloudEntry) -> Result<Vec<u8>, ExportError> {
     let path: PathBuf = dataset.clouds.file(entry);
-    let bytes = match read_file(&path) {
+    let bytes = match cloud_bytes(&path) {
         Ok(bytes) => bytes,
         Err(reason) => {
             let what = format!("cannot be read, got {reason}\nexport again when it is there");
@@ -326,7 +326,7 @@ fn example(dataset: &Dataset) -> Result<Example, ExportError> {
     let DatabaseCloud { cloud, instance, category, .. } = labelled(dataset, entry);
     let mut bytes = read(dataset, entry)?;
     // The example's file is PCD by its name: the same points, and so the same summary.
-    if ply::is_ply(&bytes) {
+    if ply::is_ply(&bytes) || rgbd::is_rgbd(&bytes) {
         let failed = |error: CloudFileError| {
             let (path, what) = (dataset.clouds.file(entry), error.to_string());
             ExportError::Cloud { path, what }

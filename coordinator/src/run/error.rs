@@ -17,6 +17,7 @@ use crate::in_process::InProcessError;
 use crate::observers::event_file::EventFileError;
 use crate::result_cache::Wrong;
 use crate::run::data::DataError;
+use crate::slurm::SlurmError;
 
 /// Why a run has no result.
 #[derive(Debug, thiserror::Error)]
@@ -36,6 +37,9 @@ pub enum RunError {
     /// Nobody can connect.
     #[error(transparent)]
     Listen(#[from] ListenError),
+    /// Slurm gives no workers.
+    #[error(transparent)]
+    Slurm(#[from] SlurmError),
     /// The file that events are to be written to.
     #[error(transparent)]
     Events(#[from] EventFileError),

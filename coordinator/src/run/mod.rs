@@ -41,10 +41,12 @@ use crate::control::{Operator, Requests, resuming};
 use crate::dataset::{Dataset, Wanted};
 use crate::exhaust::grid::Grid;
 use crate::experiment::Experiment;
+use crate::metrics::Watch;
 use crate::observers::event_file::EventFile;
 use crate::result_cache::Known;
-use crate::session::{Session, listen};
-use transport::Protection;
+use crate::session::{Session, listen, scale};
+use crate::slurm::SlurmWorkers;
+use transport::{Listener, Protection};
 
 use bounds::bounds;
 pub use data::{DataError, open_data, write_synthetic};
@@ -70,10 +72,33 @@ pub struct RunOptions {
     pub events: Option<PathBuf>,
     /// How connections from other machines are protected.
     pub protection: Protection,
+    /// A file to which the address of the port is written.
+    pub join_file: Option<PathBuf>,
+    /// Workers that Slurm is asked for, if any.
+    pub slurm: Option<SlurmWorkers>,
     /// Where what runs find out is kept, and memory for the workers of this process.
     pub storage: Storage,
     /// Principals that are no longer quarantined.
     pub readmit: Vec<Principal>,
+    /// Whether the command compares the run afterwards, if there are test clouds of one set: workers stay for it.
+    pub comparison_follows: bool,
+    /// Who measures the run, if anybody does.
+    pub watch: Option<Arc<Watch>>,
+}
+
+impl RunOptions {
+    /// How workers of other machines reach the session.
+    pub fn port(&self) -> (&Protection, Option<&Path>) {
+        (&self.protection, self.join_file.as_deref())
+    }
+
+    /// Lets go the workers of a run whose results are written, unless they are needed for what follows.
+    pub async fn dismiss_workers(&self, cluster: &Cluster, dataset: &Dataset) {
+        let is_compared = !dataset.splits.test.is_empty() && dataset.clouds.set_count() == 1;
+        if !(self.comparison_follows && is_compared) {
+            cluster.dismiss_workers().await;
+        }
+    }
 }
 
 /// Ends the quarantine of these principals; they are newcomers.
@@ -99,7 +124,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     if experiment.method() == Method::Exhaustive {
         Grid::new(experiment.space())?;
     }
-    let listener = listen(experiment, &options.protection, progress.console()).await?;
+    let listener = listen(experiment, options.port(), progress.console()).await?;
     let dataset = open_data(experiment, Wanted::All, Some(&store), |line| progress.say(line))?;
     if experiment.method() == Method::Exhaustive {
         refuse_sets("search.method = \"exhaustive\"", "choose another method", &dataset)?;
@@ -144,8 +169,12 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let client = session.cluster.client();
     let settings = experiment.coordinator();
     progress.follow(&session.cluster);
+    progress.measure(options.watch.as_ref(), &out);
     let events = EventFile::open(options.events.as_deref(), &session.cluster).await?;
+    let refusals = listener.as_ref().map(Listener::refusals);
+    let scaling = scale(options.slurm.as_ref(), (experiment, &out), &session.cluster, progress.console())?;
     session.start(listener, settings.local_workers).await;
+    let watched = options.watch.as_ref().map(|watch| watch.follow(&session.cluster, &store, refusals));
     session.forget_quarantined(progress.console()); // of an earlier start, which may have been killed before it could
     let memory = |matching| session.splits.memory(&store, experiment.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
@@ -166,6 +195,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let work = session.perform(&console, settings.deadline, run.search());
     let searched = operator.during(tell, work).await;
     EventFile::finish(events).await;
+    drop(watched);
     if searched.is_err() {
         run.tell_what_happened();
     }
@@ -180,6 +210,8 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     if trusted && remembers {
         outcome.found.counts.keep(&train_memory, &validation_memory, &session.cluster);
     }
+    drop(scaling); // those that wait for a place would find nobody
+    options.dismiss_workers(&session.cluster, dataset).await;
     Ok(summary)
 }
 

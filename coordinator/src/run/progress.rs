@@ -1,6 +1,7 @@
 //! What a run shows while it works: a live line on a terminal, plain lines elsewhere, always on standard error.
 
-use std::io::IsTerminal as _;
+use std::io::{self, IsTerminal as _};
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -8,7 +9,8 @@ use descriptor::Descriptor;
 use indicatif::{ProgressBar, ProgressStyle};
 use results::Counts;
 
-use crate::console::{Console, say};
+use crate::console::{Console, has_viewer, say};
+use crate::metrics::{RunMetrics, Watch};
 use crate::run::tally::Tally;
 use cluster::events::EventCursor;
 use cluster::{Cluster, ClusterNews};
@@ -85,12 +87,13 @@ pub struct Progress {
     member: Option<(String, Arc<Tally>)>,
     /// Events that are not printed yet; all runs of a sweep share it, so that each line is printed once.
     events: Option<Arc<Mutex<EventCursor>>>,
+    metrics: Option<RunMetrics>,
 }
 
 impl Progress {
     /// A display for a run of at most `generations` generations.
     pub fn new(generations: u32) -> Self {
-        let is_terminal = std::io::stderr().is_terminal() && std::io::stdout().is_terminal();
+        let is_terminal = has_viewer() && io::stdout().is_terminal();
         let console = if is_terminal {
             let bar = ProgressBar::new(generations.into());
             // Two lines that fit 80 columns.
@@ -119,6 +122,7 @@ impl Progress {
             remembered: 0,
             member: None,
             events: None,
+            metrics: None,
         }
     }
 
@@ -153,12 +157,27 @@ impl Progress {
             remembered: 0,
             member,
             events: self.events.clone(),
+            metrics: self.metrics.as_ref().map(|metrics| metrics.of_member(name)),
         }
     }
 
     /// Prints what happens in a cluster from now on, whenever there is news.
     pub fn follow(&mut self, cluster: &Cluster) {
         self.events = Some(Arc::new(Mutex::new(cluster.events())));
+    }
+
+    /// Tells whoever measures the run in this folder how far it is.
+    pub fn measure(&mut self, watch: Option<&Arc<Watch>>, folder: &Path) {
+        let name = folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy();
+        self.metrics = watch.map(|watch| watch.run(&name));
+    }
+
+    /// The search has been told the results of a generation, which may have been written by an earlier start; the best
+    /// training fitness so far is from 0 to 1.
+    pub fn told(&self, generation: u32, best_fitness: f64) {
+        if let Some(metrics) = &self.metrics {
+            metrics.generation_done(generation, best_fitness);
+        }
     }
 
     fn print_events(&self) {

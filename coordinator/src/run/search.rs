@@ -181,6 +181,7 @@ impl<'a> SearchLoop<'a> {
                 });
             }
 
+            self.progress.told(generation, state.best_so_far.fitness());
             // Whoever is best decides what comes next: more than one has to say so.
             self.confirm(&descriptors[state.best as usize]);
             if let Some(stop_reason) = state.stop {

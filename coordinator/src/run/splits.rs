@@ -8,7 +8,7 @@ use descriptor::{Descriptor, Preprocess, SearchSpace};
 use proto::Digest;
 use proto::task::{Evaluation, GridCell, MatchingRule, Preparation, Scale, Subject};
 
-use crate::dataset::{CloudEntry, Dataset, SPLITS};
+use crate::dataset::{CloudEntry, Dataset, SPLITS, cloud_bytes};
 use crate::fitness::{Fitness, Part};
 use crate::result_cache::Memory;
 use crate::run::matching::{Matching, TEST, TRAIN1, TRAIN2};
@@ -67,7 +67,7 @@ impl<'a> SplitBlobs<'a> {
 
     fn publish_split(&self, set: u32, split: usize, blobs: &BlobStore) -> Digest {
         for cloud in self.clouds(set, split) {
-            blobs.publish_file(Digest(cloud.digest), self.dataset.clouds.file(cloud));
+            blobs.publish_cloud(Digest(cloud.digest), self.dataset.clouds.file(cloud), cloud_bytes);
         }
         blobs.publish_bytes(self.manifest(set, split))
     }

@@ -29,9 +29,10 @@ use crate::run::{
     Matching, RunDriver, RunError, RunOptions, Start, check_fitness, compare_with_data, finished, open_data,
     open_journal, refuse_other_data, remove_journal, rows,
 };
-use crate::session::{Session, listen};
+use crate::session::{Session, listen, scale};
 pub use record::{SWEEP_FILE, recorded_sweep};
 pub use summary::SweepSummary;
+use transport::Listener;
 pub use verdict::{Seed, variant, verdicts};
 
 /// The folder of a sweep: `out`, or one that the same sweep finds again; `fresh`: one that is not there.
@@ -62,7 +63,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     }
     let generations = members.iter().map(|member| member.experiment.stop().generations);
     let mut progress = Progress::new(generations.fold(0, u32::saturating_add));
-    let listener = listen(base, &options.protection, progress.console()).await?;
+    let listener = listen(base, options.port(), progress.console()).await?;
     let dataset = open_data(base, Wanted::All, Some(&store), |line| progress.say(line))?;
     let validates = |member: &Member| member.experiment.validates();
     if members.iter().any(validates) && dataset.splits.validation.is_empty() {
@@ -111,8 +112,12 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     };
     let settings = base.coordinator();
     progress.follow(&session.cluster);
+    progress.measure(options.watch.as_ref(), &out);
     let events = EventFile::open(options.events.as_deref(), &session.cluster).await?;
+    let refusals = listener.as_ref().map(Listener::refusals);
+    let scaling = scale(options.slurm.as_ref(), (base, &out), &session.cluster, progress.console())?;
     session.start(listener, settings.local_workers).await;
+    let watched = options.watch.as_ref().map(|watch| watch.follow(&session.cluster, &store, refusals));
     session.forget_quarantined(progress.console()); // of an earlier start, which may have been killed before it could
     let memory = |matching| session.splits.memory(&store, base.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
@@ -130,6 +135,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let work = session.perform(progress.console(), settings.deadline, run_all(&mut runs, &tally));
     let searched = operator.during(progress.teller(), work).await;
     EventFile::finish(events).await;
+    drop(watched);
     if searched.is_err() {
         runs.iter().for_each(|(_, run)| run.tell_what_happened());
     }
@@ -146,6 +152,8 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
             found.keep(&train_memory, &validation_memory, &session.cluster);
         }
     }
+    drop(scaling); // those that wait for a place would find nobody
+    options.dismiss_workers(&session.cluster, dataset).await;
     summaries.sort_by_key(|(place, _)| *place);
     let named = |(place, summary): (usize, Summary)| (members[place].name.clone(), summary);
     Ok(SweepSummary { summaries: summaries.into_iter().map(named).collect(), out })

@@ -43,7 +43,12 @@ pub struct AccessControl {
 
 impl AccessControl {
     /// Without connections yet.
-    pub fn new(cluster: Arc<Cluster>, requirement: Requirement, limits: ConnectionLimits) -> Arc<Self> {
+    pub fn new(
+        cluster: Arc<Cluster>,
+        requirement: Requirement,
+        limits: ConnectionLimits,
+        refusals: Arc<RefusalLog>,
+    ) -> Arc<Self> {
         Arc::new(Self {
             cluster,
             requirement,
@@ -52,7 +57,7 @@ impl AccessControl {
             connections: Mutex::default(),
             next_connection: AtomicU64::new(0),
             requests: RequestBudget::new(MAX_REQUEST_BYTES),
-            refusals: Arc::default(),
+            refusals,
         })
     }
 
@@ -110,9 +115,7 @@ impl AccessControl {
     /// once.
     pub fn deny(&self, denied: Denied) {
         *self.denied.write().unwrap_or_else(PoisonError::into_inner) = denied.clone();
-        let connections: Vec<Arc<Connection>> =
-            lock(&self.connections).values().filter_map(Weak::upgrade).collect();
-        for connection in connections {
+        for connection in self.connections() {
             let is_denied = match connection.certificate {
                 Some(certificate) => denied.certificates.contains(&certificate),
                 None => denied.token && connection.shows_token.load(Ordering::Relaxed),
@@ -124,6 +127,18 @@ impl AccessControl {
                 self.stop(&connection, "on the deny list");
             }
         }
+    }
+
+    /// Closes all connections: nobody serves them any more, and whoever is at the other end has to look for the next server
+    /// at this address.
+    pub fn close(&self) {
+        for connection in self.connections() {
+            connection.close();
+        }
+    }
+
+    fn connections(&self) -> Vec<Arc<Connection>> {
+        lock(&self.connections).values().filter_map(Weak::upgrade).collect()
     }
 
     /// Closes a connection as soon as its peer can have read why.
@@ -160,7 +175,8 @@ mod tests {
             check_description: |_, _, _| Ok(()),
             channels_of: |_| Vec::new(),
         };
-        AccessControl::new(Cluster::new(limits), requirement, ConnectionLimits::within(1024))
+        let connections = ConnectionLimits::within(1024);
+        AccessControl::new(Cluster::new(limits), requirement, connections, Arc::default())
     }
 
     fn connection(access: &AccessControl, certificate: Option<Fingerprint>) -> Arc<Connection> {

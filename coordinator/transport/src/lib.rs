@@ -20,6 +20,7 @@ mod wire;
 pub use deny_list::{DenyError, deny};
 pub use listen_error::ListenError;
 pub use listener::{Listener, Protection};
+pub use refusals::RefusalLog;
 pub use server::Servers;
 pub use service::{DerivedEntries, Release};
 pub use web::{WebConnection, WebError, WebListener, WebTokens};

@@ -33,6 +33,14 @@ pub enum ListenError {
         /// The wanted address.
         address: SocketAddr,
     },
+    /// Where the address is to be written.
+    #[error("--join-file {path}: cannot be written, got {source}\nchoose a file in a folder that is there")]
+    JoinFile {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
     /// The folder of certificates.
     #[error(transparent)]
     Certs(#[from] CertsError),

@@ -2,7 +2,7 @@
 
 use std::io;
 use std::net::SocketAddr;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -19,6 +19,7 @@ use crate::deny_list::DenyList;
 use crate::host_name;
 use crate::limiter::ConnectionLimits;
 use crate::listen_error::ListenError;
+use crate::refusals::RefusalLog;
 use crate::tls::{Tls, shake_hands};
 use cluster::Cluster;
 
@@ -45,6 +46,8 @@ pub struct Listener {
     address: SocketAddr,
     tls: Option<Tls>,
     deny: Option<DenyList>,
+    join_file: Option<PathBuf>,
+    refusals: Arc<RefusalLog>,
 }
 
 impl Listener {
@@ -64,15 +67,60 @@ impl Listener {
             _ => ListenError::Listen { address, source },
         })?;
         let address = listener.local_addr().map_err(|source| ListenError::Listen { address, source })?;
-        Ok(Self { listener, address, tls, deny })
+        Ok(Self { listener, address, tls, deny, join_file: None, refusals: Arc::default() })
+    }
+
+    /// Writes the address of this port to a file that its owner alone can read, in place of what it held.
+    ///
+    /// # Errors
+    /// If the file cannot be written.
+    pub fn write_join_file(&mut self, path: &Path) -> Result<(), ListenError> {
+        let text = format!("{}\n", self.join_address().reveal());
+        let failed = |source| ListenError::JoinFile { path: path.to_owned(), source };
+        atomic::write_secret(path, text.as_bytes()).map_err(failed)?;
+        self.join_file = Some(path.to_owned());
+        Ok(())
+    }
+
+    /// By which address other machines reach this port: under this machine's name, unless its certificate is for other
+    /// names alone or it listens at a single address.
+    fn join_address(&self) -> JoinAddress {
+        let port = self.address.port();
+        let Some(Tls { join, requirement, .. }) = &self.tls else {
+            let ip = self.address.ip();
+            // An unspecified address means every address of this machine, which others know by its name.
+            let host = if ip.is_unspecified() { host_name() } else { ip.to_string() };
+            return JoinAddress { host, port, trust: None };
+        };
+        let host = if self.is_certified() { host_name() } else { join.host.clone() };
+        let mut address = JoinAddress { host, port, trust: join.trust.clone() };
+        if let (Requirement::Credential(None), Some(trust)) = (requirement, &mut address.trust) {
+            trust.token = None;
+        }
+        address
+    }
+
+    /// Whether workers accept the certificate from a coordinator of this machine's name.
+    fn is_certified(&self) -> bool {
+        self.tls.as_ref().is_some_and(|tls| tls.is_for(&host_name()))
     }
 
     /// What there is to say to people: how workers join, and what may have been overlooked. Without secrets.
     pub fn notices(&self) -> Vec<String> {
         let (ip, port) = (self.address.ip(), self.address.port());
         let mut notices = Vec::new();
+        if let (Some(file), Some(Tls { join, .. })) = (&self.join_file, &self.tls)
+            && !self.is_certified()
+        {
+            notices.push(format!(
+                "warning: {}: names {}, because the certificate is not for {}, the name of this machine",
+                file.display(),
+                join.host,
+                host_name()
+            ));
+        }
         if let Some(Tls { folder, join, requirement, .. }) = &self.tls {
-            let file = folder.join(certs::JOIN_FILE);
+            let file = self.join_file.clone().unwrap_or_else(|| folder.join(certs::JOIN_FILE));
             notices.push(if matches!(requirement, Requirement::Credential(None)) {
                 let workers = folder.join(certs::WORKERS_FOLDER);
                 format!(
@@ -82,7 +130,7 @@ impl Listener {
             } else {
                 format!("workers may join with: worker --coordinator-file {}", file.display())
             });
-            if join.port != port {
+            if self.join_file.is_none() && join.port != port {
                 let file = file.display();
                 notices.push(format!(
                     "warning: {file}: names port {}, and this port is {port}: workers need an address with this one",
@@ -97,18 +145,20 @@ impl Listener {
                     .to_owned(),
             );
         }
-        // An unspecified address means every address of this machine, which others know by its name.
-        let host = if ip.is_unspecified() { host_name() } else { ip.to_string() };
-        let join = JoinAddress { host, port, trust: None };
-        notices.push(format!("workers may join with: worker --coordinator {join}"));
+        notices.push(format!("workers may join with: worker --coordinator {}", self.join_address()));
         notices
+    }
+
+    /// What peers will be refused.
+    pub fn refusals(&self) -> Arc<RefusalLog> {
+        Arc::clone(&self.refusals)
     }
 
     /// Accepts connections, and shakes hands.
     pub fn accept(self, cluster: Arc<Cluster>) -> Accepting {
         let requirement = self.tls.as_ref().map_or(Requirement::Nothing, |tls| tls.requirement.clone());
         let limits = ConnectionLimits::within(open_files().unwrap_or(1024));
-        let access = AccessControl::new(cluster, requirement, limits);
+        let access = AccessControl::new(cluster, requirement, limits, self.refusals);
         if let Some(deny) = &self.deny {
             access.deny(deny.in_force()); // before the first connection
         }

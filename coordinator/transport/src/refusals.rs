@@ -9,6 +9,11 @@ use std::sync::{Mutex, PoisonError};
 pub struct RefusalLog(Mutex<BTreeMap<&'static str, u64>>);
 
 impl RefusalLog {
+    /// How often peers were refused, by reason.
+    pub fn counts(&self) -> BTreeMap<&'static str, u64> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
     /// Counts a refusal. It is logged the 1st, 2nd, 4th, 8th … time, so that nobody can fill the log from outside.
     pub fn note(&self, reason: &'static str, address: IpAddr) {
         let count = {

@@ -12,6 +12,7 @@ use tokio_stream::wrappers::ReceiverStream;
 use tonic::transport::{Channel, Endpoint, Server};
 use tower::service_fn;
 
+use crate::access::AccessControl;
 use crate::auth_layer::AuthLayer;
 use crate::listener::{Accepting, Listener};
 use crate::service::{DerivedEntries, Release, Service};
@@ -26,18 +27,29 @@ const MAX_STREAMS: u32 = 64;
 /// How often a silent connection is asked whether it is still there.
 const KEEPALIVE: Duration = Duration::from_secs(20);
 
-/// The running servers of one run; they end when this is dropped.
+/// The running servers of one run; they and their connections end when this is dropped.
 pub struct Servers {
     cluster: Arc<Cluster>,
     release: Release,
     derived: DerivedEntries,
     tasks: JoinSet<()>,
+    /// Of remote workers.
+    access: Option<Arc<AccessControl>>,
+}
+
+/// The server of a connection is not ended by the end of that of the port.
+impl Drop for Servers {
+    fn drop(&mut self) {
+        if let Some(access) = &self.access {
+            access.close();
+        }
+    }
 }
 
 impl Servers {
     /// No server yet.
     pub fn new(cluster: Arc<Cluster>, release: Release, derived: DerivedEntries) -> Self {
-        Self { cluster, release, derived, tasks: JoinSet::new() }
+        Self { cluster, release, derived, tasks: JoinSet::new(), access: None }
     }
 
     /// Serves remote workers, health probes and reflection.
@@ -49,6 +61,7 @@ impl Servers {
             .register_encoded_file_descriptor_set(tonic_health::pb::FILE_DESCRIPTOR_SET)
             .build_v1();
         let Accepting { connections, access, run } = listener.accept(Arc::clone(&self.cluster));
+        self.access = Some(Arc::clone(&access));
         let mut router = server()
             .layer(AuthLayer(access))
             .add_service(self.service(false))

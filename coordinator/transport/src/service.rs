@@ -111,6 +111,9 @@ pub enum Refusal {
         "answers: one that came with this worker's {} was wrong, so that no answer that does counts any more\ncheck this machine's memory and clock rate; whoever runs the coordinator can let it in again with --readmit '{}'", kind(.0), .0
     )]
     Quarantined(Principal),
+    /// There is nothing left to do.
+    #[error("run: has ended\nstart the worker again for the next run, or with --stay to wait for it")]
+    RunEnded,
     /// The call itself is wrong, or there are as many workers as there may be.
     #[error(transparent)]
     Call(#[from] Status),
@@ -175,6 +178,7 @@ impl Service {
                 "this coordinator has as many workers as it can take",
             )),
             RegisterRefusal::Quarantined => Refusal::Quarantined(principal),
+            RegisterRefusal::RunEnded => Refusal::RunEnded,
             RegisterRefusal::Denied => Refusal::Call(Status::permission_denied(
                 "this worker was denied by whoever runs the coordinator\nask them why",
             )),

@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use proto::JoinAddress;
 use proto::tls::{ALPN, CERTIFICATE_FILE, fingerprint, read_certificates, read_identity};
-use rustls::client::verify_server_cert_signed_by_trust_anchor;
+use rustls::client::{verify_server_cert_signed_by_trust_anchor, verify_server_name};
 use rustls::crypto::CryptoProvider;
-use rustls::pki_types::{CertificateDer, UnixTime};
+use rustls::pki_types::{CertificateDer, ServerName, UnixTime};
 use rustls::server::{ParsedCertificate, WebPkiClientVerifier};
 use rustls::{RootCertStore, ServerConfig};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
@@ -34,6 +34,8 @@ pub struct Tls {
     pub folder: PathBuf,
     /// The join address in that folder.
     pub join: JoinAddress,
+    /// The coordinator's certificate.
+    certificate: CertificateDer<'static>,
 }
 
 impl Tls {
@@ -49,6 +51,7 @@ impl Tls {
         let (certificates, key) = read_identity(folder)?;
         issued(&certificates, &roots, &provider)
             .map_err(|error| unfit(format!("{CERTIFICATE_FILE} that no worker will accept: {error}")))?;
+        let certificate = certificates[0].clone(); // there is one: it has been issued
         let join = certs::join_address(folder)?;
         // Workers insist on the CA that the join address names.
         let named = join.trust.as_ref().map(|trust| trust.ca);
@@ -72,7 +75,15 @@ impl Tls {
             requirement: Requirement::Credential(certs::token(folder)?),
             folder: folder.to_owned(),
             join,
+            certificate,
         })
+    }
+
+    /// Whether the certificate is for a coordinator of this name.
+    pub fn is_for(&self, host: &str) -> bool {
+        let Ok(name) = ServerName::try_from(host) else { return false };
+        ParsedCertificate::try_from(&self.certificate)
+            .is_ok_and(|certificate| verify_server_name(&certificate, &name).is_ok())
     }
 }
 

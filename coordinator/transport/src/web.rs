@@ -1,8 +1,8 @@
-//! The port on which browsers connect: TLS without client certificates, and tokens that say who may look and who may act.
+//! The port on which browsers and monitoring connect: TLS without client certificates, and tokens that say who may look and who may act.
 
 use std::fs::OpenOptions;
 use std::io::{self, Read as _, Write as _};
-use std::net::SocketAddr;
+use std::net::{IpAddr, SocketAddr};
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -16,6 +16,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio_rustls::TlsAcceptor;
 
 use crate::connection::{FIRST_CALL, Stream};
+use crate::host_name;
 use crate::listener::Protection;
 
 /// Connections at a time; each viewer has one that stays and some that come and go.
@@ -27,18 +28,22 @@ const VIEW_TOKEN_FILE: &str = "dashboard-view";
 /// Who shows it may act, too.
 const CONTROL_TOKEN_FILE: &str = "dashboard-control";
 
-/// Why browsers cannot connect.
+/// Why nobody can connect.
 #[derive(Debug, thiserror::Error)]
 pub enum WebError {
     /// The port is taken.
-    #[error("dashboard {address}: the port is in use\nstop the program that uses it, or choose another port")]
+    #[error("{what} {address}: the port is in use\nstop the program that uses it, or choose another port")]
     PortInUse {
+        /// What was to be served.
+        what: &'static str,
         /// The wanted address.
         address: SocketAddr,
     },
     /// Any other reason.
-    #[error("dashboard {address}: cannot listen there, got {source}\nchoose an address of this machine")]
+    #[error("{what} {address}: cannot listen there, got {source}\nchoose an address of this machine")]
     Listen {
+        /// What was to be served.
+        what: &'static str,
         /// The wanted address.
         address: SocketAddr,
         /// Why.
@@ -46,9 +51,11 @@ pub enum WebError {
     },
     /// Plain text must not leave the machine by accident.
     #[error(
-        "dashboard {address}: connections from other machines must be encrypted, got neither --tls nor --insecure\nmake certificates with `coordinator certs DIR` and add --tls DIR, or add --insecure inside a trusted network"
+        "{what} {address}: connections from other machines must be encrypted, got neither --tls nor --insecure\nmake certificates with `coordinator certs DIR` and add --tls DIR, or add --insecure inside a trusted network"
     )]
     NotLoopback {
+        /// What was to be served.
+        what: &'static str,
         /// The wanted address.
         address: SocketAddr,
     },
@@ -86,6 +93,7 @@ pub struct WebTokens {
 
 /// A bound port for browsers.
 pub struct WebListener {
+    what: &'static str,
     listener: TcpListener,
     acceptor: Option<TlsAcceptor>,
     /// Where it is.
@@ -103,35 +111,73 @@ pub struct WebConnection {
 }
 
 impl WebListener {
-    /// Binds the port. With TLS, tokens are read from the folder of certificates, and made if they are not there yet.
+    /// Binds the port of `what`, for messages. With TLS, tokens are read from the folder of certificates, and made if they
+    /// are not there yet.
     ///
     /// # Errors
     /// [`WebError`].
-    pub async fn bind(address: SocketAddr, protection: &Protection) -> Result<Self, WebError> {
+    pub async fn bind(
+        what: &'static str,
+        address: SocketAddr,
+        protection: &Protection,
+    ) -> Result<Self, WebError> {
         if !address.ip().is_loopback() && protection.tls.is_none() && !protection.insecure {
-            return Err(WebError::NotLoopback { address });
+            return Err(WebError::NotLoopback { what, address });
         }
         // On this machine it is as with workers: nothing has to be shown.
         let folder = protection.tls.as_deref().filter(|_| !address.ip().is_loopback());
         let acceptor = folder.map(acceptor).transpose()?;
         let tokens = folder.map(tokens).transpose()?;
         let listener = TcpListener::bind(address).await.map_err(|source| match source.kind() {
-            io::ErrorKind::AddrInUse => WebError::PortInUse { address },
-            _ => WebError::Listen { address, source },
+            io::ErrorKind::AddrInUse => WebError::PortInUse { what, address },
+            _ => WebError::Listen { what, address, source },
         })?;
-        let address = listener.local_addr().map_err(|source| WebError::Listen { address, source })?;
-        Ok(Self { listener, acceptor, address, tokens })
+        let address = listener.local_addr().map_err(|source| WebError::Listen { what, address, source })?;
+        Ok(Self { what, listener, acceptor, address, tokens })
+    }
+
+    /// Without an address at the default one, or, if another program has that, at any free port.
+    ///
+    /// # Errors
+    /// [`WebError`].
+    pub async fn bind_near(
+        what: &'static str,
+        (address, default): (Option<SocketAddr>, SocketAddr),
+        protection: &Protection,
+    ) -> Result<Self, WebError> {
+        match Self::bind(what, address.unwrap_or(default), protection).await {
+            Err(WebError::PortInUse { .. }) if address.is_none() => {
+                Self::bind(what, SocketAddr::new(default.ip(), 0), protection).await
+            }
+            bound => bound,
+        }
+    }
+
+    /// Its address for people, with the scheme.
+    pub fn url(&self) -> String {
+        let host = match self.address.ip() {
+            ip if ip.is_unspecified() => host_name(),
+            IpAddr::V6(ip) => format!("[{ip}]"),
+            ip => ip.to_string(),
+        };
+        let scheme = if self.tokens.is_some() { "https" } else { "http" };
+        format!("{scheme}://{host}:{}/", self.address.port())
     }
 
     /// Accepts connections as long as they are taken.
     pub fn accept(self) -> mpsc::Receiver<WebConnection> {
         let (sender, connections) = mpsc::channel(16);
-        tokio::spawn(accept(self.listener, self.acceptor, sender));
+        tokio::spawn(accept(self.what, self.listener, self.acceptor, sender));
         connections
     }
 }
 
-async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, sender: mpsc::Sender<WebConnection>) {
+async fn accept(
+    what: &'static str,
+    listener: TcpListener,
+    acceptor: Option<TlsAcceptor>,
+    sender: mpsc::Sender<WebConnection>,
+) {
     let permits = Arc::new(Semaphore::new(CONNECTIONS));
     while let Ok(permit) = Arc::clone(&permits).acquire_owned().await {
         let accepted = tokio::select! {
@@ -141,7 +187,7 @@ async fn accept(listener: TcpListener, acceptor: Option<TlsAcceptor>, sender: mp
         let stream = match accepted {
             Ok((stream, _)) => stream,
             Err(error) => {
-                tracing::warn!("dashboard: cannot accept a connection, got {error}");
+                tracing::warn!("{what}: cannot accept a connection, got {error}");
                 tokio::time::sleep(ACCEPT_PAUSE).await;
                 continue;
             }
@@ -220,7 +266,7 @@ mod tests {
         make_folder(&folder, &Site { hosts: vec![], port: 7700 }, &validity(1)).unwrap();
         let bind = |address: &str, protection: Protection| {
             let address = address.parse().unwrap();
-            async move { WebListener::bind(address, &protection).await }
+            async move { WebListener::bind("dashboard", address, &protection).await }
         };
         let refused = bind("0.0.0.0:0", Protection::default()).await.err().unwrap().to_string();
         assert!(refused.contains("must be encrypted, got neither --tls nor --insecure"), "{refused}");
@@ -239,9 +285,14 @@ mod tests {
 
     #[tokio::test]
     async fn a_port_in_use_is_named() {
-        let first = WebListener::bind("127.0.0.1:0".parse().unwrap(), &Protection::default()).await.unwrap();
-        let second =
-            WebListener::bind(first.address, &Protection::default()).await.err().unwrap().to_string();
+        let first = WebListener::bind("dashboard", "127.0.0.1:0".parse().unwrap(), &Protection::default())
+            .await
+            .unwrap();
+        let second = WebListener::bind("dashboard", first.address, &Protection::default())
+            .await
+            .err()
+            .unwrap()
+            .to_string();
         assert!(second.contains("the port is in use"), "{second}");
     }
 }

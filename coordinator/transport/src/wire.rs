@@ -73,6 +73,7 @@ impl Coordinator for Service {
                     Refusal::EvaluationVersion { .. } => v2::RefusalReason::EvaluationVersion,
                     Refusal::Unprintable => v2::RefusalReason::InvalidRequest,
                     Refusal::Quarantined(_) => v2::RefusalReason::Quarantined,
+                    Refusal::RunEnded => v2::RefusalReason::RunEnded,
                     Refusal::Call(status) => return Err(status),
                 };
                 Outcome::Refused(v2::Refused { reason: reason.into(), message: refusal.to_string() })
@@ -151,6 +152,7 @@ fn reply(answer: Answer) -> v2::PollReply {
         acknowledged: answer.acknowledged.into_iter().map(Into::into).collect(),
         revoked: answer.revoked.into_iter().map(Into::into).collect(),
         jobs: answer.jobs.into_iter().map(job).collect(),
+        run_ended: answer.run_ended,
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::{
     error::PcdError,
-    header::{Colour, Component, DataEncoding, Header, Packed, Real, Slot},
+    header::{COMPONENTS, Colour, Component, DataEncoding, Header, Packed, Real, Slot},
 };
 use crate::Cloud;
 use crate::header_text::{UNIT, from_unit, shown};
@@ -141,9 +141,6 @@ fn read_ascii_point(
     builder.push(point, colour);
     Ok(())
 }
-
-/// Names of separate colour values.
-const COMPONENTS: [&str; 3] = ["r", "g", "b"];
 
 /// Red, green and blue of a packed colour.
 fn unpacked(packed: u32) -> [u8; 3] {

@@ -46,6 +46,9 @@ pub(super) enum Packed {
     U4,
 }
 
+/// Names of separate colour values.
+pub(super) const COMPONENTS: [&str; 3] = ["r", "g", "b"];
+
 /// How one of three separate colour values is stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Component {
@@ -226,8 +229,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PcdError> {
 
     let (mut xyz, mut packed, mut separate) = ([None; 3], None, [None; 3]);
     // A single letter may stand for anything, as r for a radius: all three are colours, if nothing else is.
-    let named = |name: &str| fields.iter().any(|field| field.name == name);
-    let is_separate = ["r", "g", "b"].into_iter().all(named) && !["rgb", "rgba"].into_iter().any(named);
+    let has = |name: &&str| fields.iter().any(|field| field.name == *name);
+    let is_separate = COMPONENTS.iter().all(has) && !["rgb", "rgba"].iter().any(has);
     let (mut byte, mut value) = (0_u64, 0_u64);
     for field in &fields {
         let (at_byte, at_value) = (byte as usize, value as usize);
@@ -242,9 +245,11 @@ pub(super) fn read(bytes: &[u8]) -> Result<Header, PcdError> {
                     return Err(PcdError::TwoColours);
                 }
             }
-            "r" | "g" | "b" if is_separate => {
-                let component = ["r", "g", "b"].into_iter().position(|name| name == field.name).unwrap_or(0);
-                separate[component] = Some(Slot { of: field.component()?, byte: at_byte, value: at_value });
+            name if is_separate => {
+                if let Some(component) = COMPONENTS.iter().position(|known| *known == name) {
+                    separate[component] =
+                        Some(Slot { of: field.component()?, byte: at_byte, value: at_value });
+                }
             }
             _ => {}
         }

@@ -16,6 +16,14 @@ pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     write_with(path, |file| file.write_all(bytes))
 }
 
+/// As [`write`], readable for its owner alone.
+///
+/// # Errors
+/// As [`write`].
+pub fn write_secret(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    finish(new_file(path, Access::Owner)?, path, |file| file.write_all(bytes))
+}
+
 /// As [`write`], with the bytes written by `fill`.
 ///
 /// # Errors
@@ -24,7 +32,14 @@ pub fn write_with<E: From<io::Error>>(
     path: &Path,
     fill: impl FnOnce(&mut File) -> Result<(), E>,
 ) -> Result<(), E> {
-    let mut file = new_file(path)?;
+    finish(new_file(path, Access::Umask)?, path, fill)
+}
+
+fn finish<E: From<io::Error>>(
+    mut file: NamedTempFile,
+    path: &Path,
+    fill: impl FnOnce(&mut File) -> Result<(), E>,
+) -> Result<(), E> {
     fill(file.as_file_mut())?;
     file.as_file().sync_all()?;
     file.persist(path).map_err(|error| error.error)?;
@@ -37,7 +52,7 @@ pub fn write_with<E: From<io::Error>>(
 /// # Errors
 /// As [`write`].
 pub fn write_unsynced(path: &Path, pieces: &[&[u8]]) -> io::Result<()> {
-    let mut file = new_file(path)?;
+    let mut file = new_file(path, Access::Umask)?;
     pieces.iter().try_for_each(|piece| file.write_all(piece))?;
     file.persist(path).map_err(|error| error.error)?;
     Ok(())
@@ -66,7 +81,7 @@ pub(crate) fn parent(path: &Path) -> &Path {
     path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// A temporary file beside `path`, removed when dropped; as open to others as any new file.
-fn new_file(path: &Path) -> io::Result<NamedTempFile> {
-    temporary::named(Access::Umask, 0o666, |builder| builder.tempfile_in(parent(path)))
+/// A temporary file beside `path`, removed when dropped.
+fn new_file(path: &Path, access: Access) -> io::Result<NamedTempFile> {
+    temporary::named(access, 0o666, |builder| builder.tempfile_in(parent(path)))
 }

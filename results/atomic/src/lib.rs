@@ -8,7 +8,7 @@ mod folder;
 mod lock;
 mod temporary;
 
-pub use file::{remove, sync_folder, write, write_unsynced, write_with};
+pub use file::{remove, sync_folder, write, write_secret, write_unsynced, write_with};
 pub use folder::{NewFolder, remove_abandoned};
 pub use lock::{is_locked, try_lock};
 pub use temporary::{Access, is_abandoned, is_temporary};

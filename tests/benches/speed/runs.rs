@@ -138,7 +138,9 @@ fn separate_worker(place: &mut Place, experiment: &Path, digest: &Value) -> Row 
     let (_, line) = coordinator.wait_for("workers may join with");
     let address = line.rsplit(' ').next().unwrap();
     let mut command = program("worker");
-    command.args(["--coordinator", address, "--threads", "2", "--patience", "5", "--cache"]).arg(&caches[1]);
+    // It stays, so that its peak can be read when the run has ended.
+    command.args(["--coordinator", address, "--stay", "--threads", "2", "--patience", "5"]);
+    command.arg("--cache").arg(&caches[1]);
     let mut worker = Running::start(command);
     worker.wait_for("looking for the coordinator");
     let run = coordinator.finish();

@@ -82,7 +82,8 @@ impl<'a> Scene<'a> {
         let name = format!("worker-{}-{}", self.round, self.started);
         let cache = self.experiment.path("cache");
         let mut command = program("worker");
-        command.args(["--coordinator", &self.address, "--threads", "1", "--cache", &cache, "--name", &name]);
+        command.args(["--coordinator", &self.address, "--stay", "--threads", "1", "--cache", &cache]);
+        command.args(["--name", &name]);
         Running::spawn(self.experiment.folder(), &name, command)
     }
 

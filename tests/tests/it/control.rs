@@ -11,7 +11,7 @@ use crate::process::{Finished, PATIENCE, Running, run};
 use crate::strangers::Site;
 
 /// Long enough to do something to it while it runs.
-const SEARCH: &str = "[search]\nmethod = \"random\"\n[ga]\npopulation = 8\n[stop]\ngenerations = 400\n\
+const SEARCH: &str = "[search]\nmethod = \"random\"\n[ga]\npopulation = 8\n[stop]\ngenerations = 200\n\
     stagnation = \"off\"\nvalidation_patience = \"off\"\n[coordinator]\naudit = 0\n";
 
 /// A sweep of two runs.
@@ -129,7 +129,7 @@ fn a_run_that_is_controlled_in_every_way_ends_with_the_digest_of_one_that_is_not
     let stopped = coordinator.wait().expect_error();
     assert_eq!(stopped.status.code(), Some(130), "{stopped}");
     assert!(stopped.stderr.contains(": for a test\ngo on: the same command again, or coordinator resume "));
-    assert!(!stopped.stderr.contains("generation 400/400"), "too late: {stopped}");
+    assert!(!stopped.stderr.contains("generation 200/200"), "too late: {stopped}");
     for line in
         [" paused by ", "worker two: drained by ", "worker one: denied by ", "worker two: resumed by "]
     {
@@ -245,7 +245,7 @@ fn files_that_are_no_requests_are_answered_and_those_of_an_earlier_start_are_not
     // It is as well as before.
     ordered(&out, &["resume"]);
     let worker = experiment.worker("one", &address);
-    coordinator.wait_for("generation 2/400");
+    coordinator.wait_for("generation 2/200");
     coordinator.signal("KILL");
     coordinator.wait();
     drop(worker);
@@ -264,7 +264,7 @@ fn a_coordinator_that_does_not_answer_is_told_of_and_the_request_taken_back() {
     let out = experiment.path("out");
     let args = experiment.run_args("out", &["--local-workers", "1"]);
     let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
-    coordinator.wait_for("generation 2/400");
+    coordinator.wait_for("generation 2/200");
     coordinator.signal("STOP");
     refused(&out, &["stop", "--wait", "1"], "no coordinator took the request within 1 s\nit was taken back");
     assert_eq!(fs::read_dir(Path::new(&out).join("control")).unwrap().count(), 0);
@@ -279,7 +279,7 @@ fn a_coordinator_that_does_not_answer_is_told_of_and_the_request_taken_back() {
         assert!(bad.stderr.contains(expected), "{bad}");
     }
     let finished = coordinator.wait().expect_success();
-    assert_eq!(summary(&finished)["generations"], 400, "{finished}");
+    assert_eq!(summary(&finished)["generations"], 200, "{finished}");
 }
 
 #[test]
@@ -290,7 +290,7 @@ fn the_certificate_of_a_denied_worker_goes_onto_the_deny_list() {
     let mut worker = site.certified("lab-1", port);
     let joined = coordinator.wait_for("worker lab-1: joined");
     let (_, fingerprint) = joined.split_once(", with certificate ").unwrap();
-    coordinator.wait_for("generation 2/400");
+    coordinator.wait_for("generation 2/200");
     let said = ordered(&site.experiment.path("out"), &["deny", "lab-1"]);
     assert!(said.ends_with("tls/deny has its certificate now"), "{said}");
     worker.wait().expect_error();

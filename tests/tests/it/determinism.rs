@@ -68,8 +68,6 @@ fn the_digest_is_the_same_with_one_worker_with_four_and_with_workers_that_die_an
     let finished = coordinator.wait().expect_success();
     assert_eq!(digest(&finished), digest(&one));
     assert_eq!(workers_of(&experiment, "processes"), ["late", "second", "victim"].map(str::to_owned).into());
-    // The coordinator is gone: a worker waits for the next one, and stops when it is told to.
-    late.signal("TERM");
     late.wait().expect_success();
 
     // Again, with what the workers kept of the first time.
@@ -79,7 +77,6 @@ fn the_digest_is_the_same_with_one_worker_with_four_and_with_workers_that_die_an
     let mut warm = worker(&experiment, "warm-worker", &address, "cold-cache");
     let finished = coordinator.wait().expect_success();
     assert_eq!(digest(&finished), digest(&one));
-    warm.signal("TERM");
     let warm = warm.wait().expect_success();
     assert!(warm.stderr.contains(" clouds, 0 of them fetched"), "the cache was not used: {warm}");
 }
@@ -153,7 +150,9 @@ fn a_worker_waits_for_a_coordinator_that_is_not_there_yet() {
     // A port that was free a moment ago.
     let port = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap().port();
     let address = format!("127.0.0.1:{port}");
-    let mut early = worker(&experiment, "early", &address, "cache");
+    let cache = experiment.path("cache");
+    let args = ["--coordinator", &address, "--name", "early", "--threads", "1", "--cache", &cache, "--stay"];
+    let mut early = Running::start(experiment.folder(), "early", "worker", args);
     early.wait_for("out of reach");
     let args = [
         "run".to_owned(),

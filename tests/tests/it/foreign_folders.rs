@@ -114,10 +114,10 @@ fn an_artefact_and_a_report_replace_their_own_and_nothing_else() {
 
 #[test]
 fn an_unfinished_run_whose_journal_is_gone_keeps_its_tables() {
-    let long = "[search]\nmethod = \"random\"\n[ga]\npopulation = 8\n[stop]\ngenerations = 60\n\
+    let long = "[search]\nmethod = \"random\"\n[ga]\npopulation = 8\n[stop]\ngenerations = 24\n\
         stagnation = \"off\"\nvalidation_patience = \"off\"\n";
     let sweep = format!("{long}[sweep]\nseeds = \"1..2\"\n");
-    for (toml, progress) in [(long, "generation 2/60"), (&sweep, "seed-1: generation 2/60")] {
+    for (toml, progress) in [(long, "generation 2/24"), (&sweep, "seed-1: generation 2/24")] {
         let experiment = Experiment::new(toml);
         let undisturbed = experiment.run("undisturbed", &[]).expect_success();
         let mut running =

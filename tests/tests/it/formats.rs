@@ -10,7 +10,7 @@ use serde_json::Value;
 use tests::ply_files::PlyFormat;
 
 use crate::experiments::{Experiment, clouds, repository};
-use crate::process::{finish, run};
+use crate::process::{Finished, finish, run};
 
 /// Calls `each` with the clouds below a folder, by path, and copies the lists with other endings of their names.
 fn convert(to: &Path, mut each: impl FnMut(usize, &Path, &Path)) {
@@ -90,14 +90,25 @@ fn ply_files_are_searched_exported_and_recognised_as_pcd_files_are() {
     assert_eq!(expected.len(), 8);
 }
 
+fn python(args: &[&str]) -> Finished {
+    finish(Command::new("python3").args(args))
+}
+
+/// Whether Python has some modules, which it must have where that is required.
+fn can_import(modules: &str) -> bool {
+    let is_there = python(&["-c", &format!("import {modules}")]).status.success();
+    let required = std::env::var_os("DESCRY_REQUIRE_NUMPY").is_some_and(|value| value == "1");
+    assert!(is_there || !required, "python3 cannot import {modules}");
+    if !is_there {
+        eprintln!("SKIPPED: python3 cannot import {modules}");
+    }
+    is_there
+}
+
 /// Against files that another program has written.
 #[test]
 fn files_of_plyfile_give_the_same_answers() {
-    let python = |args: &[&str]| finish(Command::new("python3").args(args));
-    if !python(&["-c", "import numpy, plyfile"]).status.success() {
-        let required = std::env::var_os("DESCRY_REQUIRE_NUMPY").is_some_and(|value| value == "1");
-        assert!(!required, "python3 cannot import numpy and plyfile");
-        eprintln!("SKIPPED: python3 cannot import numpy and plyfile");
+    if !can_import("numpy, plyfile") {
         return;
     }
     let folder = tempfile::tempdir().unwrap();
@@ -105,4 +116,56 @@ fn files_of_plyfile_give_the_same_answers() {
     let data = clouds().display().to_string();
     python(&["-B", &script, &data, &folder.path().display().to_string()]).expect_success();
     assert_eq!(nearest(folder.path()), nearest(clouds()));
+}
+
+/// Against images, and their points as PCD, that another program has made.
+#[test]
+fn images_give_the_answers_of_their_points() {
+    if !can_import("numpy, PIL") {
+        return;
+    }
+    let search = "[ga]\npopulation = 4\n[stop]\ngenerations = 2\n[results]\nbaselines = false\n";
+    let folder = Experiment::new(search);
+    let script = repository().join("tests/python/rgbd_images.py").display().to_string();
+    let data = clouds().display().to_string();
+    python(&["-B", &script, &data, &folder.path("images")]).expect_success();
+    let layouts = [
+        ("crops", "_crop.png", "layout = \"uw\""),
+        ("crops-pcd", ".pcd", "layout = \"uw\""),
+        ("scenes", ".png", "layout = \"bop\""),
+        ("scenes-pcd", ".pcd", "layout = \"manifest\"\nmanifest = \"clouds.csv\""),
+    ];
+    let mut told = Vec::new();
+    for (name, ending, layout) in layouts {
+        let root = folder.path(&format!("images/{name}"));
+        let toml = format!(
+            "version = 1\nname = \"short\"\nseed = 5\n[dataset]\nroot = \"{root}\"\n{layout}\n\
+             splits = {{ train1 = \"train1.txt\", train2 = \"train2.txt\", validation = \"validation.txt\", test = \"test.txt\" }}\n\
+             {search}"
+        );
+        let experiment = Experiment::with(&toml);
+        experiment.run("out", &[]).expect_success();
+        let (out, artefact) = (experiment.path("out"), experiment.path("artefact"));
+        run("coordinator", ["export", &out, &artefact]).expect_success();
+        let test = fs::read_to_string(format!("{root}/test.txt")).unwrap();
+        let queries: Vec<String> = test.lines().take(5).map(|line| format!("{root}/{line}")).collect();
+        let args = ["recognise", &artefact, "--json"].into_iter().chain(queries.iter().map(String::as_str));
+        let answers = run("coordinator", args).expect_success().stdout;
+        let answers: Vec<String> = answers
+            .lines()
+            .map(|line| {
+                let mut answer: Value = serde_json::from_str(line).unwrap();
+                ["predicted_instance", "nearest_cloud", "distance", "runner_up_distance"]
+                    .map(|key| answer[key].take().to_string().replace(&format!("{ending}\""), "\""))
+                    .join(" ")
+            })
+            .collect();
+        assert_eq!(answers.len(), 5);
+        told.push((answers, counts(&out)));
+    }
+    let [crops, crops_pcd, scenes, scenes_pcd] = &told[..] else { panic!("four data sets") };
+    assert_eq!(crops, crops_pcd);
+    assert_eq!(scenes, scenes_pcd);
+    assert_ne!(crops, scenes);
+    assert!(crops.0.iter().all(|answer| !answer.contains("null")), "{crops:?}");
 }

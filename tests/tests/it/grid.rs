@@ -2,7 +2,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
-use std::ops::Range;
 use std::sync::LazyLock;
 
 use descriptor::disk_ring::weighted;
@@ -23,8 +22,13 @@ const PAIRS: usize = 5;
 const SOME: usize = 24;
 /// Cells that are compared with all clouds, too.
 const WHOLE_CELLS: usize = 2;
-/// Points that are drawn from the whole grid and compared with all clouds.
-const POINTS: usize = 2000;
+/// Parts of descriptors that are drawn from the whole grid and compared with all clouds, …
+const PARTS: usize = 500;
+/// … and values of w that are drawn for each: describing and comparing clouds takes as long for all as for one.
+const WEIGHTS: usize = 4;
+
+/// A drawn part: its shape_bins and m, and the places of the values of w.
+type Part = (u32, u32, [usize; WEIGHTS]);
 
 /// A split's clouds, ready for every descriptor of the grid.
 struct Prepared {
@@ -117,7 +121,7 @@ impl Block<'_> {
     /// Compares the counts of these points (places of shape_bins and m, and those of w) with the evaluator.
     fn compare(
         &self,
-        points: impl Iterator<Item = ([usize; 2], Range<usize>)>,
+        points: impl Iterator<Item = ([usize; 2], impl IntoIterator<Item = usize>)>,
         [queries, database]: [&Picked; 2],
     ) -> Compared {
         let Self { quantiser, radii, shape_bins, colour_bins, weights } = *self;
@@ -190,21 +194,22 @@ fn points_drawn_from_the_whole_household_grid_are_the_evaluator() {
     let [shape_bins, colour_bins, disks, rings, weights] = &household.values();
     let mut rng = random::stream(1, "compared points of the whole grid", &[]);
     let mut draw = |values: &[u32]| rng.random_range(0..values.len() as u64) as usize;
-    let mut by_radii: BTreeMap<[u32; 2], Vec<(u32, u32, usize)>> = BTreeMap::new();
-    for _ in 0..POINTS {
+    let mut by_radii: BTreeMap<[u32; 2], Vec<Part>> = BTreeMap::new();
+    for _ in 0..PARTS {
         let (n, m) = (shape_bins[draw(shape_bins)], colour_bins[draw(colour_bins)]);
         let radii = [disks[draw(disks)], rings[draw(rings)]];
-        by_radii.entry(radii).or_default().push((n, m, draw(weights)));
+        let drawn = [(); WEIGHTS].map(|()| draw(weights));
+        by_radii.entry(radii).or_default().push((n, m, drawn));
     }
     let all = [&household.queries, &household.database].map(|all| all.pick(0..all.clouds.len()));
-    let compare = |(&radii, points): (&[u32; 2], &Vec<(u32, u32, usize)>)| {
+    let compare = |(&radii, points): (&[u32; 2], &Vec<Part>)| {
         // A cell of the values that were drawn alone: whole ones take ten times as long.
         let distinct = |values: BTreeSet<u32>| Vec::from_iter(values);
         let shape_bins = &distinct(points.iter().map(|point| point.0).collect());
         let colour_bins = &distinct(points.iter().map(|point| point.1).collect());
         let place = |values: &[u32], value| values.binary_search(&value).unwrap();
         let places =
-            points.iter().map(|&(n, m, w)| ([place(shape_bins, n), place(colour_bins, m)], w..w + 1));
+            points.iter().map(|&(n, m, drawn)| ([place(shape_bins, n), place(colour_bins, m)], drawn));
         let block = Block { quantiser: &household.quantiser, radii, shape_bins, colour_bins, weights };
         block.compare(places, all.each_ref())
     };

@@ -43,7 +43,8 @@ fn a_run_goes_on_without_standard_error_and_so_does_its_worker() {
         // A worker beside it, which waits for the next coordinator afterwards.
         let (address, cache) = (free_address(), experiment.path(&format!("cache-{how}")));
         let mut worker = talkative("worker");
-        worker.args(["--coordinator", &address, "--threads", "1", "--cache", &cache]).stderr(stderr());
+        worker.args(["--coordinator", &address, "--stay", "--threads", "1", "--cache", &cache]);
+        worker.stderr(stderr());
         let mut worker = worker.spawn().unwrap();
         let mut command = talkative("coordinator");
         command.args(experiment.run_args_at(&format!("{how}-remote"), &address));

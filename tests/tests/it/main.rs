@@ -28,6 +28,7 @@
 //! - `protocol`: the coordinator's port as a client sees it
 //! - `lost_output`: standard output and error that are full or closed
 //! - `leaks`: what positions of clouds give away
+//! - `metrics`: what Prometheus and probes are told
 //! - `messages`: what a user who begins is told
 //! - `operators`: settings of a search beyond the paper's
 //! - `hostile`: workers that attack a run
@@ -67,10 +68,13 @@ mod hill_climbing;
 mod hostile;
 mod hosts;
 mod impostors;
+mod joining;
 mod leaks;
+mod lifetimes;
 mod lost_output;
 mod members;
 mod messages;
+mod metrics;
 mod operators;
 mod parity;
 mod peer;

@@ -69,17 +69,23 @@ fn cargo(args: &[&str]) -> String {
     String::from_utf8(output.stdout).unwrap()
 }
 
-/// Every Rust source that git tracks or would.
-fn sources() -> Vec<String> {
+/// Every file of such a name that git tracks or would.
+fn tracked(pattern: &str) -> Vec<String> {
     let output = Command::new("git")
-        .args(["ls-files", "--cached", "--others", "--exclude-standard", "*.rs"])
+        .args(["ls-files", "--cached", "--others", "--exclude-standard", pattern])
         .current_dir(repository())
         .output()
         .unwrap();
     assert!(output.status.success(), "git ls-files: {}", String::from_utf8_lossy(&output.stderr));
-    let files: Vec<String> = String::from_utf8(output.stdout).unwrap().lines().map(str::to_owned).collect();
+    let files = String::from_utf8(output.stdout).unwrap();
+    files.lines().filter(|file| repository().join(file).exists()).map(str::to_owned).collect()
+}
+
+/// Every Rust source.
+fn sources() -> Vec<String> {
+    let files = tracked("*.rs");
     assert!(files.len() > 50, "only {} sources found", files.len());
-    files.into_iter().filter(|file| repository().join(file).exists()).collect()
+    files
 }
 
 fn manifest(path: &str) -> Table {
@@ -404,6 +410,29 @@ fn documents_name_no_machine_and_committed_files_are_small() {
         assert!(metadata.len() < 1 << 20, "{file}: over 1 MiB");
         let Ok(text) = fs::read_to_string(&path) else { continue };
         for machine in [concat!("/wo", "rk/"), concat!("/ro", "ot/"), concat!("/ho", "me/")] {
+            assert!(!text.contains(machine), "{file}: names a path of one machine, {machine}");
+        }
+    }
+}
+
+/// Outputs change from run to run, and show folders of whoever ran the notebook.
+#[test]
+fn notebooks_are_committed_without_outputs() {
+    let files = tracked("*.ipynb");
+    assert!(!files.is_empty());
+    for file in files {
+        let text = read(&file);
+        let notebook: Value = serde_json::from_str(&text).unwrap_or_else(|error| panic!("{file}: {error}"));
+        for cell in notebook["cells"].as_array().unwrap() {
+            let id = &cell["id"];
+            assert!(
+                cell["cell_type"] != "code"
+                    || cell["outputs"] == Value::Array(Vec::new()) && cell["execution_count"].is_null(),
+                "{file}: cell {id} must have no outputs and no number: clear all outputs"
+            );
+            assert_eq!(cell["metadata"], serde_json::json!({}), "{file}: cell {id} must have no metadata");
+        }
+        for machine in ["/tmp/", "/Users/", "C:\\\\"] {
             assert!(!text.contains(machine), "{file}: names a path of one machine, {machine}");
         }
     }

@@ -182,7 +182,7 @@ fn clouds_that_cannot_be_added_are_named_and_nothing_changes() {
     fs::create_dir(missing.path("empty")).unwrap();
     refused(
         &[&missing.path("empty")],
-        "clouds at <category>/<instance>/<name>.pcd or .ply expected, got no files",
+        "clouds at <category>/<instance>/<name>.pcd, .ply or _crop.png expected, got no files",
     );
     let broken = put("broken", "mug/mug_99/a.pcd", b"no cloud");
     refused(&[&broken], "got 1 that cannot be used, such as mug/mug_99/a.pcd: ");

@@ -23,6 +23,7 @@ pub use options::{Storage, StorageArgs, default_memory};
 pub use single_flight::Claim;
 pub use size::parse_size;
 pub use store::Store;
+pub use tier::TierReads;
 
 #[cfg(test)]
 mod log_capture;

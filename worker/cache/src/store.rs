@@ -11,7 +11,7 @@ use crate::layout;
 use crate::listing;
 use crate::options::Storage;
 use crate::single_flight::{Claim, SingleFlight};
-use crate::tier::Tier;
+use crate::tier::{Tier, TierReads};
 
 /// The tiers of the cache. All workers of a process use one store. Calls read and write files: they are not for async
 /// threads.
@@ -46,6 +46,12 @@ impl Store {
     /// Whether anything is kept at all.
     pub fn is_kept(&self) -> bool {
         !self.tiers.is_empty()
+    }
+
+    /// How reads of this machine's disk and of the shared folder have ended so far; `None` for a tier that there is not.
+    pub fn reads(&self) -> (Option<TierReads>, Option<TierReads>) {
+        let shared = self.tiers.iter().find(|tier| !tier.is_local());
+        (self.local().map(Tier::reads), shared.map(Tier::reads))
     }
 
     /// From here on, entries are made for this run (a coordinator's session).

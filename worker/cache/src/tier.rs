@@ -30,6 +30,22 @@ pub struct Tier {
     warned: AtomicBool,
     /// Damaged files so far.
     damaged: AtomicU64,
+    hits: AtomicU64,
+    misses: AtomicU64,
+    faults: AtomicU64,
+}
+
+/// How reads of a tier have ended, since the start of the process.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TierReads {
+    /// The file was there. Damaged ones are among them.
+    pub hits: u64,
+    /// There was none.
+    pub misses: u64,
+    /// The tier could not be read.
+    pub faults: u64,
+    /// Files that were there and damaged.
+    pub damaged: u64,
 }
 
 impl Tier {
@@ -44,7 +60,21 @@ impl Tier {
     }
 
     fn new(place: Place) -> Self {
-        Self { place, warned: AtomicBool::new(false), damaged: AtomicU64::new(0) }
+        Self {
+            place,
+            warned: AtomicBool::new(false),
+            damaged: AtomicU64::new(0),
+            hits: AtomicU64::new(0),
+            misses: AtomicU64::new(0),
+            faults: AtomicU64::new(0),
+        }
+    }
+
+    /// How reads have ended so far.
+    pub fn reads(&self) -> TierReads {
+        let [hits, misses, faults, damaged] = [&self.hits, &self.misses, &self.faults, &self.damaged]
+            .map(|count| count.load(Ordering::Relaxed));
+        TierReads { hits, misses, faults, damaged }
     }
 
     /// Whether nobody but this machine writes to it.
@@ -54,7 +84,14 @@ impl Tier {
 
     /// The bytes of a file, at most one more than `most`, and marks it as used.
     pub fn get(&self, name: &Path, most: u64) -> Option<Vec<u8>> {
-        self.ok(read(&self.root().join(name), most)).flatten()
+        let bytes = read(&self.root().join(name), most);
+        let ended = match &bytes {
+            Ok(Some(_)) => &self.hits,
+            Ok(None) => &self.misses,
+            Err(_) => &self.faults,
+        };
+        ended.fetch_add(1, Ordering::Relaxed);
+        self.ok(bytes).flatten()
     }
 
     /// Keeps a file that consists of `pieces`, in place of one that is there.

@@ -7,7 +7,8 @@ use proto::Principal;
 use super::Cluster;
 use super::state::ClusterState;
 use crate::events::{ControlAction, Controlled, EventKind};
-use crate::scheduler::{ClientId, MAX_PRIORITY, WorkerStatus};
+use crate::journal::Journal;
+use crate::scheduler::{ClientId, MAX_PRIORITY, SchedulerMetrics, WorkerStatus};
 
 /// Workers that a message names.
 const MAX_NAMED: usize = 20;
@@ -78,6 +79,22 @@ impl Cluster {
     pub fn fleet(&self) -> Vec<WorkerStatus> {
         let state = self.state();
         state.scheduler.fleet(Instant::now(), |at| state.time_of(at))
+    }
+
+    /// What there is to measure of jobs and workers. Looks at all of them under the lock.
+    pub fn metrics(&self) -> SchedulerMetrics {
+        let mut metrics = self.state().scheduler.metrics();
+        if !*self.begun.borrow() {
+            // Jobs are not submitted before a worker is here: one is wanted for that.
+            metrics.wanted_workers = metrics.wanted_workers.max(1);
+            metrics.wanted_threads = metrics.wanted_threads.max(1);
+        }
+        metrics
+    }
+
+    /// The journal, if one is kept.
+    pub fn journal(&self) -> Option<&Journal> {
+        self.journal.as_deref()
     }
 }
 

@@ -34,6 +34,8 @@ use state::ClusterState;
 const EARLY_REPORTS: usize = 16;
 /// Failures of one job that a message lists.
 const MAX_FAILURES_SHOWN: usize = 10;
+/// Workers that have not polled for a heartbeat and this long do not hear that the run has ended.
+const DISMISSAL_MARGIN: Duration = Duration::from_secs(1);
 /// How often silent workers are looked for.
 const TICK: Duration = Duration::from_millis(500);
 
@@ -110,6 +112,8 @@ pub struct Cluster {
     has_past: bool,
     /// Whether every client waits for a result, or has nothing to submit.
     begun: watch::Sender<bool>,
+    /// A worker has left that was told that the run has ended.
+    left: Notify,
     /// Permits for polls with reports that wait for that.
     early_reports: Semaphore,
 }
@@ -168,6 +172,7 @@ impl Cluster {
             journal,
             has_past,
             begun: watch::Sender::new(false),
+            left: Notify::new(),
             early_reports: Semaphore::new(EARLY_REPORTS),
         });
         tokio::spawn(tick(Arc::downgrade(&cluster)));
@@ -241,6 +246,9 @@ impl Cluster {
         let (sequence, wanted, leaving) = (poll.sequence, poll.wanted, poll.leaving);
         let wakeup = Arc::new(Notify::new());
         let (mut answer, withheld) = self.state().poll(caller, poll, &wakeup, Instant::now())?;
+        if leaving && answer.run_ended {
+            self.left.notify_one();
+        }
         if leaving && !withheld.is_empty() {
             // It will not poll again.
             answer.acknowledged.extend(self.wait_for_journal(withheld, deadline).await);
@@ -266,7 +274,8 @@ impl Cluster {
                 let still = state.withhold(&mut withheld);
                 let acknowledged = std::mem::replace(&mut withheld, still);
                 let sequence = state.scheduler.jobs.last_pending(&withheld);
-                (Answer { jobs, acknowledged, ..Answer::default() }, sequence)
+                let run_ended = state.scheduler.has_ended();
+                (Answer { jobs, acknowledged, run_ended, ..Answer::default() }, sequence)
             };
             if !answer.is_empty() {
                 return Ok(answer);
@@ -386,6 +395,22 @@ impl Cluster {
     /// Ends all leases, because nobody waits for them any more.
     pub fn close(&self) {
         self.state().close(Instant::now());
+    }
+
+    /// Tells the workers of other processes that the run has ended, and waits until they have left, or have been silent for
+    /// longer than a worker is that is still there.
+    pub async fn dismiss_workers(&self) {
+        self.state().end_run(Instant::now());
+        self.begun.send_replace(true); // nobody will submit anything
+        let silence = self.heartbeat() + DISMISSAL_MARGIN;
+        let latest = tokio::time::Instant::now() + silence;
+        loop {
+            let Some(last) = self.state().scheduler.last_sign_of_life() else { return };
+            let until = latest.min((last + silence).into());
+            if tokio::time::timeout_at(until, self.left.notified()).await.is_err() {
+                return;
+            }
+        }
     }
 
     /// See [`Scheduler::provenances`].

@@ -350,6 +350,13 @@ impl ClusterState {
         self.settle(now);
     }
 
+    /// Ends all leases, and has workers told that nothing more will be asked; at once those whose poll is held back.
+    pub(super) fn end_run(&mut self, now: Instant) {
+        self.close(now);
+        self.scheduler.end_run();
+        self.wakeups.values().for_each(|wakeup| wakeup.notify_one());
+    }
+
     /// The events that concern a client: all but attempts at jobs that only others have asked for.
     pub(super) fn concerning(&self, client: ClientId, mut events: Vec<Arc<Event>>) -> Vec<Arc<Event>> {
         events.retain(|event| match &event.kind {

@@ -1,5 +1,6 @@
 //! The cluster as workers and clients use it: polls, acknowledgements, the clock, failures.
 
+mod dismissal;
 mod sharing;
 
 use super::*;

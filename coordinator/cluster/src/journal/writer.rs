@@ -1,13 +1,14 @@
 //! The journal at work: entries go in without waiting, a thread commits them in groups and says how far it has come.
 
 use std::path::PathBuf;
-use std::sync::{Mutex, mpsc};
+use std::sync::{Arc, Mutex, mpsc};
 use std::thread;
 use std::time::Instant;
 
 use tokio::sync::watch;
 
 use super::{Entry, JournalError, JournalFile};
+use crate::counters::Histogram;
 use crate::lock::lock;
 
 /// Most entries of one commit. What comes while a commit waits for the disk is the next group.
@@ -34,6 +35,8 @@ struct Outbox {
 pub struct Journal {
     outbox: Mutex<Outbox>,
     progress: watch::Receiver<Progress>,
+    /// How long commits took.
+    commits: Arc<Mutex<Histogram>>,
     /// For messages.
     path: PathBuf,
 }
@@ -45,9 +48,11 @@ impl Journal {
         let (said, progress) = watch::channel(Progress::default());
         let path = file.path().to_owned();
         let thread = thread::Builder::new().name("journal".to_owned());
-        let started = thread.spawn(move || write(&file, &entries, &said));
+        let commits = Arc::<Mutex<Histogram>>::default();
+        let timed = Arc::clone(&commits);
+        let started = thread.spawn(move || write(&file, &entries, &said, &timed));
         started.map_err(|error| JournalError::unusable(&path, error))?;
-        Ok(Self { outbox: Mutex::new(Outbox { entries: sender, recorded: 0 }), progress, path })
+        Ok(Self { outbox: Mutex::new(Outbox { entries: sender, recorded: 0 }), progress, commits, path })
     }
 
     /// Hands an entry to the thread. It is on the disk once its sequence is durable.
@@ -83,13 +88,28 @@ impl Journal {
         }
     }
 
+    /// How long each commit took, since this start.
+    pub fn commits(&self) -> Histogram {
+        *lock(&self.commits)
+    }
+
+    /// Entries that are on the disk since this start.
+    pub fn entries(&self) -> u64 {
+        self.progress.borrow().durable
+    }
+
     /// Why nothing is written any more, if so.
     pub fn failure(&self) -> Option<JournalError> {
         self.progress.borrow().failure.clone()
     }
 }
 
-fn write(file: &JournalFile, entries: &mpsc::Receiver<Entry>, said: &watch::Sender<Progress>) {
+fn write(
+    file: &JournalFile,
+    entries: &mpsc::Receiver<Entry>,
+    said: &watch::Sender<Progress>,
+    timed: &Mutex<Histogram>,
+) {
     let (mut group, mut commits) = (Vec::new(), 0u64);
     while let Ok(first) = entries.recv() {
         group.push(first);
@@ -101,7 +121,9 @@ fn write(file: &JournalFile, entries: &mpsc::Receiver<Entry>, said: &watch::Send
         }
         commits += 1;
         said.send_modify(|progress| progress.durable += group.len() as u64);
-        let milliseconds = begun.elapsed().as_secs_f64() * 1e3;
+        let seconds = begun.elapsed().as_secs_f64();
+        lock(timed).observe(seconds);
+        let milliseconds = seconds * 1e3;
         tracing::debug!("journal: commit {commits}, {} entries, {milliseconds:.1} ms", group.len());
         group.clear();
     }
@@ -137,6 +159,9 @@ impl Journal {
         let (sender, entries) = mpsc::channel();
         let (said, progress) = watch::channel(Progress::default());
         let outbox = Mutex::new(Outbox { entries: sender, recorded: 0 });
-        (Self { outbox, progress, path: PathBuf::from("journal") }, Held { entries, said })
+        (
+            Self { outbox, progress, commits: Arc::default(), path: PathBuf::from("journal") },
+            Held { entries, said },
+        )
     }
 }

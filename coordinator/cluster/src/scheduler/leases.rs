@@ -98,6 +98,9 @@ impl Scheduler {
         let principal = self.workers.get(&id)?.principal;
         let job = self.jobs.get_mut(job_id)?;
         let (attempt, task) = (job.hand_out(id, now), Arc::clone(&job.task));
+        if attempt == 1 {
+            self.counters.queue_times.observe(now.saturating_duration_since(job.submitted).as_secs_f64());
+        }
         self.queue.serve(job.position);
         self.add_lease(job_id, id, attempt, now);
         Some((self.secret.lease(job_id, attempt, (id, principal)), task))
@@ -108,8 +111,9 @@ impl Scheduler {
             job.leases.push((id, attempt));
             // Its second answer is asked for at once, not when the first is there.
             if self.trust.audits(worker.principal, self.secret.draw(job_id)) {
-                job.require(Quorum::Two);
+                self.counters.audits += u64::from(job.require(Quorum::Two));
             }
+            *self.counters.leases.entry(job.task.kind()).or_default() += 1;
             self.idle -= usize::from(worker.is_free());
             worker.take(job_id, attempt, now);
             worker.described.add(&job.channels);
@@ -206,6 +210,7 @@ impl Scheduler {
         let Some(job) = self.jobs.get(job_id) else { return };
         let handed_out = job.handed_out_at(id, number);
         let (task, label) = (job.task.to_string(), self.label(id));
+        self.counters.attempt_ended(job.task.kind(), end.as_str(), run_seconds);
         let held_seconds = now.saturating_duration_since(handed_out).as_secs_f64();
         let attempt =
             Attempt { job: job_id, number, task, worker: id, label, held_seconds, run_seconds, end };

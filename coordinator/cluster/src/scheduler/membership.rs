@@ -19,7 +19,23 @@ impl Scheduler {
         introduction: Introduction,
         now: Instant,
     ) -> Result<String, RegisterRefusal> {
+        let registered = self.try_register(id, introduction, now);
+        if let Err(refusal) = registered {
+            *self.counters.refused.entry(refusal.as_str()).or_default() += 1;
+        }
+        registered
+    }
+
+    fn try_register(
+        &mut self,
+        id: WorkerId,
+        introduction: Introduction,
+        now: Instant,
+    ) -> Result<String, RegisterRefusal> {
         let principal = introduction.principal;
+        if self.run_ended {
+            return Err(RegisterRefusal::RunEnded);
+        }
         if self.denied.contains(&id) {
             return Err(RegisterRefusal::Denied);
         }
@@ -90,6 +106,22 @@ impl Scheduler {
         Some(())
     }
 
+    /// Nothing more will be asked: every worker is told so when it polls or registers, and that it leaves is no event.
+    pub fn end_run(&mut self) {
+        self.run_ended = true;
+    }
+
+    /// Whether workers are told that the run has ended.
+    pub fn has_ended(&self) -> bool {
+        self.run_ended
+    }
+
+    /// When a worker of another process was last heard from that has not left.
+    pub fn last_sign_of_life(&self) -> Option<Instant> {
+        let remote = self.workers.values().filter(|worker| worker.principal != Principal::Coordinator);
+        remote.map(|worker| worker.last_seen).max()
+    }
+
     /// Ends the quarantine of a principal, on somebody's word: it is a newcomer. `false` if it is not quarantined.
     pub fn readmit(&mut self, principal: Principal, now: Instant) -> bool {
         let was_quarantined = self.quarantined.remove(&principal);
@@ -140,6 +172,9 @@ impl Scheduler {
     }
 
     pub(super) fn note_departure(&mut self, id: WorkerId, why: Departure, leases: usize, now: Instant) {
+        if self.run_ended {
+            return;
+        }
         let answers = self.identities.get(&id).map_or(0, |known| known.answers);
         let label = self.label(id);
         self.emit(now, EventKind::Departed { worker: id, label, departure: why, leases, answers });

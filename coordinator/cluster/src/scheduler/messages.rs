@@ -34,12 +34,14 @@ pub struct Answer {
     pub revoked: Vec<Lease>,
     /// New leases.
     pub jobs: Vec<(Lease, Arc<Task>)>,
+    /// Whether the run has ended, so that there will be no more.
+    pub run_ended: bool,
 }
 
 impl Answer {
     /// Whether it says nothing, so that it may as well be held back.
     pub fn is_empty(&self) -> bool {
-        self.acknowledged.is_empty() && self.revoked.is_empty() && self.jobs.is_empty()
+        self.acknowledged.is_empty() && self.revoked.is_empty() && self.jobs.is_empty() && !self.run_ended
     }
 }
 
@@ -63,6 +65,20 @@ pub enum RegisterRefusal {
     Quarantined,
     /// An operator has denied it.
     Denied,
+    /// There is nothing left to do.
+    RunEnded,
+}
+
+impl RegisterRefusal {
+    /// A few words for it.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Full => "too many workers",
+            Self::Quarantined => "quarantined",
+            Self::Denied => "denied",
+            Self::RunEnded => "run ended",
+        }
+    }
 }
 
 /// A job that is done.

@@ -11,6 +11,7 @@ mod health;
 mod leases;
 mod membership;
 pub mod messages;
+pub mod metrics;
 mod provenance;
 mod queue;
 mod restore;
@@ -27,6 +28,7 @@ use proto::journal::Assurance;
 use proto::task::{DescriptorBytes, Subject, Task};
 use proto::{JobId, Lease, Principal, WorkerId};
 
+use crate::counters::Counters;
 use crate::events::{AttemptEnd, Departure, EventKind};
 pub use crate::secret::{Caller, RunSecret};
 use crate::store::{Job, JobStore, Quorum, Vote};
@@ -38,6 +40,7 @@ pub use messages::{
     Answer, Confirmed, Doubt, Emitted, Finished, JobFailed, Poll, PollRefusal, RegisterRefusal, Staffing,
     WorkerFailure,
 };
+pub use metrics::{JobState, SchedulerMetrics, WorkerState};
 pub use provenance::{Basis, Provenance};
 use queue::Queue;
 use run_times::RunTimes;
@@ -135,8 +138,11 @@ pub struct Scheduler {
     paused: BTreeSet<ClientId>,
     /// Workers that an operator does not let in any more.
     denied: BTreeSet<WorkerId>,
+    counters: Counters,
     /// There was an earlier start, which may have granted leases that are not recorded.
     restarted: bool,
+    /// Nothing more will be asked, and workers are told so.
+    run_ended: bool,
 }
 
 impl Scheduler {
@@ -170,7 +176,9 @@ impl Scheduler {
             unaudited: false,
             paused: BTreeSet::new(),
             denied: BTreeSet::new(),
+            counters: Counters::default(),
             restarted: false,
+            run_ended: false,
         }
     }
 
@@ -234,7 +242,7 @@ impl Scheduler {
             self.jobs.open(id, job);
         }
         if let Some(job) = self.jobs.get_mut(id) {
-            job.require(quorum);
+            self.counters.audits += u64::from(job.require(quorum));
             job.clients.insert(client);
         }
         self.settle(id, now);
@@ -337,12 +345,13 @@ impl Scheduler {
         if self.quarantined.contains(&principal) {
             return Err(PollRefusal::Quarantined);
         }
-        answer.revoked = self.reconcile(id, &poll.held, now);
         if poll.leaving {
-            self.remove_worker(id, Departure::Left, now);
+            self.remove_worker(id, Departure::Left, now); // with its leases, whether it lists them or not
         } else {
+            answer.revoked = self.reconcile(id, &poll.held, now);
             answer.jobs = self.lease_jobs(id, poll.wanted, now);
         }
+        answer.run_ended = self.run_ended;
         if !answer.is_empty() {
             self.queue.set_idle_poll(id, None); // it hears back at once, and will ask again
         }
@@ -417,7 +426,9 @@ impl Scheduler {
 
     /// What happened since the last call.
     pub fn drain_events(&mut self) -> Vec<Emitted> {
-        std::mem::take(&mut self.events)
+        let events = std::mem::take(&mut self.events);
+        events.iter().for_each(|event| self.counters.note(&event.kind));
+        events
     }
 
     /// What came up since the last call that makes accepted results doubtful.

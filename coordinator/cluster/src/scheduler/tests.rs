@@ -4,6 +4,7 @@ mod affinity;
 mod control;
 mod cost;
 mod failures;
+mod metrics;
 mod opinions;
 mod principals;
 mod restarts;

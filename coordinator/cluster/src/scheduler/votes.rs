@@ -73,7 +73,7 @@ impl Scheduler {
         };
         let result = vote.result.filter(|_| !job.delivered);
         if self.trust.audits(principal, self.secret.draw(job_id)) {
-            job.require(Quorum::Two);
+            self.counters.audits += u64::from(job.require(Quorum::Two));
         }
         let is_first = !job.answered_by(principal);
         job.votes.push(Vote { result, ..vote });
@@ -119,6 +119,7 @@ impl Scheduler {
         if alone && !std::mem::replace(&mut self.unaudited, true) {
             self.events.push(Emitted { at: now, kind: EventKind::Unaudited });
         }
+        let agreed = settled && !disputed && job.quorum() > Quorum::One && job.seconded().is_some();
         if settled && job.delivered {
             let confirmed = |leading: &Vote| {
                 let (fingerprint, seconded) = (leading.fingerprint, job.seconded());
@@ -126,6 +127,9 @@ impl Scheduler {
                 Some(Confirmed { job: job_id, fingerprint, seconded, assurance, was_disputed })
             };
             self.confirmed.extend(job.leading().and_then(confirmed));
+        }
+        if agreed && let Some(job) = self.jobs.get_mut(job_id) {
+            self.counters.agreements += u64::from(!std::mem::replace(&mut job.agreed, true));
         }
         if settled || alone {
             self.deliver(job_id);

@@ -69,6 +69,8 @@ pub struct Job {
     quorum: Quorum,
     /// A result has been delivered.
     pub delivered: bool,
+    /// Two principals were found to agree where they had to.
+    pub agreed: bool,
     /// Who works on it, on which attempt.
     pub leases: Vec<(WorkerId, u32)>,
     handed_out: Vec<HandedOut>,
@@ -95,6 +97,7 @@ impl Job {
             submitted,
             quorum: Quorum::One,
             delivered: false,
+            agreed: false,
             leases: Vec::new(),
             handed_out: Vec::new(),
             votes: Vec::new(),
@@ -198,9 +201,11 @@ impl Job {
         self.quorum == Quorum::Own && !self.answered_by(Principal::Coordinator)
     }
 
-    /// Has it answered by this quorum, unless a higher one is required already.
-    pub fn require(&mut self, quorum: Quorum) {
-        self.quorum = self.quorum.max(quorum);
+    /// Has it answered by this quorum, unless a higher one is required already; `true` if anybody was enough before.
+    pub fn require(&mut self, quorum: Quorum) -> bool {
+        let before = self.quorum;
+        self.quorum = before.max(quorum);
+        before == Quorum::One && self.quorum > before
     }
 
     /// How many more equal results it needs: none beside the coordinator's own; of two principals where results differ, or

@@ -104,13 +104,13 @@ fn names_that_would_disturb_a_terminal() {
         "path,category,instance,split\na.pcd,fr\u{7}uit,pear,train1\n",
         expect![[r#"
             clouds.csv, line 2: category without control characters expected, got fr\u{7}uit
-            write a CSV with the header path,category,instance,sequence,split (the last two if wanted)"#]],
+            write CSV or Parquet with the columns path, category and instance, and sequence, split and set if wanted"#]],
     );
     check_manifest(
         "path,category,instance,sequence,split\na.pcd,fruit,pear,1\u{1b}[2J,train1\n",
         expect![[r#"
             clouds.csv, line 2: sequence without control characters expected, got 1\u{1b}[2J
-            write a CSV with the header path,category,instance,sequence,split (the last two if wanted)"#]],
+            write CSV or Parquet with the columns path, category and instance, and sequence, split and set if wanted"#]],
     );
 }
 
@@ -211,7 +211,7 @@ fn labels_that_contradict_or_miss() {
             fixture.append("train1.txt", "cup_5/cup_5_1_1.pcd");
         },
         expect![[r#"
-            train1.txt, line 5: <category>/<instance>/<instance>_<video>_<frame>.pcd or .ply expected, got cup_5/cup_5_1_1.pcd
+            train1.txt, line 5: <category>/<instance>/<instance>_<video>_<frame>.pcd, .ply or _crop.png expected, got cup_5/cup_5_1_1.pcd
             move the cloud, or set dataset.layout to what the folders are (a manifest can describe any)"#]],
     );
 }
@@ -303,19 +303,19 @@ fn manifests_that_cannot_be_used() {
         "path,instance\na.pcd,x\n",
         expect![[r#"
             clouds.csv, line 1: column category expected, got path,instance
-            write a CSV with the header path,category,instance,sequence,split (the last two if wanted)"#]],
+            write CSV or Parquet with the columns path, category and instance, and sequence, split and set if wanted"#]],
     );
     check_manifest(
         "path,category,instance,path\na.pcd,x,y,b.pcd\n",
         expect![[r#"
             clouds.csv, line 1: each column once expected, got path twice
-            write a CSV with the header path,category,instance,sequence,split (the last two if wanted)"#]],
+            write CSV or Parquet with the columns path, category and instance, and sequence, split and set if wanted"#]],
     );
     check_manifest(
         &format!("{columns}a.pcd,x,y\n"),
         expect![[r#"
             clouds.csv, line 2: CSV with the same number of fields in each row expected, got CSV error: record 1 (line: 2, byte: 29): found record with 3 fields, but the previous record has 4 fields
-            write a CSV with the header path,category,instance,sequence,split (the last two if wanted)"#]],
+            write CSV or Parquet with the columns path, category and instance, and sequence, split and set if wanted"#]],
     );
     check_manifest(
         &format!("{columns}a.pcd,fruit,pear,train1\nb.pcd, ,pear,train2\n"),
@@ -327,7 +327,7 @@ fn manifests_that_cannot_be_used() {
         &format!("{columns}a.pcd,fruit,pear,training\n"),
         expect![[r#"
             clouds.csv, line 2: split train1, train2, validation, test or nothing expected, got training
-            write a CSV with the header path,category,instance,sequence,split (the last two if wanted)"#]],
+            write CSV or Parquet with the columns path, category and instance, and sequence, split and set if wanted"#]],
     );
     check_manifest(
         &format!("{columns}a.pcd,fruit,pear,train1\n./a.pcd,fruit,pear,test\n"),

@@ -74,20 +74,20 @@ fn folders_without_clouds_are_told_what_is_there() {
     check(
         &[],
         expect![[r#"
-            <root>: clouds at <category>/<instance>/<name>.pcd or .ply expected, got no files
-            clouds are read from PCD and PLY files: put them there, for example as Open3D's io.write_point_cloud writes them"#]],
+            <root>: clouds at <category>/<instance>/<name>.pcd, .ply or _crop.png expected, got no files
+            clouds are read from PCD, PLY and RGB-D images: put them there, for example as Open3D's io.write_point_cloud writes them"#]],
     );
     check(
         &["a.ply", "b.PLY", "notes.txt", ".hidden.ply"],
         expect![[r#"
-            <root>: clouds at <category>/<instance>/<name>.pcd or .ply expected, got 2 .ply, 1 .txt
-            clouds are read from PCD and PLY files: move them there, or describe where they are by layout "pattern" or a manifest"#]],
+            <root>: clouds at <category>/<instance>/<name>.pcd, .ply or _crop.png expected, got 2 .ply, 1 .txt
+            clouds are read from PCD, PLY and RGB-D images: move them there, or describe where they are by layout "pattern" or a manifest"#]],
     );
     check(
         &["cup/cup_1/a.xyz", "cup/cup_1/b.xyz", "cup/cup_1/README", "cup/cup_1/v1.of the cup"],
         expect![[r#"
-            <root>: clouds at <category>/<instance>/<name>.pcd or .ply expected, got 2 .xyz, 2 without ending
-            clouds are read from PCD and PLY files: python3 -c 'import open3d as o, sys; o.io.write_point_cloud(sys.argv[2], o.io.read_point_cloud(sys.argv[1]))' IN.xyz OUT.ply"#]],
+            <root>: clouds at <category>/<instance>/<name>.pcd, .ply or _crop.png expected, got 2 .xyz, 2 without ending
+            clouds are read from PCD, PLY and RGB-D images: python3 -c 'import open3d as o, sys; o.io.write_point_cloud(sys.argv[2], o.io.read_point_cloud(sys.argv[1]))' IN.xyz OUT.ply"#]],
     );
     for (file, advice) in [
         ("a/b/c.obj", "IN.obj OUT.ply"),
@@ -162,6 +162,6 @@ fn what_a_pattern_does_not_read_is_named() {
     let elsewhere = drawn(&fixture, pattern("scans/{instance}.pcd"));
     expect![[r#"
         <root>: clouds at scans/{instance}.pcd expected, got 1 .pcd
-        clouds are read from PCD and PLY files: move them there, or describe where they are by layout "pattern" or a manifest"#]]
+        clouds are read from PCD, PLY and RGB-D images: move them there, or describe where they are by layout "pattern" or a manifest"#]]
     .assert_eq(&message(&fixture, &elsewhere));
 }

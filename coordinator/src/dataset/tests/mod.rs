@@ -2,9 +2,11 @@
 
 mod errors;
 mod formats;
+mod images;
 mod inspecting;
 mod leaks;
 mod loading;
+mod manifests;
 mod protocols;
 mod remembering;
 mod seeded;

@@ -5,7 +5,8 @@ use std::collections::BTreeSet;
 use descriptor::Preprocess;
 use expect_test::{Expect, expect};
 
-use super::super::layout::{Labelled, Labels};
+use super::super::labelled::Labelled;
+use super::super::layout::Labels;
 use super::super::root::Root;
 use super::super::split::{draw, split};
 use super::super::{Dataset, DatasetError, DatasetSettings, Layout, SeededSplit, SplitRule, Wanted};
@@ -162,7 +163,7 @@ fn clouds_with_other_names_are_left_out_of_a_uw_draw_with_a_warning() {
     .unwrap();
     assert_eq!(dataset.clouds.entries.len(), 16);
     expect![[r#"
-        dataset.layout: only clouds named <instance>_<video>_<frame>.pcd or .ply expected, got 1 others, such as formats/ascii/cup_1_1_1.pcd
+        dataset.layout: only clouds named <instance>_<video>_<frame>.pcd, .ply or _crop.png expected, got 1 others, such as formats/ascii/cup_1_1_1.pcd
         they are not used: rename them or set dataset.layout = "folders""#]]
     .assert_eq(&dataset.clouds.warnings.join("\n"));
 }

@@ -117,10 +117,10 @@ fn dataset() {
               write `layout = "manifest"`, or name lists or a seeded draw in [dataset.splits]
             dataset.layout = \'pattern\'\ndataset.pattern = \'{instance}.pcd\'\ndataset.spli
               dataset.splits.seeded.test_sequences: the pattern has no {sequence}, got ["2"]
-              remove them, or use layout "uw" or "manifest", or a pattern with {sequence}
+              remove them, or use layout "uw", "bop" or "manifest", or a pattern with {sequence}
             dataset.layout = \'wu\'
               dataset.layout: unknown word, got 'wu'
-              did you mean `uw`? known words here: uw, folders, manifest, pattern
+              did you mean `uw`? known words here: uw, folders, bop, manifest, pattern
             dataset.unit = \'cm\'
               dataset.unit: unknown word, got 'cm'
               known words here: m, mm
@@ -171,7 +171,7 @@ fn dataset() {
               choose a smaller number: integers of TOML end there
             dataset.layout = \'folders\'\ndataset.splits.seeded.test_sequences = [\'2\']
               dataset.splits.seeded.test_sequences: layout "folders" has no sequences, got ["2"]
-              remove them, or use layout "uw" or "manifest", or a pattern with {sequence}
+              remove them, or use layout "uw", "bop" or "manifest", or a pattern with {sequence}
             dataset.synthetic.objects = 1
               dataset.synthetic.objects: number outside 2 to 1000, got 1
               choose a number inside these limits

@@ -8,6 +8,7 @@
 //! In output, a line `…` stands for any lines and `…` in a line for any text; what depends on the machine (seconds,
 //! rates, threads) is not compared. `UPDATE_EXPECT=1` writes what the commands print into the pages.
 
+mod cloud_files_page;
 mod experiment_page;
 mod output;
 mod page;
@@ -21,7 +22,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use expect_test::expect_file;
 
-use crate::experiments::{Experiment, repository, run_demo};
+use crate::experiments::{Experiment, copy_folder, repository, run_demo};
 use crate::process::run;
 use page::Page;
 
@@ -198,10 +199,40 @@ fn the_reference_of_the_protocol_is_made_from_the_proto_files() {
         .assert_eq(&protocol_page::markdown(proto::FILE_DESCRIPTOR_SET));
 }
 
+#[test]
+fn the_reference_of_metrics_is_made_from_the_code() {
+    expect_file![repository().join("docs/src/reference/metrics.md")]
+        .assert_eq(&coordinator::metrics::reference());
+}
+
+/// The page's last section; what stands before it is written by hand.
+#[test]
+fn the_reference_of_cloud_files_has_every_message() {
+    let page = "docs/src/reference/cloud-files.md";
+    let last = "Each kind of error once:\n";
+    let text = read(page);
+    let (by_hand, _) = text.split_once(last).unwrap();
+    let (tables, names) = cloud_files_page::refused();
+    expect_file![repository().join(page)].assert_eq(&format!("{by_hand}{last}{tables}"));
+    for (format, names) in ["ply", "pcd", "rgbd"].into_iter().zip(names) {
+        let source = read(&format!("descriptor/src/{format}/error.rs"));
+        let variants = source.lines().filter_map(|line| {
+            let name = line.strip_prefix("    ")?.trim_end_matches([',', '{', ' ']);
+            let is_variant = name.starts_with(|first: char| first.is_ascii_uppercase());
+            (is_variant && name.bytes().all(|byte| byte.is_ascii_alphanumeric())).then(|| name.to_owned())
+        });
+        let variants: BTreeSet<String> = variants.collect();
+        assert!(variants.len() > 5, "{variants:?}");
+        assert_eq!(names.into_iter().collect::<BTreeSet<String>>(), variants, "{page}: errors of {format}");
+    }
+}
+
 /// The README's figures are those of the run whose table it shows.
 #[test]
 fn the_figures_are_those_of_the_demo() {
-    let demo = run_demo();
+    // A copy: the report of a run leaves a look in it, which pages would show.
+    let demo = Experiment::with("");
+    copy_folder(run_demo().folder(), demo.folder());
     let svg = demo.path("svg");
     let (run_folder, page) = (demo.path("results/runs/demo"), demo.path("demo.html"));
     run("coordinator", ["report", &run_folder, "--out", &page, "--svg", &svg]).expect_success();

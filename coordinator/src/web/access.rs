@@ -1,4 +1,4 @@
-//! Who may look at a dashboard, and who may act: what a request has to show, and from which page it may come.
+//! Who may look, and who may act: what a request has to show, and from which page it may come.
 
 use std::net::SocketAddr;
 
@@ -33,7 +33,7 @@ pub enum Right {
     Control,
 }
 
-/// Access to a dashboard.
+/// Access to an address.
 pub struct Access {
     /// `None`: nothing has to be shown.
     tokens: Option<WebTokens>,
@@ -58,9 +58,9 @@ impl Refusal {
         match self {
             Self::Host => (
                 StatusCode::FORBIDDEN,
-                "host: another name than this machine's\nopen the address that the dashboard has printed",
+                "host: another name than this machine's\nopen the address that the program has printed",
             ),
-            Self::Origin => (StatusCode::FORBIDDEN, "origin: another page\nuse the page of this dashboard"),
+            Self::Origin => (StatusCode::FORBIDDEN, "origin: another page\nuse the page of this address"),
             Self::Token => (
                 StatusCode::UNAUTHORIZED,
                 "token: none, or one that does not allow this\nenter the token of the folder of certificates",
@@ -70,7 +70,7 @@ impl Refusal {
 }
 
 impl Access {
-    /// To the dashboard at this address.
+    /// To what is served at this address.
     pub fn new(address: SocketAddr, tokens: Option<WebTokens>) -> Self {
         Self { tokens, is_loopback: address.ip().is_loopback(), port: address.port() }
     }

@@ -1,0 +1,218 @@
+//! What is at work in this process, for whoever asks: nothing yet, a run or a sweep, or what the last one has left.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::SystemTime;
+
+use cache::{Store, TierReads};
+use cluster::Cluster;
+use cluster::counters::Histogram;
+use cluster::scheduler::SchedulerMetrics;
+use transport::RefusalLog;
+
+/// How far a run is.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct RunState {
+    /// Generations that are complete.
+    pub generation: u32,
+    /// The best training fitness so far, from 0 to 1; `None` before a generation is complete.
+    pub best_fitness: Option<f64>,
+}
+
+/// The journal since this start.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct JournalMetrics {
+    /// How long commits took.
+    pub commits: Histogram,
+    /// Entries that are on the disk.
+    pub entries: u64,
+    /// It cannot be written any more.
+    pub failed: bool,
+}
+
+/// All that is measured, at one moment.
+#[derive(Clone, Debug, Default)]
+pub struct Snapshot {
+    /// Jobs and workers.
+    pub scheduler: SchedulerMetrics,
+    /// The journal.
+    pub journal: JournalMetrics,
+    /// Connections that were refused, by reason.
+    pub refusals: BTreeMap<&'static str, u64>,
+    /// Reads of this machine's disk and of the shared folder.
+    pub reads: (Option<TierReads>, Option<TierReads>),
+    /// Runs by name.
+    pub runs: BTreeMap<String, RunState>,
+    /// Workers are let in and given jobs.
+    pub ready: bool,
+}
+
+/// Parts of a session that are measured.
+struct Live {
+    cluster: Arc<Cluster>,
+    store: Arc<Store>,
+    refusals: Option<Arc<RefusalLog>>,
+}
+
+impl Live {
+    fn snapshot(&self, runs: BTreeMap<String, RunState>) -> Snapshot {
+        let journal = self.cluster.journal().map_or_else(JournalMetrics::default, |journal| JournalMetrics {
+            commits: journal.commits(),
+            entries: journal.entries(),
+            failed: journal.failure().is_some(),
+        });
+        Snapshot {
+            scheduler: self.cluster.metrics(),
+            journal,
+            ready: !journal.failed,
+            refusals: self.refusals.as_ref().map(|refusals| refusals.counts()).unwrap_or_default(),
+            reads: self.store.reads(),
+            runs,
+        }
+    }
+}
+
+/// What there is to measure.
+enum Subject {
+    /// Nothing is at work yet.
+    Preparing,
+    Live(Live),
+    /// As it was at its end: a scrape that comes late sees all of it.
+    Ended(Box<Snapshot>),
+}
+
+struct State {
+    subject: Subject,
+    runs: BTreeMap<String, RunState>,
+}
+
+/// What a process has at work.
+pub struct Watch {
+    state: Mutex<State>,
+    /// When the process began to watch: its start, but for some milliseconds.
+    pub started: SystemTime,
+}
+
+impl Default for Watch {
+    fn default() -> Self {
+        let state = State { subject: Subject::Preparing, runs: BTreeMap::new() };
+        Self { state: Mutex::new(state), started: SystemTime::now() }
+    }
+}
+
+impl fmt::Debug for Watch {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Watch")
+    }
+}
+
+impl Watch {
+    /// Measures a session, which takes workers from now on, until what this returns is dropped.
+    pub fn follow(
+        self: &Arc<Self>,
+        cluster: &Arc<Cluster>,
+        store: &Arc<Store>,
+        refusals: Option<Arc<RefusalLog>>,
+    ) -> Watched {
+        let live = Live { cluster: Arc::clone(cluster), store: Arc::clone(store), refusals };
+        self.state().subject = Subject::Live(live);
+        Watched(Arc::clone(self))
+    }
+
+    /// Where a run of this name tells how far it is.
+    pub fn run(self: &Arc<Self>, name: &str) -> RunMetrics {
+        self.state().runs.insert(name.to_owned(), RunState::default());
+        RunMetrics { watch: Arc::clone(self), name: name.to_owned() }
+    }
+
+    /// All that is measured.
+    pub fn snapshot(&self) -> Snapshot {
+        let state = self.state();
+        match &state.subject {
+            Subject::Preparing => Snapshot { runs: state.runs.clone(), ..Snapshot::default() },
+            Subject::Live(live) => live.snapshot(state.runs.clone()),
+            Subject::Ended(last) => Snapshot { runs: state.runs.clone(), ..(**last).clone() },
+        }
+    }
+
+    /// Takes and gives back the lock of the scheduler.
+    pub fn touch(&self) {
+        if let Subject::Live(live) = &self.state().subject {
+            live.cluster.quarantined();
+        }
+    }
+
+    /// Whether workers are let in and given jobs.
+    ///
+    /// # Errors
+    /// Why not, in a line.
+    pub fn ready(&self) -> Result<(), &'static str> {
+        match &self.state().subject {
+            Subject::Preparing => Err("the clouds are being read"),
+            Subject::Ended(_) => Err("the run has ended"),
+            Subject::Live(live)
+                if live.cluster.journal().is_some_and(|journal| journal.failure().is_some()) =>
+            {
+                Err("the journal cannot be written")
+            }
+            Subject::Live(_) => Ok(()),
+        }
+    }
+
+    fn state(&self) -> MutexGuard<'_, State> {
+        // Every change of it is a single assignment.
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Says that a session is measured; when it is dropped, the session has ended.
+pub struct Watched(Arc<Watch>);
+
+impl Drop for Watched {
+    fn drop(&mut self) {
+        let mut state = self.0.state();
+        if let Subject::Live(live) = &state.subject {
+            let last = Snapshot { ready: false, ..live.snapshot(BTreeMap::new()) };
+            state.subject = Subject::Ended(Box::new(last));
+        }
+    }
+}
+
+/// Where one run tells how far it is.
+pub struct RunMetrics {
+    watch: Arc<Watch>,
+    name: String,
+}
+
+impl RunMetrics {
+    /// The same for a member of the sweep that this is about.
+    pub fn of_member(&self, name: &str) -> Self {
+        self.watch.state().runs.remove(&self.name); // it is no run itself
+        self.watch.run(name)
+    }
+
+    /// A generation is complete; the best training fitness so far is from 0 to 1.
+    pub fn generation_done(&self, generation: u32, best_fitness: f64) {
+        let state = RunState { generation, best_fitness: Some(best_fitness) };
+        self.watch.state().runs.insert(self.name.clone(), state);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn before_and_after_a_session_nobody_is_ready_and_runs_keep_what_they_told() {
+        let watch = Arc::new(Watch::default());
+        assert_eq!(watch.ready(), Err("the clouds are being read"));
+        let sweep = watch.run("sweep");
+        let members = ["seed-1", "seed-2"].map(|name| sweep.of_member(name));
+        members[1].generation_done(3, 0.5);
+        let runs = watch.snapshot().runs;
+        assert_eq!(runs["seed-1"], RunState::default());
+        assert_eq!(runs["seed-2"], RunState { generation: 3, best_fitness: Some(0.5) });
+        assert_eq!(runs.len(), 2, "the sweep is no run");
+    }
+}

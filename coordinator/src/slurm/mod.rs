@@ -1,0 +1,230 @@
+//! Workers as jobs of Slurm, asked for as long as there is work for them.
+
+mod error;
+mod scaler;
+mod worker_line;
+
+use std::fs;
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+use std::sync::Arc;
+use std::sync::mpsc::{self, RecvTimeoutError, Sender};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use cluster::Cluster;
+
+use crate::console::Console;
+pub use error::SlurmError;
+use scaler::{Decision, Scaler, SlurmJob};
+pub use worker_line::{MOST_MINUTES, quoted, quoted_path, worker_line};
+
+/// How often Slurm is asked what has become of its jobs.
+const INTERVAL: Duration = Duration::from_secs(15);
+/// In a run folder: the script of the workers and their logs.
+const FOLDER: &str = "slurm";
+/// The script of the workers.
+const SCRIPT: &str = "worker.sh";
+
+/// Which workers Slurm is asked for.
+#[derive(Clone, Debug)]
+pub struct SlurmWorkers {
+    /// At most so many at a time.
+    pub most: u32,
+    /// Threads and processors of each.
+    pub threads: u32,
+    /// How long each may keep its place, minutes.
+    pub minutes: u32,
+    /// More arguments of `sbatch`.
+    pub arguments: Vec<String>,
+    /// The program.
+    pub worker: PathBuf,
+    /// The file from which workers learn where the coordinator is.
+    pub join_file: PathBuf,
+}
+
+/// Asks Slurm for workers, from a thread of its own, until this is dropped; then those that still wait for a place are
+/// cancelled. Those at work end by themselves.
+pub struct Scaling {
+    stop: Option<Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Scaling {
+    /// Begins, after Slurm has said that it would take such jobs. `out` is the folder of the run, `listen` where its
+    /// coordinator listens.
+    ///
+    /// # Errors
+    /// If it would not, if its commands are not there, if the script cannot be written, or if no other machine reaches the
+    /// coordinator.
+    pub fn start(
+        workers: &SlurmWorkers,
+        (out, listen): (&Path, SocketAddr),
+        cluster: &Arc<Cluster>,
+        console: &Console,
+    ) -> Result<Self, SlurmError> {
+        if listen.ip().is_loopback() {
+            return Err(SlurmError::Loopback(listen));
+        }
+        let queue = Queue::open(workers, out)?;
+        queue.try_out()?;
+        let (stop, stopped) = mpsc::channel::<()>();
+        let (cluster, console) = (Arc::clone(cluster), console.clone());
+        let scaler = Scaler::new(workers.most, workers.threads);
+        let work = move || {
+            let mut supervisor = Supervisor { queue, scaler, console, complained: None };
+            loop {
+                let now = cluster.metrics();
+                // Before somebody works there are no jobs: nobody knows yet how many workers there is work for, and the
+                // wait for a place may be long.
+                supervisor.look(if now.counters.joined == 0 { u64::MAX } else { now.wanted_threads });
+                if stopped.recv_timeout(INTERVAL) != Err(RecvTimeoutError::Timeout) {
+                    return supervisor.queue.cancel_waiting();
+                }
+            }
+        };
+        Ok(Self { stop: Some(stop), thread: Some(std::thread::spawn(work)) })
+    }
+}
+
+impl Drop for Scaling {
+    fn drop(&mut self) {
+        self.stop = None;
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join(); // its panic has been reported
+        }
+    }
+}
+
+/// Looks at the queue from time to time and asks for what is missing.
+struct Supervisor {
+    queue: Queue,
+    scaler: Scaler,
+    console: Console,
+    /// What people were told of Slurm's silence; once is enough.
+    complained: Option<String>,
+}
+
+impl Supervisor {
+    fn look(&mut self, wanted: u64) {
+        let jobs = match self.queue.jobs() {
+            Ok(jobs) => jobs,
+            // Nobody knows how many workers there are: the run goes on with them, and no other is asked for.
+            Err(reason) => {
+                if self.complained.as_ref() != Some(&reason) {
+                    self.console.say(&format!("Slurm: {reason}, trying again"));
+                    self.complained = Some(reason);
+                }
+                return;
+            }
+        };
+        self.complained = None;
+        let mut decision = self.scaler.decide(wanted, &jobs, Instant::now());
+        if let Decision::Ask(count) = decision {
+            match self.queue.submit(count) {
+                Ok(number) => self.console.say(&format!(
+                    "Slurm: asked for {count} more workers, job {number}; logs in {}",
+                    self.queue.folder.display()
+                )),
+                Err(reason) => {
+                    self.console.say(&format!("Slurm: no worker, got {reason}"));
+                    decision = self.scaler.refused(Instant::now());
+                }
+            }
+        }
+        if let Decision::Pause(pause) = decision {
+            self.console.say(&format!(
+                "Slurm: asked for no more workers for {} min, because the last have failed: look at {}, and at the logs beside it",
+                pause.as_secs() / 60,
+                self.queue.folder.join(SCRIPT).display()
+            ));
+        }
+    }
+}
+
+/// The jobs of one run in Slurm, all of one name.
+struct Queue {
+    /// Absolute.
+    folder: PathBuf,
+    name: String,
+    threads: u32,
+    minutes: u32,
+    arguments: Vec<String>,
+}
+
+impl Queue {
+    /// Writes the script. The name follows from the folder: a coordinator that is started again finds its workers.
+    fn open(workers: &SlurmWorkers, out: &Path) -> Result<Self, SlurmError> {
+        let SlurmWorkers { threads, minutes, .. } = *workers;
+        let folder = out.join(FOLDER);
+        let failed = |source| SlurmError::File { path: folder.clone(), source };
+        fs::create_dir_all(&folder).map_err(failed)?;
+        let absolute = folder.canonicalize().map_err(failed)?;
+        let join_file = std::path::absolute(&workers.join_file).map_err(failed)?;
+        let coordinator = format!("--coordinator-file {}", quoted_path(&join_file)?);
+        let line = worker_line(&workers.worker, &coordinator, threads, minutes)?;
+        let script =
+            format!("#!/bin/sh\n#SBATCH --ntasks=1\n#SBATCH --requeue\n#SBATCH --open-mode=append\n{line}\n");
+        atomic::write(&folder.join(SCRIPT), script.as_bytes()).map_err(failed)?;
+        let digest = blake3::hash(absolute.as_os_str().as_encoded_bytes()).to_hex();
+        let name = format!("descry-{}", &digest[..8]);
+        Ok(Self { folder: absolute, name, threads, minutes, arguments: workers.arguments.clone() })
+    }
+
+    /// Has Slurm say whether it would take a worker.
+    fn try_out(&self) -> Result<(), SlurmError> {
+        let done = output(self.sbatch(1).arg("--test-only").arg(self.folder.join(SCRIPT)));
+        let done = done.map_err(|source| SlurmError::NoCommand { command: "sbatch", source })?;
+        said(&done)
+            .map(drop)
+            .map_err(|reason| SlurmError::Refused { reason, script: self.folder.join(SCRIPT) })
+    }
+
+    fn sbatch(&self, count: u32) -> Command {
+        let mut sbatch = Command::new("sbatch");
+        sbatch.args(["--parsable", "--output=%A_%a.log"]).arg(format!("--job-name={}", self.name));
+        sbatch.arg(format!("--chdir={}", self.folder.display())).arg(format!("--array=1-{count}"));
+        sbatch.arg(format!("--cpus-per-task={}", self.threads)).arg(format!("--time={}", self.minutes));
+        sbatch.args(&self.arguments);
+        sbatch
+    }
+
+    /// Asks for workers; the number of their job.
+    fn submit(&self, count: u32) -> Result<String, String> {
+        let done = output(self.sbatch(count).arg(self.folder.join(SCRIPT)));
+        Ok(said(&done.map_err(|error| format!("sbatch: {error}"))?)?.trim().to_owned())
+    }
+
+    /// All jobs of the run, those among them that have ended a short time ago.
+    fn jobs(&self) -> Result<Vec<SlurmJob>, String> {
+        let mut squeue = Command::new("squeue");
+        squeue.args(["--noheader", "--array", "--states=all", "--format=%i %T", "--me"]);
+        let done = output(squeue.arg(format!("--name={}", self.name)));
+        let text = said(&done.map_err(|error| format!("squeue: {error}"))?)?;
+        Ok(text.lines().filter_map(SlurmJob::parse).collect())
+    }
+
+    /// Those without a place would find nobody.
+    fn cancel_waiting(&self) {
+        let name = format!("--name={}", self.name);
+        let done = output(Command::new("scancel").args([&name, "--state=PENDING"]));
+        if let Err(reason) = done.map_err(|error| error.to_string()).and_then(|done| said(&done)) {
+            tracing::warn!("Slurm: workers that wait for a place may be left, got {reason}");
+        }
+    }
+}
+
+fn output(command: &mut Command) -> std::io::Result<Output> {
+    command.stdin(Stdio::null()).output()
+}
+
+/// What a command has printed, or what it complained about.
+fn said(done: &Output) -> Result<String, String> {
+    if done.status.success() {
+        return Ok(String::from_utf8_lossy(&done.stdout).into_owned());
+    }
+    let complaint = String::from_utf8_lossy(&done.stderr);
+    let lines: Vec<&str> = complaint.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
+    Err(if lines.is_empty() { done.status.to_string() } else { lines.join("; ") })
+}

@@ -1,0 +1,102 @@
+//! The file that says where the coordinator is: it may come after the worker, and name another place each time that a batch
+//! system starts the coordinator.
+
+use std::fs::File;
+use std::io::{self, Read as _};
+use std::path::{Path, PathBuf};
+
+use proto::JoinAddress;
+
+use crate::link::Coordinator;
+
+/// The longest address that is read from a file, bytes.
+const MAX_ADDRESS_BYTES: u64 = 4096;
+
+/// A file with a join address, and what was made of it last.
+pub struct JoinFile {
+    path: PathBuf,
+    /// Folder of a certificate to show.
+    identity: Option<PathBuf>,
+    coordinator: Coordinator,
+    /// The address that was read last; nothing of it is ever shown.
+    text: Option<String>,
+}
+
+impl JoinFile {
+    /// The file at `path`, which need not be there yet.
+    pub fn new(path: PathBuf, identity: Option<PathBuf>, coordinator: Coordinator) -> Self {
+        Self { path, identity, coordinator, text: None }
+    }
+
+    /// Reads the file again; the address if it is another one than before.
+    ///
+    /// # Errors
+    /// Why there is no address, for people: the file is not there yet, or not written yet.
+    pub fn refresh(&mut self) -> Result<Option<JoinAddress>, String> {
+        let text = read_address(&self.path)?;
+        if self.text.as_ref() == Some(&text) {
+            return Ok(None);
+        }
+        let invalid = |what: &dyn std::fmt::Display| format!("{}: {what}", self.path.display());
+        let address: JoinAddress = text.parse().map_err(|error| invalid(&error))?;
+        encrypted_if_shown(&address, self.identity.as_deref()).map_err(|error| invalid(&error))?;
+        self.coordinator.move_to(&address, self.identity.as_deref()).map_err(|error| invalid(&error))?;
+        self.text = Some(text);
+        Ok(Some(address))
+    }
+}
+
+/// Refuses an address in plain text for a worker that has a certificate to show.
+pub fn encrypted_if_shown(address: &JoinAddress, identity: Option<&Path>) -> Result<(), String> {
+    if identity.is_some() && address.trust.is_none() {
+        return Err(format!(
+            "--tls: needs an encrypted connection, got {address}\nuse a join address that begins with https://"
+        ));
+    }
+    Ok(())
+}
+
+/// The first line of a small file.
+///
+/// # Errors
+/// Why there is none, for people.
+pub fn read_address(path: &Path) -> Result<String, String> {
+    let advice = "copy the join address that `coordinator certs` has made there";
+    let mut text = String::new();
+    let read = File::open(path).and_then(|file| file.take(MAX_ADDRESS_BYTES).read_to_string(&mut text));
+    read.map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound => format!("{}: is not there\n{advice}", path.display()),
+        _ => format!("{}: cannot be read, got {error}\n{advice}", path.display()),
+    })?;
+    Ok(text.lines().next().unwrap_or_default().trim().to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_may_come_late_be_half_written_and_change() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("join");
+        let coordinator = Coordinator::default();
+        let mut file = JoinFile::new(path.clone(), None, coordinator.clone());
+        assert!(file.refresh().unwrap_err().contains("join: is not there\n"));
+        assert_eq!(coordinator.place(), None);
+
+        for half in ["", "http://", "https://gpu-host:7700#ca="] {
+            std::fs::write(&path, half).unwrap();
+            let why = file.refresh().unwrap_err();
+            assert!(why.contains("join: join address: "), "{why}");
+        }
+        let mut at = |text: &str| {
+            std::fs::write(&path, text).unwrap();
+            let address = file.refresh().unwrap();
+            (address.map(|address| address.host), coordinator.place())
+        };
+        let place = |host: &str, port| Some((host.to_owned(), port));
+        assert_eq!(at("http://one:7700\n"), (Some("one".to_owned()), place("one", 7700)));
+        assert_eq!(at("http://one:7700\nanother line"), (None, place("one", 7700)));
+        assert_eq!(at("http://two:7701"), (Some("two".to_owned()), place("two", 7701)));
+    }
+}

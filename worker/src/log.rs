@@ -1,0 +1,90 @@
+//! The log of both programs on standard error: text for people, or one JSON object a line for programs.
+
+use std::fmt::Display;
+use std::io::{self, IsTerminal as _, Write as _};
+use std::sync::OnceLock;
+
+use clap::ValueEnum;
+use tracing_subscriber::EnvFilter;
+use tracing_subscriber::fmt::format::Writer;
+use tracing_subscriber::fmt::time::{FormatTime as _, SystemTime};
+
+/// How the log is written.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum LogFormat {
+    /// Lines for people
+    #[default]
+    Text,
+    /// One JSON object a line: timestamp, level, message, and the spans it is in
+    Json,
+}
+
+static FORMAT: OnceLock<LogFormat> = OnceLock::new();
+
+/// Starts the log, once in a process. `filter` says what is logged unless the environment does (`DESCRY_LOG`).
+pub fn start(format: LogFormat, filter: &str) {
+    let _ = FORMAT.set(format); // a second start changes nothing
+    let builder = tracing_subscriber::fmt()
+        .with_env_filter(EnvFilter::try_from_env("DESCRY_LOG").unwrap_or_else(|_| filter.into()))
+        .with_writer(io::stderr)
+        .with_ansi(io::stderr().is_terminal())
+        .with_target(false)
+        .log_internal_errors(false); // they would go to standard error, too, and panic where that is lost
+    match format {
+        LogFormat::Text => builder.init(),
+        LogFormat::Json => builder.json().flatten_event(true).init(),
+    }
+}
+
+/// Whether each line is a JSON object.
+pub fn is_json() -> bool {
+    FORMAT.get() == Some(&LogFormat::Json)
+}
+
+/// A line for people, whatever the filter says: it begins with `error: ` or `warning: ` if it is one. Where standard error
+/// is closed, or its volume full, the line is lost and the program goes on.
+pub fn say(line: impl Display) {
+    let line = line.to_string();
+    let line = if is_json() { json(&line) } else { line };
+    // In one piece, so that lines of several programs in one file stay whole.
+    let _ = io::stderr().write_all(format!("{line}\n").as_bytes());
+}
+
+/// A line as the log writes events in JSON.
+fn json(line: &str) -> String {
+    let mut timestamp = String::new();
+    // Writing to a string cannot fail.
+    let _ = SystemTime.format_time(&mut Writer::new(&mut timestamp));
+    let line = line.trim();
+    let (level, message) = match (line.strip_prefix("error: "), line.strip_prefix("warning: ")) {
+        (Some(message), _) => ("ERROR", message),
+        (None, Some(message)) => ("WARN", message),
+        (None, None) => ("INFO", line),
+    };
+    serde_json::json!({"timestamp": timestamp, "level": level, "message": message}).to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_is_one_object_and_keeps_its_advice() {
+        for (line, level, message) in [
+            (
+                "error: port: in use, got 1\nstop the \"other\"",
+                "ERROR",
+                "port: in use, got 1\nstop the \"other\"",
+            ),
+            ("\nerror: interrupted\ngo on", "ERROR", "interrupted\ngo on"),
+            ("warning: --insecure", "WARN", "--insecure"),
+            ("generation 1/2", "INFO", "generation 1/2"),
+        ] {
+            let text = json(line);
+            assert_eq!(text.lines().count(), 1, "{text}");
+            let value: serde_json::Value = serde_json::from_str(&text).unwrap();
+            assert_eq!((&value["level"], &value["message"]), (&level.into(), &message.into()));
+            assert!(value["timestamp"].as_str().unwrap().ends_with('Z'), "{text}");
+        }
+    }
+}
