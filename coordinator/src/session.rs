@@ -30,7 +30,7 @@ use crate::tasks;
 use cluster::journal::{Journal, Recorded};
 use cluster::scheduler::{Audit, Limits, RunSecret};
 use cluster::{Client, Cluster, ClusterError};
-use transport::{ListenError, Listener, Protection, Release, Servers};
+use transport::{ListenError, Listener, Port, Release, Servers};
 
 /// Where workers are awaited unless the experiment or the command line says otherwise.
 pub const DEFAULT_LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 7700);
@@ -257,19 +257,18 @@ pub fn scale(
 }
 
 /// Binds the port for remote workers. The default port is a convenience: if it is taken, a session with workers of its
-/// own goes on without. Where workers find the port is written to `join_file`, in place of what it held; whoever
-/// asks for that cannot do without the port.
+/// own goes on without, unless a join file is asked for.
 pub async fn listen(
     experiment: &Experiment,
-    (protection, join_file): (&Protection, Option<&Path>),
+    port: &Port,
     console: &Console,
 ) -> Result<Option<Listener>, RunError> {
     let settings = experiment.coordinator();
     let has_workers = settings.local_workers != LocalWorkers::Count(0);
-    let mut listener = match Listener::bind(settings.listen.unwrap_or(DEFAULT_LISTEN), protection).await {
+    let listener = match Listener::bind(settings.listen.unwrap_or(DEFAULT_LISTEN), port).await {
         Ok(listener) => listener,
         Err(ListenError::PortInUse { address })
-            if settings.listen.is_none() && has_workers && join_file.is_none() =>
+            if settings.listen.is_none() && has_workers && port.join_file.is_none() =>
         {
             console.say(&format!(
                 "port {} is in use, so that no remote worker can join; --listen chooses another",
@@ -279,9 +278,6 @@ pub async fn listen(
         }
         Err(error) => return Err(error.into()),
     };
-    if let Some(join_file) = join_file {
-        listener.write_join_file(join_file)?;
-    }
     for notice in listener.notices() {
         console.say(&notice);
     }

@@ -1,10 +1,11 @@
 //! Small experiments on synthetic clouds, each in a folder of its own.
 
 use std::collections::BTreeMap;
-use std::fs;
-use std::net::TcpListener;
+use std::net::{Ipv4Addr, TcpListener};
 use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU16, Ordering::Relaxed};
+use std::{fs, iter};
 
 use serde_json::Value;
 use tempfile::TempDir;
@@ -151,8 +152,12 @@ pub fn begun(log: &str) -> BTreeMap<String, usize> {
     begun
 }
 
-/// An address that is free, for every start of a coordinator.
+/// An address that is free, for every start of a coordinator: the system gives ports of this range to nobody by itself.
 pub fn free_address() -> String {
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    format!("127.0.0.1:{}", listener.local_addr().unwrap().port())
+    static NEXT: AtomicU16 = AtomicU16::new(0);
+    let is_free = |port: &u16| TcpListener::bind((Ipv4Addr::LOCALHOST, *port)).is_ok();
+    let first = (std::process::id() % 10_000) as u16;
+    let mut ports = iter::repeat_with(|| 20_000 + (first + NEXT.fetch_add(1, Relaxed)) % 10_000);
+    let port = ports.find(is_free).expect("there is a free port");
+    format!("127.0.0.1:{port}")
 }

@@ -111,13 +111,14 @@ impl Compare {
         } = self;
         let given = Sources { structures: self.structure, runs: self.with_run, points: self.point };
         let radius_um = radius_cm.map(|cm| super::micrometres("--radius-cm", cm)).transpose()?;
+        let port = manner.workers.port();
         let folder = if subject.is_file() {
             let plan = Plan::read(&subject, manner.workers.overrides(None))?;
             let out = match &plan {
                 Plan::Run(experiment) => run::folder(experiment, None, false),
                 Plan::Sweep(sweep) => sweep::folder(sweep, None, false),
             };
-            manner.run(&plan, out.clone(), Observers::default(), Afterwards::COMPARISON)?;
+            manner.run(&plan, out.clone(), (&port, Observers::default()), Afterwards::COMPARISON)?;
             out
         } else {
             subject
@@ -149,8 +150,7 @@ impl Compare {
             reason,
             data,
             overrides: manner.workers.overrides(None),
-            protection: manner.workers.protection.clone(),
-            join_file: manner.workers.join_file.clone(),
+            port,
             slurm: manner.workers.slurm()?,
             storage: manner.workers.storage.clone().resolve(),
             another_follows: true,

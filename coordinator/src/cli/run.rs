@@ -8,6 +8,7 @@ use std::sync::Arc;
 use clap::Args;
 use descriptor::recogniser::Method;
 use proto::Principal;
+use transport::Port;
 
 use super::after_run::AfterRun;
 use super::sign::{RUN_FILES, Sign, sign};
@@ -133,7 +134,7 @@ impl Manner {
         afterwards: Afterwards,
         key: Option<&SigningKey>,
     ) -> anyhow::Result<ExitCode> {
-        let [json, text] = self.run(plan, out.clone(), observers, afterwards)?;
+        let [json, text] = self.run(plan, out.clone(), (&self.workers.port(), observers), afterwards)?;
         for (_, run) in sweep::run_folders(&out)? {
             sign(key, &run, &RUN_FILES)?;
         }
@@ -146,14 +147,14 @@ impl Manner {
         &self,
         plan: &Plan,
         out: PathBuf,
-        observers: Observers,
+        (port, observers): (&Port, Observers),
         afterwards: Afterwards,
     ) -> anyhow::Result<[String; 2]> {
         let advice = format!(
             "go on: the same command again, or coordinator resume {} with the same options",
             out.display()
         );
-        let Workers { protection, storage, join_file, .. } = &self.workers;
+        let Workers { protection, storage, .. } = &self.workers;
         let Afterwards { control, comparison } = afterwards;
         let learns = |experiment: &Experiment| experiment.recognition() != Method::Nearest;
         let learns = match plan {
@@ -164,8 +165,7 @@ impl Manner {
             out: Some(out.clone()),
             fresh: false,
             events: observers.events,
-            protection: protection.clone(),
-            join_file: join_file.clone(),
+            port: port.clone(),
             slurm: self.workers.slurm()?,
             storage: storage.clone().resolve(),
             readmit: self.readmit.clone(),

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use anyhow::Context as _;
 use cache::StorageArgs;
 use clap::Args;
-use transport::Protection;
+use transport::{Port, Protection};
 
 use super::join_command::beside_this_program;
 use crate::experiment::{LocalWorkers, Overrides};
@@ -23,7 +23,7 @@ pub struct Workers {
     /// that are started with --coordinator-file find a coordinator that a batch system starts anywhere, for example
     /// tls/here
     #[arg(long, value_name = "FILE")]
-    pub(super) join_file: Option<PathBuf>,
+    join_file: Option<PathBuf>,
     /// Workers inside this process: auto (one on all cores), a number that shares the cores, or 0 to wait for
     /// `worker`s, for example 0
     #[arg(long, value_name = "auto|N")]
@@ -75,6 +75,11 @@ impl Workers {
         let worker = beside_this_program()?;
         let join_file = join_file.clone();
         Ok(Some(SlurmWorkers { most, threads: *threads, minutes: *minutes, arguments, worker, join_file }))
+    }
+
+    /// How workers of other machines reach the command.
+    pub(super) fn port(&self) -> Port {
+        Port::new(self.protection.clone(), self.join_file.clone())
     }
 
     /// What replaces settings of the experiment.

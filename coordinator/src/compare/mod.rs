@@ -57,7 +57,7 @@ use tables::{Compared, Tables};
 #[cfg(test)]
 pub use timing::listing as test_listing;
 use timing::time;
-use transport::Protection;
+use transport::Port;
 pub use verdict::{Difference, differences, verdict};
 
 /// What is compared, and how.
@@ -93,10 +93,8 @@ pub struct Options {
     pub data: Option<PathBuf>,
     /// Port and workers, instead of the experiment's.
     pub overrides: Overrides,
-    /// How connections from other machines are protected.
-    pub protection: Protection,
-    /// A file to which the address of the port is written.
-    pub join_file: Option<PathBuf>,
+    /// How workers of other machines reach the command.
+    pub port: Port,
     /// Workers that Slurm is asked for, if any.
     pub slurm: Option<SlurmWorkers>,
     /// Where descriptions and prepared clouds are kept, and memory for the workers of this process.
@@ -155,8 +153,7 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
     }
     let foreign = foreign::entries(folder, earlier.foreign(), &of_files, &candidates)?;
 
-    let listener =
-        listen(experiment, (&options.protection, options.join_file.as_deref()), display.console()).await?;
+    let listener = listen(experiment, &options.port, display.console()).await?;
     let memory = options.storage.memory;
     let mut session =
         Session::new(experiment, dataset, Arc::clone(&store), memory).map_err(RunError::from)?;

@@ -69,7 +69,7 @@ pub async fn exhaust(
             return Ok(GridSummary { grid: grid.clone(), out, recheck: None });
         }
     }
-    let listener = listen(experiment, options.port(), progress.console()).await?;
+    let listener = listen(experiment, &options.port, progress.console()).await?;
     // Before a folder is made: the search space may be too fine.
     let memory = options.storage.memory;
     let mut session = Session::new(experiment, &dataset, Arc::clone(&store), memory)?;
@@ -88,7 +88,7 @@ pub async fn exhaust(
         clients: vec![(None, client.id())],
         go_on: "the same command again".to_owned(),
         keep: Some(&record),
-        tls: options.protection.tls.clone(),
+        tls: options.port.protection.tls.clone(),
     };
     let search = async {
         let grid = match finished {

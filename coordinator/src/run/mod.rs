@@ -46,7 +46,7 @@ use crate::observers::event_file::EventFile;
 use crate::result_cache::Known;
 use crate::session::{Session, listen, scale};
 use crate::slurm::SlurmWorkers;
-use transport::{Listener, Protection};
+use transport::{Listener, Port};
 
 use bounds::bounds;
 pub use data::{DataError, open_data, write_synthetic};
@@ -70,10 +70,8 @@ pub struct RunOptions {
     pub fresh: bool,
     /// A file that events are appended to.
     pub events: Option<PathBuf>,
-    /// How connections from other machines are protected.
-    pub protection: Protection,
-    /// A file to which the address of the port is written.
-    pub join_file: Option<PathBuf>,
+    /// How workers of other machines reach the command.
+    pub port: Port,
     /// Workers that Slurm is asked for, if any.
     pub slurm: Option<SlurmWorkers>,
     /// Where what runs find out is kept, and memory for the workers of this process.
@@ -87,11 +85,6 @@ pub struct RunOptions {
 }
 
 impl RunOptions {
-    /// How workers of other machines reach the session.
-    pub fn port(&self) -> (&Protection, Option<&Path>) {
-        (&self.protection, self.join_file.as_deref())
-    }
-
     /// Lets go the workers of a run whose results are written, unless they are needed for what follows.
     pub async fn dismiss_workers(&self, cluster: &Cluster, dataset: &Dataset) {
         let is_compared = !dataset.splits.test.is_empty() && dataset.clouds.set_count() == 1;
@@ -124,7 +117,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     if experiment.method() == Method::Exhaustive {
         Grid::new(experiment.space())?;
     }
-    let listener = listen(experiment, options.port(), progress.console()).await?;
+    let listener = listen(experiment, &options.port, progress.console()).await?;
     let dataset = open_data(experiment, Wanted::All, Some(&store), |line| progress.say(line))?;
     if experiment.method() == Method::Exhaustive {
         refuse_sets("search.method = \"exhaustive\"", "choose another method", &dataset)?;
@@ -188,7 +181,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
         clients: vec![(None, client.id())],
         go_on: resuming(&out),
         keep: None,
-        tls: options.protection.tls.clone(),
+        tls: options.port.protection.tls.clone(),
     };
     let (dataset, session, remembered) = (&dataset, &session, &known);
     let mut run = RunDriver { experiment, dataset, session, remembered, client, folder, progress, start };

@@ -63,7 +63,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     }
     let generations = members.iter().map(|member| member.experiment.stop().generations);
     let mut progress = Progress::new(generations.fold(0, u32::saturating_add));
-    let listener = listen(base, options.port(), progress.console()).await?;
+    let listener = listen(base, &options.port, progress.console()).await?;
     let dataset = open_data(base, Wanted::All, Some(&store), |line| progress.say(line))?;
     let validates = |member: &Member| member.experiment.validates();
     if members.iter().any(validates) && dataset.splits.validation.is_empty() {
@@ -108,7 +108,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
         clients: folders.iter().zip(&clients).map(named).collect(),
         go_on: resuming(&out),
         keep: None,
-        tls: options.protection.tls.clone(),
+        tls: options.port.protection.tls.clone(),
     };
     let settings = base.coordinator();
     progress.follow(&session.cluster);

@@ -10,6 +10,7 @@ mod deny_list;
 mod limiter;
 mod listen_error;
 mod listener;
+mod port;
 mod refusals;
 mod server;
 mod service;
@@ -19,7 +20,8 @@ mod wire;
 
 pub use deny_list::{DenyError, deny};
 pub use listen_error::ListenError;
-pub use listener::{Listener, Protection};
+pub use listener::Listener;
+pub use port::{Port, Protection};
 pub use refusals::RefusalLog;
 pub use server::Servers;
 pub use service::{DerivedEntries, Release};

@@ -2,11 +2,10 @@
 
 use std::io;
 use std::net::SocketAddr;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use clap::Args;
 use proto::JoinAddress;
 use tokio::net::TcpListener;
 use tokio::sync::mpsc;
@@ -19,6 +18,7 @@ use crate::deny_list::DenyList;
 use crate::host_name;
 use crate::limiter::ConnectionLimits;
 use crate::listen_error::ListenError;
+use crate::port::Port;
 use crate::refusals::RefusalLog;
 use crate::tls::{Tls, shake_hands};
 use cluster::Cluster;
@@ -27,18 +27,6 @@ use cluster::Cluster;
 const ACCEPT_PAUSE: Duration = Duration::from_millis(200);
 /// How often the deny list is looked at.
 const DENY_INTERVAL: Duration = Duration::from_secs(1);
-
-/// How connections from other machines are protected.
-#[derive(Clone, Debug, Default, Args)]
-pub struct Protection {
-    /// Folder of certificates and token, as `coordinator certs` makes it, for example tls: only workers with one of them
-    /// are let in, and connections are encrypted
-    #[arg(long, value_name = "DIR")]
-    pub tls: Option<PathBuf>,
-    /// Accept unencrypted connections from other machines, for example inside a trusted network
-    #[arg(long, conflicts_with = "tls")]
-    pub insecure: bool,
-}
 
 /// A bound port that accepts no connection yet.
 pub struct Listener {
@@ -51,8 +39,12 @@ pub struct Listener {
 }
 
 impl Listener {
-    /// Binds the port.
-    pub async fn bind(address: SocketAddr, protection: &Protection) -> Result<Self, ListenError> {
+    /// Binds the port, and writes its address to the port's join file, in place of what that held.
+    ///
+    /// # Errors
+    /// If others have the port, if nothing protects it, or if a file cannot be read or written.
+    pub async fn bind(address: SocketAddr, port: &Port) -> Result<Self, ListenError> {
+        let protection = &port.protection;
         if !address.ip().is_loopback() && protection.tls.is_none() && !protection.insecure {
             return Err(ListenError::NotLoopback { address });
         }
@@ -62,24 +54,20 @@ impl Listener {
             DenyList::open(folder).map_err(|reason| ListenError::DenyList { path, reason })
         });
         let deny = opened.transpose()?;
-        let listener = TcpListener::bind(address).await.map_err(|source| match source.kind() {
-            io::ErrorKind::AddrInUse => ListenError::PortInUse { address },
-            _ => ListenError::Listen { address, source },
-        })?;
+        let listener = port.bind(address).await?;
         let address = listener.local_addr().map_err(|source| ListenError::Listen { address, source })?;
-        Ok(Self { listener, address, tls, deny, join_file: None, refusals: Arc::default() })
+        let join_file = port.join_file.clone();
+        let bound = Self { listener, address, tls, deny, join_file, refusals: Arc::default() };
+        bound.write_join_file()?;
+        Ok(bound)
     }
 
-    /// Writes the address of this port to a file that its owner alone can read, in place of what it held.
-    ///
-    /// # Errors
-    /// If the file cannot be written.
-    pub fn write_join_file(&mut self, path: &Path) -> Result<(), ListenError> {
+    /// Only its owner can read the file.
+    fn write_join_file(&self) -> Result<(), ListenError> {
+        let Some(path) = &self.join_file else { return Ok(()) };
         let text = format!("{}\n", self.join_address().reveal());
-        let failed = |source| ListenError::JoinFile { path: path.to_owned(), source };
-        atomic::write_secret(path, text.as_bytes()).map_err(failed)?;
-        self.join_file = Some(path.to_owned());
-        Ok(())
+        let failed = |source| ListenError::JoinFile { path: path.clone(), source };
+        atomic::write_secret(path, text.as_bytes()).map_err(failed)
     }
 
     /// By which address other machines reach this port: under this machine's name, unless its certificate is for other

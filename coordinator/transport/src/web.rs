@@ -17,7 +17,7 @@ use tokio_rustls::TlsAcceptor;
 
 use crate::connection::{FIRST_CALL, Stream};
 use crate::host_name;
-use crate::listener::Protection;
+use crate::port::Protection;
 
 /// Connections at a time; each viewer has one that stays and some that come and go.
 const CONNECTIONS: usize = 512;

@@ -44,13 +44,15 @@ fn a_worker_ends_well_with_its_run_and_one_that_stays_works_for_the_next() {
 #[test]
 fn a_worker_stays_for_what_follows_its_run() {
     let experiment = Experiment::new(SHORT);
-    let address = free_address();
+    // A random search follows, and a comparison of both: three sessions of one command, at a port that the system chose.
+    let args = experiment.run_args("out", &["--local-workers", "0", "--control"]);
+    let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
+    let address = coordinator.join_address();
     let mut worker = worker(&experiment, "follower", &address, &[]);
-    let args = experiment.run_args_at("out", &address);
-    // A random search follows, and a comparison of both: three sessions of one command.
-    finish(program("coordinator").args(args).arg("--control")).expect_success();
+    let finished = coordinator.wait().expect_success();
     let left = worker.wait().expect_success();
     assert_eq!(left.stderr.matches("joined as follower").count(), 3, "{left}");
+    assert_eq!(finished.stderr.matches(&format!("worker --coordinator {address}")).count(), 3, "{finished}");
 }
 
 #[test]
