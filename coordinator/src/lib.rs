@@ -33,5 +33,6 @@ mod slurm;
 mod storage;
 mod sweep;
 mod tasks;
+pub mod trace;
 mod verify;
 mod web;

@@ -27,6 +27,7 @@ use crate::run::splits::SplitBlobs;
 use crate::run::{DataError, RunError};
 use crate::slurm::{Scaling, SlurmWorkers};
 use crate::tasks;
+use crate::trace::Trace;
 use cluster::journal::{Journal, Recorded};
 use cluster::scheduler::{Audit, Limits, RunSecret};
 use cluster::{Client, Cluster, ClusterError};
@@ -68,6 +69,8 @@ pub struct Session<'a> {
     pub splits: SplitBlobs<'a>,
     /// Where derived data is kept.
     pub store: Arc<Store>,
+    /// What is exported of it.
+    pub trace: Trace,
     servers: Servers,
     memory: ByteSize,
     /// Quarantined principals whose contributions were dropped from the store.
@@ -128,6 +131,7 @@ impl<'a> Session<'a> {
         let derived = Arc::new(move |kind: &str, key| prepared.read(kind, key, &released.blobs));
         let servers = Servers::new(Arc::clone(&cluster), release, derived);
         Ok(Self {
+            trace: Trace::new(&cluster),
             cluster,
             splits,
             store,
@@ -165,6 +169,7 @@ impl<'a> Session<'a> {
             );
         }
         let is_own_coming = !workers.is_empty();
+        self.trace.follow();
         let waited = async {
             let waiting =
                 |waited: Duration| console.say(&format!("no worker yet after {} min", waited.as_secs() / 60));
@@ -177,9 +182,10 @@ impl<'a> Session<'a> {
             never = self.watch_quarantine(console) => match never {},
         };
         self.forget_quarantined(console);
-        let done = done?;
+        let done = done.inspect_err(|error| self.trace.end(Some(error)))?;
         workers.stop().await;
         self.cluster.close();
+        self.trace.end(None);
         Ok(done)
     }
 

@@ -21,6 +21,7 @@ use crate::lifetime::{Leaving, LifetimeLimits};
 use crate::link::{Coordinator, warn_if_plain};
 use crate::log::{self, LogFormat};
 use crate::run::{self, Options};
+use crate::trace;
 
 /// Where `--tls` has an address, too.
 const JOIN_FILE: &str = "join";
@@ -126,12 +127,14 @@ pub fn main(cli: Cli) -> ExitCode {
 }
 
 fn run(cli: Cli) -> anyhow::Result<()> {
-    log::start(cli.log_format, "info");
+    log::start(cli.log_format, "info", || trace::layer("descry-worker"));
+    trace::announce();
     descriptor::wide::check_environment()?;
     let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
     let done = runtime.block_on(serve(cli));
     // A running job is abandoned: its lease was handed back.
     runtime.shutdown_background();
+    trace::stop();
     done
 }
 

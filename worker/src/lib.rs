@@ -18,6 +18,7 @@ mod prepared_cloud;
 mod run;
 mod session;
 mod tls;
+pub mod trace;
 mod wire;
 
 pub use identity::{BUILD, Identity};

@@ -5,9 +5,14 @@ use std::io::{self, IsTerminal as _, Write as _};
 use std::sync::OnceLock;
 
 use clap::ValueEnum;
-use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::time::{FormatTime as _, SystemTime};
+use tracing_subscriber::layer::SubscriberExt as _;
+use tracing_subscriber::util::SubscriberInitExt as _;
+use tracing_subscriber::{EnvFilter, Layer, Registry};
+
+/// What spans are handed to, beside the log.
+pub type SpanLayer = Box<dyn Layer<Registry> + Send + Sync>;
 
 /// How the log is written.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
@@ -21,19 +26,21 @@ pub enum LogFormat {
 
 static FORMAT: OnceLock<LogFormat> = OnceLock::new();
 
-/// Starts the log, once in a process. `filter` says what is logged unless the environment does (`DESCRY_LOG`).
-pub fn start(format: LogFormat, filter: &str) {
+/// Starts the log, once in a process. `filter` says what is logged unless the environment does (`DESCRY_LOG`); `spans` is
+/// called when a line can be written.
+pub fn start(format: LogFormat, filter: &str, spans: impl FnOnce() -> Option<SpanLayer>) {
     let _ = FORMAT.set(format); // a second start changes nothing
-    let builder = tracing_subscriber::fmt()
-        .with_env_filter(EnvFilter::try_from_env("DESCRY_LOG").unwrap_or_else(|_| filter.into()))
+    let filter = EnvFilter::try_from_env("DESCRY_LOG").unwrap_or_else(|_| filter.into());
+    let lines = tracing_subscriber::fmt::layer()
         .with_writer(io::stderr)
         .with_ansi(io::stderr().is_terminal())
         .with_target(false)
         .log_internal_errors(false); // they would go to standard error, too, and panic where that is lost
-    match format {
-        LogFormat::Text => builder.init(),
-        LogFormat::Json => builder.json().flatten_event(true).init(),
-    }
+    let lines = match format {
+        LogFormat::Text => lines.boxed(),
+        LogFormat::Json => lines.json().flatten_event(true).boxed(),
+    };
+    tracing_subscriber::registry().with(spans()).with(lines.with_filter(filter)).init();
 }
 
 /// Whether each line is a JSON object.

@@ -10,6 +10,7 @@ use proto::task::{Failure, FailureReason, Report};
 use proto::{SessionId, WorkerSecret};
 use tokio::sync::mpsc;
 use tonic::{Code, Status};
+use tracing::Instrument as _;
 
 use crate::backoff::Backoff;
 use crate::executor::Executor;
@@ -18,6 +19,7 @@ use crate::job_slots::JobSlots;
 use crate::join_file::JoinFile;
 use crate::lifetime::{Leaving, Lifetime, Stage};
 use crate::link::{hopeless, warn_if_plain};
+use crate::trace;
 use crate::wire::{Accepted, Client, Job, Poll, Registration, Reply};
 
 /// Until reports that are not acknowledged yet are handed in again, when they keep a worker from taking a job.
@@ -369,10 +371,11 @@ impl Session {
         tracing::debug!("job {}, attempt {}: begun", lease.job, lease.attempt);
         let executor = Arc::clone(&self.executor);
         let sender = self.done_sender.clone();
+        let span = trace::job(self.current, self.secret.id(), &lease, task.as_ref().ok());
         tokio::spawn(async move {
             let started = Instant::now();
             let outcome = match task {
-                Ok(task) => match tokio::spawn(executor.carry_out(task)).await {
+                Ok(task) => match tokio::spawn(executor.carry_out(task).instrument(span.clone())).await {
                     Ok(outcome) => outcome.map_err(Failure::from),
                     Err(error) => Err(Failure::new(
                         FailureReason::Panic,
@@ -384,6 +387,7 @@ impl Session {
             if let Err(failure) = &outcome {
                 tracing::error!("job {}: {failure}", lease.job);
             }
+            trace::end_job(&span, &outcome);
             let report = Report { lease, run_seconds: started.elapsed().as_secs_f64(), outcome };
             let _ = sender.send(report); // the receiver is gone only when the worker has stopped
         });

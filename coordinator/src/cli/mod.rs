@@ -92,14 +92,16 @@ enum Command {
 
 /// Runs one command; errors go to standard error, the exit code says whether there was one.
 pub fn main(cli: Cli) -> ExitCode {
-    log::start(cli.log_format, "warn");
-    match execute(cli.command) {
+    log::start(cli.log_format, "warn", || worker::trace::layer("descry-coordinator"));
+    let code = match execute(cli.command) {
         Ok(code) => code,
         Err(error) => {
             say(format_args!("error: {error}"));
             exit_code(&error)
         }
-    }
+    };
+    worker::trace::stop();
+    code
 }
 
 fn execute(command: Command) -> anyhow::Result<ExitCode> {
@@ -156,6 +158,7 @@ fn block_on<T>(advice: &str, work: impl Future<Output = anyhow::Result<T>>) -> a
     runtime.spawn(async move {
         if let Ok(code) = interruption().await {
             say(format_args!("\nerror: interrupted\n{advice}"));
+            crate::trace::interrupted();
             std::process::exit(code);
         }
     });

@@ -26,6 +26,7 @@ use crate::run::summary::Summary;
 use crate::run::{RunError, data_digest, front, rows, sets};
 use crate::session::Session;
 use crate::tasks;
+use crate::trace::Attribute;
 use cluster::{Client, ClusterError};
 use proto::task::{Evaluation, EvaluationResult};
 
@@ -70,6 +71,28 @@ pub struct Outcome {
 impl RunDriver<'_> {
     /// From the first generation to the winner's measures.
     pub async fn search(&mut self) -> Result<Outcome, RunError> {
+        let recorded = self.session.trace.run(
+            self.client.id(),
+            &[
+                ("descry.run.name", Attribute::Text(self.experiment.name().to_owned())),
+                ("descry.run.seed", Attribute::Count(self.experiment.seed())),
+            ],
+        );
+        let searched = self.search_until_right().await;
+        match &searched {
+            Ok(Outcome { found, .. }) => recorded.end(&[
+                ("descry.stop_reason", Attribute::Text(found.stop_reason.as_str().to_owned())),
+                ("descry.generations", Attribute::Count(found.generations.into())),
+                ("descry.evaluations", Attribute::Count(found.computed)),
+                ("descry.evaluations_remembered", Attribute::Count(found.remembered)),
+            ]),
+            Err(error) => recorded.fail(error),
+        }
+        searched
+    }
+
+    /// Once more whenever answers turn out to be wrong.
+    async fn search_until_right(&mut self) -> Result<Outcome, RunError> {
         let Self { experiment, dataset, session, remembered, client, folder, progress, .. } = self;
         let mut remembered = remembered.clone();
         loop {

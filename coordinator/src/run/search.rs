@@ -25,6 +25,7 @@ use crate::run::sets::with_weight;
 use crate::run::splits::ONLY_SET;
 use crate::session::Session;
 use crate::tasks;
+use crate::trace::Attribute;
 use cluster::scheduler::Finished;
 use cluster::{Client, ClusterError, ClusterNews};
 use proto::task::{DescriptorBytes, EvaluationResult, Task};
@@ -130,6 +131,7 @@ impl<'a> SearchLoop<'a> {
             let started = Instant::now();
             let generation = search.generation();
             self.progress.generation_starts(generation, self.first_met.len() as u64);
+            let recorded = self.session.trace.generation(self.client.id(), generation);
             let descriptors = self.descriptors_within_budget(&search);
             search.keep_first(descriptors.len());
             let population = search.ask().to_vec();
@@ -182,6 +184,11 @@ impl<'a> SearchLoop<'a> {
             }
 
             self.progress.told(generation, state.best_so_far.fitness());
+            recorded.end(&[
+                ("descry.individuals", Attribute::Count(measured.len() as u64)),
+                ("descry.evaluations", Attribute::Count(computed.len() as u64)),
+                ("descry.best_fitness", Attribute::Share(state.best_so_far.fitness())),
+            ]);
             // Whoever is best decides what comes next: more than one has to say so.
             self.confirm(&descriptors[state.best as usize]);
             if let Some(stop_reason) = state.stop {

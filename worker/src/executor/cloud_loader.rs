@@ -9,6 +9,7 @@ use descriptor::PreparedCloud;
 use proto::{Digest, Message};
 use rayon::iter::Either;
 use rayon::prelude::*;
+use tracing::{Instrument as _, debug_span};
 
 use crate::blobs::Blobs;
 use crate::executor::cloud_check;
@@ -64,7 +65,8 @@ impl CloudLoader {
             let (batch, later) = rest.split_at(count);
             let clouds = self.take(cache, batch).await?;
             let each = each.clone();
-            done.push(self.computing.run(move || each(&clouds)).await);
+            let described = self.computing.run(move || each(&clouds));
+            done.push(described.instrument(debug_span!("describe", descry.clouds = count as i64)).await);
             rest = later;
         }
         Ok(done)
@@ -175,6 +177,10 @@ impl CloudLoader {
 
     /// From the coordinator's own store; the second list is what it does not have.
     async fn fetch(&self, cache: &Arc<PreparationCache>, wanted: Vec<Listed>) -> (Loaded, Vec<Listed>) {
+        if wanted.is_empty() {
+            return (Vec::new(), wanted);
+        }
+        let span = debug_span!("fetch", descry.clouds = wanted.len() as i64);
         let ask = async |cloud: Listed| {
             let entry = match cache.entry_key(cloud.digest) {
                 Some(key) => self.blobs.derived(PREPARED_CLOUD, key).await.map(|bytes| (key, bytes)),
@@ -182,7 +188,7 @@ impl CloudLoader {
             };
             (cloud, entry)
         };
-        let answers = futures_util::future::join_all(wanted.into_iter().map(ask)).await;
+        let answers = futures_util::future::join_all(wanted.into_iter().map(ask)).instrument(span).await;
         let (store, cache) = (Arc::clone(&self.store), Arc::clone(cache));
         let adopt = move |(cloud, entry): (Listed, Option<(Digest, Vec<u8>)>)| {
             let payload = entry.and_then(|(key, bytes)| match store.adopt(PREPARED_CLOUD, key, &bytes) {
@@ -203,8 +209,13 @@ impl CloudLoader {
         cache: &Arc<PreparationCache>,
         wanted: Vec<Listed>,
     ) -> Result<Loaded, EvaluationError> {
+        if wanted.is_empty() {
+            return Ok(Vec::new());
+        }
+        let clouds = wanted.len();
         let bytes = wanted.iter().map(|cloud| self.blobs.get(cloud.digest));
-        let bytes = futures_util::future::try_join_all(bytes).await?;
+        let bytes = futures_util::future::try_join_all(bytes);
+        let bytes = bytes.instrument(debug_span!("fetch", descry.clouds = clouds as i64)).await?;
         let (store, cache) = (Arc::clone(&self.store), Arc::clone(cache));
         let prepare = move |(cloud, bytes): (Listed, Vec<u8>)| {
             let prepared = cache.prepare(&cloud, &bytes)?;
@@ -215,7 +226,8 @@ impl CloudLoader {
             }
             Ok((cloud.digest, Arc::new(prepared)))
         };
-        self.computing.run(move || wanted.into_par_iter().zip(bytes).map(prepare).collect()).await
+        let prepared = self.computing.run(move || wanted.into_par_iter().zip(bytes).map(prepare).collect());
+        prepared.instrument(debug_span!("prepare", descry.clouds = clouds as i64)).await
     }
 }
 

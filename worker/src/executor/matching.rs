@@ -12,6 +12,7 @@ use descriptor::{
 };
 use proto::{Digest, MAX_DESCRIPTION_BYTES};
 use rayon::prelude::*;
+use tracing::{Instrument as _, debug_span};
 
 use crate::executor::cloud_loader::CloudLoader;
 use crate::executor::error::EvaluationError;
@@ -117,7 +118,8 @@ impl Matcher {
                         Some(database) => channel.distances(&joined(&queries), &joined(&database)),
                         None => channel.distances_among(&joined(&queries)),
                     };
-                    let matrix = Arc::new(self.loader.computing.run(compute).await);
+                    let matching = self.loader.computing.run(compute).instrument(debug_span!("match"));
+                    let matrix = Arc::new(matching.await);
                     self.loader.work().matched += 1;
                     self.reuse().keep_distances(&pairing, &wanted.keys[index], &matrix);
                     matrix
@@ -170,7 +172,7 @@ impl Matcher {
             Ok(database.recognise(&asked.iter().map(AsRef::as_ref).collect::<Vec<_>>(), runner_up).0)
         };
         self.loader.work().pruned += 1;
-        self.loader.computing.run(recognise).await
+        self.loader.computing.run(recognise).instrument(debug_span!("match")).await
     }
 
     /// The signatures of the clouds of each source in the channels where they are missing.

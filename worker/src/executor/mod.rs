@@ -25,6 +25,8 @@ use descriptor::{ChannelError, Correct, Descriptor, Family, Match, Preparation};
 use proto::Digest;
 use proto::task::{Described, Evaluation, EvaluationResult, GridCell, Scale, Task, TaskResult, Tile};
 
+use tracing::{Instrument as _, debug_span};
+
 pub use error::EvaluationError;
 pub use work::Work;
 
@@ -185,7 +187,7 @@ impl Executor {
             let correct = Correct::count(&matches, &queries, &database);
             Ok(result(&correct, if want_matches { &matches } else { &[] }))
         };
-        self.matcher.loader.computing.run(recognise).await
+        self.matcher.loader.computing.run(recognise).instrument(debug_span!("match")).await
     }
 
     /// The distances stay where an evaluation of all these clouds against each other looks for them.

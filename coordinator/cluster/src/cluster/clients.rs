@@ -147,6 +147,11 @@ impl Clients {
         jobs.is_check(job) || is_its_own() || !self.shared && !jobs.was_asked(job)
     }
 
+    /// Who has asked for a job, the first of several.
+    pub(super) fn asker(&self, job: JobId) -> Option<ClientId> {
+        self.accounts.iter().find(|(_, account)| account.has_asked(job)).map(|(id, _)| *id)
+    }
+
     /// Tells all of them that results may be wrong.
     pub(super) fn doubt(&mut self, doubt: &Doubt) {
         for account in self.accounts.values_mut() {

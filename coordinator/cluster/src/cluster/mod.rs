@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex, MutexGuard, Weak};
 use std::time::{Duration, Instant, SystemTime};
 
 use proto::task::{Described, DescriptorBytes, Evaluation, Task, TaskResult};
-use proto::{Introduction, Lease, Message, Principal, SessionId, WorkerId};
+use proto::{Introduction, JobId, Lease, Message, Principal, SessionId, WorkerId};
 use tokio::sync::{Notify, Semaphore, watch};
 use tokio::time::MissedTickBehavior;
 
@@ -22,8 +22,8 @@ use crate::events::{EventCursor, EventKind, EventLog};
 use crate::journal::{Journal, JournalError, LogSequence, Recorded};
 use crate::lock::lock;
 use crate::scheduler::{
-    Answer, Caller, Doubt, Finished, JobFailed, Limits, Poll, PollRefusal, Provenance, RegisterRefusal,
-    RunSecret, Scheduler, Staffing,
+    Answer, Caller, ClientId, Doubt, Finished, JobFailed, Limits, Poll, PollRefusal, Provenance,
+    RegisterRefusal, RunSecret, Scheduler, Staffing,
 };
 use crate::sharding::{Batch, Layouts, ShardCount};
 pub use client::{CellAnswer, Client, DescriptionAnswer};
@@ -182,6 +182,11 @@ impl Cluster {
     /// A cursor at the first event of this start of the coordinator. Each observer needs one of its own.
     pub fn events(&self) -> EventCursor {
         self.events.follow()
+    }
+
+    /// Who has asked for a job, the first of several; `None` if that is nobody of those who are here.
+    pub fn asker(&self, job: JobId) -> Option<ClientId> {
+        self.state().clients.asker(job)
     }
 
     /// A new client. All clients have to be made before the first of them submits anything ([`Cluster::begun`]).
