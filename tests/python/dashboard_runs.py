@@ -8,18 +8,17 @@ import re
 import shutil
 import ssl
 import subprocess
-import time
 import urllib.error
 import urllib.parse
 import urllib.request
 
+import waiting
 from playwright.sync_api import sync_playwright
 
 REPOSITORY = pathlib.Path(__file__).parents[2]
 DEMO = REPOSITORY / "experiments/demo.toml"
 BROWSER = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 PATIENCE = 40  # seconds, for what takes some on a busy machine
-LOOK = 0.05
 UNCHECKED = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)  # of certificates that a test has just made
 UNCHECKED.check_hostname, UNCHECKED.verify_mode = False, ssl.CERT_NONE
 OPENER = urllib.request.build_opener(
@@ -28,14 +27,7 @@ OPENER = urllib.request.build_opener(
 
 
 def wait(what, condition, seconds=PATIENCE):
-    """The first true answer of a condition."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        answer = condition()
-        if answer:
-            return answer
-        time.sleep(LOOK)
-    raise AssertionError(f"{what}: not within {seconds} s")
+    return waiting.wait(what, condition, seconds)
 
 
 def experiment(folder, data, **values):

@@ -10,18 +10,18 @@ series, bytes and seconds of a scrape, and the processor time that scraping take
 """
 
 import argparse
-import collections
 import json
 import os
 import pathlib
 import re
 import shutil
-import socket
 import statistics
 import subprocess
 import time
 import urllib.parse
 import urllib.request
+
+import waiting
 
 REPOSITORY = pathlib.Path(__file__).parents[2]
 DEPLOY = REPOSITORY / "deploy"
@@ -36,23 +36,7 @@ def get(url):
 
 
 def wait(what, condition, seconds=PATIENCE):
-    """The first true answer of a condition."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        try:
-            answer = condition()
-        except (OSError, ValueError):
-            answer = None
-        if answer:
-            return answer
-        time.sleep(0.1)
-    raise AssertionError(f"{what}: not within {seconds} s")
-
-
-def free_port():
-    with socket.socket() as bound:
-        bound.bind(("127.0.0.1", 0))
-        return bound.getsockname()[1]
+    return waiting.wait(what, condition, seconds, look=0.1, ignoring=(OSError, ValueError))
 
 
 def cpu_seconds(pid):
@@ -69,7 +53,7 @@ class Prometheus:
     """A server that scrapes one address each second."""
 
     def __init__(self, folder, target):
-        self.address = f"127.0.0.1:{free_port()}"
+        self.address = f"127.0.0.1:{waiting.free_port()}"
         shutil.copy(DEPLOY / "prometheus/alerts.yml", folder / "alerts.yml")
         config = {
             "global": {"scrape_interval": "1s", "evaluation_interval": "5s"},

@@ -26,6 +26,7 @@ import threading
 import time
 
 import grpc
+import waiting
 from opentelemetry.proto.collector.trace.v1 import trace_service_pb2, trace_service_pb2_grpc
 
 REPOSITORY = pathlib.Path(__file__).parents[2]
@@ -37,20 +38,7 @@ Span = collections.namedtuple("Span", "trace id parent name kind start end error
 
 
 def wait(what, condition, seconds=PATIENCE):
-    """The first true answer of a condition."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        answer = condition()
-        if answer:
-            return answer
-        time.sleep(0.02)
-    raise AssertionError(f"{what}: not within {seconds} s")
-
-
-def free_port():
-    with socket.socket() as bound:
-        bound.bind(("127.0.0.1", 0))
-        return bound.getsockname()[1]
+    return waiting.wait(what, condition, seconds, look=0.02)
 
 
 def values(attributes):
@@ -188,7 +176,7 @@ def check_tree(spans, killed=()):
 
 def two_workers(programs, toml, expected):
     """Spans of two workers, one of which is killed, come together in one tree."""
-    receiver, port, out = Receiver(), free_port(), programs.out / "two-workers"
+    receiver, port, out = Receiver(), waiting.free_port(), programs.out / "two-workers"
     address = f"127.0.0.1:{port}"
     arguments = ["--out", out, "--json", "--local-workers", 0, "--listen", address, "--events", programs.out / "events"]
     coordinator = programs.start("coordinator", "run", toml, *arguments, **{ENDPOINT: receiver.address})
@@ -290,7 +278,7 @@ def broken(programs, toml, expected):
     """A collector that does not work costs one warning."""
     refusing, hanging = Receiver(refuses=True), Hanging()
     for what, address in [
-        ("down", f"http://127.0.0.1:{free_port()}"),
+        ("down", f"http://127.0.0.1:{waiting.free_port()}"),
         ("refusing", refusing.address),
         ("hanging", hanging.address),
         ("encrypted", "https://127.0.0.1:1"),

@@ -18,6 +18,8 @@ import subprocess
 import sys
 import time
 
+import waiting
+
 HOST = socket.gethostname()
 GENERATIONS = 50
 LONG = 800
@@ -44,13 +46,7 @@ audit = 0
 """
 
 
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
-
-
-PORT = free_port()
+PORT = waiting.free_port()
 
 
 def wait_for(what, state):
@@ -74,13 +70,13 @@ class Slurm:
         key.write_bytes(os.urandom(1024))
         key.chmod(0o400)
         nodes = "".join(
-            f"NodeName={name} NodeHostname={host} NodeAddr=127.0.0.1 Port={free_port()} CPUs={cpus} RealMemory=1000\n"
+            f"NodeName={name} NodeHostname={host} NodeAddr=127.0.0.1 Port={waiting.free_port()} CPUs={cpus} RealMemory=1000\n"
             for name, cpus in NODES.items()
         )
         user = os.environ.get("USER") or "root"
         (folder / "slurm.conf").write_text(f"""ClusterName=descry
 SlurmctldHost={host}(127.0.0.1)
-SlurmctldPort={free_port()}
+SlurmctldPort={waiting.free_port()}
 SlurmUser={user}
 SlurmdUser={user}
 AuthType=auth/munge
