@@ -2,8 +2,6 @@
 
 use std::process::ExitCode;
 
-use clap::Parser as _;
-
 fn main() -> ExitCode {
-    coordinator::cli::main(coordinator::cli::Cli::parse())
+    coordinator::cli::main(worker::commit!())
 }

@@ -15,6 +15,7 @@ use descriptor::EVALUATION_VERSION;
 use proto::JoinAddress;
 use tokio::signal::unix::{self, SignalKind};
 
+use crate::command_line;
 use crate::identity::{BUILD, Identity};
 use crate::join_file::{JoinFile, encrypted_if_shown, read_address};
 use crate::lifetime::{Leaving, LifetimeLimits};
@@ -51,7 +52,7 @@ impl fmt::Debug for Address {
 /// Example: worker --coordinator http://gpu-host:7700
 #[derive(Debug, Parser)]
 #[command(name = "worker", version, about, long_about)]
-pub struct Cli {
+struct Cli {
     /// Address of the coordinator, for example http://192.0.2.7:7700; one with a token belongs into the environment or
     /// a file, because every user of a machine can read the arguments of its programs
     #[arg(long, env = "DESCRY_COORDINATOR", hide_env_values = true, value_name = "URL")]
@@ -115,9 +116,10 @@ enum OnTerm {
     Requeue,
 }
 
-/// Runs the program until it is told to stop or there is nothing left to do; an error goes to standard error.
-pub fn main(cli: Cli) -> ExitCode {
-    match run(cli) {
+/// Runs the program, built from this commit, until it is told to stop or there is nothing left to do; an error goes to
+/// standard error.
+pub fn main(commit: &str) -> ExitCode {
+    match run(command_line::parse(command_line::command::<Cli>(commit))) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             log::say(format_args!("error: {error}"));

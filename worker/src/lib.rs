@@ -5,6 +5,7 @@
 mod backoff;
 mod blobs;
 pub mod cli;
+pub mod command_line;
 mod executor;
 #[doc(hidden)]
 pub mod fuzz_entry;
@@ -19,6 +20,7 @@ mod run;
 mod session;
 mod tls;
 pub mod trace;
+pub mod version;
 mod wire;
 
 pub use identity::{BUILD, Identity};

@@ -39,6 +39,7 @@ use crate::compare::CompareError;
 use crate::console::say;
 use crate::run::RunError;
 use cluster::ClusterError;
+use worker::command_line;
 use worker::log::{self, LogFormat};
 
 /// The exit code that shells have for Ctrl-C, and a run that an operator has stopped.
@@ -49,7 +50,7 @@ const INTERRUPTED: u8 = 130;
 /// Example: coordinator run experiments/demo.toml
 #[derive(Debug, Parser)]
 #[command(name = "coordinator", version, about, long_about)]
-pub struct Cli {
+struct Cli {
     #[command(subcommand)]
     command: Command,
     /// The log as text, or as json, one object a line, for a program that collects logs, for example json
@@ -90,8 +91,10 @@ enum Command {
     Schema(schema::Schema),
 }
 
-/// Runs one command; errors go to standard error, the exit code says whether there was one.
-pub fn main(cli: Cli) -> ExitCode {
+/// Runs one command of the program, built from this commit; errors go to standard error, the exit code says whether there
+/// was one.
+pub fn main(commit: &str) -> ExitCode {
+    let cli: Cli = command_line::parse(command_line::command::<Cli>(commit));
     log::start(cli.log_format, "warn", || worker::trace::layer("descry-coordinator"));
     let code = match execute(cli.command) {
         Ok(code) => code,
