@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use cache::{ByteSize, StorageArgs, Store};
-use clap::{Parser, ValueEnum};
+use clap::{Command, Parser, ValueEnum};
 use descriptor::EVALUATION_VERSION;
 use proto::JoinAddress;
 use tokio::signal::unix::{self, SignalKind};
@@ -21,6 +21,7 @@ use crate::join_file::{JoinFile, encrypted_if_shown, read_address};
 use crate::lifetime::{Leaving, LifetimeLimits};
 use crate::link::{Coordinator, warn_if_plain};
 use crate::log::{self, LogFormat};
+use crate::names::Names;
 use crate::run::{self, Options};
 use crate::trace;
 
@@ -116,10 +117,15 @@ enum OnTerm {
     Requeue,
 }
 
+/// The command line of the program, under this name and built from this commit.
+pub fn command(names: Names, commit: &str) -> Command {
+    command_line::command::<Cli>(names.worker(), names, commit)
+}
+
 /// Runs the program, built from this commit, until it is told to stop or there is nothing left to do; an error goes to
 /// standard error.
 pub fn main(commit: &str) -> ExitCode {
-    match run(command_line::parse(command_line::command::<Cli>(commit))) {
+    match run(command_line::parse(command(Names::of_this_process(), commit))) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             log::say(format_args!("error: {error}"));

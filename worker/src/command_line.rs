@@ -2,13 +2,14 @@
 
 use clap::{Command, Parser};
 
+use crate::names::Names;
 use crate::version::version;
 
-/// A program's command line, built from this commit.
-pub fn command<C: Parser>(commit: &str) -> Command {
+/// A program's command line, under this one of its names, built from this commit.
+pub fn command<C: Parser>(name: &'static str, names: Names, commit: &str) -> Command {
     // Once in a process, and clap keeps no strings of its own here.
     let version: &'static str = version(commit).leak();
-    C::command().version(version)
+    names.in_command(C::command()).name(name).version(version)
 }
 
 /// What this process was called with; ends it where that cannot be read, or asks for help.

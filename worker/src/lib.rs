@@ -15,6 +15,7 @@ mod join_file;
 mod lifetime;
 mod link;
 pub mod log;
+pub mod names;
 mod prepared_cloud;
 mod run;
 mod session;

@@ -11,6 +11,8 @@ use tracing_subscriber::layer::SubscriberExt as _;
 use tracing_subscriber::util::SubscriberInitExt as _;
 use tracing_subscriber::{EnvFilter, Layer, Registry};
 
+use crate::names::Names;
+
 /// What spans are handed to, beside the log.
 pub type SpanLayer = Box<dyn Layer<Registry> + Send + Sync>;
 
@@ -32,7 +34,7 @@ pub fn start(format: LogFormat, filter: &str, spans: impl FnOnce() -> Option<Spa
     let _ = FORMAT.set(format); // a second start changes nothing
     let filter = EnvFilter::try_from_env("DESCRY_LOG").unwrap_or_else(|_| filter.into());
     let lines = tracing_subscriber::fmt::layer()
-        .with_writer(io::stderr)
+        .with_writer(|| Renamed(io::stderr()))
         .with_ansi(io::stderr().is_terminal())
         .with_target(false)
         .log_internal_errors(false); // they would go to standard error, too, and panic where that is lost
@@ -41,6 +43,23 @@ pub fn start(format: LogFormat, filter: &str, spans: impl FnOnce() -> Option<Spa
         LogFormat::Json => lines.json().flatten_event(true).boxed(),
     };
     tracing_subscriber::registry().with(spans()).with(lines.with_filter(filter)).init();
+}
+
+/// Passes lines on with the names under which people have the programs.
+struct Renamed(io::Stderr);
+
+impl io::Write for Renamed {
+    fn write(&mut self, line: &[u8]) -> io::Result<usize> {
+        match std::str::from_utf8(line) {
+            Ok(text) => self.0.write_all(Names::of_this_process().in_text(text).as_bytes())?,
+            Err(_) => self.0.write_all(line)?,
+        }
+        Ok(line.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.0.flush()
+    }
 }
 
 /// Whether each line is a JSON object.
@@ -52,6 +71,7 @@ pub fn is_json() -> bool {
 /// is closed, or its volume full, the line is lost and the program goes on.
 pub fn say(line: impl Display) {
     let line = line.to_string();
+    let line = Names::of_this_process().in_text(&line).into_owned();
     let line = if is_json() { json(&line) } else { line };
     // In one piece, so that lines of several programs in one file stay whole.
     let _ = io::stderr().write_all(format!("{line}\n").as_bytes());

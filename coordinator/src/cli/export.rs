@@ -7,6 +7,7 @@ use artefact::{FALSE_REJECTIONS, FILES, read_structure};
 use cache::StorageArgs;
 use clap::{Args, ValueEnum};
 use descriptor::recogniser::Method;
+use worker::names::Names;
 
 use crate::export::{self, DescriptorChoice};
 use crate::lines::labelled;
@@ -93,12 +94,13 @@ impl Export {
              {reject}\
              example       {}: nearest is {}\n\
              artefact      {out}, {:.1} MB\n\
-             to use it     coordinator recognise {out} CLOUD.pcd\n",
+             to use it     {program} recognise {out} CLOUD.pcd\n",
             exported.recogniser,
             exported.clouds,
             exported.example,
             exported.answer,
             exported.bytes as f64 / 1e6,
+            program = Names::of_this_process().coordinator(),
         ))?;
         Ok(ExitCode::SUCCESS)
     }

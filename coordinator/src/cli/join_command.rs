@@ -7,6 +7,7 @@ use anyhow::Context as _;
 use clap::{Args, ValueEnum};
 use proto::JoinAddress;
 use transport::certs;
+use worker::names::Names;
 
 use crate::slurm::{MOST_MINUTES, quoted, quoted_path, worker_line};
 
@@ -153,8 +154,12 @@ impl Parts {
 /// The program `worker` that was built with this one.
 pub(super) fn beside_this_program() -> anyhow::Result<PathBuf> {
     let this = std::env::current_exe().context("where this program is cannot be found out")?;
-    let name = this.file_name().unwrap_or_default().to_string_lossy().replace("coordinator", "worker");
-    Ok(this.with_file_name(name))
+    let name = this.file_name().unwrap_or_default().to_string_lossy();
+    let worker = match Names::of_this_process() {
+        Names::Built => name.replace(Names::Built.coordinator(), Names::Built.worker()),
+        names => names.worker().to_owned(),
+    };
+    Ok(this.with_file_name(worker))
 }
 
 fn absolute(path: &Path, advice: &str) -> anyhow::Result<PathBuf> {

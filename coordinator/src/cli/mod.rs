@@ -41,6 +41,7 @@ use crate::run::RunError;
 use cluster::ClusterError;
 use worker::command_line;
 use worker::log::{self, LogFormat};
+use worker::names::Names;
 
 /// The exit code that shells have for Ctrl-C, and a run that an operator has stopped.
 const INTERRUPTED: u8 = 130;
@@ -91,10 +92,15 @@ enum Command {
     Schema(schema::Schema),
 }
 
+/// The command line of the program, under this name and built from this commit.
+pub fn command(names: Names, commit: &str) -> clap::Command {
+    command_line::command::<Cli>(names.coordinator(), names, commit)
+}
+
 /// Runs one command of the program, built from this commit; errors go to standard error, the exit code says whether there
 /// was one.
 pub fn main(commit: &str) -> ExitCode {
-    let cli: Cli = command_line::parse(command_line::command::<Cli>(commit));
+    let cli: Cli = command_line::parse(command(Names::of_this_process(), commit));
     log::start(cli.log_format, "warn", || worker::trace::layer("descry-coordinator"));
     let code = match execute(cli.command) {
         Ok(code) => code,

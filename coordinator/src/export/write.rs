@@ -10,6 +10,7 @@ use artefact::{
 };
 use atomic::{Access, NewFolder};
 use descriptor::Family;
+use worker::names::Names;
 
 use super::error::WriteError;
 use crate::signing::SIGNATURE_FILE;
@@ -57,11 +58,12 @@ impl Draft<'_> {
             .settings
             .seal()
             .map_err(|error| WriteError::Settings { folder: out.to_owned(), what: error.to_string() })?;
+        let readme = Names::of_this_process().in_text(&self.readme);
         for (name, bytes) in [
             (SETTINGS, settings.as_bytes()),
             (TEST_VECTOR, vector_text.as_bytes()),
             (EXAMPLE, &example.bytes),
-            (README, self.readme.as_bytes()),
+            (README, readme.as_bytes()),
         ] {
             new.write(name, bytes).map_err(failed)?;
         }
