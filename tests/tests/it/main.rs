@@ -25,6 +25,7 @@
 //! - `perturbed`: errors on test clouds that are perturbed
 //! - `peer`: a worker by hand, for tests of attacks
 //! - `pieces`: evaluations in pieces
+//! - `packages`: what packages contain beside the programs
 //! - `protocol`: the coordinator's port as a client sees it
 //! - `lost_output`: standard output and error that are full or closed
 //! - `leaks`: what positions of clouds give away
@@ -76,6 +77,7 @@ mod members;
 mod messages;
 mod metrics;
 mod operators;
+mod packages;
 mod parity;
 mod peer;
 mod perturbed;

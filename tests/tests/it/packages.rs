@@ -1,0 +1,150 @@
+//! What packages contain beside the programs: names, man pages, completions.
+
+use std::collections::BTreeSet;
+use std::fs;
+use std::process::Command;
+
+use tempfile::TempDir;
+use tests::manual;
+
+use crate::process::{Finished, finish, program, run};
+
+/// The programs under the names that they have once installed.
+struct Installed(TempDir);
+
+impl Installed {
+    fn new() -> Self {
+        let folder = TempDir::new().unwrap();
+        for (name, installed) in [("coordinator", "descry"), ("worker", "descry-worker")] {
+            let built = program(name).get_program().to_owned();
+            let there = folder.path().join(installed);
+            // No symbolic link: a program asks the system where it is.
+            fs::hard_link(&built, &there).or_else(|_| fs::copy(&built, &there).map(drop)).unwrap();
+        }
+        Self(folder)
+    }
+
+    fn run(&self, name: &str, args: &[&str]) -> Finished {
+        let mut command = Command::new(self.0.path().join(name));
+        finish(command.args(args).current_dir(self.0.path()).env("COLUMNS", "400"))
+    }
+}
+
+/// A command and all below it, as arguments.
+fn commands(command: &clap::Command) -> Vec<Vec<String>> {
+    let mut all = vec![Vec::new()];
+    for subcommand in command.get_subcommands() {
+        let name = subcommand.get_name().to_owned();
+        all.extend(commands(subcommand).into_iter().map(|rest| [vec![name.clone()], rest].concat()));
+    }
+    all
+}
+
+#[test]
+fn a_version_names_the_program_its_commit_and_what_it_computes() {
+    let what = format!("(commit unknown, evaluation version {})", descriptor::EVALUATION_VERSION);
+    let release = env!("CARGO_PKG_VERSION");
+    let installed = Installed::new();
+    for (built, name) in [("coordinator", "descry"), ("worker", "descry-worker")] {
+        assert_eq!(run(built, ["--version"]).expect_success().stdout, format!("{built} {release} {what}\n"));
+        let version = installed.run(name, &["--version"]).expect_success().stdout;
+        assert_eq!(version, format!("{name} {release} {what}\n"));
+    }
+}
+
+#[test]
+fn installed_programs_name_themselves_in_what_they_say_to_type() {
+    let installed = Installed::new();
+    let [coordinator, _] = manual::commands("1");
+    let mut texts = vec![installed.run("descry-worker", &["--help"]).expect_success().stdout];
+    for command in commands(&coordinator) {
+        // `control` wants to know which run before an order.
+        let mut args: Vec<&str> = command.iter().map(String::as_str).collect();
+        if args.first() == Some(&"control") && args.len() > 1 {
+            args.insert(1, "RUN");
+        }
+        args.push("--help");
+        texts.push(installed.run("descry", &args).expect_success().stdout);
+    }
+    assert!(texts.len() > 22, "{}", texts.len());
+    for text in &texts {
+        assert!(text.contains("Example: descry"), "{text}");
+        for built in ["coordinator run", "coordinator certs", "`coordinator ", ": worker --", "`worker`"] {
+            assert!(!text.contains(built), "{built}: {text}");
+        }
+    }
+
+    let refused = installed.run("descry", &["resume", "nothing"]).expect_error();
+    assert!(refused.stderr.ends_with("or start one: descry run EXP.toml\n"), "{refused}");
+    let refused = installed.run("descry-worker", &["--coordinator", "ftp://nowhere"]).expect_error();
+    assert!(refused.stderr.contains("`descry certs`"), "{refused}");
+    let made = installed.run("descry", &["certs", "tls", "--host", "localhost"]).expect_success();
+    assert!(made.stderr.contains("tls/join: descry-worker --coordinator-file join\n"), "{made}");
+    let line = installed.run("descry", &["join-command", "host", "--tls", "tls"]).expect_success().stdout;
+    assert!(line.contains(" descry-worker -C ") && line.contains("exec ./descry-worker --"), "{line}");
+}
+
+#[test]
+fn every_command_has_a_page_that_man_shows_without_a_warning() {
+    let folder = TempDir::new().unwrap();
+    let mut pages = BTreeSet::new();
+    for (path, text) in manual::files("1", "2026-11-26").unwrap() {
+        let Ok(name) = path.strip_prefix("man1") else { continue };
+        let file = folder.path().join(name);
+        fs::write(&file, &text).unwrap();
+        pages.insert(name.display().to_string());
+        let text = String::from_utf8(text).unwrap();
+        assert!(text.contains(".SH SYNOPSIS") && text.contains("Example: descry"), "{}", name.display());
+        if !is_there("man") {
+            continue;
+        }
+        let mut man = Command::new("man");
+        man.args(["--warnings", "-E", "UTF-8", "-l"])
+            .arg(file)
+            .envs([("LC_ALL", "C.UTF-8"), ("MANWIDTH", "100")]);
+        let shown = finish(&mut man).expect_success();
+        assert_eq!(shown.stderr, "", "{shown}");
+        assert!(shown.stdout.lines().count() > 10, "{shown}");
+    }
+    let named = |command: clap::Command| -> Vec<String> {
+        let name = command.get_name().to_owned();
+        commands(&command)
+            .into_iter()
+            .map(|rest| [vec![name.clone()], rest].concat().join("-") + ".1")
+            .collect()
+    };
+    let expected: BTreeSet<String> = manual::commands("1").into_iter().flat_map(named).collect();
+    assert!(expected.len() > 25 && expected.contains("descry-control-pause.1"), "{expected:?}");
+    assert_eq!(pages, expected);
+}
+
+fn is_there(program: &str) -> bool {
+    Command::new(program).arg("--version").output().is_ok()
+}
+
+#[test]
+fn a_shell_completes_commands_and_options() {
+    let folder = TempDir::new().unwrap();
+    for (path, text) in manual::files("1", "2026-11-26").unwrap() {
+        let file = folder.path().join(&path);
+        fs::create_dir_all(file.parent().unwrap()).unwrap();
+        fs::write(file, text).unwrap();
+    }
+    for (name, words, expected) in [
+        ("descry", "descry resu", "resume"),
+        ("descry", "descry run --see", "--seed"),
+        ("descry-worker", "descry-worker --coordinator-f", "--coordinator-file"),
+    ] {
+        // As bash would call what the script has registered.
+        let script = "source \"$1\"; COMP_WORDS=($3); COMP_CWORD=$((${#COMP_WORDS[@]} - 1)); \
+                      function=$(complete -p $2 | sed 's/.* -F \\([^ ]*\\).*/\\1/'); \
+                      $function $2 \"${COMP_WORDS[-1]}\" \"${COMP_WORDS[-2]}\"; echo \"${COMPREPLY[@]}\"";
+        let mut bash = Command::new("bash");
+        bash.args(["-c", script, "bash"]).arg(folder.path().join("bash").join(name)).args([name, words]);
+        assert_eq!(finish(&mut bash).expect_success().stdout, format!("{expected}\n"), "{words}");
+    }
+    for file in ["zsh/_descry", "zsh/_descry-worker", "fish/descry.fish", "fish/descry-worker.fish"] {
+        let text = fs::read_to_string(folder.path().join(file)).unwrap();
+        assert!(text.contains("cache-size"), "{file}");
+    }
+}
