@@ -1,12 +1,14 @@
-//! What packages contain beside the programs: names, man pages, completions.
+//! What packages contain beside the programs: names, man pages, completions, services.
 
 use std::collections::BTreeSet;
 use std::fs;
+use std::path::Path;
 use std::process::Command;
 
 use tempfile::TempDir;
 use tests::manual;
 
+use crate::experiments::repository;
 use crate::process::{Finished, finish, program, run};
 
 /// The programs under the names that they have once installed.
@@ -38,6 +40,10 @@ fn commands(command: &clap::Command) -> Vec<Vec<String>> {
         all.extend(commands(subcommand).into_iter().map(|rest| [vec![name.clone()], rest].concat()));
     }
     all
+}
+
+fn read(path: &str) -> String {
+    fs::read_to_string(repository().join(path)).unwrap_or_else(|error| panic!("{path}: {error}"))
 }
 
 #[test]
@@ -146,5 +152,88 @@ fn a_shell_completes_commands_and_options() {
     for file in ["zsh/_descry", "zsh/_descry-worker", "fish/descry.fish", "fish/descry-worker.fish"] {
         let text = fs::read_to_string(folder.path().join(file)).unwrap();
         assert!(text.contains("cache-size"), "{file}");
+    }
+}
+
+const UNITS: &str = "deploy/systemd";
+
+/// The settings of a unit, in order.
+fn settings(unit: &str) -> Vec<(String, String)> {
+    let text = read(&format!("{UNITS}/{unit}"));
+    let lines = text.lines().filter(|line| !line.starts_with(['#', '[']) && !line.is_empty());
+    let setting =
+        |line: &str| line.split_once('=').map(|(name, value)| (name.to_owned(), value.to_owned())).unwrap();
+    lines.map(setting).collect()
+}
+
+fn values(settings: &[(String, String)], name: &str) -> Vec<String> {
+    settings.iter().filter(|(key, _)| key == name).map(|(_, value)| value.clone()).collect()
+}
+
+const COORDINATOR: &str = "descry-coordinator@.service";
+const WORKER: &str = "descry-worker@.service";
+
+#[test]
+fn services_call_the_programs_as_they_can_be_called() {
+    let installed = Installed::new();
+    for (unit, help) in [(COORDINATOR, vec!["run", "--help"]), (WORKER, vec!["--help"])] {
+        let settings = settings(unit);
+        let [start] = &values(&settings, "ExecStart")[..] else { panic!("{unit}: one ExecStart") };
+        let program = Path::new(start.split(' ').next().unwrap()).file_name().unwrap().to_str().unwrap();
+        let help = installed.run(program, &help).expect_success().stdout;
+        let options = start.split(' ').filter(|word| word.starts_with("--"));
+        assert!(options.clone().count() > 0, "{unit}: {start}");
+        for option in options {
+            assert!(help.contains(&format!("  {option}")), "{unit}: {option}: {help}");
+        }
+        // What is set in files must be what is passed on, and options that comments show must be there.
+        let file = values(&settings, "EnvironmentFile").remove(0);
+        let file = read(&format!("{UNITS}/{}", file.strip_prefix("-/etc/descry/").unwrap()));
+        for line in file.lines().filter(|line| line.contains('=')) {
+            let (name, options) = line.trim_start_matches('#').split_once('=').unwrap();
+            assert!(start.ends_with(&format!(" ${name}")), "{unit}: {line}");
+            for option in options.split(' ').filter(|word| word.starts_with("--")) {
+                assert!(help.contains(&format!("  {option}")), "{unit}: {option}: {help}");
+            }
+        }
+    }
+}
+
+#[test]
+fn services_start_again_after_what_that_mends() {
+    let page = read("docs/src/reference/exit-codes.md");
+    let rows = page.lines().filter_map(|line| line.strip_prefix("| ")?.split_once(" |"));
+    let codes: BTreeSet<u8> = rows.filter_map(|(code, _)| code.parse().ok()).collect();
+    let settings = settings(COORDINATOR);
+    let listed = |name: &str| -> BTreeSet<u8> {
+        let values = values(&settings, name);
+        values.iter().flat_map(|value| value.split(' ')).map(|code| code.parse().unwrap()).collect()
+    };
+    let (prevented, successes) = (listed("RestartPreventExitStatus"), listed("SuccessExitStatus"));
+    assert_eq!(values(&settings, "Restart"), ["on-failure"]);
+    let final_codes: BTreeSet<u8> = prevented.union(&successes).copied().collect();
+    assert!(final_codes.is_subset(&codes), "{final_codes:?} {codes:?}");
+    let restarting: Vec<u8> = codes.difference(&final_codes).copied().filter(|&code| code != 0).collect();
+    assert_eq!(restarting, [3, 6], "a code of its own must be in one of the three lists of {COORDINATOR}");
+}
+
+/// What a unit may touch is a page's claim: neither may grow unnoticed.
+#[test]
+fn services_may_touch_little() {
+    let hardening = |unit: &str| {
+        let settings = settings(unit);
+        let from = settings.iter().position(|(name, _)| name == "ProtectSystem").unwrap();
+        settings[from..].to_vec()
+    };
+    assert_eq!(hardening(COORDINATOR), hardening(WORKER));
+    if !is_there("systemd-analyze") {
+        return;
+    }
+    for unit in [COORDINATOR, WORKER] {
+        let mut analyze = Command::new("systemd-analyze");
+        let file = repository().join(UNITS).join(unit);
+        // 1.5 of 10.
+        analyze.args(["security", "--no-pager", "--offline=true", "--threshold=15"]).arg(file);
+        finish(&mut analyze).expect_success();
     }
 }
