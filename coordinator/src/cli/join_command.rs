@@ -45,8 +45,14 @@ pub struct JoinCommand {
     #[arg(long, value_name = "N", default_value_t = 60, value_parser = clap::value_parser!(u32).range(2..=MOST_MINUTES))]
     minutes: u32,
     /// The program `worker`, for example target/release/worker; by default the one beside this program
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "container")]
     worker: Option<PathBuf>,
+    /// Start each worker in a container, by the engine that the machine has, podman or docker; for example podman
+    #[arg(long, value_name = "ENGINE", value_enum, requires = "image")]
+    container: Option<Engine>,
+    /// The image of the container, as deploy/image builds it, for example descry.tar
+    #[arg(long, value_name = "FILE", requires = "container")]
+    image: Option<PathBuf>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -55,12 +61,22 @@ enum Way {
     Slurm,
 }
 
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Engine {
+    Podman,
+    Docker,
+}
+
 /// What the commands are made of; paths are absolute.
 struct Parts {
-    /// The program.
-    worker: PathBuf,
+    program: Program,
     /// The file with the join address, or the address where it holds no secret.
     join: Join,
+}
+
+enum Program {
+    Worker(PathBuf),
+    Image(Engine, PathBuf),
 }
 
 enum Join {
@@ -68,15 +84,36 @@ enum Join {
     Plain(JoinAddress),
 }
 
+/// Where the files that come over ssh lie there, closed to others.
+const UNPACK: &str = "umask 077 && mkdir -p descry-worker && cd descry-worker && tar -xf -";
+/// Where a container has the join address.
+const JOIN_IN_CONTAINER: &str = "/run/descry/join";
+
 impl JoinCommand {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
-        let Self { hosts, tls, join_file, coordinator, over, workers, threads, minutes, worker } = self;
-        let worker = match worker {
-            Some(worker) => worker,
-            None => beside_this_program()?,
+        let Self {
+            hosts,
+            tls,
+            join_file,
+            coordinator,
+            over,
+            workers,
+            threads,
+            minutes,
+            worker,
+            container,
+            image,
+        } = self;
+        let program = match (container, image) {
+            (Some(engine), Some(image)) => {
+                Program::Image(engine, absolute(&image, "build it: deploy/image target/dist descry.tar")?)
+            }
+            _ => {
+                let worker = worker.map_or_else(beside_this_program, Ok)?;
+                let advice = "build it: cargo build --release -p worker; or name it with --worker";
+                Program::Worker(absolute(&worker, advice)?)
+            }
         };
-        let advice = "build it: cargo build --release -p worker; or name it with --worker";
-        let worker = absolute(&worker, advice)?;
         let join = match (join_file, tls, coordinator) {
             (Some(file), ..) => Join::File(match over {
                 Way::Ssh => absolute(&file, "start the coordinator first, with --join-file")?,
@@ -96,7 +133,7 @@ impl JoinCommand {
                 anyhow::bail!("--tls: which folder, got none\nname the folder of certificates with --tls")
             }
         };
-        let parts = Parts { worker, join };
+        let parts = Parts { program, join };
         let text = match over {
             Way::Ssh if hosts.is_empty() => {
                 anyhow::bail!(
@@ -118,22 +155,59 @@ impl Parts {
     /// One line that copies everything to a machine and starts a worker there, whose log comes back.
     fn over_ssh(&self, host: &str) -> anyhow::Result<String> {
         let host = quoted(host)?;
-        let (folder, name) = (folder_of(&self.worker)?, name_of(&self.worker)?);
+        let (file, start) = match &self.program {
+            Program::Worker(worker) => (worker, self.bare(worker)?),
+            Program::Image(engine, image) => (image, self.contained(*engine, image)?),
+        };
+        let packed = match &self.join {
+            Join::File(join) => format!(" -C {} {}", folder_of(join)?, name_of(join)?),
+            Join::Plain(_) => String::new(),
+        };
+        let (folder, name) = (folder_of(file)?, name_of(file)?);
+        Ok(format!("tar -cf - -C {folder} {name}{packed} | ssh {host} {}\n", quoted(&start)?))
+    }
+
+    /// What the other machine does to start the program.
+    fn bare(&self, worker: &Path) -> anyhow::Result<String> {
         let platform = format!("{} {}", kernel(), std::env::consts::ARCH);
         let check = format!(
             "[ \"$(uname -sm)\" = \"{platform}\" ] || {{ echo \"this worker is for {platform}, this machine is $(uname -sm)\" >&2; exit 1; }}"
         );
-        let (packed, option) = match &self.join {
+        let option = match &self.join {
+            Join::File(join) => format!("--coordinator-file {}", name_of(join)?),
+            Join::Plain(address) => format!("--coordinator {address}"),
+        };
+        let name = name_of(worker)?;
+        Ok(format!("{check}; {UNPACK} && exec ./{name} {option}"))
+    }
+
+    /// What the other machine does to start the image, whose user must be able to read the file, and nobody else.
+    fn contained(&self, engine: Engine, image: &Path) -> anyhow::Result<String> {
+        // Podman gives the file to the image's user, also where it runs without root; Docker cannot, so that there the
+        // user of the container is the one who owns the file.
+        let (engine, cache, user, shared) = match engine {
+            Engine::Podman => ("podman", "descry-cache", "", ",U"),
+            Engine::Docker => ("docker", "\"$PWD\"/cache", " --user \"$(id -u):$(id -g)\"", ""),
+        };
+        let (volume, option) = match &self.join {
             Join::File(join) => {
-                let (folder, name) = (folder_of(join)?, name_of(join)?);
-                (format!(" -C {folder} {name}"), format!("--coordinator-file {name}"))
+                let name = name_of(join)?;
+                if name.contains(':') {
+                    anyhow::bail!(
+                        "--join-file: a file for a container must have no colon in its name, got {name}\nrename it"
+                    );
+                }
+                let volume = format!(" --volume \"$PWD\"/{name}:{JOIN_IN_CONTAINER}:ro,z{shared}");
+                (volume, format!("--coordinator-file {JOIN_IN_CONTAINER}"))
             }
             Join::Plain(address) => (String::new(), format!("--coordinator {address}")),
         };
-        let remote = format!(
-            "{check}; umask 077 && mkdir -p descry-worker && cd descry-worker && tar -xf - && exec ./{name} {option}"
-        );
-        Ok(format!("tar -cf - -C {folder} {name}{packed} | ssh {host} {}\n", quoted(&remote)?))
+        let name = name_of(image)?;
+        Ok(format!(
+            "{UNPACK} && mkdir -p cache && loaded=$({engine} load --quiet --input {name}) && exec {engine} run --rm \
+             --read-only --cap-drop=ALL --security-opt=no-new-privileges{user}{volume} --volume {cache}:/cache:z \
+             \"${{loaded##* }}\" worker {option} --name \"$(uname -n)\""
+        ))
     }
 
     /// One line that asks Slurm for workers; each leaves before its time is over, gives its place back when there is nothing
@@ -143,7 +217,12 @@ impl Parts {
             Join::File(join) => format!("--coordinator-file {}", quoted_path(join)?),
             Join::Plain(address) => format!("--coordinator {address}"),
         };
-        let start = worker_line(&self.worker, &option, threads, minutes)?;
+        let Program::Worker(worker) = &self.program else {
+            anyhow::bail!(
+                "--container: Slurm starts the program, got an image\nleave --container and --image out"
+            );
+        };
+        let start = worker_line(worker, &option, threads, minutes)?;
         Ok(format!(
             "sbatch --job-name=descry-worker --array=1-{workers} --ntasks=1 --cpus-per-task={threads} --time={minutes} --requeue --open-mode=append --wrap={}\n",
             quoted(&start)?

@@ -62,6 +62,57 @@ fn the_line_for_ssh_says_where_the_program_is_of_no_use() {
     assert!(!experiment.folder().join("home/descry-worker").exists());
 }
 
+/// An engine that starts the worker as a process, with what it was asked to mount at its place.
+const ENGINE: &str = "echo \"$*\" >> \"$HERE/calls\"\n\
+    [ \"$1\" = load ] && { echo 'Loaded image: localhost/descry:7'; exit; }\n\
+    for word; do case $word in *:/run/descry/join:*) join=${word%%:*};; localhost/descry:7) image=$word;; esac; done\n\
+    while [ \"$1\" != \"$image\" ]; do shift; done\n\
+    [ \"$2 $3 $4 $5\" = 'worker --coordinator-file /run/descry/join --name' ] || exit 9\n\
+    exec \"$WORKER\" --coordinator-file \"$join\" --name \"$6\"\n";
+
+#[test]
+fn the_line_for_a_container_brings_image_and_address_and_starts_one_that_may_do_nothing() {
+    for engine in ["podman", "docker"] {
+        let experiment = Experiment::new(SHORT);
+        let tls = experiment.path("tls it's");
+        let port = free_address().rsplit(':').next().unwrap().to_owned();
+        run("coordinator", ["certs", &tls, "--host", "127.0.0.1", "--port", &port]).expect_success();
+        let image = experiment.path("image of it.tar");
+        fs::write(&image, "layers").unwrap();
+        let args = ["join-command", "lab-pc-3", "--tls", &tls, "--container", engine, "--image", &image];
+        let line = run("coordinator", args).expect_success().stdout;
+        let token = fs::read_to_string(Path::new(&tls).join("token")).unwrap();
+        assert!(!line.contains(token.trim()) && line.lines().count() == 1, "{line}");
+
+        let path = other_machine(experiment.folder());
+        let stand_in = experiment.folder().join("bin").join(engine);
+        fs::write(&stand_in, format!("#!/bin/sh\nHERE='{}'\n{ENGINE}", experiment.folder().display()))
+            .unwrap();
+        fs::set_permissions(&stand_in, fs::Permissions::from_mode(0o755)).unwrap();
+        let mut shell = Command::new("sh");
+        shell.args(["-c", line.trim()]).env("PATH", path).env("WORKER", program("worker").get_program());
+        shell.env("DESCRY_CACHE", experiment.path("cache"));
+        let mut worker = Running::spawn(experiment.folder(), "worker", shell);
+        let args = experiment.run_args_at("out", &format!("127.0.0.1:{port}"));
+        finish(program("coordinator").args(args).args(["--tls", &tls])).expect_success();
+        let left = worker.wait().expect_success();
+        assert!(left.stderr.contains("left: the run has ended"), "{left}");
+
+        let home = experiment.folder().join("home/descry-worker");
+        assert_eq!(fs::read_to_string(home.join("image of it.tar")).unwrap(), "layers");
+        let mode = fs::metadata(home.join("join")).unwrap().permissions().mode();
+        assert_eq!(mode & 0o077, 0, "others can read the token");
+        let calls = fs::read_to_string(experiment.folder().join("calls")).unwrap();
+        assert!(!calls.contains(token.trim()), "{calls}");
+        for option in ["--rm", "--read-only", "--cap-drop=ALL", "--security-opt=no-new-privileges"] {
+            assert!(calls.lines().nth(1).unwrap().contains(option), "{calls}");
+        }
+        // The user of the image, or of the machine, must be able to read a file that is closed to others.
+        let readable = if engine == "podman" { ":ro,z,U" } else { "--user " };
+        assert!(calls.contains(readable), "{calls}");
+    }
+}
+
 #[test]
 fn join_command_refuses_what_would_show_a_secret_or_reach_nobody() {
     let experiment = Experiment::new("");
@@ -82,6 +133,18 @@ fn join_command_refuses_what_would_show_a_secret_or_reach_nobody() {
         "HOST: Slurm chooses the machines, got lab-pc-3",
     );
     refused(&["--tls", &tls, "lab-pc-3", "--worker", &experiment.path("nothing")], "nothing: cannot be used");
+    let contained = ["--container", "podman", "--image"];
+    let nothing = experiment.path("nothing");
+    refused(&[&["--tls", &tls, "lab-pc-3"], &contained[..], &[&nothing]].concat(), "nothing: cannot be used");
+    let slurm = ["--tls", &tls, "--over", "slurm"];
+    refused(
+        &[&slurm[..], &contained, &[&tls]].concat(),
+        "--container: Slurm starts the program, got an image",
+    );
+    let colon = experiment.path("here:now");
+    fs::write(&colon, "http://127.0.0.1:7700\n").unwrap();
+    let args = ["--join-file", &colon, "lab-pc-3"];
+    refused(&[&args[..], &contained, &[&tls]].concat(), "must have no colon in its name, got here:now");
     let long =
         run("coordinator", ["join-command", "--tls", &tls, "--over", "slurm", "--minutes", "4294967295"]);
     assert_eq!(long.status.code(), Some(2), "its seconds would not be a number: {long}");
