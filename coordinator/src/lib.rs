@@ -21,6 +21,8 @@ mod in_process;
 mod lines;
 pub mod metrics;
 mod names;
+#[cfg(not(feature = "s3"))]
+mod no_bucket;
 mod objectives;
 mod observers;
 mod prepared;
@@ -28,6 +30,7 @@ mod reopen;
 mod report;
 mod result_cache;
 pub mod session;
+mod shared_bucket;
 mod signing;
 mod slurm;
 mod storage;

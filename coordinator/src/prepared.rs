@@ -1,4 +1,5 @@
-//! The prepared clouds that a run gives to its workers, as entries of the coordinator's own store.
+//! The prepared clouds that a run gives to its workers, as entries of the coordinator's own store or of the bucket that its
+//! machines share.
 
 use std::collections::HashMap;
 use std::sync::Arc;
@@ -19,25 +20,32 @@ pub struct PreparedClouds {
 }
 
 impl PreparedClouds {
-    /// Those that the store has, or will have when a worker of this process has made them, of `clouds`.
+    /// Those that the store has, or will have when a worker of this process has made them, of `clouds` made ready in any of
+    /// some ways.
     pub fn new(
         store: Arc<Store>,
         preprocess: &Preprocess,
-        preparer: &Preparer,
+        preparers: &[Preparer],
         clouds: &[CloudEntry],
     ) -> Self {
-        let source = |cloud: &CloudEntry| {
-            let digest = Digest(cloud.digest);
-            Some((prepared_cloud_key(preprocess, preparer, digest)?, digest))
+        let digests = clouds.iter().map(|cloud| Digest(cloud.digest));
+        let in_each_way = |digest: Digest| {
+            let key = move |preparer| Some((prepared_cloud_key(preprocess, preparer, digest)?, digest));
+            preparers.iter().filter_map(key)
         };
-        Self { store, sources: clouds.iter().filter_map(source).collect() }
+        Self { store, sources: digests.flat_map(in_each_way).collect() }
+    }
+
+    /// Whether workers may have an entry, wherever it is: it is of this run's clouds and its source is released.
+    pub fn are_given(&self, kind: &str, key: Digest, blobs: &BlobStore) -> bool {
+        let source = self.sources.get(&key).filter(|_| kind == PREPARED_CLOUD);
+        source.is_some_and(|source| blobs.is_released(*source))
     }
 
     /// An entry, if there is one and its source cloud is released: no worker gets a test cloud in another form before
     /// the search is over.
     pub fn read(&self, kind: &str, key: Digest, blobs: &BlobStore) -> Option<Vec<u8>> {
-        let source = self.sources.get(&key).filter(|_| kind == PREPARED_CLOUD)?;
-        if blobs.is_released(*source) { self.store.entry(PREPARED_CLOUD, key) } else { None }
+        if self.are_given(kind, key, blobs) { self.store.entry(kind, key) } else { None }
     }
 }
 
@@ -68,7 +76,8 @@ mod tests {
         }
         store.put("remembered counts", key(train), b"counts");
         let clouds = [cloud(train), cloud(test)];
-        let prepared = PreparedClouds::new(Arc::clone(&store), &preprocess, &preparer, &clouds);
+        let prepared =
+            PreparedClouds::new(Arc::clone(&store), &preprocess, std::slice::from_ref(&preparer), &clouds);
 
         assert_eq!(
             prepared.read(PREPARED_CLOUD, key(train), &blobs),

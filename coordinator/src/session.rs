@@ -9,9 +9,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use cache::{ByteSize, Store};
-use descriptor::Descriptor;
+use descriptor::{Descriptor, Family, Preparer, QuantiseError, SearchSpace};
 use proto::{Principal, SessionId};
 
+use crate::compare::{Candidate, baselines};
 use crate::console::Console;
 use crate::dataset::Dataset;
 use crate::experiment::{Experiment, LocalWorkers};
@@ -25,13 +26,14 @@ use crate::run::scales::Scales;
 use crate::run::sets::with_weight;
 use crate::run::splits::SplitBlobs;
 use crate::run::{DataError, RunError};
+use crate::shared_bucket::{self, Bucket};
 use crate::slurm::{Scaling, SlurmWorkers};
 use crate::tasks;
 use crate::trace::Trace;
 use cluster::journal::{Journal, Recorded};
 use cluster::scheduler::{Audit, Limits, RunSecret};
 use cluster::{Client, Cluster, ClusterError};
-use transport::{ListenError, Listener, Port, Release, Servers};
+use transport::{ListenError, Listener, Port, Release, Servers, SharedEntries};
 
 /// Where workers are awaited unless the experiment or the command line says otherwise.
 pub const DEFAULT_LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 7700);
@@ -72,6 +74,7 @@ pub struct Session<'a> {
     /// What is exported of it.
     pub trace: Trace,
     servers: Servers,
+    bucket: Option<Arc<Bucket>>,
     memory: ByteSize,
     /// Quarantined principals whose contributions were dropped from the store.
     forgotten: Mutex<BTreeSet<Principal>>,
@@ -123,19 +126,26 @@ impl<'a> Session<'a> {
         cluster.set_shard_count(experiment.coordinator().pieces);
         let preparation = tasks::preparation(experiment.preprocess(), experiment.space().clone());
         let splits = SplitBlobs::publish(dataset, preparation, with_sequences, &cluster.blobs);
-        let preparer = experiment.space().preparer()?;
         let entries = &dataset.clouds.entries;
-        let prepared = PreparedClouds::new(Arc::clone(&store), experiment.preprocess(), &preparer, entries);
+        let preparers = preparers(experiment)?;
+        let prepared = PreparedClouds::new(Arc::clone(&store), experiment.preprocess(), &preparers, entries);
+        let prepared = Arc::new(prepared);
+        let bucket = shared_bucket::open(&store)?;
+        let presign = bucket
+            .as_ref()
+            .map(|bucket| shared_bucket::presign(bucket, &prepared, &cluster, store.is_shared_read_only()));
         let release = Release { build: worker::BUILD, evaluation_version: descriptor::EVALUATION_VERSION };
         let released = Arc::clone(&cluster);
         let derived = Arc::new(move |kind: &str, key| prepared.read(kind, key, &released.blobs));
-        let servers = Servers::new(Arc::clone(&cluster), release, derived);
+        let shared = SharedEntries { derived, presign };
+        let servers = Servers::new(Arc::clone(&cluster), release, shared);
         Ok(Self {
             trace: Trace::new(&cluster),
             cluster,
             splits,
             store,
             servers,
+            bucket,
             memory,
             forgotten: Mutex::default(),
             in_process: Mutex::new(None),
@@ -168,6 +178,7 @@ impl<'a> Session<'a> {
                 "waiting for a worker: none was started here (--local-workers 0); --local-workers auto starts one",
             );
         }
+        self.look_at_bucket(console);
         let is_own_coming = !workers.is_empty();
         self.trace.follow();
         let waited = async {
@@ -187,6 +198,18 @@ impl<'a> Session<'a> {
         self.cluster.close();
         self.trace.end(None);
         Ok(done)
+    }
+
+    /// Says, soon, if the bucket cannot be used: workers that find out say so on their own machines only.
+    fn look_at_bucket(&self, console: &Console) {
+        if let Some(bucket) = self.bucket.clone() {
+            let console = console.clone();
+            tokio::spawn(async move {
+                if let Err(error) = bucket.probe().await {
+                    console.say(&format!("warning: {error}; workers go on without it"));
+                }
+            });
+        }
     }
 
     /// Notes that the run in a folder is finished, and on whose word it rests: see [`finished_runs`].
@@ -238,6 +261,21 @@ impl<'a> Session<'a> {
         let answers = batch.evaluate(client, |_, _| {}).await?;
         Ok(answers.into_iter().map(|answer| answer.measured).collect())
     }
+}
+
+/// All ways in which clouds are made ready for the descriptors of an experiment, and for those that its winner is compared
+/// with.
+fn preparers(experiment: &Experiment) -> Result<Vec<Preparer>, QuantiseError> {
+    let mut preparers = vec![experiment.space().preparer()?];
+    let default = Descriptor::default_of(Family::DiskRing);
+    for Candidate { descriptor, .. } in baselines::candidates(&default, experiment) {
+        if let Ok(space) = SearchSpace::single(&descriptor)
+            && !experiment.space().contains(&descriptor)
+        {
+            preparers.push(space.preparer()?);
+        }
+    }
+    Ok(preparers)
 }
 
 /// Does `work` unless it takes too long.

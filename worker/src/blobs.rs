@@ -1,15 +1,18 @@
-//! What the coordinator gives: blobs by digest, kept in the cache folder, and entries of its own store.
+//! What the coordinator gives: blobs by digest, kept in the cache folder, and entries of its own store. Both may be in the
+//! bucket that machines share.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use cache::{MAX_ENTRY_BYTES, Store};
+use proto::task::Described;
 use proto::{Digest, MAX_BLOB_BYTES};
 use tokio::sync::Semaphore;
 use tokio::task::spawn_blocking;
 use tonic::{Code, Status};
 
 use crate::backoff::Backoff;
+use crate::bucket::{self, Bucket};
 use crate::wire::Client;
 
 /// Why a blob is not to be had.
@@ -58,6 +61,8 @@ pub struct Blobs {
     /// Where copies of blobs are kept; `None` for a worker inside the coordinator's process, which has them all, and
     /// whose store is the coordinator's.
     copies: Option<Arc<Store>>,
+    /// The bucket that machines share, if there is one.
+    pub bucket: Arc<Bucket>,
     streams: Semaphore,
     retries: u32,
     /// Blobs that came over the network.
@@ -65,11 +70,12 @@ pub struct Blobs {
 }
 
 impl Blobs {
-    /// Blobs from `client`, with copies kept in `copies`.
-    pub fn new(client: Client, copies: Option<Arc<Store>>) -> Self {
+    /// Blobs from `client` and `bucket`, with copies kept in `copies`.
+    pub fn new(client: Client, copies: Option<Arc<Store>>, bucket: Arc<Bucket>) -> Self {
         Self {
             client,
             copies,
+            bucket,
             streams: Semaphore::new(STREAMS),
             retries: RETRIES,
             fetched: AtomicU64::new(0),
@@ -81,27 +87,103 @@ impl Blobs {
         self.fetched.load(Ordering::Relaxed)
     }
 
-    /// The bytes with this digest. A damaged copy is dropped and fetched again; a disk that cannot be written costs
-    /// a warning, not the job.
+    /// The bytes with this digest, as from [`Blobs::get_all`].
     pub async fn get(&self, digest: Digest) -> Result<Vec<u8>, BlobError> {
-        let Some(store) = self.copies.clone() else { return self.fetch(digest).await };
-        // A slow disk must not hold up the polls that tell the coordinator this worker is alive.
-        if let Ok(Some(bytes)) = spawn_blocking(move || store.blob(digest)).await {
-            return Ok(bytes);
-        }
-        let bytes = self.fetch(digest).await?;
-        let Some(store) = self.copies.clone() else { return Ok(bytes) };
-        let kept = spawn_blocking(move || {
-            store.put_blob(digest, &bytes);
-            bytes
-        });
-        kept.await.map_err(|_| BlobError::Stopping { digest })
+        let mut bytes = self.get_all(&[digest]).await?;
+        bytes.pop().ok_or(BlobError::Stopping { digest })
     }
 
-    /// The bytes with this digest, if the coordinator gives them; nothing of them is kept on the disk. `None` for
-    /// whatever goes wrong: what is asked for can be made here just as well.
+    /// The bytes with each of these digests. A damaged copy is dropped and fetched again; a disk that cannot be written
+    /// costs a warning, not the job.
+    pub async fn get_all(&self, digests: &[Digest]) -> Result<Vec<Vec<u8>>, BlobError> {
+        let mut found = self.kept(digests).await;
+        let absent = digests.iter().zip(&found).filter(|(_, bytes)| bytes.is_none());
+        let absent: Vec<Digest> = absent.map(|(digest, _)| *digest).collect();
+        let fetched = self.fetch_all(&absent).await?;
+        let mut fetched = self.keep(&absent, fetched).await?.into_iter();
+        found.iter_mut().filter(|bytes| bytes.is_none()).for_each(|bytes| *bytes = fetched.next());
+        let there =
+            |(bytes, &digest): (Option<Vec<u8>>, &Digest)| bytes.ok_or(BlobError::Stopping { digest });
+        found.into_iter().zip(digests).map(there).collect()
+    }
+
+    /// What the disk has of these blobs.
+    async fn kept(&self, digests: &[Digest]) -> Vec<Option<Vec<u8>>> {
+        let Some(store) = &self.copies else { return vec![None; digests.len()] };
+        // A slow disk must not hold up the polls that tell the coordinator this worker is alive.
+        let read = |&digest: &Digest| {
+            let store = Arc::clone(store);
+            spawn_blocking(move || store.blob(digest))
+        };
+        let read = futures_util::future::join_all(digests.iter().map(read)).await;
+        read.into_iter().map(|bytes| bytes.ok().flatten()).collect()
+    }
+
+    /// Keeps blobs on the disk.
+    async fn keep(&self, digests: &[Digest], blobs: Vec<Vec<u8>>) -> Result<Vec<Vec<u8>>, BlobError> {
+        let Some(store) = &self.copies else { return Ok(blobs) };
+        let keep = async |(&digest, bytes): (&Digest, Vec<u8>)| {
+            let store = Arc::clone(store);
+            let kept = spawn_blocking(move || {
+                store.put_blob(digest, &bytes);
+                bytes
+            });
+            kept.await.map_err(|_| BlobError::Stopping { digest })
+        };
+        futures_util::future::try_join_all(digests.iter().zip(blobs).map(keep)).await
+    }
+
+    /// Blobs from the bucket or the coordinator. What the bucket has not is kept there for others, except by a worker inside
+    /// the coordinator's process, which has them all.
+    async fn fetch_all(&self, digests: &[Digest]) -> Result<Vec<Vec<u8>>, BlobError> {
+        let is_remote = self.copies.is_some();
+        let shared = if is_remote { self.shared(digests).await } else { vec![None; digests.len()] };
+        let fetch = async |(shared, &digest): (Option<Vec<u8>>, &Digest)| {
+            if let Some(bytes) = shared {
+                return Ok(bytes);
+            }
+            let bytes = self.fetch(digest).await?;
+            if is_remote {
+                self.bucket.put(bucket::BLOBS, vec![(digest, bytes.clone())]);
+            }
+            Ok(bytes)
+        };
+        futures_util::future::try_join_all(shared.into_iter().zip(digests).map(fetch)).await
+    }
+
+    /// The bytes with this digest, if the bucket or the coordinator gives them; nothing of them is kept on the disk. `None`
+    /// for whatever goes wrong: what is asked for can be made here just as well.
     pub async fn given(&self, digest: Digest) -> Option<Vec<u8>> {
-        self.fetch(digest).await.ok()
+        let mut shared = match self.copies {
+            Some(_) => self.shared(&[digest]).await,
+            None => Vec::new(),
+        };
+        match shared.pop().flatten() {
+            Some(bytes) => Some(bytes),
+            None => self.fetch(digest).await.ok(),
+        }
+    }
+
+    /// Gives the description of a shard to others by the bucket.
+    pub fn share(&self, described: &Described) {
+        if let Some(bytes) = described.bytes.as_ref().filter(|_| self.bucket.is_offered()) {
+            self.bucket.put(bucket::BLOBS, vec![(described.digest, bytes.to_vec())]);
+        }
+    }
+
+    /// What the bucket has of these blobs.
+    async fn shared(&self, digests: &[Digest]) -> Vec<Option<Vec<u8>>> {
+        let found = self.bucket.get(bucket::BLOBS, digests, MAX_BLOB_BYTES).await;
+        let sound = |(bytes, &digest): (Option<Vec<u8>>, &Digest)| {
+            let bytes = bytes?;
+            let got = Digest::of(&bytes);
+            if got != digest {
+                self.bucket.note_damaged(&BlobError::Mismatch { digest, got });
+                return None;
+            }
+            Some(bytes)
+        };
+        found.into_iter().zip(digests).map(sound).collect()
     }
 
     /// An entry of the coordinator's store, unchecked; `None` if it has none or is this process, if nothing is kept

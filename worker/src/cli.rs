@@ -170,6 +170,11 @@ async fn serve(cli: Cli) -> anyhow::Result<()> {
     );
     let (coordinator, join_file) = find_coordinator(&cli)?;
     let storage = cli.storage.resolve();
+    if let Some(url) = &storage.bucket {
+        anyhow::bail!(
+            "--shared: a worker needs no bucket, as its coordinator gives it URLs, got {url}\nleave it out here, and start the coordinator with it"
+        );
+    }
     tracing::info!(
         "{BUILD}, evaluation version {EVALUATION_VERSION}, {} {}, {threads} threads, memory for clouds: {} (--memory)",
         std::env::consts::OS,

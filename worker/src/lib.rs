@@ -4,6 +4,7 @@
 
 mod backoff;
 mod blobs;
+mod bucket;
 pub mod cli;
 pub mod command_line;
 mod executor;
@@ -24,6 +25,7 @@ pub mod trace;
 pub mod version;
 mod wire;
 
+pub use bucket::{HttpClient, http_client};
 pub use identity::{BUILD, Identity};
 pub use join_file::JoinFile;
 pub use lifetime::{Leaving, LifetimeLimits};

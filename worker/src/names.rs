@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 use clap::Command;
 
 /// Commands of the coordinator: with its name before them, they are something to type.
-const COMMANDS: [&str; 21] = [
+const COMMANDS: [&str; 22] = [
     "assess",
     "certs",
     "check",
@@ -21,6 +21,7 @@ const COMMANDS: [&str; 21] = [
     "join-command",
     "keygen",
     "learn",
+    "prune",
     "query",
     "recognise",
     "report",

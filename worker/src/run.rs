@@ -9,6 +9,7 @@ use proto::WorkerSecret;
 
 use crate::backoff::Backoff;
 use crate::blobs::Blobs;
+use crate::bucket::{Access, Bucket, Patience};
 use crate::executor::Executor;
 use crate::identity::Identity;
 use crate::join_file::JoinFile;
@@ -47,7 +48,10 @@ pub async fn run(
 ) -> Result<Leaving, WorkerError> {
     let client = Client::new(link);
     let Options { identity, store, memory, source_blobs, patience, lifetime, stay, join_file } = options;
-    let blobs = Blobs::new(client.clone(), source_blobs.then(|| Arc::clone(&store)));
+    // What decides in the end, the coordinator's own process makes: it takes nothing that another worker has stored.
+    let access = Access { reads: source_blobs, writes: !store.is_shared_read_only() };
+    let bucket = Bucket::new(client.clone(), access, Patience::default());
+    let blobs = Blobs::new(client.clone(), source_blobs.then(|| Arc::clone(&store)), bucket);
     let executor = Arc::new(Executor::new(identity.threads as usize, memory, blobs, store)?);
     // Identity and jitter must differ between workers started at the same instant; results rest on neither.
     let secret = WorkerSecret::new(rand::random());

@@ -316,6 +316,7 @@ impl Session {
             self.current = Some(accepted.session);
             self.executor.name_run(accepted.session.to_string()).await;
             self.executor.set_audit(accepted.audit);
+            self.executor.offer_bucket(accepted.has_bucket);
             tracing::info!("joined as {}", proto::printable(&accepted.name));
         }
         Ok(accepted)

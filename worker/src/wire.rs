@@ -40,6 +40,17 @@ pub struct Accepted {
     pub hold: Duration,
     /// The share of the clouds prepared by others that it prepares again, from 0 to 1.
     pub audit: f64,
+    /// Whether the machines of the run share a bucket.
+    pub has_bucket: bool,
+}
+
+/// An object of the bucket for which a URL is wanted.
+#[derive(Clone, Debug)]
+pub struct ObjectRequest {
+    /// Which one.
+    pub key: Digest,
+    /// SHA-256 of the bytes that are to be stored; `None`: it is to be read.
+    pub sha256: Option<Vec<u8>>,
 }
 
 /// What a worker says in one poll.
@@ -116,6 +127,7 @@ impl Client {
                 heartbeat: Duration::from_millis(accepted.heartbeat_milliseconds.max(1).into()),
                 hold: Duration::from_millis(accepted.hold_milliseconds.into()),
                 audit: if accepted.audit.is_nan() { 1.0 } else { accepted.audit.clamp(0.0, 1.0) },
+                has_bucket: accepted.has_bucket,
             })),
             Some(Outcome::Refused(refused)) if refused.reason() == v2::RefusalReason::RunEnded => {
                 Ok(Registration::RunEnded)
@@ -151,6 +163,27 @@ impl Client {
     pub async fn fetch_derived(&self, kind: &str, key: Digest, most: u64) -> Result<Option<Vec<u8>>, Status> {
         let request = v2::FetchDerivedRequest { kind: kind.to_owned(), key: key.to_vec() };
         collect(self.0.clone().fetch_derived(request).await?.into_inner(), most).await
+    }
+
+    /// URLs of objects in the bucket, in their order; empty for those that there are none of.
+    pub async fn presign_urls(
+        &self,
+        kind: &str,
+        objects: Vec<ObjectRequest>,
+        timeout: Duration,
+    ) -> Result<Vec<String>, Status> {
+        let object = |ObjectRequest { key, sha256 }: ObjectRequest| v2::Object {
+            key: key.to_vec(),
+            sha256: sha256.unwrap_or_default(),
+        };
+        let (asked, kind) = (objects.len(), kind.to_owned());
+        let objects = objects.into_iter().map(object).collect();
+        let mut request = Request::new(v2::PresignUrlsRequest { kind, objects });
+        request.set_timeout(timeout);
+        let urls = self.0.clone().presign_urls(request).await?.into_inner().urls;
+        let got = urls.len();
+        let wrong = || Status::internal(format!("URLs: must be {asked}, got {got}"));
+        (got == asked).then_some(urls).ok_or_else(wrong)
     }
 }
 

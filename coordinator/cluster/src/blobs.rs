@@ -79,6 +79,11 @@ impl BlobStore {
         self.sources.read().unwrap_or_else(PoisonError::into_inner).contains_key(&digest)
     }
 
+    /// Whether there is something to read: a released blob, or a description that is still kept.
+    pub fn is_there(&self, digest: Digest) -> bool {
+        self.is_released(digest) || lock(&self.descriptions).get(&digest).is_some()
+    }
+
     /// The bytes of a released blob; a cloud is compared with its digest again.
     pub fn read(&self, digest: Digest) -> Result<Vec<u8>, BlobError> {
         let source = self.sources.read().unwrap_or_else(PoisonError::into_inner).get(&digest).cloned();
@@ -131,5 +136,7 @@ mod tests {
         let parts: Arc<[u8]> = b"parts".as_slice().into();
         store.publish_description(Digest::of(&parts), &parts);
         assert_eq!(store.read(Digest::of(&parts)).unwrap(), b"parts");
+        assert!(store.is_there(Digest::of(&parts)) && store.is_there(manifest));
+        assert!(!store.is_there(Digest::of(b"nothing")) && !store.is_released(Digest::of(&parts)));
     }
 }

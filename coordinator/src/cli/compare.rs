@@ -152,7 +152,7 @@ impl Compare {
             overrides: manner.workers.overrides(None),
             port,
             slurm: manner.workers.slurm()?,
-            storage: manner.workers.storage.clone().resolve(),
+            storage: manner.workers.storage()?,
             another_follows: true,
         };
         let folders = sweep::run_folders(&folder)?;

@@ -49,7 +49,7 @@ impl Exhaust {
             events: None,
             slurm: self.workers.slurm()?,
             port: self.workers.port(),
-            storage: self.workers.storage.resolve(),
+            storage: self.workers.storage()?,
             readmit: Vec::new(),
             comparison_follows: false,
             watch: None,

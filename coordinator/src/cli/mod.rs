@@ -16,6 +16,7 @@ mod layout;
 mod learn;
 #[cfg(feature = "sql")]
 mod memory_limit;
+mod prune;
 #[cfg(feature = "sql")]
 mod query;
 mod recognise;
@@ -83,6 +84,7 @@ enum Command {
     #[cfg(feature = "sql")]
     Query(query::Query),
     Dashboard(dashboard::Dashboard),
+    Prune(prune::Prune),
     Recognise(recognise::Recognise),
     Assess(assess::Assess),
     Report(report::Report),
@@ -132,6 +134,7 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
         Command::Learn(command) => command.execute(),
         #[cfg(feature = "sql")]
         Command::Query(command) => command.execute(),
+        Command::Prune(command) => command.execute(),
         Command::Recognise(command) => command.execute(),
         Command::Report(command) => command.execute(),
         Command::Split(command) => command.execute(),

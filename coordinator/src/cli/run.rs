@@ -154,7 +154,7 @@ impl Manner {
             "go on: the same command again, or coordinator resume {} with the same options",
             out.display()
         );
-        let Workers { protection, storage, .. } = &self.workers;
+        let Workers { protection, .. } = &self.workers;
         let Afterwards { control, comparison } = afterwards;
         let learns = |experiment: &Experiment| experiment.recognition() != Method::Nearest;
         let learns = match plan {
@@ -167,7 +167,7 @@ impl Manner {
             events: observers.events,
             port: port.clone(),
             slurm: self.workers.slurm()?,
-            storage: storage.clone().resolve(),
+            storage: self.workers.storage()?,
             readmit: self.readmit.clone(),
             comparison_follows: control || comparison || learns,
             watch: observers.metrics.map(|_| Arc::default()),

@@ -4,12 +4,13 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use cache::StorageArgs;
+use cache::{Storage, StorageArgs};
 use clap::Args;
 use transport::{Port, Protection};
 
 use super::join_command::beside_this_program;
 use crate::experiment::{LocalWorkers, Overrides};
+use crate::shared_bucket::Bucket;
 use crate::slurm::{MOST_MINUTES, SlurmWorkers};
 
 /// Workers, where they connect and what those of this process may take.
@@ -33,7 +34,7 @@ pub struct Workers {
     #[command(flatten)]
     pub(super) protection: Protection,
     #[command(flatten)]
-    pub(super) storage: StorageArgs,
+    storage: StorageArgs,
 }
 
 /// Workers that Slurm is asked for.
@@ -75,6 +76,14 @@ impl Workers {
         let worker = beside_this_program()?;
         let join_file = join_file.clone();
         Ok(Some(SlurmWorkers { most, threads: *threads, minutes: *minutes, arguments, worker, join_file }))
+    }
+
+    /// What the command may use of the disk and of memory, and what it shares with other machines.
+    pub(super) fn storage(&self) -> anyhow::Result<Storage> {
+        let storage = self.storage.resolve();
+        // A bucket that cannot be used is found out before a folder is made for a run.
+        storage.bucket.as_ref().map(Bucket::open).transpose()?;
+        Ok(storage)
     }
 
     /// How workers of other machines reach the command.

@@ -12,6 +12,7 @@ use rayon::prelude::*;
 
 use crate::dataset::{Dataset, DatasetError, SyntheticSettings, Wanted, read_file};
 use crate::experiment::Experiment;
+use crate::shared_bucket::BucketError;
 
 /// File that says how a synthetic data set was made.
 const STAMP: &str = "synthetic.toml";
@@ -22,6 +23,9 @@ pub enum DataError {
     /// It cannot be loaded.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
+    /// The bucket that machines share.
+    #[error(transparent)]
+    Bucket(#[from] BucketError),
     /// The search space is too fine.
     #[error("descriptor.genes: {0}")]
     Genes(#[from] QuantiseError),

@@ -24,7 +24,7 @@ pub use listener::Listener;
 pub use port::{Port, Protection};
 pub use refusals::RefusalLog;
 pub use server::Servers;
-pub use service::{DerivedEntries, Release};
+pub use service::{DerivedEntries, ObjectRequest, Presign, Presigned, Release, SharedEntries};
 pub use web::{WebConnection, WebError, WebListener, WebTokens};
 #[doc(hidden)]
 pub use wire::{reads_fetch, reads_poll};

@@ -15,7 +15,7 @@ use tower::service_fn;
 use crate::access::AccessControl;
 use crate::auth_layer::AuthLayer;
 use crate::listener::{Accepting, Listener};
-use crate::service::{DerivedEntries, Release, Service};
+use crate::service::{Release, Service, SharedEntries};
 use crate::wire::{self, Rpc};
 use cluster::Cluster;
 
@@ -31,7 +31,7 @@ const KEEPALIVE: Duration = Duration::from_secs(20);
 pub struct Servers {
     cluster: Arc<Cluster>,
     release: Release,
-    derived: DerivedEntries,
+    shared: SharedEntries,
     tasks: JoinSet<()>,
     /// Of remote workers.
     access: Option<Arc<AccessControl>>,
@@ -48,8 +48,8 @@ impl Drop for Servers {
 
 impl Servers {
     /// No server yet.
-    pub fn new(cluster: Arc<Cluster>, release: Release, derived: DerivedEntries) -> Self {
-        Self { cluster, release, derived, tasks: JoinSet::new(), access: None }
+    pub fn new(cluster: Arc<Cluster>, release: Release, shared: SharedEntries) -> Self {
+        Self { cluster, release, shared, tasks: JoinSet::new(), access: None }
     }
 
     /// Serves remote workers, health probes and reflection.
@@ -94,8 +94,8 @@ impl Servers {
     }
 
     fn service(&self, in_process: bool) -> Rpc {
-        let (cluster, derived) = (Arc::clone(&self.cluster), Arc::clone(&self.derived));
-        wire::rpc(Service::new(cluster, (self.release, derived), in_process))
+        let shared = (self.release, self.shared.clone());
+        wire::rpc(Service::new(Arc::clone(&self.cluster), shared, in_process))
     }
 
     fn spawn(&mut self, server: impl Future<Output = Result<(), tonic::transport::Error>> + Send + 'static) {

@@ -1,5 +1,6 @@
 //! Answers workers on behalf of one run: registrations, polls, and what they fetch.
 
+use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -22,6 +23,30 @@ const BLOBS_AT_ONCE: usize = 64;
 /// Entries that the coordinator has in its own store, by kind and key: `None` if there is none, or if it must not be
 /// given away yet.
 pub type DerivedEntries = Arc<dyn Fn(&str, Digest) -> Option<Vec<u8>> + Send + Sync>;
+
+/// An object of the bucket for which a URL is asked.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ObjectRequest {
+    /// Which one.
+    pub key: Digest,
+    /// SHA-256 of the bytes that are to be stored; `None`: it is to be read.
+    pub sha256: Option<[u8; 32]>,
+}
+
+/// URLs of objects of one kind, or of blobs where it is empty, one for each, in their order; `None` where there is none for
+/// a worker. Or why nothing can be signed now.
+pub type Presigned = Pin<Box<dyn Future<Output = Result<Vec<Option<String>>, String>> + Send>>;
+/// Signs them.
+pub type Presign = Arc<dyn Fn(String, Vec<ObjectRequest>) -> Presigned + Send + Sync>;
+
+/// What a run gives to its workers beside blobs.
+#[derive(Clone)]
+pub struct SharedEntries {
+    /// Entries of the coordinator's own store.
+    pub derived: DerivedEntries,
+    /// URLs to the bucket that its machines share, if there is one.
+    pub presign: Option<Presign>,
+}
 
 /// What this program is, for workers of another release.
 #[derive(Clone, Copy, Debug)]
@@ -62,6 +87,8 @@ pub struct Accepted {
     pub hold: Duration,
     /// The share of the clouds prepared by others that it prepares again.
     pub audit: f64,
+    /// Whether the machines of the run share a bucket.
+    pub has_bucket: bool,
 }
 
 /// Why a worker is not registered, and what to do.
@@ -123,7 +150,7 @@ pub enum Refusal {
 pub struct Service {
     cluster: Arc<Cluster>,
     release: Release,
-    derived: DerivedEntries,
+    shared: SharedEntries,
     /// Blobs and entries in memory at once, over all connections: who does not read what it asked for must not fill it.
     blobs: Arc<Semaphore>,
     /// Whether it serves workers of this process.
@@ -132,13 +159,9 @@ pub struct Service {
 
 impl Service {
     /// The service of a run, for remote workers or for those of this process.
-    pub fn new(
-        cluster: Arc<Cluster>,
-        (release, derived): (Release, DerivedEntries),
-        in_process: bool,
-    ) -> Self {
+    pub fn new(cluster: Arc<Cluster>, (release, shared): (Release, SharedEntries), in_process: bool) -> Self {
         let blobs = Arc::new(Semaphore::new(BLOBS_AT_ONCE));
-        Self { cluster, release, derived, blobs, in_process }
+        Self { cluster, release, shared, blobs, in_process }
     }
 
     /// Who answers for a call.
@@ -185,7 +208,8 @@ impl Service {
         })?;
         let cluster = &self.cluster;
         let (session, heartbeat, hold) = (cluster.session, cluster.heartbeat(), cluster.hold());
-        Ok(Accepted { name, session, heartbeat, hold, audit: cluster.audit() })
+        let has_bucket = self.shared.presign.is_some();
+        Ok(Accepted { name, session, heartbeat, hold, audit: cluster.audit(), has_bucket })
     }
 
     /// Answers a poll.
@@ -231,13 +255,31 @@ impl Service {
         key: Digest,
     ) -> Result<BlobStream, Status> {
         self.cluster.begun().await;
-        let derived = Arc::clone(&self.derived);
+        let derived = Arc::clone(&self.shared.derived);
         let read = move || {
             derived(&kind, key).ok_or_else(|| {
                 Status::not_found(format!("derived entry {key}: this coordinator has none of this name"))
             })
         };
         self.send(caller, read).await
+    }
+
+    /// URLs to the bucket that the machines of this run share; none for whoever was found wrong.
+    pub async fn presign_urls(
+        &self,
+        caller: Caller,
+        kind: String,
+        objects: Vec<ObjectRequest>,
+    ) -> Result<Vec<Option<String>>, Status> {
+        let principal = self.principal(caller.as_ref())?;
+        if self.cluster.is_quarantined(&principal) {
+            return Err(Status::failed_precondition(Refusal::Quarantined(principal).to_string()));
+        }
+        let Some(presign) = &self.shared.presign else {
+            return Err(Status::unimplemented("bucket: this coordinator has none"));
+        };
+        self.cluster.begun().await;
+        presign(kind, objects).await.map_err(Status::unavailable)
     }
 
     /// Sends the bytes that `read` gives, when there is room for them.

@@ -7,7 +7,8 @@ use proto::task::{InvalidMessage, Report, Task};
 use proto::v2::coordinator_server::{Coordinator, CoordinatorServer};
 use proto::v2::register_reply::Outcome;
 use proto::{
-    Digest, InvalidId, Lease, MAX_MESSAGE_BYTES, MAX_POLL_ITEMS, SessionId, WorkerId, WorkerSecret, v1, v2,
+    Digest, InvalidId, Lease, MAX_MESSAGE_BYTES, MAX_POLL_ITEMS, MAX_PRESIGNED_URLS, SessionId, WorkerId,
+    WorkerSecret, v1, v2,
 };
 use tokio_stream::StreamExt as _;
 use tokio_stream::adapters::Map;
@@ -15,7 +16,7 @@ use tonic::{Request, Response, Status};
 
 use crate::blob_stream::BlobStream;
 use crate::connection::Caller;
-use crate::service::{Accepted, Refusal, Registration, Release, Service};
+use crate::service::{Accepted, ObjectRequest, Refusal, Registration, Release, Service};
 use cluster::scheduler::{Answer, Poll};
 
 /// What a call is answered with.
@@ -58,13 +59,16 @@ impl Coordinator for Service {
         let registration =
             Registration { protocol_major, protocol_minor, evaluation_version, worker, name, threads, build };
         let outcome = match self.register(caller, registration) {
-            Ok(Accepted { name, session, heartbeat, hold, audit }) => Outcome::Accepted(v2::Accepted {
-                name,
-                session_id: session.to_vec(),
-                heartbeat_milliseconds: heartbeat.as_millis() as u32,
-                hold_milliseconds: hold.as_millis() as u32,
-                audit,
-            }),
+            Ok(Accepted { name, session, heartbeat, hold, audit, has_bucket }) => {
+                Outcome::Accepted(v2::Accepted {
+                    name,
+                    session_id: session.to_vec(),
+                    heartbeat_milliseconds: heartbeat.as_millis() as u32,
+                    hold_milliseconds: hold.as_millis() as u32,
+                    audit,
+                    has_bucket,
+                })
+            }
             Err(refusal) => {
                 let reason = match refusal {
                     Refusal::ProtocolVersion { .. } | Refusal::EarlierProtocol { .. } => {
@@ -99,6 +103,32 @@ impl Coordinator for Service {
         let key = id(&request.key)?;
         self.fetch_derived(caller, request.kind, key).await.map(chunks)
     }
+
+    async fn presign_urls(&self, request: Request<v2::PresignUrlsRequest>) -> Answered<v2::PresignUrlsReply> {
+        let (caller, v2::PresignUrlsRequest { kind, objects }) = opened(request);
+        let got = objects.len();
+        if got > MAX_PRESIGNED_URLS {
+            return Err(Status::invalid_argument(format!(
+                "objects: at most {MAX_PRESIGNED_URLS}, got {got}"
+            )));
+        }
+        let objects = objects.into_iter().map(object).collect::<Result<_, _>>()?;
+        let urls = self.presign_urls(caller, kind, objects).await?;
+        let urls = urls.into_iter().map(Option::unwrap_or_default).collect();
+        Ok(Response::new(v2::PresignUrlsReply { urls }))
+    }
+}
+
+/// An object from the wire.
+fn object(object: v2::Object) -> Result<ObjectRequest, Status> {
+    let length = object.sha256.len();
+    let sha256 = match length {
+        0 => None,
+        _ => Some(object.sha256.try_into().map_err(|_| {
+            Status::invalid_argument(format!("sha256: length must be 0 or 32 bytes, got {length}"))
+        })?),
+    };
+    Ok(ObjectRequest { key: id(&object.key)?, sha256 })
 }
 
 /// Who calls, and what is asked.
@@ -173,4 +203,6 @@ pub fn reads_fetch(bytes: &[u8]) -> bool {
     let is_digest = |bytes: Vec<u8>| id::<Digest>(&bytes).is_ok();
     v2::FetchBlobRequest::decode(bytes).is_ok_and(|request| is_digest(request.digest))
         || v2::FetchDerivedRequest::decode(bytes).is_ok_and(|request| is_digest(request.key))
+        || v2::PresignUrlsRequest::decode(bytes)
+            .is_ok_and(|request| request.objects.into_iter().all(|one| object(one).is_ok()))
 }

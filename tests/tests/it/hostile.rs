@@ -240,6 +240,13 @@ impl Coordinator for Corrupter {
     ) -> Result<Response<Passed>, Status> {
         Ok(Response::new(self.upstream.clone().fetch_derived(request.into_inner()).await?.into_inner()))
     }
+
+    async fn presign_urls(
+        &self,
+        request: Request<v2::PresignUrlsRequest>,
+    ) -> Result<Response<v2::PresignUrlsReply>, Status> {
+        Ok(Response::new(self.upstream.clone().presign_urls(request.into_inner()).await?.into_inner()))
+    }
 }
 
 /// One worker lies in some of its answers beside two who do not; how many answers it gave.

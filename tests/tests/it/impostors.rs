@@ -57,6 +57,8 @@ fn lie_about(Evaluation { subject, queries, want_matches, .. }: &Evaluation) -> 
 /// so many answers it only listens.
 async fn liar(address: String, identity: Option<PathBuf>, most_answers: u32) -> Status {
     let mut peer = Peer::join(&address, identity.as_deref(), "liar").await.unwrap();
+    let without = peer.client.presign_urls(v2::PresignUrlsRequest::default()).await.unwrap_err();
+    assert_eq!(without.code(), Code::Unimplemented, "this coordinator has no bucket: {without}");
     let (mut finished, mut answers) = (Vec::new(), 0);
     loop {
         let wanted = u32::from(answers < most_answers);
@@ -69,7 +71,14 @@ async fn liar(address: String, identity: Option<PathBuf>, most_answers: u32) -> 
         });
         match reply.await {
             Ok(reply) => finished.extend(reply.jobs.into_iter().map(lie)),
-            Err(status) => return status,
+            Err(status) => {
+                if status.code() == Code::FailedPrecondition {
+                    // It gets no URL by which it could leave to others what it has made, either.
+                    let asked = peer.client.presign_urls(v2::PresignUrlsRequest::default()).await;
+                    assert_eq!(asked.unwrap_err().code(), Code::FailedPrecondition);
+                }
+                return status;
+            }
         }
         answers += finished.len() as u32;
     }
@@ -317,6 +326,13 @@ impl Coordinator for Refuser {
 
     async fn fetch_derived(&self, _: Request<v2::FetchDerivedRequest>) -> Result<Response<Blobs>, Status> {
         Err(Status::new(Code::NotFound, "nothing here"))
+    }
+
+    async fn presign_urls(
+        &self,
+        _: Request<v2::PresignUrlsRequest>,
+    ) -> Result<Response<v2::PresignUrlsReply>, Status> {
+        Err(Status::new(Code::Unimplemented, "nothing here"))
     }
 }
 

@@ -1,6 +1,7 @@
 //! The cache of both programs: what was fetched or computed once, by content, in memory, on this machine's disk and in a
 //! folder that machines share. A tier may fail, be slow, full or wrong: that costs time, never a result.
 
+mod bucket_url;
 mod entry;
 mod evictor;
 mod key;
@@ -14,6 +15,7 @@ mod size;
 mod store;
 mod tier;
 
+pub use bucket_url::{BucketUrl, InvalidBucketUrl};
 pub use bytesize::ByteSize;
 pub use entry::{Damage, MAX_ENTRY_BYTES};
 pub use key::KeyBuilder;

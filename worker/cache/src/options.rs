@@ -1,11 +1,13 @@
 //! What a program may use of the disk and of memory: options that both programs have.
 
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use bytesize::ByteSize;
 use clap::Args;
 use sysinfo::System;
 
+use crate::bucket_url::{BucketUrl, InvalidBucketUrl};
 use crate::size::parse_size;
 
 /// Room for the cache folder unless an option says otherwise.
@@ -32,9 +34,31 @@ pub struct StorageArgs {
     /// given their part
     #[arg(long, env = "DESCRY_MEMORY", value_name = "SIZE", value_parser = parse_size)]
     memory: Option<ByteSize>,
-    /// Folder that several machines share, for example file:///mnt/descry: what one has prepared serves all
-    #[arg(long, env = "DESCRY_SHARED_CACHE", value_name = "URL", value_parser = shared_folder)]
-    shared: Option<PathBuf>,
+    /// Folder that several machines share, for example file:///mnt/descry: what one has prepared serves all. A coordinator
+    /// also takes a bucket, for example s3://lab-cache/descry, and hands out URLs to its workers
+    #[arg(long, env = "DESCRY_SHARED_CACHE", value_name = "URL")]
+    shared: Option<Shared>,
+    /// Only read what machines share, and change nothing there, for example where others own it
+    #[arg(long, requires = "shared")]
+    shared_read_only: bool,
+}
+
+/// What several machines share.
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum Shared {
+    Folder(PathBuf),
+    Bucket(BucketUrl),
+}
+
+impl FromStr for Shared {
+    type Err = String;
+
+    fn from_str(url: &str) -> Result<Self, String> {
+        if url.starts_with("s3://") {
+            return url.parse().map(Self::Bucket).map_err(|error: InvalidBucketUrl| error.to_string());
+        }
+        shared_folder(url).map(Self::Folder)
+    }
 }
 
 /// What [`StorageArgs`] come to on this machine.
@@ -48,17 +72,28 @@ pub struct Storage {
     pub memory: ByteSize,
     /// The folder that machines share, if there is one.
     pub shared: Option<PathBuf>,
+    /// The bucket that machines share, if there is one.
+    pub bucket: Option<BucketUrl>,
+    /// Whether both are only read.
+    pub shared_read_only: bool,
 }
 
 impl StorageArgs {
     /// The settings with all defaults filled in.
     pub fn resolve(&self) -> Storage {
         let cache = (!self.no_cache).then(|| self.cache.clone().unwrap_or_else(default_cache));
+        let (shared, bucket) = match self.shared.clone().filter(|_| !self.no_cache) {
+            None => (None, None),
+            Some(Shared::Folder(folder)) => (Some(folder), None),
+            Some(Shared::Bucket(url)) => (None, Some(url)),
+        };
         Storage {
             cache,
             cache_size: self.cache_size,
             memory: self.memory.unwrap_or_else(default_memory),
-            shared: self.shared.clone().filter(|_| !self.no_cache),
+            shared,
+            bucket,
+            shared_read_only: self.shared_read_only,
         }
     }
 }
@@ -66,7 +101,14 @@ impl StorageArgs {
 impl Storage {
     /// Nothing on disk, and this much memory.
     pub fn in_memory(memory: ByteSize) -> Self {
-        Self { cache: None, cache_size: ByteSize(0), memory, shared: None }
+        Self {
+            cache: None,
+            cache_size: ByteSize(0),
+            memory,
+            shared: None,
+            bucket: None,
+            shared_read_only: false,
+        }
     }
 }
 
@@ -78,7 +120,11 @@ fn default_cache() -> PathBuf {
 }
 
 fn shared_folder(url: &str) -> Result<PathBuf, String> {
-    let wrong = |what: &str| format!("shared folder: {what}, got {url}\nwrite it like file:///mnt/descry");
+    let wrong = |what: &str| {
+        format!(
+            "shared folder: {what}, got {url}\nwrite it like file:///mnt/descry, or s3://lab-cache/descry for a bucket"
+        )
+    };
     let path = url.strip_prefix("file://").ok_or_else(|| wrong("must begin with file://"))?;
     // A percent sign could be meant as an escape or as itself; neither is guessed.
     if path.contains(['%', '?', '#', '\0']) {
@@ -133,6 +179,11 @@ mod tests {
         assert_eq!(storage.shared.as_deref(), Some(Path::new("/mnt/d")));
         let nothing = resolve(&[&args[..], &["--no-cache"]].concat());
         assert_eq!(nothing, Storage { cache: None, shared: None, ..storage });
+        let of_bucket = resolve(&["--shared", "s3://lab/descry", "--shared-read-only"]);
+        assert_eq!((of_bucket.shared, of_bucket.shared_read_only), (None, true));
+        assert_eq!(of_bucket.bucket.unwrap().to_string(), "s3://lab/descry");
+        assert_eq!(resolve(&["--shared", "s3://lab/descry", "--no-cache"]).bucket, None);
+        assert!(Program::try_parse_from(["program", "--shared-read-only"]).is_err());
     }
 
     #[test]
@@ -142,7 +193,7 @@ mod tests {
         {
             let message = shared_folder(url).unwrap_err();
             assert!(message.starts_with("shared folder: "), "{message}");
-            assert!(message.ends_with(&format!("got {url}\nwrite it like file:///mnt/descry")), "{message}");
+            assert!(message.contains(&format!("got {url}\nwrite it like file:///mnt/descry")), "{message}");
         }
     }
 

@@ -6,6 +6,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 
 use proto::{Digest, MAX_BLOB_BYTES};
 
+use crate::bucket_url::BucketUrl;
 use crate::entry::{self, Damage, MAX_ENTRY_BYTES, Origin};
 use crate::layout;
 use crate::listing;
@@ -25,6 +26,8 @@ pub struct Store {
     /// What was wrong with an entry that others have made.
     distrusted: OnceLock<String>,
     making: SingleFlight,
+    bucket: Option<BucketUrl>,
+    shared_read_only: bool,
 }
 
 impl Store {
@@ -33,14 +36,26 @@ impl Store {
     pub fn open(storage: &Storage, label: &str, version: u32) -> Self {
         let producer = format!("descry {} on {label}", env!("CARGO_PKG_VERSION"));
         let disk = storage.cache.clone().map(|root| Tier::disk(root, storage.cache_size.as_u64()));
-        let shared = storage.shared.clone().map(Tier::shared);
+        let shared = storage.shared.clone().map(|root| Tier::shared(root, storage.shared_read_only));
         Self {
             tiers: disk.into_iter().chain(shared).collect(),
             version,
             origin: Mutex::new(Origin { producer, run: String::new() }),
             distrusted: OnceLock::new(),
             making: SingleFlight::default(),
+            bucket: storage.bucket.clone(),
+            shared_read_only: storage.shared_read_only,
         }
+    }
+
+    /// The bucket that machines share, if there is one; who signs URLs looks there, not this store.
+    pub fn bucket(&self) -> Option<&BucketUrl> {
+        self.bucket.as_ref()
+    }
+
+    /// Whether what machines share is only read.
+    pub fn is_shared_read_only(&self) -> bool {
+        self.shared_read_only
     }
 
     /// Whether anything is kept at all.
@@ -83,6 +98,13 @@ impl Store {
     /// A whole entry, as it travels to another machine, if there is a sound one.
     pub fn entry(&self, kind: &str, key: Digest) -> Option<Vec<u8>> {
         self.find(kind, key).map(|(bytes, ..)| bytes)
+    }
+
+    /// The whole entry that [`Store::put`] makes of a payload, as it travels to another machine.
+    pub fn as_entry(&self, kind: &str, key: Digest, payload: &[u8]) -> Vec<u8> {
+        let mut bytes = entry::header(kind, key, self.version, &self.origin(), payload);
+        bytes.extend_from_slice(payload);
+        bytes
     }
 
     /// Keeps an entry in every tier. What cannot be kept is computed again when it is needed; the first failure of each

@@ -18,8 +18,8 @@ enum Place {
     /// This machine's own folder, made when it is first needed, kept within its limit.
     Disk { root: PathBuf, evictor: Evictor },
     /// A folder of several machines, which must be there: a missing one may be a disk that is not mounted. It is for its
-    /// owner to clear.
-    Shared { root: PathBuf },
+    /// owner to clear, and may be there to be read only.
+    Shared { root: PathBuf, read_only: bool },
 }
 
 /// A place that keeps files by name. It may lose them, and may return anything: callers check what they get. Every fault
@@ -54,9 +54,13 @@ impl Tier {
         Self::new(Place::Disk { root, evictor: Evictor::new(limit) })
     }
 
-    /// The folder `root` of several machines.
-    pub fn shared(root: PathBuf) -> Self {
-        Self::new(Place::Shared { root })
+    /// The folder `root` of several machines, in which nothing is changed if it is read only.
+    pub fn shared(root: PathBuf, read_only: bool) -> Self {
+        Self::new(Place::Shared { root, read_only })
+    }
+
+    fn is_read_only(&self) -> bool {
+        matches!(self.place, Place::Shared { read_only: true, .. })
     }
 
     fn new(place: Place) -> Self {
@@ -84,7 +88,7 @@ impl Tier {
 
     /// The bytes of a file, at most one more than `most`, and marks it as used.
     pub fn get(&self, name: &Path, most: u64) -> Option<Vec<u8>> {
-        let bytes = read(&self.root().join(name), most);
+        let bytes = read(&self.root().join(name), most, !self.is_read_only());
         let ended = match &bytes {
             Ok(Some(_)) => &self.hits,
             Ok(None) => &self.misses,
@@ -101,13 +105,16 @@ impl Tier {
 
     /// Removes a file, if it is there.
     pub fn remove(&self, name: &Path) {
+        if self.is_read_only() {
+            return;
+        }
         self.ok(there(fs::remove_file(self.root().join(name))));
     }
 
-    /// Removes a file that turned out damaged, and says so: once, as it is gone afterwards, and of many at 1, 2, 4, …
+    /// Removes a file that turned out damaged, where that may be, and says so, of many at 1, 2, 4, …
     pub fn remove_damaged(&self, name: &Path, what: &dyn Display) {
         let path = self.root().join(name);
-        if self.ok(there(fs::remove_file(&path))).flatten().is_none() {
+        if !self.is_read_only() && self.ok(there(fs::remove_file(&path))).flatten().is_none() {
             return; // another process was faster
         }
         let path = path.display();
@@ -128,7 +135,8 @@ impl Tier {
         match &self.place {
             Place::Disk { evictor, .. } if !evictor.has_room_for(bytes) => return Ok(()),
             Place::Disk { .. } => {}
-            Place::Shared { root } => {
+            Place::Shared { read_only: true, .. } => return Ok(()),
+            Place::Shared { root, .. } => {
                 fs::metadata(root)?;
             }
         }
@@ -143,7 +151,7 @@ impl Tier {
     /// The folder.
     pub fn root(&self) -> &Path {
         match &self.place {
-            Place::Disk { root, .. } | Place::Shared { root } => root,
+            Place::Disk { root, .. } | Place::Shared { root, .. } => root,
         }
     }
 
@@ -176,15 +184,16 @@ fn there<T>(done: io::Result<T>) -> io::Result<Option<T>> {
     }
 }
 
-/// The bytes of a plain file, at most one more than `most`: links and folders are no entries.
-fn read(path: &Path, most: u64) -> io::Result<Option<Vec<u8>>> {
+/// The bytes of a plain file, at most one more than `most`, which is marked as used where `marks` says so: links and folders
+/// are no entries.
+fn read(path: &Path, most: u64, marks: bool) -> io::Result<Option<Vec<u8>>> {
     let Some(metadata) = there(fs::symlink_metadata(path))?.filter(fs::Metadata::is_file) else {
         return Ok(None);
     };
     let Some(file) = there(File::open(path))? else { return Ok(None) };
     let now = SystemTime::now();
     let is_fresh = |used| now.duration_since(used).is_ok_and(|age| age < TOUCH_AFTER);
-    if !metadata.modified().is_ok_and(is_fresh) {
+    if marks && !metadata.modified().is_ok_and(is_fresh) {
         let _ = file.set_modified(now); // someone else's file: it will be evicted sooner
     }
     let mut bytes = Vec::with_capacity(metadata.len().min(most) as usize + 1);

@@ -1,5 +1,5 @@
-//! Clouds that others have prepared, in the shared folder or the coordinator's store: a share of them is prepared here
-//! again, and must be the same bits.
+//! Clouds that others have prepared, in the shared folder, the bucket or the coordinator's store: a share of them is
+//! prepared here again, and must be the same bits.
 
 use std::sync::Arc;
 
@@ -28,8 +28,8 @@ pub(super) async fn check(
     if chosen.is_empty() {
         return Ok(());
     }
-    let bytes = chosen.iter().map(|(cloud, _)| blobs.get(cloud.digest));
-    let bytes = futures_util::future::try_join_all(bytes).await?;
+    let digests: Vec<_> = chosen.iter().map(|(cloud, _)| cloud.digest).collect();
+    let bytes = blobs.get_all(&digests).await?;
     let preparing = Arc::clone(cache);
     let differs = move |((listed, given), bytes): ((Listed, Arc<PreparedCloud>), Vec<u8>)| {
         let [given, expected] =
@@ -41,10 +41,10 @@ pub(super) async fn check(
     let Some(wrong) = differing?.into_iter().flatten().next() else { return Ok(()) };
     let path = &wrong.path;
     tracing::error!(
-        "{path}: prepared cloud of the shared folder or the coordinator is not what its source gives\nempty derived/prepared-cloud-2 there, start the workers again, and verify the runs that have used it"
+        "{path}: prepared cloud of the shared folder, the bucket or the coordinator is not what its source gives\nempty derived/prepared-cloud-2 there, start the workers again, and verify the runs that have used it"
     );
     let what = format!(
-        "{path}: prepared cloud of the shared folder or the coordinator must be what its source gives, got another"
+        "{path}: prepared cloud of the shared folder, the bucket or the coordinator must be what its source gives, got another"
     );
     if let Some(key) = cache.entry_key(wrong.digest) {
         store.distrust(PREPARED_CLOUD, key, what.clone(), &[PREPARED_CLOUD, SIGNATURES]);

@@ -1,10 +1,11 @@
-//! Where prepared clouds come from: memory, this machine's disk, the shared folder, the coordinator, or their source.
+//! Where prepared clouds come from: memory, this machine's disk, the shared folder, the bucket, the coordinator, or their
+//! source.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
-use cache::{Claim, Store};
+use cache::{Claim, MAX_ENTRY_BYTES, Store};
 use descriptor::PreparedCloud;
 use proto::{Digest, Message};
 use rayon::iter::Either;
@@ -175,24 +176,70 @@ impl CloudLoader {
         self.computing.run(move || wanted.into_par_iter().partition_map(load)).await
     }
 
-    /// From the coordinator's own store; the second list is what it does not have.
+    /// From the bucket or the coordinator's own store; the second list is what neither has.
     async fn fetch(&self, cache: &Arc<PreparationCache>, wanted: Vec<Listed>) -> (Loaded, Vec<Listed>) {
+        let (mut keyed, mut without) = (Vec::new(), Vec::new());
+        for cloud in wanted {
+            match cache.entry_key(cloud.digest).filter(|_| self.store.is_kept()) {
+                Some(key) => keyed.push((cloud, key)),
+                None => without.push(cloud),
+            }
+        }
+        let (shared, absent) = self.fetch_from_bucket(cache, keyed).await;
+        let (fetched, absent) = self.fetch_from_coordinator(cache, absent).await;
+        without.extend(absent);
+        (shared.into_iter().chain(fetched).collect(), without)
+    }
+
+    async fn fetch_from_bucket(
+        &self,
+        cache: &Arc<PreparationCache>,
+        wanted: Vec<(Listed, Digest)>,
+    ) -> (Loaded, Vec<(Listed, Digest)>) {
         if wanted.is_empty() {
             return (Vec::new(), wanted);
         }
         let span = debug_span!("fetch", descry.clouds = wanted.len() as i64);
-        let ask = async |cloud: Listed| {
-            let entry = match cache.entry_key(cloud.digest) {
-                Some(key) => self.blobs.derived(PREPARED_CLOUD, key).await.map(|bytes| (key, bytes)),
-                None => None,
-            };
-            (cloud, entry)
+        let keys: Vec<Digest> = wanted.iter().map(|(_, key)| *key).collect();
+        let entries = self.blobs.bucket.get(PREPARED_CLOUD, &keys, MAX_ENTRY_BYTES).instrument(span).await;
+        let (store, cache, bucket) =
+            (Arc::clone(&self.store), Arc::clone(cache), Arc::clone(&self.blobs.bucket));
+        let adopt = move |((cloud, key), entry): ((Listed, Digest), Option<Vec<u8>>)| {
+            let payload = entry.and_then(|bytes| match store.adopt(PREPARED_CLOUD, key, &bytes) {
+                Ok(payload) => Some(payload),
+                Err(damage) => {
+                    bucket.note_damaged(&format_args!("{}: its entry {damage}", cloud.path));
+                    None
+                }
+            });
+            decoded(&cache, cloud, payload).map_right(|cloud| (cloud, key))
+        };
+        self.computing.run(move || wanted.into_par_iter().zip(entries).partition_map(adopt)).await
+    }
+
+    /// What the coordinator has, the bucket has from now on.
+    async fn fetch_from_coordinator(
+        &self,
+        cache: &Arc<PreparationCache>,
+        wanted: Vec<(Listed, Digest)>,
+    ) -> (Loaded, Vec<Listed>) {
+        if wanted.is_empty() {
+            return (Vec::new(), Vec::new());
+        }
+        let span = debug_span!("fetch", descry.clouds = wanted.len() as i64);
+        let ask = async |(cloud, key): (Listed, Digest)| {
+            let entry = self.blobs.derived(PREPARED_CLOUD, key).await;
+            (cloud, key, entry)
         };
         let answers = futures_util::future::join_all(wanted.into_iter().map(ask)).instrument(span).await;
-        let (store, cache) = (Arc::clone(&self.store), Arc::clone(cache));
-        let adopt = move |(cloud, entry): (Listed, Option<(Digest, Vec<u8>)>)| {
-            let payload = entry.and_then(|(key, bytes)| match store.adopt(PREPARED_CLOUD, key, &bytes) {
-                Ok(payload) => Some(payload),
+        let (store, cache, bucket) =
+            (Arc::clone(&self.store), Arc::clone(cache), Arc::clone(&self.blobs.bucket));
+        let adopt = move |(cloud, key, entry): (Listed, Digest, Option<Vec<u8>>)| {
+            let payload = entry.and_then(|bytes| match store.adopt(PREPARED_CLOUD, key, &bytes) {
+                Ok(payload) => {
+                    bucket.put(PREPARED_CLOUD, vec![(key, bytes)]);
+                    Some(payload)
+                }
                 Err(damage) => {
                     tracing::warn!("{}: the coordinator's entry {damage}, preparing it here", cloud.path);
                     None
@@ -213,21 +260,28 @@ impl CloudLoader {
             return Ok(Vec::new());
         }
         let clouds = wanted.len();
-        let bytes = wanted.iter().map(|cloud| self.blobs.get(cloud.digest));
-        let bytes = futures_util::future::try_join_all(bytes);
+        let digests: Vec<Digest> = wanted.iter().map(|cloud| cloud.digest).collect();
+        let bytes = self.blobs.get_all(&digests);
         let bytes = bytes.instrument(debug_span!("fetch", descry.clouds = clouds as i64)).await?;
-        let (store, cache) = (Arc::clone(&self.store), Arc::clone(cache));
+        let (store, cache, has_bucket) =
+            (Arc::clone(&self.store), Arc::clone(cache), self.blobs.bucket.is_offered());
         let prepare = move |(cloud, bytes): (Listed, Vec<u8>)| {
             let prepared = cache.prepare(&cloud, &bytes)?;
+            let mut entry = None;
             if let Some(key) = cache.entry_key(cloud.digest).filter(|_| store.is_kept())
                 && let Some(payload) = cache.preparer.encode(&prepared)
             {
                 store.put(PREPARED_CLOUD, key, &payload);
+                entry = has_bucket.then(|| (key, store.as_entry(PREPARED_CLOUD, key, &payload)));
             }
-            Ok((cloud.digest, Arc::new(prepared)))
+            Ok(((cloud.digest, Arc::new(prepared)), entry))
         };
         let prepared = self.computing.run(move || wanted.into_par_iter().zip(bytes).map(prepare).collect());
-        prepared.instrument(debug_span!("prepare", descry.clouds = clouds as i64)).await
+        let prepared: Result<Vec<_>, EvaluationError> =
+            prepared.instrument(debug_span!("prepare", descry.clouds = clouds as i64)).await;
+        let (prepared, entries): (Loaded, Vec<_>) = prepared?.into_iter().unzip();
+        self.blobs.bucket.put(PREPARED_CLOUD, entries.into_iter().flatten().collect());
+        Ok(prepared)
     }
 }
 

@@ -78,13 +78,19 @@ impl Executor {
 
     /// From here on, what is kept on disk is noted as made for this run.
     pub async fn name_run(&self, run: String) {
-        self.settle().await;
+        self.matcher.files.settle().await;
         self.store.name_run(run);
     }
 
-    /// Waits until everything that is to be kept on disk is there.
+    /// Waits until everything that is to be kept on disk is there, and not for ever for what goes to the bucket.
     pub async fn settle(&self) {
         self.matcher.files.settle().await;
+        self.matcher.loader.blobs.bucket.settle().await;
+    }
+
+    /// From here on, the bucket that machines share is used or not.
+    pub fn offer_bucket(&self, has_bucket: bool) {
+        self.matcher.loader.blobs.bucket.offer(has_bucket);
     }
 
     /// From here on, this share of the clouds that others have prepared is prepared again.
@@ -114,8 +120,10 @@ impl Executor {
             }
             (Task::Description(shard), Subject::Descriptor(descriptor)) => {
                 let manifest = self.manifest(shard.manifest).await?;
-                let bytes = self.matcher.describe(&cache, descriptor, &manifest).await;
-                bytes.map(|bytes| TaskResult::Description(Described::new(bytes)))
+                let bytes = self.matcher.describe(&cache, descriptor, &manifest).await?;
+                let described = Described::new(bytes);
+                self.matcher.loader.blobs.share(&described);
+                Ok(TaskResult::Description(described))
             }
             (Task::Scale(scale), Subject::Descriptor(descriptor)) => {
                 self.scale(&cache, descriptor, scale).await.map(TaskResult::Scale)

@@ -446,6 +446,11 @@ impl Cluster {
         self.state().scheduler.quarantined().clone()
     }
 
+    /// Whether a principal is quarantined.
+    pub fn is_quarantined(&self, principal: &Principal) -> bool {
+        self.state().scheduler.quarantined().contains(principal)
+    }
+
     fn state(&self) -> MutexGuard<'_, ClusterState> {
         lock(&self.state)
     }

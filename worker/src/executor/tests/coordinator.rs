@@ -13,6 +13,7 @@ use tonic::transport::server::TcpIncoming;
 use tonic::transport::{Endpoint, Server};
 use tonic::{Request, Response, Status};
 
+use super::bucket_server::BucketServer;
 use crate::link::{Credentials, Link};
 use crate::wire::Client;
 
@@ -32,6 +33,8 @@ pub struct Archive {
     pub derived: Arc<Mutex<HashMap<Vec<u8>, Vec<u8>>>>,
     /// Manifests of train1, train2 and validation.
     pub splits: Vec<Digest>,
+    /// The bucket to which it gives URLs.
+    pub bucket: Option<BucketServer>,
 }
 
 impl Archive {
@@ -130,5 +133,13 @@ impl Coordinator for Archive {
         request: Request<v2::FetchDerivedRequest>,
     ) -> Result<Response<Chunks>, Status> {
         chunks(self.derived.lock().unwrap().get(&request.into_inner().key))
+    }
+
+    async fn presign_urls(
+        &self,
+        request: Request<v2::PresignUrlsRequest>,
+    ) -> Result<Response<v2::PresignUrlsReply>, Status> {
+        let Some(bucket) = &self.bucket else { return Err(Status::unimplemented("no bucket")) };
+        Ok(Response::new(v2::PresignUrlsReply { urls: bucket.urls(&request.into_inner()) }))
     }
 }

@@ -13,10 +13,9 @@ fn sharing(cache: &Path, shared: &Path) -> Arc<Store> {
 
 /// An executor that prepares again whatever others have prepared.
 fn checking(archive: &Archive, store: &Arc<Store>) -> Arc<Executor> {
-    let blobs = Blobs::new(archive.clone().serve(), Some(Arc::clone(store)));
-    let executor = Executor::new(2, LARGE, blobs, Arc::clone(store)).unwrap();
+    let executor = executor(archive, LARGE, store);
     executor.set_audit(1.0);
-    Arc::new(executor)
+    executor
 }
 
 #[tokio::test(flavor = "multi_thread")]

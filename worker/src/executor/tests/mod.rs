@@ -1,5 +1,7 @@
 //! Evaluations with everything that saves work give what plain evaluations give, and do not do work twice.
 
+mod bucket;
+mod bucket_server;
 mod coordinator;
 mod foreign_clouds;
 mod rules;
@@ -10,6 +12,7 @@ use std::collections::HashMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::LazyLock;
+use std::time::Duration;
 
 use cache::Storage;
 use descriptor::Domain;
@@ -21,6 +24,7 @@ use descriptor::{
 use proto::task::{self, Description};
 
 use super::*;
+use crate::bucket::{Access, Bucket, Patience};
 use coordinator::{Archive, CLOUDS, SPLIT};
 
 const LARGE: ByteSize = ByteSize::gib(1);
@@ -128,7 +132,15 @@ fn store(cache: Option<PathBuf>) -> Arc<Store> {
 }
 
 fn executor(archive: &Archive, memory: ByteSize, store: &Arc<Store>) -> Arc<Executor> {
-    let blobs = Blobs::new(archive.clone().serve(), Some(Arc::clone(store)));
+    let client = archive.clone().serve();
+    // A busy machine must not be taken for a bucket that is slow.
+    let waits = archive.bucket.as_ref().is_some_and(|server| server.mode.waits());
+    let limit = Duration::from_millis(if waits { 200 } else { 60_000 });
+    let patience =
+        Patience { trial: limit, objects: (limit, Duration::ZERO), uploads: Duration::from_secs(60) };
+    let bucket =
+        Bucket::new(client.clone(), Access { reads: true, writes: !store.is_shared_read_only() }, patience);
+    let blobs = Blobs::new(client, Some(Arc::clone(store)), bucket);
     Arc::new(Executor::new(2, memory, blobs, Arc::clone(store)).unwrap())
 }
 

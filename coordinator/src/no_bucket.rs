@@ -1,0 +1,59 @@
+//! What stands in for crate `bucket` in a program without object stores: there is no bucket that it can open.
+
+use std::time::SystemTime;
+
+use cache::BucketUrl;
+use proto::Digest;
+
+/// Why a bucket cannot be opened.
+#[derive(Debug, thiserror::Error)]
+#[error(
+    "{0}: cannot be used, as this coordinator was built without object stores\nbuild it with --features s3, or share a folder, for example file:///mnt/descry"
+)]
+pub struct BucketError(BucketUrl);
+
+/// There is none.
+#[derive(Debug)]
+pub enum Bucket {}
+
+/// What was found in a bucket when it was pruned.
+#[derive(Clone, Copy, Debug)]
+pub struct Pruned {
+    /// Objects that are old, and their bytes.
+    pub old: (u64, u64),
+    /// Objects that stay, and their bytes.
+    pub kept: (u64, u64),
+    /// Objects that are not ours.
+    pub foreign: u64,
+}
+
+impl Bucket {
+    /// Refuses.
+    ///
+    /// # Errors
+    /// Always.
+    pub fn open(url: &BucketUrl) -> Result<Self, BucketError> {
+        Err(BucketError(url.clone()))
+    }
+
+    pub async fn url_to_read(&self, _: &str, _: Digest) -> Result<Option<String>, BucketError> {
+        match *self {}
+    }
+
+    pub async fn url_to_write(
+        &self,
+        _: &str,
+        _: Digest,
+        _: &[u8; 32],
+    ) -> Result<Option<String>, BucketError> {
+        match *self {}
+    }
+
+    pub async fn probe(&self) -> Result<(), BucketError> {
+        match *self {}
+    }
+
+    pub async fn prune(&self, _: SystemTime, _: bool) -> Result<Pruned, BucketError> {
+        match *self {}
+    }
+}

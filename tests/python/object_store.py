@@ -1,0 +1,292 @@
+"""A bucket that machines share saves the second one its work; a server that fails costs time, never a digest.
+
+Usage: object_store.py PROGRAMS OUT_DIR S3S_FS [--traffic WORKERS]
+
+PROGRAMS is a folder with coordinator and worker, built with --features s3; S3S_FS a server that speaks S3 and keeps objects
+as files (cargo install s3s-fs --version 0.14.1 --locked --features binary). As root, for a server whose disk is full.
+Each run has a coordinator without workers of its own, and one worker, which has nothing in its cache. --traffic counts
+instead what so many workers take from the coordinator and from the bucket, on clouds of which each describes a part.
+"""
+
+import argparse
+import json
+import os
+import pathlib
+import re
+import shutil
+import signal
+import socket
+import statistics
+import subprocess
+import threading
+import time
+
+import waiting
+
+REPOSITORY = pathlib.Path(__file__).parents[2]
+KEY = {"AWS_ACCESS_KEY_ID": "DESCRYTEST", "AWS_SECRET_ACCESS_KEY": "not-a-secret", "AWS_REGION": "us-east-1"}
+URL = "s3://lab/descry"
+PATIENCE = 600  # seconds
+
+
+class Server:
+    """A server of one bucket, in a folder."""
+
+    def __init__(self, program, folder):
+        self.program, self.folder = program, folder
+        (folder / "lab").mkdir(parents=True, exist_ok=True)
+        self.port = waiting.free_port()
+        self.start()
+
+    def start(self):
+        key = ["--access-key", KEY["AWS_ACCESS_KEY_ID"], "--secret-key", KEY["AWS_SECRET_ACCESS_KEY"]]
+        address = ["--host", "127.0.0.1", "--port", str(self.port)]
+        self.process = subprocess.Popen(
+            [self.program, *address, *key, self.folder], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        connect = lambda: socket.create_connection(("127.0.0.1", self.port), 1)
+        waiting.wait("the server of the bucket", connect, 30, ignoring=OSError).close()
+
+    def stop(self, how=signal.SIGTERM):
+        self.process.send_signal(signal.SIGCONT)
+        self.process.send_signal(how)
+        self.process.wait()
+
+    def objects(self):
+        """Files of objects; the server keeps others of its own."""
+        return [path for path in (self.folder / "lab" / "descry").rglob("*") if re.fullmatch("[0-9a-f]{64}", path.name)]
+
+
+class Relay:
+    """Passes bytes on to a port and back, counts them, and waits before each answer."""
+
+    def __init__(self, port, delay=0.0):
+        self.port, self.delay, self.up, self.down = port, delay, 0, 0
+        self.listener = socket.create_server(("127.0.0.1", 0), backlog=1024)
+        self.own = self.listener.getsockname()[1]
+        threading.Thread(target=self.take, daemon=True).start()
+
+    def take(self):
+        while True:
+            near = self.listener.accept()[0]
+            try:
+                far = socket.create_connection(("127.0.0.1", self.port))
+            except OSError:
+                near.close()
+                continue
+            threading.Thread(target=self.carry, args=(near, far, "up"), daemon=True).start()
+            threading.Thread(target=self.carry, args=(far, near, "down"), daemon=True).start()
+
+    def carry(self, source, target, way):
+        try:
+            while piece := source.recv(1 << 16):
+                if way == "down" and self.delay:
+                    time.sleep(self.delay)
+                setattr(self, way, getattr(self, way) + len(piece))
+                target.sendall(piece)
+        except OSError:
+            pass
+        for one in (source, target):
+            try:
+                one.shutdown(socket.SHUT_RDWR)
+            except OSError:
+                pass
+
+
+class Site:
+    """A folder for runs, with programs and an experiment."""
+
+    def __init__(self, programs, out):
+        self.programs, self.out, self.count = pathlib.Path(programs).resolve(), out, 0
+        shutil.rmtree(out, ignore_errors=True)
+        out.mkdir(parents=True)
+
+    def experiment(self, name, more="", **values):
+        text = (REPOSITORY / "experiments/demo.toml").read_text()
+        for key, value in {"root": f'"{self.out / name}-clouds"', **values}.items():
+            text, count = re.subn(rf"(?m)^{key} = [^ #\n]+", f"{key} = {value}", text)
+            assert count == 1, key
+        path = self.out / f"{name}.toml"
+        path.write_text(text + more)
+        return path
+
+    def start(self, program, *arguments, **variables):
+        self.count += 1
+        log = self.out / f"{program}-{self.count}.log"
+        kept = {name: value for name, value in os.environ.items() if not name.startswith(("AWS_", "DESCRY_"))}
+        caches = {"XDG_CACHE_HOME": str(self.out / f"cache-{self.count}")}
+        command = [self.programs / program, *map(str, arguments)]
+        process = subprocess.Popen(
+            command, env=kept | caches | variables, stdout=subprocess.PIPE, stderr=open(log, "wb"), text=True
+        )
+        process.log = log
+        return process
+
+    def coordinator(self, experiment, *arguments, **variables):
+        """A coordinator that waits for workers, and its port."""
+        out = self.out / f"run-{self.count}"
+        listen = ["--listen", "127.0.0.1:0", "--local-workers", "0", "--json"]
+        process = self.start("coordinator", "run", experiment, "--out", out, *listen, *arguments, **variables)
+        said = lambda: re.search(r"http://[^ ]+:(\d+)", process.log.read_text())
+        return process, int(waiting.wait("the coordinator's port", said, 60)[1])
+
+    def run(self, experiment, *arguments, worker=(), during=None, **variables):
+        """A run with one worker: digest, seconds, clouds that the worker has prepared, and what both said."""
+        coordinator, port = self.coordinator(experiment, *arguments, **variables)
+        begun = time.monotonic()
+        helper = self.start("worker", "--coordinator", f"http://127.0.0.1:{port}", *worker)
+        if during:
+            during(helper)
+        text, _ = coordinator.communicate(timeout=PATIENCE)
+        seconds = time.monotonic() - begun
+        assert coordinator.returncode == 0, coordinator.log.read_text()
+        assert helper.wait(60) == 0, helper.log.read_text()
+        said = coordinator.log.read_text() + helper.log.read_text()
+        prepared = sum(map(int, re.findall(r"prepared (\d+) and loaded", said)))
+        return json.loads(text)["run_digest"], seconds, prepared, said
+
+
+def same(expected, got, what):
+    assert got == expected, f"{what}: digest {got}, expected {expected}"
+
+
+def works(site, server, environment):
+    """Two machines one after the other, with and without a bucket, in turns."""
+    experiment = site.experiment("long", population=60, generations=LONG)
+    times, digest = {"without": [], "filling": [], "filled": []}, None
+    for _ in range(3):
+        shutil.rmtree(server.folder / "lab" / "descry", ignore_errors=True)
+        for name, shared in [("without", []), ("filling", ["--shared", URL]), ("filled", ["--shared", URL])]:
+            got, seconds, prepared, said = site.run(experiment, *shared, **environment)
+            digest = digest or got
+            same(digest, got, name)
+            assert (prepared == 0) == (name == "filled"), (name, prepared, said)
+            times[name].append(seconds)
+    medians = {name: statistics.median(seconds) for name, seconds in times.items()}
+    print("seconds, medians of three in turns:", {name: round(value, 2) for name, value in medians.items()})
+    print("objects in the bucket:", len(server.objects()))
+    return experiment, digest, medians["without"]
+
+
+def fails(site, server, environment, experiment, digest, without, program):
+    """A server that does not do what it should."""
+
+    def one(name, expected, *arguments, during=None, **variables):
+        got, seconds, prepared, said = site.run(
+            experiment, "--shared", URL, *arguments, during=during, **(environment | variables)
+        )
+        same(digest, got, name)
+        words = [line for line in said.splitlines() if "bucket" in line or "s3://" in line]
+        assert any(re.search(expected, line) for line in words), f"{name}: {expected!r} is not in {words}"
+        print(f"{name}: {seconds / without:.3f} of the time without, {prepared} clouds prepared; {words[0]}")
+
+    os.kill(server.process.pid, signal.SIGSTOP)
+    one("hung", "no answer in time")
+    server.stop()
+    one("down", "refused")
+    server.start()
+
+    def kill(worker):
+        waiting.wait("the worker takes from the bucket", lambda: "loaded" in worker.log.read_text(), 60)
+        server.stop(signal.SIGKILL)
+
+    got, seconds, _, _ = site.run(experiment, "--shared", URL, during=kill, **environment)
+    same(digest, got, "killed")
+    print(f"killed during a run: {seconds / without:.3f} of the time without")
+    server.start()
+
+    slow = Relay(server.port, delay=0.5)
+    one("slow, half a second", "no answer in time", AWS_ENDPOINT_URL=f"http://127.0.0.1:{slow.own}")
+    one("wrong key", "SignatureDoesNotMatch", AWS_SECRET_ACCESS_KEY="another")
+
+    for path in server.objects():
+        with open(path, "r+b") as file:
+            file.seek(path.stat().st_size // 2)
+            byte = file.read(1)[0]
+            file.seek(-1, os.SEEK_CUR)
+            file.write(bytes([byte ^ 1]))
+    one("corrupt", "doing without it")
+    got, _, prepared, _ = site.run(experiment, "--shared", URL, **environment)
+    same(digest, got, "mended")
+    assert prepared == 0, "what was corrupt was not stored again"
+
+    before = {path: path.stat().st_mtime_ns for path in server.objects()}
+    shutil.rmtree(server.folder / "lab" / "descry" / "derived")
+    got, _, prepared, _ = site.run(experiment, "--shared", URL, "--shared-read-only", **environment)
+    same(digest, got, "read only")
+    assert prepared > 0 and set(server.objects()) <= set(before), "something was stored"
+    print(f"read only: nothing was stored, {prepared} clouds prepared")
+
+    small = site.out / "small"
+    small.mkdir()
+    subprocess.run(["mount", "-t", "tmpfs", "-o", "size=256k", "none", small], check=True)
+    try:
+        full = Server(program, small)
+        one("full", "cannot be written", AWS_ENDPOINT_URL=f"http://127.0.0.1:{full.port}")
+        full.stop()
+    finally:
+        subprocess.run(["umount", "-l", small], check=True)
+
+
+def prunes(site, server, environment):
+    """Old objects of Descry go, and nothing else."""
+    foreign = server.folder / "lab" / "descry" / "notes.txt"
+    foreign.write_text("somebody else's")
+    prune = lambda *arguments: site.start("coordinator", "prune", URL, *arguments, **environment).communicate()[0]
+    count = len(server.objects())
+    print(prune("--days", "1").strip())
+    assert len(server.objects()) == count
+    print(prune("--days", "0", "--dry-run").strip())
+    assert len(server.objects()) == count
+    print(prune("--days", "0").strip())
+    assert not server.objects() and foreign.exists()
+
+
+def traffic(site, server, environment, workers):
+    """What workers take from the coordinator and from the bucket."""
+    more = "\n[coordinator]\npieces = 64\n"
+    experiment = site.experiment("traffic", more, generations=3, population=10, objects=36)
+    digests = set()
+    for name, shared in [("without", []), ("with", ["--shared", URL])]:
+        bucket = Relay(server.port)
+        variables = environment | {"AWS_ENDPOINT_URL": f"http://127.0.0.1:{bucket.own}"}
+        coordinator, port = site.coordinator(experiment, *shared, **variables)
+        relay = Relay(port)
+        address = ["--coordinator", f"http://127.0.0.1:{relay.own}", "--threads", "1", "--memory", "64MiB"]
+        crowd = [site.start("worker", *address, "--name", f"w{index}") for index in range(workers)]
+        text, _ = coordinator.communicate(timeout=PATIENCE)
+        assert coordinator.returncode == 0, coordinator.log.read_text()
+        digests.add(json.loads(text)["run_digest"])
+        for one in crowd:
+            one.wait(120)
+        prepared = sum(
+            int(count) for one in crowd for count in re.findall(r"prepared (\d+) and loaded", one.log.read_text())
+        )
+        mb = lambda count: f"{count / 1e6:.1f} MB"
+        print(f"{workers} workers {name} a bucket: coordinator {mb(relay.down)} down, {mb(relay.up)} up;",
+              f"bucket {mb(bucket.down)} down, {mb(bucket.up)} up; {prepared} clouds prepared")
+    assert len(digests) == 1, digests
+
+
+LONG = 120
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    parser.add_argument("programs")
+    parser.add_argument("out", type=pathlib.Path)
+    parser.add_argument("s3s_fs", type=pathlib.Path)
+    parser.add_argument("--traffic", type=int)
+    options = parser.parse_args()
+    site = Site(options.programs, options.out.resolve())
+    server = Server(options.s3s_fs.resolve(), site.out / "objects")
+    environment = KEY | {"AWS_ENDPOINT_URL": f"http://127.0.0.1:{server.port}"}
+    try:
+        if options.traffic:
+            traffic(site, server, environment, options.traffic)
+        else:
+            experiment, digest, without = works(site, server, environment)
+            fails(site, server, environment, experiment, digest, without, options.s3s_fs.resolve())
+            prunes(site, server, environment)
+            print("a bucket saves work, and one that fails changes no digest:", digest)
+    finally:
+        server.stop()

@@ -1,0 +1,294 @@
+//! The bucket that the machines of a run share, as workers use it: by URLs that the coordinator signs, and only as long as
+//! that is faster than to do without.
+
+mod breaker;
+mod http;
+
+use std::fmt::Display;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
+
+use base64::Engine as _;
+use base64::prelude::BASE64_STANDARD;
+use futures_util::StreamExt as _;
+use hyper::body::Bytes;
+use proto::{Digest, MAX_PRESIGNED_URLS};
+use ring::digest;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore};
+use tonic::Code;
+
+use crate::wire::{Client, ObjectRequest};
+use breaker::{Admission, Breaker};
+use http::{Fault, Http};
+pub use http::{HttpClient, http_client};
+
+/// Requests for objects at once: enough to hide the network's delay.
+const DOWNLOADS: usize = 16;
+const UPLOADS: usize = 4;
+/// What a worker does with a bucket.
+#[derive(Clone, Copy, Debug)]
+pub struct Access {
+    /// Whether it takes what others have stored.
+    pub reads: bool,
+    /// Whether it stores what it has made.
+    pub writes: bool,
+}
+
+/// How long a worker waits for objects.
+#[derive(Clone, Copy, Debug)]
+pub struct Patience {
+    /// For the one that shows whether the bucket is well.
+    pub trial: Duration,
+    /// For those that are asked for together, and so much more for each: to prepare a cloud takes less.
+    pub objects: (Duration, Duration),
+    /// At its end, for what is on its way to the bucket.
+    pub uploads: Duration,
+}
+
+impl Default for Patience {
+    fn default() -> Self {
+        let second = Duration::from_secs(1);
+        Self { trial: second, objects: (second, Duration::from_millis(20)), uploads: 5 * second }
+    }
+}
+
+/// For a signature the coordinator may take so long.
+const SIGNATURE: Duration = Duration::from_secs(5);
+/// Memory for what is on its way to the bucket, KiB. What finds no room is not kept there.
+const UPLOAD_KIB: u32 = 64 << 10;
+
+/// A bucket. Every fault is a miss, and a warning when it makes the worker do without for a while.
+#[derive(Debug)]
+pub struct Bucket {
+    client: Client,
+    http: OnceLock<Http>,
+    /// Whether the coordinator has one.
+    is_offered: AtomicBool,
+    access: Access,
+    patience: Patience,
+    reads: Mutex<Breaker>,
+    writes: Mutex<Breaker>,
+    /// For what is on its way to it, KiB.
+    room: Arc<Semaphore>,
+    /// Damaged objects so far.
+    damaged: AtomicU64,
+}
+
+/// The kind of objects that are blobs.
+pub const BLOBS: &str = "";
+
+impl Bucket {
+    /// The bucket to which `client` gives URLs, once it is known that there is one.
+    pub fn new(client: Client, access: Access, patience: Patience) -> Arc<Self> {
+        let breaker = || Mutex::new(Breaker::new(Instant::now()));
+        Arc::new(Self {
+            client,
+            http: OnceLock::new(),
+            is_offered: AtomicBool::new(false),
+            access,
+            patience,
+            reads: breaker(),
+            writes: breaker(),
+            room: Arc::new(Semaphore::new(UPLOAD_KIB as usize)),
+            damaged: AtomicU64::new(0),
+        })
+    }
+
+    /// From here on, the coordinator has one or not.
+    pub fn offer(&self, has_bucket: bool) {
+        self.is_offered.store(has_bucket, Ordering::Relaxed);
+    }
+
+    /// Whether the coordinator has one.
+    pub fn is_offered(&self) -> bool {
+        self.is_offered.load(Ordering::Relaxed)
+    }
+
+    /// Objects of one kind, each of at most `most` bytes and unchecked; `None` for those that the bucket has not, or does
+    /// not give soon enough.
+    pub async fn get(&self, kind: &str, keys: &[Digest], most: u64) -> Vec<Option<Vec<u8>>> {
+        let mut found = vec![None; keys.len()];
+        let (base, each) = self.patience.objects;
+        let deadline = Instant::now() + base + each * keys.len() as u32;
+        let mut rest = &mut found[..];
+        for keys in keys.chunks(MAX_PRESIGNED_URLS) {
+            let (some, later) = rest.split_at_mut(keys.len());
+            if !self.access.reads || !self.is_offered() || lock(&self.reads).refuses(Instant::now()) {
+                break;
+            }
+            let objects = keys.iter().map(|&key| ObjectRequest { key, sha256: None }).collect();
+            let urls = self.presigned(&self.reads, kind, objects).await;
+            self.download(urls, most, deadline, some).await;
+            rest = later;
+        }
+        found
+    }
+
+    /// The objects at `urls`, as far as they come until the deadline; the first alone where nothing is known of the bucket.
+    async fn download(
+        &self,
+        mut urls: Vec<(usize, String)>,
+        most: u64,
+        deadline: Instant,
+        found: &mut [Option<Vec<u8>>],
+    ) {
+        if urls.is_empty() {
+            return; // nothing that could be a trial
+        }
+        let now = Instant::now();
+        let admission = lock(&self.reads).admit(now);
+        match admission {
+            Admission::Refused => {}
+            Admission::Granted => {
+                self.take(urls, most, deadline, found).await;
+            }
+            Admission::Trial => {
+                let rest = urls.split_off(1);
+                if self.take(urls, most, now + self.patience.trial, found).await {
+                    self.take(rest, most, deadline, found).await;
+                }
+            }
+        }
+    }
+
+    /// The same without a trial; whether the bucket is well.
+    async fn take(
+        &self,
+        urls: Vec<(usize, String)>,
+        most: u64,
+        deadline: Instant,
+        found: &mut [Option<Vec<u8>>],
+    ) -> bool {
+        let http = self.http();
+        let ask = |(index, url): (usize, String)| async move { (index, http.get(&url, most).await) };
+        let mut answers = futures_util::stream::iter(urls).map(ask).buffer_unordered(DOWNLOADS);
+        loop {
+            match tokio::time::timeout_at(deadline.into(), answers.next()).await {
+                Ok(None) => return true,
+                Ok(Some((index, Ok(object)))) => {
+                    lock(&self.reads).succeeded();
+                    found[index] = object;
+                }
+                Ok(Some((_, Err(fault)))) if self.gives_up(&self.reads, &fault) => return false,
+                Ok(Some((_, Err(_)))) => {}
+                Err(_) => {
+                    if let Some(pause) = lock(&self.reads).open(Instant::now()) {
+                        self.warn(&self.reads, &Fault::Late, pause);
+                    }
+                    return false;
+                }
+            }
+        }
+    }
+
+    /// Keeps objects of one kind there, soon, as far as there is room for them on the way.
+    pub fn put(self: &Arc<Self>, kind: &'static str, objects: Vec<(Digest, Vec<u8>)>) {
+        if !self.access.writes || !self.is_offered() || lock(&self.writes).refuses(Instant::now()) {
+            return;
+        }
+        let with_room = |(key, bytes): (Digest, Vec<u8>)| {
+            let kib = u32::try_from(bytes.len() / 1024 + 1).ok()?;
+            let room = Arc::clone(&self.room).try_acquire_many_owned(kib).ok()?;
+            Some((key, Bytes::from(bytes), room))
+        };
+        let objects: Vec<_> = objects.into_iter().filter_map(with_room).collect();
+        if !objects.is_empty() {
+            let bucket = Arc::clone(self);
+            tokio::spawn(async move { bucket.upload(kind, objects).await });
+        }
+    }
+
+    async fn upload(&self, kind: &str, objects: Vec<(Digest, Bytes, OwnedSemaphorePermit)>) {
+        let mut objects: Vec<_> = objects
+            .into_iter()
+            .map(|(key, bytes, room)| (key, digest::digest(&digest::SHA256, &bytes), bytes, room))
+            .collect();
+        let http = self.http();
+        while !objects.is_empty() {
+            let some: Vec<_> = objects.drain(..objects.len().min(MAX_PRESIGNED_URLS)).collect();
+            let wanted = some
+                .iter()
+                .map(|(key, sum, ..)| ObjectRequest { key: *key, sha256: Some(sum.as_ref().to_vec()) });
+            let urls = self.presigned(&self.writes, kind, wanted.collect()).await;
+            let send = async |(index, url): (usize, String)| {
+                let (_, sum, bytes, _) = &some[index];
+                match lock(&self.writes).admit(Instant::now()) {
+                    Admission::Refused => return,
+                    Admission::Granted | Admission::Trial => {}
+                }
+                match http.put(&url, &BASE64_STANDARD.encode(sum), bytes.clone()).await {
+                    Ok(()) => lock(&self.writes).succeeded(),
+                    Err(fault) => {
+                        self.gives_up(&self.writes, &fault);
+                    }
+                }
+            };
+            let mut urls = urls.into_iter();
+            if let Some(first) = urls.next() {
+                send(first).await; // alone: it may be a trial
+            }
+            futures_util::stream::iter(urls).for_each_concurrent(UPLOADS, send).await;
+        }
+    }
+
+    /// Waits for what is on its way, but not for ever.
+    pub async fn settle(&self) {
+        let _ = tokio::time::timeout(self.patience.uploads, self.room.acquire_many(UPLOAD_KIB)).await;
+    }
+
+    /// Says that an object is not what it should be; of many at 1, 2, 4, …
+    pub fn note_damaged(&self, what: &dyn Display) {
+        let damaged = self.damaged.fetch_add(1, Ordering::Relaxed) + 1;
+        if damaged.is_power_of_two() {
+            tracing::warn!("bucket: {what}, doing without it; {damaged} objects so far");
+        }
+    }
+
+    /// URLs of the objects that the coordinator gives any for, with their place in the list.
+    async fn presigned(
+        &self,
+        breaker: &Mutex<Breaker>,
+        kind: &str,
+        objects: Vec<ObjectRequest>,
+    ) -> Vec<(usize, String)> {
+        match self.client.presign_urls(kind, objects, SIGNATURE).await {
+            Ok(urls) => urls.into_iter().enumerate().filter(|(_, url)| !url.is_empty()).collect(),
+            Err(status) if status.code() == Code::Unimplemented => {
+                self.offer(false);
+                Vec::new()
+            }
+            Err(status) => {
+                let what = proto::printable(status.message()).into_owned();
+                self.gives_up(breaker, &Fault::Unsigned(what));
+                Vec::new()
+            }
+        }
+    }
+
+    /// Notes a fault, and whether the bucket is done without now.
+    fn gives_up(&self, breaker: &Mutex<Breaker>, fault: &Fault) -> bool {
+        let now = Instant::now();
+        let (pause, gives_up) = {
+            let mut breaker = lock(breaker);
+            (breaker.failed(now), breaker.refuses(now))
+        };
+        if let Some(pause) = pause {
+            self.warn(breaker, fault, pause);
+        }
+        gives_up
+    }
+
+    fn warn(&self, breaker: &Mutex<Breaker>, fault: &Fault, pause: Duration) {
+        let done = if std::ptr::eq(breaker, &self.reads) { "read" } else { "written" };
+        tracing::warn!("bucket: cannot be {done}, got {fault}; doing without it for {} s", pause.as_secs());
+    }
+
+    fn http(&self) -> &Http {
+        self.http.get_or_init(Http::new)
+    }
+}
+
+fn lock(breaker: &Mutex<Breaker>) -> MutexGuard<'_, Breaker> {
+    breaker.lock().unwrap_or_else(PoisonError::into_inner) // its methods do not panic half-way
+}
