@@ -2,7 +2,7 @@
 
 use std::time::SystemTime;
 
-use cache::BucketUrl;
+use cache::{BucketUrl, Pruned};
 use proto::Digest;
 
 /// Why a bucket cannot be opened.
@@ -15,17 +15,6 @@ pub struct BucketError(BucketUrl);
 /// There is none.
 #[derive(Debug)]
 pub enum Bucket {}
-
-/// What was found in a bucket when it was pruned.
-#[derive(Clone, Copy, Debug)]
-pub struct Pruned {
-    /// Objects that are old, and their bytes.
-    pub old: (u64, u64),
-    /// Objects that stay, and their bytes.
-    pub kept: (u64, u64),
-    /// Objects that are not ours.
-    pub foreign: u64,
-}
 
 impl Bucket {
     /// Refuses.

@@ -54,6 +54,8 @@ pub const MAX_NAME_BYTES: usize = 64;
 pub const MAX_TEXT_BYTES: usize = 1024;
 /// The most leases, reports or wanted jobs in one poll.
 pub const MAX_POLL_ITEMS: usize = 256;
+/// The kind of objects in a bucket that are blobs, named by their digests.
+pub const BLOB_KIND: &str = "";
 /// The most URLs that are asked for in one call.
 pub const MAX_PRESIGNED_URLS: usize = 1024;
 

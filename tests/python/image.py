@@ -6,7 +6,7 @@ PROGRAMS is the folder of `coordinator` and `worker`; `--strip` is for those of 
 the programs. Needs Debian with umoci, podman, runc and skopeo, and root for a network namespace, which is the other machine:
 it has a network address, an engine and images of its own. Every container runs as a user that is nobody, without
 capabilities, with a root file system that cannot be written, /tmp included. A worker is killed, coordinator and workers are
-stopped by SIGTERM, and what cannot work must say why. Exit code 1 if anything is otherwise. Takes three minutes.
+stopped by SIGTERM, and what cannot work must say why. Exit code 1 if anything is otherwise. Takes a minute.
 """
 
 import argparse

@@ -6,13 +6,13 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use cache::{MAX_ENTRY_BYTES, Store};
 use proto::task::Described;
-use proto::{Digest, MAX_BLOB_BYTES};
+use proto::{BLOB_KIND, Digest, MAX_BLOB_BYTES};
 use tokio::sync::Semaphore;
 use tokio::task::spawn_blocking;
 use tonic::{Code, Status};
 
 use crate::backoff::Backoff;
-use crate::bucket::{self, Bucket};
+use crate::bucket::Bucket;
 use crate::wire::Client;
 
 /// Why a blob is not to be had.
@@ -136,29 +136,26 @@ impl Blobs {
     /// Blobs from the bucket or the coordinator. What the bucket has not is kept there for others, except by a worker inside
     /// the coordinator's process, which has them all.
     async fn fetch_all(&self, digests: &[Digest]) -> Result<Vec<Vec<u8>>, BlobError> {
-        let is_remote = self.copies.is_some();
-        let shared = if is_remote { self.shared(digests).await } else { vec![None; digests.len()] };
-        let fetch = async |(shared, &digest): (Option<Vec<u8>>, &Digest)| {
-            if let Some(bytes) = shared {
-                return Ok(bytes);
-            }
-            let bytes = self.fetch(digest).await?;
-            if is_remote {
-                self.bucket.put(bucket::BLOBS, vec![(digest, bytes.clone())]);
-            }
-            Ok(bytes)
+        let shared = self.shared(digests).await;
+        let is_new: Vec<bool> = shared.iter().map(Option::is_none).collect();
+        let fetch = async |(shared, &digest): (Option<Vec<u8>>, &Digest)| match shared {
+            Some(bytes) => Ok(bytes),
+            None => self.fetch(digest).await,
         };
-        futures_util::future::try_join_all(shared.into_iter().zip(digests).map(fetch)).await
+        let fetch = shared.into_iter().zip(digests).map(fetch);
+        let blobs = futures_util::future::try_join_all(fetch).await?;
+        if self.copies.is_some() && self.bucket.is_offered() {
+            let new = digests.iter().zip(&blobs).zip(is_new).filter(|(_, is_new)| *is_new);
+            let new = new.map(|((digest, bytes), _)| (*digest, bytes.clone()));
+            self.bucket.put(BLOB_KIND, new.collect());
+        }
+        Ok(blobs)
     }
 
     /// The bytes with this digest, if the bucket or the coordinator gives them; nothing of them is kept on the disk. `None`
     /// for whatever goes wrong: what is asked for can be made here just as well.
     pub async fn given(&self, digest: Digest) -> Option<Vec<u8>> {
-        let mut shared = match self.copies {
-            Some(_) => self.shared(&[digest]).await,
-            None => Vec::new(),
-        };
-        match shared.pop().flatten() {
+        match self.shared(&[digest]).await.pop().flatten() {
             Some(bytes) => Some(bytes),
             None => self.fetch(digest).await.ok(),
         }
@@ -167,13 +164,13 @@ impl Blobs {
     /// Gives the description of a shard to others by the bucket.
     pub fn share(&self, described: &Described) {
         if let Some(bytes) = described.bytes.as_ref().filter(|_| self.bucket.is_offered()) {
-            self.bucket.put(bucket::BLOBS, vec![(described.digest, bytes.to_vec())]);
+            self.bucket.put(BLOB_KIND, vec![(described.digest, bytes.to_vec())]);
         }
     }
 
     /// What the bucket has of these blobs.
     async fn shared(&self, digests: &[Digest]) -> Vec<Option<Vec<u8>>> {
-        let found = self.bucket.get(bucket::BLOBS, digests, MAX_BLOB_BYTES).await;
+        let found = self.bucket.get(BLOB_KIND, digests, MAX_BLOB_BYTES).await;
         let sound = |(bytes, &digest): (Option<Vec<u8>>, &Digest)| {
             let bytes = bytes?;
             let got = Digest::of(&bytes);

@@ -6,6 +6,7 @@ use std::path::Path;
 use std::sync::OnceLock;
 
 use clap::Command;
+use clap::builder::{Resettable, StyledStr};
 
 /// Commands of the coordinator: with its name before them, they are something to type.
 const COMMANDS: [&str; 22] = [
@@ -122,33 +123,17 @@ impl Names {
         ];
         let [about, long_about, after_help, after_long_help] =
             texts.map(|text| text.map(|text| renamed(text.to_string())));
-        let mut command = command.mut_args(|argument| {
-            let (help, long_help) = (argument.get_help().cloned(), argument.get_long_help().cloned());
-            let argument = match help {
-                Some(help) => argument.help(renamed(help.to_string())),
-                None => argument,
-            };
-            match long_help {
-                Some(help) => argument.long_help(renamed(help.to_string())),
-                None => argument,
-            }
+        let shown = |text: Option<String>| Resettable::from(text.map(StyledStr::from));
+        let command = command.mut_args(|argument| {
+            let help = argument.get_help().map(|help| renamed(help.to_string()));
+            let long_help = argument.get_long_help().map(|help| renamed(help.to_string()));
+            argument.help(shown(help)).long_help(shown(long_help))
         });
-        command = match about {
-            Some(text) => command.about(text),
-            None => command,
-        };
-        command = match long_about {
-            Some(text) => command.long_about(text),
-            None => command,
-        };
-        command = match after_help {
-            Some(text) => command.after_help(text),
-            None => command,
-        };
-        command = match after_long_help {
-            Some(text) => command.after_long_help(text),
-            None => command,
-        };
+        let command = command
+            .about(shown(about))
+            .long_about(shown(long_about))
+            .after_help(shown(after_help))
+            .after_long_help(shown(after_long_help));
         command.mut_subcommands(|subcommand| self.in_command(subcommand))
     }
 }

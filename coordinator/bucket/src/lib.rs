@@ -6,7 +6,7 @@ use std::time::{Duration, SystemTime};
 
 use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
-use cache::BucketUrl;
+use cache::{BucketUrl, Pruned};
 use futures_util::{StreamExt as _, TryStreamExt as _};
 use hyper::Method;
 use hyper::header::{HeaderName, HeaderValue};
@@ -54,17 +54,6 @@ pub enum BucketError {
 pub struct Bucket {
     url: BucketUrl,
     store: AmazonS3,
-}
-
-/// What was found in a bucket when it was pruned.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Pruned {
-    /// Objects of ours that are old, and their bytes.
-    pub old: (u64, u64),
-    /// Objects of ours that stay, and their bytes.
-    pub kept: (u64, u64),
-    /// Objects below the prefix that are not ours.
-    pub foreign: u64,
 }
 
 impl Bucket {

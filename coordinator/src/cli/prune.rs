@@ -4,10 +4,10 @@ use std::process::ExitCode;
 use std::time::{Duration, SystemTime};
 
 use anyhow::Context as _;
-use cache::{BucketUrl, ByteSize};
+use cache::{BucketUrl, ByteSize, Pruned};
 use clap::Args;
 
-use crate::shared_bucket::{Bucket, Pruned};
+use crate::shared_bucket::Bucket;
 
 const DAY: Duration = Duration::from_secs(24 * 60 * 60);
 

@@ -93,6 +93,21 @@ impl Spoiled {
 }
 
 #[test]
+fn buckets_where_there_can_be_none() {
+    let experiment = Experiment::new("");
+    let shared = |url| experiment.run("out", &["--shared", url]);
+    check(shared("s3://lab/descry"), &["s3://lab/descry: cannot be used", "--features s3", "file://"]);
+    assert!(!experiment.folder().join("out").exists(), "nothing is made for a run that cannot begin");
+    check(shared("s3://Lab"), &["shared bucket: ", "got s3://Lab"]);
+    check(
+        run("coordinator", ["prune", "s3://lab", "--days", "30"]),
+        &["s3://lab: cannot be used", "--features s3"],
+    );
+    let worker = ["--coordinator", "http://127.0.0.1:1", "--shared", "s3://lab/descry"];
+    check(run("worker", worker), &["--shared: a worker needs no bucket", "got s3://lab/descry"]);
+}
+
+#[test]
 fn split_lists() {
     for (line, parts) in [
         ("mug/mug_1/mug_1_1_99.pcd", &["mug_1_1_99.pcd", "train1.txt"][..]),

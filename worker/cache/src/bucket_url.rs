@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use proto::Digest;
+use proto::{BLOB_KIND, Digest};
 
 use crate::layout;
 
@@ -48,6 +48,17 @@ impl FromStr for BucketUrl {
     }
 }
 
+/// What was found in a bucket when it was pruned.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Pruned {
+    /// Objects of ours that are old, and their bytes.
+    pub old: (u64, u64),
+    /// Objects of ours that stay, and their bytes.
+    pub kept: (u64, u64),
+    /// Objects below the prefix that are not ours.
+    pub foreign: u64,
+}
+
 impl fmt::Display for BucketUrl {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let slash = if self.prefix.is_empty() { "" } else { "/" };
@@ -56,10 +67,10 @@ impl fmt::Display for BucketUrl {
 }
 
 impl BucketUrl {
-    /// The whole name of the object that holds an entry of a kind, or, where `kind` is empty, a blob. As in a cache folder,
-    /// below the prefix; `None` for kinds that are not lower-case words.
+    /// The whole name of the object that holds an entry of a kind, or a blob ([`BLOB_KIND`]). As in a cache folder, below the
+    /// prefix; `None` for kinds that are not lower-case words.
     pub fn object(&self, kind: &str, key: Digest) -> Option<String> {
-        let path = if kind.is_empty() { layout::blob(key) } else { layout::derived(kind, key)? };
+        let path = if kind == BLOB_KIND { layout::blob(key) } else { layout::derived(kind, key)? };
         let slash = if self.prefix.is_empty() { "" } else { "/" };
         Some(format!("{}{slash}{}", self.prefix, path.display()))
     }

@@ -15,7 +15,7 @@ mod size;
 mod store;
 mod tier;
 
-pub use bucket_url::{BucketUrl, InvalidBucketUrl};
+pub use bucket_url::{BucketUrl, InvalidBucketUrl, Pruned};
 pub use bytesize::ByteSize;
 pub use entry::{Damage, MAX_ENTRY_BYTES};
 pub use key::KeyBuilder;

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Barrier};
+use std::time::{Duration, SystemTime};
 
 use proto::Digest;
 
@@ -225,6 +226,31 @@ fn the_shared_folder_is_read_and_written_through() {
     fs::write(path(shared.path()), b"damaged").unwrap();
     assert_eq!(sharing(two.path()).get(KIND, key()), None);
     assert!(!path(shared.path()).exists());
+}
+
+#[test]
+fn a_shared_folder_that_is_read_only_is_read_and_never_changed() {
+    let (cache, shared) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    open(shared.path()).put(KIND, key(), b"payload");
+    let long_ago = SystemTime::UNIX_EPOCH + Duration::from_secs(1_000_000_000);
+    fs::File::open(path(shared.path())).unwrap().set_modified(long_ago).unwrap();
+    let read_only =
+        Storage { shared: Some(shared.path().to_owned()), shared_read_only: true, ..storage(cache.path()) };
+    let store = Store::open(&read_only, "here", VERSION);
+    assert_eq!(store.get(KIND, key()).as_deref(), Some(&b"payload"[..]));
+    let modified = fs::metadata(path(shared.path())).unwrap().modified().unwrap();
+    assert_eq!(modified, long_ago, "not even the time of use is written");
+    store.put(KIND, Digest::of(b"another"), b"payload");
+    assert_eq!(open(shared.path()).get(KIND, Digest::of(b"another")), None);
+
+    // Something damaged stays for its owner, and reaches nobody.
+    fs::remove_dir_all(cache.path().join(layout::DERIVED)).unwrap();
+    fs::write(path(shared.path()), b"damaged").unwrap();
+    let (found, warned) = warnings(|| store.get(KIND, key()));
+    assert_eq!((found, warned.len()), (None, 1), "{warned:?}");
+    assert!(path(shared.path()).exists());
+    store.distrust(KIND, key(), "wrong".to_owned(), &[]);
+    assert!(path(shared.path()).exists());
 }
 
 #[test]

@@ -1,5 +1,5 @@
 //! The bucket that the machines of a run share, as workers use it: by URLs that the coordinator signs, and only as long as
-//! that is faster than to do without.
+//! it answers soon enough.
 
 mod breaker;
 mod http;
@@ -23,9 +23,15 @@ use breaker::{Admission, Breaker};
 use http::{Fault, Http};
 pub use http::{HttpClient, http_client};
 
-/// Requests for objects at once: enough to hide the network's delay.
+/// Objects that are read at once: enough to hide the network's delay.
 const DOWNLOADS: usize = 16;
+/// Objects that are stored at once, beside the work.
 const UPLOADS: usize = 4;
+/// For a signature the coordinator may take so long.
+const SIGNATURE: Duration = Duration::from_secs(5);
+/// Memory for what is on its way to the bucket, KiB. What finds no room is not kept there.
+const UPLOAD_KIB: u32 = 64 << 10;
+
 /// What a worker does with a bucket.
 #[derive(Clone, Copy, Debug)]
 pub struct Access {
@@ -40,7 +46,7 @@ pub struct Access {
 pub struct Patience {
     /// For the one that shows whether the bucket is well.
     pub trial: Duration,
-    /// For those that are asked for together, and so much more for each: to prepare a cloud takes less.
+    /// For those that are asked for together, and so much more for each.
     pub objects: (Duration, Duration),
     /// At its end, for what is on its way to the bucket.
     pub uploads: Duration,
@@ -52,11 +58,6 @@ impl Default for Patience {
         Self { trial: second, objects: (second, Duration::from_millis(20)), uploads: 5 * second }
     }
 }
-
-/// For a signature the coordinator may take so long.
-const SIGNATURE: Duration = Duration::from_secs(5);
-/// Memory for what is on its way to the bucket, KiB. What finds no room is not kept there.
-const UPLOAD_KIB: u32 = 64 << 10;
 
 /// A bucket. Every fault is a miss, and a warning when it makes the worker do without for a while.
 #[derive(Debug)]
@@ -74,9 +75,6 @@ pub struct Bucket {
     /// Damaged objects so far.
     damaged: AtomicU64,
 }
-
-/// The kind of objects that are blobs.
-pub const BLOBS: &str = "";
 
 impl Bucket {
     /// The bucket to which `client` gives URLs, once it is known that there is one.
@@ -182,7 +180,8 @@ impl Bucket {
         }
     }
 
-    /// Keeps objects of one kind there, soon, as far as there is room for them on the way.
+    /// Keeps objects of one kind there, soon, as far as there is room for them on the way. To be called where tokio's tasks
+    /// run, not on the threads that compute.
     pub fn put(self: &Arc<Self>, kind: &'static str, objects: Vec<(Digest, Vec<u8>)>) {
         if !self.access.writes || !self.is_offered() || lock(&self.writes).refuses(Instant::now()) {
             return;

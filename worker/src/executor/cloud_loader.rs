@@ -23,6 +23,15 @@ use crate::prepared_cloud::PREPARED_CLOUD;
 
 type Prepared = (Digest, Arc<PreparedCloud>);
 type Loaded = Vec<Prepared>;
+/// A cloud, and the key of its entry.
+type Keyed = (Listed, Digest);
+
+/// Who has given an entry.
+#[derive(Clone, Copy)]
+enum Giver {
+    Bucket,
+    Coordinator,
+}
 
 /// Loads prepared clouds for tasks, batch by batch.
 pub struct CloudLoader {
@@ -176,7 +185,8 @@ impl CloudLoader {
         self.computing.run(move || wanted.into_par_iter().partition_map(load)).await
     }
 
-    /// From the bucket or the coordinator's own store; the second list is what neither has.
+    /// From the bucket or the coordinator's own store; the second list is what neither has. What the coordinator gives, the
+    /// bucket has from then on.
     async fn fetch(&self, cache: &Arc<PreparationCache>, wanted: Vec<Listed>) -> (Loaded, Vec<Listed>) {
         let (mut keyed, mut without) = (Vec::new(), Vec::new());
         for cloud in wanted {
@@ -185,69 +195,55 @@ impl CloudLoader {
                 None => without.push(cloud),
             }
         }
-        let (shared, absent) = self.fetch_from_bucket(cache, keyed).await;
-        let (fetched, absent) = self.fetch_from_coordinator(cache, absent).await;
-        without.extend(absent);
-        (shared.into_iter().chain(fetched).collect(), without)
+        if keyed.is_empty() {
+            return (Vec::new(), without);
+        }
+        let span = debug_span!("fetch", descry.clouds = keyed.len() as i64);
+        let bucket = &self.blobs.bucket;
+        let keys: Vec<Digest> = keyed.iter().map(|(_, key)| *key).collect();
+        let entries = bucket.get(PREPARED_CLOUD, &keys, MAX_ENTRY_BYTES).instrument(span.clone()).await;
+        let (shared, absent) = self.adopt(cache, (keyed, entries), Giver::Bucket).await;
+
+        let ask = absent.iter().map(|(_, key)| self.blobs.derived(PREPARED_CLOUD, *key));
+        let entries = futures_util::future::join_all(ask).instrument(span).await;
+        let (given, absent) = self.adopt(cache, (absent, entries), Giver::Coordinator).await;
+        without.extend(absent.into_iter().map(|(cloud, _)| cloud));
+
+        let (given, entries): (Loaded, Vec<(Digest, Vec<u8>)>) = given.into_iter().unzip();
+        bucket.put(PREPARED_CLOUD, entries);
+        (shared.into_iter().map(|(one, _)| one).chain(given).collect(), without)
     }
 
-    async fn fetch_from_bucket(
+    /// Keeps the entries that are sound, which are returned with their clouds; the second list are clouds without.
+    async fn adopt(
         &self,
         cache: &Arc<PreparationCache>,
-        wanted: Vec<(Listed, Digest)>,
-    ) -> (Loaded, Vec<(Listed, Digest)>) {
-        if wanted.is_empty() {
-            return (Vec::new(), wanted);
-        }
-        let span = debug_span!("fetch", descry.clouds = wanted.len() as i64);
-        let keys: Vec<Digest> = wanted.iter().map(|(_, key)| *key).collect();
-        let entries = self.blobs.bucket.get(PREPARED_CLOUD, &keys, MAX_ENTRY_BYTES).instrument(span).await;
+        (wanted, entries): (Vec<Keyed>, Vec<Option<Vec<u8>>>),
+        giver: Giver,
+    ) -> (Vec<(Prepared, (Digest, Vec<u8>))>, Vec<Keyed>) {
         let (store, cache, bucket) =
             (Arc::clone(&self.store), Arc::clone(cache), Arc::clone(&self.blobs.bucket));
-        let adopt = move |((cloud, key), entry): ((Listed, Digest), Option<Vec<u8>>)| {
-            let payload = entry.and_then(|bytes| match store.adopt(PREPARED_CLOUD, key, &bytes) {
-                Ok(payload) => Some(payload),
+        let adopt = move |((cloud, key), entry): (Keyed, Option<Vec<u8>>)| {
+            let Some(bytes) = entry else { return Either::Right((cloud, key)) };
+            match store.adopt(PREPARED_CLOUD, key, &bytes) {
+                Ok(payload) => decoded(&cache, cloud, Some(payload))
+                    .map_left(|one| (one, (key, bytes)))
+                    .map_right(|cloud| (cloud, key)),
                 Err(damage) => {
-                    bucket.note_damaged(&format_args!("{}: its entry {damage}", cloud.path));
-                    None
+                    match giver {
+                        Giver::Bucket => {
+                            bucket.note_damaged(&format_args!("{}: its entry {damage}", cloud.path))
+                        }
+                        Giver::Coordinator => tracing::warn!(
+                            "{}: the coordinator's entry {damage}, preparing it here",
+                            cloud.path
+                        ),
+                    }
+                    Either::Right((cloud, key))
                 }
-            });
-            decoded(&cache, cloud, payload).map_right(|cloud| (cloud, key))
+            }
         };
         self.computing.run(move || wanted.into_par_iter().zip(entries).partition_map(adopt)).await
-    }
-
-    /// What the coordinator has, the bucket has from now on.
-    async fn fetch_from_coordinator(
-        &self,
-        cache: &Arc<PreparationCache>,
-        wanted: Vec<(Listed, Digest)>,
-    ) -> (Loaded, Vec<Listed>) {
-        if wanted.is_empty() {
-            return (Vec::new(), Vec::new());
-        }
-        let span = debug_span!("fetch", descry.clouds = wanted.len() as i64);
-        let ask = async |(cloud, key): (Listed, Digest)| {
-            let entry = self.blobs.derived(PREPARED_CLOUD, key).await;
-            (cloud, key, entry)
-        };
-        let answers = futures_util::future::join_all(wanted.into_iter().map(ask)).instrument(span).await;
-        let (store, cache, bucket) =
-            (Arc::clone(&self.store), Arc::clone(cache), Arc::clone(&self.blobs.bucket));
-        let adopt = move |(cloud, key, entry): (Listed, Digest, Option<Vec<u8>>)| {
-            let payload = entry.and_then(|bytes| match store.adopt(PREPARED_CLOUD, key, &bytes) {
-                Ok(payload) => {
-                    bucket.put(PREPARED_CLOUD, vec![(key, bytes)]);
-                    Some(payload)
-                }
-                Err(damage) => {
-                    tracing::warn!("{}: the coordinator's entry {damage}, preparing it here", cloud.path);
-                    None
-                }
-            });
-            decoded(&cache, cloud, payload)
-        };
-        self.computing.run(move || answers.into_par_iter().partition_map(adopt)).await
     }
 
     /// From the source files.

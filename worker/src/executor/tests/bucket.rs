@@ -156,3 +156,25 @@ async fn descriptions_are_given_to_others_by_the_bucket() {
     let given = blobs.given(digest).await.expect("the coordinator of this test has none");
     assert_eq!((Digest::of(&given), blobs.fetched()), (digest, 0));
 }
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_the_coordinator_has_prepared_the_bucket_has_from_then_on() {
+    let archive = Archive::new();
+    let folder = tempdir().unwrap();
+    let source = store(Some(folder.path().to_owned()));
+    carry_out(&executor(&archive, LARGE, &source), task(&archive, descriptors()[0], true)).await;
+    let cache = PreparationCache::new(&preparation(), LARGE).unwrap();
+    let entry = |cloud: &Digest| {
+        let key = cache.entry_key(*cloud).unwrap();
+        (key.to_vec(), source.entry(PREPARED_CLOUD, key).unwrap())
+    };
+    archive.derived.lock().unwrap().extend(PREPARED.keys().map(entry));
+    let (server, cache) = (BucketServer::start(Mode::Well).await, tempdir().unwrap());
+    let second = machine(&archive, cache.path(), &server, false);
+    assert_eq!(work_through(&second, &archive).await.fetched, CLOUDS);
+    archive.derived.lock().unwrap().clear();
+    let cache = tempdir().unwrap();
+    let third = machine(&archive, cache.path(), &server, false);
+    let work = work_through(&third, &archive).await;
+    assert_eq!((work.prepared, work.fetched), (0, CLOUDS));
+}
