@@ -38,6 +38,10 @@ impl Bucket {
         match *self {}
     }
 
+    pub async fn read(&self, _: &str, _: Digest, _: u64) -> Result<Option<Vec<u8>>, BucketError> {
+        match *self {}
+    }
+
     pub async fn probe(&self) -> Result<(), BucketError> {
         match *self {}
     }

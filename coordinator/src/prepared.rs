@@ -4,8 +4,8 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use cache::Store;
-use descriptor::{Preparer, Preprocess};
+use cache::{Damage, Store};
+use descriptor::{Preparer, Preprocess, cloud_file};
 use proto::Digest;
 use worker::{PREPARED_CLOUD, prepared_cloud_key};
 
@@ -15,8 +15,10 @@ use cluster::blobs::BlobStore;
 /// Which entries of the store are of this run's clouds. Keys from the wire are only looked up among these.
 pub struct PreparedClouds {
     store: Arc<Store>,
-    /// Digest of the source file by key of the entry.
-    sources: HashMap<Digest, Digest>,
+    preprocess: Preprocess,
+    preparers: Vec<Preparer>,
+    /// Digest of the source file, and which preparer it is for, by key of the entry.
+    sources: HashMap<Digest, (Digest, usize)>,
 }
 
 impl PreparedClouds {
@@ -30,22 +32,47 @@ impl PreparedClouds {
     ) -> Self {
         let digests = clouds.iter().map(|cloud| Digest(cloud.digest));
         let in_each_way = |digest: Digest| {
-            let key = move |preparer| Some((prepared_cloud_key(preprocess, preparer, digest)?, digest));
-            preparers.iter().filter_map(key)
+            let key = move |(index, preparer)| {
+                Some((prepared_cloud_key(preprocess, preparer, digest)?, (digest, index)))
+            };
+            preparers.iter().enumerate().filter_map(key)
         };
-        Self { store, sources: digests.flat_map(in_each_way).collect() }
+        let sources = digests.flat_map(in_each_way).collect();
+        Self { store, preprocess: *preprocess, preparers: preparers.to_vec(), sources }
     }
 
     /// Whether workers may have an entry, wherever it is: it is of this run's clouds and its source is released.
     pub fn are_given(&self, kind: &str, key: Digest, blobs: &BlobStore) -> bool {
         let source = self.sources.get(&key).filter(|_| kind == PREPARED_CLOUD);
-        source.is_some_and(|source| blobs.is_released(*source))
+        source.is_some_and(|(source, _)| blobs.is_released(*source))
     }
 
     /// An entry, if there is one and its source cloud is released: no worker gets a test cloud in another form before
     /// the search is over.
     pub fn read(&self, kind: &str, key: Digest, blobs: &BlobStore) -> Option<Vec<u8>> {
         if self.are_given(kind, key, blobs) { self.store.entry(kind, key) } else { None }
+    }
+
+    /// The payload of an entry that came from elsewhere.
+    ///
+    /// # Errors
+    /// What is wrong with its form.
+    pub fn payload<'a>(&self, key: Digest, bytes: &'a [u8]) -> Result<&'a [u8], Damage> {
+        self.store.payload(PREPARED_CLOUD, key, bytes)
+    }
+
+    /// The payload that the entry of a released cloud must have, made here and now from its source.
+    ///
+    /// # Errors
+    /// If the source cannot be read any more.
+    pub fn prepare(&self, key: Digest, blobs: &BlobStore) -> Result<Vec<u8>, String> {
+        let none = || format!("derived entry {key}: is of no cloud of this run");
+        let (source, index) = self.sources.get(&key).ok_or_else(none)?;
+        let preparer = self.preparers.get(*index).ok_or_else(none)?;
+        let bytes = blobs.read(*source).map_err(|error| error.to_string())?;
+        let cloud = cloud_file::read(&bytes).map_err(|error| error.to_string())?;
+        let prepared = preparer.prepare(&cloud, &self.preprocess).map_err(|error| error.to_string())?;
+        preparer.encode(&prepared).ok_or_else(none)
     }
 }
 

@@ -131,9 +131,8 @@ impl<'a> Session<'a> {
         let prepared = PreparedClouds::new(Arc::clone(&store), experiment.preprocess(), &preparers, entries);
         let prepared = Arc::new(prepared);
         let bucket = shared_bucket::open(&store)?;
-        let presign = bucket
-            .as_ref()
-            .map(|bucket| shared_bucket::presign(bucket, &prepared, &cluster, store.is_shared_read_only()));
+        let presign =
+            bucket.as_ref().map(|bucket| shared_bucket::presign(bucket, &prepared, &cluster, &store));
         let release = Release { build: worker::BUILD, evaluation_version: descriptor::EVALUATION_VERSION };
         let released = Arc::clone(&cluster);
         let derived = Arc::new(move |kind: &str, key| prepared.read(kind, key, &released.blobs));

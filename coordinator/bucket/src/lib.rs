@@ -120,6 +120,26 @@ impl Bucket {
         Ok(Some(signed.to_string()))
     }
 
+    /// An entry of a kind, or a blob, unchecked; `None` if there is none, or none of at most `most` bytes.
+    ///
+    /// # Errors
+    /// If the server does not give it.
+    pub async fn read(
+        &self,
+        kind: &str,
+        key: proto::Digest,
+        most: u64,
+    ) -> Result<Option<Vec<u8>>, BucketError> {
+        let Some(name) = self.url.object(kind, key) else { return Ok(None) };
+        let failed = |error| self.failed("read", error);
+        match self.store.get(&Path::from(name)).await {
+            Ok(object) if object.meta.size > most => Ok(None),
+            Ok(object) => Ok(Some(object.bytes().await.map_err(failed)?.into())),
+            Err(object_store::Error::NotFound { .. }) => Ok(None),
+            Err(error) => Err(failed(error)),
+        }
+    }
+
     /// Asks for the first object, to see whether server, bucket and key are as they should be.
     ///
     /// # Errors

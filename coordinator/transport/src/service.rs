@@ -36,8 +36,8 @@ pub struct ObjectRequest {
 /// URLs of objects of one kind, or of blobs where it is empty, one for each, in their order; `None` where there is none for
 /// a worker. Or why nothing can be signed now.
 pub type Presigned = Pin<Box<dyn Future<Output = Result<Vec<Option<String>>, String>> + Send>>;
-/// Signs them.
-pub type Presign = Arc<dyn Fn(String, Vec<ObjectRequest>) -> Presigned + Send + Sync>;
+/// Signs them for a principal.
+pub type Presign = Arc<dyn Fn(Principal, String, Vec<ObjectRequest>) -> Presigned + Send + Sync>;
 
 /// What a run gives to its workers beside blobs.
 #[derive(Clone)]
@@ -209,7 +209,7 @@ impl Service {
         let cluster = &self.cluster;
         let (session, heartbeat, hold) = (cluster.session, cluster.heartbeat(), cluster.hold());
         let has_bucket = self.shared.presign.is_some();
-        Ok(Accepted { name, session, heartbeat, hold, audit: cluster.audit(), has_bucket })
+        Ok(Accepted { name, session, heartbeat, hold, audit: cluster.audit().share, has_bucket })
     }
 
     /// Answers a poll.
@@ -279,7 +279,7 @@ impl Service {
             return Err(Status::unimplemented("bucket: this coordinator has none"));
         };
         self.cluster.begun().await;
-        presign(kind, objects).await.map_err(Status::unavailable)
+        presign(principal, kind, objects).await.map_err(Status::unavailable)
     }
 
     /// Sends the bytes that `read` gives, when there is room for them.

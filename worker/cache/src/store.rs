@@ -137,9 +137,17 @@ impl Store {
     /// # Errors
     /// What is wrong with it.
     pub fn adopt(&self, kind: &str, key: Digest, bytes: &[u8]) -> Result<Vec<u8>, Damage> {
-        let payload = entry::payload(bytes, kind, key, self.version)?.to_vec();
+        let payload = self.payload(kind, key, bytes)?.to_vec();
         put(&self.tiers, kind, key, &[bytes]);
         Ok(payload)
+    }
+
+    /// The payload of an entry that came from another machine.
+    ///
+    /// # Errors
+    /// What is wrong with it.
+    pub fn payload<'a>(&self, kind: &str, key: Digest, bytes: &'a [u8]) -> Result<&'a [u8], Damage> {
+        entry::payload(bytes, kind, key, self.version)
     }
 
     /// The bytes with this digest, if they are kept here.

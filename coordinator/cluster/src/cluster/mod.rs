@@ -22,7 +22,7 @@ use crate::events::{EventCursor, EventKind, EventLog};
 use crate::journal::{Journal, JournalError, LogSequence, Recorded};
 use crate::lock::lock;
 use crate::scheduler::{
-    Answer, Caller, ClientId, Doubt, Finished, JobFailed, Limits, Poll, PollRefusal, Provenance,
+    Answer, Audit, Caller, ClientId, Doubt, Finished, JobFailed, Limits, Poll, PollRefusal, Provenance,
     RegisterRefusal, RunSecret, Scheduler, Staffing,
 };
 use crate::sharding::{Batch, Layouts, ShardCount};
@@ -204,9 +204,9 @@ impl Cluster {
         (self.limits.lease / 3).min(Duration::from_secs(10))
     }
 
-    /// The least share of what others have computed that is computed again, from 0 to 1.
-    pub fn audit(&self) -> f64 {
-        self.limits.audit.share
+    /// How much of what others have computed is computed again.
+    pub fn audit(&self) -> Audit {
+        self.limits.audit
     }
 
     /// See [`Scheduler::register`]. A worker of this process ends with it, and is not kept.
@@ -231,6 +231,16 @@ impl Cluster {
     /// Ends the quarantine of a principal; `false` if it is not quarantined.
     pub fn readmit(&self, principal: Principal) -> bool {
         self.state().readmit(principal, Instant::now())
+    }
+
+    /// See [`Scheduler::quarantine`].
+    pub fn quarantine(&self, principal: Principal) {
+        self.state().quarantine(principal, Instant::now());
+    }
+
+    /// See [`Scheduler::suspect`].
+    pub fn suspect(&self, principal: Principal) {
+        self.state().scheduler.suspect(principal);
     }
 
     /// See [`Scheduler::deny`].

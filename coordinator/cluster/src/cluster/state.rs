@@ -134,6 +134,12 @@ impl ClusterState {
         was_quarantined
     }
 
+    /// See [`Scheduler::quarantine`].
+    pub(super) fn quarantine(&mut self, principal: Principal, now: Instant) {
+        self.scheduler.quarantine(principal, None, now);
+        self.settle(now);
+    }
+
     /// See [`Scheduler::deny`].
     pub(super) fn deny(&mut self, id: WorkerId, now: Instant) {
         self.scheduler.deny(id, now);

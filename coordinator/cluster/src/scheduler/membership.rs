@@ -132,6 +132,11 @@ impl Scheduler {
         was_quarantined
     }
 
+    /// Makes a principal a newcomer, whose next answers are all audited: what it goes on with may be wrong, by another's fault.
+    pub fn suspect(&mut self, principal: Principal) {
+        self.trust.forget(principal);
+    }
+
     /// Removes a worker that is not let in any more: its leases are free at once.
     pub fn deny(&mut self, id: WorkerId, now: Instant) {
         self.remove_worker(id, Departure::Denied, now);

@@ -140,17 +140,18 @@ impl Scheduler {
         let contradicted = if settled { self.contradicted(job_id) } else { Vec::new() };
         self.refile(job_id);
         for (principal, id) in contradicted {
-            self.quarantine(principal, id, now);
+            self.quarantine(principal, Some(id), now);
         }
     }
 
-    /// Quarantines a principal of which this worker was wrong, whether its workers are here or gone.
-    fn quarantine(&mut self, principal: Principal, id: WorkerId, now: Instant) {
+    /// Quarantines a principal, whether its workers are here or gone: this one has given a wrong answer, or, if there is none,
+    /// what it has stored for others was found wrong.
+    pub fn quarantine(&mut self, principal: Principal, id: Option<WorkerId>, now: Instant) {
         if !self.quarantined.insert(principal) {
             return;
         }
         self.doubts.push(Doubt::Quarantined(principal));
-        if !self.knows(id) && self.identities.contains_key(&id) {
+        if let Some(id) = id.filter(|id| !self.knows(*id) && self.identities.contains_key(id)) {
             self.note_departure(id, Departure::Quarantined, 0, now);
         }
         let its_own = self.workers.iter().filter(|(_, worker)| worker.principal == principal);

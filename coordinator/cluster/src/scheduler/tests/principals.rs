@@ -125,6 +125,24 @@ fn where_two_of_the_coordinators_own_differ_another_decides() {
 }
 
 #[test]
+fn who_is_wrong_outside_of_answers_loses_its_workers_and_its_answers() {
+    let mut bench = with_audit(2, 1.0, 0);
+    let job = bench.submit();
+    answer(&mut bench, 1, lie());
+    bench.scheduler.quarantine(principal(1), None, bench.now);
+    assert_eq!(bench.departures().len(), 1);
+    assert!(
+        matches!(bench.scheduler.drain_doubts()[..], [Doubt::Quarantined(wrong)] if wrong == principal(1))
+    );
+    assert_eq!(bench.join_as(3, principal(1)), Err(RegisterRefusal::Quarantined));
+    assert_eq!(answer(&mut bench, 2, good()), job);
+    assert_eq!(Ok(bench.scheduler.drain_finished()[0].result.clone()), good());
+    bench.scheduler.quarantine(principal(1), None, bench.now);
+    assert!(bench.scheduler.drain_doubts().is_empty(), "once is enough");
+    bench.scheduler.check_invariants();
+}
+
+#[test]
 fn a_newcomer_is_audited_until_it_is_known() {
     let mut bench = with_audit(2, 0.0, 3);
     for _ in 0..3 {
@@ -151,6 +169,12 @@ fn a_newcomer_is_audited_until_it_is_known() {
     bench.submit();
     answer(&mut bench, 3, good());
     assert!(bench.scheduler.drain_finished().is_empty(), "another newcomer");
+    answer(&mut bench, 2, good());
+    bench.scheduler.drain_finished();
+    bench.scheduler.suspect(principal(1));
+    bench.submit();
+    answer(&mut bench, 1, good());
+    assert!(bench.scheduler.drain_finished().is_empty(), "what it goes on with may be wrong");
 }
 
 #[test]
