@@ -25,6 +25,8 @@ pub use http::{HttpClient, http_client};
 
 /// Objects that are read at once: enough to hide the network's delay.
 const DOWNLOADS: usize = 16;
+/// After each lot of objects that has come in time, the next is so many times as large: a slow server is given up soon.
+const GROWTH: usize = 4;
 /// Objects that are stored at once, beside the work.
 const UPLOADS: usize = 4;
 /// For a signature the coordinator may take so long.
@@ -46,7 +48,7 @@ pub struct Access {
 pub struct Patience {
     /// For the one that shows whether the bucket is well.
     pub trial: Duration,
-    /// For those that are asked for together, and so much more for each.
+    /// For some that are asked for together, and so much more for each.
     pub objects: (Duration, Duration),
     /// At its end, for what is on its way to the bucket.
     pub uploads: Duration,
@@ -55,7 +57,7 @@ pub struct Patience {
 impl Default for Patience {
     fn default() -> Self {
         let second = Duration::from_secs(1);
-        Self { trial: second, objects: (second, Duration::from_millis(20)), uploads: 5 * second }
+        Self { trial: second, objects: (second / 2, Duration::from_millis(20)), uploads: 5 * second }
     }
 }
 
@@ -107,8 +109,6 @@ impl Bucket {
     /// not give soon enough.
     pub async fn get(&self, kind: &str, keys: &[Digest], most: u64) -> Vec<Option<Vec<u8>>> {
         let mut found = vec![None; keys.len()];
-        let (base, each) = self.patience.objects;
-        let deadline = Instant::now() + base + each * keys.len() as u32;
         let mut rest = &mut found[..];
         for keys in keys.chunks(MAX_PRESIGNED_URLS) {
             let (some, later) = rest.split_at_mut(keys.len());
@@ -117,40 +117,40 @@ impl Bucket {
             }
             let objects = keys.iter().map(|&key| ObjectRequest { key, sha256: None }).collect();
             let urls = self.presigned(&self.reads, kind, objects).await;
-            self.download(urls, most, deadline, some).await;
+            self.download(urls, most, some).await;
             rest = later;
         }
         found
     }
 
-    /// The objects at `urls`, as far as they come until the deadline; the first alone where nothing is known of the bucket.
-    async fn download(
-        &self,
-        mut urls: Vec<(usize, String)>,
-        most: u64,
-        deadline: Instant,
-        found: &mut [Option<Vec<u8>>],
-    ) {
+    /// The objects at `urls`, as far as they come soon enough; the first alone where nothing is known of the bucket.
+    async fn download(&self, mut urls: Vec<(usize, String)>, most: u64, found: &mut [Option<Vec<u8>>]) {
         if urls.is_empty() {
             return; // nothing that could be a trial
         }
         let now = Instant::now();
         let admission = lock(&self.reads).admit(now);
-        match admission {
-            Admission::Refused => {}
-            Admission::Granted => {
-                self.take(urls, most, deadline, found).await;
-            }
+        let is_well = match admission {
+            Admission::Refused => false,
+            Admission::Granted => true,
             Admission::Trial => {
-                let rest = urls.split_off(1);
-                if self.take(urls, most, now + self.patience.trial, found).await {
-                    self.take(rest, most, deadline, found).await;
-                }
+                let first = urls.drain(..1).collect();
+                self.take(first, most, now + self.patience.trial, found).await
             }
+        };
+        let (base, each) = self.patience.objects;
+        let mut count = DOWNLOADS;
+        while is_well && !urls.is_empty() {
+            let some: Vec<_> = urls.drain(..urls.len().min(count)).collect();
+            let deadline = Instant::now() + base + each * some.len() as u32;
+            if !self.take(some, most, deadline, found).await {
+                return;
+            }
+            count *= GROWTH;
         }
     }
 
-    /// The same without a trial; whether the bucket is well.
+    /// The objects at `urls`, as far as they come until the deadline; whether the bucket is well.
     async fn take(
         &self,
         urls: Vec<(usize, String)>,
