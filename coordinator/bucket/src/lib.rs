@@ -13,7 +13,7 @@ use hyper::header::{HeaderName, HeaderValue};
 use object_store::aws::{AmazonS3, AmazonS3Builder};
 use object_store::path::Path;
 use object_store::signer::{SignedUrlOptions, Signer as _};
-use object_store::{ObjectMeta, ObjectStore as _, RetryConfig};
+use object_store::{ObjectMeta, ObjectStore as _, ObjectStoreExt as _, RetryConfig};
 
 use http::Connector;
 
