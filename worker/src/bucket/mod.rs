@@ -76,6 +76,10 @@ pub struct Bucket {
     room: Arc<Semaphore>,
     /// Damaged objects so far.
     damaged: AtomicU64,
+    /// Objects that were taken from it and stored in it so far, and how long tasks have waited for it, ms.
+    taken: AtomicU64,
+    stored: AtomicU64,
+    waited_ms: AtomicU64,
 }
 
 impl Bucket {
@@ -92,6 +96,9 @@ impl Bucket {
             writes: breaker(),
             room: Arc::new(Semaphore::new(UPLOAD_KIB as usize)),
             damaged: AtomicU64::new(0),
+            taken: AtomicU64::new(0),
+            stored: AtomicU64::new(0),
+            waited_ms: AtomicU64::new(0),
         })
     }
 
@@ -109,6 +116,7 @@ impl Bucket {
     /// not give soon enough.
     pub async fn get(&self, kind: &str, keys: &[Digest], most: u64) -> Vec<Option<Vec<u8>>> {
         let mut found = vec![None; keys.len()];
+        let begun = Instant::now();
         let mut rest = &mut found[..];
         for keys in keys.chunks(MAX_PRESIGNED_URLS) {
             let (some, later) = rest.split_at_mut(keys.len());
@@ -120,6 +128,8 @@ impl Bucket {
             self.download(urls, most, some).await;
             rest = later;
         }
+        self.taken.fetch_add(found.iter().flatten().count() as u64, Ordering::Relaxed);
+        self.waited_ms.fetch_add(begun.elapsed().as_millis() as u64, Ordering::Relaxed);
         found
     }
 
@@ -217,7 +227,10 @@ impl Bucket {
                     Admission::Granted | Admission::Trial => {}
                 }
                 match http.put(&url, &BASE64_STANDARD.encode(sum), bytes.clone()).await {
-                    Ok(()) => lock(&self.writes).succeeded(),
+                    Ok(()) => {
+                        lock(&self.writes).succeeded();
+                        self.stored.fetch_add(1, Ordering::Relaxed);
+                    }
                     Err(fault) => {
                         self.gives_up(&self.writes, &fault);
                     }
@@ -231,9 +244,15 @@ impl Bucket {
         }
     }
 
-    /// Waits for what is on its way, but not for ever.
+    /// Waits for what is on its way, but not for ever, and says what the bucket was good for.
     pub async fn settle(&self) {
         let _ = tokio::time::timeout(self.patience.uploads, self.room.acquire_many(UPLOAD_KIB)).await;
+        let counts = [&self.taken, &self.stored, &self.waited_ms];
+        let [taken, stored, waited] = counts.map(|count| count.load(Ordering::Relaxed));
+        if taken + stored + waited > 0 {
+            let seconds = waited as f64 / 1000.0;
+            tracing::info!("bucket: took {taken} objects, stored {stored}, and waited {seconds:.1} s for it");
+        }
     }
 
     /// Says that an object is not what it should be; of many at 1, 2, 4, …
