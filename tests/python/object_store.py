@@ -16,6 +16,7 @@ import re
 import shutil
 import signal
 import socket
+import ssl
 import statistics
 import subprocess
 import threading
@@ -58,31 +59,36 @@ class Server:
 
 
 class Relay:
-    """Passes bytes on to a port and back, counts them, and waits before each answer."""
+    """Passes bytes on to a port and back, counts them, and waits before each answer; or speaks TLS for it."""
 
-    def __init__(self, port, delay=0.0):
-        self.port, self.delay, self.up, self.down = port, delay, 0, 0
+    def __init__(self, port, delay=0.0, tls=None):
+        self.port, self.delay, self.tls, self.up, self.down = port, delay, tls, 0, 0
+        self.counting = threading.Lock()
         self.listener = socket.create_server(("127.0.0.1", 0), backlog=1024)
         self.own = self.listener.getsockname()[1]
         threading.Thread(target=self.take, daemon=True).start()
 
     def take(self):
         while True:
-            near = self.listener.accept()[0]
-            try:
-                far = socket.create_connection(("127.0.0.1", self.port))
-            except OSError:
-                near.close()
-                continue
+            threading.Thread(target=self.connect, args=(self.listener.accept()[0],), daemon=True).start()
+
+    def connect(self, near):
+        try:
+            near = self.tls.wrap_socket(near, server_side=True) if self.tls else near
+            far = socket.create_connection(("127.0.0.1", self.port))
+        except OSError:
+            near.close()
+        else:
             threading.Thread(target=self.carry, args=(near, far, "up"), daemon=True).start()
-            threading.Thread(target=self.carry, args=(far, near, "down"), daemon=True).start()
+            self.carry(far, near, "down")
 
     def carry(self, source, target, way):
         try:
             while piece := source.recv(1 << 16):
                 if way == "down" and self.delay:
                     time.sleep(self.delay)
-                setattr(self, way, getattr(self, way) + len(piece))
+                with self.counting:
+                    setattr(self, way, getattr(self, way) + len(piece))
                 target.sendall(piece)
         except OSError:
             pass
@@ -198,6 +204,14 @@ def fails(site, server, environment, experiment, digest, without, program):
     print(f"killed during a run: {seconds / without:.3f} of the time without")
     server.start()
 
+    tls, believed = certificate(site.out)
+    https = {"AWS_ENDPOINT_URL": f"https://127.0.0.1:{Relay(server.port, tls=tls).own}"}
+    got, _, prepared, said = site.run(experiment, "--shared", URL, **environment | https | believed)
+    same(digest, got, "over TLS")
+    assert prepared == 0, said
+    print("over TLS: 0 clouds prepared")
+    one("over TLS, of a server that nobody vouches for", "certificate|UnknownIssuer", **https)
+
     slow = Relay(server.port, delay=0.5)
     one("slow, half a second", "no answer in time", AWS_ENDPOINT_URL=f"http://127.0.0.1:{slow.own}")
     one("wrong key", "SignatureDoesNotMatch", AWS_SECRET_ACCESS_KEY="another")
@@ -237,6 +251,21 @@ def fails(site, server, environment, experiment, digest, without, program):
         subprocess.run(["umount", "-l", small], check=True)
 
 
+def certificate(folder):
+    """A server's certificate for this machine, and TLS with it."""
+    file = folder / "bucket.pem"
+    extensions = ["subjectAltName=IP:127.0.0.1", "basicConstraints=critical,CA:FALSE"]
+    make = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes", "-days", "2",
+            "-subj", "/CN=bucket", "-keyout", file, "-out", folder / "public.pem"]
+    for extension in extensions:
+        make += ["-addext", extension]
+    subprocess.run(make, check=True, stderr=subprocess.DEVNULL)
+    file.write_text(file.read_text() + (folder / "public.pem").read_text())
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(file)
+    return context, {"SSL_CERT_FILE": str(folder / "public.pem")}
+
+
 def forge(paths):
     """Makes each prepared cloud another one, whose checksums are right. As `worker/cache/src/entry.rs` has entries."""
     from blake3 import blake3  # pip install blake3
@@ -265,9 +294,11 @@ def prunes(site, server, environment):
 
 
 def traffic(site, server, environment, workers):
-    """What workers take from the coordinator and from the bucket."""
+    """What workers take from the coordinator and from the bucket, on machines that join one after the other."""
     more = "\n[coordinator]\npieces = 64\n"
-    experiment = site.experiment("traffic", more, generations=3, population=10, objects=36)
+    experiment = site.experiment("traffic", more, generations=400, population=100, objects=36)
+    _, _, prepared, _ = site.run(experiment, "--shared", URL, **environment)
+    print(f"one worker has filled the bucket: {prepared} clouds, {len(server.objects())} objects")
     digests = set()
     for name, shared in [("without", []), ("with", ["--shared", URL])]:
         bucket = Relay(server.port)
@@ -275,17 +306,21 @@ def traffic(site, server, environment, workers):
         coordinator, port = site.coordinator(experiment, *shared, **variables)
         relay = Relay(port)
         address = ["--coordinator", f"http://127.0.0.1:{relay.own}", "--threads", "1", "--memory", "64MiB"]
-        crowd = [site.start("worker", *address, "--name", f"w{index}") for index in range(workers)]
+        crowd = []
+        for index in range(workers):
+            crowd.append(site.start("worker", *address, "--name", f"w{index}"))
+            said = lambda: re.search("prepared|run has ended", crowd[-1].log.read_text())
+            waiting.wait("the worker has clouds", said, 60)
         text, _ = coordinator.communicate(timeout=PATIENCE)
         assert coordinator.returncode == 0, coordinator.log.read_text()
         digests.add(json.loads(text)["run_digest"])
         for one in crowd:
             one.wait(120)
-        prepared = sum(
-            int(count) for one in crowd for count in re.findall(r"prepared (\d+) and loaded", one.log.read_text())
-        )
+        logs = [one.log.read_text() for one in crowd]
+        prepared = sum(int(count) for log in logs for count in re.findall(r"prepared (\d+) and loaded", log))
+        busy = sum("prepared" in log for log in logs)
         mb = lambda count: f"{count / 1e6:.1f} MB"
-        print(f"{workers} workers {name} a bucket: coordinator {mb(relay.down)} down, {mb(relay.up)} up;",
+        print(f"{busy} of {workers} workers {name} a bucket: coordinator {mb(relay.down)} down, {mb(relay.up)} up;",
               f"bucket {mb(bucket.down)} down, {mb(bucket.up)} up; {prepared} clouds prepared")
     assert len(digests) == 1, digests
 
