@@ -180,6 +180,14 @@ def left(machine):
     assert not any(path.startswith(("/usr/", "/lib/", "/etc/systemd")) for path in paths), paths
 
 
+def lists(machine, packages, place):
+    """The lists of what the programs are made of are installed, and are those beside the packages."""
+    for program in ("descry", "descry-worker"):
+        name = f"{program}.cdx.json"
+        installed = (machine.root / place / name).read_bytes()
+        assert installed == (packages / name).read_bytes(), f"{place}/{name} is another list than the one beside the packages"
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("packages", type=pathlib.Path)
@@ -195,12 +203,14 @@ def main():
     first = Machine(clean, arguments.out / "first")
     first.install(package)
     say(f"installed: {first.run('descry --version; descry-worker --version').strip()}")
+    lists(first, arguments.packages, "usr/share/doc/descry/sbom")
     demo(first)
     say("demo: digest as expected")
 
     second = Machine(clean, arguments.out / "second")
     second.put(tarball, f"{HOME}/descry.tar.gz")
     second.run("tar -xzf descry.tar.gz --strip-components=1 -C /usr/local")
+    lists(second, arguments.packages, "usr/local/share/doc/descry/sbom")
     worker = two_machines(first, second)
     assert "left" in worker or "ended" in worker, worker
     say("two machines, one by the package and one by the tarball: digest as expected")
