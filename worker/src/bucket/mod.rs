@@ -5,7 +5,7 @@ mod breaker;
 mod http;
 
 use std::fmt::Display;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -24,9 +24,12 @@ use http::{Fault, Http};
 pub use http::{HttpClient, http_client};
 
 /// Objects that are read at once: enough to hide the network's delay.
-const DOWNLOADS: usize = 16;
-/// After each lot of objects that has come in time, the next is so many times as large: a slow server is given up soon.
+const DOWNLOADS: usize = 64;
+/// Objects that are asked for together at first, and how many times as many after each lot that has come in time: a slow server
+/// is given up soon.
+const FIRST_LOT: usize = 16;
 const GROWTH: usize = 4;
+const LARGEST_LOT: usize = 1024;
 /// Objects that are stored at once, beside the work.
 const UPLOADS: usize = 4;
 /// For a signature the coordinator may take so long.
@@ -72,6 +75,8 @@ pub struct Bucket {
     patience: Patience,
     reads: Mutex<Breaker>,
     writes: Mutex<Breaker>,
+    /// Objects that are asked for together next.
+    lot: AtomicUsize,
     /// For what is on its way to it, KiB.
     room: Arc<Semaphore>,
     /// Damaged objects so far.
@@ -94,6 +99,7 @@ impl Bucket {
             patience,
             reads: breaker(),
             writes: breaker(),
+            lot: AtomicUsize::new(FIRST_LOT),
             room: Arc::new(Semaphore::new(UPLOAD_KIB as usize)),
             damaged: AtomicU64::new(0),
             taken: AtomicU64::new(0),
@@ -149,14 +155,18 @@ impl Bucket {
             }
         };
         let (base, each) = self.patience.objects;
-        let mut count = DOWNLOADS;
         while is_well && !urls.is_empty() {
-            let some: Vec<_> = urls.drain(..urls.len().min(count)).collect();
+            let lot = self.lot.load(Ordering::Relaxed);
+            let some: Vec<_> = urls.drain(..urls.len().min(lot)).collect();
+            let is_whole = some.len() == lot;
             let deadline = Instant::now() + base + each * some.len() as u32;
             if !self.take(some, most, deadline, found).await {
+                self.lot.store(FIRST_LOT, Ordering::Relaxed);
                 return;
             }
-            count *= GROWTH;
+            if is_whole {
+                self.lot.store((lot * GROWTH).min(LARGEST_LOT), Ordering::Relaxed);
+            }
         }
     }
 
