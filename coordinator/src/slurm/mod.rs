@@ -123,10 +123,7 @@ impl Supervisor {
         let mut decision = self.scaler.decide(wanted, &jobs, Instant::now());
         if let Decision::Ask(count) = decision {
             match self.queue.submit(count) {
-                Ok(number) => self.console.say(&format!(
-                    "Slurm: asked for {count} more workers, job {number}; logs in {}",
-                    self.queue.folder.display()
-                )),
+                Ok(number) => self.console.say(&asked(count, &number, &self.queue.folder)),
                 Err(reason) => {
                     self.console.say(&format!("Slurm: no worker, got {reason}"));
                     decision = self.scaler.refused(Instant::now());
@@ -215,6 +212,12 @@ impl Queue {
     }
 }
 
+/// What people are told of workers that were asked for.
+fn asked(count: u32, number: &str, folder: &Path) -> String {
+    let workers = if count == 1 { "worker" } else { "workers" };
+    format!("Slurm: asked for {count} more {workers}, job {number}; logs in {}", folder.display())
+}
+
 fn output(command: &mut Command) -> std::io::Result<Output> {
     command.stdin(Stdio::null()).output()
 }
@@ -227,4 +230,16 @@ fn said(done: &Output) -> Result<String, String> {
     let complaint = String::from_utf8_lossy(&done.stderr);
     let lines: Vec<&str> = complaint.lines().map(str::trim).filter(|line| !line.is_empty()).collect();
     Err(if lines.is_empty() { done.status.to_string() } else { lines.join("; ") })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_worker_is_no_several() {
+        let told = |count| asked(count, "7", Path::new("/run/slurm"));
+        assert_eq!(told(1), "Slurm: asked for 1 more worker, job 7; logs in /run/slurm");
+        assert_eq!(told(2), "Slurm: asked for 2 more workers, job 7; logs in /run/slurm");
+    }
 }
