@@ -1,6 +1,7 @@
 //! The link to a coordinator: plain or encrypted, with what the worker has to show at each call.
 
 use std::error::Error;
+use std::future::Future;
 use std::io;
 use std::net::IpAddr;
 use std::path::Path;
@@ -12,7 +13,8 @@ use proto::tls::TlsFilesError;
 use proto::{JoinAddress, Token};
 use rustls::pki_types::ServerName;
 use tokio::io::{AsyncRead, AsyncWrite};
-use tokio::net::TcpStream;
+use tokio::net::{TcpStream, lookup_host};
+use tokio::time::{Instant, timeout_at};
 use tokio_rustls::TlsConnector;
 use tonic::metadata::{Ascii, MetadataValue};
 use tonic::service::Interceptor;
@@ -22,6 +24,9 @@ use tonic::{Code, Request, Status};
 use tower::service_fn;
 
 use crate::tls;
+
+/// A connection that is not there after this time is given up.
+const CONNECT_TIME: Duration = Duration::from_secs(5);
 
 /// A connection that is made when it is needed and made again when it is lost.
 pub type Link = InterceptedService<Channel, Credentials>;
@@ -71,12 +76,11 @@ impl Coordinator {
             let target = coordinator.target();
             async move {
                 let nowhere = || io::Error::new(io::ErrorKind::NotFound, "its address is not known yet");
-                Ok::<_, io::Error>(TokioIo::new(connect(&*target.ok_or_else(nowhere)?).await?))
+                Ok::<_, io::Error>(TokioIo::new(connect(&*target.ok_or_else(nowhere)?, CONNECT_TIME).await?))
             }
         });
         // The name is for the log only: the connector dials.
         let channel = Endpoint::from_static("http://coordinator")
-            .connect_timeout(Duration::from_secs(5))
             // A cable that was pulled gives no error: ask the other side whether it is still there.
             .http2_keep_alive_interval(Duration::from_secs(10))
             .keep_alive_timeout(Duration::from_secs(10))
@@ -133,9 +137,16 @@ pub fn link(address: &JoinAddress, identity: Option<&Path>) -> Result<Link, TlsF
     Ok(Coordinator::at(address, identity)?.link())
 }
 
-async fn connect(target: &Target) -> io::Result<Box<dyn Stream>> {
+/// Connects within `time`. Each step fails in words of its own: whoever waits has to know which one it is.
+async fn connect(target: &Target, time: Duration) -> io::Result<Box<dyn Stream>> {
     let Target { host, port, tls, .. } = target;
-    let stream = TcpStream::connect((host.as_str(), *port)).await?;
+    let deadline = Instant::now() + time;
+    let unresolved = |got: io::Error| {
+        io::Error::new(got.kind(), format!("the host name {host} cannot be resolved, got {got}"))
+    };
+    let found = lookup_host((host.as_str(), *port));
+    let found: Vec<_> = within(deadline, "no answer", found).await.map_err(unresolved)?.collect();
+    let stream = within(deadline, "it does not answer", TcpStream::connect(&*found)).await?;
     stream.set_nodelay(true)?;
     let Some(tls) = tls else { return Ok(Box::new(stream)) };
     let name = ServerName::try_from(host.clone()).map_err(io::Error::other)?;
@@ -149,7 +160,17 @@ async fn connect(target: &Target) -> io::Result<Box<dyn Stream>> {
             (None, _) => error,
         }
     };
-    Ok(Box::new(tls.connect(name, stream).await.map_err(explained)?))
+    let shaken = async { tls.connect(name, stream).await.map_err(explained) };
+    Ok(Box::new(within(deadline, "it does not end the TLS handshake", shaken).await?))
+}
+
+/// A step of a connection, which fails in these words if it has not come to its end by the deadline.
+async fn within<T>(
+    deadline: Instant,
+    late: &'static str,
+    step: impl Future<Output = io::Result<T>>,
+) -> io::Result<T> {
+    timeout_at(deadline, step).await.unwrap_or_else(|_| Err(io::Error::new(io::ErrorKind::TimedOut, late)))
 }
 
 /// Says that a connection to another machine would not be encrypted.
@@ -204,6 +225,28 @@ pub fn hopeless(status: &Status) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Why a coordinator cannot be reached.
+    async fn failure(address: &str) -> String {
+        let target = Coordinator::at(&address.parse().unwrap(), None).unwrap().target().unwrap();
+        let connected = connect(&target, Duration::from_millis(200)).await;
+        connected.err().unwrap_or_else(|| panic!("{address}: is there")).to_string()
+    }
+
+    #[tokio::test]
+    async fn what_keeps_a_connection_from_being_made_is_told_apart() {
+        let reserved = failure("http://nowhere.invalid:7700").await; // by RFC 6761 nobody has it
+        assert!(reserved.starts_with("the host name nowhere.invalid cannot be resolved, got "), "{reserved}");
+        let silent = tokio::net::TcpListener::bind("127.0.0.1:0").await.unwrap();
+        let port = silent.local_addr().unwrap().port();
+        let trusted = format!("https://127.0.0.1:{port}#ca={}", "0".repeat(64));
+        assert_eq!(failure(&trusted).await, "it does not end the TLS handshake");
+        drop(silent);
+        let refused = failure(&trusted).await;
+        assert!(refused.starts_with("Connection refused"), "{refused}");
+        let late = within(Instant::now(), "it does not answer", std::future::pending::<io::Result<()>>());
+        assert_eq!(late.await.unwrap_err().to_string(), "it does not answer");
+    }
 
     #[test]
     fn this_machine_is_told_from_others() {

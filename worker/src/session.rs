@@ -146,6 +146,7 @@ impl Session {
     ) -> Result<Leaving, WorkerError> {
         tokio::pin!(shutdown);
         let mut last_contact = Instant::now();
+        let mut told = None;
         loop {
             // Where a coordinator can be told that the worker leaves, `attend` has done so.
             if let Stage::Over(why) = self.stage() {
@@ -175,12 +176,15 @@ impl Session {
                     tracing::info!("the coordinator does not know this worker, registering again")
                 }
                 End::Lost(status) => {
+                    let reason = reason(&status);
                     if self.conduct.patience.is_some_and(|patience| last_contact.elapsed() > patience) {
-                        return Err(WorkerError::OutOfReach { reason: reason(&status) });
+                        return Err(WorkerError::OutOfReach { reason });
                     }
                     let pause = backoff.next_pause();
-                    if backoff.is_first() {
-                        tracing::warn!("coordinator out of reach: {}, trying again", reason(&status));
+                    // Not each time; but what was put right must not hide what is wrong beside it.
+                    if backoff.is_first() || told.as_ref() != Some(&reason) {
+                        tracing::warn!("coordinator out of reach: {reason}, trying again");
+                        told = Some(reason);
                     }
                     let due = self.due();
                     tokio::select! {

@@ -1,9 +1,12 @@
 //! How other machines join: by the commands that `join-command` prints, and by a file that comes late and changes.
 
 use std::fs;
+use std::io::Read as _;
+use std::net::TcpListener;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 use std::process::Command;
+use std::sync::mpsc;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -181,6 +184,42 @@ fn a_worker_waits_for_its_file_and_follows_a_coordinator_that_is_started_elsewhe
     for address in [first, second] {
         let found = format!("looking for the coordinator at http://{address}");
         assert_eq!(left.stderr.matches(&found).count(), 1, "{left}");
+    }
+}
+
+#[test]
+fn a_worker_says_once_what_keeps_it_from_its_coordinator_and_again_when_that_changes() {
+    let experiment = Experiment::new("");
+    let [join, cache] = ["join", "cache"].map(|name| experiment.path(name));
+    let args = ["--coordinator-file", &join, "--name", "waiting", "--threads", "1", "--cache", &cache];
+    let mut worker = Running::start(experiment.folder(), "waiting", "worker", args);
+    worker.wait_for("join: is not there");
+    fs::write(&join, "http://nowhere.invalid:7700\n").unwrap();
+    worker.wait_for("the host name nowhere.invalid cannot be resolved");
+
+    // Hears what it is sent and hangs up; the third call comes when the second is dealt with.
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    let (done, thrice) = mpsc::channel();
+    thread::spawn(move || {
+        for _ in 0..3 {
+            let (mut stream, _) = listener.accept().unwrap();
+            assert!(stream.read(&mut [0; 1 << 16]).unwrap() > 0);
+        }
+        drop(listener);
+        done.send(()).unwrap();
+    });
+    fs::write(&join, format!("https://127.0.0.1:{port}#ca={}\n", "0".repeat(64))).unwrap();
+    thrice.recv_timeout(PATIENCE).unwrap();
+    worker.wait_for("Connection refused");
+    worker.signal("TERM");
+    let left = worker.wait().expect_success();
+    let reasons = left.stderr.lines().filter_map(|line| line.split("coordinator out of reach: ").nth(1));
+    let reasons: Vec<&str> = reasons.collect();
+    let expected = ["is not there", "cannot be resolved", "it ended the TLS handshake", "Connection refused"];
+    assert_eq!(reasons.len(), expected.len(), "{left}");
+    for (reason, expected) in reasons.iter().zip(expected) {
+        assert!(reason.contains(expected), "{expected}: {left}");
     }
 }
 
