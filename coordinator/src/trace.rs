@@ -87,9 +87,10 @@ mod recording {
     use opentelemetry::trace::{SpanContext, SpanId, SpanKind, Status, TraceFlags, TraceId, TraceState};
     use opentelemetry::{InstrumentationScope, KeyValue, Value};
     use opentelemetry_sdk::trace::{IdGenerator as _, RandomIdGenerator, SpanData, SpanEvents, SpanLinks};
+    use proto::task::TaskKind;
     use proto::{JobId, SessionId};
     use tokio::task::AbortHandle;
-    use worker::trace::{Exporter, exporter, job_kind};
+    use worker::trace::{Exporter, exporter};
 
     use super::{Attribute, Attributes};
 
@@ -362,11 +363,12 @@ mod recording {
 
         /// An attempt that has ended: its lease, and its job, if this is the answer.
         fn attempt(&mut self, event: &Event, attempt: &Attempt, asker: Option<ClientId>) -> Vec<SpanData> {
-            let Attempt { job, number, task, worker, label, run_seconds, end, .. } = attempt;
+            let Attempt { job, number, task, kind, worker, label, run_seconds, end, .. } = attempt;
             let start = attempt.leased_at(event.at);
+            let kind = kind.map_or("", TaskKind::as_str);
             let of_job = vec![
                 KeyValue::new("descry.job.id", job.to_string()),
-                KeyValue::new("descry.job.kind", job_kind(task).to_owned()),
+                KeyValue::new("descry.job.kind", kind),
                 KeyValue::new("descry.task", task.clone()),
             ];
             // Nobody has asked for what checks a result.
@@ -379,7 +381,7 @@ mod recording {
                 Some(id) => *id,
                 None => {
                     let entry = self.jobs.entry(*job).or_insert_with(|| Job {
-                        span: Begun::new(within, job_kind(task).to_owned(), start, of_job.clone()),
+                        span: Begun::new(within, kind, start, of_job.clone()),
                         attempts: 0,
                     });
                     entry.attempts += 1;
@@ -481,6 +483,7 @@ mod recording {
                 job: JobId(job),
                 number,
                 task: "grid cell of x".to_owned(),
+                kind: Some(TaskKind::GridCell),
                 worker: WorkerId([number as u8; 16]),
                 label: format!("host-{number}"),
                 held_seconds: 1.0,

@@ -28,19 +28,15 @@ fn endpoint() -> Option<&'static str> {
     ENDPOINTS.into_iter().find(|name| !is_off && !value(name).is_empty())
 }
 
-/// The kind of a job by how its task is called, such as `evaluation of …`.
-pub fn job_kind(task: &str) -> &str {
-    task.split_once(" of ").map_or(task, |(kind, _)| kind)
-}
-
 /// The span of a job, from when it is taken up.
 pub(crate) fn job(session: Option<SessionId>, worker: WorkerId, lease: &Lease, task: Option<&Task>) -> Span {
+    let kind = task.map_or("", |task| task.kind().as_str());
     let task = task.map(ToString::to_string).unwrap_or_default();
     let span = tracing::debug_span!(
         "job",
         otel.kind = "consumer",
         descry.job.id = %lease.job,
-        descry.job.kind = job_kind(&task),
+        descry.job.kind = kind,
         descry.task = task,
         descry.attempt = i64::from(lease.attempt), // of other integers the layer makes texts
         descry.worker.id = %worker,

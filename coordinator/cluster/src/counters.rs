@@ -6,15 +6,6 @@ use proto::task::TaskKind;
 
 use crate::events::{Departure, EventKind};
 
-/// Every kind of task, and its name where a cluster is watched.
-pub const KINDS: [(TaskKind, &str); 5] = [
-    (TaskKind::Evaluation, "evaluation"),
-    (TaskKind::GridCell, "grid_cell"),
-    (TaskKind::Description, "description"),
-    (TaskKind::Tile, "tile"),
-    (TaskKind::Scale, "scale"),
-];
-
 /// Every way in which an attempt ends, as [`AttemptEnd::as_str`](crate::events::AttemptEnd::as_str) has it.
 pub const OUTCOMES: [&str; 14] = [
     "answered",

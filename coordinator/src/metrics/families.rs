@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::time::SystemTime;
 
 use cache::TierReads;
-use cluster::counters::{DEPARTURES, Histogram, KINDS, OUTCOMES};
+use cluster::counters::{DEPARTURES, Histogram, OUTCOMES};
 use cluster::scheduler::{JobState, WorkerState};
 use proto::task::TaskKind;
 
@@ -53,13 +53,13 @@ pub const FAMILIES: [Family; 26] = [
         samples: |now, _| {
             let jobs = &now.scheduler.jobs;
             let count = |kind, state| jobs.get(&(kind, state)).map_or(0.0, |count| *count as f64);
-            let of_kind = |(kind, name)| {
+            let of_kind = |kind: TaskKind| {
                 JobState::ALL.map(|state| {
-                    let labels = vec![("kind", text(name)), ("state", text(state.as_str()))];
+                    let labels = vec![("kind", word(kind.as_str())), ("state", text(state.as_str()))];
                     (labels, count(kind, state))
                 })
             };
-            Samples::Gauges(KINDS.into_iter().flat_map(of_kind).collect())
+            Samples::Gauges(TaskKind::ALL.into_iter().flat_map(of_kind).collect())
         },
     },
     Family {
@@ -98,13 +98,13 @@ pub const FAMILIES: [Family; 26] = [
         labels: &["kind", "outcome"],
         samples: |now, _| {
             let attempts = &now.scheduler.counters.attempts;
-            let of_kind = |(kind, name)| {
+            let of_kind = |kind: TaskKind| {
                 OUTCOMES.map(|outcome| {
-                    let labels = vec![("kind", text(name)), ("outcome", text(outcome))];
+                    let labels = vec![("kind", word(kind.as_str())), ("outcome", text(outcome))];
                     (labels, attempts.get(&(kind, outcome)).copied().unwrap_or(0))
                 })
             };
-            Samples::Counters(KINDS.into_iter().flat_map(of_kind).collect())
+            Samples::Counters(TaskKind::ALL.into_iter().flat_map(of_kind).collect())
         },
     },
     Family {
@@ -183,9 +183,7 @@ pub const FAMILIES: [Family; 26] = [
         labels: &["reason"],
         samples: |now, _| {
             let all = now.refusals.iter().chain(&now.scheduler.counters.refused);
-            let sample = |(reason, count): (&&'static str, &u64)| {
-                (vec![("reason", reason.to_lowercase().replace(' ', "_"))], *count)
-            };
+            let sample = |(reason, count): (&&'static str, &u64)| (vec![("reason", word(reason))], *count);
             Samples::Counters(all.map(sample).collect())
         },
     },
@@ -283,6 +281,11 @@ fn text(text: &str) -> String {
     text.to_owned()
 }
 
+/// A few words as the value of a label.
+fn word(text: &str) -> String {
+    text.to_lowercase().replace(' ', "_")
+}
+
 fn counter(count: u64) -> Samples {
     Samples::Counters(vec![(vec![], count)])
 }
@@ -292,7 +295,7 @@ fn gauge(value: f64) -> Samples {
 }
 
 fn by_kind<T>(value: impl Fn(TaskKind) -> T) -> Vec<(Labels, T)> {
-    KINDS.map(|(kind, name)| (vec![("kind", text(name))], value(kind))).into()
+    TaskKind::ALL.map(|kind| (vec![("kind", word(kind.as_str()))], value(kind))).into()
 }
 
 fn by_worker_state(now: &Snapshot, number: fn((u64, u64)) -> u64) -> Samples {

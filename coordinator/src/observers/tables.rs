@@ -230,6 +230,7 @@ mod tests {
                 job: JobId(5),
                 number: 2,
                 task: task(),
+                kind: None,
                 worker: id,
                 label: "host".to_owned(),
                 held_seconds: 1.5,

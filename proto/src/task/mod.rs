@@ -58,6 +58,22 @@ pub enum TaskKind {
     Scale,
 }
 
+impl TaskKind {
+    /// Every kind.
+    pub const ALL: [Self; 5] = [Self::Evaluation, Self::GridCell, Self::Description, Self::Tile, Self::Scale];
+
+    /// Its name.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Evaluation => "evaluation",
+            Self::GridCell => "grid cell",
+            Self::Description => "description",
+            Self::Tile => "tile",
+            Self::Scale => "scale",
+        }
+    }
+}
+
 /// What a cloud shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Label {
@@ -263,15 +279,14 @@ impl Tile {
 
 impl fmt::Display for Task {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let label = &self.subject().facts.label;
+        let (kind, label) = (self.kind().as_str(), &self.subject().facts.label);
         match self {
-            Self::Evaluation(_) => write!(f, "evaluation of {label}"),
-            Self::GridCell(_) => write!(f, "grid cell of {label}"),
-            Self::Description(shard) => write!(f, "description of {} clouds under {label}", shard.clouds),
+            Self::Evaluation(_) | Self::GridCell(_) => write!(f, "{kind} of {label}"),
+            Self::Description(shard) => write!(f, "{kind} of {} clouds under {label}", shard.clouds),
             Self::Tile(Tile { evaluation: Evaluation { queries, database_clouds, .. }, .. }) => {
-                write!(f, "tile of {queries} by {database_clouds} clouds of the evaluation of {label}")
+                write!(f, "{kind} of {queries} by {database_clouds} clouds of the evaluation of {label}")
             }
-            Self::Scale(scale) => write!(f, "scale of {label} on {} clouds", scale.clouds),
+            Self::Scale(scale) => write!(f, "{kind} of {label} on {} clouds", scale.clouds),
         }
     }
 }

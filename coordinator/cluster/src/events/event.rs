@@ -3,6 +3,7 @@
 use std::fmt;
 use std::time::{Duration, SystemTime};
 
+use proto::task::TaskKind;
 use proto::{Introduction, JobId, WorkerId};
 use serde::{Deserialize, Serialize};
 
@@ -220,6 +221,9 @@ pub struct Attempt {
     pub number: u32,
     /// Label of the task.
     pub task: String,
+    /// Its kind, for observers that follow: the journal does not keep it.
+    #[serde(skip)]
+    pub kind: Option<TaskKind>,
     /// Id of the worker.
     #[serde(with = "serde_forms::worker_id")]
     pub worker: WorkerId,

@@ -227,6 +227,7 @@ mod tests {
             job: proto::JobId(u64::MAX),
             number: 2,
             task: "evaluation".to_owned(),
+            kind: None,
             worker: WorkerId([1; 16]),
             label: "host".to_owned(),
             held_seconds: 1.25,

@@ -223,6 +223,7 @@ fn sample() -> (Vec<Entry>, Recorded) {
         job: JobId(5),
         number: 2,
         task: "evaluation of descriptor 1".to_owned(),
+        kind: None,
         worker: one,
         label: "rack".to_owned(),
         held_seconds: 0.5,

@@ -209,11 +209,12 @@ impl Scheduler {
     ) {
         let Some(job) = self.jobs.get(job_id) else { return };
         let handed_out = job.handed_out_at(id, number);
-        let (task, label) = (job.task.to_string(), self.label(id));
-        self.counters.attempt_ended(job.task.kind(), end.as_str(), run_seconds);
+        let (task, kind, label) = (job.task.to_string(), job.task.kind(), self.label(id));
+        self.counters.attempt_ended(kind, end.as_str(), run_seconds);
         let held_seconds = now.saturating_duration_since(handed_out).as_secs_f64();
+        let kind = Some(kind);
         let attempt =
-            Attempt { job: job_id, number, task, worker: id, label, held_seconds, run_seconds, end };
+            Attempt { job: job_id, number, task, kind, worker: id, label, held_seconds, run_seconds, end };
         self.emit(now, EventKind::Attempt(attempt));
     }
 
