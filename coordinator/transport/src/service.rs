@@ -141,9 +141,30 @@ pub enum Refusal {
     /// There is nothing left to do.
     #[error("run: has ended\nstart the worker again for the next run, or with --stay to wait for it")]
     RunEnded,
+    /// Its id is not shown to be its own.
+    #[error(transparent)]
+    Unproven(Status),
+    /// More workers than may speak over one connection.
+    #[error(transparent)]
+    Crowded(Status),
     /// The call itself is wrong, or there are as many workers as there may be.
     #[error(transparent)]
     Call(#[from] Status),
+}
+
+impl Refusal {
+    /// A few words for it, by which it is counted; `None` for what the cluster counts itself, and for errors of this
+    /// program.
+    pub(crate) fn counted(&self) -> Option<&'static str> {
+        match self {
+            Self::ProtocolVersion { .. } | Self::EarlierProtocol { .. } => Some("wrong protocol version"),
+            Self::EvaluationVersion { .. } => Some("wrong evaluation version"),
+            Self::Unprintable => Some("invalid name or build"),
+            Self::Unproven(_) => Some("invalid worker id or secret"),
+            Self::Crowded(_) => Some("too many workers over one connection"),
+            Self::Quarantined(_) | Self::RunEnded | Self::Call(_) => None,
+        }
+    }
 }
 
 /// Answers workers on behalf of one run.
@@ -175,6 +196,18 @@ impl Service {
 
     /// Registers a worker, or says why not.
     pub fn register(&self, caller: Caller, registration: Registration) -> Result<Accepted, Refusal> {
+        let registered = self.try_register(caller.as_ref(), registration);
+        if let (Err(refusal), Some(connection)) = (&registered, caller) {
+            connection.note_refusal(refusal);
+        }
+        registered
+    }
+
+    fn try_register(
+        &self,
+        caller: Option<&Arc<Connection>>,
+        registration: Registration,
+    ) -> Result<Accepted, Refusal> {
         let Registration { protocol_major, protocol_minor, evaluation_version, worker, name, threads, build } =
             registration;
         let release = self.release;
@@ -191,8 +224,9 @@ impl Service {
         if name.len() > MAX_NAME_BYTES || unprintable(&name) || unprintable(&build) {
             return Err(Refusal::Unprintable);
         }
-        let principal = self.principal(caller.as_ref())?;
-        let worker = prove(caller, worker?)?;
+        let principal = self.principal(caller)?;
+        let worker = worker.and_then(proven).map_err(Refusal::Unproven)?;
+        note(caller, worker).map_err(Refusal::Crowded)?;
         let build = proto::truncate(&build, MAX_NAME_BYTES).to_owned();
         let introduction = Introduction { name, threads, build, principal };
         let registered = self.cluster.register(worker, introduction);
@@ -224,7 +258,8 @@ impl Service {
             return Err(Status::not_found("another run: register again"));
         }
         let principal = self.principal(caller.as_ref())?;
-        let worker = prove(caller, worker)?;
+        let worker = proven(worker)?;
+        note(caller.as_ref(), worker)?;
         self.cluster.poll((worker, principal), poll).await.map_err(|refusal| match refusal {
             PollRefusal::UnknownWorker => Status::not_found("unknown worker: register again"),
             PollRefusal::Quarantined => {
@@ -301,14 +336,19 @@ impl Service {
     }
 }
 
-/// The worker that speaks: its id is its own. Notes over which connection it does, so that denying one ends the other.
-fn prove(caller: Caller, (worker, secret): (WorkerId, WorkerSecret)) -> Result<WorkerId, Status> {
+/// The worker that speaks: its id is its own.
+fn proven((worker, secret): (WorkerId, WorkerSecret)) -> Result<WorkerId, Status> {
     if secret.id() != worker {
         return Err(Status::permission_denied(
             "worker_secret: is not that of worker_id\nmake a secret of your own, and the id from it",
         ));
     }
-    caller.map_or(Ok(()), |connection| connection.note(worker)).map(|()| worker)
+    Ok(worker)
+}
+
+/// Notes over which connection a worker speaks, so that denying one ends the other.
+fn note(caller: Option<&Arc<Connection>>, worker: WorkerId) -> Result<(), Status> {
+    caller.map_or(Ok(()), |connection| connection.note(worker))
 }
 
 /// What a principal is known by.

@@ -39,9 +39,13 @@ pub fn refusal_of_v1(release: Release) -> v1::coordinator_server::CoordinatorSer
 
 #[tonic::async_trait]
 impl v1::coordinator_server::Coordinator for Release {
-    async fn register(&self, _: Request<v1::RegisterRequest>) -> Answered<v1::RegisterReply> {
-        let message = Refusal::ProtocolVersion { got: 1, release: *self }.to_string();
-        let refused = v1::Refused { reason: v1::RefusalReason::ProtocolVersion.into(), message };
+    async fn register(&self, request: Request<v1::RegisterRequest>) -> Answered<v1::RegisterReply> {
+        let refusal = Refusal::ProtocolVersion { got: 1, release: *self };
+        if let (Some(connection), _) = opened(request) {
+            connection.note_refusal(&refusal);
+        }
+        let (reason, message) = (v1::RefusalReason::ProtocolVersion.into(), refusal.to_string());
+        let refused = v1::Refused { reason, message };
         Ok(Response::new(v1::RegisterReply { outcome: Some(v1::register_reply::Outcome::Refused(refused)) }))
     }
 }
@@ -78,7 +82,9 @@ impl Coordinator for Service {
                     Refusal::Unprintable => v2::RefusalReason::InvalidRequest,
                     Refusal::Quarantined(_) => v2::RefusalReason::Quarantined,
                     Refusal::RunEnded => v2::RefusalReason::RunEnded,
-                    Refusal::Call(status) => return Err(status),
+                    Refusal::Unproven(status) | Refusal::Crowded(status) | Refusal::Call(status) => {
+                        return Err(status);
+                    }
                 };
                 Outcome::Refused(v2::Refused { reason: reason.into(), message: refusal.to_string() })
             }

@@ -5,10 +5,12 @@ use std::path::Path;
 use std::thread;
 use std::time::{Duration, Instant};
 
+use proto::{v1, v2};
 use serde_json::Value;
 
 use crate::experiments::{Experiment, repository};
 use crate::http::{Answer, Tls, get, request};
+use crate::peer;
 use crate::process::{PATIENCE, Running, run};
 use crate::strangers::Site;
 
@@ -135,6 +137,52 @@ fn a_scrape_says_what_the_tables_say() {
     let reported = paused["descry_attempt_duration_seconds_count{kind=\"evaluation\"}"];
     assert!(reported >= attempts["answered"] && reported <= all, "{reported} of {all}");
     assert!(paused["descry_journal_commit_duration_seconds_count"] > 0.0);
+}
+
+#[tokio::test]
+async fn workers_of_other_releases_are_counted_by_what_they_were_refused_for() {
+    let experiment = Experiment::new(SEARCH);
+    let args = experiment.run_args("run", &["--local-workers", "0", "--metrics", "127.0.0.1:0"]);
+    let mut coordinator = Running::start(experiment.folder(), "coordinator", "coordinator", args);
+    let at = address(&mut coordinator);
+    let join = coordinator.join_address();
+    wait_for(&at, "readiness", |now| now["descry_ready"] == 1.0);
+    let link = worker::link(&join.parse().unwrap(), None).unwrap();
+    v1::coordinator_client::CoordinatorClient::new(link).register(v1::RegisterRequest {}).await.unwrap();
+
+    let mut client = peer::connect(&join, None);
+    let spoilt: [fn(&mut v2::RegisterRequest); 6] = [
+        |request| request.protocol_major += 1,
+        |request| request.protocol_minor = 0,
+        |request| request.evaluation_version += 1,
+        |request| request.name = "a\nb".to_owned(),
+        |request| request.worker_id = vec![9; 16],
+        |request| request.worker_secret.clear(),
+    ];
+    for spoil in spoilt {
+        let mut request = peer::introduction([7; 32], "stranger");
+        spoil(&mut request);
+        let registered = peer::register(&mut client, request).await.map(|reply| reply.outcome.unwrap());
+        assert!(!matches!(registered, Ok(v2::register_reply::Outcome::Accepted(_))), "{registered:?}");
+    }
+    coordinator.wait_for("transport: wrong evaluation version: 1 refused so far, the last from 127.0.0.1");
+    let refusals = || {
+        let mut now = samples(&get(&at, "/metrics").text());
+        now.retain(|name, _| name.starts_with("descry_refusals_total"));
+        now
+    };
+    let of = |(reason, count): (&str, f64)| (format!("descry_refusals_total{{reason=\"{reason}\"}}"), count);
+    let expected = [
+        ("invalid_name_or_build", 1.0),
+        ("invalid_worker_id_or_secret", 2.0),
+        ("wrong_evaluation_version", 1.0),
+        ("wrong_protocol_version", 3.0),
+    ];
+    assert_eq!(refusals(), expected.map(of).into());
+    // One that is as it has to be is let in, and not counted.
+    peer::register(&mut client, peer::introduction([7; 32], "friend")).await.unwrap();
+    assert_eq!(sum(&samples(&get(&at, "/metrics").text()), "descry_workers_joined_total"), 1.0);
+    assert_eq!(refusals(), expected.map(of).into());
 }
 
 #[test]
