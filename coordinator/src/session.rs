@@ -10,7 +10,8 @@ use std::time::Duration;
 
 use cache::{ByteSize, Store};
 use descriptor::{Descriptor, Family, Preparer, QuantiseError, SearchSpace};
-use proto::{Principal, SessionId};
+use proto::{BLOB_KIND, Principal, SessionId};
+use worker::PREPARED_CLOUD;
 
 use crate::compare::{Candidate, baselines};
 use crate::console::Console;
@@ -33,7 +34,7 @@ use crate::trace::Trace;
 use cluster::journal::{Journal, Recorded};
 use cluster::scheduler::{Audit, Limits, RunSecret};
 use cluster::{Client, Cluster, ClusterError};
-use transport::{ListenError, Listener, Port, Release, Servers, SharedEntries};
+use transport::{ListenError, Listener, Port, Presigner, Release, Servers, SharedEntries};
 
 /// Where workers are awaited unless the experiment or the command line says otherwise.
 pub const DEFAULT_LISTEN: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 7700);
@@ -47,6 +48,9 @@ const NEWCOMER_AUDITS: u32 = 10;
 /// Workers that one job may take with it: many machines may go for reasons of their own, but a job that brings down
 /// each worker it is given to must end some time.
 const MAX_LOSSES: u32 = 50;
+
+/// What the bucket holds, with the names by which URLs to it are counted.
+const COUNTED_KINDS: [(&str, &str); 2] = [(PREPARED_CLOUD, "prepared_cloud"), (BLOB_KIND, "blob")];
 
 fn limits(experiment: &Experiment) -> Limits {
     let settings = experiment.coordinator();
@@ -75,6 +79,8 @@ pub struct Session<'a> {
     pub trace: Trace,
     servers: Servers,
     bucket: Option<Arc<Bucket>>,
+    /// What signs URLs to it.
+    pub presigner: Option<Arc<Presigner>>,
     memory: ByteSize,
     /// Quarantined principals whose contributions were dropped from the store.
     forgotten: Mutex<BTreeSet<Principal>>,
@@ -131,12 +137,14 @@ impl<'a> Session<'a> {
         let prepared = PreparedClouds::new(Arc::clone(&store), experiment.preprocess(), &preparers, entries);
         let prepared = Arc::new(prepared);
         let bucket = shared_bucket::open(&store)?;
-        let presign =
-            bucket.as_ref().map(|bucket| shared_bucket::presign(bucket, &prepared, &cluster, &store));
+        let presigner = bucket.as_ref().map(|bucket| {
+            let sign = shared_bucket::presign(bucket, &prepared, &cluster, &store);
+            Arc::new(Presigner::new(sign, &COUNTED_KINDS))
+        });
         let release = Release { build: worker::BUILD, evaluation_version: descriptor::EVALUATION_VERSION };
         let released = Arc::clone(&cluster);
         let derived = Arc::new(move |kind: &str, key| prepared.read(kind, key, &released.blobs));
-        let shared = SharedEntries { derived, presign };
+        let shared = SharedEntries { derived, presigner: presigner.clone() };
         let servers = Servers::new(Arc::clone(&cluster), release, shared);
         Ok(Self {
             trace: Trace::new(&cluster),
@@ -145,6 +153,7 @@ impl<'a> Session<'a> {
             store,
             servers,
             bucket,
+            presigner,
             memory,
             forgotten: Mutex::default(),
             in_process: Mutex::new(None),

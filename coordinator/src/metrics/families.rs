@@ -7,6 +7,7 @@ use cache::TierReads;
 use cluster::counters::{DEPARTURES, Histogram, OUTCOMES};
 use cluster::scheduler::{JobState, WorkerState};
 use proto::task::TaskKind;
+use transport::{Direction, SigningOutcome};
 
 use super::watch::{RunState, Snapshot};
 
@@ -44,7 +45,7 @@ impl Family {
 }
 
 /// Every metric.
-pub const FAMILIES: [Family; 26] = [
+pub const FAMILIES: [Family; 27] = [
     Family {
         name: "descry_jobs",
         help: "Open jobs, by kind of task and by what they wait for: a worker (queued), the worker that has them \
@@ -252,6 +253,24 @@ pub const FAMILIES: [Family; 26] = [
         },
     },
     Family {
+        name: "descry_bucket_urls",
+        help: "URLs to the bucket that workers asked for, by kind of object (prepared_cloud; blob: clouds and descriptions \
+               of shards), by direction (read, write) and by what became of it: signed, withheld (not released yet, read \
+               only, or a principal that was wrong), or failed, for want of a key. None without a bucket",
+        labels: &["kind", "direction", "outcome"],
+        samples: |now, _| {
+            let sample = |(&(kind, direction, outcome), &count): (&(_, Direction, SigningOutcome), &u64)| {
+                let labels = vec![
+                    ("kind", text(kind)),
+                    ("direction", text(direction.as_str())),
+                    ("outcome", text(outcome.as_str())),
+                ];
+                (labels, count)
+            };
+            Samples::Counters(now.urls.iter().map(sample).collect())
+        },
+    },
+    Family {
         name: "descry_ready",
         help: "1 as long as workers are let in and given jobs",
         labels: &[],
@@ -334,6 +353,7 @@ mod tests {
     fn samples_have_the_labels_that_the_table_says() {
         let tier = Some(TierReads::default());
         let mut now = Snapshot { reads: (tier, tier), ..Snapshot::default() };
+        now.urls.insert(("blob", Direction::Read, SigningOutcome::Signed), 1);
         now.refusals.insert("no TLS handshake", 1);
         let state = RunState { generation: 1, best_fitness: Some(0.5) };
         now.runs.insert("run".to_owned(), state);

@@ -5,11 +5,12 @@ use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::SystemTime;
 
+use crate::session::Session;
 use cache::{Store, TierReads};
 use cluster::Cluster;
 use cluster::counters::Histogram;
 use cluster::scheduler::SchedulerMetrics;
-use transport::RefusalLog;
+use transport::{Presigner, RefusalLog, UrlCounts};
 
 /// How far a run is.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -42,6 +43,8 @@ pub struct Snapshot {
     pub refusals: BTreeMap<&'static str, u64>,
     /// Reads of this machine's disk and of the shared folder.
     pub reads: (Option<TierReads>, Option<TierReads>),
+    /// URLs to the bucket that workers asked for; empty without one.
+    pub urls: UrlCounts,
     /// Runs by name.
     pub runs: BTreeMap<String, RunState>,
     /// Workers are let in and given jobs.
@@ -53,6 +56,7 @@ struct Live {
     cluster: Arc<Cluster>,
     store: Arc<Store>,
     refusals: Option<Arc<RefusalLog>>,
+    presigner: Option<Arc<Presigner>>,
 }
 
 impl Live {
@@ -68,6 +72,7 @@ impl Live {
             ready: !journal.failed,
             refusals: self.refusals.as_ref().map(|refusals| refusals.counts()).unwrap_or_default(),
             reads: self.store.reads(),
+            urls: self.presigner.as_ref().map(|presigner| presigner.counts()).unwrap_or_default(),
             runs,
         }
     }
@@ -109,13 +114,9 @@ impl fmt::Debug for Watch {
 
 impl Watch {
     /// Measures a session, which takes workers from now on, until what this returns is dropped.
-    pub fn follow(
-        self: &Arc<Self>,
-        cluster: &Arc<Cluster>,
-        store: &Arc<Store>,
-        refusals: Option<Arc<RefusalLog>>,
-    ) -> Watched {
-        let live = Live { cluster: Arc::clone(cluster), store: Arc::clone(store), refusals };
+    pub fn follow(self: &Arc<Self>, session: &Session<'_>, refusals: Option<Arc<RefusalLog>>) -> Watched {
+        let (cluster, store) = (Arc::clone(&session.cluster), Arc::clone(&session.store));
+        let live = Live { cluster, store, refusals, presigner: session.presigner.clone() };
         self.state().subject = Subject::Live(live);
         Watched(Arc::clone(self))
     }

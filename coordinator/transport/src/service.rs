@@ -13,6 +13,7 @@ use tonic::Status;
 
 use crate::blob_stream::BlobStream;
 use crate::connection::{Caller, Connection};
+use crate::presigner::Presigner;
 use cluster::Cluster;
 use cluster::blobs::BlobError;
 use cluster::scheduler::{Answer, Poll, PollRefusal, RegisterRefusal};
@@ -45,7 +46,7 @@ pub struct SharedEntries {
     /// Entries of the coordinator's own store.
     pub derived: DerivedEntries,
     /// URLs to the bucket that its machines share, if there is one.
-    pub presign: Option<Presign>,
+    pub presigner: Option<Arc<Presigner>>,
 }
 
 /// What this program is, for workers of another release.
@@ -242,7 +243,7 @@ impl Service {
         })?;
         let cluster = &self.cluster;
         let (session, heartbeat, hold) = (cluster.session, cluster.heartbeat(), cluster.hold());
-        let has_bucket = self.shared.presign.is_some();
+        let has_bucket = self.shared.presigner.is_some();
         Ok(Accepted { name, session, heartbeat, hold, audit: cluster.audit().share, has_bucket })
     }
 
@@ -306,15 +307,18 @@ impl Service {
         kind: String,
         objects: Vec<ObjectRequest>,
     ) -> Result<Vec<Option<String>>, Status> {
-        let principal = self.principal(caller.as_ref())?;
+        let (principal, presigner) = (self.principal(caller.as_ref())?, self.shared.presigner.as_ref());
         if self.cluster.is_quarantined(&principal) {
+            if let Some(presigner) = presigner {
+                presigner.withhold(&kind, &objects);
+            }
             return Err(Status::failed_precondition(Refusal::Quarantined(principal).to_string()));
         }
-        let Some(presign) = &self.shared.presign else {
+        let Some(presigner) = presigner else {
             return Err(Status::unimplemented("bucket: this coordinator has none"));
         };
         self.cluster.begun().await;
-        presign(principal, kind, objects).await.map_err(Status::unavailable)
+        presigner.urls(principal, kind, objects).await.map_err(Status::unavailable)
     }
 
     /// Sends the bytes that `read` gives, when there is room for them.
