@@ -297,8 +297,9 @@ def prunes(site, server, environment):
 def traffic(site, server, environment, workers):
     """What workers take from the coordinator and from the bucket, on machines that join one after the other."""
     more = "\n[coordinator]\npieces = 64\n"
-    experiment = site.experiment("traffic", more, generations=400, population=100, objects=36)
-    _, _, prepared, _ = site.run(experiment, "--shared", URL, **environment)
+    experiment = site.experiment("traffic", more, generations=15, population=60, objects=36)
+    filling = site.experiment("filling", more, generations=1, population=4, objects=36)
+    _, _, prepared, _ = site.run(filling, "--shared", URL, **environment)
     print(f"one worker has filled the bucket: {prepared} clouds, {len(server.objects())} objects")
     digests = set()
     for name, shared in [("without", []), ("with", ["--shared", URL])]:
