@@ -1,7 +1,7 @@
 //! The prepared clouds that a run gives to its workers, as entries of the coordinator's own store or of the bucket that its
 //! machines share.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 
 use cache::{Damage, Store};
@@ -19,6 +19,7 @@ pub struct PreparedClouds {
     preparers: Vec<Preparer>,
     /// Digest of the source file, and which preparer it is for, by key of the entry.
     sources: HashMap<Digest, (Digest, usize)>,
+    files: HashSet<Digest>,
 }
 
 impl PreparedClouds {
@@ -37,8 +38,14 @@ impl PreparedClouds {
             };
             preparers.iter().enumerate().filter_map(key)
         };
+        let files = digests.clone().collect();
         let sources = digests.flat_map(in_each_way).collect();
-        Self { store, preprocess: *preprocess, preparers: preparers.to_vec(), sources }
+        Self { store, preprocess: *preprocess, preparers: preparers.to_vec(), sources, files }
+    }
+
+    /// Whether this is the digest of one of these clouds' files.
+    pub fn is_source(&self, digest: Digest) -> bool {
+        self.files.contains(&digest)
     }
 
     /// Whether workers may have an entry, wherever it is: it is of this run's clouds and its source is released.

@@ -56,6 +56,9 @@ pub const MAX_TEXT_BYTES: usize = 1024;
 pub const MAX_POLL_ITEMS: usize = 256;
 /// The kind of objects in a bucket that are blobs, named by their digests.
 pub const BLOB_KIND: &str = "";
+/// The least bytes of a description of a shard that workers give each other by a bucket: smaller ones cost more as objects than
+/// on their way through the coordinator.
+pub const MIN_SHARED_DESCRIPTION_BYTES: usize = 64 << 10;
 /// The most URLs that are asked for in one call.
 pub const MAX_PRESIGNED_URLS: usize = 1024;
 

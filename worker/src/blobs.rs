@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use cache::{MAX_ENTRY_BYTES, Store};
 use proto::task::Described;
-use proto::{BLOB_KIND, Digest, MAX_BLOB_BYTES};
+use proto::{BLOB_KIND, Digest, MAX_BLOB_BYTES, MIN_SHARED_DESCRIPTION_BYTES};
 use tokio::sync::Semaphore;
 use tokio::task::spawn_blocking;
 use tonic::{Code, Status};
@@ -161,9 +161,10 @@ impl Blobs {
         }
     }
 
-    /// Gives the description of a shard to others by the bucket.
+    /// Gives the description of a shard to others by the bucket, if it is large.
     pub fn share(&self, described: &Described) {
-        if let Some(bytes) = described.bytes.as_ref().filter(|_| self.bucket.is_offered()) {
+        let is_large = |bytes: &&Arc<[u8]>| bytes.len() >= MIN_SHARED_DESCRIPTION_BYTES;
+        if let Some(bytes) = described.bytes.as_ref().filter(is_large) {
             self.bucket.put(BLOB_KIND, vec![(described.digest, bytes.to_vec())]);
         }
     }

@@ -11,7 +11,7 @@ use cluster::Cluster;
 use cluster::blobs::BlobStore;
 use futures_util::future::BoxFuture;
 use futures_util::{FutureExt as _, StreamExt as _, TryStreamExt as _};
-use proto::{BLOB_KIND, Digest, Principal};
+use proto::{BLOB_KIND, Digest, MIN_SHARED_DESCRIPTION_BYTES, Principal};
 use ring::digest;
 use transport::{ObjectRequest, Presign};
 use worker::PREPARED_CLOUD;
@@ -94,8 +94,13 @@ fn is_given(
 ) -> bool {
     match kind {
         PREPARED_CLOUD => prepared.are_given(kind, key, blobs),
-        // A blob is checked by whoever reads it. A description is stored before the coordinator knows of it.
-        BLOB_KIND => is_write || blobs.is_there(key),
+        // A blob is checked by whoever reads it.
+        BLOB_KIND if is_write => true,
+        BLOB_KIND => match blobs.description_bytes(key) {
+            Some(bytes) => bytes >= MIN_SHARED_DESCRIPTION_BYTES,
+            // What is no cloud of this run may be a description that is forgotten here.
+            None => blobs.is_released(key) || !prepared.is_source(key),
+        },
         _ => false,
     }
 }

@@ -36,6 +36,14 @@ fn test_clouds_are_given_in_no_form_before_they_are_released() {
     assert_eq!(given(PREPARED_CLOUD, key(test)), [false, false]);
     assert_eq!(given(PREPARED_CLOUD, train), [false, false], "of no cloud of this run");
     assert_eq!(given("signatures 1", key(train)), [false, false]);
+    assert_eq!(given(BLOB_KIND, Digest::of(b"forgotten")), [true, true]);
+    let described = |bytes| {
+        let parts: Arc<[u8]> = vec![7; bytes].into();
+        blobs.publish_description(Digest::of(&parts), &parts);
+        given(BLOB_KIND, Digest::of(&parts))
+    };
+    assert_eq!(described(MIN_SHARED_DESCRIPTION_BYTES), [true, true]);
+    assert_eq!(described(MIN_SHARED_DESCRIPTION_BYTES - 1), [false, true], "nobody has stored it");
     blobs.publish_bytes(b"test".to_vec());
     assert_eq!(given(BLOB_KIND, test), [true, true]);
     assert_eq!(given(PREPARED_CLOUD, key(test)), [true, true]);
@@ -94,7 +102,8 @@ impl Bench {
         let keys = keys.collect();
         let store = Arc::new(store_in(folder.path()));
         let prepared = PreparedClouds::new(store, &preprocess, std::slice::from_ref(&preparer), &clouds);
-        let (objects, reads): (Arc<Mutex<HashMap<Digest, Vec<u8>>>>, Arc<AtomicU32>) = Default::default();
+        let (objects, reads) =
+            (Arc::<Mutex<HashMap<Digest, Vec<u8>>>>::default(), Arc::<AtomicU32>::default());
         let (source, count) = (Arc::clone(&objects), Arc::clone(&reads));
         let read = move |key| {
             count.fetch_add(1, Ordering::Relaxed);

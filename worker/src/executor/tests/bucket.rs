@@ -1,5 +1,7 @@
 //! A bucket that machines share saves them work; whatever is wrong with it costs them time at most.
 
+use proto::MIN_SHARED_DESCRIPTION_BYTES;
+use proto::task::Described;
 use tempfile::tempdir;
 
 use super::bucket_server::{BucketServer, Mode};
@@ -137,24 +139,25 @@ async fn entries_of_a_bucket_are_checked_as_all_that_others_have_made() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn descriptions_are_given_to_others_by_the_bucket() {
+async fn large_descriptions_are_given_to_others_by_the_bucket() {
     let archive = Archive::new();
     let (server, cache) = (BucketServer::start(Mode::Well).await, tempdir().unwrap());
     let first = machine(&archive, cache.path(), &server, false);
-    let [query, _] = splits(&archive, false);
-    let subject = subject(&preparation(), Descriptor::DiskRing(descriptors()[0]).to_bytes());
-    let described = carry_out(
-        &first,
-        Task::Description(Description { subject, manifest: query[0], clouds: SPLIT as u32 }),
-    )
-    .await;
-    let TaskResult::Description(described) = described else { panic!("{described:?}") };
-    let digest = described.digest;
+    let described = |bytes| {
+        let bytes: Arc<[u8]> = vec![7; bytes].into();
+        Described { digest: Digest::of(&bytes), bytes: Some(bytes) }
+    };
+    let large = described(MIN_SHARED_DESCRIPTION_BYTES);
+    let blobs = &first.matcher.loader.blobs;
+    blobs.share(&large);
+    blobs.share(&described(MIN_SHARED_DESCRIPTION_BYTES - 1));
+    blobs.bucket.settle().await;
+    assert_eq!(server.objects.lock().unwrap().len(), 1);
     let cache = tempdir().unwrap();
     let second = machine(&archive, cache.path(), &server, false);
     let blobs = &second.matcher.loader.blobs;
-    let given = blobs.given(digest).await.expect("the coordinator of this test has none");
-    assert_eq!((Digest::of(&given), blobs.fetched()), (digest, 0));
+    let given = blobs.given(large.digest).await.expect("the coordinator of this test has none");
+    assert_eq!((Digest::of(&given), blobs.fetched()), (large.digest, 0));
 }
 
 #[tokio::test(flavor = "multi_thread")]
