@@ -198,7 +198,7 @@ def main():
     if not clean.exists():
         output("mmdebstrap", "--variant=minbase", "--include=systemd-sysv,dbus", SUITE, str(clean))
     [package] = arguments.packages.glob("*.deb")
-    [tarball] = arguments.packages.glob("*.tar.gz")
+    [tarball] = arguments.packages.glob("*-linux.tar.gz")
 
     first = Machine(clean, arguments.out / "first")
     first.install(package)
