@@ -48,10 +48,13 @@ class Copy:
         run("git", "clone", "--quiet", "--no-tags", REPOSITORY, self.folder)
         self.git("remote", "remove", "origin")
         self.version = tomllib.loads(self.read("Cargo.toml"))["workspace"]["package"]["version"]
-        # As if the version of this commit were about to be released: later, it is, and has a section already.
+        # As if the version of this commit were about to be released: later, it is, and has a section already, or the changes
+        # since then have none yet.
         self.today = f"## {self.version} – {datetime.date.today()}"
-        text = re.sub(rf"^## {re.escape(self.version)} – .*\n+", "", self.read("CHANGELOG.md"), flags=re.MULTILINE)
-        self.write("CHANGELOG.md", text.replace("## Unreleased\n", f"{self.today}\n"))
+        text = re.sub(rf"^## (Unreleased|{re.escape(self.version)} – .*)\n+", "", self.read("CHANGELOG.md"), flags=re.MULTILINE)
+        before, first, after = text.partition("\n- ")
+        assert first and "\n## " not in before, f"CHANGELOG.md: must begin with an entry of {self.version}, got {before}"
+        self.write("CHANGELOG.md", f"{before}\n{self.today}\n{first}{after}")
         releases = self.folder / "tests/releases.toml"
         if releases.exists():
             known = re.split(r"(?m)^(?=\[)", releases.read_text())
@@ -288,9 +291,10 @@ FAULTS = {
 
 
 def complaints(said):
-    """Where the faults are that were named."""
+    """Where the faults are that were named, each place once."""
     lines = said.splitlines()
-    return [line.split(": ")[0] for line, advice in zip(lines, lines[1:]) if advice.startswith("  ") and ": " in line]
+    places = [line.split(": ")[0] for line, advice in zip(lines, lines[1:]) if advice.startswith("  ") and ": " in line]
+    return list(dict.fromkeys(places))
 
 
 def faults(copy, out):
