@@ -146,7 +146,7 @@ pub enum RunError {
     },
     /// The run is of a release that computes other numbers.
     #[error(
-        "{folder}: is a run of evaluation version {then}, got a program of version {now}\nstart another with --fresh, or choose another --out",
+        "{folder}: is a run of evaluation version {then}, got a program of version {now}\ngo on with the release that began it, start another with --fresh, or choose another --out",
         now = descriptor::EVALUATION_VERSION
     )]
     OtherVersion {

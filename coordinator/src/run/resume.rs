@@ -46,6 +46,10 @@ pub fn open_journal(
         }
         JournalFile::create(&path, &this)?;
     }
+    // To open a journal is to write to it: one that is another's is refused as it is. What is damaged, `open` repairs.
+    if let Ok(header) = JournalFile::header(&path) {
+        refuse_another(folder, &header, &this, dataset)?;
+    }
     let (file, header, recorded) = match JournalFile::open(&path) {
         // That the folder is this search's, its search.toml has said.
         Err(JournalError::Damaged { .. }) => {

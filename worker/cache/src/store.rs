@@ -20,7 +20,7 @@ use crate::tier::{Tier, TierReads};
 pub struct Store {
     /// Nearest first; none if nothing is kept.
     tiers: Vec<Tier>,
-    /// Entries of another evaluation version are of no use.
+    /// Entries of another evaluation version are of no use, and are left to releases of that version.
     version: u32,
     origin: Mutex<Origin>,
     /// What was wrong with an entry that others have made.
@@ -208,7 +208,8 @@ impl Store {
         })
     }
 
-    /// A tier's entry with the length of its header, if it is sound; a damaged one is removed.
+    /// A tier's entry with the length of its header, if it is sound; a damaged one is removed. One of another evaluation
+    /// version is not damaged: a release that computes those numbers may use the same folder.
     fn sound(&self, tier: &Tier, name: &Path, kind: &str, key: Digest) -> Option<(Vec<u8>, usize)> {
         let bytes = tier.get(name, MAX_ENTRY_BYTES)?;
         match entry::payload(&bytes, kind, key, self.version) {
@@ -216,6 +217,7 @@ impl Store {
                 let header = bytes.len() - payload.len();
                 Some((bytes, header))
             }
+            Err(Damage::EvaluationVersion(_)) => None,
             Err(damage) => {
                 tier.remove_damaged(name, &damage);
                 None

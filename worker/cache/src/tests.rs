@@ -73,6 +73,25 @@ fn a_damaged_entry_is_dropped_with_one_warning() {
 }
 
 #[test]
+fn entries_of_another_evaluation_version_are_left_to_releases_of_that_version() {
+    let (disk, shared) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+    let both = Storage { shared: Some(shared.path().to_owned()), ..storage(disk.path()) };
+    let [earlier, later] = [7, 8].map(|version| Store::open(&both, "here", version));
+    earlier.put(KIND, key(), b"payload");
+    let ((), told) = warnings(|| {
+        assert_eq!(later.get(KIND, key()), None);
+        assert_eq!(later.get_local(KIND, key()), None);
+        assert_eq!(later.entry(KIND, key()), None);
+    });
+    assert!(told.is_empty(), "{told:?}");
+    assert_eq!(later.reads().0.unwrap().damaged, 0);
+    for root in [disk.path(), shared.path()] {
+        assert!(path(root).exists());
+    }
+    assert_eq!(earlier.get(KIND, key()).as_deref(), Some(&b"payload"[..]));
+}
+
+#[test]
 fn of_many_damaged_entries_a_few_are_told() {
     let root = tempfile::tempdir().unwrap();
     let store = open(root.path());
