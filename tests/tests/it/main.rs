@@ -39,6 +39,7 @@
 //! - `structures`: descriptors that are lists of channels, under every protocol of fitness
 //! - `members`: structures that are shipped as files
 //! - `unknown_objects`: what an artefact rejects and what it learns
+//! - `upgrades`: what earlier releases have left
 //! - `verdicts`: the end of runs and sweeps, beside baselines
 //! - `strangers`: who is let in, who is not, and what those can do who are not
 //! - `report`: the report of runs, in a browser
@@ -99,6 +100,7 @@ mod strangers;
 mod structures;
 mod sweeps;
 mod unknown_objects;
+mod upgrades;
 mod verdicts;
 
 use tests::{browser, experiments, http, process};
