@@ -2,11 +2,11 @@
 
 Usage: release.py PROGRAMS OUT_DIR
 
-PROGRAMS is the folder of `coordinator`, `worker` and `write-manual`, for example target/release. Needs what `deploy/release`
-needs, and gpg. The copy has the commit that is checked out; where CHANGELOG.md says "Unreleased", it has the version and the
-date, as on the day of the release. The programs are copies whose commit is overwritten with the one that stands in the way of a
-release or does not. What is written is checked against SHA256SUMS, the signature of a key that is made for this, the programs
-and the changelog; a changed file must not pass. Then one thing after the other is made wrong. Five minutes.
+PROGRAMS is the folder of `coordinator`, `worker` and `write-manual`, for example target/release. Needs what a dry run of
+`deploy/release` needs, and gpg. The copy has the commit that is checked out; where CHANGELOG.md says "Unreleased", it has the
+version and the date, as on the day of the release. The programs are copies that name its commit instead of the one that they
+were built from. What is written is checked against SHA256SUMS, the signature of a key that is made for this, the programs and
+the changelog; a changed file must not pass. Then one thing after the other is made wrong. Ten minutes.
 """
 
 import argparse
@@ -84,7 +84,7 @@ class Copy:
         self.stamp(*PROGRAMS)
 
     def stamp(self, *names):
-        """Programs of the commit that is checked out: with its digits in the place of those of the commit they were built from."""
+        """Programs that say that they are of the commit that is checked out: its digits, in the place of others."""
         self.programs.mkdir(exist_ok=True)
         shutil.copy(self.given / "write-manual", self.programs)
         for name in names:
@@ -139,7 +139,7 @@ def contents(copy, out):
     version = copy.version
     packages = [f"descry-{version}-x86_64-linux.tar.gz", f"descry_{version}_amd64.deb", f"descry-{version}-x86_64-oci.tar"]
     expected = {*packages, f"descry-{version}-kubernetes.tar.gz", "descry.cdx.json", "descry-worker.cdx.json",
-                f"CHANGELOG-{version}.md", "SHA256SUMS", "SHA256SUMS.asc"}
+                f"CHANGELOG-{version}.md", "DRY-RUN", "SHA256SUMS", "SHA256SUMS.asc"}
     found = {path.name for path in out.iterdir()}
     assert found == expected, f"must have {sorted(expected)}, got {sorted(found)}"
     listed = {line.split("  ")[1] for line in (out / "SHA256SUMS").read_text().splitlines()}
@@ -159,8 +159,9 @@ def contents(copy, out):
         assert tarball[f"{stem}/share/doc/descry/systemd/{name}"] == package[f"lib/systemd/system/{name}"] == text, unit
     manifests = in_tar((out / f"descry-{version}-kubernetes.tar.gz").read_bytes())
     tracked = copy.git("ls-files", "deploy/kubernetes").splitlines()
-    assert set(manifests) == {path.replace("deploy/kubernetes", f"descry-{version}-kubernetes") for path in tracked}, set(manifests)
-    assert f"localhost/descry:{version}".encode() in manifests[f"descry-{version}-kubernetes/coordinator.yaml"]
+    below = f"descry-{version}-kubernetes"
+    assert set(manifests) == {path.replace("deploy/kubernetes", below) for path in tracked}, set(manifests)
+    assert f"localhost/descry:{version}".encode() in manifests[f"{below}/coordinator.yaml"]
     notes, changelog = (out / f"CHANGELOG-{version}.md").read_text(), copy.read("CHANGELOG.md")
     section = changelog.split(f"{copy.today}\n")[1].split("\n## ")[0].strip()
     assert notes == f"{copy.today}\n\n{section}\n" and len(section) > 100, notes
