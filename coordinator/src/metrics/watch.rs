@@ -5,7 +5,6 @@ use std::fmt;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::SystemTime;
 
-use crate::session::Session;
 use cache::{Store, TierReads};
 use cluster::Cluster;
 use cluster::counters::Histogram;
@@ -114,9 +113,13 @@ impl fmt::Debug for Watch {
 
 impl Watch {
     /// Measures a session, which takes workers from now on, until what this returns is dropped.
-    pub fn follow(self: &Arc<Self>, session: &Session<'_>, refusals: Option<Arc<RefusalLog>>) -> Watched {
-        let (cluster, store) = (Arc::clone(&session.cluster), Arc::clone(&session.store));
-        let live = Live { cluster, store, refusals, presigner: session.presigner.clone() };
+    pub fn follow(
+        self: &Arc<Self>,
+        (cluster, store): (&Arc<Cluster>, &Arc<Store>),
+        presigner: Option<Arc<Presigner>>,
+        refusals: Option<Arc<RefusalLog>>,
+    ) -> Watched {
+        let live = Live { cluster: Arc::clone(cluster), store: Arc::clone(store), refusals, presigner };
         self.state().subject = Subject::Live(live);
         Watched(Arc::clone(self))
     }

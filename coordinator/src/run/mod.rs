@@ -167,7 +167,9 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let refusals = listener.as_ref().map(Listener::refusals);
     let scaling = scale(options.slurm.as_ref(), (experiment, &out), &session.cluster, progress.console())?;
     session.start(listener, settings.local_workers).await;
-    let watched = options.watch.as_ref().map(|watch| watch.follow(&session, refusals));
+    let measured = (&session.cluster, &session.store);
+    let watched =
+        options.watch.as_ref().map(|watch| watch.follow(measured, session.presigner.clone(), refusals));
     session.forget_quarantined(progress.console()); // of an earlier start, which may have been killed before it could
     let memory = |matching| session.splits.memory(&store, experiment.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);

@@ -117,7 +117,9 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let refusals = listener.as_ref().map(Listener::refusals);
     let scaling = scale(options.slurm.as_ref(), (base, &out), &session.cluster, progress.console())?;
     session.start(listener, settings.local_workers).await;
-    let watched = options.watch.as_ref().map(|watch| watch.follow(&session, refusals));
+    let measured = (&session.cluster, &session.store);
+    let watched =
+        options.watch.as_ref().map(|watch| watch.follow(measured, session.presigner.clone(), refusals));
     session.forget_quarantined(progress.console()); // of an earlier start, which may have been killed before it could
     let memory = |matching| session.splits.memory(&store, base.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);

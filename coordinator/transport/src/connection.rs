@@ -18,7 +18,6 @@ use tonic::transport::server::Connected;
 
 use crate::limiter::{ConnectionPermit, RateLimit};
 use crate::refusals::RefusalLog;
-use crate::service::Refusal;
 
 /// A connection makes its first call within this time, handshake included, or is closed.
 pub const FIRST_CALL: Duration = Duration::from_secs(10);
@@ -145,11 +144,9 @@ impl Connection {
         Ok(())
     }
 
-    /// Counts a worker that was not registered.
-    pub fn note_refusal(&self, refusal: &Refusal) {
-        if let Some(reason) = refusal.counted() {
-            self.refusals.note(reason, self.address());
-        }
+    /// Counts a worker that was not registered, for a reason in a few words.
+    pub fn note_refusal(&self, reason: &'static str) {
+        self.refusals.note(reason, self.address());
     }
 
     /// The workers that speak over this connection.

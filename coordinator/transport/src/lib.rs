@@ -23,10 +23,10 @@ pub use deny_list::{DenyError, deny};
 pub use listen_error::ListenError;
 pub use listener::Listener;
 pub use port::{Port, Protection};
-pub use presigner::{Direction, Presigner, SigningOutcome, UrlCounts};
+pub use presigner::{Direction, ObjectRequest, Presign, Presigned, Presigner, SigningOutcome, UrlCounts};
 pub use refusals::RefusalLog;
 pub use server::Servers;
-pub use service::{DerivedEntries, ObjectRequest, Presign, Presigned, Release, SharedEntries};
+pub use service::{DerivedEntries, Release, SharedEntries};
 pub use web::{WebConnection, WebError, WebListener, WebTokens};
 #[doc(hidden)]
 pub use wire::{reads_fetch, reads_poll};

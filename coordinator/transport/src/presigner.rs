@@ -1,14 +1,28 @@
 //! Signs URLs to the bucket that the machines of a run share, and counts them.
 
 use std::collections::BTreeMap;
-use std::sync::{Mutex, PoisonError};
+use std::pin::Pin;
+use std::sync::{Arc, Mutex, PoisonError};
 
-use proto::Principal;
-
-use crate::service::{ObjectRequest, Presign};
+use proto::{Digest, Principal};
 
 /// The name of kinds that are not counted by a name of their own: workers may ask for any.
 const OTHER: &str = "other";
+
+/// An object of the bucket for which a URL is asked.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ObjectRequest {
+    /// Which one.
+    pub key: Digest,
+    /// SHA-256 of the bytes that are to be stored; `None`: it is to be read.
+    pub sha256: Option<[u8; 32]>,
+}
+
+/// URLs of objects of one kind, or of blobs where it is empty, one for each, in their order; `None` where there is none for
+/// a worker. Or why nothing can be signed now.
+pub type Presigned = Pin<Box<dyn Future<Output = Result<Vec<Option<String>>, String>> + Send>>;
+/// Signs them for a principal.
+pub type Presign = Arc<dyn Fn(Principal, String, Vec<ObjectRequest>) -> Presigned + Send + Sync>;
 
 /// What a URL was asked for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -134,10 +148,6 @@ impl Asked {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
-    use proto::Digest;
-
     use super::*;
     use Direction::{Read, Write};
     use SigningOutcome::{Failed, Signed, Withheld};

@@ -1,6 +1,5 @@
 //! Answers workers on behalf of one run: registrations, polls, and what they fetch.
 
-use std::pin::Pin;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -13,7 +12,7 @@ use tonic::Status;
 
 use crate::blob_stream::BlobStream;
 use crate::connection::{Caller, Connection};
-use crate::presigner::Presigner;
+use crate::presigner::{ObjectRequest, Presigner};
 use cluster::Cluster;
 use cluster::blobs::BlobError;
 use cluster::scheduler::{Answer, Poll, PollRefusal, RegisterRefusal};
@@ -24,21 +23,6 @@ const BLOBS_AT_ONCE: usize = 64;
 /// Entries that the coordinator has in its own store, by kind and key: `None` if there is none, or if it must not be
 /// given away yet.
 pub type DerivedEntries = Arc<dyn Fn(&str, Digest) -> Option<Vec<u8>> + Send + Sync>;
-
-/// An object of the bucket for which a URL is asked.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ObjectRequest {
-    /// Which one.
-    pub key: Digest,
-    /// SHA-256 of the bytes that are to be stored; `None`: it is to be read.
-    pub sha256: Option<[u8; 32]>,
-}
-
-/// URLs of objects of one kind, or of blobs where it is empty, one for each, in their order; `None` where there is none for
-/// a worker. Or why nothing can be signed now.
-pub type Presigned = Pin<Box<dyn Future<Output = Result<Vec<Option<String>>, String>> + Send>>;
-/// Signs them for a principal.
-pub type Presign = Arc<dyn Fn(Principal, String, Vec<ObjectRequest>) -> Presigned + Send + Sync>;
 
 /// What a run gives to its workers beside blobs.
 #[derive(Clone)]
@@ -198,8 +182,9 @@ impl Service {
     /// Registers a worker, or says why not.
     pub fn register(&self, caller: Caller, registration: Registration) -> Result<Accepted, Refusal> {
         let registered = self.try_register(caller.as_ref(), registration);
-        if let (Err(refusal), Some(connection)) = (&registered, caller) {
-            connection.note_refusal(refusal);
+        let reason = registered.as_ref().err().and_then(Refusal::counted);
+        if let (Some(reason), Some(connection)) = (reason, caller) {
+            connection.note_refusal(reason);
         }
         registered
     }

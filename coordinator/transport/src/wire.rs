@@ -16,7 +16,8 @@ use tonic::{Request, Response, Status};
 
 use crate::blob_stream::BlobStream;
 use crate::connection::Caller;
-use crate::service::{Accepted, ObjectRequest, Refusal, Registration, Release, Service};
+use crate::presigner::ObjectRequest;
+use crate::service::{Accepted, Refusal, Registration, Release, Service};
 use cluster::scheduler::{Answer, Poll};
 
 /// What a call is answered with.
@@ -41,8 +42,8 @@ pub fn refusal_of_v1(release: Release) -> v1::coordinator_server::CoordinatorSer
 impl v1::coordinator_server::Coordinator for Release {
     async fn register(&self, request: Request<v1::RegisterRequest>) -> Answered<v1::RegisterReply> {
         let refusal = Refusal::ProtocolVersion { got: 1, release: *self };
-        if let (Some(connection), _) = opened(request) {
-            connection.note_refusal(&refusal);
+        if let ((Some(connection), _), Some(reason)) = (opened(request), refusal.counted()) {
+            connection.note_refusal(reason);
         }
         let (reason, message) = (v1::RefusalReason::ProtocolVersion.into(), refusal.to_string());
         let refused = v1::Refused { reason, message };
