@@ -10,8 +10,7 @@ use std::time::Duration;
 
 use cache::{ByteSize, Store};
 use descriptor::{Descriptor, Family, Preparer, QuantiseError, SearchSpace};
-use proto::{BLOB_KIND, Principal, SessionId};
-use worker::PREPARED_CLOUD;
+use proto::{Principal, SessionId};
 
 use crate::compare::{Candidate, baselines};
 use crate::console::Console;
@@ -48,9 +47,6 @@ const NEWCOMER_AUDITS: u32 = 10;
 /// Workers that one job may take with it: many machines may go for reasons of their own, but a job that brings down
 /// each worker it is given to must end some time.
 const MAX_LOSSES: u32 = 50;
-
-/// What the bucket holds, with the names by which URLs to it are counted.
-const COUNTED_KINDS: [(&str, &str); 2] = [(PREPARED_CLOUD, "prepared_cloud"), (BLOB_KIND, "blob")];
 
 fn limits(experiment: &Experiment) -> Limits {
     let settings = experiment.coordinator();
@@ -137,10 +133,9 @@ impl<'a> Session<'a> {
         let prepared = PreparedClouds::new(Arc::clone(&store), experiment.preprocess(), &preparers, entries);
         let prepared = Arc::new(prepared);
         let bucket = shared_bucket::open(&store)?;
-        let presigner = bucket.as_ref().map(|bucket| {
-            let sign = shared_bucket::presign(bucket, &prepared, &cluster, &store);
-            Arc::new(Presigner::new(sign, &COUNTED_KINDS))
-        });
+        let presigner = bucket
+            .as_ref()
+            .map(|bucket| Arc::new(shared_bucket::presigner(bucket, &prepared, &cluster, &store)));
         let release = Release { build: worker::BUILD, evaluation_version: descriptor::EVALUATION_VERSION };
         let released = Arc::clone(&cluster);
         let derived = Arc::new(move |kind: &str, key| prepared.read(kind, key, &released.blobs));

@@ -255,8 +255,9 @@ pub const FAMILIES: [Family; 27] = [
     Family {
         name: "descry_bucket_urls",
         help: "URLs to the bucket that workers asked for, by kind of object (prepared_cloud; blob: clouds and descriptions \
-               of shards), by direction (read, write) and by what became of it: signed, withheld (not released yet, read \
-               only, or a principal that was wrong), or failed, for want of a key. None without a bucket",
+               of shards), by direction (read, write) and by what became of it: signed, withheld (not released, not there, \
+               not to be trusted, stored by another, or read only), or failed, for want of a key or of an answer of the \
+               bucket. None without a bucket",
         labels: &["kind", "direction", "outcome"],
         samples: |now, _| {
             let sample = |(&(kind, direction, outcome), &count): (&(_, Direction, SigningOutcome), &u64)| {

@@ -88,9 +88,14 @@ impl EntryTrust {
         Self { audit, uploads: HashMap::new(), known: HashMap::new(), records: BTreeMap::new() }
     }
 
-    /// Notes that a principal gets a URL to store these bytes; `false`: it must not, as too many were signed for.
+    /// Notes that a principal gets a URL to store these bytes; `false`: it must not. Of those that have made the same entry the
+    /// first one stores it, so that it has one author, and is sent once; another does if that one was found wrong.
     pub fn sign(&mut self, key: Digest, sha256: Sha256, principal: Principal) -> bool {
         let uploads = self.uploads.entry(key).or_default();
+        let is_anothers = uploads.iter().any(|(_, author)| *author != principal);
+        if is_anothers && self.known.get(&key) != Some(&Known::Wrong) {
+            return false;
+        }
         if !uploads.contains(&(sha256, principal)) {
             if uploads.len() >= MOST_UPLOADS {
                 return false;
@@ -370,9 +375,22 @@ mod tests {
         let mut trust = EntryTrust::new(AUDIT);
         stored(&mut trust, &keys, principal(1));
         let check = any(&trust, &keys);
-        assert!(trust.sign(keys[0], ILL, principal(2)));
+        assert!(trust.sign(keys[0], ILL, principal(1)));
         trust.note(check, Finding::Right(WELL));
         assert_eq!(trust.give(&keys, principal(9)), [false]);
+    }
+
+    #[test]
+    fn of_those_who_have_made_an_entry_one_stores_it() {
+        let mut trust = EntryTrust::new(AUDIT);
+        let keys = keys(1);
+        stored(&mut trust, &keys, principal(1));
+        assert!(
+            !trust.sign(keys[0], WELL, principal(2)) && !trust.sign(keys[0], ILL, Principal::Coordinator)
+        );
+        let check = any(&trust, &keys);
+        trust.note(check, Finding::Wrong(WELL));
+        assert!(trust.sign(keys[0], ILL, principal(2)), "until it was found wrong");
     }
 
     #[test]

@@ -13,7 +13,7 @@ use futures_util::future::BoxFuture;
 use futures_util::{FutureExt as _, StreamExt as _, TryStreamExt as _};
 use proto::{BLOB_KIND, Digest, MIN_SHARED_DESCRIPTION_BYTES, Principal};
 use ring::digest;
-use transport::{ObjectRequest, Presign};
+use transport::{ObjectRequest, Presign, Presigner};
 use worker::PREPARED_CLOUD;
 
 #[cfg(not(feature = "s3"))]
@@ -32,6 +32,9 @@ const CHECKS_AT_ONCE: usize = 8;
 /// After a check that could not be made, so long none is tried.
 const PAUSE: Duration = Duration::from_secs(10);
 
+/// What the bucket holds, with the names by which URLs to it are counted.
+const COUNTED_KINDS: [(&str, &str); 2] = [(PREPARED_CLOUD, "prepared_cloud"), (BLOB_KIND, "blob")];
+
 /// The bucket of a store, if it has one. Nothing is asked of it yet.
 ///
 /// # Errors
@@ -40,13 +43,13 @@ pub fn open(store: &Store) -> Result<Option<Arc<Bucket>>, BucketError> {
     Ok(store.bucket().map(Bucket::open).transpose()?.map(Arc::new))
 }
 
-/// Signs URLs of what workers may have: blobs that are released, and prepared clouds of these.
-pub fn presign(
+/// Signs URLs of what workers may have, blobs that are released and prepared clouds of these, and counts them.
+pub fn presigner(
     bucket: &Arc<Bucket>,
     prepared: &Arc<PreparedClouds>,
     cluster: &Arc<Cluster>,
     store: &Store,
-) -> Presign {
+) -> Presigner {
     let is_read_only = store.is_shared_read_only();
     let source = Arc::clone(bucket);
     let read = move |key| {
@@ -59,12 +62,14 @@ pub fn presign(
     };
     let entries = Arc::new(Entries::new(Arc::clone(prepared), Arc::clone(cluster), Box::new(read)));
     let (bucket, prepared, cluster) = (Arc::clone(bucket), Arc::clone(prepared), Arc::clone(cluster));
-    Arc::new(move |principal, kind, objects| {
+    let sign: Presign = Arc::new(move |principal, kind, objects| {
         let (bucket, prepared, cluster) = (Arc::clone(&bucket), Arc::clone(&prepared), Arc::clone(&cluster));
         let entries = Arc::clone(&entries);
         Box::pin(async move {
             let is_given = |object: &ObjectRequest| {
-                is_given(&kind, object.key, object.sha256.is_some(), (&prepared, &cluster.blobs))
+                let is_write = object.sha256.is_some();
+                !(is_write && is_read_only)
+                    && is_given(&kind, object.key, is_write, (&prepared, &cluster.blobs))
             };
             let mut given: Vec<bool> = objects.iter().map(is_given).collect();
             if kind == PREPARED_CLOUD {
@@ -75,14 +80,14 @@ pub fn presign(
                 let url = match sha256 {
                     _ if !is_given => Ok(None),
                     None => bucket.url_to_read(&kind, key).await,
-                    Some(_) if is_read_only => Ok(None),
                     Some(sha256) => bucket.url_to_write(&kind, key, &sha256).await,
                 };
                 urls.push(url.map_err(|error| proto::Message::of(&error).what)?);
             }
             Ok(urls)
         })
-    })
+    });
+    Presigner::new(sign, &COUNTED_KINDS)
 }
 
 /// Whether workers may have an object now, to read or to write it.

@@ -72,17 +72,7 @@ const CLOUDS: usize = 8;
 
 impl Bench {
     fn new(share: f64, mode: Mode) -> Self {
-        let limits = Limits {
-            lease: Duration::from_secs(30),
-            job: Duration::from_secs(600),
-            max_failures: 2,
-            max_losses: 5,
-            worker_grace: Duration::from_secs(300),
-            max_workers: 4,
-            audit: Audit { share, first: FIRST },
-            check_description: |_, _, _| Ok(()),
-            channels_of: |_| Vec::new(),
-        };
+        let limits = Limits { audit: Audit { share, first: FIRST }, ..Limits::SAMPLE };
         let (cluster, folder) = (Cluster::new(limits), tempfile::tempdir().unwrap());
         let settings = SynthSettings::default();
         let object = &synth::catalogue(&settings)[0];

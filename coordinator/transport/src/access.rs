@@ -159,24 +159,12 @@ mod tests {
     use tonic::Code;
 
     use super::*;
-    use std::time::Duration;
 
-    use cluster::scheduler::{Audit, Limits};
+    use cluster::scheduler::Limits;
 
     fn access(requirement: Requirement) -> Arc<AccessControl> {
-        let limits = Limits {
-            lease: Duration::from_secs(30),
-            job: Duration::from_secs(600),
-            max_failures: 2,
-            max_losses: 5,
-            worker_grace: Duration::from_secs(300),
-            max_workers: 4,
-            audit: Audit::NONE,
-            check_description: |_, _, _| Ok(()),
-            channels_of: |_| Vec::new(),
-        };
         let connections = ConnectionLimits::within(1024);
-        AccessControl::new(Cluster::new(limits), requirement, connections, Arc::default())
+        AccessControl::new(Cluster::new(Limits::SAMPLE), requirement, connections, Arc::default())
     }
 
     fn connection(access: &AccessControl, certificate: Option<Fingerprint>) -> Arc<Connection> {

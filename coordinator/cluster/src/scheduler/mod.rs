@@ -79,9 +79,9 @@ pub struct Limits {
     pub channels_of: ChannelsOf,
 }
 
-#[cfg(test)]
 impl Limits {
-    /// For tests.
+    /// For tests, of this and other crates.
+    #[doc(hidden)]
     pub const SAMPLE: Self = Self {
         lease: Duration::from_secs(30),
         job: Duration::from_secs(600),
