@@ -164,7 +164,7 @@ extern "C" {
 #endif // __cplusplus
 
 /**
- * The library's version, for example "0.2.0".
+ * The library's version, for example "0.3.0".
  */
 const char *descry_version(void);
 

@@ -50,7 +50,7 @@ const _: () = {
     shared::<descry_recogniser>();
 };
 
-/// The library's version, for example "0.2.0".
+/// The library's version, for example "0.3.0".
 #[unsafe(no_mangle)]
 pub extern "C" fn descry_version() -> *const c_char {
     const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "\0");
