@@ -138,6 +138,7 @@ impl ClusterState {
     pub(super) fn quarantine(&mut self, principal: Principal, now: Instant) {
         self.scheduler.quarantine(principal, None, now);
         self.settle(now);
+        self.wake(now); // its jobs are free, and what it has answered is asked again
     }
 
     /// See [`Scheduler::deny`].

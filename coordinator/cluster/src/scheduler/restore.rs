@@ -19,16 +19,9 @@ impl Scheduler {
         let answered: BTreeSet<WorkerId> =
             recorded.accepted.values().map(|accepted| accepted.worker_id).collect();
         self.quarantined.extend(&recorded.quarantined);
-        for accepted in recorded.accepted.values() {
-            if matches!(accepted.assurance, Assurance::Owed | Assurance::Audited) {
-                self.trust.count(accepted.principal);
-            }
-            if accepted.assurance == Assurance::Audited {
-                [Some(accepted.principal), accepted.seconded]
-                    .into_iter()
-                    .flatten()
-                    .for_each(|one| self.trust.agree(one));
-            }
+        // Who may have gone on with what a liar has given is not recorded: after one, everybody is a newcomer.
+        if recorded.quarantined.is_empty() {
+            self.restore_trust(recorded);
         }
         for (&id, Member { label, introduction }) in &recorded.members {
             let worker = label.clone();
@@ -43,6 +36,20 @@ impl Scheduler {
         }
         self.used_labels.extend(recorded.labels());
         self.restarted = true;
+    }
+
+    fn restore_trust(&mut self, recorded: &Recorded) {
+        for accepted in recorded.accepted.values() {
+            if matches!(accepted.assurance, Assurance::Owed | Assurance::Audited) {
+                self.trust.count(accepted.principal);
+            }
+            if accepted.assurance == Assurance::Audited {
+                [Some(accepted.principal), accepted.seconded]
+                    .into_iter()
+                    .flatten()
+                    .for_each(|one| self.trust.agree(one));
+            }
+        }
     }
 
     /// Notes the attempts that earlier starts have made at a job; returns the last one whose holder may be there.

@@ -78,6 +78,21 @@ fn a_worker_that_was_quarantined_before_a_restart_stays_so() {
 }
 
 #[test]
+fn after_a_restart_trust_is_that_of_before_unless_somebody_was_quarantined() {
+    let audited = AcceptedResult { assurance: Assurance::Audited, ..answered(("host", 1)) };
+    let accepted = (0..20).map(|job| (JobId(job), audited.clone())).collect();
+    let mut recorded = Recorded { accepted, ..Recorded::default() };
+    for (quarantined, is_trusted) in [(BTreeSet::new(), true), ([principal(8)].into(), false)] {
+        recorded.quarantined = quarantined;
+        let mut bench = Bench::new(0);
+        bench.scheduler.trust = Trust::new(Audit { share: 0.0, first: 10 });
+        bench.scheduler.restore(&recorded, bench.now);
+        assert_eq!(bench.scheduler.trust.has_earned(principal(1)), is_trusted);
+        assert_eq!(bench.scheduler.trust.audits(principal(1), 0.5), !is_trusted);
+    }
+}
+
+#[test]
 fn a_lease_that_no_start_has_recorded_is_taken_over_and_one_that_nobody_was_granted_is_not() {
     let (mut bench, lease) = resumed();
     bench.poll(1, &[], 0); // it never got the job
