@@ -13,7 +13,8 @@
 #SBATCH --signal=TERM@60
 
 trap : TERM # this shell outlives the coordinator, which gets the signal as well
-srun "${COORDINATOR:-coordinator}" "$@" &
+# srun does not take the number of processors from its job.
+srun --cpus-per-task="${SLURM_CPUS_PER_TASK:-1}" "${COORDINATOR:-coordinator}" "$@" &
 wait $!
 code=$?
 while kill -0 $! 2>/dev/null; do # the signal has ended the wait alone

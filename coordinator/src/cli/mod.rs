@@ -170,6 +170,9 @@ fn block_on<T>(advice: &str, work: impl Future<Output = anyhow::Result<T>>) -> a
     runtime.spawn(async move {
         if let Ok(code) = interruption().await {
             say(format_args!("\nerror: interrupted\n{advice}"));
+            // Not after SIGTERM, with which Slurm ends a job that it starts again.
+            let left = if code == i32::from(INTERRUPTED) { crate::slurm::interrupted() } else { None };
+            left.into_iter().for_each(|left| say(format_args!("{left}")));
             crate::trace::interrupted();
             std::process::exit(code);
         }

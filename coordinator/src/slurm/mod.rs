@@ -4,12 +4,13 @@ mod error;
 mod scaler;
 mod worker_line;
 
+use std::ffi::OsString;
 use std::fs;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
-use std::sync::Arc;
 use std::sync::mpsc::{self, RecvTimeoutError, Sender};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -26,6 +27,11 @@ const INTERVAL: Duration = Duration::from_secs(15);
 const FOLDER: &str = "slurm";
 /// The script of the workers.
 const SCRIPT: &str = "worker.sh";
+/// What a job needs to know of the cluster, of all that Slurm tells a coordinator that is a job itself.
+const OF_THE_CLUSTER: [&str; 3] = ["SLURM_CONF", "SLURM_CLUSTERS", "SLURM_JWT"];
+
+/// The name of the jobs of the run that asks for workers now.
+static ASKING: Mutex<Option<String>> = Mutex::new(None);
 
 /// Which workers Slurm is asked for.
 #[derive(Clone, Debug)]
@@ -42,6 +48,14 @@ pub struct SlurmWorkers {
     pub worker: PathBuf,
     /// The file from which workers learn where the coordinator is.
     pub join_file: PathBuf,
+}
+
+/// Cancels workers that still wait for a place, as this process is about to end and nobody goes on with its run by itself;
+/// returns what becomes of the others, if there may be any.
+pub fn interrupted() -> Option<String> {
+    let name = ASKING.lock().unwrap_or_else(PoisonError::into_inner).take()?;
+    cancel_waiting(&name);
+    Some(format!("Slurm: workers end when they have had no job for 15 min; at once by scancel --name={name}"))
 }
 
 /// Asks Slurm for workers, from a thread of its own, until this is dropped; then those that still wait for a place are
@@ -69,6 +83,7 @@ impl Scaling {
         }
         let queue = Queue::open(workers, out)?;
         queue.try_out()?;
+        *ASKING.lock().unwrap_or_else(PoisonError::into_inner) = Some(queue.name.clone());
         let (stop, stopped) = mpsc::channel::<()>();
         let (cluster, console) = (Arc::clone(cluster), console.clone());
         let scaler = Scaler::new(workers.most, workers.threads);
@@ -80,7 +95,7 @@ impl Scaling {
                 // wait for a place may be long.
                 supervisor.look(if now.counters.joined == 0 { u64::MAX } else { now.wanted_threads });
                 if stopped.recv_timeout(INTERVAL) != Err(RecvTimeoutError::Timeout) {
-                    return supervisor.queue.cancel_waiting();
+                    return cancel_waiting(&supervisor.queue.name);
                 }
             }
         };
@@ -91,6 +106,7 @@ impl Scaling {
 impl Drop for Scaling {
     fn drop(&mut self) {
         self.stop = None;
+        *ASKING.lock().unwrap_or_else(PoisonError::into_inner) = None;
         if let Some(thread) = self.thread.take() {
             let _ = thread.join(); // its panic has been reported
         }
@@ -180,6 +196,9 @@ impl Queue {
 
     fn sbatch(&self, count: u32) -> Command {
         let mut sbatch = Command::new("sbatch");
+        for variable in own_job(std::env::vars_os().map(|(name, _)| name)) {
+            sbatch.env_remove(variable);
+        }
         sbatch.args(["--parsable", "--output=%A_%a.log"]).arg(format!("--job-name={}", self.name));
         sbatch.arg(format!("--chdir={}", self.folder.display())).arg(format!("--array=1-{count}"));
         sbatch.arg(format!("--cpus-per-task={}", self.threads)).arg(format!("--time={}", self.minutes));
@@ -201,15 +220,24 @@ impl Queue {
         let text = said(&done.map_err(|error| format!("squeue: {error}"))?)?;
         Ok(text.lines().filter_map(SlurmJob::parse).collect())
     }
+}
 
-    /// Those without a place would find nobody.
-    fn cancel_waiting(&self) {
-        let name = format!("--name={}", self.name);
-        let done = output(Command::new("scancel").args([&name, "--state=PENDING"]));
-        if let Err(reason) = done.map_err(|error| error.to_string()).and_then(|done| said(&done)) {
-            tracing::warn!("Slurm: workers that wait for a place may be left, got {reason}");
-        }
+/// Cancels jobs without a place: they would find nobody.
+fn cancel_waiting(name: &str) {
+    let done = output(Command::new("scancel").args([&format!("--name={name}"), "--state=PENDING"]));
+    if let Err(reason) = done.map_err(|error| error.to_string()).and_then(|done| said(&done)) {
+        tracing::warn!("Slurm: workers that wait for a place may be left, got {reason}");
     }
+}
+
+/// Of these variables, those that Slurm has set for the job that the coordinator may be itself: handed on, its processors and
+/// memory would bind the workers, which have others.
+fn own_job(variables: impl Iterator<Item = OsString>) -> impl Iterator<Item = OsString> {
+    let is_own = |name: &OsString| {
+        let name = name.to_string_lossy();
+        name.starts_with("SLURM_") && !OF_THE_CLUSTER.contains(&&*name)
+    };
+    variables.filter(is_own)
 }
 
 /// What people are told of workers that were asked for.
@@ -235,6 +263,14 @@ fn said(done: &Output) -> Result<String, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn workers_get_nothing_of_the_job_that_asks_for_them() {
+        let variables =
+            ["PATH", "SLURM_CPU_BIND", "SBATCH_PARTITION", "SLURM_CONF", "SLURM_JOB_ID", "SLURM_JWT"];
+        let own: Vec<OsString> = own_job(variables.map(OsString::from).into_iter()).collect();
+        assert_eq!(own, ["SLURM_CPU_BIND", "SLURM_JOB_ID"]);
+    }
 
     #[test]
     fn one_worker_is_no_several() {
