@@ -320,6 +320,8 @@ def traffic(site, server, environment, workers):
         assert coordinator.returncode == 0, coordinator.log.read_text()
         digests.add(json.loads(text)["run_digest"])
         for one in crowd:
+            if "joined as" not in one.log.read_text():
+                one.terminate()  # the run had ended before it came
             one.wait(120)
         logs = [one.log.read_text() for one in crowd]
         prepared = sum(int(count) for log in logs for count in re.findall(r"prepared (\d+) and loaded", log))

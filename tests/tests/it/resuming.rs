@@ -109,7 +109,10 @@ fn a_coordinator_killed_under_several_workers_goes_on_with_all_of_them_and_tells
     let attempts = results::read_table(&out, results::TableName::Attempts).unwrap();
     let ends = attempts.column("end").unwrap().str().unwrap().clone();
     let jobs = attempts.column("job").unwrap().u64().unwrap().clone();
-    let answers = jobs.iter().zip(&ends).filter(|(_, end)| end.is_some_and(|end| ["answered", "late"].contains(&end)));
+    let answers = jobs
+        .iter()
+        .zip(ends.iter())
+        .filter(|(_, end)| end.is_some_and(|end| ["answered", "late"].contains(&end)));
     // A job that was given up and handed out again may have an answer of each.
     let answered = answers.map(|(job, _)| job).collect::<BTreeSet<_>>().len() as u64;
     // The winner is measured three times at the end, each of three baselines once. Where a kill comes between an answer and
