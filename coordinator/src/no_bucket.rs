@@ -38,6 +38,10 @@ impl Bucket {
         match *self {}
     }
 
+    pub async fn size(&self, _: &str, _: Digest) -> Result<Option<u64>, BucketError> {
+        match *self {}
+    }
+
     pub async fn read(&self, _: &str, _: Digest, _: u64) -> Result<Option<Vec<u8>>, BucketError> {
         match *self {}
     }

@@ -53,6 +53,15 @@ pub struct ObjectRequest {
     pub sha256: Option<Vec<u8>>,
 }
 
+/// A URL that is good for one object and one method.
+#[derive(Clone, Debug)]
+pub struct SignedUrl {
+    /// The URL.
+    pub url: String,
+    /// SHA-256 of the bytes that may be used; `None`: whatever is there may be used.
+    pub sha256: Option<Vec<u8>>,
+}
+
 /// What a worker says in one poll.
 #[derive(Debug)]
 pub struct Poll {
@@ -165,13 +174,13 @@ impl Client {
         collect(self.0.clone().fetch_derived(request).await?.into_inner(), most).await
     }
 
-    /// URLs of objects in the bucket, in their order; empty for those that there are none of.
+    /// URLs of objects in the bucket, in their order; `None` for those that there are none of.
     pub async fn presign_urls(
         &self,
         kind: &str,
         objects: Vec<ObjectRequest>,
         timeout: Duration,
-    ) -> Result<Vec<String>, Status> {
+    ) -> Result<Vec<Option<SignedUrl>>, Status> {
         let object = |ObjectRequest { key, sha256 }: ObjectRequest| v2::Object {
             key: key.to_vec(),
             sha256: sha256.unwrap_or_default(),
@@ -180,10 +189,17 @@ impl Client {
         let objects = objects.into_iter().map(object).collect();
         let mut request = Request::new(v2::PresignUrlsRequest { kind, objects });
         request.set_timeout(timeout);
-        let urls = self.0.clone().presign_urls(request).await?.into_inner().urls;
+        let v2::PresignUrlsReply { urls, sha256 } = self.0.clone().presign_urls(request).await?.into_inner();
         let got = urls.len();
-        let wrong = || Status::internal(format!("URLs: must be {asked}, got {got}"));
-        (got == asked).then_some(urls).ok_or_else(wrong)
+        if got != asked {
+            return Err(Status::internal(format!("URLs: must be {asked}, got {got}")));
+        }
+        let mut sums = sha256.into_iter();
+        let signed = |url: String| {
+            let sha256 = sums.next().filter(|sum| !sum.is_empty());
+            (!url.is_empty()).then_some(SignedUrl { url, sha256 })
+        };
+        Ok(urls.into_iter().map(signed).collect())
     }
 }
 

@@ -120,6 +120,19 @@ impl Bucket {
         Ok(Some(signed.to_string()))
     }
 
+    /// The size of an entry of a kind, or of a blob, in bytes; `None` if there is none.
+    ///
+    /// # Errors
+    /// If the server does not say so.
+    pub async fn size(&self, kind: &str, key: proto::Digest) -> Result<Option<u64>, BucketError> {
+        let Some(name) = self.url.object(kind, key) else { return Ok(None) };
+        match self.store.head(&Path::from(name)).await {
+            Ok(object) => Ok(Some(object.size)),
+            Err(object_store::Error::NotFound { .. }) => Ok(None),
+            Err(error) => Err(self.failed("read", error)),
+        }
+    }
+
     /// An entry of a kind, or a blob, unchecked; `None` if there is none, or none of at most `most` bytes.
     ///
     /// # Errors

@@ -57,9 +57,46 @@ enum Mode {
     Forbidden,
 }
 
+/// Objects by key, and how often somebody has looked.
+struct Server {
+    mode: Mode,
+    objects: Arc<Mutex<HashMap<Digest, Vec<u8>>>>,
+    reads: Arc<AtomicU32>,
+}
+
+impl Server {
+    fn answer<T: Send + 'static>(&self, answer: T) -> BoxFuture<'static, Result<T, String>> {
+        let mode = self.mode;
+        let answer = async move {
+            match mode {
+                Mode::Well => Ok(answer),
+                Mode::Hung => std::future::pending().await,
+                Mode::Forbidden => Err("403 Forbidden".to_owned()),
+            }
+        };
+        answer.boxed()
+    }
+}
+
+impl Objects for Server {
+    fn size(&self, key: Digest) -> BoxFuture<'static, Result<Option<u64>, String>> {
+        self.reads.fetch_add(1, Ordering::Relaxed);
+        self.answer(self.objects.lock().unwrap().get(&key).map(|bytes| bytes.len() as u64))
+    }
+
+    fn read(&self, key: Digest, most: u64) -> BoxFuture<'static, Result<Option<Vec<u8>>, String>> {
+        let bytes = self.objects.lock().unwrap().get(&key).cloned();
+        assert!(
+            bytes.as_ref().is_none_or(|bytes| bytes.len() as u64 <= most),
+            "what is larger is not asked for"
+        );
+        self.answer(bytes)
+    }
+}
+
 /// A bucket for the prepared clouds of a run.
 struct Bench {
-    entries: Entries,
+    entries: Arc<Entries>,
     keys: Vec<Digest>,
     objects: Arc<Mutex<HashMap<Digest, Vec<u8>>>>,
     reads: Arc<AtomicU32>,
@@ -69,9 +106,15 @@ struct Bench {
 /// Entries of an author that are checked before others are given.
 const FIRST: u32 = 3;
 const CLOUDS: usize = 8;
+/// For what is never answered.
+const SHORT: Duration = Duration::from_millis(10);
 
 impl Bench {
     fn new(share: f64, mode: Mode) -> Self {
+        Self::patient(share, mode, PATIENCE)
+    }
+
+    fn patient(share: f64, mode: Mode, patience: (Duration, Duration)) -> Self {
         let limits = Limits { audit: Audit { share, first: FIRST }, ..Limits::SAMPLE };
         let (cluster, folder) = (Cluster::new(limits), tempfile::tempdir().unwrap());
         let settings = SynthSettings::default();
@@ -94,20 +137,9 @@ impl Bench {
         let prepared = PreparedClouds::new(store, &preprocess, std::slice::from_ref(&preparer), &clouds);
         let (objects, reads) =
             (Arc::<Mutex<HashMap<Digest, Vec<u8>>>>::default(), Arc::<AtomicU32>::default());
-        let (source, count) = (Arc::clone(&objects), Arc::clone(&reads));
-        let read = move |key| {
-            count.fetch_add(1, Ordering::Relaxed);
-            let object = source.lock().unwrap().get(&key).cloned();
-            let answer = async move {
-                match mode {
-                    Mode::Well => Ok(object),
-                    Mode::Hung => std::future::pending().await,
-                    Mode::Forbidden => Err("403 Forbidden".to_owned()),
-                }
-            };
-            answer.boxed()
-        };
-        let entries = Entries::new(Arc::new(prepared), cluster, Box::new(read));
+        let server = Server { mode, objects: Arc::clone(&objects), reads: Arc::clone(&reads) };
+        let entries = Entries::new(Arc::new(prepared), cluster, Box::new(server));
+        let entries = Arc::new(Entries { patience, ..entries });
         Self { entries, keys, objects, reads, _folder: folder }
     }
 
@@ -118,24 +150,43 @@ impl Bench {
         store_in(self._folder.path()).as_entry(PREPARED_CLOUD, self.keys[index], &payload)
     }
 
+    /// A worker asks to store an entry: whether it was let.
+    async fn sign(&self, index: usize, bytes: &[u8], principal: Principal) -> bool {
+        let mut sha256 = [0; 32];
+        sha256.copy_from_slice(digest::digest(&digest::SHA256, bytes).as_ref());
+        let object = ObjectRequest { key: self.keys[index], sha256: Some(sha256) };
+        let mut given = [Given::Anything];
+        self.entries.admit(principal, &[object], &mut given).await.unwrap();
+        given[0] != Given::Withheld
+    }
+
     /// A worker stores an entry: whether it was let.
     async fn store(&self, index: usize, bytes: Vec<u8>, principal: Principal) -> bool {
-        let mut sha256 = [0; 32];
-        sha256.copy_from_slice(digest::digest(&digest::SHA256, &bytes).as_ref());
-        let object = ObjectRequest { key: self.keys[index], sha256: Some(sha256) };
-        let mut given = [true];
-        self.entries.admit(principal, &[object], &mut given).await.unwrap();
+        let is_signed = self.sign(index, &bytes, principal).await;
+        if is_signed {
+            self.put(index, bytes);
+        }
+        is_signed
+    }
+
+    /// An entry is there, whoever has stored it.
+    fn put(&self, index: usize, bytes: Vec<u8>) {
         self.objects.lock().unwrap().insert(self.keys[index], bytes);
-        given[0]
+    }
+
+    /// What a worker gets of the entries.
+    async fn get(&self, principal: Principal) -> Result<Vec<Given>, String> {
+        let object = |key: &Digest| ObjectRequest { key: *key, sha256: None };
+        let objects: Vec<_> = self.keys.iter().map(object).collect();
+        let mut given = vec![Given::Anything; objects.len()];
+        self.entries.admit(principal, &objects, &mut given).await?;
+        Ok(given)
     }
 
     /// Which entries a worker gets.
-    async fn get(&self, principal: Principal) -> Result<Vec<bool>, String> {
-        let object = |key: &Digest| ObjectRequest { key: *key, sha256: None };
-        let objects: Vec<_> = self.keys.iter().map(object).collect();
-        let mut given = vec![true; objects.len()];
-        self.entries.admit(principal, &objects, &mut given).await?;
-        Ok(given)
+    async fn is_given(&self, principal: Principal) -> Vec<bool> {
+        let given = self.get(principal).await.unwrap();
+        given.into_iter().map(|given| given != Given::Withheld).collect()
     }
 
     fn reads(&self) -> u32 {
@@ -155,14 +206,14 @@ async fn whoever_stores_wrong_clouds_is_quarantined_before_anybody_gets_one() {
         let author = if index < 4 { principal(1) } else { principal(2) };
         assert!(bench.store(index, bench.entry(index, source), author).await);
     }
-    assert_eq!(bench.get(principal(9)).await.unwrap(), [[true; 4], [false; 4]].concat());
+    assert_eq!(bench.is_given(principal(9)).await, [[true; 4], [false; 4]].concat());
     assert!(bench.entries.cluster.is_quarantined(&principal(2)));
     assert!(!bench.entries.cluster.is_quarantined(&principal(1)));
     // What another makes instead is given again.
     for index in 4..CLOUDS {
-        bench.store(index, bench.entry(index, index), principal(1)).await;
+        assert!(bench.store(index, bench.entry(index, index), principal(1)).await);
     }
-    assert_eq!(bench.get(principal(9)).await.unwrap()[..4], [true; 4]);
+    assert_eq!(bench.is_given(principal(9)).await, [true; CLOUDS]);
 }
 
 #[tokio::test]
@@ -172,55 +223,110 @@ async fn who_lies_after_it_has_earned_trust_is_found_by_the_share_that_is_checke
         let source = if index < 7 { index } else { 0 };
         bench.store(index, bench.entry(index, source), principal(1)).await;
     }
-    assert_eq!(bench.get(principal(9)).await.unwrap(), [[true; 7].as_slice(), &[false]].concat());
+    assert_eq!(bench.is_given(principal(9)).await, [[true; 7].as_slice(), &[false]].concat());
     assert!(bench.entries.cluster.is_quarantined(&principal(1)));
+}
+
+#[tokio::test]
+async fn whoever_is_quarantined_for_an_answer_has_stored_nothing_to_be_believed() {
+    let bench = Bench::new(0.0, Mode::Well);
+    for index in 0..CLOUDS {
+        bench.store(index, bench.entry(index, index), principal(1)).await;
+    }
+    assert_eq!(bench.is_given(principal(9)).await, [true; CLOUDS]);
+    bench.entries.cluster.quarantine(principal(1));
+    bench.put(CLOUDS - 1, bench.entry(CLOUDS - 1, 0));
+    assert_eq!(bench.is_given(principal(9)).await, [[true; CLOUDS - 1].as_slice(), &[false]].concat());
+    assert_eq!(bench.reads(), CLOUDS as u32, "each was looked at by then");
 }
 
 #[tokio::test]
 async fn what_earlier_runs_have_stored_is_looked_at_once() {
     let bench = Bench::new(0.0, Mode::Well);
-    assert_eq!(bench.get(principal(8)).await.unwrap(), [false; CLOUDS], "nothing is there");
+    assert_eq!(bench.is_given(principal(8)).await, [false; CLOUDS], "nothing is there");
     assert_eq!(bench.reads(), CLOUDS as u32);
     let bench = Bench::new(0.0, Mode::Well);
-    let all = (0..CLOUDS).map(|index| (bench.keys[index], bench.entry(index, index)));
-    bench.objects.lock().unwrap().extend(all.collect::<Vec<_>>());
+    (0..CLOUDS).for_each(|index| bench.put(index, bench.entry(index, index)));
     for _ in 0..3 {
-        assert_eq!(bench.get(principal(9)).await.unwrap(), [true; CLOUDS]);
+        assert_eq!(bench.is_given(principal(9)).await, [true; CLOUDS]);
         assert_eq!(bench.reads(), FIRST);
     }
 }
 
 #[tokio::test]
 async fn wrong_clouds_of_earlier_runs_are_used_by_nobody() {
-    let bench = Bench::new(0.0, Mode::Well);
-    let all =
-        (0..CLOUDS).map(|index| (bench.keys[index], bench.entry(index, if index == 1 { 0 } else { index })));
-    bench.objects.lock().unwrap().extend(all.collect::<Vec<_>>());
-    let given = bench.get(principal(9)).await.unwrap();
-    assert!(!given[1] && given[2], "{given:?}");
-    assert_eq!(bench.reads(), CLOUDS as u32, "each is looked at, as none may be believed");
-    assert_eq!(bench.entries.cluster.quarantined().len(), 0);
+    // Nor if somebody who is trusted asks to store right ones in their place, and does not.
+    for is_signed in [false, true] {
+        let bench = Bench::new(0.0, Mode::Well);
+        (0..CLOUDS).for_each(|index| bench.put(index, bench.entry(index, (index + 1) % CLOUDS)));
+        let right: Vec<Vec<u8>> = (0..CLOUDS).map(|index| bench.entry(index, index)).collect();
+        for (index, bytes) in right.iter().enumerate().filter(|_| is_signed) {
+            assert!(bench.sign(index, bytes, Principal::Coordinator).await);
+        }
+        let given = bench.get(principal(9)).await.unwrap();
+        for (given, bytes) in given.iter().zip(&right) {
+            let mut sha256 = [0; 32];
+            sha256.copy_from_slice(digest::digest(&digest::SHA256, bytes).as_ref());
+            let expected = if is_signed { Given::Content(sha256) } else { Given::Withheld };
+            assert_eq!(*given, expected);
+        }
+        let looks = if is_signed { 0 } else { CLOUDS as u32 };
+        assert_eq!(bench.reads(), looks, "each is looked at, as none may be believed");
+        assert_eq!(bench.entries.cluster.quarantined().len(), 0);
+    }
 }
 
 #[tokio::test]
 async fn a_damaged_entry_is_made_again_and_blames_nobody() {
-    let bench = Bench::new(0.0, Mode::Well);
+    let bench = Bench::new(1.0, Mode::Well);
     for index in 0..CLOUDS {
         bench.store(index, bench.entry(index, index), principal(1)).await;
     }
-    *bench.objects.lock().unwrap().get_mut(&bench.keys[0]).unwrap().last_mut().unwrap() ^= 1;
-    let given = bench.get(principal(9)).await.unwrap();
-    assert_eq!(given, [[false].as_slice(), &[true; CLOUDS - 1]].concat());
-    bench.store(0, bench.entry(0, 0), principal(9)).await;
-    assert!(bench.get(principal(8)).await.unwrap()[0]);
+    let (mut damaged, mut larger) = (bench.entry(0, 0), bench.entry(1, 1));
+    *damaged.last_mut().unwrap() ^= 1;
+    larger.resize(1 << 20, 0);
+    bench.put(0, damaged);
+    bench.put(1, larger);
+    assert_eq!(bench.is_given(principal(9)).await, [[false; 2].as_slice(), &[true; CLOUDS - 2]].concat());
+    for index in [0, 1] {
+        assert!(bench.store(index, bench.entry(index, index), principal(9)).await);
+    }
+    assert_eq!(bench.is_given(principal(8)).await, [true; CLOUDS]);
     assert!(bench.entries.cluster.quarantined().is_empty());
+}
+
+#[tokio::test]
+async fn what_takes_long_to_check_is_withheld_until_it_was() {
+    let bench = Bench::patient(1.0, Mode::Well, (SHORT, SHORT));
+    for index in 0..CLOUDS {
+        bench.store(index, bench.entry(index, index), principal(1)).await;
+    }
+    // Somebody else is busy with all checks that can be made at once.
+    let places = bench.entries.at_once.acquire_many(CHECKS_AT_ONCE as u32).await.unwrap();
+    assert_eq!(bench.is_given(principal(9)).await, [false; CLOUDS]);
+    assert_eq!(bench.reads(), 0);
+    drop(places);
+    let looks: Vec<Look> = lock(&bench.entries.looks).values().cloned().collect();
+    futures_util::future::join_all(looks).await;
+    assert_eq!(bench.is_given(principal(9)).await, [true; CLOUDS]);
+    assert_eq!(bench.reads(), CLOUDS as u32, "nobody looks twice");
+}
+
+#[tokio::test]
+async fn an_entry_that_is_asked_for_a_thousand_times_is_looked_at_once() {
+    let bench = Bench::new(1.0, Mode::Well);
+    bench.store(0, bench.entry(0, 0), principal(1)).await;
+    let objects = vec![ObjectRequest { key: bench.keys[0], sha256: None }; 1000];
+    let mut given = vec![Given::Anything; 1000];
+    bench.entries.admit(principal(9), &objects, &mut given).await.unwrap();
+    assert!(given.iter().all(|given| matches!(given, Given::Content(_))));
+    assert_eq!(bench.reads(), 1);
 }
 
 #[tokio::test]
 async fn a_bucket_that_cannot_be_checked_holds_nobody_up_twice() {
     for (mode, expected) in [(Mode::Hung, "waited 10ms"), (Mode::Forbidden, "403 Forbidden")] {
-        let mut bench = Bench::new(0.0, mode);
-        bench.entries.patience = Duration::from_millis(10);
+        let bench = Bench::patient(0.0, mode, (SHORT, 100 * SHORT));
         let error = bench.get(principal(8)).await.unwrap_err();
         assert!(error.contains(expected), "{error}");
         let reads = bench.reads();

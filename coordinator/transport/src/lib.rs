@@ -23,7 +23,9 @@ pub use deny_list::{DenyError, deny};
 pub use listen_error::ListenError;
 pub use listener::Listener;
 pub use port::{Port, Protection};
-pub use presigner::{Direction, ObjectRequest, Presign, Presigned, Presigner, SigningOutcome, UrlCounts};
+pub use presigner::{
+    Direction, ObjectRequest, Presign, Presigned, Presigner, SignedUrl, SigningOutcome, UrlCounts,
+};
 pub use refusals::RefusalLog;
 pub use server::Servers;
 pub use service::{DerivedEntries, Release, SharedEntries};

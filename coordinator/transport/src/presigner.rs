@@ -18,9 +18,18 @@ pub struct ObjectRequest {
     pub sha256: Option<[u8; 32]>,
 }
 
+/// A URL that is good for one object and one method.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct SignedUrl {
+    /// The URL.
+    pub url: String,
+    /// SHA-256 of the bytes that may be used, or are to be stored; `None`: whatever is there may be used.
+    pub sha256: Option<[u8; 32]>,
+}
+
 /// URLs of objects of one kind, or of blobs where it is empty, one for each, in their order; `None` where there is none for
 /// a worker. Or why nothing can be signed now.
-pub type Presigned = Pin<Box<dyn Future<Output = Result<Vec<Option<String>>, String>> + Send>>;
+pub type Presigned = Pin<Box<dyn Future<Output = Result<Vec<Option<SignedUrl>>, String>> + Send>>;
 /// Signs them for a principal.
 pub type Presign = Arc<dyn Fn(Principal, String, Vec<ObjectRequest>) -> Presigned + Send + Sync>;
 
@@ -104,7 +113,7 @@ impl Presigner {
         principal: Principal,
         kind: String,
         objects: Vec<ObjectRequest>,
-    ) -> Result<Vec<Option<String>>, String> {
+    ) -> Result<Vec<Option<SignedUrl>>, String> {
         let asked = Asked::of(&kind, &objects, self.kinds);
         let urls = (self.sign)(principal, kind, objects).await;
         let outcome = |at: usize| match &urls {
@@ -155,8 +164,8 @@ mod tests {
     /// Gives URLs for what is to be read, and fails for a kind.
     fn presigner() -> Presigner {
         let sign: Presign = Arc::new(|_, kind: String, objects: Vec<ObjectRequest>| {
-            let url = |object: &ObjectRequest| object.sha256.is_none().then(|| object.key.to_string());
-            let urls = objects.iter().map(url).collect();
+            let url = |object: &ObjectRequest| SignedUrl { url: object.key.to_string(), sha256: None };
+            let urls = objects.iter().map(|one| one.sha256.is_none().then(|| url(one))).collect();
             Box::pin(async move { if kind == "broken" { Err("no key".to_owned()) } else { Ok(urls) } })
         });
         Presigner::new(sign, &[("cloud 2", "cloud"), ("broken", "broken")])

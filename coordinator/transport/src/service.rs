@@ -12,7 +12,7 @@ use tonic::Status;
 
 use crate::blob_stream::BlobStream;
 use crate::connection::{Caller, Connection};
-use crate::presigner::{ObjectRequest, Presigner};
+use crate::presigner::{ObjectRequest, Presigner, SignedUrl};
 use cluster::Cluster;
 use cluster::blobs::BlobError;
 use cluster::scheduler::{Answer, Poll, PollRefusal, RegisterRefusal};
@@ -291,7 +291,7 @@ impl Service {
         caller: Caller,
         kind: String,
         objects: Vec<ObjectRequest>,
-    ) -> Result<Vec<Option<String>>, Status> {
+    ) -> Result<Vec<Option<SignedUrl>>, Status> {
         let (principal, presigner) = (self.principal(caller.as_ref())?, self.shared.presigner.as_ref());
         if self.cluster.is_quarantined(&principal) {
             if let Some(presigner) = presigner {

@@ -16,7 +16,7 @@ use tonic::{Request, Response, Status};
 
 use crate::blob_stream::BlobStream;
 use crate::connection::Caller;
-use crate::presigner::ObjectRequest;
+use crate::presigner::{ObjectRequest, SignedUrl};
 use crate::service::{Accepted, Refusal, Registration, Release, Service};
 use cluster::scheduler::{Answer, Poll};
 
@@ -121,8 +121,12 @@ impl Coordinator for Service {
         }
         let objects = objects.into_iter().map(object).collect::<Result<_, _>>()?;
         let urls = self.presign_urls(caller, kind, objects).await?;
-        let urls = urls.into_iter().map(Option::unwrap_or_default).collect();
-        Ok(Response::new(v2::PresignUrlsReply { urls }))
+        let sent = |signed: Option<SignedUrl>| match signed {
+            None => (String::new(), Vec::new()),
+            Some(SignedUrl { url, sha256 }) => (url, sha256.map_or_else(Vec::new, Vec::from)),
+        };
+        let (urls, sha256) = urls.into_iter().map(sent).unzip();
+        Ok(Response::new(v2::PresignUrlsReply { urls, sha256 }))
     }
 }
 

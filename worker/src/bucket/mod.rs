@@ -18,7 +18,7 @@ use ring::digest;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tonic::Code;
 
-use crate::wire::{Client, ObjectRequest};
+use crate::wire::{Client, ObjectRequest, SignedUrl};
 use breaker::{Admission, Breaker};
 use http::{Fault, Http};
 pub use http::{HttpClient, http_client};
@@ -36,6 +36,8 @@ const UPLOADS: usize = 4;
 const SIGNATURE: Duration = Duration::from_secs(5);
 /// Memory for what is on its way to the bucket, KiB. What finds no room is not kept there.
 const UPLOAD_KIB: u32 = 64 << 10;
+/// The largest object: what is larger is stored by nobody.
+const MAX_OBJECT_BYTES: u64 = (UPLOAD_KIB as u64) << 10;
 
 /// What a worker does with a bucket.
 #[derive(Clone, Copy, Debug)]
@@ -121,7 +123,7 @@ impl Bucket {
     /// Objects of one kind, each of at most `most` bytes and unchecked; `None` for those that the bucket has not, or does
     /// not give soon enough.
     pub async fn get(&self, kind: &str, keys: &[Digest], most: u64) -> Vec<Option<Vec<u8>>> {
-        let mut found = vec![None; keys.len()];
+        let (mut found, most) = (vec![None; keys.len()], most.min(MAX_OBJECT_BYTES));
         let begun = Instant::now();
         let mut rest = &mut found[..];
         for keys in keys.chunks(MAX_PRESIGNED_URLS) {
@@ -140,7 +142,7 @@ impl Bucket {
     }
 
     /// The objects at `urls`, as far as they come soon enough; the first alone where nothing is known of the bucket.
-    async fn download(&self, mut urls: Vec<(usize, String)>, most: u64, found: &mut [Option<Vec<u8>>]) {
+    async fn download(&self, mut urls: Vec<(usize, SignedUrl)>, most: u64, found: &mut [Option<Vec<u8>>]) {
         if urls.is_empty() {
             return; // nothing that could be a trial
         }
@@ -173,23 +175,25 @@ impl Bucket {
     /// The objects at `urls`, as far as they come until the deadline; whether the bucket is well.
     async fn take(
         &self,
-        urls: Vec<(usize, String)>,
+        urls: Vec<(usize, SignedUrl)>,
         most: u64,
         deadline: Instant,
         found: &mut [Option<Vec<u8>>],
     ) -> bool {
         let http = self.http();
-        let ask = |(index, url): (usize, String)| async move { (index, http.get(&url, most).await) };
+        let ask = |(index, SignedUrl { url, sha256 }): (usize, SignedUrl)| async move {
+            (index, sha256, http.get(&url, most).await)
+        };
         let mut answers = futures_util::stream::iter(urls).map(ask).buffer_unordered(DOWNLOADS);
         loop {
             match tokio::time::timeout_at(deadline.into(), answers.next()).await {
                 Ok(None) => return true,
-                Ok(Some((index, Ok(object)))) => {
+                Ok(Some((index, sha256, Ok(object)))) => {
                     lock(&self.reads).succeeded();
-                    found[index] = object;
+                    found[index] = self.as_meant(object, sha256.as_deref());
                 }
-                Ok(Some((_, Err(fault)))) if self.gives_up(&self.reads, &fault) => return false,
-                Ok(Some((_, Err(_)))) => {}
+                Ok(Some((.., Err(fault)))) if self.gives_up(&self.reads, &fault) => return false,
+                Ok(Some((.., Err(_)))) => {}
                 Err(_) => {
                     if let Some(pause) = lock(&self.reads).open(Instant::now()) {
                         self.warn(&self.reads, &Fault::Late, pause);
@@ -198,6 +202,17 @@ impl Bucket {
                 }
             }
         }
+    }
+
+    /// An object, if it has the content for which the coordinator vouches: another may be older than what somebody was to
+    /// store, or have taken its place since.
+    fn as_meant(&self, object: Option<Vec<u8>>, sha256: Option<&[u8]>) -> Option<Vec<u8>> {
+        let bytes = object?;
+        if sha256.is_some_and(|sum| digest::digest(&digest::SHA256, &bytes).as_ref() != sum) {
+            self.note_damaged(&"an object has another content than the coordinator knows it to have");
+            return None;
+        }
+        Some(bytes)
     }
 
     /// Keeps objects of one kind there, soon, as far as there is room for them on the way. To be called where tokio's tasks
@@ -230,7 +245,7 @@ impl Bucket {
                 .iter()
                 .map(|(key, sum, ..)| ObjectRequest { key: *key, sha256: Some(sum.as_ref().to_vec()) });
             let urls = self.presigned(&self.writes, kind, wanted.collect()).await;
-            let send = async |(index, url): (usize, String)| {
+            let send = async |(index, SignedUrl { url, .. }): (usize, SignedUrl)| {
                 let (_, sum, bytes, _) = &some[index];
                 match lock(&self.writes).admit(Instant::now()) {
                     Admission::Refused => return,
@@ -279,9 +294,9 @@ impl Bucket {
         breaker: &Mutex<Breaker>,
         kind: &str,
         objects: Vec<ObjectRequest>,
-    ) -> Vec<(usize, String)> {
+    ) -> Vec<(usize, SignedUrl)> {
         match self.client.presign_urls(kind, objects, SIGNATURE).await {
-            Ok(urls) => urls.into_iter().enumerate().filter(|(_, url)| !url.is_empty()).collect(),
+            Ok(urls) => urls.into_iter().enumerate().filter_map(|(index, url)| Some((index, url?))).collect(),
             Err(status) if status.code() == Code::Unimplemented => {
                 self.offer(false);
                 Vec::new()

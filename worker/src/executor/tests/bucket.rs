@@ -2,6 +2,7 @@
 
 use proto::MIN_SHARED_DESCRIPTION_BYTES;
 use proto::task::Described;
+use ring::digest;
 use tempfile::tempdir;
 
 use super::bucket_server::{BucketServer, Mode};
@@ -117,13 +118,10 @@ async fn what_is_damaged_in_a_bucket_is_replaced() {
     assert_eq!(work_through(&third, &archive).await.prepared, 0);
 }
 
-#[tokio::test(flavor = "multi_thread")]
-async fn entries_of_a_bucket_are_checked_as_all_that_others_have_made() {
-    let archive = Archive::new();
-    let server = filled(&archive).await;
-    // A sound entry with another cloud in it, as somebody would store it who knows how entries are made.
+/// A sound entry with another cloud in it, as somebody would store it who knows how entries are made, in place of the right one.
+fn forge_an_entry(archive: &Archive, server: &BucketServer) {
     let (preparing, forger) = (PreparationCache::new(&preparation(), LARGE).unwrap(), store(None));
-    let [query, _] = splits(&archive, false);
+    let [query, _] = splits(archive, false);
     let manifest = Manifest::decode(query[0], &archive.blobs[&query[0].to_vec()]).unwrap();
     let [one, another] = [0, 1].map(|index: usize| &manifest.clouds[index]);
     let prepared = preparing.prepare(another, &archive.blobs[&another.digest.to_vec()]).unwrap();
@@ -131,11 +129,35 @@ async fn entries_of_a_bucket_are_checked_as_all_that_others_have_made() {
     let key = preparing.entry_key(one.digest).unwrap();
     let forged = forger.as_entry(PREPARED_CLOUD, key, &payload);
     server.objects.lock().unwrap().insert(format!("/lab/prepared-cloud-2/{key}"), forged).unwrap();
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn entries_of_a_bucket_are_checked_as_all_that_others_have_made() {
+    let archive = Archive::new();
+    let server = filled(&archive).await;
+    forge_an_entry(&archive, &server);
     let cache = tempdir().unwrap();
     let second = machine(&archive, cache.path(), &server, false);
     second.set_audit(1.0);
     let wrong = Arc::clone(&second).carry_out(task(&archive, descriptors()[0], false)).await;
     assert!(matches!(wrong, Err(EvaluationError::Distrusted(_))), "{wrong:?}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn no_other_content_is_used_than_the_coordinator_vouches_for() {
+    let archive = Archive::new();
+    let server = filled(&archive).await;
+    let sum = |bytes: &Vec<u8>| digest::digest(&digest::SHA256, bytes).as_ref().to_vec();
+    let known =
+        server.objects.lock().unwrap().iter().map(|(path, bytes)| (path.clone(), sum(bytes))).collect();
+    *server.known.lock().unwrap() = known;
+    let cache = tempdir().unwrap();
+    let second = machine(&archive, cache.path(), &server, true);
+    assert_eq!(work_through(&second, &archive).await.prepared, 0);
+    forge_an_entry(&archive, &server);
+    let cache = tempdir().unwrap();
+    let third = machine(&archive, cache.path(), &server, true);
+    assert_eq!(work_through(&third, &archive).await.prepared, 1);
 }
 
 #[tokio::test(flavor = "multi_thread")]

@@ -54,6 +54,8 @@ pub struct BucketServer {
     address: SocketAddr,
     /// By path.
     pub objects: Arc<Mutex<HashMap<String, Vec<u8>>>>,
+    /// SHA-256 of the contents for which the coordinator vouches, by path; of no other objects it knows any.
+    pub known: Arc<Mutex<HashMap<String, Vec<u8>>>>,
     pub mode: Mode,
     /// Requests to read and to write so far.
     pub requests: Arc<[AtomicU32; 2]>,
@@ -69,7 +71,7 @@ impl BucketServer {
     pub async fn with(mode: Mode, objects: Arc<Mutex<HashMap<String, Vec<u8>>>>) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
         let address = listener.local_addr().unwrap();
-        let server = Self { address, objects, mode, requests: Arc::default() };
+        let server = Self { address, objects, known: Arc::default(), mode, requests: Arc::default() };
         if mode == Mode::Gone {
             return server; // the listener is dropped
         }
@@ -90,13 +92,16 @@ impl BucketServer {
         server
     }
 
-    /// What a coordinator would sign.
-    pub fn urls(&self, request: &v2::PresignUrlsRequest) -> Vec<String> {
+    /// What a coordinator would sign, and the SHA-256 of what is there as far as it knows it.
+    pub fn urls(&self, request: &v2::PresignUrlsRequest) -> (Vec<String>, Vec<Vec<u8>>) {
         let hex = |bytes: &[u8]| bytes.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
         let kind = request.kind.replace(' ', "-");
-        let url =
-            |object: &v2::Object| format!("http://{}/lab/{kind}/{}?signed", self.address, hex(&object.key));
-        request.objects.iter().map(url).collect()
+        let known = self.known.lock().unwrap();
+        let signed = |object: &v2::Object| {
+            let path = format!("/lab/{kind}/{}", hex(&object.key));
+            (format!("http://{}{path}?signed", self.address), known.get(&path).cloned().unwrap_or_default())
+        };
+        request.objects.iter().map(signed).unzip()
     }
 
     /// Requests to read and to write so far.

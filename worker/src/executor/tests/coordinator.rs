@@ -140,6 +140,7 @@ impl Coordinator for Archive {
         request: Request<v2::PresignUrlsRequest>,
     ) -> Result<Response<v2::PresignUrlsReply>, Status> {
         let Some(bucket) = &self.bucket else { return Err(Status::unimplemented("no bucket")) };
-        Ok(Response::new(v2::PresignUrlsReply { urls: bucket.urls(&request.into_inner()) }))
+        let (urls, sha256) = bucket.urls(&request.into_inner());
+        Ok(Response::new(v2::PresignUrlsReply { urls, sha256 }))
     }
 }
