@@ -371,13 +371,18 @@ fn count(counter: &AtomicU64) -> Option<u64> {
 
 /// Compares an entry with the payload that its source gives.
 fn compared(prepared: &PreparedClouds, key: Digest, bytes: &[u8], expected: &[u8]) -> Finding {
-    let mut sha256: Sha256 = [0; 32];
-    sha256.copy_from_slice(digest::digest(&digest::SHA256, bytes).as_ref());
+    let sha256 = sha256_of(bytes);
     match prepared.payload(key, bytes) {
         Err(_) => Finding::Damaged(sha256),
         Ok(payload) if payload == expected => Finding::Right(sha256),
         Ok(_) => Finding::Wrong(sha256),
     }
+}
+
+fn sha256_of(bytes: &[u8]) -> Sha256 {
+    let mut sha256 = [0; 32];
+    sha256.copy_from_slice(digest::digest(&digest::SHA256, bytes).as_ref());
+    sha256
 }
 
 #[cfg(test)]
