@@ -297,6 +297,9 @@ def asked_for(coordinator, slurm, folder, expected):
     run = Run(coordinator, slurm, folder, "asked-for", *own, experiment="long.toml")
     run.wait_for("Slurm: asked for 8 more workers")
     run.wait_for("generation 2/")
+    # Of jobs that it has not yet written down, a controller that is killed starts a second time, and drains their nodes.
+    begun, written = time.time(), slurm.folder / "state/job_state"
+    wait_for("what the controller writes down", lambda: written.exists() and written.stat().st_mtime > begun)
     slurm.processes["slurmctld"].kill()
     slurm.processes["slurmctld"].wait()
     run.wait_for("Slurm: slurm_load_jobs error: ")
@@ -370,6 +373,36 @@ def coordinator_job(coordinator, slurm, folder, expected):
     check("workers' states", slurm.states(workers), ["COMPLETED"] * 2)
 
 
+def job_that_asks(coordinator, slurm, folder, expected):
+    """A coordinator that is a job asks for workers as well."""
+    script = pathlib.Path(__file__).parents[2] / "deploy/slurm/coordinator.sh"
+    out, asks = folder / "asks", "--slurm-workers 3 --slurm-threads 1 --slurm-args=--partition=low"
+    place = f"--tls {folder}/tls --join-file {folder}/asks-join --listen 0.0.0.0:0 --local-workers 0 --no-cache"
+    job = slurm.submit(f"COORDINATOR={coordinator} sbatch --cpus-per-task=2 {script} run {folder}/exp.toml --out {out} {place} {asks}")
+    wait_for("the run's end", lambda: slurm.states(job) == ["COMPLETED"])
+    show = [coordinator, "run", folder / "exp.toml", "--out", out, "--json", "--no-cache"]
+    done = subprocess.run(show, capture_output=True, text=True, check=True)
+    check("digest of a job that asks for workers", json.loads(done.stdout)["run_digest"], expected)
+    wait_for("an empty queue", lambda: not slurm.queue())
+
+
+def interrupted(coordinator, slurm, folder):
+    """After Ctrl-C no worker waits for a place, and the others can be ended by the command that is named."""
+    own = ["0.0.0.0:0", "--join-file", folder / "interrupted-join", "--slurm-workers", "12", "--slurm-threads", "1"]
+    run = Run(coordinator, slurm, folder, "interrupted", *own, experiment="long.toml")
+    run.wait_for("generation 2/")
+    waiting_for_places = slurm("squeue", "-h", "--array", "--states=PENDING").count("\n")
+    run.process.send_signal(signal.SIGINT)
+    run.process.communicate(timeout=PATIENCE)
+    check("exit code after Ctrl-C", run.process.returncode, 130)
+    if not waiting_for_places:
+        raise SystemExit("interrupted: must have workers that wait for a place, got none")
+    wait_for("nobody who waits for a place", lambda: not slurm("squeue", "-h", "--states=PENDING").strip())
+    command = run.log.read_text().rsplit("at once by ", 1)[1].split()
+    slurm(*command)
+    wait_for("an empty queue", lambda: not slurm.queue())
+
+
 def cancelled(coordinator, slurm, folder):
     """A coordinator that is cancelled is not queued again."""
     script = pathlib.Path(__file__).parents[2] / "deploy/slurm/coordinator.sh"
@@ -391,7 +424,7 @@ def without_coordinator(coordinator, slurm, folder):
 
 # Each with the experiment whose digest it must have. The last takes Slurm's controller away, which forgets a node for a while.
 CASES = [(coordinator_job, "exp"), (preempted, "exp"), (node_down, "exp"), (lifetime, "long"), (refused_and_failing,),
-         (cancelled,), (without_coordinator,), (asked_for, "long")]
+         (job_that_asks, "exp"), (interrupted,), (cancelled,), (without_coordinator,), (asked_for, "long")]
 
 
 def main():
