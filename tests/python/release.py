@@ -221,7 +221,8 @@ def no_date(copy):
 
 
 def empty_section(copy):
-    copy.replace("CHANGELOG.md", copy.today, f"{copy.today}\n\n## 0.0.0 – 2000-01-01")
+    before, _, rest = copy.read("CHANGELOG.md").partition(copy.today)
+    copy.write("CHANGELOG.md", before + copy.today + "\n" + rest[rest.index("\n## "):])
     copy.commit()
 
 
@@ -261,7 +262,8 @@ def other_commit(copy):
 
 
 def released(copy):
-    copy.write("tests/releases.toml", f'[[release]]\nversion = "{copy.version}"\ncommit = "{copy.head()}"\n')
+    known = copy.read("tests/releases.toml")
+    copy.write("tests/releases.toml", f'{known}\n[[release]]\nversion = "{copy.version}"\ncommit = "{copy.head()}"\n')
     copy.git("add", "tests/releases.toml")
     copy.commit()
 
