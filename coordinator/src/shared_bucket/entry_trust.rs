@@ -95,7 +95,7 @@ pub enum Given {
     Withheld,
     /// Bytes with this SHA-256; what else is there is not to be used.
     Content(Sha256),
-    /// Whatever is there: an earlier run has stored it.
+    /// Whatever is there, as far as this file knows: an earlier run has stored it, or it is to be stored.
     Anything,
 }
 

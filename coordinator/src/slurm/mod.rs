@@ -19,6 +19,7 @@ use cluster::Cluster;
 use crate::console::Console;
 pub use error::SlurmError;
 use scaler::{Decision, Scaler, SlurmJob};
+use worker_line::IDLE_SECONDS;
 pub use worker_line::{MOST_MINUTES, quoted, quoted_path, worker_line};
 
 /// How often Slurm is asked what has become of its jobs.
@@ -55,7 +56,10 @@ pub struct SlurmWorkers {
 pub fn interrupted() -> Option<String> {
     let name = ASKING.lock().unwrap_or_else(PoisonError::into_inner).take()?;
     cancel_waiting(&name);
-    Some(format!("Slurm: workers end when they have had no job for 15 min; at once by scancel --name={name}"))
+    let minutes = IDLE_SECONDS / 60;
+    Some(format!(
+        "Slurm: workers end when they have had no job for {minutes} min; at once by scancel --name={name}"
+    ))
 }
 
 /// Asks Slurm for workers, from a thread of its own, until this is dropped; then those that still wait for a place are

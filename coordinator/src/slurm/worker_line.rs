@@ -10,7 +10,7 @@ pub const MOST_MINUTES: i64 = 366 * 24 * 60;
 /// Seconds before the end of its place by which a worker has left, and the least that it is given.
 const MARGIN_SECONDS: u32 = 60;
 /// Seconds without a job after which a worker gives its place back.
-const IDLE_SECONDS: u32 = 900;
+pub const IDLE_SECONDS: u32 = 900;
 
 /// The line that starts a worker in its place, with all of its processors, which newer versions of `srun` do not take from
 /// the job. The worker leaves before its time is over, gives its place back when there is

@@ -23,7 +23,7 @@ pub struct ObjectRequest {
 pub struct SignedUrl {
     /// The URL.
     pub url: String,
-    /// SHA-256 of the bytes that may be used, or are to be stored; `None`: whatever is there may be used.
+    /// SHA-256 of the bytes that may be used of what is read; `None`: whatever is there.
     pub sha256: Option<[u8; 32]>,
 }
 
