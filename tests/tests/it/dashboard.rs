@@ -233,8 +233,9 @@ fn over_tls_one_token_may_look_and_another_act_and_nobody_else_anything() {
 
     // The page asks for a token, and all that it would show needs one.
     assert_eq!(ask("/", &[]).status, 200);
+    // Another digit, not another case: tokens are numbers, and `A` is `a`.
     let (first, rest) = look.trim_start_matches("Bearer ").split_at(1);
-    let wrong = format!("Bearer {}{rest}", if first == "A" { "B" } else { "A" });
+    let wrong = format!("Bearer {}{rest}", if first == "0" { "1" } else { "0" });
     let worker = format!("Bearer {}", fs::read_to_string(Path::new(&folder).join("token")).unwrap().trim());
     for path in ["/api/runs", "/api/run?id=demo", "/api/stream", "/api/report?id=demo", "/api/nothing"] {
         for shown in
