@@ -5,7 +5,7 @@ Usage: slurm.py COORDINATOR OUT_DIR [CASE...]
 Needs slurm-wlm and munge (Debian), whose programs it starts for itself, with files and ports of its own: two unequal nodes,
 and two partitions of which one preempts jobs of the other. `worker` must lie beside COORDINATOR. Each case ends with the
 digest of an undisturbed run, with nothing done again but what a worker had in hand, and with an empty queue. Exit code 1 if
-one does not. Takes six minutes.
+one does not. Takes twelve minutes.
 """
 
 import json
@@ -21,8 +21,7 @@ import time
 import waiting
 
 HOST = socket.gethostname()
-GENERATIONS = 50
-LONG = 800
+GENERATIONS = {"exp": 50, "long": 800, "minutes": 2500}  # of each experiment
 IDLE = 10  # seconds
 PATIENCE = 90  # seconds until a state that has to come has failed to
 NODES = {"one": 4, "two": 2}  # name and processors
@@ -49,14 +48,14 @@ audit = 0
 PORT = waiting.free_port()
 
 
-def wait_for(what, state):
+def wait_for(what, state, patience=PATIENCE):
     begun = time.monotonic()
-    while time.monotonic() - begun < PATIENCE:
+    while time.monotonic() - begun < patience:
         found = state()
         if found:
             return found
         time.sleep(0.2)
-    raise SystemExit(f"not in {PATIENCE} s: {what}")
+    raise SystemExit(f"not in {patience} s: {what}")
 
 
 class Slurm:
@@ -140,7 +139,11 @@ PartitionName=high Nodes=ALL PriorityTier=10 PreemptMode=OFF MaxTime=INFINITE St
 
     def jobs(self, number):
         """Of each task of a job what Slurm says: a dictionary."""
-        tasks = self("scontrol", "-o", "show", "job", number).splitlines()
+        return self.all_jobs(number)
+
+    def all_jobs(self, *number):
+        """The same of all jobs that Slurm remembers."""
+        tasks = self("scontrol", "-o", "show", "job", *number).splitlines()
         return [dict(word.split("=", 1) for word in task.split() if "=" in word) for task in tasks]
 
     def states(self, number):
@@ -194,15 +197,6 @@ class Run:
             raise SystemExit(self.log.read_text())
         return json.loads(stdout)["run_digest"]
 
-    def attempts(self):
-        """How many attempts ended in which way, over all workers."""
-        sql = "SELECT \"end\", COUNT(*) AS n FROM attempts GROUP BY \"end\""
-        command = [self.coordinator, "query", self.out, sql, "--format", "json"]
-        done = subprocess.run(command, capture_output=True, text=True)
-        if done.returncode != 0:
-            raise SystemExit(done.stderr)
-        return {row["end"]: row["n"] for row in json.loads(done.stdout)}
-
 
 def join_command(coordinator, folder, *more, join=None, idle=IDLE):
     join = join or ["--tls", folder / "tls"]
@@ -211,6 +205,22 @@ def join_command(coordinator, folder, *more, join=None, idle=IDLE):
     # A worker that is queued again when the run has ended finds nobody: it should not take 15 minutes to give up.
     assert "--idle-timeout 900" in line
     return line.replace("--idle-timeout 900", f"--idle-timeout {idle}")
+
+
+def attempts(coordinator, out):
+    """How many attempts of a run ended in which way, over all workers."""
+    sql = "SELECT \"end\", COUNT(*) AS n FROM attempts GROUP BY \"end\""
+    done = subprocess.run([coordinator, "query", out, sql, "--format", "json"], capture_output=True, text=True)
+    if done.returncode != 0:
+        raise SystemExit(done.stderr)
+    return {row["end"]: row["n"] for row in json.loads(done.stdout)}
+
+
+def shown_digest(coordinator, folder, experiment, out):
+    """The digest of a run that has ended."""
+    show = [coordinator, "run", folder / f"{experiment}.toml", "--out", out, "--json", "--no-cache"]
+    done = subprocess.run(show, capture_output=True, text=True, check=True)
+    return json.loads(done.stdout)["run_digest"]
 
 
 def undisturbed(coordinator, folder, experiment):
@@ -227,9 +237,9 @@ def check(what, found, expected):
     print(f"{what}: {found}", flush=True)
 
 
-def done_again(run, departures):
+def done_again(coordinator, out, departures):
     """Evaluations that were begun and not finished: at most the one in hand and the one ahead of each that went."""
-    ends = run.attempts()
+    ends = attempts(coordinator, out)
     again = sum(count for end, count in ends.items() if end in ("left", "lost"))
     print(f"attempts: {ends}", flush=True)
     if ends.get("answered", 0) == 0 or again > 2 * departures:
@@ -251,7 +261,7 @@ def preempted(coordinator, slurm, folder, expected):
     restarts = sum(int(job["Restarts"]) for job in jobs)
     if restarts == 0:
         raise SystemExit("no worker was queued again")
-    done_again(run, restarts)
+    done_again(coordinator, run.out, restarts)
 
 
 def node_down(coordinator, slurm, folder, expected):
@@ -269,7 +279,7 @@ def node_down(coordinator, slurm, folder, expected):
     check("digest after a node was down", run.digest(), expected)
     wait_for("an empty queue", lambda: not slurm.queue())
     check("workers' states", slurm.states(workers), ["COMPLETED"] * 4)
-    done_again(run, 4)
+    done_again(coordinator, run.out, 4)
 
 
 def lifetime(coordinator, slurm, folder, expected):
@@ -288,7 +298,7 @@ def lifetime(coordinator, slurm, folder, expected):
     check("digest after short lives", run.digest(), expected)
     wait_for("an empty queue", lambda: not slurm.queue())
     check("workers' states", slurm.states(second), ["COMPLETED"] * 2)
-    done_again(run, 2)
+    done_again(coordinator, run.out, 2)
 
 
 def asked_for(coordinator, slurm, folder, expected):
@@ -307,7 +317,7 @@ def asked_for(coordinator, slurm, folder, expected):
     wait_for("workers", lambda: run.log.read_text().count("joined, 1 threads") >= 4)
     check("digest with workers that were asked for", run.digest(), expected)
     wait_for("an empty queue", lambda: not slurm.queue())
-    done_again(run, 8)
+    done_again(coordinator, run.out, 8)
     print((folder / "asked-for.log").read_text().count("Slurm: asked for"), "times asked for workers", flush=True)
 
 
@@ -366,9 +376,7 @@ def coordinator_job(coordinator, slurm, folder, expected):
     addresses.add(here.read_text())
     if here.stat().st_mode & 0o077 or len(addresses - {""}) < 2:
         raise SystemExit(f"{here}: must name each place in turn, and be its owner's alone")
-    show = [coordinator, "run", folder / "exp.toml", "--out", out, "--json", "--no-cache"]
-    done = subprocess.run(show, capture_output=True, text=True, check=True)
-    check("digest after the coordinator moved", json.loads(done.stdout)["run_digest"], expected)
+    check("digest after the coordinator moved", shown_digest(coordinator, folder, "exp", out), expected)
     wait_for("an empty queue", lambda: not slurm.queue())
     check("workers' states", slurm.states(workers), ["COMPLETED"] * 2)
 
@@ -380,10 +388,33 @@ def job_that_asks(coordinator, slurm, folder, expected):
     place = f"--tls {folder}/tls --join-file {folder}/asks-join --listen 0.0.0.0:0 --local-workers 0 --no-cache"
     job = slurm.submit(f"COORDINATOR={coordinator} sbatch --cpus-per-task=2 {script} run {folder}/exp.toml --out {out} {place} {asks}")
     wait_for("the run's end", lambda: slurm.states(job) == ["COMPLETED"])
-    show = [coordinator, "run", folder / "exp.toml", "--out", out, "--json", "--no-cache"]
-    done = subprocess.run(show, capture_output=True, text=True, check=True)
-    check("digest of a job that asks for workers", json.loads(done.stdout)["run_digest"], expected)
+    check("digest of a job that asks for workers", shown_digest(coordinator, folder, "exp", out), expected)
     wait_for("an empty queue", lambda: not slurm.queue())
+
+
+def time_limits(coordinator, slurm, folder, expected):
+    """Slurm's time limits run out under a coordinator, which is queued again, and under its workers, which are replaced."""
+    script = pathlib.Path(__file__).parents[2] / "deploy/slurm/coordinator.sh"
+    out = folder / "limits"
+    asks = "--slurm-workers 2 --slurm-threads 1 --slurm-args='--partition=low --time=1'"
+    place = f"--tls {folder}/tls --join-file {folder}/limits-join --listen 0.0.0.0:0 --local-workers 0 --no-cache"
+    job = slurm.submit(f"COORDINATOR={coordinator} sbatch --time=2 {script} run {folder}/minutes.toml --out {out} {place} {asks}")
+    log, states, ended = folder / f"slurm/job-{job}-4294967294.log", [], set()
+
+    def at_end():
+        """Slurm forgets jobs some minutes after their end."""
+        ended.update(job["JobId"] for job in slurm.all_jobs() if job["JobState"] == "TIMEOUT")
+        states.extend(state for state in slurm.hurry(job) if state not in states[-1:])
+        return states[-1] == "COMPLETED"
+
+    wait_for("the run's end", at_end, 10 * PATIENCE)
+    restarts = int(slurm.jobs(job)[0]["Restarts"])
+    print(f"coordinator: {' '.join(states)}, queued again {restarts} times; workers killed at their limit: {len(ended)}", flush=True)
+    if restarts == 0 or len(ended) < 2 or job in ended:
+        raise SystemExit(f"time_limits: limits must have run out under both, and the coordinator have left before:\n{log.read_text()}")
+    check("digest after time limits", shown_digest(coordinator, folder, "minutes", out), expected)
+    wait_for("an empty queue", lambda: not slurm.queue())
+    done_again(coordinator, out, len(ended) + 2 * restarts)
 
 
 def interrupted(coordinator, slurm, folder):
@@ -424,24 +455,25 @@ def without_coordinator(coordinator, slurm, folder):
 
 # Each with the experiment whose digest it must have. The last takes Slurm's controller away, which forgets a node for a while.
 CASES = [(coordinator_job, "exp"), (preempted, "exp"), (node_down, "exp"), (lifetime, "long"), (refused_and_failing,),
-         (job_that_asks, "exp"), (interrupted,), (cancelled,), (without_coordinator,), (asked_for, "long")]
+         (job_that_asks, "exp"), (time_limits, "minutes"), (interrupted,), (cancelled,), (without_coordinator,), (asked_for, "long")]
 
 
 def main():
     coordinator, out = pathlib.Path(sys.argv[1]).absolute(), pathlib.Path(sys.argv[2]).absolute()
     shutil.rmtree(out, ignore_errors=True)
     out.mkdir(parents=True)
-    for name, generations in ("exp", GENERATIONS), ("long", LONG):
+    for name, generations in GENERATIONS.items():
         (out / f"{name}.toml").write_text(EXPERIMENT.format(generations=generations))
     quiet = {"check": True, "capture_output": True}
     subprocess.run([coordinator, "synth", out / "data", "--objects", "6", "--views", "12"], **quiet)
     subprocess.run([coordinator, "certs", out / "tls", "--host", "127.0.0.1", "--host", HOST, "--port", str(PORT)], **quiet)
-    expected, long = (undisturbed(coordinator, out, name) for name in ("exp", "long"))
+    cases = [case for case in CASES if len(sys.argv) == 3 or case[0].__name__ in sys.argv[3:]]
+    expected = {name: undisturbed(coordinator, out, name) for name in sorted({name for _, *names in cases for name in names})}
     slurm = Slurm(out / "slurm")
     try:
-        for case, *digest in CASES if len(sys.argv) == 3 else [case for case in CASES if case[0].__name__ in sys.argv[3:]]:
+        for case, *names in cases:
             print(f"== {case.__doc__.splitlines()[0]}", flush=True)
-            case(coordinator, slurm, out, *({"exp": expected, "long": long}[name] for name in digest))
+            case(coordinator, slurm, out, *(expected[name] for name in names))
     finally:
         slurm.stop()
     print("no place is kept, every digest is that of the undisturbed run")

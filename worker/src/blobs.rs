@@ -12,7 +12,7 @@ use tokio::task::spawn_blocking;
 use tonic::{Code, Status};
 
 use crate::backoff::Backoff;
-use crate::bucket::Bucket;
+use crate::bucket::{Bucket, Wanted};
 use crate::wire::Client;
 
 /// Why a blob is not to be had.
@@ -171,17 +171,13 @@ impl Blobs {
 
     /// What the bucket has of these blobs.
     async fn shared(&self, digests: &[Digest]) -> Vec<Option<Vec<u8>>> {
-        let found = self.bucket.get(BLOB_KIND, digests, MAX_BLOB_BYTES).await;
-        let sound = |(bytes, &digest): (Option<Vec<u8>>, &Digest)| {
-            let bytes = bytes?;
-            let got = Digest::of(&bytes);
-            if got != digest {
-                self.bucket.note_damaged(&BlobError::Mismatch { digest, got });
-                return None;
-            }
-            Some(bytes)
+        let damage = |digest: Digest, bytes: &[u8]| {
+            let got = Digest::of(bytes);
+            (got != digest).then(|| format!("must have that digest, got {got}"))
         };
-        found.into_iter().zip(digests).map(sound).collect()
+        self.bucket
+            .get(Wanted { kind: BLOB_KIND, keys: digests, most: MAX_BLOB_BYTES, damage: &damage })
+            .await
     }
 
     /// An entry of the coordinator's store, unchecked; `None` if it has none or is this process, if nothing is kept

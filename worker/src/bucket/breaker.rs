@@ -77,6 +77,15 @@ impl Breaker {
         }
     }
 
+    /// The server has answered, but with what is of no use; otherwise as [`Breaker::failed`]. One such answer is no reason to
+    /// stop, not even to a trial: others may be right.
+    pub fn answered_in_vain(&mut self, now: Instant) -> Option<Duration> {
+        if matches!(self.state, State::Trial(_)) {
+            self.state = State::Closed;
+        }
+        self.failed(now)
+    }
+
     /// Waiting for answers has taken too long: nothing is asked from now on. Returns for how long; `None` if that has begun
     /// before, by another of the requests that were under way together.
     pub fn open(&mut self, now: Instant) -> Option<Duration> {
@@ -125,6 +134,20 @@ mod tests {
         assert_eq!(breaker.failed(now), Some(PAUSES[0]));
         assert_eq!(breaker.admit(now + PAUSES[0] - SECOND), Admission::Refused);
         assert_eq!(breaker.admit(now + PAUSES[0]), Admission::Trial);
+    }
+
+    #[test]
+    fn a_server_that_answers_in_vain_is_stopped_asking_after_three_answers_and_longer_each_time() {
+        let mut now = Instant::now();
+        let mut breaker = Breaker::new(now);
+        for pause in [PAUSES[0], 2 * PAUSES[0], 4 * PAUSES[0]] {
+            assert_eq!(breaker.admit(now), Admission::Trial);
+            assert_eq!(breaker.answered_in_vain(now), None);
+            assert_eq!(breaker.admit(now), Admission::Granted);
+            let answers = [breaker.answered_in_vain(now), breaker.answered_in_vain(now)];
+            assert_eq!(answers, [None, Some(pause)]);
+            now += pause;
+        }
     }
 
     #[test]

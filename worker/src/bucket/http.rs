@@ -46,6 +46,9 @@ pub enum Fault {
     /// No answer in time.
     #[error("no answer in time")]
     Late,
+    /// It is not what it should be.
+    #[error("{0}")]
+    Damaged(String),
     /// No URL that can be asked.
     #[error("a URL that is none")]
     Url,

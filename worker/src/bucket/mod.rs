@@ -4,7 +4,6 @@
 mod breaker;
 mod http;
 
-use std::fmt::Display;
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
@@ -48,6 +47,18 @@ pub struct Access {
     pub writes: bool,
 }
 
+/// What is asked for together.
+pub struct Wanted<'a> {
+    /// Of which kind the objects are.
+    pub kind: &'a str,
+    /// Their names.
+    pub keys: &'a [Digest],
+    /// Bytes that the largest can have.
+    pub most: u64,
+    /// Says what is wrong with an object. It is called between requests, so that it has to be fast.
+    pub damage: &'a (dyn Fn(Digest, &[u8]) -> Option<String> + Sync),
+}
+
 /// How long a worker waits for objects.
 #[derive(Clone, Copy, Debug)]
 pub struct Patience {
@@ -66,7 +77,8 @@ impl Default for Patience {
     }
 }
 
-/// A bucket. Every fault is a miss, and a warning when it makes the worker do without for a while.
+/// A bucket. Every fault is a miss, and a warning when it makes the worker do without for a while. So do damaged objects, three in a
+/// row: whoever downloads for nothing has lost more than whoever does without.
 #[derive(Debug)]
 pub struct Bucket {
     client: Client,
@@ -120,20 +132,19 @@ impl Bucket {
         self.is_offered.load(Ordering::Relaxed)
     }
 
-    /// Objects of one kind, each of at most `most` bytes and unchecked; `None` for those that the bucket has not, or does
-    /// not give soon enough.
-    pub async fn get(&self, kind: &str, keys: &[Digest], most: u64) -> Vec<Option<Vec<u8>>> {
-        let (mut found, most) = (vec![None; keys.len()], most.min(MAX_OBJECT_BYTES));
+    /// Objects as they should be; `None` for those that the bucket has not, or does not give soon enough.
+    pub async fn get(&self, wanted: Wanted<'_>) -> Vec<Option<Vec<u8>>> {
+        let mut found = vec![None; wanted.keys.len()];
         let begun = Instant::now();
         let mut rest = &mut found[..];
-        for keys in keys.chunks(MAX_PRESIGNED_URLS) {
+        for keys in wanted.keys.chunks(MAX_PRESIGNED_URLS) {
             let (some, later) = rest.split_at_mut(keys.len());
             if !self.access.reads || !self.is_offered() || lock(&self.reads).refuses(Instant::now()) {
                 break;
             }
             let objects = keys.iter().map(|&key| ObjectRequest { key, sha256: None }).collect();
-            let urls = self.presigned(&self.reads, kind, objects).await;
-            self.download(urls, most, some).await;
+            let urls = self.presigned(&self.reads, wanted.kind, objects).await;
+            self.download(urls, &Wanted { keys, ..wanted }, some).await;
             rest = later;
         }
         self.taken.fetch_add(found.iter().flatten().count() as u64, Ordering::Relaxed);
@@ -142,7 +153,12 @@ impl Bucket {
     }
 
     /// The objects at `urls`, as far as they come soon enough; the first alone where nothing is known of the bucket.
-    async fn download(&self, mut urls: Vec<(usize, SignedUrl)>, most: u64, found: &mut [Option<Vec<u8>>]) {
+    async fn download(
+        &self,
+        mut urls: Vec<(usize, SignedUrl)>,
+        wanted: &Wanted<'_>,
+        found: &mut [Option<Vec<u8>>],
+    ) {
         if urls.is_empty() {
             return; // nothing that could be a trial
         }
@@ -153,7 +169,7 @@ impl Bucket {
             Admission::Granted => true,
             Admission::Trial => {
                 let first = urls.drain(..1).collect();
-                self.take(first, most, now + self.patience.trial, found).await
+                self.take(first, wanted, now + self.patience.trial, found).await
             }
         };
         let (base, each) = self.patience.objects;
@@ -162,7 +178,7 @@ impl Bucket {
             let some: Vec<_> = urls.drain(..urls.len().min(lot)).collect();
             let is_whole = some.len() == lot;
             let deadline = Instant::now() + base + each * some.len() as u32;
-            if !self.take(some, most, deadline, found).await {
+            if !self.take(some, wanted, deadline, found).await {
                 self.lot.store(FIRST_LOT, Ordering::Relaxed);
                 return;
             }
@@ -176,24 +192,25 @@ impl Bucket {
     async fn take(
         &self,
         urls: Vec<(usize, SignedUrl)>,
-        most: u64,
+        wanted: &Wanted<'_>,
         deadline: Instant,
         found: &mut [Option<Vec<u8>>],
     ) -> bool {
         let http = self.http();
-        let ask = |(index, SignedUrl { url, sha256 }): (usize, SignedUrl)| async move {
-            (index, sha256, http.get(&url, most).await)
+        let ask = |(index, url): (usize, SignedUrl)| async move {
+            let object = http.get(&url.url, wanted.most.min(MAX_OBJECT_BYTES)).await;
+            (index, object.and_then(|object| as_wanted(object, url.sha256.as_deref(), wanted, index)))
         };
         let mut answers = futures_util::stream::iter(urls).map(ask).buffer_unordered(DOWNLOADS);
         loop {
             match tokio::time::timeout_at(deadline.into(), answers.next()).await {
                 Ok(None) => return true,
-                Ok(Some((index, sha256, Ok(object)))) => {
+                Ok(Some((index, Ok(object)))) => {
                     lock(&self.reads).succeeded();
-                    found[index] = self.as_meant(object, sha256.as_deref());
+                    found[index] = object;
                 }
-                Ok(Some((.., Err(fault)))) if self.gives_up(&self.reads, &fault) => return false,
-                Ok(Some((.., Err(_)))) => {}
+                Ok(Some((_, Err(fault)))) if self.gives_up(&self.reads, &fault) => return false,
+                Ok(Some((_, Err(_)))) => {}
                 Err(_) => {
                     if let Some(pause) = lock(&self.reads).open(Instant::now()) {
                         self.warn(&self.reads, &Fault::Late, pause);
@@ -202,17 +219,6 @@ impl Bucket {
                 }
             }
         }
-    }
-
-    /// An object, if it has the content for which the coordinator vouches: another may be older than what somebody was to
-    /// store, or have taken its place since.
-    fn as_meant(&self, object: Option<Vec<u8>>, sha256: Option<&[u8]>) -> Option<Vec<u8>> {
-        let bytes = object?;
-        if sha256.is_some_and(|sum| digest::digest(&digest::SHA256, &bytes).as_ref() != sum) {
-            self.note_damaged(&"an object has another content than the coordinator knows it to have");
-            return None;
-        }
-        Some(bytes)
     }
 
     /// Keeps objects of one kind there, soon, as far as there is room for them on the way. To be called where tokio's tasks
@@ -280,14 +286,6 @@ impl Bucket {
         }
     }
 
-    /// Says that an object is not what it should be; of many at 1, 2, 4, …
-    pub fn note_damaged(&self, what: &dyn Display) {
-        let damaged = self.damaged.fetch_add(1, Ordering::Relaxed) + 1;
-        if damaged.is_power_of_two() {
-            tracing::warn!("bucket: {what}, doing without it; {damaged} objects so far");
-        }
-    }
-
     /// URLs of the objects that the coordinator gives any for, with their place in the list.
     async fn presigned(
         &self,
@@ -311,15 +309,27 @@ impl Bucket {
 
     /// Notes a fault, and whether the bucket is done without now.
     fn gives_up(&self, breaker: &Mutex<Breaker>, fault: &Fault) -> bool {
-        let now = Instant::now();
+        let (now, is_damaged) = (Instant::now(), matches!(fault, Fault::Damaged(_)));
         let (pause, gives_up) = {
             let mut breaker = lock(breaker);
-            (breaker.failed(now), breaker.refuses(now))
+            let pause = if is_damaged { breaker.answered_in_vain(now) } else { breaker.failed(now) };
+            (pause, breaker.refuses(now))
         };
+        if is_damaged {
+            self.count_damaged(fault);
+        }
         if let Some(pause) = pause {
             self.warn(breaker, fault, pause);
         }
         gives_up
+    }
+
+    /// Of many damaged objects, says of those at 1, 2, 4, … what is wrong.
+    fn count_damaged(&self, fault: &Fault) {
+        let damaged = self.damaged.fetch_add(1, Ordering::Relaxed) + 1;
+        if damaged.is_power_of_two() {
+            tracing::warn!("bucket: {fault}, doing without it; {damaged} objects so far");
+        }
     }
 
     fn warn(&self, breaker: &Mutex<Breaker>, fault: &Fault, pause: Duration) {
@@ -329,6 +339,28 @@ impl Bucket {
 
     fn http(&self) -> &Http {
         self.http.get_or_init(Http::new)
+    }
+}
+
+/// An object, if it is sound and has the content for which the coordinator vouches: another may be older than what somebody
+/// was to store, or have taken its place since.
+fn as_wanted(
+    object: Option<Vec<u8>>,
+    sha256: Option<&[u8]>,
+    wanted: &Wanted<'_>,
+    index: usize,
+) -> Result<Option<Vec<u8>>, Fault> {
+    let Some(bytes) = object else { return Ok(None) };
+    let key = wanted.keys[index];
+    let is_other = sha256.is_some_and(|sum| digest::digest(&digest::SHA256, &bytes).as_ref() != sum);
+    let damage = if is_other {
+        Some("has another content than the coordinator knows it to have".to_owned())
+    } else {
+        (wanted.damage)(key, &bytes)
+    };
+    match damage {
+        Some(damage) => Err(Fault::Damaged(format!("{} {key} {damage}", wanted.kind))),
+        None => Ok(Some(bytes)),
     }
 }
 

@@ -13,6 +13,7 @@ use rayon::prelude::*;
 use tracing::{Instrument as _, debug_span};
 
 use crate::blobs::Blobs;
+use crate::bucket::Wanted;
 use crate::executor::cloud_check;
 use crate::executor::computing::Computing;
 use crate::executor::error::EvaluationError;
@@ -25,13 +26,6 @@ type Prepared = (Digest, Arc<PreparedCloud>);
 type Loaded = Vec<Prepared>;
 /// A cloud, and the key of its entry.
 type Keyed = (Listed, Digest);
-
-/// Who has given an entry.
-#[derive(Clone, Copy)]
-enum Giver {
-    Bucket,
-    Coordinator,
-}
 
 /// Loads prepared clouds for tasks, batch by batch.
 pub struct CloudLoader {
@@ -201,12 +195,16 @@ impl CloudLoader {
         let span = debug_span!("fetch", descry.clouds = keyed.len() as i64);
         let bucket = &self.blobs.bucket;
         let keys: Vec<Digest> = keyed.iter().map(|(_, key)| *key).collect();
-        let entries = bucket.get(PREPARED_CLOUD, &keys, MAX_ENTRY_BYTES).instrument(span.clone()).await;
-        let (shared, absent) = self.adopt(cache, (keyed, entries), Giver::Bucket).await;
+        let damage = |key: Digest, bytes: &[u8]| {
+            self.store.payload(PREPARED_CLOUD, key, bytes).err().map(|damage| damage.to_string())
+        };
+        let wanted = Wanted { kind: PREPARED_CLOUD, keys: &keys, most: MAX_ENTRY_BYTES, damage: &damage };
+        let entries = bucket.get(wanted).instrument(span.clone()).await;
+        let (shared, absent) = self.adopt(cache, keyed, entries).await;
 
         let ask = absent.iter().map(|(_, key)| self.blobs.derived(PREPARED_CLOUD, *key));
         let entries = futures_util::future::join_all(ask).instrument(span).await;
-        let (given, absent) = self.adopt(cache, (absent, entries), Giver::Coordinator).await;
+        let (given, absent) = self.adopt(cache, absent, entries).await;
         without.extend(absent.into_iter().map(|(cloud, _)| cloud));
 
         let (given, entries): (Loaded, Vec<(Digest, Vec<u8>)>) = given.into_iter().unzip();
@@ -218,11 +216,10 @@ impl CloudLoader {
     async fn adopt(
         &self,
         cache: &Arc<PreparationCache>,
-        (wanted, entries): (Vec<Keyed>, Vec<Option<Vec<u8>>>),
-        giver: Giver,
+        wanted: Vec<Keyed>,
+        entries: Vec<Option<Vec<u8>>>,
     ) -> (Vec<(Prepared, (Digest, Vec<u8>))>, Vec<Keyed>) {
-        let (store, cache, bucket) =
-            (Arc::clone(&self.store), Arc::clone(cache), Arc::clone(&self.blobs.bucket));
+        let (store, cache) = (Arc::clone(&self.store), Arc::clone(cache));
         let adopt = move |((cloud, key), entry): (Keyed, Option<Vec<u8>>)| {
             let Some(bytes) = entry else { return Either::Right((cloud, key)) };
             match store.adopt(PREPARED_CLOUD, key, &bytes) {
@@ -230,15 +227,7 @@ impl CloudLoader {
                     .map_left(|one| (one, (key, bytes)))
                     .map_right(|cloud| (cloud, key)),
                 Err(damage) => {
-                    match giver {
-                        Giver::Bucket => {
-                            bucket.note_damaged(&format_args!("{}: its entry {damage}", cloud.path))
-                        }
-                        Giver::Coordinator => tracing::warn!(
-                            "{}: the coordinator's entry {damage}, preparing it here",
-                            cloud.path
-                        ),
-                    }
+                    tracing::warn!("{}: the coordinator's entry {damage}, preparing it here", cloud.path);
                     Either::Right((cloud, key))
                 }
             }
