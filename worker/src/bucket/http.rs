@@ -46,6 +46,9 @@ pub enum Fault {
     /// No answer in time.
     #[error("no answer in time")]
     Late,
+    /// Answers come, but too late.
+    #[error("answers that take longer than they save")]
+    Costly,
     /// It is not what it should be.
     #[error("{0}")]
     Damaged(String),

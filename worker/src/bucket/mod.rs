@@ -2,6 +2,7 @@
 //! it answers soon enough.
 
 mod breaker;
+mod budget;
 mod http;
 
 use std::sync::atomic::{AtomicBool, AtomicU64, AtomicUsize, Ordering};
@@ -12,13 +13,14 @@ use base64::Engine as _;
 use base64::prelude::BASE64_STANDARD;
 use futures_util::StreamExt as _;
 use hyper::body::Bytes;
-use proto::{Digest, MAX_PRESIGNED_URLS};
+use proto::{BLOB_KIND, Digest, MAX_PRESIGNED_URLS};
 use ring::digest;
 use tokio::sync::{OwnedSemaphorePermit, Semaphore};
 use tonic::Code;
 
 use crate::wire::{Client, ObjectRequest, SignedUrl};
 use breaker::{Admission, Breaker};
+use budget::Budget;
 use http::{Fault, Http};
 pub use http::{HttpClient, http_client};
 
@@ -62,10 +64,14 @@ pub struct Wanted<'a> {
 /// How long a worker waits for objects.
 #[derive(Clone, Copy, Debug)]
 pub struct Patience {
-    /// For the one that shows whether the bucket is well.
+    /// For the one that shows whether the bucket is well, and for the next of some that are asked for together. What was
+    /// waited for in vain may also be so much at once.
     pub trial: Duration,
     /// For some that are asked for together, and so much more for each.
     pub objects: (Duration, Duration),
+    /// Some that come may take so long, and so much more for each as above, and nothing is lost: it takes as long or longer
+    /// to get or make them elsewhere.
+    pub gain: Duration,
     /// At its end, for what is on its way to the bucket.
     pub uploads: Duration,
 }
@@ -73,12 +79,17 @@ pub struct Patience {
 impl Default for Patience {
     fn default() -> Self {
         let second = Duration::from_secs(1);
-        Self { trial: second, objects: (second / 2, Duration::from_millis(20)), uploads: 5 * second }
+        Self {
+            trial: second,
+            objects: (second / 2, Duration::from_millis(20)),
+            gain: second / 10,
+            uploads: 5 * second,
+        }
     }
 }
 
-/// A bucket. Every fault is a miss, and a warning when it makes the worker do without for a while. So do damaged objects, three in a
-/// row: whoever downloads for nothing has lost more than whoever does without.
+/// A bucket. Every fault is a miss, and a warning when it makes the worker do without for a while. Three damaged objects in a
+/// row do so as well: whoever downloads them loses more than whoever does without.
 #[derive(Debug)]
 pub struct Bucket {
     client: Client,
@@ -89,6 +100,8 @@ pub struct Bucket {
     patience: Patience,
     reads: Mutex<Breaker>,
     writes: Mutex<Breaker>,
+    /// Time that reading may still cost.
+    budget: Mutex<Budget>,
     /// Objects that are asked for together next.
     lot: AtomicUsize,
     /// For what is on its way to it, KiB.
@@ -104,7 +117,8 @@ pub struct Bucket {
 impl Bucket {
     /// The bucket to which `client` gives URLs, once it is known that there is one.
     pub fn new(client: Client, access: Access, patience: Patience) -> Arc<Self> {
-        let breaker = || Mutex::new(Breaker::new(Instant::now()));
+        let now = Instant::now();
+        let breaker = || Mutex::new(Breaker::new(now));
         Arc::new(Self {
             client,
             http: OnceLock::new(),
@@ -113,6 +127,7 @@ impl Bucket {
             patience,
             reads: breaker(),
             writes: breaker(),
+            budget: Mutex::new(Budget::new(patience.trial, now)),
             lot: AtomicUsize::new(FIRST_LOT),
             room: Arc::new(Semaphore::new(UPLOAD_KIB as usize)),
             damaged: AtomicU64::new(0),
@@ -147,9 +162,26 @@ impl Bucket {
             self.download(urls, &Wanted { keys, ..wanted }, some).await;
             rest = later;
         }
-        self.taken.fetch_add(found.iter().flatten().count() as u64, Ordering::Relaxed);
-        self.waited_ms.fetch_add(begun.elapsed().as_millis() as u64, Ordering::Relaxed);
+        self.account(begun, found.iter().flatten().count());
         found
+    }
+
+    /// Notes what came since then, and does without the bucket for a while if it costs more time than it may.
+    fn account(&self, begun: Instant, taken: usize) {
+        let now = Instant::now();
+        let waited = now - begun;
+        self.taken.fetch_add(taken as u64, Ordering::Relaxed);
+        self.waited_ms.fetch_add(waited.as_millis() as u64, Ordering::Relaxed);
+        let gained = if taken == 0 {
+            Duration::ZERO
+        } else {
+            self.patience.gain + self.patience.objects.1 * taken as u32
+        };
+        if !lock(&self.budget).pays(waited.saturating_sub(gained), now)
+            && let Some(pause) = lock(&self.reads).open(now)
+        {
+            self.warn(&self.reads, &Fault::Costly, pause);
+        }
     }
 
     /// The objects at `urls`, as far as they come soon enough; the first alone where nothing is known of the bucket.
@@ -188,7 +220,7 @@ impl Bucket {
         }
     }
 
-    /// The objects at `urls`, as far as they come until the deadline; whether the bucket is well.
+    /// The objects at `urls`, as far as they come until the deadline, one soon after the other; whether the bucket is well.
     async fn take(
         &self,
         urls: Vec<(usize, SignedUrl)>,
@@ -203,7 +235,8 @@ impl Bucket {
         };
         let mut answers = futures_util::stream::iter(urls).map(ask).buffer_unordered(DOWNLOADS);
         loop {
-            match tokio::time::timeout_at(deadline.into(), answers.next()).await {
+            let next = deadline.min(Instant::now() + self.patience.trial);
+            match tokio::time::timeout_at(next.into(), answers.next()).await {
                 Ok(None) => return true,
                 Ok(Some((index, Ok(object)))) => {
                     lock(&self.reads).succeeded();
@@ -359,11 +392,14 @@ fn as_wanted(
         (wanted.damage)(key, &bytes)
     };
     match damage {
-        Some(damage) => Err(Fault::Damaged(format!("{} {key} {damage}", wanted.kind))),
+        Some(damage) => {
+            let kind = if wanted.kind == BLOB_KIND { "blob" } else { wanted.kind };
+            Err(Fault::Damaged(format!("{kind} {key} {damage}")))
+        }
         None => Ok(Some(bytes)),
     }
 }
 
-fn lock(breaker: &Mutex<Breaker>) -> MutexGuard<'_, Breaker> {
-    breaker.lock().unwrap_or_else(PoisonError::into_inner) // its methods do not panic half-way
+fn lock<T>(state: &Mutex<T>) -> MutexGuard<'_, T> {
+    state.lock().unwrap_or_else(PoisonError::into_inner) // its methods do not panic half-way
 }

@@ -136,8 +136,12 @@ fn executor(archive: &Archive, memory: ByteSize, store: &Arc<Store>) -> Arc<Exec
     // A busy machine must not be taken for a bucket that is slow.
     let waits = archive.bucket.as_ref().is_some_and(|server| server.mode.waits());
     let limit = Duration::from_millis(if waits { 200 } else { 60_000 });
-    let patience =
-        Patience { trial: limit, objects: (limit, Duration::ZERO), uploads: Duration::from_secs(60) };
+    let patience = Patience {
+        trial: limit,
+        objects: (limit, Duration::ZERO),
+        gain: limit,
+        uploads: Duration::from_secs(60),
+    };
     let bucket =
         Bucket::new(client.clone(), Access { reads: true, writes: !store.is_shared_read_only() }, patience);
     let blobs = Blobs::new(client, Some(Arc::clone(store)), bucket);
