@@ -299,11 +299,11 @@ def prunes(site, server, environment):
 
 def traffic(site, server, environment, workers):
     """What workers take from the coordinator and from the bucket, on machines that join one after the other."""
-    # As many jobs at once as this machine can serve, and three evaluations for each worker: work must be left when the last
-    # joins.
+    # As many jobs at once as this machine can serve, and twelve evaluations for each worker: work must be left when the
+    # last joins.
     more = "\n[coordinator]\npieces = 8\n"
-    experiment = site.experiment("traffic", more, generations=workers * 3 // 4, population=4, objects=36)
-    filling = site.experiment("filling", more, generations=1, population=4, objects=36)
+    experiment = site.experiment("traffic", more, generations=workers * 3, population=4, objects=18)
+    filling = site.experiment("filling", more, generations=1, population=4, objects=18)
     _, _, prepared, _ = site.run(filling, "--shared", URL, **environment)
     print(f"one worker has filled the bucket: {prepared} clouds, {len(server.objects())} objects", flush=True)
     digests = set()
@@ -319,7 +319,7 @@ def traffic(site, server, environment, workers):
             crowd.append(site.start("worker", *address, "--name", f"w{index}", niceness=19))
             said = lambda: re.search("prepared|run has ended", crowd[-1].log.read_text())
             with contextlib.suppress(AssertionError):  # where others have all the work
-                waiting.wait("the worker has clouds", said, 5)
+                waiting.wait("the worker has clouds", said, 0.3)
         text, _ = coordinator.communicate(timeout=PATIENCE)
         assert coordinator.returncode == 0, coordinator.log.read_text()
         digests.add(json.loads(text)["run_digest"])
