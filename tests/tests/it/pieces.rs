@@ -72,7 +72,7 @@ fn the_digest_is_the_same_whole_and_in_pieces_and_when_a_worker_dies_between_the
 
 #[test]
 fn a_coordinator_killed_between_pieces_goes_on_with_those_that_are_there() {
-    const KILLS: u32 = 8;
+    const KILLS: usize = 8;
     let expected = digest(&experiment(1, LONG_LEASE).run("out", &["--local-workers", "1"]).expect_success());
     let experiment = experiment(16, LONG_LEASE);
     let address = free_address();
@@ -94,6 +94,8 @@ fn a_coordinator_killed_between_pieces_goes_on_with_those_that_are_there() {
     assert_eq!(digest(&finished), expected);
     steady.signal("TERM");
     let log = steady.wait().expect_success().stderr;
-    let twice: Vec<_> = begun(&log).into_iter().filter(|(_, times)| *times > 1).collect();
-    assert!(twice.is_empty(), "{twice:?}\n{log}");
+    // An answer that was not on the disk yet is asked for again first, and the one or two jobs that the worker was given
+    // because of it are then unknown and given anew. Pieces that were forgotten would be three or more a kill.
+    let twice: usize = begun(&log).into_values().map(|times| times - 1).sum();
+    assert!(twice <= 2 * KILLS, "{twice} pieces were begun again\n{log}");
 }

@@ -80,9 +80,12 @@ impl JournalFile {
         ))
     }
 
-    /// The header of a journal that nobody has open.
+    /// The header of a journal that nobody has open. Nothing else is read or checked.
     pub fn header(path: &Path) -> Result<Header, JournalError> {
-        Header::decode(&read(&open_locked(path)?, path)?.head.header, path)
+        let mut bytes = Vec::new();
+        Head::most_of(&mut open_locked(path)?, &mut bytes).map_err(|error| unusable(path, &error))?;
+        let (head, ..) = Head::read(&bytes).ok_or_else(|| JournalError::headless(path))?;
+        Header::decode(&head.header, path)
     }
 
     /// Whether a process has a journal open; `None` where the file system knows no locks. Whoever opens it at this very
@@ -255,7 +258,7 @@ fn read(mut file: &File, path: &Path) -> Result<Salvaged, JournalError> {
         file.read_to_end(&mut bytes)
     };
     all().map_err(|error| unusable(path, &error))?;
-    salvage(&bytes).ok_or_else(|| JournalError::damaged(path, "nothing that says what it is the journal of"))
+    salvage(&bytes).ok_or_else(|| JournalError::headless(path))
 }
 
 fn unusable(path: &Path, error: &dyn std::fmt::Display) -> JournalError {

@@ -81,8 +81,7 @@ impl JournalFollower {
             followed.is_anew = true;
             let mut bytes = Vec::new();
             Head::most_of(&mut file, &mut bytes).map_err(unusable)?;
-            let nothing = || JournalError::damaged(&self.path, "nothing that says what it is the journal of");
-            let (head, records, _) = Head::read(&bytes).ok_or_else(nothing)?;
+            let (head, records, _) = Head::read(&bytes).ok_or_else(|| JournalError::headless(&self.path))?;
             let header = Header::decode(&head.header, &self.path)?;
             self.place = Some(Place { file: id, key: head.key, header, next: records as u64, starts: 0 });
         }

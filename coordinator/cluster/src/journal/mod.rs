@@ -87,6 +87,10 @@ impl JournalError {
         Self::Damaged { path: path.to_owned(), what: what.to_string() }
     }
 
+    fn headless(path: &Path) -> Self {
+        Self::damaged(path, "nothing that says what it is the journal of")
+    }
+
     fn unusable(path: &Path, what: impl ToString) -> Self {
         Self::Unusable { path: path.to_owned(), what: what.to_string() }
     }
