@@ -308,8 +308,10 @@ def asked_for(coordinator, slurm, folder, expected):
     run.wait_for("Slurm: asked for 8 more workers")
     run.wait_for("generation 2/")
     # Of jobs that it has not yet written down, a controller that is killed starts a second time, and drains their nodes.
-    begun, written = time.time(), slurm.folder / "state/job_state"
-    wait_for("what the controller writes down", lambda: written.exists() and written.stat().st_mtime > begun)
+    state = slurm.folder / "state/job_state"
+    starts = [job["StartTime"] for job in slurm.all_jobs() if job["JobState"] == "RUNNING"]
+    begun = max(time.mktime(time.strptime(start, "%Y-%m-%dT%H:%M:%S")) for start in starts)
+    wait_for("what the controller writes down", lambda: state.exists() and state.stat().st_mtime > begun + 1)
     slurm.processes["slurmctld"].kill()
     slurm.processes["slurmctld"].wait()
     run.wait_for("Slurm: slurm_load_jobs error: ")
