@@ -137,12 +137,8 @@ PartitionName=high Nodes=ALL PriorityTier=10 PreemptMode=OFF MaxTime=INFINITE St
             raise SystemExit(f"{line}: {done.stderr}")
         return done.stdout.split()[-1]
 
-    def jobs(self, number):
-        """Of each task of a job what Slurm says: a dictionary."""
-        return self.all_jobs(number)
-
-    def all_jobs(self, *number):
-        """The same of all jobs that Slurm remembers."""
+    def jobs(self, *number):
+        """Of each task of a job, or of all jobs that it remembers, what Slurm says: a dictionary."""
         tasks = self("scontrol", "-o", "show", "job", *number).splitlines()
         return [dict(word.split("=", 1) for word in task.split() if "=" in word) for task in tasks]
 
@@ -309,7 +305,7 @@ def asked_for(coordinator, slurm, folder, expected):
     run.wait_for("generation 2/")
     # Of jobs that it has not yet written down, a controller that is killed starts a second time, and drains their nodes.
     state = slurm.folder / "state/job_state"
-    starts = [job["StartTime"] for job in slurm.all_jobs() if job["JobState"] == "RUNNING"]
+    starts = [job["StartTime"] for job in slurm.jobs() if job["JobState"] == "RUNNING"]
     begun = max(time.mktime(time.strptime(start, "%Y-%m-%dT%H:%M:%S")) for start in starts)
     wait_for("what the controller writes down", lambda: state.exists() and state.stat().st_mtime > begun + 1)
     slurm.processes["slurmctld"].kill()
@@ -405,7 +401,7 @@ def time_limits(coordinator, slurm, folder, expected):
 
     def at_end():
         """Slurm forgets jobs some minutes after their end."""
-        ended.update(job["JobId"] for job in slurm.all_jobs() if job["JobState"] == "TIMEOUT")
+        ended.update(job["JobId"] for job in slurm.jobs() if job["JobState"] == "TIMEOUT")
         states.extend(state for state in slurm.hurry(job) if state not in states[-1:])
         return states[-1] == "COMPLETED"
 
