@@ -87,6 +87,14 @@ impl Search {
         self.validates.then(|| score::best(scores))
     }
 
+    /// The individuals of the next generation, now that the scores of the current one are known, if the search will go on
+    /// whatever the validation says; `evaluations` as for [`Search::tell`].
+    pub fn foresee(&self, scores: &[Score], evaluations: u64) -> Option<Vec<Individual>> {
+        let best = scores[score::best(scores) as usize];
+        let stops = self.strategy.exhausted().is_some() || self.stop.may_end(best, evaluations);
+        (!stops).then(|| self.strategy.next(self.generation, &self.population, scores))
+    }
+
     /// Takes the scores of the current generation, in individual order, the validation score of the individual that
     /// [`Search::to_validate`] named, and how many different individuals have been evaluated, this generation included;
     /// makes the next generation, unless the search ends with this one.

@@ -88,6 +88,13 @@ impl StopRule {
         self.settings.evaluations.map(|budget| u64::from(budget).saturating_sub(evaluations))
     }
 
+    /// Whether the run may end with the next generation, whose best has this score, if validation goes as badly as it can;
+    /// `evaluations` as for [`StopRule::observe`].
+    pub fn may_end(&self, score: Score, evaluations: u64) -> bool {
+        let worst = self.previous_validation.map(|previous| Score { correct: 0, ..previous });
+        self.clone().observe(score, worst, evaluations).1.is_some()
+    }
+
     /// Takes the score of the next generation's best, its validation score, `None` without validation, and how many
     /// different individuals have been evaluated so far; returns the best score so far, and why the run ends with this
     /// generation.
@@ -143,6 +150,23 @@ pub(crate) mod tests {
         generations: u32::MAX,
         evaluations: None,
     };
+
+    proptest! {
+        #[test]
+        fn a_run_may_end_exactly_if_it_ends_for_some_validation(
+            told in prop::collection::vec((0u32..10, 0u32..10), 1..12),
+            patience in prop::option::of(1u32..4),
+            stagnation in prop::option::of(1u32..5),
+        ) {
+            let mut rule =
+                StopRule::new(StopSettings { validation_patience: patience, stagnation, generations: 9, ..NEVER });
+            for (correct, wrong) in told {
+                let ends = |wrong| rule.clone().observe(score(correct, 10), Some(errors(wrong)), 0).1.is_some();
+                prop_assert_eq!(rule.may_end(score(correct, 10), 0), (0..=50).any(ends));
+                rule.observe(score(correct, 10), Some(errors(wrong)), 0);
+            }
+        }
+    }
 
     fn errors(errors: u32) -> Score {
         score(50 - errors, 50)
