@@ -22,7 +22,7 @@ use crate::prepared::PreparedClouds;
 use crate::result_cache::{Known, Wrong, finished_runs, forget};
 use crate::run::fitness_batch::FitnessBatch;
 use crate::run::matching::Matching;
-use crate::run::scales::Scales;
+use crate::run::scales::{MissingScales, Scales};
 use crate::run::sets::with_weight;
 use crate::run::splits::SplitBlobs;
 use crate::run::{DataError, RunError};
@@ -261,7 +261,7 @@ impl<'a> Session<'a> {
         scales.complete(descriptors, &with_weight(weights), &self.splits, client, |_| {}).await?;
         let batch =
             FitnessBatch::new((fitness, weights), &self.splits, &scales, descriptors, Matching::Train);
-        let answers = batch.evaluate(client, |_, _| {}).await?;
+        let (answers, _) = batch.evaluate(client, &MissingScales::default(), |_, _| {}).await?;
         Ok(answers.into_iter().map(|answer| answer.measured).collect())
     }
 }

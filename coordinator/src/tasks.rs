@@ -1,7 +1,7 @@
 //! Descriptors and clouds as tasks name them: the place where their bytes, labels and counted costs are made.
 
-use cluster::scheduler::{ChannelsOf, CheckDescription};
-use descriptor::{Channel, Descriptor, Preprocess, SearchSpace};
+use cluster::scheduler::{Channel, ChannelsOf, CheckDescription};
+use descriptor::{Descriptor, Preprocess, SearchSpace};
 use proto::Digest;
 use proto::task::{self, DescriptorBytes, Facts, Label, Preparation, SplitManifest, Subject};
 
@@ -45,14 +45,16 @@ pub const CHECK_DESCRIPTION: CheckDescription = |subject, bytes, clouds| {
 };
 
 /// The channels of a structure, each by a hash of it alone. Workers that describe other descriptors have little to keep.
-pub const CHANNELS_OF: ChannelsOf = |subject| {
+pub const CHANNELS_OF: ChannelsOf = |descriptor| {
     let channels = |descriptor: Descriptor| descriptor.channels().into_iter().map(|(channel, _)| channel);
-    let number = |channel: Channel| {
-        let Digest(bytes) = Digest::of(&Descriptor::of_channel(&channel)?.to_bytes());
-        bytes.first_chunk().map(|first| u64::from_le_bytes(*first))
+    let channel = |channel: descriptor::Channel| {
+        let alone = Descriptor::of_channel(&channel)?;
+        let Digest(bytes) = Digest::of(&alone.to_bytes());
+        let number = u64::from_le_bytes(*bytes.first_chunk()?);
+        Some(Channel { number, cost: alone.cost(1, 0) })
     };
-    let descriptor = Descriptor::from_bytes(subject.descriptor.bytes()).ok();
-    descriptor.into_iter().flat_map(channels).filter_map(number).collect()
+    let descriptor = Descriptor::from_bytes(descriptor.bytes()).ok();
+    descriptor.into_iter().flat_map(channels).filter_map(channel).collect()
 };
 
 /// The blob that lists one split's clouds, with their sequences if these are wanted and known.

@@ -8,7 +8,7 @@ use proto::task::{Evaluation, EvaluationResult};
 use crate::fitness::{Fitness, Measured};
 use crate::run::matching::Matching;
 use crate::run::rows;
-use crate::run::scales::Scales;
+use crate::run::scales::{MissingScales, Scales};
 use crate::run::splits::SplitBlobs;
 
 /// The evaluations of some descriptors under a fitness.
@@ -45,13 +45,15 @@ impl FitnessBatch {
         Self { evaluations, weights }
     }
 
-    /// One answer a descriptor, in their order. `watch` is shown all news, and how many descriptors more are evaluated: as
-    /// many as the evaluations that are finished would make, whosever they are.
+    /// One answer a descriptor, in their order, and the scales that are asked for at the same time, in theirs. `watch` is
+    /// shown all news, and how many descriptors more are evaluated: as many as the evaluations that are finished would make,
+    /// whosever they are.
     pub async fn evaluate(
         self,
         client: &mut Client,
+        scales: &MissingScales,
         mut watch: impl FnMut(&ClusterNews, u64),
-    ) -> Result<Vec<Answer>, ClusterError> {
+    ) -> Result<(Vec<Answer>, Vec<Finished<f64>>), ClusterError> {
         let of_descriptor = self.weights.first().map_or(1, Vec::len).max(1);
         let mut open = 0;
         let watch = |news: &ClusterNews| {
@@ -60,7 +62,9 @@ impl FitnessBatch {
             open %= of_descriptor;
             watch(news, descriptors as u64);
         };
-        let mut finished = client.evaluate(self.evaluations, watch).await?.into_iter();
+        let asked = (scales.tasks.clone(), &scales.needed_by[..]);
+        let (finished, scales) = client.evaluate_and_scale(self.evaluations, asked, watch).await?;
+        let mut finished = finished.into_iter();
         let answer = |weights: Vec<u32>| {
             let parts: Vec<_> = finished.by_ref().take(weights.len()).collect();
             let weighted = parts.iter().zip(weights);
@@ -71,6 +75,6 @@ impl FitnessBatch {
             let measured = Measured::sum(counted);
             parts.into_iter().next().map(|first| Answer { measured, first })
         };
-        Ok(self.weights.into_iter().filter_map(answer).collect())
+        Ok((self.weights.into_iter().filter_map(answer).collect(), scales))
     }
 }

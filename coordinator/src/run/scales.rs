@@ -3,15 +3,28 @@
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
+use cluster::scheduler::Finished;
 use cluster::{Client, ClusterError, ClusterNews};
 use descriptor::Descriptor;
+use proto::task::{DescriptorBytes, Scale};
 
 use crate::run::scaled::Scaled;
 use crate::run::splits::SplitBlobs;
+use crate::tasks;
 
 /// Scales by set of clouds and channel, each as the descriptor of this channel alone.
 #[derive(Clone, Debug, Default)]
 pub struct Scales(BTreeMap<u32, BTreeMap<Descriptor, f64>>);
+
+/// Scales that are not known, to be asked for.
+#[derive(Default)]
+pub struct MissingScales {
+    /// A task for each.
+    pub tasks: Vec<Scale>,
+    /// The descriptors that need them.
+    pub needed_by: Vec<DescriptorBytes>,
+    channels: Vec<(Descriptor, u32)>,
+}
 
 impl Scales {
     /// Has the scales of these descriptors' channels in some sets computed that are not known yet.
@@ -23,24 +36,41 @@ impl Scales {
         client: &mut Client,
         watch: impl FnMut(&ClusterNews),
     ) -> Result<(), ClusterError> {
+        let missing = self.missing(descriptors, sets, splits);
+        if missing.tasks.is_empty() {
+            return Ok(());
+        }
+        let found = client.scales(missing.tasks.clone(), &missing.needed_by, watch).await?;
+        self.add(missing, found);
+        Ok(())
+    }
+
+    /// The scales of these descriptors' channels in some sets that are not known yet, those of long tasks first: one that
+    /// is begun last leaves all other workers waiting for it.
+    pub fn missing(
+        &self,
+        descriptors: &[&Descriptor],
+        sets: &[u32],
+        splits: &SplitBlobs<'_>,
+    ) -> MissingScales {
         let channels = descriptors.iter().flat_map(|descriptor| descriptor.scaled_channels()).flatten();
         let in_sets = channels.flat_map(|channel| sets.iter().map(move |&set| (channel.clone(), set)));
         let is_known = |(channel, set): &(Descriptor, u32)| {
             self.0.get(set).is_some_and(|known| known.contains_key(channel))
         };
         let missing: BTreeSet<(Descriptor, u32)> = in_sets.filter(|one| !is_known(one)).collect();
-        if missing.is_empty() {
-            return Ok(());
-        }
-        // Long ones first: a long one that is begun last leaves all other workers waiting for it.
         let mut missing: Vec<(Descriptor, u32)> = missing.into_iter().collect();
         missing.sort_by_key(|(channel, _)| Reverse(channel.cost(1, 0)));
-        let asked = missing.iter().map(|(channel, set)| splits.scale(*set, channel)).collect();
-        let found = client.scales(asked, watch).await?;
-        for ((channel, set), finished) in missing.into_iter().zip(found) {
+        let tasks = missing.iter().map(|(channel, set)| splits.scale(*set, channel)).collect();
+        let needed_by = descriptors.iter().map(|descriptor| tasks::descriptor_bytes(descriptor)).collect();
+        MissingScales { tasks, needed_by, channels: missing }
+    }
+
+    /// Takes in the scales that were missing, in their order.
+    pub fn add(&mut self, missing: MissingScales, found: Vec<Finished<f64>>) {
+        for ((channel, set), finished) in missing.channels.into_iter().zip(found) {
             self.0.entry(set).or_default().insert(channel, finished.result);
         }
-        Ok(())
     }
 
     /// A descriptor with its scales in a set, which [`Scales::complete`] has found.

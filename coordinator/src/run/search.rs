@@ -144,7 +144,10 @@ impl<'a> SearchLoop<'a> {
             let scores: Vec<Score> =
                 scored.map(|(descriptor, measured)| experiment.score(descriptor, measured)).collect();
             let validation = match search.to_validate(&scores) {
-                Some(index) => self.validate(&[&descriptors[index as usize]]).await?.pop(),
+                Some(index) => {
+                    let next = self.foreseen(&search, &scores);
+                    self.validate(&[&descriptors[index as usize]], &next).await?.pop()
+                }
                 None => None,
             };
             let validation_score = validation.as_ref().map(|measured| fitness.score(measured));
@@ -272,7 +275,7 @@ impl<'a> SearchLoop<'a> {
         self.remembered += (descriptors.len() - new.len()) as u64;
         self.use_remembered(descriptors.iter(), Matching::Train).await?;
         let descriptors: Vec<&Descriptor> = new.iter().map(|&(_, descriptor)| descriptor).collect();
-        let finished = self.measure(&descriptors, Matching::Train).await?;
+        let finished = self.measure(&descriptors, Matching::Train, &[]).await?;
         self.progress.counted(self.computed, self.remembered);
         let mut computed = BTreeMap::new();
         for ((index, descriptor), Answer { measured, first }) in new.into_iter().zip(finished) {
@@ -341,11 +344,34 @@ impl<'a> SearchLoop<'a> {
         check_used(cluster, &self.counts)
     }
 
-    /// Measures descriptors by the fitness.
+    /// The descriptors that the next generation will evaluate, as far as it is certain that there is one, if they need scales.
+    fn foreseen(&self, search: &Search, scores: &[Score]) -> Vec<Descriptor> {
+        let met = self.first_met.len() as u64;
+        let left = search.evaluations_left(met);
+        let mut foreseen = BTreeSet::new();
+        for individual in search.foresee(scores, met).unwrap_or_default() {
+            let descriptor = decode(self.experiment.space(), &individual);
+            if descriptor.scaled_channels().iter().all(Option::is_none) {
+                break; // nor does any other of the family
+            }
+            if !self.experiment.affords(&descriptor) || self.counts.train.measured.contains_key(&descriptor) {
+                continue;
+            }
+            if left.is_some_and(|left| foreseen.len() as u64 >= left) {
+                break;
+            }
+            foreseen.insert(descriptor);
+        }
+        foreseen.into_iter().collect()
+    }
+
+    /// Measures descriptors by the fitness. Workers that are left over find out the scales of `next`, which are measured
+    /// next.
     async fn measure(
         &mut self,
         descriptors: &[&Descriptor],
         matching: Matching,
+        next: &[Descriptor],
     ) -> Result<Vec<Answer>, ClusterError> {
         let Self { client, progress, scales, session, experiment, .. } = self;
         let (fitness, weights) = (experiment.fitness(), experiment.set_weights(session.splits.dataset()));
@@ -356,15 +382,22 @@ impl<'a> SearchLoop<'a> {
             Matching::Train => progress.evaluated(news, descriptors),
             Matching::Validation | Matching::Test => progress.news(news),
         };
-        batch.evaluate(client, watch).await
+        let ahead = scales.missing(&next.iter().collect::<Vec<_>>(), &sets, &session.splits);
+        let (answers, found) = batch.evaluate(client, &ahead, watch).await?;
+        scales.add(ahead, found);
+        Ok(answers)
     }
 
     fn nothing_recognised(&self, matching: Matching) -> Measured {
         nothing_recognised(self.experiment, self.session.splits.dataset(), matching)
     }
 
-    /// Descriptors on the validation set.
-    async fn validate(&mut self, descriptors: &[&Descriptor]) -> Result<Vec<Measured>, RunError> {
+    /// Descriptors on the validation set; `next` as for [`SearchLoop::measure`].
+    async fn validate(
+        &mut self,
+        descriptors: &[&Descriptor],
+        next: &[Descriptor],
+    ) -> Result<Vec<Measured>, RunError> {
         let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
         for &descriptor in descriptors {
             if self.counts.validation.measured.contains_key(descriptor) {
@@ -378,7 +411,7 @@ impl<'a> SearchLoop<'a> {
             }
         }
         self.use_remembered(descriptors.iter().copied(), Matching::Validation).await?;
-        let finished = self.measure(&new, Matching::Validation).await?;
+        let finished = self.measure(&new, Matching::Validation, next).await?;
         for (descriptor, Answer { measured, .. }) in new.into_iter().zip(finished) {
             self.counts.validation.measured.insert(descriptor.clone(), measured);
         }
@@ -396,7 +429,7 @@ impl<'a> SearchLoop<'a> {
             points.iter().map(|point| decode(space, &point.individual)).collect();
         let has_validation = !self.session.splits.dataset().splits.validation.is_empty();
         let validated = if has_validation {
-            self.validate(&descriptors.iter().collect::<Vec<_>>()).await?.into_iter().map(Some).collect()
+            self.validate(&descriptors.iter().collect::<Vec<_>>(), &[]).await?.into_iter().map(Some).collect()
         } else {
             vec![None; points.len()]
         };

@@ -231,6 +231,11 @@ impl Task {
 
     /// Counted cost, in the units of [`Facts`].
     pub fn cost(&self) -> u64 {
+        self.cost_describing(self.subject().facts.cloud_cost)
+    }
+
+    /// The same if describing a cloud costs this, as where some of it has been done before.
+    pub fn cost_describing(&self, cloud_cost: u64) -> u64 {
         let pairs = |queries: u32, database: u32| u64::from(queries) * u64::from(database);
         let (clouds, pairs) = match self {
             Self::Evaluation(Evaluation { queries, database_clouds, .. })
@@ -241,7 +246,7 @@ impl Task {
             Self::Tile(tile) => (0, pairs(tile.evaluation.queries, tile.evaluation.database_clouds)),
             Self::Scale(scale) => (u64::from(scale.clouds), pairs(scale.clouds, scale.clouds) / 2),
         };
-        let Facts { cloud_cost, pair_cost, .. } = self.subject().facts;
+        let pair_cost = self.subject().facts.pair_cost;
         clouds.saturating_mul(cloud_cost).saturating_add(pairs.saturating_mul(pair_cost))
     }
 

@@ -98,18 +98,52 @@ impl Client {
     pub async fn evaluate(
         &mut self,
         evaluations: Vec<Evaluation>,
-        mut watch: impl FnMut(&ClusterNews),
+        watch: impl FnMut(&ClusterNews),
     ) -> Result<Vec<Finished<EvaluationResult>>, ClusterError> {
-        let (mut batch, tasks) = self.cluster.plan(evaluations);
+        Ok(self.evaluate_and_scale(evaluations, (Vec::new(), &[]), watch).await?.0)
+    }
+
+    /// Evaluates and asks for scales at the same time, as one that waits for the other leaves workers idle: see
+    /// [`Client::evaluate`] and [`Client::scales`].
+    ///
+    /// # Errors
+    /// As for evaluations.
+    pub async fn evaluate_and_scale(
+        &mut self,
+        evaluations: Vec<Evaluation>,
+        (scales, needed_by): (Vec<Scale>, &[DescriptorBytes]),
+        mut watch: impl FnMut(&ClusterNews),
+    ) -> Result<(Vec<Finished<EvaluationResult>>, Vec<Finished<f64>>), ClusterError> {
+        let (mut batch, mut tasks) = self.cluster.plan(evaluations);
+        // Places of scales are between those of the batch's first tasks and of its further ones.
+        let places = tasks.len()..tasks.len() + scales.len();
+        let mut scaled: Vec<Option<Finished<f64>>> = vec![None; scales.len()];
+        if !scales.is_empty() {
+            self.cluster.state().scheduler.expect_evaluations(self.id, needed_by);
+            tasks.extend(scales.into_iter().map(Task::Scale));
+        }
         self.perform(tasks, |news, finished| {
-            let done = batch.done();
-            let further = finished.into_iter().flat_map(|(task, answer)| batch.take(task, answer)).collect();
+            let (done, mut further) = (batch.done(), Vec::new());
+            for (place, finished) in finished {
+                if places.contains(&place) {
+                    scaled[place - places.start] = finished.of_kind(|result| match result {
+                        TaskResult::Scale(scale) => Some(scale),
+                        _ => None, // `Task::check` lets none pass
+                    });
+                } else {
+                    let place = if place < places.start { place } else { place - places.len() };
+                    further.extend(batch.take(place, finished));
+                }
+            }
             news.finished = batch.done() - done;
             watch(news);
             Ok::<_, ClusterError>(further)
         })
         .await?;
-        Ok(batch.finish())
+        if !places.is_empty() {
+            self.cluster.flush().await?;
+        }
+        Ok((batch.finish(), scaled.into_iter().flatten().collect()))
     }
 
     /// Has everything confirmed that this run knows about a descriptor, by the coordinator's own process or by a second
@@ -128,30 +162,19 @@ impl Client {
     }
 
     /// Asks for the scales of channels and waits for all of them; they are in the order of submission, whatever the order
-    /// of arrival, and on the disk, so that evaluations that name them mean the same to the next start. `watch` is shown
-    /// all news.
+    /// of arrival, and on the disk, so that evaluations that name them mean the same to the next start. The descriptors
+    /// that need them are evaluated next: workers are given scales so that few clouds are described twice for that.
+    /// `watch` is shown all news.
     ///
     /// # Errors
     /// As for evaluations.
     pub async fn scales(
         &mut self,
         scales: Vec<Scale>,
-        mut watch: impl FnMut(&ClusterNews),
+        needed_by: &[DescriptorBytes],
+        watch: impl FnMut(&ClusterNews),
     ) -> Result<Vec<Finished<f64>>, ClusterError> {
-        let mut done: Vec<Option<Finished<f64>>> = vec![None; scales.len()];
-        self.perform(scales.into_iter().map(Task::Scale).collect(), |news, finished| {
-            for (place, finished) in finished {
-                done[place] = finished.of_kind(|result| match result {
-                    TaskResult::Scale(scale) => Some(scale),
-                    _ => None, // `Task::check` lets none pass
-                });
-            }
-            watch(news);
-            Ok::<_, ClusterError>(Vec::new())
-        })
-        .await?;
-        self.cluster.flush().await?;
-        Ok(done.into_iter().flatten().collect())
+        Ok(self.evaluate_and_scale(Vec::new(), (scales, needed_by), watch).await?.1)
     }
 
     /// Submits cells of the grid and waits for all of them. `take` is given all news, with the counts of

@@ -7,9 +7,12 @@ use super::*;
 use crate::events::Departure;
 use crate::journal::Journal;
 use crate::scheduler::Audit;
-use proto::Principal;
 use proto::journal::{AcceptedResult, Member};
-use proto::task::{EvaluationResult, GridCell, Report, Scale, Subject, TaskResult};
+use proto::task::{
+    CloudEntry, EvaluationResult, GridCell, Label, Match, Report, Scale, SplitManifest, Subject, TaskResult,
+    Tile,
+};
+use proto::{Digest, Principal};
 
 const LIMITS: Limits = Limits::SAMPLE;
 
@@ -167,7 +170,7 @@ async fn scales_are_in_the_order_of_asking_and_there_at_the_next_start() {
     let cluster = Cluster::with_journal(LIMITS, identity(), journal, Recorded::default());
     let scaled = tokio::spawn({
         let cluster = Arc::clone(&cluster);
-        async move { cluster.client().scales(asked(), |_| {}).await }
+        async move { cluster.client().scales(asked(), &[], |_| {}).await }
     });
     let id = WorkerId([1; 16]);
     cluster.register(id, Introduction::sample("one", 1)).unwrap();
@@ -212,8 +215,62 @@ async fn scales_are_in_the_order_of_asking_and_there_at_the_next_start() {
     let recorded = Recorded { starts: 2, accepted: accepted.collect(), ..Recorded::default() };
     let (journal, _held) = Journal::held();
     let cluster = Cluster::with_journal(LIMITS, identity(), journal, recorded);
-    let again = cluster.client().scales(asked(), |_| {}).await.unwrap();
+    let again = cluster.client().scales(asked(), &[], |_| {}).await.unwrap();
     assert_eq!(again, scales, "nobody is there to compute them");
+}
+
+/// What a worker reports for a task, where every query is nearest to the first cloud of a tile.
+fn answer(task: &Task) -> TaskResult {
+    match task {
+        Task::Scale(scale) => TaskResult::Scale(f64::from(number(&scale.subject)) / 10.0),
+        Task::Description(shard) => {
+            TaskResult::Description(Described::new(vec![7; 8 * shard.clouds as usize]))
+        }
+        Task::Tile(Tile { evaluation, .. }) => {
+            let found = Match { nearest: 0, distance: 0.5, runner_up: None };
+            let queries = evaluation.queries;
+            let matches = vec![found; queries as usize];
+            TaskResult::Evaluation(EvaluationResult { queries, matches, ..EvaluationResult::default() })
+        }
+        Task::Evaluation(_) | Task::GridCell(_) => panic!("{task}"),
+    }
+}
+
+#[tokio::test]
+async fn scales_that_are_asked_for_beside_an_evaluation_in_pieces_are_told_from_its_pieces() {
+    let cluster = Cluster::new(LIMITS);
+    cluster.set_shard_count(ShardCount::Fixed(4.try_into().unwrap()));
+    let entry = |index: u32| CloudEntry {
+        digest: Digest([1; 32]),
+        bytes: 1,
+        label: Label { category: 0, instance: 0 },
+        path: index.to_string(),
+        sequence: None,
+    };
+    let split = SplitManifest { split: "train".to_owned(), clouds: (0..9).map(entry).collect() };
+    let split = vec![cluster.blobs.publish_bytes(split.encode())];
+    let asked = Evaluation { query: split.clone(), database: split, ..evaluation() };
+    let mut client = cluster.client();
+    let asked = client.evaluate_and_scale(vec![asked], ([5, 6, 7].map(scale).to_vec(), &[]), |_| {});
+    let work = async {
+        let id = WorkerId([1; 16]);
+        cluster.register(id, Introduction::sample("one", 1)).unwrap();
+        let mut finished: Vec<Report> = Vec::new();
+        for sequence in 1.. {
+            let poll =
+                Poll { sequence, finished: std::mem::take(&mut finished), wanted: 2, ..Poll::default() };
+            for (lease, task) in cluster.poll((id, principal()), poll).await.unwrap().jobs.into_iter().rev() {
+                finished.push(Report { lease, run_seconds: 0.1, outcome: Ok(answer(&task)) });
+            }
+            tokio::task::yield_now().await;
+        }
+    };
+    let (evaluated, scales) = tokio::select! {
+        done = asked => done.unwrap(),
+        () = work => unreachable!("it goes on"),
+    };
+    assert_eq!(evaluated.iter().map(|one| one.result.object_correct).collect::<Vec<_>>(), [9]);
+    assert_eq!(scales.iter().map(|one| one.result).collect::<Vec<f64>>(), [0.5, 0.6, 0.7]);
 }
 
 #[tokio::test]

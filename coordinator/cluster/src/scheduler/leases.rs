@@ -10,7 +10,6 @@ use proto::{JobId, Lease, Principal, WorkerId};
 
 use super::Scheduler;
 use super::worker::Worker;
-use crate::cost::counted_cost;
 use crate::events::{Attempt, AttemptEnd, EventKind};
 use crate::store::{Job, Quorum};
 
@@ -45,23 +44,42 @@ impl Scheduler {
         if !worker.is_available() {
             return None;
         }
-        if !idle && !self.hands_out_ahead() {
+        if !idle && !self.hands_out_ahead(id) {
             return None;
         }
         let waiting = self.queue.in_order().filter(|job| self.may_take(id, *job));
         let waiting = waiting.filter_map(|job| Some((job, self.jobs.get(job)?)));
         let waiting = self.best_match(id, waiting, now);
         // Only an idle worker doubles the work of another.
-        waiting.or_else(|| self.queue.overdue(now).find(|job| idle && self.may_take(id, *job)))
+        let is_hedge = |job: &JobId| idle && self.may_take(id, *job) && self.is_late_for(id, *job, now);
+        waiting.or_else(|| self.queue.overdue(now).find(is_hedge))
     }
 
-    /// Whether workers may take a job beside the one in hand. It waits behind that: as long as a worker has none at all, it
+    /// Whether a job that is overdue has been worked on for so long that this worker may well be done with it first: what
+    /// somebody else has described, it may have to describe.
+    fn is_late_for(&self, id: WorkerId, job_id: JobId, now: Instant) -> bool {
+        let Some(job) = self.jobs.get(job_id) else { return false };
+        let holders = job.leases.iter().filter_map(|(holder, _)| self.workers.get(holder));
+        let since = holders.filter_map(|holder| holder.works_on(job_id)).min();
+        let expected = self.run_times.expected(self.cost_to(id, job));
+        since.zip(expected).is_none_or(|(since, expected)| since + expected.mul_f64(PATIENCE) <= now)
+    }
+
+    /// Whether a worker may take a job beside the one in hand. It waits behind that: as long as a worker has none at all, it
     /// is better off there. Nor is one taken ahead that is known to take long, beside which a poll takes no time: jobs that
     /// are begun out of turn, or twice, keep a generation waiting.
-    pub(super) fn hands_out_ahead(&self) -> bool {
-        let first = self.queue.in_order().next().and_then(|job| self.jobs.get(job));
-        let expected = first.and_then(|job| self.run_times.expected(counted_cost(&job.task)));
+    pub(super) fn hands_out_ahead(&self, id: WorkerId) -> bool {
+        let expected = self.first_waiting().and_then(|job| self.run_times.expected(self.cost_to(id, job)));
         self.queue.waiting() > self.idle && expected.is_none_or(|expected| expected <= LONGEST_AHEAD)
+    }
+
+    /// Whether the first job that waits takes all workers about as long.
+    pub(super) fn first_is_alike_to_all(&self) -> bool {
+        self.first_waiting().is_none_or(|job| job.channels.described.is_empty())
+    }
+
+    fn first_waiting(&self) -> Option<&Job> {
+        self.jobs.get(self.queue.in_order().next()?)
     }
 
     /// Whether a worker may take a job that wants one: it must not work on it, nor anybody of its principal have reported a
@@ -96,8 +114,9 @@ impl Scheduler {
 
     fn lease(&mut self, id: WorkerId, job_id: JobId, now: Instant) -> Option<(Lease, Arc<Task>)> {
         let principal = self.workers.get(&id)?.principal;
+        let cost = self.cost_to(id, self.jobs.get(job_id)?);
         let job = self.jobs.get_mut(job_id)?;
-        let (attempt, task) = (job.hand_out(id, now), Arc::clone(&job.task));
+        let (attempt, task) = (job.hand_out(id, cost, now), Arc::clone(&job.task));
         if attempt == 1 {
             self.counters.queue_times.observe(now.saturating_duration_since(job.submitted).as_secs_f64());
         }
@@ -116,7 +135,7 @@ impl Scheduler {
             *self.counters.leases.entry(job.task.kind()).or_default() += 1;
             self.idle -= usize::from(worker.is_free());
             worker.take(job_id, attempt, now);
-            worker.described.add(&job.channels);
+            worker.described.add(&job.channels.described);
             self.refile(job_id);
         }
     }
@@ -175,7 +194,7 @@ impl Scheduler {
         let Some(job) = self.jobs.get_mut(job_id) else { return };
         let Some(attempt) = job.lease_of(id) else { return };
         job.leases.retain(|(holder, _)| *holder != id);
-        let (cost, mut ran) = (counted_cost(&job.task), None);
+        let (cost, mut ran) = (job.cost_to(id, attempt), None);
         let mut next = None;
         if let Some(worker) = self.workers.get_mut(&id) {
             ran = worker.works_on(job_id).map(|since| now.saturating_duration_since(since));
@@ -244,7 +263,7 @@ impl Scheduler {
         match self.workers.get(&holder)?.works_on(id) {
             None => Some(job.handed_out_at(holder, attempt)),
             Some(since) => {
-                let expected = self.run_times.expected(counted_cost(&job.task))?;
+                let expected = self.run_times.expected(job.cost_to(holder, attempt))?;
                 Some(since + expected.mul_f64(PATIENCE).max(Duration::from_millis(1)))
             }
         }

@@ -32,7 +32,8 @@ use crate::counters::Counters;
 use crate::events::{AttemptEnd, Departure, EventKind};
 pub use crate::secret::{Caller, RunSecret};
 use crate::store::{Job, JobStore, Quorum, Vote};
-pub use affinity::ChannelsOf;
+use affinity::Expected;
+pub use affinity::{Channel, ChannelsOf, JobChannels};
 pub use control::{Drained, MAX_PRIORITY};
 pub use fair_queue::ClientId;
 pub use fleet::{LeaseStatus, WorkerStatus};
@@ -134,6 +135,8 @@ pub struct Scheduler {
     starving_since: Option<Instant>,
     /// Whether the event that audits wait for another principal was emitted.
     unaudited: bool,
+    /// The evaluations for which each client has last asked for scales.
+    expected: BTreeMap<ClientId, Expected>,
     /// Clients whose jobs are not handed out.
     paused: BTreeSet<ClientId>,
     /// Workers that an operator does not let in any more.
@@ -174,6 +177,7 @@ impl Scheduler {
             undecided_since: None,
             starving_since: None,
             unaudited: false,
+            expected: BTreeMap::new(),
             paused: BTreeSet::new(),
             denied: BTreeSet::new(),
             counters: Counters::default(),
@@ -183,11 +187,11 @@ impl Scheduler {
     }
 
     /// Adds a job under its name ([`JobNames`](crate::job_names::JobNames)). Clients are served in turn; the jobs of one
-    /// are handed out in the order of submission, but a worker is given first those with fewest channels left for it to
-    /// describe. A job that a worker was given by an earlier start is still its own.
+    /// are handed out in the order of submission, but a worker is given first those after which it has least to describe
+    /// that another has described already. A job that a worker was given by an earlier start is still its own.
     pub fn submit(&mut self, id: JobId, task: Arc<Task>, client: ClientId, now: Instant) {
         self.abandon(id, now); // of the same name before the run began again
-        let channels = self.channels(&task);
+        let channels = self.channels(&task, client);
         let mut job = Job::new(task, channels, (client, self.queue.position(client)), now);
         let lease = self.restore_attempts(id, &mut job, now);
         self.jobs.open(id, job);
@@ -220,7 +224,7 @@ impl Scheduler {
         }
         let id = accepted.job;
         if self.jobs.get(id).is_none() {
-            let channels = self.channels(task);
+            let channels = self.channels(task, client);
             let mut job = Job::new(Arc::clone(task), channels, (client, self.queue.position(client)), now);
             job.delivered = true;
             job.restore_attempts(&[(accepted.worker_id, accepted.attempt)], now);
@@ -301,6 +305,7 @@ impl Scheduler {
     /// A client will submit no more jobs.
     pub fn forget_client(&mut self, client: ClientId) {
         self.queue.forget_client(client);
+        self.expected.remove(&client);
         if self.paused.remove(&client) {
             self.refile_all();
         }
@@ -494,9 +499,14 @@ impl Scheduler {
         let mut woken = Vec::new();
         if wakeups > 0 {
             for (busy, id) in self.queue.idle_polls() {
-                // The others are as busy, and as little allowed to take a job ahead.
-                if wakeups == 0 || busy && !self.hands_out_ahead() {
+                if wakeups == 0 {
                     break;
+                }
+                if busy && !self.hands_out_ahead(id) {
+                    if self.first_is_alike_to_all() {
+                        break; // the others are as busy, and as little allowed to take it ahead
+                    }
+                    continue;
                 }
                 if self.next_job(id, now).is_some() {
                     woken.push(id);

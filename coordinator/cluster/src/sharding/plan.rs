@@ -78,6 +78,12 @@ impl ShardPlan {
                     return None;
                 }
                 let matching = costs.matching(pairs_cost(evaluation));
+                let describing = costs.describing(clouds_cost(evaluation));
+                // Its channels have scales, so that workers have described most of its clouds already. They keep that by
+                // split: shards would have to be described again.
+                if !evaluation.scales.is_empty() && matching < describing {
+                    return None;
+                }
                 // Tiles are what the workers end with: the less is left, the smaller they are.
                 let tiles = TILES_PER_WORKER * load.workers as f64 * matching / left.max(matching);
                 // Of few sizes, all even: each number of shards has manifests of its own.
@@ -85,7 +91,6 @@ impl ShardPlan {
                     let wanted = (wanted.ceil() as u32).min(MAX_SHARDS).next_power_of_two();
                     wanted.min(previous_power((seconds / least) as u32))
                 };
-                let describing = costs.describing(clouds_cost(evaluation));
                 (power(shards, describing, LEAST_SHARD), power(tiles, matching, LEAST_TILE))
             }
         };
@@ -246,6 +251,21 @@ mod tests {
         let dear = plan(100).unwrap();
         assert_eq!((dear.query.ranges, dear.database.ranges), (8, 8));
         assert_eq!(dear.query.shards + dear.database.shards, 64);
+    }
+
+    #[test]
+    fn clouds_that_were_described_for_scales_are_not_described_again_unless_matching_them_takes_longer() {
+        let plan = |shard_count, clouds: u32, has_scales: bool| {
+            let mut evaluation = evaluation(clouds, clouds);
+            evaluation.scales = if has_scales { vec![0.5] } else { Vec::new() };
+            ShardPlan::of(&evaluation, shard_count, (Load { jobs: 1, workers: 10 }, 0.0), &Costs::default())
+        };
+        // Describing a cloud costs as much as matching a thousand pairs.
+        for (clouds, is_sharded) in [(1500, false), (2500, true)] {
+            assert!(plan(ShardCount::Auto, clouds, false).is_some(), "{clouds} clouds");
+            assert_eq!(plan(ShardCount::Auto, clouds, true).is_some(), is_sharded, "{clouds} clouds");
+            assert!(plan(fixed(4), clouds, true).is_some(), "{clouds} clouds");
+        }
     }
 
     #[test]

@@ -8,6 +8,8 @@ use proto::journal::Assurance;
 use proto::task::{Task, TaskResult};
 use proto::{Digest, Principal, WorkerId};
 
+use crate::cost::{CountedCost, counted_cost};
+use crate::scheduler::JobChannels;
 use crate::scheduler::fair_queue::{ClientId, QueuePosition};
 use crate::scheduler::messages::WorkerFailure;
 
@@ -55,12 +57,14 @@ struct HandedOut {
     attempt: u32,
     worker: WorkerId,
     at: Instant,
+    /// What it costs this worker.
+    cost: CountedCost,
 }
 
 pub struct Job {
     pub task: Arc<Task>,
-    /// The channels in which whoever takes it will have described clouds.
-    pub channels: Vec<u64>,
+    /// The channels in which whoever takes it will have described clouds, and by which it is handed out.
+    pub channels: JobChannels,
     /// Who asks for it.
     pub clients: BTreeSet<ClientId>,
     /// Jobs are handed out in this order.
@@ -85,7 +89,7 @@ impl Job {
     /// A job that this client asks for.
     pub fn new(
         task: Arc<Task>,
-        channels: Vec<u64>,
+        channels: JobChannels,
         (client, position): (ClientId, QueuePosition),
         submitted: Instant,
     ) -> Self {
@@ -110,24 +114,34 @@ impl Job {
     /// When this attempt was handed out to this worker; when the job was submitted, if an earlier start did so without a
     /// record of it.
     pub fn handed_out_at(&self, worker: WorkerId, attempt: u32) -> Instant {
-        let is_it = |handed_out: &&HandedOut| handed_out.attempt == attempt && handed_out.worker == worker;
-        self.handed_out.iter().find(is_it).map_or(self.submitted, |handed_out| handed_out.at)
+        self.find(worker, attempt).map_or(self.submitted, |handed_out| handed_out.at)
     }
 
     /// Notes the attempts that earlier starts have made, in order.
     pub fn restore_attempts(&mut self, attempts: &[(WorkerId, u32)], now: Instant) {
         let kept = attempts.iter().rev().take(MAX_ATTEMPTS).rev();
-        let handed_out = |&(worker, attempt): &(WorkerId, u32)| HandedOut { attempt, worker, at: now };
+        let cost = counted_cost(&self.task);
+        let handed_out = |&(worker, attempt): &(WorkerId, u32)| HandedOut { attempt, worker, at: now, cost };
         self.handed_out = kept.map(handed_out).collect();
     }
 
-    /// Notes that the job is handed out once more, and returns which attempt that is.
-    pub fn hand_out(&mut self, worker: WorkerId, at: Instant) -> u32 {
+    /// What this attempt costs this worker.
+    pub fn cost_to(&self, worker: WorkerId, attempt: u32) -> CountedCost {
+        self.find(worker, attempt).map_or_else(|| counted_cost(&self.task), |handed_out| handed_out.cost)
+    }
+
+    fn find(&self, worker: WorkerId, attempt: u32) -> Option<&HandedOut> {
+        let is_it = |handed_out: &&HandedOut| handed_out.attempt == attempt && handed_out.worker == worker;
+        self.handed_out.iter().find(is_it)
+    }
+
+    /// Notes that the job is handed out once more, to a worker that it costs this, and returns which attempt that is.
+    pub fn hand_out(&mut self, worker: WorkerId, cost: CountedCost, at: Instant) -> u32 {
         let attempt = self.handed_out.last().map_or(1, |last| last.attempt.saturating_add(1));
         if self.handed_out.len() == MAX_ATTEMPTS {
             self.handed_out.remove(0);
         }
-        self.handed_out.push(HandedOut { attempt, worker, at });
+        self.handed_out.push(HandedOut { attempt, worker, at, cost });
         attempt
     }
 

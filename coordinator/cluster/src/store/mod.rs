@@ -9,12 +9,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use proto::journal::{AcceptedResult, Assurance};
-use proto::task::{DescriptorBytes, Subject, Task};
+use proto::task::{DescriptorBytes, Task};
 use proto::{Digest, JobId, Lease, Principal, WorkerId};
 
 pub use job::{Job, Quorum, Vote};
 
 use crate::journal::{LogSequence, Recorded};
+use crate::scheduler::ChannelsOf;
 use crate::scheduler::fair_queue::ClientId;
 use crate::scheduler::messages::{Confirmed, Finished};
 use crate::sharding::plan::ShardPlan;
@@ -247,17 +248,12 @@ impl JobStore {
     }
 
     /// The accepted results about a descriptor, with their tasks, among them the scales of its channels.
-    pub fn about(
-        &self,
-        descriptor: &DescriptorBytes,
-        channels_of: impl Fn(&Subject) -> Vec<u64>,
-    ) -> Vec<(Arc<Task>, Finished)> {
+    pub fn about(&self, descriptor: &DescriptorBytes, channels_of: ChannelsOf) -> Vec<(Arc<Task>, Finished)> {
         let is_about = |task: &Task| task.subject().descriptor == *descriptor;
-        let subject = self.accepted().find(|(task, _)| is_about(task)).map(|(task, _)| task.subject());
-        let channels = subject.map(&channels_of).unwrap_or_default();
+        let channels = channels_of(descriptor);
         let is_its_scale = |task: &Task| match task {
             Task::Scale(scale) => {
-                channels_of(&scale.subject).iter().all(|channel| channels.contains(channel))
+                channels_of(&scale.subject.descriptor).iter().all(|channel| channels.contains(channel))
             }
             _ => false,
         };

@@ -7,7 +7,9 @@ use descriptor::random::stream;
 use proto::{Introduction, Lease, Principal, WorkerId};
 use rand::RngExt;
 
-use super::super::{Answer, Audit, ClientId, Limits, MAX_PRIORITY, Poll, PollRefusal, RunSecret, Scheduler};
+use super::super::{
+    Answer, Audit, Channel, ClientId, Limits, MAX_PRIORITY, Poll, PollRefusal, RunSecret, Scheduler,
+};
 use super::actor::{Actor, Nature, by_address};
 use super::driver::{CLIENTS, Driver};
 use super::mishaps::Mishaps;
@@ -87,8 +89,9 @@ impl World {
             max_workers: 100,
             audit: Audit { share, first: [2, 10][random.random_range(0..2usize)] },
             check_description: |_, _, _| Ok(()),
-            channels_of: |subject| {
-                subject.descriptor.bytes().iter().map(|byte| u64::from(byte % 8)).collect()
+            channels_of: |descriptor| {
+                let numbers = descriptor.bytes().iter().map(|byte| u64::from(byte % 8));
+                numbers.map(|number| Channel { number, cost: 1 + number }).collect()
             },
         };
         let mut world = Self {

@@ -1,29 +1,55 @@
-//! Evaluations go to workers that have described clouds in their channels.
+//! Evaluations go to workers that have described clouds in their channels, and scales to where evaluations will go.
 
 use super::*;
+use proto::task::{Facts, Scale, Subject};
+
+/// Describing a cloud in a channel of this number or a higher one costs a hundred times as much as in others.
+const DEAR: u8 = 100;
 
 impl Bench {
-    /// Subjects have a channel for each byte of their descriptor.
+    /// Descriptors have a channel for each of their bytes.
     fn with_channels(workers: u8) -> Self {
         let mut bench = Self::new(workers);
-        bench.scheduler.limits.channels_of =
-            |subject| subject.descriptor.bytes().iter().map(|&channel| u64::from(channel)).collect();
+        bench.scheduler.limits.channels_of = |descriptor| {
+            let cost = |&number: &u8| if number < DEAR { 1 } else { 100 };
+            let channel = |number: &u8| Channel { number: u64::from(*number), cost: cost(number) };
+            descriptor.bytes().iter().map(channel).collect()
+        };
         bench
     }
 
-    fn submit_with(&mut self, channels: &[u8]) -> JobId {
-        let mut evaluation = Evaluation::sample(1, 10, 10);
-        evaluation.subject.descriptor = channels.to_vec().into();
-        let task = Arc::new(Task::Evaluation(evaluation));
+    fn submit_task(&mut self, task: Task) -> JobId {
+        let task = Arc::new(task);
         let job = self.names.next(&task);
         self.scheduler.submit(job, task, ClientId(1), self.now);
         job
     }
 
+    fn submit_with(&mut self, channels: &[u8]) -> JobId {
+        let mut evaluation = Evaluation::sample(1, 10, 10);
+        evaluation.subject.descriptor = channels.to_vec().into();
+        self.submit_task(Task::Evaluation(evaluation))
+    }
+
+    fn submit_scale(&mut self, channel: u8) -> JobId {
+        let subject = Subject { descriptor: vec![channel].into(), ..Subject::sample(1) };
+        self.submit_task(Task::Scale(Scale { subject, splits: Vec::new(), clouds: 20 }))
+    }
+
+    fn expect(&mut self, evaluations: &[&[u8]]) {
+        let descriptors: Vec<_> = evaluations.iter().map(|channels| channels.to_vec().into()).collect();
+        self.scheduler.expect_evaluations(ClientId(1), &descriptors);
+    }
+
     /// Has a worker answer its next job.
     fn answer_next(&mut self, number: u8) -> JobId {
         let lease = self.take(number);
-        self.report(number, lease, good());
+        let is_scale = |job: &Job| matches!(*job.task, Task::Scale(_));
+        let outcome = match self.scheduler.jobs.get(lease.job).is_some_and(is_scale) {
+            true => Ok(TaskResult::Scale(0.5)),
+            false => good(),
+        };
+        self.report(number, lease, outcome);
         lease.job
     }
 }
@@ -74,9 +100,9 @@ fn without_channels_jobs_keep_their_order() {
 #[test]
 fn what_was_described_long_ago_is_forgotten() {
     let mut bench = Bench::with_channels(1);
-    bench.scheduler.limits.channels_of = |subject| {
-        let first = u64::from(subject.descriptor.bytes()[0]);
-        (first * 100..first * 100 + 100).collect()
+    bench.scheduler.limits.channels_of = |descriptor| {
+        let first = u64::from(descriptor.bytes()[0]);
+        (first * 100..first * 100 + 100).map(|number| Channel { number, cost: 1 }).collect()
     };
     for block in 1..=6 {
         bench.submit_with(&[block]);
@@ -85,4 +111,107 @@ fn what_was_described_long_ago_is_forgotten() {
     let forgotten = bench.submit_with(&[1]);
     let kept = bench.submit_with(&[6]);
     assert_eq!([bench.answer_next(1), bench.answer_next(1)], [kept, forgotten]);
+}
+
+#[test]
+fn what_costs_most_to_describe_decides() {
+    let mut bench = Bench::with_channels(2);
+    for (number, channels) in [(1, [1, 2]), (2, [DEAR, 3])] {
+        let job = bench.submit_with(&channels);
+        assert_eq!(bench.answer_next(number), job);
+    }
+    let [of_two_cheap, of_dear] = [[1, 2, DEAR], [4, 5, DEAR]].map(|channels| bench.submit_with(&channels));
+    assert_eq!(bench.answer_next(2), of_two_cheap, "as much to describe, and it came first");
+    assert_eq!(bench.answer_next(2), of_dear);
+    let [dear, cheap] = [[4, 6, DEAR + 1], [4, 6, 7]].map(|channels| bench.submit_with(&channels));
+    assert_eq!(bench.answer_next(1), cheap, "three channels of 1 instead of two and one of 100");
+    assert_eq!(bench.answer_next(1), dear);
+}
+
+#[test]
+fn a_scale_goes_to_who_has_the_other_channels_of_an_evaluation_that_waits_for_it() {
+    let mut bench = Bench::with_channels(3);
+    for (number, channels) in [(1, [1, 2]), (2, [3, 4])] {
+        let job = bench.submit_with(&channels);
+        assert_eq!(bench.answer_next(number), job);
+    }
+    bench.expect(&[&[3, 4, 11], &[1, 2, 12, 13], &[14, 15]]);
+    let [of_second, of_first, also_of_first, one, other] =
+        [11, 12, 13, 14, 15].map(|channel| bench.submit_scale(channel));
+    assert_eq!(bench.answer_next(2), of_second);
+    assert_eq!(bench.answer_next(1), of_first, "13 is missing, too, but 1 and 2 are there");
+    assert_eq!(bench.answer_next(1), also_of_first);
+    assert_eq!(bench.answer_next(3), one, "the first of what is left");
+    assert_eq!(bench.answer_next(3), other);
+    // Nobody describes anything twice for the evaluations themselves.
+    let evaluations = [[3, 4, 11].as_slice(), &[1, 2, 12, 13], &[14, 15]];
+    let jobs = evaluations.map(|channels| bench.submit_with(channels));
+    assert_eq!([2, 1, 3].map(|number| bench.answer_next(number)), jobs);
+}
+
+#[test]
+fn scales_that_nobody_is_known_to_wait_for_keep_their_order() {
+    let mut bench = Bench::with_channels(1);
+    bench.expect(&[&[1, 2]]);
+    bench.scheduler.forget_client(ClientId(1));
+    let jobs = [5, 2, 1].map(|channel| bench.submit_scale(channel));
+    assert_eq!([(); 3].map(|()| bench.answer_next(1)), jobs);
+}
+
+/// Workers 1 and 2, which have described clouds in a dear channel: that took 21 s, and 1 s when they had it.
+fn timed() -> Bench {
+    let mut bench = Bench::with_channels(2);
+    for number in [1, 2] {
+        for seconds in [21, 1] {
+            bench.submit_timed(DEAR);
+            let lease = bench.take(number);
+            bench.pass(seconds);
+            bench.report(number, lease, good());
+        }
+    }
+    bench
+}
+
+impl Bench {
+    /// An evaluation of 20 clouds, each of 100 units in a dear channel, and 100 pairs of 1 unit.
+    fn submit_timed(&mut self, channel: u8) -> JobId {
+        let mut evaluation = Evaluation::sample(1, 10, 10);
+        let facts = Facts { cloud_cost: 100, pair_cost: 1, ..evaluation.subject.facts };
+        evaluation.subject = Subject { descriptor: vec![channel].into(), facts, ..evaluation.subject };
+        self.submit_task(Task::Evaluation(evaluation))
+    }
+
+    /// Asserts that a worker is given a job that worker 1 has, after so many seconds and not before; both answer it.
+    fn assert_late_after(&mut self, seconds: u64, (lease, number): (Lease, u8)) {
+        for second in 0..seconds {
+            assert!(self.poll(number, &[], 1).jobs.is_empty(), "after {second} s");
+            self.poll(1, &[lease], 0);
+            self.pass(1);
+        }
+        let again = self.take(number);
+        assert_eq!(again.job, lease.job);
+        self.report(1, lease, good());
+        self.report(number, again, good());
+    }
+}
+
+#[test]
+fn a_job_is_late_by_what_its_worker_has_to_describe() {
+    let mut bench = timed();
+    // In a channel that both have after 1.5 s, in one that nobody has after 31.5 s.
+    for (channel, late) in [(DEAR, 2), (DEAR + 1, 32)] {
+        bench.submit_timed(channel);
+        let lease = bench.take(1);
+        bench.assert_late_after(late, (lease, 2));
+    }
+}
+
+#[test]
+fn a_job_is_late_for_a_worker_that_would_have_to_describe_more_only_after_what_that_takes() {
+    let mut bench = timed();
+    bench.submit_timed(DEAR);
+    let lease = bench.take(1);
+    bench.join(3).unwrap();
+    bench.scheduler.drain(worker(2), bench.now);
+    bench.assert_late_after(32, (lease, 3));
 }
