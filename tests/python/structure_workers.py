@@ -3,8 +3,7 @@
 Usage: structure_workers.py PROGRAMS DATA OUT [--before PROGRAMS] [--workers N...] [--evaluations N] [--repeat N]
 
 PROGRAMS is a folder with coordinator and worker, DATA is household-rgbd or tabletop-rgbd of the benchmark clouds, OUT a
-new folder. Each run has new caches, one thread a worker, and starts where the same search ends whoever computes it: its
-digest. Prints processor seconds of all programs and wall seconds, medians, and how many scales and evaluations were
+new folder. Each run has new caches and one thread a worker; all must end with one digest. Prints processor seconds of all programs and wall seconds, medians, and how many scales and evaluations were
 answered twice. Runs take turns: other programs' in the same round, `--before` those of another build. No test cloud is
 looked at.
 """
@@ -72,7 +71,7 @@ def run(programs, experiment, out, workers):
 
     told = ["--out", out / "run", "--listen", url.removeprefix("http://"), "--json"]
     coordinator = start("coordinator", "coordinator", "run", experiment, *told)
-    joined = [start("worker", f"worker-{n}", "--threads", "1", "--name", f"w{n}") for n in range(workers)]
+    joined = [start("worker", f"worker-{n}", "--threads", "1", "--patience", "60") for n in range(workers)]
     codes = [process.wait() for process in (coordinator, *joined)]
     wall, processor = time.monotonic() - began, processor_seconds() - before
     assert not any(codes), f"{out}: ended with {codes}"

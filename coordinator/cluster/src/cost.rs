@@ -15,9 +15,3 @@ pub struct CountedCost {
 pub fn counted_cost(task: &Task) -> CountedCost {
     CountedCost { kind: task.kind(), units: task.cost() }
 }
-
-/// What it costs somebody for whom describing a cloud costs no more than this, having described it in part.
-pub fn counted_cost_describing(task: &Task, at_most: u64) -> CountedCost {
-    let cloud_cost = task.subject().facts.cloud_cost.min(at_most);
-    CountedCost { kind: task.kind(), units: task.cost_describing(cloud_cost) }
-}

@@ -145,7 +145,7 @@ impl<'a> SearchLoop<'a> {
                 scored.map(|(descriptor, measured)| experiment.score(descriptor, measured)).collect();
             let validation = match search.to_validate(&scores) {
                 Some(index) => {
-                    let next = self.foreseen(&search, &scores);
+                    let next = self.foreseen(&search, (&descriptors, &scores));
                     self.validate(&[&descriptors[index as usize]], &next).await?.pop()
                 }
                 None => None,
@@ -345,15 +345,16 @@ impl<'a> SearchLoop<'a> {
     }
 
     /// The descriptors that the next generation will evaluate, as far as it is certain that there is one, if they need scales.
-    fn foreseen(&self, search: &Search, scores: &[Score]) -> Vec<Descriptor> {
+    fn foreseen(&self, search: &Search, (current, scores): (&[Descriptor], &[Score])) -> Vec<Descriptor> {
+        let needs_scales = |one: &Descriptor| one.scaled_channels().iter().any(Option::is_some);
+        if !current.iter().any(needs_scales) {
+            return Vec::new(); // nor does any other of the family
+        }
         let met = self.first_met.len() as u64;
         let left = search.evaluations_left(met);
         let mut foreseen = BTreeSet::new();
         for individual in search.foresee(scores, met).unwrap_or_default() {
             let descriptor = decode(self.experiment.space(), &individual);
-            if descriptor.scaled_channels().iter().all(Option::is_none) {
-                break; // nor does any other of the family
-            }
             if !self.experiment.affords(&descriptor) || self.counts.train.measured.contains_key(&descriptor) {
                 continue;
             }

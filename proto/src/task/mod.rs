@@ -231,13 +231,23 @@ impl Task {
 
     /// Counted cost, in the units of [`Facts`].
     pub fn cost(&self) -> u64 {
-        self.cost_describing(self.subject().facts.cloud_cost)
+        self.describing_cost().saturating_add(self.matching_cost())
     }
 
-    /// The same if describing a cloud costs this, as where some of it has been done before.
-    pub fn cost_describing(&self, cloud_cost: u64) -> u64 {
+    /// Of that for describing clouds.
+    pub fn describing_cost(&self) -> u64 {
+        self.counts().0.saturating_mul(self.subject().facts.cloud_cost)
+    }
+
+    /// Of that for matching pairs of clouds.
+    pub fn matching_cost(&self) -> u64 {
+        self.counts().1.saturating_mul(self.subject().facts.pair_cost)
+    }
+
+    /// Clouds to be described, and pairs of clouds to be matched.
+    fn counts(&self) -> (u64, u64) {
         let pairs = |queries: u32, database: u32| u64::from(queries) * u64::from(database);
-        let (clouds, pairs) = match self {
+        match self {
             Self::Evaluation(Evaluation { queries, database_clouds, .. })
             | Self::GridCell(GridCell { queries, database_clouds, .. }) => {
                 (u64::from(*queries) + u64::from(*database_clouds), pairs(*queries, *database_clouds))
@@ -245,9 +255,7 @@ impl Task {
             Self::Description(shard) => (u64::from(shard.clouds), 0),
             Self::Tile(tile) => (0, pairs(tile.evaluation.queries, tile.evaluation.database_clouds)),
             Self::Scale(scale) => (u64::from(scale.clouds), pairs(scale.clouds, scale.clouds) / 2),
-        };
-        let pair_cost = self.subject().facts.pair_cost;
-        clouds.saturating_mul(cloud_cost).saturating_add(pairs.saturating_mul(pair_cost))
+        }
     }
 
     /// Refuses a result that cannot be one of this task: of another kind or size, impossible counts, indices out of

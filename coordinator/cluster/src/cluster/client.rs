@@ -13,7 +13,7 @@ use tokio::sync::Notify;
 
 use super::{Cluster, ClusterError, ClusterNews};
 use crate::events::{Event, EventKind, Omitted};
-use crate::scheduler::{ClientId, Finished, Provenance, Staffing};
+use crate::scheduler::{ClientId, Expected, Finished, Provenance, Staffing};
 
 /// Tasks by job, with their index among all that were submitted together.
 type Asked = BTreeMap<JobId, (usize, Arc<Task>)>;
@@ -114,12 +114,13 @@ impl Client {
         (scales, needed_by): (Vec<Scale>, &[DescriptorBytes]),
         mut watch: impl FnMut(&ClusterNews),
     ) -> Result<(Vec<Finished<EvaluationResult>>, Vec<Finished<f64>>), ClusterError> {
-        let (mut batch, mut tasks) = self.cluster.plan(evaluations);
+        let (mut batch, mut tasks) = self.cluster.plan(evaluations, scales.len());
         // Places of scales are between those of the batch's first tasks and of its further ones.
         let places = tasks.len()..tasks.len() + scales.len();
         let mut scaled: Vec<Option<Finished<f64>>> = vec![None; scales.len()];
         if !scales.is_empty() {
-            self.cluster.state().scheduler.expect_evaluations(self.id, needed_by);
+            let expected = Expected::new(needed_by, self.cluster.limits.channels_of);
+            self.cluster.state().scheduler.expect(self.id, expected);
             tasks.extend(scales.into_iter().map(Task::Scale));
         }
         self.perform(tasks, |news, finished| {
@@ -141,6 +142,7 @@ impl Client {
         })
         .await?;
         if !places.is_empty() {
+            self.cluster.state().scheduler.expect_nothing(self.id);
             self.cluster.flush().await?;
         }
         Ok((batch.finish(), scaled.into_iter().flatten().collect()))

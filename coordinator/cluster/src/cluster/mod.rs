@@ -363,9 +363,9 @@ impl Cluster {
         self.state().planner.set_shard_count(shard_count);
     }
 
-    /// Evaluations, whole or sharded as it is decided, and their first tasks.
-    fn plan(&self, evaluations: Vec<Evaluation>) -> (Batch, Vec<Task>) {
-        let plans = self.state().plan(&evaluations);
+    /// Evaluations, whole or sharded as it is decided, and their first tasks; so many other jobs are asked for with them.
+    fn plan(&self, evaluations: Vec<Evaluation>, beside: usize) -> (Batch, Vec<Task>) {
+        let plans = self.state().plan(&evaluations, beside);
         let mut layouts = lock(&self.layouts);
         let planned = evaluations.into_iter().zip(plans);
         Batch::new(planned.map(|(one, plan)| layouts.lay_out(one, plan, &self.blobs)).collect())

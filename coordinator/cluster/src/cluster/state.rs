@@ -170,9 +170,9 @@ impl ClusterState {
     }
 
     /// Decides which evaluations are sharded, and keeps that before the first shard is asked for: results of shards and
-    /// tiles are of no use to any other plan.
-    pub(super) fn plan(&mut self, evaluations: &[Evaluation]) -> Vec<Option<ShardPlan>> {
-        let load = Load { jobs: self.scheduler.open_jobs(), workers: self.scheduler.worker_count() };
+    /// tiles are of no use to any other plan. So many other jobs are asked for `beside` them.
+    pub(super) fn plan(&mut self, evaluations: &[Evaluation], beside: usize) -> Vec<Option<ShardPlan>> {
+        let load = Load { jobs: self.scheduler.open_jobs() + beside, workers: self.scheduler.worker_count() };
         for (job, plan) in self.planner.decide(evaluations, load, &mut self.scheduler.jobs) {
             self.record(|| Entry::Sharded(job, plan));
         }

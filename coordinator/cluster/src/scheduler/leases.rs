@@ -39,30 +39,43 @@ impl Scheduler {
 
     /// The job that this worker should take next.
     pub(super) fn next_job(&self, id: WorkerId, now: Instant) -> Option<JobId> {
+        self.next_waiting(id, now).or_else(|| self.next_hedge(id, now))
+    }
+
+    /// Of the jobs that wait, the one that this worker should take next.
+    pub(super) fn next_waiting(&self, id: WorkerId, now: Instant) -> Option<JobId> {
         let worker = self.workers.get(&id)?;
-        let idle = worker.is_idle();
-        if !worker.is_available() {
-            return None;
-        }
-        if !idle && !self.hands_out_ahead(id) {
+        if !worker.is_available() || !worker.is_idle() && !self.hands_out_ahead(id) {
             return None;
         }
         let waiting = self.queue.in_order().filter(|job| self.may_take(id, *job));
         let waiting = waiting.filter_map(|job| Some((job, self.jobs.get(job)?)));
-        let waiting = self.best_match(id, waiting, now);
-        // Only an idle worker doubles the work of another.
-        let is_hedge = |job: &JobId| idle && self.may_take(id, *job) && self.is_late_for(id, *job, now);
-        waiting.or_else(|| self.queue.overdue(now).find(is_hedge))
+        self.best_match(id, waiting, now)
+    }
+
+    /// The job of another that this worker should take as well: only an idle one doubles the work of another.
+    pub(super) fn next_hedge(&self, id: WorkerId, now: Instant) -> Option<JobId> {
+        let worker = self.workers.get(&id)?;
+        if !worker.is_available() || !worker.is_idle() {
+            return None;
+        }
+        self.queue.overdue(now).find(|job| self.may_take(id, *job) && self.is_late_for(id, *job, now))
     }
 
     /// Whether a job that is overdue has been worked on for so long that this worker may well be done with it first: what
     /// somebody else has described, it may have to describe.
     fn is_late_for(&self, id: WorkerId, job_id: JobId, now: Instant) -> bool {
         let Some(job) = self.jobs.get(job_id) else { return false };
-        let holders = job.leases.iter().filter_map(|(holder, _)| self.workers.get(holder));
-        let since = holders.filter_map(|holder| holder.works_on(job_id)).min();
-        let expected = self.run_times.expected(self.cost_to(id, job));
-        since.zip(expected).is_none_or(|(since, expected)| since + expected.mul_f64(PATIENCE) <= now)
+        let Some(&(holder, attempt)) = job.leases.first() else { return false };
+        let Some(since) = self.workers.get(&holder).and_then(|worker| worker.works_on(job_id)) else {
+            return true; // nobody has begun it
+        };
+        let (here, there) = (self.cost_to(id, job), job.cost_to(holder, attempt));
+        let expected = self.run_times.expected(here).or_else(|| {
+            let ratio = here.units as f64 / there.units.max(1) as f64;
+            self.run_times.expected(there).map(|expected| expected.mul_f64(ratio))
+        });
+        expected.is_some_and(|expected| since + expected.mul_f64(PATIENCE) <= now)
     }
 
     /// Whether a worker may take a job beside the one in hand. It waits behind that: as long as a worker has none at all, it
@@ -75,7 +88,7 @@ impl Scheduler {
 
     /// Whether the first job that waits takes all workers about as long.
     pub(super) fn first_is_alike_to_all(&self) -> bool {
-        self.first_waiting().is_none_or(|job| job.channels.described.is_empty())
+        self.first_waiting().is_none_or(|job| job.channels.is_empty())
     }
 
     fn first_waiting(&self) -> Option<&Job> {
@@ -135,7 +148,7 @@ impl Scheduler {
             *self.counters.leases.entry(job.task.kind()).or_default() += 1;
             self.idle -= usize::from(worker.is_free());
             worker.take(job_id, attempt, now);
-            worker.described.add(&job.channels.described);
+            worker.described.add(&job.channels);
             self.refile(job_id);
         }
     }
@@ -199,6 +212,10 @@ impl Scheduler {
         if let Some(worker) = self.workers.get_mut(&id) {
             ran = worker.works_on(job_id).map(|since| now.saturating_duration_since(since));
             worker.put_down(job_id, now);
+            let is_done = matches!(end, AttemptEnd::Answered | AttemptEnd::Agreed | AttemptEnd::Disagreed);
+            if !is_done {
+                worker.described.remove(&job.channels);
+            }
             if worker.is_idle() {
                 self.idle += usize::from(worker.is_free());
                 self.queue.comes_free(id);

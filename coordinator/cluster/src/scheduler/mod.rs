@@ -4,6 +4,7 @@
 
 mod affinity;
 mod control;
+mod described;
 mod failures;
 pub mod fair_queue;
 pub mod fleet;
@@ -32,9 +33,8 @@ use crate::counters::Counters;
 use crate::events::{AttemptEnd, Departure, EventKind};
 pub use crate::secret::{Caller, RunSecret};
 use crate::store::{Job, JobStore, Quorum, Vote};
-use affinity::Expected;
-pub use affinity::{Channel, ChannelsOf, JobChannels};
 pub use control::{Drained, MAX_PRIORITY};
+pub use described::{Channel, ChannelsOf, Expected, JobChannels};
 pub use fair_queue::ClientId;
 pub use fleet::{LeaseStatus, WorkerStatus};
 pub use messages::{
@@ -53,6 +53,16 @@ use worker::{Worker, WorkerIdentity};
 const STARVING_AFTER: Duration = Duration::from_secs(10);
 /// … and again after so long.
 const STARVING_AGAIN: Duration = Duration::from_secs(120);
+
+/// Workers that are looked at in vain each time that some are woken, so that this takes no longer the more there are. The
+/// others hear of a job with their next poll.
+const MOST_LOOKS: usize = 16;
+
+/// How many workers may still be looked at for a job beside the one in hand, and for a second lease on one.
+struct Looks {
+    ahead: usize,
+    hedges: usize,
+}
 
 /// Whether bytes can be the description of so many clouds under a descriptor; what is wrong with them, if not.
 pub type CheckDescription = fn(&Subject, &[u8], u32) -> Result<(), String>;
@@ -497,18 +507,23 @@ impl Scheduler {
     pub fn wake(&mut self, now: Instant) -> Vec<WorkerId> {
         let mut wakeups = self.queue.wakeups(now);
         let mut woken = Vec::new();
+        let mut looks = Looks { ahead: MOST_LOOKS, hedges: MOST_LOOKS };
         if wakeups > 0 {
             for (busy, id) in self.queue.idle_polls() {
-                if wakeups == 0 {
+                if wakeups == 0 || busy && looks.ahead == 0 {
                     break;
                 }
                 if busy && !self.hands_out_ahead(id) {
-                    if self.first_is_alike_to_all() {
-                        break; // the others are as busy, and as little allowed to take it ahead
-                    }
+                    // The others are as busy, and where a job costs all of them the same, as little allowed to take it.
+                    looks.ahead = if self.first_is_alike_to_all() { 0 } else { looks.ahead - 1 };
                     continue;
                 }
-                if self.next_job(id, now).is_some() {
+                let mut is_late = || {
+                    let may_look = looks.hedges > 0;
+                    looks.hedges = looks.hedges.saturating_sub(1);
+                    may_look && self.next_hedge(id, now).is_some()
+                };
+                if self.next_waiting(id, now).is_some() || is_late() {
                     woken.push(id);
                     wakeups -= 1;
                 }

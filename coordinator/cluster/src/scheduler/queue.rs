@@ -7,7 +7,7 @@ use proto::{JobId, WorkerId};
 
 use super::fair_queue::{ClientId, FairQueue, QueuePosition};
 
-/// Jobs that are overdue and workers that are woken for them at once.
+/// Jobs that are looked at to be hedged, and workers that are woken for them at once.
 const MAX_HEDGES_AT_ONCE: usize = 16;
 
 /// Jobs and workers in the order in which they are matched.
@@ -80,9 +80,10 @@ impl Queue {
         }
     }
 
-    /// Jobs that a second worker may take, those that have been due for longest first.
+    /// Some jobs that a second worker may take, those that have been due for longest.
     pub(super) fn overdue(&self, now: Instant) -> impl Iterator<Item = JobId> {
-        self.covered.iter().take_while(move |(due, _)| *due <= now).map(|(_, job)| *job)
+        let due = self.covered.iter().take_while(move |(due, _)| *due <= now);
+        due.map(|(_, job)| *job).take(MAX_HEDGES_AT_ONCE)
     }
 
     /// Notes whether a worker, busy or idle, polled in vain.
@@ -106,7 +107,7 @@ impl Queue {
 
     /// How many more polls to wake: one a job, less those that were woken and have not asked yet.
     pub(super) fn wakeups(&self, now: Instant) -> usize {
-        let jobs = self.waiting.len() + self.overdue(now).take(MAX_HEDGES_AT_ONCE).count();
+        let jobs = self.waiting.len() + self.overdue(now).count();
         jobs.saturating_sub(self.woken.len())
     }
 

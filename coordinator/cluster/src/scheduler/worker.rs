@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use proto::{Introduction, JobId, Principal};
 
-use super::affinity::Described;
+use super::described::Described;
 use super::health::Health;
 
 pub(super) struct Worker {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use proto::task::{Evaluation, Task, TaskResult};
-use proto::{JobId, Principal};
+use proto::{Digest, JobId, Principal};
 
 use super::super::{ClientId, Doubt, Scheduler};
 use super::actor::truth;
@@ -30,7 +30,9 @@ pub struct Driver {
 
 impl Driver {
     pub fn submit(&mut self, scheduler: &mut Scheduler, number: u32, now: Instant) {
-        let task = Task::Evaluation(Evaluation::sample(number, 1000, 10));
+        let split = |number: u32| vec![Digest([number as u8; 32])];
+        let sample = Evaluation::sample(number, 1000, 10);
+        let task = Task::Evaluation(Evaluation { query: split(number % 2), database: split(2), ..sample });
         let job = self.names.next(&task);
         let client = ClientId(number % CLIENTS);
         scheduler.submit(job, Arc::new(task), client, now);

@@ -5,6 +5,8 @@ use proto::task::{Facts, Scale, Subject};
 
 /// Describing a cloud in a channel of this number or a higher one costs a hundred times as much as in others.
 const DEAR: u8 = 100;
+const TRAINING: Digest = Digest([1; 32]);
+const VALIDATION: Digest = Digest([2; 32]);
 
 impl Bench {
     /// Descriptors have a channel for each of their bytes.
@@ -26,19 +28,27 @@ impl Bench {
     }
 
     fn submit_with(&mut self, channels: &[u8]) -> JobId {
+        self.submit_among(channels, TRAINING)
+    }
+
+    /// An evaluation of 10 clouds against 10 of the training clouds.
+    fn submit_among(&mut self, channels: &[u8], query: Digest) -> JobId {
         let mut evaluation = Evaluation::sample(1, 10, 10);
         evaluation.subject.descriptor = channels.to_vec().into();
+        (evaluation.query, evaluation.database) = (vec![query], vec![TRAINING]);
+        evaluation.subject.facts = Facts { cloud_cost: 100, pair_cost: 1, ..evaluation.subject.facts };
         self.submit_task(Task::Evaluation(evaluation))
     }
 
     fn submit_scale(&mut self, channel: u8) -> JobId {
         let subject = Subject { descriptor: vec![channel].into(), ..Subject::sample(1) };
-        self.submit_task(Task::Scale(Scale { subject, splits: Vec::new(), clouds: 20 }))
+        self.submit_task(Task::Scale(Scale { subject, splits: vec![TRAINING], clouds: 10 }))
     }
 
     fn expect(&mut self, evaluations: &[&[u8]]) {
         let descriptors: Vec<_> = evaluations.iter().map(|channels| channels.to_vec().into()).collect();
-        self.scheduler.expect_evaluations(ClientId(1), &descriptors);
+        let expected = Expected::new(&descriptors, self.scheduler.limits.channels_of);
+        self.scheduler.expect(ClientId(1), expected);
     }
 
     /// Has a worker answer its next job.
@@ -104,12 +114,12 @@ fn what_was_described_long_ago_is_forgotten() {
         let first = u64::from(descriptor.bytes()[0]);
         (first * 100..first * 100 + 100).map(|number| Channel { number, cost: 1 }).collect()
     };
-    for block in 1..=6 {
+    for block in 1..=16 {
         bench.submit_with(&[block]);
         bench.answer_next(1);
     }
     let forgotten = bench.submit_with(&[1]);
-    let kept = bench.submit_with(&[6]);
+    let kept = bench.submit_with(&[16]);
     assert_eq!([bench.answer_next(1), bench.answer_next(1)], [kept, forgotten]);
 }
 
@@ -138,32 +148,39 @@ fn a_scale_goes_to_who_has_the_other_channels_of_an_evaluation_that_waits_for_it
     bench.expect(&[&[3, 4, 11], &[1, 2, 12, 13], &[14, 15]]);
     let [of_second, of_first, also_of_first, one, other] =
         [11, 12, 13, 14, 15].map(|channel| bench.submit_scale(channel));
-    assert_eq!(bench.answer_next(2), of_second);
     assert_eq!(bench.answer_next(1), of_first, "13 is missing, too, but 1 and 2 are there");
+    assert_eq!(
+        bench.answer_next(3),
+        one,
+        "one channel is missing beside it, of 11 two, and it came before the other"
+    );
     assert_eq!(bench.answer_next(1), also_of_first);
-    assert_eq!(bench.answer_next(3), one, "the first of what is left");
     assert_eq!(bench.answer_next(3), other);
+    assert_eq!(bench.answer_next(2), of_second);
     // Nobody describes anything twice for the evaluations themselves.
     let evaluations = [[3, 4, 11].as_slice(), &[1, 2, 12, 13], &[14, 15]];
     let jobs = evaluations.map(|channels| bench.submit_with(channels));
-    assert_eq!([2, 1, 3].map(|number| bench.answer_next(number)), jobs);
+    assert_eq!([3, 1, 2].map(|number| bench.answer_next(number)), [jobs[2], jobs[1], jobs[0]]);
 }
 
 #[test]
 fn scales_that_nobody_is_known_to_wait_for_keep_their_order() {
-    let mut bench = Bench::with_channels(1);
-    bench.expect(&[&[1, 2]]);
-    bench.scheduler.forget_client(ClientId(1));
-    let jobs = [5, 2, 1].map(|channel| bench.submit_scale(channel));
-    assert_eq!([(); 3].map(|()| bench.answer_next(1)), jobs);
+    for forget in [Scheduler::expect_nothing, Scheduler::forget_client] {
+        let mut bench = Bench::with_channels(1);
+        bench.expect(&[&[5, 9]]); // it would come last
+        forget(&mut bench.scheduler, ClientId(1));
+        let jobs = [5, 2, 1].map(|channel| bench.submit_scale(channel));
+        assert_eq!([(); 3].map(|()| bench.answer_next(1)), jobs);
+    }
 }
 
-/// Workers 1 and 2, which have described clouds in a dear channel: that took 21 s, and 1 s when they had it.
+/// Workers 1 and 2, which have described 10 clouds of 100 units in a dear channel, and matched 100 pairs of 1 unit: that
+/// took 11 s, and 1 s when they had them.
 fn timed() -> Bench {
     let mut bench = Bench::with_channels(2);
     for number in [1, 2] {
-        for seconds in [21, 1] {
-            bench.submit_timed(DEAR);
+        for seconds in [11, 1] {
+            bench.submit_with(&[DEAR]);
             let lease = bench.take(number);
             bench.pass(seconds);
             bench.report(number, lease, good());
@@ -173,14 +190,6 @@ fn timed() -> Bench {
 }
 
 impl Bench {
-    /// An evaluation of 20 clouds, each of 100 units in a dear channel, and 100 pairs of 1 unit.
-    fn submit_timed(&mut self, channel: u8) -> JobId {
-        let mut evaluation = Evaluation::sample(1, 10, 10);
-        let facts = Facts { cloud_cost: 100, pair_cost: 1, ..evaluation.subject.facts };
-        evaluation.subject = Subject { descriptor: vec![channel].into(), facts, ..evaluation.subject };
-        self.submit_task(Task::Evaluation(evaluation))
-    }
-
     /// Asserts that a worker is given a job that worker 1 has, after so many seconds and not before; both answer it.
     fn assert_late_after(&mut self, seconds: u64, (lease, number): (Lease, u8)) {
         for second in 0..seconds {
@@ -198,20 +207,50 @@ impl Bench {
 #[test]
 fn a_job_is_late_by_what_its_worker_has_to_describe() {
     let mut bench = timed();
-    // In a channel that both have after 1.5 s, in one that nobody has after 31.5 s.
-    for (channel, late) in [(DEAR, 2), (DEAR + 1, 32)] {
-        bench.submit_timed(channel);
+    // In a channel that both have after 1.5 s, in one that nobody has, or of other clouds, after 16.5 s.
+    for (channel, query, late) in
+        [(DEAR, TRAINING, 2), (DEAR + 1, TRAINING, 17), (DEAR, VALIDATION, 17), (DEAR, VALIDATION, 2)]
+    {
+        bench.submit_among(&[channel], query);
         let lease = bench.take(1);
         bench.assert_late_after(late, (lease, 2));
     }
 }
 
 #[test]
+fn what_was_not_described_after_all_is_not_counted_as_described() {
+    let mut bench = timed();
+    let job = bench.submit_with(&[DEAR + 1]);
+    let undelivered = bench.take(1);
+    bench.poll(1, &[], 0);
+    let lease = bench.take(1);
+    assert_eq!((undelivered.job, lease.job), (job, job));
+    bench.assert_late_after(17, (lease, 2));
+}
+
+#[test]
 fn a_job_is_late_for_a_worker_that_would_have_to_describe_more_only_after_what_that_takes() {
     let mut bench = timed();
-    bench.submit_timed(DEAR);
+    bench.submit_with(&[DEAR]);
     let lease = bench.take(1);
     bench.join(3).unwrap();
     bench.scheduler.drain(worker(2), bench.now);
-    bench.assert_late_after(32, (lease, 3));
+    bench.assert_late_after(17, (lease, 3));
+}
+
+#[test]
+fn what_describing_takes_is_expected_in_proportion_where_it_is_not_known() {
+    let mut bench = Bench::with_channels(2);
+    bench.submit_scale(DEAR);
+    bench.answer_next(1);
+    for _ in 0..2 {
+        bench.submit_with(&[DEAR]);
+        let lease = bench.take(1);
+        bench.pass(1);
+        bench.report(1, lease, good());
+    }
+    // 1 s for the 100 units of a worker that has all of it are 11 s for the 1100 of the other.
+    bench.submit_with(&[DEAR]);
+    let lease = bench.take(1);
+    bench.assert_late_after(17, (lease, 2));
 }
