@@ -128,3 +128,43 @@ impl Search {
         State { best, best_so_far, winner, improved, mutation_rate, stop }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::genetic::GeneticAlgorithm;
+    use crate::score::tests::{score, scores};
+    use crate::settings::GaSettings;
+    use crate::stop::tests::NEVER;
+    use crate::tests::paper;
+
+    proptest! {
+        #[test]
+        fn what_is_foreseen_is_the_next_generation_whatever_the_validation_says(
+            told in prop::collection::vec((prop::array::uniform4(0u32..50), 0u32..50), 1..12),
+            patience in prop::option::of(1u32..3),
+            stagnation in prop::option::of(1u32..5),
+            generations in 1u32..12,
+        ) {
+            let stop = StopSettings { validation_patience: patience, stagnation, generations, ..NEVER };
+            let settings = GaSettings { population: 4, ..GaSettings::default() };
+            let strategy = GeneticAlgorithm::new(paper(), settings, 7).unwrap();
+            let mut search = Search::new(Box::new(strategy), stop, WinnerRule::Validation);
+            for (evaluations, (correct, validated)) in (4u64..).step_by(4).zip(told) {
+                let scores = scores(&correct);
+                let foreseen = search.foresee(&scores, evaluations);
+                let state = search.tell(&scores, Some(score(validated, 50)), evaluations);
+                if let Some(foreseen) = foreseen {
+                    prop_assert_eq!((state.stop, &foreseen[..]), (None, search.ask()));
+                } else if patience.is_none() {
+                    prop_assert!(state.stop.is_some());
+                }
+                if state.stop.is_some() {
+                    break;
+                }
+            }
+        }
+    }
+}

@@ -464,33 +464,6 @@ fn a_winner_by_validation_is_validated_without_a_patience_and_one_by_fitness_wit
     }
 }
 
-proptest! {
-    #[test]
-    fn what_is_foreseen_is_the_next_generation_whatever_the_validation_says(
-        told in prop::collection::vec((prop::array::uniform4(0u32..50), 0u32..50), 1..12),
-        patience in prop::option::of(1u32..3),
-        stagnation in prop::option::of(1u32..5),
-        generations in 1u32..12,
-    ) {
-        let stop = StopSettings { validation_patience: patience, stagnation, generations, ..NEVER };
-        let settings = GaSettings { population: 4, ..GaSettings::default() };
-        let mut search = Search::new(Box::new(genetic(settings, 7)), stop, WinnerRule::Validation);
-        for (evaluations, (correct, validated)) in (4u64..).step_by(4).zip(told) {
-            let scores = scores(&correct);
-            let foreseen = search.foresee(&scores, evaluations);
-            let state = search.tell(&scores, Some(score(validated, 50)), evaluations);
-            if let Some(foreseen) = foreseen {
-                prop_assert_eq!((state.stop, &foreseen[..]), (None, search.ask()));
-            } else if patience.is_none() {
-                prop_assert!(state.stop.is_some());
-            }
-            if state.stop.is_some() {
-                break;
-            }
-        }
-    }
-}
-
 #[test]
 fn a_search_counts_generations_keeps_the_winner_and_ends_with_the_stop_rule() {
     let stop = StopSettings { generations: 4, validation_patience: Some(9), ..NEVER };
