@@ -3,9 +3,9 @@
 Usage: structure_workers.py PROGRAMS DATA OUT [--before PROGRAMS] [--workers N...] [--evaluations N] [--repeat N]
 
 PROGRAMS is a folder with coordinator and worker, DATA is household-rgbd or tabletop-rgbd of the benchmark clouds, OUT a
-new folder. Each run has new caches and one thread a worker; all must end with one digest. Prints processor seconds of all programs and wall seconds, medians, and how many scales and evaluations were
-answered twice. Runs take turns: other programs' in the same round, `--before` those of another build. No test cloud is
-looked at.
+new folder. Each run has new caches and one thread a worker; all must end with one digest. Runs take turns; `--before` are the
+programs of another build. Prints medians of processor seconds of all programs, wall seconds, and scales and evaluations
+that were answered twice. No test cloud is looked at.
 """
 
 import argparse

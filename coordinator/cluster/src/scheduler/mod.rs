@@ -198,7 +198,7 @@ impl Scheduler {
 
     /// Adds a job under its name ([`JobNames`](crate::job_names::JobNames)). Clients are served in turn; the jobs of one
     /// are handed out in the order of submission, but a worker is given first those after which it has least to describe
-    /// that another has described already. A job that a worker was given by an earlier start is still its own.
+    /// that another may have described already. A job that a worker was given by an earlier start is still its own.
     pub fn submit(&mut self, id: JobId, task: Arc<Task>, client: ClientId, now: Instant) {
         self.abandon(id, now); // of the same name before the run began again
         let channels = self.channels(&task, client);
