@@ -21,9 +21,9 @@ use parquet::schema::parser::parse_message_type;
 use png::{BitDepth, ColorType};
 use prost::Message as _;
 use proto::task::{
-    CloudEntry, Described, Description, Evaluation, EvaluationResult, Exclusion, Failure, FailureReason,
-    GridCell, Label, Match, MatchingRule, Nearest, Objective, Report, Scale, SplitManifest, Subject, Task,
-    TaskResult, Tile,
+    CloudEntry, Described, DescribedShard, DescribedSplit, Description, Evaluation, EvaluationResult,
+    Exclusion, Failure, FailureReason, GridCell, Label, Match, MatchingRule, Nearest, Objective, Report,
+    Scale, SplitManifest, Subject, Task, TaskResult, Tile,
 };
 use proto::{Digest, JobId, Lease, LeaseNonce, v2};
 
@@ -352,7 +352,13 @@ fn reply() -> v2::PollReply {
         want_matches: true,
         rule: MatchingRule::default(),
         scales: Vec::new(),
+        described: Vec::new(),
     };
+    let described = vec![DescribedSplit {
+        channel: 0,
+        split: Digest([3; 32]),
+        shards: vec![DescribedShard { manifest: Digest([3; 32]), description: Digest([4; 32]) }],
+    }];
     let rule =
         MatchingRule { exclude: Exclusion::SameSequence, objective: Objective::Category, margin: true };
     let hue = Descriptor::GlobalHue(GlobalHue::default());
@@ -376,7 +382,8 @@ fn reply() -> v2::PollReply {
     let tasks = [
         Task::Evaluation(evaluation.clone()),
         Task::Evaluation(Evaluation { rule, scales: vec![0.5, 0.25], ..evaluation.clone() }),
-        Task::Scale(Scale { subject: scaled, splits: splits(), clouds: 9 }),
+        Task::Evaluation(Evaluation { described: described.clone(), ..evaluation.clone() }),
+        Task::Scale(Scale { subject: scaled, splits: splits(), clouds: 9, described }),
         Task::GridCell(cell),
         Task::Description(Description { subject: best, manifest: Digest([3; 32]), clouds: 9 }),
         Task::Tile(Tile { evaluation, query_descriptions: splits(), database_descriptions: splits() }),

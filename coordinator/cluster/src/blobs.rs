@@ -11,7 +11,7 @@ use proto::Digest;
 use crate::lock::lock;
 
 /// Memory for descriptions, bytes; what was used least recently goes first, and is made again where it is needed.
-const DESCRIPTIONS: usize = 256 << 20;
+pub const DESCRIPTIONS: usize = 256 << 20;
 
 /// Why a blob is not given.
 #[derive(Debug, thiserror::Error)]

@@ -1,7 +1,7 @@
 //! Descriptors measured by a fitness: their evaluations, and the weighted sums of what comes back.
 
 use cluster::scheduler::Finished;
-use cluster::{Client, ClusterError, ClusterNews};
+use cluster::{Client, ClusterError, ClusterNews, FoundScale};
 use descriptor::Descriptor;
 use proto::task::{Evaluation, EvaluationResult};
 
@@ -53,7 +53,7 @@ impl FitnessBatch {
         client: &mut Client,
         scales: &MissingScales,
         mut watch: impl FnMut(&ClusterNews, u64),
-    ) -> Result<(Vec<Answer>, Vec<Finished<f64>>), ClusterError> {
+    ) -> Result<(Vec<Answer>, Vec<Finished<FoundScale>>), ClusterError> {
         let of_descriptor = self.weights.first().map_or(1, Vec::len).max(1);
         let mut open = 0;
         let watch = |news: &ClusterNews| {

@@ -4,9 +4,9 @@ use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 
 use cluster::scheduler::Finished;
-use cluster::{Client, ClusterError, ClusterNews};
+use cluster::{Client, ClusterError, ClusterNews, FoundScale};
 use descriptor::Descriptor;
-use proto::task::{DescriptorBytes, Scale};
+use proto::task::{DescribedSplit, DescriptorBytes, Scale};
 
 use crate::run::scaled::Scaled;
 use crate::run::splits::SplitBlobs;
@@ -14,7 +14,7 @@ use crate::tasks;
 
 /// Scales by set of clouds and channel, each as the descriptor of this channel alone.
 #[derive(Clone, Debug, Default)]
-pub struct Scales(BTreeMap<u32, BTreeMap<Descriptor, f64>>);
+pub struct Scales(BTreeMap<u32, BTreeMap<Descriptor, FoundScale>>);
 
 /// Scales that are not known, to be asked for.
 #[derive(Default)]
@@ -67,7 +67,7 @@ impl Scales {
     }
 
     /// Takes in the scales that were missing, in their order.
-    pub fn add(&mut self, missing: MissingScales, found: Vec<Finished<f64>>) {
+    pub fn add(&mut self, missing: MissingScales, found: Vec<Finished<FoundScale>>) {
         for ((channel, set), finished) in missing.channels.into_iter().zip(found) {
             self.0.entry(set).or_default().insert(channel, finished.result);
         }
@@ -79,10 +79,16 @@ impl Scales {
     /// If it has not: a programming error.
     pub fn of<'a>(&self, set: u32, descriptor: &'a Descriptor) -> Scaled<'a> {
         let channels = descriptor.scaled_channels();
-        let scale =
-            |channel: &Option<Descriptor>| channel.as_ref().map_or(1.0, |channel| self.0[&set][channel]);
-        let has_scales = channels.iter().any(Option::is_some);
-        let scales = if has_scales { channels.iter().map(scale).collect() } else { Vec::new() };
-        Scaled { descriptor, scales }
+        if channels.iter().all(Option::is_none) {
+            return Scaled::from(descriptor);
+        }
+        let (mut scales, mut described) = (Vec::new(), Vec::new());
+        for (place, channel) in (0..).zip(&channels) {
+            let found = channel.as_ref().map(|channel| &self.0[&set][channel]);
+            scales.push(found.map_or(1.0, |found| found.scale));
+            let of_channel = found.into_iter().flat_map(|found| &found.described);
+            described.extend(of_channel.map(|one| DescribedSplit { channel: place, ..one.clone() }));
+        }
+        Scaled { descriptor, scales, described }
     }
 }

@@ -177,15 +177,24 @@ impl<'a> SplitBlobs<'a> {
         let splits = [TRAIN1, TRAIN2];
         let [clouds, _] = self.sizes(set, &splits, &[]);
         let subject = tasks::subject(&self.preparation, channel);
-        Scale { subject, splits: self.digests(set, &splits), clouds }
+        Scale { subject, splits: self.digests(set, &splits), clouds, described: Vec::new() }
     }
 
-    fn part(&self, set: u32, Scaled { descriptor, scales }: &Scaled<'_>, part: &Part) -> Evaluation {
+    fn part(
+        &self,
+        set: u32,
+        Scaled { descriptor, scales, described }: &Scaled<'_>,
+        part: &Part,
+    ) -> Evaluation {
         let [queries, database_clouds] = self.sizes(set, part.query, part.database);
+        let [query, database] = [part.query, part.database].map(|splits| self.digests(set, splits));
+        let described =
+            described.iter().filter(|one| query.contains(&one.split) || database.contains(&one.split));
         Evaluation {
             subject: tasks::subject(&self.preparation, descriptor),
-            query: self.digests(set, part.query),
-            database: self.digests(set, part.database),
+            described: described.cloned().collect(),
+            query,
+            database,
             queries,
             database_clouds,
             want_matches: false,

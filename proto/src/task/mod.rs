@@ -1,6 +1,7 @@
 //! The vocabulary of tasks: what a job asks of a worker. Coordinator, worker and journal use these types; `wire` turns
 //! them into messages and back.
 
+mod described;
 mod manifest;
 mod nearest;
 mod opaque;
@@ -14,6 +15,7 @@ use std::fmt;
 
 use prost::Message as _;
 
+pub use described::{DescribedShard, DescribedSplit};
 pub use manifest::{CloudEntry, SplitManifest};
 pub use nearest::{Nearest, is_nearer};
 pub use opaque::{DescriptorBytes, MAX_DESCRIPTOR_BYTES, MAX_PREPARATION_BYTES, Preparation};
@@ -126,6 +128,8 @@ pub struct Evaluation {
     pub rule: MatchingRule,
     /// What the distances in each channel are divided by, see [`is_scale`]; empty: by 1.
     pub scales: Vec<f64>,
+    /// What of the clouds was described before. Workers describe the rest.
+    pub described: Vec<DescribedSplit>,
 }
 
 /// Evaluate every descriptor of a grid cell.
@@ -178,6 +182,8 @@ pub struct Scale {
     pub splits: Vec<Digest>,
     /// Clouds in them.
     pub clouds: u32,
+    /// What of them was described before: nothing, or all of it.
+    pub described: Vec<DescribedSplit>,
 }
 
 /// Whether a number can be the scale of a channel: a distance, which is a 32-bit float, above 0. Distances that are
@@ -254,8 +260,27 @@ impl Task {
             }
             Self::Description(shard) => (u64::from(shard.clouds), 0),
             Self::Tile(tile) => (0, pairs(tile.evaluation.queries, tile.evaluation.database_clouds)),
-            Self::Scale(scale) => (u64::from(scale.clouds), pairs(scale.clouds, scale.clouds) / 2),
+            Self::Scale(scale) => {
+                let to_describe = if scale.described.is_empty() { u64::from(scale.clouds) } else { 0 };
+                (to_describe, pairs(scale.clouds, scale.clouds) / 2)
+            }
         }
+    }
+
+    /// The descriptions that it names.
+    pub fn descriptions(&self) -> impl Iterator<Item = Digest> {
+        let (tile, described) = match self {
+            Self::Tile(tile) => (Some(tile), &[][..]),
+            Self::Evaluation(Evaluation { described, .. }) | Self::Scale(Scale { described, .. }) => {
+                (None, &described[..])
+            }
+            Self::GridCell(_) | Self::Description(_) => (None, &[][..]),
+        };
+        let of_tile = tile
+            .into_iter()
+            .flat_map(|tile| tile.query_descriptions.iter().chain(&tile.database_descriptions).copied());
+        let of_splits = described.iter().flat_map(|split| &split.shards).map(|shard| shard.description);
+        of_tile.chain(of_splits)
     }
 
     /// Refuses a result that cannot be one of this task: of another kind or size, impossible counts, indices out of
@@ -276,17 +301,6 @@ impl Task {
             (Self::Scale(_), TaskResult::Scale(got)) => Err(InvalidResult::Scale { got: *got }),
             (_, result) => Err(InvalidResult::Kind { got: result.kind() }),
         }
-    }
-}
-
-impl Tile {
-    /// What describing each of its shards asks for: queries, then database.
-    pub fn shards(&self) -> impl Iterator<Item = Description> + use<'_> {
-        let Evaluation { subject, query, database, .. } = &self.evaluation;
-        // How many clouds a shard has is no part of the name by which its description is asked for.
-        let shard =
-            |manifest: &Digest| Description { subject: subject.clone(), manifest: *manifest, clouds: 0 };
-        query.iter().chain(database).map(shard)
     }
 }
 
@@ -330,6 +344,7 @@ impl Evaluation {
             want_matches: false,
             rule: MatchingRule::default(),
             scales: Vec::new(),
+            described: Vec::new(),
         }
     }
 }

@@ -37,18 +37,27 @@ fn rule() -> impl Strategy<Value = MatchingRule> {
     parts.prop_map(|(exclude, objective, margin)| MatchingRule { exclude, objective, margin })
 }
 
+fn described() -> impl Strategy<Value = Vec<DescribedSplit>> {
+    let shard =
+        (digest(), digest()).prop_map(|(manifest, description)| DescribedShard { manifest, description });
+    let split = (any::<u32>(), digest(), prop::collection::vec(shard, 0..4));
+    let split = split.prop_map(|(channel, split, shards)| DescribedSplit { channel, split, shards });
+    prop::collection::vec(split, 0..3)
+}
+
 fn evaluation() -> impl Strategy<Value = Evaluation> {
     let asked = (any::<[u32; 2]>(), any::<bool>(), rule(), prop::collection::vec(1e-9f64..1e9, 0..4));
-    (subject(), digests(3), digests(3), asked).prop_map(
-        |(subject, query, database, ([queries, database_clouds], want_matches, rule, scales))| Evaluation {
+    (subject(), digests(3), digests(3), asked, described()).prop_map(
+        |(subject, query, database, (clouds, want_matches, rule, scales), described)| Evaluation {
             subject,
             query,
             database,
-            queries,
-            database_clouds,
+            queries: clouds[0],
+            database_clouds: clouds[1],
             want_matches,
             rule,
             scales,
+            described,
         },
     )
 }
@@ -64,10 +73,12 @@ fn task() -> impl Strategy<Value = Task> {
         let of = |count| prop::collection::vec(digest(), count);
         (Just(evaluation), of(query), of(database))
     });
-    let scale = (subject(), digests(3), any::<u32>());
+    let scale = (subject(), digests(3), any::<u32>(), described());
     prop_oneof![
         evaluation().prop_map(Task::Evaluation),
-        scale.prop_map(|(subject, splits, clouds)| Task::Scale(Scale { subject, splits, clouds })),
+        scale.prop_map(|(subject, splits, clouds, described)| {
+            Task::Scale(Scale { subject, splits, clouds, described })
+        }),
         cell.prop_map(Task::GridCell),
         shard.prop_map(|(subject, manifest, clouds)| {
             Task::Description(Description { subject, manifest, clouds })
@@ -191,6 +202,18 @@ fn base() -> Evaluation {
     }
 }
 
+/// Two splits in two channels, of which one has two shards; `number` is in the descriptions.
+fn described_by(number: u8) -> Vec<DescribedSplit> {
+    let shard = |shard: u8| DescribedShard {
+        manifest: Digest([shard; 32]),
+        description: Digest([16 * number + shard; 32]),
+    };
+    vec![
+        DescribedSplit { channel: 0, split: Digest([1; 32]), shards: vec![shard(1)] },
+        DescribedSplit { channel: 2, split: Digest([2; 32]), shards: vec![shard(2), shard(3)] },
+    ]
+}
+
 fn cell_of(evaluation: Evaluation, descriptors: u32) -> GridCell {
     let Evaluation { subject, query, database, queries, database_clouds, .. } = evaluation;
     GridCell { subject, query, database, queries, database_clouds, descriptors }
@@ -213,7 +236,8 @@ fn a_job_is_named_by_all_that_is_asked_and_by_how_often() {
         change(&mut rule);
         rule
     };
-    let scale = Scale { subject: base.subject.clone(), splits: base.database.clone(), clouds: 3 };
+    let splits = base.database.clone();
+    let scale = Scale { subject: base.subject.clone(), splits, clouds: 3, described: vec![] };
     let names = [
         Task::Description(shard.clone()).job(0),
         Task::Description(Description { subject: other.clone(), ..shard.clone() }).job(0),
@@ -253,6 +277,11 @@ fn a_job_is_named_by_all_that_is_asked_and_by_how_often() {
         Task::Scale(scale.clone()).job(0),
         Task::Scale(Scale { subject: other.clone(), ..scale.clone() }).job(0),
         Task::Scale(Scale { splits: vec![Digest([1; 32])], ..scale.clone() }).job(0),
+        // So does one that an evaluation or a scale rests on.
+        Task::Evaluation(Evaluation { described: described_by(3), ..base.clone() }).job(0),
+        Task::Evaluation(Evaluation { described: described_by(4), ..base.clone() }).job(0),
+        Task::Scale(Scale { described: described_by(3), ..scale.clone() }).job(0),
+        Task::Scale(Scale { described: described_by(4), ..scale.clone() }).job(0),
         Task::GridCell(cell.clone()).job(0),
         Task::GridCell(GridCell { subject: other, ..cell }).job(0),
     ];
@@ -261,9 +290,9 @@ fn a_job_is_named_by_all_that_is_asked_and_by_how_often() {
     assert_eq!(names[7], Task::Evaluation(base.clone()).job(0));
 
     // What follows from what is asked is no part of the name.
-    let mut described = base.clone();
-    described.subject.facts = Facts::default();
-    assert_eq!(names[7], Task::Evaluation(Evaluation { queries: 9, ..described }).job(0));
+    let mut unknown = base.clone();
+    unknown.subject.facts = Facts::default();
+    assert_eq!(names[7], Task::Evaluation(Evaluation { queries: 9, ..unknown }).job(0));
     assert_eq!(names[0], Task::Description(Description { clouds: 9, ..shard }).job(0));
     assert_eq!(Task::Scale(scale.clone()).job(0), Task::Scale(Scale { clouds: 9, ..scale }).job(0));
 }
@@ -275,12 +304,29 @@ fn the_name_of_a_job_stays() {
 }
 
 #[test]
-fn the_shards_of_a_tile_are_named_as_they_were_asked_for() {
-    let tile = Tile { evaluation: base(), query_descriptions: vec![], database_descriptions: vec![] };
-    let asked =
-        |manifest| Description { subject: Subject::sample(1), manifest: Digest([manifest; 32]), clouds: 7 };
-    let names: Vec<JobId> = tile.shards().map(|shard| Task::Description(shard).job(0)).collect();
-    assert_eq!(names, [1, 2].map(|manifest| Task::Description(asked(manifest)).job(0)));
+fn a_task_names_all_descriptions_that_it_rests_on() {
+    let named = |task: Task| task.descriptions().map(|Digest(bytes)| bytes[0]).collect::<Vec<_>>();
+    let evaluation = Evaluation { described: described_by(4), ..base() };
+    let Evaluation { subject, database: splits, described, .. } = evaluation.clone();
+    assert_eq!(named(Task::Evaluation(evaluation)), [0x41, 0x42, 0x43]);
+    assert_eq!(named(Task::Scale(Scale { subject, splits, clouds: 3, described })), [0x41, 0x42, 0x43]);
+    assert_eq!(named(Task::Evaluation(base())), []);
+    let [query_descriptions, database_descriptions] = [5, 6].map(|number| vec![Digest([number; 32])]);
+    assert_eq!(
+        named(Task::Tile(Tile { evaluation: base(), query_descriptions, database_descriptions })),
+        [5, 6]
+    );
+}
+
+#[test]
+fn signatures_of_a_split_are_known_by_all_descriptions_of_its_shards_in_order() {
+    let [one, several] = described_by(4).try_into().unwrap();
+    assert_eq!(one.name(), one.shards[0].description);
+    let mut others = [one.clone(), several.clone(), several.clone(), several.clone()];
+    others[1].shards.reverse();
+    others[2].shards[1].description = Digest([9; 32]);
+    others[3].shards.pop();
+    assert!(others.iter().all(|other| other.name() != several.name()));
 }
 
 #[test]
@@ -291,8 +337,9 @@ fn costs_are_counted_by_clouds_and_pairs() {
     assert_eq!(Task::GridCell(cell_of(base.clone(), 3)).cost(), 5 * 1000 + 6);
     let shard = Description { subject: base.subject.clone(), manifest: Digest([1; 32]), clouds: 2 };
     assert_eq!(Task::Description(shard).cost(), 2 * 1000);
-    let scale = Scale { subject: base.subject.clone(), splits: vec![], clouds: 5 };
-    assert_eq!(Task::Scale(scale).cost(), 5 * 1000 + 12);
+    let scale = Scale { subject: base.subject.clone(), splits: vec![], clouds: 5, described: vec![] };
+    assert_eq!(Task::Scale(scale.clone()).cost(), 5 * 1000 + 12);
+    assert_eq!(Task::Scale(Scale { described: described_by(3), ..scale }).cost(), 12);
     let mut dear = base;
     dear.subject.facts.pair_cost = 100;
     let tile = Tile { evaluation: dear.clone(), query_descriptions: vec![], database_descriptions: vec![] };
@@ -320,7 +367,8 @@ fn a_task_takes_results_of_its_own_kind_and_size_only() {
     let cell = Task::GridCell(cell_of(Evaluation::sample(1, 2, 3), 3));
     let shard = Description { subject: Subject::sample(1), manifest: Digest([1; 32]), clouds: 3 };
     let shard = Task::Description(shard);
-    let scale = Task::Scale(Scale { subject: Subject::sample(1), splits: vec![], clouds: 3 });
+    let scale =
+        Task::Scale(Scale { subject: Subject::sample(1), splits: vec![], clouds: 3, described: vec![] });
     let counts =
         EvaluationResult { queries: 2, object_correct: 1, category_correct: 2, ..Default::default() };
     let result = TaskResult::Evaluation(counts);

@@ -1,9 +1,10 @@
 //! The vocabulary of tasks as messages, and back: the one conversion for wire and journal.
 
 use super::{
-    Described, Description, DescriptorBytes, Evaluation, EvaluationResult, Exclusion, Facts, Failure,
-    FailureReason, GridCell, MAX_DESCRIPTOR_BYTES, MAX_LABEL_BYTES, MAX_PREPARATION_BYTES, Match,
-    MatchingRule, Nearest, Objective, Preparation, Report, Scale, Subject, Task, TaskResult, Tile, is_scale,
+    Described, DescribedShard, DescribedSplit, Description, DescriptorBytes, Evaluation, EvaluationResult,
+    Exclusion, Facts, Failure, FailureReason, GridCell, MAX_DESCRIPTOR_BYTES, MAX_LABEL_BYTES,
+    MAX_PREPARATION_BYTES, Match, MatchingRule, Nearest, Objective, Preparation, Report, Scale, Subject,
+    Task, TaskResult, Tile, is_scale,
 };
 use crate::{Digest, InvalidId, MAX_CELL, v2};
 
@@ -73,6 +74,7 @@ pub(super) fn ask(task: &Task) -> v2::task::Ask {
             preparation: scale.subject.preparation.bytes().to_vec(),
             descriptor: scale.subject.descriptor.bytes().to_vec(),
             splits: digests(&scale.splits),
+            described: described_messages(&scale.described),
         }),
     }
 }
@@ -87,7 +89,41 @@ fn evaluation_message(evaluation: &Evaluation) -> v2::Evaluation {
         // What is as the paper has it is not written: messages and names of jobs stay what they were without it.
         rule: (!evaluation.rule.is_default()).then(|| evaluation.rule.into()),
         scales: evaluation.scales.clone(),
+        described: described_messages(&evaluation.described),
     }
+}
+
+fn described_messages(described: &[DescribedSplit]) -> Vec<v2::DescribedSplit> {
+    let message = |DescribedSplit { channel, split, shards }: &DescribedSplit| v2::DescribedSplit {
+        channel: *channel,
+        split: split.to_vec(),
+        shards: shards.iter().map(|shard| shard.manifest.to_vec()).collect(),
+        descriptions: shards.iter().map(|shard| shard.description.to_vec()).collect(),
+    };
+    described.iter().map(message).collect()
+}
+
+fn described_splits(messages: Vec<v2::DescribedSplit>) -> Result<Vec<DescribedSplit>, InvalidMessage> {
+    let split = |message: v2::DescribedSplit| {
+        let descriptions = descriptions(&message.descriptions, message.shards.len())?;
+        let shards = parsed_digests(&message.shards)?.into_iter().zip(descriptions);
+        let shard = |(manifest, description)| DescribedShard { manifest, description };
+        Ok(DescribedSplit {
+            channel: message.channel,
+            split: Digest::try_from(&message.split[..])?,
+            shards: shards.map(shard).collect(),
+        })
+    };
+    messages.into_iter().map(split).collect()
+}
+
+/// The descriptions of so many shards.
+fn descriptions(digests: &[Vec<u8>], shards: usize) -> Result<Vec<Digest>, InvalidMessage> {
+    if digests.len() < shards {
+        return Err(InvalidMessage::Missing("description of a shard"));
+    }
+    bounded("descriptions of shards", digests.len() as u64, shards as u64)?;
+    parsed_digests(digests)
 }
 
 impl From<MatchingRule> for v2::MatchingRule {
@@ -183,21 +219,18 @@ impl TryFrom<v2::Task> for Task {
             Ask::Scale(scale) => Self::Scale(Scale {
                 splits: parsed_digests(&scale.splits)?,
                 clouds: facts.queries,
+                described: described_splits(scale.described)?,
                 subject: subject(scale.preparation, scale.descriptor, &facts)?,
             }),
             Ask::Tile(tile) => {
                 let evaluation = tile.evaluation.ok_or(InvalidMessage::Missing("tile: evaluation"))?;
                 let evaluation = self::evaluation(evaluation, &facts)?;
-                let descriptions = |digests: &[Vec<u8>], manifests: &[Digest]| {
-                    if digests.len() < manifests.len() {
-                        return Err(InvalidMessage::Missing("tile: description of a shard"));
-                    }
-                    bounded("descriptions of a tile", digests.len() as u64, manifests.len() as u64)?;
-                    parsed_digests(digests)
-                };
                 Self::Tile(Tile {
-                    query_descriptions: descriptions(&tile.query_descriptions, &evaluation.query)?,
-                    database_descriptions: descriptions(&tile.database_descriptions, &evaluation.database)?,
+                    query_descriptions: descriptions(&tile.query_descriptions, evaluation.query.len())?,
+                    database_descriptions: descriptions(
+                        &tile.database_descriptions,
+                        evaluation.database.len(),
+                    )?,
                     evaluation,
                 })
             }
@@ -212,6 +245,7 @@ fn evaluation(message: v2::Evaluation, facts: &v2::Facts) -> Result<Evaluation, 
     Ok(Evaluation {
         rule: message.rule.map(MatchingRule::try_from).transpose()?.unwrap_or_default(),
         scales: message.scales,
+        described: described_splits(message.described)?,
         query: parsed_digests(&message.query)?,
         database: parsed_digests(&message.database)?,
         queries: facts.queries,

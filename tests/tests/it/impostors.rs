@@ -4,8 +4,7 @@ use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use descriptor::Descriptor;
-use proto::task::{Described, Evaluation, EvaluationResult, Match, Report, Task, TaskResult, Tile};
+use proto::task::{Described, Evaluation, EvaluationResult, Match, Nearest, Report, Task, TaskResult, Tile};
 use proto::v2;
 use proto::v2::coordinator_server::{Coordinator, CoordinatorServer};
 use results::TableName;
@@ -36,20 +35,24 @@ pub fn lie(job: v2::Job) -> v2::JobReport {
     Report { lease, run_seconds: 0.0, outcome: Ok(result) }.into()
 }
 
-fn lie_about(Evaluation { subject, queries, want_matches, .. }: &Evaluation) -> EvaluationResult {
-    let found = Match { nearest: 0, distance: 1.0, runner_up: None };
-    let matches = if *want_matches { vec![found; *queries as usize] } else { Vec::new() };
-    // Always the same of the same descriptor: a winner that is measured twice must not give the liar away.
-    let Ok(Descriptor::DiskRing(parameters)) = Descriptor::from_bytes(subject.descriptor.bytes()) else {
-        panic!("{subject:?}")
+fn lie_about(Evaluation { subject, queries, want_matches, rule, .. }: &Evaluation) -> EvaluationResult {
+    let wanted = if *want_matches { *queries as usize } else { 0 };
+    let (matches, nearest) = if rule.is_default() {
+        (vec![Match { nearest: 0, distance: 1.0, runner_up: None }; wanted], Vec::new())
+    } else {
+        let one = Some((0, 1.0));
+        (Vec::new(), vec![Nearest { same: one, other: one }; wanted])
     };
-    let right = if parameters.shape_bins.is_multiple_of(2) { *queries } else { 0 };
+    // Always the same of the same descriptor: a winner that is measured twice must not give the liar away.
+    let sum: u32 = subject.descriptor.bytes().iter().copied().map(u32::from).sum();
+    let right = if sum.is_multiple_of(2) { *queries } else { 0 };
     EvaluationResult {
         queries: *queries,
         object_correct: right,
         category_correct: right,
         matches,
-        ..EvaluationResult::default()
+        nearest,
+        margin: rule.margin.then_some(0.0),
     }
 }
 
@@ -199,20 +202,27 @@ async fn two_workers_that_differ_end_the_run_with_a_code_of_its_own_where_no_thi
 
 #[tokio::test(flavor = "multi_thread")]
 async fn a_lying_worker_changes_nothing_whether_everything_is_audited() {
-    a_liar_is_found_out(Experiment::new(AUDITED), 8).await;
+    a_liar_is_found_out("", AUDITED, 8).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
 async fn nor_where_newcomers_are_and_it_describes_wrongly_what_others_match() {
     // Eight pieces each, of six individuals, and more.
-    a_liar_is_found_out(Experiment::new(&format!("{LONGER}[coordinator]\npieces = 4\n")), 60).await;
+    a_liar_is_found_out("", &format!("{LONGER}[coordinator]\npieces = 4\n"), 60).await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn nor_where_scales_and_evaluations_rest_on_what_it_describes() {
+    let structures = "[descriptor]\nfamily = \"structure\"\nmax_bins = 300\n";
+    // Four shards of each channel of six individuals, their scales, eight shards and four tiles of each, and more.
+    a_liar_is_found_out(structures, &format!("{LONGER}[coordinator]\npieces = 4\n"), 300).await;
 }
 
 /// One worker lies so many times before those come who know better.
-async fn a_liar_is_found_out(experiment: Experiment, lies: u32) {
-    let site = site(experiment);
+async fn a_liar_is_found_out(family: &str, settings: &str, lies: u32) {
+    let site = site(Experiment::new(&format!("{family}{settings}")));
     let experiment = &site.experiment;
-    let whole = Experiment::new(AUDITED);
+    let whole = Experiment::new(&format!("{family}{AUDITED}"));
     let honest = whole.run("honest", &[]).expect_success();
     let args = experiment.run_args("out", &["--local-workers", "0"]);
     let (mut coordinator, port) = site.start("coordinator", "127.0.0.1", args);

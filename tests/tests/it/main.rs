@@ -7,6 +7,7 @@
 //! - `comparisons`: descriptors on the test clouds of a run
 //! - `control`: orders to runs that go on
 //! - `costs`: what a structure may cost, and what counts as recognised
+//! - `descriptions`: channels that one worker describes for all
 //! - `determinism`: one digest, whatever the workers do
 //! - `families`: another family than the paper's
 //! - `documents`: commands, links and generated pages of the documents
@@ -58,6 +59,7 @@ mod comparisons;
 mod control;
 mod costs;
 mod dashboard;
+mod descriptions;
 mod determinism;
 mod documents;
 mod exhaust;

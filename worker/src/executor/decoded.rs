@@ -67,6 +67,14 @@ pub enum InvalidTask {
         /// Of the descriptor.
         channels: usize,
     },
+    /// Shards of which a split is not made, or in a channel that is not there or cannot be described alone.
+    #[error(
+        "described splits: must be in a channel of the descriptor and have the clouds of the split, got others in channel {channel}\nuse a worker and a coordinator of the same release"
+    )]
+    Described {
+        /// Which channel the task names, from 0.
+        channel: usize,
+    },
     /// A kind of descriptor that the kind of task cannot have.
     #[error(
         "task: its kind of descriptor cannot be evaluated like this\nuse a worker and a coordinator of the same release"
@@ -210,7 +218,8 @@ mod tests {
             refused(outcome(&disk_ring, &evaluation(scales)), expected);
             refused(outcome(&disk_ring, &tile(scales)), expected);
         }
-        let scale = |subject| Task::Scale(Scale { subject, splits: Vec::new(), clouds: 0 });
+        let scale =
+            |subject| Task::Scale(Scale { subject, splits: Vec::new(), clouds: 0, described: Vec::new() });
         assert_eq!(outcome(&hue, &scale), Ok(()));
         refused(outcome(&disk_ring, &scale), "scale: the descriptor must have 1 channel, got 2\n");
     }

@@ -10,44 +10,25 @@ use descriptor::grid::{Cell, CellSignatures};
 use descriptor::{
     Descriptor, DistanceMatrix, Label, Match, PrepareError, PreparedCloud, PrunedDatabase, Signatures,
 };
+use futures_util::future::try_join_all;
 use proto::{Digest, MAX_DESCRIPTION_BYTES};
 use rayon::prelude::*;
 use tracing::{Instrument as _, debug_span};
 
 use crate::executor::cloud_loader::CloudLoader;
+use crate::executor::decoded::InvalidTask;
 use crate::executor::error::EvaluationError;
 use crate::executor::manifest::Manifest;
 use crate::executor::preparation_cache::{PreparationCache, Shares};
 use crate::executor::reuse::{Key, Pairing, Reuse};
 use crate::executor::signature_files;
+use crate::executor::source::{JoinedShards, Origin, Source};
 
 /// Signatures in each channel; `None` where they are not wanted.
 type ByChannel = Vec<Option<Arc<Signatures>>>;
 
-/// Where the signatures of some clouds come from.
-pub(super) struct Source {
-    /// Which clouds.
-    pub(super) manifest: Arc<Manifest>,
-    /// What is kept of them is kept under this: the digest of the manifest, or of the encoded signatures that a task
-    /// names. So that wrong signatures are taken for nothing but themselves.
-    name: Digest,
-}
-
-impl Source {
-    /// The clouds of a split, to be described here.
-    pub(super) fn split(manifest: Arc<Manifest>) -> Self {
-        Self { name: manifest.digest, manifest }
-    }
-
-    /// The clouds of a shard with the digest of their encoded signatures.
-    pub(super) fn shard((manifest, signatures): (Arc<Manifest>, &Digest)) -> Self {
-        Self { manifest, name: *signatures }
-    }
-
-    fn is_described(&self) -> bool {
-        self.name != self.manifest.digest
-    }
-}
+/// The same of several sources, by their names.
+type BySource = BTreeMap<Vec<Digest>, ByChannel>;
 
 /// A descriptor, and what its channels are kept under.
 struct Wanted<'a> {
@@ -92,28 +73,33 @@ impl Matcher {
         query: &[Source],
         database: &[Source],
     ) -> Result<Vec<(Arc<DistanceMatrix>, f64)>, EvaluationError> {
-        let names = |sources: &[Source]| sources.iter().map(|source| source.name).collect();
-        let pairing: Pairing = [names(query), names(database)];
         let wanted = Wanted::new(cache, descriptor);
-        let kept: Vec<Option<Arc<DistanceMatrix>>> =
-            wanted.keys.iter().map(|key| self.reuse().distances(&pairing, key)).collect();
+        let names = |sources: &[Source], channel: usize| -> Arc<[Digest]> {
+            sources.iter().map(|source| source.name(channel)).collect()
+        };
+        let pairings: Vec<Pairing> =
+            (0..wanted.keys.len()).map(|channel| [names(query, channel), names(database, channel)]).collect();
+        let kept: Vec<Option<Arc<DistanceMatrix>>> = wanted
+            .keys
+            .iter()
+            .zip(&pairings)
+            .map(|(key, pairing)| self.reuse().distances(pairing, key))
+            .collect();
         let missing: Vec<bool> = kept.iter().map(Option::is_none).collect();
 
         let by_source = match missing.contains(&true) {
             true => self.by_source(&wanted, query.iter().chain(database), &missing).await?,
-            false => BTreeMap::new(),
+            false => BySource::new(),
         };
         let mut distances = Vec::new();
         for (index, (kept, (channel, weight))) in kept.into_iter().zip(descriptor.channels()).enumerate() {
             let matrix = match kept {
                 Some(matrix) => matrix,
                 None => {
-                    let of_splits = |splits: &[Digest]| -> Vec<Arc<Signatures>> {
-                        splits.iter().filter_map(|split| by_source[split][index].clone()).collect()
-                    };
-                    let queries = of_splits(&pairing[0]);
+                    let pairing = &pairings[index];
+                    let queries = of_side(&by_source, query, index);
                     // The same clouds on both sides, as in scales and most protocols of fitness.
-                    let database = (pairing[0] != pairing[1]).then(|| of_splits(&pairing[1]));
+                    let database = (pairing[0] != pairing[1]).then(|| of_side(&by_source, database, index));
                     let compute = move || match database {
                         Some(database) => channel.distances(&joined(&queries), &joined(&database)),
                         None => channel.distances_among(&joined(&queries)),
@@ -121,7 +107,7 @@ impl Matcher {
                     let matching = self.loader.computing.run(compute).instrument(debug_span!("match"));
                     let matrix = Arc::new(matching.await);
                     self.loader.work().matched += 1;
-                    self.reuse().keep_distances(&pairing, &wanted.keys[index], &matrix);
+                    self.reuse().keep_distances(pairing, &wanted.keys[index], &matrix);
                     matrix
                 }
             };
@@ -149,9 +135,6 @@ impl Matcher {
         let wanted = Wanted::new(cache, descriptor);
         let all = vec![true; wanted.keys.len()];
         let by_source = self.by_source(&wanted, query.iter().chain(database), &all).await?;
-        let of_side = |sources: &[Source], channel: usize| -> Vec<Arc<Signatures>> {
-            sources.iter().filter_map(|source| by_source[&source.name][channel].clone()).collect()
-        };
         let scales = scales.iter().copied().chain(std::iter::repeat(1.0));
         let channels: Vec<_> = descriptor
             .channels()
@@ -159,7 +142,7 @@ impl Matcher {
             .zip(scales)
             .enumerate()
             .map(|(index, ((channel, weight), scale))| {
-                let sides = [query, database].map(|side| of_side(side, index));
+                let sides = [query, database].map(|side| of_side(&by_source, side, index));
                 (sides, channel.metric(), weight / scale)
             })
             .collect();
@@ -181,18 +164,67 @@ impl Matcher {
         wanted: &Wanted<'_>,
         sources: impl Iterator<Item = &'a Source>,
         missing: &[bool],
-    ) -> Result<BTreeMap<Digest, ByChannel>, EvaluationError> {
-        let mut by_source: BTreeMap<Digest, ByChannel> = BTreeMap::new();
+    ) -> Result<BySource, EvaluationError> {
+        let mut by_source = BySource::new();
         for source in sources {
-            if let Entry::Vacant(vacant) = by_source.entry(source.name) {
-                vacant.insert(if source.is_described() {
-                    self.described(wanted, source).await?.into_iter().map(Some).collect()
-                } else {
-                    self.signatures(wanted, &source.manifest, missing).await?
-                });
+            if let Entry::Vacant(vacant) = by_source.entry(source.names()) {
+                vacant.insert(self.of_source(wanted, source, missing).await?);
             }
         }
         Ok(by_source)
+    }
+
+    async fn of_source(
+        &self,
+        wanted: &Wanted<'_>,
+        source: &Source,
+        missing: &[bool],
+    ) -> Result<ByChannel, EvaluationError> {
+        match &source.origin {
+            Origin::Shard(name) => {
+                let signatures = self.described(wanted, &source.manifest, *name).await?;
+                self.keep_all(wanted, *name, &signatures);
+                Ok(signatures.into_iter().map(Some).collect())
+            }
+            Origin::Split(by_channel) => {
+                let to_describe: Vec<bool> = by_channel
+                    .iter()
+                    .zip(missing)
+                    .map(|(described, missing)| *missing && described.is_none())
+                    .collect();
+                let mut found = self.signatures(wanted, &source.manifest, &to_describe).await?;
+                for (index, described) in by_channel.iter().enumerate().filter(|(index, _)| missing[*index]) {
+                    if let Some(described) = described {
+                        found[index] = Some(self.joined(wanted, index, described).await?);
+                    }
+                }
+                Ok(found)
+            }
+        }
+    }
+
+    /// The signatures of a split in one channel from those of its shards.
+    async fn joined(
+        &self,
+        wanted: &Wanted<'_>,
+        channel: usize,
+        described: &JoinedShards,
+    ) -> Result<Arc<Signatures>, EvaluationError> {
+        let key = &wanted.keys[channel];
+        let kept = self.reuse().signatures(described.name, key);
+        if let Some(kept) = kept {
+            return Ok(kept);
+        }
+        let alone = Descriptor::of_channel(&key.1).ok_or(InvalidTask::Described { channel })?;
+        let alone = Wanted::new(wanted.cache, &alone);
+        let shards = described.shards.iter().map(|(manifest, name)| self.described(&alone, manifest, *name));
+        let shards: Vec<Arc<Signatures>> = try_join_all(shards).await?.into_iter().flatten().collect();
+        let signatures = match &shards[..] {
+            [shard] => Arc::clone(shard),
+            shards => Arc::new(joined(shards).into_owned()),
+        };
+        self.reuse().keep_signatures(described.name, key, &signatures);
+        Ok(signatures)
     }
 
     /// The signatures of a split in the channels where they are missing; those that are not kept are computed.
@@ -259,35 +291,34 @@ impl Matcher {
         Ok(self.signatures(wanted, manifest, &missing).await?.into_iter().flatten().collect())
     }
 
-    /// The signatures of a shard by their encoded form: kept, from the coordinator, or made here if it has them no more.
+    /// The signatures of a shard by the digest of their encoded form: kept, from the coordinator, or made here if it has
+    /// them no more.
     async fn described(
         &self,
         wanted: &Wanted<'_>,
-        source: &Source,
+        manifest: &Arc<Manifest>,
+        name: Digest,
     ) -> Result<Vec<Arc<Signatures>>, EvaluationError> {
-        let Source { manifest, name } = source;
         let kept: Option<Vec<Arc<Signatures>>> =
-            wanted.keys.iter().map(|key| self.reuse().signatures(*name, key)).collect();
+            wanted.keys.iter().map(|key| self.reuse().signatures(name, key)).collect();
         if let Some(kept) = kept {
             return Ok(kept);
         }
-        let signatures = match self.loader.blobs.given(*name).await {
-            Some(bytes) => {
-                let clouds = manifest.clouds.len() as u32;
-                self.loader.work().handed += 1;
-                wanted.descriptor.decode_signatures(&bytes, clouds)?.into_iter().map(Arc::new).collect()
-            }
-            None => {
-                let signatures = self.all_signatures(wanted, manifest).await?;
-                let got = Digest::of(&encoded(wanted.descriptor, &signatures));
-                if got != *name {
-                    let (digest, expected) = (manifest.digest, *name);
-                    return Err(EvaluationError::Description { digest, expected, got });
-                }
-                signatures
-            }
-        };
-        self.keep_all(wanted, *name, &signatures);
+        if let Some(bytes) = self.loader.blobs.given(name).await {
+            let clouds = manifest.clouds.len() as u32;
+            self.loader.work().handed += 1;
+            return Ok(wanted
+                .descriptor
+                .decode_signatures(&bytes, clouds)?
+                .into_iter()
+                .map(Arc::new)
+                .collect());
+        }
+        let signatures = self.all_signatures(wanted, manifest).await?;
+        let got = Digest::of(&encoded(wanted.descriptor, &signatures));
+        if got != name {
+            return Err(EvaluationError::Description { digest: manifest.digest, expected: name, got });
+        }
         Ok(signatures)
     }
 
@@ -334,6 +365,11 @@ impl Matcher {
         }
         Ok(signatures)
     }
+}
+
+/// The signatures of one side in a channel, one split after the other.
+fn of_side(by_source: &BySource, sources: &[Source], channel: usize) -> Vec<Arc<Signatures>> {
+    sources.iter().filter_map(|source| by_source[&source.names()][channel].clone()).collect()
 }
 
 fn encoded(descriptor: &Descriptor, signatures: &[Arc<Signatures>]) -> Vec<u8> {

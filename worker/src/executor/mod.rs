@@ -12,6 +12,7 @@ mod preparation_cache;
 mod reuse;
 mod rule;
 mod signature_files;
+mod source;
 mod work;
 
 use std::sync::{Arc, Mutex, PoisonError};
@@ -23,7 +24,9 @@ use descriptor::recognise::recognise_from;
 use descriptor::structure::scale;
 use descriptor::{ChannelError, Correct, Descriptor, Family, Match, Preparation};
 use proto::Digest;
-use proto::task::{Described, Evaluation, EvaluationResult, GridCell, Scale, Task, TaskResult, Tile};
+use proto::task::{
+    Described, DescribedSplit, Evaluation, EvaluationResult, GridCell, Scale, Task, TaskResult, Tile,
+};
 
 use tracing::{Instrument as _, debug_span};
 
@@ -35,8 +38,9 @@ use cloud_loader::CloudLoader;
 use computing::Computing;
 use decoded::{Decoded, InvalidTask, Subject};
 use manifest::{Manifest, labels};
-use matching::{Matcher, Source};
+use matching::Matcher;
 use preparation_cache::PreparationCache;
+use source::Source;
 
 /// Memory for split manifests, which are small and wanted by every job, bytes.
 const MANIFESTS: usize = 8 << 20;
@@ -141,8 +145,9 @@ impl Executor {
         descriptor: &Descriptor,
         evaluation: &Evaluation,
     ) -> Result<EvaluationResult, EvaluationError> {
-        let query = self.manifests(&evaluation.query).await?.into_iter().map(Source::split).collect();
-        let database = self.manifests(&evaluation.database).await?.into_iter().map(Source::split).collect();
+        let channels = descriptor.channels().len();
+        let query = self.sources(&evaluation.query, &evaluation.described, channels).await?;
+        let database = self.sources(&evaluation.database, &evaluation.described, channels).await?;
         self.recognise(cache, descriptor, [query, database], evaluation).await
     }
 
@@ -205,8 +210,7 @@ impl Executor {
         descriptor: &Descriptor,
         task: &Scale,
     ) -> Result<f64, EvaluationError> {
-        let clouds: Vec<Source> =
-            self.manifests(&task.splits).await?.into_iter().map(Source::split).collect();
+        let clouds = self.sources(&task.splits, &task.described, 1).await?;
         let mut channels = self.matcher.distances(cache, descriptor, &clouds, &clouds).await?;
         let Some((distances, _)) = channels.pop().filter(|_| channels.is_empty()) else {
             return Err(InvalidTask::Channels { channels: descriptor.channels().len() }.into());
@@ -245,6 +249,26 @@ impl Executor {
             *current = Some(Arc::clone(&cache));
         }
         Ok(cache)
+    }
+
+    /// Splits, of which some are described already in some of so many channels.
+    async fn sources(
+        &self,
+        splits: &[Digest],
+        described: &[DescribedSplit],
+        channels: usize,
+    ) -> Result<Vec<Source>, EvaluationError> {
+        let mut sources = Vec::new();
+        for manifest in self.manifests(splits).await? {
+            let split = manifest.digest;
+            let mut source = Source::split(manifest, channels);
+            for described in described.iter().filter(|described| described.split == split) {
+                let shards: Vec<Digest> = described.shards.iter().map(|shard| shard.manifest).collect();
+                source.join(described, self.manifests(&shards).await?)?;
+            }
+            sources.push(source);
+        }
+        Ok(sources)
     }
 
     async fn manifests(&self, digests: &[Digest]) -> Result<Vec<Arc<Manifest>>, EvaluationError> {

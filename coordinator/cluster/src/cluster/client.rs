@@ -14,6 +14,7 @@ use tokio::sync::Notify;
 use super::{Cluster, ClusterError, ClusterNews};
 use crate::events::{Event, EventKind, Omitted};
 use crate::scheduler::{ClientId, Expected, Finished, Provenance, Staffing};
+use crate::sharding::FoundScale;
 
 /// Tasks by job, with their index among all that were submitted together.
 type Asked = BTreeMap<JobId, (usize, Arc<Task>)>;
@@ -113,39 +114,28 @@ impl Client {
         evaluations: Vec<Evaluation>,
         (scales, needed_by): (Vec<Scale>, &[DescriptorBytes]),
         mut watch: impl FnMut(&ClusterNews),
-    ) -> Result<(Vec<Finished<EvaluationResult>>, Vec<Finished<f64>>), ClusterError> {
-        let (mut batch, mut tasks) = self.cluster.plan(evaluations, scales.len());
-        // Places of scales are between those of the batch's first tasks and of its further ones.
-        let places = tasks.len()..tasks.len() + scales.len();
-        let mut scaled: Vec<Option<Finished<f64>>> = vec![None; scales.len()];
-        if !scales.is_empty() {
+    ) -> Result<(Vec<Finished<EvaluationResult>>, Vec<Finished<FoundScale>>), ClusterError> {
+        let has_scales = !scales.is_empty();
+        if has_scales {
             let expected = Expected::new(needed_by, self.cluster.limits.channels_of);
             self.cluster.state().scheduler.expect(self.id, expected);
-            tasks.extend(scales.into_iter().map(Task::Scale));
         }
+        let (mut batch, tasks) = self.cluster.plan(evaluations, scales);
         self.perform(tasks, |news, finished| {
-            let (done, mut further) = (batch.done(), Vec::new());
+            let (evaluated, mut further) = (batch.evaluated(), Vec::new());
             for (place, finished) in finished {
-                if places.contains(&place) {
-                    scaled[place - places.start] = finished.of_kind(|result| match result {
-                        TaskResult::Scale(scale) => Some(scale),
-                        _ => None, // `Task::check` lets none pass
-                    });
-                } else {
-                    let place = if place < places.start { place } else { place - places.len() };
-                    further.extend(batch.take(place, finished));
-                }
+                further.extend(batch.take(place, finished));
             }
-            news.finished = batch.done() - done;
+            news.finished = batch.evaluated() - evaluated;
             watch(news);
             Ok::<_, ClusterError>(further)
         })
         .await?;
-        if !places.is_empty() {
+        if has_scales {
             self.cluster.state().scheduler.expect_nothing(self.id);
             self.cluster.flush().await?;
         }
-        Ok((batch.finish(), scaled.into_iter().flatten().collect()))
+        Ok(batch.finish())
     }
 
     /// Has everything confirmed that this run knows about a descriptor, by the coordinator's own process or by a second
@@ -175,7 +165,7 @@ impl Client {
         scales: Vec<Scale>,
         needed_by: &[DescriptorBytes],
         watch: impl FnMut(&ClusterNews),
-    ) -> Result<Vec<Finished<f64>>, ClusterError> {
+    ) -> Result<Vec<Finished<FoundScale>>, ClusterError> {
         Ok(self.evaluate_and_scale(Vec::new(), (scales, needed_by), watch).await?.1)
     }
 

@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, Weak};
 use std::time::{Duration, Instant, SystemTime};
 
-use proto::task::{Described, DescriptorBytes, Evaluation, Task, TaskResult};
+use proto::task::{Described, DescriptorBytes, Evaluation, Scale, Task, TaskResult};
 use proto::{Introduction, JobId, Lease, Message, Principal, SessionId, WorkerId};
 use tokio::sync::{Notify, Semaphore, watch};
 use tokio::time::MissedTickBehavior;
@@ -363,12 +363,15 @@ impl Cluster {
         self.state().planner.set_shard_count(shard_count);
     }
 
-    /// Evaluations, whole or sharded as it is decided, and their first tasks; so many other jobs are asked for with them.
-    fn plan(&self, evaluations: Vec<Evaluation>, beside: usize) -> (Batch, Vec<Task>) {
-        let plans = self.state().plan(&evaluations, beside);
+    /// Evaluations and scales, whole or sharded as it is decided, and their first tasks.
+    fn plan(&self, evaluations: Vec<Evaluation>, scales: Vec<Scale>) -> (Batch, Vec<Task>) {
+        let (plans, of_scales) = self.state().plan(&evaluations, &scales);
         let mut layouts = lock(&self.layouts);
         let planned = evaluations.into_iter().zip(plans);
-        Batch::new(planned.map(|(one, plan)| layouts.lay_out(one, plan, &self.blobs)).collect())
+        let planned = planned.map(|(one, plan)| layouts.lay_out(one, plan, &self.blobs)).collect();
+        let scales = scales.into_iter().zip(of_scales);
+        let scales = scales.map(|(one, plan)| layouts.lay_out_scale(one, plan, &self.blobs)).collect();
+        Batch::new(planned, scales)
     }
 
     /// Learns from a result how long such tasks take, and publishes a description for tiles to use.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::{Instant, SystemTime};
 
 use proto::journal::{Assurance, Member};
-use proto::task::{DescriptorBytes, Evaluation, Task};
+use proto::task::{DescriptorBytes, Evaluation, Scale, Task};
 use proto::{Introduction, JobId, Lease, Principal, WorkerId};
 use tokio::sync::Notify;
 
@@ -169,17 +169,24 @@ impl ClusterState {
         job
     }
 
-    /// Decides which evaluations are sharded, and keeps that before the first shard is asked for: results of shards and
-    /// tiles are of no use to any other plan. So many other jobs are asked for `beside` them.
-    pub(super) fn plan(&mut self, evaluations: &[Evaluation], beside: usize) -> Vec<Option<ShardPlan>> {
-        let load = Load { jobs: self.scheduler.open_jobs() + beside, workers: self.scheduler.worker_count() };
-        for (job, plan) in self.planner.decide(evaluations, load, &mut self.scheduler.jobs) {
+    /// Decides which evaluations and scales are sharded, and keeps that before the first shard is asked for: results of
+    /// shards and tiles are of no use to any other plan.
+    pub(super) fn plan(
+        &mut self,
+        evaluations: &[Evaluation],
+        scales: &[Scale],
+    ) -> (Vec<Option<ShardPlan>>, Vec<Option<ShardPlan>>) {
+        let workers = self.scheduler.worker_count();
+        let load = Load { jobs: self.scheduler.open_jobs() + scales.len(), workers };
+        let jobs = &mut self.scheduler.jobs;
+        let mut new = self.planner.decide(evaluations, load, jobs);
+        new.extend(self.planner.decide_scales(scales, workers, jobs));
+        for (job, plan) in new {
             self.record(|| Entry::Sharded(job, plan));
         }
-        let plan = |evaluation: &Evaluation| {
-            self.scheduler.jobs.plan(Task::Evaluation(evaluation.clone()).job(0)).flatten()
-        };
-        evaluations.iter().map(plan).collect()
+        let plan = |task: Task| self.scheduler.jobs.plan(task.job(0)).flatten();
+        let of_evaluations = evaluations.iter().map(|one| plan(Task::Evaluation(one.clone()))).collect();
+        (of_evaluations, scales.iter().map(|one| plan(Task::Scale(one.clone()))).collect())
     }
 
     /// Wakes as many of the polls that are held back as there are jobs for them: waking all for each job would cost
@@ -343,12 +350,8 @@ impl ClusterState {
     /// Retracts the descriptions that a task uses, because it failed for good and they may be the cause: the next start
     /// computes them again.
     pub(super) fn doubt_descriptions(&self, task: &Task) {
-        let Task::Tile(tile) = task else { return };
-        for description in tile.shards().map(Task::Description) {
-            // Under each job that it was submitted as.
-            let names = (0..).map(|occurrence| description.job(occurrence));
-            names.take_while(|job| self.scheduler.jobs.was_asked(*job)).for_each(|job| self.retract(job));
-        }
+        let named = task.descriptions().collect();
+        self.scheduler.jobs.describing(&named).into_iter().for_each(|job| self.retract(job));
     }
 
     /// Ends all leases.

@@ -160,7 +160,7 @@ async fn a_poll_that_waits_is_answered_when_its_report_is_on_the_disk() {
 }
 
 fn scale(number: u32) -> Scale {
-    Scale { subject: Subject::sample(number), splits: Vec::new(), clouds: 9 }
+    Scale { subject: Subject::sample(number), splits: Vec::new(), clouds: 9, described: Vec::new() }
 }
 
 #[tokio::test]
@@ -190,12 +190,12 @@ async fn scales_are_in_the_order_of_asking_and_there_at_the_next_start() {
     assert!(!scaled.is_finished());
     held.commit();
     let scales = scaled.await.unwrap().unwrap();
-    assert_eq!(scales.iter().map(|one| one.result).collect::<Vec<f64>>(), [0.5, 0.6, 0.7]);
+    assert_eq!(scales.iter().map(|one| one.result.scale).collect::<Vec<f64>>(), [0.5, 0.6, 0.7]);
 
     let accepted = asked().into_iter().zip(&scales).map(|(asked, scale)| {
         let job = Task::Scale(asked).job(0);
         assert_eq!(job, scale.job);
-        let result = TaskResult::Scale(scale.result);
+        let result = TaskResult::Scale(scale.result.scale);
         let Finished {
             worker_id, worker, principal, seconded, assurance, attempt, queued, run_seconds, ..
         } = scale.clone();
@@ -237,7 +237,7 @@ fn answer(task: &Task) -> TaskResult {
 }
 
 #[tokio::test]
-async fn scales_that_are_asked_for_beside_an_evaluation_in_pieces_are_told_from_its_pieces() {
+async fn scales_and_evaluations_that_are_sharded_at_the_same_time_are_told_from_each_other() {
     let cluster = Cluster::new(LIMITS);
     cluster.set_shard_count(ShardCount::Fixed(4.try_into().unwrap()));
     let entry = |index: u32| CloudEntry {
@@ -249,9 +249,10 @@ async fn scales_that_are_asked_for_beside_an_evaluation_in_pieces_are_told_from_
     };
     let split = SplitManifest { split: "train".to_owned(), clouds: (0..9).map(entry).collect() };
     let split = vec![cluster.blobs.publish_bytes(split.encode())];
-    let asked = Evaluation { query: split.clone(), database: split, ..evaluation() };
+    let asked = Evaluation { query: split.clone(), database: split.clone(), ..evaluation() };
     let mut client = cluster.client();
-    let asked = client.evaluate_and_scale(vec![asked], ([5, 6, 7].map(scale).to_vec(), &[]), |_| {});
+    let scales = [5, 6, 7].map(|number| Scale { splits: split.clone(), ..scale(number) });
+    let asked = client.evaluate_and_scale(vec![asked], (scales.to_vec(), &[]), |_| {});
     let work = async {
         let id = WorkerId([1; 16]);
         cluster.register(id, Introduction::sample("one", 1)).unwrap();
@@ -270,7 +271,13 @@ async fn scales_that_are_asked_for_beside_an_evaluation_in_pieces_are_told_from_
         () = work => unreachable!("it goes on"),
     };
     assert_eq!(evaluated.iter().map(|one| one.result.object_correct).collect::<Vec<_>>(), [9]);
-    assert_eq!(scales.iter().map(|one| one.result).collect::<Vec<f64>>(), [0.5, 0.6, 0.7]);
+    assert_eq!(scales.iter().map(|one| one.result.scale).collect::<Vec<f64>>(), [0.5, 0.6, 0.7]);
+    for scale in scales {
+        let [described] = &scale.result.described[..] else { panic!("{scale:?}") };
+        assert_eq!((described.split, described.shards.len()), (split[0], 4));
+        let descriptions = described.shards.iter().map(|shard| shard.description);
+        assert!(descriptions.map(|digest| cluster.blobs.read(digest)).all(|kept| kept.is_ok()));
+    }
 }
 
 #[tokio::test]

@@ -5,12 +5,14 @@ use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
 
 use proto::Digest;
-use proto::task::{DescriptorBytes, Evaluation, Scale, Task};
+use proto::task::{DescribedSplit, Description, DescriptorBytes, Evaluation, Scale, Task};
 
 /// Evaluations that are looked at for each scale they need. More make the choice no better, and every poll longer.
 const MOST_EVALUATIONS: usize = 4;
 /// Splits that are remembered of a worker, each in one channel: about as many as it keeps in memory.
 const MOST_DESCRIBED: usize = 1536;
+/// Taking descriptions from the coordinator costs about this part of describing: where that costs less, nothing is there.
+const TAKING: u64 = 8;
 
 /// A channel of a descriptor that workers keep signatures of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,29 +40,39 @@ pub struct JobChannels {
     /// Whoever takes the job will have described the splits in these.
     channels: Vec<Channel>,
     splits: Vec<Split>,
+    /// Channel and split of what was described before, which has only to be taken from the coordinator.
+    at_coordinator: BTreeSet<(u64, u64)>,
     /// It is best taken by a worker that has described most of one of these: an evaluation's channels, or, of a scale, the
     /// other channels of each evaluation that waits for it, as the same worker is then given that evaluation.
     beside: Vec<Arc<[Channel]>>,
 }
 
 impl JobChannels {
-    /// Of a task whose client has told what it will evaluate next. Whoever describes a shard or matches a tile keeps
-    /// nothing of whole splits.
+    /// Of a task whose client has told what it will evaluate next. A shard is a split here: it may be a whole one. Whoever
+    /// matches a tile keeps nothing of splits.
     pub(super) fn new(task: &Task, channels_of: ChannelsOf, expected: Option<&Expected>) -> Self {
-        let splits = match task {
-            Task::Evaluation(evaluation) => splits_of(evaluation),
-            Task::Scale(Scale { splits, clouds, .. }) => side(splits, *clouds).collect(),
-            Task::Description(_) | Task::Tile(_) | Task::GridCell(_) => return Self::default(),
+        let (splits, described) = match task {
+            Task::Evaluation(evaluation) => (splits_of(evaluation), &evaluation.described[..]),
+            Task::Scale(Scale { splits, clouds, described, .. }) => {
+                (side(splits, *clouds).collect(), &described[..])
+            }
+            Task::Description(Description { manifest, clouds, .. }) => {
+                (side(&[*manifest], *clouds).collect(), &[][..])
+            }
+            Task::Tile(_) | Task::GridCell(_) => return Self::default(),
         };
         let channels = channels_of(&task.subject().descriptor);
         let beside = match (task, expected) {
-            (Task::Scale(_), None) => Vec::new(),
-            (Task::Scale(_), Some(expected)) => {
-                channels.iter().flat_map(|&channel| expected.beside(channel)).collect()
-            }
-            _ => vec![channels.as_slice().into()],
+            (Task::Evaluation(_), _) => vec![channels.as_slice().into()],
+            (_, None) => Vec::new(),
+            (_, Some(expected)) => channels.iter().flat_map(|&channel| expected.beside(channel)).collect(),
         };
-        Self { channels, splits, beside }
+        let place = |described: &DescribedSplit| {
+            let channel = channels.get(described.channel as usize)?;
+            Some((channel.number, number(&described.split)))
+        };
+        let at_coordinator = described.iter().filter_map(place).collect();
+        Self { channels, splits, at_coordinator, beside }
     }
 
     /// Whether whoever takes the job keeps nothing that another job could use.
@@ -80,12 +92,14 @@ fn splits_of(evaluation: &Evaluation) -> Vec<Split> {
 /// The splits of one side. How its clouds fall to them is not known here: equally.
 fn side(splits: &[Digest], clouds: u32) -> impl Iterator<Item = Split> {
     let clouds = u64::from(clouds).div_ceil(splits.len().max(1) as u64);
-    let number =
-        |Digest(bytes): &Digest| bytes.iter().take(8).fold(0, |number, &byte| number << 8 | u64::from(byte));
     splits.iter().map(move |split| Split { number: number(split), clouds })
 }
 
-/// What a worker was last given to describe.
+fn number(Digest(bytes): &Digest) -> u64 {
+    bytes.iter().take(8).fold(0, |number, &byte| number << 8 | u64::from(byte))
+}
+
+/// What a worker was last given to describe, or to take from the coordinator.
 #[derive(Debug, Default)]
 pub(super) struct Described {
     /// Channel and split.
@@ -119,21 +133,25 @@ impl Described {
 
     /// Counted cost of describing what a job needs described and the worker has not.
     pub(super) fn missing(&self, job: &JobChannels) -> u64 {
-        self.missing_in(&job.channels, &job.splits)
+        self.missing_in(&job.channels, job)
     }
 
     /// Counted cost of what the worker will have to describe if it takes the job and what follows from that, and another
     /// may have described already.
     pub(super) fn again(&self, job: &JobChannels) -> u64 {
-        job.beside.iter().map(|channels| self.missing_in(channels, &job.splits)).min().unwrap_or(0)
+        job.beside.iter().map(|channels| self.missing_in(channels, job)).min().unwrap_or(0)
     }
 
-    fn missing_in(&self, channels: &[Channel], splits: &[Split]) -> u64 {
+    fn missing_in(&self, channels: &[Channel], job: &JobChannels) -> u64 {
         let mut missing = 0u64;
         for channel in channels {
-            let splits = splits.iter().filter(|split| !self.all.contains(&(channel.number, split.number)));
-            let clouds: u64 = splits.map(|split| split.clouds).sum();
-            missing = missing.saturating_add(clouds.saturating_mul(channel.cost));
+            for split in &job.splits {
+                let one = (channel.number, split.number);
+                if !self.all.contains(&one) {
+                    let part = if job.at_coordinator.contains(&one) { TAKING } else { 1 };
+                    missing = missing.saturating_add(split.clouds.saturating_mul(channel.cost) / part);
+                }
+            }
         }
         missing
     }

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use proto::task::{Task, TaskKind};
+use proto::task::{Scale, Task, TaskKind};
 
 use crate::cost::{CountedCost, counted_cost};
 
@@ -22,6 +22,8 @@ pub struct Costs {
     pairs: Factor,
     /// In whole evaluations, which do both.
     whole: Factor,
+    /// In whole scales, which do both, too.
+    scales: Factor,
 }
 
 #[derive(Clone, Debug, Default)]
@@ -38,14 +40,24 @@ impl Costs {
         cost as f64 * UNIT_SECONDS * self.pairs.median().or(self.whole.median()).unwrap_or(1.0)
     }
 
+    /// Seconds of one worker for describing the clouds of a scale.
+    pub fn describing_for(&self, scale: &Scale) -> f64 {
+        let units = Task::Scale(scale.clone()).describing_cost();
+        units as f64 * UNIT_SECONDS * self.scales.median().or(self.clouds.median()).unwrap_or(1.0)
+    }
+
     /// Takes in what a task has taken.
     pub fn observe(&mut self, task: &Task, seconds: f64) {
+        if task.descriptions().next().is_some() && task.kind() != TaskKind::Tile {
+            return; // of its clouds some were described before: it says nothing of others
+        }
         let CountedCost { kind, units } = counted_cost(task);
         let factor = match kind {
             TaskKind::Evaluation => &mut self.whole,
             TaskKind::Description => &mut self.clouds,
             TaskKind::Tile => &mut self.pairs,
-            TaskKind::GridCell | TaskKind::Scale => return, // never sharded
+            TaskKind::Scale => &mut self.scales,
+            TaskKind::GridCell => return, // never sharded
         };
         factor.add(seconds / (units as f64 * UNIT_SECONDS));
     }
@@ -81,9 +93,13 @@ impl Factor {
 #[cfg(test)]
 mod tests {
     use proto::Digest;
-    use proto::task::{Description, Evaluation};
+    use proto::task::{DescribedShard, DescribedSplit, Description, Evaluation, Subject};
 
     use super::*;
+
+    fn described() -> DescribedShard {
+        DescribedShard { manifest: Digest([1; 32]), description: Digest([2; 32]) }
+    }
 
     #[test]
     fn predictions_follow_the_median_of_what_recent_tasks_took() {
@@ -105,6 +121,19 @@ mod tests {
         }
         about(costs.describing(120_000_000), 2.0 * describing);
         about(costs.matching(60_000_000), 3.0 * matching);
+        // Whole scales say how long scales take; those of clouds that were described before do not.
+        let subject = Subject::sample(1);
+        let scale = Scale { subject, splits: Vec::new(), clouds: 1000, described: Vec::new() };
+        let matched = DescribedSplit { channel: 0, split: Digest([1; 32]), shards: vec![described()] };
+        let before = Costs::default().describing_for(&scale);
+        about(costs.describing_for(&scale), 2.0 * before);
+        costs.observe(&Task::Scale(Scale { described: vec![matched], ..scale.clone() }), 1e9);
+        about(costs.describing_for(&scale), 2.0 * before);
+        costs.observe(
+            &Task::Scale(scale.clone()),
+            5.0 * counted_cost(&Task::Scale(scale.clone())).units as f64 * 1e-9,
+        );
+        about(costs.describing_for(&scale), 5.0 * before);
         for _ in 0..RECENT {
             costs.observe(&shard, f64::INFINITY);
         }

@@ -1,19 +1,25 @@
-//! Lays evaluations out as they are sharded; sides that several of them share are made once.
+//! Lays evaluations and scales out as they are sharded; sides that several of them share are made once.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use proto::Digest;
-use proto::task::Evaluation;
+use proto::task::{Evaluation, Scale, SplitManifest};
 
-use super::batch::Planned;
+use super::batch::{Planned, PlannedScale};
 use super::plan::{ShardPlan, SidePlan};
+use super::sharded_scale::SplitSide;
 use super::side::Side;
 use crate::blobs::BlobStore;
 
-/// Sides that were laid out, by splits and number of shards.
+/// Sides that were laid out.
 #[derive(Default)]
-pub struct Layouts(BTreeMap<(Vec<Digest>, u32), Arc<Side>>);
+pub struct Layouts {
+    /// By splits and number of shards.
+    sides: BTreeMap<(Vec<Digest>, u32), Arc<Side>>,
+    /// Clouds of each split.
+    sizes: BTreeMap<Digest, u32>,
+}
 
 impl Layouts {
     /// Lays out an evaluation, and publishes the manifests of its shards. It stays whole without a plan, or if its splits
@@ -28,6 +34,41 @@ impl Layouts {
         (evaluation, laid_out)
     }
 
+    /// Lays out a scale: each of its splits has a share of the shards of its plan. It stays whole without a plan, or if its
+    /// splits are not published.
+    pub fn lay_out_scale(
+        &mut self,
+        scale: Scale,
+        plan: Option<ShardPlan>,
+        blobs: &BlobStore,
+    ) -> PlannedScale {
+        let laid_out = plan.and_then(|plan| self.splits(&scale, plan.query.shards, blobs));
+        (scale, laid_out)
+    }
+
+    fn splits(&mut self, scale: &Scale, shards: u32, blobs: &BlobStore) -> Option<Vec<SplitSide>> {
+        let mut sides = BTreeMap::new();
+        for &split in &scale.splits {
+            let clouds = self.size(split, blobs)?;
+            if clouds == 0 {
+                continue; // nothing to describe
+            }
+            let share = u64::from(shards) * u64::from(clouds) / u64::from(scale.clouds.max(1));
+            let shards = share.clamp(1, u64::from(clouds)) as u32;
+            sides.insert(split, self.side(&[split], clouds, SidePlan { shards, ranges: 1 }, blobs)?);
+        }
+        (!sides.is_empty()).then(|| sides.into_iter().collect())
+    }
+
+    fn size(&mut self, split: Digest, blobs: &BlobStore) -> Option<u32> {
+        if let Some(clouds) = self.sizes.get(&split) {
+            return Some(*clouds);
+        }
+        let clouds = SplitManifest::decode(&blobs.read(split).ok()?).ok()?.clouds.len() as u32;
+        self.sizes.insert(split, clouds);
+        Some(clouds)
+    }
+
     fn side(
         &mut self,
         splits: &[Digest],
@@ -36,11 +77,11 @@ impl Layouts {
         blobs: &BlobStore,
     ) -> Option<Arc<Side>> {
         let key = (splits.to_vec(), plan.shards);
-        if let Some(side) = self.0.get(&key) {
+        if let Some(side) = self.sides.get(&key) {
             return Some(Arc::clone(side));
         }
         let side = Arc::new(Side::publish(splits, clouds, plan.shards, blobs)?);
-        self.0.insert(key, Arc::clone(&side));
+        self.sides.insert(key, Arc::clone(&side));
         Some(side)
     }
 }

@@ -4,14 +4,22 @@ use std::num::NonZeroU32;
 use std::ops::Range;
 
 use proto::MAX_DESCRIPTION_BYTES;
-use proto::task::Evaluation;
+use proto::task::{Evaluation, Scale};
 
 use super::costs::Costs;
+use crate::blobs::DESCRIPTIONS;
 
 /// A shard that is predicted to take less is not worth its overhead, seconds; …
 const LEAST_SHARD: f64 = 0.1;
 /// … nor is a tile, whose result is small.
 const LEAST_TILE: f64 = 0.05;
+/// A channel that takes less is described by each worker that needs it: taking its descriptions from the coordinator would
+/// save nothing, seconds.
+const LEAST_DESCRIBED: f64 = 0.05;
+/// A network of 1 Gbit/s carries so much to the coordinator and on to three workers, bytes a second.
+const DESCRIPTIONS_PER_SECOND: f64 = 3e7;
+/// The coordinator has room for the descriptions of so many channels, which a population may have.
+const CHANNELS_KEPT: u64 = 64;
 /// Shards per worker of all evaluations: several, so that a slow one does not hold up all others.
 const SHARDS_PER_WORKER: f64 = 2.0;
 /// Tiles per worker of all that is left to match, which are rounded up to a power of two.
@@ -116,6 +124,37 @@ impl ShardPlan {
         (fits(plan.query, queries) && fits(plan.database, database)).then_some(plan)
     }
 
+    /// How to shard a scale; `None`: not at all. What is described in shards is at the coordinator, from which workers take
+    /// it for the scale and for evaluations with its channel, instead of describing it again.
+    pub fn of_scale(scale: &Scale, shard_count: ShardCount, workers: usize, costs: &Costs) -> Option<Self> {
+        let clouds = scale.clouds;
+        let length = u64::from(clouds).saturating_mul(scale.subject.facts.description_bytes);
+        let wanted = match shard_count {
+            ShardCount::Fixed(count) if count.get() > 1 => count.get(),
+            ShardCount::Auto if workers > 1 && length <= DESCRIPTIONS as u64 / CHANNELS_KEPT => {
+                let seconds = costs.describing_for(scale);
+                if seconds < LEAST_DESCRIBED.max(length as f64 / DESCRIPTIONS_PER_SECOND) {
+                    return None;
+                }
+                let most = workers.min(MAX_SHARDS as usize) as u32;
+                previous_power(((seconds / LEAST_SHARD) as u32).min(most)).max(1)
+            }
+            ShardCount::Fixed(_) | ShardCount::Auto => return None,
+        };
+        let shards = u64::from(wanted.min(clouds)).max(length.div_ceil(MAX_DESCRIPTION_BYTES));
+        // A cloud that no message can describe is described where it is matched.
+        if shards == 0 || shards > u64::from(clouds.min(MAX_SHARDS)) {
+            return None;
+        }
+        let side = SidePlan { shards: shards as u32, ranges: 1 };
+        Some(Self { query: side, database: side })
+    }
+
+    /// Whether a scale of so many clouds can be sharded like this.
+    pub fn suits_scale(&self, scale: &Scale) -> bool {
+        (1..=scale.clouds).contains(&self.query.shards)
+    }
+
     /// Whether an evaluation of so many clouds can be sharded like this.
     pub fn suits(&self, evaluation: &Evaluation) -> bool {
         let suits = |SidePlan { shards, ranges }: SidePlan, clouds: u32| {
@@ -161,7 +200,7 @@ fn previous_power(number: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
-    use proto::task::Facts;
+    use proto::task::{Facts, Subject};
 
     use super::*;
 
@@ -266,6 +305,39 @@ mod tests {
             assert_eq!(plan(ShardCount::Auto, clouds, true).is_some(), is_sharded, "{clouds} clouds");
             assert!(plan(fixed(4), clouds, true).is_some(), "{clouds} clouds");
         }
+    }
+
+    #[test]
+    fn channels_that_are_dear_to_describe_are_described_once_and_in_shards() {
+        let plan_of = |shard_count, clouds: u32, workers, description_bytes| {
+            let mut subject = Subject::sample(1); // a cloud in 60 µs
+            subject.facts.description_bytes = description_bytes;
+            let scale = Scale { subject, splits: Vec::new(), clouds, described: Vec::new() };
+            let plan = ShardPlan::of_scale(&scale, shard_count, workers, &Costs::default());
+            assert!(plan.is_none_or(|plan| plan.suits_scale(&scale) && plan.query == plan.database));
+            plan.map(|plan| plan.query.shards)
+        };
+        let plan = |shard_count, clouds, workers| plan_of(shard_count, clouds, workers, 8);
+        for (clouds, workers, shards) in [
+            (0, 10, None),
+            (700, 10, None), // 0.04 s
+            (900, 10, Some(1)),
+            (900, 1, None), // nobody else needs it
+            (4000, 10, Some(2)),
+            (10_000, 10, Some(4)),
+            (100_000, 10, Some(8)),
+            (100_000, 3, Some(2)),
+        ] {
+            assert_eq!(plan(ShardCount::Auto, clouds, workers), shards, "{clouds} clouds, {workers} workers");
+        }
+        // The coordinator has no room for those of a population, or sending them takes as long as describing.
+        assert_eq!(plan(ShardCount::Auto, 600_000, 10), None);
+        assert_eq!([1700, 1900].map(|bytes| plan_of(ShardCount::Auto, 900, 10, bytes)), [Some(1), None]);
+        for (count, clouds, shards) in [(1, 100, None), (4, 100, Some(4)), (4, 3, Some(3)), (4, 0, None)] {
+            assert_eq!(plan(fixed(count), clouds, 1), shards, "{count} shards of {clouds} clouds");
+        }
+        // 8 bytes a cloud, and 2 MiB a message.
+        assert_eq!(plan(fixed(2), 1_000_000, 1), Some(4));
     }
 
     #[test]

@@ -1,8 +1,8 @@
-//! Which evaluations are sharded, and how: decided once for each, so that a run that begins again asks for the same
+//! Which evaluations and scales are sharded, and how: decided once for each, so that a run that begins again asks for the same
 //! shards and tiles.
 
 use proto::JobId;
-use proto::task::{Evaluation, Task};
+use proto::task::{Evaluation, Scale, Task};
 
 use super::costs::Costs;
 use super::plan::{Load, ShardCount, ShardPlan, pairs_cost};
@@ -51,6 +51,32 @@ impl Planner {
         for (job, evaluation) in undecided {
             let plan = ShardPlan::of(evaluation, self.shard_count, (load, left), &self.costs);
             left -= matching(evaluation);
+            jobs.set_plan(job, plan);
+            new.extend(plan.map(|plan| (job, plan)));
+        }
+        new
+    }
+
+    /// The same for scales.
+    pub fn decide_scales(
+        &self,
+        scales: &[Scale],
+        workers: usize,
+        jobs: &mut JobStore,
+    ) -> Vec<(JobId, ShardPlan)> {
+        let mut new = Vec::new();
+        for scale in scales {
+            let job = Task::Scale(scale.clone()).job(0);
+            match jobs.plan(job) {
+                Some(Some(plan)) if !plan.suits_scale(scale) => {}
+                Some(_) => continue,
+                None if jobs.is_known(job) => {
+                    jobs.set_plan(job, None);
+                    continue;
+                }
+                None => {}
+            }
+            let plan = ShardPlan::of_scale(scale, self.shard_count, workers, &self.costs);
             jobs.set_plan(job, plan);
             new.extend(plan.map(|plan| (job, plan)));
         }

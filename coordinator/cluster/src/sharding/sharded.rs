@@ -1,14 +1,12 @@
 //! One sharded evaluation, from its first description to its result.
 
-use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
-use std::time::Duration;
 
-use proto::journal::Assurance;
-use proto::task::{Described, Description, Evaluation, EvaluationResult, Task, TaskResult, Tile};
-use proto::{Digest, JobId, Principal, WorkerId};
+use proto::task::{Described, Evaluation, EvaluationResult, Task, TaskResult, Tile};
+use proto::{Digest, JobId};
 
+use super::combined::Combined;
 use super::merge::Merged;
 use super::plan::{ShardPlan, shares};
 use super::side::Side;
@@ -42,13 +40,7 @@ pub struct ShardedEvaluation {
     missing: usize,
     /// Until the result is given.
     merged: Option<Merged>,
-    /// Who reported, with labels.
-    workers: BTreeMap<WorkerId, String>,
-    attempt: u32,
-    queued: Option<Duration>,
-    run_seconds: f64,
-    /// The least of what it rests on, with the principal that gave that.
-    assurance: Option<(Assurance, Principal)>,
+    combined: Combined,
 }
 
 impl Half {
@@ -87,11 +79,7 @@ impl ShardedEvaluation {
             asked: vec![false; tiles],
             missing: tiles,
             merged: Some(merged),
-            workers: BTreeMap::new(),
-            attempt: 1,
-            queued: None,
-            run_seconds: 0.0,
-            assurance: None,
+            combined: Combined::default(),
         }
     }
 
@@ -99,27 +87,15 @@ impl ShardedEvaluation {
     pub fn begin(&self) -> Vec<(Subtask, Task)> {
         let mut tasks = Vec::new();
         for (side, half) in self.halves.iter().enumerate() {
-            for (index, shard) in half.side.shards.iter().enumerate() {
-                let description = Description {
-                    subject: self.evaluation.subject.clone(),
-                    manifest: shard.manifest,
-                    clouds: shard.clouds.len() as u32,
-                };
-                tasks.push((Subtask::Shard { side, index }, Task::Description(description)));
-            }
+            let described = half.side.descriptions(&self.evaluation.subject).enumerate();
+            tasks.extend(described.map(|(index, task)| (Subtask::Shard { side, index }, task)));
         }
         tasks
     }
 
     /// Takes in the result of a subtask, and returns what can be done by now.
     pub fn take(&mut self, subtask: Subtask, finished: Finished) -> Vec<(Subtask, Task)> {
-        self.attempt = self.attempt.max(finished.attempt);
-        self.queued.get_or_insert(finished.queued);
-        self.run_seconds += finished.run_seconds;
-        let assurance = (finished.assurance, finished.principal);
-        self.assurance = Some(self.assurance.map_or(assurance, |least| least.min(assurance)));
-        self.workers.insert(finished.worker_id, finished.worker);
-        match (subtask, finished.result) {
+        match (subtask, self.combined.take(finished)) {
             (Subtask::Shard { side, index }, TaskResult::Description(Described { digest, .. })) => {
                 self.halves[side].descriptions[index] = Some(digest);
                 self.ready(side, index)
@@ -168,6 +144,7 @@ impl ShardedEvaluation {
                 want_matches: true,
                 rule: self.evaluation.rule,
                 scales: self.evaluation.scales.clone(),
+                described: Vec::new(),
             },
             query_descriptions: query.descriptions(ranges[0])?,
             database_descriptions: database.descriptions(ranges[1])?,
@@ -181,20 +158,6 @@ impl ShardedEvaluation {
         }
         let [queries, database] = self.halves.each_ref().map(|half| &half.side.labels[..]);
         let result = self.merged.take()?.finish(queries, database, self.evaluation.want_matches);
-        let count = self.workers.len();
-        let (worker_id, label) = std::mem::take(&mut self.workers).pop_first()?;
-        let (assurance, principal) = self.assurance?;
-        Some(Finished {
-            job,
-            result,
-            worker_id,
-            worker: if count == 1 { label } else { format!("{count} workers") },
-            attempt: self.attempt,
-            queued: self.queued.unwrap_or_default(),
-            run_seconds: self.run_seconds,
-            principal,
-            seconded: None,
-            assurance,
-        })
+        std::mem::take(&mut self.combined).finish(job, result)
     }
 }

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use proto::Digest;
-use proto::task::{CloudEntry, Label, SplitManifest};
+use proto::task::{CloudEntry, Description, Label, SplitManifest, Subject, Task};
 
 use super::plan::shares;
 use crate::blobs::BlobStore;
@@ -27,8 +27,8 @@ pub struct Side {
 }
 
 impl Side {
-    /// Divides the `clouds` clouds of some splits, one after the other, into shards, and releases their manifests; `None`
-    /// if a split is not released, or they list other clouds.
+    /// Divides the `clouds` clouds of some splits, one after the other, into shards, and releases their manifests; a split
+    /// that is one shard has one. `None` if a split is not released, or they list other clouds.
     pub fn publish(splits: &[Digest], clouds: u32, shards: u32, blobs: &BlobStore) -> Option<Self> {
         let mut listed: Vec<CloudEntry> = Vec::new();
         for split in splits {
@@ -39,11 +39,22 @@ impl Side {
         }
         let labels = listed.iter().map(|cloud| cloud.label).collect();
         let shard = |clouds: Range<u32>| {
+            if let ([split], 1) = (splits, shards) {
+                return Shard { manifest: *split, clouds };
+            }
             let (split, listed) = (String::new(), &listed[clouds.start as usize..clouds.end as usize]);
             let manifest = SplitManifest { split, clouds: listed.to_vec() }.encode();
             Shard { manifest: blobs.publish_bytes(manifest), clouds }
         };
         let shards = shares(clouds, shards).map(shard).collect();
         Some(Self { labels, shards })
+    }
+
+    /// Tasks that describe its shards, in order.
+    pub fn descriptions(&self, subject: &Subject) -> impl Iterator<Item = Task> {
+        self.shards.iter().map(|Shard { manifest, clouds }| {
+            let clouds = clouds.len() as u32;
+            Task::Description(Description { subject: subject.clone(), manifest: *manifest, clouds })
+        })
     }
 }

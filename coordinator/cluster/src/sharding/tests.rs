@@ -9,12 +9,12 @@ use descriptor::{Correct, DistanceMatrix, Signature, Signatures};
 use proptest::prelude::*;
 use proto::journal::Assurance;
 use proto::task::{
-    CloudEntry, Described, Evaluation, EvaluationResult, Exclusion, Label, Match, MatchingRule, Nearest,
-    Objective, SplitManifest, Subject, Task, TaskResult, Tile,
+    CloudEntry, Described, DescribedSplit, Evaluation, EvaluationResult, Exclusion, Label, Match,
+    MatchingRule, Nearest, Objective, Scale, SplitManifest, Subject, Task, TaskResult, Tile,
 };
 use proto::{Digest, JobId, Principal, WorkerId};
 
-use super::batch::Planned;
+use super::batch::{Planned, PlannedScale};
 use super::*;
 use crate::blobs::BlobStore;
 use crate::journal::Recorded;
@@ -116,8 +116,35 @@ impl World {
                 task.check(&result).unwrap();
                 result
             }
-            Task::GridCell(_) | Task::Scale(_) => panic!("{task}"),
+            Task::Scale(scale) => {
+                self.check_described(&scale.splits, &scale.described);
+                TaskResult::Scale(self.scale(scale))
+            }
+            Task::GridCell(_) => panic!("{task}"),
         }
+    }
+
+    /// Stands for the scale of some splits.
+    fn scale(&self, scale: &Scale) -> f64 {
+        self.clouds(&scale.splits).iter().map(|cloud| f64::from(cloud.number) + 0.5).sum()
+    }
+
+    /// Every split that has clouds is described, in shards that are the split one after the other, by what workers have
+    /// answered; or none.
+    fn check_described(&self, splits: &[Digest], all: &[DescribedSplit]) {
+        for one in all {
+            assert_eq!(one.channel, 0);
+            assert!(one.shards.iter().all(|shard| shard.description == described(shard.manifest).digest));
+            let shards: Vec<Digest> = one.shards.iter().map(|shard| shard.manifest).collect();
+            let listed =
+                |manifests| self.clouds(manifests).iter().map(|cloud| cloud.number).collect::<Vec<_>>();
+            assert_eq!(listed(&shards), listed(&[one.split]));
+        }
+        let named: Vec<Digest> = all.iter().map(|one| one.split).collect();
+        assert!(
+            all.is_empty()
+                || splits.iter().all(|split| named.contains(split) || self.clouds(&[*split]).is_empty())
+        );
     }
 }
 
@@ -209,10 +236,23 @@ fn carry_out(
     jobs: &mut JobStore,
     seed: u64,
 ) -> (Vec<Finished<EvaluationResult>>, usize) {
+    let ((done, _), tasks) = carry_out_with(world, (evaluations, &[]), planner, jobs, seed);
+    (done, tasks)
+}
+
+fn carry_out_with(
+    world: &World,
+    (evaluations, scales): (&[Evaluation], &[Scale]),
+    planner: &Planner,
+    jobs: &mut JobStore,
+    seed: u64,
+) -> ((Vec<Finished<EvaluationResult>>, Vec<Finished<FoundScale>>), usize) {
     let load = Load { jobs: 0, workers: 8 };
     planner.decide(evaluations, load, jobs);
+    planner.decide_scales(scales, load.workers, jobs);
     let planned = evaluations.iter().map(|one| lay_out(world, one, jobs)).collect();
-    let (mut batch, first) = Batch::new(planned);
+    let scales = scales.iter().map(|one| lay_out_scale(world, one, jobs)).collect();
+    let (mut batch, first) = Batch::new(planned, scales);
     let mut open: Vec<(usize, Task)> = first.into_iter().enumerate().collect();
     let (mut given, mut draw) = (open.len(), seed);
     while !open.is_empty() {
@@ -224,13 +264,18 @@ fn carry_out(
             given += 1;
         }
     }
-    assert_eq!(batch.done(), evaluations.len());
+    assert_eq!(batch.evaluated(), evaluations.len());
     (batch.finish(), given)
 }
 
 fn lay_out(world: &World, evaluation: &Evaluation, jobs: &JobStore) -> Planned {
     let plan = jobs.plan(Task::Evaluation(evaluation.clone()).job(0)).flatten();
     Layouts::default().lay_out(evaluation.clone(), plan, &world.blobs)
+}
+
+fn lay_out_scale(world: &World, scale: &Scale, jobs: &JobStore) -> PlannedScale {
+    let plan = jobs.plan(Task::Scale(scale.clone()).job(0)).flatten();
+    Layouts::default().lay_out_scale(scale.clone(), plan, &world.blobs)
 }
 
 fn toys(most: usize) -> impl Strategy<Value = Vec<Toy>> {
@@ -272,6 +317,7 @@ proptest! {
             want_matches,
             rule,
             scales,
+            described: vec![],
         };
         let subject = Subject::sample(2);
         let evaluations = [evaluation.clone(), Evaluation { subject, ..evaluation.clone() }];
@@ -293,6 +339,75 @@ proptest! {
         prop_assert_eq!(tasks_again, tasks);
         prop_assert_eq!(&again[0].result, &done[0].result);
     }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(200))]
+
+    #[test]
+    fn scales_of_splits_described_in_any_order_are_those_of_the_whole(
+        splits in prop::collection::vec(prop_oneof![toys(16), Just(vec![])], 0..4),
+        count in 1u32..30,
+        seed in any::<u64>(),
+    ) {
+        let world = World::default();
+        let clouds = splits.iter().map(Vec::len).sum::<usize>() as u32;
+        let splits: Vec<Digest> =
+            splits.iter().enumerate().map(|(index, clouds)| world.publish(&index.to_string(), clouds)).collect();
+        let scale = |number| Scale {
+            subject: Subject::sample(number),
+            splits: splits.clone(),
+            clouds,
+            described: vec![],
+        };
+        let scales = [scale(1), scale(2)];
+        let mut planner = Planner::default();
+        planner.set_shard_count(ShardCount::Fixed(count.try_into().unwrap()));
+        let mut jobs = JobStore::default();
+        let ((_, done), tasks) = carry_out_with(&world, (&[], &scales), &planner, &mut jobs, seed);
+        prop_assert_eq!(done.len(), 2);
+        for (finished, asked) in done.iter().zip(&scales) {
+            prop_assert_eq!(finished.job, Task::Scale(asked.clone()).job(0));
+            prop_assert_eq!(finished.result.scale, world.scale(asked));
+            let described = &finished.result.described;
+            prop_assert_eq!(described.is_empty(), count == 1 || clouds == 0);
+            let listed: usize = described.iter().map(|one| one.shards.len()).sum();
+            // Each shard, and the scale; a scale alone if nothing is described before.
+            prop_assert_eq!(tasks, 2 * (listed + 1));
+            prop_assert!(listed <= (count as usize).max(splits.len()), "{} shards", listed);
+        }
+        let ((_, again), tasks_again) = carry_out_with(&world, (&[], &scales), &Planner::default(), &mut jobs, !seed);
+        prop_assert_eq!(tasks_again, tasks);
+        prop_assert_eq!(&again[0].result, &done[0].result);
+    }
+}
+
+#[test]
+fn a_scale_that_was_begun_whole_stays_whole_and_a_plan_that_nobody_made_is_none() {
+    let world = World::default();
+    let toys: Vec<Toy> = (0..9).map(|number| Toy { number, instance: 0, sequence: 0 }).collect();
+    let splits = vec![world.publish("split", &toys)];
+    let scale = Scale { subject: Subject::sample(1), splits, clouds: 9, described: vec![] };
+    let (asked, job) = (std::slice::from_ref(&scale), Task::Scale(scale.clone()).job(0));
+    let mut planner = Planner::default();
+    planner.set_shard_count(ShardCount::Fixed(3.try_into().unwrap()));
+    let plans = planner.decide_scales(asked, 8, &mut JobStore::default());
+    assert_eq!((plans.len(), plans[0].0, plans[0].1.query.shards), (1, job, 3));
+
+    let mut held = JobStore::default();
+    held.restore(&Recorded { leases: vec![(job, 1, WorkerId([1; 16]))], ..Recorded::default() });
+    assert_eq!(planner.decide_scales(asked, 8, &mut held), []);
+    assert!(lay_out_scale(&world, &scale, &held).1.is_none());
+
+    let side = SidePlan { shards: 10, ranges: 1 };
+    let plan = ShardPlan { query: side, database: side };
+    let mut damaged = JobStore::default();
+    damaged.restore(&Recorded { plans: [(job, plan)].into(), ..Recorded::default() });
+    assert_eq!(planner.decide_scales(asked, 8, &mut damaged), plans, "another is made");
+
+    let mut jobs = JobStore::default();
+    planner.decide_scales(asked, 8, &mut jobs);
+    assert!(lay_out_scale(&World::default(), &scale, &jobs).1.is_none(), "it is not published");
 }
 
 /// Twenty queries and a database of thirty clouds, on machines that take an hour for them.

@@ -9,7 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use proto::journal::{AcceptedResult, Assurance};
-use proto::task::{DescriptorBytes, Task};
+use proto::task::{Description, DescriptorBytes, Scale, Task, TaskResult};
 use proto::{Digest, JobId, Lease, Principal, WorkerId};
 
 pub use job::{Job, Quorum, Vote};
@@ -247,18 +247,30 @@ impl JobStore {
         })
     }
 
-    /// The accepted results about a descriptor, with their tasks, among them the scales of its channels.
+    /// The accepted results about a descriptor, with their tasks, among them the scales of its channels and what was
+    /// described for them.
     pub fn about(&self, descriptor: &DescriptorBytes, channels_of: ChannelsOf) -> Vec<(Arc<Task>, Finished)> {
         let is_about = |task: &Task| task.subject().descriptor == *descriptor;
         let channels = channels_of(descriptor);
-        let is_its_scale = |task: &Task| match task {
-            Task::Scale(scale) => {
-                channels_of(&scale.subject.descriptor).iter().all(|channel| channels.contains(channel))
+        let is_of_its_channels = |task: &Task| match task {
+            Task::Scale(Scale { subject, .. }) | Task::Description(Description { subject, .. }) => {
+                let of_task = channels_of(&subject.descriptor);
+                !of_task.is_empty() && of_task.iter().all(|channel| channels.contains(channel))
             }
+            Task::Evaluation(_) | Task::Tile(_) | Task::GridCell(_) => false,
+        };
+        let about = self.accepted().filter(|(task, _)| is_about(task) || is_of_its_channels(task));
+        about.map(|(task, finished)| (Arc::clone(task), finished.clone())).collect()
+    }
+
+    /// The jobs whose accepted results are these descriptions.
+    pub fn describing(&self, descriptions: &BTreeSet<Digest>) -> Vec<JobId> {
+        let is_one = |result: &TaskResult| match result {
+            TaskResult::Description(described) => descriptions.contains(&described.digest),
             _ => false,
         };
-        let about = self.accepted().filter(|(task, _)| is_about(task) || is_its_scale(task));
-        about.map(|(task, finished)| (Arc::clone(task), finished.clone())).collect()
+        let describing = self.accepted().filter(|(_, finished)| is_one(&finished.result));
+        describing.map(|(_, finished)| finished.job).collect()
     }
 
     /// Drops the results that rest on a principal's word and that nobody has asked for in this start. Returns their jobs.

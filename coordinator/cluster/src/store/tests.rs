@@ -2,11 +2,12 @@
 
 use std::time::Duration;
 
-use proto::task::{Evaluation, EvaluationResult, TaskResult};
+use proto::task::{Described, Evaluation, EvaluationResult, Subject};
 use proto::{Fingerprint, LeaseNonce};
 
 use super::*;
 use crate::journal::Journal;
+use crate::scheduler::Channel;
 
 const GOOD: Principal = Principal::Certificate(Fingerprint([1; 32]));
 const BAD: Principal = Principal::Certificate(Fingerprint([2; 32]));
@@ -66,6 +67,39 @@ fn what_a_wrong_worker_answered_is_asked_again_and_a_changed_result_replaces_it(
     assert!(store.recheck(BAD).is_empty(), "each result is another's by now");
     let job = task(10).job(0);
     assert_eq!(store.recall(job, &task(10)), Some(finished(job, GOOD, 6)));
+}
+
+#[test]
+fn of_the_channels_of_a_descriptor_scales_and_descriptions_are_about_it() {
+    let channels_of = |descriptor: &DescriptorBytes| -> Vec<Channel> {
+        descriptor.bytes().iter().map(|&number| Channel { number: u64::from(number), cost: 1 }).collect()
+    };
+    let subject = |channels: &[u8]| Subject { descriptor: channels.to_vec().into(), ..Subject::sample(1) };
+    let mut store = JobStore::default();
+    let mut jobs = Vec::new();
+    for channels in [&[1][..], &[2], &[3], &[1, 2], &[1, 2, 3], &[]] {
+        let (subject, splits) = (subject(channels), Vec::new());
+        let shard =
+            Description { subject: subject.clone(), manifest: Digest([channels.len() as u8; 32]), clouds: 1 };
+        let scale = Scale { subject, splits, clouds: 9, described: Vec::new() };
+        let described = Described::named(Digest([1 + jobs.len() as u8; 32]));
+        for (task, result) in [
+            (Task::Description(shard), TaskResult::Description(described)),
+            (Task::Scale(scale), TaskResult::Scale(0.5)),
+        ] {
+            let job = task.job(0);
+            store.accept(&Arc::new(task), &Finished { result, ..finished(job, GOOD, 5) });
+            jobs.push(job);
+        }
+    }
+    let about = store.about(&vec![1, 2].into(), channels_of);
+    let found: BTreeSet<JobId> = about.iter().map(|(_, finished)| finished.job).collect();
+    assert_eq!(found, [0, 1, 2, 3, 6, 7].map(|place| jobs[place]).into());
+    assert_eq!(store.about(&vec![1, 2].into(), |_| Vec::new()).len(), 2, "nothing is known of channels");
+
+    let named = [1, 5, 99].map(|number| Digest([number; 32])).into();
+    let describing: BTreeSet<JobId> = store.describing(&named).into_iter().collect();
+    assert_eq!(describing, [0, 4].map(|place| jobs[place]).into());
 }
 
 #[test]

@@ -3,6 +3,7 @@
 mod bucket;
 mod bucket_server;
 mod coordinator;
+mod described_splits;
 mod foreign_clouds;
 mod rules;
 mod scales;

@@ -14,7 +14,7 @@ fn hue() -> task::Subject {
 }
 
 fn scale(splits: Vec<Digest>) -> Task {
-    Task::Scale(Scale { subject: hue(), splits, clouds: 0 })
+    Task::Scale(Scale { subject: hue(), splits, clouds: 0, described: Vec::new() })
 }
 
 async fn scaled(executor: &Arc<Executor>, splits: Vec<Digest>) -> f64 {
@@ -101,7 +101,12 @@ async fn a_descriptor_of_several_channels_has_no_scale() {
     let archive = Archive::new();
     let executor = executor(&archive, LARGE, &store(None));
     let subject = evaluation(&archive, descriptors()[0], false).subject;
-    let task = Task::Scale(Scale { subject, splits: archive.splits[..1].to_vec(), clouds: 6 });
+    let task = Task::Scale(Scale {
+        subject,
+        splits: archive.splits[..1].to_vec(),
+        clouds: 6,
+        described: Vec::new(),
+    });
     let error = executor.carry_out(task).await.unwrap_err();
     assert!(error.to_string().starts_with("scale: the descriptor must have 1 channel, got 2\n"), "{error}");
     assert_eq!(Failure::from(error).reason, FailureReason::InvalidJob);

@@ -6,8 +6,12 @@ use super::*;
 
 const CHANNELS: u64 = 2;
 
-/// An evaluation of a structure with two channels.
 fn asked(archive: &Archive) -> Task {
+    Task::Evaluation(structure_evaluation(archive))
+}
+
+/// An evaluation of a structure with two channels.
+pub(super) fn structure_evaluation(archive: &Archive) -> Evaluation {
     let space = StructureSpace::default();
     // Pairs of all four kinds are described alike; these two are the cheapest.
     let of_slot = |active: u32, pairs: u32| [vec![active, pairs, 0, 13], vec![0; 11]].concat();
@@ -18,7 +22,7 @@ fn asked(archive: &Archive) -> Task {
     let preparation = Preparation { preprocess: Preprocess::default(), space };
     let [query, database] = splits(archive, false);
     let subject = subject(&preparation, Descriptor::Structure(structure).to_bytes());
-    Task::Evaluation(Evaluation { subject, query, database, ..Evaluation::sample(0, 0, 0) })
+    Evaluation { subject, query, database, ..Evaluation::sample(0, 0, 0) }
 }
 
 #[tokio::test(flavor = "multi_thread")]

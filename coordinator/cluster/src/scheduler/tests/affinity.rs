@@ -1,7 +1,7 @@
 //! Evaluations go to workers that have described clouds in their channels, and scales to where evaluations will go.
 
 use super::*;
-use proto::task::{Facts, Scale, Subject};
+use proto::task::{DescribedShard, DescribedSplit, Facts, Scale, Subject};
 
 /// Describing a cloud in a channel of this number or a higher one costs a hundred times as much as in others.
 const DEAR: u8 = 100;
@@ -40,9 +40,25 @@ impl Bench {
         self.submit_task(Task::Evaluation(evaluation))
     }
 
+    /// The same of training clouds, of which those in some channels, by place, were described before.
+    fn submit_described(&mut self, channels: &[u8], described: &[u32]) -> JobId {
+        let mut evaluation = Evaluation::sample(1, 10, 10);
+        evaluation.subject.descriptor = channels.to_vec().into();
+        (evaluation.query, evaluation.database) = (vec![TRAINING], vec![TRAINING]);
+        let shard = DescribedShard { manifest: TRAINING, description: Digest([9; 32]) };
+        let split = |&channel: &u32| DescribedSplit { channel, split: TRAINING, shards: vec![shard] };
+        evaluation.described = described.iter().map(split).collect();
+        self.submit_task(Task::Evaluation(evaluation))
+    }
+
     fn submit_scale(&mut self, channel: u8) -> JobId {
         let subject = Subject { descriptor: vec![channel].into(), ..Subject::sample(1) };
-        self.submit_task(Task::Scale(Scale { subject, splits: vec![TRAINING], clouds: 10 }))
+        self.submit_task(Task::Scale(Scale {
+            subject,
+            splits: vec![TRAINING],
+            clouds: 10,
+            described: vec![],
+        }))
     }
 
     fn expect(&mut self, evaluations: &[&[u8]]) {
@@ -81,6 +97,18 @@ fn a_worker_gets_the_job_of_which_it_has_described_most() {
     let [other, again] = [[7].as_slice(), &[9, 1, 2, 5]].map(|channels| bench.submit_with(channels));
     assert_eq!(bench.answer_next(1), again, "what it was given since counts, too");
     assert_eq!(bench.answer_next(1), other);
+}
+
+#[test]
+fn what_is_at_the_coordinator_costs_little() {
+    let mut bench = Bench::with_channels(2);
+    let known = bench.submit_with(&[1, DEAR]);
+    assert_eq!(bench.answer_next(1), known);
+    let describing = bench.submit_described(&[1, 2, DEAR + 1], &[]);
+    let taking = bench.submit_described(&[1, 2, DEAR + 1], &[2]);
+    // Channel 1 it has, 2 is dear to describe and was described by somebody.
+    assert_eq!(bench.answer_next(1), taking);
+    assert_eq!(bench.answer_next(1), describing);
 }
 
 #[test]

@@ -381,7 +381,7 @@ impl Simulation {
             }
             self.layouts.lay_out(evaluation, plan, &self.blobs)
         });
-        let (batch, first) = Batch::new(planned.collect());
+        let (batch, first) = Batch::new(planned.collect(), Vec::new());
         self.batch = Some(batch);
         self.asked.clear();
         self.submit(first);
@@ -412,7 +412,7 @@ impl Simulation {
             self.planner.observe(task, finished.run_seconds);
             further.extend(batch.take(*place, finished));
         }
-        if batch.done() == self.setting.evaluations as usize {
+        if batch.evaluated() == self.setting.evaluations as usize {
             if self.generation > EARLY {
                 self.measured.generation += (self.clock - self.generation_begun).as_secs_f64();
             }
