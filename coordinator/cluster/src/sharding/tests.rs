@@ -240,13 +240,16 @@ fn carry_out(
     (done, tasks)
 }
 
+/// Of evaluations and of scales.
+type Results = (Vec<Finished<EvaluationResult>>, Vec<Finished<FoundScale>>);
+
 fn carry_out_with(
     world: &World,
     (evaluations, scales): (&[Evaluation], &[Scale]),
     planner: &Planner,
     jobs: &mut JobStore,
     seed: u64,
-) -> ((Vec<Finished<EvaluationResult>>, Vec<Finished<FoundScale>>), usize) {
+) -> (Results, usize) {
     let load = Load { jobs: 0, workers: 8 };
     planner.decide(evaluations, load, jobs);
     planner.decide_scales(scales, load.workers, jobs);
