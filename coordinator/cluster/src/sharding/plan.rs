@@ -16,8 +16,10 @@ const LEAST_TILE: f64 = 0.05;
 /// A channel that takes less is described by each worker that needs it: taking its descriptions from the coordinator would
 /// save nothing, seconds.
 const LEAST_DESCRIBED: f64 = 0.05;
-/// A network of 1 Gbit/s carries so much to the coordinator and on to three workers, bytes a second.
-const DESCRIPTIONS_PER_SECOND: f64 = 3e7;
+/// What the coordinator's network of 1 Gbit/s carries, bytes a second.
+const NETWORK: f64 = 1.1e8;
+/// So many workers take each description from the coordinator, if there are as many others.
+const TAKERS: usize = 4;
 /// The coordinator has room for the descriptions of so many channels, which a population may have.
 const CHANNELS_KEPT: u64 = 64;
 /// Shards per worker of all evaluations: several, so that a slow one does not hold up all others.
@@ -133,7 +135,9 @@ impl ShardPlan {
             ShardCount::Fixed(count) if count.get() > 1 => count.get(),
             ShardCount::Auto if workers > 1 && length <= DESCRIPTIONS as u64 / CHANNELS_KEPT => {
                 let seconds = costs.describing_for(scale);
-                if seconds < LEAST_DESCRIBED.max(length as f64 / DESCRIPTIONS_PER_SECOND) {
+                // All workers describe at the same time, and the coordinator has to keep up with them.
+                let sending = length as f64 * (workers - 1).min(TAKERS) as f64 / NETWORK;
+                if seconds < LEAST_DESCRIBED.max(sending * workers as f64) {
                     return None;
                 }
                 let most = workers.min(MAX_SHARDS as usize) as u32;
@@ -330,9 +334,15 @@ mod tests {
         ] {
             assert_eq!(plan(ShardCount::Auto, clouds, workers), shards, "{clouds} clouds, {workers} workers");
         }
-        // The coordinator has no room for those of a population, or sending them takes as long as describing.
+        // The coordinator has no room for those of a population, or sends them more slowly than all workers describe.
         assert_eq!(plan(ShardCount::Auto, 600_000, 10), None);
-        assert_eq!([1700, 1900].map(|bytes| plan_of(ShardCount::Auto, 900, 10, bytes)), [Some(1), None]);
+        for (workers, bytes) in [(2, [3200, 3400]), (10, [150, 180])] {
+            assert_eq!(
+                bytes.map(|bytes| plan_of(ShardCount::Auto, 900, workers, bytes).is_some()),
+                [true, false],
+                "{workers} workers"
+            );
+        }
         for (count, clouds, shards) in [(1, 100, None), (4, 100, Some(4)), (4, 3, Some(3)), (4, 0, None)] {
             assert_eq!(plan(fixed(count), clouds, 1), shards, "{count} shards of {clouds} clouds");
         }
