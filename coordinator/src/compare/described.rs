@@ -66,12 +66,8 @@ impl Shards {
     pub fn tasks(&self, descriptors: &[Descriptor]) -> Vec<Description> {
         let of = |descriptor: &Descriptor| {
             let subject = tasks::subject_beside(&self.preprocess, &self.space, descriptor);
-            let shards = self.sides.iter().flat_map(|side| &side.shards);
-            shards.map(move |shard| Description {
-                subject: subject.clone(),
-                manifest: shard.manifest,
-                clouds: shard.clouds.len() as u32,
-            })
+            let sides = self.sides.iter();
+            sides.flat_map(|side| side.descriptions(&subject)).collect::<Vec<_>>()
         };
         descriptors.iter().flat_map(of).collect()
     }

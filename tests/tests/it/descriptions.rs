@@ -9,24 +9,28 @@ use crate::experiments::{Experiment, digest, free_address, shared};
 use crate::process::Running;
 
 /// A short search for structures on 176 + 176 + 40 clouds of a table, whose channels mostly take some tenths of a second.
-fn experiment(pieces: &str) -> Option<Experiment> {
+fn experiment() -> Option<Experiment> {
     let root = shared()?.join("data/tabletop-rgbd");
     let experiment = Experiment::with("");
-    let list = |name: &str, step: usize, most: usize| {
+    let list = |split: &str, name: &str, step: usize, most: usize| {
         let all = fs::read_to_string(root.join(format!("{name}.txt"))).unwrap();
         let some: Vec<&str> = all.lines().step_by(step).take(most).collect();
         fs::write(experiment.folder().join(name), some.join("\n")).unwrap();
-        format!("{name} = \"{}\"\n", experiment.path(name))
+        format!("{split} = \"{}\"\n", experiment.path(name))
     };
-    let splits =
-        [list("train1", 2, 176), list("train2", 2, 176), list("validation", 5, 40), list("unused", 1, 9)];
-    let splits = splits.concat().replace("unused = ", "test = ");
+    let splits = [
+        list("train1", "train1", 2, 176),
+        list("train2", "train2", 2, 176),
+        list("validation", "validation", 5, 40),
+        list("test", "unused", 1, 9),
+    ];
     let toml = format!(
-        "version = 1\nname = \"dear\"\nseed = 3\n[dataset]\nroot = \"{}\"\nlayout = \"uw\"\n[dataset.splits]\n{splits}\
+        "version = 1\nname = \"dear\"\nseed = 3\n[dataset]\nroot = \"{}\"\nlayout = \"uw\"\n[dataset.splits]\n{}\
          [descriptor]\nfamily = \"structure\"\nmax_bins = 300\n[search.fitness]\ncross-sequence = 1\n\
          [ga]\npopulation = 6\n[stop]\nevaluations = 15\n[results]\nbaselines = false\n\
-         [coordinator]\naudit = 0\nlease_seconds = 60\n{pieces}",
-        root.display()
+         [coordinator]\naudit = 0\nlease_seconds = 60\n",
+        root.display(),
+        splits.concat()
     );
     fs::write(experiment.folder().join("exp.toml"), toml).unwrap();
     Some(experiment)
@@ -42,11 +46,11 @@ fn subtasks(experiment: &Experiment) -> [usize; 2] {
 
 #[test]
 fn what_one_worker_describes_others_take_and_the_digest_is_that_of_one_worker() {
-    let Some(whole) = experiment("") else { return };
+    let Some(whole) = experiment() else { return };
     let expected = digest(&whole.run("out", &["--local-workers", "1"]).expect_success());
     assert_eq!(subtasks(&whole), [0, 0], "one worker has nobody to take anything from");
 
-    let shared = experiment("").unwrap();
+    let shared = experiment().unwrap();
     let address = free_address();
     let args = shared.run_args_at("out", &address);
     let mut workers = ["one", "two"].map(|name| shared.worker(name, &address));

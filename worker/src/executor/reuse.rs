@@ -9,7 +9,7 @@ use proto::Digest;
 /// What signatures and distances depend on, beside the clouds.
 pub type Key = (Preprocess, Channel);
 
-/// Split manifests, or digests of encoded signatures, of queries and of a database, in order.
+/// Split manifests, or what signatures that others have encoded are known by, of queries and of a database, in order.
 pub type Pairing = [Arc<[Digest]>; 2];
 
 /// Signatures and distances of recent tasks, bounded in bytes.
@@ -34,12 +34,12 @@ impl Reuse {
         of_channel.saturating_mul(channels) <= self.capacity
     }
 
-    /// The signatures of one split, or those encoded with this digest.
+    /// The signatures of one split, or those of others that are known by this digest.
     pub fn signatures(&mut self, source: Digest, key: &Key) -> Option<Arc<Signatures>> {
         self.signatures.get(&(source, key.clone()))
     }
 
-    /// Keeps the signatures of one split, or those encoded with this digest.
+    /// Keeps the signatures of one split, or those of others that are known by this digest.
     pub fn keep_signatures(&mut self, source: Digest, key: &Key, signatures: &Arc<Signatures>) {
         self.signatures.insert((source, key.clone()), Arc::clone(signatures), signatures.bytes());
     }

@@ -11,7 +11,8 @@ use proto::task::{DescribedSplit, Description, DescriptorBytes, Evaluation, Scal
 const MOST_EVALUATIONS: usize = 4;
 /// Splits that are remembered of a worker, each in one channel: about as many as it keeps in memory.
 const MOST_DESCRIBED: usize = 1536;
-/// Taking descriptions from the coordinator costs about this part of describing: where that costs less, nothing is there.
+/// Taking descriptions from the coordinator is counted as one such part of describing: only channels that take long to
+/// describe are there.
 const TAKING: u64 = 8;
 
 /// A channel of a descriptor that workers keep signatures of.

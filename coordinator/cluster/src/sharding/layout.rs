@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use proto::Digest;
-use proto::task::{Evaluation, Scale, SplitManifest};
+use proto::task::{Evaluation, Scale};
+use proto::{Digest, MAX_DESCRIPTION_BYTES};
 
 use super::batch::{Planned, PlannedScale};
 use super::plan::{ShardPlan, SidePlan};
@@ -17,8 +17,8 @@ use crate::blobs::BlobStore;
 pub struct Layouts {
     /// By splits and number of shards.
     sides: BTreeMap<(Vec<Digest>, u32), Arc<Side>>,
-    /// Clouds of each split.
-    sizes: BTreeMap<Digest, u32>,
+    /// Splits that are one shard.
+    splits: BTreeMap<Digest, Arc<Side>>,
 }
 
 impl Layouts {
@@ -34,8 +34,8 @@ impl Layouts {
         (evaluation, laid_out)
     }
 
-    /// Lays out a scale: each of its splits has a share of the shards of its plan. It stays whole without a plan, or if its
-    /// splits are not published.
+    /// Lays out a scale: each of its splits has a share of the shards of its plan, and so many that each description fits
+    /// into a message. It stays whole without a plan, or if its splits are not published.
     pub fn lay_out_scale(
         &mut self,
         scale: Scale,
@@ -47,26 +47,36 @@ impl Layouts {
     }
 
     fn splits(&mut self, scale: &Scale, shards: u32, blobs: &BlobStore) -> Option<Vec<SplitSide>> {
+        let fitting = MAX_DESCRIPTION_BYTES.checked_div(scale.subject.facts.description_bytes);
+        let fitting = fitting.unwrap_or(u64::MAX);
+        if fitting == 0 {
+            return None; // no message can describe a cloud
+        }
         let mut sides = BTreeMap::new();
         for &split in &scale.splits {
-            let clouds = self.size(split, blobs)?;
+            let whole = self.split(split, blobs)?;
+            let clouds = whole.labels.len() as u64;
             if clouds == 0 {
                 continue; // nothing to describe
             }
-            let share = u64::from(shards) * u64::from(clouds) / u64::from(scale.clouds.max(1));
-            let shards = share.clamp(1, u64::from(clouds)) as u32;
-            sides.insert(split, self.side(&[split], clouds, SidePlan { shards, ranges: 1 }, blobs)?);
+            let share = u64::from(shards) * clouds / u64::from(scale.clouds.max(1));
+            let shards = share.max(clouds.div_ceil(fitting)).min(clouds) as u32;
+            let side = match shards {
+                1 => whole,
+                _ => self.side(&[split], clouds as u32, SidePlan { shards, ranges: 1 }, blobs)?,
+            };
+            sides.insert(split, side);
         }
         (!sides.is_empty()).then(|| sides.into_iter().collect())
     }
 
-    fn size(&mut self, split: Digest, blobs: &BlobStore) -> Option<u32> {
-        if let Some(clouds) = self.sizes.get(&split) {
-            return Some(*clouds);
+    fn split(&mut self, split: Digest, blobs: &BlobStore) -> Option<Arc<Side>> {
+        if let Some(side) = self.splits.get(&split) {
+            return Some(Arc::clone(side));
         }
-        let clouds = SplitManifest::decode(&blobs.read(split).ok()?).ok()?.clouds.len() as u32;
-        self.sizes.insert(split, clouds);
-        Some(clouds)
+        let side = Arc::new(Side::of_split(split, blobs)?);
+        self.splits.insert(split, Arc::clone(&side));
+        Some(side)
     }
 
     fn side(

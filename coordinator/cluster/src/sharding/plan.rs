@@ -18,7 +18,7 @@ const LEAST_TILE: f64 = 0.05;
 const LEAST_DESCRIBED: f64 = 0.05;
 /// What the coordinator's network of 1 Gbit/s carries, bytes a second.
 const NETWORK: f64 = 1.1e8;
-/// So many workers take each description from the coordinator, if there are as many others.
+/// So many workers take a description from the coordinator, as far as there are others.
 const TAKERS: usize = 4;
 /// The coordinator has room for the descriptions of so many channels, which a population may have.
 const CHANNELS_KEPT: u64 = 64;
@@ -127,7 +127,8 @@ impl ShardPlan {
     }
 
     /// How to shard a scale; `None`: not at all. What is described in shards is at the coordinator, from which workers take
-    /// it for the scale and for evaluations with its channel, instead of describing it again.
+    /// it for the scale and for evaluations with its channel, instead of describing it again. There may be more shards:
+    /// each split has one, and each fits into a message.
     pub fn of_scale(scale: &Scale, shard_count: ShardCount, workers: usize, costs: &Costs) -> Option<Self> {
         let clouds = scale.clouds;
         let length = u64::from(clouds).saturating_mul(scale.subject.facts.description_bytes);
@@ -145,12 +146,11 @@ impl ShardPlan {
             }
             ShardCount::Fixed(_) | ShardCount::Auto => return None,
         };
-        let shards = u64::from(wanted.min(clouds)).max(length.div_ceil(MAX_DESCRIPTION_BYTES));
         // A cloud that no message can describe is described where it is matched.
-        if shards == 0 || shards > u64::from(clouds.min(MAX_SHARDS)) {
+        if clouds == 0 || scale.subject.facts.description_bytes > MAX_DESCRIPTION_BYTES {
             return None;
         }
-        let side = SidePlan { shards: shards as u32, ranges: 1 };
+        let side = SidePlan { shards: wanted.min(clouds), ranges: 1 };
         Some(Self { query: side, database: side })
     }
 
@@ -346,8 +346,8 @@ mod tests {
         for (count, clouds, shards) in [(1, 100, None), (4, 100, Some(4)), (4, 3, Some(3)), (4, 0, None)] {
             assert_eq!(plan(fixed(count), clouds, 1), shards, "{count} shards of {clouds} clouds");
         }
-        // 8 bytes a cloud, and 2 MiB a message.
-        assert_eq!(plan(fixed(2), 1_000_000, 1), Some(4));
+        let most = MAX_DESCRIPTION_BYTES;
+        assert_eq!([most, most + 1].map(|bytes| plan_of(fixed(2), 9, 1, bytes)), [Some(2), None]);
     }
 
     #[test]

@@ -1,5 +1,5 @@
-//! Which evaluations and scales are sharded, and how: decided once for each, so that a run that begins again asks for the same
-//! shards and tiles.
+//! Which evaluations and scales are sharded, and how: decided once for each, so that a run that begins again asks for
+//! the same shards and tiles.
 
 use proto::JobId;
 use proto::task::{Evaluation, Scale, Task};
@@ -37,11 +37,8 @@ impl Planner {
         let mut undecided = Vec::new();
         for evaluation in evaluations {
             let job = Task::Evaluation(evaluation.clone()).job(0);
-            match jobs.plan(job) {
-                Some(Some(plan)) if !plan.suits(evaluation) => undecided.push((job, evaluation)),
-                Some(_) => {}
-                None if jobs.is_known(job) => jobs.set_plan(job, None),
-                None => undecided.push((job, evaluation)),
+            if is_undecided(jobs, job, |plan| plan.suits(evaluation)) {
+                undecided.push((job, evaluation));
             }
         }
         let load = Load { jobs: load.jobs + undecided.len(), ..load };
@@ -57,7 +54,7 @@ impl Planner {
         new
     }
 
-    /// The same for scales.
+    /// The same for scales, with so many workers.
     pub fn decide_scales(
         &self,
         scales: &[Scale],
@@ -67,19 +64,24 @@ impl Planner {
         let mut new = Vec::new();
         for scale in scales {
             let job = Task::Scale(scale.clone()).job(0);
-            match jobs.plan(job) {
-                Some(Some(plan)) if !plan.suits_scale(scale) => {}
-                Some(_) => continue,
-                None if jobs.is_known(job) => {
-                    jobs.set_plan(job, None);
-                    continue;
-                }
-                None => {}
+            if is_undecided(jobs, job, |plan| plan.suits_scale(scale)) {
+                let plan = ShardPlan::of_scale(scale, self.shard_count, workers, &self.costs);
+                jobs.set_plan(job, plan);
+                new.extend(plan.map(|plan| (job, plan)));
             }
-            let plan = ShardPlan::of_scale(scale, self.shard_count, workers, &self.costs);
-            jobs.set_plan(job, plan);
-            new.extend(plan.map(|plan| (job, plan)));
         }
         new
+    }
+}
+
+/// Whether there is no plan for a job that suits it; what was asked as a whole before stays whole.
+fn is_undecided(jobs: &mut JobStore, job: JobId, suits: impl FnOnce(&ShardPlan) -> bool) -> bool {
+    match jobs.plan(job) {
+        Some(plan) => plan.is_some_and(|plan| !suits(&plan)),
+        None if jobs.is_known(job) => {
+            jobs.set_plan(job, None);
+            false
+        }
+        None => true,
     }
 }

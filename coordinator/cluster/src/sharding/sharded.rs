@@ -88,7 +88,9 @@ impl ShardedEvaluation {
         let mut tasks = Vec::new();
         for (side, half) in self.halves.iter().enumerate() {
             let described = half.side.descriptions(&self.evaluation.subject).enumerate();
-            tasks.extend(described.map(|(index, task)| (Subtask::Shard { side, index }, task)));
+            tasks.extend(
+                described.map(|(index, shard)| (Subtask::Shard { side, index }, Task::Description(shard))),
+            );
         }
         tasks
     }

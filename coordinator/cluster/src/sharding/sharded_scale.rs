@@ -52,7 +52,8 @@ impl ShardedScale {
         let mut tasks = Vec::new();
         for (split, (_, side)) in self.splits.iter().enumerate() {
             let described = side.descriptions(&self.scale.subject).enumerate();
-            tasks.extend(described.map(|(index, task)| (ScaleSubtask::Shard { split, index }, task)));
+            let task = |(index, shard)| (ScaleSubtask::Shard { split, index }, Task::Description(shard));
+            tasks.extend(described.map(task));
         }
         tasks
     }

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 use proto::Digest;
-use proto::task::{CloudEntry, Description, Label, SplitManifest, Subject, Task};
+use proto::task::{CloudEntry, Description, Label, SplitManifest, Subject};
 
 use super::plan::shares;
 use crate::blobs::BlobStore;
@@ -27,21 +27,18 @@ pub struct Side {
 }
 
 impl Side {
-    /// Divides the `clouds` clouds of some splits, one after the other, into shards, and releases their manifests; a split
-    /// that is one shard has one. `None` if a split is not released, or they list other clouds.
+    /// Divides the `clouds` clouds of some splits, one after the other, into shards, and releases their manifests; `None`
+    /// if a split is not released, or they list other clouds.
     pub fn publish(splits: &[Digest], clouds: u32, shards: u32, blobs: &BlobStore) -> Option<Self> {
         let mut listed: Vec<CloudEntry> = Vec::new();
         for split in splits {
-            listed.extend(SplitManifest::decode(&blobs.read(*split).ok()?).ok()?.clouds);
+            listed.extend(listed_in(*split, blobs)?);
         }
         if listed.len() != clouds as usize || !(1..=clouds).contains(&shards) {
             return None;
         }
         let labels = listed.iter().map(|cloud| cloud.label).collect();
         let shard = |clouds: Range<u32>| {
-            if let ([split], 1) = (splits, shards) {
-                return Shard { manifest: *split, clouds };
-            }
             let (split, listed) = (String::new(), &listed[clouds.start as usize..clouds.end as usize]);
             let manifest = SplitManifest { split, clouds: listed.to_vec() }.encode();
             Shard { manifest: blobs.publish_bytes(manifest), clouds }
@@ -50,11 +47,22 @@ impl Side {
         Some(Self { labels, shards })
     }
 
-    /// Tasks that describe its shards, in order.
-    pub fn descriptions(&self, subject: &Subject) -> impl Iterator<Item = Task> {
+    /// The clouds of a split as one shard, which is the split itself; `None` if it is not released.
+    pub fn of_split(split: Digest, blobs: &BlobStore) -> Option<Self> {
+        let labels: Vec<Label> = listed_in(split, blobs)?.iter().map(|cloud| cloud.label).collect();
+        let shards = vec![Shard { manifest: split, clouds: 0..labels.len() as u32 }];
+        Some(Self { labels, shards })
+    }
+
+    /// What describing each of its shards asks for, in order.
+    pub fn descriptions(&self, subject: &Subject) -> impl Iterator<Item = Description> {
         self.shards.iter().map(|Shard { manifest, clouds }| {
             let clouds = clouds.len() as u32;
-            Task::Description(Description { subject: subject.clone(), manifest: *manifest, clouds })
+            Description { subject: subject.clone(), manifest: *manifest, clouds }
         })
     }
+}
+
+fn listed_in(split: Digest, blobs: &BlobStore) -> Option<Vec<CloudEntry>> {
+    Some(SplitManifest::decode(&blobs.read(split).ok()?).ok()?.clouds)
 }

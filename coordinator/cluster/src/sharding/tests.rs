@@ -12,9 +12,10 @@ use proto::task::{
     CloudEntry, Described, DescribedSplit, Evaluation, EvaluationResult, Exclusion, Label, Match,
     MatchingRule, Nearest, Objective, Scale, SplitManifest, Subject, Task, TaskResult, Tile,
 };
-use proto::{Digest, JobId, Principal, WorkerId};
+use proto::{Digest, JobId, MAX_DESCRIPTION_BYTES, Principal, WorkerId};
 
 use super::batch::{Planned, PlannedScale};
+use super::side::Shard;
 use super::*;
 use crate::blobs::BlobStore;
 use crate::journal::Recorded;
@@ -383,6 +384,33 @@ proptest! {
         prop_assert_eq!(tasks_again, tasks);
         prop_assert_eq!(&again[0].result, &done[0].result);
     }
+}
+
+#[test]
+fn shards_of_a_scale_fit_into_messages_however_its_clouds_fall_to_splits() {
+    let (world, fitting) = (World::default(), 2);
+    let toy = Toy { number: 0, instance: 0, sequence: 0 };
+    let splits: Vec<Digest> =
+        [5, 2, 1].map(|clouds| world.publish(&clouds.to_string(), &vec![toy; clouds])).into();
+    let mut scale =
+        Scale { subject: Subject::sample(1), splits: splits.clone(), clouds: 8, described: vec![] };
+    scale.subject.facts.description_bytes = MAX_DESCRIPTION_BYTES / fitting;
+    let mut planner = Planner::default();
+    planner.set_shard_count(ShardCount::Fixed(2.try_into().unwrap()));
+    let mut jobs = JobStore::default();
+    planner.decide_scales(std::slice::from_ref(&scale), 8, &mut jobs);
+    let laid_out = lay_out_scale(&world, &scale, &jobs).1.unwrap();
+    let shards: Vec<&Shard> = laid_out.iter().flat_map(|(_, side)| &side.shards).collect();
+    assert_eq!(shards.len(), 3 + 1 + 1);
+    assert!(shards.iter().all(|shard| shard.clouds.len() as u64 <= fitting), "{shards:?}");
+    // A split that is one shard is not listed anew.
+    assert!(splits[1..].iter().all(|split| shards.iter().any(|shard| shard.manifest == *split)));
+
+    scale.subject.facts.description_bytes = MAX_DESCRIPTION_BYTES + 1;
+    let plan =
+        ShardPlan { query: SidePlan { shards: 2, ranges: 1 }, database: SidePlan { shards: 2, ranges: 1 } };
+    jobs.set_plan(Task::Scale(scale.clone()).job(0), Some(plan));
+    assert!(lay_out_scale(&world, &scale, &jobs).1.is_none());
 }
 
 #[test]
