@@ -2,6 +2,7 @@
 //!
 //! `descry/v2/coordinator.proto` and `descry/v2/task.proto` are the manual.
 
+mod compressed;
 mod ids;
 mod introduction;
 mod join;
@@ -13,6 +14,7 @@ pub mod task;
 #[cfg(feature = "services")]
 pub mod tls;
 
+pub use compressed::{Compressed, InvalidBlock};
 pub use ids::{
     Digest, Fingerprint, InvalidFingerprint, InvalidId, JobId, Lease, LeaseNonce, SessionId, WorkerId,
 };

@@ -318,6 +318,7 @@ fn poll() -> v2::PollRequest {
         Err(Failure::new(FailureReason::Data, "disk full")),
         Ok(TaskResult::GridCell(vec![1, 2, 3])),
         Ok(TaskResult::Description(Described::new(vec![0; 12]))),
+        Ok(TaskResult::Description(Described::made(vec![0; 99]))),
     ];
     let report = |outcome| Report { lease: lease(), run_seconds: 0.5, outcome }.into();
     v2::PollRequest {
@@ -398,7 +399,7 @@ fn reply() -> v2::PollReply {
 }
 
 fn fetches() -> Vec<Vec<u8>> {
-    let blob = v2::FetchBlobRequest { digest: vec![5; 32] };
+    let blob = v2::FetchBlobRequest { digest: vec![5; 32], takes_lz4: true };
     let entry = v2::FetchDerivedRequest { kind: "prepared-cloud".to_owned(), key: vec![6; 32] };
     vec![blob.encode_to_vec(), entry.encode_to_vec()]
 }

@@ -93,6 +93,8 @@ pub struct Session {
     ending: bool,
     sequence: u64,
     current: Option<SessionId>,
+    /// Whether its coordinator takes descriptions compressed.
+    takes_compressed: bool,
     done_sender: mpsc::UnboundedSender<Report>,
     done: mpsc::UnboundedReceiver<Report>,
 }
@@ -118,6 +120,7 @@ impl Session {
             ending: false,
             sequence: 0,
             current: None,
+            takes_compressed: false,
             done_sender,
             done,
         }
@@ -315,6 +318,7 @@ impl Session {
             Registration::Refused(message) => return Err(End::Refused(message)),
             Registration::RunEnded => return Err(End::RunEnded),
         };
+        self.takes_compressed = accepted.takes_compressed;
         if self.current != Some(accepted.session) {
             self.slots.clear();
             self.current = Some(accepted.session);
@@ -334,6 +338,7 @@ impl Session {
             sequence: self.sequence,
             held: if leaving { vec![] } else { self.slots.held() },
             finished: self.slots.finished(),
+            takes_compressed: self.takes_compressed,
             wanted: if leaving { 0 } else { self.wanted() },
             leaving,
         }

@@ -6,7 +6,7 @@ use prost::Message as _;
 use proto::task::{InvalidMessage, Report, Task};
 use proto::v2::coordinator_client::CoordinatorClient;
 use proto::v2::register_reply::Outcome;
-use proto::{Digest, Lease, MAX_MESSAGE_BYTES, SessionId, WorkerSecret, v2};
+use proto::{Compressed, Digest, Lease, MAX_MESSAGE_BYTES, SessionId, WorkerSecret, v2};
 use tonic::{Request, Status, Streaming};
 
 use crate::identity::{BUILD, Identity};
@@ -42,6 +42,8 @@ pub struct Accepted {
     pub audit: f64,
     /// Whether the machines of the run share a bucket.
     pub has_bucket: bool,
+    /// Whether the coordinator takes descriptions compressed.
+    pub takes_compressed: bool,
 }
 
 /// An object of the bucket for which a URL is wanted.
@@ -75,6 +77,8 @@ pub struct Poll {
     pub held: Vec<Lease>,
     /// Finished and not acknowledged.
     pub finished: Vec<Report>,
+    /// Whether the coordinator takes descriptions compressed.
+    pub takes_compressed: bool,
     /// How many more jobs it takes.
     pub wanted: usize,
     /// Whether it is about to stop.
@@ -137,6 +141,7 @@ impl Client {
                 hold: Duration::from_millis(accepted.hold_milliseconds.into()),
                 audit: if accepted.audit.is_nan() { 1.0 } else { accepted.audit.clamp(0.0, 1.0) },
                 has_bucket: accepted.has_bucket,
+                takes_compressed: accepted.takes_lz4,
             })),
             Some(Outcome::Refused(refused)) if refused.reason() == v2::RefusalReason::RunEnded => {
                 Ok(Registration::RunEnded)
@@ -148,13 +153,17 @@ impl Client {
 
     /// Heartbeat, finished work and request for more.
     pub async fn poll(mut self, poll: Poll, timeout: Duration) -> Result<Reply, Status> {
+        let sent = |report: Report| match poll.takes_compressed {
+            true => report.into(),
+            false => report.uncompressed().into(),
+        };
         let mut request = Request::new(v2::PollRequest {
             worker_id: poll.secret.id().to_vec(),
             worker_secret: poll.secret.reveal(),
             session_id: poll.session.map_or_else(Vec::new, SessionId::to_vec),
             sequence: poll.sequence,
             held: poll.held.into_iter().map(Into::into).collect(),
-            finished: poll.finished.into_iter().map(Into::into).collect(),
+            finished: poll.finished.into_iter().map(sent).collect(),
             wanted: poll.wanted as u32,
             leaving: poll.leaving,
         });
@@ -164,7 +173,7 @@ impl Client {
 
     /// The blob with this digest, unchecked; `None` if it has more than `most` bytes.
     pub async fn fetch_blob(&self, digest: Digest, most: u64) -> Result<Option<Vec<u8>>, Status> {
-        let request = v2::FetchBlobRequest { digest: digest.to_vec() };
+        let request = v2::FetchBlobRequest { digest: digest.to_vec(), takes_lz4: true };
         collect(self.0.clone().fetch_blob(request).await?.into_inner(), most).await
     }
 
@@ -223,16 +232,21 @@ pub fn decode_reply(bytes: &[u8]) -> Option<Reply> {
     v2::PollReply::decode(bytes).ok().map(reply)
 }
 
-/// All bytes of a stream; `None` if there are more than `most`.
+/// All bytes of a stream, decompressed; `None` if there are more than `most`.
 async fn collect(mut stream: Streaming<v2::BlobChunk>, most: u64) -> Result<Option<Vec<u8>>, Status> {
-    let mut bytes = Vec::new();
+    let (mut bytes, mut lz4_length) = (Vec::new(), 0);
     while let Some(chunk) = stream.message().await? {
-        if (bytes.len() + chunk.data.len()) as u64 > most {
+        lz4_length = chunk.lz4_length;
+        if (bytes.len() + chunk.data.len()) as u64 > most || u64::from(lz4_length) > most {
             return Ok(None);
         }
         bytes.extend_from_slice(&chunk.data);
     }
-    Ok(Some(bytes))
+    if lz4_length == 0 {
+        return Ok(Some(bytes));
+    }
+    let decompressed = Compressed::of_block(bytes, lz4_length).decompress();
+    decompressed.map(Some).map_err(|error| Status::data_loss(error.to_string()))
 }
 
 #[cfg(test)]

@@ -3,14 +3,15 @@
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, PoisonError, RwLock};
+use std::sync::{Mutex, PoisonError, RwLock};
 
 use cache::Lru;
-use proto::Digest;
+use proto::task::Described;
+use proto::{Compressed, Digest};
 
 use crate::lock::lock;
 
-/// Memory for descriptions, bytes; what was used least recently goes first, and is made again where it is needed.
+/// Memory for descriptions, bytes, compressed; what was used least recently goes first, and is made again where it is needed.
 pub const DESCRIPTIONS: usize = 256 << 20;
 
 /// Why a blob is not given.
@@ -43,11 +44,20 @@ enum Source {
     Cloud(PathBuf, ReadCloud),
 }
 
+/// The bytes of a blob as they are sent.
+#[derive(Clone, Debug)]
+pub enum Blob {
+    /// As they are.
+    Bytes(Vec<u8>),
+    /// Compressed.
+    Compressed(Compressed),
+}
+
 /// What workers may fetch. Paths come from the coordinator's own lists, never from a request.
 #[derive(Debug)]
 pub struct BlobStore {
     sources: RwLock<HashMap<Digest, Source>>,
-    descriptions: Mutex<Lru<Digest, Arc<[u8]>>>,
+    descriptions: Mutex<Lru<Digest, Compressed>>,
 }
 
 impl Default for BlobStore {
@@ -69,9 +79,14 @@ impl BlobStore {
         self.insert(digest, Source::Cloud(path, read));
     }
 
-    /// Releases the description of a shard, as long as there is room for it.
-    pub fn publish_description(&self, digest: Digest, parts: &Arc<[u8]>) {
-        lock(&self.descriptions).insert(digest, Arc::clone(parts), parts.len());
+    /// Releases the description of a shard, as long as there is room for it. One of which only the name is left is not to
+    /// be had.
+    pub fn publish_description(&self, described: &Described) {
+        let compress = || Compressed::new(described.bytes.as_ref()?);
+        if let Some(compressed) = described.compressed.clone().or_else(compress) {
+            let bytes = compressed.block().len();
+            lock(&self.descriptions).insert(described.digest, compressed, bytes);
+        }
     }
 
     /// Whether workers may have this blob.
@@ -81,19 +96,28 @@ impl BlobStore {
 
     /// How long a description is, as long as it is kept; `None` of everything else.
     pub fn description_bytes(&self, digest: Digest) -> Option<usize> {
-        lock(&self.descriptions).get(&digest).map(|parts| parts.len())
+        lock(&self.descriptions).get(&digest).map(|described| described.length() as usize)
     }
 
     /// The bytes of a released blob; a cloud is compared with its digest again.
     pub fn read(&self, digest: Digest) -> Result<Vec<u8>, BlobError> {
+        match self.read_as_kept(digest)? {
+            Blob::Bytes(bytes) => Ok(bytes),
+            // What came compressed was decompressed before it was kept.
+            Blob::Compressed(described) => described.decompress().map_err(|_| BlobError::Unknown(digest)),
+        }
+    }
+
+    /// As [`BlobStore::read`], but descriptions compressed.
+    pub fn read_as_kept(&self, digest: Digest) -> Result<Blob, BlobError> {
         let source = self.sources.read().unwrap_or_else(PoisonError::into_inner).get(&digest).cloned();
         match source {
             None => match lock(&self.descriptions).get(&digest) {
-                Some(parts) => Ok(parts.to_vec()),
+                Some(described) => Ok(Blob::Compressed(described)),
                 None => Err(BlobError::Unknown(digest)),
             },
-            Some(Source::Bytes(bytes)) => Ok(bytes),
-            Some(Source::Cloud(path, read)) => read_cloud(path, read, digest),
+            Some(Source::Bytes(bytes)) => Ok(Blob::Bytes(bytes)),
+            Some(Source::Cloud(path, read)) => read_cloud(path, read, digest).map(Blob::Bytes),
         }
     }
 
@@ -133,10 +157,26 @@ mod tests {
         let manifest = store.publish_bytes(b"list".to_vec());
         assert_eq!(store.read(manifest).unwrap(), b"list");
 
-        let parts: Arc<[u8]> = b"parts".as_slice().into();
-        store.publish_description(Digest::of(&parts), &parts);
-        assert_eq!(store.read(Digest::of(&parts)).unwrap(), b"parts");
-        assert_eq!([Digest::of(&parts), manifest].map(|one| store.description_bytes(one)), [Some(5), None]);
-        assert!(!store.is_released(Digest::of(&parts)));
+        assert!(matches!(store.read_as_kept(manifest), Ok(Blob::Bytes(_))));
+    }
+
+    #[test]
+    fn descriptions_are_kept_compressed_however_they_came_and_read_either_way() {
+        let store = BlobStore::default();
+        let bytes = b"parts".repeat(1000);
+        for described in [Described::new(bytes.clone()), Described::made(bytes.clone())] {
+            let name = described.digest;
+            store.publish_description(&described);
+            assert_eq!(store.read(name).unwrap(), bytes);
+            let Ok(Blob::Compressed(compressed)) = store.read_as_kept(name) else { panic!("not compressed") };
+            assert!(compressed.block().len() < bytes.len() / 10);
+            assert_eq!(store.description_bytes(name), Some(bytes.len()));
+            assert!(!store.is_released(name));
+        }
+        let manifest = store.publish_bytes(b"list".to_vec());
+        assert_eq!(store.description_bytes(manifest), None);
+        let named = Described::named(Digest::of(b"another"));
+        store.publish_description(&named);
+        assert!(matches!(store.read(named.digest), Err(BlobError::Unknown(_))));
     }
 }

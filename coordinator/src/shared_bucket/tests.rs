@@ -7,6 +7,7 @@ use cluster::scheduler::{Audit, Limits};
 use descriptor::synth::{self, SynthSettings};
 use descriptor::{GeneTable, Preprocess, SearchSpace, pcd};
 use proto::Origin;
+use proto::task::Described;
 use tempfile::TempDir;
 use worker::prepared_cloud_key;
 
@@ -38,9 +39,9 @@ fn test_clouds_are_given_in_no_form_before_they_are_released() {
     assert_eq!(given("signatures 1", key(train)), [false, false]);
     assert_eq!(given(BLOB_KIND, Digest::of(b"forgotten")), [true, true]);
     let described = |bytes| {
-        let parts: Arc<[u8]> = vec![7; bytes].into();
-        blobs.publish_description(Digest::of(&parts), &parts);
-        given(BLOB_KIND, Digest::of(&parts))
+        let described = Described::new(vec![7; bytes]);
+        blobs.publish_description(&described);
+        given(BLOB_KIND, described.digest)
     };
     assert_eq!(described(MIN_SHARED_DESCRIPTION_BYTES), [true, true]);
     assert_eq!(described(MIN_SHARED_DESCRIPTION_BYTES - 1), [false, true], "nobody has stored it");

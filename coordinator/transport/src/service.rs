@@ -14,7 +14,7 @@ use crate::blob_stream::BlobStream;
 use crate::connection::{Caller, Connection};
 use crate::presigner::{ObjectRequest, Presigner, SignedUrl};
 use cluster::Cluster;
-use cluster::blobs::BlobError;
+use cluster::blobs::{Blob, BlobError};
 use cluster::scheduler::{Answer, Poll, PollRefusal, RegisterRefusal};
 
 /// See [`Service::blobs`].
@@ -255,12 +255,21 @@ impl Service {
         })
     }
 
-    /// A blob that workers may have.
-    pub async fn fetch_blob(&self, caller: Caller, digest: Digest) -> Result<BlobStream, Status> {
+    /// A blob that workers may have; compressed, if it is kept like this and the worker takes it.
+    pub async fn fetch_blob(
+        &self,
+        caller: Caller,
+        digest: Digest,
+        takes_compressed: bool,
+    ) -> Result<BlobStream, Status> {
         self.cluster.begun().await; // what is not released by then is told so
         let cluster = Arc::clone(&self.cluster);
         let read = move || {
-            cluster.blobs.read(digest).map_err(|error| match error {
+            let blob = match takes_compressed {
+                true => cluster.blobs.read_as_kept(digest),
+                false => cluster.blobs.read(digest).map(Blob::Bytes),
+            };
+            blob.map_err(|error| match error {
                 BlobError::Unknown(_) => Status::not_found(error.to_string()),
                 BlobError::Read { .. } | BlobError::Changed(_) => Status::data_loss(error.to_string()),
             })
@@ -278,7 +287,7 @@ impl Service {
         self.cluster.begun().await;
         let derived = Arc::clone(&self.shared.derived);
         let read = move || {
-            derived(&kind, key).ok_or_else(|| {
+            derived(&kind, key).map(Blob::Bytes).ok_or_else(|| {
                 Status::not_found(format!("derived entry {key}: this coordinator has none of this name"))
             })
         };
@@ -310,7 +319,7 @@ impl Service {
     async fn send(
         &self,
         caller: Caller,
-        read: impl FnOnce() -> Result<Vec<u8>, Status> + Send + 'static,
+        read: impl FnOnce() -> Result<Blob, Status> + Send + 'static,
     ) -> Result<BlobStream, Status> {
         // Its own permit first: a connection that does not read must not take those of all others.
         let own = match caller {
@@ -320,8 +329,8 @@ impl Service {
         let permit = Arc::clone(&self.blobs).acquire_owned().await;
         let permit = permit.map_err(|error| Status::internal(error.to_string()))?;
         let read = tokio::task::spawn_blocking(read).await;
-        let bytes = read.map_err(|error| Status::internal(error.to_string()))??;
-        Ok(BlobStream::of(bytes, (own, permit)))
+        let blob = read.map_err(|error| Status::internal(error.to_string()))??;
+        Ok(BlobStream::of(blob, (own, permit)))
     }
 }
 

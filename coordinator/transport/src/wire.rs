@@ -14,7 +14,7 @@ use tokio_stream::StreamExt as _;
 use tokio_stream::adapters::Map;
 use tonic::{Request, Response, Status};
 
-use crate::blob_stream::BlobStream;
+use crate::blob_stream::{BlobStream, Chunk};
 use crate::connection::Caller;
 use crate::presigner::{ObjectRequest, SignedUrl};
 use crate::service::{Accepted, Refusal, Registration, Release, Service};
@@ -72,6 +72,7 @@ impl Coordinator for Service {
                     hold_milliseconds: hold.as_millis() as u32,
                     audit,
                     has_bucket,
+                    takes_lz4: true,
                 })
             }
             Err(refusal) => {
@@ -102,7 +103,7 @@ impl Coordinator for Service {
 
     async fn fetch_blob(&self, request: Request<v2::FetchBlobRequest>) -> Answered<BlobChunks> {
         let (caller, request) = opened(request);
-        self.fetch_blob(caller, id(&request.digest)?).await.map(chunks)
+        self.fetch_blob(caller, id(&request.digest)?, request.takes_lz4).await.map(chunks)
     }
 
     async fn fetch_derived(&self, request: Request<v2::FetchDerivedRequest>) -> Answered<BlobChunks> {
@@ -171,6 +172,13 @@ fn poll(request: v2::PollRequest) -> Result<((WorkerId, WorkerSecret), SessionId
             )));
         }
     }
+    let got: u64 = request.finished.iter().map(|report| u64::from(lz4_length(report))).sum();
+    // A short block can be said to hold any number of bytes, and taking in many of them would keep a processor busy.
+    if got > MAX_MESSAGE_BYTES as u64 {
+        return Err(Status::invalid_argument(format!(
+            "finished: at most {MAX_MESSAGE_BYTES} bytes once they are decompressed, got {got}"
+        )));
+    }
     let invalid = |error: InvalidMessage| Status::invalid_argument(error.to_string());
     let reports = request.finished.into_iter().map(|report| Report::try_from(report).map_err(invalid));
     let poll = Poll {
@@ -181,6 +189,16 @@ fn poll(request: v2::PollRequest) -> Result<((WorkerId, WorkerSecret), SessionId
         leaving: request.leaving,
     };
     Ok((worker, session, poll))
+}
+
+/// How many bytes a report has if its block is decompressed.
+fn lz4_length(report: &v2::JobReport) -> u32 {
+    match &report.outcome {
+        Some(v2::job_report::Outcome::Result(v2::TaskResult {
+            result: Some(v2::task_result::Result::Description(described)),
+        })) => described.lz4_length,
+        _ => 0,
+    }
 }
 
 /// A reply to a poll.
@@ -198,10 +216,13 @@ fn reply(answer: Answer) -> v2::PollReply {
 }
 
 /// A blob as messages.
-type BlobChunks = Map<BlobStream, fn(Result<Vec<u8>, Status>) -> Result<v2::BlobChunk, Status>>;
+type BlobChunks = Map<BlobStream, fn(Result<Chunk, Status>) -> Result<v2::BlobChunk, Status>>;
 
 fn chunks(blob: BlobStream) -> Response<BlobChunks> {
-    Response::new(blob.map(|data| Ok(v2::BlobChunk { data: data? })))
+    Response::new(blob.map(|chunk| {
+        let Chunk { data, lz4_length } = chunk?;
+        Ok(v2::BlobChunk { data, lz4_length })
+    }))
 }
 
 /// Whether these bytes are a poll of a worker.

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use prost::Message as _;
 
 use super::{Evaluation, Nearest};
-use crate::{Digest, Lease, MAX_TEXT_BYTES, printable_lines, truncate, v2};
+use crate::{Compressed, Digest, Lease, MAX_TEXT_BYTES, printable_lines, truncate, v2};
 
 /// What a task gives.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,6 +56,8 @@ pub struct Described {
     pub digest: Digest,
     /// The description itself; `None` of one of which only the name is kept.
     pub bytes: Option<Arc<[u8]>>,
+    /// The description once more, to be sent and kept like this.
+    pub compressed: Option<Compressed>,
 }
 
 /// A finished lease.
@@ -255,14 +257,19 @@ fn number(what: &'static str, expected: u64, got: u64) -> Result<(), InvalidResu
 }
 
 impl Described {
-    /// A description that a worker has made.
+    /// A description as its bytes alone.
     pub fn new(bytes: Vec<u8>) -> Self {
-        Self { digest: Digest::of(&bytes), bytes: Some(bytes.into()) }
+        Self { digest: Digest::of(&bytes), bytes: Some(bytes.into()), compressed: None }
+    }
+
+    /// A description that a worker has made: its bytes, and compressed.
+    pub fn made(bytes: Vec<u8>) -> Self {
+        Self { compressed: Compressed::new(&bytes), ..Self::new(bytes) }
     }
 
     /// Its name alone.
     pub fn named(digest: Digest) -> Self {
-        Self { digest, bytes: None }
+        Self { digest, bytes: None, compressed: None }
     }
 
     pub(super) fn check(&self, length: u64) -> Result<(), InvalidResult> {
@@ -272,9 +279,18 @@ impl Described {
 }
 
 impl Report {
-    /// Bytes that it takes in a message.
+    /// Bytes that it takes in a message, if nothing is compressed.
     pub fn encoded_len(&self) -> usize {
-        v2::JobReport::from(self.clone()).encoded_len()
+        v2::JobReport::from(self.clone().uncompressed()).encoded_len()
+    }
+
+    /// The same for a coordinator that takes nothing compressed.
+    #[must_use]
+    pub fn uncompressed(mut self) -> Self {
+        if let Ok(TaskResult::Description(described)) = &mut self.outcome {
+            described.compressed = None;
+        }
+        self
     }
 }
 

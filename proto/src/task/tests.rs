@@ -1,5 +1,6 @@
 //! Tasks, results and failures come back from their messages as they were; names, checks and bounds.
 
+mod compressed;
 mod golden;
 mod rule;
 

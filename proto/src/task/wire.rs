@@ -6,7 +6,7 @@ use super::{
     MAX_PREPARATION_BYTES, Match, MatchingRule, Nearest, Objective, Preparation, Report, Scale, Subject,
     Task, TaskResult, Tile, is_scale,
 };
-use crate::{Digest, InvalidId, MAX_CELL, v2};
+use crate::{Compressed, Digest, InvalidBlock, InvalidId, MAX_CELL, MAX_DESCRIPTION_BYTES, v2};
 
 /// A message that does not make sense.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -38,6 +38,9 @@ pub enum InvalidMessage {
     /// A number that no distances can be divided by.
     #[error("scale: must be a distance above 0, got {0}\nuse a worker and a coordinator of the same release")]
     Scale(f64),
+    /// A block that is none.
+    #[error("{0}\nuse a worker and a coordinator of the same release")]
+    Block(#[from] InvalidBlock),
     /// Bytes that are no message at all.
     #[error("message: cannot be decoded, got {0}\nuse a worker and a coordinator of the same release")]
     Undecodable(String),
@@ -292,12 +295,37 @@ impl From<TaskResult> for v2::TaskResult {
                 TaskResult::GridCell(object_correct) => {
                     Some(Result::GridCell(v2::GridCellResult { object_correct }))
                 }
-                TaskResult::Description(Described { bytes, .. }) => {
-                    bytes.map(|bytes| Result::Description(v2::DescriptionResult { bytes: bytes.to_vec() }))
-                }
+                TaskResult::Description(described) => description_message(described).map(Result::Description),
                 TaskResult::Scale(scale) => Some(Result::Scale(v2::ScaleResult { scale })),
             },
         }
+    }
+}
+
+/// Compressed, if it is there like this.
+fn description_message(Described { bytes, compressed, .. }: Described) -> Option<v2::DescriptionResult> {
+    Some(match compressed {
+        Some(compressed) => v2::DescriptionResult {
+            lz4: compressed.block().to_vec(),
+            lz4_length: compressed.length(),
+            ..v2::DescriptionResult::default()
+        },
+        None => v2::DescriptionResult { bytes: bytes?.to_vec(), ..v2::DescriptionResult::default() },
+    })
+}
+
+impl TryFrom<v2::DescriptionResult> for Described {
+    type Error = InvalidMessage;
+
+    fn try_from(message: v2::DescriptionResult) -> Result<Self, InvalidMessage> {
+        if message.lz4.is_empty() {
+            return Ok(Self::new(message.bytes));
+        }
+        // Before the bytes are there: a short block can be said to hold any number of them.
+        bounded("bytes of a description", message.lz4_length.into(), MAX_DESCRIPTION_BYTES)?;
+        let compressed = Compressed::of_block(message.lz4, message.lz4_length);
+        let described = Self::new(compressed.decompress()?);
+        Ok(Self { compressed: Some(compressed), ..described })
     }
 }
 
@@ -308,7 +336,7 @@ impl TryFrom<v2::TaskResult> for TaskResult {
         Ok(match message.result.ok_or(InvalidMessage::Missing("result: what was asked"))? {
             v2::task_result::Result::Evaluation(result) => Self::Evaluation(result.into()),
             v2::task_result::Result::GridCell(result) => Self::GridCell(result.object_correct),
-            v2::task_result::Result::Description(result) => Self::Description(Described::new(result.bytes)),
+            v2::task_result::Result::Description(result) => Self::Description(result.try_into()?),
             v2::task_result::Result::Scale(result) => Self::Scale(result.scale),
         })
     }

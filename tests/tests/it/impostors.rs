@@ -24,7 +24,7 @@ pub fn lie(job: v2::Job) -> v2::JobReport {
     let result = match Task::try_from(job.task.unwrap()).unwrap() {
         Task::Description(shard) => {
             let length = u64::from(shard.clouds) * shard.subject.facts.description_bytes;
-            TaskResult::Description(Described::new(vec![0; length as usize]))
+            TaskResult::Description(Described::made(vec![0; length as usize]))
         }
         Task::GridCell(cell) => TaskResult::GridCell(vec![1; cell.descriptors as usize]),
         Task::Scale(_) => TaskResult::Scale(1.0),

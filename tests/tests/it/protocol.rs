@@ -173,7 +173,7 @@ async fn nonsense_gets_an_error_and_the_run_goes_on() {
         ..Default::default()
     };
     type Spoil = fn(&mut v2::PollRequest);
-    let nonsense: [(Code, Spoil); 8] = [
+    let nonsense: [(Code, Spoil); 9] = [
         (Code::InvalidArgument, |poll| poll.worker_id.clear()),
         (Code::InvalidArgument, |poll| poll.session_id.push(0)),
         (Code::InvalidArgument, |poll| poll.worker_secret.clear()),
@@ -185,6 +185,13 @@ async fn nonsense_gets_an_error_and_the_run_goes_on() {
         (Code::NotFound, |poll| poll.session_id = vec![0; 16]),
         (Code::InvalidArgument, |poll| poll.finished = vec![v2::JobReport::default()]),
         (Code::InvalidArgument, |poll| poll.held = vec![v2::Lease::default(); 1000]),
+        (Code::InvalidArgument, |poll| {
+            let swelling = v2::DescriptionResult { lz4: vec![0], lz4_length: 1 << 20, ..Default::default() };
+            let result = Some(v2::task_result::Result::Description(swelling));
+            let outcome = Some(v2::job_report::Outcome::Result(v2::TaskResult { result }));
+            let report = v2::JobReport { lease: Some(v2::Lease::default()), run_seconds: 0.0, outcome };
+            poll.finished = vec![report; 17];
+        }),
     ];
     for (code, spoil) in nonsense {
         let mut spoiled = poll.clone();
@@ -209,7 +216,10 @@ async fn nonsense_gets_an_error_and_the_run_goes_on() {
     assert_eq!(reply.acknowledged, [v2::Lease { job: 1, attempt: 99, nonce: vec![0; 16] }]);
 
     // Blobs: only by the digests of this run's data, and the test set not before the search is over.
-    let mut fetch = async |digest: Vec<u8>| match client.fetch_blob(v2::FetchBlobRequest { digest }).await {
+    let mut fetch = async |digest: Vec<u8>| match client
+        .fetch_blob(v2::FetchBlobRequest { digest, takes_lz4: true })
+        .await
+    {
         Ok(stream) => {
             let mut bytes = Vec::new();
             let mut stream = stream.into_inner();

@@ -125,7 +125,7 @@ impl Executor {
             (Task::Description(shard), Subject::Descriptor(descriptor)) => {
                 let manifest = self.manifest(shard.manifest).await?;
                 let bytes = self.matcher.describe(&cache, descriptor, &manifest).await?;
-                let described = Described::new(bytes);
+                let described = Described::made(bytes);
                 self.matcher.loader.blobs.share(&described);
                 Ok(TaskResult::Description(described))
             }

@@ -1,4 +1,4 @@
-//! Signatures of splits on this machine's disk, a file for each channel.
+//! Signatures of splits on this machine's disk, a compressed file for each channel.
 //!
 //! Only those of structures: other families describe clouds again as fast as their signatures are read.
 
@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use cache::Store;
 use descriptor::{Channel, Descriptor, Signatures};
-use proto::Digest;
+use proto::{Compressed, Digest};
 use tokio::sync::Semaphore;
 
 use crate::executor::manifest::Manifest;
@@ -14,7 +14,7 @@ use crate::executor::reuse::Key;
 use crate::prepared_cloud::preprocess_key;
 
 /// The kind of entry, and the version of its bytes.
-pub const SIGNATURES: &str = "signatures 1";
+pub const SIGNATURES: &str = "signatures 2";
 
 /// Whether signatures in a channel can be kept.
 pub fn are_of(channel: &Channel) -> bool {
@@ -24,8 +24,13 @@ pub fn are_of(channel: &Channel) -> bool {
 /// The signatures of a split in a channel, if they are kept.
 pub fn load(store: &Store, manifest: &Manifest, key: &Key) -> Option<Signatures> {
     let alone = Descriptor::of_channel(&key.1)?;
-    let bytes = store.get_local(SIGNATURES, entry_key(manifest, key))?;
-    match alone.decode_signatures(&bytes, manifest.clouds.len() as u32) {
+    let block = store.get_local(SIGNATURES, entry_key(manifest, key))?;
+    let clouds = manifest.clouds.len() as u32;
+    let length = u32::try_from(alone.signature_bytes(clouds)).ok()?;
+    let bytes = Compressed::of_block(block, length).decompress().map_err(|error| error.to_string());
+    let signatures =
+        bytes.and_then(|bytes| alone.decode_signatures(&bytes, clouds).map_err(|error| error.to_string()));
+    match signatures {
         Ok(signatures) => signatures.into_iter().next(),
         Err(error) => {
             tracing::warn!("split manifest {}: kept {error}", manifest.digest);
@@ -71,7 +76,9 @@ impl Writer {
 fn write(store: &Store, manifest: &Manifest, key: &Key, signatures: &Signatures) {
     if let Some(alone) = Descriptor::of_channel(&key.1) {
         let bytes = alone.encode_signatures(&[signatures]);
-        store.put_local(SIGNATURES, entry_key(manifest, key), &bytes);
+        if let Some(compressed) = Compressed::new(&bytes) {
+            store.put_local(SIGNATURES, entry_key(manifest, key), compressed.block());
+        }
     }
 }
 

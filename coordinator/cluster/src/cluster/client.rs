@@ -216,7 +216,7 @@ impl Client {
                     let mut answers = Vec::new();
                     for (place, finished) in finished {
                         let provenance = cluster.state().scheduler.provenance(&finished);
-                        if let TaskResult::Description(Described { digest, bytes }) = finished.result {
+                        if let TaskResult::Description(Described { digest, bytes, .. }) = finished.result {
                             names[place] = Some((digest, bytes.clone()));
                             answers.push(DescriptionAnswer { place, bytes, provenance });
                         }

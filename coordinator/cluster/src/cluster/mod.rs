@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, Weak};
 use std::time::{Duration, Instant, SystemTime};
 
-use proto::task::{Described, DescriptorBytes, Evaluation, Scale, Task, TaskResult};
+use proto::task::{DescriptorBytes, Evaluation, Scale, Task, TaskResult};
 use proto::{Introduction, JobId, Lease, Message, Principal, SessionId, WorkerId};
 use tokio::sync::{Notify, Semaphore, watch};
 use tokio::time::MissedTickBehavior;
@@ -377,8 +377,8 @@ impl Cluster {
     /// Learns from a result how long such tasks take, and publishes a description for tiles to use.
     fn learn(&self, task: &Task, answer: &Finished) {
         self.state().planner.observe(task, answer.run_seconds);
-        if let TaskResult::Description(Described { digest, bytes: Some(bytes) }) = &answer.result {
-            self.blobs.publish_description(*digest, bytes);
+        if let TaskResult::Description(described) = &answer.result {
+            self.blobs.publish_description(described);
         }
     }
 

@@ -9,8 +9,8 @@ use crate::journal::Journal;
 use crate::scheduler::Audit;
 use proto::journal::{AcceptedResult, Member};
 use proto::task::{
-    CloudEntry, EvaluationResult, GridCell, Label, Match, Report, Scale, SplitManifest, Subject, TaskResult,
-    Tile,
+    CloudEntry, Described, EvaluationResult, GridCell, Label, Match, Report, Scale, SplitManifest, Subject,
+    TaskResult, Tile,
 };
 use proto::{Digest, Principal};
 

@@ -18,10 +18,13 @@ const LEAST_TILE: f64 = 0.05;
 const LEAST_DESCRIBED: f64 = 0.05;
 /// What the coordinator's network of 1 Gbit/s carries, bytes a second.
 const NETWORK: f64 = 1.1e8;
-/// So many workers take a description from the coordinator, as far as there are others.
-const TAKERS: usize = 4;
+/// So many workers take a description from the coordinator, as far as there are others: in searches for structures it was
+/// 1.3 with six workers and 1.6 with ten.
+const TAKERS: usize = 2;
+/// What is left of a description that is compressed, as a share: a third of it in a search for structures.
+const COMPRESSED: f64 = 0.35;
 /// The coordinator has room for the descriptions of so many channels, which a population may have.
-const CHANNELS_KEPT: u64 = 64;
+const CHANNELS_KEPT: f64 = 64.0;
 /// Shards per worker of all evaluations: several, so that a slow one does not hold up all others.
 const SHARDS_PER_WORKER: f64 = 2.0;
 /// Tiles per worker of all that is left to match, which are rounded up to a power of two.
@@ -132,12 +135,13 @@ impl ShardPlan {
     pub fn of_scale(scale: &Scale, shard_count: ShardCount, workers: usize, costs: &Costs) -> Option<Self> {
         let clouds = scale.clouds;
         let length = u64::from(clouds).saturating_mul(scale.subject.facts.description_bytes);
+        let compressed = COMPRESSED * length as f64;
         let wanted = match shard_count {
             ShardCount::Fixed(count) if count.get() > 1 => count.get(),
-            ShardCount::Auto if workers > 1 && length <= DESCRIPTIONS as u64 / CHANNELS_KEPT => {
+            ShardCount::Auto if workers > 1 && compressed <= DESCRIPTIONS as f64 / CHANNELS_KEPT => {
                 let seconds = costs.describing_for(scale);
                 // All workers describe at the same time, and the coordinator has to keep up with them.
-                let sending = length as f64 * (workers - 1).min(TAKERS) as f64 / NETWORK;
+                let sending = compressed * (workers - 1).min(TAKERS) as f64 / NETWORK;
                 if seconds < LEAST_DESCRIBED.max(sending * workers as f64) {
                     return None;
                 }
@@ -335,8 +339,8 @@ mod tests {
             assert_eq!(plan(ShardCount::Auto, clouds, workers), shards, "{clouds} clouds, {workers} workers");
         }
         // The coordinator has no room for those of a population, or sends them more slowly than all workers describe.
-        assert_eq!(plan(ShardCount::Auto, 600_000, 10), None);
-        for (workers, bytes) in [(2, [3200, 3400]), (10, [150, 180])] {
+        assert_eq!(plan(ShardCount::Auto, 1_600_000, 10), None);
+        for (workers, bytes) in [(2, [9200, 9600]), (10, [920, 960])] {
             assert_eq!(
                 bytes.map(|bytes| plan_of(ShardCount::Auto, 900, workers, bytes).is_some()),
                 [true, false],

@@ -283,7 +283,7 @@ impl AtWork {
 
     /// The bytes of a blob.
     async fn fetch(&self, digest: Digest) -> Result<Vec<u8>, Status> {
-        let request = v2::FetchBlobRequest { digest: digest.to_vec() };
+        let request = v2::FetchBlobRequest { digest: digest.to_vec(), takes_lz4: false };
         let mut stream = self.client.clone().fetch_blob(request).await?.into_inner();
         let mut bytes = Vec::new();
         while let Some(chunk) = stream.message().await? {

@@ -166,10 +166,7 @@ async fn large_descriptions_are_given_to_others_by_the_bucket() {
     let archive = Archive::new();
     let (server, cache) = (BucketServer::start(Mode::Well).await, tempdir().unwrap());
     let first = machine(&archive, cache.path(), &server, false);
-    let described = |bytes| {
-        let bytes: Arc<[u8]> = vec![7; bytes].into();
-        Described { digest: Digest::of(&bytes), bytes: Some(bytes) }
-    };
+    let described = |bytes| Described::new(vec![7; bytes]);
     let large = described(MIN_SHARED_DESCRIPTION_BYTES);
     let blobs = &first.matcher.loader.blobs;
     blobs.share(&large);

@@ -8,7 +8,7 @@ use descriptor::pcd::{self, DataEncoding};
 use descriptor::synth::{SynthSettings, catalogue, render};
 use proto::task::{CloudEntry, Label, SplitManifest};
 use proto::v2::coordinator_server::{Coordinator, CoordinatorServer};
-use proto::{Digest, v2};
+use proto::{Compressed, Digest, v2};
 use tonic::transport::server::TcpIncoming;
 use tonic::transport::{Endpoint, Server};
 use tonic::{Request, Response, Status};
@@ -33,6 +33,8 @@ pub struct Archive {
     pub derived: Arc<Mutex<HashMap<Vec<u8>, Vec<u8>>>>,
     /// Manifests of train1, train2 and validation.
     pub splits: Vec<Digest>,
+    /// Whether it compresses blobs for those who take that.
+    pub compresses: bool,
     /// The bucket to which it gives URLs.
     pub bucket: Option<BucketServer>,
 }
@@ -104,9 +106,14 @@ static SYNTHETIC: LazyLock<Archive> = LazyLock::new(Archive::synthetic);
 
 type Chunks = futures_util::stream::Iter<std::vec::IntoIter<Result<v2::BlobChunk, Status>>>;
 
-fn chunks(bytes: Option<&Vec<u8>>) -> Result<Response<Chunks>, Status> {
+fn chunks(bytes: Option<&Vec<u8>>, compresses: bool) -> Result<Response<Chunks>, Status> {
     let bytes = bytes.ok_or_else(|| Status::not_found("not here"))?;
-    let chunk = |data: &[u8]| Ok(v2::BlobChunk { data: data.to_vec() });
+    let compressed = Compressed::new(bytes).filter(|_| compresses);
+    let (bytes, lz4_length) = match &compressed {
+        Some(compressed) => (compressed.block(), compressed.length()),
+        None => (&bytes[..], 0),
+    };
+    let chunk = |data: &[u8]| Ok(v2::BlobChunk { data: data.to_vec(), lz4_length });
     let chunks: Vec<_> = bytes.chunks(proto::BLOB_CHUNK_BYTES).map(chunk).collect();
     Ok(Response::new(futures_util::stream::iter(chunks)))
 }
@@ -125,14 +132,15 @@ impl Coordinator for Archive {
     }
 
     async fn fetch_blob(&self, request: Request<v2::FetchBlobRequest>) -> Result<Response<Chunks>, Status> {
-        chunks(self.blobs.get(&request.into_inner().digest))
+        let v2::FetchBlobRequest { digest, takes_lz4 } = request.into_inner();
+        chunks(self.blobs.get(&digest), self.compresses && takes_lz4)
     }
 
     async fn fetch_derived(
         &self,
         request: Request<v2::FetchDerivedRequest>,
     ) -> Result<Response<Chunks>, Status> {
-        chunks(self.derived.lock().unwrap().get(&request.into_inner().key))
+        chunks(self.derived.lock().unwrap().get(&request.into_inner().key), false)
     }
 
     async fn presign_urls(

@@ -76,7 +76,8 @@ async fn whoever_described_splits_evaluations_and_scales_are_the_same() {
     for bytes in blobs {
         archive.add(bytes);
     }
-    for memory in [LARGE, TINY] {
+    for (memory, compresses) in [(LARGE, false), (TINY, true)] {
+        archive.compresses = compresses;
         let other = executor(&archive, memory, &store(None));
         assert_eq!(carry_out(&other, asked.clone()).await, expected);
         assert_eq!((other.work().described, other.work().prepared), (0, 0));
