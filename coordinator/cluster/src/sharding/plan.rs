@@ -150,8 +150,9 @@ impl ShardPlan {
             }
             ShardCount::Fixed(_) | ShardCount::Auto => return None,
         };
-        // A cloud that no message can describe is described where it is matched.
-        if clouds == 0 || scale.subject.facts.description_bytes > MAX_DESCRIPTION_BYTES {
+        // A cloud that no message can describe is described where it is matched, like clouds that would take too many.
+        let least = length.div_ceil(MAX_DESCRIPTION_BYTES);
+        if clouds == 0 || least > u64::from(clouds.min(MAX_SHARDS)) {
             return None;
         }
         let side = SidePlan { shards: wanted.min(clouds), ranges: 1 };
@@ -352,6 +353,8 @@ mod tests {
         }
         let most = MAX_DESCRIPTION_BYTES;
         assert_eq!([most, most + 1].map(|bytes| plan_of(fixed(2), 9, 1, bytes)), [Some(2), None]);
+        let clouds = [MAX_SHARDS, MAX_SHARDS + 1];
+        assert_eq!(clouds.map(|clouds| plan_of(fixed(2), clouds, 1, most)), [Some(2), None]);
     }
 
     #[test]
