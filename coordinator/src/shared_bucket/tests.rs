@@ -36,7 +36,7 @@ fn test_clouds_are_given_in_no_form_before_they_are_released() {
     assert_eq!(given(BLOB_KIND, test), [false, true], "who has it may store it, nobody gets it");
     assert_eq!(given(PREPARED_CLOUD, key(test)), [false, false]);
     assert_eq!(given(PREPARED_CLOUD, train), [false, false], "of no cloud of this run");
-    assert_eq!(given("signatures 1", key(train)), [false, false]);
+    assert_eq!(given("signatures 2", key(train)), [false, false]);
     assert_eq!(given(BLOB_KIND, Digest::of(b"forgotten")), [true, true]);
     let described = |bytes| {
         let described = Described::new(vec![7; bytes]);
