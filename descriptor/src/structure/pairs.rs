@@ -12,7 +12,7 @@ use std::hint::black_box;
 
 use crate::structure::block::LANES;
 use crate::structure::counts::Counts;
-use crate::structure::edges::Turns;
+use crate::structure::edges::{Turns, reached};
 use crate::structure::group::Group;
 use crate::structure::plan::{Measure, PairBins, StructurePlan};
 
@@ -206,25 +206,6 @@ fn floor(x: f32) -> u32 {
     const WHOLE: f32 = (1u32 << 23) as f32;
     let nearest = x + WHOLE;
     (nearest.to_bits() - WHOLE.to_bits()) - u32::from(nearest - WHOLE > x)
-}
-
-/// The number of edges that each value has reached.
-#[inline(always)]
-fn reached(values: &Lanes, edges: &[f32]) -> [u32; LANES] {
-    let mut reached = [0; LANES];
-    let (fours, rest) = edges.as_chunks::<4>();
-    for &[a, b, c, d] in fours {
-        for (reached, &value) in reached.iter_mut().zip(values) {
-            *reached += (u32::from(value >= a) + u32::from(value >= b))
-                + (u32::from(value >= c) + u32::from(value >= d));
-        }
-    }
-    for &edge in rest {
-        for (reached, &value) in reached.iter_mut().zip(values) {
-            *reached += u32::from(value >= edge);
-        }
-    }
-    reached
 }
 
 /// [`crate::fixed::ratio::ratio`] without branches.

@@ -9,7 +9,8 @@ use crate::select::{ROOM, select};
 use crate::structure::block::BLOCK;
 use crate::structure::cloud::Points;
 use crate::structure::colours::values;
-use crate::structure::plan::{Column, StructurePlan};
+use crate::structure::edges::reached;
+use crate::structure::plan::{Column, PointAxis, StructurePlan};
 use crate::structure::quads::Quads;
 use crate::wide::widest;
 
@@ -44,7 +45,8 @@ impl Table {
         let used: Vec<usize> = (0..points.positions.len()).filter(is_used).collect();
         let mut table = Self::of_size(plan, used.len());
         let normal = plan.has_angles.then_some(plan.differences);
-        widest(Place { table: &mut table, points, used: &used, normal });
+        let has_boxes = !plan.is_of_cloud();
+        widest(Place { table: &mut table, points, used: &used, normal, has_boxes });
         let colours: Cow<[[u8; 3]]> = if used.len() == points.positions.len() {
             Cow::Borrowed(colours)
         } else {
@@ -80,6 +82,16 @@ impl Table {
     /// A value of all points.
     fn column(&mut self, value: usize) -> impl Iterator<Item = &mut f32> {
         self.columns[value * self.stride..][..self.points].iter_mut()
+    }
+
+    /// Makes vectors of the points the values from `first` on.
+    #[inline(always)]
+    fn place(&mut self, first: usize, vectors: impl Iterator<Item = [f32; 3]>) {
+        let (x, rest) = self.columns[first * self.stride..].split_at_mut(self.stride);
+        let (y, z) = rest.split_at_mut(self.stride);
+        for (((x, y), z), vector) in x.iter_mut().zip(y).zip(z).zip(vectors) {
+            [*x, *y, *z] = vector;
+        }
     }
 
     /// The values of all points, and NaN after the last one, value after value.
@@ -186,6 +198,8 @@ struct Place<'a> {
     used: &'a [usize],
     /// Where the normal is among the values, if it is one.
     normal: Option<usize>,
+    /// Whether points are looked for by place.
+    has_boxes: bool,
 }
 
 impl NullaryFnOnce for Place<'_> {
@@ -193,20 +207,38 @@ impl NullaryFnOnce for Place<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let Self { table, points, used, normal } = self;
-        for axis in 0..3 {
-            let column = &mut table.columns[axis * table.stride..][..used.len()];
-            for (value, &index) in column.iter_mut().zip(used) {
-                *value = points.positions[index][axis];
-            }
-            if let Some(normal) = normal {
-                let column = &mut table.columns[(normal + axis) * table.stride..][..used.len()];
-                for (value, &index) in column.iter_mut().zip(used) {
-                    *value = points.normals[index].unwrap_or_default()[axis];
-                }
+        let Self { table, points, used, normal, has_boxes } = self;
+        if used.len() == points.positions.len() {
+            table.place(0, points.positions.iter().copied());
+        } else {
+            table.place(0, used.iter().map(|&index| points.positions[index]));
+        }
+        if let Some(normal) = normal {
+            table.place(normal, used.iter().map(|&index| points.normals[index].unwrap_or_default()));
+        }
+        if has_boxes {
+            table.find_boxes();
+        }
+    }
+}
+
+/// Adds the bins of some values to codes.
+struct AddBins<'a> {
+    codes: &'a mut [[u32; BLOCK]],
+    values: &'a [[f32; BLOCK]],
+    axis: &'a PointAxis,
+}
+
+impl NullaryFnOnce for AddBins<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn call(self) {
+        for (codes, values) in self.codes.iter_mut().zip(self.values) {
+            for (code, bin) in codes.iter_mut().zip(reached(values, &self.axis.edges)) {
+                *code += self.axis.stride * bin;
             }
         }
-        table.find_boxes();
     }
 }
 
@@ -217,15 +249,12 @@ impl Column {
             Self::Difference(feature) | Self::Ratio(feature) => return values(*feature, colours, mean),
             Self::Code(axes) => axes,
         };
-        let mut codes = vec![0u32; colours.len()];
+        let mut codes = vec![[0u32; BLOCK]; colours.len().div_ceil(BLOCK)];
         for axis in axes {
-            let values = values(axis.feature, colours, mean);
-            for &edge in &axis.edges {
-                for (code, &value) in codes.iter_mut().zip(&values) {
-                    *code += if value >= edge { axis.stride } else { 0 };
-                }
-            }
+            let mut values = values(axis.feature, colours, mean);
+            values.resize(codes.as_flattened().len(), 0.0);
+            widest(AddBins { codes: &mut codes, values: values.as_chunks().0, axis });
         }
-        codes.into_iter().map(f32::from_bits).collect()
+        codes.as_flattened()[..colours.len()].iter().copied().map(f32::from_bits).collect()
     }
 }
