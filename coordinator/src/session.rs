@@ -16,11 +16,11 @@ use crate::compare::{Candidate, baselines};
 use crate::console::Console;
 use crate::dataset::Dataset;
 use crate::experiment::{Experiment, LocalWorkers};
-use crate::fitness::{Fitness, Measured};
+use crate::fitness::Fitness;
 use crate::in_process::{self, InProcessWorkers};
 use crate::prepared::PreparedClouds;
 use crate::result_cache::{Known, Wrong, finished_runs, forget};
-use crate::run::fitness_batch::FitnessBatch;
+use crate::run::fitness_batch::{Answer, FitnessBatch};
 use crate::run::matching::Matching;
 use crate::run::scales::{MissingScales, Scales};
 use crate::run::sets::with_weight;
@@ -256,13 +256,13 @@ impl<'a> Session<'a> {
         client: &mut Client,
         (fitness, weights): (&Fitness, &[u32]),
         descriptors: &[&Descriptor],
-    ) -> Result<Vec<Measured>, ClusterError> {
+    ) -> Result<Vec<Answer>, ClusterError> {
         let mut scales = Scales::default();
         scales.complete(descriptors, &with_weight(weights), &self.splits, client, |_| {}).await?;
         let batch =
             FitnessBatch::new((fitness, weights), &self.splits, &scales, descriptors, Matching::Train);
         let (answers, _) = batch.evaluate(client, &MissingScales::default(), |_, _| {}).await?;
-        Ok(answers.into_iter().map(|answer| answer.measured).collect())
+        Ok(answers)
     }
 }
 

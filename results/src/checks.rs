@@ -35,6 +35,9 @@ pub(crate) fn check_evaluations(genes: &[GeneColumn], rows: &[EvaluationRow]) ->
         }
         check_genes(table, index, genes, &row.genes)?;
         check_counts(table, index, "", &row.counts)?;
+        if let Some(error) = row.set_errors.iter().flatten().find(|error| !(0.0..=1.0).contains(*error)) {
+            return Err(refuse(table, index, "set_errors", "shares from 0 to 1", error));
+        }
         if row.counts.queries != first.counts.queries {
             let expected = first.counts.queries.to_string();
             return Err(refuse(table, index, "queries", expected, row.counts.queries));

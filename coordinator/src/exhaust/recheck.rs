@@ -118,7 +118,7 @@ impl Batch {
         for ((descriptor, expected), found) in
             self.descriptors.drain(..).zip(self.expected.drain(..)).zip(found)
         {
-            let got = found.counts.object_correct;
+            let got = found.measured.counts.object_correct;
             if got != expected {
                 recheck.problems.push(format!("{descriptor}: the grid has {expected}, got {got}"));
             }

@@ -13,6 +13,9 @@ use crate::run::splits::SplitBlobs;
 
 /// The evaluations of some descriptors under a fitness.
 pub struct FitnessBatch {
+    fitness: Fitness,
+    /// Evaluations of a descriptor in one set; `None` of clouds of one set.
+    of_set: Option<usize>,
     evaluations: Vec<Evaluation>,
     /// Of each descriptor the weights of its evaluations, which follow one another.
     weights: Vec<Vec<u32>>,
@@ -22,6 +25,8 @@ pub struct FitnessBatch {
 pub struct Answer {
     /// The weighted sum.
     pub measured: Measured,
+    /// The error in each set that has a weight, by number; `None` of clouds of one set.
+    pub set_errors: Option<Vec<f32>>,
     /// The first of its evaluations, which says who computed it.
     pub first: Finished<EvaluationResult>,
 }
@@ -42,7 +47,8 @@ impl FitnessBatch {
             weights.push(parts.iter().map(|&(_, weight)| weight).collect());
             evaluations.extend(parts.into_iter().map(|(evaluation, _)| evaluation));
         }
-        Self { evaluations, weights }
+        let of_set = (splits.sets().len() > 1).then(|| fitness.parts(matching).len());
+        Self { fitness: *fitness, of_set, evaluations, weights }
     }
 
     /// One answer a descriptor, in their order, and the scales that are asked for at the same time, in theirs. `watch` is
@@ -68,12 +74,17 @@ impl FitnessBatch {
         let answer = |weights: Vec<u32>| {
             let parts: Vec<_> = finished.by_ref().take(weights.len()).collect();
             let weighted = parts.iter().zip(weights);
-            let counted = weighted.map(|(part, weight)| {
-                let result = &part.result;
-                (rows::counts(result), result.margin, weight)
-            });
+            let counted: Vec<_> = weighted
+                .map(|(part, weight)| (rows::counts(&part.result), part.result.margin, weight))
+                .collect();
+            // All parts of a set have its weight in theirs, which its share of errors does not show.
+            let error = |of_set: &[_]| {
+                let measured = Measured::sum(of_set.iter().copied());
+                (1.0 - self.fitness.score(&measured).fitness()) as f32
+            };
+            let set_errors = self.of_set.map(|count| counted.chunks(count).map(error).collect());
             let measured = Measured::sum(counted);
-            parts.into_iter().next().map(|first| Answer { measured, first })
+            parts.into_iter().next().map(|first| Answer { measured, set_errors, first })
         };
         Ok((self.weights.into_iter().filter_map(answer).collect(), scales))
     }

@@ -53,6 +53,7 @@ pub fn evaluations(
     population: &[Individual],
     descriptors: &[Descriptor],
     measured: &[Measured],
+    set_errors: &BTreeMap<Descriptor, Vec<f32>>,
     computed: &BTreeMap<usize, Finished<EvaluationResult>>,
 ) -> Vec<EvaluationRow> {
     type Evaluated<'a> = ((&'a Individual, &'a Descriptor), &'a Measured);
@@ -65,6 +66,7 @@ pub fn evaluations(
         objective_correct: (fitness.objective() == Objective::Category)
             .then_some(measured.counts.category_correct),
         margin: measured.margin,
+        set_errors: set_errors.get(descriptor).cloned(),
         parent_a: individual.parents[0],
         parent_b: individual.parents[1],
         elite: individual.elite,

@@ -63,6 +63,8 @@ pub struct SearchLoop<'a> {
     /// Counts of earlier runs and of this one: no descriptor is evaluated twice.
     counts: Known,
     scales: Scales,
+    /// Of descriptors that were evaluated on several sets the error in each.
+    set_errors: BTreeMap<Descriptor, Vec<f32>>,
     /// The generation in which the search has first come upon each descriptor: their number is what a budget of
     /// evaluations is spent on, whatever earlier runs have left.
     first_met: BTreeMap<DescriptorBytes, u32>,
@@ -100,6 +102,7 @@ impl<'a> SearchLoop<'a> {
             progress,
             counts: cached,
             scales: Scales::default(),
+            set_errors: BTreeMap::new(),
             first_met: BTreeMap::new(),
             confirmed: BTreeSet::new(),
             computed: 0,
@@ -153,8 +156,15 @@ impl<'a> SearchLoop<'a> {
             let validation_score = validation.as_ref().map(|measured| fitness.score(measured));
             let state = search.tell(&scores, validation_score, self.first_met.len() as u64);
 
-            let individuals =
-                rows::evaluations(fitness, generation, &population, &descriptors, &measured, &computed);
+            let individuals = rows::evaluations(
+                fitness,
+                generation,
+                &population,
+                &descriptors,
+                &measured,
+                &self.set_errors,
+                &computed,
+            );
             let row = results::GenerationRow {
                 generation,
                 best_so_far_fitness: state.best_so_far.fitness(),
@@ -278,8 +288,9 @@ impl<'a> SearchLoop<'a> {
         let finished = self.measure(&descriptors, Matching::Train, &[]).await?;
         self.progress.counted(self.computed, self.remembered);
         let mut computed = BTreeMap::new();
-        for ((index, descriptor), Answer { measured, first }) in new.into_iter().zip(finished) {
+        for ((index, descriptor), Answer { measured, set_errors, first }) in new.into_iter().zip(finished) {
             self.counts.train.measured.insert(descriptor.clone(), measured);
+            self.set_errors.extend(set_errors.map(|errors| (descriptor.clone(), errors)));
             computed.insert(index, first);
         }
         Ok(computed)

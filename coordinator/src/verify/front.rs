@@ -125,6 +125,7 @@ mod tests {
             counts: Counts { object_correct, category_correct: 10, queries: 10 },
             objective_correct: None,
             margin: None,
+            set_errors: None,
             parent_a: None,
             parent_b: None,
             elite: false,

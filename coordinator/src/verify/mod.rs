@@ -171,10 +171,22 @@ pub async fn verify(
     let mut measured = measured.into_iter();
     let mut wrong_rows = Vec::new();
     for (row, descriptor) in chosen.iter().zip(&descriptors) {
-        let recomputed = if experiment.affords(descriptor) { measured.next() } else { Some(nothing) };
-        let Some(Measured { counts, margin }) = recomputed else { continue };
-        if row.margin.map(f64::to_bits) != margin.map(f64::to_bits) || row.counts != counts {
+        let recomputed = if experiment.affords(descriptor) {
+            measured.next().map(|answer| (answer.measured, answer.set_errors))
+        } else {
+            Some((nothing, None))
+        };
+        let Some((Measured { counts, margin }, set_errors)) = recomputed else { continue };
+        // Runs of earlier builds have none.
+        let other_by_set = row.set_errors.is_some() && row.set_errors != set_errors;
+        if row.margin.map(f64::to_bits) != margin.map(f64::to_bits) || row.counts != counts || other_by_set {
             wrong_rows.push((row, descriptor));
+        }
+        if other_by_set {
+            verdict.problems.push(format!(
+                "evaluations, generation {}, individual {}: expected errors by set {set_errors:?}, got {:?}",
+                row.generation, row.individual, row.set_errors
+            ));
         }
         if row.margin.map(f64::to_bits) != margin.map(f64::to_bits) {
             verdict.problems.push(format!(

@@ -34,6 +34,7 @@ pub fn individual(generation: u32, individual: u32) -> EvaluationRow {
         counts: Counts { object_correct: correct, category_correct: correct + 1, queries: 9 },
         objective_correct: None,
         margin: None,
+        set_errors: (individual > 0).then(|| vec![0.25, 0.5]),
         parent_a,
         parent_b,
         elite: generation > 1 && individual == 0,

@@ -6,12 +6,13 @@ use std::path::{Path, PathBuf};
 
 use blake3::Hasher;
 use expect_test::expect;
-use polars::prelude::{Column, DataType, IntoColumn, NamedFrom, Series};
+use polars::prelude::{Column, DataFrame, DataType, IntoColumn, NamedFrom, Series};
 use tempfile::tempdir;
 
 use super::fixture::{self, genes};
 use crate::parquet::encode;
 use crate::read::{read_file, table_files};
+use crate::record::{Context, Value};
 use crate::tables::TableFile;
 use crate::{Error, RunFolder, TableName, run_digest, verify};
 
@@ -48,6 +49,13 @@ fn altered(column: &Column, row: usize) -> Column {
                 cell.map(|cell| format!("{cell}{}", if at == row { "0" } else { "" }))
             };
             Column::new(name, cells.map(text).collect::<Vec<_>>())
+        }
+        DataType::List(_) => {
+            let frame = DataFrame::new(column.len(), vec![column.clone()]).unwrap();
+            let mut lists = Vec::<f32>::read(&name, &frame, &[]).unwrap();
+            lists[row].iter_mut().flatten().for_each(|number| *number = number.next_up());
+            let lists: Vec<_> = lists.iter().map(Option::as_ref).collect();
+            Vec::cells(&name, &Context::default(), &lists).unwrap().remove(0)
         }
         other => {
             let cells = column.cast(&DataType::Int64).unwrap();

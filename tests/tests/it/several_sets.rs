@@ -80,6 +80,11 @@ fn counts_are_the_weighted_sums_of_what_each_set_has_alone() {
         for ((row, a), b) in all.iter().zip(&of_a).zip(&of_b) {
             assert_eq!((&row.chromosome, &row.chromosome), (&a.chromosome, &b.chromosome));
             assert_eq!(row.counts, sum(&[(a.counts, 1), (b.counts, 3)]));
+            let error = |alone: &EvaluationRow| {
+                assert_eq!(alone.set_errors, None);
+                (1.0 - f64::from(alone.correct()) / f64::from(alone.counts.queries)) as f32
+            };
+            assert_eq!(row.set_errors, Some(vec![error(a), error(b)]));
             let mean = a.margin.zip(b.margin).map(|(margin_a, margin_b)| {
                 let [a, b] = [(margin_a, a), (margin_b, b)]
                     .map(|(margin, row)| margin * f64::from(row.counts.queries));
@@ -186,9 +191,14 @@ fn a_set_of_weight_0_has_no_part_in_the_search_and_is_tested() {
         let of_a = summary(&alone.run("out", &[]).expect_success());
         let plain = |experiment: &Experiment| {
             let rows = read_evaluations(experiment.path("out")).unwrap();
-            rows.into_iter().map(|row| EvaluationRow { computed: None, ..row }).collect::<Vec<_>>()
+            let plain = |row| EvaluationRow { computed: None, set_errors: None, ..row };
+            rows.into_iter().map(plain).collect::<Vec<_>>()
         };
         assert_eq!(plain(&without), plain(&alone));
+        for row in read_evaluations(without.path("out")).unwrap() {
+            let error = (1.0 - f64::from(row.correct()) / f64::from(row.counts.queries)) as f32;
+            assert_eq!(row.set_errors, Some(vec![error]), "of the set that has a weight");
+        }
         assert_eq!(told["best"], of_a["best"]);
         let rows = read_sets(without.path("out")).unwrap();
         let [seen, unseen] = [&rows[0], &rows[1]];

@@ -41,6 +41,7 @@ pub(super) fn write_hostile(
         counts: Counts { object_correct: counts.object_correct - 7919 * individual % 2900, ..counts },
         objective_correct: None,
         margin: None,
+        set_errors: None,
         parent_a: (generation > 1).then_some(0),
         parent_b: (generation > 1).then_some(1),
         elite: false,
