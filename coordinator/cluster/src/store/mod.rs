@@ -34,37 +34,62 @@ pub struct JobStore {
     unchecked: usize,
 }
 
-/// What is known of one job.
+/// What is known of one job. It stays to the end of the run, so that a search of millions of evaluations rests on how small
+/// the entry of a job is that is done.
 #[derive(Default)]
 struct Entry {
     /// Some client of this start has asked for it.
     asked: bool,
+    /// Whether and how the evaluation is sharded, once that is decided.
+    plan: Option<Option<ShardPlan>>,
+    result: Option<Box<StoredResult>>,
+    /// What only a job has that is not done, or that checks another.
+    unfinished: Option<Box<Unfinished>>,
+}
+
+/// What is known of such a job.
+#[derive(Default)]
+struct Unfinished {
     /// Its task and the clients that wait for its result, while there are any.
     waiting: Option<(Arc<Task>, Vec<ClientId>)>,
     /// While the scheduler works on it: leases, attempts, votes, failures. A job may be open although its result is
     /// accepted, as long as an audit is to confirm it.
-    open: Option<Box<Job>>,
+    open: Option<Job>,
     /// Leases that an earlier start granted, until this one asks for the job.
     earlier_leases: Vec<(WorkerId, u32)>,
-    result: Option<Box<StoredResult>>,
     /// The job whose accepted result it checks, and whether it still has to.
     check: Option<(JobId, bool)>,
-    /// Whether and how the evaluation is sharded, once that is decided.
-    plan: Option<Option<ShardPlan>>,
+}
+
+impl Entry {
+    /// Takes something of what is unfinished, and gives its memory back once there is nothing left.
+    fn take<T>(&mut self, take: impl FnOnce(&mut Unfinished) -> T) -> Option<T> {
+        let unfinished = self.unfinished.as_deref_mut()?;
+        let taken = take(unfinished);
+        let Unfinished { waiting, open, earlier_leases, check } = unfinished;
+        if waiting.is_none() && open.is_none() && earlier_leases.is_empty() && check.is_none() {
+            self.unfinished = None;
+        }
+        Some(taken)
+    }
+
+    fn unfinished(&mut self) -> &mut Unfinished {
+        self.unfinished.get_or_insert_default()
+    }
 }
 
 enum StoredResult {
     /// Accepted by an earlier start; nobody has asked for it since, so that its task is not known.
     Recorded(AcceptedResult),
     /// Accepted, with what is kept of it.
-    Accepted { task: Arc<Task>, fingerprint: Digest, finished: Finished },
+    Accepted { task: Arc<Task>, finished: Finished },
 }
 
 impl StoredResult {
     /// `None` if nothing is kept of such a result.
     fn accepted(task: Arc<Task>, finished: &Finished) -> Option<Self> {
-        let (fingerprint, kept) = (finished.result.fingerprint(), finished.result.kept()?);
-        Some(Self::Accepted { task, fingerprint, finished: Finished { result: kept, ..finished.clone() } })
+        let result = finished.result.kept()?;
+        Some(Self::Accepted { task, finished: Finished { result, ..finished.clone() } })
     }
 }
 
@@ -100,12 +125,12 @@ pub struct Checked {
 impl JobStore {
     /// An open job.
     pub fn get(&self, job: JobId) -> Option<&Job> {
-        self.entries.get(&job)?.open.as_deref()
+        self.entries.get(&job)?.unfinished.as_deref()?.open.as_ref()
     }
 
     /// An open job.
     pub fn get_mut(&mut self, job: JobId) -> Option<&mut Job> {
-        self.entries.get_mut(&job)?.open.as_deref_mut()
+        self.entries.get_mut(&job)?.unfinished.as_deref_mut()?.open.as_mut()
     }
 
     /// All open jobs.
@@ -125,14 +150,14 @@ impl JobStore {
 
     /// Opens a job.
     pub fn open(&mut self, id: JobId, job: Job) {
-        self.entries.entry(id).or_default().open = Some(Box::new(job));
+        self.entries.entry(id).or_default().unfinished().open = Some(job);
         self.open.insert(id);
     }
 
     /// Closes a job; what else is known of it stays.
     pub fn close(&mut self, id: JobId) -> Option<Job> {
         self.open.remove(&id);
-        self.entries.get_mut(&id)?.open.take().map(|job| *job)
+        self.entries.get_mut(&id)?.take(|unfinished| unfinished.open.take())?
     }
 
     /// Closes all jobs.
@@ -144,7 +169,9 @@ impl JobStore {
 
     /// Takes the leases on a job that an earlier start granted.
     pub fn take_earlier_leases(&mut self, job: JobId) -> Vec<(WorkerId, u32)> {
-        self.entries.get_mut(&job).map(|entry| std::mem::take(&mut entry.earlier_leases)).unwrap_or_default()
+        let take =
+            |entry: &mut Entry| entry.take(|unfinished| std::mem::take(&mut unfinished.earlier_leases));
+        self.entries.get_mut(&job).and_then(take).unwrap_or_default()
     }
 }
 
@@ -162,7 +189,7 @@ impl JobStore {
 
     /// Lets a client wait for the result of a job; `false` if another waits for it already.
     pub fn wait_for(&mut self, job: JobId, task: &Arc<Task>, client: ClientId) -> bool {
-        let waiting = &mut self.entries.entry(job).or_default().waiting;
+        let waiting = &mut self.entries.entry(job).or_default().unfinished().waiting;
         let (_, clients) = waiting.get_or_insert_with(|| (Arc::clone(task), Vec::new()));
         clients.push(client);
         clients.len() == 1
@@ -170,7 +197,7 @@ impl JobStore {
 
     /// The clients that wait for the result of a job, and its task: they wait no longer.
     pub fn take_waiting(&mut self, job: JobId) -> Option<(Arc<Task>, Vec<ClientId>)> {
-        self.entries.get_mut(&job)?.waiting.take()
+        self.entries.get_mut(&job)?.take(|unfinished| unfinished.waiting.take())?
     }
 }
 
@@ -179,7 +206,7 @@ impl JobStore {
     /// Takes over what earlier starts have left.
     pub fn restore(&mut self, recorded: &Recorded) {
         for &(job, attempt, worker) in &recorded.leases {
-            self.entries.entry(job).or_default().earlier_leases.push((worker, attempt));
+            self.entries.entry(job).or_default().unfinished().earlier_leases.push((worker, attempt));
         }
         for (job, accepted) in &recorded.accepted {
             let result = StoredResult::Recorded(accepted.clone());
@@ -222,14 +249,18 @@ impl JobStore {
     /// Whether this job was asked for before: it has a result, or an earlier start has granted a lease on it and this one
     /// has not asked for it yet.
     pub fn is_known(&self, job: JobId) -> bool {
-        let known = |entry: &Entry| entry.result.is_some() || !entry.earlier_leases.is_empty();
+        let was_leased = |unfinished: &Unfinished| !unfinished.earlier_leases.is_empty();
+        let known =
+            |entry: &Entry| entry.result.is_some() || entry.unfinished.as_deref().is_some_and(was_leased);
         self.entries.get(&job).is_some_and(known)
     }
 
     /// Notes why the accepted result of a job is believed by now, and returns it, if it is the one that counts.
     pub fn assure(&mut self, confirmed: &Confirmed) -> Option<Finished> {
         match self.entries.get_mut(&confirmed.job)?.result.as_deref_mut()? {
-            StoredResult::Accepted { finished, fingerprint, .. } if *fingerprint == confirmed.fingerprint => {
+            StoredResult::Accepted { finished, .. }
+                if finished.result.fingerprint() == confirmed.fingerprint =>
+            {
                 if confirmed.assurance >= finished.assurance {
                     (finished.assurance, finished.seconded) = (confirmed.assurance, confirmed.seconded);
                 }
@@ -299,7 +330,7 @@ impl JobStore {
             }
         }
         for Recheck { job, of, .. } in &rechecks {
-            self.entries.entry(*job).or_default().check = Some((*of, true));
+            self.entries.entry(*job).or_default().unfinished().check = Some((*of, true));
         }
         self.unchecked += rechecks.len();
         rechecks
@@ -307,7 +338,7 @@ impl JobStore {
 
     /// Accepts the result of a job that checks another; `None` if it checks none, or has done so.
     pub fn check(&mut self, finished: &Finished) -> Option<Checked> {
-        let (of, unchecked) = self.entries.get_mut(&finished.job)?.check.as_mut()?;
+        let (of, unchecked) = self.entries.get_mut(&finished.job)?.unfinished.as_mut()?.check.as_mut()?;
         if !std::mem::take(unchecked) {
             return None;
         }
@@ -315,10 +346,11 @@ impl JobStore {
         let finished = Finished { job: *of, ..finished.clone() };
         let mut corrected = None;
         if let Some(entry) = self.entries.get_mut(&finished.job)
-            && let Some(StoredResult::Accepted { task, fingerprint, .. }) = entry.result.as_deref()
+            && let Some(StoredResult::Accepted { task, finished: before }) = entry.result.as_deref()
             && let Some(after) = StoredResult::accepted(Arc::clone(task), &finished)
         {
-            corrected = (*fingerprint != finished.result.fingerprint()).then(|| Arc::clone(task));
+            let is_same = before.result.fingerprint() == finished.result.fingerprint();
+            corrected = (!is_same).then(|| Arc::clone(task));
             entry.result = Some(Box::new(after));
         }
         Some(Checked { finished, corrected })
@@ -326,7 +358,8 @@ impl JobStore {
 
     /// Whether this job checks the result of another.
     pub fn is_check(&self, job: JobId) -> bool {
-        self.entries.get(&job).is_some_and(|entry| entry.check.is_some())
+        let unfinished = self.entries.get(&job).and_then(|entry| entry.unfinished.as_deref());
+        unfinished.is_some_and(|unfinished| unfinished.check.is_some())
     }
 
     /// Whether results are still being checked.
