@@ -169,7 +169,7 @@ impl Scheduler {
             trust: Trust::new(limits.audit),
             exclusions: BTreeMap::new(),
             idle: 0,
-            jobs: JobStore::default(),
+            jobs: JobStore::new(limits.channels_of),
             queue: Queue::default(),
             disputed: BTreeSet::new(),
             failing: BTreeSet::new(),
@@ -294,11 +294,6 @@ impl Scheduler {
     /// and as little to be foreseen.
     pub fn spot_checks(&self, job: JobId) -> bool {
         self.secret.draw(job) < self.limits.audit.share
-    }
-
-    /// The accepted results about a descriptor, with their tasks: see [`JobStore::about`].
-    pub fn about(&self, descriptor: &DescriptorBytes) -> Vec<(Arc<Task>, Finished)> {
-        self.jobs.about(descriptor, self.limits.channels_of)
     }
 
     /// Another client asks for a job that is there: it is handed out as early as for the one that waits less.

@@ -3,15 +3,17 @@
 //! Nothing here does IO, waits or reads a clock. The scheduler works on the entries of open jobs; clients, journal,
 //! rechecks and sharding have their parts of the same entries.
 
+mod accepted_index;
 mod job;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use proto::journal::{AcceptedResult, Assurance};
-use proto::task::{Description, DescriptorBytes, Scale, Task, TaskResult};
+use proto::task::{DescriptorBytes, Task, TaskResult};
 use proto::{Digest, JobId, Lease, Principal, WorkerId};
 
+use accepted_index::AcceptedIndex;
 pub use job::{Job, Quorum, Vote};
 
 use crate::journal::{LogSequence, Recorded};
@@ -21,11 +23,12 @@ use crate::scheduler::messages::{Confirmed, Finished};
 use crate::sharding::plan::ShardPlan;
 
 /// All jobs of a run, through all starts of the coordinator.
-#[derive(Default)]
 pub struct JobStore {
     entries: BTreeMap<JobId, Entry>,
     /// Index: the entries whose job is open.
     open: BTreeSet<JobId>,
+    /// Index: the entries whose result is accepted and whose task is known, by what it is about.
+    about: AcceptedIndex,
     /// Reports by job and attempt that were accepted and are not known to be on the disk: the worker keeps them.
     pending: BTreeMap<(JobId, u32), LogSequence>,
     /// Jobs that check an accepted result so far, which names the next.
@@ -121,8 +124,27 @@ pub struct Checked {
     pub corrected: Option<Arc<Task>>,
 }
 
+impl Default for JobStore {
+    /// Of tasks whose descriptors have no channels.
+    fn default() -> Self {
+        Self::new(|_| Vec::new())
+    }
+}
+
 // Open jobs, for the scheduler.
 impl JobStore {
+    /// An empty store of tasks whose descriptors have these channels.
+    pub fn new(channels_of: ChannelsOf) -> Self {
+        Self {
+            entries: BTreeMap::new(),
+            open: BTreeSet::new(),
+            about: AcceptedIndex::new(channels_of),
+            pending: BTreeMap::new(),
+            checks: 0,
+            unchecked: 0,
+        }
+    }
+
     /// An open job.
     pub fn get(&self, job: JobId) -> Option<&Job> {
         self.entries.get(&job)?.unfinished.as_deref()?.open.as_ref()
@@ -222,6 +244,7 @@ impl JobStore {
     pub fn accept(&mut self, task: &Arc<Task>, finished: &Finished) {
         if let Some(result) = StoredResult::accepted(Arc::clone(task), finished) {
             self.entries.entry(finished.job).or_default().result = Some(Box::new(result));
+            self.about.insert(finished.job, task);
         }
     }
 
@@ -278,20 +301,16 @@ impl JobStore {
         })
     }
 
-    /// The accepted results about a descriptor, with their tasks, among them the scales of its channels and what was
+    /// The accepted results about a descriptor, by job, with their tasks, among them the scales of its channels and what was
     /// described for them.
-    pub fn about(&self, descriptor: &DescriptorBytes, channels_of: ChannelsOf) -> Vec<(Arc<Task>, Finished)> {
-        let is_about = |task: &Task| task.subject().descriptor == *descriptor;
-        let channels = channels_of(descriptor);
-        let is_of_its_channels = |task: &Task| match task {
-            Task::Scale(Scale { subject, .. }) | Task::Description(Description { subject, .. }) => {
-                let of_task = channels_of(&subject.descriptor);
-                !of_task.is_empty() && of_task.iter().all(|channel| channels.contains(channel))
-            }
-            Task::Evaluation(_) | Task::Tile(_) | Task::GridCell(_) => false,
+    pub fn about(&self, descriptor: &DescriptorBytes) -> Vec<(Arc<Task>, Finished)> {
+        let accepted = |job| match self.entries.get(&job)?.result.as_deref()? {
+            StoredResult::Accepted { task, finished } => Some((task, finished)),
+            StoredResult::Recorded(_) => None,
         };
-        let about = self.accepted().filter(|(task, _)| is_about(task) || is_of_its_channels(task));
-        about.map(|(task, finished)| (Arc::clone(task), finished.clone())).collect()
+        let about = self.about.find(descriptor, |job| accepted(job).map(|(task, _)| &**task));
+        let cloned = |job| accepted(job).map(|(task, finished)| (Arc::clone(task), finished.clone()));
+        about.into_iter().filter_map(cloned).collect()
     }
 
     /// The jobs whose accepted results are these descriptions.

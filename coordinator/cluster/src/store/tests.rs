@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use proto::task::{Described, Evaluation, EvaluationResult, Subject};
+use proto::task::{Described, Description, Evaluation, EvaluationResult, Scale, Subject};
 use proto::{Fingerprint, LeaseNonce};
 
 use super::*;
@@ -69,37 +69,99 @@ fn what_a_wrong_worker_answered_is_asked_again_and_a_changed_result_replaces_it(
     assert_eq!(store.recall(job, &task(10)), Some(finished(job, GOOD, 6)));
 }
 
+/// The channels of a descriptor of the tests below: one for each of its bytes.
+fn channels(descriptor: &DescriptorBytes) -> Vec<Channel> {
+    descriptor.bytes().iter().map(|&number| Channel { number: u64::from(number), cost: 1 }).collect()
+}
+
+/// A description for a descriptor with these channels, a scale and an evaluation of it, with results.
+fn of_channels(channels: &[u8], digest: u8) -> [(Task, TaskResult); 3] {
+    let (subject, splits) =
+        (Subject { descriptor: channels.to_vec().into(), ..Subject::sample(1) }, Vec::new());
+    let manifest = Digest([digest; 32]);
+    let evaluation =
+        Evaluation { subject: subject.clone(), ..Evaluation::sample(1, 10, 10 + u32::from(digest)) };
+    let evaluated = finished(JobId(0), GOOD, 5).result;
+    [
+        (
+            Task::Description(Description { subject: subject.clone(), manifest, clouds: 1 }),
+            TaskResult::Description(Described::named(manifest)),
+        ),
+        (
+            Task::Scale(Scale { subject, splits, clouds: u32::from(digest), described: Vec::new() }),
+            TaskResult::Scale(0.5),
+        ),
+        (Task::Evaluation(evaluation), evaluated),
+    ]
+}
+
 #[test]
 fn of_the_channels_of_a_descriptor_scales_and_descriptions_are_about_it() {
-    let channels_of = |descriptor: &DescriptorBytes| -> Vec<Channel> {
-        descriptor.bytes().iter().map(|&number| Channel { number: u64::from(number), cost: 1 }).collect()
-    };
-    let subject = |channels: &[u8]| Subject { descriptor: channels.to_vec().into(), ..Subject::sample(1) };
-    let mut store = JobStore::default();
+    let [mut store, mut of_none] = [JobStore::new(channels), JobStore::default()];
     let mut jobs = Vec::new();
-    for channels in [&[1][..], &[2], &[3], &[1, 2], &[1, 2, 3], &[]] {
-        let (subject, splits) = (subject(channels), Vec::new());
-        let shard =
-            Description { subject: subject.clone(), manifest: Digest([channels.len() as u8; 32]), clouds: 1 };
-        let scale = Scale { subject, splits, clouds: 9, described: Vec::new() };
-        let described = Described::named(Digest([1 + jobs.len() as u8; 32]));
-        for (task, result) in [
-            (Task::Description(shard), TaskResult::Description(described)),
-            (Task::Scale(scale), TaskResult::Scale(0.5)),
-        ] {
+    for (digest, channels) in (1..).zip([&[1][..], &[2], &[3], &[1, 2], &[1, 2, 3], &[]]) {
+        jobs.push(of_channels(channels, digest).map(|(task, result)| {
             let job = task.job(0);
-            store.accept(&Arc::new(task), &Finished { result, ..finished(job, GOOD, 5) });
-            jobs.push(job);
+            let finished = Finished { result, ..finished(job, GOOD, 5) };
+            for store in [&mut store, &mut of_none] {
+                store.accept(&Arc::new(task.clone()), &finished);
+            }
+            job
+        }));
+    }
+    let found = |store: &JobStore| -> BTreeSet<JobId> {
+        store.about(&vec![1, 2].into()).iter().map(|(_, finished)| finished.job).collect()
+    };
+    let [alone, other, whole] = [0, 1, 3].map(|place| &jobs[place]);
+    assert_eq!(found(&store), alone[..2].iter().chain(&other[..2]).chain(whole).copied().collect());
+    assert_eq!(found(&of_none), whole.iter().copied().collect(), "nothing is known of channels");
+
+    let named = [1, 3, 99].map(|number| Digest([number; 32])).into();
+    let describing: BTreeSet<JobId> = store.describing(&named).into_iter().collect();
+    assert_eq!(describing, [jobs[0][0], jobs[2][0]].into());
+}
+
+#[test]
+fn what_is_found_about_a_descriptor_is_what_a_look_at_all_results_finds() {
+    let mut store = JobStore::new(channels);
+    // What an earlier start has left is about nothing until it is asked for.
+    let mut digest = 0;
+    let descriptors: Vec<Vec<u8>> =
+        (0..16).map(|set| (0..4).filter(|bit| set >> bit & 1 == 1).collect()).collect();
+    for descriptor in descriptors.iter().cycle().take(48) {
+        digest += 1;
+        for (task, result) in of_channels(descriptor, digest) {
+            let finished = Finished { result, ..finished(task.job(0), GOOD, 5) };
+            if digest % 3 == 0 {
+                let accepted = [(finished.job, finished.kept().unwrap())].into();
+                store.restore(&Recorded { accepted, ..Recorded::default() });
+            } else {
+                store.accept(&Arc::new(task.clone()), &finished);
+            }
+            if digest % 6 == 0 {
+                assert!(store.recall(task.job(0), &Arc::new(task)).is_some());
+            }
         }
     }
-    let about = store.about(&vec![1, 2].into(), channels_of);
-    let found: BTreeSet<JobId> = about.iter().map(|(_, finished)| finished.job).collect();
-    assert_eq!(found, [0, 1, 2, 3, 6, 7].map(|place| jobs[place]).into());
-    assert_eq!(store.about(&vec![1, 2].into(), |_| Vec::new()).len(), 2, "nothing is known of channels");
-
-    let named = [1, 5, 99].map(|number| Digest([number; 32])).into();
-    let describing: BTreeSet<JobId> = store.describing(&named).into_iter().collect();
-    assert_eq!(describing, [0, 4].map(|place| jobs[place]).into());
+    let mut all = 0;
+    for descriptor in &descriptors {
+        let is_about = |task: &Task| {
+            let of_task = task.subject().descriptor.bytes();
+            let is_evaluation = matches!(task, Task::Evaluation(_));
+            let is_of_channels =
+                !of_task.is_empty() && of_task.iter().all(|channel| descriptor.contains(channel));
+            of_task == descriptor || !is_evaluation && is_of_channels
+        };
+        let expected = store.accepted().filter(|(task, _)| is_about(task)).map(|(_, finished)| finished.job);
+        let found = store.about(&descriptor.clone().into());
+        assert_eq!(
+            found.iter().map(|(_, finished)| finished.job).collect::<Vec<_>>(),
+            expected.collect::<Vec<_>>()
+        );
+        assert!(found.iter().all(|(task, finished)| task.job(0) == finished.job));
+        all += found.len();
+    }
+    assert!(all > 16 * 3, "{all}");
 }
 
 #[test]
@@ -111,7 +173,7 @@ fn what_is_accepted_about_a_descriptor_is_found_and_its_assurance_kept() {
     let (task_8, job) = (task(8), task(8).job(0));
     let about = &task_8.subject().descriptor;
     let found = |store: &JobStore| {
-        let found = store.about(about, |_| Vec::new());
+        let found = store.about(about);
         found.iter().map(|(_, finished)| (finished.job, finished.assurance)).collect::<Vec<_>>()
     };
     assert_eq!(found(&store), [(job, Assurance::Unaudited)]);

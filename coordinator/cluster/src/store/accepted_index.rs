@@ -1,0 +1,67 @@
+//! Accepted results by the descriptors they are about: a search asks for those of its best descriptor in every generation,
+//! while nothing else is decided, so that this must not take longer the more results there are.
+
+use std::collections::BTreeSet;
+
+use proto::task::{Description, DescriptorBytes, Scale, Task};
+use proto::{Digest, JobId};
+
+use crate::scheduler::{Channel, ChannelsOf};
+
+/// Which jobs may be about a descriptor. A job is never taken out: what is found is looked at.
+pub(super) struct AcceptedIndex {
+    channels_of: ChannelsOf,
+    /// Jobs by the start of a digest of their descriptor, and those about its channels by the number of the first: 16 bytes
+    /// for each, as there may be millions.
+    jobs: BTreeSet<(u64, JobId)>,
+}
+
+impl AcceptedIndex {
+    pub(super) fn new(channels_of: ChannelsOf) -> Self {
+        Self { channels_of, jobs: BTreeSet::new() }
+    }
+
+    pub(super) fn insert(&mut self, job: JobId, task: &Task) {
+        self.jobs.insert((number(&task.subject().descriptor), job));
+        if let Some(first) = self.channels(task).first() {
+            self.jobs.insert((first.number, job));
+        }
+    }
+
+    /// The jobs whose task is about a descriptor, or about nothing but channels of it; `task_of` a job that has an accepted
+    /// result.
+    pub(super) fn find<'a>(
+        &self,
+        descriptor: &DescriptorBytes,
+        task_of: impl Fn(JobId) -> Option<&'a Task>,
+    ) -> BTreeSet<JobId> {
+        let channels = (self.channels_of)(descriptor);
+        let is_about = |task: &Task| {
+            let of_task = self.channels(task);
+            let is_of_channels = || of_task.iter().all(|channel| channels.contains(channel));
+            task.subject().descriptor == *descriptor || !of_task.is_empty() && is_of_channels()
+        };
+        let numbers = channels.iter().map(|channel| channel.number).chain([number(descriptor)]);
+        let jobs = numbers.flat_map(|number| self.with_number(number));
+        jobs.filter(|job| task_of(*job).is_some_and(is_about)).collect()
+    }
+
+    fn with_number(&self, number: u64) -> impl Iterator<Item = JobId> {
+        self.jobs.range((number, JobId(0))..=(number, JobId(u64::MAX))).map(|(_, job)| *job)
+    }
+
+    /// The channels that a task is about, whichever descriptors have them.
+    fn channels(&self, task: &Task) -> Vec<Channel> {
+        match task {
+            Task::Scale(Scale { subject, .. }) | Task::Description(Description { subject, .. }) => {
+                (self.channels_of)(&subject.descriptor)
+            }
+            Task::Evaluation(_) | Task::Tile(_) | Task::GridCell(_) => Vec::new(),
+        }
+    }
+}
+
+fn number(descriptor: &DescriptorBytes) -> u64 {
+    let Digest(bytes) = Digest::of(descriptor.bytes());
+    bytes.first_chunk().map_or(0, |start| u64::from_le_bytes(*start))
+}
