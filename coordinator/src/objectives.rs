@@ -101,7 +101,7 @@ impl Objectives {
 #[cfg(test)]
 mod tests {
     use descriptor::Family;
-    use evolution::{Encoding, Field, Genome, Method, Score, Search, StopSettings, WinnerRule};
+    use evolution::{Decompose, Encoding, Field, Genome, Method, Score, Search, StopSettings, WinnerRule};
 
     use super::*;
 
@@ -124,7 +124,10 @@ mod tests {
     #[test]
     fn the_hypervolume_is_a_share_of_the_box_below_the_reference_point() {
         let genome = Genome::new(vec![Field::new("one", 1)], Encoding::Binary);
-        let strategy = Method::Random.strategy(&genome, Default::default(), 1).unwrap().unwrap();
+        let strategy = Method::Random
+            .strategy(&genome, Default::default(), 1, Decompose::by(|_| None))
+            .unwrap()
+            .unwrap();
         let mut search = Search::new(strategy, StopSettings::default(), WinnerRule::Fitness);
         search.keep_first(1);
         let further = [REFERENCE_COST / 4, REFERENCE_SIZE / 2];

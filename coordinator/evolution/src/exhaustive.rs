@@ -2,6 +2,7 @@
 
 use crate::genome::Genome;
 use crate::individual::Individual;
+use crate::past::Past;
 use crate::score::Score;
 use crate::stop::StopReason;
 use crate::strategy::Strategy;
@@ -28,7 +29,13 @@ impl Strategy for Exhaustive {
         vec![self.best.clone()]
     }
 
-    fn next(&self, _generation: u32, _population: &[Individual], _scores: &[Score]) -> Vec<Individual> {
+    fn next(
+        &self,
+        _generation: u32,
+        _population: &[Individual],
+        _scores: &[Score],
+        _past: &Past,
+    ) -> Vec<Individual> {
         self.first()
     }
 

@@ -4,6 +4,7 @@ use descriptor::random;
 
 use crate::genome::Genome;
 use crate::individual::Individual;
+use crate::past::Past;
 use crate::score::{Score, best};
 use crate::strategy::Strategy;
 
@@ -52,7 +53,13 @@ impl Strategy for HillClimb {
         self.start(1)
     }
 
-    fn next(&self, generation: u32, population: &[Individual], scores: &[Score]) -> Vec<Individual> {
+    fn next(
+        &self,
+        generation: u32,
+        population: &[Individual],
+        scores: &[Score],
+        _past: &Past,
+    ) -> Vec<Individual> {
         let best = best(scores);
         let best_point = &population[best as usize];
         // The elite is the point itself: it is first, and so the best unless a neighbour is strictly better.

@@ -18,6 +18,8 @@ mod method;
 pub mod mutation;
 mod nsga2;
 mod pareto;
+mod past;
+mod preselection;
 mod random_search;
 mod score;
 mod search;
@@ -25,6 +27,7 @@ pub mod selection;
 mod settings;
 mod stop;
 mod strategy;
+mod surrogate;
 mod variation;
 mod winner;
 
@@ -40,10 +43,15 @@ pub use hypervolume::hypervolume;
 pub use individual::Individual;
 pub use method::Method;
 pub use nsga2::Nsga2;
+pub use past::Past;
+pub use preselection::Decompose;
 pub use random_search::RandomSearch;
 pub use score::{Objectives, Score, dominates};
 pub use search::{Search, State};
-pub use settings::{Crossover, GaSettings, MAX_POPULATION, Mutation, Scaling, SettingsError, StopSettings};
+pub use settings::{
+    Crossover, GaSettings, MAX_POPULATION, MAX_PRESELECTION, Mutation, Scaling, SettingsError, StopSettings,
+};
 pub use stop::{StopReason, StopRule};
 pub use strategy::Strategy;
+pub use surrogate::Part;
 pub use winner::{Found, WinnerRule};

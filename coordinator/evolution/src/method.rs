@@ -9,6 +9,7 @@ use crate::genetic::GeneticAlgorithm;
 use crate::genome::Genome;
 use crate::hill_climb::HillClimb;
 use crate::nsga2::Nsga2;
+use crate::preselection::Decompose;
 use crate::random_search::RandomSearch;
 use crate::settings::{GaSettings, SettingsError};
 use crate::strategy::Strategy;
@@ -31,8 +32,8 @@ pub enum Method {
     HillClimb,
     /// NSGA-II (Deb et al., A fast and elitist multiobjective genetic algorithm: NSGA-II, IEEE Transactions on
     /// Evolutionary Computation 6(2), 2002): several objectives at once, see search.objectives; it ends with a front of
-    /// descriptors of which none is better than another in all of them. Of \[ga\] it uses all but elite, selection and
-    /// scaling; population is how many survive a generation and how many children they have.
+    /// descriptors of which none is better than another in all of them. Of \[ga\] it uses all but elite, selection,
+    /// scaling and preselection; population is how many survive a generation and how many children they have.
     Nsga2,
 }
 
@@ -51,8 +52,8 @@ impl Method {
         }
     }
 
-    /// Its strategy; `None` for exhaustive search, which needs to be given the best point
-    /// ([`Exhaustive`](crate::Exhaustive)).
+    /// Its strategy, which decomposes individuals if it preselects; `None` for exhaustive search, which needs to be given
+    /// the best point ([`Exhaustive`](crate::Exhaustive)).
     ///
     /// # Errors
     /// If the settings are not valid ([`GaSettings::validate`]).
@@ -61,10 +62,11 @@ impl Method {
         genome: &Genome,
         settings: GaSettings,
         seed: u64,
+        decompose: Decompose,
     ) -> Result<Option<Box<dyn Strategy>>, SettingsError> {
         let genome = genome.clone();
         Ok(match self {
-            Self::Ga => Some(Box::new(GeneticAlgorithm::new(genome, settings, seed)?)),
+            Self::Ga => Some(Box::new(GeneticAlgorithm::new(genome, settings, seed, decompose)?)),
             Self::Random => Some(Box::new(RandomSearch::new(genome, settings, seed)?)),
             Self::Exhaustive => None,
             Self::HillClimb => Some(Box::new(HillClimb::new(genome, seed))),

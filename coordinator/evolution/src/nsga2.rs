@@ -9,6 +9,7 @@ use rand::{Rng, RngExt};
 use crate::genome::Genome;
 use crate::individual::Individual;
 use crate::pareto;
+use crate::past::Past;
 use crate::score::{Objectives, Score};
 use crate::settings::{GaSettings, SettingsError};
 use crate::strategy::Strategy;
@@ -56,7 +57,13 @@ impl Strategy for Nsga2 {
     /// First the survivors, by rank and from the greatest crowding distance; then their children, two from each pair of
     /// parents, as many as there may be survivors. No two have the same values: where no more others are found, there are
     /// fewer.
-    fn next(&self, generation: u32, population: &[Individual], scores: &[Score]) -> Vec<Individual> {
+    fn next(
+        &self,
+        generation: u32,
+        population: &[Individual],
+        scores: &[Score],
+        _past: &Past,
+    ) -> Vec<Individual> {
         let Self { genome, settings, seed } = self;
         let mut seen = BTreeSet::new();
         let different: Vec<u32> = (0..)
@@ -174,7 +181,7 @@ mod tests {
         let mut log: Vec<(Vec<Individual>, Vec<Score>)> = Vec::new();
         for generation in 1..=generations {
             let population = match log.last() {
-                Some((before, scores)) => strategy.next(generation - 1, before, scores),
+                Some((before, scores)) => strategy.next(generation - 1, before, scores, &Past::default()),
                 None => strategy.first(),
             };
             let scores = population.iter().map(&score).collect();
@@ -350,7 +357,7 @@ mod tests {
         };
         let strategy = Nsga2::new(genome, settings, seed).unwrap();
         let (population, scores) = run(&strategy, 100, score).pop().unwrap();
-        let last = &strategy.next(100, &population, &scores)[..100];
+        let last = &strategy.next(100, &population, &scores, &Past::default())[..100];
         let of = |individual: &Individual| score(individual).objectives();
         let volume = hypervolume(last.iter().map(of), ends.map(|end| (end * SCALE) as u64));
         volume as f64 / SCALE / SCALE / SCALE

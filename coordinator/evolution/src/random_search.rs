@@ -4,6 +4,7 @@ use descriptor::random;
 
 use crate::genome::Genome;
 use crate::individual::Individual;
+use crate::past::Past;
 use crate::score::Score;
 use crate::settings::{GaSettings, SettingsError};
 use crate::strategy::Strategy;
@@ -39,7 +40,13 @@ impl Strategy for RandomSearch {
         self.draw(1)
     }
 
-    fn next(&self, generation: u32, _population: &[Individual], _scores: &[Score]) -> Vec<Individual> {
+    fn next(
+        &self,
+        generation: u32,
+        _population: &[Individual],
+        _scores: &[Score],
+        _past: &Past,
+    ) -> Vec<Individual> {
         self.draw(generation + 1)
     }
 
@@ -60,7 +67,7 @@ mod tests {
         let settings = GaSettings { population: 64, ..GaSettings::default() };
         let search = RandomSearch::new(paper(), settings, seed).unwrap();
         let mut all = vec![search.first()];
-        all.extend((1..generations).map(|generation| search.next(generation, &[], &[])));
+        all.extend((1..generations).map(|generation| search.next(generation, &[], &[], &Past::default())));
         all
     }
 

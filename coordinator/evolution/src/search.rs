@@ -2,6 +2,7 @@
 
 use crate::front::Front;
 use crate::individual::Individual;
+use crate::past::Past;
 use crate::score::{self, Score};
 use crate::settings::StopSettings;
 use crate::stop::{StopReason, StopRule};
@@ -18,6 +19,9 @@ pub struct Search {
     rule: WinnerRule,
     winner: Option<Found>,
     front: Front,
+    past: Past,
+    /// The next generation, if it is known, with the scores from which it follows.
+    foreseen: Option<(Vec<Score>, Vec<Individual>)>,
 }
 
 /// How a search stands after a generation.
@@ -41,6 +45,7 @@ impl Search {
     /// A search at generation 1. Generations are validated if stop or winner go by that.
     pub fn new(strategy: Box<dyn Strategy>, stop: StopSettings, rule: WinnerRule) -> Self {
         let population = strategy.first();
+        let past = Past::of(strategy.remembers());
         let validates = rule.validates(&stop);
         let stop = StopRule::new(stop);
         Self {
@@ -52,6 +57,8 @@ impl Search {
             rule,
             winner: None,
             front: Front::default(),
+            past,
+            foreseen: None,
         }
     }
 
@@ -79,6 +86,7 @@ impl Search {
     /// budget of evaluations.
     pub fn keep_first(&mut self, count: usize) {
         self.population.truncate(count.max(1));
+        self.foreseen = None;
     }
 
     /// Index of the individual that is to be validated, now that the scores of the current generation are known; `None`
@@ -89,10 +97,25 @@ impl Search {
 
     /// The individuals of the next generation, now that the scores of the current one are known, if the search will go on
     /// whatever the validation says; `evaluations` as for [`Search::tell`].
-    pub fn foresee(&self, scores: &[Score], evaluations: u64) -> Option<Vec<Individual>> {
+    pub fn foresee(&mut self, scores: &[Score], evaluations: u64) -> Option<&[Individual]> {
         let best = scores[score::best(scores) as usize];
-        let stops = self.strategy.exhausted().is_some() || self.stop.may_end(best, evaluations);
-        (!stops).then(|| self.strategy.next(self.generation, &self.population, scores))
+        if self.strategy.exhausted().is_some() || self.stop.may_end(best, evaluations) {
+            return None;
+        }
+        let next = self.following(scores);
+        let (_, next) = self.foreseen.insert((scores.to_vec(), next));
+        Some(next)
+    }
+
+    /// The generation that follows from these scores of the current one.
+    fn following(&mut self, scores: &[Score]) -> Vec<Individual> {
+        match self.foreseen.take() {
+            Some((before, next)) if before == scores => next,
+            _ => {
+                self.past.add(&self.population, scores);
+                self.strategy.next(self.generation, &self.population, scores, &self.past)
+            }
+        }
     }
 
     /// Takes the scores of the current generation, in individual order, the validation score of the individual that
@@ -120,7 +143,7 @@ impl Search {
         let winner = candidate.or_leader(self.winner.take(), self.rule);
         self.winner = Some(winner.clone());
         if stop.is_none() {
-            self.population = self.strategy.next(generation, &self.population, scores);
+            self.population = self.following(scores);
             self.generation += 1;
         }
         let improved = winner.generation == generation;
@@ -138,7 +161,7 @@ mod tests {
     use crate::score::tests::{score, scores};
     use crate::settings::GaSettings;
     use crate::stop::tests::NEVER;
-    use crate::tests::paper;
+    use crate::tests::{decompose, paper};
 
     proptest! {
         #[test]
@@ -147,14 +170,15 @@ mod tests {
             patience in prop::option::of(1u32..3),
             stagnation in prop::option::of(1u32..5),
             generations in 1u32..12,
+            preselection in 1u32..4,
         ) {
             let stop = StopSettings { validation_patience: patience, stagnation, generations, ..NEVER };
-            let settings = GaSettings { population: 4, ..GaSettings::default() };
-            let strategy = GeneticAlgorithm::new(paper(), settings, 7).unwrap();
+            let settings = GaSettings { population: 4, preselection, ..GaSettings::default() };
+            let strategy = GeneticAlgorithm::new(paper(), settings, 7, decompose()).unwrap();
             let mut search = Search::new(Box::new(strategy), stop, WinnerRule::Validation);
             for (evaluations, (correct, validated)) in (4u64..).step_by(4).zip(told) {
                 let scores = scores(&correct);
-                let foreseen = search.foresee(&scores, evaluations);
+                let foreseen = search.foresee(&scores, evaluations).map(<[_]>::to_vec);
                 let state = search.tell(&scores, Some(score(validated, 50)), evaluations);
                 if let Some(foreseen) = foreseen {
                     prop_assert_eq!((state.stop, &foreseen[..]), (None, search.ask()));

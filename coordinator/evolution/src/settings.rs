@@ -6,6 +6,9 @@ use serde::{Deserialize, Serialize};
 /// The largest population: with counts below 2³² every sum of selection weights then fits 64 bits.
 pub const MAX_POPULATION: u32 = 65_536;
 
+/// The most children to choose from.
+pub const MAX_PRESELECTION: u32 = 64;
+
 /// How correct counts become selection weights (DESIGN 5.9).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
@@ -61,6 +64,9 @@ pub struct GaSettings {
     pub mutation_rate: f64,
     /// Factor r of p(g + 1) = p(g)·r, 0 to 1. Default 0.97 (the paper lowers the rate but gives no factor).
     pub mutation_decay: f64,
+    /// Children that are made for each that is evaluated, 1 to [`MAX_PRESELECTION`]: a model of the fitness chooses.
+    /// Default 1 (paper).
+    pub preselection: u32,
 }
 
 impl Default for GaSettings {
@@ -74,6 +80,7 @@ impl Default for GaSettings {
             mutation: Mutation::InOrder,
             mutation_rate: 0.40,
             mutation_decay: 0.97,
+            preselection: 1,
         }
     }
 }
@@ -96,6 +103,9 @@ impl GaSettings {
             if !(0.0..=1.0).contains(&got) {
                 return Err(SettingsError::Rate { key, got });
             }
+        }
+        if !(1..=MAX_PRESELECTION).contains(&self.preselection) {
+            return Err(SettingsError::Preselection { got: self.preselection });
         }
         Ok(self)
     }
@@ -175,6 +185,11 @@ pub enum SettingsError {
     /// A probability or factor outside its range.
     #[error("{key}: not between 0 and 1, got {got}\nset it to a probability or factor in this range")]
     Rate { key: &'static str, got: f64 },
+    /// Nothing to choose from, or more than is worth it.
+    #[error(
+        "ga.preselection: not between 1 and 64, got {got}\nset it to the children to choose each from, such as 8, or 1 to evaluate all"
+    )]
+    Preselection { got: u32 },
     /// A number of generations that could never pass.
     #[error("{key}: not at least 1, got 0\nset it to a number of generations from 1")]
     Generations { key: &'static str },
@@ -198,6 +213,7 @@ mod tests {
         assert_eq!((ga.population, ga.elite, ga.scaling), (10, 1, Scaling::None));
         assert_eq!((ga.crossover, ga.mutation), (Crossover::Uniform, Mutation::InOrder));
         assert_eq!((ga.crossover_rate, ga.mutation_rate, ga.mutation_decay), (0.5, 0.40, 0.97));
+        assert_eq!(ga.preselection, 1);
         let stop = STOP().validate().unwrap();
         assert_eq!(
             (stop.perfect, stop.validation_patience, stop.stagnation, stop.generations),
@@ -218,6 +234,7 @@ mod tests {
                         crossover_rate,
                         mutation_rate,
                         mutation_decay,
+                        preselection: if elite == 0 { 1 } else { MAX_PRESELECTION },
                         ..GA()
                     };
                     assert_eq!(ga.validate(), Ok(ga));
@@ -246,6 +263,10 @@ mod tests {
             let error = GaSettings { elite, ..GA() }.validate().unwrap_err();
             assert_eq!(error, SettingsError::Elite { got: elite, population: 10 });
         }
+        for got in [0, 65] {
+            let error = GaSettings { preselection: got, ..GA() }.validate().unwrap_err();
+            assert_eq!(error, SettingsError::Preselection { got });
+        }
         for got in [-0.1, 1.000_001, f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
             for (key, ga) in [
                 ("ga.crossover_rate", GaSettings { crossover_rate: got, ..GA() }),
@@ -273,6 +294,7 @@ mod tests {
             SettingsError::Population { got: 1 },
             SettingsError::Elite { got: 10, population: 10 },
             SettingsError::Rate { key: "ga.mutation_rate", got: 1.5 },
+            SettingsError::Preselection { got: 65 },
             SettingsError::Generations { key: "stop.stagnation" },
             SettingsError::Evaluations,
         ];
@@ -283,6 +305,8 @@ mod tests {
             set it to the individuals copied unchanged, such as 1
             ga.mutation_rate: not between 0 and 1, got 1.5
             set it to a probability or factor in this range
+            ga.preselection: not between 1 and 64, got 65
+            set it to the children to choose each from, such as 8, or 1 to evaluate all
             stop.stagnation: not at least 1, got 0
             set it to a number of generations from 1
             stop.evaluations: not at least 1, got 0

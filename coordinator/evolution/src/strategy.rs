@@ -1,17 +1,30 @@
 //! What a method of searching has to say: its generations.
 
 use crate::individual::Individual;
+use crate::past::Past;
 use crate::score::Score;
 use crate::stop::StopReason;
 
-/// A method of searching. It keeps no state of its own: a generation follows from the one before and its scores, so that
+/// A method of searching. It keeps no state of its own: a generation follows from those before and their scores, so that
 /// a search that is begun again with the same scores takes the same way.
 pub trait Strategy: Send + Sync {
     /// Generation 1, not empty.
     fn first(&self) -> Vec<Individual>;
 
-    /// The generation after number `generation`, which had these individuals with these scores; not empty.
-    fn next(&self, generation: u32, population: &[Individual], scores: &[Score]) -> Vec<Individual>;
+    /// The generation after number `generation`, which had these individuals with these scores; not empty. They are the
+    /// last of the past, as far as that is kept.
+    fn next(
+        &self,
+        generation: u32,
+        population: &[Individual],
+        scores: &[Score],
+        past: &Past,
+    ) -> Vec<Individual>;
+
+    /// How many of the individuals that were told last are to be kept for it.
+    fn remembers(&self) -> usize {
+        0
+    }
 
     /// Individuals of the largest generation that there can be.
     fn largest_generation(&self) -> u32;

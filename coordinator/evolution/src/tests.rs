@@ -21,7 +21,17 @@ fn paper_in(encoding: Encoding) -> Genome {
 }
 
 fn genetic(settings: GaSettings, seed: u64) -> GeneticAlgorithm {
-    GeneticAlgorithm::new(paper(), settings, seed).unwrap()
+    GeneticAlgorithm::new(paper(), settings, seed, decompose()).unwrap()
+}
+
+/// One part of the values as they are.
+pub(crate) fn decompose() -> Decompose {
+    Decompose::by(|individual| {
+        Some(vec![Part {
+            weight: 1.0,
+            fields: individual.values.iter().map(|&value| value.into()).collect(),
+        }])
+    })
 }
 
 fn ones(individual: &Individual) -> u32 {
@@ -38,6 +48,7 @@ pub(crate) fn run_strategy(
     fitness: impl Fn(u32, usize, &Individual) -> u32,
 ) -> Vec<Generation> {
     let mut log = Vec::new();
+    let mut past = Past::of(strategy.remembers());
     let mut population = strategy.first();
     for generation in 1..=generations {
         let correct: Vec<u32> = population
@@ -45,7 +56,8 @@ pub(crate) fn run_strategy(
             .enumerate()
             .map(|(index, individual)| fitness(generation, index, individual))
             .collect();
-        let next = strategy.next(generation, &population, &scores(&correct));
+        past.add(&population, &scores(&correct));
+        let next = strategy.next(generation, &population, &scores(&correct), &past);
         log.push((std::mem::replace(&mut population, next), correct));
     }
     log
@@ -82,14 +94,14 @@ fn every_setting() -> Vec<GaSettings> {
 }
 
 /// Four slots of three fields, the middle one of categories: 32 bits.
-fn slotted() -> Genome {
+pub(crate) fn slotted() -> Genome {
     let field = |slot, values, ordered| Field { slot: Some(slot), ordered, ..Field::new("field", values) };
     let slot = |slot| [field(slot, 8, true), field(slot, 5, false), field(slot, 3, true)];
     Genome::new((0..4).flat_map(slot).collect(), Encoding::Binary)
 }
 
 /// The settings of [`slotted`].
-fn by_slots_and_fields(population: u32) -> GaSettings {
+pub(crate) fn by_slots_and_fields(population: u32) -> GaSettings {
     GaSettings {
         population,
         crossover: Crossover::Slots,
@@ -124,7 +136,7 @@ fn the_first_generation_is_random_and_without_parents() {
 fn invalid_settings_are_refused() {
     let settings = GaSettings { population: 1, ..GaSettings::default() };
     for method in [Method::Ga, Method::Random, Method::Nsga2] {
-        let refused = method.strategy(&paper(), settings, 1).map(drop);
+        let refused = method.strategy(&paper(), settings, 1, decompose()).map(drop);
         assert_eq!(refused, Err(SettingsError::Population { got: 1 }));
     }
 }
@@ -135,7 +147,7 @@ fn each_generation_is_elite_then_pairs_and_decodes_its_own_chromosomes() {
         [Encoding::Binary, Encoding::Gray].map(|encoding| (settings, paper_in(encoding)))
     });
     for (settings, genome) in cases {
-        let strategy = GeneticAlgorithm::new(genome.clone(), settings, 5).unwrap();
+        let strategy = GeneticAlgorithm::new(genome.clone(), settings, 5, decompose()).unwrap();
         let log = run_strategy(&strategy, 6, landscape(3));
         let elite = settings.elite as usize;
         for pair in log.windows(2) {
@@ -190,7 +202,7 @@ fn without_mutation_siblings_share_out_their_parents_bits() {
 fn without_mutation_siblings_share_out_their_parents_slots() {
     let settings = GaSettings { elite: 2, mutation_rate: 0.0, ..by_slots_and_fields(12) };
     let genome = slotted();
-    let strategy = GeneticAlgorithm::new(genome.clone(), settings, 8).unwrap();
+    let strategy = GeneticAlgorithm::new(genome.clone(), settings, 8, decompose()).unwrap();
     let (mut kept, mut swapped) = (0, 0);
     for pair in run_strategy(&strategy, 5, landscape(1)).windows(2) {
         let ((parents, _), (children, _)) = (&pair[0], &pair[1]);
@@ -218,7 +230,7 @@ fn by_field_children_of_generation_g_change_each_field_with_p_of_g() {
         mutation_decay: 0.5,
         ..by_slots_and_fields(1_000)
     };
-    let strategy = GeneticAlgorithm::new(slotted(), settings, 2).unwrap();
+    let strategy = GeneticAlgorithm::new(slotted(), settings, 2, decompose()).unwrap();
     // The first individual is the only parent.
     let log = run_strategy(&strategy, 4, |_, index, _| u32::from(index == 0));
     for (generation, rate) in [(1, 0.40), (2, 0.20), (3, 0.10)] {
@@ -267,7 +279,8 @@ fn every_generation_and_pair_draws_anew() {
     let generations = |settings| {
         let start: Vec<Individual> =
             (0..20).map(|index| Individual::new(vec![index % 2 == 0; 25], [None, None], &paper())).collect();
-        let next = |generation| genetic(settings, 4).next(generation, &start, &scores(&[1; 20]));
+        let next =
+            |generation| genetic(settings, 4).next(generation, &start, &scores(&[1; 20]), &Past::default());
         (1..=5).map(next).collect::<Vec<_>>()
     };
     // What crossover swapped, of the first children whose parents differ.
@@ -350,7 +363,7 @@ fn chromosomes_without_bits_are_evolved_too() {
     let fixed = Field::new("fixed", 1);
     let genome = Genome::new(vec![fixed; 5], Encoding::Binary);
     for settings in every_setting() {
-        let strategy = GeneticAlgorithm::new(genome.clone(), settings, 1).unwrap();
+        let strategy = GeneticAlgorithm::new(genome.clone(), settings, 1, decompose()).unwrap();
         for (population, _) in run_strategy(&strategy, 3, |_, _, _| 4) {
             assert_eq!(population.len(), settings.population as usize);
             assert!(population.iter().all(|individual| individual.chromosome.is_empty()));
@@ -417,7 +430,7 @@ fn counting_ones_climbs_to_near_all_of_them() {
 }
 
 #[test]
-fn by_slots_and_fields_a_separable_optimum_is_found() {
+pub(crate) fn by_slots_and_fields_a_separable_optimum_is_found() {
     // The sum of the ordered fields and a point for each right category: at most 4·(7 + 2 + 1).
     let fitness = |_, _, individual: &Individual| {
         let slot = |values: &[u32]| values[0] + values[2] + u32::from(values[1] == 3);
@@ -425,7 +438,11 @@ fn by_slots_and_fields_a_separable_optimum_is_found() {
     };
     for seed in 0..20 {
         let settings = GaSettings { elite: 2, scaling: Scaling::Rank, ..by_slots_and_fields(40) };
-        let log = run_strategy(&GeneticAlgorithm::new(slotted(), settings, seed).unwrap(), 60, fitness);
+        let log = run_strategy(
+            &GeneticAlgorithm::new(slotted(), settings, seed, decompose()).unwrap(),
+            60,
+            fitness,
+        );
         let best = |generation: usize| *log[generation].1.iter().max().unwrap();
         assert!(best(0) < 36 && best(59) == 40, "seed {seed}: {} to {}", best(0), best(59));
     }
@@ -434,11 +451,11 @@ fn by_slots_and_fields_a_separable_optimum_is_found() {
 #[test]
 fn the_elite_and_the_best_go_by_the_margin_and_selection_does_not() {
     let genome = slotted();
-    let strategy = GeneticAlgorithm::new(genome, by_slots_and_fields(6), 3).unwrap();
+    let strategy = GeneticAlgorithm::new(genome, by_slots_and_fields(6), 3, decompose()).unwrap();
     let population = strategy.first();
     let with = |margins: [f64; 6]| margins.map(|margin| Score { margin, ..score(4, 9) });
     let [one, other] = [with([0.0, 0.1, 0.5, 0.2, -0.1, 0.5]), with([0.0; 6])];
-    let next = |scores| strategy.next(1, &population, scores);
+    let next = |scores| strategy.next(1, &population, scores, &Past::default());
     let (one, other) = (next(&one[..]), next(&other[..]));
     assert_eq!([&one[0], &other[0]].map(|elite| elite.parents[0]), [Some(2), Some(0)]);
     assert_eq!(one[1..], other[1..]);
@@ -521,7 +538,7 @@ fn the_best_of_a_grid_is_the_only_individual_of_the_only_generation() {
 fn the_streams_and_operators_are_pinned() {
     let settings = GaSettings { population: 4, ..GaSettings::default() };
     let text = |method: Method, genome: &Genome, settings| {
-        let strategy = method.strategy(genome, settings, 5).unwrap().unwrap();
+        let strategy = method.strategy(genome, settings, 5, decompose()).unwrap().unwrap();
         let log = run_strategy(strategy.as_ref(), 3, |_, _, individual| ones(individual));
         let line = |individual: &Individual| {
             format!("{} {:?} {:?}\n", individual.bit_string(), individual.values, individual.parents)

@@ -52,6 +52,7 @@ impl SearchDefaults {
                 mutation: Mutation::Field,
                 mutation_rate: 0.03,
                 mutation_decay: 1.0,
+                preselection: 1,
             },
             stop: StopSettings {
                 validation_patience: None,

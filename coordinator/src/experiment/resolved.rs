@@ -8,7 +8,7 @@ use descriptor::structure::{Structure, StructureFile};
 use descriptor::{Family, GeneSpec, SearchSpace};
 use serde_json::Value;
 
-use evolution::{Crossover, Encoding, Mutation, Scaling, WinnerRule};
+use evolution::{Crossover, Encoding, GaSettings, Mutation, Scaling, WinnerRule};
 
 use super::defaults::SearchDefaults;
 use super::{DEFAULT_RESULTS_DIR, Experiment, LocalWorkers};
@@ -173,6 +173,7 @@ pub(super) fn sweep_section(
             evaluations: own.evaluations || bases.evaluations,
             objectives: own.objectives || bases.objectives,
             sets: own.sets || bases.sets,
+            preselection: own.preselection || bases.preselection,
         };
         method_sections(&mut toml, &format!("sweep.variants.{name}."), experiment, later);
     }
@@ -186,6 +187,7 @@ struct Later {
     evaluations: bool,
     objectives: bool,
     sets: bool,
+    preselection: bool,
 }
 
 impl Later {
@@ -198,6 +200,7 @@ impl Later {
             // Only searches of several have a choice.
             objectives: experiment.objectives.are_several(),
             sets: !experiment.set_weights.is_empty(),
+            preselection: experiment.ga.preselection != GaSettings::default().preselection,
         }
     }
 }
@@ -248,6 +251,9 @@ fn method_sections(toml: &mut Toml, parent: &str, experiment: &Experiment, later
     toml.key("mutation", quoted(mutation));
     toml.key("mutation_rate", float(ga.mutation_rate));
     toml.key("mutation_decay", float(ga.mutation_decay));
+    if later.preselection {
+        toml.key("preselection", ga.preselection);
+    }
     let encoding = match experiment.encoding {
         Encoding::Binary => "binary",
         Encoding::Gray => "gray",

@@ -139,6 +139,7 @@ fn the_first_version_of_the_file_stays_readable() {
         mutation: Mutation::InOrder,
         mutation_rate: 0.3,
         mutation_decay: 0.95,
+        preselection: 1,
     };
     assert_eq!((sample.ga(), sample.encoding()), (&ga, Encoding::Gray));
     let stop = StopSettings {
@@ -470,6 +471,7 @@ fn structures_have_keys_of_their_own_and_defaults_for_the_search() {
         mutation = "field"
         mutation_rate = 0.03
         mutation_decay = 1.0
+        preselection = 8
         encoding = "binary"
 
         [stop]
@@ -480,6 +482,25 @@ fn structures_have_keys_of_their_own_and_defaults_for_the_search() {
         evaluations = 3000
     "#]]
     .assert_eq(sample.search_toml().split_once("[preprocess]").unwrap().1);
+
+    // A key that came later enters only where it says something.
+    let all = SAMPLE_STRUCTURE.replace("[ga]\npreselection = 8\n", "");
+    let [one, none] = [all.replace("[recognition]", "[ga]\npreselection = 1\n[recognition]"), all]
+        .map(|text| parse(&text).unwrap());
+    assert_eq!((sample.ga().preselection, none.ga().preselection), (8, 1));
+    assert_eq!(none.search_toml(), sample.search_toml().replace("preselection = 8\n", ""));
+    assert_eq!(one.search_toml(), none.search_toml());
+    let read =
+        |text: &str| Plan::parse(text, Path::new("exp/x.toml"), Overrides::default(), &no_variables).unwrap();
+    let sweep =
+        format!("{SAMPLE_STRUCTURE}[sweep.variants.all]\nga.preselection = 1\n[sweep.variants.chosen]\n");
+    let (Plan::Sweep(sweep), Plan::Sweep(again)) = (read(&sweep), read(&read(&sweep).resolved_toml())) else {
+        panic!("one run")
+    };
+    assert_eq!(again.members(), sweep.members());
+    let preselections: Vec<u32> =
+        again.members().iter().map(|member| member.experiment.ga().preselection).collect();
+    assert_eq!(preselections, [1, 8]);
 
     let least = parse(&format!("{LEAST}descriptor.family = 'structure'\n")).unwrap();
     assert_eq!(least.space(), &SearchSpace::Structures(StructureSpace::default()));

@@ -5,6 +5,7 @@ use std::num::NonZeroU32;
 use std::path::Path;
 use std::time::Duration;
 
+use descriptor::Family;
 use descriptor::recogniser::Method as Recogniser;
 use evolution::{GaSettings, Method, StopSettings};
 
@@ -50,7 +51,7 @@ pub(super) fn experiment(
         winner,
         fitness: fitness(raw.search.fitness.as_ref(), defaults.fitness)?,
         set_weights: set_weights(raw.search.sets)?,
-        ga: ga(&raw.ga, &defaults.ga)?,
+        ga: ga(&raw.ga, &defaults.ga, raw.descriptor.family.into())?,
         encoding: raw.ga.encoding,
         stop,
         coordinator: coordinator(&raw.coordinator, overrides)?,
@@ -70,10 +71,10 @@ fn name(given: Option<String>, path: &Path) -> Result<String, Fault> {
     Ok(name)
 }
 
-fn ga(raw: &RawGa, defaults: &GaSettings) -> Result<GaSettings, Fault> {
+fn ga(raw: &RawGa, defaults: &GaSettings, family: Family) -> Result<GaSettings, Fault> {
     // Adding 0 turns the rate -0 into 0: they mean the same and must read the same.
     let rate = |written: Option<f64>, default: f64| written.unwrap_or(default) + 0.0;
-    GaSettings {
+    let settings = GaSettings {
         population: raw.population.unwrap_or(defaults.population),
         elite: raw.elite.unwrap_or(defaults.elite),
         scaling: raw.scaling.unwrap_or(defaults.scaling),
@@ -82,9 +83,19 @@ fn ga(raw: &RawGa, defaults: &GaSettings) -> Result<GaSettings, Fault> {
         mutation: raw.mutation.unwrap_or(defaults.mutation),
         mutation_rate: rate(raw.mutation_rate, defaults.mutation_rate),
         mutation_decay: rate(raw.mutation_decay, defaults.mutation_decay),
+        preselection: raw.preselection.unwrap_or(defaults.preselection),
     }
     .validate()
-    .map_err(|error| Fault::from_message("", &error.to_string()))
+    .map_err(|error| Fault::from_message("", &error.to_string()))?;
+    // The model compares channels: of genes that are one vector it would know little.
+    if settings.preselection > 1 && family != Family::Structure {
+        return Err(Fault::new(
+            "ga.preselection",
+            format!("must be 1 with family {}, got {}", family.name(), settings.preselection),
+            "leave it out, or set descriptor.family = \"structure\"",
+        ));
+    }
+    Ok(settings)
 }
 
 fn stop(raw: &RawStop, defaults: &StopSettings, method: Method) -> Result<StopSettings, Fault> {

@@ -250,7 +250,12 @@ async fn begin_search(
     progress: &mut Progress,
 ) -> Result<evolution::Search, RunError> {
     let genome = search_space::genome(experiment.space(), experiment.encoding());
-    let strategy = match experiment.method().strategy(&genome, *experiment.ga(), experiment.seed())? {
+    let strategy = match experiment.method().strategy(
+        &genome,
+        *experiment.ga(),
+        experiment.seed(),
+        search_space::decompose(experiment),
+    )? {
         Some(strategy) => strategy,
         None => {
             let best = best_of_all(experiment, dataset, session, client, progress).await?;

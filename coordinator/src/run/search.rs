@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Instant;
 
-use descriptor::{Descriptor, SearchSpace};
-use evolution::{Found, Individual, Score, Search, StopReason};
+use descriptor::Descriptor;
+use evolution::{Found, Score, Search, StopReason};
 use results::RunFolder;
 
 use crate::experiment::Experiment;
@@ -21,6 +21,7 @@ use crate::run::matching::Matching;
 use crate::run::progress::{GenerationReport, Progress};
 use crate::run::rows;
 use crate::run::scales::Scales;
+use crate::run::search_space::decode;
 use crate::run::sets::with_weight;
 use crate::run::splits::ONLY_SET;
 use crate::session::Session;
@@ -148,7 +149,7 @@ impl<'a> SearchLoop<'a> {
                 scored.map(|(descriptor, measured)| experiment.score(descriptor, measured)).collect();
             let validation = match search.to_validate(&scores) {
                 Some(index) => {
-                    let next = self.foreseen(&search, (&descriptors, &scores));
+                    let next = self.foreseen(&mut search, (&descriptors, &scores));
                     self.validate(&[&descriptors[index as usize]], &next).await?.pop()
                 }
                 None => None,
@@ -356,7 +357,7 @@ impl<'a> SearchLoop<'a> {
     }
 
     /// The descriptors that the next generation will evaluate, as far as it is certain that there is one, if they need scales.
-    fn foreseen(&self, search: &Search, (current, scores): (&[Descriptor], &[Score])) -> Vec<Descriptor> {
+    fn foreseen(&self, search: &mut Search, (current, scores): (&[Descriptor], &[Score])) -> Vec<Descriptor> {
         let needs_scales = |one: &Descriptor| one.scaled_channels().iter().any(Option::is_some);
         if !current.iter().any(needs_scales) {
             return Vec::new(); // nor does any other of the family
@@ -365,7 +366,7 @@ impl<'a> SearchLoop<'a> {
         let left = search.evaluations_left(met);
         let mut foreseen = BTreeSet::new();
         for individual in search.foresee(scores, met).unwrap_or_default() {
-            let descriptor = decode(self.experiment.space(), &individual);
+            let descriptor = decode(self.experiment.space(), individual);
             if !self.experiment.affords(&descriptor) || self.counts.train.measured.contains_key(&descriptor) {
                 continue;
             }
@@ -458,12 +459,4 @@ impl<'a> SearchLoop<'a> {
             };
         Ok(points.iter().zip(descriptors).zip(validated).map(point).collect())
     }
-}
-
-/// What an individual stands for.
-///
-/// # Panics
-/// If it is not of the space: a programming error, as the genome is that of the space.
-fn decode(space: &SearchSpace, individual: &Individual) -> Descriptor {
-    space.decode(&individual.values).expect("value indices of the search space's genome")
 }

@@ -1,7 +1,9 @@
-//! The genome of a search space, for the search: a field for each gene.
+//! A search space as the search sees it: a genome with a field for each gene, and individuals part by part.
 
-use descriptor::{FieldSpec, SearchSpace};
-use evolution::{Encoding, Field, Genome};
+use descriptor::{Descriptor, FieldSpec, SearchSpace};
+use evolution::{Decompose, Encoding, Field, Genome, Individual, Part};
+
+use crate::experiment::Experiment;
 
 /// The genome of a search space: a field for each gene, in chromosome order. Value indices of the one are those of the
 /// other.
@@ -14,6 +16,41 @@ pub fn genome(space: &SearchSpace, encoding: Encoding) -> Genome {
         slot,
     });
     Genome::new(fields.collect(), encoding)
+}
+
+/// What an individual stands for.
+///
+/// # Panics
+/// If it is not of the space: a programming error, as the genome is that of the space.
+pub fn decode(space: &SearchSpace, individual: &Individual) -> Descriptor {
+    space.decode(&individual.values).expect("value indices of the search space's genome")
+}
+
+/// Individuals of an experiment's search space part by part: a structure's channels. What the experiment does not afford
+/// has none.
+pub fn decompose(experiment: &Experiment) -> Decompose {
+    let experiment = experiment.clone();
+    Decompose::by(move |individual| {
+        let descriptor = decode(experiment.space(), individual);
+        experiment.affords(&descriptor).then(|| parts(&descriptor))
+    })
+}
+
+/// The channels of a structure by their genes, each with its weight; of other families all genes together.
+fn parts(descriptor: &Descriptor) -> Vec<Part> {
+    match descriptor {
+        Descriptor::Structure(structure) => {
+            let part = |(ticks, weight): (Vec<Option<u32>>, f64)| {
+                let fields = ticks.into_iter().map(|ticks| ticks.map_or(u64::MAX, u64::from));
+                Part { weight, fields: fields.collect() }
+            };
+            structure.channel_genes().into_iter().map(part).collect()
+        }
+        other => {
+            let fields = other.values().into_iter().map(|value| value.map_or(u64::MAX, f64::to_bits));
+            vec![Part { weight: 1.0, fields: fields.collect() }]
+        }
+    }
 }
 
 #[cfg(test)]

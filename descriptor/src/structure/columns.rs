@@ -20,6 +20,17 @@ impl Structure {
         (Self::from_values(&values, metric).as_ref() == Some(self)).then_some(values)
     }
 
+    /// Each channel by the ticks of its genes but the weight, as in [`Structure::values`], and its weight. Of a channel with
+    /// more features than columns, the columns have none.
+    pub fn channel_genes(&self) -> Vec<(Vec<Option<u32>>, f64)> {
+        let genes = |one: &Weighted| {
+            let mut ticks = ticks_of(one).unwrap_or_else(|| vec![None; FIELDS]);
+            ticks.truncate(FIELDS - 1);
+            (ticks, one.weight())
+        };
+        self.channels.iter().map(genes).collect()
+    }
+
     /// Undoes [`Structure::values`] for structures whose channels compare rows by `metric`, which no column says;
     /// `None` if no structure has these values.
     pub fn from_values(values: &[Option<f64>], metric: SetDistance) -> Option<Self> {
@@ -131,6 +142,11 @@ mod tests {
         let slot = slot.map(|value| Some(value).filter(|value| !value.is_nan()));
         let empty = [&[Some(0.0)][..], &[None; 14]].concat();
         assert_eq!(values, [&slot[..], &empty, &empty, &empty].concat());
+
+        let genes = structure.channel_genes();
+        let ticks = [1, 1, 20, 21, u32::MAX, 8, 9, u32::MAX, 500, 35_000, 2, 5_000, 15_000, 256];
+        let ticks = ticks.map(|ticks| Some(ticks).filter(|&ticks| ticks < u32::MAX));
+        assert_eq!(genes, [(ticks.to_vec(), 0.058008)]);
 
         let from_values = |values: &[_]| Structure::from_values(values, SetDistance::L1);
         assert_eq!(from_values(&values), Some(structure));

@@ -1,5 +1,6 @@
 //! Structures go the same way as descriptors of genes, under every protocol of fitness: whole, in pieces, audited,
-//! killed, cold and warm, with one worker and several.
+//! killed, cold and warm, with one worker and several. A model of the fitness chooses the children, so that generations
+//! rest on all results before.
 
 use results::{TableName, read_evaluations, read_table};
 
@@ -7,7 +8,7 @@ use crate::experiments::{Experiment, clouds, digest, summary};
 use crate::process::{Running, run};
 
 const SEARCH: &str = "[descriptor]\nfamily = \"structure\"\nmax_bins = 300\n\
-    [ga]\npopulation = 8\n[stop]\nevaluations = 24\n";
+    [ga]\npopulation = 8\npreselection = 3\n[stop]\nevaluations = 24\n";
 
 /// The search under a fitness, with settings of the coordinator.
 fn experiment(fitness: &str, coordinator: &str) -> Experiment {

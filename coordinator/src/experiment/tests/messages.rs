@@ -170,10 +170,10 @@ fn keys() {
         expect![[r#"
             [ga]\npopulaton = 10
               ga: unknown key, got `populaton`
-              did you mean `population`? known keys here: population, elite, selection, scaling, crossover, crossover_rate, mutation, mutation_rate, mutation_decay, encoding
+              did you mean `population`? known keys here: population, elite, selection, scaling, crossover, crossover_rate, mutation, mutation_rate, mutation_decay, preselection, encoding
             ga.crossover_raet = 0.5
               ga: unknown key, got `crossover_raet`
-              did you mean `crossover_rate`? known keys here: population, elite, selection, scaling, crossover, crossover_rate, mutation, mutation_rate, mutation_decay, encoding
+              did you mean `crossover_rate`? known keys here: population, elite, selection, scaling, crossover, crossover_rate, mutation, mutation_rate, mutation_decay, preselection, encoding
             sede = 1
               top level: unknown key, got `sede`
               did you mean `seed`? known keys here: version, name, seed, dataset, preprocess, descriptor, search, ga, stop, coordinator, recognition, results, sweep
@@ -188,7 +188,7 @@ fn keys() {
               known keys here: version, name, seed, dataset, preprocess, descriptor, search, ga, stop, coordinator, recognition, results, sweep
             ga.\"odd `key`, expected `x`\" = 1
               ga: unknown key, got `odd `key`, expected `x``
-              known keys here: population, elite, selection, scaling, crossover, crossover_rate, mutation, mutation_rate, mutation_decay, encoding
+              known keys here: population, elite, selection, scaling, crossover, crossover_rate, mutation, mutation_rate, mutation_decay, preselection, encoding
             dataset.splits.tset = \'a\'
               dataset.splits: unknown key, got `tset`
               did you mean `test`? known keys here: train1, train2, validation, test, seeded
@@ -456,7 +456,7 @@ fn sweeps() {
           call it `pop-20`
         "[sweep.variants.x]\nga.populaton = 20"
           sweep.variants.x.ga: unknown key, got `populaton`
-          did you mean `population`? known keys here: population, elite, selection, scaling, crossover, crossover_rate, mutation, mutation_rate, mutation_decay, encoding
+          did you mean `population`? known keys here: population, elite, selection, scaling, crossover, crossover_rate, mutation, mutation_rate, mutation_decay, preselection, encoding
         "[sweep.variants.x]\nga.population = 1"
           sweep.variants.x.ga.population: not between 2 and 65536, got 1
           set it to the individuals a generation, such as 10

@@ -76,6 +76,7 @@ const IRRELEVANT: &[(&str, &str, &[&str])] = &[
     ("", "name", &["", "'other'"]),
     ("dataset", "root", &["'clouds'", "'/elsewhere'", "'${ROOT:-here}'"]),
     ("ga", "selection", &["", "'roulette'"]),
+    ("ga", "preselection", &["", "1"]), // of this family
     ("coordinator", "listen", &["", "'127.0.0.1:7700'", "'[::1]:0'"]),
     ("coordinator", "local_workers", &["", "0", "3", "'auto'"]),
     ("coordinator", "lease_seconds", &["", "10"]),

@@ -347,6 +347,9 @@ fn search_and_stop() {
             "ga.crossover_rate = 1.5",
             "ga.mutation_rate = nan",
             "ga.mutation_decay = -inf",
+            "ga.preselection = 0",
+            "ga.preselection = 65",
+            "ga.preselection = 8",
             "stop.generations = 0",
             "stop.stagnation = 0",
             "stop.validation_patience = 0",
@@ -374,6 +377,15 @@ fn search_and_stop() {
             ga.mutation_decay = -inf
               ga.mutation_decay: not between 0 and 1, got -inf
               set it to a probability or factor in this range
+            ga.preselection = 0
+              ga.preselection: not between 1 and 64, got 0
+              set it to the children to choose each from, such as 8, or 1 to evaluate all
+            ga.preselection = 65
+              ga.preselection: not between 1 and 64, got 65
+              set it to the children to choose each from, such as 8, or 1 to evaluate all
+            ga.preselection = 8
+              ga.preselection: must be 1 with family disk-ring, got 8
+              leave it out, or set descriptor.family = "structure"
             stop.generations = 0
               stop.generations: not at least 1, got 0
               set it to a number of generations from 1
