@@ -18,12 +18,13 @@ impl Past {
         Self { most, told: VecDeque::new() }
     }
 
-    /// Adds a generation. To add it again changes nothing.
+    /// Adds a generation, the last of it first: what is forgotten of a large one is not its elite. To add it again changes
+    /// nothing.
     pub(crate) fn add(&mut self, population: &[Individual], scores: &[Score]) {
         if self.most == 0 {
             return;
         }
-        for (individual, &score) in population.iter().zip(scores) {
+        for (individual, &score) in population.iter().zip(scores).rev() {
             self.told.retain(|(told, _)| told.values != individual.values);
             self.told.push_back((individual.clone(), score));
         }
@@ -55,11 +56,13 @@ mod tests {
     fn the_last_are_kept_each_once_with_its_last_score() {
         let mut past = Past::of(3);
         past.add(&[1, 2, 1].map(individual), &scores(&[10, 20, 11]));
-        assert_eq!(told(&past), [(2, 20), (1, 11)]);
+        assert_eq!(told(&past), [(2, 20), (1, 10)]);
         for _ in 0..2 {
-            past.add(&[2, 3, 4].map(individual), &scores(&[21, 30, 40]));
+            past.add(&[4, 3, 2].map(individual), &scores(&[40, 30, 21]));
             assert_eq!(told(&past), [(2, 21), (3, 30), (4, 40)]);
         }
+        past.add(&[5, 6, 7, 8].map(individual), &scores(&[50, 60, 70, 80]));
+        assert_eq!(told(&past), [(7, 70), (6, 60), (5, 50)]);
         let mut nothing = Past::default();
         nothing.add(&[individual(1)], &scores(&[1]));
         assert_eq!(told(&nothing), []);

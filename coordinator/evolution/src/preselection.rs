@@ -9,7 +9,7 @@ use crate::individual::Individual;
 use crate::past::Past;
 use crate::surrogate::{Composition, Part, Surrogate};
 
-/// Individuals that the model learns from at most, the last that were evaluated: making it takes the third power of them.
+/// Individuals that the model learns from at most, the last that were told: making it takes the third power of them.
 pub(crate) const MOST_KNOWN: usize = 600;
 
 type PartsOf = dyn Fn(&Individual) -> Option<Vec<Part>> + Send + Sync;
@@ -45,14 +45,19 @@ pub(crate) struct Preselection<'a> {
 impl<'a> Preselection<'a> {
     /// By what the individuals of the past have taught.
     pub(crate) fn new(decompose: &'a Decompose, past: &Past) -> Self {
-        let known = past.iter().filter_map(|(individual, score)| {
-            Some((decompose.composition(individual)?, f64::from(score.correct)))
-        });
-        Self { decompose, surrogate: Surrogate::new(known.collect()), chosen: Vec::new() }
+        let mut known: Vec<(Composition, f64)> = Vec::new();
+        for (individual, score) in past.iter() {
+            if let Some(new) = decompose.composition(individual)
+                && known.iter().all(|(known, _)| *known != new)
+            {
+                known.push((new, f64::from(score.correct)));
+            }
+        }
+        Self { decompose, surrogate: Surrogate::new(known), chosen: Vec::new() }
     }
 
     /// So many of these children, those of which most is to be expected first, the earlier of equal ones. Those that would
-    /// not be evaluated, are known or were chosen before come last, in their order.
+    /// not be evaluated, are known or were chosen before come last.
     pub(crate) fn choose(&mut self, count: usize, children: Vec<Individual>) -> Vec<Individual> {
         let mut ordered: Vec<(f64, Option<Composition>, Individual)> = children
             .into_iter()
@@ -94,7 +99,6 @@ mod tests {
     use super::*;
     use crate::genetic::GeneticAlgorithm;
     use crate::genome::Genome;
-    use crate::score::Score;
     use crate::score::tests::scores;
     use crate::settings::GaSettings;
     use crate::strategy::Strategy;
@@ -157,11 +161,11 @@ mod tests {
 
     /// Slots as parts, each of the same weight.
     fn by_slots(genome: &Genome) -> Decompose {
-        let slots = genome.fields().len() / 4;
+        let fields_of_slot = genome.fields().len() / 4;
         Decompose::by(move |individual| {
             let part =
                 |fields: &[u32]| Part { weight: 1.0, fields: fields.iter().map(|&it| it.into()).collect() };
-            Some(individual.values.chunks(slots).map(part).collect())
+            Some(individual.values.chunks(fields_of_slot).map(part).collect())
         })
     }
 
@@ -194,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn children_are_new_and_bred_as_without_it() {
+    fn children_are_new_and_have_parents() {
         let settings = by_slots_and_fields(20);
         let log = run_strategy(&genetic(4, 3), 12, |_, _, individual| jobs(individual));
         let mut met = BTreeSet::new();
@@ -217,25 +221,44 @@ mod tests {
     }
 
     #[test]
-    fn scores_told_before_are_all_that_a_generation_depends_on() {
+    fn a_generation_depends_on_all_that_was_told_before() {
         let strategy = genetic(4, 5);
-        let told = |population: &[Individual]| -> Vec<Score> {
-            scores(&population.iter().map(jobs).collect::<Vec<_>>())
-        };
-        let follow = |first: &[Score]| {
+        let one = strategy.first();
+        let two = strategy.next(1, &one, &scores(&[5; 20]), &Past::default());
+        let correct: Vec<u32> = two.iter().map(jobs).collect();
+        let next = |first: u32| {
             let mut past = Past::of(strategy.remembers());
-            let one = strategy.first();
-            past.add(&one, first);
-            let two = strategy.next(1, &one, first, &past);
-            past.add(&two, &told(&two));
-            [two.clone(), strategy.next(2, &two, &told(&two), &past)]
+            let earlier: Vec<u32> = one.iter().map(|one| jobs(one) * first).collect();
+            past.add(&one, &scores(&earlier));
+            past.add(&two, &scores(&correct));
+            strategy.next(2, &two, &scores(&correct), &past)
         };
-        let first = told(&strategy.first());
-        assert_eq!(follow(&first), follow(&first));
-        let mut other = first.clone();
-        // The worst of the first generation, which has no child: only the model may know of it.
-        let worst = (0..20).min_by_key(|&index| first[index].correct).unwrap();
-        other[worst].correct += 1;
-        assert_ne!(follow(&first), follow(&other));
+        assert_eq!(next(1), next(1));
+        assert_ne!(next(1), next(0), "what can be bred is the same");
+    }
+
+    /// Run digests rest on these bits.
+    #[test]
+    fn what_is_chosen_is_pinned() {
+        let settings = GaSettings { preselection: 4, ..by_slots_and_fields(4) };
+        let strategy = GeneticAlgorithm::new(slotted(), settings, 5, by_slots(&slotted())).unwrap();
+        let log = run_strategy(&strategy, 4, |_, _, individual| jobs(individual));
+        let line = |individual: &Individual| format!("{:?} {:?}\n", individual.values, individual.parents);
+        let text: String = log.iter().skip(1).flat_map(|(population, _)| population).map(line).collect();
+        expect_test::expect![[r#"
+            [3, 4, 0, 6, 0, 0, 6, 0, 0, 5, 3, 0] [Some(1), None]
+            [6, 0, 2, 6, 0, 0, 7, 2, 0, 5, 3, 0] [Some(1), Some(3)]
+            [6, 0, 2, 5, 0, 2, 7, 2, 0, 5, 1, 1] [Some(3), Some(2)]
+            [6, 0, 2, 6, 0, 0, 6, 0, 0, 5, 3, 0] [Some(1), Some(3)]
+            [6, 0, 2, 6, 0, 0, 7, 2, 0, 5, 3, 0] [Some(1), None]
+            [6, 0, 2, 6, 0, 0, 7, 2, 0, 6, 2, 1] [Some(2), Some(1)]
+            [6, 0, 2, 7, 0, 0, 6, 0, 0, 5, 3, 0] [Some(3), Some(3)]
+            [6, 0, 2, 6, 0, 0, 7, 3, 0, 5, 3, 0] [Some(3), Some(1)]
+            [6, 0, 2, 6, 0, 0, 7, 2, 0, 6, 2, 1] [Some(1), None]
+            [6, 0, 2, 6, 0, 0, 6, 2, 0, 6, 2, 1] [Some(1), Some(1)]
+            [7, 0, 2, 6, 0, 1, 7, 2, 1, 6, 2, 1] [Some(1), Some(1)]
+            [7, 0, 2, 6, 0, 0, 7, 2, 0, 6, 2, 1] [Some(1), Some(1)]
+        "#]]
+        .assert_eq(&text);
     }
 }

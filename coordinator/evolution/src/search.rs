@@ -158,7 +158,7 @@ mod tests {
 
     use super::*;
     use crate::genetic::GeneticAlgorithm;
-    use crate::score::tests::{score, scores};
+    use crate::score::tests::{score, scores as scores_of};
     use crate::settings::GaSettings;
     use crate::stop::tests::NEVER;
     use crate::tests::{decompose, paper};
@@ -176,10 +176,16 @@ mod tests {
             let settings = GaSettings { population: 4, preselection, ..GaSettings::default() };
             let strategy = GeneticAlgorithm::new(paper(), settings, 7, decompose()).unwrap();
             let mut search = Search::new(Box::new(strategy), stop, WinnerRule::Validation);
+            // One that is never asked what it foresees takes the same way, whatever the other was asked.
+            let strategy = GeneticAlgorithm::new(paper(), settings, 7, decompose()).unwrap();
+            let mut blind = Search::new(Box::new(strategy), stop, WinnerRule::Validation);
             for (evaluations, (correct, validated)) in (4u64..).step_by(4).zip(told) {
-                let scores = scores(&correct);
+                search.foresee(&scores_of(&correct.map(|correct| 50 - correct)), evaluations);
+                let scores = scores_of(&correct);
                 let foreseen = search.foresee(&scores, evaluations).map(<[_]>::to_vec);
                 let state = search.tell(&scores, Some(score(validated, 50)), evaluations);
+                prop_assert_eq!(&blind.tell(&scores, Some(score(validated, 50)), evaluations), &state);
+                prop_assert_eq!(blind.ask(), search.ask());
                 if let Some(foreseen) = foreseen {
                     prop_assert_eq!((state.stop, &foreseen[..]), (None, search.ask()));
                 } else if patience.is_none() {

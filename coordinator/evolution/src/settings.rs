@@ -6,8 +6,11 @@ use serde::{Deserialize, Serialize};
 /// The largest population: with counts below 2³² every sum of selection weights then fits 64 bits.
 pub const MAX_POPULATION: u32 = 65_536;
 
-/// The most children to choose from.
+/// The most children to choose each from.
 pub const MAX_PRESELECTION: u32 = 64;
+
+/// The most children that a generation is chosen from: to choose takes some seconds then.
+pub const MAX_BRED: u32 = 16_384;
 
 /// How correct counts become selection weights (DESIGN 5.9).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
@@ -107,6 +110,10 @@ impl GaSettings {
         if !(1..=MAX_PRESELECTION).contains(&self.preselection) {
             return Err(SettingsError::Preselection { got: self.preselection });
         }
+        let bred = u64::from(self.preselection) * u64::from(self.population);
+        if self.preselection > 1 && bred > u64::from(MAX_BRED) {
+            return Err(SettingsError::Bred { preselection: self.preselection, population: self.population });
+        }
         Ok(self)
     }
 
@@ -190,6 +197,11 @@ pub enum SettingsError {
         "ga.preselection: not between 1 and 64, got {got}\nset it to the children to choose each from, such as 8, or 1 to evaluate all"
     )]
     Preselection { got: u32 },
+    /// More children to choose from than is worth it.
+    #[error(
+        "ga.preselection: not at most 16384 children a generation, got {preselection} times ga.population = {population}\nlower one of them"
+    )]
+    Bred { preselection: u32, population: u32 },
     /// A number of generations that could never pass.
     #[error("{key}: not at least 1, got 0\nset it to a number of generations from 1")]
     Generations { key: &'static str },
@@ -234,7 +246,7 @@ mod tests {
                         crossover_rate,
                         mutation_rate,
                         mutation_decay,
-                        preselection: if elite == 0 { 1 } else { MAX_PRESELECTION },
+                        preselection: if population == 2 { MAX_PRESELECTION } else { 1 },
                         ..GA()
                     };
                     assert_eq!(ga.validate(), Ok(ga));
@@ -263,6 +275,9 @@ mod tests {
             let error = GaSettings { elite, ..GA() }.validate().unwrap_err();
             assert_eq!(error, SettingsError::Elite { got: elite, population: 10 });
         }
+        let bred = |population| GaSettings { preselection: 8, population, ..GA() }.validate();
+        assert!(bred(2048).is_ok());
+        assert_eq!(bred(2049), Err(SettingsError::Bred { preselection: 8, population: 2049 }));
         for got in [0, 65] {
             let error = GaSettings { preselection: got, ..GA() }.validate().unwrap_err();
             assert_eq!(error, SettingsError::Preselection { got });
@@ -295,6 +310,7 @@ mod tests {
             SettingsError::Elite { got: 10, population: 10 },
             SettingsError::Rate { key: "ga.mutation_rate", got: 1.5 },
             SettingsError::Preselection { got: 65 },
+            SettingsError::Bred { preselection: 8, population: 2049 },
             SettingsError::Generations { key: "stop.stagnation" },
             SettingsError::Evaluations,
         ];
@@ -307,6 +323,8 @@ mod tests {
             set it to a probability or factor in this range
             ga.preselection: not between 1 and 64, got 65
             set it to the children to choose each from, such as 8, or 1 to evaluate all
+            ga.preselection: not at most 16384 children a generation, got 8 times ga.population = 2049
+            lower one of them
             stop.stagnation: not at least 1, got 0
             set it to a number of generations from 1
             stop.evaluations: not at least 1, got 0

@@ -1,5 +1,8 @@
 //! A model of the fitness: Gaussian process regression over individuals that were evaluated (Rasmussen and Williams,
 //! Gaussian Processes for Machine Learning, 2006, algorithm 2.1).
+//!
+//! Children are chosen by its bits, which must be those of every processor: nalgebra factorises and solves in plain loops
+//! (its products of two matrices choose instructions by processor, and are not used), `libm` has one exp for all.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
@@ -179,7 +182,7 @@ mod tests {
             for fields in &fields {
                 let expected = surrogate.expect(&one(fields));
                 prop_assert!(expected.mean.is_finite() && expected.deviation < unknown.deviation);
-                // Half of the noise's variance, if it were the only one there is: 1 - 1/1.1.
+                // What is left of the variance where one individual was evaluated, and no other is like it.
                 prop_assert!(expected.deviation * expected.deviation <= 1.0 - 1.0 / 1.1 + 1e-12);
             }
         }

@@ -430,7 +430,7 @@ fn counting_ones_climbs_to_near_all_of_them() {
 }
 
 #[test]
-pub(crate) fn by_slots_and_fields_a_separable_optimum_is_found() {
+fn by_slots_and_fields_a_separable_optimum_is_found() {
     // The sum of the ordered fields and a point for each right category: at most 4·(7 + 2 + 1).
     let fitness = |_, _, individual: &Individual| {
         let slot = |values: &[u32]| values[0] + values[2] + u32::from(values[1] == 3);

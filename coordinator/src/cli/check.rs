@@ -90,31 +90,21 @@ impl Check {
 /// The method and what it evaluates.
 fn search(experiment: &Experiment) -> anyhow::Result<String> {
     let (method, generations) = (experiment.method(), experiment.stop().generations);
-    let genome = search_space::genome(experiment.space(), experiment.encoding());
-    Ok(
-        match method.strategy(
-            &genome,
-            *experiment.ga(),
-            experiment.seed(),
-            search_space::decompose(experiment),
-        )? {
-            Some(strategy) => {
-                let largest = strategy.largest_generation();
-                let most = u64::from(largest) * u64::from(generations);
-                let budget = experiment.stop().evaluations.map_or_else(String::new, |budget| {
-                    format!(", or until {budget} different descriptors are evaluated")
-                });
-                format!(
-                    "{method}, at most {most} individuals in {generations} generations of {largest}{budget}"
-                )
-            }
-            None => {
-                let grid = Grid::new(experiment.space())?;
-                let (descriptors, cells) = (grid.descriptors(), grid.cells());
-                format!("{method}, all {descriptors} descriptors in {cells} grid cells")
-            }
-        },
-    )
+    Ok(match search_space::strategy(experiment)? {
+        Some(strategy) => {
+            let largest = strategy.largest_generation();
+            let most = u64::from(largest) * u64::from(generations);
+            let budget = experiment.stop().evaluations.map_or_else(String::new, |budget| {
+                format!(", or until {budget} different descriptors are evaluated")
+            });
+            format!("{method}, at most {most} individuals in {generations} generations of {largest}{budget}")
+        }
+        None => {
+            let grid = Grid::new(experiment.space())?;
+            let (descriptors, cells) = (grid.descriptors(), grid.cells());
+            format!("{method}, all {descriptors} descriptors in {cells} grid cells")
+        }
+    })
 }
 
 /// How well positions alone recognise objects, as comments of a TOML.

@@ -191,8 +191,8 @@ pub(super) struct RawGa {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "f64", range(min = 0, max = 1), extend("default" = GaSettings::default().mutation_decay))]
     pub mutation_decay: Option<f64>,
-    /// Children that are made for each that is evaluated: those are, of which a model of all that were evaluated expects
-    /// most. 1: all are evaluated. Only with family = "structure".
+    /// Children that are made for each that is evaluated: those are, of which a model of the last 600 that were evaluated
+    /// expects most. 1: all are evaluated. Only with family = "structure".
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "u32", range(min = 1, max = 64), extend("default" = GaSettings::default().preselection))]
     pub preselection: Option<u32>,

@@ -249,17 +249,12 @@ async fn begin_search(
     client: &mut Client,
     progress: &mut Progress,
 ) -> Result<evolution::Search, RunError> {
-    let genome = search_space::genome(experiment.space(), experiment.encoding());
-    let strategy = match experiment.method().strategy(
-        &genome,
-        *experiment.ga(),
-        experiment.seed(),
-        search_space::decompose(experiment),
-    )? {
+    let strategy = match search_space::strategy(experiment)? {
         Some(strategy) => strategy,
         None => {
             let best = best_of_all(experiment, dataset, session, client, progress).await?;
             let best = experiment.space().encode(&best.descriptor());
+            let genome = search_space::genome(experiment.space(), experiment.encoding());
             Box::new(Exhaustive::new(best.expect("the best of the search space lies in it"), &genome))
         }
     };

@@ -149,13 +149,17 @@ impl<'a> SearchLoop<'a> {
                 scored.map(|(descriptor, measured)| experiment.score(descriptor, measured)).collect();
             let validation = match search.to_validate(&scores) {
                 Some(index) => {
-                    let next = self.foreseen(&mut search, (&descriptors, &scores));
+                    let next;
+                    (search, next) = self.foreseen(search, (&descriptors, &scores)).await;
                     self.validate(&[&descriptors[index as usize]], &next).await?.pop()
                 }
                 None => None,
             };
             let validation_score = validation.as_ref().map(|measured| fitness.score(measured));
-            let state = search.tell(&scores, validation_score, self.first_met.len() as u64);
+            let (told, evaluations) = (scores.clone(), self.first_met.len() as u64);
+            let state;
+            (search, state) =
+                apart(search, move |search| search.tell(&told, validation_score, evaluations)).await;
 
             let individuals = rows::evaluations(
                 fitness,
@@ -357,16 +361,23 @@ impl<'a> SearchLoop<'a> {
     }
 
     /// The descriptors that the next generation will evaluate, as far as it is certain that there is one, if they need scales.
-    fn foreseen(&self, search: &mut Search, (current, scores): (&[Descriptor], &[Score])) -> Vec<Descriptor> {
+    async fn foreseen(
+        &self,
+        search: Search,
+        (current, scores): (&[Descriptor], &[Score]),
+    ) -> (Search, Vec<Descriptor>) {
         let needs_scales = |one: &Descriptor| one.scaled_channels().iter().any(Option::is_some);
         if !current.iter().any(needs_scales) {
-            return Vec::new(); // nor does any other of the family
+            return (search, Vec::new()); // nor does any other of the family
         }
         let met = self.first_met.len() as u64;
         let left = search.evaluations_left(met);
+        let scores = scores.to_vec();
+        let (search, next) =
+            apart(search, move |search| search.foresee(&scores, met).map(<[_]>::to_vec)).await;
         let mut foreseen = BTreeSet::new();
-        for individual in search.foresee(scores, met).unwrap_or_default() {
-            let descriptor = decode(self.experiment.space(), individual);
+        for individual in next.unwrap_or_default() {
+            let descriptor = decode(self.experiment.space(), &individual);
             if !self.experiment.affords(&descriptor) || self.counts.train.measured.contains_key(&descriptor) {
                 continue;
             }
@@ -375,7 +386,7 @@ impl<'a> SearchLoop<'a> {
             }
             foreseen.insert(descriptor);
         }
-        foreseen.into_iter().collect()
+        (search, foreseen.into_iter().collect())
     }
 
     /// Measures descriptors by the fitness. Workers that are left over find out the scales of `next`, which are measured
@@ -459,4 +470,17 @@ impl<'a> SearchLoop<'a> {
             };
         Ok(points.iter().zip(descriptors).zip(validated).map(point).collect())
     }
+}
+
+/// Takes a step of a search on another thread: to make a generation may take as long as to evaluate it, and other runs
+/// of a sweep are driven by the same task.
+async fn apart<T: Send + 'static>(
+    mut search: Search,
+    step: impl FnOnce(&mut Search) -> T + Send + 'static,
+) -> (Search, T) {
+    let taken = tokio::task::spawn_blocking(move || {
+        let told = step(&mut search);
+        (search, told)
+    });
+    taken.await.unwrap_or_else(|error| std::panic::resume_unwind(error.into_panic()))
 }

@@ -1,7 +1,7 @@
 //! A search space as the search sees it: a genome with a field for each gene, and individuals part by part.
 
 use descriptor::{Descriptor, FieldSpec, SearchSpace};
-use evolution::{Decompose, Encoding, Field, Genome, Individual, Part};
+use evolution::{Decompose, Encoding, Field, Genome, Individual, Part, SettingsError, Strategy};
 
 use crate::experiment::Experiment;
 
@@ -18,6 +18,15 @@ pub fn genome(space: &SearchSpace, encoding: Encoding) -> Genome {
     Genome::new(fields.collect(), encoding)
 }
 
+/// An experiment's strategy; `None` of an exhaustive search.
+///
+/// # Errors
+/// As [`Method::strategy`](evolution::Method::strategy).
+pub fn strategy(experiment: &Experiment) -> Result<Option<Box<dyn Strategy>>, SettingsError> {
+    let genome = genome(experiment.space(), experiment.encoding());
+    experiment.method().strategy(&genome, *experiment.ga(), experiment.seed(), decompose(experiment))
+}
+
 /// What an individual stands for.
 ///
 /// # Panics
@@ -28,7 +37,7 @@ pub fn decode(space: &SearchSpace, individual: &Individual) -> Descriptor {
 
 /// Individuals of an experiment's search space part by part: a structure's channels. What the experiment does not afford
 /// has none.
-pub fn decompose(experiment: &Experiment) -> Decompose {
+fn decompose(experiment: &Experiment) -> Decompose {
     let experiment = experiment.clone();
     Decompose::by(move |individual| {
         let descriptor = decode(experiment.space(), individual);

@@ -124,6 +124,7 @@ pub struct Checked {
     pub corrected: Option<Arc<Task>>,
 }
 
+#[cfg(test)]
 impl Default for JobStore {
     /// Of tasks whose descriptors have no channels.
     fn default() -> Self {
