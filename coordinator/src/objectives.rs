@@ -125,7 +125,7 @@ mod tests {
     fn the_hypervolume_is_a_share_of_the_box_below_the_reference_point() {
         let genome = Genome::new(vec![Field::new("one", 1)], Encoding::Binary);
         let strategy = Method::Random
-            .strategy(&genome, Default::default(), 1, Decompose::by(|_| None))
+            .strategy(&genome, 1, Default::default(), 1, Decompose::by(|_| None))
             .unwrap()
             .unwrap();
         let mut search = Search::new(strategy, StopSettings::default(), WinnerRule::Fitness);

@@ -118,7 +118,7 @@ fn note_look(folder: &Path, experiment: &Experiment) -> Result<(), results::Erro
     if results::read_looks(folder)?.iter().any(|look| look.command == COMMAND) {
         return Ok(());
     }
-    let columns = rows::gene_columns(experiment.space().family());
+    let columns = rows::gene_columns(experiment.space());
     RunFolder::create(folder, &columns)?.record_look(&LookRow {
         at: SystemTime::now(),
         command: COMMAND.to_owned(),

@@ -67,7 +67,8 @@ impl Descriptor {
         }
     }
 
-    /// What it has in the columns of its family ([`Family::columns`]); `None` for a gene that it is without.
+    /// What it has in the columns of its family ([`Family::columns`]), those of a structure of at least four slots; `None`
+    /// for a gene that it is without.
     pub fn values(&self) -> Vec<Option<f64>> {
         match self {
             Self::DiskRing(parameters) => {
@@ -76,10 +77,7 @@ impl Descriptor {
             }
             Self::Fixed(fixed) => vec![Some(fixed.radius_cm())],
             Self::GlobalHue(hue) => vec![Some(f64::from(hue.bins()))],
-            // One that is written by hand may be too much for the columns.
-            Self::Structure(structure) => {
-                structure.values().unwrap_or_else(|| vec![None; Structure::genes().len()])
-            }
+            Self::Structure(structure) => structure.values_of_slots(structure.channels.len()),
         }
     }
 

@@ -27,8 +27,14 @@ fn spaces() -> Vec<SearchSpace> {
     spaces.push(SearchSpace::Structures(StructureSpace {
         colour: false,
         slots: 2,
+        members: 1,
         max_bins: 120,
         metric: SetDistance::Hellinger,
+    }));
+    spaces.push(SearchSpace::Structures(StructureSpace {
+        slots: 6,
+        members: 3,
+        ..StructureSpace::default()
     }));
     spaces.push(SearchSpace::Structure(Structure::default()));
     spaces
@@ -65,10 +71,11 @@ proptest! {
         prop_assert!(SearchSpace::single(&descriptor).unwrap().contains(&descriptor));
         prop_assert_eq!(descriptor.family(), space.family());
 
-        let (family, values) = (space.family(), descriptor.values());
-        prop_assert_eq!(family.columns().len(), values.len());
-        prop_assert_eq!(Descriptor::from_values(family, &values[1..]), None);
-        prop_assert_eq!(space.from_values(&values), Some(descriptor));
+        let values = space.values(&descriptor);
+        prop_assert_eq!(space.columns().len(), values.len());
+        prop_assert_eq!(Descriptor::from_values(space.family(), &values[1..]), None);
+        prop_assert_eq!(space.from_values(&values), Some(descriptor.clone()));
+        prop_assert_eq!(space.from_values(&descriptor.values()), Some(descriptor));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Search spaces: a family and the values that its genes may take.
 
 use crate::bytes::{self, BytesError, Reader};
+use crate::column::Column;
 use crate::descriptor::{Descriptor, read_fixed};
 use crate::disk_ring::{GeneTable, QuantiseError};
 use crate::domain::Domain;
@@ -107,6 +108,29 @@ impl SearchSpace {
         }
     }
 
+    /// The columns that its descriptors have in tables. Those of structures go by the slots of the space.
+    pub fn columns(&self) -> Vec<Column> {
+        let mut columns = self.family().columns();
+        if let Self::Structures(_) | Self::Structure(_) = self {
+            columns.truncate(Structure::columns_of_slots(self.slots()));
+        }
+        columns
+    }
+
+    /// What a descriptor has in these columns; nothing in any of them if they cannot hold it.
+    pub fn values(&self, descriptor: &Descriptor) -> Vec<Option<f64>> {
+        match descriptor {
+            Descriptor::Structure(structure) => structure.values_of_slots(self.slots()),
+            other => other.values(),
+        }
+    }
+
+    /// Slots of a genome of structures, whose number tables have columns for; none of one structure alone, which are as they
+    /// always were.
+    fn slots(&self) -> usize {
+        if let Self::Structures(space) = self { space.slots as usize } else { 0 }
+    }
+
     /// The fields of its genome, a gene each, in chromosome order.
     pub fn fields(&self) -> Vec<FieldSpec> {
         if let Self::Structures(space) = self {
@@ -173,7 +197,7 @@ impl SearchSpace {
             // Its values may say less than the structure, but there is no other.
             Self::Structure(structure) => {
                 let own = Descriptor::Structure(structure.clone());
-                (own.values() == values).then_some(own)
+                (self.values(&own) == values).then_some(own)
             }
             _ => Descriptor::from_values(self.family(), values),
         }

@@ -26,6 +26,7 @@ pub fn search_space(raw: &RawDescriptor) -> Result<SearchSpace, Fault> {
     }
     let structure_only = [
         ("slots", raw.slots.is_some()),
+        ("members", raw.members.is_some()),
         ("max_bins", raw.max_bins.is_some()),
         ("metric", raw.metric.is_some()),
         ("max_cost", raw.max_cost.is_some()),
@@ -66,6 +67,7 @@ fn structures(raw: &RawDescriptor) -> Result<SearchSpace, Fault> {
     if !raw.channel.is_empty() {
         let searched = [
             ("slots", raw.slots.is_some()),
+            ("members", raw.members.is_some()),
             ("max_bins", raw.max_bins.is_some()),
             ("metric", raw.metric.is_some()),
             ("max_cost", raw.max_cost.is_some()),
@@ -90,9 +92,11 @@ fn structures(raw: &RawDescriptor) -> Result<SearchSpace, Fault> {
         return Ok(SearchSpace::Structure(structure));
     }
     let default = StructureSpace::default();
+    let members = raw.members.unwrap_or(default.members);
     let space = StructureSpace {
         colour: raw.colour,
-        slots: raw.slots.unwrap_or(default.slots),
+        slots: raw.slots.unwrap_or(StructureSpace::default_slots(members)),
+        members,
         max_bins: raw.max_bins.unwrap_or(default.max_bins),
         metric: raw.metric.map_or(default.metric, SetDistance::from),
     };

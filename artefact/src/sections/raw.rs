@@ -48,10 +48,17 @@ pub struct RawDescriptor {
     pub colour: bool,
     #[serde(skip_serializing_if = "RawGenes::is_empty")]
     pub genes: RawGenes,
-    /// Of structure: most channels, 1 to 4. Default: 4.
+    /// Of structure: most channels, 1 to 8. Default: 4; of several members two each, or one of two members or of more than
+    /// four.
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "u32", range(min = 1, max = 4))]
+    #[schemars(with = "u32", range(min = 1, max = 8))]
     pub slots: Option<u32>,
+    /// Of structure: members that a structure consists of, each with an equal share of slots, max_bins and max_cost, and
+    /// more of them than each has slots. The genetic algorithm evolves each in a population of its own, judged by itself;
+    /// the first individual of a generation joins the best of each. Default: 1.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schemars(with = "u32", range(min = 1, max = 8))]
+    pub members: Option<u32>,
     /// Of structure: most bins of all channels together, at least 54 a slot. Default: 500.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "u32", range(min = 54))]
@@ -79,6 +86,7 @@ impl Default for RawDescriptor {
             colour: true,
             genes: RawGenes::default(),
             slots: None,
+            members: None,
             max_bins: None,
             metric: None,
             max_cost: None,

@@ -67,6 +67,11 @@ impl Genome {
         &self.fields
     }
 
+    /// How value indices are written as bits.
+    pub fn encoding(&self) -> Encoding {
+        self.encoding
+    }
+
     /// Bits of a chromosome.
     pub fn bits(&self) -> usize {
         self.fields.iter().map(|field| field.bits() as usize).sum()

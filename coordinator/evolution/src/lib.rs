@@ -7,6 +7,7 @@
 //! A further strategy is a file with its [`Strategy`] and an entry in [`Method`].
 
 pub mod crossover;
+mod ensemble;
 mod exhaustive;
 mod front;
 mod genetic;
@@ -34,6 +35,7 @@ mod winner;
 #[cfg(test)]
 mod tests;
 
+pub use ensemble::Ensemble;
 pub use exhaustive::Exhaustive;
 pub use front::Front;
 pub use genetic::GeneticAlgorithm;

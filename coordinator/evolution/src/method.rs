@@ -5,6 +5,7 @@ use std::fmt;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::ensemble::Ensemble;
 use crate::genetic::GeneticAlgorithm;
 use crate::genome::Genome;
 use crate::hill_climb::HillClimb;
@@ -18,7 +19,7 @@ use crate::strategy::Strategy;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// The genetic algorithm (paper).
+    /// The genetic algorithm (paper). Members of a structure it evolves side by side: see descriptor.members.
     #[default]
     Ga,
     /// Independent random individuals, as many a generation as the genetic algorithm has. Of \[ga\] it uses population
@@ -52,20 +53,23 @@ impl Method {
         }
     }
 
-    /// Its strategy, which decomposes individuals if it preselects; `None` for exhaustive search, which needs to be given
-    /// the best point ([`Exhaustive`](crate::Exhaustive)).
+    /// Its strategy; `None` for exhaustive search, which needs to be given the best point
+    /// ([`Exhaustive`](crate::Exhaustive)). `members` equal parts of the genome, slot after slot, are evolved side by side by
+    /// the genetic algorithm, which decomposes individuals if it preselects.
     ///
     /// # Errors
     /// If the settings are not valid ([`GaSettings::validate`]).
     pub fn strategy(
         self,
         genome: &Genome,
+        members: u32,
         settings: GaSettings,
         seed: u64,
         decompose: Decompose,
     ) -> Result<Option<Box<dyn Strategy>>, SettingsError> {
         let genome = genome.clone();
         Ok(match self {
+            Self::Ga if members > 1 => Some(Box::new(Ensemble::new(genome, members, settings, seed)?)),
             Self::Ga => Some(Box::new(GeneticAlgorithm::new(genome, settings, seed, decompose)?)),
             Self::Random => Some(Box::new(RandomSearch::new(genome, settings, seed)?)),
             Self::Exhaustive => None,

@@ -136,7 +136,7 @@ fn the_first_generation_is_random_and_without_parents() {
 fn invalid_settings_are_refused() {
     let settings = GaSettings { population: 1, ..GaSettings::default() };
     for method in [Method::Ga, Method::Random, Method::Nsga2] {
-        let refused = method.strategy(&paper(), settings, 1, decompose()).map(drop);
+        let refused = method.strategy(&paper(), 1, settings, 1, decompose()).map(drop);
         assert_eq!(refused, Err(SettingsError::Population { got: 1 }));
     }
 }
@@ -538,7 +538,7 @@ fn the_best_of_a_grid_is_the_only_individual_of_the_only_generation() {
 fn the_streams_and_operators_are_pinned() {
     let settings = GaSettings { population: 4, ..GaSettings::default() };
     let text = |method: Method, genome: &Genome, settings| {
-        let strategy = method.strategy(genome, settings, 5, decompose()).unwrap().unwrap();
+        let strategy = method.strategy(genome, 1, settings, 5, decompose()).unwrap().unwrap();
         let log = run_strategy(strategy.as_ref(), 3, |_, _, individual| ones(individual));
         let line = |individual: &Individual| {
             format!("{} {:?} {:?}\n", individual.bit_string(), individual.values, individual.parents)

@@ -138,7 +138,7 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
         return Err(CompareError::NeedsColour { name: "--perturb light".to_owned() });
     }
     let asked = choose(options, given, preprocess.colour, |line| display.say(line))?;
-    let columns = rows::gene_columns(space.family());
+    let columns = rows::gene_columns(space);
     let in_run = RunFolder::create(folder, &columns)?;
     let of_set = options.set.as_ref().map(|_| RunFolder::create(&place, &columns)).transpose()?;
     let out = of_set.as_ref().unwrap_or(&in_run);

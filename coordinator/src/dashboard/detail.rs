@@ -73,7 +73,7 @@ pub fn detail(folder: &Path, overview: &Overview, run: Value) -> Result<String, 
 }
 
 fn genes(experiment: &Experiment) -> Vec<Value> {
-    let columns = experiment.space().family().columns();
+    let columns = experiment.space().columns();
     columns.into_iter().map(|column| json!({"name": column.name, "unit": column.unit})).collect()
 }
 

@@ -81,7 +81,7 @@ fn count(individuals: &mut Columnar, space: &SearchSpace) {
     if individuals.has("cost") {
         return;
     }
-    let columns = space.family().columns();
+    let columns = space.columns();
     let genes: Vec<_> = columns.iter().map(|column| individuals.numbers(column.name)).collect();
     let values = |row: usize| genes.iter().map(|gene| gene.get(row).copied().flatten()).collect::<Vec<_>>();
     let descriptors: Vec<_> = (0..individuals.rows()).map(|row| space.from_values(&values(row))).collect();

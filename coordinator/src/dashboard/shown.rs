@@ -240,7 +240,7 @@ impl Shown {
 
 /// Notes in a run folder that its test clouds are shown.
 fn note_look(folder: &Path, experiment: &Experiment) -> Result<(), results::Error> {
-    let columns = rows::gene_columns(experiment.space().family());
+    let columns = rows::gene_columns(experiment.space());
     RunFolder::create(folder, &columns)?.record_look(&LookRow {
         at: SystemTime::now(),
         command: "dashboard".to_owned(),

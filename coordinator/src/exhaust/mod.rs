@@ -22,7 +22,7 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use cache::Store;
-use descriptor::Family;
+use descriptor::{GeneTable, SearchSpace};
 use results::{FinishedGrid, GridFolder, GridRow};
 
 use crate::console::say;
@@ -162,7 +162,7 @@ fn default_folder(experiment: &Experiment, spec: &GridSpec) -> PathBuf {
 /// A folder to evaluate the grid in, locked, and refused if it holds something else.
 fn open_folder(out: &Path, spec: &GridSpec) -> Result<GridFolder, RunError> {
     refuse_another(out, &spec.text)?;
-    let folder = GridFolder::create(out, &rows::gene_columns(Family::DiskRing))?;
+    let folder = GridFolder::create(out, &rows::gene_columns(&SearchSpace::DiskRing(GeneTable::paper())))?;
     claim(out, &spec.text)?;
     Ok(folder)
 }

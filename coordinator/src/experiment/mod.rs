@@ -193,9 +193,16 @@ impl Experiment {
         self.max_cost
     }
 
-    /// Whether a descriptor is evaluated; one that costs too much is not, and has fitness 0.
+    /// Whether a descriptor is evaluated; one that costs too much is not, and has fitness 0. A member of a structure has its
+    /// share of the limit.
     pub fn affords(&self, descriptor: &Descriptor) -> bool {
-        self.max_cost.is_none_or(|most| descriptor.recognition_cost() <= most)
+        let shares = match (&self.space, descriptor) {
+            (SearchSpace::Structures(space), Descriptor::Structure(structure)) => {
+                space.shares(structure.channels.len())
+            }
+            _ => 1,
+        };
+        self.max_cost.is_none_or(|most| descriptor.recognition_cost() <= most / u64::from(shares))
     }
 
     /// How the best descriptor is searched for.

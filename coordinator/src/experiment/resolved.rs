@@ -289,6 +289,10 @@ fn space_sections(toml: &mut Toml, experiment: &Experiment) {
     match &experiment.space {
         SearchSpace::Structures(space) => {
             toml.key("slots", space.slots);
+            // The default is left out: runs of before there was a choice keep their digests.
+            if space.members > 1 {
+                toml.key("members", space.members);
+            }
             toml.key("max_bins", space.max_bins);
             toml.key("metric", quoted(space.metric.name()));
             if let Some(max_cost) = experiment.max_cost {

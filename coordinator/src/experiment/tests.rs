@@ -432,7 +432,8 @@ fn variants_may_differ_in_every_key_of_the_search_and_read_back_as_the_same() {
 #[test]
 fn structures_have_keys_of_their_own_and_defaults_for_the_search() {
     let sample = parse(SAMPLE_STRUCTURE).unwrap();
-    let space = StructureSpace { colour: true, slots: 3, max_bins: 400, metric: SetDistance::Hellinger };
+    let space =
+        StructureSpace { colour: true, slots: 3, members: 1, max_bins: 400, metric: SetDistance::Hellinger };
     assert_eq!((sample.space(), sample.max_cost()), (&SearchSpace::Structures(space), Some(900_000)));
     let fitness = Fitness::new([1, 2, 3], Objective::Category, false);
     assert_eq!(Some(*sample.fitness()), fitness);

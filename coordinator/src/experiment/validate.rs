@@ -18,7 +18,7 @@ use super::validate_dataset::dataset;
 use super::validate_fitness::{fitness, set_weights};
 use super::validate_objectives::objectives;
 use super::{CoordinatorSettings, Experiment, LocalWorkers, MAX_LOCAL_WORKERS, Overrides};
-use artefact::sections::{Fault, max_cost, preprocess, search_space};
+use artefact::sections::{Fault, RawDescriptor, max_cost, preprocess, search_space};
 use cluster::sharding::{MAX_SHARDS, ShardCount};
 
 /// Checks the meaning of every key; the first mistake in the order of the file's sections is reported.
@@ -51,7 +51,7 @@ pub(super) fn experiment(
         winner,
         fitness: fitness(raw.search.fitness.as_ref(), defaults.fitness)?,
         set_weights: set_weights(raw.search.sets)?,
-        ga: ga(&raw.ga, &defaults.ga, raw.descriptor.family.into())?,
+        ga: ga(&raw.ga, &defaults.ga, &raw.descriptor)?,
         encoding: raw.ga.encoding,
         stop,
         coordinator: coordinator(&raw.coordinator, overrides)?,
@@ -71,7 +71,8 @@ fn name(given: Option<String>, path: &Path) -> Result<String, Fault> {
     Ok(name)
 }
 
-fn ga(raw: &RawGa, defaults: &GaSettings, family: Family) -> Result<GaSettings, Fault> {
+fn ga(raw: &RawGa, defaults: &GaSettings, descriptor: &RawDescriptor) -> Result<GaSettings, Fault> {
+    let family = Family::from(descriptor.family);
     // Adding 0 turns the rate -0 into 0: they mean the same and must read the same.
     let rate = |written: Option<f64>, default: f64| written.unwrap_or(default) + 0.0;
     let settings = GaSettings {
@@ -93,6 +94,13 @@ fn ga(raw: &RawGa, defaults: &GaSettings, family: Family) -> Result<GaSettings, 
             "ga.preselection",
             format!("must be 1 with family {}, got {}", family.name(), settings.preselection),
             "leave it out, or set descriptor.family = \"structure\"",
+        ));
+    }
+    if settings.preselection > 1 && descriptor.members.is_some_and(|members| members > 1) {
+        return Err(Fault::new(
+            "ga.preselection",
+            format!("must be 1 beside descriptor.members, got {}", settings.preselection),
+            "leave one of the two out",
         ));
     }
     Ok(settings)

@@ -129,7 +129,11 @@ impl RunDriver<'_> {
         let (Self { experiment, dataset, folder, .. }, finals) = (self, &outcome.finals);
         folder.write_log(&tables::rows(&self.client))?;
         folder.write_skipped(&rows::skipped(dataset))?;
-        let front = front::rows(experiment.fitness(), &outcome.found.front, &outcome.found.winner);
+        let front = front::rows(
+            (experiment.space(), experiment.fitness()),
+            &outcome.found.front,
+            &outcome.found.winner,
+        );
         if experiment.objectives().are_several() {
             folder.write_front(&front)?;
         }
@@ -191,7 +195,7 @@ impl RunDriver<'_> {
             winner_generation: found.winner.generation,
             winner_individual: found.winner.index,
             best_chromosome: found.winner.individual.bit_string(),
-            best_genes: found.descriptor.values(),
+            best_genes: experiment.space().values(&found.descriptor),
             train: found.train.counts,
             train_margin: found.train.margin,
             validation: finals

@@ -1,6 +1,6 @@
 //! The front of a search of several objectives: its points with what was measured of them, as rows, text and JSON.
 
-use descriptor::Descriptor;
+use descriptor::{Descriptor, SearchSpace};
 use evolution::Found;
 use results::{Counts, FrontRow, wilson};
 use serde_json::{Value, json};
@@ -25,13 +25,17 @@ pub struct FrontPoint {
 }
 
 /// The rows of a front in its order.
-pub fn rows(fitness: &Fitness, front: &[FrontPoint], winner: &Found) -> Vec<FrontRow> {
+pub fn rows(
+    (space, fitness): (&SearchSpace, &Fitness),
+    front: &[FrontPoint],
+    winner: &Found,
+) -> Vec<FrontRow> {
     let row = |(point, FrontPoint { found, descriptor, train, validation }): (u32, &FrontPoint)| FrontRow {
         point,
         generation: found.generation,
         individual: found.index,
         chromosome: found.individual.bit_string(),
-        genes: descriptor.values(),
+        genes: space.values(descriptor),
         train: train.counts,
         objective_correct: (fitness.objective() == Objective::Category)
             .then_some(train.counts.category_correct),

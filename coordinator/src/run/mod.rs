@@ -128,7 +128,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     for note in check_fitness(experiment, &dataset)? {
         progress.say(&note);
     }
-    let folder = RunFolder::create(&out, &rows::gene_columns(experiment.space().family()))?;
+    let folder = RunFolder::create(&out, &rows::gene_columns(experiment.space()))?;
     claim(&out, &experiment.search_toml())?;
     // Another process may have finished it since.
     if folder.is_finished()

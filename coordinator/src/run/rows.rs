@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use descriptor::{Column, Descriptor, Family};
+use descriptor::{Column, Descriptor, SearchSpace};
 use evolution::Individual;
 use results::{Computed, Counts, EvaluationRow, GeneColumn, PredictionRow, RunnerUp, SkippedRow};
 
@@ -13,14 +13,14 @@ use cluster::scheduler::Finished;
 use proto::task::{EvaluationResult, Match, Objective};
 
 /// The gene columns of every table that has them.
-pub fn gene_columns(family: Family) -> Vec<GeneColumn> {
+pub fn gene_columns(space: &SearchSpace) -> Vec<GeneColumn> {
     let column = |column: Column| GeneColumn {
         name: column.name.to_owned(),
         unit: column.unit.to_owned(),
         integer: column.integer,
         meaning: column.meaning.to_owned(),
     };
-    family.columns().into_iter().map(column).collect()
+    space.columns().into_iter().map(column).collect()
 }
 
 /// The counts of a result.
@@ -48,7 +48,7 @@ pub fn recount(dataset: &Dataset, matching: Matching, result: &EvaluationResult)
 
 /// A generation's individuals with their descriptors; `computed` names those whose descriptor was new.
 pub fn evaluations(
-    fitness: &Fitness,
+    (space, fitness): (&SearchSpace, &Fitness),
     generation: u32,
     population: &[Individual],
     descriptors: &[Descriptor],
@@ -61,7 +61,7 @@ pub fn evaluations(
         generation,
         individual: index as u32,
         chromosome: individual.bit_string(),
-        genes: descriptor.values(),
+        genes: space.values(descriptor),
         counts: measured.counts,
         objective_correct: (fitness.objective() == Objective::Category)
             .then_some(measured.counts.category_correct),

@@ -162,7 +162,7 @@ impl<'a> SearchLoop<'a> {
                 apart(search, move |search| search.tell(&told, validation_score, evaluations)).await;
 
             let individuals = rows::evaluations(
-                fitness,
+                (experiment.space(), fitness),
                 generation,
                 &population,
                 &descriptors,

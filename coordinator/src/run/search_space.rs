@@ -24,7 +24,11 @@ pub fn genome(space: &SearchSpace, encoding: Encoding) -> Genome {
 /// As [`Method::strategy`](evolution::Method::strategy).
 pub fn strategy(experiment: &Experiment) -> Result<Option<Box<dyn Strategy>>, SettingsError> {
     let genome = genome(experiment.space(), experiment.encoding());
-    experiment.method().strategy(&genome, *experiment.ga(), experiment.seed(), decompose(experiment))
+    let members = match experiment.space() {
+        SearchSpace::Structures(space) => space.members,
+        _ => 1,
+    };
+    experiment.method().strategy(&genome, members, *experiment.ga(), experiment.seed(), decompose(experiment))
 }
 
 /// What an individual stands for.

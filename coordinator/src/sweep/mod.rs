@@ -174,7 +174,7 @@ fn open_folders(
 ) -> Result<(ByPlace<Summary>, ByPlace<RunFolder>), RunError> {
     let (mut summaries, mut folders) = (Vec::new(), Vec::new());
     for (place, Member { name, experiment }) in members.iter().enumerate() {
-        let mut folder = RunFolder::create(out.join(name), &rows::gene_columns(experiment.space().family()))?;
+        let mut folder = RunFolder::create(out.join(name), &rows::gene_columns(experiment.space()))?;
         claim(folder.path(), &experiment.search_toml())?;
         // One that was finished before a worker was found to be wrong may rest on what that worker answered.
         if let Some(summary) = finished(folder.path(), experiment)?.filter(|_| trusted) {

@@ -52,8 +52,11 @@ impl StructureChannel {
 impl StructureSpace {
     /// The canonical numbers. Equal for equal spaces only.
     pub fn numbers(&self) -> Vec<u32> {
-        let &Self { colour, slots, max_bins, metric } = self;
-        vec![u32::from(colour), slots, max_bins, metric_code(metric)]
+        let &Self { colour, slots, members, max_bins, metric } = self;
+        let mut numbers = vec![u32::from(colour), slots, max_bins, metric_code(metric)];
+        // One member is not written: spaces of before there was a choice keep their bytes.
+        numbers.extend((members > 1).then_some(members));
+        numbers
     }
 
     /// Undoes [`StructureSpace::numbers`].
@@ -62,12 +65,19 @@ impl StructureSpace {
     /// If the numbers are no space that an experiment may search.
     pub fn from_numbers(numbers: &[u32]) -> Result<Self, StructureError> {
         let mut rest = Numbers(numbers.iter());
-        let space = Self {
+        let mut space = Self {
             colour: rest.choice("colour", [false, true])?,
             slots: rest.next("slots")?,
+            members: 1,
             max_bins: rest.next("max_bins")?,
             metric: rest.choice("metric", SetDistance::ALL)?,
         };
+        if let Some(&members) = rest.0.next() {
+            if members == 1 {
+                return Err(StructureError::new("members", "more than 1 expected, got 1", SAME_RELEASE));
+            }
+            space.members = members;
+        }
         rest.end()?;
         space.check()?;
         Ok(space)

@@ -1,23 +1,38 @@
 //! Structures in the columns of tables: the physical values of their genes.
 
 use crate::distance::SetDistance;
-use crate::structure::genes::{FEATURES, FIELDS, GENES, SLOTS};
+use crate::structure::genes::{DEFAULT_SLOTS, FEATURES, FIELDS, GENES, SLOTS};
 use crate::structure::{Axis, Feature, Pairs, Scale, Structure, StructureChannel, Weighted};
 
 impl Structure {
-    /// What it has in the columns of its genes ([`Structure::genes`]), channel after channel; `None` for what nothing
-    /// reads, in all columns of a slot without a channel but the first. `None` altogether for a structure that the
-    /// columns cannot hold, such as one with more channels than slots, or with features side by side.
-    pub fn values(&self) -> Option<Vec<Option<f64>>> {
+    /// What it has in the columns of the genes of so many slots ([`Structure::genes`]), channel after channel; `None` for
+    /// what nothing reads, in all columns of a slot without a channel but the first. `None` altogether for a structure
+    /// that the columns cannot hold, such as one with more channels than slots, or with features side by side.
+    pub fn values(&self, slots: usize) -> Option<Vec<Option<f64>>> {
         let empty = [Some(0)].into_iter().chain([None; FIELDS - 1]).collect::<Vec<Option<u32>>>();
-        let mut slots = self.channels.iter().map(ticks_of).collect::<Option<Vec<_>>>()?;
-        slots.resize(SLOTS.max(slots.len()), empty);
-        let ticks = slots.into_iter().flatten();
+        let mut ticks = self.channels.iter().map(ticks_of).collect::<Option<Vec<_>>>()?;
+        if ticks.len() > slots || slots > SLOTS {
+            return None;
+        }
+        ticks.resize(slots, empty);
+        let ticks = ticks.into_iter().flatten();
         let values =
             GENES.as_flattened().iter().zip(ticks).map(|(spec, ticks)| ticks.map(|it| spec.value(it)));
         let values: Vec<Option<f64>> = values.collect();
         let metric = self.channels.first()?.channel.metric;
         (Self::from_values(&values, metric).as_ref() == Some(self)).then_some(values)
+    }
+
+    /// How many columns a table has for structures of so many slots.
+    pub(crate) fn columns_of_slots(slots: usize) -> usize {
+        slots.max(DEFAULT_SLOTS) * FIELDS
+    }
+
+    /// As [`Structure::values`], of at least four slots; nothing at all of what these columns cannot hold, as may be where a
+    /// structure is written by hand.
+    pub(crate) fn values_of_slots(&self, slots: usize) -> Vec<Option<f64>> {
+        let slots = slots.max(DEFAULT_SLOTS);
+        self.values(slots).unwrap_or_else(|| vec![None; slots * FIELDS])
     }
 
     /// Each channel by the ticks of its genes but the weight, as in [`Structure::values`], and its weight. Of a channel with
@@ -31,14 +46,14 @@ impl Structure {
         self.channels.iter().map(genes).collect()
     }
 
-    /// Undoes [`Structure::values`] for structures whose channels compare rows by `metric`, which no column says;
-    /// `None` if no structure has these values.
+    /// Undoes [`Structure::values`] of any number of slots from 4, for structures whose channels compare rows by `metric`,
+    /// which no column says; `None` if no structure has these values.
     pub fn from_values(values: &[Option<f64>], metric: SetDistance) -> Option<Self> {
-        if values.len() != SLOTS * FIELDS {
+        let (slots, rest) = values.as_chunks::<FIELDS>();
+        if !rest.is_empty() || !(DEFAULT_SLOTS..=SLOTS).contains(&slots.len()) {
             return None;
         }
         let mut channels = Vec::new();
-        let (slots, _) = values.as_chunks::<FIELDS>();
         for (specs, values) in GENES.iter().zip(slots) {
             let mut ticks = [None; FIELDS];
             for ((ticks, spec), value) in ticks.iter_mut().zip(specs).zip(values) {
@@ -136,12 +151,15 @@ mod tests {
         };
         let structure =
             Structure { channels: vec![Weighted { channel, weight_ppm: 58_008, scale: Scale::Quantile }] };
-        let values = structure.values().unwrap();
+        let values = structure.values(4).unwrap();
         let slot =
             [1.0, 1.0, 20.0, 21.0, f64::NAN, 8.0, 9.0, f64::NAN, 0.5, 3.5, 2.0, 0.5, 1.5, 256.0, 0.058008];
         let slot = slot.map(|value| Some(value).filter(|value| !value.is_nan()));
         let empty = [&[Some(0.0)][..], &[None; 14]].concat();
         assert_eq!(values, [&slot[..], &empty, &empty, &empty].concat());
+        let six = structure.values(6).unwrap();
+        assert_eq!(six, [&values[..], &empty, &empty].concat());
+        assert_eq!([0, 9].map(|slots| structure.values(slots)), [None, None]);
 
         let genes = structure.channel_genes();
         let ticks = [1, 1, 20, 21, u32::MAX, 8, 9, u32::MAX, 500, 35_000, 2, 5_000, 15_000, 256];
@@ -149,8 +167,10 @@ mod tests {
         assert_eq!(genes, [(ticks.to_vec(), 0.058008)]);
 
         let from_values = |values: &[_]| Structure::from_values(values, SetDistance::L1);
-        assert_eq!(from_values(&values), Some(structure));
-        assert_eq!(from_values(&values[..59]), None);
+        assert_eq!(from_values(&values), Some(structure.clone()));
+        assert_eq!(from_values(&six), Some(structure));
+        assert_eq!([45, 59, 89].map(|count| from_values(&six[..count])), [None, None, None]);
+        assert_eq!(from_values(&[&six[..], &empty, &empty, &empty].concat()), None);
         for (place, value) in [
             (0, None),
             (0, Some(2.0)),   // neither a channel nor none
@@ -175,14 +195,15 @@ mod tests {
         #[test]
         fn values_give_searched_structures_back((space, indices) in point()) {
             let structure = space.decode(&indices).unwrap();
-            let values = structure.values().unwrap();
-            prop_assert_eq!(values.len(), Structure::genes().len());
+            let slots = DEFAULT_SLOTS.max(space.slots as usize);
+            let values = structure.values(slots).unwrap();
+            prop_assert_eq!(values.len(), slots * FIELDS);
             prop_assert_eq!(Structure::from_values(&values, space.metric), Some(structure));
         }
 
         #[test]
         fn values_give_others_back_or_there_are_none(structure in structure()) {
-            if let Some(values) = structure.values() {
+            if let Some(values) = structure.values(SLOTS) {
                 let metric = structure.channels[0].channel.metric;
                 prop_assert_eq!(Structure::from_values(&values, metric), Some(structure));
             }

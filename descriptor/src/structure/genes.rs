@@ -4,7 +4,10 @@ use crate::gene::GeneSpec;
 use crate::structure::Pairs;
 
 /// Most slots of a genome: most channels that a search gives a structure.
-pub(super) const SLOTS: usize = 4;
+pub(super) const SLOTS: usize = 8;
+
+/// Slots of a genome unless an experiment says otherwise, and the least that tables have columns for.
+pub(super) const DEFAULT_SLOTS: usize = 4;
 
 /// Genes of a slot.
 pub(super) const FIELDS: usize = 15;
@@ -161,7 +164,8 @@ macro_rules! slot {
 ///
 /// Values of a gene need not be evenly spaced, so its default is only the interval that they lie in; a search takes
 /// them from [`super::StructureSpace::fields`].
-pub(super) static GENES: [[GeneSpec; FIELDS]; SLOTS] = [slot!(1), slot!(2), slot!(3), slot!(4)];
+pub(super) static GENES: [[GeneSpec; FIELDS]; SLOTS] =
+    [slot!(1), slot!(2), slot!(3), slot!(4), slot!(5), slot!(6), slot!(7), slot!(8)];
 
 #[cfg(test)]
 mod tests {
@@ -218,6 +222,6 @@ mod tests {
         }
         let names: BTreeSet<&str> = GENES.as_flattened().iter().map(|spec| spec.name).collect();
         assert_eq!(names.len(), SLOTS * FIELDS);
-        assert_eq!((GENES[0][1].name, GENES[3][14].name), ("s1_pairs", "s4_weight"));
+        assert_eq!((GENES[0][1].name, GENES[7][14].name), ("s1_pairs", "s8_weight"));
     }
 }

@@ -4,9 +4,10 @@ use crate::distance::SetDistance;
 use crate::gene::{FieldSpec, GeneSpec};
 use crate::structure::check::StructureError;
 use crate::structure::genes::{
-    CATEGORIES, FEATURES, FIELDS, GENES, GRIDS, LEAST_DISTANCES, SHELLS, SLOTS, SQUASHES, WEIGHTS, radii,
-    samples,
+    CATEGORIES, DEFAULT_SLOTS, FEATURES, FIELDS, GENES, GRIDS, LEAST_DISTANCES, SHELLS, SLOTS, SQUASHES,
+    WEIGHTS, radii, samples,
 };
+use crate::structure::members::balance;
 use crate::structure::{Axis, Feature, Pairs, Scale, Structure, StructureChannel, Weighted};
 
 /// Fewest bins of a feature.
@@ -20,12 +21,18 @@ const LONE_BINS: u32 = 28;
 const CODES: u32 = 32;
 
 /// The structures that a search looks through.
+///
+/// Where there are several *members*, each has an equal number of consecutive slots and an equal share of the bins, and its
+/// weights are shifted so that they add up to about 1: a member of which a genome says something, be it one bit, adds the
+/// same channels to whatever other members are there.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct StructureSpace {
     /// Whether features of colour are among them.
     pub colour: bool,
-    /// Most channels, 1 to 4.
+    /// Most channels, 1 to 8.
     pub slots: u32,
+    /// Parts that evolve side by side; 1: the structure evolves as a whole.
+    pub members: u32,
     /// Most bins of all channels together: [`StructureChannel::bins`] added up.
     pub max_bins: u32,
     /// How rows are compared, in all channels.
@@ -34,7 +41,13 @@ pub struct StructureSpace {
 
 impl Default for StructureSpace {
     fn default() -> Self {
-        Self { colour: true, slots: SLOTS as u32, max_bins: 500, metric: SetDistance::default() }
+        Self {
+            colour: true,
+            slots: DEFAULT_SLOTS as u32,
+            members: 1,
+            max_bins: 500,
+            metric: SetDistance::default(),
+        }
     }
 }
 
@@ -56,6 +69,7 @@ impl StructureSpace {
             let what = format!("must be 1 to {SLOTS}, got {slots}");
             return Err(StructureError::new("slots", what, "choose the largest number of channels"));
         }
+        self.check_members()?;
         // Every genome must fit: three features in two shells, in every slot.
         let least = slots * SHELLS[1] * MIN_BINS.pow(FEATURES as u32);
         if max_bins < least {
@@ -91,9 +105,10 @@ impl StructureSpace {
     /// The structure whose fields have the values at these indices; `None` unless there is one index below the number
     /// of values for each of [`StructureSpace::fields`].
     ///
-    /// If no slot is active, the first is. A feature that a channel already has drops out with its bins. A channel
-    /// whose smallest distance leaves no pair adds nothing to any distance and drops out; if no other is left, the first
-    /// stays, with all its pairs.
+    /// If no slot of a member is active, the first is. A feature that a channel already has drops out with its bins. A
+    /// channel whose smallest distance leaves no pair adds nothing to any distance and drops out; if no other of the
+    /// member is left, its first stays, with all its pairs. Of several members those drop out whose indices are all 0, but
+    /// for the first if there is no other.
     pub fn decode(&self, indices: &[u32]) -> Option<Structure> {
         self.check().ok()?;
         let fields = self.fields();
@@ -102,19 +117,34 @@ impl StructureSpace {
             return None;
         }
         let (slots, _) = indices.as_chunks::<FIELDS>();
+        let mut members: Vec<&[[u32; FIELDS]]> = slots.chunks(self.slots_of_member()).collect();
+        let first = members[0];
+        members.retain(|slots| slots.as_flattened().iter().any(|&index| index > 0));
+        if members.is_empty() {
+            members.push(first);
+        }
+        let members: Option<Vec<_>> = members.into_iter().map(|slots| self.member(slots)).collect();
+        Some(Structure { channels: members?.concat() })
+    }
+
+    /// The channels of a member with these slots.
+    fn member(&self, slots: &[[u32; FIELDS]]) -> Option<Vec<Weighted>> {
         let mut active: Vec<&[u32; FIELDS]> = slots.iter().filter(|slot| slot[0] == 1).collect();
         if active.is_empty() {
             active.extend(slots.first());
         }
         let mut channels: Vec<Weighted> =
             active.into_iter().map(|slot| self.channel(slot)).collect::<Option<_>>()?;
-        self.reduce(&mut channels)?;
+        reduce(&mut channels, self.max_bins / self.members)?;
         if !channels.iter().any(|it| it.channel.has_pairs()) {
             channels.truncate(1);
             channels.iter_mut().for_each(|it| it.channel.least_um = LEAST_DISTANCES[0]);
         }
         channels.retain(|it| it.channel.has_pairs());
-        Some(Structure { channels })
+        if self.members > 1 {
+            balance(&mut channels);
+        }
+        Some(channels)
     }
 
     /// The channel of a slot, before bins are taken from it.
@@ -151,41 +181,66 @@ impl StructureSpace {
         Some(Weighted { channel, weight_ppm: *WEIGHTS.get(weight)?, scale: Scale::Quantile })
     }
 
-    /// Takes bins until there are at most `max_bins`: one at a time from the feature with most, of equals the first of
-    /// the lowest slot. `None` if they cannot be that few.
-    fn reduce(&self, channels: &mut [Weighted]) -> Option<()> {
-        let total = |channels: &[Weighted]| channels.iter().map(|it| it.channel.bins()).sum::<u64>();
-        while total(channels) > u64::from(self.max_bins) {
-            let axes = channels.iter_mut().flat_map(|it| &mut it.channel.axes);
-            // Of equals `max_by_key` takes the last.
-            let axes = axes.rev().filter(|axis| axis.bins > MIN_BINS);
-            axes.max_by_key(|axis| axis.bins)?.bins -= 1;
-        }
-        Some(())
-    }
-
-    /// Undoes [`StructureSpace::decode`]: indices that stand for the structure, in the first slots; `None` if it is not
-    /// of this space.
+    /// Undoes [`StructureSpace::decode`]: indices that stand for the structure, of each member in its first slots; `None`
+    /// if it is not of this space.
     pub fn encode(&self, structure: &Structure) -> Option<Vec<u32>> {
         self.check().ok()?;
-        let slots = self.slots as usize;
-        if structure.channels.len() > slots {
+        let slots: Vec<[u32; FIELDS]> = structure.channels.iter().map(slot_of).collect::<Option<_>>()?;
+        self.place(structure, &slots, &mut Vec::new())
+    }
+
+    /// Indices that begin with those `placed`, followed by these slots, and stand for the structure: whose member a channel
+    /// is is not known, so that all divisions are tried.
+    fn place(
+        &self,
+        structure: &Structure,
+        slots: &[[u32; FIELDS]],
+        placed: &mut Vec<[u32; FIELDS]>,
+    ) -> Option<Vec<u32>> {
+        let of_member = self.slots_of_member();
+        let left = self.slots as usize - placed.len();
+        if slots.len() > left {
             return None;
         }
-        let mut indices = vec![0; slots * FIELDS];
-        let (places, _) = indices.as_chunks_mut::<FIELDS>();
-        for (place, weighted) in places.iter_mut().zip(&structure.channels) {
-            *place = slot_of(weighted)?;
+        if left == 0 {
+            let indices = placed.as_flattened();
+            return (self.decode(indices).as_ref() == Some(structure)).then(|| indices.to_vec());
         }
-        (self.decode(&indices).as_ref() == Some(structure)).then_some(indices)
+        let before = placed.len();
+        for count in (0..=of_member.min(slots.len())).rev() {
+            placed.extend(&slots[..count]);
+            placed.resize(before + of_member, [0; FIELDS]);
+            let found = self.place(structure, &slots[count..], placed);
+            placed.truncate(before);
+            if found.is_some() {
+                return found;
+            }
+        }
+        None
     }
 
     /// Whether some structure of this space has a structure's only channel, whatever the channel weighs.
     pub(crate) fn has_channel(&self, single: &Structure) -> bool {
         let [Weighted { channel, .. }] = single.channels.as_slice() else { return false };
         let searched = Weighted { channel: channel.clone(), weight_ppm: WEIGHTS[0], scale: Scale::Quantile };
-        self.encode(&Structure { channels: vec![searched] }).is_some()
+        let Some(slot) = slot_of(&searched) else { return false };
+        let mut indices = slot.to_vec();
+        indices.resize(self.slots as usize * FIELDS, 0);
+        self.decode(&indices).is_some_and(|it| it.channels.len() == 1 && it.channels[0].channel == *channel)
     }
+}
+
+/// Takes bins until there are at most so many: one at a time from the feature with most, of equals the first of the lowest
+/// slot. `None` if they cannot be that few.
+fn reduce(channels: &mut [Weighted], max_bins: u32) -> Option<()> {
+    let total = |channels: &[Weighted]| channels.iter().map(|it| it.channel.bins()).sum::<u64>();
+    while total(channels) > u64::from(max_bins) {
+        let axes = channels.iter_mut().flat_map(|it| &mut it.channel.axes);
+        // Of equals `max_by_key` takes the last.
+        let axes = axes.rev().filter(|axis| axis.bins > MIN_BINS);
+        axes.max_by_key(|axis| axis.bins)?.bins -= 1;
+    }
+    Some(())
 }
 
 /// The fields of a slot that may stand for the channel.
@@ -406,11 +461,11 @@ mod tests {
             space(1, 53).check().unwrap_err().to_string(),
             "max_bins: must be at least 54 for 1 slot, got 53\nraise it, or search with fewer slots"
         );
-        for slots in [0, 5, u32::MAX] {
+        for slots in [0, 9, u32::MAX] {
             let error = space(slots, u32::MAX).check().unwrap_err().to_string();
             assert_eq!(
                 error,
-                format!("slots: must be 1 to 4, got {slots}\nchoose the largest number of channels")
+                format!("slots: must be 1 to 8, got {slots}\nchoose the largest number of channels")
             );
         }
         let widest = with(&[(1, 3), (3, 1), (4, 2), (5, 31), (6, 31), (7, 31), (10, 1)]);
@@ -474,13 +529,14 @@ mod tests {
                 prop_assert_eq!(space.decode(&indices), Some(structure));
             }
             // Of another space: more of everything.
-            let larger = StructureSpace { colour: true, slots: 4, max_bins: 20_000, ..space };
+            let larger = StructureSpace { colour: true, slots: 8, members: 1, max_bins: 40_000, ..space };
             let structure = space.decode(&indices).unwrap();
             prop_assert!(larger.encode(&structure).is_some());
         }
 
         #[test]
         fn bins_are_taken_from_the_feature_with_most((space, indices) in point()) {
+            let space = StructureSpace { members: 1, ..space };
             let room = StructureSpace { max_bins: u32::MAX, ..space.clone() };
             // Each has pairs, so that all are there before and after.
             let mut indices = indices;

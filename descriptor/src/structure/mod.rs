@@ -17,6 +17,7 @@ mod file;
 mod genes;
 mod genome;
 mod group;
+mod members;
 mod pairs;
 mod plan;
 mod quads;

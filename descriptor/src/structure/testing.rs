@@ -81,18 +81,25 @@ pub(super) fn structure() -> impl Strategy<Value = Structure> {
 
 /// A space that may be searched.
 pub(super) fn space() -> impl Strategy<Value = StructureSpace> {
-    let spaces = (any::<bool>(), 1u32..=4, prop_oneof![0u32..60, 0u32..20_000], select(&SetDistance::ALL));
-    spaces.prop_map(|(colour, slots, more_bins, metric)| StructureSpace {
+    let divisions: Vec<[u32; 2]> = (1..=8).map(|slots| [slots, 1]).chain(DIVISIONS).collect();
+    let more_bins = prop_oneof![0u32..60, 0u32..20_000];
+    let spaces = (any::<bool>(), select(divisions), more_bins, select(&SetDistance::ALL));
+    spaces.prop_map(|(colour, [slots, members], more_bins, metric)| StructureSpace {
         colour,
         slots,
-        max_bins: slots * 54 + more_bins,
+        members,
+        max_bins: slots * 54 + members * more_bins,
         metric,
     })
 }
 
+/// Slots and members of spaces with several members.
+pub(super) const DIVISIONS: [[u32; 2]; 9] =
+    [[2, 2], [3, 3], [4, 4], [5, 5], [6, 3], [6, 6], [7, 7], [8, 4], [8, 8]];
+
 /// A space and indices of one of its structures.
 pub(super) fn point() -> impl Strategy<Value = (StructureSpace, Vec<u32>)> {
-    (space(), prop::collection::vec(any::<Index>(), 60)).prop_map(|(space, indices)| {
+    (space(), prop::collection::vec(any::<Index>(), 120)).prop_map(|(space, indices)| {
         let fields = space.fields();
         let of_field = |(field, index): (&FieldSpec, &Index)| index.index(field.values as usize) as u32;
         let indices = fields.iter().zip(&indices).map(of_field).collect();

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::Command;
 
 use coordinator::run::rows::gene_columns;
-use descriptor::Family;
+use descriptor::{GeneTable, SearchSpace};
 use results::{GridFolder, TableName};
 use serde_json::Value;
 
@@ -203,7 +203,7 @@ fn miscount(out: &str) -> u32 {
     let [disk, ring] =
         ["R1", "R2"].map(|gene| cells.column(gene).unwrap().get(0).unwrap().try_extract::<f64>().unwrap());
     let name = format!("{}-{}", disk * 10_000.0, ring * 10_000.0);
-    let folder = GridFolder::create(out, &gene_columns(Family::DiskRing)).unwrap();
+    let folder = GridFolder::create(out, &gene_columns(&SearchSpace::DiskRing(GeneTable::paper()))).unwrap();
     let mut points = folder.read_cell(&name).unwrap().unwrap();
     points.object_correct[3] += 1;
     folder.write_cell(&name, &points).unwrap();
