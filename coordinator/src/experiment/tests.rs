@@ -1,5 +1,6 @@
 //! Tests of the experiment file as a whole: files that ship, samples that stay readable, the schema.
 
+mod members;
 mod messages;
 mod objectives;
 mod texts;
@@ -242,7 +243,7 @@ fn schema_keys(
 #[test]
 fn the_samples_use_every_key_of_the_schema_and_no_other() {
     let mut sampled = BTreeSet::new();
-    let of_search = [SAMPLE_SEARCH, SAMPLE_STRUCTURE, objectives::SAMPLE];
+    let of_search = [SAMPLE_SEARCH, SAMPLE_STRUCTURE, members::SAMPLE, objectives::SAMPLE];
     for sample in
         [SAMPLE, SAMPLE_PATTERN, SAMPLE_SYNTHETIC, SAMPLE_SWEEP, SAMPLE_FAMILY].into_iter().chain(of_search)
     {

@@ -53,10 +53,9 @@ impl StructureSpace {
     /// The canonical numbers. Equal for equal spaces only.
     pub fn numbers(&self) -> Vec<u32> {
         let &Self { colour, slots, members, max_bins, metric } = self;
-        let mut numbers = vec![u32::from(colour), slots, max_bins, metric_code(metric)];
-        // One member is not written: spaces of before there was a choice keep their bytes.
-        numbers.extend((members > 1).then_some(members));
-        numbers
+        // One member adds nothing: spaces of before there was a choice keep their bytes.
+        let first = u32::from(colour) + 2 * (members.max(1) - 1);
+        vec![first, slots, max_bins, metric_code(metric)]
     }
 
     /// Undoes [`StructureSpace::numbers`].
@@ -65,19 +64,14 @@ impl StructureSpace {
     /// If the numbers are no space that an experiment may search.
     pub fn from_numbers(numbers: &[u32]) -> Result<Self, StructureError> {
         let mut rest = Numbers(numbers.iter());
-        let mut space = Self {
-            colour: rest.choice("colour", [false, true])?,
+        let first = rest.next("colour")?;
+        let space = Self {
+            colour: first % 2 == 1,
             slots: rest.next("slots")?,
-            members: 1,
+            members: first / 2 + 1,
             max_bins: rest.next("max_bins")?,
             metric: rest.choice("metric", SetDistance::ALL)?,
         };
-        if let Some(&members) = rest.0.next() {
-            if members == 1 {
-                return Err(StructureError::new("members", "more than 1 expected, got 1", SAME_RELEASE));
-            }
-            space.members = members;
-        }
         rest.end()?;
         space.check()?;
         Ok(space)

@@ -2,7 +2,7 @@
 //! killed, cold and warm, with one worker and several. A model of the fitness chooses the children, so that generations
 //! rest on all results before.
 
-use results::{TableName, read_evaluations, read_table};
+use results::{EvaluationRow, TableName, read_evaluations, read_table};
 
 use crate::experiments::{Experiment, clouds, digest, summary};
 use crate::process::{Running, run};
@@ -119,6 +119,58 @@ fn tables_hold_genes_and_margins_and_other_commands_know_the_family() {
 }
 
 #[test]
+fn members_evolve_side_by_side_within_their_shares_and_are_joined() {
+    let toml = "[descriptor]\nfamily = \"structure\"\nmembers = 3\nmax_bins = 480\nmax_cost = 900_000\n\
+        [ga]\npopulation = 5\nelite = 1\n[search]\nwinner = \"fitness\"\n[stop]\nevaluations = 60\n";
+    let whole = Experiment::new(&format!("{toml}[coordinator]\npieces = 1\naudit = 0\n"));
+    let ran = whole.run("out", &["--local-workers", "1"]).expect_success();
+    let out = whole.path("out");
+    let generations = read_evaluations(&out).unwrap().into_iter().fold(Vec::new(), |mut all, row| {
+        all.resize_with(all.len().max(row.generation as usize), Vec::new);
+        all[row.generation as usize - 1].push(row);
+        all
+    });
+    assert!(generations.len() > 2 && generations[0].len() == 15, "{} generations", generations.len());
+    // In the chromosome each member has the bits of its two slots.
+    let part = |row: &EvaluationRow, member: usize| row.chromosome[member * 102..][..102].to_owned();
+    let mut members = 0;
+    for pair in generations.windows(2) {
+        let first = usize::from(pair[0].len() == 16);
+        for member in 0..3 {
+            let own = &pair[0][first + member * 5..][..5];
+            for row in own {
+                let none = "0".repeat(102);
+                assert!((0..3).all(|other| other == member || part(row, other) == none), "{row:?}");
+                let is_active = |slot: &&[Option<f64>]| slot[0] == Some(1.0);
+                assert!((1..=2).contains(&row.genes.chunks(15).filter(is_active).count()), "{row:?}");
+                members += usize::from(row.computed.is_some());
+            }
+            let best = own.iter().rev().max_by(|a, b| {
+                let of = |row: &EvaluationRow| (row.counts.object_correct, row.margin.unwrap());
+                of(a).partial_cmp(&of(b)).unwrap()
+            });
+            assert_eq!(part(&pair[1][0], member), part(best.unwrap(), member));
+        }
+    }
+    assert!(members > 20, "{members} were affordable");
+    let joined = &generations[1][0];
+    assert!(joined.genes.len() == 90 && joined.parent_a.is_none() && joined.counts.object_correct > 0);
+
+    let several = Experiment::new(&format!("{toml}[coordinator]\npieces = 2\naudit = 0.5\n"));
+    let args = several.run_args("out", &["--local-workers", "3"]);
+    let mut running = Running::start(several.folder(), "killed", "coordinator", args);
+    running.wait_for("generation 2/");
+    running.signal("KILL");
+    assert_eq!(running.wait().status.code(), None, "the fault came too late");
+    let resumed = run("coordinator", ["resume", &several.path("out"), "--json"]).expect_success();
+    assert_eq!(digest(&resumed), digest(&ran));
+    let verified = run("coordinator", ["verify", &out]).expect_success();
+    assert!(verified.stdout.contains("sound: run digest"), "{verified}");
+    run("coordinator", ["export", &out, &whole.path("artefact")]).expect_success();
+    run("coordinator", ["report", &out, "--out", &whole.path("report")]).expect_success();
+}
+
+#[test]
 fn what_cannot_be_searched_or_asked_says_so() {
     let refused = |toml: &str, complaint: &str| {
         let experiment = Experiment::new(toml);
@@ -130,7 +182,20 @@ fn what_cannot_be_searched_or_asked_says_so() {
         &format!("{structure}max_bins = 100\n"),
         "descriptor.max_bins: must be at least 216 for 4 slots, got 100\n",
     );
-    refused(&format!("{structure}slots = 5\n"), "descriptor.slots: must be 1 to 4, got 5\n");
+    refused(&format!("{structure}slots = 9\n"), "descriptor.slots: must be 1 to 8, got 9\n");
+    refused(
+        &format!("{structure}slots = 4\nmembers = 3\n"),
+        "descriptor.members: must divide the number of slots, 4, got 3\n",
+    );
+    refused(
+        &format!("{structure}slots = 8\nmembers = 2\n"),
+        "descriptor.members: must be more than the slots of each, 4, got 2 with 8\n",
+    );
+    refused(
+        &format!("{structure}members = 3\n[ga]\npreselection = 2\n"),
+        "ga.preselection: must be 1 beside descriptor.members, got 2\n",
+    );
+    refused("[descriptor]\nmembers = 2\n", "descriptor.members: no key of family disk-ring, got it\n");
     refused(
         &format!("{structure}[preprocess]\nleaf_cm = 2.0\n"),
         "preprocess.leaf_cm: not for family structure",
