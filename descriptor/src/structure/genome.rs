@@ -2,12 +2,12 @@
 
 use crate::distance::SetDistance;
 use crate::gene::{FieldSpec, GeneSpec};
+use crate::structure::balance::balance;
 use crate::structure::check::StructureError;
 use crate::structure::genes::{
     CATEGORIES, DEFAULT_SLOTS, FEATURES, FIELDS, GENES, GRIDS, LEAST_DISTANCES, SHELLS, SLOTS, SQUASHES,
     WEIGHTS, radii, samples,
 };
-use crate::structure::members::balance;
 use crate::structure::{Axis, Feature, Pairs, Scale, Structure, StructureChannel, Weighted};
 
 /// Fewest bins of a feature.

@@ -1,6 +1,7 @@
 //! The family `structure`: descriptors that are lists of channels, each of which bins features of pairs of points
 //! (DESIGN 5b).
 
+mod balance;
 mod block;
 mod bytes;
 mod channel;
