@@ -1,6 +1,6 @@
 //! The meaning of `[descriptor]`: fixed values and intervals as exact ticks inside each gene's limits.
 
-use descriptor::structure::{StructureError, StructureFile, StructureSpace};
+use descriptor::structure::{Structure, StructureError, StructureFile, StructureSpace};
 use descriptor::{Domain, Family, GeneError, GeneSpec, SearchSpace, SetDistance};
 
 use super::error::Fault;
@@ -93,6 +93,13 @@ fn structures(raw: &RawDescriptor) -> Result<SearchSpace, Fault> {
     }
     let default = StructureSpace::default();
     let members = raw.members.unwrap_or(default.members);
+    if !(1..=Structure::MAX_CHANNELS as u32).contains(&members) {
+        return Err(Fault::new(
+            "descriptor.members",
+            format!("must be 1 to {}, got {members}", Structure::MAX_CHANNELS),
+            "choose how many evolve side by side",
+        ));
+    }
     let space = StructureSpace {
         colour: raw.colour,
         slots: raw.slots.unwrap_or(StructureSpace::default_slots(members)),

@@ -48,14 +48,14 @@ pub struct RawDescriptor {
     pub colour: bool,
     #[serde(skip_serializing_if = "RawGenes::is_empty")]
     pub genes: RawGenes,
-    /// Of structure: most channels, 1 to 8. Default: 4; of several members two each, or one of two members or of more than
-    /// four.
+    /// Of structure: most channels, 1 to 8. Default: 4; with three or four members two for each, with another number of
+    /// several members one.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "u32", range(min = 1, max = 8))]
     pub slots: Option<u32>,
     /// Of structure: members that a structure consists of, each with an equal share of slots, max_bins and max_cost, and
     /// more of them than each has slots. The genetic algorithm evolves each in a population of its own, judged by itself;
-    /// the first individual of a generation joins the best of each. Default: 1.
+    /// the first individual of every generation but the first joins the best of each. Default: 1.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "u32", range(min = 1, max = 8))]
     pub members: Option<u32>,

@@ -19,11 +19,10 @@ use crate::strategy::Strategy;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Method {
-    /// The genetic algorithm (paper). Members of a structure it evolves side by side: see descriptor.members.
+    /// The genetic algorithm (paper), for each member of a structure where there are several: see descriptor.members.
     #[default]
     Ga,
-    /// Independent random individuals, as many a generation as the genetic algorithm has. Of \[ga\] it uses population
-    /// and encoding.
+    /// Independent random individuals, ga.population a generation. Of \[ga\] it uses population and encoding.
     Random,
     /// Every descriptor of the search space. Of \[ga\] it uses encoding.
     Exhaustive,

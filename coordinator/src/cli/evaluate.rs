@@ -251,12 +251,14 @@ fn json(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> Stri
 /// A descriptor of another family than the paper's: the family's name, then the values with their units.
 fn named_json(descriptor: &Descriptor) -> serde_json::Map<String, serde_json::Value> {
     let family = descriptor.family();
-    let values = summary::genes_json(family, &descriptor.values());
-    let keys = family.columns().into_iter().map(|column| match column.unit {
-        "" => column.name.to_owned(),
-        unit => format!("{}_{unit}", column.name),
+    let mut values = summary::genes_json(family, &descriptor.values());
+    let named = family.columns().into_iter().filter_map(|column| {
+        let key = match column.unit {
+            "" => column.name.to_owned(),
+            unit => format!("{}_{unit}", column.name),
+        };
+        Some((key, values.remove(column.name)?))
     });
-    let named = keys.zip(values.into_iter().map(|(_, value)| value));
     std::iter::once(("name".to_owned(), json!(family.name()))).chain(named).collect()
 }
 

@@ -193,16 +193,21 @@ impl Experiment {
         self.max_cost
     }
 
-    /// Whether a descriptor is evaluated; one that costs too much is not, and has fitness 0. A member of a structure has its
-    /// share of the limit.
+    /// Whether a descriptor is evaluated; one that costs too much is not, and has fitness 0.
     pub fn affords(&self, descriptor: &Descriptor) -> bool {
+        self.max_cost.is_none_or(|most| self.limited_cost(descriptor) <= most)
+    }
+
+    /// What is compared with the largest cost: the cost of recognising a cloud, of a member of a structure as if all members
+    /// cost as much.
+    pub fn limited_cost(&self, descriptor: &Descriptor) -> u64 {
         let shares = match (&self.space, descriptor) {
             (SearchSpace::Structures(space), Descriptor::Structure(structure)) => {
                 space.shares(structure.channels.len())
             }
             _ => 1,
         };
-        self.max_cost.is_none_or(|most| descriptor.recognition_cost() <= most / u64::from(shares))
+        descriptor.recognition_cost().saturating_mul(u64::from(shares))
     }
 
     /// How the best descriptor is searched for.

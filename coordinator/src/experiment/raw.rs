@@ -155,11 +155,11 @@ pub(super) enum RawObjective {
 #[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "ga")]
 pub(super) struct RawGa {
-    /// Individuals a generation.
+    /// Individuals a generation, of each member where a structure has several.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "u32", range(min = 2, max = 65_536), extend("default" = GaSettings::default().population))]
     pub population: Option<u32>,
-    /// Best individuals that are copied unchanged; fewer than population.
+    /// Best individuals that are copied unchanged, of each member; fewer than population.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "u32", extend("default" = GaSettings::default().elite))]
     pub elite: Option<u32>,

@@ -7,13 +7,14 @@ pub fn bounds(space: &SearchSpace, descriptor: &Descriptor) -> Vec<String> {
     match (space, descriptor) {
         (SearchSpace::Structures(space), Descriptor::Structure(structure)) => {
             let (channels, bins) = (structure.channels.len() as u32, descriptor.size() as u32);
-            let all = (channels == space.slots && channels > 1)
-                .then(|| format!("all {channels} channels are used"));
+            let shares = space.shares(structure.channels.len());
+            let (slots, max_bins) = (space.slots / shares, space.max_bins / shares);
+            // Members that have one channel each say nothing of whether more would help.
+            let is_choice = slots > 1 && space.slots > space.members;
+            let all = (channels == slots && is_choice).then(|| format!("all {channels} channels are used"));
             // Decoding takes single bins away until a structure fits.
-            let is_full = 100 * u64::from(bins) >= 95 * u64::from(space.max_bins);
-            all.into_iter()
-                .chain(is_full.then(|| format!("{bins} of at most {} bins", space.max_bins)))
-                .collect()
+            let is_full = 100 * u64::from(bins) >= 95 * u64::from(max_bins);
+            all.into_iter().chain(is_full.then(|| format!("{bins} of at most {max_bins} bins"))).collect()
         }
         _ => {
             let values = descriptor.family().columns().into_iter().zip(descriptor.values());

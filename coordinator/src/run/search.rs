@@ -220,7 +220,8 @@ impl<'a> SearchLoop<'a> {
                 if let Some(max_cost) =
                     self.experiment.max_cost().filter(|_| !self.experiment.affords(&descriptor))
                 {
-                    let costs = self.counts.train.measured.keys().map(Descriptor::recognition_cost);
+                    let met = self.counts.train.measured.keys();
+                    let costs = met.map(|descriptor| experiment.limited_cost(descriptor));
                     return Err(RunError::TooCostly { max_cost, least: costs.min().unwrap_or(u64::MAX) });
                 }
                 return Ok(SearchResult {

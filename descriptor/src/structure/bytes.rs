@@ -204,6 +204,8 @@ mod tests {
         let structure = Structure { channels: vec![Weighted { channel, weight_ppm: 7, scale: Scale::None }] };
         assert_eq!(structure.numbers(), [vec![1, 7, 1], numbers].concat());
         assert_eq!(StructureSpace::default().numbers(), [1, 4, 500, 0]);
+        let of_members = StructureSpace { slots: 8, members: 4, ..StructureSpace::default() };
+        assert_eq!(of_members.numbers(), [7, 8, 500, 0]);
     }
 
     #[test]

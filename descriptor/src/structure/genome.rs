@@ -23,8 +23,8 @@ const CODES: u32 = 32;
 /// The structures that a search looks through.
 ///
 /// Where there are several *members*, each has an equal number of consecutive slots and an equal share of the bins, and its
-/// weights are shifted so that they add up to about 1: a member of which a genome says something, be it one bit, adds the
-/// same channels to whatever other members are there.
+/// weights are shifted so that they add up to about 1: a member of which some index is not 0 adds the same
+/// channels to whatever other members are there.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct StructureSpace {
     /// Whether features of colour are among them.

@@ -54,7 +54,7 @@ record! {
             "soft margin: mean of (d_other - d_same) / (d_other + d_same) over the queries; null where none is asked for";
         set_errors: Option<Vec<f32>>, "share",
             "errors on the training clouds of each set with a weight, in the order of their names, 1 - fitness each; null of clouds of one set, and of what costs too much to be evaluated";
-        parent_a: Option<u32>, "", "first parent's index in the previous generation; null where it was drawn at random";
+        parent_a: Option<u32>, "", "first parent's index in the previous generation; null where it was drawn at random or joined of members";
         parent_b: Option<u32>, "", "second parent's index; null where it has one parent or none";
         elite: bool, "", "copied unmutated from the previous generation";
         => remembered: bool, "", "taken from an earlier evaluation instead of computed"

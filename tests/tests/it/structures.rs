@@ -171,6 +171,23 @@ fn members_evolve_side_by_side_within_their_shares_and_are_joined() {
 }
 
 #[test]
+fn other_methods_search_the_joined_structures_of_members() {
+    for method in ["random", "hill-climb", "nsga2"] {
+        let experiment = Experiment::new(&format!(
+            "[descriptor]\nfamily = \"structure\"\nmembers = 2\n[ga]\npopulation = 6\n[search]\nmethod = \"{method}\"\n\
+             [stop]\nevaluations = 8\n[results]\nbaselines = false\n"
+        ));
+        experiment.run("out", &[]).expect_success();
+        let out = experiment.path("out");
+        let rows = read_evaluations(&out).unwrap();
+        assert!(rows.iter().all(|row| row.chromosome.len() == 102 && row.genes.len() == 60), "{method}");
+        assert!(rows.iter().any(|row| row.genes[15] == Some(1.0)), "{method}: two channels");
+        let verified = run("coordinator", ["verify", &out]).expect_success();
+        assert!(verified.stdout.contains("sound: run digest"), "{verified}");
+    }
+}
+
+#[test]
 fn what_cannot_be_searched_or_asked_says_so() {
     let refused = |toml: &str, complaint: &str| {
         let experiment = Experiment::new(toml);
@@ -196,6 +213,7 @@ fn what_cannot_be_searched_or_asked_says_so() {
         "ga.preselection: must be 1 beside descriptor.members, got 2\n",
     );
     refused("[descriptor]\nmembers = 2\n", "descriptor.members: no key of family disk-ring, got it\n");
+    refused(&format!("{structure}members = 9\n"), "descriptor.members: must be 1 to 8, got 9\n");
     refused(
         &format!("{structure}[preprocess]\nleaf_cm = 2.0\n"),
         "preprocess.leaf_cm: not for family structure",

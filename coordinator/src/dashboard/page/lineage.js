@@ -48,7 +48,7 @@ function novelty(store, genes, row) {
     .map((parent) => store.rowOf(columns.generation[row] - 1, parent))
     .filter((found) => found !== undefined);
   if (columns.elite?.[row]) return 'copied (elite)';
-  if (parents.length === 0) return 'drawn at random';
+  if (parents.length === 0) return 'without parents';
   const fresh = genes.filter((gene) => parents.every((parent) => columns[gene][parent] !== columns[gene][row]));
   return fresh.length === 0
     ? 'all genes of its parents'
