@@ -277,7 +277,7 @@ fn the_schema_describes_keys_and_gives_defaults() {
           "type": "integer",
           "format": "uint32",
           "minimum": 2,
-          "description": "Individuals a generation.",
+          "description": "Individuals a generation, of each member where a structure has several.",
           "maximum": 65536,
           "default": 10
         }"#]]
