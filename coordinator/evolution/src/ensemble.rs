@@ -1,8 +1,8 @@
 //! Members of a whole that evolve side by side, each by a genetic algorithm of its own and judged by itself, and are joined.
 //!
 //! A structure that evolves as a whole is fitted to the clouds that the search sees. Members that know nothing of each other
-//! are fitted to them each in its own way, so that what is joined of them recognises other clouds better than it recognises
-//! these (bagging, random subspaces: Breiman 1996, Ho 1998).
+//! are fitted to them each in its own way, and where one of them is wrong about other clouds the rest may be right (bagging,
+//! random subspaces: Breiman 1996, Ho 1998).
 
 use std::ops::Range;
 

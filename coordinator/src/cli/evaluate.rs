@@ -301,3 +301,36 @@ fn text(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> Stri
     lines.push(String::new());
     lines.join("\n")
 }
+
+#[cfg(test)]
+mod tests {
+    use descriptor::structure::Structure;
+
+    use super::*;
+
+    #[test]
+    fn values_have_the_names_of_their_genes() {
+        let mut structure = Structure::default();
+        structure.channels[0].weight_ppm = 2_500_000;
+        let named = named_json(&Descriptor::Structure(structure));
+        // Neighbours o1 8, o2 8 (s 0.5), 3 cm, 256 pairs, grid 2 cm: there is no third feature.
+        let expected = [
+            ("name", json!("structure")),
+            ("s1_feature_1", json!(20)),
+            ("s1_feature_2", json!(21)),
+            ("s1_bins_1", json!(8)),
+            ("s1_bins_2", json!(8)),
+            ("s1_squash", json!(0.5)),
+            ("s1_R_cm", json!(3.0)),
+            ("s1_grid_cm", json!(2.0)),
+            ("s1_samples", json!(256)),
+            ("s1_weight", json!(2.5)),
+            ("s2_pairs", json!(3)),
+            ("s2_R_cm", json!(12.0)),
+        ];
+        for (key, value) in expected {
+            assert_eq!(named.get(key), Some(&value), "{key}: {named:?}");
+        }
+        assert!(["s1_feature_3", "s1_bins_3", "s2_grid_cm"].iter().all(|key| !named.contains_key(*key)));
+    }
+}

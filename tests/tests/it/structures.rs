@@ -1,6 +1,6 @@
 //! Structures go the same way as descriptors of genes, under every protocol of fitness: whole, in pieces, audited,
-//! killed, cold and warm, with one worker and several. A model of the fitness chooses the children, so that generations
-//! rest on all results before.
+//! killed, cold and warm, with one worker and several. Where a model of the fitness chooses the children, generations
+//! rest on all results before. Members evolve side by side.
 
 use results::{EvaluationRow, TableName, read_evaluations, read_table};
 
