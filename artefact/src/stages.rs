@@ -3,7 +3,7 @@
 use std::ops::AddAssign;
 use std::time::{Duration, Instant};
 
-use descriptor::prepare::{Normals, keypoints};
+use descriptor::prepare::keypoints;
 use descriptor::{Cloud, DescribeError, Described, Describer, Preprocess};
 
 /// Time of each stage, added up over clouds and threads; `total` is wall time from the first cloud to the last
@@ -14,7 +14,7 @@ pub struct Seconds {
     pub read: Duration,
     /// Keypoints.
     pub keypoints: Duration,
-    /// Normals of clouds and keypoints.
+    /// Normals of clouds and keypoints, if the descriptor looks at them, else whether they could be fitted.
     pub normals: Duration,
     /// Neighbours, histograms and signatures.
     pub describe: Duration,
@@ -35,7 +35,7 @@ impl AddAssign for Seconds {
     }
 }
 
-/// The stages of a cloud in metres, each timed: keypoints, normals, and their description.
+/// The stages of a cloud in metres, each timed: keypoints, the normals that the descriptor needs, and its description.
 pub fn stages(
     cloud: &Cloud,
     preprocess: &Preprocess,
@@ -46,7 +46,7 @@ pub fn stages(
     let keypoints = keypoints(cloud, preprocess)?;
     seconds.keypoints = clock.elapsed();
     let clock = Instant::now();
-    let normals = Normals::new(cloud, &keypoints, preprocess)?;
+    let normals = describer.normals(cloud, &keypoints, preprocess)?;
     seconds.normals = clock.elapsed();
     let clock = Instant::now();
     let described = describer.describe(cloud, &keypoints, &normals, preprocess)?;

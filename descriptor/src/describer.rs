@@ -34,8 +34,8 @@ enum Form {
     DiskRing(Box<(Quantiser, Binning)>),
     Fixed(FixedDescriptor),
     GlobalHue(GlobalHue),
-    /// The channels, and the grids of those that need normals of keypoints or keypoints at all.
-    Structure(Vec<StructurePlan>, Vec<u32>),
+    /// Its channels.
+    Structure(Vec<StructurePlan>),
 }
 
 /// Why there is no describer.
@@ -63,16 +63,39 @@ impl Describer {
             }
             Descriptor::Fixed(fixed) => Form::Fixed(*fixed),
             Descriptor::GlobalHue(hue) => Form::GlobalHue(*hue),
-            Descriptor::Structure(Structure { channels }) => Form::Structure(
-                channels.iter().map(|one| StructurePlan::new(&one.channel)).collect(),
-                channels.iter().map(|one| one.channel.grid_um).collect(),
-            ),
+            Descriptor::Structure(Structure { channels }) => {
+                Form::Structure(channels.iter().map(|one| StructurePlan::new(&one.channel)).collect())
+            }
         };
         Ok(Self { form })
     }
 
-    /// The signatures of a cloud in metres, whose keypoints and normals are those of `preprocess`. Structures have
-    /// keypoints of their own.
+    /// Whether the descriptor looks at normals.
+    fn needs_normals(&self) -> bool {
+        match &self.form {
+            Form::DiskRing(_) | Form::Fixed(_) => true,
+            Form::GlobalHue(_) => false,
+            Form::Structure(plans) => plans.iter().any(StructurePlan::needs_normals),
+        }
+    }
+
+    /// The stage `normals` for this descriptor: fits them to a cloud in metres and to its keypoints if it looks at them.
+    ///
+    /// # Errors
+    /// Those of [`Normals::new`] in either case, so that the same clouds take part whatever the descriptor is.
+    pub fn normals(
+        &self,
+        cloud: &Cloud,
+        keypoints: &Keypoints,
+        preprocess: &Preprocess,
+    ) -> Result<Normals, PrepareError> {
+        let of_cloud = if self.needs_normals() { Normals::new } else { Normals::none };
+        of_cloud(cloud, keypoints, preprocess)
+    }
+
+    /// The signatures of a cloud in metres, whose keypoints are those of `preprocess` and whose normals are those of
+    /// [`Describer::normals`], or of [`Normals::new`] if several descriptors are to share them. Structures have keypoints
+    /// of their own.
     ///
     /// # Errors
     /// If the cloud takes no part, or the descriptor says nothing about it.
@@ -97,8 +120,8 @@ impl Describer {
                 let colours = cloud.colours.as_ref().ok_or(PrepareError::NoColours)?;
                 Ok(Described { signatures: vec![hue.signature(colours)], keypoints: keypoints.points.len() })
             }
-            Form::Structure(plans, grids) => {
-                let cloud = StructureCloud::of_grids(cloud, &normals.cloud, preprocess, grids)?;
+            Form::Structure(plans) => {
+                let cloud = StructureCloud::for_plans(cloud, keypoints, normals, preprocess, plans)?;
                 let signatures = plans.iter().map(|plan| plan.signature(&cloud)).collect::<Result<_, _>>()?;
                 Ok(Described { signatures, keypoints: keypoints.points.len() })
             }

@@ -20,10 +20,14 @@ fn paper() -> Quantiser {
     Quantiser::new(&GeneTable::paper()).unwrap()
 }
 
-/// Prepares the cloud, and says the same as [`usable`].
+/// Prepares the cloud, and says the same as [`usable`] and as who needs no normals.
 fn prepare(cloud: &Cloud, preprocess: &Preprocess) -> Result<QuantisedCloud, PrepareError> {
     let prepared = QuantisedCloud::new(cloud, preprocess, &paper());
     assert_eq!(usable(cloud, preprocess).err(), prepared.as_ref().err().cloned());
+    let cloud = preprocess.in_metres(cloud);
+    let bare =
+        keypoints(&cloud, preprocess).and_then(|keypoints| Normals::none(&cloud, &keypoints, preprocess));
+    assert_eq!(bare.err(), prepared.as_ref().err().cloned());
     prepared
 }
 
@@ -53,6 +57,11 @@ fn clouds_without_a_normal_are_skipped() {
     cloud.points[1] = cloud.points[0];
     check_refusal(&cloud, &expect!["no keypoint with a normal, got 39 keypoints"]);
     cloud.points[2] = cloud.points[0];
+    assert_eq!(prepare(&cloud, &Preprocess::default()).unwrap().keypoints(), 1);
+    // The last keypoint alone.
+    cloud.points[..3].iter_mut().enumerate().for_each(|(index, point)| point[0] = index as f32 * 0.05);
+    check_refusal(&cloud, &expect!["no keypoint with a normal, got 40 keypoints"]);
+    cloud.points[37..].fill([37.0 * 0.05, 0.0, 0.5]);
     assert_eq!(prepare(&cloud, &Preprocess::default()).unwrap().keypoints(), 1);
     // Points near each other, but none near the centroid of their voxel: normals for points, none for keypoints.
     for (index, point) in cloud.points.iter_mut().enumerate() {

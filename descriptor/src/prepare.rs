@@ -2,7 +2,7 @@
 
 use crate::cell_list::CellList;
 use crate::keypoints::Keypoints;
-use crate::neighbours::RadiusSearch;
+use crate::neighbours::{RadiusSearch, floor_f32, squared_distance};
 use crate::normals::{MIN_NEIGHBOURS, Normal, normals};
 use crate::prepare_error::{PrepareError, Skip};
 use crate::{Cloud, Preprocess};
@@ -91,6 +91,15 @@ impl Normals {
         }
         Ok(Self { cloud, keypoints: of_keypoints })
     }
+
+    /// The same for descriptors that look at no normals: none is fitted, and no point has one.
+    ///
+    /// # Errors
+    /// Exactly those of [`Normals::new`], so that the same clouds take part.
+    pub fn none(cloud: &Cloud, keypoints: &Keypoints, preprocess: &Preprocess) -> Result<Self, PrepareError> {
+        check_keypoints(cloud, keypoints, preprocess)?;
+        Ok(Self { cloud: vec![None; cloud.len()], keypoints: vec![None; keypoints.len()] })
+    }
 }
 
 /// Whether a cloud as stored takes part: the same for all descriptors, and decided without fitting normals.
@@ -100,11 +109,31 @@ impl Normals {
 pub fn usable(cloud: &Cloud, preprocess: &Preprocess) -> Result<(), PrepareError> {
     let cloud = preprocess.in_metres(cloud);
     let keypoints = keypoints(&cloud, preprocess)?;
-    let search = RadiusSearch::new(&cloud.points)?;
-    let has_normal = |&keypoint: &[f32; 3]| {
-        search.count_within(keypoint, preprocess.normal_radius(), MIN_NEIGHBOURS) == MIN_NEIGHBOURS
+    check_keypoints(&cloud, &keypoints, preprocess)
+}
+
+/// Keypoints that are looked at before an index of the points is made: of nearly all clouds the first one has a normal.
+const SCANNED: usize = 4;
+
+/// Refuses a cloud in metres none of whose keypoints would get a normal.
+fn check_keypoints(
+    cloud: &Cloud,
+    keypoints: &Keypoints,
+    preprocess: &Preprocess,
+) -> Result<(), PrepareError> {
+    let radius = preprocess.normal_radius();
+    let limit = floor_f32(radius * radius);
+    let is_surrounded = |&keypoint: &[f32; 3]| {
+        let near = cloud.points.iter().filter(|&&point| squared_distance(point, keypoint) <= limit);
+        near.take(MIN_NEIGHBOURS).count() == MIN_NEIGHBOURS
     };
-    if keypoints.points.iter().any(has_normal) {
+    if keypoints.points.iter().take(SCANNED).any(is_surrounded) {
+        return Ok(());
+    }
+    let search = RadiusSearch::new(&cloud.points)?;
+    let has_normal =
+        |&keypoint: &[f32; 3]| search.count_within(keypoint, radius, MIN_NEIGHBOURS) == MIN_NEIGHBOURS;
+    if keypoints.points.iter().skip(SCANNED).any(has_normal) {
         Ok(())
     } else {
         Err(Skip::NoKeypointWithNormal { keypoints: keypoints.len() }.into())

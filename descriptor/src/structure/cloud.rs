@@ -4,8 +4,9 @@ use std::borrow::Cow;
 
 use crate::keypoints::Keypoints;
 use crate::normals::{Normal, normals, normals_at};
-use crate::prepare::keypoints;
+use crate::prepare::{Normals, keypoints};
 use crate::prepare_error::{PrepareError, Skip};
+use crate::structure::plan::StructurePlan;
 use crate::{Cloud, Preprocess};
 
 /// Edges of the voxels of the grids that are kept, micrometres.
@@ -18,11 +19,21 @@ pub(super) struct Points {
     pub(super) positions: Vec<[f32; 3]>,
     /// One for each point, if the cloud has colours.
     pub(super) colours: Option<Vec<[u8; 3]>>,
-    /// One for each point.
+    /// One for each point; none of them has one where no channel needs normals.
     pub(super) normals: Vec<Normal>,
 }
 
 impl Points {
+    /// The keypoints of a cloud's grid, with normals within `radius` metres if there is one.
+    fn at_keypoints(cloud: &Cloud, edge_um: u32, radius: Option<f64>) -> Result<Self, PrepareError> {
+        let keypoints = Keypoints::new(cloud, edge(edge_um))?;
+        let normals = match radius {
+            Some(radius) => normals_at(&keypoints.points, &cloud.points, radius, cloud.viewpoint)?,
+            None => vec![None; keypoints.len()],
+        };
+        Ok(Self::of_keypoints(keypoints, normals))
+    }
+
     fn of_keypoints(keypoints: Keypoints, normals: Vec<Normal>) -> Self {
         Self { positions: keypoints.points, colours: keypoints.colours, normals }
     }
@@ -82,27 +93,33 @@ impl StructureCloud {
         Ok(Self { points, grids, viewpoint, normal_radius_um: preprocess.normal_radius_um })
     }
 
-    /// From a cloud in metres whose normals are known, with keypoints of these grids only: what one structure needs.
+    /// From a cloud in metres with keypoints and normals of `preprocess`, the latter fitted if a plan needs any: with the
+    /// keypoints, and the normals of these, that the plans of one structure need.
     ///
     /// # Errors
     /// As [`StructureCloud::new`], but that the cloud is known to take part.
-    pub(crate) fn of_grids(
+    pub(crate) fn for_plans(
         cloud: &Cloud,
-        of_points: &[Normal],
+        keypoints: &Keypoints,
+        normals: &Normals,
         preprocess: &Preprocess,
-        grids_um: &[u32],
+        plans: &[StructurePlan],
     ) -> Result<Self, PrepareError> {
         let mut grids: [Points; GRIDS_UM.len()] = Default::default();
         for (grid, edge_um) in grids.iter_mut().zip(GRIDS_UM) {
-            if grids_um.contains(&edge_um) {
-                let keypoints = Keypoints::new(cloud, edge(edge_um))?;
-                let radius = preprocess.normal_radius();
-                let of_keypoints = normals_at(&keypoints.points, &cloud.points, radius, cloud.viewpoint)?;
-                *grid = Points::of_keypoints(keypoints, of_keypoints);
+            let mut on_grid = plans.iter().filter(|plan| plan.channel.grid_um == edge_um).peekable();
+            if on_grid.peek().is_none() {
+                continue;
             }
+            *grid = if edge_um == preprocess.leaf_um {
+                Points::of_keypoints(keypoints.clone(), normals.keypoints.clone())
+            } else {
+                let radius = on_grid.any(StructurePlan::needs_normals).then(|| preprocess.normal_radius());
+                Points::at_keypoints(cloud, edge_um, radius)?
+            };
         }
         let Cloud { points: positions, colours, viewpoint } = cloud.clone();
-        let points = Points { positions, colours, normals: of_points.to_vec() };
+        let points = Points { positions, colours, normals: normals.cloud.clone() };
         Ok(Self { points, grids, viewpoint, normal_radius_um: preprocess.normal_radius_um })
     }
 
@@ -116,20 +133,19 @@ impl StructureCloud {
         size_of::<Self>() + self.points.bytes() + self.grids.iter().map(Points::bytes).sum::<usize>()
     }
 
-    /// Keypoints of a grid: kept ones, or found now.
+    /// Keypoints of a plan's grid: kept ones, or found now, with their normals if the plan needs any.
     ///
     /// # Errors
     /// [`PrepareError::CellRange`] of a grid that is not kept.
-    pub(super) fn keypoints(&self, edge_um: u32) -> Result<Cow<'_, Points>, PrepareError> {
+    pub(super) fn keypoints(&self, plan: &StructurePlan) -> Result<Cow<'_, Points>, PrepareError> {
+        let edge_um = plan.channel.grid_um;
         if let Some(kept) = GRIDS_UM.iter().position(|&kept| kept == edge_um) {
             return Ok(Cow::Borrowed(&self.grids[kept]));
         }
         let Points { positions, colours, .. } = &self.points;
         let cloud = Cloud { points: positions.clone(), colours: colours.clone(), viewpoint: self.viewpoint };
-        let keypoints = Keypoints::new(&cloud, edge(edge_um))?;
-        let radius = f64::from(self.normal_radius_um) / 1e6;
-        let normals = normals_at(&keypoints.points, positions, radius, self.viewpoint)?;
-        Ok(Cow::Owned(Points::of_keypoints(keypoints, normals)))
+        let radius = plan.needs_normals().then(|| f64::from(self.normal_radius_um) / 1e6);
+        Points::at_keypoints(&cloud, edge_um, radius).map(Cow::Owned)
     }
 }
 
@@ -141,7 +157,8 @@ fn edge(edge_um: u32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::prepare::{Normals, usable};
+    use crate::prepare::usable;
+    use crate::structure::{Axis, Feature, Structure, StructureChannel};
     use crate::testing::sheet;
     use crate::{Cloud, Unit};
 
@@ -156,9 +173,22 @@ mod tests {
             let expected = keypoints(&cloud, &preprocess).unwrap();
             let normals = Normals::new(&cloud, &expected, &preprocess).unwrap();
             assert_eq!(ready.points.normals, normals.cloud, "{edge_um}");
-            let found = ready.keypoints(edge_um).unwrap();
-            assert_eq!(*found, Points::of_keypoints(expected, normals.keypoints), "{edge_um}");
-            assert_eq!(matches!(found, Cow::Borrowed(_)), GRIDS_UM.contains(&edge_um));
+            let [found, bare] = [Feature::Angle, Feature::Distance].map(|feature| {
+                let channel = StructureChannel {
+                    axes: vec![Axis { feature, bins: 5, full_turn: false }],
+                    grid_um: edge_um,
+                    ..Structure::default().channels[0].channel.clone()
+                };
+                ready.keypoints(&StructurePlan::new(&channel)).unwrap()
+            });
+            let expected = Points::of_keypoints(expected, normals.keypoints);
+            assert_eq!(*found, expected, "{edge_um}");
+            let is_kept = GRIDS_UM.contains(&edge_um);
+            assert_eq!(matches!(found, Cow::Borrowed(_)), is_kept);
+            // Found anew, it has normals only if they are needed.
+            let none = vec![None; expected.normals.len()];
+            let normals = if is_kept { expected.normals.clone() } else { none };
+            assert_eq!(*bare, Points { normals, ..expected }, "{edge_um}");
         }
     }
 

@@ -50,7 +50,7 @@ impl StructurePlan {
         let keypoints = if self.is_of_cloud() {
             Table::default()
         } else {
-            Table::new(self, &*cloud.keypoints(self.channel.grid_um)?, mean)?
+            Table::new(self, &*cloud.keypoints(self)?, mean)?
         };
         let points = if self.channel.pairs == Pairs::Keypoints {
             Table::default()

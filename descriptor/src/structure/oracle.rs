@@ -8,6 +8,7 @@ use crate::oracle::hue;
 use crate::structure::channel::{Axis, Pairs, StructureChannel};
 use crate::structure::cloud::{Points, StructureCloud};
 use crate::structure::feature::Feature;
+use crate::structure::plan::StructurePlan;
 use crate::structure::sampling::lowbias32;
 
 /// A point with all that a feature can be made of.
@@ -54,7 +55,7 @@ pub(super) fn rows(channel: &StructureChannel, cloud: &StructureCloud) -> Vec<Ro
     if channel.pairs == Pairs::Cloud {
         return vec![row(&drawn(channel, &points))];
     }
-    let keypoints = usable(&cloud.keypoints(channel.grid_um).unwrap());
+    let keypoints = usable(&cloud.keypoints(&StructurePlan::new(channel)).unwrap());
     let near = |centre: Point, points: &[Point]| -> Vec<Point> {
         points.iter().copied().filter(|point| is_within(centre, *point, channel.radius_um)).collect()
     };

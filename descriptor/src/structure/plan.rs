@@ -250,6 +250,11 @@ impl StructurePlan {
         self.channel.pairs.is_sampled() && self.channel.samples > 0 && pairs > u64::from(self.channel.samples)
     }
 
+    /// Whether the channel takes only points that have a normal.
+    pub(crate) fn needs_normals(&self) -> bool {
+        self.channel.needs_normals()
+    }
+
     /// Whether there is one row for the whole cloud.
     pub(super) fn is_of_cloud(&self) -> bool {
         self.channel.pairs == Pairs::Cloud

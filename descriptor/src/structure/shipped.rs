@@ -4,7 +4,7 @@ use rand::RngExt;
 
 use crate::oracle::hue;
 use crate::random::stream;
-use crate::structure::{StructureChannel, StructureCloud, StructureFile};
+use crate::structure::{StructureChannel, StructureCloud, StructureFile, StructurePlan};
 use crate::testing::sheet;
 use crate::{Cloud, Preprocess};
 
@@ -54,7 +54,7 @@ fn is_global(text: &str, bins: usize, place: fn([u8; 3]) -> Places) {
     assert_eq!(channel.bins(), (bins * bins) as u64);
     for cloud in clouds(place) {
         let ready = StructureCloud::new(&cloud, &Preprocess::default()).unwrap();
-        let keypoints = ready.keypoints(channel.grid_um).unwrap().positions.len();
+        let keypoints = ready.keypoints(&StructurePlan::new(&channel)).unwrap().positions.len();
         assert!(keypoints > 1, "one keypoint shows nothing of the others");
         let found = channel.signature(&ready).unwrap();
         assert_eq!(found.centroid, shares(&cloud, bins, place));

@@ -35,7 +35,7 @@ impl Table {
     /// # Errors
     /// [`PrepareError::NoColours`] if the channel needs colours and there are none.
     pub(super) fn new(plan: &StructurePlan, points: &Points, mean: [i32; 2]) -> Result<Self, PrepareError> {
-        let needs_normals = plan.channel.needs_normals();
+        let needs_normals = plan.needs_normals();
         let colours = match &points.colours {
             Some(colours) => colours.as_slice(),
             None if plan.channel.needs_colour() => return Err(PrepareError::NoColours),
