@@ -1,5 +1,7 @@
 //! Keypoints: the centroid of every occupied voxel, cells and order as PCL's VoxelGrid (DESIGN 5.2).
 
+use std::borrow::Cow;
+
 use crate::Cloud;
 use crate::cell_list;
 use crate::prepare_error::PrepareError;
@@ -22,29 +24,12 @@ impl Keypoints {
     /// # Errors
     /// [`PrepareError::CellRange`] if a cell's index does not fit 32 bits.
     pub fn new(cloud: &Cloud, leaf: f32) -> Result<Self, PrepareError> {
-        let cells = Cells::new(cloud, 1.0 / leaf)?;
-        let mut keypoints = Self { points: Vec::new(), colours: cloud.colours.as_ref().map(|_| Vec::new()) };
-        for voxel in cells.order.chunk_by(|&a, &b| cells.of_point[a as usize] == cells.of_point[b as usize]) {
-            let count = voxel.len() as f64;
-            let members = || voxel.iter().map(|&index| index as usize);
-            let mut sum = [0.0f64; 3];
-            for member in members() {
-                for (sum, &coordinate) in sum.iter_mut().zip(&cloud.points[member]) {
-                    *sum += f64::from(coordinate);
-                }
-            }
-            keypoints.points.push(sum.map(|sum| (sum / count) as f32));
-            if let (Some(means), Some(colours)) = (&mut keypoints.colours, &cloud.colours) {
-                let mut sum = [0u64; 3];
-                for member in members() {
-                    for (sum, &channel) in sum.iter_mut().zip(&colours[member]) {
-                        *sum += u64::from(channel);
-                    }
-                }
-                means.push(sum.map(|sum| (sum / voxel.len() as u64) as u8));
-            }
-        }
-        Ok(keypoints)
+        let voxels = Voxels::new(&cloud.points, 1.0 / leaf)?;
+        let sums = if voxels.are_few() { voxels.sums_by_table(cloud) } else { voxels.sums_by_sorting(cloud) };
+        Ok(Self {
+            points: sums.iter().map(Sums::centroid).collect(),
+            colours: cloud.colours.as_ref().map(|_| sums.iter().map(Sums::mean_colour).collect()),
+        })
     }
 
     /// Number of keypoints.
@@ -58,55 +43,151 @@ impl Keypoints {
     }
 }
 
-/// The points of a cloud by voxel: z, y, x, and in a voxel by index.
-struct Cells {
-    /// x, y, z of each point's voxel, counted from the lowest that there can be.
-    of_point: Vec<[u32; 3]>,
-    /// Indices of the points.
-    order: Vec<u32>,
+/// Sums over the points of a voxel.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Sums {
+    points: u64,
+    position: [f64; 3],
+    colour: [u64; 3],
 }
 
-impl Cells {
-    fn new(cloud: &Cloud, per_metre: f32) -> Result<Self, PrepareError> {
-        let (mut low, mut high) = ([u32::MAX; 3], [0; 3]);
-        let mut of_point = Vec::with_capacity(cloud.len());
-        for &[x, y, z] in &cloud.points {
-            let voxel = [cell(x, per_metre)?, cell(y, per_metre)?, cell(z, per_metre)?];
-            for axis in 0..3 {
-                low[axis] = low[axis].min(voxel[axis]);
-                high[axis] = high[axis].max(voxel[axis]);
-            }
-            of_point.push(voxel);
+impl Sums {
+    #[inline(always)]
+    fn add(&mut self, point: [f32; 3], colour: [u8; 3]) {
+        self.points += 1;
+        for axis in 0..3 {
+            self.position[axis] += f64::from(point[axis]);
+            self.colour[axis] += u64::from(colour[axis]);
         }
-        let bits = [0, 1, 2].map(|axis| u32::BITS - high[axis].saturating_sub(low[axis]).leading_zeros());
-        let order = if bits.iter().sum::<u32>() < u64::BITS {
-            let pack = |voxel: &[u32; 3]| {
-                let [x, y, z] = [0, 1, 2].map(|axis| u64::from(voxel[axis].saturating_sub(low[axis])));
-                (z << bits[1] | y) << bits[0] | x
-            };
-            cell_list::sort(&of_point.iter().map(pack).collect::<Vec<_>>(), pack(&high)).0
-        } else {
-            let mut order: Vec<u32> = (0u32..).take(cloud.len()).collect();
-            order.sort_unstable_by_key(|&index| {
-                let [x, y, z] = of_point[index as usize];
-                [z, y, x, index]
-            });
-            order
-        };
-        Ok(Self { of_point, order })
+    }
+
+    fn centroid(&self) -> [f32; 3] {
+        self.position.map(|sum| (sum / self.points as f64) as f32)
+    }
+
+    fn mean_colour(&self) -> [u8; 3] {
+        self.colour.map(|sum| (sum / self.points) as u8)
     }
 }
 
-/// Index of the voxel along one axis, counted from the lowest that there can be.
-fn cell(coordinate: f32, per_metre: f32) -> Result<u32, PrepareError> {
-    let scaled = coordinate * per_metre;
-    // Both bounds are exact in f32; NaN and infinities fail the test as well.
-    if (-2_147_483_648.0..2_147_483_648.0).contains(&scaled) {
-        // ⌊scaled⌋, for which not every processor has an instruction.
-        let towards_zero = scaled as i32;
-        let cell = towards_zero.wrapping_sub(i32::from(scaled < towards_zero as f32));
-        Ok(cell.wrapping_sub(i32::MIN) as u32)
-    } else {
-        Err(PrepareError::CellRange { coordinate, leaf: 1.0 / per_metre })
+/// The voxel of each point of a cloud.
+struct Voxels {
+    of_point: Vec<[i32; 3]>,
+    lowest: [i32; 3],
+    /// How many voxels there are along each axis, occupied or not.
+    along: [u64; 3],
+}
+
+impl Voxels {
+    fn new(points: &[[f32; 3]], per_metre: f32) -> Result<Self, PrepareError> {
+        let mut of_point = vec![[0; 3]; points.len()];
+        let coordinates = points.as_flattened();
+        // No branch in the loop, so that it becomes one of vectors.
+        let mut are_in_range = true;
+        for (voxel, coordinate) in of_point.as_flattened_mut().iter_mut().zip(coordinates) {
+            let scaled = coordinate * per_metre;
+            are_in_range &= is_in_range(scaled);
+            *voxel = floor(scaled);
+        }
+        if !are_in_range
+            && let Some(&coordinate) = coordinates.iter().find(|&&one| !is_in_range(one * per_metre))
+        {
+            return Err(PrepareError::CellRange { coordinate, leaf: 1.0 / per_metre });
+        }
+        let (mut lowest, mut highest) = ([i32::MAX; 3], [i32::MIN; 3]);
+        for voxel in &of_point {
+            for axis in 0..3 {
+                lowest[axis] = lowest[axis].min(voxel[axis]);
+                highest[axis] = highest[axis].max(voxel[axis]);
+            }
+        }
+        let along = [0, 1, 2].map(|axis| u64::from(highest[axis].wrapping_sub(lowest[axis]) as u32) + 1);
+        Ok(Self { of_point, lowest, along })
+    }
+
+    /// Whether a table of all voxels is worth its memory.
+    fn are_few(&self) -> bool {
+        let voxels = self.along.iter().try_fold(1, |voxels: u64, &along| voxels.checked_mul(along));
+        voxels.is_some_and(|voxels| cell_list::are_few(voxels, self.of_point.len()))
+    }
+
+    /// The sums of each occupied voxel, z, y, x; of few voxels.
+    fn sums_by_table(&self, cloud: &Cloud) -> Vec<Sums> {
+        let [along_x, along_y, along_z] = self.along.map(|along| along as usize);
+        // One more than the place of a voxel's sums; 0: it is empty.
+        let mut places = vec![0u32; along_x * along_y * along_z];
+        let mut sums: Vec<Sums> = Vec::new();
+        for ((voxel, &point), &colour) in self.of_point.iter().zip(&cloud.points).zip(&*colours(cloud)) {
+            let [x, y, z] = [0, 1, 2].map(|axis| voxel[axis].wrapping_sub(self.lowest[axis]) as u32 as usize);
+            let place = &mut places[(z * along_y + y) * along_x + x];
+            if *place == 0 {
+                sums.push(Sums::default());
+                *place = sums.len() as u32;
+            }
+            sums[*place as usize - 1].add(point, colour);
+        }
+        places.iter().filter(|&&place| place > 0).map(|&place| sums[place as usize - 1]).collect()
+    }
+
+    /// The same of any number of voxels.
+    fn sums_by_sorting(&self, cloud: &Cloud) -> Vec<Sums> {
+        let mut order: Vec<u32> = (0u32..).take(cloud.len()).collect();
+        order.sort_unstable_by_key(|&index| {
+            let [x, y, z] = self.of_point[index as usize];
+            ([z, y, x], index)
+        });
+        let voxels = order.chunk_by(|&a, &b| self.of_point[a as usize] == self.of_point[b as usize]);
+        let colours = colours(cloud);
+        let sums = |voxel: &[u32]| {
+            let mut sums = Sums::default();
+            voxel.iter().for_each(|&index| sums.add(cloud.points[index as usize], colours[index as usize]));
+            sums
+        };
+        voxels.map(sums).collect()
+    }
+}
+
+/// Black where there are none.
+fn colours(cloud: &Cloud) -> Cow<'_, [[u8; 3]]> {
+    cloud.colours.as_deref().map_or_else(|| vec![[0; 3]; cloud.len()].into(), Cow::from)
+}
+
+/// Both bounds are exact in f32; NaN and infinities fail the test as well.
+fn is_in_range(scaled: f32) -> bool {
+    (-2_147_483_648.0..2_147_483_648.0).contains(&scaled)
+}
+
+/// ⌊scaled⌋, for which not every processor has an instruction.
+fn floor(scaled: f32) -> i32 {
+    let towards_zero = scaled as i32;
+    towards_zero.wrapping_sub(i32::from(scaled < towards_zero as f32))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::sheet;
+
+    #[test]
+    fn sums_by_a_table_are_those_by_sorting() {
+        for (seed, points, per_metre) in [(1, 0, 50.0), (2, 1, 50.0), (3, 700, 50.0), (4, 700, 130.0)] {
+            let cloud = sheet(seed, points);
+            for cloud in [Cloud { colours: None, ..cloud.clone() }, cloud] {
+                let voxels = Voxels::new(&cloud.points, per_metre).unwrap();
+                assert_eq!(voxels.sums_by_table(&cloud), voxels.sums_by_sorting(&cloud));
+            }
+        }
+    }
+
+    #[test]
+    fn a_table_is_made_of_few_voxels_only() {
+        let mut cloud = sheet(1, 700);
+        let are_few = |cloud: &Cloud| Voxels::new(&cloud.points, 50.0).unwrap().are_few();
+        assert!(are_few(&cloud));
+        cloud.points[3][2] = 1e4;
+        assert!(!are_few(&cloud));
+        // More than 64 bits count.
+        (cloud.points[4], cloud.points[5]) = ([4e7; 3], [-4e7; 3]);
+        assert!(!are_few(&cloud));
     }
 }
