@@ -14,7 +14,8 @@ pub struct Seconds {
     pub read: Duration,
     /// Keypoints.
     pub keypoints: Duration,
-    /// Normals of clouds and keypoints, if the descriptor looks at them, else whether they could be fitted.
+    /// Normals of clouds and keypoints, if the descriptor looks at them, else whether they could be fitted. Those of keypoints
+    /// of a structure's own grids belong to the description.
     pub normals: Duration,
     /// Neighbours, histograms and signatures.
     pub describe: Duration,

@@ -192,12 +192,12 @@ impl CellList {
 
 /// Whether a table of so many cells is worth its memory for so many points.
 pub(crate) fn are_few(cells: u64, points: usize) -> bool {
-    cells < FEW_CELLS.max(CELLS_A_POINT * points) as u64
+    cells <= FEW_CELLS.max(CELLS_A_POINT * points) as u64
 }
 
 /// Indices by cell, equal cells by index, and where each cell begins; `last` is the highest cell that there can be.
 pub(crate) fn sort(cells: &[Cell], last: Cell) -> (Vec<u32>, Starts) {
-    if !are_few(last, cells.len()) {
+    if !are_few(last.saturating_add(1), cells.len()) {
         return sort_by_comparing(cells);
     }
     // A counting sort. Counts lie two places on: once they are summed up, the place after a cell's has its start, and once

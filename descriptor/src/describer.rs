@@ -71,7 +71,7 @@ impl Describer {
     }
 
     /// Whether the descriptor looks at normals.
-    fn needs_normals(&self) -> bool {
+    pub fn needs_normals(&self) -> bool {
         match &self.form {
             Form::DiskRing(_) | Form::Fixed(_) => true,
             Form::GlobalHue(_) => false,

@@ -22,7 +22,11 @@ impl Keypoints {
     /// averaged by channel and truncated. Positions are summed in f64 in the order of the points, then rounded.
     ///
     /// # Errors
-    /// [`PrepareError::CellRange`] if a cell's index does not fit 32 bits.
+    /// [`PrepareError::CellRange`] if a cell's index does not fit 32 bits, [`PrepareError::TooManyPoints`] if the points
+    /// cannot be counted in as many.
+    ///
+    /// # Panics
+    /// If there are not as many colours as points: a programming error.
     pub fn new(cloud: &Cloud, leaf: f32) -> Result<Self, PrepareError> {
         let voxels = Voxels::new(&cloud.points, 1.0 / leaf)?;
         let sums = if voxels.are_few() { voxels.sums_by_table(cloud) } else { voxels.sums_by_sorting(cloud) };
@@ -80,6 +84,7 @@ struct Voxels {
 
 impl Voxels {
     fn new(points: &[[f32; 3]], per_metre: f32) -> Result<Self, PrepareError> {
+        u32::try_from(points.len()).map_err(|_| PrepareError::TooManyPoints { points: points.len() })?;
         let mut of_point = vec![[0; 3]; points.len()];
         let coordinates = points.as_flattened();
         // No branch in the loop, so that it becomes one of vectors.
@@ -101,25 +106,35 @@ impl Voxels {
                 highest[axis] = highest[axis].max(voxel[axis]);
             }
         }
+        // Two each way where there is no point.
         let along = [0, 1, 2].map(|axis| u64::from(highest[axis].wrapping_sub(lowest[axis]) as u32) + 1);
         Ok(Self { of_point, lowest, along })
     }
 
+    /// How many there are, occupied or not; `None`: 64 bits do not count them.
+    fn count(&self) -> Option<u64> {
+        self.along.iter().try_fold(1, |voxels: u64, &along| voxels.checked_mul(along))
+    }
+
     /// Whether a table of all voxels is worth its memory.
     fn are_few(&self) -> bool {
-        let voxels = self.along.iter().try_fold(1, |voxels: u64, &along| voxels.checked_mul(along));
-        voxels.is_some_and(|voxels| cell_list::are_few(voxels, self.of_point.len()))
+        self.count().is_some_and(|voxels| cell_list::are_few(voxels, self.of_point.len()))
+    }
+
+    /// The number of a voxel, z slowest and x fastest, where 64 bits count them all.
+    #[inline(always)]
+    fn number(&self, voxel: &[i32; 3]) -> u64 {
+        let [x, y, z] = [0, 1, 2].map(|axis| u64::from(voxel[axis].wrapping_sub(self.lowest[axis]) as u32));
+        (z * self.along[1] + y) * self.along[0] + x
     }
 
     /// The sums of each occupied voxel, z, y, x; of few voxels.
     fn sums_by_table(&self, cloud: &Cloud) -> Vec<Sums> {
-        let [along_x, along_y, along_z] = self.along.map(|along| along as usize);
         // One more than the place of a voxel's sums; 0: it is empty.
-        let mut places = vec![0u32; along_x * along_y * along_z];
+        let mut places = vec![0u32; self.count().unwrap_or_default() as usize];
         let mut sums: Vec<Sums> = Vec::new();
         for ((voxel, &point), &colour) in self.of_point.iter().zip(&cloud.points).zip(&*colours(cloud)) {
-            let [x, y, z] = [0, 1, 2].map(|axis| voxel[axis].wrapping_sub(self.lowest[axis]) as u32 as usize);
-            let place = &mut places[(z * along_y + y) * along_x + x];
+            let place = &mut places[self.number(voxel) as usize];
             if *place == 0 {
                 sums.push(Sums::default());
                 *place = sums.len() as u32;
@@ -132,10 +147,15 @@ impl Voxels {
     /// The same of any number of voxels.
     fn sums_by_sorting(&self, cloud: &Cloud) -> Vec<Sums> {
         let mut order: Vec<u32> = (0u32..).take(cloud.len()).collect();
-        order.sort_unstable_by_key(|&index| {
-            let [x, y, z] = self.of_point[index as usize];
-            ([z, y, x], index)
-        });
+        if self.count().is_some() {
+            let numbers: Vec<u64> = self.of_point.iter().map(|voxel| self.number(voxel)).collect();
+            order.sort_unstable_by_key(|&index| (numbers[index as usize], index));
+        } else {
+            order.sort_unstable_by_key(|&index| {
+                let [x, y, z] = self.of_point[index as usize];
+                ([z, y, x], index)
+            });
+        }
         let voxels = order.chunk_by(|&a, &b| self.of_point[a as usize] == self.of_point[b as usize]);
         let colours = colours(cloud);
         let sums = |voxel: &[u32]| {
@@ -149,7 +169,9 @@ impl Voxels {
 
 /// Black where there are none.
 fn colours(cloud: &Cloud) -> Cow<'_, [[u8; 3]]> {
-    cloud.colours.as_deref().map_or_else(|| vec![[0; 3]; cloud.len()].into(), Cow::from)
+    let colours = cloud.colours.as_deref().map_or_else(|| vec![[0; 3]; cloud.len()].into(), Cow::from);
+    assert_eq!(colours.len(), cloud.len(), "one colour for each point");
+    colours
 }
 
 /// Both bounds are exact in f32; NaN and infinities fail the test as well.
@@ -174,7 +196,12 @@ mod tests {
             let cloud = sheet(seed, points);
             for cloud in [Cloud { colours: None, ..cloud.clone() }, cloud] {
                 let voxels = Voxels::new(&cloud.points, per_metre).unwrap();
-                assert_eq!(voxels.sums_by_table(&cloud), voxels.sums_by_sorting(&cloud));
+                let by_number = voxels.sums_by_sorting(&cloud);
+                assert_eq!(voxels.sums_by_table(&cloud), by_number);
+                // As if there were more voxels than can be numbered.
+                let uncounted = Voxels { along: [u64::MAX; 3], ..voxels };
+                assert_eq!(uncounted.count(), None);
+                assert_eq!(uncounted.sums_by_sorting(&cloud), by_number);
             }
         }
     }

@@ -58,11 +58,14 @@ fn clouds_without_a_normal_are_skipped() {
     check_refusal(&cloud, &expect!["no keypoint with a normal, got 39 keypoints"]);
     cloud.points[2] = cloud.points[0];
     assert_eq!(prepare(&cloud, &Preprocess::default()).unwrap().keypoints(), 1);
-    // The last keypoint alone.
-    cloud.points[..3].iter_mut().enumerate().for_each(|(index, point)| point[0] = index as f32 * 0.05);
-    check_refusal(&cloud, &expect!["no keypoint with a normal, got 40 keypoints"]);
-    cloud.points[37..].fill([37.0 * 0.05, 0.0, 0.5]);
-    assert_eq!(prepare(&cloud, &Preprocess::default()).unwrap().keypoints(), 1);
+    // One keypoint alone, wherever it is.
+    for alone in 0..38 {
+        for (index, point) in cloud.points.iter_mut().enumerate() {
+            let beside = if (alone..alone + 3).contains(&index) { alone } else { index };
+            *point = [beside as f32 * 0.05, 0.0, 0.5];
+        }
+        assert_eq!(prepare(&cloud, &Preprocess::default()).unwrap().keypoints(), 1, "{alone}");
+    }
     // Points near each other, but none near the centroid of their voxel: normals for points, none for keypoints.
     for (index, point) in cloud.points.iter_mut().enumerate() {
         let corner = if index % 2 == 0 { 0.0 } else { 0.019 };

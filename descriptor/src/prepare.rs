@@ -74,7 +74,7 @@ fn check_density(points: &[[f32; 3]], radius: f64) -> Result<(), PrepareError> {
 pub struct Normals {
     /// One for each point of the cloud.
     pub cloud: Vec<Normal>,
-    /// One for each keypoint; at least one is there.
+    /// One for each keypoint: at least one is there, or no normal was fitted at all.
     pub keypoints: Vec<Normal>,
 }
 
@@ -96,7 +96,11 @@ impl Normals {
     ///
     /// # Errors
     /// Exactly those of [`Normals::new`], so that the same clouds take part.
-    pub fn none(cloud: &Cloud, keypoints: &Keypoints, preprocess: &Preprocess) -> Result<Self, PrepareError> {
+    pub(crate) fn none(
+        cloud: &Cloud,
+        keypoints: &Keypoints,
+        preprocess: &Preprocess,
+    ) -> Result<Self, PrepareError> {
         check_keypoints(cloud, keypoints, preprocess)?;
         Ok(Self { cloud: vec![None; cloud.len()], keypoints: vec![None; keypoints.len()] })
     }
@@ -144,6 +148,8 @@ fn check_keypoints(
 mod tests {
     use std::collections::BTreeMap;
 
+    use proptest::prelude::*;
+
     use super::*;
     use crate::disk_ring::QuantisedCloud;
     use crate::fixed::OrientedCloud;
@@ -190,6 +196,28 @@ mod tests {
             };
             let found: usize = points.iter().map(|a| points.iter().filter(|b| near(a, b)).count()).sum();
             assert!((found as u64) <= 27 * pairs, "{found} neighbours, {pairs} pairs");
+        }
+    }
+
+    proptest! {
+        /// Points on a lattice of half a radius, so that many are exactly as far apart as neighbours may be, some of them in
+        /// voxels of their own.
+        #[test]
+        fn a_cloud_takes_part_whether_normals_are_fitted_or_not(
+            points in prop::collection::vec((0u8..5, 0u8..5, 0u8..2), 0..7),
+            leaf_um in prop::sample::select(vec![5_000, 20_000]),
+        ) {
+            let preprocess = Preprocess { leaf_um, normal_radius_um: 15_625, min_points: 0, ..Preprocess::default() };
+            let lattice = |&(x, y, z): &(u8, u8, u8)| [x, y, z].map(|place| f32::from(place) * 0.007_812_5);
+            let cloud = cloud(points.iter().map(lattice).collect());
+            let keypoints = keypoints(&cloud, &preprocess).unwrap();
+            let fitted = Normals::new(&cloud, &keypoints, &preprocess);
+            let none = Normals::none(&cloud, &keypoints, &preprocess);
+            prop_assert_eq!(none.as_ref().err(), fitted.as_ref().err());
+            prop_assert_eq!(usable(&cloud, &preprocess).err(), fitted.err());
+            if let Ok(none) = none {
+                prop_assert_eq!((none.cloud, none.keypoints), (vec![None; cloud.len()], vec![None; keypoints.len()]));
+            }
         }
     }
 

@@ -182,8 +182,16 @@ fn tables_have_the_columns_of_the_genes() {
 
 /// Clouds prepared for a descriptor, and their signatures in each channel.
 fn describe(descriptor: &Descriptor, seeds: std::ops::Range<u64>) -> Vec<Signatures> {
+    describe_by(&Preprocess::default(), descriptor, seeds)
+}
+
+fn describe_by(
+    preprocess: &Preprocess,
+    descriptor: &Descriptor,
+    seeds: std::ops::Range<u64>,
+) -> Vec<Signatures> {
     let preparer = SearchSpace::single(descriptor).unwrap().preparer().unwrap();
-    let prepare = |seed| preparer.prepare(&sheet(seed, 300), &Preprocess::default()).unwrap();
+    let prepare = |seed| preparer.prepare(&sheet(seed, 300), preprocess).unwrap();
     let clouds: Vec<PreparedCloud> = seeds.map(prepare).collect();
     let signatures = |(channel, _): (crate::Channel, f64)| {
         channel.extractor(&preparer).unwrap().signatures(&clouds).unwrap()
@@ -354,11 +362,17 @@ proptest! {
     /// Two ways from a cloud to its signatures, one for each use: they must not drift apart. Alone, a cloud gets normals
     /// only if the descriptor looks at them.
     #[test]
-    fn a_cloud_alone_is_described_as_among_prepared_ones((_, _, descriptor) in descriptors(), seed in 0u64..50) {
-        let expected = describe(&descriptor, seed..seed + 1);
+    fn a_cloud_alone_is_described_as_among_prepared_ones(
+        (_, _, descriptor) in descriptors(),
+        seed in 0u64..50,
+        leaf_um in prop::sample::select(vec![15_000, 20_000, 25_000]),
+        normal_radius_um in prop::sample::select(vec![10_000, 14_000]),
+    ) {
+        let preprocess = Preprocess { leaf_um, normal_radius_um, ..Preprocess::default() };
+        let expected = describe_by(&preprocess, &descriptor, seed..seed + 1);
         let expected: Vec<Signature> = expected.iter().map(|channel| one(channel, 0)).collect();
         let describer = Describer::new(&descriptor).unwrap();
-        let (cloud, preprocess) = (sheet(seed, 300), Preprocess::default());
+        let cloud = sheet(seed, 300);
         let keypoints = crate::prepare::keypoints(&cloud, &preprocess).unwrap();
         let all = crate::prepare::Normals::new(&cloud, &keypoints, &preprocess).unwrap();
         let needed = describer.normals(&cloud, &keypoints, &preprocess).unwrap();

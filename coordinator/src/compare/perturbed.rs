@@ -1,6 +1,6 @@
 //! Errors on test clouds that are perturbed, in this process on all its cores; the database stays as it is.
 
-use descriptor::prepare::{Normals, keypoints};
+use descriptor::prepare::keypoints;
 use descriptor::recognise::recognise_from;
 use descriptor::recogniser::LearnedRecogniser;
 use descriptor::{
@@ -94,6 +94,9 @@ impl PerturbedClouds<'_> {
             .map(|one| Describer::new(one.descriptor))
             .collect::<Result<_, _>>()
             .map_err(EvaluateError::from)?;
+        // Normals are fitted once for all of them, if any looks at them.
+        let needing = describers.iter().find(|describer| describer.needs_normals());
+        let Some(sharing) = needing.or(describers.first()) else { return Ok(Vec::new()) };
         let of_cloud = |&index: &u32| -> Result<Vec<Option<Vec<Signature>>>, EvaluateError> {
             let cloud = &self.dataset.clouds.entries[index as usize];
             let failed = |what: String| EvaluateError::Cloud { path: cloud.path.clone(), what };
@@ -104,7 +107,7 @@ impl PerturbedClouds<'_> {
             let points = points.in_metres(self.preprocess.unit.metres());
             let perturbed = kind.apply(strength, &points, self.seed, &cloud.digest);
             let prepared = keypoints(&perturbed, self.preprocess).and_then(|keypoints| {
-                let normals = Normals::new(&perturbed, &keypoints, self.preprocess)?;
+                let normals = sharing.normals(&perturbed, &keypoints, self.preprocess)?;
                 Ok((keypoints, normals))
             });
             let of_descriptor = |describer: &Describer| {

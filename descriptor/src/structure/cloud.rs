@@ -19,7 +19,7 @@ pub(super) struct Points {
     pub(super) positions: Vec<[f32; 3]>,
     /// One for each point, if the cloud has colours.
     pub(super) colours: Option<Vec<[u8; 3]>>,
-    /// One for each point; none of them has one where no channel needs normals.
+    /// One for each point; all `None` where no channel needs them.
     pub(super) normals: Vec<Normal>,
 }
 
@@ -68,7 +68,8 @@ impl StructureCloud {
         let deciding = keypoints(&cloud, preprocess)?;
         let mut grids = Vec::with_capacity(GRIDS_UM.len());
         for edge_um in GRIDS_UM {
-            grids.push(Keypoints::new(&cloud, edge(edge_um))?);
+            let is_deciding = edge_um == preprocess.leaf_um;
+            grids.push(if is_deciding { deciding.clone() } else { Keypoints::new(&cloud, edge(edge_um))? });
         }
 
         // One fit for all.
