@@ -2,6 +2,7 @@
 
 mod busy;
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use descriptor::recognise::recognise_from;
@@ -355,9 +356,15 @@ proptest! {
         seed in any::<u64>(),
     ) {
         let world = World::default();
-        let clouds = splits.iter().map(Vec::len).sum::<usize>() as u32;
+        let lengths: Vec<usize> = splits.iter().map(Vec::len).collect();
+        let clouds = lengths.iter().sum::<usize>() as u32;
         let splits: Vec<Digest> =
             splits.iter().enumerate().map(|(index, clouds)| world.publish(&index.to_string(), clouds)).collect();
+        // Each split has its share of the shards, rounded down, but at least one if it has clouds.
+        let share = |length: usize| (count.min(clouds) as usize * length / clouds as usize).max(1);
+        let shards = splits.iter().zip(&lengths).filter(|(_, length)| **length > 0);
+        let shards: BTreeMap<Digest, usize> = shards.map(|(&split, &length)| (split, share(length))).collect();
+        let expected = if count == 1 { 0 } else { shards.values().sum() };
         let scale = |number| Scale {
             subject: Subject::sample(number),
             splits: splits.clone(),
@@ -374,12 +381,11 @@ proptest! {
             prop_assert_eq!(finished.job, Task::Scale(asked.clone()).job(0));
             prop_assert_eq!(finished.result.scale, world.scale(asked));
             let described = &finished.result.described;
-            prop_assert_eq!(described.is_empty(), count == 1 || clouds == 0);
             let listed: usize = described.iter().map(|one| one.shards.len()).sum();
+            prop_assert_eq!(listed, expected);
+            prop_assert_eq!(described.is_empty(), listed == 0);
             // Each shard, and the scale; a scale alone if nothing is described before.
             prop_assert_eq!(tasks, 2 * (listed + 1));
-            // A split has one even where its share is none.
-            prop_assert!(listed < count as usize + splits.len(), "{} shards", listed);
         }
         let ((_, again), tasks_again) = carry_out_with(&world, (&[], &scales), &Planner::default(), &mut jobs, !seed);
         prop_assert_eq!(tasks_again, tasks);
