@@ -215,11 +215,11 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Notes that the run in a folder is finished, and on whose word it rests: see [`finished_runs`].
-    pub fn register(&self, folder: &Path, counts: &Known) {
+    /// Notes that the run in a folder is finished, and on whose word it rests, that of `answerers`: see
+    /// [`finished_runs`].
+    pub fn register(&self, folder: &Path, counts: &Known, answerers: &BTreeSet<Principal>) {
         let used = counts.used.iter().map(|source| (**source).clone());
-        let Self { store, cluster, .. } = self;
-        finished_runs::note(store, (folder, false), cluster.session, cluster.answerers(), used);
+        finished_runs::note(&self.store, (folder, false), self.cluster.session, answerers.clone(), used);
     }
 
     /// Drops from the store what is in doubt.

@@ -9,12 +9,14 @@ pub mod source;
 pub mod sourced;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Index;
 use std::sync::Arc;
 
 use cache::Store;
-use cluster::Cluster;
+use cluster::scheduler::Provenance;
 use descriptor::{Descriptor, Preprocess};
-use proto::Digest;
+use proto::task::DescriptorBytes;
+use proto::{Digest, SessionId};
 use results::Counts;
 
 use crate::fitness::Measured;
@@ -41,8 +43,8 @@ pub type Remembered = BTreeMap<Descriptor, RememberedCounts>;
 /// What is known of descriptors under one fitness on the clouds of one matching.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct KnownCounts {
-    /// What they have.
-    pub measured: BTreeMap<Descriptor, Measured>,
+    /// What they have, by their canonical bytes: a search may come upon millions, and a [`Descriptor`] is larger.
+    measured: BTreeMap<DescriptorBytes, Measured>,
     /// Where those come from that an earlier run has left and this one has not used yet.
     pub unused: BTreeMap<Descriptor, Arc<Source>>,
 }
@@ -62,10 +64,25 @@ impl KnownCounts {
     fn recall(memory: &Memory<'_>) -> Self {
         let mut known = Self::default();
         for (descriptor, RememberedCounts { counts, source }) in memory.recall() {
-            known.measured.insert(descriptor.clone(), Measured { counts, margin: None });
+            known.insert(descriptor_bytes(&descriptor), Measured { counts, margin: None });
             known.unused.insert(descriptor, source);
         }
         known
+    }
+
+    /// What a descriptor has, if it is known.
+    pub fn get(&self, descriptor: &Descriptor) -> Option<&Measured> {
+        self.measured.get(&descriptor_bytes(descriptor))
+    }
+
+    /// Whether it is known what a descriptor has.
+    pub fn contains(&self, descriptor: &Descriptor) -> bool {
+        self.measured.contains_key(&descriptor_bytes(descriptor))
+    }
+
+    /// Notes what the descriptor of these bytes has.
+    pub fn insert(&mut self, descriptor: DescriptorBytes, measured: Measured) {
+        self.measured.insert(descriptor, measured);
     }
 
     /// Whether an earlier run has left what is known of a descriptor, and this one has not used it yet.
@@ -79,10 +96,20 @@ impl KnownCounts {
         unused.retain(|descriptor, source| {
             let is_dropped = is_dropped(descriptor, source);
             if is_dropped {
-                measured.remove(descriptor);
+                measured.remove(&descriptor_bytes(descriptor));
             }
             !is_dropped
         });
+    }
+}
+
+impl Index<&Descriptor> for KnownCounts {
+    type Output = Measured;
+
+    /// # Panics
+    /// If it is not known.
+    fn index(&self, descriptor: &Descriptor) -> &Measured {
+        &self.measured[&descriptor_bytes(descriptor)]
     }
 }
 
@@ -107,13 +134,22 @@ impl Known {
 
     /// Adds what is known under the paper's fitness to what is remembered, of those descriptors of which the run has a
     /// provenance: nobody goes on with what one stranger alone has said.
-    pub fn keep(&self, train: &Memory<'_>, validation: &Memory<'_>, cluster: &Cluster) {
-        let provenances = cluster.provenances();
+    pub fn keep(
+        &self,
+        train: &Memory<'_>,
+        validation: &Memory<'_>,
+        (run, provenances): (SessionId, &BTreeMap<DescriptorBytes, Arc<Provenance>>),
+    ) {
+        let mut sources: BTreeMap<&Provenance, Arc<Source>> = BTreeMap::new();
+        for provenance in provenances.values() {
+            let source = || Source { run, provenance: Provenance::clone(provenance) };
+            sources.entry(&**provenance).or_insert_with(|| Arc::new(source()));
+        }
         for (memory, known) in [(train, &self.train), (validation, &self.validation)] {
-            let found = known.measured.iter().filter_map(|(descriptor, measured)| {
-                let provenance = provenances.get(&descriptor_bytes(descriptor))?.clone();
-                let source = Arc::new(Source { run: cluster.session, provenance });
-                Some((descriptor.clone(), RememberedCounts { counts: measured.counts, source }))
+            let found = known.measured.iter().filter_map(|(bytes, measured)| {
+                let source = Arc::clone(&sources[&**provenances.get(bytes)?]);
+                let descriptor = Descriptor::from_bytes(bytes.bytes()).ok()?;
+                Some((descriptor, RememberedCounts { counts: measured.counts, source }))
             });
             memory.keep(&found.collect());
         }

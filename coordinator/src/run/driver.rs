@@ -393,7 +393,7 @@ impl Finals {
             of(Matching::Test, &weights[1]),
             of(Matching::Train, &weights[2]),
         ];
-        let validated = found.counts.validation.measured.get(winner);
+        let validated = found.counts.validation.get(winner);
         let known = [
             (Matching::Train, Some(&found.train), &remembered.train, &training),
             (Matching::Validation, validated, &remembered.validation, &validation),

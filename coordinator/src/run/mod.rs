@@ -199,11 +199,12 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let trusted = session.cluster.quarantined().is_empty() && is_whole;
     let summary = run.finish(&outcome)?;
     remove_journal(&out);
-    session.register(&out, &outcome.found.counts);
+    session.register(&out, &outcome.found.counts, &session.cluster.answerers());
     // Not before the run is finished: what a failed one computed is in doubt, and so is what one with a worker that
     // was wrong computed where nobody has looked; after damage to the journal nobody knows whether there was one.
     if trusted && remembers {
-        outcome.found.counts.keep(&train_memory, &validation_memory, &session.cluster);
+        let from = (session.cluster.session, &session.cluster.provenances());
+        outcome.found.counts.keep(&train_memory, &validation_memory, from);
     }
     drop(scaling); // those that wait for a place would find nobody
     options.dismiss_workers(&session.cluster, dataset).await;

@@ -71,6 +71,8 @@ pub struct SearchLoop<'a> {
     first_met: BTreeMap<DescriptorBytes, u32>,
     /// Descriptors whose counts another principal has confirmed or is asked to.
     confirmed: BTreeSet<DescriptorBytes>,
+    /// Of the descriptors that are too costly, what the cheapest costs.
+    least_cost: u64,
     computed: u64,
     remembered: u64,
 }
@@ -106,6 +108,7 @@ impl<'a> SearchLoop<'a> {
             set_errors: BTreeMap::new(),
             first_met: BTreeMap::new(),
             confirmed: BTreeSet::new(),
+            least_cost: u64::MAX,
             computed: 0,
             remembered: 0,
         }
@@ -142,7 +145,7 @@ impl<'a> SearchLoop<'a> {
             self.drop_wrong()?;
             let computed = self.evaluate_new(&descriptors).await?;
             let measured: Vec<Measured> =
-                descriptors.iter().map(|descriptor| self.counts.train.measured[descriptor]).collect();
+                descriptors.iter().map(|descriptor| self.counts.train[descriptor]).collect();
             let (experiment, fitness) = (self.experiment, self.experiment.fitness());
             let scored = descriptors.iter().zip(&measured);
             let scores: Vec<Score> =
@@ -220,14 +223,12 @@ impl<'a> SearchLoop<'a> {
                 if let Some(max_cost) =
                     self.experiment.max_cost().filter(|_| !self.experiment.affords(&descriptor))
                 {
-                    let met = self.counts.train.measured.keys();
-                    let costs = met.map(|descriptor| experiment.limited_cost(descriptor));
-                    return Err(RunError::TooCostly { max_cost, least: costs.min().unwrap_or(u64::MAX) });
+                    return Err(RunError::TooCostly { max_cost, least: self.least_cost });
                 }
                 return Ok(SearchResult {
                     stop_reason,
                     generations: generation,
-                    train: self.counts.train.measured[&descriptor],
+                    train: self.counts.train[&descriptor],
                     winner,
                     front,
                     descriptor,
@@ -255,9 +256,9 @@ impl<'a> SearchLoop<'a> {
         let mut descriptors = Vec::with_capacity(search.ask().len());
         for individual in search.ask() {
             let descriptor = decode(self.experiment.space(), individual);
-            if self.experiment.affords(&descriptor)
-                && let Entry::Vacant(unmet) = self.first_met.entry(tasks::descriptor_bytes(&descriptor))
-            {
+            if !self.experiment.affords(&descriptor) {
+                self.least_cost = self.least_cost.min(self.experiment.limited_cost(&descriptor));
+            } else if let Entry::Vacant(unmet) = self.first_met.entry(tasks::descriptor_bytes(&descriptor)) {
                 if left == Some(0) {
                     break;
                 }
@@ -269,6 +270,12 @@ impl<'a> SearchLoop<'a> {
         descriptors
     }
 
+    /// The bytes of a descriptor, shared with `first_met` if it was met.
+    fn bytes(&self, descriptor: &Descriptor) -> DescriptorBytes {
+        let bytes = tasks::descriptor_bytes(descriptor);
+        self.first_met.get_key_value(&bytes).map_or(bytes, |(met, _)| met.clone())
+    }
+
     /// Evaluates the descriptors that are new and returns, for the first individual with each of them, who computed
     /// it.
     async fn evaluate_new(
@@ -277,12 +284,12 @@ impl<'a> SearchLoop<'a> {
     ) -> Result<BTreeMap<usize, Finished<EvaluationResult>>, RunError> {
         let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
         for (index, descriptor) in descriptors.iter().enumerate() {
-            if self.counts.train.measured.contains_key(descriptor) {
+            if self.counts.train.contains(descriptor) {
                 continue;
             }
             if !self.experiment.affords(descriptor) {
                 let nothing = self.nothing_recognised(Matching::Train);
-                self.counts.train.measured.insert(descriptor.clone(), nothing);
+                self.counts.train.insert(self.bytes(descriptor), nothing);
             } else if seen.insert(descriptor) {
                 new.push((index, descriptor));
             }
@@ -295,7 +302,7 @@ impl<'a> SearchLoop<'a> {
         self.progress.counted(self.computed, self.remembered);
         let mut computed = BTreeMap::new();
         for ((index, descriptor), Answer { measured, set_errors, first }) in new.into_iter().zip(finished) {
-            self.counts.train.measured.insert(descriptor.clone(), measured);
+            self.counts.train.insert(self.bytes(descriptor), measured);
             self.set_errors.extend(set_errors.map(|errors| (descriptor.clone(), errors)));
             computed.insert(index, first);
         }
@@ -332,7 +339,7 @@ impl<'a> SearchLoop<'a> {
         let differing: Vec<_> = checked
             .into_iter()
             .zip(computed)
-            .filter(|((descriptor, _), computed)| known.measured[*descriptor].counts != *computed)
+            .filter(|((descriptor, _), computed)| known[descriptor].counts != *computed)
             .collect();
         for ((descriptor, _), _) in &differing {
             client.confirm(&tasks::descriptor_bytes(descriptor));
@@ -344,7 +351,7 @@ impl<'a> SearchLoop<'a> {
                 &session.cluster,
                 descriptor,
                 matching,
-                (&known.measured[descriptor].counts, &source),
+                (&known[descriptor].counts, &source),
                 &computed,
             )),
             None => Ok(()),
@@ -379,7 +386,7 @@ impl<'a> SearchLoop<'a> {
         let mut foreseen = BTreeSet::new();
         for individual in next.unwrap_or_default() {
             let descriptor = decode(self.experiment.space(), &individual);
-            if !self.experiment.affords(&descriptor) || self.counts.train.measured.contains_key(&descriptor) {
+            if !self.experiment.affords(&descriptor) || self.counts.train.contains(&descriptor) {
                 continue;
             }
             if left.is_some_and(|left| foreseen.len() as u64 >= left) {
@@ -425,12 +432,12 @@ impl<'a> SearchLoop<'a> {
     ) -> Result<Vec<Measured>, RunError> {
         let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
         for &descriptor in descriptors {
-            if self.counts.validation.measured.contains_key(descriptor) {
+            if self.counts.validation.contains(descriptor) {
                 continue;
             }
             if !self.experiment.affords(descriptor) {
                 let nothing = self.nothing_recognised(Matching::Validation);
-                self.counts.validation.measured.insert(descriptor.clone(), nothing);
+                self.counts.validation.insert(self.bytes(descriptor), nothing);
             } else if seen.insert(descriptor) {
                 new.push(descriptor);
             }
@@ -438,9 +445,9 @@ impl<'a> SearchLoop<'a> {
         self.use_remembered(descriptors.iter().copied(), Matching::Validation).await?;
         let finished = self.measure(&new, Matching::Validation, next).await?;
         for (descriptor, Answer { measured, .. }) in new.into_iter().zip(finished) {
-            self.counts.validation.measured.insert(descriptor.clone(), measured);
+            self.counts.validation.insert(self.bytes(descriptor), measured);
         }
-        Ok(descriptors.iter().map(|&descriptor| self.counts.validation.measured[descriptor]).collect())
+        Ok(descriptors.iter().map(|descriptor| self.counts.validation[descriptor]).collect())
     }
 
     /// The front of a search of several objectives, each point on the validation set if there is one.
@@ -465,7 +472,7 @@ impl<'a> SearchLoop<'a> {
                     validation: validation.as_ref().map(|measured| fitness.score(measured)),
                     ..found.clone()
                 },
-                train: self.counts.train.measured[&descriptor],
+                train: self.counts.train[&descriptor],
                 descriptor,
                 validation,
             };

@@ -4,6 +4,7 @@ mod record;
 mod summary;
 mod verdict;
 
+use std::cell::LazyCell;
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -146,12 +147,15 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
 
     remove_journal(&out);
     let trusted = session.cluster.quarantined().is_empty() && is_whole;
+    // All results are looked at once, and not for each member.
+    let answerers = session.cluster.answerers();
+    let provenances = LazyCell::new(|| session.cluster.provenances());
     for (place, summary, found) in done {
-        session.register(&summary.out, &found);
+        session.register(&summary.out, &found, &answerers);
         summaries.push((place, summary));
         // Not before all are finished, as none of them was told a wrong answer that is known to be one.
         if trusted && members[place].experiment.remembers_counts(dataset) {
-            found.keep(&train_memory, &validation_memory, &session.cluster);
+            found.keep(&train_memory, &validation_memory, (session.cluster.session, &*provenances));
         }
     }
     drop(scaling); // those that wait for a place would find nobody

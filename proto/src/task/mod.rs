@@ -213,6 +213,19 @@ impl Task {
         JobId(u64::from_le_bytes(name))
     }
 
+    /// Its bytes, with its facts.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        v2::Task::from(self).encode_to_vec()
+    }
+
+    /// The inverse of [`Task::to_bytes`].
+    ///
+    /// # Errors
+    /// If the bytes are no task of this release.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, InvalidMessage> {
+        v2::Task::decode(bytes)?.try_into()
+    }
+
     /// What it is about.
     pub fn subject(&self) -> &Subject {
         match self {

@@ -135,23 +135,24 @@ impl Cluster {
         limits: Limits,
         (session, secret): (SessionId, RunSecret),
         journal: Journal,
-        recorded: Recorded,
+        mut recorded: Recorded,
     ) -> Arc<Self> {
         let journal = Arc::new(journal);
         let (mut scheduler, now) = (Scheduler::new(limits, secret), Instant::now());
         if recorded.starts > 1 {
             scheduler.restore(&recorded, now);
         }
-        scheduler.jobs.restore(&recorded);
-        let events = Arc::new(EventLog::new(recorded.events));
+        let events = Arc::new(EventLog::new(std::mem::take(&mut recorded.events)));
+        let members = std::mem::take(&mut recorded.members);
+        let has_past = !recorded.accepted.is_empty();
+        scheduler.jobs.restore(recorded);
         let (started, kept) = ((now, SystemTime::now()), Some(Arc::clone(&journal)));
         let mut state = ClusterState::new(scheduler, kept, Arc::clone(&events), started);
         for (worker, label) in events.present() {
-            if !recorded.members.contains_key(&worker) {
+            if !members.contains_key(&worker) {
                 state.append(now, EventKind::Ended { worker, label });
             }
         }
-        let has_past = !recorded.accepted.is_empty();
         Self::with(limits, session, (Some(journal), has_past), state, events)
     }
 
@@ -432,7 +433,7 @@ impl Cluster {
     }
 
     /// See [`Scheduler::provenances`].
-    pub fn provenances(&self) -> BTreeMap<DescriptorBytes, Provenance> {
+    pub fn provenances(&self) -> BTreeMap<DescriptorBytes, Arc<Provenance>> {
         self.state().scheduler.provenances()
     }
 
@@ -440,7 +441,7 @@ impl Cluster {
     /// run.
     pub fn provenance(&self, task: &Task) -> Option<Provenance> {
         let mut state = self.state();
-        let finished = state.scheduler.jobs.recall(task.job(0), &Arc::new(task.clone()))?;
+        let finished = state.scheduler.jobs.recall(task.job(0), task)?;
         state.scheduler.provenance(&finished)
     }
 

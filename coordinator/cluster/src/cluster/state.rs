@@ -316,7 +316,7 @@ impl ClusterState {
     /// Has every result about this descriptor confirmed: see [`Scheduler::confirm`].
     pub(super) fn confirm(&mut self, client: ClientId, descriptor: &DescriptorBytes, now: Instant) {
         for (task, accepted) in self.scheduler.jobs.about(descriptor) {
-            self.scheduler.confirm(&task, &accepted, client, now);
+            self.scheduler.confirm(&Arc::new(task), &accepted, client, now);
         }
         self.settle(now);
         self.wake(now);

@@ -210,7 +210,7 @@ async fn scales_are_in_the_order_of_asking_and_there_at_the_next_start() {
             queued,
             run_seconds,
         };
-        (job, accepted)
+        (job, Box::new(accepted))
     });
     let recorded = Recorded { starts: 2, accepted: accepted.collect(), ..Recorded::default() };
     let (journal, _held) = Journal::held();

@@ -129,7 +129,7 @@ pub struct Recorded {
     /// Time they were at work.
     pub at_work: Duration,
     /// Every result.
-    pub accepted: BTreeMap<JobId, AcceptedResult>,
+    pub accepted: BTreeMap<JobId, Box<AcceptedResult>>,
     /// Workers that had not gone.
     pub members: BTreeMap<WorkerId, Member>,
     /// How evaluations were sharded, by job.

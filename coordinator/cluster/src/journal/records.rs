@@ -242,7 +242,7 @@ impl Contents {
         Recorded {
             starts: self.tally.starts,
             at_work: Duration::from_millis(self.tally.milliseconds),
-            accepted: self.accepted.into_iter().map(|(job, answer)| (job, *answer)).collect(),
+            accepted: self.accepted,
             members: self.members,
             plans: self.plans,
             leases: self.leases.into_iter().map(lease).collect(),

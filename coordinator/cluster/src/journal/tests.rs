@@ -30,6 +30,10 @@ fn header() -> Header {
     }
 }
 
+fn boxed((job, accepted): (JobId, AcceptedResult)) -> (JobId, Box<AcceptedResult>) {
+    (job, Box::new(accepted))
+}
+
 fn accepted(matches: usize) -> AcceptedResult {
     let found = |index: usize| Match {
         nearest: index as u32,
@@ -110,7 +114,10 @@ fn what_was_committed_is_there_at_the_next_start() {
     let (_file, read, recorded) = JournalFile::open(&path).unwrap();
     assert_eq!(read, header());
     assert_eq!(recorded.starts, 2);
-    assert_eq!(recorded.accepted, [(JobId(5), accepted(0)), (JobId(u64::MAX), accepted(3))].into());
+    assert_eq!(
+        recorded.accepted,
+        [(JobId(5), accepted(0)), (JobId(u64::MAX), accepted(3))].map(boxed).into()
+    );
     assert_eq!(recorded.members, [(one, member("rack"))].into());
     // An answered job is nobody's any more.
     assert_eq!(recorded.leases, [(JobId(6), 1, one)]);
@@ -135,7 +142,7 @@ fn subtasks_of_evaluations_are_there_at_the_next_start() {
         Entry::Retracted(JobId(6)),
     ]);
     let recorded = JournalFile::open(&path).unwrap().2;
-    assert_eq!(recorded.accepted, [(JobId(5), described()), (JobId(7), accepted(3))].into());
+    assert_eq!(recorded.accepted, [(JobId(5), described()), (JobId(7), accepted(3))].map(boxed).into());
     assert_eq!(recorded.plans, [(JobId(9), plan)].into());
     assert_eq!(recorded.leases, []);
 }
@@ -259,7 +266,7 @@ fn sample() -> (Vec<Entry>, Recorded) {
     let recorded = Recorded {
         starts: 2,
         at_work: Duration::ZERO,
-        accepted: [(JobId(5), accepted(2)), (JobId(6), assured)].into(),
+        accepted: [(JobId(5), accepted(2)), (JobId(6), assured)].map(boxed).into(),
         members: [(one, member)].into(),
         plans: [(JobId(9), plan)].into(),
         leases: vec![(JobId(8), 3, one)],

@@ -19,6 +19,7 @@ const JOB: u64 = 1 << 20;
 
 /// Where a job stands among those that wait.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(test, derive(Default))]
 pub struct QueuePosition {
     virtual_start: u64,
     /// Grows with each job: within one virtual start time, who asked first comes first.

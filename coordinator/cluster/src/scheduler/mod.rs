@@ -32,7 +32,7 @@ use proto::{JobId, Lease, Principal, WorkerId};
 use crate::counters::Counters;
 use crate::events::{AttemptEnd, Departure, EventKind};
 pub use crate::secret::{Caller, RunSecret};
-use crate::store::{Job, JobStore, Quorum, Vote};
+use crate::store::{Grounds, Job, JobStore, Quorum, Vote};
 pub use control::{Drained, MAX_PRIORITY};
 pub use described::{Channel, ChannelsOf, Expected, JobChannels};
 pub use fair_queue::ClientId;
@@ -42,6 +42,7 @@ pub use messages::{
     WorkerFailure,
 };
 pub use metrics::{JobState, SchedulerMetrics, WorkerState};
+use provenance::Provenances;
 pub use provenance::{Basis, Provenance};
 use queue::Queue;
 use run_times::RunTimes;
@@ -119,7 +120,7 @@ pub struct Scheduler {
     exclusions: BTreeMap<Principal, u32>,
     /// How many workers have no lease and may have one.
     idle: usize,
-    /// One entry per job; the scheduler works on those that are open.
+    /// All jobs; the scheduler works on those that are open.
     pub jobs: JobStore,
     queue: Queue,
     /// Jobs whose results differ and are not decided.
@@ -264,30 +265,31 @@ impl Scheduler {
 
     /// The provenance of everything that is known about each descriptor; without those that are nothing to go on with for
     /// others than this run.
-    pub fn provenances(&self) -> BTreeMap<DescriptorBytes, Provenance> {
-        let mut descriptors: BTreeMap<&DescriptorBytes, Option<Provenance>> = BTreeMap::new();
-        for (task, finished) in self.jobs.accepted() {
-            let one = Provenance::of(finished, &self.trust);
-            descriptors
-                .entry(&task.subject().descriptor)
-                .and_modify(|all| *all = all.take().zip(one.clone()).map(|(all, one)| all.and(one)))
-                .or_insert(one);
-        }
-        descriptors.into_iter().filter_map(|(one, provenance)| Some((one.clone(), provenance?))).collect()
+    pub fn provenances(&self) -> BTreeMap<DescriptorBytes, Arc<Provenance>> {
+        let mut provenances = Provenances::default();
+        self.jobs.for_each_accepted(|record| {
+            let one = Provenance::of(record.grounds, &self.trust);
+            provenances.add(&record.task().subject().descriptor, one);
+        });
+        provenances.into_known()
     }
 
     /// The provenance of a result; `None` if it is nothing to go on with for others than this run.
     pub fn provenance<R>(&self, finished: &Finished<R>) -> Option<Provenance> {
-        Provenance::of(finished, &self.trust)
+        Provenance::of(Grounds::of(finished), &self.trust)
     }
 
     /// The principals on whose word the accepted results of this start rest.
     pub fn answerers(&self) -> BTreeSet<Principal> {
-        let principals = |finished: &Finished| match finished.assurance {
+        let principals = |grounds: Grounds| match grounds.assurance {
             Assurance::Own => [Some(Principal::Coordinator), None],
-            _ => [Some(finished.principal), finished.seconded],
+            _ => [Some(grounds.principal), grounds.seconded],
         };
-        self.jobs.accepted().flat_map(|(_, finished)| principals(finished)).flatten().collect()
+        let mut answerers = BTreeSet::new();
+        self.jobs.for_each_accepted(|record| {
+            answerers.extend(principals(record.grounds).into_iter().flatten());
+        });
+        answerers
     }
 
     /// Whether what an earlier run has left about this job is computed again by this one: as often as answers are audited,

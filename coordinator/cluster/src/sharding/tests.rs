@@ -433,14 +433,14 @@ fn a_scale_that_was_begun_whole_stays_whole_and_a_plan_that_nobody_made_is_none(
     assert_eq!((plans.len(), plans[0].0, plans[0].1.query.shards), (1, job, 3));
 
     let mut held = JobStore::default();
-    held.restore(&Recorded { leases: vec![(job, 1, WorkerId([1; 16]))], ..Recorded::default() });
+    held.restore(Recorded { leases: vec![(job, 1, WorkerId([1; 16]))], ..Recorded::default() });
     assert_eq!(planner.decide_scales(asked, 8, &mut held), []);
     assert!(lay_out_scale(&world, &scale, &held).1.is_none());
 
     let side = SidePlan { shards: 10, ranges: 1 };
     let plan = ShardPlan { query: side, database: side };
     let mut damaged = JobStore::default();
-    damaged.restore(&Recorded { plans: [(job, plan)].into(), ..Recorded::default() });
+    damaged.restore(Recorded { plans: [(job, plan)].into(), ..Recorded::default() });
     assert_eq!(planner.decide_scales(asked, 8, &mut damaged), plans, "another is made");
 
     let mut jobs = JobStore::default();
@@ -485,7 +485,7 @@ fn a_run_that_goes_on_keeps_to_its_plans_and_to_what_it_asked_whole() {
     assert_eq!(plans[0].0, job);
     let restored = |plan| {
         let mut jobs = JobStore::default();
-        jobs.restore(&Recorded { plans: [(job, plan)].into(), ..Recorded::default() });
+        jobs.restore(Recorded { plans: [(job, plan)].into(), ..Recorded::default() });
         jobs
     };
 
@@ -505,7 +505,7 @@ fn a_run_that_goes_on_keeps_to_its_plans_and_to_what_it_asked_whole() {
     // What a worker may still hold is not sharded.
     let mut held = JobStore::default();
     let leases = vec![(job, 1, WorkerId([1; 16]))];
-    held.restore(&Recorded { leases, ..Recorded::default() });
+    held.restore(Recorded { leases, ..Recorded::default() });
     assert_eq!(planner.decide(asked, load, &mut held), []);
     assert!(lay_out(&world, &evaluation, &held).1.is_none());
 }

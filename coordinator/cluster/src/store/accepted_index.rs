@@ -6,7 +6,8 @@ use std::collections::BTreeSet;
 use proto::task::{Description, DescriptorBytes, Scale, Task};
 use proto::{Digest, JobId};
 
-use crate::scheduler::{Channel, ChannelsOf};
+use super::archive::Archive;
+use crate::scheduler::{Channel, ChannelsOf, Finished};
 
 /// Which jobs may be about a descriptor. A job is never taken out: what is found is looked at.
 pub(super) struct AcceptedIndex {
@@ -28,13 +29,8 @@ impl AcceptedIndex {
         }
     }
 
-    /// The jobs whose task is about a descriptor, or about nothing but channels of it; `task_of` a job that has an accepted
-    /// result.
-    pub(super) fn find<'a>(
-        &self,
-        descriptor: &DescriptorBytes,
-        task_of: impl Fn(JobId) -> Option<&'a Task>,
-    ) -> BTreeSet<JobId> {
+    /// Of the results in the archive, those whose task is about a descriptor, or about nothing but channels of it, by job.
+    pub(super) fn find(&self, descriptor: &DescriptorBytes, archive: &Archive) -> Vec<(Task, Finished)> {
         let channels = (self.channels_of)(descriptor);
         let is_about = |task: &Task| {
             let of_task = self.channels(task);
@@ -42,8 +38,8 @@ impl AcceptedIndex {
             task.subject().descriptor == *descriptor || !of_task.is_empty() && is_of_channels()
         };
         let numbers = channels.iter().map(|channel| channel.number).chain([number(descriptor)]);
-        let jobs = numbers.flat_map(|number| self.with_number(number));
-        jobs.filter(|job| task_of(*job).is_some_and(is_about)).collect()
+        let jobs: BTreeSet<JobId> = numbers.flat_map(|number| self.with_number(number)).collect();
+        archive.select(&jobs, is_about).into_values().collect()
     }
 
     fn with_number(&self, number: u64) -> impl Iterator<Item = JobId> {

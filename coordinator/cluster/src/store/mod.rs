@@ -1,19 +1,22 @@
-//! The one store of jobs: all that is known of a job stands in one entry, whoever needs it.
+//! The one store of jobs: all that is known of a job is here, whoever needs it.
 //!
 //! Nothing here does IO, waits or reads a clock. The scheduler works on the entries of open jobs; clients, journal,
 //! rechecks and sharding have their parts of the same entries.
 
 mod accepted_index;
+mod archive;
 mod job;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use proto::journal::{AcceptedResult, Assurance};
+use proto::journal::AcceptedResult;
 use proto::task::{DescriptorBytes, Task, TaskResult};
 use proto::{Digest, JobId, Lease, Principal, WorkerId};
 
 use accepted_index::AcceptedIndex;
+use archive::Archive;
+pub use archive::{Grounds, Record};
 pub use job::{Job, Quorum, Vote};
 
 use crate::journal::{LogSequence, Recorded};
@@ -24,10 +27,13 @@ use crate::sharding::plan::ShardPlan;
 
 /// All jobs of a run, through all starts of the coordinator.
 pub struct JobStore {
+    /// Of jobs what is not in the archive: most that are done have no entry.
     entries: BTreeMap<JobId, Entry>,
     /// Index: the entries whose job is open.
     open: BTreeSet<JobId>,
-    /// Index: the entries whose result is accepted and whose task is known, by what it is about.
+    /// Accepted results whose task is known.
+    archive: Archive,
+    /// Index: what is in the archive, by what it is about.
     about: AcceptedIndex,
     /// Reports by job and attempt that were accepted and are not known to be on the disk: the worker keeps them.
     pending: BTreeMap<(JobId, u32), LogSequence>,
@@ -37,20 +43,20 @@ pub struct JobStore {
     unchecked: usize,
 }
 
-/// What is known of one job. It stays to the end of the run, so that a search of millions of evaluations rests on how small
-/// the entry of a job is that is done.
+/// What is known of one job, except what is in the archive.
 #[derive(Default)]
 struct Entry {
-    /// Some client of this start has asked for it.
+    /// Some client of this start has asked for it. A job in the archive without an entry was asked for.
     asked: bool,
     /// Whether and how the evaluation is sharded, once that is decided.
     plan: Option<Option<ShardPlan>>,
-    result: Option<Box<StoredResult>>,
+    /// Accepted by an earlier start; nobody has asked for it since, so that its task is not known.
+    recorded: Option<Box<AcceptedResult>>,
     /// What only a job has that is not done, or that checks another.
     unfinished: Option<Box<Unfinished>>,
 }
 
-/// What is known of such a job.
+/// What is known of a job that is not done, or that checks another.
 #[derive(Default)]
 struct Unfinished {
     /// Its task and the clients that wait for its result, while there are any.
@@ -81,31 +87,6 @@ impl Entry {
     }
 }
 
-enum StoredResult {
-    /// Accepted by an earlier start; nobody has asked for it since, so that its task is not known.
-    Recorded(AcceptedResult),
-    /// Accepted, with what is kept of it.
-    Accepted { task: Arc<Task>, finished: Finished },
-}
-
-impl StoredResult {
-    /// `None` if nothing is kept of such a result.
-    fn accepted(task: Arc<Task>, finished: &Finished) -> Option<Self> {
-        let result = finished.result.kept()?;
-        Some(Self::Accepted { task, finished: Finished { result, ..finished.clone() } })
-    }
-}
-
-/// Whether a result that these have given is believed on the word of this principal.
-fn rests_on(
-    (first, second): (Principal, Option<Principal>),
-    assurance: Assurance,
-    principal: Principal,
-) -> bool {
-    let own = assurance == Assurance::Own && principal != Principal::Coordinator;
-    !own && (first == principal || second == Some(principal))
-}
-
 /// A job that checks an accepted result.
 pub struct Recheck {
     /// The job.
@@ -132,13 +113,13 @@ impl Default for JobStore {
     }
 }
 
-// Open jobs, for the scheduler.
 impl JobStore {
     /// An empty store of tasks whose descriptors have these channels.
     pub fn new(channels_of: ChannelsOf) -> Self {
         Self {
             entries: BTreeMap::new(),
             open: BTreeSet::new(),
+            archive: Archive::default(),
             about: AcceptedIndex::new(channels_of),
             pending: BTreeMap::new(),
             checks: 0,
@@ -146,6 +127,29 @@ impl JobStore {
         }
     }
 
+    /// Changes the entry of a job, and drops it if it says no more than the archive: of millions of jobs that are done, no
+    /// entry is left.
+    fn change<T>(&mut self, job: JobId, change: impl FnOnce(&mut Entry) -> T) -> T {
+        let is_archived = self.archive.contains(job);
+        let entry =
+            self.entries.entry(job).or_insert_with(|| Entry { asked: is_archived, ..Entry::default() });
+        let changed = change(entry);
+        let Entry { asked, plan, recorded, unfinished } = entry;
+        let is_plain = plan.flatten().is_none() && recorded.is_none() && unfinished.is_none();
+        if is_archived && *asked && is_plain {
+            self.entries.remove(&job);
+        }
+        changed
+    }
+
+    /// Changes the entry of a job if there is one.
+    fn change_if_any<T>(&mut self, job: JobId, change: impl FnOnce(&mut Entry) -> Option<T>) -> Option<T> {
+        self.entries.contains_key(&job).then(|| self.change(job, change))?
+    }
+}
+
+// Open jobs, for the scheduler.
+impl JobStore {
     /// An open job.
     pub fn get(&self, job: JobId) -> Option<&Job> {
         self.entries.get(&job)?.unfinished.as_deref()?.open.as_ref()
@@ -173,14 +177,14 @@ impl JobStore {
 
     /// Opens a job.
     pub fn open(&mut self, id: JobId, job: Job) {
-        self.entries.entry(id).or_default().unfinished().open = Some(job);
+        self.change(id, |entry| entry.unfinished().open = Some(job));
         self.open.insert(id);
     }
 
     /// Closes a job; what else is known of it stays.
     pub fn close(&mut self, id: JobId) -> Option<Job> {
         self.open.remove(&id);
-        self.entries.get_mut(&id)?.take(|unfinished| unfinished.open.take())?
+        self.change_if_any(id, |entry| entry.take(|unfinished| unfinished.open.take())?)
     }
 
     /// Closes all jobs.
@@ -194,7 +198,7 @@ impl JobStore {
     pub fn take_earlier_leases(&mut self, job: JobId) -> Vec<(WorkerId, u32)> {
         let take =
             |entry: &mut Entry| entry.take(|unfinished| std::mem::take(&mut unfinished.earlier_leases));
-        self.entries.get_mut(&job).and_then(take).unwrap_or_default()
+        self.change_if_any(job, take).unwrap_or_default()
     }
 }
 
@@ -202,61 +206,62 @@ impl JobStore {
 impl JobStore {
     /// A client asks for a job.
     pub fn ask(&mut self, job: JobId) {
-        self.entries.entry(job).or_default().asked = true;
+        self.change(job, |entry| entry.asked = true);
     }
 
     /// Whether a client of this start has asked for a job.
     pub fn was_asked(&self, job: JobId) -> bool {
-        self.entries.get(&job).is_some_and(|entry| entry.asked)
+        self.entries.get(&job).map_or_else(|| self.archive.contains(job), |entry| entry.asked)
     }
 
     /// Lets a client wait for the result of a job; `false` if another waits for it already.
     pub fn wait_for(&mut self, job: JobId, task: &Arc<Task>, client: ClientId) -> bool {
-        let waiting = &mut self.entries.entry(job).or_default().unfinished().waiting;
-        let (_, clients) = waiting.get_or_insert_with(|| (Arc::clone(task), Vec::new()));
-        clients.push(client);
-        clients.len() == 1
+        self.change(job, |entry| {
+            let waiting = &mut entry.unfinished().waiting;
+            let (_, clients) = waiting.get_or_insert_with(|| (Arc::clone(task), Vec::new()));
+            clients.push(client);
+            clients.len() == 1
+        })
     }
 
     /// The clients that wait for the result of a job, and its task: they wait no longer.
     pub fn take_waiting(&mut self, job: JobId) -> Option<(Arc<Task>, Vec<ClientId>)> {
-        self.entries.get_mut(&job)?.take(|unfinished| unfinished.waiting.take())?
+        self.change_if_any(job, |entry| entry.take(|unfinished| unfinished.waiting.take())?)
     }
 }
 
 // Accepted results.
 impl JobStore {
     /// Takes over what earlier starts have left.
-    pub fn restore(&mut self, recorded: &Recorded) {
-        for &(job, attempt, worker) in &recorded.leases {
-            self.entries.entry(job).or_default().unfinished().earlier_leases.push((worker, attempt));
+    pub fn restore(&mut self, recorded: Recorded) {
+        let Recorded { leases, accepted, plans, .. } = recorded;
+        for (job, attempt, worker) in leases {
+            self.change(job, |entry| entry.unfinished().earlier_leases.push((worker, attempt)));
         }
-        for (job, accepted) in &recorded.accepted {
-            let result = StoredResult::Recorded(accepted.clone());
-            self.entries.entry(*job).or_default().result = Some(Box::new(result));
+        for (job, accepted) in accepted {
+            self.change(job, |entry| entry.recorded = Some(accepted));
         }
-        for (job, plan) in &recorded.plans {
-            self.set_plan(*job, Some(*plan));
+        for (job, plan) in plans {
+            self.set_plan(job, Some(plan));
         }
     }
 
     /// Accepts a result of a job of this task. Cells of a grid are not kept here: they are large, and have files of their
     /// own.
-    pub fn accept(&mut self, task: &Arc<Task>, finished: &Finished) {
-        if let Some(result) = StoredResult::accepted(Arc::clone(task), finished) {
-            self.entries.entry(finished.job).or_default().result = Some(Box::new(result));
+    pub fn accept(&mut self, task: &Task, finished: &Finished) {
+        if self.archive.insert(task, finished) {
             self.about.insert(finished.job, task);
+            self.change_if_any(finished.job, |entry| entry.recorded.take());
         }
     }
 
     /// The result of a job that was accepted before, by this start or an earlier one, if it is one to this task.
-    pub fn recall(&mut self, job: JobId, task: &Arc<Task>) -> Option<Finished> {
-        let entry = self.entries.get_mut(&job)?;
-        let recorded = match entry.result.as_deref()? {
-            StoredResult::Accepted { finished, .. } => return Some(finished.clone()),
-            StoredResult::Recorded(accepted) => Finished::recorded(job, accepted.clone()),
-        };
-        entry.result = None;
+    pub fn recall(&mut self, job: JobId, task: &Task) -> Option<Finished> {
+        if let Some((_, finished)) = self.archive.get(job) {
+            return Some(finished);
+        }
+        let recorded = self.entries.get_mut(&job)?.recorded.take()?;
+        let recorded = Finished::recorded(job, *recorded);
         if let Err(what) = task.check(&recorded.result) {
             tracing::warn!("journal: {task} is computed again, its answer cannot be one: {what}");
             return None;
@@ -267,69 +272,65 @@ impl JobStore {
 
     /// Whether a result of this job was accepted, by this start or an earlier one.
     pub fn has_result(&self, job: JobId) -> bool {
-        self.entries.get(&job).is_some_and(|entry| entry.result.is_some())
+        self.archive.contains(job) || self.entries.get(&job).is_some_and(|entry| entry.recorded.is_some())
     }
 
     /// Whether this job was asked for before: it has a result, or an earlier start has granted a lease on it and this one
     /// has not asked for it yet.
     pub fn is_known(&self, job: JobId) -> bool {
         let was_leased = |unfinished: &Unfinished| !unfinished.earlier_leases.is_empty();
-        let known =
-            |entry: &Entry| entry.result.is_some() || entry.unfinished.as_deref().is_some_and(was_leased);
-        self.entries.get(&job).is_some_and(known)
+        let entry = self.entries.get(&job).and_then(|entry| entry.unfinished.as_deref());
+        self.has_result(job) || entry.is_some_and(was_leased)
     }
 
     /// Notes why the accepted result of a job is believed by now, and returns it, if it is the one that counts.
     pub fn assure(&mut self, confirmed: &Confirmed) -> Option<Finished> {
-        match self.entries.get_mut(&confirmed.job)?.result.as_deref_mut()? {
-            StoredResult::Accepted { finished, .. }
-                if finished.result.fingerprint() == confirmed.fingerprint =>
-            {
-                if confirmed.assurance >= finished.assurance {
-                    (finished.assurance, finished.seconded) = (confirmed.assurance, confirmed.seconded);
-                }
-                Some(finished.clone())
-            }
-            _ => None,
+        let accepted = self.archive.get(confirmed.job);
+        let (task, mut finished) =
+            accepted.filter(|(_, finished)| finished.result.fingerprint() == confirmed.fingerprint)?;
+        let before = Grounds::of(&finished);
+        if confirmed.assurance >= finished.assurance {
+            (finished.assurance, finished.seconded) = (confirmed.assurance, confirmed.seconded);
         }
+        if Grounds::of(&finished) != before {
+            self.archive.insert(&task, &finished);
+        }
+        Some(finished)
     }
 
-    /// All accepted results that somebody has asked for in this start, with their tasks.
-    pub fn accepted(&self) -> impl Iterator<Item = (&Arc<Task>, &Finished)> {
-        self.entries.values().filter_map(|entry| match entry.result.as_deref()? {
-            StoredResult::Accepted { task, finished, .. } => Some((task, finished)),
-            StoredResult::Recorded(_) => None,
-        })
+    /// Shows `see` all accepted results that somebody has asked for in this start, in no order of meaning.
+    pub fn for_each_accepted(&self, see: impl FnMut(&Record<'_>)) {
+        self.archive.for_each(see);
     }
 
     /// The accepted results about a descriptor, by job, with their tasks, among them the scales of its channels and what was
     /// described for them.
-    pub fn about(&self, descriptor: &DescriptorBytes) -> Vec<(Arc<Task>, Finished)> {
-        let accepted = |job| match self.entries.get(&job)?.result.as_deref()? {
-            StoredResult::Accepted { task, finished } => Some((task, finished)),
-            StoredResult::Recorded(_) => None,
-        };
-        let about = self.about.find(descriptor, |job| accepted(job).map(|(task, _)| &**task));
-        let cloned = |job| accepted(job).map(|(task, finished)| (Arc::clone(task), finished.clone()));
-        about.into_iter().filter_map(cloned).collect()
+    pub fn about(&self, descriptor: &DescriptorBytes) -> Vec<(Task, Finished)> {
+        self.about.find(descriptor, &self.archive)
     }
 
     /// The jobs whose accepted results are these descriptions.
     pub fn describing(&self, descriptions: &BTreeSet<Digest>) -> Vec<JobId> {
-        let is_one = |result: &TaskResult| match result {
-            TaskResult::Description(described) => descriptions.contains(&described.digest),
-            _ => false,
-        };
-        let describing = self.accepted().filter(|(_, finished)| is_one(&finished.result));
-        describing.map(|(_, finished)| finished.job).collect()
+        let mut describing = Vec::new();
+        self.archive.for_each(|record| {
+            if let TaskResult::Description(described) = record.finished().result
+                && descriptions.contains(&described.digest)
+            {
+                describing.push(record.job);
+            }
+        });
+        describing
     }
 
     /// Drops the results that rest on a principal's word and that nobody has asked for in this start. Returns their jobs.
     pub fn drop_recorded(&mut self, principal: Principal) -> Vec<JobId> {
         let mut dropped = Vec::new();
         for (job, entry) in &mut self.entries {
-            let is_its_own = |result: &mut Box<StoredResult>| matches!(&**result, StoredResult::Recorded(accepted) if rests_on((accepted.principal, accepted.seconded), accepted.assurance, principal));
-            if entry.result.take_if(is_its_own).is_some() {
+            let is_its_own = |accepted: &mut Box<AcceptedResult>| {
+                let AcceptedResult { principal: first, seconded, assurance, .. } = **accepted;
+                Grounds { principal: first, seconded, assurance }.rest_on(principal)
+            };
+            if entry.recorded.take_if(is_its_own).is_some() {
                 dropped.push(*job);
             }
         }
@@ -339,18 +340,20 @@ impl JobStore {
     /// Jobs that ask again for all accepted results that rest on a principal's word. First askings are numbered from 0,
     /// these from the other end.
     pub fn recheck(&mut self, principal: Principal) -> Vec<Recheck> {
-        let mut rechecks = Vec::new();
-        for (&of, entry) in &self.entries {
-            if let Some(StoredResult::Accepted { task, finished, .. }) = entry.result.as_deref()
-                && rests_on((finished.principal, finished.seconded), finished.assurance, principal)
-            {
-                let job = task.job(u32::MAX - self.checks);
-                self.checks += 1;
-                rechecks.push(Recheck { job, of, task: Arc::clone(task) });
+        let mut of_principal = BTreeMap::new();
+        self.archive.for_each(|record| {
+            if record.grounds.rest_on(principal) {
+                of_principal.insert(record.job, record.task());
             }
+        });
+        let mut rechecks = Vec::new();
+        for (of, task) in of_principal {
+            let job = task.job(u32::MAX - self.checks);
+            self.checks += 1;
+            rechecks.push(Recheck { job, of, task: Arc::new(task) });
         }
         for Recheck { job, of, .. } in &rechecks {
-            self.entries.entry(*job).or_default().unfinished().check = Some((*of, true));
+            self.change(*job, |entry| entry.unfinished().check = Some((*of, true)));
         }
         self.unchecked += rechecks.len();
         rechecks
@@ -365,13 +368,11 @@ impl JobStore {
         self.unchecked -= 1;
         let finished = Finished { job: *of, ..finished.clone() };
         let mut corrected = None;
-        if let Some(entry) = self.entries.get_mut(&finished.job)
-            && let Some(StoredResult::Accepted { task, finished: before }) = entry.result.as_deref()
-            && let Some(after) = StoredResult::accepted(Arc::clone(task), &finished)
+        if let Some((task, before)) = self.archive.get(finished.job)
+            && self.archive.insert(&task, &finished)
         {
             let is_same = before.result.fingerprint() == finished.result.fingerprint();
-            corrected = (!is_same).then(|| Arc::clone(task));
-            entry.result = Some(Box::new(after));
+            corrected = (!is_same).then(|| Arc::new(task));
         }
         Some(Checked { finished, corrected })
     }
@@ -429,7 +430,7 @@ impl JobStore {
 
     /// Decides whether and how the evaluation of this job is sharded.
     pub fn set_plan(&mut self, job: JobId, plan: Option<ShardPlan>) {
-        self.entries.entry(job).or_default().plan = Some(plan);
+        self.change(job, |entry| entry.plan = Some(plan));
     }
 }
 

@@ -1,13 +1,15 @@
-//! One entry a job: accepted results and their checks, reports that are not on the disk, what earlier starts have left.
+//! Accepted results and their checks, reports that are not on the disk, what earlier starts have left.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
+use proto::journal::Assurance;
 use proto::task::{Described, Description, Evaluation, EvaluationResult, Scale, Subject};
 use proto::{Fingerprint, LeaseNonce};
 
 use super::*;
 use crate::journal::Journal;
-use crate::scheduler::Channel;
+use crate::scheduler::fair_queue::QueuePosition;
+use crate::scheduler::{Channel, JobChannels};
 
 const GOOD: Principal = Principal::Certificate(Fingerprint([1; 32]));
 const BAD: Principal = Principal::Certificate(Fingerprint([2; 32]));
@@ -40,8 +42,9 @@ fn finished(job: JobId, principal: Principal, correct: u32) -> Finished {
 /// A store that goes on after an earlier start, which has accepted these results.
 fn restored(accepted: &[Finished]) -> JobStore {
     let mut store = JobStore::default();
-    let accepted = accepted.iter().map(|finished| (finished.job, finished.kept().unwrap())).collect();
-    store.restore(&Recorded { accepted, ..Recorded::default() });
+    let accepted =
+        accepted.iter().map(|finished| (finished.job, Box::new(finished.kept().unwrap()))).collect();
+    store.restore(Recorded { accepted, ..Recorded::default() });
     store
 }
 
@@ -133,8 +136,8 @@ fn what_is_found_about_a_descriptor_is_what_a_look_at_all_results_finds() {
         for (task, result) in of_channels(descriptor, digest) {
             let finished = Finished { result, ..finished(task.job(0), GOOD, 5) };
             if digest % 3 == 0 {
-                let accepted = [(finished.job, finished.kept().unwrap())].into();
-                store.restore(&Recorded { accepted, ..Recorded::default() });
+                let accepted = [(finished.job, Box::new(finished.kept().unwrap()))].into();
+                store.restore(Recorded { accepted, ..Recorded::default() });
             } else {
                 store.accept(&Arc::new(task.clone()), &finished);
             }
@@ -152,12 +155,11 @@ fn what_is_found_about_a_descriptor_is_what_a_look_at_all_results_finds() {
                 !of_task.is_empty() && of_task.iter().all(|channel| descriptor.contains(channel));
             of_task == descriptor || !is_evaluation && is_of_channels
         };
-        let expected = store.accepted().filter(|(task, _)| is_about(task)).map(|(_, finished)| finished.job);
+        let mut expected = Vec::new();
+        store.for_each_accepted(|record| expected.extend(is_about(&record.task()).then_some(record.job)));
+        expected.sort();
         let found = store.about(&descriptor.clone().into());
-        assert_eq!(
-            found.iter().map(|(_, finished)| finished.job).collect::<Vec<_>>(),
-            expected.collect::<Vec<_>>()
-        );
+        assert_eq!(found.iter().map(|(_, finished)| finished.job).collect::<Vec<_>>(), expected);
         assert!(found.iter().all(|(task, finished)| task.job(0) == finished.job));
         all += found.len();
     }
@@ -246,10 +248,50 @@ fn a_job_with_a_lease_of_an_earlier_start_is_known_until_it_is_asked_for() {
     let job = task(8).job(0);
     let [one, other] = [WorkerId([1; 16]), WorkerId([2; 16])];
     let leases = vec![(job, 1, other), (job, 2, one)];
-    store.restore(&Recorded { leases, ..Recorded::default() });
+    store.restore(Recorded { leases, ..Recorded::default() });
     assert!(store.is_known(job) && !store.was_asked(job));
     assert_eq!(store.take_earlier_leases(job), [(other, 1), (one, 2)]);
     assert!(!store.is_known(job));
+}
+
+#[test]
+fn of_a_job_that_is_done_there_is_no_entry_and_its_result_and_who_asked_are_known() {
+    let mut store = JobStore::default();
+    let (task, job) = (task(8), task(8).job(0));
+    let open = || {
+        Job::new(
+            task.clone(),
+            JobChannels::default(),
+            (ClientId(1), QueuePosition::default()),
+            Instant::now(),
+        )
+    };
+    store.ask(job);
+    store.set_plan(job, None);
+    assert!(store.wait_for(job, &task, ClientId(1)));
+    store.open(job, open());
+    assert!(store.take_waiting(job).is_some());
+    store.accept(&task, &finished(job, GOOD, 5));
+    assert_eq!(store.entries.len(), 1, "an audit may be going on");
+    assert!(store.close(job).is_some());
+    assert_eq!(store.entries.len(), 0);
+    assert!(store.was_asked(job) && store.is_known(job) && store.has_result(job));
+    assert_eq!(store.recall(job, &task), Some(finished(job, GOOD, 5)));
+
+    // It is asked for again, and audited.
+    store.ask(job);
+    store.set_plan(job, None);
+    assert_eq!(store.entries.len(), 0);
+    store.open(job, open());
+    assert!(store.was_asked(job) && store.close(job).is_some());
+    assert_eq!(store.entries.len(), 0);
+
+    // Nobody has asked for what an earlier start has left, although its result was looked at.
+    let mut store = restored(&[finished(job, GOOD, 5)]);
+    assert!(store.recall(job, &task).is_some());
+    assert!(!store.was_asked(job) && store.entries.len() == 1);
+    store.ask(job);
+    assert!(store.was_asked(job) && store.entries.is_empty());
 }
 
 #[test]

@@ -172,7 +172,7 @@ fn damage_that_comes_while_the_journal_is_open_is_found_when_it_is_written_anew(
     drop(file);
     assert!(path.with_extension("damaged-1").exists());
     let recorded = JournalFile::open(&path).unwrap().2;
-    assert_eq!((recorded.accepted[&JobId(300)].clone(), recorded.repairs), (accepted(2), 1));
+    assert_eq!((&*recorded.accepted[&JobId(300)], recorded.repairs), (&accepted(2), 1));
     assert!(recorded.accepted.len() >= written.accepted.len());
 }
 

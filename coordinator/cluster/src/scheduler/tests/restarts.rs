@@ -37,10 +37,12 @@ fn resumed() -> (Bench, Lease) {
     };
     // A worker that has reported and gone, and one that was wrong.
     recorded.quarantined = [principal(8)].into();
-    recorded.accepted =
-        [JobId(1), JobId(2)].into_iter().zip([("host", 1), ("host-2", 9)].map(answered)).collect();
-    bench.scheduler.jobs.restore(&recorded);
+    recorded.accepted = [JobId(1), JobId(2)]
+        .into_iter()
+        .zip([("host", 1), ("host-2", 9)].map(|one| Box::new(answered(one))))
+        .collect();
     bench.scheduler.restore(&recorded, bench.now);
+    bench.scheduler.jobs.restore(recorded);
     assert_eq!(bench.submit(), lease.job);
     (bench, lease)
 }
@@ -80,7 +82,7 @@ fn a_worker_that_was_quarantined_before_a_restart_stays_so() {
 #[test]
 fn after_a_restart_trust_is_that_of_before_unless_somebody_was_quarantined() {
     let audited = AcceptedResult { assurance: Assurance::Audited, ..answered(("host", 1)) };
-    let accepted = (0..20).map(|job| (JobId(job), audited.clone())).collect();
+    let accepted = (0..20).map(|job| (JobId(job), Box::new(audited.clone()))).collect();
     let mut recorded = Recorded { accepted, ..Recorded::default() };
     for (quarantined, is_trusted) in [(BTreeSet::new(), true), ([principal(8)].into(), false)] {
         recorded.quarantined = quarantined;

@@ -1,0 +1,362 @@
+//! Accepted results in little memory: tasks and results as bytes, many of them compressed together.
+//!
+//! Any of them may have to be checked again, so none is dropped before the run ends.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use proto::journal::{AcceptedResult, Assurance};
+use proto::task::Task;
+use proto::{Compressed, JobId, Principal};
+
+use crate::scheduler::messages::Finished;
+
+/// Most bytes of records that are compressed together, unless one has more. More would take a little less memory, but
+/// longer to read: whoever wants one record decompresses all of its block.
+const BLOCK_BYTES: usize = 32 << 10;
+
+/// Accepted results, one a job.
+#[derive(Default)]
+pub(super) struct Archive {
+    /// Where the last record of each job is.
+    places: BTreeMap<JobId, Place>,
+    full: Vec<Compressed>,
+    /// The records of the block that is being filled.
+    filling: Vec<u8>,
+    /// The block that was read last, decompressed: a search that begins again asks for results in about the order in which
+    /// they came.
+    read_last: Option<(u32, Vec<u8>)>,
+    /// Why results are believed, by numbers that stand in records.
+    grounds: Vec<Grounds>,
+    numbers: BTreeMap<Grounds, u32>,
+}
+
+/// Where a record begins.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Place {
+    block: u32,
+    start: u32,
+}
+
+/// Why an accepted result is believed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Grounds {
+    /// Who gave it.
+    pub principal: Principal,
+    /// Another principal that gave the same.
+    pub seconded: Option<Principal>,
+    /// Why that is enough.
+    pub assurance: Assurance,
+}
+
+/// A task and its accepted result, as bytes.
+pub struct Record<'a> {
+    /// The job.
+    pub job: JobId,
+    /// Why the result is believed: what looks at all results must not have to decode them.
+    pub grounds: Grounds,
+    task: &'a [u8],
+    accepted: &'a [u8],
+}
+
+impl Grounds {
+    /// Why an accepted result is believed.
+    pub fn of<R>(finished: &Finished<R>) -> Self {
+        let Finished { principal, seconded, assurance, .. } = *finished;
+        Self { principal, seconded, assurance }
+    }
+
+    /// Whether a result is believed on the word of this principal.
+    pub fn rest_on(&self, principal: Principal) -> bool {
+        let is_own = self.assurance == Assurance::Own && principal != Principal::Coordinator;
+        !is_own && (self.principal == principal || self.seconded == Some(principal))
+    }
+}
+
+impl Record<'_> {
+    /// The task.
+    pub fn task(&self) -> Task {
+        Task::from_bytes(self.task)
+            .unwrap_or_else(|error| unreachable!("a task that was encoded here: {error}"))
+    }
+
+    /// What is kept of the result.
+    pub fn finished(&self) -> Finished {
+        let accepted = AcceptedResult::decode(self.accepted)
+            .unwrap_or_else(|| unreachable!("a result that was encoded here"));
+        Finished::recorded(self.job, accepted)
+    }
+}
+
+impl Archive {
+    /// Keeps the result of a job, instead of one that is there. Returns whether anything is kept of such a result.
+    pub(super) fn insert(&mut self, task: &Task, finished: &Finished) -> bool {
+        let Some(accepted) = finished.kept().and_then(|accepted| accepted.encode()) else { return false };
+        let grounds = self.number(Grounds::of(finished)).to_le_bytes();
+        let task = task.to_bytes();
+        let [task_length, accepted_length] = [&task, &accepted].map(|part| (part.len() as u32).to_le_bytes());
+        let job = finished.job.0.to_le_bytes();
+        let record = [&job[..], &grounds, &task_length, &task, &accepted_length, &accepted].concat();
+        if self.filling.len() + record.len() > BLOCK_BYTES {
+            self.close_block();
+        }
+        let place = Place { block: self.full.len() as u32, start: self.filling.len() as u32 };
+        self.filling.extend_from_slice(&record);
+        self.places.insert(finished.job, place);
+        true
+    }
+
+    fn number(&mut self, grounds: Grounds) -> u32 {
+        *self.numbers.entry(grounds).or_insert_with(|| {
+            self.grounds.push(grounds);
+            self.grounds.len() as u32 - 1
+        })
+    }
+
+    fn close_block(&mut self) {
+        if !self.filling.is_empty()
+            && let Some(block) = Compressed::new(&self.filling)
+        {
+            self.full.push(block);
+            self.filling.clear();
+            self.filling.shrink_to(BLOCK_BYTES);
+        }
+    }
+
+    /// Whether there is a result of a job.
+    pub(super) fn contains(&self, job: JobId) -> bool {
+        self.places.contains_key(&job)
+    }
+
+    /// The result of a job, if there is one, with its task.
+    pub(super) fn get(&mut self, job: JobId) -> Option<(Task, Finished)> {
+        let Place { block, start } = *self.places.get(&job)?;
+        if let Some(full) = self.full.get(block as usize)
+            && self.read_last.as_ref().is_none_or(|(last, _)| *last != block)
+        {
+            self.read_last = Some((block, decompressed(full)));
+        }
+        let bytes = match &self.read_last {
+            Some((last, bytes)) if *last == block => bytes,
+            _ => &self.filling,
+        };
+        let (record, _) = self.first_record(&bytes[start as usize..])?;
+        Some((record.task(), record.finished()))
+    }
+
+    /// The results of those of some jobs whose tasks are wanted, by job.
+    pub(super) fn select(
+        &self,
+        jobs: &BTreeSet<JobId>,
+        is_wanted: impl Fn(&Task) -> bool,
+    ) -> BTreeMap<JobId, (Task, Finished)> {
+        let mut places: Vec<Place> = jobs.iter().filter_map(|job| self.places.get(job).copied()).collect();
+        places.sort_unstable();
+        let mut selected = BTreeMap::new();
+        for of_block in places.chunk_by(|one, next| one.block == next.block) {
+            let full = self.full.get(of_block[0].block as usize).map(decompressed);
+            let bytes = full.as_ref().unwrap_or(&self.filling);
+            for place in of_block {
+                let Some((record, _)) = self.first_record(&bytes[place.start as usize..]) else { continue };
+                let task = record.task();
+                if is_wanted(&task) {
+                    selected.insert(record.job, (task, record.finished()));
+                }
+            }
+        }
+        selected
+    }
+
+    /// Shows all results to `see`, in no order of meaning.
+    pub(super) fn for_each(&self, mut see: impl FnMut(&Record<'_>)) {
+        let mut see_block = |number: usize, bytes: &[u8]| {
+            let mut rest = bytes;
+            while let Some((record, next)) = self.first_record(rest) {
+                let place = Place { block: number as u32, start: (bytes.len() - rest.len()) as u32 };
+                // Others were replaced.
+                if self.places.get(&record.job) == Some(&place) {
+                    see(&record);
+                }
+                rest = next;
+            }
+        };
+        self.full.iter().enumerate().for_each(|(number, block)| see_block(number, &decompressed(block)));
+        see_block(self.full.len(), &self.filling);
+    }
+
+    /// The record that these bytes begin with, and the bytes after it.
+    fn first_record<'a>(&self, bytes: &'a [u8]) -> Option<(Record<'a>, &'a [u8])> {
+        let (job, rest) = bytes.split_first_chunk()?;
+        let (grounds, rest) = rest.split_first_chunk()?;
+        let grounds = *self.grounds.get(u32::from_le_bytes(*grounds) as usize)?;
+        let (task, rest) = part(rest)?;
+        let (accepted, rest) = part(rest)?;
+        Some((Record { job: JobId(u64::from_le_bytes(*job)), grounds, task, accepted }, rest))
+    }
+}
+
+fn decompressed(block: &Compressed) -> Vec<u8> {
+    block.decompress().unwrap_or_else(|error| unreachable!("a block that was compressed here: {error}"))
+}
+
+fn part(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
+    let (length, rest) = bytes.split_first_chunk()?;
+    rest.split_at_checked(u32::from_le_bytes(*length) as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::time::Duration;
+
+    use proptest::prelude::*;
+    use proto::journal::Assurance;
+    use proto::task::{
+        Described, DescribedShard, DescribedSplit, Evaluation, EvaluationResult, Exclusion, Match,
+        MatchingRule, Nearest, Objective, Scale, Subject, TaskResult, Tile,
+    };
+    use proto::{Digest, Fingerprint, Principal, WorkerId};
+
+    use super::*;
+
+    /// Its bytes do not compress, so that few of them fill a block.
+    fn task(number: u32, digests: u32) -> Task {
+        let digest = |index: u32| Digest::of(&[number.to_le_bytes(), index.to_le_bytes()].concat());
+        let query = (0..digests).map(digest).collect();
+        Task::Evaluation(Evaluation { query, ..Evaluation::sample(number, 10, 10) })
+    }
+
+    fn finished(job: u64, correct: u32, margin: Option<f64>) -> Finished {
+        let counts = EvaluationResult { queries: 10, object_correct: correct, margin, ..Default::default() };
+        Finished {
+            job: JobId(job),
+            result: TaskResult::Evaluation(counts),
+            worker_id: WorkerId([1; 16]),
+            worker: "host".to_owned(),
+            attempt: 3,
+            queued: Duration::from_nanos(1_234_567_891),
+            run_seconds: 0.1,
+            principal: Principal::Certificate(Fingerprint([1; 32])),
+            seconded: margin.map(|_| Principal::Coordinator),
+            assurance: Assurance::Audited,
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_last_of_each_job_is_there_and_nothing_else(
+            inserted in prop::collection::vec(
+                (0u64..40, any::<u32>(), 0u32..400, 0u32..11, prop::option::of(-1.0..1.0)),
+                0..60,
+            ),
+        ) {
+            let (mut archive, mut expected) = (Archive::default(), BTreeMap::new());
+            for (job, number, digests, correct, margin) in inserted {
+                let (task, finished) = (task(number, digests), finished(job, correct, margin));
+                prop_assert!(archive.insert(&task, &finished));
+                expected.insert(JobId(job), (task, finished));
+            }
+            for job in (0..41).map(JobId) {
+                let got = archive.get(job);
+                prop_assert_eq!(archive.contains(job), got.is_some());
+                prop_assert_eq!(got.as_ref(), expected.get(&job));
+            }
+            let mut all = BTreeMap::new();
+            archive.for_each(|record| {
+                let (task, finished) = (record.task(), record.finished());
+                assert_eq!(record.grounds, Grounds::of(&finished));
+                assert!(all.insert(record.job, (task, finished)).is_none(), "{:?} twice", record.job);
+            });
+            prop_assert_eq!(&all, &expected);
+
+            let jobs = (0..41).filter(|job| job % 3 > 0).map(JobId).collect();
+            let is_even = |task: &Task| task.subject().descriptor.bytes()[0].is_multiple_of(2);
+            expected.retain(|job, (task, _)| job.0 % 3 > 0 && is_even(task));
+            prop_assert_eq!(archive.select(&jobs, is_even), expected);
+        }
+    }
+
+    #[test]
+    fn what_can_be_a_result_of_a_task_comes_back_with_it() {
+        let rule = MatchingRule { exclude: Exclusion::SameCloud, objective: Objective::Object, margin: true };
+        let ruled = Evaluation { rule, want_matches: true, ..Evaluation::sample(1, 1, 3) };
+        let nearest = Nearest { same: Some((1, 0.0)), other: Some((2, 0.25)) };
+        let by_rule = EvaluationResult {
+            queries: 1,
+            object_correct: 1,
+            category_correct: 1,
+            nearest: vec![nearest],
+            margin: Some(1.0),
+            ..EvaluationResult::default()
+        };
+        let whole = Evaluation { want_matches: true, scales: vec![0.5], ..Evaluation::sample(2, 2, 3) };
+        let [one, other] =
+            [None, Some((0, 0.75))].map(|runner_up| Match { nearest: 2, distance: 0.125, runner_up });
+        let matched = EvaluationResult {
+            queries: 2,
+            object_correct: 1,
+            category_correct: 2,
+            matches: vec![one, other],
+            ..EvaluationResult::default()
+        };
+        let [query, database] = [1, 2].map(|byte| vec![Digest([byte; 32])]);
+        let tile = Tile {
+            evaluation: Evaluation { query: query.clone(), database: database.clone(), ..whole },
+            query_descriptions: query,
+            database_descriptions: database,
+        };
+        let shard = DescribedShard { manifest: Digest([3; 32]), description: Digest([4; 32]) };
+        let described = vec![DescribedSplit { channel: 0, split: Digest([5; 32]), shards: vec![shard] }];
+        let scale =
+            Scale { subject: Subject::sample(3), splits: vec![Digest([5; 32])], clouds: 4, described };
+
+        let mut archive = Archive::default();
+        let answered = [
+            (Task::Evaluation(ruled), TaskResult::Evaluation(by_rule)),
+            (Task::Tile(tile), TaskResult::Evaluation(matched)),
+            (Task::Scale(scale), TaskResult::Scale(f64::from(f32::MIN_POSITIVE))),
+        ];
+        for (task, result) in &answered {
+            assert_eq!(task.check(result), Ok(()));
+            let finished =
+                Finished { result: result.clone(), run_seconds: 0.0, ..finished(task.job(0).0, 0, None) };
+            assert!(archive.insert(task, &finished));
+            assert_eq!(archive.get(finished.job), Some((task.clone(), finished)));
+        }
+    }
+
+    #[test]
+    fn a_large_record_is_alone_in_its_block() {
+        let mut archive = Archive::default();
+        for (job, digests) in [(1, 0), (2, 2000), (3, 0), (4, 0)] {
+            archive.insert(&task(job, digests), &finished(job.into(), 0, None));
+        }
+        let block = |job| archive.places[&JobId(job)].block;
+        assert_eq!([1, 2, 3, 4].map(block), [0, 1, 2, 2]);
+        assert!(archive.full[1].length() as usize > BLOCK_BYTES && archive.filling.len() < BLOCK_BYTES);
+    }
+
+    #[test]
+    fn of_a_description_the_digest_is_kept_and_of_a_grid_cell_nothing() {
+        let mut archive = Archive::default();
+        let described = TaskResult::Description(Described::new(vec![7; 100]));
+        let of = |result: TaskResult| Finished { result, ..finished(1, 0, None) };
+        assert!(archive.insert(&task(1, 0), &of(described.clone())));
+        let kept = archive.get(JobId(1)).map(|(_, finished)| finished.result);
+        assert_eq!(kept, described.kept());
+        assert!(!archive.insert(&task(1, 0), &of(TaskResult::GridCell(vec![1]))));
+    }
+
+    #[test]
+    fn similar_records_take_a_fraction_of_their_bytes() {
+        let mut archive = Archive::default();
+        let mut bytes = 0;
+        for number in 0..10_000 {
+            let Task::Evaluation(one) = task(number, 0) else { unreachable!("an evaluation") };
+            let query = vec![Digest([7; 32]), Digest::of(&[1])];
+            let task = Task::Evaluation(Evaluation { query, ..one });
+            bytes += task.to_bytes().len();
+            archive.insert(&task, &finished(number.into(), number % 10, None));
+        }
+        let kept: usize = archive.full.iter().map(|block| block.block().len()).sum();
+        assert!(!archive.full.is_empty() && kept * 2 < bytes, "{kept} of {bytes}");
+    }
+}
