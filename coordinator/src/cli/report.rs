@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use clap::Args;
 use results::{NamedRun, TableName};
+use worker::names::Names;
 
 use crate::console::say;
 use crate::experiment::DEFAULT_RESULTS_DIR;
@@ -53,6 +54,7 @@ impl Report {
             ),
         };
         let report = report(&runs, self.grid.as_deref(), &page)?;
+        let report = report.with_names(|text| Names::of_this_process().in_text(text));
         let svg = self.svg.unwrap_or_else(|| page.parent().unwrap_or(Path::new("")).to_owned());
         let figures = report.write(&page, &svg)?.len();
         let svg = if svg.as_os_str().is_empty() { PathBuf::from(".") } else { svg };

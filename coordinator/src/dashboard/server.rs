@@ -16,6 +16,7 @@ use serde::Deserialize;
 use serde_json::json;
 use tokio::sync::mpsc;
 use transport::WebConnection;
+use worker::names::Names;
 
 use super::assets::asset;
 use super::control::Order;
@@ -93,6 +94,7 @@ fn refused(refusal: Refusal) -> Response {
 
 fn failed(error: &DashboardError) -> Response {
     let text = Message::of(error).to_string();
+    let text = Names::of_this_process().in_text(&text);
     (error.status(), [(CONTENT_TYPE, "application/json")], json!({"error": text}).to_string()).into_response()
 }
 
@@ -109,7 +111,10 @@ fn answer(text: Option<Result<String, DashboardError>>) -> Response {
 
 async fn page(request: Request) -> Response {
     match asset(request.uri().path()) {
-        Some((_, kind, text)) => ([(CONTENT_TYPE, kind), (CACHE_CONTROL, "no-cache")], text).into_response(),
+        Some((_, kind, text)) => {
+            let text = Names::of_this_process().in_text(text);
+            ([(CONTENT_TYPE, kind), (CACHE_CONTROL, "no-cache")], text).into_response()
+        }
         None => StatusCode::NOT_FOUND.into_response(),
     }
 }

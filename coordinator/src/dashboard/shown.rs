@@ -7,6 +7,7 @@ use std::time::{Instant, SystemTime};
 use descriptor::Descriptor;
 use results::{LookRow, RunFolder};
 use serde_json::{Value, json};
+use worker::names::Names;
 
 use super::detail;
 use super::error::DashboardError;
@@ -150,7 +151,8 @@ impl Shown {
     /// # Errors
     /// If a table cannot be read.
     pub fn report(&self) -> Result<String, DashboardError> {
-        Ok(results::Report::of_run(&self.found.folder, None, &told(&self.found.folder))?.html()?)
+        let report = results::Report::of_run(&self.found.folder, None, &told(&self.found.folder))?;
+        Ok(report.with_names(|text| Names::of_this_process().in_text(text)).html()?)
     }
 
     /// Training clouds that the fitness asks for; `None` before the first generation.

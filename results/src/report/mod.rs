@@ -25,6 +25,7 @@ mod thin;
 mod told;
 mod wrong;
 
+use std::borrow::Cow;
 use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::{fs, io};
@@ -54,9 +55,21 @@ pub struct Report {
     page: Page,
     /// The paper's Table 1, if descriptors were compared.
     table1: Option<String>,
+    /// What the page says to type, under the names that programs have where it is read.
+    named: fn(&str) -> Cow<'_, str>,
 }
 
 impl Report {
+    fn new(page: Page, table1: Option<String>) -> Self {
+        Self { page, table1, named: |text| Cow::Borrowed(text) }
+    }
+
+    /// The same report, its page as HTML changed by `named`: texts name programs as they are built, and may be read where
+    /// these have other names.
+    pub fn with_names(self, named: fn(&str) -> Cow<'_, str>) -> Self {
+        Self { named, ..self }
+    }
+
     /// The report of one run, finished or not. `grid`: the folder of an exhaustive search, whose exact marginals are
     /// drawn beside those of the run. `told`: what tables do not say.
     ///
@@ -75,7 +88,7 @@ impl Report {
         };
         let table1 =
             data.comparison.as_ref().map(|comparison| latex::table1(&comparison.descriptors)).transpose()?;
-        Ok(Self { page: run_page::page(&data, grid.as_ref(), told)?, table1 })
+        Ok(Self::new(run_page::page(&data, grid.as_ref(), told)?, table1))
     }
 
     /// The report of several runs: what they reached, over seeds and compared with each other. A run that is named twice,
@@ -85,7 +98,7 @@ impl Report {
     /// # Errors
     /// As [`Report::of_run`].
     pub fn of_runs(title: &str, runs: &[NamedRun], verdict: &[String], page: &Path) -> Result<Self, Error> {
-        Ok(Self { page: runs_page::page(title, &Runs::read(runs, page)?, verdict), table1: None })
+        Ok(Self::new(runs_page::page(title, &Runs::read(runs, page)?, verdict), None))
     }
 
     /// The report of an exhaustive search: the best descriptors, how rare they are, and how errors depend on genes.
@@ -93,7 +106,7 @@ impl Report {
     /// # Errors
     /// If the grid is not whole, or if a file in it cannot be read or is damaged; the message names the file.
     pub fn of_grid(folder: impl AsRef<Path>) -> Result<Self, Error> {
-        Ok(Self { page: grid_page::page(folder.as_ref())?, table1: None })
+        Ok(Self::new(grid_page::page(folder.as_ref())?, None))
     }
 
     /// The page.
@@ -101,7 +114,7 @@ impl Report {
     /// # Errors
     /// If a figure cannot be drawn.
     pub fn html(&self) -> Result<String, Error> {
-        self.page.html()
+        Ok((self.named)(&self.page.html()?).into_owned())
     }
 
     /// Name and content of each figure's SVG file.

@@ -5,11 +5,13 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
+use results::TableName;
 use tempfile::TempDir;
 use tests::manual;
 
-use crate::experiments::repository;
-use crate::process::{Finished, finish, program, run};
+use crate::experiments::{Experiment, copy_folder, repository, run_demo};
+use crate::http::get;
+use crate::process::{Finished, Running, finish, program, run};
 
 /// The programs under the names that they have once installed.
 struct Installed(TempDir);
@@ -26,9 +28,14 @@ impl Installed {
         Self(folder)
     }
 
-    fn run(&self, name: &str, args: &[&str]) -> Finished {
+    fn program(&self, name: &str, args: &[&str]) -> Command {
         let mut command = Command::new(self.0.path().join(name));
-        finish(command.args(args).current_dir(self.0.path()).env("COLUMNS", "400"))
+        command.args(args).current_dir(self.0.path()).env("COLUMNS", "400");
+        command
+    }
+
+    fn run(&self, name: &str, args: &[&str]) -> Finished {
+        finish(&mut self.program(name, args))
     }
 }
 
@@ -88,6 +95,37 @@ fn installed_programs_name_themselves_in_what_they_say_to_type() {
     assert!(made.stderr.contains("tls/join: descry-worker --coordinator-file join\n"), "{made}");
     let line = installed.run("descry", &["join-command", "host", "--tls", "tls"]).expect_success().stdout;
     assert!(line.contains(" descry-worker -C ") && line.contains("exec ./descry-worker --"), "{line}");
+}
+
+#[test]
+fn pages_of_installed_programs_say_what_can_be_typed_there() {
+    let (installed, demo) = (Installed::new(), Experiment::with(""));
+    copy_folder(run_demo().folder(), demo.folder());
+    let run = demo.folder().join("results/runs/demo");
+    fs::remove_dir_all(run.join(TableName::Comparison.as_str())).unwrap();
+    let [run, page] = [run, demo.folder().join("page.html")].map(|path| path.display().to_string());
+
+    let report = ["report", &run, "--out", &page];
+    let mut built = program("coordinator");
+    built.args(report);
+    for (mut command, expected) in
+        [(built, "coordinator compare RUN"), (installed.program("descry", &report), "descry compare RUN")]
+    {
+        finish(&mut command).expect_success();
+        let written = fs::read_to_string(&page).unwrap();
+        let found = written.split('>').filter_map(|text| text.split('<').next());
+        let found: Vec<&str> = found.filter(|text| text.ends_with(" compare RUN")).collect();
+        assert!(!found.is_empty() && found.iter().all(|text| *text == expected), "{found:?}");
+    }
+
+    let command = installed.program("descry", &["dashboard", &run, "--listen", "127.0.0.1:0"]);
+    let mut dashboard = Running::spawn(demo.folder(), "dashboard", command);
+    let line = dashboard.wait_for("dashboard: http://");
+    let at = line.split("http://").nth(1).unwrap().trim_end_matches('/');
+    let script = get(at, "/view-runs.js").text();
+    assert!(
+        script.contains("with descry run, for example descry run ") && !script.contains("coordinator run")
+    );
 }
 
 #[test]
