@@ -132,8 +132,8 @@ impl Known {
         self.used.iter().any(|source| wrong.concerns(source))
     }
 
-    /// Adds what is known under the paper's fitness to what is remembered, of those descriptors of which the run has a
-    /// provenance: nobody goes on with what one stranger alone has said.
+    /// Adds what is known under the paper's fitness to what is remembered, of those descriptors that are in the run's
+    /// `provenances`: nobody goes on with what one stranger alone has said.
     pub fn keep(
         &self,
         train: &Memory<'_>,

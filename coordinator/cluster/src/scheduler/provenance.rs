@@ -107,6 +107,7 @@ mod tests {
         assert_eq!(Provenance::own().and(earned.clone()), both);
         assert_eq!(earned.and(Provenance::own()), both);
     }
+
     #[test]
     fn of_a_descriptor_every_result_counts_and_equal_provenances_are_one() {
         let bytes = |number: u8| DescriptorBytes::from(vec![number]);

@@ -25,7 +25,7 @@ pub(super) struct Archive {
     /// The block that was read last, decompressed: a search that begins again asks for results in about the order in which
     /// they came.
     read_last: Option<(u32, Vec<u8>)>,
-    /// Why results are believed, by numbers that stand in records.
+    /// Grounds of results, by the numbers that stand in records.
     grounds: Vec<Grounds>,
     numbers: BTreeMap<Grounds, u32>,
 }
@@ -37,14 +37,14 @@ struct Place {
     start: u32,
 }
 
-/// Why an accepted result is believed.
+/// On whose word an accepted result rests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Grounds {
     /// Who gave it.
     pub principal: Principal,
     /// Another principal that gave the same.
     pub seconded: Option<Principal>,
-    /// Why that is enough.
+    /// Why their word is believed.
     pub assurance: Assurance,
 }
 
@@ -52,14 +52,14 @@ pub struct Grounds {
 pub struct Record<'a> {
     /// The job.
     pub job: JobId,
-    /// Why the result is believed: what looks at all results must not have to decode them.
+    /// On whose word the result rests: who looks at all results for that need not decode them.
     pub grounds: Grounds,
     task: &'a [u8],
     accepted: &'a [u8],
 }
 
 impl Grounds {
-    /// Why an accepted result is believed.
+    /// Those of an accepted result.
     pub fn of<R>(finished: &Finished<R>) -> Self {
         let Finished { principal, seconded, assurance, .. } = *finished;
         Self { principal, seconded, assurance }
