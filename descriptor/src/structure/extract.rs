@@ -175,7 +175,7 @@ impl<'a> Counter<'a> {
             {
                 second.clear(place * BLOCK + point % BLOCK);
             }
-            apart.subtract(plan.differences, first, second);
+            apart.subtract(plan.order.differences, first, second);
             count(plan, [first, second], apart, counts);
         }
     }
@@ -189,7 +189,7 @@ impl<'a> Counter<'a> {
         // Few points are copied together first: each is drawn several times.
         let are_copied = !is_all && near.len() < 2 * plan.channel.samples as usize;
         if are_copied {
-            of_near.take(plan.values, &points.quads, near);
+            of_near.take(plan.order.values, &points.quads, near);
         }
         let quads = if are_copied { &*of_near } else { &points.quads };
         for group in 0..plan.draws.groups() {
@@ -199,9 +199,10 @@ impl<'a> Counter<'a> {
                     *index = near[*index as usize];
                 }
             }
-            apart.gather_differences(plan.differences, quads, &drawn);
-            first.gather(plan.differences..plan.values_of_first, quads, &drawn[0]);
-            second.gather(plan.differences..plan.values, quads, &drawn[1]);
+            let order = &plan.order;
+            apart.gather_differences(second, order, quads, &drawn);
+            first.gather(order.of_both.clone(), quads, &drawn[0]);
+            second.gather(order.of_both.start..order.values, quads, &drawn[1]);
             for (x, is_pair) in apart.values[0].iter_mut().zip(is_pair) {
                 *x = if is_pair { *x } else { f32::NAN };
             }

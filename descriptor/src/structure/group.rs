@@ -7,11 +7,12 @@ use crate::structure::channel::StructureChannel;
 use crate::structure::plan::StructurePlan;
 use crate::structure::quads::{QUAD, Quads};
 use crate::structure::table::Table;
+use crate::structure::value_order::ValueOrder;
 
-/// Most values of a point, position, normal and columns, in whole quads.
-const MAX_VALUES: usize = (6 + StructureChannel::MAX_AXES).next_multiple_of(QUAD);
+/// Most values of a point, position, normal, gap and columns, in whole quads.
+pub(super) const MAX_VALUES: usize = (6 + QUAD - 1 + StructureChannel::MAX_AXES).next_multiple_of(QUAD);
 
-/// Values of points or their differences, one in each lane, in the order of [`StructurePlan::values`]. No distance to a
+/// Values of points or their differences, one in each lane, in the order of [`StructurePlan::order`]. No distance to a
 /// lane whose x is NaN counts.
 pub(super) struct Group {
     pub(super) values: [[f32; LANES]; MAX_VALUES],
@@ -39,7 +40,7 @@ impl Group {
     /// The normal in a lane, of a plan with angles.
     #[inline(always)]
     pub(super) fn normal(&self, plan: &StructurePlan, lane: usize) -> [f32; 3] {
-        [0, 1, 2].map(|axis| self.values[plan.differences + axis][lane])
+        [0, 1, 2].map(|axis| self.values[plan.order.normal() + axis][lane])
     }
 
     /// Empties a lane.
@@ -60,39 +61,47 @@ impl Group {
             for (gathered, &index) in gathered.iter_mut().zip(indices) {
                 *gathered = quads[index as usize];
             }
-            self.turn(quad, &gathered);
+            turn(&gathered, self.quad(quad).each_mut());
         }
     }
 
-    /// Takes over the first values of some points minus those of others, lane by lane.
+    /// Takes over the differences of the second points' values and the first's, lane by lane, and into `second` the second
+    /// points' codes beside them.
     #[inline(always)]
     pub(super) fn gather_differences(
         &mut self,
-        values: usize,
+        second: &mut Self,
+        order: &ValueOrder,
         points: &Quads,
-        [first, second]: &[[u32; LANES]; 2],
+        drawn: &[[u32; LANES]; 2],
     ) {
-        for quad in 0..values.div_ceil(QUAD) {
+        for quad in 0..order.differences.div_ceil(QUAD) {
             let quads = points.quads(quad);
+            let are_differences = order.are_differences(quad);
             let mut gathered = [[0.0; QUAD]; LANES];
-            for ((gathered, &first), &second) in gathered.iter_mut().zip(first).zip(second) {
-                let (first, second) = (quads[first as usize], quads[second as usize]);
+            for (lane, gathered) in gathered.iter_mut().enumerate() {
+                let [first, second] = [0, 1].map(|side| quads[drawn[side][lane] as usize]);
                 for value in 0..QUAD {
-                    gathered[value] = second[value] - first[value];
+                    let difference = second[value] - first[value];
+                    gathered[value] = if are_differences[value] { difference } else { second[value] };
                 }
             }
-            self.turn(quad, &gathered);
+            let mut lanes = self.quad(quad).each_mut();
+            for ((lanes, codes), is_difference) in
+                lanes.iter_mut().zip(second.quad(quad)).zip(are_differences)
+            {
+                if !is_difference {
+                    *lanes = codes;
+                }
+            }
+            turn(&gathered, lanes);
         }
     }
 
-    /// Turns values of one lane after the other into lanes of one value after the other.
+    /// The lanes of four values.
     #[inline(always)]
-    fn turn(&mut self, quad: usize, gathered: &[[f32; QUAD]; LANES]) {
-        let [a, b, c, d] = &mut self.values.as_chunks_mut::<QUAD>().0[quad];
-        // All four at once: of one value alone, the last lanes would be left to a loop without vectors.
-        for (lane, gathered) in gathered.iter().enumerate() {
-            [a[lane], b[lane], c[lane], d[lane]] = *gathered;
-        }
+    fn quad(&mut self, quad: usize) -> &mut [[f32; LANES]; QUAD] {
+        &mut self.values.as_chunks_mut::<QUAD>().0[quad]
     }
 
     /// The first values of the points in each lane of `second` minus those of `first`.
@@ -105,5 +114,14 @@ impl Group {
                 *lane = second - first;
             }
         }
+    }
+}
+
+/// Turns values of one lane after the other into lanes of one value after the other.
+#[inline(always)]
+fn turn(gathered: &[[f32; QUAD]; LANES], [a, b, c, d]: [&mut [f32; LANES]; QUAD]) {
+    // All four at once: of one value alone, the last lanes would be left to a loop without vectors.
+    for (lane, gathered) in gathered.iter().enumerate() {
+        [a[lane], b[lane], c[lane], d[lane]] = *gathered;
     }
 }

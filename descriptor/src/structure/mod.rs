@@ -27,6 +27,7 @@ mod scale;
 mod shells;
 mod table;
 mod text;
+mod value_order;
 
 #[cfg(test)]
 mod oracle;

@@ -27,7 +27,7 @@ pub(super) fn count(plan: &StructurePlan, [first, second]: [&Group; 2], apart: &
     for histogram in &plan.histograms {
         let mut codes = [histogram.first; LANES];
         if let Some(column) = histogram.code {
-            for (code, of_point) in codes.iter_mut().zip(&second.values[plan.place_of_column(column)]) {
+            for (code, of_point) in codes.iter_mut().zip(&second.values[plan.order.place(column)]) {
                 *code += of_point.to_bits();
             }
         }
@@ -178,9 +178,9 @@ impl Pairs {
                     *value = self.along[0][lane] / self.d2[lane].sqrt();
                 }
             }
-            Measure::Difference(column) => values = apart.values[plan.place_of_column(column)],
+            Measure::Difference(column) => values = apart.values[plan.order.place(column)],
             Measure::Ratio(column) => {
-                let [first, second] = points.map(|group| &group.values[plan.place_of_column(column)]);
+                let [first, second] = points.map(|group| &group.values[plan.order.place(column)]);
                 for (lane, value) in values.iter_mut().enumerate() {
                     *value = ratio(first[lane], second[lane]);
                 }

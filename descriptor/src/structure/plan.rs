@@ -6,6 +6,7 @@ use crate::structure::channel::{Axis, Pairs, StructureChannel};
 use crate::structure::edges::{Turns, ceil_f32, edges};
 use crate::structure::feature::Feature;
 use crate::structure::sampling::Draws;
+use crate::structure::value_order::{Column, PointAxis, ValueOrder};
 
 /// How the pairs of one channel are found and binned; made once for all clouds.
 #[derive(Clone, Debug, PartialEq)]
@@ -28,15 +29,8 @@ pub struct StructurePlan {
     pub(super) histograms: Vec<Histogram>,
     /// What is computed of each point's colour beforehand.
     pub(super) columns: Vec<Column>,
-    /// How many values of a point there are. First those of which a pair only needs the difference: position, columns of
-    /// differences. Then the normal, if a feature is made of normals, columns of ratios, and codes.
-    pub(super) values: usize,
-    /// The first of these: differences are enough.
-    pub(super) differences: usize,
-    /// The first of these: all that a pair's first point needs. What is left out are codes.
-    pub(super) values_of_first: usize,
-    /// Where each column is among the values.
-    places: Vec<usize>,
+    /// How the values of a point are ordered.
+    pub(super) order: ValueOrder,
     /// Which pairs are drawn.
     pub(super) draws: Draws,
     /// Whether a feature is made of the normals, and whether of their frame.
@@ -53,26 +47,6 @@ pub(super) struct Histogram {
     pub(super) code: Option<usize>,
     /// Axes of the pair.
     pub(super) axes: Vec<PairAxis>,
-}
-
-/// What is computed of each point's colour once for all of its pairs.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) enum Column {
-    /// What is subtracted.
-    Difference(Feature),
-    /// What is divided.
-    Ratio(Feature),
-    /// The bins of features of a single point, as their part of a code.
-    Code(Vec<PointAxis>),
-}
-
-/// A feature of the second point.
-#[derive(Clone, Debug, PartialEq)]
-pub(super) struct PointAxis {
-    pub(super) feature: Feature,
-    pub(super) edges: Vec<f32>,
-    /// By how much the code grows from bin to bin.
-    pub(super) stride: u32,
 }
 
 /// A feature of both points.
@@ -133,10 +107,7 @@ impl StructurePlan {
             histogram_bins: 0,
             histograms: Vec::new(),
             columns: Vec::new(),
-            values: 0,
-            differences: 0,
-            values_of_first: 0,
-            places: Vec::new(),
+            order: ValueOrder::default(),
             draws: Draws::new(if channel.pairs.is_sampled() { channel.samples } else { 0 }),
             has_angles: channel.axes.iter().any(|axis| axis.feature.needs_normals()),
             has_frame: channel.axes.iter().any(|axis| axis.feature.needs_frame()),
@@ -150,35 +121,8 @@ impl StructurePlan {
             plan.histogram_bins = if first == 0 { bins } else { plan.histogram_bins };
             first += bins;
         }
-        plan.place_columns();
+        plan.order = ValueOrder::new(&plan.columns, plan.has_angles);
         plan
-    }
-
-    /// Orders the values of a point.
-    fn place_columns(&mut self) {
-        let kind = |column: &Column| match column {
-            Column::Difference(_) => 0,
-            Column::Ratio(_) => 1,
-            Column::Code(_) => 2,
-        };
-        let count = |wanted: usize| self.columns.iter().filter(|column| kind(column) == wanted).count();
-        self.differences = 3 + count(0);
-        let ratios = self.differences + if self.has_angles { 3 } else { 0 };
-        self.values_of_first = ratios + count(1);
-        self.values = self.values_of_first + count(2);
-        let mut next = [3, ratios, self.values_of_first];
-        let mut place = |column: &Column| {
-            let place = &mut next[kind(column)];
-            *place += 1;
-            *place - 1
-        };
-        self.places = self.columns.iter().map(&mut place).collect();
-    }
-
-    /// Where a column is among the values of a point.
-    #[inline(always)]
-    pub(super) fn place_of_column(&self, column: usize) -> usize {
-        self.places[column]
     }
 
     /// Adds a histogram of axes, of which the first has the largest stride.

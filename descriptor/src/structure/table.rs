@@ -10,8 +10,9 @@ use crate::structure::block::BLOCK;
 use crate::structure::cloud::Points;
 use crate::structure::colours::values;
 use crate::structure::edges::reached;
-use crate::structure::plan::{Column, PointAxis, StructurePlan};
+use crate::structure::plan::StructurePlan;
 use crate::structure::quads::Quads;
+use crate::structure::value_order::{Column, PointAxis};
 use crate::wide::widest;
 
 /// The points that a channel can use, in their order.
@@ -44,7 +45,7 @@ impl Table {
         let is_used = |index: &usize| !needs_normals || points.normals[*index].is_some();
         let used: Vec<usize> = (0..points.positions.len()).filter(is_used).collect();
         let mut table = Self::of_size(plan, used.len());
-        let normal = plan.has_angles.then_some(plan.differences);
+        let normal = plan.has_angles.then_some(plan.order.normal());
         let has_boxes = !plan.is_of_cloud();
         widest(Place { table: &mut table, points, used: &used, normal, has_boxes });
         let colours: Cow<[[u8; 3]]> = if used.len() == points.positions.len() {
@@ -54,7 +55,7 @@ impl Table {
         };
         for (number, column) in plan.columns.iter().enumerate() {
             let values = column.values(&colours, mean);
-            table.column(plan.place_of_column(number)).zip(values).for_each(|(place, value)| *place = value);
+            table.column(plan.order.place(number)).zip(values).for_each(|(place, value)| *place = value);
         }
         if plan.draws(table.points) {
             table.quads = Quads::new(table.points, &table.columns, table.stride);
@@ -76,7 +77,7 @@ impl Table {
     fn of_size(plan: &StructurePlan, points: usize) -> Self {
         // Never 0: a chunk has a length.
         let stride = points.next_multiple_of(BLOCK).max(BLOCK);
-        Self { points, stride, columns: vec![f32::NAN; plan.values * stride], ..Self::default() }
+        Self { points, stride, columns: vec![f32::NAN; plan.order.values * stride], ..Self::default() }
     }
 
     /// A value of all points.
