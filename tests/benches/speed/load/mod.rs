@@ -133,11 +133,12 @@ fn work(workers: u32, ahead: usize, effort: Effort, address: String) -> Vec<Reco
     let manner = Arc::new(Manner { address, effort, ahead, clouds: Mutex::default() });
     let runtime = tokio::runtime::Runtime::new().unwrap();
     runtime.block_on(async {
-        let mut at_work = JoinSet::new();
+        // All join before any works: those who came late to a busy coordinator would find few jobs left, or none.
+        let mut joined = Vec::new();
         for number in 0..workers {
-            let worker = Worker::join(Arc::clone(&manner), format!("worker-{number}")).await;
-            at_work.spawn(worker.work());
+            joined.push(Worker::join(Arc::clone(&manner), format!("worker-{number}")).await);
         }
+        let at_work: JoinSet<Record> = joined.into_iter().map(Worker::work).collect();
         at_work.join_all().await
     })
 }
