@@ -49,6 +49,17 @@ pub struct Reopened {
     pub dataset: Dataset,
 }
 
+/// What was written at the end of the run in a folder.
+///
+/// # Errors
+/// [`ReopenError`] if there is no folder, or no finished run in it.
+pub fn finished(run: &Path) -> Result<FinishedRun, ReopenError> {
+    if !run.is_dir() {
+        return Err(ReopenError::NoFolder(run.to_owned()));
+    }
+    Ok(results::read_run(run)?)
+}
+
 /// Opens a finished run again; `data` is another place of its data root, if that has moved.
 pub fn reopen(
     run: &Path,
@@ -56,10 +67,7 @@ pub fn reopen(
     overrides: Overrides,
     store: &Store,
 ) -> Result<Reopened, ReopenError> {
-    if !run.is_dir() {
-        return Err(ReopenError::NoFolder(run.to_owned()));
-    }
-    let finished = results::read_run(run)?;
+    let finished = finished(run)?;
     let got = finished.row.evaluation_version;
     if got != descriptor::EVALUATION_VERSION {
         let expected = descriptor::EVALUATION_VERSION;

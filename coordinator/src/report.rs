@@ -1,21 +1,19 @@
 //! What a report says of a run beside its tables: channels of the winner, the verdict, and the clouds it gets wrong.
 
 use std::path::Path;
-use std::time::SystemTime;
 
 use descriptor::Descriptor;
 use descriptor::structure::{Pairs, Weighted};
 use proto::Message;
 use rayon::prelude::*;
 use results::{
-    ChannelPairs, FinishedRun, LookRow, PredictionSplit, RunFolder, SeenCloud, ShownCloud, Told,
-    WinnerChannel, WrongClouds,
+    ChannelPairs, FinishedRun, PredictionSplit, SeenCloud, ShownCloud, Told, WinnerChannel, WrongClouds,
 };
 
 use crate::compare::verdict;
 use crate::examine::{DecimatedCloud, ExamineError, Examiner, Explanation};
 use crate::experiment::{Experiment, Overrides};
-use crate::run::rows;
+use crate::looks;
 
 /// Wrong answers that are shown in 3D.
 const MOST_WRONG: usize = 30;
@@ -118,13 +116,7 @@ fn note_look(folder: &Path, experiment: &Experiment) -> Result<(), results::Erro
     if results::read_looks(folder)?.iter().any(|look| look.command == COMMAND) {
         return Ok(());
     }
-    let columns = rows::gene_columns(experiment.space());
-    RunFolder::create(folder, &columns)?.record_look(&LookRow {
-        at: SystemTime::now(),
-        command: COMMAND.to_owned(),
-        reason: "clouds that the winner gets wrong are shown".to_owned(),
-        descriptors: String::new(),
-    })
+    looks::note(folder, experiment, [COMMAND, "clouds that the winner gets wrong are shown", ""])
 }
 
 fn winner_channel(weighted: &Weighted) -> WinnerChannel {

@@ -9,9 +9,11 @@ use serde_json::{Value, json};
 
 use crate::export::{self, Assessment, Rejected};
 use crate::lines::{labelled, table, wrapped};
+use crate::looks::Look;
 use crate::run::progress::percent;
 
 use super::layout::{LayoutArgs, LayoutName};
+use super::look::{LookArgs, noted};
 
 /// Measure an artefact on labelled clouds: wrong names, known objects that are rejected, and unknown ones
 ///
@@ -31,6 +33,8 @@ pub struct Assess {
     query: Vec<PathBuf>,
     #[command(flatten)]
     layout: LayoutArgs,
+    #[command(flatten)]
+    look: LookArgs,
     /// Print one JSON object on standard output, for example for jq
     #[arg(long)]
     json: bool,
@@ -41,8 +45,10 @@ impl Assess {
         let lists: Vec<PathBuf> =
             self.query.iter().map(|list| super::evaluate::list_file(&self.data, list)).collect();
         let layout = self.layout.or(LayoutName::Folders);
-        let assessed = export::assess(&self.artefact, &self.data, &layout, &lists)?;
-        super::print(&if self.json { format!("{}\n", json(&assessed)) } else { text(&assessed) })?;
+        let look = self.look.look("assess");
+        let assessed = export::assess(&self.artefact, &self.data, &layout, &lists, look.as_ref())?;
+        let text = || text(&assessed, look.as_ref());
+        super::print(&if self.json { format!("{}\n", json(&assessed)) } else { text() })?;
         Ok(ExitCode::SUCCESS)
     }
 }
@@ -51,7 +57,7 @@ fn share(count: usize, all: usize) -> String {
     if all == 0 { "none".to_owned() } else { percent(count as f64 / all as f64) }
 }
 
-fn text(assessed: &Assessment) -> String {
+fn text(assessed: &Assessment, look: Option<&Look>) -> String {
     let Assessment { known, wrong, wrong_accepted, foreign, foreign_rejected, left_out, .. } = assessed;
     let mut told = format!("{known} clouds, wrong name {} ({wrong})", share(*wrong, *known));
     if let Some(rate) = assessed.false_rejections {
@@ -91,6 +97,9 @@ fn text(assessed: &Assessment) -> String {
         );
         text += &wrapped(&format!("separation    {told}"), 14);
     }
+    if let Some((look, test_clouds)) = look.zip(assessed.test_clouds) {
+        text += &labelled("look", 14, &noted(look, test_clouds));
+    }
     text
 }
 
@@ -123,5 +132,6 @@ fn json(assessed: &Assessment) -> Value {
         "no_curve": reason,
         "separation": assessed.separation.map(|[by_probability, _]| by_probability),
         "separation_by_margin": assessed.separation.map(|[_, by_margin]| by_margin),
+        "test_clouds": assessed.test_clouds,
     })
 }

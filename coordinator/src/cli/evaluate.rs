@@ -13,10 +13,12 @@ use descriptor::{
 use serde_json::json;
 
 use super::layout::{LayoutArgs, LayoutName};
+use super::look::{LookArgs, noted};
 use crate::dataset::Listing;
 use crate::evaluate::{DescribedClouds, Report, Request, compared_by};
 use crate::experiment::name_advice;
 use crate::lines::wrapped;
+use crate::looks::Look;
 use crate::run::progress::percent;
 use crate::run::summary;
 
@@ -68,6 +70,8 @@ pub struct Evaluate {
     no_colour: bool,
     #[command(flatten)]
     layout: LayoutArgs,
+    #[command(flatten)]
+    look: LookArgs,
     /// Write each query's nearest cloud to a file (query, nearest, distance), for example nearest.txt
     #[arg(long, value_name = "FILE")]
     nearest: Option<PathBuf>,
@@ -109,6 +113,12 @@ impl Evaluate {
             threads,
             scaled_by: None,
         };
+        let note = |look: Look| -> anyhow::Result<(Look, usize)> {
+            let files: Vec<&Path> = request.listing.clouds.iter().map(|cloud| &*cloud.file).collect();
+            let test_clouds = look.note(&files, descriptor.family().name())?;
+            Ok((look, test_clouds))
+        };
+        let looked = self.look.look("evaluate").map(note).transpose()?;
         let report = DescribedClouds::new(&request, &|| ())?.report(distance)?;
         if let Some(file) = &self.nearest {
             let lines: String = report
@@ -124,9 +134,9 @@ impl Evaluate {
             })?;
         }
         let text = if self.json {
-            json(&descriptor, distance, &report)
+            json(&descriptor, distance, &report, looked.as_ref())
         } else {
-            text(&descriptor, distance, &report)
+            text(&descriptor, distance, &report, looked.as_ref())
         };
         super::print(&text)?;
         Ok(ExitCode::SUCCESS)
@@ -214,7 +224,12 @@ fn domains(family: Family, set: &[String], colour: bool) -> anyhow::Result<Vec<D
     Ok(domains)
 }
 
-fn json(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> String {
+fn json(
+    descriptor: &Descriptor,
+    distance: SetDistance,
+    report: &Report,
+    looked: Option<&(Look, usize)>,
+) -> String {
     let Report { correct, seconds, .. } = report;
     let error = |right: usize| (correct.queries - right) as f64 / correct.queries as f64;
     let family = descriptor.family();
@@ -244,6 +259,7 @@ fn json(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> Stri
             "match": seconds.matching.as_secs_f64(),
             "total": seconds.total.as_secs_f64(),
         },
+        "test_clouds": looked.map(|(_, test_clouds)| test_clouds),
     });
     format!("{value}\n")
 }
@@ -267,7 +283,12 @@ fn fitting(line: &str) -> String {
     wrapped(line, 16).trim_end().to_owned()
 }
 
-fn text(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> String {
+fn text(
+    descriptor: &Descriptor,
+    distance: SetDistance,
+    report: &Report,
+    looked: Option<&(Look, usize)>,
+) -> String {
     let Report { correct, seconds, .. } = report;
     let share = |part: usize| percent(part as f64 / correct.queries as f64);
     let (object, category) = (correct.queries - correct.object, correct.queries - correct.category);
@@ -298,6 +319,9 @@ fn text(descriptor: &Descriptor, distance: SetDistance, report: &Report) -> Stri
         time("match", seconds.matching),
         time("total", seconds.total)
     )));
+    if let Some((look, test_clouds)) = looked {
+        lines.push(fitting(&format!("look            {}", noted(look, *test_clouds))));
+    }
     lines.push(String::new());
     lines.join("\n")
 }

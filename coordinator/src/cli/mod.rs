@@ -14,6 +14,7 @@ mod join_command;
 mod keygen;
 mod layout;
 mod learn;
+mod look;
 #[cfg(feature = "sql")]
 mod memory_limit;
 mod prune;

@@ -1,11 +1,9 @@
 //! One run that a dashboard shows: its feed, its clouds, and what is asked about them.
 
-use std::path::Path;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Instant, SystemTime};
+use std::time::Instant;
 
 use descriptor::Descriptor;
-use results::{LookRow, RunFolder};
 use serde_json::{Value, json};
 use worker::names::Names;
 
@@ -19,8 +17,8 @@ use crate::dataset::SPLITS;
 use crate::dataset::record::CloudRecord;
 use crate::examine::{DecimatedCloud, Examiner};
 use crate::experiment::Experiment;
+use crate::looks;
 use crate::report::told;
-use crate::run::rows;
 
 /// Most points of a cloud that is sent.
 const MOST_POINTS: usize = 60_000;
@@ -233,22 +231,12 @@ impl Shown {
         }
         let mut has_looked = lock(&self.has_looked);
         if !*has_looked {
-            note_look(&self.found.folder, &self.experiment()?)?;
+            let told = ["dashboard", "test clouds are shown", ""];
+            looks::note(&self.found.folder, &self.experiment()?, told)?;
             *has_looked = true;
         }
         Ok(())
     }
-}
-
-/// Notes in a run folder that its test clouds are shown.
-fn note_look(folder: &Path, experiment: &Experiment) -> Result<(), results::Error> {
-    let columns = rows::gene_columns(experiment.space());
-    RunFolder::create(folder, &columns)?.record_look(&LookRow {
-        at: SystemTime::now(),
-        command: "dashboard".to_owned(),
-        reason: "test clouds are shown".to_owned(),
-        descriptors: String::new(),
-    })
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {

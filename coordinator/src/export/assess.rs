@@ -13,6 +13,7 @@ use super::error::AssessError;
 use super::reject;
 use crate::dataset::{Layout, NamedCloud, cloud_bytes};
 use crate::evaluate::Seconds;
+use crate::looks::Look;
 
 /// Shares of false rejections, as they were calibrated, for which rejections are measured.
 const RATES: [f64; 7] = [0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5];
@@ -20,6 +21,8 @@ const RATES: [f64; 7] = [0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.5];
 /// What was measured.
 #[derive(Clone, Debug)]
 pub struct Assessment {
+    /// Clouds that are test clouds of the run, if one was named.
+    pub test_clouds: Option<usize>,
     /// Clouds whose object the artefact knows.
     pub known: usize,
     /// Those among them that are called by another object's name, whether or not the answer is believed.
@@ -63,7 +66,8 @@ struct Query {
 }
 
 /// Asks an artefact about the clouds of lists, by the current rayon pool: as it is, and without each object in turn, for
-/// which its recogniser is learned again with the same settings. Rules keep what was found with all objects.
+/// which its recogniser is learned again with the same settings. Rules keep what was found with all objects. A `look` is
+/// noted before.
 ///
 /// # Errors
 /// [`AssessError`]: a cloud that cannot be used is only skipped.
@@ -72,6 +76,7 @@ pub fn assess(
     root: &Path,
     layout: &Layout,
     lists: &[PathBuf],
+    look: Option<&Look>,
 ) -> Result<Assessment, AssessError> {
     let contents = Contents::read(artefact)?;
     let listed = NamedCloud::listed(root, layout, lists)?;
@@ -82,6 +87,13 @@ pub fn assess(
         (contents.descriptor.clone(), contents.recognition, contents.reject);
     let false_rejections = contents.settings.reject.map(|reject| reject.false_rejections);
     let recogniser = contents.recogniser(artefact)?;
+    let test_clouds = match look {
+        Some(look) => {
+            let files: Vec<&Path> = listed.iter().map(|cloud| cloud.file.as_path()).collect();
+            Some(look.note(&files, descriptor.family().name())?)
+        }
+        None => None,
+    };
 
     let described: Vec<_> = listed.par_iter().map(|cloud| describe(&recogniser, cloud)).collect();
     let numbers: BTreeMap<&str, u32> = (clouds.iter().zip(labels(&clouds)))
@@ -160,6 +172,7 @@ pub fn assess(
             .collect()
     });
     Ok(Assessment {
+        test_clouds,
         known: asked.len(),
         wrong: count(&asked, &|answer| !answer.is_right),
         wrong_accepted: count(&asked, &|answer| !answer.is_right && accepted(answer)),

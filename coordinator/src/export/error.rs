@@ -9,6 +9,7 @@ use descriptor::recogniser;
 
 use crate::dataset::DatasetError;
 use crate::front::FrontError;
+use crate::looks::LookError;
 use crate::reopen::ReopenError;
 use crate::run::RunError;
 
@@ -246,6 +247,9 @@ pub enum AssessError {
     /// The clouds or their names.
     #[error(transparent)]
     Dataset(#[from] DatasetError),
+    /// The run whose test clouds may be asked.
+    #[error(transparent)]
+    Look(#[from] LookError),
     /// Nothing can be asked.
     #[error(
         "--query: must have a usable cloud, got {skipped} skipped ones\nlook at the reasons, or choose other lists"

@@ -74,11 +74,11 @@ record! {
 }
 
 record! {
-    /// A release of test clouds to workers.
+    /// A release of test clouds to workers, or another use of them.
     #[derive(Clone, Debug, PartialEq)]
     pub struct LookRow {
-        at: SystemTime, "UTC", "when test clouds were released to workers or shown to people";
-        command: String, "", "by which command: run, compare (with --perturb and its kinds), dashboard or report";
+        at: SystemTime, "UTC", "when test clouds were released to workers, shown to people, or measured on";
+        command: String, "", "by which command: run, compare (with --perturb and its kinds), dashboard, report, assess or evaluate";
         reason: String, "", "what for";
         descriptors: String, "", "which descriptors were measured, separated by spaces";
         => chain: Option<String>, "", "BLAKE3 that chains all looks before this one; null in those of earlier builds"

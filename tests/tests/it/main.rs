@@ -28,6 +28,7 @@
 //! - `pieces`: evaluations in pieces
 //! - `packages`: what packages contain beside the programs
 //! - `protocol`: the coordinator's port as a client sees it
+//! - `looks`: measurements on test clouds, noted in their run
 //! - `lost_output`: standard output and error that are full or closed
 //! - `leaks`: what positions of clouds give away
 //! - `metrics`: what Prometheus and probes are told
@@ -75,6 +76,7 @@ mod impostors;
 mod joining;
 mod leaks;
 mod lifetimes;
+mod looks;
 mod lost_output;
 mod members;
 mod messages;

@@ -1,0 +1,104 @@
+//! Looks at the test clouds of a run by commands that need no run: noted where `--run` names it.
+
+use std::fs;
+use std::path::Path;
+
+use results::read_looks;
+use serde_json::Value;
+
+use crate::experiments::{Experiment, clouds};
+use crate::process::{Finished, run};
+
+const SEARCH: &str = "[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n\
+    [results]\nbaselines = false\n";
+
+/// A finished run and its artefact.
+fn exported() -> (Experiment, [String; 2]) {
+    let experiment = Experiment::new(SEARCH);
+    experiment.run("out", &[]).expect_success();
+    let places = ["out", "artefact"].map(|name| experiment.path(name));
+    run("coordinator", ["export", &places[0], &places[1]]).expect_success();
+    (experiment, places)
+}
+
+/// Each look at the run: its command and its reason.
+fn looks(run: &str) -> Vec<[String; 2]> {
+    read_looks(run).unwrap().into_iter().map(|look| [look.command, look.reason]).collect()
+}
+
+fn test_clouds(finished: Finished) -> Value {
+    let told: Value = serde_json::from_str(&finished.expect_success().stdout).unwrap();
+    told["test_clouds"].clone()
+}
+
+fn lines(list: &str) -> Vec<String> {
+    fs::read_to_string(clouds().join(list)).unwrap().lines().map(str::to_owned).collect()
+}
+
+#[test]
+fn measurements_on_test_clouds_are_noted_in_the_run() {
+    let (experiment, [out, artefact]) = exported();
+    let data = clouds().display().to_string();
+    let assess = |list: &str, more: &[&str]| {
+        let args = ["assess", &artefact, "--data", &data, "--query", list];
+        run("coordinator", args.into_iter().chain(more.iter().copied()))
+    };
+    let before = looks(&out);
+    assert_eq!(before.len(), 1);
+
+    // Without the run nobody knows, and clouds that are none of its test clouds are no look.
+    assert_eq!(test_clouds(assess("test.txt", &["--json"])), Value::Null);
+    assert_eq!(test_clouds(assess("validation.txt", &["--run", &out, "--json"])), 0);
+    let told = assess("validation.txt", &["--run", &out]).expect_success().stdout;
+    assert!(told.contains("\nlook          none noted: no cloud is a test cloud of "), "{told}");
+    assert_eq!(looks(&out), before);
+
+    let asked = assess("test.txt", &["--run", &out, "--reason", "bounds", "--json"]);
+    assert_eq!(test_clouds(asked), lines("test.txt").len());
+    assert_eq!(looks(&out)[1..], [["assess", "bounds"].map(str::to_owned)]);
+
+    // A test cloud is one under any name, on either side.
+    let copies = experiment.path("copies");
+    let copy = |cloud: &str, category: &str| {
+        let path = format!("{category}/{category}_1/copy.pcd");
+        let place = Path::new(&copies).join(&path);
+        fs::create_dir_all(place.parent().unwrap()).unwrap();
+        fs::copy(clouds().join(cloud), place).unwrap();
+        fs::write(format!("{copies}/{category}.txt"), path).unwrap();
+    };
+    copy(&lines("train1.txt")[0], "mug");
+    copy(&lines("test.txt")[0], "can");
+    let evaluate = |[query, database]: [&str; 2], more: &[&str]| {
+        let lists = ["--data", &copies, "--query", query, "--database", database, "--run", &out];
+        run("coordinator", ["evaluate"].into_iter().chain(lists).chain(more.iter().copied()))
+    };
+    assert_eq!(test_clouds(evaluate(["mug.txt", "can.txt"], &["--json"])), 1);
+    let told = evaluate(["can.txt", "mug.txt"], &[]).expect_success().stdout;
+    let told = told.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(told.contains(&format!("look noted in table looks of {out}, 1 of whose test clouds")), "{told}");
+    let evaluated = ["evaluate", "a descriptor is measured"].map(str::to_owned);
+    assert_eq!(looks(&out)[2..], [evaluated.clone(), evaluated]);
+    run("coordinator", ["verify", &out, "--sample", "0"]).expect_success();
+}
+
+#[test]
+fn a_look_that_cannot_be_noted_is_not_taken() {
+    let (experiment, [out, artefact]) = exported();
+    let data = clouds().display().to_string();
+    let refused = |folder: &str, complaint: &str| {
+        let args = ["assess", &artefact, "--data", &data, "--query", "test.txt", "--run", folder];
+        let refused = run("coordinator", args).expect_error();
+        assert!(refused.stderr.contains(complaint) && refused.stdout.is_empty(), "{complaint}: {refused}");
+        let args = ["evaluate", "--data", &data, "--query", "test.txt", "--database", "train1.txt"];
+        let refused = run("coordinator", args.into_iter().chain(["--run", folder])).expect_error();
+        assert!(refused.stderr.contains(complaint) && refused.stdout.is_empty(), "{complaint}: {refused}");
+    };
+    refused(&experiment.path("nowhere"), "nowhere: no such run folder");
+    refused(&artefact, "run.parquet");
+    fs::remove_file(format!("{out}/clouds.tsv")).unwrap();
+    refused(&out, "no list of clouds in this run folder");
+    assert_eq!(looks(&out).len(), 1);
+    let args = ["assess", &artefact, "--data", &data, "--query", "test.txt", "--reason", "none"];
+    let refused = run("coordinator", args).expect_error();
+    assert!(refused.stderr.contains("--run <RUN>"), "{refused}");
+}
