@@ -7,11 +7,10 @@ use std::time::SystemTime;
 use rayon::prelude::*;
 use results::{LookRow, RunFolder};
 
-use crate::dataset::cloud_bytes;
-use crate::examine::{ExamineError, Examiner};
+use crate::dataset::{SPLITS, cloud_bytes};
 use crate::experiment::{Experiment, Overrides};
 use crate::reopen::{ReopenError, finished};
-use crate::run::rows;
+use crate::run::{clouds, rows};
 
 /// Why a look cannot be noted.
 #[derive(Debug, thiserror::Error)]
@@ -19,9 +18,14 @@ pub enum LookError {
     /// The run cannot be opened.
     #[error(transparent)]
     Run(#[from] ReopenError),
-    /// It does not say which its clouds are.
-    #[error(transparent)]
-    Clouds(#[from] ExamineError),
+    /// It does not say which its clouds are, or another list than its own does.
+    #[error(
+        "{run}: clouds.tsv must be the list of the run's clouds, got another or none\nput back what the run has written: without it, nobody knows its test clouds"
+    )]
+    Clouds {
+        /// The run.
+        run: PathBuf,
+    },
 }
 
 /// A look that may be about to be taken.
@@ -36,27 +40,29 @@ pub struct Look {
 }
 
 impl Look {
-    /// Notes it if these files have test clouds of the run, whatever they are called; how many they are. Files that
+    /// Notes it if there are test clouds of the run among these files, told by their bytes; how many files are. Those that
     /// cannot be read are none.
     ///
     /// # Errors
-    /// [`LookError`] if the folder has no finished run, or lists no clouds.
+    /// [`LookError`] if the folder has no finished run, does not list its clouds, or cannot be written to.
     pub fn note(&self, files: &[&Path], descriptor: &str) -> Result<usize, LookError> {
-        let record = finished(&self.run)?.row.resolved_toml;
-        let experiment = Experiment::from_record(&record, &self.run, None, Overrides::default())
+        let row = finished(&self.run)?.row;
+        let experiment = Experiment::from_record(&row.resolved_toml, &self.run, None, Overrides::default())
             .map_err(ReopenError::from)?;
-        let examiner = Examiner::new(&self.run, &experiment)?;
-        let tests = examiner.clouds().iter().filter(|cloud| examiner.is_test(cloud));
+        // By a list that somebody has changed, test clouds could be asked without a look.
+        let clouds = clouds::kept(&self.run, &row.data_digest)
+            .ok_or_else(|| LookError::Clouds { run: self.run.clone() })?;
+        let tests = clouds.iter().filter(|cloud| SPLITS[cloud.split] == "test");
         let tests: HashSet<[u8; 32]> = tests.filter_map(|cloud| cloud.digest).collect();
         let is_test = |file: &&&Path| {
             cloud_bytes(file).is_ok_and(|bytes| tests.contains(blake3::hash(&bytes).as_bytes()))
         };
-        let asked = files.par_iter().filter(is_test).count();
-        if asked > 0 {
+        let count = files.par_iter().filter(is_test).count();
+        if count > 0 {
             note(&self.run, &experiment, [self.command, &self.reason, descriptor])
                 .map_err(ReopenError::from)?;
         }
-        Ok(asked)
+        Ok(count)
     }
 }
 

@@ -47,8 +47,8 @@ impl Assess {
         let layout = self.layout.or(LayoutName::Folders);
         let look = self.look.look("assess");
         let assessed = export::assess(&self.artefact, &self.data, &layout, &lists, look.as_ref())?;
-        let text = || text(&assessed, look.as_ref());
-        super::print(&if self.json { format!("{}\n", json(&assessed)) } else { text() })?;
+        let text = if self.json { format!("{}\n", json(&assessed)) } else { text(&assessed, look.as_ref()) };
+        super::print(&text)?;
         Ok(ExitCode::SUCCESS)
     }
 }

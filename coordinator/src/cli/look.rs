@@ -14,7 +14,7 @@ pub(super) struct LookArgs {
     #[arg(long, value_name = "RUN")]
     run: Option<PathBuf>,
     /// Why the test clouds are looked at, for example "table 1 of the paper"; kept in table looks
-    #[arg(long, value_name = "TEXT", requires = "run", default_value = "a descriptor is measured")]
+    #[arg(long, value_name = "TEXT", requires = "run", default_value = "measurement on given clouds")]
     reason: String,
 }
 
@@ -31,6 +31,6 @@ pub(super) fn noted(look: &Look, test_clouds: usize) -> String {
     let run = look.run.display();
     match test_clouds {
         0 => format!("none noted: no cloud is a test cloud of {run}"),
-        _ => format!("noted in table looks of {run}, {test_clouds} of whose test clouds are asked"),
+        _ => format!("noted in table looks of {run}: {test_clouds} of these clouds are its test clouds"),
     }
 }

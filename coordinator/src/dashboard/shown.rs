@@ -231,8 +231,8 @@ impl Shown {
         }
         let mut has_looked = lock(&self.has_looked);
         if !*has_looked {
-            let told = ["dashboard", "test clouds are shown", ""];
-            looks::note(&self.found.folder, &self.experiment()?, told)?;
+            let look = ["dashboard", "test clouds are shown", ""];
+            looks::note(&self.found.folder, &self.experiment()?, look)?;
             *has_looked = true;
         }
         Ok(())

@@ -41,7 +41,7 @@ pub fn listed(folder: &Path) -> Option<Vec<CloudRecord>> {
 }
 
 /// The clouds that a folder lists, or, for a run of a sweep, that of the sweep, if they are those of the digest.
-fn kept(folder: &Path, digest: &str) -> Option<Vec<CloudRecord>> {
+pub fn kept(folder: &Path, digest: &str) -> Option<Vec<CloudRecord>> {
     let read = |folder: &Path| {
         let bytes = read_file(&folder.join(CLOUDS_FILE)).ok()?;
         let clouds = record::from_text(std::str::from_utf8(&bytes).ok()?)?;

@@ -9,7 +9,7 @@ use crate::structure::quads::{QUAD, Quads};
 use crate::structure::table::Table;
 use crate::structure::value_order::ValueOrder;
 
-/// Most values of a point, position, normal, gap and columns, in whole quads.
+/// No point has more values, position, normal, gap and columns, in whole quads.
 pub(super) const MAX_VALUES: usize = (6 + QUAD - 1 + StructureChannel::MAX_AXES).next_multiple_of(QUAD);
 
 /// Values of points or their differences, one in each lane, in the order of [`StructurePlan::order`]. No distance to a
@@ -65,8 +65,8 @@ impl Group {
         }
     }
 
-    /// Takes over the differences of the second points' values and the first's, lane by lane, and into `second` the second
-    /// points' codes beside them.
+    /// Takes over the values of the second points minus those of the first, lane by lane, and into `second` the codes of
+    /// the second points that are fetched with them.
     #[inline(always)]
     pub(super) fn gather_differences(
         &mut self,
@@ -86,6 +86,7 @@ impl Group {
                     gathered[value] = if are_differences[value] { difference } else { second[value] };
                 }
             }
+            // Codes are turned with the differences, into lanes of the other group.
             let mut lanes = self.quad(quad).each_mut();
             for ((lanes, codes), is_difference) in
                 lanes.iter_mut().zip(second.quad(quad)).zip(are_differences)

@@ -30,11 +30,12 @@ pub(super) struct PointAxis {
 /// is fetched brings as much as it can.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct ValueOrder {
-    /// Number of values, that of the gap included.
+    /// Number of values, with the gap if anything follows it.
     pub(super) values: usize,
     /// Position and columns of differences, which are the first.
     pub(super) differences: usize,
-    /// Normal, if a feature is made of normals, and columns of ratios.
+    /// Normal, if a feature is made of normals, and columns of ratios. Where there are none it is empty, and may begin
+    /// after the last value.
     pub(super) of_both: Range<usize>,
     /// Where each column is.
     columns: Vec<usize>,

@@ -132,7 +132,7 @@ fn declaration(table: TableName) -> Declaration {
         ),
         TableName::Events => Declaration::of::<EventRow>("something worth telling that happened", &["at"]),
         TableName::Looks => Declaration::of::<LookRow>(
-            "a release of test clouds to workers, or that people are shown some",
+            "a release of test clouds to workers, that people are shown some, or a measurement on some",
             &["at"],
         ),
         TableName::Run => {

@@ -75,8 +75,11 @@ fn measurements_on_test_clouds_are_noted_in_the_run() {
     assert_eq!(test_clouds(evaluate(["mug.txt", "can.txt"], &["--json"])), 1);
     let told = evaluate(["can.txt", "mug.txt"], &[]).expect_success().stdout;
     let told = told.split_whitespace().collect::<Vec<_>>().join(" ");
-    assert!(told.contains(&format!("look noted in table looks of {out}, 1 of whose test clouds")), "{told}");
-    let evaluated = ["evaluate", "a descriptor is measured"].map(str::to_owned);
+    assert!(
+        told.contains(&format!("look noted in table looks of {out}: 1 of these clouds are its test clouds")),
+        "{told}"
+    );
+    let evaluated = ["evaluate", "measurement on given clouds"].map(str::to_owned);
     assert_eq!(looks(&out)[2..], [evaluated.clone(), evaluated]);
     run("coordinator", ["verify", &out, "--sample", "0"]).expect_success();
 }
@@ -90,13 +93,22 @@ fn a_look_that_cannot_be_noted_is_not_taken() {
         let refused = run("coordinator", args).expect_error();
         assert!(refused.stderr.contains(complaint) && refused.stdout.is_empty(), "{complaint}: {refused}");
         let args = ["evaluate", "--data", &data, "--query", "test.txt", "--database", "train1.txt"];
-        let refused = run("coordinator", args.into_iter().chain(["--run", folder])).expect_error();
+        let nearest = experiment.path("nearest.txt");
+        let more = ["--nearest", &nearest, "--run", folder];
+        let refused = run("coordinator", args.into_iter().chain(more)).expect_error();
+        assert!(!Path::new(&nearest).exists(), "nothing is measured");
         assert!(refused.stderr.contains(complaint) && refused.stdout.is_empty(), "{complaint}: {refused}");
     };
     refused(&experiment.path("nowhere"), "nowhere: no such run folder");
     refused(&artefact, "run.parquet");
-    fs::remove_file(format!("{out}/clouds.tsv")).unwrap();
-    refused(&out, "no list of clouds in this run folder");
+    // Without the run's own list its test clouds would pass for others.
+    let list = format!("{out}/clouds.tsv");
+    let listed = fs::read_to_string(&list).unwrap();
+    fs::write(&list, listed.replace("test\t", "validation\t")).unwrap();
+    assert!(fs::read_to_string(&list).unwrap() != listed);
+    refused(&out, "clouds.tsv must be the list of the run's clouds, got another or none");
+    fs::remove_file(&list).unwrap();
+    refused(&out, "clouds.tsv must be the list of the run's clouds, got another or none");
     assert_eq!(looks(&out).len(), 1);
     let args = ["assess", &artefact, "--data", &data, "--query", "test.txt", "--reason", "none"];
     let refused = run("coordinator", args).expect_error();
