@@ -233,8 +233,8 @@ impl Dataset {
     /// the same bytes is not found out again; the result is the same without it.
     ///
     /// # Errors
-    /// [`DatasetError`], before any evaluation is spent. Of the splits that are wanted only validation or test may be
-    /// empty, and only if a seeded rule gives it no share.
+    /// [`DatasetError`], before any evaluation is spent. Of the splits that are wanted only validation may be empty, if
+    /// it is given no list, row or share, and test, if a seeded rule gives it no share.
     pub fn load(
         settings: &DatasetSettings,
         preprocess: &Preprocess,
@@ -247,7 +247,7 @@ impl Dataset {
         let Loaded { mut clouds, indices, positions } =
             load(&root, &lists, wanted.positioned(), preprocess, settings.skip_unreadable, store)?;
         for (split, name) in SPLITS.into_iter().enumerate().take(wanted.count()) {
-            if indices[split].is_empty() && !split::may_be_empty(&settings.splits, split) {
+            if indices[split].is_empty() && !lists[split].is_empty() {
                 return Err(DatasetError::all_skipped(name, lists[split].len(), &clouds));
             }
         }

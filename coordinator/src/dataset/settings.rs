@@ -30,8 +30,8 @@ impl DatasetSettings {
         if let Layout::Manifest { file } = &mut self.layout {
             paths.push(file);
         }
-        if let SplitRule::Files { train1, train2, validation, test } = &mut self.splits {
-            paths.extend([train1, train2, validation, test]);
+        if let SplitRule::Lists(lists) = &mut self.splits {
+            paths.extend(lists.iter_mut().flatten());
         }
         for path in paths {
             *path = change(path);
@@ -63,17 +63,9 @@ pub enum Layout {
 /// Which cloud is in which split.
 #[derive(Clone, Debug, PartialEq)]
 pub enum SplitRule {
-    /// One list a split: a path relative to the root on each line, `#` comments and blank lines allowed.
-    Files {
-        /// Queries of the fitness.
-        train1: PathBuf,
-        /// Database of the fitness.
-        train2: PathBuf,
-        /// Queries against train1 and train2.
-        validation: PathBuf,
-        /// Queries of the final test, against the other three.
-        test: PathBuf,
-    },
+    /// The lists of each of [`SPLITS`](super::SPLITS), of validation none where nothing asks for it: a path relative to
+    /// the root on each line, `#` comments and blank lines allowed.
+    Lists([Vec<PathBuf>; 4]),
     /// The column `split` of the manifest; an empty field leaves the cloud out.
     Manifest,
     /// Drawn from every cloud the layout finds.

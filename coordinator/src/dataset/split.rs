@@ -23,11 +23,12 @@ pub(super) fn split(
 ) -> Result<[Vec<Labelled>; 4], DatasetError> {
     let labels = Labels::read(&settings.layout, root).map_err(DatasetError::of_manifest)?;
     let mut splits = match &settings.splits {
-        SplitRule::Files { train1, train2, validation, test } => {
+        SplitRule::Lists(lists) => {
             let mut splits = [const { Vec::new() }; 4];
-            let files = [train1, train2, validation, test];
-            for ((split, file), name) in splits.iter_mut().zip(files).zip(SPLITS).take(wanted.count()) {
-                *split = labels.list(file, root).map_err(|error| error.of_list(name))?;
+            for ((split, files), name) in splits.iter_mut().zip(lists).zip(SPLITS).take(wanted.count()) {
+                for file in files {
+                    split.extend(labels.list(file, root).map_err(|error| error.of_list(name))?);
+                }
             }
             splits
         }
@@ -43,10 +44,12 @@ pub(super) fn split(
     Ok(splits)
 }
 
-/// Whether a split, by its position in [`SPLITS`], was given no share on purpose.
-pub(super) fn may_be_empty(rule: &SplitRule, split: usize) -> bool {
+/// Whether a split, by its position in [`SPLITS`], may be without clouds. A list that is given is not to be empty.
+fn may_be_empty(rule: &SplitRule, split: usize) -> bool {
     match (rule, split) {
         (SplitRule::Seeded(rule), 2) => rule.shares[2] == 0.0,
+        (SplitRule::Lists(lists), 2) => lists[2].is_empty(),
+        (SplitRule::Manifest, 2) => true,
         (SplitRule::Seeded(rule), 3) => rule.shares[3] == 0.0 && rule.test_sequences.is_empty(),
         _ => false,
     }

@@ -30,23 +30,24 @@ pub(super) enum RawSplitWord {
 #[derive(Debug, Default, Deserialize, Serialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, rename = "split_table")]
 pub(super) struct RawSplitTable {
-    /// List of the queries of the fitness; a relative path is relative to root. Default: train1.txt
+    /// List of the queries of the fitness, or several lists; a relative path is relative to root. Default: train1.txt
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "String", example = &"train1.txt")]
-    pub train1: Option<String>,
-    /// List of the database of the fitness; relative to root. Default: train2.txt
+    #[schemars(with = "RawLists", example = &"train1.txt")]
+    pub train1: Option<RawLists>,
+    /// List of the database of the fitness, or several; relative to root. Default: train2.txt
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "String", example = &"train2.txt")]
-    pub train2: Option<String>,
-    /// List of the queries against train1 and train2 that may stop the search; relative to root. Default:
+    #[schemars(with = "RawLists", example = example_lists())]
+    pub train2: Option<RawLists>,
+    /// List of the queries against train1 and train2 that may stop the search and choose the winner, or several; relative
+    /// to root. None at all, `[]`, with search.winner = "fitness" and stop.validation_patience = "off". Default:
     /// validation.txt
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "String", example = &"validation.txt")]
-    pub validation: Option<String>,
-    /// List of the queries of the final test, against the other three; relative to root. Default: test.txt
+    #[schemars(with = "RawLists", example = &"validation.txt")]
+    pub validation: Option<RawLists>,
+    /// List of the queries of the final test, against the other three, or several; relative to root. Default: test.txt
     #[serde(skip_serializing_if = "Option::is_none")]
-    #[schemars(with = "String", example = &"test.txt")]
-    pub test: Option<String>,
+    #[schemars(with = "RawLists", example = &"test.txt")]
+    pub test: Option<RawLists>,
     /// Draw the splits instead of reading lists.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "RawSeeded")]
@@ -86,6 +87,10 @@ fn example_sequences() -> [&'static str; 1] {
     ["2"]
 }
 
+fn example_lists() -> [&'static str; 2] {
+    ["train2.txt", "more.txt"]
+}
+
 impl Default for RawSeeded {
     fn default() -> Self {
         Self {
@@ -96,6 +101,33 @@ impl Default for RawSeeded {
             test: None,
             stratified: true,
             test_sequences: Vec::new(),
+        }
+    }
+}
+
+/// The list of a split, or several.
+#[derive(Clone, Debug, Serialize, JsonSchema)]
+#[serde(untagged, rename = "lists")]
+pub(super) enum RawLists {
+    One(String),
+    Several(Vec<String>),
+}
+
+impl RawLists {
+    /// As they are written.
+    pub(super) fn paths(self) -> Vec<String> {
+        match self {
+            Self::One(path) => vec![path],
+            Self::Several(paths) => paths,
+        }
+    }
+}
+
+impl fmt::Display for RawLists {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::One(path) => write!(f, "{path:?}"),
+            Self::Several(paths) => write!(f, "{paths:?}"),
         }
     }
 }
@@ -176,6 +208,28 @@ impl<'de> Deserialize<'de> for RawSeeds {
             }
         }
         deserializer.deserialize_any(SeedsVisitor)
+    }
+}
+
+impl<'de> Deserialize<'de> for RawLists {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct ListsVisitor;
+        impl<'de> Visitor<'de> for ListsVisitor {
+            type Value = RawLists;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("the path of a list, or paths of several such as [\"train2.txt\", \"more.txt\"]")
+            }
+
+            fn visit_str<E: Error>(self, path: &str) -> Result<Self::Value, E> {
+                Ok(RawLists::One(path.to_owned()))
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<Self::Value, A::Error> {
+                Vec::deserialize(SeqAccessDeserializer::new(seq)).map(RawLists::Several)
+            }
+        }
+        deserializer.deserialize_any(ListsVisitor)
     }
 }
 

@@ -12,7 +12,7 @@ use evolution::{Crossover, Encoding, GaSettings, Mutation, Scaling, WinnerRule};
 
 use super::defaults::SearchDefaults;
 use super::{DEFAULT_RESULTS_DIR, Experiment, LocalWorkers};
-use crate::dataset::{Layout, SeededSplit, SplitRule};
+use crate::dataset::{Layout, SPLITS, SeededSplit, SplitRule};
 use crate::fitness::Fitness;
 use cluster::sharding::ShardCount;
 use proto::task::Objective;
@@ -33,12 +33,14 @@ pub(super) fn resolved_toml(experiment: &Experiment) -> String {
     dataset_labels(&mut toml, experiment);
     match &dataset.splits {
         SplitRule::Manifest => toml.key("splits", quoted("manifest")),
-        SplitRule::Files { train1, train2, validation, test } => {
+        SplitRule::Lists(lists) => {
             toml.section("dataset.splits");
-            for (key, list) in
-                [("train1", train1), ("train2", train2), ("validation", validation), ("test", test)]
-            {
-                toml.key(key, path(list, &dataset.root));
+            for (key, lists) in SPLITS.iter().zip(lists) {
+                let paths: Vec<String> = lists.iter().map(|list| path(list, &dataset.root)).collect();
+                match &paths[..] {
+                    [one] => toml.key(key, one),
+                    several => toml.key(key, format!("[{}]", several.join(", "))),
+                }
             }
         }
         SplitRule::Seeded(seeded) => seeded_split(&mut toml, seeded),
@@ -89,7 +91,7 @@ pub(super) fn search_toml(experiment: &Experiment) -> String {
     dataset_labels(&mut toml, experiment);
     match &experiment.dataset.splits {
         // Lists are paths; what they say is covered by the data digest.
-        SplitRule::Files { .. } => toml.key("splits", quoted("lists")),
+        SplitRule::Lists(_) => toml.key("splits", quoted("lists")),
         SplitRule::Manifest => toml.key("splits", quoted("manifest")),
         SplitRule::Seeded(seeded) => seeded_split(&mut toml, seeded),
     }

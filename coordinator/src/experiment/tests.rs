@@ -56,8 +56,8 @@ fn what_is_not_written_is_the_papers() {
     assert_eq!((experiment.winner(), experiment.validates()), (WinnerRule::Validation, true));
     assert_eq!(experiment.dataset().root, Path::new("exp/clouds"));
     assert_eq!(experiment.dataset().layout, Layout::Uw);
-    let SplitRule::Files { train1, .. } = &experiment.dataset().splits else { panic!("lists") };
-    assert_eq!(train1, Path::new("exp/clouds/train1.txt"));
+    let SplitRule::Lists([train1, ..]) = &experiment.dataset().splits else { panic!("lists") };
+    assert_eq!(train1, &[Path::new("exp/clouds/train1.txt")]);
     assert_eq!(experiment.results_dir(), Path::new("results/runs"));
 }
 
@@ -86,6 +86,22 @@ fn shipped_experiments_are_the_papers_search() {
 }
 
 #[test]
+fn a_split_may_have_several_lists_and_validation_none() {
+    let written = format!(
+        "{LEAST}search.winner = 'fitness'\nstop.validation_patience = 'off'\n\
+         [dataset.splits]\ntrain2 = ['train2.txt', '${{MORE:-more}}.txt']\nvalidation = []\ntest = ['a.txt']\n"
+    );
+    let experiment = parse(&written).unwrap();
+    let list = |name: &str| Path::new("exp/clouds").join(name);
+    let lists =
+        [vec![list("train1.txt")], vec![list("train2.txt"), list("more.txt")], vec![], vec![list("a.txt")]];
+    assert_eq!(experiment.dataset().splits, SplitRule::Lists(lists));
+    let resolved = experiment.resolved_toml();
+    assert!(resolved.contains("train2 = [\"train2.txt\", \"more.txt\"]\nvalidation = []\n"), "{resolved}");
+    assert_eq!(parse(&resolved).unwrap().dataset(), experiment.dataset());
+}
+
+#[test]
 fn the_first_version_of_the_file_stays_readable() {
     let lookup = |name: &str| match name {
         "CLOUDS" => Ok("/data".to_owned()),
@@ -100,12 +116,9 @@ fn the_first_version_of_the_file_stays_readable() {
     let list = |name: &str| Path::new("/data/all/lists").join(name);
     assert_eq!(
         dataset.splits,
-        SplitRule::Files {
-            train1: list("train1.txt"),
-            train2: list("train2.txt"),
-            validation: list("validation.txt"),
-            test: list("test.txt"),
-        }
+        SplitRule::Lists(
+            ["train1.txt", "train2.txt", "validation.txt", "test.txt"].map(|name| vec![list(name)])
+        )
     );
     assert!(dataset.skip_unreadable && dataset.synthetic.is_none());
     assert_eq!(sample.method(), Method::Random);

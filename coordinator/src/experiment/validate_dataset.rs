@@ -5,10 +5,12 @@ use std::path::Path;
 use descriptor::synth::SynthSettings;
 
 use super::checks::checked_seed;
-use super::forms::{RawSeeded, RawSplitTable, RawSplitWord, RawSplits};
+use super::forms::{RawLists, RawSeeded, RawSplitTable, RawSplitWord, RawSplits};
 use super::paths::{self, Lookup};
 use super::raw_dataset::{RawDataset, RawLayout, RawSynthetic, RawUnit};
-use crate::dataset::{DatasetSettings, Layout, PatternError, SeededSplit, SplitRule, SyntheticSettings};
+use crate::dataset::{
+    DatasetSettings, Layout, PatternError, SPLITS, SeededSplit, SplitRule, SyntheticSettings,
+};
 use artefact::sections::Fault;
 use artefact::text::number;
 
@@ -91,29 +93,47 @@ fn split_table(
     root: &Path,
     lookup: Lookup<'_>,
 ) -> Result<SplitRule, Fault> {
-    if let Some(seeded) = raw.seeded {
-        let lists = [&raw.train1, &raw.train2, &raw.validation, &raw.test];
-        for (key, list) in ["train1", "train2", "validation", "test"].iter().zip(lists) {
+    let RawSplitTable { train1, train2, validation, test, seeded } = raw;
+    let lists = [train1, train2, validation, test];
+    if let Some(seeded) = seeded {
+        for (key, list) in SPLITS.iter().zip(lists) {
             if let Some(list) = list {
                 return Err(Fault::new(
                     format!("dataset.splits.{key}"),
-                    format!("a list beside a seeded draw, got {list:?}"),
+                    format!("a list beside a seeded draw, got {list}"),
                     "remove the list, or remove `seeded`",
                 ));
             }
         }
         return seeded_split(seeded, layout, validates).map(SplitRule::Seeded);
     }
-    let list = |key: &str, given: Option<String>| {
-        let list = given.unwrap_or_else(|| format!("{key}.txt"));
-        paths::resolve(&format!("dataset.splits.{key}"), &list, root, lookup)
-    };
-    Ok(SplitRule::Files {
-        train1: list("train1", raw.train1)?,
-        train2: list("train2", raw.train2)?,
-        validation: list("validation", raw.validation)?,
-        test: list("test", raw.test)?,
-    })
+    listed_split(lists, validates, root, lookup)
+}
+
+fn listed_split(
+    lists: [Option<RawLists>; 4],
+    validates: bool,
+    root: &Path,
+    lookup: Lookup<'_>,
+) -> Result<SplitRule, Fault> {
+    let mut paths = [const { Vec::new() }; 4];
+    for ((split, lists), paths) in SPLITS.into_iter().zip(lists).zip(&mut paths) {
+        let place = format!("dataset.splits.{split}");
+        let lists = lists.map_or_else(|| vec![format!("{split}.txt")], RawLists::paths);
+        if lists.is_empty() && split != "validation" {
+            return Err(Fault::new(place, "a split without lists, got []", "name a list"));
+        }
+        if lists.is_empty() && validates {
+            return Err(Fault::new(
+                place,
+                "the search asks validation clouds, got []",
+                "name a list, or set stop.validation_patience = \"off\" and search.winner = \"fitness\"",
+            ));
+        }
+        *paths =
+            lists.iter().map(|list| paths::resolve(&place, list, root, lookup)).collect::<Result<_, _>>()?;
+    }
+    Ok(SplitRule::Lists(paths))
 }
 
 fn seeded_split(raw: RawSeeded, layout: &Layout, validates: bool) -> Result<SeededSplit, Fault> {

@@ -3,11 +3,13 @@
 use std::fs;
 
 use descriptor::Preprocess;
+use descriptor::pcd::{self, DataEncoding};
 
 use super::super::{
-    Dataset, DatasetError, Instance, Layout, Listing, SPLITS, SequencesMissing, SplitRule, Splits, Wanted,
+    Dataset, DatasetError, DatasetSettings, Instance, Layout, Listing, SPLITS, SequencesMissing, SplitRule,
+    Splits, Wanted,
 };
-use super::{Fixture, lengths, shared};
+use super::{Fixture, lengths, patch, shared};
 
 fn paths<'a>(dataset: &'a Dataset, split: &[u32]) -> Vec<&'a str> {
     split.iter().map(|&index| &*dataset.clouds.entries[index as usize].path).collect()
@@ -73,6 +75,62 @@ fn a_manifest_gives_labels_and_splits() {
     let dataset = Dataset::load(&settings, &Preprocess::default(), Wanted::All, None).unwrap();
     assert_eq!(paths(&dataset, &dataset.splits.train1), ["e.pcd"]);
     assert_eq!(dataset.clouds.entries[0].instance, 0);
+}
+
+#[test]
+fn a_split_is_all_of_its_lists_in_their_order() {
+    let mut fixture = Fixture::new();
+    fixture.cloud("cup/cup_1/cup_1_9_1.pcd");
+    fixture.write("more.txt", "cup/cup_1/cup_1_9_1.pcd\n");
+    let mut settings = fixture.settings();
+    let SplitRule::Lists(lists) = &mut settings.splits else { panic!("lists") };
+    let validation = std::mem::take(&mut lists[2]);
+    lists[1].insert(0, fixture.root().join("more.txt"));
+    lists[1].extend(validation);
+    let load =
+        |settings: &DatasetSettings| Dataset::load(settings, &Preprocess::default(), Wanted::All, None);
+    let (before, joined) = (fixture.load().unwrap(), load(&settings).unwrap());
+    let of = |split: &[u32]| paths(&before, split).into_iter().map(str::to_owned).collect::<Vec<_>>();
+    let expected = [
+        vec!["cup/cup_1/cup_1_9_1.pcd".to_owned()],
+        of(&before.splits.train2),
+        of(&before.splits.validation),
+    ];
+    assert_eq!(paths(&joined, &joined.splits.train2), expected.concat());
+    assert!(joined.splits.validation.is_empty());
+    assert_eq!(paths(&joined, &joined.splits.test), paths(&before, &before.splits.test));
+
+    // A list that is named is not to be empty, and no cloud is to be in two of a split.
+    let SplitRule::Lists(lists) = &mut settings.splits else { panic!("lists") };
+    lists[2].push(fixture.root().join("none.txt"));
+    fixture.write("none.txt", "# nothing yet\n");
+    assert_eq!(load(&settings).unwrap_err(), DatasetError::no_cloud("validation"));
+    let SplitRule::Lists(lists) = &mut settings.splits else { panic!("lists") };
+    lists[2].clear();
+    lists[1].push(fixture.root().join("more.txt"));
+    assert!(
+        matches!(load(&settings).unwrap_err(), DatasetError::Twice { path, .. } if path == "cup/cup_1/cup_1_9_1.pcd")
+    );
+}
+
+#[test]
+fn a_manifest_may_be_without_validation_clouds() {
+    let mut fixture = Fixture::empty();
+    let mut rows = "split,path,category,instance\n".to_owned();
+    for split in ["train1", "train2", "test"] {
+        fixture.cloud(&format!("{split}.pcd"));
+        rows += &format!("{split},{split}.pcd,fruit,pear\n");
+    }
+    fixture.write("clouds.csv", &rows);
+    let settings = fixture.manifest_settings();
+    let load = || Dataset::load(&settings, &Preprocess::default(), Wanted::All, None);
+    let dataset = load().unwrap();
+    assert_eq!(lengths(&dataset), [1, 1, 0, 1]);
+    // Clouds that it has, but that cannot be used, are another thing.
+    fixture.write("sparse.pcd", pcd::write(&patch(0.05, 1), DataEncoding::Binary));
+    fixture.write("clouds.csv", rows + "validation,sparse.pcd,fruit,pear\n");
+    let error = load().unwrap_err();
+    assert!(matches!(error, DatasetError::EmptySplit { split: "validation", listed: 1, .. }), "{error}");
 }
 
 /// Rows of a manifest with the sequence of a cloud in each split.
@@ -217,14 +275,9 @@ fn queries_and_a_database_are_listed_without_an_experiment() {
 #[test]
 fn the_benchmark_loads_whole() {
     let Some(root) = shared("data/household-rgbd") else { return };
-    let list = |name: &str| root.join(name);
+    let list = |split: &str| root.join(split).with_extension("txt");
     let mut settings = Fixture::empty().settings();
-    settings.splits = SplitRule::Files {
-        train1: list("train1.txt"),
-        train2: list("train2.txt"),
-        validation: list("validation.txt"),
-        test: list("test.txt"),
-    };
+    settings.splits = SplitRule::Lists(SPLITS.map(|split| vec![list(split)]));
     settings.root = root.clone();
     let dataset = Dataset::load(&settings, &Preprocess::default(), Wanted::All, None).unwrap();
     assert_eq!(lengths(&dataset), [352, 352, 239, 475]);

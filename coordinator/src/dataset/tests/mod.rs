@@ -18,7 +18,7 @@ use descriptor::pcd::{self, DataEncoding};
 use descriptor::{Cloud, Preprocess};
 use tempfile::TempDir;
 
-use super::{Dataset, DatasetError, DatasetSettings, Layout, SplitRule, Splits, Wanted};
+use super::{Dataset, DatasetError, DatasetSettings, Layout, SPLITS, SplitRule, Splits, Wanted};
 
 /// A patch of 20 × 20 points, `spacing` apart, 0.5 m in front of the camera; `tone` tells clouds apart.
 fn patch(spacing: f32, tone: u8) -> Cloud {
@@ -74,16 +74,11 @@ impl Fixture {
     }
 
     fn settings(&self) -> DatasetSettings {
-        let list = |name: &str| self.root().join(name);
+        let list = |split: &str| self.root().join(split).with_extension("txt");
         DatasetSettings {
             root: self.root().to_owned(),
             layout: Layout::Uw,
-            splits: SplitRule::Files {
-                train1: list("train1.txt"),
-                train2: list("train2.txt"),
-                validation: list("validation.txt"),
-                test: list("test.txt"),
-            },
+            splits: SplitRule::Lists(SPLITS.map(|split| vec![list(split)])),
             skip_unreadable: false,
             synthetic: None,
         }

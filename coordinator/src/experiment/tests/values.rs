@@ -78,6 +78,13 @@ fn dataset() {
             "dataset.splits = 'manifest'",
             "dataset.splits.test = '${LIST}'",
             "[dataset.splits]\ntrain1 = 'a.txt'\nseeded = {}",
+            "[dataset.splits]\ntrain1 = ['a.txt', 'b.txt']\nseeded = {}",
+            "dataset.splits.train1 = ['a.txt', '']",
+            "dataset.splits.train1 = []",
+            "dataset.splits.train1 = 1",
+            "dataset.splits.train1 = [1]",
+            "dataset.splits.validation = []",
+            "dataset.splits.test = []\nsearch.winner = 'fitness'\nstop.validation_patience = 'off'",
             "dataset.splits.seeded.train1 = 1.5",
             "dataset.splits.seeded.train1 = nan",
             "dataset.splits.seeded.train2 = 0",
@@ -133,6 +140,27 @@ fn dataset() {
             [dataset.splits]\ntrain1 = \'a.txt\'\nseeded = {}
               dataset.splits.train1: a list beside a seeded draw, got "a.txt"
               remove the list, or remove `seeded`
+            [dataset.splits]\ntrain1 = [\'a.txt\', \'b.txt\']\nseeded = {}
+              dataset.splits.train1: a list beside a seeded draw, got ["a.txt", "b.txt"]
+              remove the list, or remove `seeded`
+            dataset.splits.train1 = [\'a.txt\', \'\']
+              dataset.splits.train1: empty path, got ""
+              name a file or folder, `.` for the folder of this file
+            dataset.splits.train1 = []
+              dataset.splits.train1: a split without lists, got []
+              name a list
+            dataset.splits.train1 = 1
+              dataset.splits.train1: expected the path of a list, or paths of several such as ["train2.txt", "more.txt"], got 1
+              write one of these
+            dataset.splits.train1 = [1]
+              dataset.splits.train1: expected text, got 1
+              put the text in quotes
+            dataset.splits.validation = []
+              dataset.splits.validation: the search asks validation clouds, got []
+              name a list, or set stop.validation_patience = "off" and search.winner = "fitness"
+            dataset.splits.test = []\nsearch.winner = \'fitness\'\nstop.validation_patience 
+              dataset.splits.test: a split without lists, got []
+              name a list
             dataset.splits.seeded.train1 = 1.5
               dataset.splits.seeded.train1: not between 0 and 1 with at most six decimals, got 1.5
               write a share of all clouds, such as 0.25
