@@ -2,7 +2,8 @@
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
+use std::thread;
+use std::time::{Duration, Instant, SystemTime};
 
 use rayon::prelude::*;
 use results::{LookRow, RunFolder};
@@ -11,6 +12,12 @@ use crate::dataset::{SPLITS, cloud_bytes};
 use crate::experiment::{Experiment, Overrides};
 use crate::reopen::{ReopenError, finished};
 use crate::run::{clouds, rows};
+
+/// How long to wait for others that note a look in the same run, as several commands at once do.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Between two attempts to note one.
+const PAUSE: Duration = Duration::from_millis(20);
 
 /// Why a look cannot be noted.
 #[derive(Debug, thiserror::Error)]
@@ -59,10 +66,19 @@ impl Look {
         };
         let count = files.par_iter().filter(is_test).count();
         if count > 0 {
-            note(&self.run, &experiment, [self.command, &self.reason, descriptor])
-                .map_err(ReopenError::from)?;
+            self.note_in_turn(&experiment, descriptor).map_err(ReopenError::from)?;
         }
         Ok(count)
+    }
+
+    fn note_in_turn(&self, experiment: &Experiment, descriptor: &str) -> Result<(), results::Error> {
+        let asked = Instant::now();
+        loop {
+            match note(&self.run, experiment, [self.command, &self.reason, descriptor]) {
+                Err(results::Error::InUse(_)) if asked.elapsed() < PATIENCE => thread::sleep(PAUSE),
+                noted => return noted,
+            }
+        }
     }
 }
 

@@ -18,7 +18,7 @@ pub enum Error {
     #[error("{}: run folder is not writable, got: {source}\nchange its permissions or choose another folder", .folder.display())]
     NotWritable { folder: PathBuf, source: io::Error },
     /// Another process holds the run folder.
-    #[error("{}: run folder is in use by another process\nwait for that run to end or choose another folder", .0.display())]
+    #[error("{}: run folder is in use by another process\nwait for it to end or choose another folder", .0.display())]
     InUse(PathBuf),
     /// No space is left for a file.
     #[error("{}: disk is full, got: {source}\nfree some space and start the run again: it lost nothing that was acknowledged", .file.display())]

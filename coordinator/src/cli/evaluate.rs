@@ -98,6 +98,7 @@ impl Evaluate {
             ..Preprocess::default()
         };
         let descriptor = self.descriptor(super::micrometres("--radius-cm", self.radius_cm)?)?;
+        let label = self.label();
         let place =
             |lists: &[PathBuf]| -> Vec<_> { lists.iter().map(|list| list_file(&self.data, list)).collect() };
         let threads = self.threads.map_or_else(
@@ -115,7 +116,7 @@ impl Evaluate {
         };
         let note = |look: Look| -> anyhow::Result<(Look, usize)> {
             let files: Vec<&Path> = request.listing.clouds.iter().map(|cloud| &*cloud.file).collect();
-            let test_clouds = look.note(&files, descriptor.family().name())?;
+            let test_clouds = look.note(&files, &label)?;
             Ok((look, test_clouds))
         };
         let looked = self.look.look("evaluate").map(note).transpose()?;
@@ -140,6 +141,12 @@ impl Evaluate {
         };
         super::print(&text)?;
         Ok(ExitCode::SUCCESS)
+    }
+
+    /// What the descriptor is called in table looks: by its file as in a comparison, else by its family.
+    fn label(&self) -> String {
+        let stem = self.structure.as_deref().and_then(Path::file_stem);
+        stem.map_or_else(|| self.descriptor.clone(), |stem| stem.to_string_lossy().into_owned())
     }
 
     fn descriptor(&self, radius_um: u32) -> anyhow::Result<Descriptor> {

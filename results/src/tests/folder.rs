@@ -267,7 +267,7 @@ fn a_folder_has_one_writer() {
         RunFolder::create(folder.path(), &genes()),
         expect![[r#"
             FOLDER: run folder is in use by another process
-            wait for that run to end or choose another folder"#]],
+            wait for it to end or choose another folder"#]],
     );
     drop(first);
     open(&folder);

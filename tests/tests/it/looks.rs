@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use results::read_looks;
+use results::{RunFolder, read_looks};
 use serde_json::Value;
 
 use crate::experiments::{Experiment, clouds};
@@ -113,4 +113,44 @@ fn a_look_that_cannot_be_noted_is_not_taken() {
     let args = ["assess", &artefact, "--data", &data, "--query", "test.txt", "--reason", "none"];
     let refused = run("coordinator", args).expect_error();
     assert!(refused.stderr.contains("--run <RUN>"), "{refused}");
+}
+
+#[test]
+fn commands_at_once_note_their_looks_in_turn_and_wait_for_nobody_for_long() {
+    let (experiment, [out, _]) = exported();
+    let data = clouds().display().to_string();
+    let structure = experiment.path("colours.toml");
+    fs::copy(format!("{}/../experiments/descriptors/chroma.toml", env!("CARGO_MANIFEST_DIR")), &structure)
+        .unwrap();
+    let lists = ["evaluate", "--data", &data, "--query", "test.txt", "--database", "train1.txt"];
+    let evaluate = |more: &[&str]| {
+        let look = ["--structure", &structure, "--run", &out];
+        run("coordinator", lists.into_iter().chain(look).chain(more.iter().copied()))
+    };
+    std::thread::scope(|scope| {
+        for _ in 0..4 {
+            scope.spawn(|| evaluate(&[]).expect_success());
+        }
+    });
+    let noted = read_looks(&out).unwrap();
+    let labels: Vec<_> = noted[1..].iter().map(|look| (&*look.command, &*look.descriptors)).collect();
+    assert_eq!(labels, [("evaluate", "colours"); 4]);
+
+    // Whoever holds the folder for long is not waited for, and nothing is measured.
+    let held = RunFolder::create(&out, &[]).unwrap();
+    let nearest = experiment.path("nearest.txt");
+    let refused = evaluate(&["--nearest", &nearest]).expect_error();
+    assert!(refused.stderr.contains("run folder is in use by another process"), "{refused}");
+    assert!(!Path::new(&nearest).exists());
+    drop(held);
+
+    // It is noted before: what fails afterwards has been asked.
+    evaluate(&["--nearest", &experiment.path("nowhere/nearest.txt")]).expect_error();
+    assert_eq!(looks(&out).len(), 6);
+
+    // Where it cannot be noted, nothing is measured.
+    fs::remove_dir_all(format!("{out}/looks")).unwrap();
+    fs::write(format!("{out}/looks"), "").unwrap();
+    let refused = evaluate(&["--nearest", &nearest]).expect_error();
+    assert!(refused.stderr.contains("looks") && !Path::new(&nearest).exists(), "{refused}");
 }
