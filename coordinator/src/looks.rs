@@ -2,7 +2,6 @@
 
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
-use std::thread;
 use std::time::{Duration, Instant, SystemTime};
 
 use rayon::prelude::*;
@@ -15,9 +14,6 @@ use crate::run::{clouds, rows};
 
 /// How long to wait for others that note a look in the same run, as several commands at once do.
 const PATIENCE: Duration = Duration::from_secs(5);
-
-/// Between two attempts to note one.
-const PAUSE: Duration = Duration::from_millis(20);
 
 /// Why a look cannot be noted.
 #[derive(Debug, thiserror::Error)]
@@ -66,19 +62,10 @@ impl Look {
         };
         let count = files.par_iter().filter(is_test).count();
         if count > 0 {
-            self.note_in_turn(&experiment, descriptor).map_err(ReopenError::from)?;
+            note(&self.run, &experiment, [self.command, &self.reason, descriptor])
+                .map_err(ReopenError::from)?;
         }
         Ok(count)
-    }
-
-    fn note_in_turn(&self, experiment: &Experiment, descriptor: &str) -> Result<(), results::Error> {
-        let asked = Instant::now();
-        loop {
-            match note(&self.run, experiment, [self.command, &self.reason, descriptor]) {
-                Err(results::Error::InUse(_)) if asked.elapsed() < PATIENCE => thread::sleep(PAUSE),
-                noted => return noted,
-            }
-        }
     }
 }
 
@@ -90,10 +77,46 @@ pub fn note(
     [command, reason, descriptors]: [&str; 3],
 ) -> Result<(), results::Error> {
     let columns = rows::gene_columns(experiment.space());
-    RunFolder::create(folder, &columns)?.record_look(&LookRow {
+    let end = Instant::now() + PATIENCE;
+    let run = in_turn(|| RunFolder::create(folder, &columns), || Instant::now() < end)?;
+    run.record_look(&LookRow {
         at: SystemTime::now(),
         command: command.to_owned(),
         reason: reason.to_owned(),
         descriptors: descriptors.to_owned(),
     })
+}
+
+/// Opens a folder as soon as nobody else holds it, which takes a moment to find out, or as long as there is time.
+fn in_turn<T>(
+    mut open: impl FnMut() -> Result<T, results::Error>,
+    mut is_time: impl FnMut() -> bool,
+) -> Result<T, results::Error> {
+    loop {
+        match open() {
+            Err(results::Error::InUse(_)) if is_time() => {}
+            done => return done,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_is_waited_for_until_it_is_free_or_there_is_no_more_time() {
+        let folder = tempfile::tempdir().unwrap();
+        let open = || RunFolder::create(folder.path(), &[]);
+        let mut held = Some(open().unwrap());
+        let mut left = 2;
+        let mut is_time = || {
+            left -= 1;
+            left >= 0
+        };
+        assert!(matches!(in_turn(open, &mut is_time), Err(results::Error::InUse(_))));
+        assert_eq!(left, -1);
+        let freed = in_turn(open, || held.take().is_some());
+        assert!(freed.is_ok() && held.is_none());
+    }
 }

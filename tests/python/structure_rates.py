@@ -65,9 +65,11 @@ def experiment(name, out, evaluations):
     shared = os.environ.get("DESCRY_SHARED", EXPERIMENTS.parents[1] / "shared")
     text = (EXPERIMENTS / f"{name}.toml").read_text().replace("${DESCRY_SHARED:-../../shared}", str(shared))
     # A run ends with a look at its test clouds: here at those that no list has.
-    text = text.replace('"test.txt"', '"unused.txt"')
+    for shipped, wanted in [('"test.txt"', '"unused.txt"'), ("[search]\n", '[search]\nmethod = "random"\n')]:
+        assert text.count(shipped) == 1, shipped
+        text = text.replace(shipped, wanted)
     file = out / f"{name}-{evaluations}.toml"
-    file.write_text(f'{text}\n[search]\nmethod = "random"\n\n[stop]\nevaluations = {evaluations}\n\n[results]\nbaselines = false\n')
+    file.write_text(f'{text}\n[stop]\nevaluations = {evaluations}\n\n[results]\nbaselines = false\n')
     return file
 
 

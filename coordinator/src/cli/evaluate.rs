@@ -1,5 +1,6 @@
 //! `coordinator evaluate`: one descriptor, no evolution.
 
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
@@ -143,10 +144,11 @@ impl Evaluate {
         Ok(ExitCode::SUCCESS)
     }
 
-    /// What the descriptor is called in table looks: by its file as in a comparison, else by its family.
+    /// What the descriptor is called in table looks, where a space ends a name: by its file, else by its family.
     fn label(&self) -> String {
-        let stem = self.structure.as_deref().and_then(Path::file_stem);
-        stem.map_or_else(|| self.descriptor.clone(), |stem| stem.to_string_lossy().into_owned())
+        let file = self.structure.as_deref().and_then(Path::file_name);
+        let name = |file: &OsStr| file.to_string_lossy().replace(char::is_whitespace, "_");
+        file.map_or_else(|| self.descriptor.clone(), name)
     }
 
     fn descriptor(&self, radius_um: u32) -> anyhow::Result<Descriptor> {

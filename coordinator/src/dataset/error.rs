@@ -222,7 +222,8 @@ pub enum DatasetError {
     /// The same cloud in two splits.
     #[error(
         "{}: cloud of one split expected, got {path} in {second_split} and in {first_split} ({})\n\
-         remove it from one of them: a query that is in its own database is always recognised",
+         remove it from one of them: a query that is in its own database is always recognised. Where validation clouds are \
+         to be training clouds, write `validation = []`",
         .places[1], .places[0]
     )]
     Overlap {

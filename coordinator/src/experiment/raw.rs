@@ -66,8 +66,8 @@ pub(super) struct RawSearch {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Vec<RawSearchObjective>", length(min = 1, max = 3), example = example_objectives())]
     pub objectives: Option<Vec<RawSearchObjective>>,
-    /// Which of the generations' bests wins, the earliest on ties; with method = "nsga2", which point of the front. Default: "validation" if stop.validation_patience is
-    /// on, else "fitness".
+    /// Which of the generations' bests wins, the earliest on ties; with method = "nsga2", which point of the front.
+    /// Default: of structure "validation", of other families that if stop.validation_patience is on, else "fitness".
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "WinnerRule")]
     pub winner: Option<WinnerRule>,

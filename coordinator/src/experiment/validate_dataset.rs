@@ -126,7 +126,7 @@ fn listed_split(
         if lists.is_empty() && validates {
             return Err(Fault::new(
                 place,
-                "the search asks validation clouds, got []",
+                "the search needs validation clouds, got []",
                 "name a list, or set stop.validation_patience = \"off\" and search.winner = \"fitness\"",
             ));
         }

@@ -220,7 +220,7 @@ pub enum RunError {
     },
     /// Nothing would ever be computed.
     #[error(
-        "validation: stop.validation_patience and search.winner = \"validation\" need validation clouds, got none that is usable\nset stop.validation_patience = \"off\" and search.winner = \"fitness\", or give the validation split some clouds"
+        "validation: stop.validation_patience and search.winner = \"validation\" need validation clouds, got none\nset stop.validation_patience = \"off\" and search.winner = \"fitness\", or give the validation split some clouds"
     )]
     NoValidation,
     /// Clouds cannot be matched across sequences.

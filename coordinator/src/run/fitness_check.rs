@@ -12,14 +12,18 @@ use crate::fitness::{Measured, Part};
 use crate::run::RunError;
 use crate::run::matching::{Matching, TRAIN1, TRAIN2};
 
-/// Refuses a fitness that cannot be computed on these clouds; says in words which clouds it leaves out of its counts.
+/// Refuses a fitness that cannot be computed on these clouds, and a search that would ask validation clouds where there are
+/// none; says in words which clouds the fitness leaves out of its counts.
 ///
 /// # Errors
-/// [`RunError::NoSequences`], [`RunError::NoAnswers`], [`RunError::UnknownSet`], [`RunError::NoWeight`] or
+/// [`RunError::NoValidation`], [`RunError::NoSequences`], [`RunError::NoAnswers`], [`RunError::UnknownSet`], [`RunError::NoWeight`] or
 /// [`RunError::EmptySet`].
 pub fn check_fitness(experiment: &Experiment, dataset: &Dataset) -> Result<Vec<String>, RunError> {
     let (fitness, weights) = (experiment.fitness(), experiment.set_weights(dataset));
     check_sets(experiment, dataset)?;
+    if experiment.validates() && dataset.splits.validation.is_empty() {
+        return Err(RunError::NoValidation);
+    }
     let (validation, _) = Matching::Validation.splits();
     if fitness.needs_sequences()
         && let Some(missing) = dataset.sequences_missing(&[&[TRAIN1, TRAIN2], validation.as_slice()].concat())

@@ -122,9 +122,6 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     if experiment.method() == Method::Exhaustive {
         refuse_sets("search.method = \"exhaustive\"", "choose another method", &dataset)?;
     }
-    if experiment.validates() && dataset.splits.validation.is_empty() {
-        return Err(RunError::NoValidation);
-    }
     for note in check_fitness(experiment, &dataset)? {
         progress.say(&note);
     }

@@ -66,10 +66,6 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let mut progress = Progress::new(generations.fold(0, u32::saturating_add));
     let listener = listen(base, &options.port, progress.console()).await?;
     let dataset = open_data(base, Wanted::All, Some(&store), |line| progress.say(line))?;
-    let validates = |member: &Member| member.experiment.validates();
-    if members.iter().any(validates) && dataset.splits.validation.is_empty() {
-        return Err(RunError::NoValidation);
-    }
     let mut notes = BTreeSet::new();
     for member in &members {
         notes.extend(check_fitness(&member.experiment, &dataset)?);

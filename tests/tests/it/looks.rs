@@ -119,7 +119,7 @@ fn a_look_that_cannot_be_noted_is_not_taken() {
 fn commands_at_once_note_their_looks_in_turn_and_wait_for_nobody_for_long() {
     let (experiment, [out, _]) = exported();
     let data = clouds().display().to_string();
-    let structure = experiment.path("colours.toml");
+    let structure = experiment.path("my colours.toml");
     fs::copy(format!("{}/../experiments/descriptors/chroma.toml", env!("CARGO_MANIFEST_DIR")), &structure)
         .unwrap();
     let lists = ["evaluate", "--data", &data, "--query", "test.txt", "--database", "train1.txt"];
@@ -134,7 +134,7 @@ fn commands_at_once_note_their_looks_in_turn_and_wait_for_nobody_for_long() {
     });
     let noted = read_looks(&out).unwrap();
     let labels: Vec<_> = noted[1..].iter().map(|look| (&*look.command, &*look.descriptors)).collect();
-    assert_eq!(labels, [("evaluate", "colours"); 4]);
+    assert_eq!(labels, [("evaluate", "my_colours.toml"); 4]);
 
     // Whoever holds the folder for long is not waited for, and nothing is measured.
     let held = RunFolder::create(&out, &[]).unwrap();

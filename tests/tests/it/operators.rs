@@ -2,10 +2,13 @@
 //! winner by validation or by fitness.
 
 use std::collections::BTreeSet;
+use std::fs;
+use std::path::Path;
 
 use results::{TableName, read_evaluations, read_table};
+use serde_json::Value;
 
-use crate::experiments::{Experiment, digest, summary};
+use crate::experiments::{Experiment, clouds, digest, summary};
 use crate::process::{Running, run};
 
 const BUDGET: usize = 60;
@@ -15,6 +18,12 @@ const SEARCH: &str = "[search]\nwinner = \"validation\"\n\
     [ga]\npopulation = 6\ncrossover = \"slots\"\nmutation = \"field\"\nmutation_rate = 0.3\nmutation_decay = 1.0\n\
     [stop]\ngenerations = 300\nstagnation = \"off\"\nperfect = false\nvalidation_patience = \"off\"\n\
     evaluations = 60\n[coordinator]\naudit = 0\n";
+
+/// How many validation clouds the best of each generation recognises.
+fn validated(folder: &str) -> Vec<Option<u32>> {
+    let generations = read_table(folder, TableName::Generations).unwrap();
+    generations.column("validation_object_correct").unwrap().u32().unwrap().iter().collect()
+}
 
 #[test]
 fn the_same_budget_ends_a_run_whole_killed_remembered_or_shared() {
@@ -65,10 +74,6 @@ fn the_tables_show_the_budget_and_who_won() {
     assert!(met_up_to(last) == BUDGET && met_up_to(last - 1) < BUDGET, "{last} generations");
 
     // Every generation's best was validated; the first with the most recognised clouds won.
-    let validated = |folder: &str| -> Vec<Option<u32>> {
-        let generations = read_table(folder, TableName::Generations).unwrap();
-        generations.column("validation_object_correct").unwrap().u32().unwrap().iter().collect()
-    };
     let counts = validated(&out);
     assert_eq!(counts.len() as u64, last);
     assert!(counts.iter().all(Option::is_some), "{counts:?}");
@@ -97,4 +102,53 @@ fn a_winner_by_validation_needs_validation_clouds() {
     );
     let allowed = Experiment::new(&format!("{split}{}", SEARCH.replace("\"validation\"", "\"fitness\"")));
     run("coordinator", ["check", &allowed.path("exp.toml")]).expect_success();
+    // A manifest says it by its rows only.
+    let manifest = allowed.path("clouds.csv");
+    let mut rows = "path,category,instance,split\n".to_owned();
+    for (list, split) in
+        [("train1", "train1"), ("train2", "train2"), ("validation", "train2"), ("test", "test")]
+    {
+        for path in fs::read_to_string(clouds().join(list).with_extension("txt")).unwrap().lines() {
+            let mut labels = path.split('/');
+            let (category, instance) = (labels.next().unwrap(), labels.next().unwrap());
+            rows += &format!("{path},{category},{instance},{split}\n");
+        }
+    }
+    fs::write(&manifest, rows).unwrap();
+    let layout = format!("layout = \"manifest\"\nmanifest = \"{manifest}\"\n");
+    let refused = Experiment::new(&format!("{layout}{SEARCH}"));
+    let checked = run("coordinator", ["check", &refused.path("exp.toml")]).expect_error();
+    for finished in [checked, refused.run("out", &[]).expect_error()] {
+        assert!(finished.stderr.contains("need validation clouds, got none\nset stop"), "{finished}");
+    }
+    assert!(!Path::new(&refused.path("out")).exists());
+}
+
+#[test]
+fn searches_that_learn_from_validation_clouds_have_none() {
+    let splits = "[dataset.splits]\ntrain2 = [\"train2.txt\", \"validation.txt\"]\nvalidation = []\n";
+    for method in ["ga", "nsga2"] {
+        let search = format!(
+            "{splits}[descriptor]\nfamily = \"structure\"\n[ga]\npopulation = 6\n\
+             [search]\nmethod = \"{method}\"\nwinner = \"fitness\"\n[stop]\nevaluations = 12\n"
+        );
+        let experiment = Experiment::new(&search);
+        let told = summary(&experiment.run("out", &["--local-workers", "2"]).expect_success());
+        assert_eq!((&told["validation_error"], &told["validation_queries"]), (&Value::Null, &Value::Null));
+        assert_eq!((&told["test_queries"], told["train_queries"].as_u64()), (&24.into(), Some(48)));
+        let out = experiment.path("out");
+        assert!(validated(&out).iter().all(Option::is_none));
+        run("coordinator", ["verify", &out]).expect_success();
+        run("coordinator", ["report", &out, "--out", &experiment.path("report")]).expect_success();
+        let exported = run("coordinator", ["export", &out, &experiment.path("artefact")]).expect_success();
+        assert!(exported.stdout.contains("database      48 clouds"), "{exported}");
+    }
+    // Whoever leaves validation out of it is told what to write.
+    let forgotten = splits.replace("validation = []\n", "");
+    let refused = Experiment::new(&format!("{forgotten}{}", SEARCH.replace("\"validation\"", "\"fitness\"")));
+    let refused = run("coordinator", ["check", &refused.path("exp.toml")]).expect_error();
+    assert!(
+        refused.stderr.contains("in validation and in train2") && refused.stderr.contains("validation = []"),
+        "{refused}"
+    );
 }

@@ -160,7 +160,7 @@ fn symbolic_links_may_not_lead_out_and_name_the_file_they_lead_to() {
         },
         expect![[r#"
             test.txt, line 5: cloud of one split expected, got cup/cup_1/cup_1_7_7.pcd in test and in train1 (train1.txt, line 3)
-            remove it from one of them: a query that is in its own database is always recognised"#]],
+            remove it from one of them: a query that is in its own database is always recognised. Where validation clouds are to be training clouds, write `validation = []`"#]],
     );
 }
 

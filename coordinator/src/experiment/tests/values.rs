@@ -156,7 +156,7 @@ fn dataset() {
               dataset.splits.train1: expected text, got 1
               put the text in quotes
             dataset.splits.validation = []
-              dataset.splits.validation: the search asks validation clouds, got []
+              dataset.splits.validation: the search needs validation clouds, got []
               name a list, or set stop.validation_patience = "off" and search.winner = "fitness"
             dataset.splits.test = []\nsearch.winner = \'fitness\'\nstop.validation_patience 
               dataset.splits.test: a split without lists, got []
