@@ -1,5 +1,5 @@
-//! Whether a fitness can be computed on the clouds of a data set: sequences are known, and queries can be answered; and
-//! what it is of a descriptor that answers none.
+//! Whether a fitness can be computed on the clouds of a data set: sequences are known, queries can be answered, and there are
+//! validation clouds where the search asks them; and what it is of a descriptor that answers none.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -16,8 +16,8 @@ use crate::run::matching::{Matching, TRAIN1, TRAIN2};
 /// none; says in words which clouds the fitness leaves out of its counts.
 ///
 /// # Errors
-/// [`RunError::NoValidation`], [`RunError::NoSequences`], [`RunError::NoAnswers`], [`RunError::UnknownSet`], [`RunError::NoWeight`] or
-/// [`RunError::EmptySet`].
+/// [`RunError::NoValidation`], [`RunError::NoSequences`], [`RunError::NoAnswers`], [`RunError::UnknownSet`],
+/// [`RunError::NoWeight`] or [`RunError::EmptySet`].
 pub fn check_fitness(experiment: &Experiment, dataset: &Dataset) -> Result<Vec<String>, RunError> {
     let (fitness, weights) = (experiment.fitness(), experiment.set_weights(dataset));
     check_sets(experiment, dataset)?;
