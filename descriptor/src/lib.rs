@@ -88,6 +88,7 @@ pub mod rgbd;
 pub mod signature;
 pub mod signature_bytes;
 mod vector_metric;
+pub mod weigh;
 
 mod perturb;
 

@@ -30,6 +30,7 @@ mod sign;
 mod split;
 mod synth;
 mod verify;
+mod weigh;
 mod workers;
 
 use std::process::ExitCode;
@@ -92,6 +93,7 @@ enum Command {
     Split(split::Split),
     Synth(synth::Synth),
     Verify(verify::Verify),
+    Weigh(weigh::Weigh),
     Schema(schema::Schema),
 }
 
@@ -141,6 +143,7 @@ fn execute(command: Command) -> anyhow::Result<ExitCode> {
         Command::Split(command) => command.execute(),
         Command::Synth(command) => command.execute(),
         Command::Verify(command) => command.execute(),
+        Command::Weigh(command) => command.execute(),
         Command::Schema(command) => command.execute(),
     }
 }

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use artefact::{ArtefactError, CloudError};
 use descriptor::Family;
 use descriptor::recogniser;
+use descriptor::weigh::WeighError;
 
 use crate::dataset::DatasetError;
 use crate::front::FrontError;
@@ -99,6 +100,38 @@ pub enum ExportError {
         run: PathBuf,
         /// Why.
         source: recogniser::LearnError,
+    },
+    /// No weights can be learned from the training clouds.
+    #[error("{run}: {source}", run = .run.display())]
+    Weigh {
+        /// The run.
+        run: PathBuf,
+        /// Why.
+        source: WeighError,
+    },
+    /// Only structures have weights of values.
+    #[error(
+        "{run}: values of a structure expected, got those of {got}\nname a file with --structure, such as experiments/descriptors/paper.toml", run = .run.display()
+    )]
+    NotStructure {
+        /// The run.
+        run: PathBuf,
+        /// The family of its descriptor.
+        got: Family,
+    },
+    /// Something is in the way.
+    #[error("{file}: must be a new file, got one that exists\nchoose another name, or remove it", file = .file.display())]
+    FileExists {
+        /// The file.
+        file: PathBuf,
+    },
+    /// The file cannot be written.
+    #[error("{file}: cannot be written, got {source}\ncheck permissions and free space, or choose another place", file = .file.display())]
+    File {
+        /// The file.
+        file: PathBuf,
+        /// Why.
+        source: io::Error,
     },
     /// The artefact cannot be written.
     #[error(transparent)]

@@ -1,7 +1,8 @@
 //! A run's descriptor taken away: the artefact made, added to, and measured. The crate `artefact` reads it and answers.
 //!
 //! `export` makes the folder from a run, `learn` adds clouds to it, `write` writes it, `assess` measures its answers,
-//! `readme` is its text for people, `reject` finds when an answer is not believed.
+//! `readme` is its text for people, `reject` finds when an answer is not believed; `weigh` makes no artefact, but the file of
+//! a structure with weights for its values.
 
 mod assess;
 mod error;
@@ -9,6 +10,7 @@ mod learn;
 mod of_run;
 mod readme;
 mod reject;
+mod weigh;
 mod write;
 
 #[cfg(test)]
@@ -23,6 +25,7 @@ pub use error::ExportError;
 pub use learn::{Sized, learn};
 pub use of_run::export;
 pub use reject::{FoldsBy, Reject};
+pub use weigh::weigh;
 
 /// Which descriptor is taken away.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -18,7 +18,7 @@ use descriptor::{
 };
 use proto::Message;
 use rayon::prelude::*;
-use results::{PredictionRow, PredictionSplit};
+use results::{FinishedRun, PredictionRow, PredictionSplit};
 
 use super::readme::{About, Origin};
 use super::reject::Reject;
@@ -27,7 +27,7 @@ use super::{DescriptorChoice, ExportError, reject};
 use crate::compare::EVOLVED;
 use crate::dataset::{CloudEntry, Dataset, cloud_bytes};
 use crate::evaluate::{Seconds, stages};
-use crate::experiment::Overrides;
+use crate::experiment::{Experiment, Overrides};
 use crate::front;
 use crate::reopen::{Reopened, reopen};
 use crate::run::{Matching, choose_set, clouds, data_digest, sets};
@@ -67,41 +67,12 @@ pub fn export(
     storage: &Storage,
 ) -> Result<Exported, ExportError> {
     refuse_occupied(out)?;
-    refuse_sweep(run)?;
-    let store = Store::open(storage, "export", descriptor::EVALUATION_VERSION);
-    let Reopened { mut finished, experiment, dataset } = reopen(run, data, Overrides::default(), &store)?;
-    refuse_unsound(run)?;
-    let (expected, got) = (&finished.row.data_digest, data_digest(&dataset));
-    if *expected != got {
-        let (run, expected) = (run.to_owned(), expected.clone());
-        let difference = clouds::difference(&run, &expected, &dataset);
-        return Err(ExportError::OtherData { run, expected, got, difference });
-    }
-    let dataset = choose_set("export", set, dataset).map_err(|error| ExportError::Run(Box::new(error)))?;
-    if let Some(set) = set {
-        finished.row.test = sets::counts(&results::read_sets(run)?, EVOLVED, set);
-    }
-    let winner = |what: String| ExportError::Winner { run: run.to_owned(), what };
-    let mut preprocess = *experiment.preprocess();
-    let descriptor = match &which {
-        DescriptorChoice::Evolved => evolved(run, experiment.space(), &finished.row.best_genes)?,
-        &DescriptorChoice::Point(number) => {
-            of_family(run, experiment.space())?;
-            front::point(run, experiment.space(), number)?
-        }
-        DescriptorChoice::Paper => paper(preprocess.colour).map_err(winner)?,
-        DescriptorChoice::Structure(structure) => Descriptor::Structure(structure.clone()),
-    };
+    let Chosen { finished, experiment, dataset, preprocess, descriptor } =
+        choose(run, &which, (data, set), ("export", storage))?;
     let family = descriptor.family();
-    if family == Family::Structure {
-        // Its channels have grids of their own, and its settings no other.
-        preprocess.leaf_um = Preprocess::default().leaf_um;
-        if descriptor.needs_colour() && !preprocess.colour {
-            return Err(ExportError::NeedsColour { run: run.to_owned() });
-        }
-    }
-
-    let database = describe(&dataset, &preprocess, &descriptor, winner)?;
+    let winner = |what: String| ExportError::Winner { run: run.to_owned(), what };
+    let all = Matching::Test.database_clouds(&dataset).len();
+    let database = describe(&dataset, all, &preprocess, &descriptor, winner)?;
     let reference = signatures(&descriptor, &database).map_err(winner)?;
     let scales = found_scales(&descriptor, &reference, dataset.splits.trained());
     let learning = learning(
@@ -179,6 +150,59 @@ pub fn export(
     })
 }
 
+/// A descriptor for the clouds of a finished run.
+pub(super) struct Chosen {
+    pub(super) finished: FinishedRun,
+    pub(super) experiment: Experiment,
+    /// The clouds, or of several sets those of one.
+    pub(super) dataset: Dataset,
+    /// How they are prepared for the descriptor.
+    pub(super) preprocess: Preprocess,
+    pub(super) descriptor: Descriptor,
+}
+
+/// Opens a run whose files and clouds are those that its digests name, for a command.
+pub(super) fn choose(
+    run: &Path,
+    which: &DescriptorChoice,
+    (data, set): (Option<&Path>, Option<&str>),
+    (command, storage): (&'static str, &Storage),
+) -> Result<Chosen, ExportError> {
+    refuse_sweep(run)?;
+    let store = Store::open(storage, command, descriptor::EVALUATION_VERSION);
+    let Reopened { mut finished, experiment, dataset } = reopen(run, data, Overrides::default(), &store)?;
+    refuse_unsound(run)?;
+    let (expected, got) = (&finished.row.data_digest, data_digest(&dataset));
+    if *expected != got {
+        let (run, expected) = (run.to_owned(), expected.clone());
+        let difference = clouds::difference(&run, &expected, &dataset);
+        return Err(ExportError::OtherData { run, expected, got, difference });
+    }
+    let dataset = choose_set(command, set, dataset).map_err(|error| ExportError::Run(Box::new(error)))?;
+    if let Some(set) = set {
+        finished.row.test = sets::counts(&results::read_sets(run)?, EVOLVED, set);
+    }
+    let winner = |what: String| ExportError::Winner { run: run.to_owned(), what };
+    let mut preprocess = *experiment.preprocess();
+    let descriptor = match which {
+        DescriptorChoice::Evolved => evolved(run, experiment.space(), &finished.row.best_genes)?,
+        &DescriptorChoice::Point(number) => {
+            of_family(run, experiment.space())?;
+            front::point(run, experiment.space(), number)?
+        }
+        DescriptorChoice::Paper => paper(preprocess.colour).map_err(winner)?,
+        DescriptorChoice::Structure(structure) => Descriptor::Structure(structure.clone()),
+    };
+    if descriptor.family() == Family::Structure {
+        // Its channels have grids of their own, and its settings no other.
+        preprocess.leaf_um = Preprocess::default().leaf_um;
+        if descriptor.needs_colour() && !preprocess.colour {
+            return Err(ExportError::NeedsColour { run: run.to_owned() });
+        }
+    }
+    Ok(Chosen { finished, experiment, dataset, preprocess, descriptor })
+}
+
 /// The settings that recognise most reference clouds by those of other sequences or folds.
 fn learning(
     method: Method,
@@ -187,9 +211,14 @@ fn learning(
     database: &Database,
 ) -> Result<Option<ChosenSettings>, LearnError> {
     let objects: Vec<u32> = labels(&database.clouds).iter().map(|label| label.instance).collect();
-    let sequence = |&cloud: &u32| dataset.clouds.entries[cloud as usize].sequence;
-    let sequences: Vec<Option<u32>> = Matching::Test.database_clouds(dataset).iter().map(sequence).collect();
+    let sequences = sequences(dataset);
     ChosenSettings::new(method, &LabelledClouds { channels, objects: &objects }, &sequences)
+}
+
+/// Of each cloud of the final test's database, in its order.
+pub(super) fn sequences(dataset: &Dataset) -> Vec<Option<u32>> {
+    let sequence = |&cloud: &u32| dataset.clouds.entries[cloud as usize].sequence;
+    Matching::Test.database_clouds(dataset).iter().map(sequence).collect()
 }
 
 /// The run's winner.
@@ -244,9 +273,10 @@ fn refuse_unsound(run: &Path) -> Result<(), ExportError> {
     }
 }
 
-/// The signatures of the final test's database, in its order.
-fn describe(
+/// The signatures of the first clouds of the final test's database, in its order.
+pub(super) fn describe(
     dataset: &Dataset,
+    count: usize,
     preprocess: &Preprocess,
     descriptor: &Descriptor,
     winner: impl Fn(String) -> ExportError,
@@ -255,6 +285,7 @@ fn describe(
     let entries: Vec<&CloudEntry> = Matching::Test
         .database_clouds(dataset)
         .iter()
+        .take(count)
         .map(|&index| &dataset.clouds.entries[index as usize])
         .collect();
     let signatures: Vec<Vec<Signature>> = entries

@@ -40,11 +40,19 @@ impl StructureChannel {
         for Axis { feature, bins, full_turn } in &self.axes {
             numbers.extend([feature.code(), *bins, u32::from(*full_turn)]);
         }
-        numbers.extend([u32::from(self.is_joint), self.squash_milli, self.radius_um]);
+        let has_weights = !self.value_weights.is_empty();
+        numbers.push(u32::from(self.is_joint) + 2 * u32::from(has_weights));
+        numbers.extend([self.squash_milli, self.radius_um]);
         numbers.push(self.shells_um.len() as u32);
         numbers.extend(&self.shells_um);
         numbers.extend([self.least_um, self.grid_um, self.samples]);
         numbers.extend([u32::from(self.oriented), metric_code(self.metric)]);
+        if has_weights {
+            // Two a number: a task has room for 4 KiB of a descriptor.
+            numbers.push(self.value_weights.len() as u32);
+            let second = |two: &[u16]| two.get(1).map_or(0, |&weight| u32::from(weight) << 16);
+            numbers.extend(self.value_weights.chunks(2).map(|two| u32::from(two[0]) | second(two)));
+        }
         numbers
     }
 }
@@ -123,13 +131,19 @@ impl Numbers<'_> {
     }
 
     fn channel(&mut self) -> Result<StructureChannel, StructureError> {
-        Ok(StructureChannel {
+        let has_weights;
+        let mut channel = StructureChannel {
             pairs: self.choice("pairs", Pairs::ALL)?,
             axes: {
                 let axes = self.count("features", StructureChannel::MAX_AXES)?;
                 (0..axes).map(|_| self.axis()).collect::<Result<_, _>>()?
             },
-            is_joint: self.choice("side_by_side", [false, true])?,
+            is_joint: {
+                let choices = [(false, false), (true, false), (false, true), (true, true)];
+                let (is_joint, weights) = self.choice("side_by_side", choices)?;
+                has_weights = weights;
+                is_joint
+            },
             squash_milli: self.next("squash")?,
             radius_um: self.next("radius_cm")?,
             shells_um: {
@@ -141,7 +155,33 @@ impl Numbers<'_> {
             samples: self.next("samples")?,
             oriented: self.choice("normals_only", [false, true])?,
             metric: self.choice("metric", SetDistance::ALL)?,
-        })
+            value_weights: Vec::new(),
+        };
+        if has_weights {
+            channel.value_weights = self.value_weights()?;
+        }
+        Ok(channel)
+    }
+
+    /// At least one; the second of the last number is 0 if there is none.
+    fn value_weights(&mut self) -> Result<Vec<u16>, StructureError> {
+        let wrong = |what: String| Err(StructureError::new("value_weights", what, SAME_RELEASE));
+        let count = self.count("value_weights", Structure::MAX_VALUE_WEIGHTS)?;
+        if count == 0 {
+            return wrong("at least 1 expected, got 0".to_owned());
+        }
+        let mut weights = Vec::with_capacity(count + 1);
+        for _ in 0..count.div_ceil(2) {
+            let two = self.next("value_weights")?;
+            weights.extend([two as u16, (two >> 16) as u16]);
+        }
+        match weights.get(count) {
+            Some(&got) if got > 0 => wrong(format!("0 after the last expected, got {got}")),
+            _ => {
+                weights.truncate(count);
+                Ok(weights)
+            }
+        }
     }
 
     fn axis(&mut self) -> Result<Axis, StructureError> {
@@ -198,9 +238,15 @@ mod tests {
             samples: 8192,
             oriented: false,
             metric: SetDistance::L1,
+            value_weights: Vec::new(),
         };
         let numbers = vec![3, 2, 0, 5, 0, 1, 60, 1, 0, 0, 200_000, 2, 100_000, 200_000, 5_000, 0, 8192, 0, 1];
         assert_eq!(channel.numbers(), numbers);
+        let weighted = StructureChannel { value_weights: vec![10_000, 0, 7], ..channel.clone() };
+        let mut with_weights = numbers.clone();
+        with_weights[8] = 2;
+        with_weights.extend([3, 10_000, 7]);
+        assert_eq!(weighted.numbers(), with_weights);
         let structure = Structure { channels: vec![Weighted { channel, weight_ppm: 7, scale: Scale::None }] };
         assert_eq!(structure.numbers(), [vec![1, 7, 1], numbers].concat());
         assert_eq!(StructureSpace::default().numbers(), [1, 4, 500, 0]);

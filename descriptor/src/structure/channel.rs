@@ -67,6 +67,9 @@ pub struct StructureChannel {
     pub oriented: bool,
     /// How rows are compared.
     pub metric: SetDistance,
+    /// What each value of a signature is multiplied by, those of the centroid first, then those of the deviation:
+    /// ten-thousandths, the largest of them [`StructureChannel::FULL`]. Empty: every value counts in full.
+    pub value_weights: Vec<u16>,
 }
 
 impl Scale {
@@ -111,6 +114,9 @@ impl StructureChannel {
     /// Most axes of a channel.
     pub const MAX_AXES: usize = 8;
 
+    /// Weight of a value that counts in full.
+    pub const FULL: u16 = 10_000;
+
     /// The longest distance that a pair may have, micrometres.
     pub fn longest_um(&self) -> u32 {
         match self.pairs {
@@ -134,6 +140,16 @@ impl StructureChannel {
     /// Whether rows have a deviation: all but those of `Cloud`, of which there is one.
     pub fn has_deviation(&self) -> bool {
         self.pairs != Pairs::Cloud
+    }
+
+    /// What a value of this weight is multiplied by.
+    pub fn factor(weight: u16) -> f32 {
+        f32::from(weight) / f32::from(Self::FULL)
+    }
+
+    /// Values of a cloud's signature: centroid and deviation.
+    pub fn values(&self) -> u64 {
+        self.bins().saturating_mul(if self.has_deviation() { 2 } else { 1 })
     }
 
     /// Whether it takes only points that have a normal.

@@ -63,14 +63,21 @@ impl Structure {
             return Err(StructureError::new("channel", what, "write one [[channel]] for each"));
         }
         let mut numbered = (1..).zip(&self.channels);
-        numbered.try_for_each(|(number, weighted)| weighted.check().map_err(|error| error.in_channel(number)))
+        numbered
+            .try_for_each(|(number, weighted)| weighted.check().map_err(|error| error.in_channel(number)))?;
+        let weights: usize = self.channels.iter().map(|one| one.channel.value_weights.len()).sum();
+        if weights > Self::MAX_VALUE_WEIGHTS {
+            let what = format!(
+                "must be at most {} in all channels together, got {weights}",
+                Self::MAX_VALUE_WEIGHTS
+            );
+            return Err(StructureError::new("value_weights", what, "leave those of the largest channel out"));
+        }
+        Ok(())
     }
 }
 
 impl Weighted {
-    /// Largest weight, millionths.
-    const MAX_WEIGHT_PPM: u32 = 1_000_000_000;
-
     fn check(&self) -> Result<(), StructureError> {
         self.channel.check()?;
         within("weight", self.weight_ppm, 1_000_000, 1..=Self::MAX_WEIGHT_PPM)
@@ -101,11 +108,38 @@ impl StructureChannel {
         within("radius_cm", self.radius_um, 10_000, 1..=Self::METRE)?;
         self.check_shells()?;
         self.check_points()?;
+        self.check_value_weights()?;
         if self.bins() > Self::MAX_ROW {
             let what = format!("must make at most {} values a row, got {}", Self::MAX_ROW, self.bins());
             return Err(StructureError::new("features", what, "take fewer bins, features or shells"));
         }
         Ok(())
+    }
+
+    fn check_value_weights(&self) -> Result<(), StructureError> {
+        let wrong = |what: String, advice| Err(StructureError::new("value_weights", what, advice));
+        let weights = &self.value_weights;
+        if weights.is_empty() {
+            return Ok(());
+        }
+        let (values, got) = (self.values(), weights.len());
+        if got as u64 != values {
+            let what = format!("must be {values}, one for each value, got {got}");
+            return wrong(what, "count the bins, twice where there is a deviation, or leave them out");
+        }
+        if weights.iter().all(|&weight| weight == Self::FULL) {
+            return wrong(format!("must differ, got {got} of 1"), "leave them out");
+        }
+        match weights.iter().max() {
+            Some(&Self::FULL) => Ok(()),
+            largest => {
+                let what = format!(
+                    "the largest must be 1, got {}",
+                    in_units(largest.map_or(0, |&weight| weight.into()), Self::FULL.into())
+                );
+                wrong(what, "divide them by the largest, and multiply weight by it")
+            }
+        }
     }
 
     fn check_features(&self) -> Result<(), StructureError> {

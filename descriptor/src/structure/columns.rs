@@ -119,6 +119,7 @@ fn weighted_of(ticks: [Option<u32>; FIELDS], metric: SetDistance) -> Option<Weig
         samples: samples.unwrap_or(0),
         oriented: false,
         metric,
+        value_weights: Vec::new(),
     };
     channel.shells_um = channel.equal_shells(shells.filter(|shells| (1..=2).contains(shells))?);
     Some(Weighted { channel, weight_ppm: weight?, scale: Scale::Quantile })
@@ -148,6 +149,7 @@ mod tests {
             samples: 256,
             oriented: false,
             metric: SetDistance::L1,
+            value_weights: Vec::new(),
         };
         let structure =
             Structure { channels: vec![Weighted { channel, weight_ppm: 58_008, scale: Scale::Quantile }] };

@@ -180,6 +180,7 @@ mod tests {
             samples: 64,
             oriented: false,
             metric: SetDistance::ChiSquared,
+            value_weights: Vec::new(),
         });
         let (mut refused, mut used) = (0, 0);
         for position in 0..bytes.len() {

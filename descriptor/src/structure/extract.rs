@@ -40,7 +40,7 @@ impl StructurePlan {
             return Ok(Signature::default());
         }
         let rows = self.prepare(cloud)?;
-        Ok(widest(Describe { plan: self, rows }))
+        Ok(self.weighted(widest(Describe { plan: self, rows })))
     }
 
     /// Finds what the rows of a cloud are made of.

@@ -55,6 +55,10 @@ pub struct ChannelFile {
     /// How rows are compared. Default: `chi2`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub metric: Option<String>,
+    /// What each value of a signature is multiplied by, 0 to 1, the largest 1: of the mean row in the order of its bins,
+    /// then, but for `cloud`, of the deviation; `coordinator weigh` finds them. Default: all 1.
+    #[serde(default, skip_serializing_if = "Option::is_none", serialize_with = "all_shortest")]
+    pub value_weights: Option<Vec<f64>>,
     /// What the channel's distances are multiplied by. Default: 1.
     #[serde(default, skip_serializing_if = "Option::is_none", serialize_with = "shortest_of")]
     pub weight: Option<f64>,
@@ -155,6 +159,7 @@ impl ChannelFile {
             samples: self.samples.unwrap_or(0),
             oriented: self.normals_only && !needs_normals,
             metric: metric.transpose()?.unwrap_or_default(),
+            value_weights: self.value_weights()?,
         };
         channel.shells_um = self.shells_um(&channel)?;
         Ok(Weighted {
@@ -162,6 +167,25 @@ impl ChannelFile {
             weight_ppm: ticks("weight", self.weight.unwrap_or(1.0), 1_000_000)?,
             scale: scale.transpose()?.unwrap_or_default(),
         })
+    }
+
+    fn value_weights(&self) -> Result<Vec<u16>, StructureError> {
+        let full = StructureChannel::FULL;
+        let weight = |&value: &f64| {
+            let weight = ticks("value_weights", value, full.into())?;
+            u16::try_from(weight).ok().filter(|&weight| weight <= full).ok_or_else(|| {
+                let what = format!("must be 0 to 1, got {value}");
+                StructureError::new("value_weights", what, "divide them by the largest")
+            })
+        };
+        match self.value_weights.as_deref() {
+            None => Ok(Vec::new()),
+            Some([]) => {
+                let what = "there must be one for each value, got none";
+                Err(StructureError::new("value_weights", what, "leave them out"))
+            }
+            Some(weights) => weights.iter().map(weight).collect(),
+        }
     }
 
     fn shells_um(&self, channel: &StructureChannel) -> Result<Vec<u32>, StructureError> {
@@ -200,6 +224,10 @@ impl From<&Weighted> for ChannelFile {
             samples: (channel.samples > 0).then_some(channel.samples),
             normals_only: channel.oriented,
             metric: (channel.metric != SetDistance::default()).then(|| channel.metric.name().to_owned()),
+            value_weights: (!channel.value_weights.is_empty()).then(|| {
+                let full = f64::from(StructureChannel::FULL);
+                channel.value_weights.iter().map(|&weight| f64::from(weight) / full).collect()
+            }),
             weight: Some(f64::from(*weight_ppm) / 1e6),
             scale: (*scale != Scale::default()).then(|| scale.name().to_owned()),
         }
@@ -305,6 +333,7 @@ mod tests {
             samples: 0,
             oriented: true,
             metric: SetDistance::ChiSquared,
+            value_weights: Vec::new(),
         };
         let shape = StructureChannel {
             axes: vec![Axis { feature: Feature::Angle, bins: shape_bins, full_turn: true }],
@@ -356,6 +385,7 @@ mod tests {
             samples: 0,
             oriented: false,
             metric: SetDistance::ChiSquared,
+            value_weights: Vec::new(),
         };
         let weighted = Weighted { channel, weight_ppm: 1_000_000, scale: Scale::Quantile };
         assert_eq!(structure, Ok(Structure { channels: vec![weighted] }));
@@ -451,6 +481,31 @@ mod tests {
             ),
             ("metric = \"l2\"", "metric: one of "),
             ("scale = \"1\"", "scale: one of quantile, none expected, got \"1\"\nwrite one of these names"),
+            (
+                "value_weights = []",
+                "value_weights: there must be one for each value, got none\nleave them out",
+            ),
+            (
+                "value_weights = [1, 0.5]",
+                "value_weights: must be 12, one for each value, got 2\ncount the bins, twice where there is a deviation, or leave them out",
+            ),
+            (
+                "pairs = \"cloud\"\nfeatures = [\"hue 2\"]\nvalue_weights = [1, 1]",
+                "value_weights: must differ, got 2 of 1\nleave them out",
+            ),
+            (
+                "pairs = \"cloud\"\nfeatures = [\"hue 2\"]\nvalue_weights = [0.5, 0.25]",
+                "value_weights: the largest must be 1, got 0.5\ndivide them by the largest, and multiply weight by it",
+            ),
+            ("value_weights = [1.5]", "value_weights: must be 0 to 1, got 1.5\ndivide them by the largest"),
+            (
+                "value_weights = [nan]",
+                "value_weights: must be a number from 0 to 429496, got NaN\nchoose a value inside these limits",
+            ),
+            (
+                "value_weights = [0.00001]",
+                "value_weights: must be a multiple of 0.0001, got 0.00001\nround it",
+            ),
             ("weight = 0", "weight: must be 0.000001 to 1000, got 0\nchoose a value inside these limits"),
             (
                 "weight = 1001",

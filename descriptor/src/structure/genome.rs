@@ -173,6 +173,7 @@ impl StructureSpace {
             samples: *samples(pairs).get(sample)?,
             oriented: false,
             metric: self.metric,
+            value_weights: Vec::new(),
         };
         if channel.is_squashed() {
             channel.squash_milli = *SQUASHES.get(squash)?;
@@ -355,6 +356,7 @@ mod tests {
             samples: 0,
             oriented: false,
             metric: SetDistance::ChiSquared,
+            value_weights: Vec::new(),
         };
         let expected = Weighted { channel: expected, weight_ppm: 50_000, scale: Scale::Quantile };
         assert_eq!(plain, expected);

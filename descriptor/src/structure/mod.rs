@@ -72,9 +72,17 @@ impl Structure {
     /// Most channels that a structure may have.
     pub const MAX_CHANNELS: usize = 8;
 
+    /// Most weights of values in all channels together: a task has room for 4 KiB of a descriptor.
+    pub const MAX_VALUE_WEIGHTS: usize = 1000;
+
     /// Bins of all channels together.
     pub fn bins(&self) -> u64 {
         self.channels.iter().fold(0, |sum, one| sum.saturating_add(one.channel.bins()))
+    }
+
+    /// Whether values of some channel have weights of their own.
+    pub fn has_value_weights(&self) -> bool {
+        self.channels.iter().any(|one| !one.channel.value_weights.is_empty())
     }
 
     /// Whether it has a structure's only channel.
@@ -100,6 +108,7 @@ impl Default for Structure {
             samples,
             oriented: false,
             metric: SetDistance::ChiSquared,
+            value_weights: Vec::new(),
         };
         let opponents = vec![axis(Feature::O1, 8), axis(Feature::O2, 8)];
         let colours = vec![axis(Feature::Distance, 5), axis(Feature::C1, 6), axis(Feature::C2, 6)];
@@ -118,6 +127,9 @@ impl Default for Structure {
 impl Weighted {
     /// A weight of 1.
     pub const UNIT_PPM: u32 = 1_000_000;
+
+    /// Largest weight, millionths.
+    pub const MAX_WEIGHT_PPM: u32 = 1_000_000_000;
 
     /// What the channel's distances are multiplied by.
     pub fn weight(&self) -> f64 {

@@ -7,6 +7,9 @@ use crate::FieldSpec;
 use crate::distance::SetDistance;
 use crate::structure::{Axis, Feature, Pairs, Scale, Structure, StructureChannel, StructureSpace, Weighted};
 
+/// Most values of a channel that may have weights: eight of them may have as many as a structure may.
+const MOST_WEIGHTS: usize = Structure::MAX_VALUE_WEIGHTS / 8;
+
 /// A channel that any experiment may use.
 fn channel() -> impl Strategy<Value = StructureChannel> {
     let bins = || prop_oneof![2u32..=6, 2u32..=64];
@@ -19,7 +22,17 @@ fn channel() -> impl Strategy<Value = StructureChannel> {
     let least = prop::option::of(any::<Index>());
     let numbers = (1u32..=10_000, 0u32..=65_536, least);
     let switches = (any::<bool>(), any::<bool>(), any::<bool>());
-    (select(&Pairs::ALL), axes, lengths, numbers, switches, select(&SetDistance::ALL)).prop_map(made_of)
+    let weights = prop::option::of(prop::collection::vec(0..StructureChannel::FULL, MOST_WEIGHTS));
+    let parts = (select(&Pairs::ALL), axes, lengths, numbers, switches, select(&SetDistance::ALL));
+    (parts.prop_map(made_of), weights).prop_map(|(mut made, weights)| {
+        if let Some(mut weights) = weights.filter(|_| made.values() <= MOST_WEIGHTS as u64) {
+            weights.truncate(made.values() as usize);
+            let largest = usize::from(weights[0]) % weights.len();
+            weights[largest] = StructureChannel::FULL;
+            made.value_weights = weights;
+        }
+        made
+    })
 }
 
 type Parts = (
@@ -49,6 +62,7 @@ fn made_of(
         samples: if pairs.is_sampled() { samples } else { 0 },
         oriented: oriented && !features.iter().any(|feature| feature.needs_normals()),
         metric,
+        value_weights: Vec::new(),
     };
     if !made.is_squashed() {
         made.squash_milli = 0;

@@ -37,6 +37,7 @@ fn channel(pairs: Pairs, axes: &[Axis], radius_um: u32) -> StructureChannel {
         samples: 0,
         oriented: false,
         metric: SetDistance::ChiSquared,
+        value_weights: Vec::new(),
     };
     StructureChannel { shells_um: vec![channel.longest_um()], ..channel }
 }
@@ -158,6 +159,7 @@ fn any_channel() -> impl Strategy<Value = StructureChannel> {
             samples: [0, 64, 500, 1_500][samples],
             oriented,
             metric: SetDistance::ChiSquared,
+            value_weights: Vec::new(),
         }
     })
 }
@@ -302,6 +304,25 @@ fn pfhrgbs_layout_is_a_structure() {
                 assert!(off <= slack + 4.0 + pairs / 10_000.0, "{off} of {pairs} in other bins");
             }
         }
+    }
+}
+
+#[test]
+fn values_are_multiplied_by_their_weights() {
+    let cloud = ready(&sheet(4, 500));
+    for pairs in Pairs::ALL {
+        let plain = channel(pairs, &[axis(Feature::Distance, 4), axis(Feature::Hue, 3)], 30_000);
+        let weights: Vec<u16> = (0..plain.values() as u16).map(|value| 10_000 - 400 * value).collect();
+        let weighted = StructureChannel { value_weights: weights.clone(), ..plain.clone() };
+        let [plain, weighted] = [plain, weighted].map(|channel| channel.signature(&cloud).unwrap());
+        let values = |signature: Signature| [signature.centroid, signature.deviation].concat();
+        let expected: Vec<f32> = values(plain)
+            .iter()
+            .zip(weights)
+            .map(|(value, weight)| value * (f32::from(weight) / 10_000.0))
+            .collect();
+        assert!(expected.iter().filter(|&&value| value > 0.0).count() > 2);
+        assert_eq!(values(weighted), expected, "{pairs:?}");
     }
 }
 

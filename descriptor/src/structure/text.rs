@@ -55,6 +55,12 @@ impl fmt::Display for StructureChannel {
         if self.metric != SetDistance::default() {
             write!(f, ", {}", self.metric.name())?;
         }
+        if !self.value_weights.is_empty() {
+            // They are too many to be told; other weights have another digest.
+            let bytes: Vec<u8> = self.value_weights.iter().flat_map(|weight| weight.to_le_bytes()).collect();
+            let digest = blake3::hash(&bytes).to_hex();
+            write!(f, ", values weighted {}", &digest[..8])?;
+        }
         Ok(())
     }
 }
@@ -111,6 +117,7 @@ mod tests {
             samples: 8192,
             oriented: false,
             metric: SetDistance::ChiSquared,
+            value_weights: Vec::new(),
         };
         let near = StructureChannel {
             pairs: Pairs::KeypointNeighbour,

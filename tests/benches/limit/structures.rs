@@ -36,6 +36,7 @@ fn channels() -> Vec<(&'static str, StructureChannel)> {
         samples: 0,
         oriented: false,
         metric: SetDistance::ChiSquared,
+        value_weights: Vec::new(),
     };
     let mut drawn = Structure::default().channels.into_iter().map(|Weighted { channel, .. }| channel);
     let angle_and_hue = vec![axis(Feature::Angle, 8), axis(Feature::Hue, 8)];

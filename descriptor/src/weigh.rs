@@ -1,0 +1,429 @@
+//! Weights for the values of a structure's signatures, learned from labelled clouds: a value counts for as much as it
+//! tells objects apart.
+
+use rayon::prelude::*;
+
+use crate::distance::{DistanceMatrix, SetDistance, set_distances};
+use crate::recogniser::LabelledClouds;
+use crate::signature::{Signature, Signatures};
+use crate::structure::{Scale, Structure, StructureChannel, Weighted, scale};
+
+/// Clouds of other objects that a cloud is told apart from: those that it is most easily taken for.
+const RIVALS: usize = 20;
+
+/// Share of the mean difference within objects that is added to every difference, so that values that hardly ever
+/// differ do not decide.
+const FLOOR: f64 = 0.05;
+
+/// Why values cannot be weighed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum WeighError {
+    /// They have weights already.
+    #[error(
+        "structure: values without weights expected, got some with\nname the structure that they were found for"
+    )]
+    Weighted,
+    /// More values than weights may be kept of.
+    #[error(
+        "structure: at most {} values expected, got {got}\nname a structure with fewer bins",
+        Structure::MAX_VALUE_WEIGHTS
+    )]
+    Values {
+        /// Values of all channels together.
+        got: u64,
+    },
+    /// Nothing says what an object looks like in another sequence.
+    #[error(
+        "clouds: an object seen in two sequences expected, got none\nname sequences in the manifest, or lay clouds out as object_sequence_frame"
+    )]
+    Sequences,
+    /// There is nothing to be told apart.
+    #[error(
+        "clouds: two objects expected that are seen in different sequences, got fewer\nadd clouds of others"
+    )]
+    Objects,
+}
+
+/// A structure with weights for the values of its signatures, learned from labelled clouds, by the current rayon pool.
+/// `sequences` are those that the clouds are of, `None` of clouds of which it is not known: they teach nothing.
+///
+/// Each cloud is compared, value by value, with those of its object in other sequences, and with the 20 nearest clouds of
+/// other objects in other sequences. Let s and o be the sums over the clouds of the mean terms of a value, and f a
+/// twentieth of the mean of s over all values, in the proportions in which channels are added up: then the weight of the
+/// value is ((o + f) / (s + f))². Weights of a channel are divided by the largest, and the weight of the channel is
+/// multiplied by as much and by what changes of its scale.
+///
+/// # Errors
+/// [`WeighError`]
+///
+/// # Panics
+/// If the clouds are not described by the structure's channels, or not all labelled: a programming error.
+pub fn weighed(
+    structure: &Structure,
+    clouds: &LabelledClouds<'_>,
+    sequences: &[Option<u32>],
+) -> Result<Structure, WeighError> {
+    assert_eq!(clouds.channels.len(), structure.channels.len(), "signatures of each channel");
+    assert_eq!(clouds.objects.len(), sequences.len(), "labels of each cloud");
+    if structure.has_value_weights() {
+        return Err(WeighError::Weighted);
+    }
+    let got = structure.channels.iter().map(|one| one.channel.values()).sum();
+    if got > Structure::MAX_VALUE_WEIGHTS as u64 {
+        return Err(WeighError::Values { got });
+    }
+    let Differences { same, others } = Differences::between(clouds, sequences)?;
+    let all: f64 = same.iter().sum();
+    let floor = FLOOR * all / same.len() as f64;
+    let of_value = |(same, others): (&f64, &f64)| {
+        // Where nothing at all differs within objects, no value is better than another.
+        let ratio = if floor > 0.0 { (others + floor) / (same + floor) } else { 1.0 };
+        ratio * ratio
+    };
+    let weights: Vec<f64> = same.iter().zip(&others).map(of_value).collect();
+    // Distances stay about as large as they were.
+    let after: f64 = same.iter().zip(&weights).map(|(same, weight)| same * weight).sum();
+    let mean = if all > 0.0 { after / all } else { 1.0 };
+
+    let mut rest = weights.as_slice();
+    let channels = structure.channels.iter().zip(clouds.channels);
+    let weighted: Vec<(StructureChannel, f64)> = channels
+        .map(|(one, &(signatures, metric, _))| {
+            let (of_channel, later) = rest.split_at(one.channel.values() as usize);
+            rest = later;
+            let (channel, times) = weigh(one, of_channel, &Clouds { signatures, metric });
+            (channel, f64::from(one.weight_ppm) * times / mean)
+        })
+        .collect();
+    // Only proportions matter.
+    let most = f64::from(Weighted::MAX_WEIGHT_PPM);
+    let beyond = weighted.iter().fold(1.0, |beyond: f64, (_, weight)| beyond.max(weight / most));
+    let channels = structure.channels.iter().zip(weighted).map(|(one, (channel, weight))| {
+        let weight_ppm = (weight / beyond).round().max(1.0) as u32;
+        Weighted { channel, weight_ppm, scale: one.scale }
+    });
+    Ok(Structure { channels: channels.collect() })
+}
+
+/// Clouds in one channel.
+struct Clouds<'a> {
+    signatures: &'a Signatures,
+    metric: SetDistance,
+}
+
+/// The channel with these weights over the largest, and what its own weight is multiplied by, so that its distances are in
+/// the same proportion to others as without the scale.
+fn weigh(one: &Weighted, weights: &[f64], clouds: &Clouds<'_>) -> (StructureChannel, f64) {
+    let largest = weights.iter().copied().fold(0.0, f64::max);
+    let full = f64::from(StructureChannel::FULL);
+    let mut value_weights: Vec<u16> =
+        weights.iter().map(|weight| (weight / largest * full).round() as u16).collect();
+    let rescaled = match one.scale {
+        Scale::None => 1.0,
+        Scale::Quantile => clouds.scale(Some(&value_weights)) / clouds.scale(None),
+    };
+    if value_weights.iter().all(|&weight| weight == StructureChannel::FULL) {
+        value_weights.clear();
+    }
+    (StructureChannel { value_weights, ..one.channel.clone() }, largest * rescaled)
+}
+
+impl Clouds<'_> {
+    /// What their distances are divided by, if values are weighted so.
+    fn scale(&self, value_weights: Option<&[u16]>) -> f64 {
+        let Some(weights) = value_weights else {
+            return scale(&DistanceMatrix::among(self.metric, self.signatures));
+        };
+        let factors: Vec<f32> = weights.iter().map(|&weight| StructureChannel::factor(weight)).collect();
+        let weighted = |cloud| times(self.signatures.get(cloud), &factors);
+        let weighted: Vec<Signature> = (0..self.signatures.clouds()).map(weighted).collect();
+        scale(&DistanceMatrix::among(self.metric, &weighted.iter().collect()))
+    }
+}
+
+/// The values of a signature, multiplied.
+fn times([centroid, deviation]: [&[f32]; 2], factors: &[f32]) -> Signature {
+    let (of_centroid, of_deviation) = factors.split_at(centroid.len());
+    let times = |values: &[f32], factors: &[f32]| values.iter().zip(factors).map(|(a, b)| a * b).collect();
+    Signature { centroid: times(centroid, of_centroid), deviation: times(deviation, of_deviation) }
+}
+
+/// How much each value differs: sums over clouds of means, channel after channel, centroid before deviation.
+struct Differences {
+    /// From clouds of the same object.
+    same: Vec<f64>,
+    /// From those of other objects that are nearest.
+    others: Vec<f64>,
+}
+
+impl Differences {
+    fn between(clouds: &LabelledClouds<'_>, sequences: &[Option<u32>]) -> Result<Self, WeighError> {
+        let LabelledClouds { channels, objects } = *clouds;
+        let matrices: Vec<(DistanceMatrix, f64)> = channels
+            .iter()
+            .map(|&(signatures, metric, factor)| (DistanceMatrix::among(metric, signatures), factor))
+            .collect();
+        let means = |distances: &mut Vec<f64>, query: usize| -> Option<[Option<Vec<f64>>; 2]> {
+            sequences[query]?;
+            let elsewhere =
+                |&other: &usize| sequences[other].is_some() && sequences[other] != sequences[query];
+            let (same, mut others): (Vec<usize>, Vec<usize>) =
+                (0..objects.len()).filter(elsewhere).partition(|&other| objects[other] == objects[query]);
+            if same.is_empty() {
+                return None;
+            }
+            set_distances(&matrices, query, distances);
+            others.sort_by(|&a, &b| distances[a].total_cmp(&distances[b]).then(a.cmp(&b)));
+            others.truncate(RIVALS);
+            let mean = |of: Vec<usize>| (!of.is_empty()).then(|| mean_terms(channels, query, &of));
+            Some([mean(same), mean(others)])
+        };
+        let means: Vec<_> = (0..objects.len()).into_par_iter().map_init(Vec::new, means).collect();
+        let values = channels.iter().map(|(signatures, ..)| signatures.get(0).concat().len()).sum();
+        let mut sums = [vec![0.0; values], vec![0.0; values]];
+        let (mut is_seen_twice, mut is_told_apart) = (false, false);
+        // In the order of the clouds.
+        for [same, others] in means.into_iter().flatten() {
+            is_seen_twice = true;
+            let Some(others) = others else { continue };
+            is_told_apart = true;
+            for (sum, terms) in sums.iter_mut().zip([same.unwrap_or_default(), others]) {
+                sum.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+            }
+        }
+        match (is_seen_twice, is_told_apart) {
+            (false, _) => Err(WeighError::Sequences),
+            (_, false) => Err(WeighError::Objects),
+            _ => {
+                let [same, others] = sums;
+                Ok(Self { same, others })
+            }
+        }
+    }
+}
+
+/// The terms of each value, mean over the distances of a cloud to others, as channels are added up.
+fn mean_terms(channels: &[(&Signatures, SetDistance, f64)], query: usize, others: &[usize]) -> Vec<f64> {
+    let mut means = Vec::new();
+    for &(signatures, metric, factor) in channels {
+        let query = signatures.get(query).concat();
+        let first = means.len();
+        means.resize(first + query.len(), 0.0);
+        for &other in others {
+            let other = signatures.get(other).concat();
+            for ((mean, a), b) in means[first..].iter_mut().zip(&query).zip(other) {
+                *mean += term(metric, (*a).into(), b.into()) * factor / others.len() as f64;
+            }
+        }
+    }
+    means
+}
+
+/// What two values add to a distance.
+fn term(metric: SetDistance, a: f64, b: f64) -> f64 {
+    match metric {
+        SetDistance::ChiSquared if a + b == 0.0 => 0.0,
+        SetDistance::ChiSquared => (a - b) * (a - b) / (2.0 * (a + b)),
+        SetDistance::L1 => (a - b).abs(),
+        SetDistance::Hellinger => {
+            let difference = a.sqrt() - b.sqrt();
+            difference * difference / 2.0
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::structure::{Axis, Feature, Pairs};
+
+    /// Channels of three values a cloud and of two with deviations, compared by a metric.
+    fn structure(metric: SetDistance, scale: Scale) -> Structure {
+        let channel = |pairs, bins, weight_ppm| {
+            let channel = StructureChannel {
+                pairs,
+                axes: vec![Axis { feature: Feature::Distance, bins, full_turn: false }],
+                is_joint: true,
+                squash_milli: 0,
+                radius_um: 50_000,
+                shells_um: vec![50_000],
+                least_um: 0,
+                grid_um: if pairs == Pairs::Cloud { 0 } else { 20_000 },
+                samples: 0,
+                oriented: false,
+                metric,
+                value_weights: Vec::new(),
+            };
+            Weighted { channel, weight_ppm, scale }
+        };
+        Structure {
+            channels: vec![channel(Pairs::Cloud, 3, 1_000_000), channel(Pairs::Keypoints, 2, 250_000)],
+        }
+    }
+
+    /// Seven values of each cloud in the two channels.
+    fn signatures(clouds: &[[f32; 7]]) -> [Signatures; 2] {
+        let of = |part: fn(&[f32; 7]) -> Signature| -> Signatures {
+            clouds.iter().map(part).collect::<Vec<_>>().iter().collect()
+        };
+        [
+            of(|values| Signature { centroid: values[..3].to_vec(), deviation: Vec::new() }),
+            of(|values| Signature { centroid: values[3..5].to_vec(), deviation: values[5..].to_vec() }),
+        ]
+    }
+
+    fn learned(
+        structure: &Structure,
+        clouds: &[[f32; 7]],
+        objects: &[u32],
+        sequences: &[Option<u32>],
+    ) -> Result<Structure, WeighError> {
+        let signatures = signatures(clouds);
+        let channels: Vec<_> = (structure.channels.iter().zip(&signatures))
+            .map(|(one, signatures)| (signatures, one.channel.metric, one.weight()))
+            .collect();
+        weighed(structure, &LabelledClouds { channels: &channels, objects }, sequences)
+    }
+
+    /// The definition, value by value, from the distances of single pairs.
+    fn expected(
+        structure: &Structure,
+        clouds: &[[f32; 7]],
+        objects: &[u32],
+        sequences: &[Option<u32>],
+    ) -> Option<Vec<f64>> {
+        let metric = structure.channels[0].channel.metric;
+        let term = |value: usize, a: usize, b: usize| {
+            let [a, b] = [a, b].map(|cloud| f64::from(clouds[cloud][value]));
+            let weight = structure.channels[usize::from(value > 2)].weight();
+            weight
+                * match metric {
+                    SetDistance::ChiSquared if a + b == 0.0 => 0.0,
+                    SetDistance::ChiSquared => (a - b) * (a - b) / (2.0 * (a + b)),
+                    SetDistance::L1 => (a - b).abs(),
+                    SetDistance::Hellinger => 0.5 * (a + b) - (a * b).sqrt(),
+                }
+        };
+        let (mut same, mut others, mut seen) = ([0.0; 7], [0.0; 7], false);
+        for one in 0..clouds.len() {
+            let elsewhere: Vec<usize> = (0..clouds.len())
+                .filter(|&it| {
+                    sequences[one].is_some() && sequences[it].is_some() && sequences[it] != sequences[one]
+                })
+                .collect();
+            let own: Vec<usize> =
+                elsewhere.iter().copied().filter(|&it| objects[it] == objects[one]).collect();
+            let mut rivals: Vec<usize> =
+                elsewhere.into_iter().filter(|&it| objects[it] != objects[one]).collect();
+            if own.is_empty() || rivals.is_empty() {
+                continue;
+            }
+            seen = true;
+            let distance = |it: &usize| (0..7).map(|value| term(value, one, *it)).sum::<f64>();
+            rivals.sort_by(|a, b| distance(a).total_cmp(&distance(b)));
+            rivals.truncate(20);
+            for value in 0..7 {
+                let mean =
+                    |of: &[usize]| of.iter().map(|&it| term(value, one, it)).sum::<f64>() / of.len() as f64;
+                same[value] += mean(&own);
+                others[value] += mean(&rivals);
+            }
+        }
+        let floor = same.iter().sum::<f64>() / 7.0 / 20.0;
+        let ratio =
+            |value: usize| if floor > 0.0 { (others[value] + floor) / (same[value] + floor) } else { 1.0 };
+        let weight = |value: usize| ratio(value) * ratio(value);
+        seen.then(|| (0..7).map(weight).collect())
+    }
+
+    proptest! {
+        #[test]
+        fn weights_are_their_definition(
+            clouds in prop::collection::vec(prop::array::uniform7(0.0f32..1.0), 2..24),
+            labels in prop::collection::vec((0u32..3, prop::option::weighted(0.9, 0u32..3)), 24),
+            metric in prop::sample::select(&SetDistance::ALL),
+        ) {
+            let (objects, sequences): (Vec<u32>, Vec<Option<u32>>) = labels.into_iter().take(clouds.len()).unzip();
+            let structure = structure(metric, Scale::None);
+            let found = learned(&structure, &clouds, &objects, &sequences);
+            let Some(expected) = expected(&structure, &clouds, &objects, &sequences) else {
+                prop_assert!(matches!(found, Err(WeighError::Sequences | WeighError::Objects)), "{:?}", found);
+                return Ok(());
+            };
+            let found = found.unwrap();
+            prop_assert_eq!(found.check(), Ok(()));
+            // Of each value weight times that of the channel, but for one factor.
+            let product = |value: usize| {
+                let (channel, first) = if value < 3 { (0, 0) } else { (1, 3) };
+                let one = &found.channels[channel];
+                let share = one.channel.value_weights.get(value - first).map_or(1.0, |&it| f64::from(it) / 1e4);
+                share * one.weight() / structure.channels[channel].weight()
+            };
+            let products: Vec<f64> = (0..7).map(product).collect();
+            let factor = products.iter().sum::<f64>() / expected.iter().sum::<f64>();
+            for (value, (product, expected)) in products.iter().zip(&expected).enumerate() {
+                // Of a share to a ten-thousandth, of a weight to a millionth.
+                let largest = found.channels[usize::from(value > 2)].weight() * 4.0;
+                let rounding = 1e-4 * largest + 1e-5 + 1e-5 * expected * factor;
+                prop_assert!((product - expected * factor).abs() <= rounding, "{}: {:?} {:?}", value, products, expected);
+            }
+        }
+    }
+
+    /// Two objects in two sequences: the first value tells them apart, the second tells sequences apart, others are alike.
+    const CLOUDS: [[f32; 7]; 4] = [
+        [0.125, 0.25, 0.5, 0.5, 0.5, 0.5, 0.5],
+        [0.125, 0.75, 0.5, 0.5, 0.5, 0.5, 0.5],
+        [0.1875, 0.25, 0.5, 0.5, 0.5, 0.5, 0.5],
+        [0.1875, 0.75, 0.5, 0.5, 0.5, 0.5, 0.5],
+    ];
+
+    #[test]
+    fn what_tells_objects_apart_counts_and_what_tells_sequences_apart_hardly() {
+        let sequences = [Some(0), Some(1), Some(0), Some(1)];
+        let found =
+            learned(&structure(SetDistance::L1, Scale::None), &CLOUDS, &[0, 0, 1, 1], &sequences).unwrap();
+        // s is 4 × 1/2 of the second value and 0 of the others, o 4 × 1/16 of the first, 4 × 1/2 of the second and 0 of the
+        // others, and f is 2/7/20: weights are (18.5)² of the first value and 1 of the others.
+        assert_eq!(found.channels[0].channel.value_weights, [10_000, 29, 29]);
+        assert!(found.channels[1].channel.value_weights.is_empty());
+        assert_eq!([0, 1].map(|channel| found.channels[channel].weight_ppm), [342_250_000, 250_000]);
+    }
+
+    #[test]
+    fn a_channel_that_is_scaled_adds_as_much_as_without() {
+        let sequences = [Some(0), Some(1), Some(0), Some(1)];
+        let weighed =
+            |scale| learned(&structure(SetDistance::L1, scale), &CLOUDS, &[0, 0, 1, 1], &sequences).unwrap();
+        let [plain, scaled] = [Scale::None, Scale::Quantile].map(|scale| weighed(scale).channels[0].clone());
+        assert_eq!(plain.channel, scaled.channel);
+        // A twentieth of six is the shortest distance: before of clouds that differ in the first value, now of those that
+        // differ in the second.
+        let ratio = scaled.weight() / plain.weight();
+        assert!((ratio - 0.5 * 0.0029 / 0.0625).abs() < 1e-6, "{ratio}");
+    }
+
+    #[test]
+    fn what_teaches_nothing_is_refused() {
+        let plain = structure(SetDistance::ChiSquared, Scale::Quantile);
+        let by =
+            |objects: [u32; 4], sequences: [Option<u32>; 4]| learned(&plain, &CLOUDS, &objects, &sequences);
+        let two = [Some(0), Some(1), Some(0), Some(1)];
+        for (objects, sequences, error) in [
+            ([0, 0, 1, 1], [None; 4], WeighError::Sequences),
+            ([0, 0, 1, 1], [Some(3); 4], WeighError::Sequences),
+            ([0, 1, 2, 3], two, WeighError::Sequences),
+            ([0; 4], two, WeighError::Objects),
+        ] {
+            assert_eq!(by(objects, sequences), Err(error));
+        }
+        let found = by([0, 0, 1, 1], two).unwrap();
+        assert_eq!(learned(&found, &CLOUDS, &[0, 0, 1, 1], &two), Err(WeighError::Weighted));
+        let mut large = plain.clone();
+        large.channels[1].channel.axes[0].bins = 64;
+        large.channels[1].channel.shells_um = (1..=8).map(|shell| shell * 6_000).collect();
+        assert_eq!(learned(&large, &CLOUDS, &[0, 0, 1, 1], &two), Err(WeighError::Values { got: 3 + 1024 }));
+    }
+}
