@@ -106,5 +106,6 @@ mod sweeps;
 mod unknown_objects;
 mod upgrades;
 mod verdicts;
+mod weighing;
 
 use tests::{browser, experiments, http, process};
