@@ -44,27 +44,37 @@ pub enum WeighError {
     Objects,
 }
 
-/// A structure with weights for the values of its signatures, learned from labelled clouds, by the current rayon pool.
-/// `sequences` are those that the clouds are of, `None` of clouds of which it is not known: they teach nothing.
+/// Labelled clouds of one set, which are compared with each other only.
+#[derive(Clone, Copy, Debug)]
+pub struct LabelledSet<'a> {
+    /// The clouds under the structure, with what they show.
+    pub clouds: LabelledClouds<'a>,
+    /// Of which sequence each is; `None` where it is not known: such clouds teach nothing.
+    pub sequences: &'a [Option<u32>],
+    /// How much the set counts.
+    pub weight: u32,
+}
+
+/// A structure with weights for the values of its signatures, learned from sets of labelled clouds, by the current rayon
+/// pool.
 ///
 /// Each cloud is compared, value by value, with those of its object in other sequences, and with the 20 nearest clouds of
 /// other objects in other sequences. Let s and o be the sums over the clouds of the mean terms of a value, and f a
 /// twentieth of the mean of s over all values, in the proportions in which channels are added up: then the weight of the
-/// value is ((o + f) / (s + f))². Weights of a channel are divided by the largest, and the weight of the channel is
-/// multiplied by as much and by what changes of its scale.
+/// value is ((o + f) / (s + f))². Of several sets, the means over their clouds are added up, each times the set's weight.
+/// Weights of a channel are divided by the largest, and the weight of the channel is multiplied by as much and by what
+/// changes of its scale, the mean over the sets.
 ///
 /// # Errors
 /// [`WeighError`]
 ///
 /// # Panics
 /// If the clouds are not described by the structure's channels, or not all labelled: a programming error.
-pub fn weighed(
-    structure: &Structure,
-    clouds: &LabelledClouds<'_>,
-    sequences: &[Option<u32>],
-) -> Result<Structure, WeighError> {
-    assert_eq!(clouds.channels.len(), structure.channels.len(), "signatures of each channel");
-    assert_eq!(clouds.objects.len(), sequences.len(), "labels of each cloud");
+pub fn weighed(structure: &Structure, sets: &[LabelledSet<'_>]) -> Result<Structure, WeighError> {
+    for LabelledSet { clouds, sequences, .. } in sets {
+        assert_eq!(clouds.channels.len(), structure.channels.len(), "signatures of each channel");
+        assert_eq!(clouds.objects.len(), sequences.len(), "labels of each cloud");
+    }
     if structure.has_value_weights() {
         return Err(WeighError::Weighted);
     }
@@ -72,7 +82,7 @@ pub fn weighed(
     if got > Structure::MAX_VALUE_WEIGHTS as u64 {
         return Err(WeighError::Values { got });
     }
-    let Differences { same, others } = Differences::between(clouds, sequences)?;
+    let Differences { same, others, .. } = Differences::of_all(sets)?;
     let all: f64 = same.iter().sum();
     let floor = FLOOR * all / same.len() as f64;
     let of_value = |(same, others): (&f64, &f64)| {
@@ -86,15 +96,14 @@ pub fn weighed(
     let mean = if all > 0.0 { after / all } else { 1.0 };
 
     let mut rest = weights.as_slice();
-    let channels = structure.channels.iter().zip(clouds.channels);
-    let weighted: Vec<(StructureChannel, f64)> = channels
-        .map(|(one, &(signatures, metric, _))| {
-            let (of_channel, later) = rest.split_at(one.channel.values() as usize);
-            rest = later;
-            let (channel, times) = weigh(one, of_channel, &Clouds { signatures, metric });
-            (channel, f64::from(one.weight_ppm) * times / mean)
-        })
-        .collect();
+    let mut weighted: Vec<(StructureChannel, f64)> = Vec::new();
+    for (number, one) in structure.channels.iter().enumerate() {
+        let (of_channel, later) = rest.split_at(one.channel.values() as usize);
+        rest = later;
+        let clouds: Vec<Clouds<'_>> = sets.iter().map(|set| Clouds::new(&set.clouds, number)).collect();
+        let (channel, times) = weigh(one, of_channel, &clouds);
+        weighted.push((channel, f64::from(one.weight_ppm) * times / mean));
+    }
     // Only proportions matter.
     let most = f64::from(Weighted::MAX_WEIGHT_PPM);
     let beyond = weighted.iter().fold(1.0, |beyond: f64, (_, weight)| beyond.max(weight / most));
@@ -105,7 +114,7 @@ pub fn weighed(
     Ok(Structure { channels: channels.collect() })
 }
 
-/// Clouds in one channel.
+/// Clouds of a set in one channel.
 struct Clouds<'a> {
     signatures: &'a Signatures,
     metric: SetDistance,
@@ -113,14 +122,17 @@ struct Clouds<'a> {
 
 /// The channel with these weights over the largest, and what its own weight is multiplied by, so that its distances are in
 /// the same proportion to others as without the scale.
-fn weigh(one: &Weighted, weights: &[f64], clouds: &Clouds<'_>) -> (StructureChannel, f64) {
+fn weigh(one: &Weighted, weights: &[f64], sets: &[Clouds<'_>]) -> (StructureChannel, f64) {
     let largest = weights.iter().copied().fold(0.0, f64::max);
     let full = f64::from(StructureChannel::FULL);
     let mut value_weights: Vec<u16> =
         weights.iter().map(|weight| (weight / largest * full).round() as u16).collect();
     let rescaled = match one.scale {
         Scale::None => 1.0,
-        Scale::Quantile => clouds.scale(Some(&value_weights)) / clouds.scale(None),
+        Scale::Quantile => {
+            let ratio = |set: &Clouds<'_>| set.scale(Some(&value_weights)) / set.scale(None);
+            sets.iter().map(ratio).sum::<f64>() / sets.len() as f64
+        }
     };
     if value_weights.iter().all(|&weight| weight == StructureChannel::FULL) {
         value_weights.clear();
@@ -128,7 +140,12 @@ fn weigh(one: &Weighted, weights: &[f64], clouds: &Clouds<'_>) -> (StructureChan
     (StructureChannel { value_weights, ..one.channel.clone() }, largest * rescaled)
 }
 
-impl Clouds<'_> {
+impl<'a> Clouds<'a> {
+    fn new(clouds: &LabelledClouds<'a>, channel: usize) -> Self {
+        let (signatures, metric, _) = clouds.channels[channel];
+        Self { signatures, metric }
+    }
+
     /// What their distances are divided by, if values are weighted so.
     fn scale(&self, value_weights: Option<&[u16]>) -> f64 {
         let Some(weights) = value_weights else {
@@ -154,11 +171,37 @@ struct Differences {
     same: Vec<f64>,
     /// From those of other objects that are nearest.
     others: Vec<f64>,
+    /// How many clouds they are the sums of.
+    clouds: usize,
 }
 
 impl Differences {
-    fn between(clouds: &LabelledClouds<'_>, sequences: &[Option<u32>]) -> Result<Self, WeighError> {
-        let LabelledClouds { channels, objects } = *clouds;
+    /// As if all sets had as many clouds as the first that teaches anything, each set times its weight.
+    fn of_all(sets: &[LabelledSet<'_>]) -> Result<Self, WeighError> {
+        let mut all: Option<Self> = None;
+        let mut refused = WeighError::Sequences;
+        for set in sets {
+            let found = match Self::between(set) {
+                Ok(found) => found,
+                Err(why) => {
+                    refused = why;
+                    continue;
+                }
+            };
+            let clouds = all.as_ref().map_or(found.clouds, |all| all.clouds);
+            let share = f64::from(set.weight) * (clouds as f64 / found.clouds as f64);
+            let none =
+                || Self { same: vec![0.0; found.same.len()], others: vec![0.0; found.same.len()], clouds };
+            let sums = all.get_or_insert_with(none);
+            for (sum, of_set) in [(&mut sums.same, &found.same), (&mut sums.others, &found.others)] {
+                sum.iter_mut().zip(of_set).for_each(|(sum, difference)| *sum += share * difference);
+            }
+        }
+        all.ok_or(refused)
+    }
+
+    fn between(set: &LabelledSet<'_>) -> Result<Self, WeighError> {
+        let LabelledSet { clouds: LabelledClouds { channels, objects }, sequences, .. } = *set;
         let matrices: Vec<(DistanceMatrix, f64)> = channels
             .iter()
             .map(|&(signatures, metric, factor)| (DistanceMatrix::among(metric, signatures), factor))
@@ -181,22 +224,22 @@ impl Differences {
         let means: Vec<_> = (0..objects.len()).into_par_iter().map_init(Vec::new, means).collect();
         let values = channels.iter().map(|(signatures, ..)| signatures.get(0).concat().len()).sum();
         let mut sums = [vec![0.0; values], vec![0.0; values]];
-        let (mut is_seen_twice, mut is_told_apart) = (false, false);
+        let (mut is_seen_twice, mut told_apart) = (false, 0);
         // In the order of the clouds.
         for [same, others] in means.into_iter().flatten() {
             is_seen_twice = true;
             let Some(others) = others else { continue };
-            is_told_apart = true;
+            told_apart += 1;
             for (sum, terms) in sums.iter_mut().zip([same.unwrap_or_default(), others]) {
                 sum.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
             }
         }
-        match (is_seen_twice, is_told_apart) {
+        match (is_seen_twice, told_apart) {
             (false, _) => Err(WeighError::Sequences),
-            (_, false) => Err(WeighError::Objects),
-            _ => {
+            (_, 0) => Err(WeighError::Objects),
+            (_, clouds) => {
                 let [same, others] = sums;
-                Ok(Self { same, others })
+                Ok(Self { same, others, clouds })
             }
         }
     }
@@ -284,7 +327,8 @@ mod tests {
         let channels: Vec<_> = (structure.channels.iter().zip(&signatures))
             .map(|(one, signatures)| (signatures, one.channel.metric, one.weight()))
             .collect();
-        weighed(structure, &LabelledClouds { channels: &channels, objects }, sequences)
+        let clouds = LabelledClouds { channels: &channels, objects };
+        weighed(structure, &[LabelledSet { clouds, sequences, weight: 1 }])
     }
 
     /// The definition, value by value, from the distances of single pairs.
@@ -403,6 +447,52 @@ mod tests {
         // differ in the second.
         let ratio = scaled.weight() / plain.weight();
         assert!((ratio - 0.5 * 0.0029 / 0.0625).abs() < 1e-6, "{ratio}");
+    }
+
+    #[test]
+    fn sets_count_alike_but_for_their_weights_and_those_that_teach_nothing_not_at_all() {
+        let structure = structure(SetDistance::ChiSquared, Scale::Quantile);
+        let noise = |seed: usize| -> [f32; 7] {
+            std::array::from_fn(|value| ((seed * 37 + value * 11 + seed * value * 5) % 23) as f32 / 23.0)
+        };
+        let clouds: Vec<[f32; 7]> = (0..24).map(noise).collect();
+        let (objects, sequences): (Vec<u32>, Vec<Option<u32>>) =
+            (0..24).map(|cloud| (cloud % 3, Some(cloud / 3 % 2))).unzip();
+        // Each twice: as many again, which say the same.
+        let twice = |clouds: &[[f32; 7]]| [clouds, clouds].concat();
+        let [few, many, other] = [clouds[..12].to_vec(), twice(&clouds[..12]), clouds[12..].to_vec()];
+        let weighed = |sets: &[(&[[f32; 7]], u32, bool)]| {
+            let signatures: Vec<_> = sets.iter().map(|(clouds, ..)| signatures(clouds)).collect();
+            let channels: Vec<Vec<_>> = signatures
+                .iter()
+                .map(|set| {
+                    let channels = structure.channels.iter().zip(set);
+                    channels.map(|(one, clouds)| (clouds, one.channel.metric, one.weight())).collect()
+                })
+                .collect();
+            let (objects, sequences, none) = (objects.repeat(2), sequences.repeat(2), vec![None; 48]);
+            let labelled: Vec<LabelledSet<'_>> = (sets.iter().zip(&channels))
+                .map(|(&(clouds, weight, is_known), channels)| LabelledSet {
+                    clouds: LabelledClouds { channels, objects: &objects[..clouds.len()] },
+                    sequences: &(if is_known { &sequences } else { &none })[..clouds.len()],
+                    weight,
+                })
+                .collect();
+            super::weighed(&structure, &labelled).unwrap()
+        };
+        let shares = |structure: &Structure| -> Vec<u16> {
+            structure.channels.iter().flat_map(|one| one.channel.value_weights.clone()).collect()
+        };
+        let one = weighed(&[(&few, 1, true)]);
+        assert_eq!(weighed(&[(&few, 1, true), (&few, 1, true)]), one);
+        assert_eq!(weighed(&[(&few, 3, true), (&few, 3, true)]), one);
+        assert_eq!(shares(&weighed(&[(&few, 1, true), (&clouds[12..], 1, false)])), shares(&one));
+        let both = shares(&weighed(&[(&few, 1, true), (&other, 1, true)]));
+        assert_ne!(both, shares(&one));
+        assert_ne!(shares(&weighed(&[(&few, 1, true), (&other, 2, true)])), both);
+        // Twice the clouds do not make a set count twice, but for rivals, of which there are more than 20 then.
+        let repeated = shares(&weighed(&[(&many, 1, true), (&other, 1, true)]));
+        assert!(repeated.iter().zip(&both).all(|(a, b)| a.abs_diff(*b) < 5), "{repeated:?} {both:?}");
     }
 
     #[test]

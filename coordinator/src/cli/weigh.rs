@@ -31,7 +31,8 @@ pub struct Weigh {
     /// A point of the front of a run of several objectives instead, by its number, for example 3
     #[arg(long, value_name = "N", conflicts_with = "structure")]
     point: Option<u32>,
-    /// Take the clouds of this set, where the run's clouds are of several, for example kitchen
+    /// Learn from the clouds of this set only, where the run's clouds are of several, for example kitchen; by default from
+    /// all that the run's fitness gives a weight
     #[arg(long, value_name = "NAME")]
     set: Option<String>,
     /// Another place of the data set, for example /data/rgbd; by default the one the run used

@@ -67,8 +67,12 @@ pub fn export(
     storage: &Storage,
 ) -> Result<Exported, ExportError> {
     refuse_occupied(out)?;
-    let Chosen { finished, experiment, dataset, preprocess, descriptor } =
-        choose(run, &which, (data, set), ("export", storage))?;
+    let Chosen { mut finished, experiment, dataset, preprocess, descriptor } =
+        choose(run, &which, data, ("export", storage))?;
+    let dataset = choose_set("export", set, dataset).map_err(|error| ExportError::Run(Box::new(error)))?;
+    if let Some(set) = set {
+        finished.row.test = sets::counts(&results::read_sets(run)?, EVOLVED, set);
+    }
     let family = descriptor.family();
     let winner = |what: String| ExportError::Winner { run: run.to_owned(), what };
     let all = Matching::Test.database_clouds(&dataset).len();
@@ -154,7 +158,7 @@ pub fn export(
 pub(super) struct Chosen {
     pub(super) finished: FinishedRun,
     pub(super) experiment: Experiment,
-    /// The clouds, or of several sets those of one.
+    /// Of all sets.
     pub(super) dataset: Dataset,
     /// How they are prepared for the descriptor.
     pub(super) preprocess: Preprocess,
@@ -165,22 +169,18 @@ pub(super) struct Chosen {
 pub(super) fn choose(
     run: &Path,
     which: &DescriptorChoice,
-    (data, set): (Option<&Path>, Option<&str>),
+    data: Option<&Path>,
     (command, storage): (&'static str, &Storage),
 ) -> Result<Chosen, ExportError> {
     refuse_sweep(run)?;
     let store = Store::open(storage, command, descriptor::EVALUATION_VERSION);
-    let Reopened { mut finished, experiment, dataset } = reopen(run, data, Overrides::default(), &store)?;
+    let Reopened { finished, experiment, dataset } = reopen(run, data, Overrides::default(), &store)?;
     refuse_unsound(run)?;
     let (expected, got) = (&finished.row.data_digest, data_digest(&dataset));
     if *expected != got {
         let (run, expected) = (run.to_owned(), expected.clone());
         let difference = clouds::difference(&run, &expected, &dataset);
         return Err(ExportError::OtherData { run, expected, got, difference });
-    }
-    let dataset = choose_set(command, set, dataset).map_err(|error| ExportError::Run(Box::new(error)))?;
-    if let Some(set) = set {
-        finished.row.test = sets::counts(&results::read_sets(run)?, EVOLVED, set);
     }
     let winner = |what: String| ExportError::Winner { run: run.to_owned(), what };
     let mut preprocess = *experiment.preprocess();

@@ -7,12 +7,14 @@ use cache::Storage;
 use descriptor::fitness::{Member, nearest_of_class};
 use descriptor::recogniser::LabelledClouds;
 use descriptor::structure::{Structure, StructureFile};
-use descriptor::weigh::weighed;
+use descriptor::weigh::{LabelledSet, weighed};
 use descriptor::{Descriptor, DistanceMatrix, Preprocess, SetDistance, Signatures};
 
-use super::of_run::{choose, describe, sequences};
+use super::of_run::{Chosen, choose, describe, sequences};
 use super::{DescriptorChoice, ExportError};
 use crate::dataset::Dataset;
+use crate::experiment::Experiment;
+use crate::run::choose_set;
 
 /// What was found.
 #[derive(Clone, Debug)]
@@ -21,53 +23,77 @@ pub struct Weighed {
     pub structure: Structure,
     /// Clouds that they were learned from.
     pub clouds: usize,
-    /// How many of the clouds that are matched with other sequences are named wrongly without weights, and with them: the
-    /// clouds that they were learned from.
-    pub wrong: [usize; 2],
-    /// Clouds whose object is seen in another sequence, too.
+    /// Of these, clouds whose object is seen in another sequence of their set, too.
     pub queries: usize,
+    /// How many of these are nearest to another object in other sequences, without weights and with them.
+    pub wrong: [usize; 2],
 }
 
 /// Learns weights for the values of a run's descriptor and writes the file of the structure, whole or not at all.
-/// Learned from are the clouds of both training splits; neither validation nor test clouds are described.
+/// Learned from are the clouds of both training splits, of a set or of all that the run's fitness gives a weight; neither
+/// validation nor test clouds are described.
 ///
 /// # Errors
 /// [`ExportError`]
 pub fn weigh(
     run: &Path,
     which: &DescriptorChoice,
-    place: (Option<&Path>, Option<&str>),
+    (data, set): (Option<&Path>, Option<&str>),
     out: &Path,
     storage: &Storage,
 ) -> Result<Weighed, ExportError> {
     if out.exists() {
         return Err(ExportError::FileExists { file: out.to_owned() });
     }
-    let chosen = choose(run, which, place, ("weigh", storage))?;
-    let Descriptor::Structure(structure) = &chosen.descriptor else {
-        return Err(ExportError::NotStructure { run: run.to_owned(), got: chosen.descriptor.family() });
+    let Chosen { finished, experiment, dataset, preprocess, descriptor } =
+        choose(run, which, data, ("weigh", storage))?;
+    let Descriptor::Structure(structure) = &descriptor else {
+        return Err(ExportError::NotStructure { run: run.to_owned(), got: descriptor.family() });
     };
     let failed = |what: String| ExportError::Winner { run: run.to_owned(), what };
-    let before = Trained::new(&chosen.dataset, &chosen.preprocess, &chosen.descriptor, failed)?;
-    let sequences = sequences(&chosen.dataset);
-    let sequences = &sequences[..before.objects.len()];
-    let clouds = LabelledClouds { channels: &before.channels(), objects: &before.objects };
-    let structure = weighed(structure, &clouds, sequences)
+    let sets = match set {
+        Some(_) => vec![(chosen_set(set, dataset)?, 1)],
+        None => all_sets(&experiment, dataset)?,
+    };
+    let under = |descriptor: &Descriptor| -> Result<Vec<Trained>, ExportError> {
+        sets.iter().map(|(dataset, _)| Trained::new(dataset, &preprocess, descriptor, failed)).collect()
+    };
+    let before = under(&descriptor)?;
+    let channels: Vec<_> = before.iter().map(Trained::channels).collect();
+    let labelled = before.iter().zip(&channels).zip(&sets).map(|((set, channels), &(_, weight))| {
+        let clouds = LabelledClouds { channels, objects: &set.objects };
+        LabelledSet { clouds, sequences: &set.sequences, weight }
+    });
+    let structure = weighed(structure, &labelled.collect::<Vec<_>>())
         .map_err(|source| ExportError::Weigh { run: run.to_owned(), source })?;
-    let descriptor = Descriptor::Structure(structure.clone());
-    let after = Trained::new(&chosen.dataset, &chosen.preprocess, &descriptor, failed)?;
-    let [(queries, without), (_, with)] = [&before, &after].map(|clouds| clouds.wrong(sequences));
+    let after = under(&Descriptor::Structure(structure.clone()))?;
 
+    let clouds = before.iter().map(|set| set.objects.len()).sum();
+    let counts = [&before, &after].map(|sets| {
+        let counts = sets.iter().map(Trained::wrong);
+        counts.fold((0, 0), |sum, of_set| (sum.0 + of_set.0, sum.1 + of_set.1))
+    });
     let body =
         toml::to_string(&StructureFile::from(&structure)).map_err(|error| failed(error.to_string()))?;
-    let text = format!(
-        "# {}: values weighted by {} training clouds.\n{body}",
-        chosen.finished.row.name,
-        before.objects.len()
-    );
+    let text = format!("# {}: values weighted by {clouds} training clouds.\n{body}", finished.row.name);
     atomic::write(out, text.as_bytes())
         .map_err(|source| ExportError::File { file: out.to_owned(), source })?;
-    Ok(Weighed { structure, clouds: before.objects.len(), wrong: [without, with], queries })
+    let [(queries, without), (_, with)] = counts;
+    Ok(Weighed { structure, clouds, queries, wrong: [without, with] })
+}
+
+fn chosen_set(set: Option<&str>, dataset: Dataset) -> Result<Dataset, ExportError> {
+    choose_set("weigh", set, dataset).map_err(|error| ExportError::Run(Box::new(error)))
+}
+
+/// The clouds of each set that the fitness of the run gives a weight.
+fn all_sets(experiment: &Experiment, dataset: Dataset) -> Result<Vec<(Dataset, u32)>, ExportError> {
+    if dataset.clouds.sets.len() < 2 {
+        return Ok(vec![(dataset, 1)]);
+    }
+    let weighted = dataset.clouds.sets.iter().zip(experiment.set_weights(&dataset));
+    let weighted = weighted.filter(|&(_, weight)| weight > 0);
+    weighted.map(|(set, weight)| Ok((chosen_set(Some(set), dataset.clone())?, weight))).collect()
 }
 
 /// The clouds of both training splits under a descriptor.
@@ -76,6 +102,7 @@ struct Trained {
     signatures: Vec<Signatures>,
     scales: Option<Vec<f64>>,
     objects: Vec<u32>,
+    sequences: Vec<Option<u32>>,
 }
 
 impl Trained {
@@ -90,7 +117,9 @@ impl Trained {
         let signatures = signatures(descriptor, &database).map_err(&failed)?;
         let scales = found_scales(descriptor, &signatures, dataset.splits.trained());
         let objects = labels(&database.clouds).iter().map(|label| label.instance).collect();
-        Ok(Self { descriptor: descriptor.clone(), signatures, scales, objects })
+        let mut sequences = sequences(dataset);
+        sequences.truncate(dataset.splits.trained());
+        Ok(Self { descriptor: descriptor.clone(), signatures, scales, objects, sequences })
     }
 
     fn channels(&self) -> Vec<(&Signatures, SetDistance, f64)> {
@@ -98,14 +127,15 @@ impl Trained {
     }
 
     /// Clouds whose object is seen in another sequence, and how many of them are nearest to another object there.
-    fn wrong(&self, sequences: &[Option<u32>]) -> (usize, usize) {
+    fn wrong(&self) -> (usize, usize) {
         let channels = self.channels();
         let distances: Vec<(DistanceMatrix, f64)> = channels
             .iter()
             .map(|&(signatures, metric, factor)| (DistanceMatrix::among(metric, signatures), factor))
             .collect();
-        let members: Vec<Member> =
-            (self.objects.iter().zip(sequences)).map(|(&class, &group)| Member { class, group }).collect();
+        let members: Vec<Member> = (self.objects.iter().zip(&self.sequences))
+            .map(|(&class, &group)| Member { class, group })
+            .collect();
         // The clouds are those of a run, of which there is at least one.
         let nearest = nearest_of_class(&members, &distances, &members).unwrap_or_default();
         let asked = nearest.iter().filter_map(|found| Some((found.same?, found.other)));

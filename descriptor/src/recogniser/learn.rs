@@ -10,6 +10,7 @@ use crate::recognise::{Hit, Match};
 use crate::signature::{Signature, Signatures};
 
 /// Clouds that are learned from.
+#[derive(Clone, Copy, Debug)]
 pub struct LabelledClouds<'a> {
     /// Of each channel the signatures of the clouds, how they are compared, and what distances are multiplied by: weight
     /// over scale.

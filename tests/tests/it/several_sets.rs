@@ -9,7 +9,7 @@ use results::{
 };
 use serde_json::Value;
 
-use crate::experiments::{Experiment, clouds, copy_folder, digest, summary};
+use crate::experiments::{Experiment, clouds, copy_folder, digest, repository, summary};
 use crate::process::{Finished, Running, run};
 
 const SPLITS: [&str; 4] = ["train1", "train2", "validation", "test"];
@@ -321,4 +321,27 @@ fn sets_that_cannot_be_searched_are_refused_by_name() {
         other.stderr.contains("of another set: ") || other.stdout.contains("of another set: "),
         "{other}"
     );
+}
+
+#[test]
+fn values_are_weighed_by_all_sets_or_by_one() {
+    let both = two_sets(SEARCH);
+    let alone = one_set(&both, "first", SEARCH);
+    for experiment in [&both, &alone] {
+        experiment.run("out", &[]).expect_success();
+    }
+    let paper = repository().join("experiments/descriptors/paper.toml").display().to_string();
+    let weighed = |experiment: &Experiment, name: &str, more: &[&str]| -> String {
+        let (out, file) = (experiment.path("out"), experiment.path(name));
+        let args = ["weigh", &out, &file, "--structure", &paper];
+        run("coordinator", args.iter().chain(more)).expect_success();
+        fs::read_to_string(file).unwrap()
+    };
+    let [all, a, b] = [("all", &[][..]), ("a", &["--set", "a"]), ("b", &["--set", "b"])]
+        .map(|(name, set)| weighed(&both, name, set));
+    assert_eq!(a, weighed(&alone, "a", &[]));
+    assert!(all != a && all != b && a != b);
+    let (out, file) = (both.path("out"), both.path("c"));
+    let unknown = run("coordinator", ["weigh", &out, &file, "--structure", &paper, "--set", "c"]);
+    assert!(unknown.expect_error().stderr.contains("--set"));
 }
