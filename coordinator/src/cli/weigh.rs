@@ -11,10 +11,10 @@ use crate::export::{self, DescriptorChoice};
 use crate::lines::labelled;
 use crate::run::progress::percent;
 
-/// Weigh the values of a run's descriptor by how well they tell its training objects apart
+/// Weigh the values of a run's descriptor by how well they tell training objects apart
 ///
-/// Writes the file of a structure that recognises other clouds better as a rule, and takes as long to describe. Neither
-/// validation nor test clouds are looked at.
+/// Writes the file of a structure that takes as long to describe and recognises other clouds better more often than not.
+/// Neither validation nor test clouds are looked at.
 ///
 /// Example: coordinator weigh results/runs/demo-0123456789ab weighted.toml
 #[derive(Debug, Args)]
