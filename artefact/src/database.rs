@@ -18,7 +18,7 @@ pub struct DatabaseCloud {
 /// One part of the descriptor of all reference clouds: shares, cloud after cloud, equally many of each.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DatabasePart {
-    /// Means over the rows, value by value.
+    /// Means over the rows, value by value; of a channel whose values have weights, times these, as are deviations.
     pub centroids: Vec<f32>,
     /// Standard deviations over the rows, value by value; none in a part that has one row a cloud.
     pub deviations: Vec<f32>,

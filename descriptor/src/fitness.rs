@@ -52,7 +52,8 @@ pub fn nearest_of_class<M: Borrow<DistanceMatrix> + Sync>(
     Ok(queries.par_iter().enumerate().map_init(Vec::new, found).collect())
 }
 
-fn nearest(query: &Member, distances: &[f64], database: &[Member]) -> NearestOfClass {
+/// The nearest clouds of one query, from its distances to the clouds of a database.
+pub fn nearest(query: &Member, distances: &[f64], database: &[Member]) -> NearestOfClass {
     let mut found = NearestOfClass::default();
     for ((&distance, cloud), index) in distances.iter().zip(database).zip(0u32..) {
         if query.group.is_some() && cloud.group == query.group {

@@ -3,10 +3,12 @@
 
 use rayon::prelude::*;
 
-use crate::distance::{DistanceMatrix, SetDistance, set_distances};
+use crate::database::Database;
+use crate::distance::SetDistance;
+use crate::recognise::Label;
 use crate::recogniser::LabelledClouds;
 use crate::signature::{Signature, Signatures};
-use crate::structure::{Scale, Structure, StructureChannel, Weighted, scale};
+use crate::structure::{Scale, Structure, StructureChannel, Weighted, scale_among};
 
 /// Clouds of other objects that a cloud is told apart from: those that it is most easily taken for.
 const RIVALS: usize = 20;
@@ -63,7 +65,9 @@ pub struct LabelledSet<'a> {
 /// twentieth of the mean of s over all values, in the proportions in which channels are added up: then the weight of the
 /// value is ((o + f) / (s + f))². Of several sets, the means over their clouds are added up, each times the set's weight.
 /// Weights of a channel are divided by the largest, and the weight of the channel is multiplied by as much and by what
-/// changes of its scale, the mean over the sets.
+/// changes of its scale, the mean over the sets by their weights. All channels' weights are divided by the mean of the
+/// values' weights, s being their share, and by as much as the largest would be beyond [`Weighted::MAX_WEIGHT_PPM`].
+/// A set that teaches nothing counts for nothing.
 ///
 /// # Errors
 /// [`WeighError`]
@@ -82,7 +86,7 @@ pub fn weighed(structure: &Structure, sets: &[LabelledSet<'_>]) -> Result<Struct
     if got > Structure::MAX_VALUE_WEIGHTS as u64 {
         return Err(WeighError::Values { got });
     }
-    let Differences { same, others, .. } = Differences::of_all(sets)?;
+    let (Differences { same, others, .. }, taught) = Differences::of_all(sets)?;
     let all: f64 = same.iter().sum();
     let floor = FLOOR * all / same.len() as f64;
     let of_value = |(same, others): (&f64, &f64)| {
@@ -100,8 +104,9 @@ pub fn weighed(structure: &Structure, sets: &[LabelledSet<'_>]) -> Result<Struct
     for (number, one) in structure.channels.iter().enumerate() {
         let (of_channel, later) = rest.split_at(one.channel.values() as usize);
         rest = later;
-        let clouds: Vec<Clouds<'_>> = sets.iter().map(|set| Clouds::new(&set.clouds, number)).collect();
-        let (channel, times) = weigh(one, of_channel, &clouds);
+        let sets: Vec<(Clouds<'_>, u32)> =
+            taught.iter().map(|set| (Clouds::new(&set.clouds, number), set.weight)).collect();
+        let (channel, times) = weigh(one, of_channel, &sets);
         weighted.push((channel, f64::from(one.weight_ppm) * times / mean));
     }
     // Only proportions matter.
@@ -122,22 +127,27 @@ struct Clouds<'a> {
 
 /// The channel with these weights over the largest, and what its own weight is multiplied by, so that its distances are in
 /// the same proportion to others as without the scale.
-fn weigh(one: &Weighted, weights: &[f64], sets: &[Clouds<'_>]) -> (StructureChannel, f64) {
+fn weigh(one: &Weighted, weights: &[f64], sets: &[(Clouds<'_>, u32)]) -> (StructureChannel, f64) {
     let largest = weights.iter().copied().fold(0.0, f64::max);
     let full = f64::from(StructureChannel::FULL);
-    let mut value_weights: Vec<u16> =
-        weights.iter().map(|weight| (weight / largest * full).round() as u16).collect();
+    let share = |weight: &f64| (weight / largest * full).round() as u16;
+    let mut channel =
+        StructureChannel { value_weights: weights.iter().map(share).collect(), ..one.channel.clone() };
     let rescaled = match one.scale {
         Scale::None => 1.0,
         Scale::Quantile => {
-            let ratio = |set: &Clouds<'_>| set.scale(Some(&value_weights)) / set.scale(None);
-            sets.iter().map(ratio).sum::<f64>() / sets.len() as f64
+            let (mut sum, mut all) = (0.0, 0.0);
+            for (set, weight) in sets {
+                sum += f64::from(*weight) * (set.scale(Some(&channel)) / set.scale(None));
+                all += f64::from(*weight);
+            }
+            sum / all
         }
     };
-    if value_weights.iter().all(|&weight| weight == StructureChannel::FULL) {
-        value_weights.clear();
+    if channel.value_weights.iter().all(|&weight| weight == StructureChannel::FULL) {
+        channel.value_weights.clear();
     }
-    (StructureChannel { value_weights, ..one.channel.clone() }, largest * rescaled)
+    (channel, largest * rescaled)
 }
 
 impl<'a> Clouds<'a> {
@@ -146,23 +156,21 @@ impl<'a> Clouds<'a> {
         Self { signatures, metric }
     }
 
-    /// What their distances are divided by, if values are weighted so.
-    fn scale(&self, value_weights: Option<&[u16]>) -> f64 {
-        let Some(weights) = value_weights else {
-            return scale(&DistanceMatrix::among(self.metric, self.signatures));
-        };
-        let factors: Vec<f32> = weights.iter().map(|&weight| StructureChannel::factor(weight)).collect();
-        let weighted = |cloud| times(self.signatures.get(cloud), &factors);
-        let weighted: Vec<Signature> = (0..self.signatures.clouds()).map(weighted).collect();
-        scale(&DistanceMatrix::among(self.metric, &weighted.iter().collect()))
+    /// What their distances are divided by, if values have the weights of a channel.
+    fn scale(&self, weighted: Option<&StructureChannel>) -> f64 {
+        let Some(channel) = weighted else { return scale_among(self.metric, self.signatures) };
+        scale_among(self.metric, &weighted_by(channel, self.signatures))
     }
 }
 
-/// The values of a signature, multiplied.
-fn times([centroid, deviation]: [&[f32]; 2], factors: &[f32]) -> Signature {
-    let (of_centroid, of_deviation) = factors.split_at(centroid.len());
-    let times = |values: &[f32], factors: &[f32]| values.iter().zip(factors).map(|(a, b)| a * b).collect();
-    Signature { centroid: times(centroid, of_centroid), deviation: times(deviation, of_deviation) }
+/// The signatures of clouds, each value times its weight in a channel.
+pub fn weighted_by(channel: &StructureChannel, signatures: &Signatures) -> Signatures {
+    let weighted = |cloud| channel.weighted(signature(signatures.get(cloud)));
+    (0..signatures.clouds()).map(weighted).collect::<Vec<Signature>>().iter().collect()
+}
+
+fn signature([centroid, deviation]: [&[f32]; 2]) -> Signature {
+    Signature { centroid: centroid.to_vec(), deviation: deviation.to_vec() }
 }
 
 /// How much each value differs: sums over clouds of means, channel after channel, centroid before deviation.
@@ -176,9 +184,9 @@ struct Differences {
 }
 
 impl Differences {
-    /// As if all sets had as many clouds as the first that teaches anything, each set times its weight.
-    fn of_all(sets: &[LabelledSet<'_>]) -> Result<Self, WeighError> {
-        let mut all: Option<Self> = None;
+    /// As if all sets had as many clouds as the first that teaches anything, each set times its weight; and those that do.
+    fn of_all<'a>(sets: &'a [LabelledSet<'a>]) -> Result<(Self, Vec<&'a LabelledSet<'a>>), WeighError> {
+        let (mut all, mut taught): (Option<Self>, _) = (None, Vec::new());
         let mut refused = WeighError::Sequences;
         for set in sets {
             let found = match Self::between(set) {
@@ -188,6 +196,7 @@ impl Differences {
                     continue;
                 }
             };
+            taught.push(set);
             let clouds = all.as_ref().map_or(found.clouds, |all| all.clouds);
             let share = f64::from(set.weight) * (clouds as f64 / found.clouds as f64);
             let none =
@@ -197,16 +206,14 @@ impl Differences {
                 sum.iter_mut().zip(of_set).for_each(|(sum, difference)| *sum += share * difference);
             }
         }
-        all.ok_or(refused)
+        all.map(|all| (all, taught)).ok_or(refused)
     }
 
     fn between(set: &LabelledSet<'_>) -> Result<Self, WeighError> {
         let LabelledSet { clouds: LabelledClouds { channels, objects }, sequences, .. } = *set;
-        let matrices: Vec<(DistanceMatrix, f64)> = channels
-            .iter()
-            .map(|&(signatures, metric, factor)| (DistanceMatrix::among(metric, signatures), factor))
-            .collect();
-        let means = |distances: &mut Vec<f64>, query: usize| -> Option<[Option<Vec<f64>>; 2]> {
+        let labels = objects.iter().map(|&instance| Label { category: 0, instance }).collect();
+        let database = Database::new(channels, labels).map_err(|_| WeighError::Sequences)?;
+        let means = |query: usize| -> Option<[Option<Vec<f64>>; 2]> {
             sequences[query]?;
             let elsewhere =
                 |&other: &usize| sequences[other].is_some() && sequences[other] != sequences[query];
@@ -215,13 +222,14 @@ impl Differences {
             if same.is_empty() {
                 return None;
             }
-            set_distances(&matrices, query, distances);
+            let of_query = channels.iter().map(|(signatures, ..)| signature(signatures.get(query)));
+            let distances = database.distances(&of_query.collect::<Vec<_>>());
             others.sort_by(|&a, &b| distances[a].total_cmp(&distances[b]).then(a.cmp(&b)));
             others.truncate(RIVALS);
             let mean = |of: Vec<usize>| (!of.is_empty()).then(|| mean_terms(channels, query, &of));
             Some([mean(same), mean(others)])
         };
-        let means: Vec<_> = (0..objects.len()).into_par_iter().map_init(Vec::new, means).collect();
+        let means: Vec<_> = (0..objects.len()).into_par_iter().map(means).collect();
         let values = channels.iter().map(|(signatures, ..)| signatures.get(0).concat().len()).sum();
         let mut sums = [vec![0.0; values], vec![0.0; values]];
         let (mut is_seen_twice, mut told_apart) = (false, 0);
@@ -382,6 +390,43 @@ mod tests {
         seen.then(|| (0..7).map(weight).collect())
     }
 
+    /// That weights are those of the definition, but for one factor.
+    fn check_definition(
+        structure: &Structure,
+        clouds: &[[f32; 7]],
+        objects: &[u32],
+        sequences: &[Option<u32>],
+    ) -> Result<(), TestCaseError> {
+        let found = learned(structure, clouds, objects, sequences);
+        let Some(expected) = expected(structure, clouds, objects, sequences) else {
+            prop_assert!(matches!(found, Err(WeighError::Sequences | WeighError::Objects)), "{:?}", found);
+            return Ok(());
+        };
+        let found = found.unwrap();
+        prop_assert_eq!(found.check(), Ok(()));
+        let product = |value: usize| {
+            let (channel, first) = if value < 3 { (0, 0) } else { (1, 3) };
+            let one = &found.channels[channel];
+            let share = one.channel.value_weights.get(value - first).map_or(1.0, |&it| f64::from(it) / 1e4);
+            share * one.weight() / structure.channels[channel].weight()
+        };
+        let products: Vec<f64> = (0..7).map(product).collect();
+        let factor = products.iter().sum::<f64>() / expected.iter().sum::<f64>();
+        for (value, (product, expected)) in products.iter().zip(&expected).enumerate() {
+            // Of a share to a ten-thousandth, of a weight to a millionth.
+            let largest = found.channels[usize::from(value > 2)].weight() * 4.0;
+            let rounding = 1e-4 * largest + 1e-5 + 1e-5 * expected * factor;
+            prop_assert!(
+                (product - expected * factor).abs() <= rounding,
+                "{}: {:?} {:?}",
+                value,
+                products,
+                expected
+            );
+        }
+        Ok(())
+    }
+
     proptest! {
         #[test]
         fn weights_are_their_definition(
@@ -390,30 +435,23 @@ mod tests {
             metric in prop::sample::select(&SetDistance::ALL),
         ) {
             let (objects, sequences): (Vec<u32>, Vec<Option<u32>>) = labels.into_iter().take(clouds.len()).unzip();
-            let structure = structure(metric, Scale::None);
-            let found = learned(&structure, &clouds, &objects, &sequences);
-            let Some(expected) = expected(&structure, &clouds, &objects, &sequences) else {
-                prop_assert!(matches!(found, Err(WeighError::Sequences | WeighError::Objects)), "{:?}", found);
-                return Ok(());
-            };
-            let found = found.unwrap();
-            prop_assert_eq!(found.check(), Ok(()));
-            // Of each value weight times that of the channel, but for one factor.
-            let product = |value: usize| {
-                let (channel, first) = if value < 3 { (0, 0) } else { (1, 3) };
-                let one = &found.channels[channel];
-                let share = one.channel.value_weights.get(value - first).map_or(1.0, |&it| f64::from(it) / 1e4);
-                share * one.weight() / structure.channels[channel].weight()
-            };
-            let products: Vec<f64> = (0..7).map(product).collect();
-            let factor = products.iter().sum::<f64>() / expected.iter().sum::<f64>();
-            for (value, (product, expected)) in products.iter().zip(&expected).enumerate() {
-                // Of a share to a ten-thousandth, of a weight to a millionth.
-                let largest = found.channels[usize::from(value > 2)].weight() * 4.0;
-                let rounding = 1e-4 * largest + 1e-5 + 1e-5 * expected * factor;
-                prop_assert!((product - expected * factor).abs() <= rounding, "{}: {:?} {:?}", value, products, expected);
-            }
+            check_definition(&structure(metric, Scale::None), &clouds, &objects, &sequences)?;
         }
+    }
+
+    /// Of each cloud 27 in the other sequence show other objects.
+    #[test]
+    fn the_nearest_rivals_count_and_others_do_not() {
+        let clouds: Vec<[f32; 7]> = (0..60).map(noise).collect();
+        let (objects, sequences): (Vec<u32>, Vec<Option<u32>>) =
+            (0..60).map(|cloud| (cloud % 10, Some(cloud / 10 % 2))).unzip();
+        for metric in SetDistance::ALL {
+            check_definition(&structure(metric, Scale::None), &clouds, &objects, &sequences).unwrap();
+        }
+    }
+
+    fn noise(seed: usize) -> [f32; 7] {
+        std::array::from_fn(|value| ((seed * 37 + value * 11 + seed * value * 5) % 23) as f32 / 23.0)
     }
 
     /// Two objects in two sequences: the first value tells them apart, the second tells sequences apart, others are alike.
@@ -452,9 +490,6 @@ mod tests {
     #[test]
     fn sets_count_alike_but_for_their_weights_and_those_that_teach_nothing_not_at_all() {
         let structure = structure(SetDistance::ChiSquared, Scale::Quantile);
-        let noise = |seed: usize| -> [f32; 7] {
-            std::array::from_fn(|value| ((seed * 37 + value * 11 + seed * value * 5) % 23) as f32 / 23.0)
-        };
         let clouds: Vec<[f32; 7]> = (0..24).map(noise).collect();
         let (objects, sequences): (Vec<u32>, Vec<Option<u32>>) =
             (0..24).map(|cloud| (cloud % 3, Some(cloud / 3 % 2))).unzip();
@@ -486,13 +521,14 @@ mod tests {
         let one = weighed(&[(&few, 1, true)]);
         assert_eq!(weighed(&[(&few, 1, true), (&few, 1, true)]), one);
         assert_eq!(weighed(&[(&few, 3, true), (&few, 3, true)]), one);
-        assert_eq!(shares(&weighed(&[(&few, 1, true), (&clouds[12..], 1, false)])), shares(&one));
+        assert_eq!(weighed(&[(&few, 1, true), (&clouds[12..], 1, false)]), one);
         let both = shares(&weighed(&[(&few, 1, true), (&other, 1, true)]));
         assert_ne!(both, shares(&one));
         assert_ne!(shares(&weighed(&[(&few, 1, true), (&other, 2, true)])), both);
-        // Twice the clouds do not make a set count twice, but for rivals, of which there are more than 20 then.
+        // Twice the clouds do not make a set count twice, but for rounding.
         let repeated = shares(&weighed(&[(&many, 1, true), (&other, 1, true)]));
-        assert!(repeated.iter().zip(&both).all(|(a, b)| a.abs_diff(*b) < 5), "{repeated:?} {both:?}");
+        assert_eq!(repeated.len(), both.len());
+        assert!(repeated.iter().zip(&both).all(|(a, b)| a.abs_diff(*b) <= 1), "{repeated:?} {both:?}");
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! What can go wrong when an artefact is made, added to, or measured.
+//! What can go wrong when a descriptor is taken away, or an artefact is added to or measured.
 
 use std::io;
 use std::path::PathBuf;
@@ -14,7 +14,7 @@ use crate::looks::LookError;
 use crate::reopen::ReopenError;
 use crate::run::RunError;
 
-/// Why there is no artefact.
+/// Why there is no artefact, and no file of a weighed structure.
 #[derive(Debug, thiserror::Error)]
 pub enum ExportError {
     /// The run, its experiment or its clouds.

@@ -69,6 +69,9 @@ pub fn export(
     refuse_occupied(out)?;
     let Chosen { mut finished, experiment, dataset, preprocess, descriptor } =
         choose(run, &which, data, ("export", storage))?;
+    if matches!(which, DescriptorChoice::Evolved | DescriptorChoice::Point(_)) {
+        of_family(run, experiment.space())?;
+    }
     let dataset = choose_set("export", set, dataset).map_err(|error| ExportError::Run(Box::new(error)))?;
     if let Some(set) = set {
         finished.row.test = sets::counts(&results::read_sets(run)?, EVOLVED, set);
@@ -186,10 +189,7 @@ pub(super) fn choose(
     let mut preprocess = *experiment.preprocess();
     let descriptor = match which {
         DescriptorChoice::Evolved => evolved(run, experiment.space(), &finished.row.best_genes)?,
-        &DescriptorChoice::Point(number) => {
-            of_family(run, experiment.space())?;
-            front::point(run, experiment.space(), number)?
-        }
+        &DescriptorChoice::Point(number) => front::point(run, experiment.space(), number)?,
         DescriptorChoice::Paper => paper(preprocess.colour).map_err(winner)?,
         DescriptorChoice::Structure(structure) => Descriptor::Structure(structure.clone()),
     };
@@ -223,7 +223,6 @@ pub(super) fn sequences(dataset: &Dataset) -> Vec<Option<u32>> {
 
 /// The run's winner.
 fn evolved(run: &Path, space: &SearchSpace, genes: &[Option<f64>]) -> Result<Descriptor, ExportError> {
-    of_family(run, space)?;
     let what = "gene values must lie on the genes' grids, got others";
     let other = || ExportError::Winner { run: run.to_owned(), what: what.to_owned() };
     space.from_values(genes).ok_or_else(other)
@@ -336,12 +335,12 @@ fn read(dataset: &Dataset, entry: &CloudEntry) -> Result<Vec<u8>, ExportError> {
     let bytes = match cloud_bytes(&path) {
         Ok(bytes) => bytes,
         Err(reason) => {
-            let what = format!("cannot be read, got {reason}\nexport again when it is there");
+            let what = format!("cannot be read, got {reason}\nbegin again when it is there");
             return Err(ExportError::Cloud { path, what });
         }
     };
     if *blake3::hash(&bytes).as_bytes() != entry.digest {
-        let what = "content must stay the same during the export, got another\nexport again".to_owned();
+        let what = "content must stay the same meanwhile, got another\nbegin again".to_owned();
         return Err(ExportError::Cloud { path, what });
     }
     Ok(bytes)

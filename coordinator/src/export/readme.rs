@@ -60,7 +60,7 @@ impl About<'_> {
                         "The paper's own best descriptor, and the reference clouds".to_owned()
                     }
                     DescriptorChoice::Structure(_) => {
-                        "A structure written by hand, and the reference clouds".to_owned()
+                        "A structure from a file, and the reference clouds".to_owned()
                     }
                 };
                 (which, format!("experiment {name}, seed {}", row.seed))
@@ -101,6 +101,12 @@ impl About<'_> {
         text.push_str("## How well\n\n");
         text.push_str(&self.errors());
         let (sum, kept) = match descriptor {
+            Descriptor::Structure(structure) if structure.has_value_weights() => (
+                "the sum over the channels of weight / scale times the distance, χ² unless the channel names another, of \
+                 the centroids plus that of the standard deviations of its rows, both times value_weights where a channel \
+                 has some",
+                "centroid and standard deviation of its rows in each channel, times its value_weights",
+            ),
             Descriptor::Structure(_) => (
                 "the sum over the channels of weight / scale times the distance, χ² unless the channel names another, of \
                  the centroids plus that of the standard deviations of its rows",

@@ -4,11 +4,12 @@ use std::path::Path;
 
 use artefact::{Database, channels, found_scales, labels, signatures};
 use cache::Storage;
-use descriptor::fitness::{Member, nearest_of_class};
+use descriptor::fitness::{Member, NearestOfClass, nearest};
 use descriptor::recogniser::LabelledClouds;
 use descriptor::structure::{Structure, StructureFile};
-use descriptor::weigh::{LabelledSet, weighed};
-use descriptor::{Descriptor, DistanceMatrix, Preprocess, SetDistance, Signatures};
+use descriptor::weigh::{LabelledSet, weighed, weighted_by};
+use descriptor::{Descriptor, Label, Preprocess, SetDistance, Signature, Signatures};
+use rayon::prelude::*;
 
 use super::of_run::{Chosen, choose, describe, sequences};
 use super::{DescriptorChoice, ExportError};
@@ -55,10 +56,8 @@ pub fn weigh(
         Some(_) => vec![(chosen_set(set, dataset)?, 1)],
         None => all_sets(&experiment, dataset)?,
     };
-    let under = |descriptor: &Descriptor| -> Result<Vec<Trained>, ExportError> {
-        sets.iter().map(|(dataset, _)| Trained::new(dataset, &preprocess, descriptor, failed)).collect()
-    };
-    let before = under(&descriptor)?;
+    let trained = |(dataset, _): &(Dataset, u32)| Trained::new(dataset, &preprocess, &descriptor, failed);
+    let before: Vec<Trained> = sets.iter().map(trained).collect::<Result<_, _>>()?;
     let channels: Vec<_> = before.iter().map(Trained::channels).collect();
     let labelled = before.iter().zip(&channels).zip(&sets).map(|((set, channels), &(_, weight))| {
         let clouds = LabelledClouds { channels, objects: &set.objects };
@@ -66,7 +65,7 @@ pub fn weigh(
     });
     let structure = weighed(structure, &labelled.collect::<Vec<_>>())
         .map_err(|source| ExportError::Weigh { run: run.to_owned(), source })?;
-    let after = under(&Descriptor::Structure(structure.clone()))?;
+    let after: Vec<Trained> = before.iter().map(|set| set.weighted(&structure)).collect();
 
     let clouds = before.iter().map(|set| set.objects.len()).sum();
     let counts = [&before, &after].map(|sets| {
@@ -122,22 +121,43 @@ impl Trained {
         Ok(Self { descriptor: descriptor.clone(), signatures, scales, objects, sequences })
     }
 
+    /// The same clouds under the same structure with weights.
+    fn weighted(&self, structure: &Structure) -> Self {
+        let channels = structure.channels.iter().zip(&self.signatures);
+        let signatures: Vec<Signatures> =
+            channels.map(|(one, signatures)| weighted_by(&one.channel, signatures)).collect();
+        let descriptor = Descriptor::Structure(structure.clone());
+        let scales = found_scales(&descriptor, &signatures, self.objects.len());
+        let (objects, sequences) = (self.objects.clone(), self.sequences.clone());
+        Self { descriptor, signatures, scales, objects, sequences }
+    }
+
     fn channels(&self) -> Vec<(&Signatures, SetDistance, f64)> {
         channels(&self.descriptor, self.scales.as_deref(), &self.signatures)
     }
 
     /// Clouds whose object is seen in another sequence, and how many of them are nearest to another object there.
     fn wrong(&self) -> (usize, usize) {
-        let channels = self.channels();
-        let distances: Vec<(DistanceMatrix, f64)> = channels
-            .iter()
-            .map(|&(signatures, metric, factor)| (DistanceMatrix::among(metric, signatures), factor))
-            .collect();
-        let members: Vec<Member> = (self.objects.iter().zip(&self.sequences))
-            .map(|(&class, &group)| Member { class, group })
-            .collect();
-        // The clouds are those of a run, of which there is at least one.
-        let nearest = nearest_of_class(&members, &distances, &members).unwrap_or_default();
+        let labels = self.objects.iter().map(|&instance| Label { category: 0, instance }).collect();
+        // Clouds have been weighed, so that there are some.
+        let Ok(database) = descriptor::Database::new(&self.channels(), labels) else { return (0, 0) };
+        // A cloud of an unknown sequence is compared with none.
+        let known = |cloud: usize| Some((cloud, self.sequences[cloud]?));
+        let known: Vec<(usize, u32)> = (0..self.objects.len()).filter_map(known).collect();
+        let member =
+            |&(cloud, sequence): &(usize, u32)| Member { class: self.objects[cloud], group: Some(sequence) };
+        let members: Vec<Member> = known.iter().map(member).collect();
+        let nearest = known.par_iter().zip(&members).map(|(&(cloud, _), member)| {
+            let of_channel = |signatures: &Signatures| {
+                let [centroid, deviation] = signatures.get(cloud).map(<[f32]>::to_vec);
+                Signature { centroid, deviation }
+            };
+            let query: Vec<Signature> = self.signatures.iter().map(of_channel).collect();
+            let all = database.distances(&query);
+            let distances: Vec<f64> = known.iter().map(|&(other, _)| all[other]).collect();
+            nearest(member, &distances, &members)
+        });
+        let nearest: Vec<NearestOfClass> = nearest.collect();
         let asked = nearest.iter().filter_map(|found| Some((found.same?, found.other)));
         let asked = asked.map(|(same, other)| {
             other.is_some_and(|other| (other.distance, other.index) < (same.distance, same.index))

@@ -254,6 +254,48 @@ mod tests {
         assert_eq!(of_members.numbers(), [7, 8, 500, 0]);
     }
 
+    /// Of 4 KiB, which a task has room for (`MAX_DESCRIPTOR_BYTES` of crate `proto`).
+    #[test]
+    fn the_largest_structure_fits_a_task() {
+        let axes = Feature::ALL.map(|feature| Axis { feature, bins: 2, full_turn: false });
+        let mut channel = StructureChannel {
+            pairs: Pairs::Neighbours,
+            axes: axes[..StructureChannel::MAX_AXES].to_vec(),
+            is_joint: false,
+            squash_milli: 0,
+            radius_um: 80_000,
+            shells_um: (1..=8).map(|shell| shell * 20_000).collect(),
+            least_um: 1,
+            grid_um: 20_000,
+            samples: 1,
+            oriented: false,
+            metric: SetDistance::L1,
+            value_weights: Vec::new(),
+        };
+        channel.squash_milli = if channel.is_squashed() { 300 } else { 0 };
+        let weighted = |values: usize| {
+            let mut value_weights = vec![StructureChannel::FULL; values];
+            value_weights[0] = 0;
+            let channel = StructureChannel { value_weights, ..channel.clone() };
+            Weighted { channel, weight_ppm: 1, scale: Scale::None }
+        };
+        // Three channels of 256 values, one of 224, and four without weights.
+        let plain = Weighted { channel: channel.clone(), weight_ppm: 1, scale: Scale::None };
+        let mut few = weighted(224);
+        few.channel.axes.pop();
+        let mut structure = Structure { channels: vec![weighted(256), weighted(256), weighted(256), few] };
+        structure.channels.resize(8, plain);
+        assert_eq!(structure.check(), Ok(()));
+        let weights: usize = structure.channels.iter().map(|one| one.channel.value_weights.len()).sum();
+        assert_eq!(weights, 992);
+        assert!(4 * structure.numbers().len() + 2 <= 4 << 10, "{} numbers", structure.numbers().len());
+        structure.channels[4] = weighted(256);
+        assert_eq!(
+            structure.check().unwrap_err().to_string(),
+            "value_weights: must be at most 1000 in all channels together, got 1248\nleave those of the largest channel out"
+        );
+    }
+
     #[test]
     fn what_is_wrong_is_told_with_its_channel() {
         let structure = Structure::from_numbers(&[1, 7, 1, 9]);

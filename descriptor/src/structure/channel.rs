@@ -1,6 +1,7 @@
 //! One channel of a structure: which pairs of points are binned, by which features, and how.
 
 use crate::distance::SetDistance;
+use crate::signature::Signature;
 use crate::structure::feature::Feature;
 
 /// Which pairs of points a channel looks at.
@@ -142,9 +143,13 @@ impl StructureChannel {
         self.pairs != Pairs::Cloud
     }
 
-    /// What a value of this weight is multiplied by.
-    pub fn factor(weight: u16) -> f32 {
-        f32::from(weight) / f32::from(Self::FULL)
+    /// A signature, each value times its weight.
+    pub fn weighted(&self, mut signature: Signature) -> Signature {
+        let values = signature.centroid.iter_mut().chain(&mut signature.deviation);
+        for (value, &weight) in values.zip(&self.value_weights) {
+            *value *= f32::from(weight) / f32::from(Self::FULL);
+        }
+        signature
     }
 
     /// Values of a cloud's signature: centroid and deviation.

@@ -124,11 +124,11 @@ impl StructureChannel {
         }
         let (values, got) = (self.values(), weights.len());
         if got as u64 != values {
-            let what = format!("must be {values}, one for each value, got {got}");
+            let what = format!("there must be {values}, one for each value, got {got}");
             return wrong(what, "count the bins, twice where there is a deviation, or leave them out");
         }
         if weights.iter().all(|&weight| weight == Self::FULL) {
-            return wrong(format!("must differ, got {got} of 1"), "leave them out");
+            return wrong(format!("must not all be 1, got {got} such"), "leave them out");
         }
         match weights.iter().max() {
             Some(&Self::FULL) => Ok(()),

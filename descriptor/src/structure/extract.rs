@@ -29,7 +29,7 @@ impl StructureChannel {
 
 impl StructurePlan {
     /// A cloud in this channel: centroid and deviation of its rows, zeros if it has none; of `Cloud` the only row, and no
-    /// deviation.
+    /// deviation. Each value times its weight, if the channel has any.
     ///
     /// # Errors
     /// [`PrepareError::NoColours`] if the channel needs colours that the cloud does not have,
@@ -40,7 +40,7 @@ impl StructurePlan {
             return Ok(Signature::default());
         }
         let rows = self.prepare(cloud)?;
-        Ok(self.weighted(widest(Describe { plan: self, rows })))
+        Ok(self.channel.weighted(widest(Describe { plan: self, rows })))
     }
 
     /// Finds what the rows of a cloud are made of.

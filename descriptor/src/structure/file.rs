@@ -487,11 +487,11 @@ mod tests {
             ),
             (
                 "value_weights = [1, 0.5]",
-                "value_weights: must be 12, one for each value, got 2\ncount the bins, twice where there is a deviation, or leave them out",
+                "value_weights: there must be 12, one for each value, got 2\ncount the bins, twice where there is a deviation, or leave them out",
             ),
             (
                 "pairs = \"cloud\"\nfeatures = [\"hue 2\"]\nvalue_weights = [1, 1]",
-                "value_weights: must differ, got 2 of 1\nleave them out",
+                "value_weights: must not all be 1, got 2 such\nleave them out",
             ),
             (
                 "pairs = \"cloud\"\nfeatures = [\"hue 2\"]\nvalue_weights = [0.5, 0.25]",

@@ -2,7 +2,6 @@
 
 use crate::disk_ring::quantise::squared_metres;
 use crate::neighbours::floor_f32;
-use crate::signature::Signature;
 use crate::structure::channel::{Axis, Pairs, StructureChannel};
 use crate::structure::edges::{Turns, ceil_f32, edges};
 use crate::structure::feature::Feature;
@@ -37,8 +36,6 @@ pub struct StructurePlan {
     /// Whether a feature is made of the normals, and whether of their frame.
     pub(super) has_angles: bool,
     pub(super) has_frame: bool,
-    /// What each value of a signature is multiplied by; empty: by 1.
-    value_weights: Vec<f32>,
 }
 
 /// Bins of some axes, of which each combination is counted.
@@ -114,11 +111,6 @@ impl StructurePlan {
             draws: Draws::new(if channel.pairs.is_sampled() { channel.samples } else { 0 }),
             has_angles: channel.axes.iter().any(|axis| axis.feature.needs_normals()),
             has_frame: channel.axes.iter().any(|axis| axis.feature.needs_frame()),
-            value_weights: channel
-                .value_weights
-                .iter()
-                .map(|&weight| StructureChannel::factor(weight))
-                .collect(),
             channel: channel.clone(),
         };
         let together = if channel.is_joint { channel.axes.len() } else { 1 };
@@ -200,13 +192,6 @@ impl StructurePlan {
     pub(super) fn draws(&self, points: usize) -> bool {
         let pairs = points as u64 * (points as u64).saturating_sub(1);
         self.channel.pairs.is_sampled() && self.channel.samples > 0 && pairs > u64::from(self.channel.samples)
-    }
-
-    /// The signature with its values weighted.
-    pub(super) fn weighted(&self, mut signature: Signature) -> Signature {
-        let values = signature.centroid.iter_mut().chain(&mut signature.deviation);
-        values.zip(&self.value_weights).for_each(|(value, weight)| *value *= weight);
-        signature
     }
 
     /// Whether the channel takes only points that have a normal.

@@ -7,7 +7,7 @@ use crate::FieldSpec;
 use crate::distance::SetDistance;
 use crate::structure::{Axis, Feature, Pairs, Scale, Structure, StructureChannel, StructureSpace, Weighted};
 
-/// Most values of a channel that may have weights: eight of them may have as many as a structure may.
+/// Most values of a channel that may have weights, so that eight channels together stay within a structure's limit.
 const MOST_WEIGHTS: usize = Structure::MAX_VALUE_WEIGHTS / 8;
 
 /// A channel that any experiment may use.

@@ -326,21 +326,27 @@ fn sets_that_cannot_be_searched_are_refused_by_name() {
 #[test]
 fn values_are_weighed_by_all_sets_or_by_one() {
     let both = two_sets(SEARCH);
+    let [triple, none] = [3, 0].map(|weight| two_sets(&format!("{SEARCH}[search.sets]\nb = {weight}\n")));
     let alone = one_set(&both, "first", SEARCH);
-    for experiment in [&both, &alone] {
+    for experiment in [&both, &triple, &none, &alone] {
         experiment.run("out", &[]).expect_success();
     }
     let paper = repository().join("experiments/descriptors/paper.toml").display().to_string();
+    // Without the first line, which says how many clouds there were.
     let weighed = |experiment: &Experiment, name: &str, more: &[&str]| -> String {
         let (out, file) = (experiment.path("out"), experiment.path(name));
         let args = ["weigh", &out, &file, "--structure", &paper];
         run("coordinator", args.iter().chain(more)).expect_success();
-        fs::read_to_string(file).unwrap()
+        fs::read_to_string(file).unwrap().split_once('\n').unwrap().1.to_owned()
     };
     let [all, a, b] = [("all", &[][..]), ("a", &["--set", "a"]), ("b", &["--set", "b"])]
         .map(|(name, set)| weighed(&both, name, set));
     assert_eq!(a, weighed(&alone, "a", &[]));
-    assert!(all != a && all != b && a != b);
+    assert_eq!(a, weighed(&none, "a", &[]));
+    let mut different = vec![all, a, b, weighed(&triple, "all", &[])];
+    different.sort_unstable();
+    different.dedup();
+    assert_eq!(different.len(), 4);
     let (out, file) = (both.path("out"), both.path("c"));
     let unknown = run("coordinator", ["weigh", &out, &file, "--structure", &paper, "--set", "c"]);
     assert!(unknown.expect_error().stderr.contains("--set"));

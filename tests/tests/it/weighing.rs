@@ -95,37 +95,49 @@ fn what_cannot_be_weighed_is_refused_and_nothing_is_written() {
     let data = clouds().display().to_string();
     let args = ["evaluate", "--data", &data, "--query", "test.txt", "--database", "train1.txt"];
     let evaluated = run("coordinator", args.into_iter().chain(["--structure", &again]));
-    refused(evaluated, "again.toml: channel 1: value_weights: must be ");
+    refused(evaluated, "again.toml: channel 1: value_weights: there must be ");
     assert_eq!(fs::read_to_string(&file).unwrap(), text);
+}
+
+/// A finished run on the clouds of all tests by a manifest in which a cloud has a sequence if its object is one of those.
+fn listed(has_sequence: fn(&str) -> bool) -> Experiment {
+    let experiment = Experiment::with("");
+    let mut manifest = "path,category,instance,sequence,split\n".to_owned();
+    for split in ["train1", "train2", "validation", "test"] {
+        for path in fs::read_to_string(clouds().join(format!("{split}.txt"))).unwrap().lines() {
+            let names: Vec<&str> = path.split('/').collect();
+            let [category, object, file] = names[..] else { panic!("{path}") };
+            let sequence = file.strip_prefix(object).unwrap().split('_').nth(1).unwrap();
+            let sequence = if has_sequence(object) { sequence } else { "" };
+            manifest += &format!("{path},{category},{object},{sequence},{split}\n");
+        }
+    }
+    let (list, toml) = (experiment.path("clouds.csv"), experiment.path("listed.toml"));
+    fs::write(&list, manifest).unwrap();
+    let root = clouds().display();
+    let text = format!(
+        "version = 1\n[dataset]\nroot = \"{root}\"\nlayout = \"manifest\"\nmanifest = \"{list}\"\n\
+         [ga]\npopulation = 6\n[stop]\ngenerations = 2\n"
+    );
+    fs::write(&toml, text).unwrap();
+    run("coordinator", ["run", &toml, "--out", &experiment.path("out"), "--listen", "127.0.0.1:0"])
+        .expect_success();
+    experiment
 }
 
 #[test]
 fn clouds_without_sequences_teach_no_weights() {
-    let experiment = Experiment::new("[ga]\npopulation = 6\n[stop]\ngenerations = 2\n");
-    let data = clouds();
-    let mut manifest = "path,category,instance,split\n".to_owned();
-    for split in ["train1", "train2", "validation", "test"] {
-        for path in fs::read_to_string(data.join(format!("{split}.txt"))).unwrap().lines() {
-            let names: Vec<&str> = path.split('/').collect();
-            manifest += &format!("{path},{},{},{split}\n", names[0], names[1]);
-        }
-    }
-    let list = experiment.path("clouds.csv");
-    fs::write(&list, manifest).unwrap();
-    let toml = experiment.path("listed.toml");
-    fs::write(
-        &toml,
-        format!(
-            "version = 1\n[dataset]\nroot = \"{}\"\nlayout = \"manifest\"\nmanifest = \"{list}\"\n[ga]\npopulation = 6\n[stop]\ngenerations = 2\n",
-            data.display()
-        ),
-    )
-    .unwrap();
-    let out = experiment.path("listed");
-    run("coordinator", ["run", &toml, "--out", &out, "--listen", "127.0.0.1:0"]).expect_success();
     let paper = repository().join("experiments/descriptors/paper.toml").display().to_string();
-    let file = experiment.path("weighted.toml");
-    let weighed = run("coordinator", ["weigh", &out, &file, "--structure", &paper]);
-    refused(weighed, "an object seen in two sequences expected, got none");
-    assert!(!fs::exists(&file).unwrap());
+    let weigh = |experiment: &Experiment| {
+        let (out, file) = (experiment.path("out"), experiment.path("weighted.toml"));
+        run("coordinator", ["weigh", &out, &file, "--structure", &paper])
+    };
+    let without = listed(|_| false);
+    refused(weigh(&without), "an object seen in two sequences expected, got none");
+    assert!(!fs::exists(without.path("weighted.toml")).unwrap());
+
+    // Of six objects with as many clouds each, of which one has no sequences.
+    let weighed = weigh(&listed(|object| object != "mug_1")).expect_success();
+    let told = weighed.stdout.split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(told.contains("with them: 30 of 36 training clouds"), "{weighed}");
 }
