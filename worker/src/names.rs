@@ -9,7 +9,7 @@ use clap::Command;
 use clap::builder::{Resettable, StyledStr};
 
 /// Commands of the coordinator: with its name before them, they are something to type.
-const COMMANDS: [&str; 22] = [
+const COMMANDS: [&str; 23] = [
     "assess",
     "certs",
     "check",
@@ -32,6 +32,7 @@ const COMMANDS: [&str; 22] = [
     "split",
     "synth",
     "verify",
+    "weigh",
 ];
 
 /// What the programs are called.
