@@ -298,10 +298,7 @@ impl Descriptor {
                 Layout { channels, tells_keypoints: false, largest: 1, tolerance: 0.0 }
             }
             Self::Structure(Structure { channels }) => {
-                let lengths = |Weighted { channel, .. }: &Weighted| {
-                    [channel.bins(), if channel.has_deviation() { channel.bins() } else { 0 }]
-                };
-                let channels = channels.iter().map(lengths).collect();
+                let channels = channels.iter().map(|one| one.channel.lengths()).collect();
                 Layout { channels, tells_keypoints: false, largest: 1, tolerance: 0.0 }
             }
         }

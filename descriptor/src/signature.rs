@@ -132,6 +132,15 @@ impl Signatures {
         [centroid, deviation]
     }
 
+    /// One cloud's signature.
+    ///
+    /// # Panics
+    /// As [`Signatures::get`].
+    pub fn signature(&self, cloud: usize) -> Signature {
+        let [centroid, deviation] = self.get(cloud).map(<[f32]>::to_vec);
+        Signature { centroid, deviation }
+    }
+
     /// Values of one centroid.
     pub fn bins(&self) -> usize {
         self.bins

@@ -13,9 +13,9 @@ use crate::structure::{Scale, Structure, StructureChannel, Weighted, scale_among
 /// Clouds of other objects that a cloud is told apart from: those that it is most easily taken for.
 const RIVALS: usize = 20;
 
-/// Share of the mean difference within objects that is added to every difference, so that values that hardly ever
-/// differ do not decide.
-const FLOOR: f64 = 0.05;
+/// Additive smoothing: the share of the mean difference within objects that is added to every difference, so that values
+/// that hardly ever differ do not decide.
+const SMOOTHING: f64 = 0.05;
 
 /// Why values cannot be weighed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -88,10 +88,10 @@ pub fn weighed(structure: &Structure, sets: &[LabelledSet<'_>]) -> Result<Struct
     }
     let (Differences { same, others, .. }, taught) = Differences::of_all(sets)?;
     let all: f64 = same.iter().sum();
-    let floor = FLOOR * all / same.len() as f64;
+    let smoothing = SMOOTHING * all / same.len() as f64;
     let of_value = |(same, others): (&f64, &f64)| {
         // Where nothing at all differs within objects, no value is better than another.
-        let ratio = if floor > 0.0 { (others + floor) / (same + floor) } else { 1.0 };
+        let ratio = if smoothing > 0.0 { (others + smoothing) / (same + smoothing) } else { 1.0 };
         ratio * ratio
     };
     let weights: Vec<f64> = same.iter().zip(&others).map(of_value).collect();
@@ -165,12 +165,8 @@ impl<'a> Clouds<'a> {
 
 /// The signatures of clouds, each value times its weight in a channel.
 pub fn weighted_by(channel: &StructureChannel, signatures: &Signatures) -> Signatures {
-    let weighted = |cloud| channel.weighted(signature(signatures.get(cloud)));
+    let weighted = |cloud| channel.weighted(signatures.signature(cloud));
     (0..signatures.clouds()).map(weighted).collect::<Vec<Signature>>().iter().collect()
-}
-
-fn signature([centroid, deviation]: [&[f32]; 2]) -> Signature {
-    Signature { centroid: centroid.to_vec(), deviation: deviation.to_vec() }
 }
 
 /// How much each value differs: sums over clouds of means, channel after channel, centroid before deviation.
@@ -213,7 +209,7 @@ impl Differences {
         let LabelledSet { clouds: LabelledClouds { channels, objects }, sequences, .. } = *set;
         let labels = objects.iter().map(|&instance| Label { category: 0, instance }).collect();
         let database = Database::new(channels, labels).map_err(|_| WeighError::Sequences)?;
-        let means = |query: usize| -> Option<[Option<Vec<f64>>; 2]> {
+        let means = |query: usize| -> Option<(Vec<f64>, Option<Vec<f64>>)> {
             sequences[query]?;
             let elsewhere =
                 |&other: &usize| sequences[other].is_some() && sequences[other] != sequences[query];
@@ -222,23 +218,23 @@ impl Differences {
             if same.is_empty() {
                 return None;
             }
-            let of_query = channels.iter().map(|(signatures, ..)| signature(signatures.get(query)));
+            let of_query = channels.iter().map(|(signatures, ..)| signatures.signature(query));
             let distances = database.distances(&of_query.collect::<Vec<_>>());
             others.sort_by(|&a, &b| distances[a].total_cmp(&distances[b]).then(a.cmp(&b)));
             others.truncate(RIVALS);
-            let mean = |of: Vec<usize>| (!of.is_empty()).then(|| mean_terms(channels, query, &of));
-            Some([mean(same), mean(others)])
+            let mean = |of: &[usize]| mean_terms(channels, query, of);
+            Some((mean(&same), (!others.is_empty()).then(|| mean(&others))))
         };
         let means: Vec<_> = (0..objects.len()).into_par_iter().map(means).collect();
         let values = channels.iter().map(|(signatures, ..)| signatures.get(0).concat().len()).sum();
         let mut sums = [vec![0.0; values], vec![0.0; values]];
         let (mut is_seen_twice, mut told_apart) = (false, 0);
         // In the order of the clouds.
-        for [same, others] in means.into_iter().flatten() {
+        for (same, others) in means.into_iter().flatten() {
             is_seen_twice = true;
             let Some(others) = others else { continue };
             told_apart += 1;
-            for (sum, terms) in sums.iter_mut().zip([same.unwrap_or_default(), others]) {
+            for (sum, terms) in sums.iter_mut().zip([same, others]) {
                 sum.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
             }
         }
@@ -383,9 +379,10 @@ mod tests {
                 others[value] += mean(&rivals);
             }
         }
-        let floor = same.iter().sum::<f64>() / 7.0 / 20.0;
-        let ratio =
-            |value: usize| if floor > 0.0 { (others[value] + floor) / (same[value] + floor) } else { 1.0 };
+        let smoothing = same.iter().sum::<f64>() / 7.0 / 20.0;
+        let ratio = |value: usize| {
+            if smoothing > 0.0 { (others[value] + smoothing) / (same[value] + smoothing) } else { 1.0 }
+        };
         let weight = |value: usize| ratio(value) * ratio(value);
         seen.then(|| (0..7).map(weight).collect())
     }

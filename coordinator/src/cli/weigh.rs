@@ -22,7 +22,7 @@ pub struct Weigh {
     /// The folder of a finished run, for example results/runs/demo-0123456789ab
     #[arg(value_name = "RUN")]
     run: PathBuf,
-    /// The file to be written, for example weighted.toml: of --structure in evaluate, compare and export
+    /// The file to be written, which evaluate, compare and export take as --structure, for example weighted.toml
     #[arg(value_name = "TOML")]
     out: PathBuf,
     /// File of a structure instead of the winner, on the run's clouds, for example experiments/descriptors/pfhrgb.toml

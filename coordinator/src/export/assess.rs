@@ -134,10 +134,7 @@ pub fn assess(
         .iter()
         .enumerate()
         .map(|(channel, database)| {
-            let database = (0..database.clouds()).map(|cloud| {
-                let [centroid, deviation] = database.get(cloud).map(<[f32]>::to_vec);
-                Signature { centroid, deviation }
-            });
+            let database = (0..database.clouds()).map(|cloud| database.signature(cloud));
             let all: Vec<Signature> = database
                 .chain(asked.iter().map(|&query| queries[query].signatures[channel].clone()))
                 .collect();

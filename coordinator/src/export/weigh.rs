@@ -5,10 +5,12 @@ use std::path::Path;
 use artefact::{Database, channels, found_scales, labels, signatures};
 use cache::Storage;
 use descriptor::fitness::{Member, NearestOfClass, nearest};
+use descriptor::recognise::Hit;
 use descriptor::recogniser::LabelledClouds;
 use descriptor::structure::{Structure, StructureFile};
 use descriptor::weigh::{LabelledSet, weighed, weighted_by};
 use descriptor::{Descriptor, Label, Preprocess, SetDistance, Signature, Signatures};
+use proto::task::is_nearer;
 use rayon::prelude::*;
 
 use super::of_run::{Chosen, choose, describe, sequences};
@@ -148,11 +150,8 @@ impl Trained {
             |&(cloud, sequence): &(usize, u32)| Member { class: self.objects[cloud], group: Some(sequence) };
         let members: Vec<Member> = known.iter().map(member).collect();
         let nearest = known.par_iter().zip(&members).map(|(&(cloud, _), member)| {
-            let of_channel = |signatures: &Signatures| {
-                let [centroid, deviation] = signatures.get(cloud).map(<[f32]>::to_vec);
-                Signature { centroid, deviation }
-            };
-            let query: Vec<Signature> = self.signatures.iter().map(of_channel).collect();
+            let query: Vec<Signature> =
+                self.signatures.iter().map(|clouds| clouds.signature(cloud)).collect();
             let all = database.distances(&query);
             let distances: Vec<f64> = known.iter().map(|&(other, _)| all[other]).collect();
             nearest(member, &distances, &members)
@@ -160,7 +159,8 @@ impl Trained {
         let nearest: Vec<NearestOfClass> = nearest.collect();
         let asked = nearest.iter().filter_map(|found| Some((found.same?, found.other)));
         let asked = asked.map(|(same, other)| {
-            other.is_some_and(|other| (other.distance, other.index) < (same.distance, same.index))
+            let hit = |hit: Hit| (hit.index, hit.distance);
+            other.is_some_and(|other| is_nearer(hit(other), hit(same)))
         });
         let wrong: Vec<bool> = asked.collect();
         (wrong.len(), wrong.iter().filter(|&&wrong| wrong).count())

@@ -152,9 +152,14 @@ impl StructureChannel {
         signature
     }
 
-    /// Values of a cloud's signature: centroid and deviation.
+    /// Values of a cloud's centroid and of its deviation.
+    pub fn lengths(&self) -> [u64; 2] {
+        [self.bins(), if self.has_deviation() { self.bins() } else { 0 }]
+    }
+
+    /// Values of a cloud's signature.
     pub fn values(&self) -> u64 {
-        self.bins().saturating_mul(if self.has_deviation() { 2 } else { 1 })
+        self.lengths().into_iter().fold(0, u64::saturating_add)
     }
 
     /// Whether it takes only points that have a normal.
