@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use cache::Store;
-use results::FinishedRun;
+use descriptor::structure::{Structure, StructureChannel, StructureFile};
+use descriptor::{Descriptor, SearchSpace};
+use results::{FinishedRun, RunRow};
 
 use crate::console::say;
 use crate::dataset::{Dataset, Wanted};
@@ -58,6 +60,18 @@ pub fn finished(run: &Path) -> Result<FinishedRun, ReopenError> {
         return Err(ReopenError::NoFolder(run.to_owned()));
     }
     Ok(results::read_run(run)?)
+}
+
+/// The descriptor that a finished run has ended with: its genes, with weights for its values where it was weighed. `None`
+/// if it is in no such space, or if the weights are those of another structure.
+pub fn winner_of(space: &SearchSpace, row: &RunRow) -> Option<Descriptor> {
+    let searched = space.from_values(&row.best_genes)?;
+    let Some(text) = &row.weighted_winner else { return Some(searched) };
+    let weighted = toml::from_str::<StructureFile>(text).ok()?.structure().ok()?;
+    let channels = weighted.channels.iter().map(|one| &one.channel);
+    let unweighted = channels.map(|one| StructureChannel { value_weights: Vec::new(), ..one.clone() });
+    let Descriptor::Structure(Structure { channels }) = searched else { return None };
+    unweighted.eq(channels.into_iter().map(|one| one.channel)).then_some(Descriptor::Structure(weighted))
 }
 
 /// Opens a finished run again; `data` is another place of its data root, if that has moved.

@@ -14,6 +14,7 @@ use crate::compare::verdict;
 use crate::examine::{DecimatedCloud, ExamineError, Examiner, Explanation};
 use crate::experiment::{Experiment, Overrides};
 use crate::looks;
+use crate::reopen::winner_of;
 
 /// Wrong answers that are shown in 3D.
 const MOST_WRONG: usize = 30;
@@ -37,7 +38,7 @@ pub fn told(folder: &Path) -> Told {
             return told;
         }
     };
-    let Some(winner) = experiment.space().from_values(&finished.row.best_genes) else { return told };
+    let Some(winner) = winner_of(experiment.space(), &finished.row) else { return told };
     if let Descriptor::Structure(structure) = &winner {
         told.channels = structure.channels.iter().map(winner_channel).collect();
     }

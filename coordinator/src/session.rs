@@ -250,17 +250,18 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// What some descriptors have by a fitness, with a weight for each set, on the training clouds, in their order.
+    /// What some descriptors have by a fitness, with a weight for each set, on the training clouds, in their order. `splits`:
+    /// the session's, for descriptors of its search space, or those beside it.
     pub async fn measure(
         &self,
         client: &mut Client,
+        splits: &SplitBlobs<'_>,
         (fitness, weights): (&Fitness, &[u32]),
         descriptors: &[&Descriptor],
     ) -> Result<Vec<Answer>, ClusterError> {
         let mut scales = Scales::default();
-        scales.complete(descriptors, &with_weight(weights), &self.splits, client, |_| {}).await?;
-        let batch =
-            FitnessBatch::new((fitness, weights), &self.splits, &scales, descriptors, Matching::Train);
+        scales.complete(descriptors, &with_weight(weights), splits, client, |_| {}).await?;
+        let batch = FitnessBatch::new((fitness, weights), splits, &scales, descriptors, Matching::Train);
         let (answers, _) = batch.evaluate(client, &MissingScales::default(), |_, _| {}).await?;
         Ok(answers)
     }

@@ -31,11 +31,14 @@ pub fn subject(preparation: &Preparation, descriptor: &Descriptor) -> Subject {
     }
 }
 
-/// A descriptor of a search space as tasks of that space have it, any other as the only one of its own.
-pub fn subject_beside(preprocess: &Preprocess, space: &SearchSpace, descriptor: &Descriptor) -> Subject {
+/// How clouds are prepared for a descriptor of a search space, and for any other as the only one of its own.
+pub fn preparation_beside(
+    preprocess: &Preprocess,
+    space: &SearchSpace,
+    descriptor: &Descriptor,
+) -> Preparation {
     let own = if space.contains(descriptor) { None } else { SearchSpace::single(descriptor).ok() };
-    let space = own.unwrap_or_else(|| space.clone());
-    subject(&preparation(preprocess, space), descriptor)
+    preparation(preprocess, own.unwrap_or_else(|| space.clone()))
 }
 
 /// Looks into a description that a worker has made.

@@ -1,6 +1,8 @@
 //! Weights for the values of a structure's signatures, learned from labelled clouds: a value counts for as much as it
 //! tells objects apart.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use rayon::prelude::*;
 
 use crate::database::Database;
@@ -57,6 +59,24 @@ pub struct LabelledSet<'a> {
     pub weight: u32,
 }
 
+/// Refuses clouds of a set that teach nothing, by the objects that they show and the sequences that they are of.
+///
+/// # Errors
+/// [`WeighError::Sequences`] or [`WeighError::Objects`]
+pub fn check_clouds(objects: &[u32], sequences: &[Option<u32>]) -> Result<(), WeighError> {
+    let mut seen: BTreeMap<u32, BTreeSet<u32>> = BTreeMap::new();
+    for (&object, sequence) in objects.iter().zip(sequences) {
+        if let Some(sequence) = sequence {
+            seen.entry(object).or_default().insert(*sequence);
+        }
+    }
+    if seen.values().all(|sequences| sequences.len() < 2) {
+        return Err(WeighError::Sequences);
+    }
+    // Whatever sequence another object is in, the one that is seen twice is seen in a different one, too.
+    if seen.len() < 2 { Err(WeighError::Objects) } else { Ok(()) }
+}
+
 /// A structure with weights for the values of its signatures, learned from sets of labelled clouds, by the current rayon
 /// pool.
 ///
@@ -82,7 +102,7 @@ pub fn weighed(structure: &Structure, sets: &[LabelledSet<'_>]) -> Result<Struct
     if structure.has_value_weights() {
         return Err(WeighError::Weighted);
     }
-    let got = structure.channels.iter().map(|one| one.channel.values()).sum();
+    let got = structure.signature_values();
     if got > Structure::MAX_VALUE_WEIGHTS as u64 {
         return Err(WeighError::Values { got });
     }
@@ -207,15 +227,16 @@ impl Differences {
 
     fn between(set: &LabelledSet<'_>) -> Result<Self, WeighError> {
         let LabelledSet { clouds: LabelledClouds { channels, objects }, sequences, .. } = *set;
+        check_clouds(objects, sequences)?;
         let labels = objects.iter().map(|&instance| Label { category: 0, instance }).collect();
         let database = Database::new(channels, labels).map_err(|_| WeighError::Sequences)?;
-        let means = |query: usize| -> Option<(Vec<f64>, Option<Vec<f64>>)> {
+        let means = |query: usize| -> Option<(Vec<f64>, Vec<f64>)> {
             sequences[query]?;
             let elsewhere =
                 |&other: &usize| sequences[other].is_some() && sequences[other] != sequences[query];
             let (same, mut others): (Vec<usize>, Vec<usize>) =
                 (0..objects.len()).filter(elsewhere).partition(|&other| objects[other] == objects[query]);
-            if same.is_empty() {
+            if same.is_empty() || others.is_empty() {
                 return None;
             }
             let of_query = channels.iter().map(|(signatures, ..)| signatures.signature(query));
@@ -223,29 +244,21 @@ impl Differences {
             others.sort_by(|&a, &b| distances[a].total_cmp(&distances[b]).then(a.cmp(&b)));
             others.truncate(RIVALS);
             let mean = |of: &[usize]| mean_terms(channels, query, of);
-            Some((mean(&same), (!others.is_empty()).then(|| mean(&others))))
+            Some((mean(&same), mean(&others)))
         };
         let means: Vec<_> = (0..objects.len()).into_par_iter().map(means).collect();
         let values = channels.iter().map(|(signatures, ..)| signatures.get(0).concat().len()).sum();
         let mut sums = [vec![0.0; values], vec![0.0; values]];
-        let (mut is_seen_twice, mut told_apart) = (false, 0);
+        let mut clouds = 0;
         // In the order of the clouds.
         for (same, others) in means.into_iter().flatten() {
-            is_seen_twice = true;
-            let Some(others) = others else { continue };
-            told_apart += 1;
+            clouds += 1;
             for (sum, terms) in sums.iter_mut().zip([same, others]) {
                 sum.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
             }
         }
-        match (is_seen_twice, told_apart) {
-            (false, _) => Err(WeighError::Sequences),
-            (_, 0) => Err(WeighError::Objects),
-            (_, clouds) => {
-                let [same, others] = sums;
-                Ok(Self { same, others, clouds })
-            }
-        }
+        let [same, others] = sums;
+        Ok(Self { same, others, clouds })
     }
 }
 

@@ -118,7 +118,9 @@ pub(crate) fn check_predictions(rows: &[PredictionRow]) -> Result<(), Error> {
 pub(crate) fn check_run(genes: &[GeneColumn], row: &RunRow) -> Result<(), Error> {
     check_genes(TableName::Run, 0, genes, &row.best_genes)?;
     check_counts(TableName::Run, 0, "train_", &row.train)?;
-    for (prefix, counts) in [("validation_", &row.validation), ("test_", &row.test)] {
+    for (prefix, counts) in
+        [("validation_", &row.validation), ("weighted_train_", &row.weighted_train), ("test_", &row.test)]
+    {
         if let Some(counts) = counts {
             check_counts(TableName::Run, 0, prefix, counts)?;
         }

@@ -65,7 +65,8 @@ impl Shards {
     /// What workers are asked for: each descriptor in turn, queries before database.
     pub fn tasks(&self, descriptors: &[Descriptor]) -> Vec<Description> {
         let of = |descriptor: &Descriptor| {
-            let subject = tasks::subject_beside(&self.preprocess, &self.space, descriptor);
+            let preparation = tasks::preparation_beside(&self.preprocess, &self.space, descriptor);
+            let subject = tasks::subject(&preparation, descriptor);
             let sides = self.sides.iter();
             sides.flat_map(|side| side.descriptions(&subject)).collect::<Vec<_>>()
         };

@@ -9,6 +9,7 @@ use super::candidate::{Given, check_no_point, point_name};
 use crate::experiment::{Experiment, ExperimentError, Overrides};
 use crate::front::{self, FrontError};
 use crate::names::is_name;
+use crate::reopen::winner_of;
 
 /// Where a given descriptor comes from: `PATH`, or `NAME=PATH`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -155,7 +156,7 @@ impl Own<'_> {
         if experiment.preprocess() != self.preprocess {
             return Err(other(said(self.preprocess), said(experiment.preprocess())));
         }
-        let winner = experiment.space().from_values(&row.best_genes);
+        let winner = winner_of(experiment.space(), &row);
         Ok((row.name, winner.ok_or_else(|| GivenError::Genes(folder.to_owned()))?))
     }
 }

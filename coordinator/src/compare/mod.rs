@@ -31,7 +31,7 @@ use descriptor::{Descriptor, Family, Perturbation, Preprocess, SetDistance, Vect
 use results::{ComparedRow, LookRow, PairRow, PerturbedRow, RunFolder, TableName};
 
 use crate::experiment::Overrides;
-use crate::reopen::{Reopened, reopen};
+use crate::reopen::{Reopened, reopen, winner_of};
 use crate::result_cache::finished_runs;
 use crate::run::scaled::Scaled;
 use crate::run::splits::ONLY_SET;
@@ -130,8 +130,7 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
         return Err(CompareError::NoTest(folder.to_owned()));
     }
     let (space, preprocess) = (experiment.space(), experiment.preprocess());
-    let evolved =
-        space.from_values(&run.row.best_genes).ok_or_else(|| CompareError::Genes(folder.to_owned()))?;
+    let evolved = winner_of(space, &run.row).ok_or_else(|| CompareError::Genes(folder.to_owned()))?;
     let own = Own { folder, space, data_digest: &run.row.data_digest, preprocess };
     let given = options.given.read(&own)?.into_iter().map(Named::Given).collect();
     if options.perturbations.contains(&Perturbation::Light) && !preprocess.colour {

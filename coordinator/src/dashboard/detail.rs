@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use super::overview::Overview;
 use super::run_log::milliseconds;
 use crate::experiment::Experiment;
+use crate::reopen::winner_of;
 
 /// A run in full, as JSON. `run`: its summary.
 pub fn detail(folder: &Path, overview: &Overview, run: Value) -> Result<String, results::Error> {
@@ -19,7 +20,7 @@ pub fn detail(folder: &Path, overview: &Overview, run: Value) -> Result<String, 
     };
     let winner = finished
         .zip(overview.experiment())
-        .and_then(|(finished, experiment)| experiment.space().from_values(&finished.row.best_genes));
+        .and_then(|(finished, experiment)| winner_of(experiment.space(), &finished.row));
     let looks: Vec<Value> = results::read_looks(folder)?
         .into_iter()
         .map(|look| {
@@ -79,7 +80,12 @@ fn genes(experiment: &Experiment) -> Vec<Value> {
 
 fn errors(finished: &FinishedRun) -> Vec<Value> {
     let row = &finished.row;
-    let splits = [("train", Some(row.train)), ("validation", row.validation), ("test", row.test)];
+    let splits = [
+        ("train", Some(row.train)),
+        ("validation", row.validation),
+        ("train weighed", row.weighted_train),
+        ("test", row.test),
+    ];
     let error = |(split, counts): (&str, Option<Counts>)| {
         let counts = counts?;
         let wrong = counts.queries.saturating_sub(counts.object_correct);

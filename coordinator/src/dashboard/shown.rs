@@ -18,6 +18,7 @@ use crate::dataset::record::CloudRecord;
 use crate::examine::{DecimatedCloud, Examiner};
 use crate::experiment::Experiment;
 use crate::looks;
+use crate::reopen::winner_of;
 use crate::report::told;
 
 /// Most points of a cloud that is sent.
@@ -187,7 +188,9 @@ impl Shown {
         let experiment = self.experiment()?;
         let missing = || DashboardError::NoIndividual { run: self.found.id.clone() };
         let values = match (which, results::read_run(folder)) {
-            (Which::Best, Ok(finished)) => finished.row.best_genes,
+            (Which::Best, Ok(finished)) => {
+                return winner_of(experiment.space(), &finished.row).ok_or_else(missing);
+            }
             (Which::Best, Err(_)) => {
                 let (generation, individual) = lock(&self.feed).best().ok_or_else(missing)?;
                 results::read_individual(folder, generation, individual)?.ok_or_else(missing)?.genes

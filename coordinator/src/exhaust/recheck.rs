@@ -113,7 +113,7 @@ impl Batch {
         recheck: &mut Recheck,
     ) -> Result<(), RunError> {
         let descriptors: Vec<&Descriptor> = self.descriptors.iter().collect();
-        let found = session.measure(client, (&Fitness::PAPER, &[1]), &descriptors).await?;
+        let found = session.measure(client, &session.splits, (&Fitness::PAPER, &[1]), &descriptors).await?;
         recheck.recomputed += found.len();
         for ((descriptor, expected), found) in
             self.descriptors.drain(..).zip(self.expected.drain(..)).zip(found)

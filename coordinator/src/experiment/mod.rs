@@ -70,6 +70,7 @@ pub struct Experiment {
     /// Of sets by name; others have 1.
     set_weights: BTreeMap<String, u32>,
     winner: WinnerRule,
+    weigh: bool,
     ga: GaSettings,
     encoding: Encoding,
     stop: StopSettings,
@@ -273,6 +274,11 @@ impl Experiment {
     /// Which of the generations' bests wins.
     pub fn winner(&self) -> WinnerRule {
         self.winner
+    }
+
+    /// Whether values of the winner get weights when the search is over.
+    pub fn weighs(&self) -> bool {
+        self.weigh
     }
 
     /// Whether the best of each generation is measured on the validation clouds.

@@ -71,6 +71,10 @@ pub(super) struct RawSearch {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "WinnerRule")]
     pub winner: Option<WinnerRule>,
+    /// Whether values of the winner's signatures get weights when the search is over, learned from the training clouds as
+    /// coordinator weigh learns them: the run is then tested with them. Of structures only.
+    #[serde(skip_serializing_if = "is_off")]
+    pub weigh: bool,
     /// What a descriptor's fitness counts. Default: of disk-ring and global-hue the paper's, of structure
     /// cross-sequence.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -81,6 +85,10 @@ pub(super) struct RawSearch {
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     #[schemars(example = example_sets())]
     pub sets: BTreeMap<String, u32>,
+}
+
+fn is_off(flag: &bool) -> bool {
+    !flag
 }
 
 fn example_sets() -> BTreeMap<String, u32> {

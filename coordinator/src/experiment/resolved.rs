@@ -176,6 +176,7 @@ pub(super) fn sweep_section(
             objectives: own.objectives || bases.objectives,
             sets: own.sets || bases.sets,
             preselection: own.preselection || bases.preselection,
+            weigh: own.weigh || bases.weigh,
         };
         method_sections(&mut toml, &format!("sweep.variants.{name}."), experiment, later);
     }
@@ -190,6 +191,7 @@ struct Later {
     objectives: bool,
     sets: bool,
     preselection: bool,
+    weigh: bool,
 }
 
 impl Later {
@@ -203,6 +205,7 @@ impl Later {
             objectives: experiment.objectives.are_several(),
             sets: !experiment.set_weights.is_empty(),
             preselection: experiment.ga.preselection != GaSettings::default().preselection,
+            weigh: experiment.weigh,
         }
     }
 }
@@ -221,6 +224,9 @@ fn method_sections(toml: &mut Toml, parent: &str, experiment: &Experiment, later
             WinnerRule::Fitness => "fitness",
         };
         toml.key("winner", quoted(winner));
+    }
+    if later.weigh {
+        toml.key("weigh", experiment.weigh);
     }
     fitness_section(toml, parent, experiment);
     if later.sets {

@@ -5,8 +5,9 @@ use std::num::NonZeroU32;
 use std::path::Path;
 use std::time::Duration;
 
-use descriptor::Family;
 use descriptor::recogniser::Method as Recogniser;
+use descriptor::structure::Structure;
+use descriptor::{Family, SearchSpace};
 use evolution::{GaSettings, Method, StopSettings};
 
 use super::checks::{checked_name, checked_seed};
@@ -33,6 +34,7 @@ pub(super) fn experiment(
     let method = raw.search.method;
     let stop = stop(&raw.stop, &defaults.stop, method)?;
     let winner = raw.search.winner.unwrap_or_else(|| defaults.winner(&stop));
+    let space = search_space(&raw.descriptor)?;
     let results_dir =
         raw.results.dir.map(|dir| paths::resolve("results.dir", &dir, folder, lookup)).transpose()?;
     Ok(Experiment {
@@ -44,7 +46,8 @@ pub(super) fn experiment(
         },
         preprocess: preprocess(&raw.preprocess, raw.dataset.unit.into(), &raw.descriptor)?,
         dataset: dataset(raw.dataset, winner.validates(&stop), folder, lookup)?,
-        space: search_space(&raw.descriptor)?,
+        weigh: weighs(raw.search.weigh, &space)?,
+        space,
         max_cost: max_cost(&raw.descriptor)?,
         method,
         objectives: objectives(raw.search.objectives.as_deref(), method)?,
@@ -69,6 +72,37 @@ fn name(given: Option<String>, path: &Path) -> Result<String, Fault> {
     let name = given.unwrap_or_else(|| path.file_stem().unwrap_or_default().to_string_lossy().into_owned());
     checked_name("name", &name)?;
     Ok(name)
+}
+
+/// Refuses weights of values where none can be learned, whatever the winner.
+fn weighs(asked: bool, space: &SearchSpace) -> Result<bool, Fault> {
+    const PLACE: &str = "search.weigh";
+    let most = Structure::MAX_VALUE_WEIGHTS as u64;
+    match space {
+        _ if !asked => Ok(false),
+        // A channel has at most as many deviations as means.
+        SearchSpace::Structures(space) if 2 * u64::from(space.max_bins) > most => Err(Fault::new(
+            PLACE,
+            format!("needs descriptor.max_bins of at most {}, got {}", most / 2, space.max_bins),
+            "lower it, or leave search.weigh out",
+        )),
+        SearchSpace::Structure(structure) if structure.has_value_weights() => Err(Fault::new(
+            PLACE,
+            "needs channels without value_weights, got some with".to_owned(),
+            "leave one of the two out",
+        )),
+        SearchSpace::Structure(structure) if structure.signature_values() > most => Err(Fault::new(
+            PLACE,
+            format!("needs channels of at most {most} values, got {}", structure.signature_values()),
+            "leave it out, or name channels with fewer bins",
+        )),
+        SearchSpace::Structures(_) | SearchSpace::Structure(_) => Ok(true),
+        SearchSpace::DiskRing(_) | SearchSpace::Fixed(_) | SearchSpace::GlobalHue(_) => Err(Fault::new(
+            PLACE,
+            format!("needs structures, got family {}", space.family().name()),
+            "leave it out, or set descriptor.family = \"structure\"",
+        )),
+    }
 }
 
 fn ga(raw: &RawGa, defaults: &GaSettings, descriptor: &RawDescriptor) -> Result<GaSettings, Fault> {

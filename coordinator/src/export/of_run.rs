@@ -18,7 +18,7 @@ use descriptor::{
 };
 use proto::Message;
 use rayon::prelude::*;
-use results::{FinishedRun, PredictionRow, PredictionSplit};
+use results::{FinishedRun, PredictionRow, PredictionSplit, RunRow};
 
 use super::readme::{About, Origin};
 use super::reject::Reject;
@@ -29,7 +29,7 @@ use crate::dataset::{CloudEntry, Dataset, cloud_bytes};
 use crate::evaluate::{Seconds, stages};
 use crate::experiment::{Experiment, Overrides};
 use crate::front;
-use crate::reopen::{Reopened, reopen};
+use crate::reopen::{Reopened, reopen, winner_of};
 use crate::run::{Matching, choose_set, clouds, data_digest, sets};
 use crate::sweep;
 
@@ -188,7 +188,9 @@ pub(super) fn choose(
     let winner = |what: String| ExportError::Winner { run: run.to_owned(), what };
     let mut preprocess = *experiment.preprocess();
     let descriptor = match which {
-        DescriptorChoice::Evolved => evolved(run, experiment.space(), &finished.row.best_genes)?,
+        DescriptorChoice::Evolved => {
+            winner_of(experiment.space(), &finished.row).ok_or_else(|| off_grid(run))?
+        }
         &DescriptorChoice::Point(number) => front::point(run, experiment.space(), number)?,
         DescriptorChoice::Paper => paper(preprocess.colour).map_err(winner)?,
         DescriptorChoice::Structure(structure) => Descriptor::Structure(structure.clone()),
@@ -221,11 +223,14 @@ pub(super) fn sequences(dataset: &Dataset) -> Vec<Option<u32>> {
     Matching::Test.database_clouds(dataset).iter().map(sequence).collect()
 }
 
-/// The run's winner.
-fn evolved(run: &Path, space: &SearchSpace, genes: &[Option<f64>]) -> Result<Descriptor, ExportError> {
+/// The run's winner as the search has found it, without weights for its values.
+pub(super) fn searched(run: &Path, space: &SearchSpace, row: &RunRow) -> Result<Descriptor, ExportError> {
+    space.from_values(&row.best_genes).ok_or_else(|| off_grid(run))
+}
+
+fn off_grid(run: &Path) -> ExportError {
     let what = "gene values must lie on the genes' grids, got others";
-    let other = || ExportError::Winner { run: run.to_owned(), what: what.to_owned() };
-    space.from_values(genes).ok_or_else(other)
+    ExportError::Winner { run: run.to_owned(), what: what.to_owned() }
 }
 
 /// Refuses families that artefacts do not hold.

@@ -13,7 +13,7 @@ use descriptor::{Descriptor, Label, Preprocess, SetDistance, Signature, Signatur
 use proto::task::is_nearer;
 use rayon::prelude::*;
 
-use super::of_run::{Chosen, choose, describe, sequences};
+use super::of_run::{Chosen, choose, describe, searched, sequences};
 use super::{DescriptorChoice, ExportError};
 use crate::dataset::Dataset;
 use crate::experiment::Experiment;
@@ -34,7 +34,7 @@ pub struct Weighed {
 
 /// Learns weights for the values of a run's descriptor and writes the file of the structure, whole or not at all.
 /// Learned from are the clouds of both training splits, of a set or of all that the run's fitness gives a weight; neither
-/// validation nor test clouds are described.
+/// validation nor test clouds are described. Of a winner that the run has weighed they are learned once more.
 ///
 /// # Errors
 /// [`ExportError`]
@@ -48,47 +48,88 @@ pub fn weigh(
     if out.exists() {
         return Err(ExportError::FileExists { file: out.to_owned() });
     }
-    let Chosen { finished, experiment, dataset, preprocess, descriptor } =
+    let Chosen { finished, experiment, dataset, preprocess, mut descriptor } =
         choose(run, which, data, ("weigh", storage))?;
+    if *which == DescriptorChoice::Evolved {
+        descriptor = searched(run, experiment.space(), &finished.row)?;
+    }
     let Descriptor::Structure(structure) = &descriptor else {
         return Err(ExportError::NotStructure { run: run.to_owned(), got: descriptor.family() });
     };
-    let failed = |what: String| ExportError::Winner { run: run.to_owned(), what };
     let sets = match set {
         Some(_) => vec![(chosen_set(set, dataset)?, 1)],
         None => all_sets(&experiment, dataset)?,
     };
-    let trained = |(dataset, _): &(Dataset, u32)| Trained::new(dataset, &preprocess, &descriptor, failed);
-    let before: Vec<Trained> = sets.iter().map(trained).collect::<Result<_, _>>()?;
-    let channels: Vec<_> = before.iter().map(Trained::channels).collect();
-    let labelled = before.iter().zip(&channels).zip(&sets).map(|((set, channels), &(_, weight))| {
-        let clouds = LabelledClouds { channels, objects: &set.objects };
-        LabelledSet { clouds, sequences: &set.sequences, weight }
-    });
-    let structure = weighed(structure, &labelled.collect::<Vec<_>>())
-        .map_err(|source| ExportError::Weigh { run: run.to_owned(), source })?;
+    let (structure, before) = learned(run, structure, &preprocess, &sets)?;
     let after: Vec<Trained> = before.iter().map(|set| set.weighted(&structure)).collect();
-
     let clouds = before.iter().map(|set| set.objects.len()).sum();
     let counts = [&before, &after].map(|sets| {
         let counts = sets.iter().map(Trained::wrong);
         counts.fold((0, 0), |sum, of_set| (sum.0 + of_set.0, sum.1 + of_set.1))
     });
-    let body =
-        toml::to_string(&StructureFile::from(&structure)).map_err(|error| failed(error.to_string()))?;
+    let [(queries, without), (_, with)] = counts;
+
+    let body = file_text(run, &structure)?;
     let text = format!("# {}: values weighted by {clouds} training clouds.\n{body}", finished.row.name);
     atomic::write(out, text.as_bytes())
         .map_err(|source| ExportError::File { file: out.to_owned(), source })?;
-    let [(queries, without), (_, with)] = counts;
     Ok(Weighed { structure, clouds, queries, wrong: [without, with] })
+}
+
+/// The text of the file of a structure of a run.
+///
+/// # Errors
+/// [`ExportError::Winner`] if TOML cannot hold it.
+pub fn file_text(run: &Path, structure: &Structure) -> Result<String, ExportError> {
+    let failed = |what: String| ExportError::Winner { run: run.to_owned(), what };
+    toml::to_string(&StructureFile::from(structure)).map_err(|error| failed(error.to_string()))
+}
+
+/// The structure of a run's winner with weights for its values, learned from the clouds of both training splits of these sets, each
+/// with its weight.
+///
+/// # Errors
+/// [`ExportError`]
+pub fn weigh_by(
+    run: &Path,
+    structure: &Structure,
+    preprocess: &Preprocess,
+    sets: &[(Dataset, u32)],
+) -> Result<Structure, ExportError> {
+    learned(run, structure, preprocess, sets).map(|(structure, _)| structure)
+}
+
+/// The same with the clouds of each set as they are without weights.
+fn learned(
+    run: &Path,
+    structure: &Structure,
+    preprocess: &Preprocess,
+    sets: &[(Dataset, u32)],
+) -> Result<(Structure, Vec<Trained>), ExportError> {
+    let failed = |what: String| ExportError::Winner { run: run.to_owned(), what };
+    let descriptor = Descriptor::Structure(structure.clone());
+    let trained = |(dataset, _): &(Dataset, u32)| Trained::new(dataset, preprocess, &descriptor, failed);
+    let before: Vec<Trained> = sets.iter().map(trained).collect::<Result<_, _>>()?;
+    let channels: Vec<_> = before.iter().map(Trained::channels).collect();
+    let labelled = before.iter().zip(&channels).zip(sets).map(|((set, channels), &(_, weight))| {
+        let clouds = LabelledClouds { channels, objects: &set.objects };
+        LabelledSet { clouds, sequences: &set.sequences, weight }
+    });
+    let structure = weighed(structure, &labelled.collect::<Vec<_>>())
+        .map_err(|source| ExportError::Weigh { run: run.to_owned(), source })?;
+    drop(channels);
+    Ok((structure, before))
 }
 
 fn chosen_set(set: Option<&str>, dataset: Dataset) -> Result<Dataset, ExportError> {
     choose_set("weigh", set, dataset).map_err(|error| ExportError::Run(Box::new(error)))
 }
 
-/// The clouds of each set that the fitness of the run gives a weight.
-fn all_sets(experiment: &Experiment, dataset: Dataset) -> Result<Vec<(Dataset, u32)>, ExportError> {
+/// The clouds of each set that the fitness of a run gives a weight.
+///
+/// # Errors
+/// None of sets that the clouds have.
+pub fn all_sets(experiment: &Experiment, dataset: Dataset) -> Result<Vec<(Dataset, u32)>, ExportError> {
     if dataset.clouds.sets.len() < 2 {
         return Ok(vec![(dataset, 1)]);
     }

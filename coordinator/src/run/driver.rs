@@ -1,8 +1,13 @@
 //! One run at work: search, final measures, tables. A sweep has several of them side by side.
 
+use std::borrow::Cow;
+use std::collections::BTreeSet;
+use std::path::Path;
 use std::time::{Duration, Instant, SystemTime};
 
 use cache::Store;
+use descriptor::Descriptor;
+use descriptor::structure::Structure;
 use evolution::Exhaustive;
 use results::{Counts, LookRow, PredictionSplit, RunFolder, RunRow, SetRow};
 
@@ -12,16 +17,20 @@ use crate::console::say;
 use crate::dataset::Dataset;
 use crate::exhaust::{best_of_all, known_optimum};
 use crate::experiment::Experiment;
+use crate::export;
 use crate::fitness::{Fitness, Measured};
 use crate::observers::tables;
+use crate::reopen::winner_of;
 use crate::result_cache::Known;
 use crate::run::bounds::bounds;
 use crate::run::contradiction::{check_used, contradicted, remembered_wrongly};
 use crate::run::matching::Matching;
 use crate::run::progress::Progress;
+use crate::run::scaled::Scaled;
 use crate::run::search::{SearchLoop, SearchResult};
 use crate::run::search_space;
-use crate::run::sets::merge;
+use crate::run::sets::{merge, with_weight};
+use crate::run::splits::SplitBlobs;
 use crate::run::summary::Summary;
 use crate::run::{RunError, data_digest, front, rows, sets};
 use crate::session::Session;
@@ -65,6 +74,8 @@ pub struct Start {
 pub struct Outcome {
     /// The search.
     pub found: SearchResult,
+    /// The winner with weights for its values, where it was weighed.
+    weighted: Option<Structure>,
     finals: Finals,
 }
 
@@ -149,7 +160,7 @@ impl RunDriver<'_> {
         if !sets.is_empty() {
             folder.write_sets(&sets)?;
         }
-        let mut run = self.row(outcome);
+        let mut run = self.row(outcome)?;
         compare_with_optimum(&mut run, experiment, dataset, &self.session.store);
         let (compared, pairs) = match finals.evaluated() {
             Some(evaluated) => {
@@ -159,6 +170,7 @@ impl RunDriver<'_> {
         };
         let run_digest = folder.write_run(&run)?.to_hex().to_string();
         Ok(Summary {
+            winner: winner_of(experiment.space(), &run),
             run,
             run_digest,
             front,
@@ -173,9 +185,13 @@ impl RunDriver<'_> {
         })
     }
 
-    fn row(&self, Outcome { found, finals }: &Outcome) -> RunRow {
+    fn row(&self, Outcome { found, weighted, finals }: &Outcome) -> Result<RunRow, RunError> {
         let Self { experiment, dataset, start, .. } = self;
-        RunRow {
+        let text = |structure| {
+            let text = export::file_text(self.folder.path(), structure);
+            text.map_err(|error| RunError::Weigh(Box::new(error)))
+        };
+        Ok(RunRow {
             name: experiment.name().to_owned(),
             search_config: experiment.search_toml(),
             resolved_toml: experiment.record_toml(),
@@ -202,9 +218,11 @@ impl RunDriver<'_> {
                 .validation
                 .as_ref()
                 .map(|measured| measured.counts(dataset, Matching::Validation)),
+            weighted_winner: weighted.as_ref().map(text).transpose()?,
+            weighted_train: finals.weighted.as_ref().map(|measured| measured.measured.counts),
             test: finals.test.as_ref().map(|measured| measured.counts(dataset, Matching::Test)),
             grid_best_object_correct: None,
-        }
+        })
     }
 }
 
@@ -219,9 +237,13 @@ async fn search_once(
     folder: &mut RunFolder,
 ) -> Result<Outcome, RunError> {
     let found = search_loop.run(search, folder).await?;
-    let candidates = baselines::candidates(&found.descriptor, experiment);
+    let (client, progress) = search_loop.client_and_progress();
+    let weighted = weighted(experiment, dataset, &found, folder.path(), progress).await?;
+    let winner = weighted
+        .as_ref()
+        .map_or(Cow::Borrowed(&found.descriptor), |one| Cow::Owned(Descriptor::Structure(one.clone())));
+    let candidates = baselines::candidates(&winner, experiment);
     if experiment.compares_baselines() && candidates.len() == 1 {
-        let (_, progress) = search_loop.client_and_progress();
         progress.say("clouds without colours: no baseline describes them, so that the winner stands alone");
     }
     if !Matching::Test.query_clouds(dataset).is_empty() {
@@ -232,17 +254,33 @@ async fn search_once(
             descriptors: candidates.iter().map(|one| one.label.as_str()).collect::<Vec<_>>().join(" "),
         })?;
     }
-    let finals = Finals::evaluate(
-        experiment,
-        candidates,
-        session,
-        &found,
-        remembered,
-        search_loop.client_and_progress(),
-    )
-    .await?;
+    let finals =
+        Finals::evaluate(experiment, candidates, session, &found, remembered, (client, progress)).await?;
     check_used(&session.cluster, &found.counts)?;
-    Ok(Outcome { found, finals })
+    Ok(Outcome { found, weighted, finals })
+}
+
+/// The winner with weights for its values, where the experiment wants some: learned here, from clouds that the workers have,
+/// too, so that nobody has to be believed.
+async fn weighted(
+    experiment: &Experiment,
+    dataset: &Dataset,
+    found: &SearchResult,
+    folder: &Path,
+    progress: &mut Progress,
+) -> Result<Option<Structure>, RunError> {
+    let Descriptor::Structure(structure) = &found.descriptor else { return Ok(None) };
+    if !experiment.weighs() {
+        return Ok(None);
+    }
+    progress.say("weighing the values of the winner by the training clouds");
+    let failed = |error| RunError::Weigh(Box::new(error));
+    let sets = export::all_sets(experiment, dataset.clone()).map_err(failed)?;
+    let (structure, preprocess, folder) = (structure.clone(), *experiment.preprocess(), folder.to_owned());
+    let weigh = move || export::weigh_by(&folder, &structure, &preprocess, &sets);
+    let weighed = tokio::task::spawn_blocking(weigh).await;
+    let weighed = weighed.unwrap_or_else(|error| std::panic::resume_unwind(error.into_panic()));
+    weighed.map(Some).map_err(failed)
 }
 
 /// The experiment's search, at generation 1.
@@ -287,7 +325,10 @@ pub fn compare_with_optimum(run: &mut RunRow, experiment: &Experiment, dataset: 
 /// on counts that another run has left.
 struct Finals {
     validation: Option<Final>,
+    /// With weights, if it has some.
     test: Option<Final>,
+    /// With weights on the training sets; `None` if it has none.
+    weighted: Option<Final>,
     /// What the winner is compared with, and the winner first.
     candidates: Vec<Candidate>,
     /// Of each candidate but the winner on the test clouds.
@@ -352,24 +393,42 @@ impl Finals {
         let (fitness, dataset) = (experiment.fitness(), splits.dataset());
         let (weights, tested) = (experiment.set_weights(dataset), splits.sets_with_queries(Matching::Test));
         let (tested, mut scales): (Vec<u32>, _) = (tested.collect(), found.scales.clone());
-        let winner = &found.descriptor;
+        // The first candidate is the winner with its weights, if it has some.
+        let (winner, last) = (&found.descriptor, &candidates[0].descriptor);
+        let is_weighted = winner != last;
+        let space = (experiment.preprocess(), experiment.space());
+        let splits_of_last = splits.beside(last, space);
         // Those of sets that the search has left out.
         scales.complete(&[winner], &tested, splits, client, |news| progress.news(news)).await?;
+        if is_weighted {
+            let sets: BTreeSet<u32> = with_weight(&weights).into_iter().chain(tested.clone()).collect();
+            let sets: Vec<u32> = sets.into_iter().collect();
+            scales.complete(&[last], &sets, &splits_of_last, client, |news| progress.news(news)).await?;
+        }
         splits.publish_test(&cluster.blobs);
         let is_summed = *fitness != Fitness::PAPER || splits.sets().len() > 1;
-        let asked = [Matching::Validation, Matching::Test, Matching::Train].map(|matching| {
-            let plain = |set| (splits.evaluation(set, &scales.of(set, winner), matching, true), 1);
-            match matching {
-                Matching::Validation if !is_summed => splits.sets_with_queries(matching).map(plain).collect(),
-                Matching::Test => tested.iter().copied().map(plain).collect(),
-                _ => splits.measure((fitness, &weights), |set| scales.of(set, winner), matching),
-            }
-        });
+        let measure = |splits: &SplitBlobs<'_>, descriptor, matching| {
+            splits.measure((fitness, &weights), |set| scales.of(set, descriptor), matching)
+        };
+        let plain = |splits: &SplitBlobs<'_>, descriptor, matching| {
+            let in_set = |set| (splits.evaluation(set, &scales.of(set, descriptor), matching, true), 1);
+            splits.sets_with_queries(matching).map(in_set).collect()
+        };
+        let asked: [Vec<(Evaluation, u32)>; 4] = [
+            if is_summed {
+                measure(splits, winner, Matching::Validation)
+            } else {
+                plain(splits, winner, Matching::Validation)
+            },
+            plain(&splits_of_last, last, Matching::Test),
+            measure(splits, winner, Matching::Train),
+            if is_weighted { measure(&splits_of_last, last, Matching::Train) } else { Vec::new() },
+        ];
         let weights =
             asked.each_ref().map(|parts| parts.iter().map(|&(_, weight)| weight).collect::<Vec<_>>());
-        let space = (experiment.preprocess(), experiment.space());
         let beside = |one: &Candidate| {
-            let in_set = |&set| splits.evaluation_beside(set, &one.descriptor, space, Matching::Test);
+            let (splits, one) = (splits.beside(&one.descriptor, space), Scaled::from(&one.descriptor));
+            let in_set = |&set| splits.evaluation(set, &one, Matching::Test, true);
             tested.iter().map(in_set).collect::<Vec<_>>()
         };
         let baselines: Vec<Evaluation> = candidates.iter().skip(1).flat_map(beside).collect();
@@ -377,8 +436,8 @@ impl Finals {
             asked.into_iter().flatten().map(|(evaluation, _)| evaluation).chain(baselines).collect();
         let finished = client.evaluate(evaluations, |news| progress.news(news)).await?;
         // What the run ends with rests on nobody's word alone.
-        for candidate in &candidates {
-            client.confirm(&tasks::descriptor_bytes(&candidate.descriptor));
+        for descriptor in candidates.iter().map(|one| &one.descriptor).chain([winner]) {
+            client.confirm(&tasks::descriptor_bytes(descriptor));
         }
         client.confirmed(|news| progress.news(news)).await?;
         let mut results = finished.into_iter().map(|finished| finished.result);
@@ -388,10 +447,11 @@ impl Finals {
                 merge(dataset, matching, splits.sets_with_queries(matching).zip(results))
             })
         };
-        let [validation, test, training] = [
+        let [validation, test, training, weighted] = [
             of(Matching::Validation, &weights[0]),
             of(Matching::Test, &weights[1]),
             of(Matching::Train, &weights[2]),
+            of(Matching::Train, &weights[3]),
         ];
         let validated = found.counts.validation.get(winner);
         let known = [
@@ -413,6 +473,6 @@ impl Finals {
             merge(dataset, Matching::Test, tested.iter().copied().zip(of_sets.iter().cloned()))
         };
         let baselines = results.chunks(tested.len().max(1)).map(of_all).collect();
-        Ok(Self { validation, test, candidates, baselines })
+        Ok(Self { validation, test, weighted, candidates, baselines })
     }
 }

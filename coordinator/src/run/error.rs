@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use cluster::ClusterError;
 use cluster::journal::{JOURNAL_FILE, JournalError};
+use descriptor::weigh::WeighError;
 use evolution::SettingsError;
 use transport::ListenError;
 
@@ -13,6 +14,7 @@ use proto::{Digest, Principal};
 use crate::dataset::DatasetError;
 use crate::exhaust::grid::GridError;
 use crate::experiment::ExperimentError;
+use crate::export::ExportError;
 use crate::in_process::InProcessError;
 use crate::observers::event_file::EventFileError;
 use crate::result_cache::Wrong;
@@ -254,6 +256,12 @@ pub enum RunError {
         /// The names that there are.
         known: String,
     },
+    /// No values can be weighed.
+    #[error("search.weigh: {0}")]
+    NoWeights(WeighError),
+    /// The winner was found and could not be weighed.
+    #[error(transparent)]
+    Weigh(Box<ExportError>),
     /// No set has a part in the fitness.
     #[error("search.sets: must leave one set a weight above 0, got only zeros\nremove one of them")]
     NoWeight,

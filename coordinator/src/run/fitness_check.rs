@@ -3,6 +3,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use descriptor::weigh::check_clouds;
 use proto::task::{Exclusion, Label};
 use results::Counts;
 
@@ -11,13 +12,14 @@ use crate::experiment::Experiment;
 use crate::fitness::{Measured, Part};
 use crate::run::RunError;
 use crate::run::matching::{Matching, TRAIN1, TRAIN2};
+use crate::run::sets::with_weight;
 
 /// Refuses a fitness that cannot be computed on these clouds, and a search that would ask validation clouds where there are
 /// none; says in words which clouds the fitness leaves out of its counts.
 ///
 /// # Errors
-/// [`RunError::NoValidation`], [`RunError::NoSequences`], [`RunError::NoAnswers`], [`RunError::UnknownSet`],
-/// [`RunError::NoWeight`] or [`RunError::EmptySet`].
+/// [`RunError::NoValidation`], [`RunError::NoSequences`], [`RunError::NoWeights`], [`RunError::NoAnswers`],
+/// [`RunError::UnknownSet`], [`RunError::NoWeight`] or [`RunError::EmptySet`].
 pub fn check_fitness(experiment: &Experiment, dataset: &Dataset) -> Result<Vec<String>, RunError> {
     let (fitness, weights) = (experiment.fitness(), experiment.set_weights(dataset));
     check_sets(experiment, dataset)?;
@@ -31,6 +33,7 @@ pub fn check_fitness(experiment: &Experiment, dataset: &Dataset) -> Result<Vec<S
         let (count, first) = (missing.count, missing.first);
         return Err(RunError::NoSequences { count, first });
     }
+    check_weights(experiment, dataset)?;
     let mut notes = Vec::new();
     for (protocol, _) in fitness.protocols() {
         for part in fitness.of_protocol(protocol).parts(Matching::Train) {
@@ -78,6 +81,27 @@ fn check_sets(experiment: &Experiment, dataset: &Dataset) -> Result<(), RunError
         }
     }
     Ok(())
+}
+
+/// Refuses to weigh values where no set with a weight teaches how.
+fn check_weights(experiment: &Experiment, dataset: &Dataset) -> Result<(), RunError> {
+    if !experiment.weighs() {
+        return Ok(());
+    }
+    let clouds = &dataset.clouds;
+    let mut refused = None;
+    for set in with_weight(&experiment.set_weights(dataset)) {
+        let of_set =
+            [TRAIN1, TRAIN2].iter().flat_map(|&split| clouds.of_set(dataset.splits.all()[split], set));
+        let shown = of_set.map(|index| &clouds.entries[index as usize]);
+        let (objects, sequences): (Vec<u32>, Vec<Option<u32>>) =
+            shown.map(|cloud| (cloud.instance, cloud.sequence)).unzip();
+        match check_clouds(&objects, &sequences) {
+            Ok(()) => return Ok(()),
+            Err(why) => refused = Some(why),
+        }
+    }
+    refused.map_or(Ok(()), |why| Err(RunError::NoWeights(why)))
 }
 
 /// The counts of a descriptor that recognises nothing.

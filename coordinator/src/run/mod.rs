@@ -43,6 +43,7 @@ use crate::exhaust::grid::Grid;
 use crate::experiment::Experiment;
 use crate::metrics::Watch;
 use crate::observers::event_file::EventFile;
+use crate::reopen::winner_of;
 use crate::result_cache::Known;
 use crate::session::{Session, listen, scale};
 use crate::slurm::SlurmWorkers;
@@ -238,8 +239,9 @@ pub fn finished(out: &Path, experiment: &Experiment) -> Result<Option<Summary>, 
     }
     let skipped = results::read_table(out, results::TableName::Skipped)?.shape().0;
     let space = experiment.space();
-    let winner = space.from_values(&run.best_genes);
+    let searched = space.from_values(&run.best_genes);
     Ok(Some(Summary {
+        winner: winner_of(space, &run),
         run,
         run_digest,
         front: results::read_front(out)?,
@@ -249,7 +251,7 @@ pub fn finished(out: &Path, experiment: &Experiment) -> Result<Option<Summary>, 
         compared: results::read_comparison(out)?,
         pairs: results::read_pairs(out)?,
         sets: results::read_sets(out)?,
-        bounds: winner.map_or_else(Vec::new, |winner| bounds(space, &winner)),
+        bounds: searched.map_or_else(Vec::new, |searched| bounds(space, &searched)),
         out: folder,
     }))
 }

@@ -20,6 +20,7 @@ use cluster::blobs::BlobStore;
 pub const ONLY_SET: u32 = 0;
 
 /// The manifests of a data set.
+#[derive(Clone)]
 pub struct SplitBlobs<'a> {
     dataset: &'a Dataset,
     /// Of each set.
@@ -136,16 +137,9 @@ impl<'a> SplitBlobs<'a> {
         Evaluation { want_matches, ..self.part(set, descriptor, &part) }
     }
 
-    /// The same of a descriptor without scales that a search space need not hold, with its matches.
-    pub fn evaluation_beside(
-        &self,
-        set: u32,
-        descriptor: &Descriptor,
-        (preprocess, space): (&Preprocess, &SearchSpace),
-        matching: Matching,
-    ) -> Evaluation {
-        let subject = tasks::subject_beside(preprocess, space, descriptor);
-        Evaluation { subject, ..self.evaluation(set, &Scaled::from(descriptor), matching, true) }
+    /// The same clouds for tasks of a descriptor that the search space need not hold.
+    pub fn beside(&self, descriptor: &Descriptor, (preprocess, space): (&Preprocess, &SearchSpace)) -> Self {
+        Self { preparation: tasks::preparation_beside(preprocess, space, descriptor), ..self.clone() }
     }
 
     /// The sets with clouds to be recognised.

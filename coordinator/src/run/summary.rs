@@ -26,6 +26,8 @@ pub struct Summary {
     pub front: Vec<FrontRow>,
     /// Of the descriptors that were searched.
     pub family: Family,
+    /// The winner, with weights for its values where it was weighed; `None` if this program does not know it.
+    pub winner: Option<Descriptor>,
     /// Clouds that took no part.
     pub skipped: usize,
     /// Size of the search space; `None` if 128 bits do not hold it.
@@ -55,10 +57,9 @@ impl Summary {
         let reason = known.map_or_else(|| run.stop_reason.clone(), |reason| reason.to_string());
         row("stopped", format!("after generation {}: {reason}", run.generations));
         row("winner", format!("generation {}, individual {}", run.winner_generation, run.winner_individual));
-        if let Some(Descriptor::Structure(structure)) = Descriptor::from_values(self.family, &run.best_genes)
-        {
+        if let Some(Descriptor::Structure(structure)) = &self.winner {
             // The genes of a channel say little one by one.
-            for channel in structure.channels {
+            for channel in &structure.channels {
                 row("", channel.to_string());
             }
         } else {
@@ -72,9 +73,9 @@ impl Summary {
         let title = [("object error", "95 % interval"), ("category error", "95 % interval")];
         let title = title.map(|(error, interval)| format!("{error:<14} {interval:<14} ")).concat();
         row("", format!("{title}clouds"));
-        for (split, counts) in self.errors() {
+        for (label, counts) in self.errors() {
             let Some(counts) = counts else {
-                row(split, "not measured".to_owned());
+                row(label, "not measured".to_owned());
                 continue;
             };
             let error = |share: f64, correct: u32| {
@@ -86,7 +87,7 @@ impl Summary {
             };
             let object = error(counts.object_error(), counts.object_correct);
             let category = error(counts.category_error(), counts.category_correct);
-            row(split, format!("{object}{category}{}", counts.queries));
+            row(label, format!("{object}{category}{}", counts.queries));
         }
         for (label, line) in
             ["front"].into_iter().chain(iter::repeat("")).zip(front::lines(&self.front).into_iter().flatten())
@@ -174,6 +175,9 @@ impl Summary {
             "train_error": object(Some(run.train)),
             "train_error_interval": interval(Some(run.train)),
             "train_category_error": category(Some(run.train)),
+            "weighted_train_error": object(run.weighted_train),
+            "weighted_train_error_interval": interval(run.weighted_train),
+            "weighted_train_category_error": category(run.weighted_train),
             "validation_error": object(run.validation),
             "validation_error_interval": interval(run.validation),
             "validation_category_error": category(run.validation),
@@ -208,8 +212,14 @@ impl Summary {
         json
     }
 
-    fn errors(&self) -> [(&'static str, Option<Counts>); 3] {
-        [("train", Some(self.run.train)), ("validation", self.run.validation), ("test", self.run.test)]
+    fn errors(&self) -> Vec<(&'static str, Option<Counts>)> {
+        let run = &self.run;
+        let mut errors = vec![("train", Some(run.train)), ("validation", run.validation), ("test", run.test)];
+        if run.weighted_train.is_some() {
+            // What follows is measured with weights.
+            errors.insert(2, ("train weighed", run.weighted_train));
+        }
+        errors
     }
 }
 

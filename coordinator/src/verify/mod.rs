@@ -1,9 +1,10 @@
 //! Verification of a finished run: its files against their digests, and a sample of its fitness values against the
 //! data and this program; of a search of several objectives the front against all evaluations, of clouds of several sets the
-//! errors by set against the answers.
+//! errors by set against the answers, and of a winner that was weighed its weights against the training clouds.
 
 mod front;
 mod sets;
+mod weights;
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -54,6 +55,8 @@ pub struct Verdict {
     recomputed: usize,
     /// Descriptors whose errors by set were counted again from their answers.
     by_set: usize,
+    /// Whether the weights of the winner's values were learned again.
+    weighed: bool,
     /// Points of the front that was found again among the evaluations.
     front: usize,
     /// What could not be looked at.
@@ -98,6 +101,9 @@ impl fmt::Display for Verdict {
         if self.by_set > 0 {
             write!(f, ", errors by set of {} descriptors counted again", self.by_set)?;
         }
+        if self.weighed {
+            write!(f, ", weights of the winner's values learned again")?;
+        }
         writeln!(f)?;
         self.signer.map_or(Ok(()), |signer| writeln!(f, "signed by {signer}"))
     }
@@ -122,6 +128,7 @@ pub async fn verify(
         problems: verification.problems.iter().map(ToString::to_string).collect(),
         recomputed: 0,
         by_set: 0,
+        weighed: false,
         front: 0,
         notes: Vec::new(),
     };
@@ -131,7 +138,7 @@ pub async fn verify(
     let store = Arc::new(Store::open(storage, "verify", descriptor::EVALUATION_VERSION));
     let Reopened { finished, experiment, dataset } =
         reopen(run, data.as_deref(), Overrides::default(), &store)?;
-    let (expected, digest) = (finished.row.data_digest, data_digest(&dataset));
+    let (expected, digest) = (finished.row.data_digest.clone(), data_digest(&dataset));
     if digest != expected {
         let difference = clouds::difference(run, &expected, &dataset);
         verdict.problems.push(format!("data: digest: expected {expected}, got {digest}\n{difference}"));
@@ -149,6 +156,11 @@ pub async fn verify(
     verdict.problems.extend(found.problems);
     verdict.notes.extend(found.notes);
 
+    let weights::Found { winner: weighted, problem } =
+        weights::check(run, &experiment, &dataset, &finished.row)?;
+    verdict.weighed = weighted.is_some();
+    verdict.problems.extend(problem);
+
     let chosen = choose(evaluations, sample, &verdict.run_digest);
     let space = experiment.space();
     let descriptors = chosen.iter().map(|row| space.from_values(&row.genes));
@@ -163,9 +175,19 @@ pub async fn verify(
         descriptors.iter().filter(|descriptor| experiment.affords(descriptor)).collect();
     let weights = experiment.set_weights(&dataset);
     let fitness = (experiment.fitness(), &weights[..]);
-    let recomputed =
-        async { Ok(session.measure(&mut session.cluster.client(), fitness, &affordable).await?) };
-    let measured = session.perform(&Console::default(), None, recomputed).await?;
+    let recomputed = async {
+        let (client, splits) = (&mut session.cluster.client(), &session.splits);
+        let measured = session.measure(client, splits, fitness, &affordable).await?;
+        let Some(weighted) = &weighted else { return Ok((measured, None)) };
+        let splits = &splits.beside(weighted, (experiment.preprocess(), space));
+        let of_weighted = session.measure(client, splits, fitness, &[weighted]).await?;
+        Ok((measured, of_weighted.first().map(|answer| answer.measured.counts)))
+    };
+    let (measured, of_weighted) = session.perform(&Console::default(), None, recomputed).await?;
+    if of_weighted != finished.row.weighted_train {
+        let (expected, got) = (of_weighted, finished.row.weighted_train);
+        verdict.problems.push(format!("run: weighted_train: expected {expected:?}, got {got:?}"));
+    }
     verdict.recomputed = measured.len();
     let nothing = nothing_recognised(&experiment, &dataset, Matching::Train);
     let mut measured = measured.into_iter();

@@ -80,6 +80,11 @@ impl Structure {
         self.channels.iter().fold(0, |sum, one| sum.saturating_add(one.channel.bins()))
     }
 
+    /// Values of a cloud's signatures in all channels together.
+    pub fn signature_values(&self) -> u64 {
+        self.channels.iter().fold(0, |sum, one| sum.saturating_add(one.channel.values()))
+    }
+
     /// Whether values of some channel have weights of their own.
     pub fn has_value_weights(&self) -> bool {
         self.channels.iter().any(|one| !one.channel.value_weights.is_empty())

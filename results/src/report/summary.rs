@@ -104,8 +104,11 @@ pub(crate) fn overview(data: &RunData) -> Result<TableBlock, Error> {
 
 /// The winner's errors with their intervals.
 pub(crate) fn errors(run: &FinishedRun) -> TableBlock {
-    let splits =
-        [("training", Some(run.row.train)), ("validation", run.row.validation), ("test", run.row.test)];
+    let row = &run.row;
+    let mut splits = vec![("training", Some(row.train)), ("validation", row.validation), ("test", row.test)];
+    if row.weighted_train.is_some() {
+        splits.insert(2, ("training, values weighed", row.weighted_train));
+    }
     let row = |(split, counts): (&str, Option<Counts>)| {
         let Some(counts) = counts else {
             let mut row = vec![split.to_owned(), "not measured".to_owned()];
@@ -127,7 +130,7 @@ pub(crate) fn errors(run: &FinishedRun) -> TableBlock {
                   takes clouds for independent; those of one object are not, so that the truth is less certain still)."
             .to_owned(),
         head: head.map(str::to_owned).to_vec(),
-        rows: splits.map(row).to_vec(),
+        rows: splits.into_iter().map(row).collect(),
         texts: 1,
     }
 }

@@ -141,6 +141,10 @@ fn declaration(table: TableName) -> Declaration {
                 "seed",
                 "data_digest",
                 "stop_reason",
+                "weighted_winner",
+                "weighted_train_object_correct",
+                "weighted_train_category_correct",
+                "weighted_train_queries",
             ])
         }
         TableName::Distances => Declaration::of::<DistanceRow>(

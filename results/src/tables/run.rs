@@ -244,6 +244,9 @@ record! {
         train as "train_": Counts, "", "training clouds that the fitness asks for";
         train_margin: Option<f64>, "", "soft margin of the winner on them; null where none is asked for";
         validation as "validation_": Option<Counts>, "", "validation clouds";
+        weighted_winner: Option<String>, "TOML",
+            "the winner's structure file with weights for its values, which the test asks; null if they were not weighed";
+        weighted_train as "weighted_train_": Option<Counts>, "", "the same as train_ of the winner with these weights";
         test as "test_": Option<Counts>, "", "test clouds";
         => predictions_digest: String, "", "BLAKE3 of the predictions" = |_, _| String::new(); // as run_digest
         => front_digest: Option<String>, "", "BLAKE3 of the front; null of searches of one objective"

@@ -180,6 +180,8 @@ pub fn run() -> RunRow {
         train: winner.counts,
         train_margin: None,
         validation: Some(VALIDATION),
+        weighted_winner: None,
+        weighted_train: None,
         test: Some(TEST),
         grid_best_object_correct: Some(9),
     }

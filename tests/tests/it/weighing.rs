@@ -1,11 +1,11 @@
-//! Weights of values: learned from the training clouds of a run, and taken wherever a structure is.
+//! Weights of values: learned from the training clouds of a run, by it or afterwards, and taken wherever a structure is.
 
 use std::fs;
 
 use serde_json::Value;
 
-use crate::experiments::{Experiment, clouds, repository};
-use crate::process::{Finished, finish, program, run};
+use crate::experiments::{Experiment, clouds, digest, repository, summary};
+use crate::process::{Finished, Running, finish, program, run};
 
 const STRUCTURES: &str = "[descriptor]\nfamily = \"structure\"\nmax_bins = 300\n\
     [ga]\npopulation = 8\n[stop]\nevaluations = 24\n[search.fitness]\ncross-sequence = 1\n";
@@ -99,8 +99,170 @@ fn what_cannot_be_weighed_is_refused_and_nothing_is_written() {
     assert_eq!(fs::read_to_string(&file).unwrap(), text);
 }
 
+/// Weights from the run itself, and those of `weigh`, on one search.
+fn weighing() -> Experiment {
+    Experiment::new(&format!("[search]\nweigh = true\n{STRUCTURES}"))
+}
+
+#[test]
+fn a_run_weighs_its_winner_as_weigh_does_and_is_tested_with_the_weights() {
+    let (plain, experiment) = (Experiment::new(STRUCTURES), weighing());
+    let without = plain.run("out", &[]).expect_success();
+    let with = experiment.run("out", &[]).expect_success();
+    let (out, file, plain_file) =
+        (experiment.path("out"), experiment.path("weighted.toml"), plain.path("weighted.toml"));
+    run("coordinator", ["weigh", &out, &file]).expect_success();
+    run("coordinator", ["weigh", &plain.path("out"), &plain_file]).expect_success();
+    let text = fs::read_to_string(&file).unwrap();
+    assert_eq!(fs::read_to_string(&plain_file).unwrap(), text);
+
+    let [row, unweighted] = [&out, &plain.path("out")].map(|run| results::read_run(run).unwrap().row);
+    let (_, body) = text.split_once('\n').unwrap();
+    assert_eq!(row.weighted_winner.as_deref(), Some(body));
+    assert_eq!((unweighted.weighted_winner, unweighted.weighted_train), (None, None));
+    // What the search has found is the same, and only the test is not.
+    assert_eq!(
+        (&row.best_genes, row.train, row.validation),
+        (&unweighted.best_genes, unweighted.train, unweighted.validation)
+    );
+    assert_ne!(digest(&with), digest(&without));
+    let train = row.weighted_train.unwrap();
+    assert_eq!(train.queries, row.train.queries);
+    assert_eq!(summary(&with)["weighted_train_error"], train.object_error());
+    assert_eq!(summary(&without)["weighted_train_error"], Value::Null);
+
+    let wide = evaluated(&experiment, &file, None);
+    let tested: Vec<String> = results::read_predictions(&out, results::PredictionSplit::Test)
+        .unwrap()
+        .iter()
+        .map(|row| format!("{} {}", row.cloud, row.nearest_cloud))
+        .collect();
+    let of_file: Vec<String> =
+        wide.lines().map(|line| line.split(' ').take(2).collect::<Vec<_>>().join(" ")).collect();
+    assert_eq!(tested, of_file);
+
+    // Everything that shows or takes the winner takes it with its weights.
+    let shown = run("coordinator", experiment.run_args("out", &[]).iter().filter(|arg| *arg != "--json"));
+    let shown = shown.expect_success().stdout;
+    assert!(shown.contains("values weighted") && shown.contains("train weighed "), "{shown}");
+    let page = experiment.path("report.html");
+    run("coordinator", ["report", &out, "--out", &page]).expect_success();
+    let html = fs::read_to_string(page).unwrap();
+    assert!(html.contains("values weighted") && html.contains("training, values weighed"));
+    let artefact = experiment.path("artefact");
+    run("coordinator", ["export", &out, &artefact]).expect_success();
+    assert!(fs::read_to_string(format!("{artefact}/descriptor.toml")).unwrap().contains("value_weights"));
+    let args = ["compare", &out, "--no-times", "--structure", &file, "--listen", "127.0.0.1:0"];
+    let compared = run("coordinator", args.into_iter().chain(["--descriptor", "evolved"])).expect_success();
+    let wrong = |name: &str| {
+        let row = compared.stdout.lines().find(|line| line.split_whitespace().next() == Some(name)).unwrap();
+        row.split_whitespace().nth(3).map(str::to_owned)
+    };
+    assert_eq!(wrong("evolved"), wrong("weighted"));
+    let test = row.test.unwrap();
+    assert_eq!(wrong("evolved"), Some((test.queries - test.object_correct).to_string()));
+    let verified = run("coordinator", ["verify", &out, "--sample", "3"]).expect_success();
+    assert!(verified.stdout.ends_with(", weights of the winner's values learned again\n"), "{verified}");
+}
+
+#[test]
+fn a_run_that_weighs_has_one_digest_whoever_works_and_wherever_it_was_killed() {
+    let first = weighing();
+    let expected = digest(&first.run("out", &["--local-workers", "1"]).expect_success());
+
+    let cut = Experiment::new(&format!(
+        "[search]\nweigh = true\n[coordinator]\npieces = 3\naudit = 1.0\n{STRUCTURES}"
+    ));
+    assert_eq!(digest(&cut.run("out", &["--local-workers", "3"]).expect_success()), expected);
+    let mut scalar = program("coordinator");
+    scalar.env("DESCRY_VECTORS", "baseline").args(first.run_args("scalar", &["--no-cache"]));
+    assert_eq!(digest(&finish(&mut scalar).expect_success()), expected);
+
+    let args = first.run_args("killed", &["--local-workers", "1"]);
+    let mut killed = Running::start(first.folder(), "killed", "coordinator", args);
+    killed.wait_for("weighing the values of the winner");
+    killed.signal("KILL");
+    assert_eq!(killed.wait().status.code(), None, "the fault came too late");
+    let resumed = run("coordinator", ["resume", &first.path("killed"), "--json"]).expect_success();
+    assert_eq!(digest(&resumed), expected);
+
+    let sweep = Experiment::new(&format!(
+        "{STRUCTURES}[sweep.variants.plain]\nsearch.weigh = false\n[sweep.variants.weighed]\nsearch.weigh = true\n"
+    ));
+    let swept = sweep.run("out", &[]).expect_success();
+    let weighed = |name: &str| {
+        let row = results::read_run(sweep.folder().join("out").join(name)).unwrap().row;
+        row.weighted_winner.is_some()
+    };
+    assert!(!weighed("plain") && weighed("weighed"), "{swept}");
+}
+
+#[test]
+fn weights_that_the_clouds_do_not_teach_are_found_by_verify() {
+    let experiment = weighing();
+    experiment.run("out", &[]).expect_success();
+    let out = experiment.path("out");
+    let results::FinishedRun { mut row, genes, .. } = results::read_run(&out).unwrap();
+    let text = row.weighted_winner.take().unwrap();
+    let (before, rest) = text.split_once("value_weights = [").unwrap();
+    let (first, rest) = rest.split_once(',').unwrap();
+    let other = if first.trim() == "1.0" { "0.5" } else { "1.0" };
+    row.weighted_winner = Some(format!("{before}value_weights = [{other},{rest}"));
+    // Written as a run that is honest but for this, with digests that fit.
+    fs::remove_file(format!("{out}/run/run.parquet")).unwrap();
+    results::RunFolder::create(&out, &genes).unwrap().write_run(&row).unwrap();
+    run("coordinator", ["verify", &out, "--sample", "0"]).expect_success();
+    let verified = run("coordinator", ["verify", &out, "--sample", "1"]).expect_error();
+    assert!(
+        verified.stdout.contains("run: weighted_winner: expected weights of ")
+            && verified.stdout.contains("NOT sound"),
+        "{verified}"
+    );
+}
+
+#[test]
+fn a_run_that_could_not_weigh_is_refused_before_it_begins() {
+    for (settings, complaint) in [
+        ("[search]\nweigh = true\n", "search.weigh: needs structures, got family disk-ring"),
+        (
+            "[search]\nweigh = true\n[descriptor]\nfamily = \"structure\"\nmax_bins = 501\n",
+            "search.weigh: needs descriptor.max_bins of at most 500, got 501",
+        ),
+        ("[search]\nweigh = 1\n[descriptor]\nfamily = \"structure\"\n", "weigh"),
+    ] {
+        let experiment = Experiment::new(settings);
+        refused(experiment.run("out", &[]), complaint);
+        assert!(!fs::exists(experiment.path("out")).unwrap(), "{settings}");
+    }
+    let without = listed_with(
+        |_| false,
+        "[search]\nweigh = true\n[search.fitness]\nleave-one-out = 1\n[descriptor]\nfamily = \"structure\"\n",
+    );
+    for command in [vec!["run", "--out"], vec!["check"]] {
+        let toml = without.path("listed.toml");
+        let out = without.path("out");
+        let args: Vec<&str> = match &command[..] {
+            ["check"] => vec!["check", &toml],
+            _ => vec!["run", &toml, "--out", &out, "--listen", "127.0.0.1:0"],
+        };
+        refused(
+            run("coordinator", args),
+            "search.weigh: clouds: an object seen in two sequences expected, got none",
+        );
+    }
+    assert!(!fs::exists(without.path("out")).unwrap());
+}
+
 /// A finished run on the clouds of all tests by a manifest in which a cloud has a sequence if its object is one of those.
 fn listed(has_sequence: fn(&str) -> bool) -> Experiment {
+    let experiment = listed_with(has_sequence, "");
+    let (toml, out) = (experiment.path("listed.toml"), experiment.path("out"));
+    run("coordinator", ["run", &toml, "--out", &out, "--listen", "127.0.0.1:0"]).expect_success();
+    experiment
+}
+
+/// The experiment of such a run, `listed.toml`, with more settings.
+fn listed_with(has_sequence: fn(&str) -> bool, more: &str) -> Experiment {
     let experiment = Experiment::with("");
     let mut manifest = "path,category,instance,sequence,split\n".to_owned();
     for split in ["train1", "train2", "validation", "test"] {
@@ -117,11 +279,9 @@ fn listed(has_sequence: fn(&str) -> bool) -> Experiment {
     let root = clouds().display();
     let text = format!(
         "version = 1\n[dataset]\nroot = \"{root}\"\nlayout = \"manifest\"\nmanifest = \"{list}\"\n\
-         [ga]\npopulation = 6\n[stop]\ngenerations = 2\n"
+         [ga]\npopulation = 6\n[stop]\ngenerations = 2\n{more}"
     );
     fs::write(&toml, text).unwrap();
-    run("coordinator", ["run", &toml, "--out", &experiment.path("out"), "--listen", "127.0.0.1:0"])
-        .expect_success();
     experiment
 }
 

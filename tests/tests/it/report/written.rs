@@ -124,6 +124,8 @@ pub(super) fn write_hostile(
         train: counts,
         train_margin: None,
         validation: None,
+        weighted_winner: None,
+        weighted_train: None,
         test: Some(Counts { object_correct: objects / 2, category_correct: objects, queries: objects }),
         grid_best_object_correct: Some(2950),
     };
