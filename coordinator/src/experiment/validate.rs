@@ -88,7 +88,7 @@ fn weighs(asked: bool, space: &SearchSpace) -> Result<bool, Fault> {
         )),
         SearchSpace::Structure(structure) if structure.has_value_weights() => Err(Fault::new(
             PLACE,
-            "needs channels without value_weights, got some with".to_owned(),
+            "needs channels without value_weights, got some with",
             "leave one of the two out",
         )),
         SearchSpace::Structure(structure) if structure.signature_values() > most => Err(Fault::new(

@@ -1,7 +1,7 @@
 //! What can go wrong when a descriptor is taken away, or an artefact is added to or measured.
 
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use artefact::{ArtefactError, CloudError};
 use descriptor::Family;
@@ -11,6 +11,7 @@ use descriptor::weigh::WeighError;
 use crate::dataset::DatasetError;
 use crate::front::FrontError;
 use crate::looks::LookError;
+use crate::reference_clouds::ReferenceError;
 use crate::reopen::ReopenError;
 use crate::run::RunError;
 
@@ -59,14 +60,9 @@ pub enum ExportError {
         /// Which clouds differ.
         difference: String,
     },
-    /// A cloud that was usable when the data set was opened.
-    #[error("{path}: {what}")]
-    Cloud {
-        /// Its file.
-        path: PathBuf,
-        /// What is wrong with it.
-        what: String,
-    },
+    /// A reference cloud.
+    #[error(transparent)]
+    Reference(ReferenceError),
     /// The run's descriptor cannot be used.
     #[error("{run}: {what}\nthis run's results are not those of this release: run its experiment again", run = .run.display())]
     Winner {
@@ -136,6 +132,16 @@ pub enum ExportError {
     /// The artefact cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
+}
+
+impl ExportError {
+    /// Why the reference clouds of a run cannot be described.
+    pub(super) fn of_reference(run: &Path, error: ReferenceError) -> Self {
+        match error {
+            ReferenceError::Descriptor(what) => Self::Winner { run: run.to_owned(), what },
+            cloud @ ReferenceError::Cloud { .. } => Self::Reference(cloud),
+        }
+    }
 }
 
 /// Why an artefact cannot be written.

@@ -13,12 +13,13 @@ use proto::Message;
 use rayon::prelude::*;
 
 use super::error::LearnError;
-use super::of_run::part_of;
+
 use super::readme::{About, Origin};
 use super::reject::{self, Reject};
 use super::write::{Draft, Written, refuse_occupied};
 use crate::dataset::{Layout, NamedCloud, cloud_bytes, read_file};
 use crate::evaluate::Seconds;
+use crate::reference_clouds::part_of;
 
 /// What was added.
 #[derive(Clone, Debug)]

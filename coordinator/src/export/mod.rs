@@ -25,7 +25,7 @@ pub use error::ExportError;
 pub use learn::{Sized, learn};
 pub use of_run::export;
 pub use reject::{FoldsBy, Reject};
-pub use weigh::{all_sets, file_text, weigh, weigh_by};
+pub use weigh::weigh;
 
 /// Which descriptor is taken away.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -1,23 +1,18 @@
 //! From a finished run to an artefact: whole, read back, and answering as the run did.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use artefact::sections::of_one;
 use artefact::{
-    Database, DatabaseCloud, DatabasePart, DatabaseParts, DatabaseSettings, Example, Learned, Recogniser,
-    RecognitionSettings, Settings, TestVectorSettings, Verdict, channels, found_scales, labels,
-    names_objects_by, signatures,
+    Database, DatabaseCloud, DatabaseSettings, Example, Learned, Recogniser, RecognitionSettings, Settings,
+    TestVectorSettings, Verdict, channels, found_scales, labels, names_objects_by, signatures,
 };
 use cache::{Storage, Store};
 use descriptor::cloud_file::{self, CloudFileError};
 use descriptor::pcd::{self, DataEncoding};
 use descriptor::recogniser::{ChosenSettings, LabelledClouds, LearnError, Method};
-use descriptor::structure::Structure;
-use descriptor::{
-    Describer, Descriptor, Family, Preprocess, SearchSpace, SetDistance, Signature, Signatures, ply, rgbd,
-};
+use descriptor::{Descriptor, Family, Preprocess, SearchSpace, SetDistance, Signatures, ply, rgbd};
 use proto::Message;
-use rayon::prelude::*;
 use results::{FinishedRun, PredictionRow, PredictionSplit, RunRow};
 
 use super::readme::{About, Origin};
@@ -25,10 +20,10 @@ use super::reject::Reject;
 use super::write::{Draft, Written, refuse_occupied};
 use super::{DescriptorChoice, ExportError, reject};
 use crate::compare::EVOLVED;
-use crate::dataset::{CloudEntry, Dataset, cloud_bytes};
-use crate::evaluate::{Seconds, stages};
+use crate::dataset::Dataset;
 use crate::experiment::{Experiment, Overrides};
 use crate::front;
+use crate::reference_clouds::{ReferenceError, describe, labelled, read, sequences};
 use crate::reopen::{Reopened, reopen, winner_of};
 use crate::run::{Matching, choose_set, clouds, data_digest, sets};
 use crate::sweep;
@@ -79,7 +74,8 @@ pub fn export(
     let family = descriptor.family();
     let winner = |what: String| ExportError::Winner { run: run.to_owned(), what };
     let all = Matching::Test.database_clouds(&dataset).len();
-    let database = describe(&dataset, all, &preprocess, &descriptor, winner)?;
+    let database = describe(&dataset, all, &preprocess, &descriptor)
+        .map_err(|error| ExportError::of_reference(run, error))?;
     let reference = signatures(&descriptor, &database).map_err(winner)?;
     let scales = found_scales(&descriptor, &reference, dataset.splits.trained());
     let learning = learning(
@@ -90,7 +86,7 @@ pub fn export(
     )
     .map_err(|source| ExportError::Learn { run: run.to_owned(), source })?;
     let settings_of_recogniser = learning.map(|chosen| chosen.settings);
-    let example = example(&dataset)?;
+    let example = example(&dataset).map_err(|error| ExportError::of_reference(run, error))?;
     let reject = reject::calibrate(
         settings_of_recogniser.as_ref(),
         &channels(&descriptor, scales.as_deref(), &reference),
@@ -217,12 +213,6 @@ fn learning(
     ChosenSettings::new(method, &LabelledClouds { channels, objects: &objects }, &sequences)
 }
 
-/// Of each cloud of the final test's database, in its order.
-pub(super) fn sequences(dataset: &Dataset) -> Vec<Option<u32>> {
-    let sequence = |&cloud: &u32| dataset.clouds.entries[cloud as usize].sequence;
-    Matching::Test.database_clouds(dataset).iter().map(sequence).collect()
-}
-
 /// The run's winner as the search has found it, without weights for its values.
 pub(super) fn searched(run: &Path, space: &SearchSpace, row: &RunRow) -> Result<Descriptor, ExportError> {
     space.from_values(&row.best_genes).ok_or_else(|| off_grid(run))
@@ -277,82 +267,8 @@ fn refuse_unsound(run: &Path) -> Result<(), ExportError> {
     }
 }
 
-/// The signatures of the first clouds of the final test's database, in its order.
-pub(super) fn describe(
-    dataset: &Dataset,
-    count: usize,
-    preprocess: &Preprocess,
-    descriptor: &Descriptor,
-    winner: impl Fn(String) -> ExportError,
-) -> Result<Database, ExportError> {
-    let describer = Describer::new(descriptor).map_err(|error| winner(error.to_string()))?;
-    let entries: Vec<&CloudEntry> = Matching::Test
-        .database_clouds(dataset)
-        .iter()
-        .take(count)
-        .map(|&index| &dataset.clouds.entries[index as usize])
-        .collect();
-    let signatures: Vec<Vec<Signature>> = entries
-        .par_iter()
-        .map(|&entry| {
-            let failed = |what: String| ExportError::Cloud { path: dataset.clouds.file(entry), what };
-            let cloud =
-                cloud_file::read(&read(dataset, entry)?).map_err(|error| failed(error.to_string()))?;
-            let cloud = preprocess.in_metres(&cloud);
-            let described = stages(&cloud, preprocess, &describer, &mut Seconds::default());
-            Ok(described.map_err(|error| failed(error.to_string()))?.signatures)
-        })
-        .collect::<Result<_, ExportError>>()?;
-    let part = |channel: usize| part_of(&signatures, channel);
-    let parts = match descriptor {
-        Descriptor::Structure(Structure { channels }) => {
-            DatabaseParts::Channels((0..channels.len()).map(part).collect())
-        }
-        _ => DatabaseParts::ShapeColour([part(0), part(1)]),
-    };
-    let clouds = entries.iter().map(|&entry| labelled(dataset, entry)).collect();
-    Ok(Database { clouds, parts })
-}
-
-/// The signatures of clouds in one channel, as a database has them.
-pub(super) fn part_of(signatures: &[Vec<Signature>], channel: usize) -> DatabasePart {
-    DatabasePart {
-        centroids: signatures.iter().flat_map(|cloud| &cloud[channel].centroid).copied().collect(),
-        deviations: signatures.iter().flat_map(|cloud| &cloud[channel].deviation).copied().collect(),
-    }
-}
-
-/// A cloud's path and names.
-fn labelled(dataset: &Dataset, entry: &CloudEntry) -> DatabaseCloud {
-    let sequence = entry.sequence.map(|index| dataset.clouds.sequences[index as usize].clone());
-    DatabaseCloud {
-        sequence,
-        addition: None,
-        cloud: entry.path.clone(),
-        instance: dataset.clouds.instances[entry.instance as usize].name.clone(),
-        category: dataset.clouds.categories[entry.category as usize].clone(),
-    }
-}
-
-/// The bytes of a cloud, which are those that the data digest covers.
-fn read(dataset: &Dataset, entry: &CloudEntry) -> Result<Vec<u8>, ExportError> {
-    let path: PathBuf = dataset.clouds.file(entry);
-    let bytes = match cloud_bytes(&path) {
-        Ok(bytes) => bytes,
-        Err(reason) => {
-            let what = format!("cannot be read, got {reason}\nbegin again when it is there");
-            return Err(ExportError::Cloud { path, what });
-        }
-    };
-    if *blake3::hash(&bytes).as_bytes() != entry.digest {
-        let what = "content must stay the same meanwhile, got another\nbegin again".to_owned();
-        return Err(ExportError::Cloud { path, what });
-    }
-    Ok(bytes)
-}
-
 /// The first cloud of the final test, or of its database where nothing is tested.
-fn example(dataset: &Dataset) -> Result<Example, ExportError> {
+fn example(dataset: &Dataset) -> Result<Example, ReferenceError> {
     let database = Matching::Test.database_clouds(dataset);
     let first = Matching::Test.query_clouds(dataset).first().or(database.first());
     // A data set without any training cloud is refused when it is loaded.
@@ -364,7 +280,7 @@ fn example(dataset: &Dataset) -> Result<Example, ExportError> {
     if ply::is_ply(&bytes) || rgbd::is_rgbd(&bytes) {
         let failed = |error: CloudFileError| {
             let (path, what) = (dataset.clouds.file(entry), error.to_string());
-            ExportError::Cloud { path, what }
+            ReferenceError::Cloud { path, what }
         };
         bytes = pcd::write(&cloud_file::read(&bytes).map_err(failed)?, DataEncoding::Binary);
     }

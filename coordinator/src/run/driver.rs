@@ -2,7 +2,6 @@
 
 use std::borrow::Cow;
 use std::collections::BTreeSet;
-use std::path::Path;
 use std::time::{Duration, Instant, SystemTime};
 
 use cache::Store;
@@ -17,7 +16,6 @@ use crate::console::say;
 use crate::dataset::Dataset;
 use crate::exhaust::{best_of_all, known_optimum};
 use crate::experiment::Experiment;
-use crate::export;
 use crate::fitness::{Fitness, Measured};
 use crate::observers::tables;
 use crate::reopen::winner_of;
@@ -36,6 +34,7 @@ use crate::run::{RunError, data_digest, front, rows, sets};
 use crate::session::Session;
 use crate::tasks;
 use crate::trace::Attribute;
+use crate::weighing::{TrainingClouds, WeighingError, file_text, teaching_sets};
 use cluster::{Client, ClusterError};
 use proto::task::{Evaluation, EvaluationResult};
 
@@ -160,7 +159,7 @@ impl RunDriver<'_> {
         if !sets.is_empty() {
             folder.write_sets(&sets)?;
         }
-        let mut run = self.row(outcome)?;
+        let mut run = self.row(outcome);
         compare_with_optimum(&mut run, experiment, dataset, &self.session.store);
         let (compared, pairs) = match finals.evaluated() {
             Some(evaluated) => {
@@ -185,13 +184,9 @@ impl RunDriver<'_> {
         })
     }
 
-    fn row(&self, Outcome { found, weighted, finals }: &Outcome) -> Result<RunRow, RunError> {
+    fn row(&self, Outcome { found, weighted, finals }: &Outcome) -> RunRow {
         let Self { experiment, dataset, start, .. } = self;
-        let text = |structure| {
-            let text = export::file_text(self.folder.path(), structure);
-            text.map_err(|error| RunError::Weigh(Box::new(error)))
-        };
-        Ok(RunRow {
+        RunRow {
             name: experiment.name().to_owned(),
             search_config: experiment.search_toml(),
             resolved_toml: experiment.record_toml(),
@@ -218,11 +213,11 @@ impl RunDriver<'_> {
                 .validation
                 .as_ref()
                 .map(|measured| measured.counts(dataset, Matching::Validation)),
-            weighted_winner: weighted.as_ref().map(text).transpose()?,
+            weighted_winner: weighted.as_ref().map(file_text),
             weighted_train: finals.weighted.as_ref().map(|measured| measured.measured.counts),
             test: finals.test.as_ref().map(|measured| measured.counts(dataset, Matching::Test)),
             grid_best_object_correct: None,
-        })
+        }
     }
 }
 
@@ -238,7 +233,7 @@ async fn search_once(
 ) -> Result<Outcome, RunError> {
     let found = search_loop.run(search, folder).await?;
     let (client, progress) = search_loop.client_and_progress();
-    let weighted = weighted(experiment, dataset, &found, folder.path(), progress).await?;
+    let weighted = weighted(experiment, dataset, &found, progress).await?;
     let winner = weighted
         .as_ref()
         .map_or(Cow::Borrowed(&found.descriptor), |one| Cow::Owned(Descriptor::Structure(one.clone())));
@@ -266,7 +261,6 @@ async fn weighted(
     experiment: &Experiment,
     dataset: &Dataset,
     found: &SearchResult,
-    folder: &Path,
     progress: &mut Progress,
 ) -> Result<Option<Structure>, RunError> {
     let Descriptor::Structure(structure) = &found.descriptor else { return Ok(None) };
@@ -274,13 +268,14 @@ async fn weighted(
         return Ok(None);
     }
     progress.say("weighing the values of the winner by the training clouds");
-    let failed = |error| RunError::Weigh(Box::new(error));
-    let sets = export::all_sets(experiment, dataset.clone()).map_err(failed)?;
-    let (structure, preprocess, folder) = (structure.clone(), *experiment.preprocess(), folder.to_owned());
-    let weigh = move || export::weigh_by(&folder, &structure, &preprocess, &sets);
+    let sets = teaching_sets(dataset, &experiment.set_weights(dataset));
+    let (structure, preprocess) = (structure.clone(), *experiment.preprocess());
+    let weigh = move || -> Result<Structure, WeighingError> {
+        Ok(TrainingClouds::describe(&sets, &preprocess, &structure)?.weigh(&structure)?)
+    };
     let weighed = tokio::task::spawn_blocking(weigh).await;
     let weighed = weighed.unwrap_or_else(|error| std::panic::resume_unwind(error.into_panic()));
-    weighed.map(Some).map_err(failed)
+    Ok(Some(weighed?))
 }
 
 /// The experiment's search, at generation 1.

@@ -5,7 +5,6 @@ use std::path::PathBuf;
 
 use cluster::ClusterError;
 use cluster::journal::{JOURNAL_FILE, JournalError};
-use descriptor::weigh::WeighError;
 use evolution::SettingsError;
 use transport::ListenError;
 
@@ -14,12 +13,12 @@ use proto::{Digest, Principal};
 use crate::dataset::DatasetError;
 use crate::exhaust::grid::GridError;
 use crate::experiment::ExperimentError;
-use crate::export::ExportError;
 use crate::in_process::InProcessError;
 use crate::observers::event_file::EventFileError;
 use crate::result_cache::Wrong;
 use crate::run::data::DataError;
 use crate::slurm::SlurmError;
+use crate::weighing::WeighingError;
 
 /// Why a run has no result.
 #[derive(Debug, thiserror::Error)]
@@ -258,10 +257,7 @@ pub enum RunError {
     },
     /// No values can be weighed.
     #[error("search.weigh: {0}")]
-    NoWeights(WeighError),
-    /// The winner was found and could not be weighed.
-    #[error(transparent)]
-    Weigh(Box<ExportError>),
+    Weigh(#[from] WeighingError),
     /// No set has a part in the fitness.
     #[error("search.sets: must leave one set a weight above 0, got only zeros\nremove one of them")]
     NoWeight,

@@ -18,7 +18,7 @@ use crate::run::sets::with_weight;
 /// none; says in words which clouds the fitness leaves out of its counts.
 ///
 /// # Errors
-/// [`RunError::NoValidation`], [`RunError::NoSequences`], [`RunError::NoWeights`], [`RunError::NoAnswers`],
+/// [`RunError::NoValidation`], [`RunError::NoSequences`], [`RunError::Weigh`], [`RunError::NoAnswers`],
 /// [`RunError::UnknownSet`], [`RunError::NoWeight`] or [`RunError::EmptySet`].
 pub fn check_fitness(experiment: &Experiment, dataset: &Dataset) -> Result<Vec<String>, RunError> {
     let (fitness, weights) = (experiment.fitness(), experiment.set_weights(dataset));
@@ -101,7 +101,7 @@ fn check_weights(experiment: &Experiment, dataset: &Dataset) -> Result<(), RunEr
             Err(why) => refused = Some(why),
         }
     }
-    refused.map_or(Ok(()), |why| Err(RunError::NoWeights(why)))
+    refused.map_or(Ok(()), |why| Err(RunError::Weigh(why.into())))
 }
 
 /// The counts of a descriptor that recognises nothing.

@@ -157,7 +157,7 @@ pub async fn verify(
     verdict.notes.extend(found.notes);
 
     let weights::Found { winner: weighted, problem } =
-        weights::check(run, &experiment, &dataset, &finished.row)?;
+        weights::check(&experiment, &dataset, &finished.row).map_err(RunError::from)?;
     verdict.weighed = weighted.is_some();
     verdict.problems.extend(problem);
 

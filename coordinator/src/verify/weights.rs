@@ -1,14 +1,11 @@
 //! Weights of a winner's values, learned again from the training clouds.
 
-use std::path::Path;
-
 use descriptor::Descriptor;
 use results::RunRow;
 
 use crate::dataset::Dataset;
 use crate::experiment::Experiment;
-use crate::export;
-use crate::run::RunError;
+use crate::weighing::{TrainingClouds, WeighingError, file_text, teaching_sets};
 
 /// What was found.
 #[derive(Debug, Default)]
@@ -21,21 +18,20 @@ pub(super) struct Found {
 
 /// Compares the weighted winner of a run with one that is weighed again.
 pub(super) fn check(
-    run: &Path,
     experiment: &Experiment,
     dataset: &Dataset,
     row: &RunRow,
-) -> Result<Found, RunError> {
+) -> Result<Found, WeighingError> {
     let searched = experiment.space().from_values(&row.best_genes);
     let Some(Descriptor::Structure(structure)) = searched.filter(|_| experiment.weighs()) else {
         let problem = row.weighted_winner.is_some();
         let told = || "run: weighted_winner: expected none, as nothing was to be weighed, got one".to_owned();
         return Ok(Found { winner: None, problem: problem.then(told) });
     };
-    let failed = |error| RunError::Weigh(Box::new(error));
-    let sets = export::all_sets(experiment, dataset.clone()).map_err(failed)?;
-    let weighted = export::weigh_by(run, &structure, experiment.preprocess(), &sets).map_err(failed)?;
-    let text = export::file_text(run, &weighted).map_err(failed)?;
+    let sets = teaching_sets(dataset, &experiment.set_weights(dataset));
+    let clouds = TrainingClouds::describe(&sets, experiment.preprocess(), &structure)?;
+    let weighted = clouds.weigh(&structure)?;
+    let text = file_text(&weighted);
     let problem = match &row.weighted_winner {
         Some(recorded) if *recorded == text => None,
         recorded => {

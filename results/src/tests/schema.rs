@@ -97,7 +97,7 @@ fn the_digest_covers_the_listed_columns_and_no_other() {
         attempts: 
         events: 
         looks: 
-        run: search_config seed data_digest stop_reason
+        run: search_config seed data_digest stop_reason weighted_winner weighted_train_object_correct weighted_train_category_correct weighted_train_queries
         front: point generation individual chromosome shape_bins m R1 w train_object_correct train_category_correct train_queries objective_correct train_margin validation_object_correct validation_category_correct validation_queries validation_margin cost size winner
         sets: 
         distances: 

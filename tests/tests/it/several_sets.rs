@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::path::Path;
 
 use results::{
     Counts, EvaluationRow, PredictionSplit, SetRow, TableName, read_comparison, read_evaluations,
@@ -350,4 +351,34 @@ fn values_are_weighed_by_all_sets_or_by_one() {
     let (out, file) = (both.path("out"), both.path("c"));
     let unknown = run("coordinator", ["weigh", &out, &file, "--structure", &paper, "--set", "c"]);
     assert!(unknown.expect_error().stderr.contains("--set"));
+}
+
+#[test]
+fn a_run_weighs_its_winner_by_the_sets_that_have_a_weight_and_is_tested_on_all() {
+    let settings =
+        |weight| format!("[search]\nweigh = true\n{SEARCH}{STRUCTURES}[search.sets]\nb = {weight}\n");
+    for weight in [3, 0] {
+        let both = two_sets(&settings(weight));
+        let ran = both.run("out", &[]).expect_success();
+        let (out, file) = (both.path("out"), both.path("weighted.toml"));
+        run("coordinator", ["weigh", &out, &file]).expect_success();
+        let text = fs::read_to_string(&file).unwrap();
+        let row = results::read_run(&out).unwrap().row;
+        assert_eq!(row.weighted_winner.as_deref(), text.split_once('\n').map(|(_, body)| body));
+        assert_eq!(row.weighted_train.unwrap().queries, row.train.queries);
+        let tested: Vec<SetRow> = read_sets(&out).unwrap();
+        let evolved: Vec<&SetRow> = tested.iter().filter(|row| row.descriptor == "evolved").collect();
+        assert_eq!(evolved.iter().map(|row| &*row.set).collect::<Vec<_>>(), ["a", "b"]);
+        // Each set alone, as compare counts it.
+        for row in evolved {
+            let args =
+                ["compare", &out, "--set", &row.set, "--no-times", "--json", "--listen", "127.0.0.1:0"];
+            run("coordinator", args.into_iter().chain(["--structure", &file])).expect_success();
+            let place = Path::new(&out).join("sets").join(&row.set);
+            let compared = read_comparison(place).unwrap();
+            let of = |name: &str| compared.iter().find(|one| one.descriptor == name).unwrap().counts;
+            assert_eq!((of("evolved"), of("weighted")), (row.counts, row.counts), "{ran}");
+        }
+        run("coordinator", ["verify", &out, "--sample", "2"]).expect_success();
+    }
 }
