@@ -5,6 +5,7 @@ mod messages;
 mod objectives;
 mod texts;
 mod values;
+mod weigh;
 
 use std::collections::BTreeSet;
 use std::env::VarError;
@@ -256,7 +257,7 @@ fn schema_keys(
 #[test]
 fn the_samples_use_every_key_of_the_schema_and_no_other() {
     let mut sampled = BTreeSet::new();
-    let of_search = [SAMPLE_SEARCH, SAMPLE_STRUCTURE, members::SAMPLE, objectives::SAMPLE];
+    let of_search = [SAMPLE_SEARCH, SAMPLE_STRUCTURE, members::SAMPLE, objectives::SAMPLE, weigh::SAMPLE];
     for sample in
         [SAMPLE, SAMPLE_PATTERN, SAMPLE_SYNTHETIC, SAMPLE_SWEEP, SAMPLE_FAMILY].into_iter().chain(of_search)
     {
