@@ -340,6 +340,11 @@ pub enum DatasetError {
 const LIST_ADVICE: &str = "write the list, or set dataset.splits: to other lists (relative paths start at dataset.root), \
                            or to a draw, for example `splits = { seeded = {} }`";
 
+/// What to do about one of the validation split, which a search need not have.
+const VALIDATION_ADVICE: &str = "write the list, or set dataset.splits: to other lists (relative paths start at dataset.root), \
+                                 to none (`validation = []` with search.winner = \"fitness\" and \
+                                 stop.validation_patience = \"off\"), or to a draw, for example `splits = { seeded = {} }`";
+
 /// What to do about a manifest.
 const MANIFEST_ADVICE: &str =
     "correct the path (a relative one starts at dataset.root) or write CSV or Parquet there";
@@ -353,7 +358,8 @@ const NAMED_SKIPS: usize = 5;
 impl DatasetError {
     /// The same, if it is about a text file, with the split that names it as its list.
     pub(super) fn of_list(self, split: &str) -> Self {
-        self.named(format!("dataset.splits.{split}"), LIST_ADVICE)
+        let advice = if split == "validation" { VALIDATION_ADVICE } else { LIST_ADVICE };
+        self.named(format!("dataset.splits.{split}"), advice)
     }
 
     /// The same, if it is about a text file, with that being the manifest of an experiment.

@@ -249,8 +249,15 @@ async fn search_once(
             descriptors: candidates.iter().map(|one| one.label.as_str()).collect::<Vec<_>>().join(" "),
         })?;
     }
-    let finals =
-        Finals::evaluate(experiment, candidates, session, &found, remembered, (client, progress)).await?;
+    let finals = Finals::evaluate(
+        experiment,
+        (candidates, weighted.is_some()),
+        session,
+        &found,
+        remembered,
+        (client, progress),
+    )
+    .await?;
     check_used(&session.cluster, &found.counts)?;
     Ok(Outcome { found, weighted, finals })
 }
@@ -376,9 +383,10 @@ impl Finals {
         Some(self.candidates.iter().zip(std::iter::once(winner).chain(&self.baselines)))
     }
 
+    /// Of candidates of which the first is the winner, with weights or not.
     async fn evaluate(
         experiment: &Experiment,
-        candidates: Vec<Candidate>,
+        (candidates, is_weighted): (Vec<Candidate>, bool),
         session: &Session<'_>,
         found: &SearchResult,
         remembered: &Known,
@@ -390,7 +398,6 @@ impl Finals {
         let (tested, mut scales): (Vec<u32>, _) = (tested.collect(), found.scales.clone());
         // The first candidate is the winner with its weights, if it has some.
         let (winner, last) = (&found.descriptor, &candidates[0].descriptor);
-        let is_weighted = winner != last;
         let space = (experiment.preprocess(), experiment.space());
         let splits_of_last = splits.beside(last, space);
         // Those of sets that the search has left out.

@@ -220,6 +220,29 @@ fn weights_that_the_clouds_do_not_teach_are_found_by_verify() {
     );
 }
 
+/// Shares of two bins differ by as much: neither tells more, the winner stays as it was, and is weighed all the same.
+#[test]
+fn structures_by_hand_are_weighed_and_one_of_two_equal_values_stays_as_it_is() {
+    for (features, is_changed) in [("\"d 2\"", false), ("\"hue 4\"", true)] {
+        let channel = format!(
+            "[search]\nweigh = true\n[search.fitness]\ncross-sequence = 1\n[descriptor]\nfamily = \"structure\"\n\
+             [[descriptor.channel]]\npairs = \"cloud\"\nfeatures = [{features}]\nradius_cm = 9\nmetric = \"l1\"\nweight = 1.0\n"
+        );
+        let experiment = Experiment::new(&channel);
+        experiment.run("out", &["--local-workers", "1"]).expect_success();
+        let out = experiment.path("out");
+        let row = results::read_run(&out).unwrap().row;
+        let text = row.weighted_winner.unwrap();
+        assert_eq!(text.contains("value_weights"), is_changed, "{text}");
+        assert_eq!(row.weighted_train.unwrap().queries, row.train.queries);
+        if !is_changed {
+            assert_eq!(row.weighted_train, Some(row.train));
+        }
+        let verified = run("coordinator", ["verify", &out, "--sample", "1"]).expect_success();
+        assert!(verified.stdout.starts_with("sound: "), "{verified}");
+    }
+}
+
 #[test]
 fn a_run_that_could_not_weigh_is_refused_before_it_begins() {
     for (settings, complaint) in [
