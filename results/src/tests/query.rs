@@ -166,9 +166,11 @@ fn a_table_for_people_cuts_nothing_off_and_obeys_no_name() {
     assert!(text.contains("\\u{1b}[31mred\\n") && !text.contains('\u{1b}'), "{text}");
     // A row of forty columns is a column a line, its texts whole.
     let text = written(&[folder.path()], "SELECT * FROM run", AnswerFormat::Table);
-    assert!(text.contains("\nseed                         18446744073709551615\n"), "{text}");
+    assert!(text.contains("\nseed                             18446744073709551615\n"), "{text}");
     assert!(
-        text.contains("resolved_toml                version = 1\n                             seed = "),
+        text.contains(
+            "resolved_toml                    version = 1\n                                 seed = "
+        ),
         "{text}"
     );
     assert_eq!(text.lines().filter(|line| line.starts_with("run_digest ")).count(), 1);
