@@ -12,6 +12,9 @@ use crate::dataset::{CloudEntry, Dataset, cloud_bytes};
 use crate::evaluate::{Seconds, stages};
 use crate::run::matching::Matching;
 
+/// A run goes on where it was.
+const AGAIN: &str = "put the file back and give the same command again";
+
 /// Why reference clouds cannot be described.
 #[derive(Debug, thiserror::Error)]
 pub enum ReferenceError {
@@ -97,12 +100,12 @@ pub fn read(dataset: &Dataset, entry: &CloudEntry) -> Result<Vec<u8>, ReferenceE
     let bytes = match cloud_bytes(&path) {
         Ok(bytes) => bytes,
         Err(reason) => {
-            let what = format!("cannot be read, got {reason}\nbegin again when it is there");
+            let what = format!("cannot be read, got {reason}\n{AGAIN}");
             return Err(ReferenceError::Cloud { path, what });
         }
     };
     if *blake3::hash(&bytes).as_bytes() != entry.digest {
-        let what = "content must stay the same meanwhile, got another\nbegin again".to_owned();
+        let what = format!("content must stay the same meanwhile, got another\n{AGAIN}");
         return Err(ReferenceError::Cloud { path, what });
     }
     Ok(bytes)

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use cache::Store;
-use descriptor::structure::{Structure, StructureChannel, StructureFile};
+use descriptor::structure::{Structure, StructureChannel, StructureFile, Weighted};
 use descriptor::{Descriptor, SearchSpace};
 use results::{FinishedRun, RunRow};
 
@@ -62,16 +62,51 @@ pub fn finished(run: &Path) -> Result<FinishedRun, ReopenError> {
     Ok(results::read_run(run)?)
 }
 
-/// The descriptor that a finished run has ended with: its genes, with weights for its values where it was weighed. `None`
-/// if it is in no such space, or if the weights are those of another structure.
-pub fn winner_of(space: &SearchSpace, row: &RunRow) -> Option<Descriptor> {
-    let searched = space.from_values(&row.best_genes)?;
-    let Some(text) = &row.weighted_winner else { return Some(searched) };
-    let weighted = toml::from_str::<StructureFile>(text).ok()?.structure().ok()?;
-    let channels = weighted.channels.iter().map(|one| &one.channel);
-    let unweighted = channels.map(|one| StructureChannel { value_weights: Vec::new(), ..one.clone() });
-    let Descriptor::Structure(Structure { channels }) = searched else { return None };
-    unweighted.eq(channels.into_iter().map(|one| one.channel)).then_some(Descriptor::Structure(weighted))
+/// Why a finished run has no winner that this program could compute: it was changed after it had ended, or is of another
+/// release.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum WinnerError {
+    /// Its genes are in no such space.
+    #[error("gene values must lie on the genes' grids, got others")]
+    Genes,
+    /// The text is no structure, or that of another one.
+    #[error(
+        "weighted_winner must be the structure of the best genes with weights for its values, got another"
+    )]
+    Weights,
+}
+
+/// The descriptor that the search of a finished run has found, without weights for its values.
+///
+/// # Errors
+/// [`WinnerError::Genes`]
+pub fn searched(space: &SearchSpace, row: &RunRow) -> Result<Descriptor, WinnerError> {
+    space.from_values(&row.best_genes).ok_or(WinnerError::Genes)
+}
+
+/// The descriptor that a finished run has ended with: the one of its search, with weights for its values where it was weighed.
+///
+/// # Errors
+/// [`WinnerError`]
+pub fn winner_of(space: &SearchSpace, row: &RunRow) -> Result<Descriptor, WinnerError> {
+    let searched = searched(space, row)?;
+    let Some(text) = &row.weighted_winner else { return Ok(searched) };
+    let weighted = weighted_structure(text).ok_or(WinnerError::Weights)?;
+    let Descriptor::Structure(Structure { channels }) = searched else { return Err(WinnerError::Weights) };
+    // Weighing changes weights only: of values, and of channels.
+    let unweighted = |(one, searched): (&Weighted, &Weighted)| Weighted {
+        channel: StructureChannel { value_weights: Vec::new(), ..one.channel.clone() },
+        weight_ppm: searched.weight_ppm,
+        scale: one.scale,
+    };
+    let is_same = weighted.channels.len() == channels.len()
+        && weighted.channels.iter().zip(&channels).all(|pair| unweighted(pair) == *pair.1);
+    if is_same { Ok(Descriptor::Structure(weighted)) } else { Err(WinnerError::Weights) }
+}
+
+/// The structure that a run keeps as the text of its file; `None` if it is none.
+pub fn weighted_structure(text: &str) -> Option<Structure> {
+    toml::from_str::<StructureFile>(text).ok()?.structure().ok()
 }
 
 /// Opens a finished run again; `data` is another place of its data root, if that has moved.

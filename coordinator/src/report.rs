@@ -38,7 +38,13 @@ pub fn told(folder: &Path) -> Told {
             return told;
         }
     };
-    let Some(winner) = winner_of(experiment.space(), &finished.row) else { return told };
+    let winner = match winner_of(experiment.space(), &finished.row) {
+        Ok(winner) => winner,
+        Err(error) => {
+            told.not_seen = Some(failed(&error));
+            return told;
+        }
+    };
     if let Descriptor::Structure(structure) = &winner {
         told.channels = structure.channels.iter().map(winner_channel).collect();
     }

@@ -5,24 +5,14 @@ use descriptor::fitness::{Member, NearestOfClass, nearest};
 use descriptor::recognise::Hit;
 use descriptor::recogniser::LabelledClouds;
 use descriptor::structure::{Structure, StructureFile};
-use descriptor::weigh::{LabelledSet, WeighError, weighed, weighted_by};
+use descriptor::weigh::{LabelledSet, WeighError, check_clouds, weighed, weighted_by};
 use descriptor::{Descriptor, Label, Preprocess, SetDistance, Signature, Signatures};
 use proto::task::is_nearer;
 use rayon::prelude::*;
 
-use crate::dataset::Dataset;
-use crate::reference_clouds::{ReferenceError, describe, sequences};
-
-/// Why values cannot be weighed.
-#[derive(Debug, thiserror::Error)]
-pub enum WeighingError {
-    /// The training clouds cannot be described.
-    #[error(transparent)]
-    Reference(#[from] ReferenceError),
-    /// They teach no weights.
-    #[error(transparent)]
-    Weigh(#[from] WeighError),
-}
+use crate::dataset::{CloudEntry, Dataset};
+use crate::reference_clouds::{ReferenceError, describe};
+use crate::run::matching::Matching;
 
 /// The sets of clouds that teach, each with its weight: those with one above 0. Clouds that are of no set are one.
 pub fn teaching_sets(dataset: &Dataset, weights: &[u32]) -> Vec<(Dataset, u32)> {
@@ -31,6 +21,33 @@ pub fn teaching_sets(dataset: &Dataset, weights: &[u32]) -> Vec<(Dataset, u32)> 
     }
     let weighted = (0..).zip(weights).filter(|(_, weight)| **weight > 0);
     weighted.map(|(set, &weight)| (dataset.of_set(set), weight)).collect()
+}
+
+/// Refuses clouds of which none of these sets teaches how to weigh values.
+///
+/// # Errors
+/// [`WeighError`], of the last set.
+pub fn check_sets(sets: &[(Dataset, u32)]) -> Result<(), WeighError> {
+    let mut checked = Err(WeighError::Sequences);
+    for (dataset, _) in sets {
+        let objects = training_entries(dataset).map(|cloud| cloud.instance);
+        checked = check_clouds(&objects.collect::<Vec<_>>(), &sequences(dataset));
+        if checked.is_ok() {
+            break;
+        }
+    }
+    checked
+}
+
+/// The clouds of both training splits.
+fn training_entries(dataset: &Dataset) -> impl Iterator<Item = &CloudEntry> {
+    let clouds = Matching::Validation.database_clouds(dataset).into_iter();
+    clouds.map(|index| &dataset.clouds.entries[index as usize])
+}
+
+/// Of each of them.
+fn sequences(dataset: &Dataset) -> Vec<Option<u32>> {
+    training_entries(dataset).map(|cloud| cloud.sequence).collect()
 }
 
 /// The text of the file of a structure, by which it is kept.
@@ -110,8 +127,7 @@ impl OfSet {
         let signatures = signatures(descriptor, &database).map_err(ReferenceError::Descriptor)?;
         let scales = found_scales(descriptor, &signatures, trained);
         let objects = labels(&database.clouds).iter().map(|label| label.instance).collect();
-        let mut sequences = sequences(dataset);
-        sequences.truncate(trained);
+        let sequences = sequences(dataset);
         Ok(Self { descriptor: descriptor.clone(), signatures, scales, objects, sequences, weight })
     }
 

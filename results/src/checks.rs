@@ -125,6 +125,20 @@ pub(crate) fn check_run(genes: &[GeneColumn], row: &RunRow) -> Result<(), Error>
             check_counts(TableName::Run, 0, prefix, counts)?;
         }
     }
+    match (&row.weighted_winner, row.weighted_train) {
+        (None, None) => {}
+        (Some(_), Some(counts)) if counts.queries == row.train.queries => {}
+        (Some(_), Some(counts)) => {
+            let expected = format!("{}, as train_queries", row.train.queries);
+            return Err(refuse(TableName::Run, 0, "weighted_train_queries", expected, counts.queries));
+        }
+        (winner, counts) => {
+            let is_there = |it: bool| if it { "a value" } else { "none" };
+            let (expected, got) = (is_there(winner.is_some()), is_there(counts.is_some()));
+            let expected = format!("{expected}, as weighted_winner");
+            return Err(refuse(TableName::Run, 0, "weighted_train_queries", expected, got));
+        }
+    }
     if let Some(best) = row.grid_best_object_correct
         && !(row.train.object_correct..=row.train.queries).contains(&best)
     {

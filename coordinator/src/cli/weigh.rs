@@ -47,7 +47,7 @@ impl Weigh {
         let which = match (&self.structure, self.point) {
             (Some(file), _) => DescriptorChoice::Structure(read_structure(file)?),
             (_, Some(point)) => DescriptorChoice::Point(point),
-            _ => DescriptorChoice::Evolved,
+            _ => DescriptorChoice::Searched,
         };
         let place = (self.data.as_deref(), self.set.as_deref());
         let found = export::weigh(&self.run, &which, place, &self.out, &self.storage.resolve())?;

@@ -10,7 +10,7 @@ use proto::Message;
 use super::foreign::ForeignFault;
 use super::given::GivenError;
 use crate::evaluate::EvaluateError;
-use crate::reopen::ReopenError;
+use crate::reopen::{ReopenError, WinnerError};
 use crate::run::RunError;
 
 /// Why there is no comparison.
@@ -34,10 +34,13 @@ pub enum CompareError {
         source: LearnError,
     },
     /// The winner is not of this program's genes.
-    #[error(
-        "{0}: best genes: must lie on the genes' grids\nlook whether the run is sound: coordinator verify"
-    )]
-    Genes(PathBuf),
+    #[error("{run}: {source}\nlook whether the run is sound: coordinator verify", run = .run.display())]
+    Winner {
+        /// The run.
+        run: PathBuf,
+        /// What is wrong with its winner.
+        source: WinnerError,
+    },
     /// A descriptor that these clouds do not allow.
     #[error("{name}: needs colours, got clouds without\nleave it out")]
     NeedsColour {

@@ -9,7 +9,7 @@ use super::candidate::{Given, check_no_point, point_name};
 use crate::experiment::{Experiment, ExperimentError, Overrides};
 use crate::front::{self, FrontError};
 use crate::names::is_name;
-use crate::reopen::winner_of;
+use crate::reopen::{WinnerError, winner_of};
 
 /// Where a given descriptor comes from: `PATH`, or `NAME=PATH`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -47,10 +47,13 @@ pub enum GivenError {
     #[error(transparent)]
     Experiment(#[from] ExperimentError),
     /// The other run's winner is not of this program's genes.
-    #[error(
-        "{0}: best genes: must lie on the genes' grids\nlook whether the run is sound: coordinator verify"
-    )]
-    Genes(PathBuf),
+    #[error("{run}: {source}\nlook whether the run is sound: coordinator verify", run = .run.display())]
+    Winner {
+        /// The run.
+        run: PathBuf,
+        /// What is wrong with its winner.
+        source: WinnerError,
+    },
     /// The other run may have learned from the clouds that this one tests with, or has seen others.
     #[error("{path}: must be of {expected}, got {got}\nname a run on the same clouds, prepared alike")]
     OtherRun {
@@ -156,8 +159,9 @@ impl Own<'_> {
         if experiment.preprocess() != self.preprocess {
             return Err(other(said(self.preprocess), said(experiment.preprocess())));
         }
-        let winner = winner_of(experiment.space(), &row);
-        Ok((row.name, winner.ok_or_else(|| GivenError::Genes(folder.to_owned()))?))
+        let winner = winner_of(experiment.space(), &row)
+            .map_err(|source| GivenError::Winner { run: folder.to_owned(), source })?;
+        Ok((row.name, winner))
     }
 }
 

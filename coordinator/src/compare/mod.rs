@@ -130,7 +130,8 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
         return Err(CompareError::NoTest(folder.to_owned()));
     }
     let (space, preprocess) = (experiment.space(), experiment.preprocess());
-    let evolved = winner_of(space, &run.row).ok_or_else(|| CompareError::Genes(folder.to_owned()))?;
+    let evolved = winner_of(space, &run.row)
+        .map_err(|source| CompareError::Winner { run: folder.to_owned(), source })?;
     let own = Own { folder, space, data_digest: &run.row.data_digest, preprocess };
     let given = options.given.read(&own)?.into_iter().map(Named::Given).collect();
     if options.perturbations.contains(&Perturbation::Light) && !preprocess.colour {

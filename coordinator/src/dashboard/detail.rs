@@ -20,7 +20,7 @@ pub fn detail(folder: &Path, overview: &Overview, run: Value) -> Result<String, 
     };
     let winner = finished
         .zip(overview.experiment())
-        .and_then(|(finished, experiment)| winner_of(experiment.space(), &finished.row));
+        .and_then(|(finished, experiment)| winner_of(experiment.space(), &finished.row).ok());
     let looks: Vec<Value> = results::read_looks(folder)?
         .into_iter()
         .map(|look| {

@@ -4,6 +4,7 @@ use axum::http::StatusCode;
 
 use crate::control::ControlError;
 use crate::examine::ExamineError;
+use crate::reopen::WinnerError;
 
 /// Why a dashboard cannot answer.
 #[derive(Debug, thiserror::Error)]
@@ -55,6 +56,14 @@ pub enum DashboardError {
     NoIndividual {
         /// The run.
         run: String,
+    },
+    /// The winner cannot be known.
+    #[error("{run}: {source}\nlook whether the run is sound: coordinator verify")]
+    Winner {
+        /// The run.
+        run: String,
+        /// What is wrong with it.
+        source: WinnerError,
     },
     /// No grid of the same search space is among the folders.
     #[error(

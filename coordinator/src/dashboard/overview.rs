@@ -177,7 +177,7 @@ impl Overview {
             "sweep": sweep, "member": if sweep.is_some() { base } else { None }, "state": self.state.name(),
             "started_ms": null, "finished_ms": null, "seconds": null, "generation": 0, "generations": null,
             "evaluations_computed": 0, "evaluations_remembered": 0, "workers": null, "best_error": null,
-            "validation_error": null, "test_error": null, "regret": null, "optimum_error": null,
+            "weighed_error": null, "validation_error": null, "test_error": null, "regret": null, "optimum_error": null,
             "seconds_left": null, "stop_reason": null, "verdict": [], "problem": null,
         });
         if let (Some(run), Value::Object(figures)) = (run.as_object_mut(), &self.figures) {
@@ -195,6 +195,7 @@ fn of_finished(Finished { run: FinishedRun { row, .. }, verdict }: &Finished) ->
         "seconds": row.seconds, "generation": row.generations, "generations": row.generations,
         "evaluations_computed": row.evaluations_computed, "evaluations_remembered": row.evaluations_remembered,
         "best_error": row.train.object_error(),
+        "weighed_error": row.weighted_train.map(|counts| counts.object_error()),
         "validation_error": row.validation.map(|counts| counts.object_error()),
         "test_error": row.test.map(|counts| counts.object_error()),
         "regret": row.regret(),

@@ -189,7 +189,8 @@ impl Shown {
         let missing = || DashboardError::NoIndividual { run: self.found.id.clone() };
         let values = match (which, results::read_run(folder)) {
             (Which::Best, Ok(finished)) => {
-                return winner_of(experiment.space(), &finished.row).ok_or_else(missing);
+                return winner_of(experiment.space(), &finished.row)
+                    .map_err(|source| DashboardError::Winner { run: self.found.id.clone(), source });
             }
             (Which::Best, Err(_)) => {
                 let (generation, individual) = lock(&self.feed).best().ok_or_else(missing)?;

@@ -30,8 +30,10 @@ pub use weigh::weigh;
 /// Which descriptor is taken away.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum DescriptorChoice {
-    /// The run's winner.
+    /// The run's winner, with weights for its values where it was weighed.
     Evolved,
+    /// The run's winner as the search has found it.
+    Searched,
     /// This point of the run's front, from 1.
     Point(u32),
     /// The paper's best chromosome, on the run's clouds.

@@ -13,7 +13,7 @@ use descriptor::pcd::{self, DataEncoding};
 use descriptor::recogniser::{ChosenSettings, LabelledClouds, LearnError, Method};
 use descriptor::{Descriptor, Family, Preprocess, SearchSpace, SetDistance, Signatures, ply, rgbd};
 use proto::Message;
-use results::{FinishedRun, PredictionRow, PredictionSplit, RunRow};
+use results::{FinishedRun, PredictionRow, PredictionSplit};
 
 use super::readme::{About, Origin};
 use super::reject::Reject;
@@ -24,7 +24,7 @@ use crate::dataset::Dataset;
 use crate::experiment::{Experiment, Overrides};
 use crate::front;
 use crate::reference_clouds::{ReferenceError, describe, labelled, read, sequences};
-use crate::reopen::{Reopened, reopen, winner_of};
+use crate::reopen::{Reopened, reopen, searched, winner_of};
 use crate::run::{Matching, choose_set, clouds, data_digest, sets};
 use crate::sweep;
 
@@ -64,7 +64,7 @@ pub fn export(
     refuse_occupied(out)?;
     let Chosen { mut finished, experiment, dataset, preprocess, descriptor } =
         choose(run, &which, data, ("export", storage))?;
-    if matches!(which, DescriptorChoice::Evolved | DescriptorChoice::Point(_)) {
+    if matches!(which, DescriptorChoice::Evolved | DescriptorChoice::Searched | DescriptorChoice::Point(_)) {
         of_family(run, experiment.space())?;
     }
     let dataset = choose_set("export", set, dataset).map_err(|error| ExportError::Run(Box::new(error)))?;
@@ -185,7 +185,10 @@ pub(super) fn choose(
     let mut preprocess = *experiment.preprocess();
     let descriptor = match which {
         DescriptorChoice::Evolved => {
-            winner_of(experiment.space(), &finished.row).ok_or_else(|| off_grid(run))?
+            winner_of(experiment.space(), &finished.row).map_err(|error| winner(error.to_string()))?
+        }
+        DescriptorChoice::Searched => {
+            searched(experiment.space(), &finished.row).map_err(|error| winner(error.to_string()))?
         }
         &DescriptorChoice::Point(number) => front::point(run, experiment.space(), number)?,
         DescriptorChoice::Paper => paper(preprocess.colour).map_err(winner)?,
@@ -211,16 +214,6 @@ fn learning(
     let objects: Vec<u32> = labels(&database.clouds).iter().map(|label| label.instance).collect();
     let sequences = sequences(dataset);
     ChosenSettings::new(method, &LabelledClouds { channels, objects: &objects }, &sequences)
-}
-
-/// The run's winner as the search has found it, without weights for its values.
-pub(super) fn searched(run: &Path, space: &SearchSpace, row: &RunRow) -> Result<Descriptor, ExportError> {
-    space.from_values(&row.best_genes).ok_or_else(|| off_grid(run))
-}
-
-fn off_grid(run: &Path) -> ExportError {
-    let what = "gene values must lie on the genes' grids, got others";
-    ExportError::Winner { run: run.to_owned(), what: what.to_owned() }
 }
 
 /// Refuses families that artefacts do not hold.

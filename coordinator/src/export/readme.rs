@@ -52,7 +52,7 @@ impl About<'_> {
         let (which, experiment) = match origin {
             Origin::Run { row, which, .. } => {
                 let which = match which {
-                    DescriptorChoice::Evolved => "The descriptor".to_owned(),
+                    DescriptorChoice::Evolved | DescriptorChoice::Searched => "The descriptor".to_owned(),
                     DescriptorChoice::Point(point) => {
                         format!("The descriptor that is point {point} of the front")
                     }

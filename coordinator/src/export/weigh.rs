@@ -6,7 +6,7 @@ use cache::Storage;
 use descriptor::Descriptor;
 use descriptor::structure::Structure;
 
-use super::of_run::{Chosen, choose, searched};
+use super::of_run::{Chosen, choose};
 use super::{DescriptorChoice, ExportError};
 use crate::run::choose_set;
 use crate::weighing::{TrainingClouds, file_text, teaching_sets};
@@ -40,11 +40,8 @@ pub fn weigh(
     if out.exists() {
         return Err(ExportError::FileExists { file: out.to_owned() });
     }
-    let Chosen { finished, experiment, dataset, preprocess, mut descriptor } =
+    let Chosen { finished, experiment, dataset, preprocess, descriptor } =
         choose(run, which, data, ("weigh", storage))?;
-    if *which == DescriptorChoice::Evolved {
-        descriptor = searched(run, experiment.space(), &finished.row)?;
-    }
     let Descriptor::Structure(structure) = &descriptor else {
         return Err(ExportError::NotStructure { run: run.to_owned(), got: descriptor.family() });
     };

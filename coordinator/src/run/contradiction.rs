@@ -19,7 +19,7 @@ pub fn remembered_wrongly(
     (held, source): (&Counts, &Source),
     computed: &Counts,
 ) -> RunError {
-    let [remembered, computed] = [held, computed].map(said);
+    let [remembered, computed] = [held, computed].map(counts_text);
     let provenances = cluster.provenances();
     let provenance = provenances.get(&tasks::descriptor_bytes(descriptor));
     let matching = name(matching);
@@ -50,7 +50,7 @@ pub fn contradicted(
     held: &Counts,
     computed: &Counts,
 ) -> RunError {
-    let [held, computed] = [held, computed].map(said);
+    let [held, computed] = [held, computed].map(counts_text);
     RunError::Disagreement { descriptor: descriptor.clone(), matching: name(matching), computed, held }
 }
 
@@ -62,7 +62,8 @@ fn name(matching: Matching) -> &'static str {
     }
 }
 
-fn said(counts: &Counts) -> String {
+/// In words.
+pub fn counts_text(counts: &Counts) -> String {
     let Counts { object_correct, category_correct, queries } = counts;
     format!("{object_correct} objects and {category_correct} categories of {queries}")
 }

@@ -34,7 +34,7 @@ use crate::run::{RunError, data_digest, front, rows, sets};
 use crate::session::Session;
 use crate::tasks;
 use crate::trace::Attribute;
-use crate::weighing::{TrainingClouds, WeighingError, file_text, teaching_sets};
+use crate::weighing::{TrainingClouds, file_text, teaching_sets};
 use cluster::{Client, ClusterError};
 use proto::task::{Evaluation, EvaluationResult};
 
@@ -169,7 +169,7 @@ impl RunDriver<'_> {
         };
         let run_digest = folder.write_run(&run)?.to_hex().to_string();
         Ok(Summary {
-            winner: winner_of(experiment.space(), &run),
+            winner: winner_of(experiment.space(), &run).ok(),
             run,
             run_digest,
             front,
@@ -277,12 +277,11 @@ async fn weighted(
     progress.say("weighing the values of the winner by the training clouds");
     let sets = teaching_sets(dataset, &experiment.set_weights(dataset));
     let (structure, preprocess) = (structure.clone(), *experiment.preprocess());
-    let weigh = move || -> Result<Structure, WeighingError> {
+    let weigh = move || -> Result<Structure, RunError> {
         Ok(TrainingClouds::describe(&sets, &preprocess, &structure)?.weigh(&structure)?)
     };
     let weighed = tokio::task::spawn_blocking(weigh).await;
-    let weighed = weighed.unwrap_or_else(|error| std::panic::resume_unwind(error.into_panic()));
-    Ok(Some(weighed?))
+    weighed.unwrap_or_else(|error| std::panic::resume_unwind(error.into_panic())).map(Some)
 }
 
 /// The experiment's search, at generation 1.

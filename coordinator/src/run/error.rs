@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 use cluster::ClusterError;
 use cluster::journal::{JOURNAL_FILE, JournalError};
+use descriptor::weigh::WeighError;
 use evolution::SettingsError;
 use transport::ListenError;
 
@@ -15,10 +16,10 @@ use crate::exhaust::grid::GridError;
 use crate::experiment::ExperimentError;
 use crate::in_process::InProcessError;
 use crate::observers::event_file::EventFileError;
+use crate::reference_clouds::ReferenceError;
 use crate::result_cache::Wrong;
 use crate::run::data::DataError;
 use crate::slurm::SlurmError;
-use crate::weighing::WeighingError;
 
 /// Why a run has no result.
 #[derive(Debug, thiserror::Error)]
@@ -257,7 +258,10 @@ pub enum RunError {
     },
     /// No values can be weighed.
     #[error("search.weigh: {0}")]
-    Weigh(#[from] WeighingError),
+    Weigh(#[from] WeighError),
+    /// A cloud that values are to be weighed by.
+    #[error(transparent)]
+    Reference(#[from] ReferenceError),
     /// No set has a part in the fitness.
     #[error("search.sets: must leave one set a weight above 0, got only zeros\nremove one of them")]
     NoWeight,

@@ -3,7 +3,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use descriptor::weigh::check_clouds;
 use proto::task::{Exclusion, Label};
 use results::Counts;
 
@@ -12,7 +11,7 @@ use crate::experiment::Experiment;
 use crate::fitness::{Measured, Part};
 use crate::run::RunError;
 use crate::run::matching::{Matching, TRAIN1, TRAIN2};
-use crate::run::sets::with_weight;
+use crate::weighing::{check_sets as check_teaching, teaching_sets};
 
 /// Refuses a fitness that cannot be computed on these clouds, and a search that would ask validation clouds where there are
 /// none; says in words which clouds the fitness leaves out of its counts.
@@ -33,7 +32,9 @@ pub fn check_fitness(experiment: &Experiment, dataset: &Dataset) -> Result<Vec<S
         let (count, first) = (missing.count, missing.first);
         return Err(RunError::NoSequences { count, first });
     }
-    check_weights(experiment, dataset)?;
+    if experiment.weighs() {
+        check_teaching(&teaching_sets(dataset, &weights))?;
+    }
     let mut notes = Vec::new();
     for (protocol, _) in fitness.protocols() {
         for part in fitness.of_protocol(protocol).parts(Matching::Train) {
@@ -81,27 +82,6 @@ fn check_sets(experiment: &Experiment, dataset: &Dataset) -> Result<(), RunError
         }
     }
     Ok(())
-}
-
-/// Refuses to weigh values where no set with a weight teaches how.
-fn check_weights(experiment: &Experiment, dataset: &Dataset) -> Result<(), RunError> {
-    if !experiment.weighs() {
-        return Ok(());
-    }
-    let clouds = &dataset.clouds;
-    let mut refused = None;
-    for set in with_weight(&experiment.set_weights(dataset)) {
-        let of_set =
-            [TRAIN1, TRAIN2].iter().flat_map(|&split| clouds.of_set(dataset.splits.all()[split], set));
-        let shown = of_set.map(|index| &clouds.entries[index as usize]);
-        let (objects, sequences): (Vec<u32>, Vec<Option<u32>>) =
-            shown.map(|cloud| (cloud.instance, cloud.sequence)).unzip();
-        match check_clouds(&objects, &sequences) {
-            Ok(()) => return Ok(()),
-            Err(why) => refused = Some(why),
-        }
-    }
-    refused.map_or(Ok(()), |why| Err(RunError::Weigh(why.into())))
 }
 
 /// The counts of a descriptor that recognises nothing.

@@ -50,6 +50,7 @@ use crate::slurm::SlurmWorkers;
 use transport::{Listener, Port};
 
 use bounds::bounds;
+pub use contradiction::counts_text;
 pub use data::{DataError, open_data, write_synthetic};
 pub use directory::folder;
 use directory::{claim, difference, refuse_another};
@@ -241,7 +242,7 @@ pub fn finished(out: &Path, experiment: &Experiment) -> Result<Option<Summary>, 
     let space = experiment.space();
     let searched = space.from_values(&run.best_genes);
     Ok(Some(Summary {
-        winner: winner_of(space, &run),
+        winner: winner_of(space, &run).ok(),
         run,
         run_digest,
         front: results::read_front(out)?,

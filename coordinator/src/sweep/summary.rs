@@ -14,6 +14,9 @@ use crate::run::summary::Summary;
 /// Digits of a run digest that tell a sweep's runs apart at a glance; `verify` and the tables have all.
 const DIGEST: usize = 8;
 
+/// Place of the column of training errors with weights, where a member has weighed.
+const WEIGHED: usize = 4;
+
 /// What a finished sweep amounts to.
 #[derive(Clone, Debug)]
 pub struct SweepSummary {
@@ -26,12 +29,16 @@ pub struct SweepSummary {
 impl SweepSummary {
     /// The result table, a line a member, and what its seeds say together. Errors are those of objects.
     pub fn text(&self) -> String {
-        let title = ["run", "generations", "train", "validation", "test", "seconds", "digest"];
-        let mut rows = vec![title.map(str::to_owned).to_vec()];
+        let weighs = self.summaries.iter().any(|(_, one)| one.run.weighted_train.is_some());
+        let mut title = vec!["run", "generations", "train", "validation", "test", "seconds", "digest"];
+        if weighs {
+            title.insert(WEIGHED, "train weighed");
+        }
+        let mut rows = vec![title.into_iter().map(str::to_owned).collect()];
         let error =
             |counts: Option<Counts>| counts.map_or("-".to_owned(), |counts| percent(counts.object_error()));
         rows.extend(self.summaries.iter().map(|(name, Summary { run, run_digest, .. })| {
-            vec![
+            let mut row = vec![
                 name.clone(),
                 run.generations.to_string(),
                 error(Some(run.train)),
@@ -39,7 +46,11 @@ impl SweepSummary {
                 error(run.test),
                 format!("{:.1}", run.seconds),
                 run_digest.get(..DIGEST).unwrap_or(run_digest).to_owned(),
-            ]
+            ];
+            if weighs {
+                row.insert(WEIGHED, error(run.weighted_train));
+            }
+            row
         }));
         let mut text = table(&rows);
         for (variant, sentences) in verdicts(&self.seeds()) {

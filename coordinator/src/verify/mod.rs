@@ -15,7 +15,7 @@ use cache::Store;
 use descriptor::{Descriptor, random};
 use proto::Principal;
 use rand::RngExt as _;
-use results::{EvaluationRow, WorkerRow};
+use results::{Counts, EvaluationRow, WorkerRow};
 
 use crate::console::Console;
 use crate::console::say;
@@ -23,7 +23,7 @@ use crate::experiment::{LocalWorkers, Overrides};
 use crate::fitness::Measured;
 use crate::reopen::{ReopenError, Reopened, reopen};
 use crate::result_cache::{Remembered, Wrong, finished_runs, forget};
-use crate::run::{Matching, RunError, clouds, data_digest, nothing_recognised};
+use crate::run::{Matching, RunError, clouds, counts_text, data_digest, nothing_recognised};
 use crate::session::Session;
 use crate::signing::PublicKey;
 
@@ -185,8 +185,9 @@ pub async fn verify(
     };
     let (measured, of_weighted) = session.perform(&Console::default(), None, recomputed).await?;
     if of_weighted != finished.row.weighted_train {
-        let (expected, got) = (of_weighted, finished.row.weighted_train);
-        verdict.problems.push(format!("run: weighted_train: expected {expected:?}, got {got:?}"));
+        let text = |counts: Option<Counts>| counts.as_ref().map_or_else(|| "none".to_owned(), counts_text);
+        let (expected, got) = (text(of_weighted), text(finished.row.weighted_train));
+        verdict.problems.push(format!("run: weighted_train: expected {expected}, got {got}"));
     }
     verdict.recomputed = measured.len();
     let nothing = nothing_recognised(&experiment, &dataset, Matching::Train);
@@ -218,14 +219,11 @@ pub async fn verify(
         }
         if row.counts != counts {
             verdict.problems.push(format!(
-                "evaluations, generation {}, individual {}: expected {} objects and {} categories of {}, got {} and {}",
+                "evaluations, generation {}, individual {}: expected {}, got {}",
                 row.generation,
                 row.individual,
-                counts.object_correct,
-                counts.category_correct,
-                counts.queries,
-                row.counts.object_correct,
-                row.counts.category_correct
+                counts_text(&counts),
+                counts_text(&row.counts)
             ));
         }
     }

@@ -1,11 +1,14 @@
 //! Weights of a winner's values, learned again from the training clouds.
 
 use descriptor::Descriptor;
+use descriptor::structure::{Structure, StructureChannel};
 use results::RunRow;
 
 use crate::dataset::Dataset;
 use crate::experiment::Experiment;
-use crate::weighing::{TrainingClouds, WeighingError, file_text, teaching_sets};
+use crate::reference_clouds::ReferenceError;
+use crate::reopen::{searched, weighted_structure};
+use crate::weighing::{TrainingClouds, teaching_sets};
 
 /// What was found.
 #[derive(Debug, Default)]
@@ -16,29 +19,98 @@ pub(super) struct Found {
     pub problem: Option<String>,
 }
 
+impl Found {
+    fn problem(expected: &str, got: &str) -> Self {
+        let problem = Some(format!("run: weighted_winner: expected {expected}, got {got}"));
+        Self { winner: None, problem }
+    }
+}
+
 /// Compares the weighted winner of a run with one that is weighed again.
+///
+/// # Errors
+/// If the training clouds cannot be described: then nothing is known.
 pub(super) fn check(
     experiment: &Experiment,
     dataset: &Dataset,
     row: &RunRow,
-) -> Result<Found, WeighingError> {
-    let searched = experiment.space().from_values(&row.best_genes);
-    let Some(Descriptor::Structure(structure)) = searched.filter(|_| experiment.weighs()) else {
-        let problem = row.weighted_winner.is_some();
-        let told = || "run: weighted_winner: expected none, as nothing was to be weighed, got one".to_owned();
-        return Ok(Found { winner: None, problem: problem.then(told) });
+) -> Result<Found, ReferenceError> {
+    let recorded = row.weighted_winner.as_deref();
+    if !experiment.weighs() {
+        let unasked = || Found::problem("none, as the experiment does not weigh", "one");
+        return Ok(recorded.map(|_| unasked()).unwrap_or_default());
+    }
+    let structure = match searched(experiment.space(), row) {
+        Ok(Descriptor::Structure(structure)) => structure,
+        Ok(other) => return Ok(Found::problem("the weights of a structure", &other.to_string())),
+        Err(error) => return Ok(Found { winner: None, problem: Some(format!("run: winner: {error}")) }),
     };
     let sets = teaching_sets(dataset, &experiment.set_weights(dataset));
     let clouds = TrainingClouds::describe(&sets, experiment.preprocess(), &structure)?;
-    let weighted = clouds.weigh(&structure)?;
-    let text = file_text(&weighted);
-    let problem = match &row.weighted_winner {
-        Some(recorded) if *recorded == text => None,
-        recorded => {
-            let expected = Descriptor::Structure(weighted.clone()).parameters();
-            let got = recorded.as_deref().map_or("none", |_| "a file with others");
-            Some(format!("run: weighted_winner: expected weights of {expected}, got {got}"))
-        }
+    let weighted = match clouds.weigh(&structure) {
+        Ok(weighted) => weighted,
+        Err(error) => return Ok(Found::problem("weights that can be learned", &error.to_string())),
     };
+    let problem = match recorded.map(weighted_structure) {
+        None => Some("expected one, got none".to_owned()),
+        Some(None) => Some("expected a structure, got something else".to_owned()),
+        Some(Some(recorded)) => difference(&weighted, &recorded),
+    };
+    let problem = problem.map(|problem| format!("run: weighted_winner: {problem}"));
     Ok(Found { winner: Some(Descriptor::Structure(weighted)), problem })
+}
+
+/// In what a structure is another one than expected: the first thing, if there are several.
+fn difference(expected: &Structure, got: &Structure) -> Option<String> {
+    let counts = [expected, got].map(|structure| structure.channels.len());
+    if counts[0] != counts[1] {
+        return Some(format!("expected {} channels, got {}", counts[0], counts[1]));
+    }
+    let (number, (expected, got)) = (1..)
+        .zip(expected.channels.iter().zip(&got.channels))
+        .find(|(_, (expected, got))| expected != got)?;
+    let place = format!("channel {number}");
+    let values = expected.channel.values() as usize;
+    for value in 0..values {
+        let [expected, got] = [&expected.channel, &got.channel].map(|channel| weight_of(channel, value));
+        if expected != got {
+            let number = value + 1;
+            return Some(format!("{place}: weight of value {number}: expected {expected}, got {got}"));
+        }
+    }
+    let [expected, got] = [expected, got].map(|one| format!("{}, weight {}", one.channel, one.weight()));
+    Some(format!("{place}: expected {expected}, got {got}"))
+}
+
+/// How much a value counts: in full where the channel says nothing.
+fn weight_of(channel: &StructureChannel, value: usize) -> f64 {
+    let weight = channel.value_weights.get(value).copied().unwrap_or(StructureChannel::FULL);
+    f64::from(weight) / f64::from(StructureChannel::FULL)
+}
+
+#[cfg(test)]
+mod tests {
+    use descriptor::structure::{Structure, StructureFile};
+
+    use super::*;
+
+    fn structure(channel: &str) -> Structure {
+        let text = format!("[[channel]]\npairs = \"cloud\"\nfeatures = [\"d 2\"]\nradius_cm = 9\n{channel}");
+        toml::from_str::<StructureFile>(&text).unwrap().structure().unwrap()
+    }
+
+    #[test]
+    fn the_first_difference_is_named() {
+        let plain = "weight = 1.0\n";
+        let weighted = "weight = 1.0\nvalue_weights = [1, 0.5]\n";
+        let told = |expected, got| difference(&structure(expected), &structure(got));
+        assert_eq!(told(weighted, weighted), None);
+        let of_value = "channel 1: weight of value 2: expected 0.5, got 1";
+        assert_eq!(told(weighted, plain).as_deref(), Some(of_value));
+        let of_channel = told(plain, "weight = 0.25\n").unwrap();
+        assert!(of_channel.starts_with("channel 1: expected ") && of_channel.ends_with(", weight 0.25"));
+        let mut two = structure(plain);
+        two.channels.extend(structure(plain).channels);
+        assert_eq!(difference(&structure(plain), &two).as_deref(), Some("expected 1 channels, got 2"));
+    }
 }

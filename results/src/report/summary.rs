@@ -107,7 +107,7 @@ pub(crate) fn errors(run: &FinishedRun) -> TableBlock {
     let row = &run.row;
     let mut splits = vec![("training", Some(row.train)), ("validation", row.validation), ("test", row.test)];
     if row.weighted_train.is_some() {
-        splits.insert(2, ("training, values weighed", row.weighted_train));
+        splits.insert(2, ("training, weighed", row.weighted_train));
     }
     let row = |(split, counts): (&str, Option<Counts>)| {
         let Some(counts) = counts else {

@@ -143,6 +143,34 @@ fn a_finished_run_is_told_as_its_tables_have_it() {
     assert_eq!(results::verify(&run).unwrap().problems.len(), 0);
 }
 
+/// Validation clouds are asked before values are weighed, test clouds after.
+#[test]
+fn answers_of_a_run_that_weighs_are_explained_by_the_descriptor_that_gave_them() {
+    let experiment = Experiment::new(
+        "[search]\nweigh = true\n[search.fitness]\nsplit = 1\nmargin = false\n[ga]\npopulation = 8\n\
+         [stop]\ngenerations = 2\n[descriptor]\nfamily = \"structure\"\nmax_bins = 300\n",
+    );
+    experiment.run("results/run", &[]).expect_success();
+    let run = experiment.folder().join("results/run");
+    let row = results::read_run(&run).unwrap().row;
+    let (_program, at) = dashboard(&experiment, &experiment.path("results"));
+    let winner = format!("&generation={}&individual={}", row.winner_generation, row.winner_individual);
+    for (split, by) in
+        [(results::PredictionSplit::Validation, winner.as_str()), (results::PredictionSplit::Test, "")]
+    {
+        let answers = results::read_predictions(&run, split).unwrap();
+        assert!(answers.len() > 10);
+        for answer in answers {
+            let (query, nearest) = (&answer.cloud, &answer.nearest_cloud);
+            let told = get(&at, &format!("/api/explain?id=run&query={query}&answer={nearest}{by}")).json();
+            let distance = told["answer_distance"].as_f64().unwrap();
+            assert!((distance - answer.distance).abs() < 1e-9, "{split:?}: {told} for {}", answer.distance);
+        }
+    }
+    let told = get(&at, "/api/runs").json();
+    assert_eq!(told["runs"][0]["weighed_error"], json!(row.weighted_train.unwrap().object_error()));
+}
+
 #[test]
 fn what_comes_from_elsewhere_or_makes_no_sense_is_refused() {
     let demo = run_demo();

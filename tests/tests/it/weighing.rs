@@ -148,7 +148,7 @@ fn a_run_weighs_its_winner_as_weigh_does_and_is_tested_with_the_weights() {
     let page = experiment.path("report.html");
     run("coordinator", ["report", &out, "--out", &page]).expect_success();
     let html = fs::read_to_string(page).unwrap();
-    assert!(html.contains("values weighted") && html.contains("training, values weighed"));
+    assert!(html.contains("values weighted") && html.contains("training, weighed"));
     let artefact = experiment.path("artefact");
     run("coordinator", ["export", &out, &artefact]).expect_success();
     assert!(fs::read_to_string(format!("{artefact}/descriptor.toml")).unwrap().contains("value_weights"));
@@ -195,6 +195,38 @@ fn a_run_that_weighs_has_one_digest_whoever_works_and_wherever_it_was_killed() {
         row.weighted_winner.is_some()
     };
     assert!(!weighed("plain") && weighed("weighed"), "{swept}");
+    let shown = run("coordinator", sweep.run_args("out", &[]).iter().filter(|arg| *arg != "--json"));
+    let shown = shown.expect_success().stdout;
+    // A name stands above its line where both are too wide.
+    let cells = |name: &str| -> Vec<&str> {
+        let mut lines = shown.lines().skip_while(|line| *line != name).skip(1);
+        lines.next().unwrap_or_default().split("  ").map(str::trim).filter(|cell| !cell.is_empty()).collect()
+    };
+    let place = cells("run").iter().position(|title| *title == "train weighed");
+    let place = place.unwrap_or_else(|| panic!("{shown}"));
+    assert_eq!(cells("plain")[place], "-", "{shown}");
+    assert!(cells("weighed")[place].ends_with(" %"), "{shown}");
+}
+
+/// Writes the row of a finished run again, with digests that fit: as if it was honest but for what is changed.
+fn forge(out: &str, change: impl FnOnce(&mut results::RunRow)) -> Result<(), results::Error> {
+    let results::FinishedRun { mut row, genes, .. } = results::read_run(out).unwrap();
+    change(&mut row);
+    let file = format!("{out}/run/run.parquet");
+    let kept = fs::read(&file).unwrap();
+    fs::remove_file(&file).unwrap();
+    let written = results::RunFolder::create(out, &genes).unwrap().write_run(&row);
+    if written.is_err() {
+        fs::write(&file, kept).unwrap();
+    }
+    written.map(|_| ())
+}
+
+#[track_caller]
+fn not_sound(out: &str, complaint: &str) {
+    run("coordinator", ["verify", out, "--sample", "0"]).expect_success();
+    let verified = run("coordinator", ["verify", out, "--sample", "1"]).expect_error();
+    assert!(verified.stdout.contains(complaint) && verified.stdout.contains("NOT sound"), "{verified}");
 }
 
 #[test]
@@ -202,22 +234,78 @@ fn weights_that_the_clouds_do_not_teach_are_found_by_verify() {
     let experiment = weighing();
     experiment.run("out", &[]).expect_success();
     let out = experiment.path("out");
-    let results::FinishedRun { mut row, genes, .. } = results::read_run(&out).unwrap();
-    let text = row.weighted_winner.take().unwrap();
+    let honest = results::read_run(&out).unwrap().row;
+    let text = honest.weighted_winner.clone().unwrap();
+
     let (before, rest) = text.split_once("value_weights = [").unwrap();
-    let (first, rest) = rest.split_once(',').unwrap();
-    let other = if first.trim() == "1.0" { "0.5" } else { "1.0" };
-    row.weighted_winner = Some(format!("{before}value_weights = [{other},{rest}"));
-    // Written as a run that is honest but for this, with digests that fit.
-    fs::remove_file(format!("{out}/run/run.parquet")).unwrap();
-    results::RunFolder::create(&out, &genes).unwrap().write_run(&row).unwrap();
-    run("coordinator", ["verify", &out, "--sample", "0"]).expect_success();
-    let verified = run("coordinator", ["verify", &out, "--sample", "1"]).expect_error();
-    assert!(
-        verified.stdout.contains("run: weighted_winner: expected weights of ")
-            && verified.stdout.contains("NOT sound"),
-        "{verified}"
-    );
+    let (weights, after) = rest.split_once(']').unwrap();
+    let mut weights: Vec<f64> = weights.split(',').filter_map(|weight| weight.trim().parse().ok()).collect();
+    // Not the largest, which must be 1.
+    let place = weights.iter().position(|&weight| weight < 1.0).unwrap();
+    weights[place] = if weights[place] < 0.5 { 0.5 } else { 0.25 };
+    let other = format!("{before}value_weights = {weights:?}{after}");
+    forge(&out, |row| row.weighted_winner = Some(other)).unwrap();
+    not_sound(&out, &format!("weight of value {}: expected ", place + 1));
+
+    let right = honest.weighted_train.unwrap();
+    let mut counts = right;
+    counts.object_correct -= 1;
+    forge(&out, |row| (row.weighted_winner, row.weighted_train) = (Some(text.clone()), Some(counts)))
+        .unwrap();
+    let said = |objects: u32| format!("{objects} objects and ");
+    not_sound(&out, &format!("run: weighted_train: expected {}", said(right.object_correct)));
+
+    forge(&out, |row| row.weighted_train = Some(right)).unwrap();
+    run("coordinator", ["verify", &out, "--sample", "1"]).expect_success();
+    // Neither without the other, nor of other clouds.
+    forge(&out, |row| row.weighted_train = None).unwrap_err();
+    forge(&out, |row| row.weighted_winner = None).unwrap_err();
+    counts.queries += 1;
+    forge(&out, |row| row.weighted_train = Some(counts)).unwrap_err();
+    forge(&out, |row| (row.weighted_winner, row.weighted_train) = (None, None)).unwrap();
+    not_sound(&out, "run: weighted_winner: expected one, got none");
+}
+
+/// Whoever takes the winner says what is wrong with it.
+#[test]
+fn weights_of_another_structure_are_no_winner() {
+    let experiment = weighing();
+    experiment.run("out", &[]).expect_success();
+    let out = experiment.path("out");
+    let text = results::read_run(&out).unwrap().row.weighted_winner.unwrap();
+    let one = "[[channel]]\npairs = \"cloud\"\nfeatures = [\"d 2\"]\nradius_cm = 9\nweight = 1.0\n";
+    let rescaled = text.replacen("\nweight = ", "\nscale = \"none\"\nweight = ", 1);
+    for forged in [one.to_owned(), rescaled, "no structure".to_owned()] {
+        forge(&out, |row| row.weighted_winner = Some(forged)).unwrap();
+        let complaint = "weighted_winner must be the structure of the best genes with weights for its values";
+        let (artefact, page) = (experiment.path("artefact"), experiment.path("report.html"));
+        refused(run("coordinator", ["export", &out, &artefact]), complaint);
+        refused(run("coordinator", ["compare", &out, "--listen", "127.0.0.1:0"]), complaint);
+        run("coordinator", ["report", &out, "--out", &page]).expect_success();
+        assert!(fs::read_to_string(&page).unwrap().contains(complaint));
+        not_sound(&out, "run: weighted_winner: ");
+    }
+}
+
+/// Whatever searched.
+#[test]
+fn winners_of_every_kind_of_search_are_weighed() {
+    let by = |more: &str| format!("[descriptor]\nfamily = \"structure\"\nmax_bins = 300\n{more}");
+    let search = "[ga]\npopulation = 8\n[stop]\ngenerations = 3\n[search]\nweigh = true\n";
+    for (settings, args) in [
+        (by(&format!("members = 2\n{search}")), &[][..]),
+        (by(&format!("{search}method = \"nsga2\"\nobjectives = [\"error\", \"size\"]\n")), &[]),
+        (by(&format!("{search}winner = \"validation\"\n")), &[]),
+        (by(search), &["--control"]),
+    ] {
+        let experiment = Experiment::new(&settings);
+        let finished = experiment.run("out", args).expect_success();
+        let out = experiment.path("out");
+        let row = results::read_run(&out).unwrap().row;
+        assert_eq!(row.weighted_train.unwrap().queries, row.train.queries, "{settings}{finished}");
+        let verified = run("coordinator", ["verify", &out, "--sample", "1"]).expect_success();
+        assert!(verified.stdout.ends_with(", weights of the winner's values learned again\n"), "{verified}");
+    }
 }
 
 /// Shares of two bins differ by as much: neither tells more, the winner stays as it was, and is weighed all the same.

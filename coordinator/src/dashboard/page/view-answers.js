@@ -64,7 +64,10 @@ function create(root, context) {
       open();
     },
   });
-  const explain = (row) => explainedBy(chosen(), row, (more) => api.get('/api/explain', { id: run(), ...more }));
+  const explain = (row) => {
+    const { generation, individual } = searched(chosen()) ?? {};
+    return explainedBy(chosen(), row, (more) => api.get('/api/explain', { id: run(), generation, individual, ...more }));
+  };
   const triple = createTriple({ load: (path) => load(run(), path), explain });
   const title = h('h2', { tabindex: '-1', class: 'answer-title' });
   const place = h('span', { class: 'muted' });
@@ -124,6 +127,11 @@ function create(root, context) {
   function chosen() {
     const wanted = state.get('of');
     return choices().includes(wanted) ? wanted : (choices()[0] ?? null);
+  }
+
+  /** The individual that gave answers on validation clouds: the winner before its values were weighed. */
+  function searched(what) {
+    return what === 'validation' ? (store.detail?.winner ?? null) : null;
   }
 
   async function fetchAnswers() {
@@ -192,7 +200,9 @@ function create(root, context) {
     const [at, all] = list.position();
     place.textContent = row ? `${at + 1} of ${all} wrong` : '';
     compare.hidden = row === null;
-    compare.onclick = () => context.navigate('descriptor', { first: row.cloud, second: row.nearest });
+    const by = searched(what);
+    const selected = by ? `${by.generation}.${by.individual}` : null;
+    compare.onclick = () => context.navigate('descriptor', { first: row.cloud, second: row.nearest, selected });
     steps[0].disabled = at <= 0;
     steps[1].disabled = at >= all - 1;
     const ask = row !== null && what !== 'validation' && !mayLook(run());

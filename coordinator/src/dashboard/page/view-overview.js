@@ -6,7 +6,7 @@ import { FRONT_COLUMNS } from './front.js';
 import { count, moment, number, percent } from './format.js';
 import { plainTable } from './table.js';
 
-const SPLITS = { train: 'training', validation: 'validation', 'train weighed': 'weighed training', test: 'test' };
+const SPLITS = { train: 'training', validation: 'validation', 'train weighed': 'training, weighed', test: 'test' };
 
 function panel(title, ...children) {
   return h('section', { class: 'panel' }, h('h2', null, title), ...children);

@@ -102,7 +102,8 @@ export const view = {
           title: 'Training error',
           number: true,
           value: (run) => run.best_error,
-          text: (run) => percent(run.best_error),
+          text: (run) =>
+            percent(run.best_error) + (Number.isFinite(run.weighed_error) ? `, weighed ${percent(run.weighed_error)}` : ''),
         },
         {
           id: 'validation',

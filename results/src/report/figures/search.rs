@@ -64,12 +64,11 @@ pub(crate) fn convergence(
         if let Some(test) = run.row.test {
             let error = percent(test.object_error());
             seen.push(error);
-            series.push(Series::dashed(
-                "winner on the test clouds",
-                Colour::Black,
-                Dash::Solid,
-                across(error),
-            ));
+            let asked = match run.row.weighted_train {
+                Some(_) => "winner on the test clouds, weighed",
+                None => "winner on the test clouds",
+            };
+            series.push(Series::dashed(asked, Colour::Black, Dash::Solid, across(error)));
         }
     }
     if let Some(default) = default {
