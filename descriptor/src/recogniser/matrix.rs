@@ -17,6 +17,7 @@ const LANES: usize = 8;
 
 /// Σ aᵢ·bᵢ. Eight sums, of every eighth product each, are added up in a fixed order: whatever vectors the processor has,
 /// the bits are the same.
+#[inline(always)]
 pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     let ([a_blocks, b_blocks], [a_rest, b_rest]) = {
         let ((a, a_rest), (b, b_rest)) = (a.as_chunks::<LANES>(), b.as_chunks::<LANES>());

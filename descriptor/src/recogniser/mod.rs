@@ -28,6 +28,7 @@ use kernel_ridge::KernelRidge;
 pub use kernel_ridge::{KernelRidgeSettings, MAX_CLOUDS};
 pub use learn::{LabelledClouds, LearnedRecogniser};
 pub use matrix::Matrix;
+pub(crate) use matrix::dot;
 use projection::{Components, Projection};
 pub use projection::{MAX_COMPONENTS, ProjectionSettings, Reference};
 pub use reject::{Calibration, CrossAnswers, RejectError, RejectRule};

@@ -1,0 +1,214 @@
+//! Neighbourhood components analysis (Goldberger, Roweis, Hinton and Salakhutdinov, 2004) with a weight for each value: how
+//! likely a cloud is recognised by its object rises with the weights that are found.
+
+use pulp::NullaryFnOnce;
+use rayon::prelude::*;
+
+use super::LabelledSet;
+use super::values::{Compared, Values};
+use crate::recogniser::dot;
+use crate::wide::widest;
+
+/// Distance at which likelihoods fall by e, in mean distances of a cloud to the nearest of its object.
+const WIDTH: f64 = 0.5;
+/// What it costs that the square root of a factor is not 1, times its squared difference.
+const RIDGE: f64 = 0.25;
+/// Steps of Adam (Kingma and Ba, 2015), with the decay rates and the small number that its authors name. So many that
+/// more of them change little.
+const STEPS: usize = 150;
+/// How far a step goes at most, about.
+const LEARNING_RATE: f64 = 0.03;
+const DECAY: [f64; 2] = [0.9, 0.999];
+const SMALL: f64 = 1e-8;
+/// Clouds whose gradients are added up by one thread. Fixed, because another number would give other sums.
+const BLOCK: usize = 16;
+
+/// Clouds of a set with what they are compared with.
+struct Neighbourhood {
+    values: Values,
+    compared: Vec<Compared>,
+    /// Distance at which a likelihood falls by e; above 0.
+    width: f64,
+    /// How much a cloud counts.
+    share: f64,
+}
+
+/// What weights are multiplied by, so that the sum over the clouds of −ln p becomes small: p is the share of a cloud's object
+/// in the sum of exp(−d / t) over those that it is compared with, t half of the mean distance to the nearest of the same
+/// object. Of several sets, each has the share of its weight, as if it had as many clouds as the smallest.
+/// A ridge keeps factors s² near 1: a quarter of Σ (s − 1)².
+pub fn factors(sets: &[&LabelledSet<'_>], weights: &[f64]) -> Vec<f64> {
+    let neighbourhoods = neighbourhoods(sets, weights);
+    let mut roots = vec![1.0; weights.len()];
+    let [mut mean, mut square] = [vec![0.0; weights.len()], vec![0.0; weights.len()]];
+    let [mut mean_rate, mut square_rate] = [1.0, 1.0];
+    for _ in 0..STEPS {
+        let gradient = gradient(&neighbourhoods, &roots);
+        mean_rate *= DECAY[0];
+        square_rate *= DECAY[1];
+        for (value, gradient) in gradient.into_iter().enumerate() {
+            mean[value] = DECAY[0] * mean[value] + (1.0 - DECAY[0]) * gradient;
+            square[value] = DECAY[1] * square[value] + (1.0 - DECAY[1]) * gradient * gradient;
+            let size = (square[value] / (1.0 - square_rate)).sqrt() + SMALL;
+            roots[value] -= LEARNING_RATE * (mean[value] / (1.0 - mean_rate)) / size;
+            // A root and its negative are one factor.
+            roots[value] = roots[value].max(0.0);
+        }
+    }
+    roots.into_iter().map(|root| root * root).collect()
+}
+
+fn neighbourhoods(sets: &[&LabelledSet<'_>], weights: &[f64]) -> Vec<Neighbourhood> {
+    let of_set = |set: &&LabelledSet<'_>| {
+        let values = Values::new(set, weights);
+        let compared = values.compared(set);
+        (values, compared, f64::from(set.weight))
+    };
+    let found: Vec<_> = sets.iter().map(of_set).collect();
+    let smallest = found.iter().map(|(_, compared, _)| compared.len()).min().unwrap_or_default() as f64;
+    let all: f64 = found.iter().map(|(.., weight)| weight).sum();
+    let neighbourhood = |(values, compared, weight): (Values, Vec<Compared>, f64)| {
+        let share = smallest / compared.len() as f64 * (weight / all);
+        let mut terms = vec![0.0; values.width()];
+        let mut nearest = |one: &Compared| {
+            values.terms(one.cloud, one.same[0], &mut terms);
+            terms.iter().sum::<f64>()
+        };
+        let width = WIDTH * compared.iter().map(&mut nearest).sum::<f64>() / compared.len() as f64;
+        Neighbourhood { values, compared, width, share }
+    };
+    // Where objects look the same in all sequences, nothing is to be gained.
+    found.into_iter().map(neighbourhood).filter(|one| one.width > 0.0).collect()
+}
+
+/// Of what is to be small, by the square roots of the factors.
+fn gradient(neighbourhoods: &[Neighbourhood], roots: &[f64]) -> Vec<f64> {
+    let factors: Vec<f64> = roots.iter().map(|root| root * root).collect();
+    let mut all = vec![0.0; roots.len()];
+    for one in neighbourhoods {
+        let blocks = one.compared.par_chunks(BLOCK);
+        let of_block = |compared| widest(Block { neighbourhood: one, compared, factors: &factors });
+        let blocks: Vec<Vec<f64>> = blocks.map(of_block).collect();
+        // In the order of the clouds.
+        for of_block in blocks {
+            all.iter_mut().zip(of_block).for_each(|(all, gradient)| *all += one.share * gradient);
+        }
+    }
+    let with_ridge = |(gradient, root): (&f64, &f64)| 2.0 * root * gradient + 2.0 * RIDGE * (root - 1.0);
+    all.iter().zip(roots).map(with_ridge).collect()
+}
+
+/// The kernel of the gradient of −ln p by the factors, summed over some clouds.
+struct Block<'a> {
+    neighbourhood: &'a Neighbourhood,
+    compared: &'a [Compared],
+    factors: &'a [f64],
+}
+
+impl NullaryFnOnce for Block<'_> {
+    type Output = Vec<f64>;
+
+    #[inline(always)]
+    fn call(self) -> Vec<f64> {
+        let Self { neighbourhood: Neighbourhood { values, width, .. }, compared, factors } = self;
+        let mut gradient = vec![0.0; values.width()];
+        let (mut terms, mut distances) = (Vec::new(), Vec::new());
+        for Compared { cloud, same, others } in compared {
+            terms.resize((same.len() + others.len()) * values.width(), 0.0);
+            distances.clear();
+            for (&other, terms) in same.iter().chain(others).zip(terms.chunks_exact_mut(values.width())) {
+                values.terms(*cloud, other, terms);
+                distances.push(dot(terms, factors) / width);
+            }
+            let of_all = shares(&distances);
+            let of_same = shares(&distances[..same.len()]);
+            for (place, terms) in terms.chunks_exact(values.width()).enumerate() {
+                // d(−ln p) by the distance.
+                let of_same = of_same.get(place).copied().unwrap_or_default();
+                let slope = (of_same - of_all[place]) / width;
+                gradient.iter_mut().zip(terms).for_each(|(gradient, term)| *gradient += slope * term);
+            }
+        }
+        gradient
+    }
+}
+
+/// The share of each exp(−d) in their sum.
+fn shares(distances: &[f64]) -> Vec<f64> {
+    let least = distances.iter().copied().fold(f64::INFINITY, f64::min);
+    let mut shares: Vec<f64> = distances.iter().map(|distance| libm::exp(least - distance)).collect();
+    let all: f64 = shares.iter().sum();
+    shares.iter_mut().for_each(|share| *share /= all);
+    shares
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing;
+    use super::*;
+
+    /// What is to be small, from its definition.
+    fn loss(neighbourhoods: &[Neighbourhood], roots: &[f64]) -> f64 {
+        let ridge: f64 = roots.iter().map(|root| RIDGE * (root - 1.0) * (root - 1.0)).sum();
+        let of_set = |one: &Neighbourhood| {
+            let likelihood = |cloud: usize, other: &usize| {
+                let mut terms = vec![0.0; roots.len()];
+                one.values.terms(cloud, *other, &mut terms);
+                let distance: f64 = terms.iter().zip(roots).map(|(term, root)| term * root * root).sum();
+                libm::exp(-distance / one.width)
+            };
+            let of_cloud = |compared: &Compared| {
+                let sum = |of: &[usize]| of.iter().map(|it| likelihood(compared.cloud, it)).sum::<f64>();
+                let same = sum(&compared.same);
+                -libm::log(same / (same + sum(&compared.others)))
+            };
+            one.share * one.compared.iter().map(of_cloud).sum::<f64>()
+        };
+        ridge + neighbourhoods.iter().map(of_set).sum::<f64>()
+    }
+
+    #[test]
+    fn the_gradient_is_that_of_the_definition_and_steps_lead_down_it() {
+        for metric in crate::SetDistance::ALL {
+            let sample = testing::Sample::new(48);
+            let channels = sample.channels(metric);
+            let sets = [sample.set(&channels, 1), sample.set(&channels, 3)];
+            let weights: Vec<f64> = (0..7).map(|value| 0.5 + 0.25 * f64::from(value)).collect();
+            let neighbourhoods = neighbourhoods(&sets.each_ref(), &weights);
+            let roots: Vec<f64> = (0..7).map(|value| 1.2 - 0.1 * f64::from(value)).collect();
+            let gradient = gradient(&neighbourhoods, &roots);
+            for value in 0..7 {
+                let at = |step: f64| {
+                    let mut roots = roots.clone();
+                    roots[value] += step;
+                    loss(&neighbourhoods, &roots)
+                };
+                let numeric = (at(1e-5) - at(-1e-5)) / 2e-5;
+                let difference = (numeric - gradient[value]).abs();
+                assert!(
+                    difference < 1e-6 * (1.0 + numeric.abs()),
+                    "{metric:?} {value}: {numeric} {gradient:?}"
+                );
+            }
+            let found: Vec<f64> = factors(&sets.each_ref(), &weights).into_iter().map(f64::sqrt).collect();
+            let [before, after] = [&vec![1.0; 7], &found].map(|roots| loss(&neighbourhoods, roots));
+            assert!(after < before, "{after} {before}");
+            // No value moved a little further would be much better.
+            for value in 0..7 {
+                for step in [-0.05, 0.05] {
+                    let mut roots = found.clone();
+                    roots[value] = f64::max(roots[value] + step, 0.0);
+                    let moved = loss(&neighbourhoods, &roots);
+                    assert!(moved > after - 0.01 * (before - after), "{value}: {moved} {after} {before}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn shares_are_finite_however_far_clouds_are() {
+        assert_eq!(shares(&[1e6, 1e6]), [0.5, 0.5]);
+        assert_eq!(shares(&[0.0, 1e6]), [1.0, 0.0]);
+        assert!((shares(&[1.0, 2.0])[0] - 1.0 / (1.0 + libm::exp(-1.0))).abs() < 1e-12);
+    }
+}
