@@ -5,7 +5,7 @@ use descriptor::fitness::{Member, NearestOfClass, nearest};
 use descriptor::recognise::Hit;
 use descriptor::recogniser::LabelledClouds;
 use descriptor::structure::{Structure, StructureFile};
-use descriptor::weigh::{LabelledSet, WeighError, check_clouds, weighed, weighted_by};
+use descriptor::weigh::{LabelledSet, WeighError, Weighing, check_clouds, weighed, weighted_by};
 use descriptor::{Descriptor, Label, Preprocess, SetDistance, Signature, Signatures};
 use proto::task::is_nearer;
 use rayon::prelude::*;
@@ -31,7 +31,7 @@ pub fn check_sets(sets: &[(Dataset, u32)]) -> Result<(), WeighError> {
     let mut checked = Err(WeighError::Sequences);
     for (dataset, _) in sets {
         let objects = training_entries(dataset).map(|cloud| cloud.instance);
-        checked = check_clouds(&objects.collect::<Vec<_>>(), &sequences(dataset));
+        checked = check_clouds(&objects.collect::<Vec<_>>(), &training_sequences(dataset));
         if checked.is_ok() {
             break;
         }
@@ -45,8 +45,8 @@ fn training_entries(dataset: &Dataset) -> impl Iterator<Item = &CloudEntry> {
     clouds.map(|index| &dataset.clouds.entries[index as usize])
 }
 
-/// Of each of them.
-fn sequences(dataset: &Dataset) -> Vec<Option<u32>> {
+/// Of each cloud of both training splits.
+fn training_sequences(dataset: &Dataset) -> Vec<Option<u32>> {
     training_entries(dataset).map(|cloud| cloud.sequence).collect()
 }
 
@@ -74,17 +74,17 @@ impl TrainingClouds {
         sets.iter().map(of_set).collect::<Result<_, _>>().map(Self)
     }
 
-    /// Their structure with weights for its values.
+    /// Their structure with weights for its values, which are found like this.
     ///
     /// # Errors
     /// [`WeighError`]
-    pub fn weigh(&self, structure: &Structure) -> Result<Structure, WeighError> {
+    pub fn weigh(&self, structure: &Structure, how: Weighing) -> Result<Structure, WeighError> {
         let channels: Vec<_> = self.0.iter().map(OfSet::channels).collect();
         let labelled = self.0.iter().zip(&channels).map(|(set, channels)| {
             let clouds = LabelledClouds { channels, objects: &set.objects };
             LabelledSet { clouds, sequences: &set.sequences, weight: set.weight }
         });
-        weighed(structure, &labelled.collect::<Vec<_>>())
+        weighed(structure, &labelled.collect::<Vec<_>>(), how)
     }
 
     /// The same clouds under the same structure with weights.
@@ -127,7 +127,7 @@ impl OfSet {
         let signatures = signatures(descriptor, &database).map_err(ReferenceError::Descriptor)?;
         let scales = found_scales(descriptor, &signatures, trained);
         let objects = labels(&database.clouds).iter().map(|label| label.instance).collect();
-        let sequences = sequences(dataset);
+        let sequences = training_sequences(dataset);
         Ok(Self { descriptor: descriptor.clone(), signatures, scales, objects, sequences, weight })
     }
 

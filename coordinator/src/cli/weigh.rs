@@ -5,7 +5,8 @@ use std::process::ExitCode;
 
 use artefact::read_structure;
 use cache::StorageArgs;
-use clap::Args;
+use clap::{Args, ValueEnum};
+use descriptor::weigh::Weighing;
 
 use crate::export::{self, DescriptorChoice};
 use crate::lines::labelled;
@@ -31,6 +32,10 @@ pub struct Weigh {
     /// A point of the front of a run of several objectives instead, by its number, for example 3
     #[arg(long, value_name = "N", conflicts_with = "structure")]
     point: Option<u32>,
+    /// How weights are found: jointly, for the nearest cloud, or separately, for recognisers that learn; by default as the
+    /// run's experiment has it, else jointly
+    #[arg(long, value_name = "HOW")]
+    how: Option<How>,
     /// Learn from the clouds of this set only, where the run's clouds are of several, for example kitchen; by default from
     /// all that the run's fitness gives a weight
     #[arg(long, value_name = "NAME")]
@@ -42,6 +47,21 @@ pub struct Weigh {
     storage: StorageArgs,
 }
 
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum How {
+    Jointly,
+    Separately,
+}
+
+impl How {
+    fn weighing(self) -> Weighing {
+        match self {
+            Self::Jointly => Weighing::Jointly,
+            Self::Separately => Weighing::Separately,
+        }
+    }
+}
+
 impl Weigh {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let which = match (&self.structure, self.point) {
@@ -50,7 +70,13 @@ impl Weigh {
             _ => DescriptorChoice::Searched,
         };
         let place = (self.data.as_deref(), self.set.as_deref());
-        let found = export::weigh(&self.run, &which, place, &self.out, &self.storage.resolve())?;
+        let found = export::weigh(
+            &self.run,
+            (&which, self.how.map(How::weighing)),
+            place,
+            &self.out,
+            &self.storage.resolve(),
+        )?;
         let share = |wrong: usize| percent(wrong as f64 / found.queries as f64);
         let [without, with] = found.wrong;
         let told = format!(

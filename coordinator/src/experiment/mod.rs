@@ -29,6 +29,7 @@ use std::str::FromStr;
 use std::time::Duration;
 
 use descriptor::recogniser::Method as Recogniser;
+use descriptor::weigh::Weighing;
 use descriptor::{Descriptor, Family, Preprocess, SearchSpace};
 use evolution::{Encoding, GaSettings, Method, Score, StopSettings, WinnerRule};
 
@@ -70,7 +71,7 @@ pub struct Experiment {
     /// Of sets by name; others have 1.
     set_weights: BTreeMap<String, u32>,
     winner: WinnerRule,
-    weigh: bool,
+    weigh: Option<Weighing>,
     ga: GaSettings,
     encoding: Encoding,
     stop: StopSettings,
@@ -276,8 +277,8 @@ impl Experiment {
         self.winner
     }
 
-    /// Whether values of the winner get weights when the search is over.
-    pub fn weighs(&self) -> bool {
+    /// How values of the winner get weights when the search is over; `None` if they get none.
+    pub fn weighs(&self) -> Option<Weighing> {
         self.weigh
     }
 

@@ -5,6 +5,7 @@
 use std::collections::BTreeMap;
 
 use artefact::sections::{RawDescriptor, RawPreprocess};
+use descriptor::weigh::Weighing;
 use evolution::{Crossover, Encoding, GaSettings, Method, Mutation, Scaling, StopSettings, WinnerRule};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -71,10 +72,10 @@ pub(super) struct RawSearch {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "WinnerRule")]
     pub winner: Option<WinnerRule>,
-    /// Whether values of the winner's signatures get weights when the search is over, learned from the training clouds as
+    /// How values of the winner's signatures get weights when the search is over, learned from the training clouds as
     /// coordinator weigh learns them: the run is then tested with them. Of structures only.
-    #[serde(skip_serializing_if = "is_off")]
-    pub weigh: bool,
+    #[serde(skip_serializing_if = "RawWeighing::is_off")]
+    pub weigh: RawWeighing,
     /// What a descriptor's fitness counts. Default: of disk-ring and global-hue the paper's, of structure
     /// cross-sequence.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -87,16 +88,39 @@ pub(super) struct RawSearch {
     pub sets: BTreeMap<String, u32>,
 }
 
-fn is_off(flag: &bool) -> bool {
-    !flag
-}
-
 fn example_sets() -> BTreeMap<String, u32> {
     BTreeMap::from([("kitchen".to_owned(), 0)])
 }
 
 fn example_objectives() -> [&'static str; 3] {
     ["error", "cost", "size"]
+}
+
+/// How weights of values are found.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize, Serialize, JsonSchema)]
+#[serde(rename_all = "lowercase", rename = "weighing")]
+pub(super) enum RawWeighing {
+    /// There are none.
+    #[default]
+    Off,
+    /// Each by itself, for recognisers that learn from the labels of the same clouds.
+    Separately,
+    /// All together, for the nearest cloud.
+    Jointly,
+}
+
+impl RawWeighing {
+    fn is_off(&self) -> bool {
+        *self == Self::Off
+    }
+
+    pub(super) fn weighing(self) -> Option<Weighing> {
+        match self {
+            Self::Off => None,
+            Self::Separately => Some(Weighing::Separately),
+            Self::Jointly => Some(Weighing::Jointly),
+        }
+    }
 }
 
 /// What is minimised.

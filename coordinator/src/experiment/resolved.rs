@@ -5,6 +5,7 @@ use std::path::Path;
 
 use descriptor::preprocess::Unit;
 use descriptor::structure::{Structure, StructureFile};
+use descriptor::weigh::Weighing;
 use descriptor::{Family, GeneSpec, SearchSpace};
 use serde_json::Value;
 
@@ -205,7 +206,7 @@ impl Later {
             objectives: experiment.objectives.are_several(),
             sets: !experiment.set_weights.is_empty(),
             preselection: experiment.ga.preselection != GaSettings::default().preselection,
-            weigh: experiment.weigh,
+            weigh: experiment.weigh.is_some(),
         }
     }
 }
@@ -226,7 +227,7 @@ fn method_sections(toml: &mut Toml, parent: &str, experiment: &Experiment, later
         toml.key("winner", quoted(winner));
     }
     if later.weigh {
-        toml.key("weigh", experiment.weigh);
+        toml.key("weigh", quoted(experiment.weigh.map_or("off", Weighing::name)));
     }
     fitness_section(toml, parent, experiment);
     if later.sets {

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use descriptor::recogniser::Method as Recogniser;
 use descriptor::structure::Structure;
+use descriptor::weigh::Weighing;
 use descriptor::{Family, SearchSpace};
 use evolution::{GaSettings, Method, StopSettings};
 
@@ -46,7 +47,7 @@ pub(super) fn experiment(
         },
         preprocess: preprocess(&raw.preprocess, raw.dataset.unit.into(), &raw.descriptor)?,
         dataset: dataset(raw.dataset, winner.validates(&stop), folder, lookup)?,
-        weigh: weighs(raw.search.weigh, &space)?,
+        weigh: weighs(raw.search.weigh.weighing(), &space)?,
         space,
         max_cost: max_cost(&raw.descriptor)?,
         method,
@@ -75,11 +76,11 @@ fn name(given: Option<String>, path: &Path) -> Result<String, Fault> {
 }
 
 /// Refuses weights of values where none can be learned, whatever the winner.
-fn weighs(asked: bool, space: &SearchSpace) -> Result<bool, Fault> {
+fn weighs(asked: Option<Weighing>, space: &SearchSpace) -> Result<Option<Weighing>, Fault> {
     const PLACE: &str = "search.weigh";
     let most = Structure::MAX_VALUE_WEIGHTS as u64;
     match space {
-        _ if !asked => Ok(false),
+        _ if asked.is_none() => Ok(None),
         // A channel has at most as many deviations as means.
         SearchSpace::Structures(space) if 2 * u64::from(space.max_bins) > most => Err(Fault::new(
             PLACE,
@@ -96,7 +97,7 @@ fn weighs(asked: bool, space: &SearchSpace) -> Result<bool, Fault> {
             format!("needs channels of at most {most} values, got {}", structure.signature_values()),
             "leave it out, or name channels with fewer bins",
         )),
-        SearchSpace::Structures(_) | SearchSpace::Structure(_) => Ok(true),
+        SearchSpace::Structures(_) | SearchSpace::Structure(_) => Ok(asked),
         SearchSpace::DiskRing(_) | SearchSpace::Fixed(_) | SearchSpace::GlobalHue(_) => Err(Fault::new(
             PLACE,
             format!("needs structures, got family {}", space.family().name()),

@@ -5,6 +5,7 @@ use std::path::Path;
 use cache::Storage;
 use descriptor::Descriptor;
 use descriptor::structure::Structure;
+use descriptor::weigh::Weighing;
 
 use super::of_run::{Chosen, choose};
 use super::{DescriptorChoice, ExportError};
@@ -26,13 +27,14 @@ pub struct Weighed {
 
 /// Learns weights for the values of a run's descriptor and writes the file of the structure, whole or not at all.
 /// Learned from are the clouds of both training splits, of a set or of all that the run's fitness gives a weight; neither
-/// validation nor test clouds are described. Of a winner that the run has weighed they are learned once more.
+/// validation nor test clouds are described. Of a winner that the run has weighed they are learned once more. `how`: if not as
+/// the run's experiment has it, which is jointly where it does not say.
 ///
 /// # Errors
 /// [`ExportError`]
 pub fn weigh(
     run: &Path,
-    which: &DescriptorChoice,
+    (which, how): (&DescriptorChoice, Option<Weighing>),
     (data, set): (Option<&Path>, Option<&str>),
     out: &Path,
     storage: &Storage,
@@ -45,6 +47,7 @@ pub fn weigh(
     let Descriptor::Structure(structure) = &descriptor else {
         return Err(ExportError::NotStructure { run: run.to_owned(), got: descriptor.family() });
     };
+    let how = how.or(experiment.weighs()).unwrap_or(Weighing::Jointly);
     let sets = match set {
         Some(_) => {
             let chosen = choose_set("weigh", set, dataset);
@@ -55,7 +58,7 @@ pub fn weigh(
     let before = TrainingClouds::describe(&sets, &preprocess, structure)
         .map_err(|error| ExportError::of_reference(run, error))?;
     let structure =
-        before.weigh(structure).map_err(|source| ExportError::Weigh { run: run.to_owned(), source })?;
+        before.weigh(structure, how).map_err(|source| ExportError::Weigh { run: run.to_owned(), source })?;
     let (clouds, (queries, without)) = (before.count(), before.wrong());
     let (_, with) = before.weighted(&structure).wrong();
 

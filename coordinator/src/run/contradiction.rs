@@ -62,7 +62,7 @@ fn name(matching: Matching) -> &'static str {
     }
 }
 
-/// In words.
+/// Counts in words, for messages.
 pub fn counts_text(counts: &Counts) -> String {
     let Counts { object_correct, category_correct, queries } = counts;
     format!("{object_correct} objects and {category_correct} categories of {queries}")

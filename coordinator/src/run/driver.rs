@@ -270,15 +270,14 @@ async fn weighted(
     found: &SearchResult,
     progress: &mut Progress,
 ) -> Result<Option<Structure>, RunError> {
-    let Descriptor::Structure(structure) = &found.descriptor else { return Ok(None) };
-    if !experiment.weighs() {
+    let (Descriptor::Structure(structure), Some(how)) = (&found.descriptor, experiment.weighs()) else {
         return Ok(None);
-    }
+    };
     progress.say("weighing the values of the winner by the training clouds");
     let sets = teaching_sets(dataset, &experiment.set_weights(dataset));
     let (structure, preprocess) = (structure.clone(), *experiment.preprocess());
     let weigh = move || -> Result<Structure, RunError> {
-        Ok(TrainingClouds::describe(&sets, &preprocess, &structure)?.weigh(&structure)?)
+        Ok(TrainingClouds::describe(&sets, &preprocess, &structure)?.weigh(&structure, how)?)
     };
     let weighed = tokio::task::spawn_blocking(weigh).await;
     weighed.unwrap_or_else(|error| std::panic::resume_unwind(error.into_panic())).map(Some)

@@ -32,7 +32,7 @@ pub fn check_fitness(experiment: &Experiment, dataset: &Dataset) -> Result<Vec<S
         let (count, first) = (missing.count, missing.first);
         return Err(RunError::NoSequences { count, first });
     }
-    if experiment.weighs() {
+    if experiment.weighs().is_some() {
         check_teaching(&teaching_sets(dataset, &weights))?;
     }
     let mut notes = Vec::new();

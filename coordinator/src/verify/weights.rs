@@ -1,7 +1,7 @@
 //! Weights of a winner's values, learned again from the training clouds.
 
 use descriptor::Descriptor;
-use descriptor::structure::{Structure, StructureChannel};
+use descriptor::structure::{Structure, StructureChannel, Weighted};
 use results::RunRow;
 
 use crate::dataset::Dataset;
@@ -36,10 +36,10 @@ pub(super) fn check(
     row: &RunRow,
 ) -> Result<Found, ReferenceError> {
     let recorded = row.weighted_winner.as_deref();
-    if !experiment.weighs() {
+    let Some(how) = experiment.weighs() else {
         let unasked = || Found::problem("none, as the experiment does not weigh", "one");
         return Ok(recorded.map(|_| unasked()).unwrap_or_default());
-    }
+    };
     let structure = match searched(experiment.space(), row) {
         Ok(Descriptor::Structure(structure)) => structure,
         Ok(other) => return Ok(Found::problem("the weights of a structure", &other.to_string())),
@@ -47,7 +47,7 @@ pub(super) fn check(
     };
     let sets = teaching_sets(dataset, &experiment.set_weights(dataset));
     let clouds = TrainingClouds::describe(&sets, experiment.preprocess(), &structure)?;
-    let weighted = match clouds.weigh(&structure) {
+    let weighted = match clouds.weigh(&structure, how) {
         Ok(weighted) => weighted,
         Err(error) => return Ok(Found::problem("weights that can be learned", &error.to_string())),
     };
@@ -64,22 +64,25 @@ pub(super) fn check(
 fn difference(expected: &Structure, got: &Structure) -> Option<String> {
     let counts = [expected, got].map(|structure| structure.channels.len());
     if counts[0] != counts[1] {
-        return Some(format!("expected {} channels, got {}", counts[0], counts[1]));
+        return Some(format!("channels: expected {}, got {}", counts[0], counts[1]));
     }
     let (number, (expected, got)) = (1..)
         .zip(expected.channels.iter().zip(&got.channels))
         .find(|(_, (expected, got))| expected != got)?;
-    let place = format!("channel {number}");
-    let values = expected.channel.values() as usize;
-    for value in 0..values {
-        let [expected, got] = [&expected.channel, &got.channel].map(|channel| weight_of(channel, value));
-        if expected != got {
-            let number = value + 1;
-            return Some(format!("{place}: weight of value {number}: expected {expected}, got {got}"));
-        }
+    let plain = |one: &Weighted| Weighted {
+        channel: StructureChannel { value_weights: Vec::new(), ..one.channel.clone() },
+        ..one.clone()
+    };
+    let of_channel = [expected, got].map(plain);
+    if of_channel[0] != of_channel[1] {
+        let [expected, got] = of_channel;
+        return Some(format!("channel {number}: expected {expected}, got {got}"));
     }
-    let [expected, got] = [expected, got].map(|one| format!("{}, weight {}", one.channel, one.weight()));
-    Some(format!("{place}: expected {expected}, got {got}"))
+    let of_value = |value| [expected, got].map(|one| weight_of(&one.channel, value));
+    let mut values = 0..expected.channel.values() as usize;
+    let value = values.find(|&value| of_value(value)[0] != of_value(value)[1])?;
+    let [expected, got] = of_value(value);
+    Some(format!("channel {number}: weight of value {}: expected {expected}, got {got}", value + 1))
 }
 
 /// How much a value counts: in full where the channel says nothing.
@@ -95,7 +98,9 @@ mod tests {
     use super::*;
 
     fn structure(channel: &str) -> Structure {
-        let text = format!("[[channel]]\npairs = \"cloud\"\nfeatures = [\"d 2\"]\nradius_cm = 9\n{channel}");
+        let text = format!(
+            "version = 1\n[[channel]]\npairs = \"cloud\"\nfeatures = [\"d 2\"]\nradius_cm = 9\n{channel}"
+        );
         toml::from_str::<StructureFile>(&text).unwrap().structure().unwrap()
     }
 
@@ -103,14 +108,18 @@ mod tests {
     fn the_first_difference_is_named() {
         let plain = "weight = 1.0\n";
         let weighted = "weight = 1.0\nvalue_weights = [1, 0.5]\n";
-        let told = |expected, got| difference(&structure(expected), &structure(got));
-        assert_eq!(told(weighted, weighted), None);
-        let of_value = "channel 1: weight of value 2: expected 0.5, got 1";
-        assert_eq!(told(weighted, plain).as_deref(), Some(of_value));
-        let of_channel = told(plain, "weight = 0.25\n").unwrap();
-        assert!(of_channel.starts_with("channel 1: expected ") && of_channel.ends_with(", weight 0.25"));
+        let told = |expected, got| difference(&structure(expected), &structure(got)).unwrap_or_default();
+        assert_eq!(told(weighted, weighted), "");
+        assert_eq!(told(weighted, plain), "channel 1: weight of value 2: expected 0.5, got 1");
+        let of_channel =
+            "channel 1: expected cloud d 2, 9 cm, all pairs, weight 1.0, got cloud d 2, 9 cm, all pairs, ";
+        assert_eq!(told(plain, "weight = 0.25\n"), format!("{of_channel}weight 0.25"));
+        assert_eq!(
+            told(weighted, "scale = \"none\"\nweight = 1.0\n"),
+            format!("{of_channel}unscaled, weight 1.0")
+        );
         let mut two = structure(plain);
         two.channels.extend(structure(plain).channels);
-        assert_eq!(difference(&structure(plain), &two).as_deref(), Some("expected 1 channels, got 2"));
+        assert_eq!(difference(&structure(plain), &two).as_deref(), Some("channels: expected 1, got 2"));
     }
 }

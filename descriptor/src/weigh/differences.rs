@@ -9,6 +9,9 @@ use super::{LabelledSet, WeighError, check_clouds};
 /// that hardly ever differ do not decide.
 const SMOOTHING: f64 = 0.05;
 
+/// Clouds whose means are held in memory at once.
+const AT_ONCE: usize = 1024;
+
 /// How much each value differs: sums over clouds of means.
 pub struct Differences {
     /// From clouds of the same object.
@@ -60,12 +63,14 @@ impl Differences {
         let values = Values::new(set, &vec![1.0; width]);
         let compared = values.compared(set);
         let means = |one: &Compared| [&one.same, &one.others].map(|of| mean_terms(&values, one.cloud, of));
-        let means: Vec<[Vec<f64>; 2]> = compared.par_iter().map(means).collect();
         let mut sums = [vec![0.0; width], vec![0.0; width]];
-        // In the order of the clouds.
-        for of_cloud in &means {
-            for (sum, terms) in sums.iter_mut().zip(of_cloud) {
-                sum.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+        for some in compared.chunks(AT_ONCE) {
+            let means: Vec<[Vec<f64>; 2]> = some.par_iter().map(means).collect();
+            // In the order of the clouds.
+            for of_cloud in &means {
+                for (sum, terms) in sums.iter_mut().zip(of_cloud) {
+                    sum.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+                }
             }
         }
         let [same, others] = sums;
@@ -75,7 +80,7 @@ impl Differences {
 
 /// The terms of each value, mean over the distances of a cloud to others.
 fn mean_terms(values: &Values, cloud: usize, others: &[usize]) -> Vec<f64> {
-    let (mut sums, mut terms) = (vec![0.0; values.width()], vec![0.0; values.width()]);
+    let (mut sums, mut terms) = (vec![0.0; values.count()], vec![0.0; values.count()]);
     for &other in others {
         values.terms(cloud, other, &mut terms);
         sums.iter_mut().zip(&terms).for_each(|(sum, term)| *sum += term);

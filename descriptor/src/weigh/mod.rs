@@ -18,6 +18,25 @@ use crate::structure::{Scale, Structure, StructureChannel, Weighted, scale_among
 use differences::Differences;
 use neighbourhood::factors;
 
+/// How weights are found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Weighing {
+    /// Each by how much its value differs: for recognisers that learn from the clouds that the weights were learned from, too.
+    Separately,
+    /// All together, from there on, by neighbourhood components analysis: for the nearest cloud.
+    Jointly,
+}
+
+impl Weighing {
+    /// As experiments have it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Separately => "separately",
+            Self::Jointly => "jointly",
+        }
+    }
+}
+
 /// Why values cannot be weighed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum WeighError {
@@ -82,9 +101,11 @@ pub fn check_clouds(objects: &[u32], sequences: &[Option<u32>]) -> Result<(), We
 /// Each cloud is compared, value by value, with the 20 nearest clouds of its object in other sequences, and with the 20
 /// nearest of other objects in other sequences. Let s and o be the sums over the clouds of the mean terms of a value, and f
 /// a twentieth of the mean of s over all values, in the proportions in which channels are added up: then the weight of the
-/// value begins at ((o + f) / (s + f))². It is multiplied by the factor that neighbourhood components analysis finds for it
-/// ([`neighbourhood::factors`]), starting from there. Of several sets, the means over their clouds are added up, each times
-/// the set's weight.
+/// value begins at ((o + f) / (s + f))². Of several sets, the means over their clouds are added up, each times the set's
+/// weight. From there, to weigh them [jointly](Weighing::Jointly), neighbourhood components analysis (Goldberger, Roweis, Hinton and Salakhutdinov, 2004) finds a factor
+/// s² for each value: the sum over the clouds of −ln p, p being the share of the cloud's object in the sum of exp(−d / t)
+/// over the clouds that it is compared with, and of (s − 1)² / 4 over the values becomes small. t is half of the mean
+/// distance of a cloud to the nearest of its object.
 /// Weights of a channel are divided by the largest, and the weight of the channel is multiplied by as much and by what
 /// changes of its scale, the mean over the sets by their weights. All channels' weights are divided by the mean of the
 /// values' weights, s being their share, and by as much as the largest would be beyond [`Weighted::MAX_WEIGHT_PPM`].
@@ -94,9 +115,15 @@ pub fn check_clouds(objects: &[u32], sequences: &[Option<u32>]) -> Result<(), We
 /// [`WeighError`]
 ///
 /// # Panics
-/// If the clouds are not described by the structure's channels, or not all labelled: a programming error.
-pub fn weighed(structure: &Structure, sets: &[LabelledSet<'_>]) -> Result<Structure, WeighError> {
-    for LabelledSet { clouds, sequences, .. } in sets {
+/// If the clouds are not described by the structure's channels, or not all labelled, or if a set has no weight: a programming
+/// error.
+pub fn weighed(
+    structure: &Structure,
+    sets: &[LabelledSet<'_>],
+    how: Weighing,
+) -> Result<Structure, WeighError> {
+    for LabelledSet { clouds, sequences, weight } in sets {
+        assert!(*weight > 0, "a weight of each set");
         assert_eq!(clouds.channels.len(), structure.channels.len(), "signatures of each channel");
         assert_eq!(clouds.objects.len(), sequences.len(), "labels of each cloud");
     }
@@ -109,8 +136,10 @@ pub fn weighed(structure: &Structure, sets: &[LabelledSet<'_>]) -> Result<Struct
     }
     let (differences, taught) = Differences::of_all(sets)?;
     let mut weights = differences.weights();
-    let factors = factors(&taught, &weights);
-    weights.iter_mut().zip(factors).for_each(|(weight, factor)| *weight *= factor);
+    if how == Weighing::Jointly {
+        let factors = factors(&taught, &weights);
+        weights.iter_mut().zip(factors).for_each(|(weight, factor)| *weight *= factor);
+    }
     // Distances stay about as large as they were.
     let all: f64 = differences.same.iter().sum();
     let after: f64 = differences.same.iter().zip(&weights).map(|(same, weight)| same * weight).sum();

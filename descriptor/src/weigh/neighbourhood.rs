@@ -9,76 +9,77 @@ use super::values::{Compared, Values};
 use crate::recogniser::dot;
 use crate::wide::widest;
 
-/// Distance at which likelihoods fall by e, in mean distances of a cloud to the nearest of its object.
-const WIDTH: f64 = 0.5;
-/// What it costs that the square root of a factor is not 1, times its squared difference.
+/// Distance at which likelihoods fall to 1/e, in mean distances of a cloud to the nearest of its object.
+const BANDWIDTH: f64 = 0.5;
+/// Penalty of each root: this times (root − 1)².
 const RIDGE: f64 = 0.25;
-/// Steps of Adam (Kingma and Ba, 2015), with the decay rates and the small number that its authors name. So many that
-/// more of them change little.
+/// Steps of Adam (Kingma and Ba, 2015), with the decay rates and the ε that its authors name. More change little.
 const STEPS: usize = 150;
-/// How far a step goes at most, about.
+/// About the longest step.
 const LEARNING_RATE: f64 = 0.03;
 const DECAY: [f64; 2] = [0.9, 0.999];
-const SMALL: f64 = 1e-8;
-/// Clouds whose gradients are added up by one thread. Fixed, because another number would give other sums.
+const EPSILON: f64 = 1e-8;
+/// No root falls below it: a channel whose factors were all 0 would have no largest weight, and a root and its negative are
+/// one factor.
+const LEAST_ROOT: f64 = 0.01;
+/// Clouds whose gradients are added up in one block. Its size is fixed, as another would change the rounding.
 const BLOCK: usize = 16;
 
 /// Clouds of a set with what they are compared with.
 struct Neighbourhood {
     values: Values,
     compared: Vec<Compared>,
-    /// Distance at which a likelihood falls by e; above 0.
-    width: f64,
+    /// Distance at which a likelihood falls to 1/e; above 0.
+    bandwidth: f64,
     /// How much a cloud counts.
-    share: f64,
+    cloud_weight: f64,
 }
 
 /// What weights are multiplied by, so that the sum over the clouds of −ln p becomes small: p is the share of a cloud's object
-/// in the sum of exp(−d / t) over those that it is compared with, t half of the mean distance to the nearest of the same
-/// object. Of several sets, each has the share of its weight, as if it had as many clouds as the smallest.
+/// in the sum of exp(−d / t) over those that it is compared with, t half the mean distance to the nearest of the same object.
+/// Of several sets, each has the share of its weight, as if all had as many clouds as they have on average.
 /// A ridge keeps factors s² near 1: a quarter of Σ (s − 1)².
 pub fn factors(sets: &[&LabelledSet<'_>], weights: &[f64]) -> Vec<f64> {
     let neighbourhoods = neighbourhoods(sets, weights);
     let mut roots = vec![1.0; weights.len()];
-    let [mut mean, mut square] = [vec![0.0; weights.len()], vec![0.0; weights.len()]];
-    let [mut mean_rate, mut square_rate] = [1.0, 1.0];
+    let [mut first_moment, mut second_moment] = [vec![0.0; weights.len()], vec![0.0; weights.len()]];
+    let mut decayed = [1.0, 1.0];
     for _ in 0..STEPS {
         let gradient = gradient(&neighbourhoods, &roots);
-        mean_rate *= DECAY[0];
-        square_rate *= DECAY[1];
+        decayed = [decayed[0] * DECAY[0], decayed[1] * DECAY[1]];
         for (value, gradient) in gradient.into_iter().enumerate() {
-            mean[value] = DECAY[0] * mean[value] + (1.0 - DECAY[0]) * gradient;
-            square[value] = DECAY[1] * square[value] + (1.0 - DECAY[1]) * gradient * gradient;
-            let size = (square[value] / (1.0 - square_rate)).sqrt() + SMALL;
-            roots[value] -= LEARNING_RATE * (mean[value] / (1.0 - mean_rate)) / size;
-            // A root and its negative are one factor.
-            roots[value] = roots[value].max(0.0);
+            let (first, second) = (&mut first_moment[value], &mut second_moment[value]);
+            *first = DECAY[0] * *first + (1.0 - DECAY[0]) * gradient;
+            *second = DECAY[1] * *second + (1.0 - DECAY[1]) * gradient * gradient;
+            let size = (*second / (1.0 - decayed[1])).sqrt() + EPSILON;
+            let step = LEARNING_RATE * (*first / (1.0 - decayed[0])) / size;
+            roots[value] = (roots[value] - step).max(LEAST_ROOT);
         }
     }
     roots.into_iter().map(|root| root * root).collect()
 }
 
 fn neighbourhoods(sets: &[&LabelledSet<'_>], weights: &[f64]) -> Vec<Neighbourhood> {
-    let of_set = |set: &&LabelledSet<'_>| {
+    let neighbourhood = |set: &&LabelledSet<'_>| {
         let values = Values::new(set, weights);
         let compared = values.compared(set);
-        (values, compared, f64::from(set.weight))
-    };
-    let found: Vec<_> = sets.iter().map(of_set).collect();
-    let smallest = found.iter().map(|(_, compared, _)| compared.len()).min().unwrap_or_default() as f64;
-    let all: f64 = found.iter().map(|(.., weight)| weight).sum();
-    let neighbourhood = |(values, compared, weight): (Values, Vec<Compared>, f64)| {
-        let share = smallest / compared.len() as f64 * (weight / all);
-        let mut terms = vec![0.0; values.width()];
+        let mut terms = vec![0.0; values.count()];
         let mut nearest = |one: &Compared| {
             values.terms(one.cloud, one.same[0], &mut terms);
             terms.iter().sum::<f64>()
         };
-        let width = WIDTH * compared.iter().map(&mut nearest).sum::<f64>() / compared.len() as f64;
-        Neighbourhood { values, compared, width, share }
+        let mean = compared.iter().map(&mut nearest).sum::<f64>() / compared.len() as f64;
+        Neighbourhood { values, compared, bandwidth: BANDWIDTH * mean, cloud_weight: set.weight.into() }
     };
-    // Where objects look the same in all sequences, nothing is to be gained.
-    found.into_iter().map(neighbourhood).filter(|one| one.width > 0.0).collect()
+    let mut found: Vec<Neighbourhood> = sets.iter().map(neighbourhood).collect();
+    // Where every cloud has a twin in another sequence, nothing is to be gained.
+    found.retain(|one| one.bandwidth > 0.0);
+    let mean = found.iter().map(|one| one.compared.len() as f64).sum::<f64>() / found.len() as f64;
+    let all: f64 = found.iter().map(|one| one.cloud_weight).sum();
+    for one in &mut found {
+        one.cloud_weight = mean / one.compared.len() as f64 * (one.cloud_weight / all);
+    }
+    found
 }
 
 /// Of what is to be small, by the square roots of the factors.
@@ -91,7 +92,7 @@ fn gradient(neighbourhoods: &[Neighbourhood], roots: &[f64]) -> Vec<f64> {
         let blocks: Vec<Vec<f64>> = blocks.map(of_block).collect();
         // In the order of the clouds.
         for of_block in blocks {
-            all.iter_mut().zip(of_block).for_each(|(all, gradient)| *all += one.share * gradient);
+            all.iter_mut().zip(of_block).for_each(|(all, gradient)| *all += one.cloud_weight * gradient);
         }
     }
     let with_ridge = |(gradient, root): (&f64, &f64)| 2.0 * root * gradient + 2.0 * RIDGE * (root - 1.0);
@@ -110,22 +111,22 @@ impl NullaryFnOnce for Block<'_> {
 
     #[inline(always)]
     fn call(self) -> Vec<f64> {
-        let Self { neighbourhood: Neighbourhood { values, width, .. }, compared, factors } = self;
-        let mut gradient = vec![0.0; values.width()];
+        let Self { neighbourhood: Neighbourhood { values, bandwidth, .. }, compared, factors } = self;
+        let mut gradient = vec![0.0; values.count()];
         let (mut terms, mut distances) = (Vec::new(), Vec::new());
         for Compared { cloud, same, others } in compared {
-            terms.resize((same.len() + others.len()) * values.width(), 0.0);
+            terms.resize((same.len() + others.len()) * values.count(), 0.0);
             distances.clear();
-            for (&other, terms) in same.iter().chain(others).zip(terms.chunks_exact_mut(values.width())) {
+            for (&other, terms) in same.iter().chain(others).zip(terms.chunks_exact_mut(values.count())) {
                 values.terms(*cloud, other, terms);
-                distances.push(dot(terms, factors) / width);
+                distances.push(dot(terms, factors) / bandwidth);
             }
-            let of_all = shares(&distances);
-            let of_same = shares(&distances[..same.len()]);
-            for (place, terms) in terms.chunks_exact(values.width()).enumerate() {
+            let of_all = softmax(&distances);
+            let of_same = softmax(&distances[..same.len()]);
+            for (place, terms) in terms.chunks_exact(values.count()).enumerate() {
                 // d(−ln p) by the distance.
                 let of_same = of_same.get(place).copied().unwrap_or_default();
-                let slope = (of_same - of_all[place]) / width;
+                let slope = (of_same - of_all[place]) / bandwidth;
                 gradient.iter_mut().zip(terms).for_each(|(gradient, term)| *gradient += slope * term);
             }
         }
@@ -133,8 +134,8 @@ impl NullaryFnOnce for Block<'_> {
     }
 }
 
-/// The share of each exp(−d) in their sum.
-fn shares(distances: &[f64]) -> Vec<f64> {
+/// The share of each exp(−d) in the sum of all.
+fn softmax(distances: &[f64]) -> Vec<f64> {
     let least = distances.iter().copied().fold(f64::INFINITY, f64::min);
     let mut shares: Vec<f64> = distances.iter().map(|distance| libm::exp(least - distance)).collect();
     let all: f64 = shares.iter().sum();
@@ -155,14 +156,14 @@ mod tests {
                 let mut terms = vec![0.0; roots.len()];
                 one.values.terms(cloud, *other, &mut terms);
                 let distance: f64 = terms.iter().zip(roots).map(|(term, root)| term * root * root).sum();
-                libm::exp(-distance / one.width)
+                libm::exp(-distance / one.bandwidth)
             };
             let of_cloud = |compared: &Compared| {
                 let sum = |of: &[usize]| of.iter().map(|it| likelihood(compared.cloud, it)).sum::<f64>();
                 let same = sum(&compared.same);
                 -libm::log(same / (same + sum(&compared.others)))
             };
-            one.share * one.compared.iter().map(of_cloud).sum::<f64>()
+            one.cloud_weight * one.compared.iter().map(of_cloud).sum::<f64>()
         };
         ridge + neighbourhoods.iter().map(of_set).sum::<f64>()
     }
@@ -197,7 +198,7 @@ mod tests {
             for value in 0..7 {
                 for step in [-0.05, 0.05] {
                     let mut roots = found.clone();
-                    roots[value] = f64::max(roots[value] + step, 0.0);
+                    roots[value] = f64::max(roots[value] + step, LEAST_ROOT);
                     let moved = loss(&neighbourhoods, &roots);
                     assert!(moved > after - 0.01 * (before - after), "{value}: {moved} {after} {before}");
                 }
@@ -206,9 +207,32 @@ mod tests {
     }
 
     #[test]
+    fn a_set_whose_clouds_have_twins_everywhere_changes_no_factor() {
+        let sample = testing::Sample::new(48);
+        let channels = sample.channels(crate::SetDistance::ChiSquared);
+        let twins = testing::Sample::of(&[[0.5; 7]; 12]);
+        let of_twins = twins.channels(crate::SetDistance::ChiSquared);
+        let (set, of_twins) = (sample.set(&channels, 1), twins.set(&of_twins, 5));
+        assert_eq!(factors(&[&set, &of_twins], &[1.0; 7]), factors(&[&set], &[1.0; 7]));
+        assert_eq!(factors(&[&of_twins], &[1.0; 7]), [1.0; 7]);
+    }
+
+    /// Weights may be as large as they like: only proportions matter.
+    #[test]
+    fn factors_do_not_change_with_the_unit_of_weights() {
+        let sample = testing::Sample::new(48);
+        for metric in crate::SetDistance::ALL {
+            let channels = sample.channels(metric);
+            let set = sample.set(&channels, 1);
+            let of_unit = |unit: f64| factors(&[&set], &[unit; 7]);
+            assert_eq!(of_unit(libm::exp2(400.0)), of_unit(1.0));
+        }
+    }
+
+    #[test]
     fn shares_are_finite_however_far_clouds_are() {
-        assert_eq!(shares(&[1e6, 1e6]), [0.5, 0.5]);
-        assert_eq!(shares(&[0.0, 1e6]), [1.0, 0.0]);
-        assert!((shares(&[1.0, 2.0])[0] - 1.0 / (1.0 + libm::exp(-1.0))).abs() < 1e-12);
+        assert_eq!(softmax(&[1e6, 1e6]), [0.5, 0.5]);
+        assert_eq!(softmax(&[0.0, 1e6]), [1.0, 0.0]);
+        assert!((softmax(&[1.0, 2.0])[0] - 1.0 / (1.0 + libm::exp(-1.0))).abs() < 1e-12);
     }
 }

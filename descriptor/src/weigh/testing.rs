@@ -31,9 +31,14 @@ pub struct Sample {
 impl Sample {
     /// So many clouds.
     pub fn new(count: usize) -> Self {
-        let clouds: Vec<[f32; 7]> = (0..count).map(noise).collect();
+        Self::of(&(0..count).map(noise).collect::<Vec<_>>())
+    }
+
+    /// These clouds.
+    pub fn of(clouds: &[[f32; 7]]) -> Self {
+        let count = clouds.len();
         let (objects, sequences) = (0..count as u32).map(|cloud| (cloud % 3, Some(cloud / 3 % 2))).unzip();
-        Self { signatures: signatures(&clouds), objects, sequences }
+        Self { signatures: signatures(clouds), objects, sequences }
     }
 
     /// Both channels, compared by a metric.

@@ -15,7 +15,7 @@ pub const NEAREST: usize = 20;
 /// its own. Every set distance of values that are so many times as large is so many times as large.
 pub struct Values {
     values: Vec<f64>,
-    width: usize,
+    count: usize,
     /// Where each channel ends, and how it is compared.
     channels: Vec<(usize, SetDistance)>,
 }
@@ -48,16 +48,16 @@ impl Values {
             end += signatures.width;
             channels.push((end, metric));
         }
-        Self { values, width: end, channels }
+        Self { values, count: end, channels }
     }
 
     /// How many values a cloud has.
-    pub fn width(&self) -> usize {
-        self.width
+    pub fn count(&self) -> usize {
+        self.count
     }
 
     fn of(&self, cloud: usize) -> &[f64] {
-        &self.values[cloud * self.width..][..self.width]
+        &self.values[cloud * self.count..][..self.count]
     }
 
     /// What each value adds to the distance of two clouds.
@@ -84,12 +84,16 @@ impl Values {
         }
     }
 
-    /// Each cloud of the set whose object is seen in another sequence, where another object is, too, in their order.
+    /// Each cloud of the set whose object is seen in another sequence, if another object is seen in another one, too; in
+    /// their order.
     pub fn compared(&self, set: &LabelledSet<'_>) -> Vec<Compared> {
         let LabelledSet { sequences, clouds, .. } = *set;
         let objects = clouds.objects;
+        // Whatever the weights, values are to be numbers of 32 bits. Powers of two change nothing but the exponent.
+        let largest = self.values.iter().copied().fold(0.0, f64::max);
+        let unit = if largest > 0.0 { libm::ldexp(1.0, -libm::ilogb(largest)) } else { 1.0 };
         let channels: Vec<(Signatures, SetDistance)> =
-            (0..self.channels.len()).map(|channel| self.channel(channel)).collect();
+            (0..self.channels.len()).map(|channel| self.channel(channel, unit)).collect();
         let channels: Vec<_> =
             channels.iter().map(|(signatures, metric)| (signatures, *metric, 1.0)).collect();
         let labels = objects.iter().map(|&instance| Label { category: 0, instance }).collect();
@@ -116,15 +120,15 @@ impl Values {
         (0..objects.len()).into_par_iter().filter_map(compared).collect()
     }
 
-    /// One channel as signatures.
-    fn channel(&self, channel: usize) -> (Signatures, SetDistance) {
+    /// One channel as signatures, whose values are these times a unit.
+    fn channel(&self, channel: usize, unit: f64) -> (Signatures, SetDistance) {
         let (end, metric) = self.channels[channel];
         let first = channel.checked_sub(1).map_or(0, |before| self.channels[before].0);
         let signature = |values: &[f64]| Signature {
-            centroid: values[first..end].iter().map(|&value| value as f32).collect(),
+            centroid: values[first..end].iter().map(|value| (value * unit) as f32).collect(),
             deviation: Vec::new(),
         };
-        let signatures: Vec<Signature> = self.values.chunks_exact(self.width).map(signature).collect();
+        let signatures: Vec<Signature> = self.values.chunks_exact(self.count).map(signature).collect();
         (signatures.iter().collect(), metric)
     }
 }

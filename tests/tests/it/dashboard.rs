@@ -147,7 +147,7 @@ fn a_finished_run_is_told_as_its_tables_have_it() {
 #[test]
 fn answers_of_a_run_that_weighs_are_explained_by_the_descriptor_that_gave_them() {
     let experiment = Experiment::new(
-        "[search]\nweigh = true\n[search.fitness]\nsplit = 1\nmargin = false\n[ga]\npopulation = 8\n\
+        "[search]\nweigh = \"jointly\"\n[search.fitness]\nsplit = 1\nmargin = false\n[ga]\npopulation = 8\n\
          [stop]\ngenerations = 2\n[descriptor]\nfamily = \"structure\"\nmax_bins = 300\n",
     );
     experiment.run("results/run", &[]).expect_success();

@@ -356,7 +356,7 @@ fn values_are_weighed_by_all_sets_or_by_one() {
 #[test]
 fn a_run_weighs_its_winner_by_the_sets_that_have_a_weight_and_is_tested_on_all() {
     let settings =
-        |weight| format!("[search]\nweigh = true\n{SEARCH}{STRUCTURES}[search.sets]\nb = {weight}\n");
+        |weight| format!("[search]\nweigh = \"jointly\"\n{SEARCH}{STRUCTURES}[search.sets]\nb = {weight}\n");
     for weight in [3, 0] {
         let both = two_sets(&settings(weight));
         let ran = both.run("out", &[]).expect_success();

@@ -101,7 +101,7 @@ fn what_cannot_be_weighed_is_refused_and_nothing_is_written() {
 
 /// Weights from the run itself, and those of `weigh`, on one search.
 fn weighing() -> Experiment {
-    Experiment::new(&format!("[search]\nweigh = true\n{STRUCTURES}"))
+    Experiment::new(&format!("[search]\nweigh = \"jointly\"\n{STRUCTURES}"))
 }
 
 #[test]
@@ -171,7 +171,7 @@ fn a_run_that_weighs_has_one_digest_whoever_works_and_wherever_it_was_killed() {
     let expected = digest(&first.run("out", &["--local-workers", "1"]).expect_success());
 
     let cut = Experiment::new(&format!(
-        "[search]\nweigh = true\n[coordinator]\npieces = 3\naudit = 1.0\n{STRUCTURES}"
+        "[search]\nweigh = \"jointly\"\n[coordinator]\npieces = 3\naudit = 1.0\n{STRUCTURES}"
     ));
     assert_eq!(digest(&cut.run("out", &["--local-workers", "3"]).expect_success()), expected);
     let mut scalar = program("coordinator");
@@ -187,7 +187,7 @@ fn a_run_that_weighs_has_one_digest_whoever_works_and_wherever_it_was_killed() {
     assert_eq!(digest(&resumed), expected);
 
     let sweep = Experiment::new(&format!(
-        "{STRUCTURES}[sweep.variants.plain]\nsearch.weigh = false\n[sweep.variants.weighed]\nsearch.weigh = true\n"
+        "{STRUCTURES}[sweep.variants.plain]\nsearch.weigh = \"off\"\n[sweep.variants.weighed]\nsearch.weigh = \"jointly\"\n"
     ));
     let swept = sweep.run("out", &[]).expect_success();
     let weighed = |name: &str| {
@@ -273,25 +273,53 @@ fn weights_of_another_structure_are_no_winner() {
     experiment.run("out", &[]).expect_success();
     let out = experiment.path("out");
     let text = results::read_run(&out).unwrap().row.weighted_winner.unwrap();
-    let one = "[[channel]]\npairs = \"cloud\"\nfeatures = [\"d 2\"]\nradius_cm = 9\nweight = 1.0\n";
+    let one =
+        "version = 1\n[[channel]]\npairs = \"cloud\"\nfeatures = [\"d 2\"]\nradius_cm = 9\nweight = 1.0\n";
     let rescaled = text.replacen("\nweight = ", "\nscale = \"none\"\nweight = ", 1);
-    for forged in [one.to_owned(), rescaled, "no structure".to_owned()] {
-        forge(&out, |row| row.weighted_winner = Some(forged)).unwrap();
+    for (forged, difference) in [
+        (one, "channels: expected "),
+        (&rescaled, ", unscaled, "),
+        ("no structure", "expected a structure, got something else"),
+    ] {
+        forge(&out, |row| row.weighted_winner = Some(forged.to_owned())).unwrap();
         let complaint = "weighted_winner must be the structure of the best genes with weights for its values";
         let (artefact, page) = (experiment.path("artefact"), experiment.path("report.html"));
         refused(run("coordinator", ["export", &out, &artefact]), complaint);
         refused(run("coordinator", ["compare", &out, "--listen", "127.0.0.1:0"]), complaint);
         run("coordinator", ["report", &out, "--out", &page]).expect_success();
         assert!(fs::read_to_string(&page).unwrap().contains(complaint));
-        not_sound(&out, "run: weighted_winner: ");
+        not_sound(&out, difference);
     }
+}
+
+#[test]
+fn a_run_weighs_separately_where_it_is_asked_to_and_weigh_does_as_the_run() {
+    let settings = format!("[search]\nweigh = \"separately\"\n{STRUCTURES}");
+    let (experiment, jointly) = (Experiment::new(&settings), weighing());
+    let finished = experiment.run("out", &[]).expect_success();
+    assert_ne!(digest(&finished), digest(&jointly.run("out", &[]).expect_success()));
+    let out = experiment.path("out");
+    let weigh = |out: &str, name: &str, how: &[&str]| {
+        let file = experiment.path(name);
+        run("coordinator", ["weigh", out, &file].iter().chain(how)).expect_success();
+        let text = fs::read_to_string(file).unwrap();
+        text.split_once('\n').unwrap().1.to_owned()
+    };
+    let winner = |out: &str| results::read_run(out).unwrap().row.weighted_winner.unwrap();
+    let separately = weigh(&out, "default.toml", &[]);
+    assert_eq!(separately, winner(&out));
+    let together = weigh(&out, "jointly.toml", &["--how", "jointly"]);
+    assert_eq!(together, winner(&jointly.path("out")));
+    assert_ne!(together, separately);
+    assert_eq!(weigh(&jointly.path("out"), "separately.toml", &["--how", "separately"]), separately);
+    run("coordinator", ["verify", &out, "--sample", "1"]).expect_success();
 }
 
 /// Whatever searched.
 #[test]
 fn winners_of_every_kind_of_search_are_weighed() {
     let by = |more: &str| format!("[descriptor]\nfamily = \"structure\"\nmax_bins = 300\n{more}");
-    let search = "[ga]\npopulation = 8\n[stop]\ngenerations = 3\n[search]\nweigh = true\n";
+    let search = "[ga]\npopulation = 8\n[stop]\ngenerations = 3\n[search]\nweigh = \"jointly\"\n";
     for (settings, args) in [
         (by(&format!("members = 2\n{search}")), &[][..]),
         (by(&format!("{search}method = \"nsga2\"\nobjectives = [\"error\", \"size\"]\n")), &[]),
@@ -313,7 +341,7 @@ fn winners_of_every_kind_of_search_are_weighed() {
 fn structures_by_hand_are_weighed_and_one_of_two_equal_values_stays_as_it_is() {
     for (features, is_changed) in [("\"d 2\"", false), ("\"hue 4\"", true)] {
         let channel = format!(
-            "[search]\nweigh = true\n[search.fitness]\ncross-sequence = 1\n[descriptor]\nfamily = \"structure\"\n\
+            "[search]\nweigh = \"jointly\"\n[search.fitness]\ncross-sequence = 1\n[descriptor]\nfamily = \"structure\"\n\
              [[descriptor.channel]]\npairs = \"cloud\"\nfeatures = [{features}]\nradius_cm = 9\nmetric = \"l1\"\nweight = 1.0\n"
         );
         let experiment = Experiment::new(&channel);
@@ -334,9 +362,9 @@ fn structures_by_hand_are_weighed_and_one_of_two_equal_values_stays_as_it_is() {
 #[test]
 fn a_run_that_could_not_weigh_is_refused_before_it_begins() {
     for (settings, complaint) in [
-        ("[search]\nweigh = true\n", "search.weigh: needs structures, got family disk-ring"),
+        ("[search]\nweigh = \"jointly\"\n", "search.weigh: needs structures, got family disk-ring"),
         (
-            "[search]\nweigh = true\n[descriptor]\nfamily = \"structure\"\nmax_bins = 501\n",
+            "[search]\nweigh = \"jointly\"\n[descriptor]\nfamily = \"structure\"\nmax_bins = 501\n",
             "search.weigh: needs descriptor.max_bins of at most 500, got 501",
         ),
         ("[search]\nweigh = 1\n[descriptor]\nfamily = \"structure\"\n", "weigh"),
@@ -347,7 +375,7 @@ fn a_run_that_could_not_weigh_is_refused_before_it_begins() {
     }
     let without = listed_with(
         |_| false,
-        "[search]\nweigh = true\n[search.fitness]\nleave-one-out = 1\n[descriptor]\nfamily = \"structure\"\n",
+        "[search]\nweigh = \"jointly\"\n[search.fitness]\nleave-one-out = 1\n[descriptor]\nfamily = \"structure\"\n",
     );
     for command in [vec!["run", "--out"], vec!["check"]] {
         let toml = without.path("listed.toml");

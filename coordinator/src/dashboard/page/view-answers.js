@@ -131,7 +131,8 @@ function create(root, context) {
 
   /** The individual that gave answers on validation clouds: the winner before its values were weighed. */
   function searched(what) {
-    return what === 'validation' ? (store.detail?.winner ?? null) : null;
+    const detail = what === 'validation' ? store.detail : null;
+    return detail?.errors.some(({ split }) => split === 'train weighed') ? detail.winner : null;
   }
 
   async function fetchAnswers() {

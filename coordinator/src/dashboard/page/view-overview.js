@@ -56,7 +56,7 @@ function intervals(rows, optimum, width) {
 
 function errorRows(detail) {
   return detail.errors.map((row) => ({
-    name: `${SPLITS[row.split] ?? row.split} clouds`,
+    name: (SPLITS[row.split] ?? row.split).replace(/^\w+/, '$& clouds'),
     error: row.object_error,
     low: row.low,
     high: row.high,

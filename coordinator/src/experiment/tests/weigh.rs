@@ -1,5 +1,7 @@
 //! Experiments whose runs weigh the values of their winner.
 
+use descriptor::weigh::Weighing;
+
 use super::parse;
 use crate::experiment::Experiment;
 
@@ -11,11 +13,16 @@ const CHANNEL: &str =
 #[test]
 fn a_search_that_weighs_says_so_and_one_that_does_not_is_what_it_was() {
     let sample = parse(SAMPLE).unwrap();
-    assert!(sample.weighs());
-    assert!(sample.search_toml().contains("\nweigh = true\n"), "{}", sample.search_toml());
-    assert_eq!(parse(&sample.resolved_toml()), Ok(sample));
-    let off = ["weigh = false", ""].map(|key| parse(&SAMPLE.replace("weigh = true", key)).unwrap());
-    assert!(off.iter().all(|experiment| !experiment.weighs()));
+    assert_eq!(sample.weighs(), Some(Weighing::Jointly));
+    let separately = parse(&SAMPLE.replace("jointly", "separately")).unwrap();
+    assert_eq!(separately.weighs(), Some(Weighing::Separately));
+    for (experiment, how) in [(sample, "jointly"), (separately, "separately")] {
+        let toml = experiment.search_toml();
+        assert!(toml.contains(&format!("\nweigh = \"{how}\"\n")), "{toml}");
+        assert_eq!(parse(&experiment.resolved_toml()), Ok(experiment));
+    }
+    let off = ["weigh = \"off\"", ""].map(|key| parse(&SAMPLE.replace("weigh = \"jointly\"", key)).unwrap());
+    assert!(off.iter().all(|experiment| experiment.weighs().is_none()));
     assert!(off.iter().all(|experiment| !experiment.search_toml().contains("weigh")));
 }
 
@@ -31,7 +38,7 @@ fn only_structures_are_weighed_and_those_that_have_room_for_weights() {
     for other in ["disk-ring", "global-hue"] {
         let text = SAMPLE.replace(family, &format!("family = \"{other}\""));
         refused(&text, &format!("search.weigh: needs structures, got family {other}\n"));
-        parse(&text.replace("true", "false")).unwrap();
+        parse(&text.replace("jointly", "off")).unwrap();
     }
     let text = |max_bins: u32| SAMPLE.replace(family, &format!("{family}\nmax_bins = {max_bins}"));
     parse(&text(500)).unwrap();
@@ -41,7 +48,7 @@ fn only_structures_are_weighed_and_those_that_have_room_for_weights() {
     parse(&one(CHANNEL)).unwrap();
     let weights = format!("{CHANNEL}value_weights = [1.0, 0.5, 0.5, 0.5]\n");
     refused(&one(&weights), "search.weigh: needs channels without value_weights, got some with\n");
-    parse(&one(&weights).replace("true", "false")).unwrap();
+    parse(&one(&weights).replace("jointly", "off")).unwrap();
     // 8 · 8 · 8 bins in a mean and as many in a deviation.
     let large = CHANNEL
         .replace("\"cloud\"", "\"keypoints\"")
