@@ -3,6 +3,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use descriptor::recogniser::Method;
+use descriptor::weigh::Weighing;
 use proto::task::{Exclusion, Label};
 use results::Counts;
 
@@ -14,7 +16,7 @@ use crate::run::matching::{Matching, TRAIN1, TRAIN2};
 use crate::weighing::{check_sets as check_teaching, teaching_sets};
 
 /// Refuses a fitness that cannot be computed on these clouds, and a search that would ask validation clouds where there are
-/// none; says in words which clouds the fitness leaves out of its counts.
+/// none; says in words which clouds the fitness leaves out of its counts, and that other weights may suit the recogniser.
 ///
 /// # Errors
 /// [`RunError::NoValidation`], [`RunError::NoSequences`], [`RunError::Weigh`], [`RunError::NoAnswers`],
@@ -32,10 +34,18 @@ pub fn check_fitness(experiment: &Experiment, dataset: &Dataset) -> Result<Vec<S
         let (count, first) = (missing.count, missing.first);
         return Err(RunError::NoSequences { count, first });
     }
-    if experiment.weighs().is_some() {
-        check_teaching(&teaching_sets(dataset, &weights))?;
-    }
     let mut notes = Vec::new();
+    if let Some(how) = experiment.weighs() {
+        check_teaching(&teaching_sets(dataset, &weights))?;
+        let method = experiment.recognition();
+        if how == Weighing::Jointly && method != Method::Nearest {
+            notes.push(format!(
+                "search.weigh: \"separately\" is likely to suit recognition.method = \"{}\" better than \"jointly\": it \
+                 learns from the clouds that the weights were learned from, too",
+                method.name()
+            ));
+        }
+    }
     for (protocol, _) in fitness.protocols() {
         for part in fitness.of_protocol(protocol).parts(Matching::Train) {
             let of_sets = (0..).zip(&weights).filter(|(_, weight)| **weight > 0);

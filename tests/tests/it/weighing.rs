@@ -360,6 +360,23 @@ fn structures_by_hand_are_weighed_and_one_of_two_equal_values_stays_as_it_is() {
 }
 
 #[test]
+fn whoever_weighs_jointly_for_a_recogniser_that_learns_is_told_of_the_other_way() {
+    for (how, method, is_told) in [
+        ("jointly", "kernel-ridge", true),
+        ("jointly", "nearest", false),
+        ("separately", "kernel-ridge", false),
+    ] {
+        let experiment = Experiment::new(&format!(
+            "[search]\nweigh = \"{how}\"\n[recognition]\nmethod = \"{method}\"\n{STRUCTURES}"
+        ));
+        let checked = run("coordinator", ["check", &experiment.path("exp.toml")]).expect_success();
+        let note =
+            format!("search.weigh: \"separately\" is likely to suit recognition.method = \"{method}\"");
+        assert_eq!(checked.stderr.contains(&note), is_told, "{how} {method}: {checked}");
+    }
+}
+
+#[test]
 fn a_run_that_could_not_weigh_is_refused_before_it_begins() {
     for (settings, complaint) in [
         ("[search]\nweigh = \"jointly\"\n", "search.weigh: needs structures, got family disk-ring"),
