@@ -21,7 +21,7 @@ use neighbourhood::factors;
 /// How weights are found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Weighing {
-    /// Each by how much its value differs: for recognisers that learn from the clouds that the weights were learned from, too.
+    /// Each by how much its value differs: for recognisers that learn from the same clouds once more.
     Separately,
     /// All together, from there on, by neighbourhood components analysis: for the nearest cloud.
     Jointly,
@@ -102,10 +102,13 @@ pub fn check_clouds(objects: &[u32], sequences: &[Option<u32>]) -> Result<(), We
 /// nearest of other objects in other sequences. Let s and o be the sums over the clouds of the mean terms of a value, and f
 /// a twentieth of the mean of s over all values, in the proportions in which channels are added up: then the weight of the
 /// value begins at ((o + f) / (s + f))². Of several sets, the means over their clouds are added up, each times the set's
-/// weight. From there, to weigh them [jointly](Weighing::Jointly), neighbourhood components analysis (Goldberger, Roweis, Hinton and Salakhutdinov, 2004) finds a factor
-/// s² for each value: the sum over the clouds of −ln p, p being the share of the cloud's object in the sum of exp(−d / t)
-/// over the clouds that it is compared with, and of (s − 1)² / 4 over the values becomes small. t is half of the mean
-/// distance of a cloud to the nearest of its object.
+/// weight.
+///
+/// To weigh values [jointly](Weighing::Jointly), neighbourhood components analysis (Goldberger, Roweis, Hinton and
+/// Salakhutdinov, 2004) finds a factor r² for each from there: the sum over the clouds of −ln p, p being the share of the
+/// cloud's object in the sum of exp(−d / t) over the clouds that it is compared with, and of (r − 1)² / 4 over the values
+/// becomes small. t is half of the mean, over all clouds, of the distance to the nearest cloud of the same object.
+///
 /// Weights of a channel are divided by the largest, and the weight of the channel is multiplied by as much and by what
 /// changes of its scale, the mean over the sets by their weights. All channels' weights are divided by the mean of the
 /// values' weights, s being their share, and by as much as the largest would be beyond [`Weighted::MAX_WEIGHT_PPM`].

@@ -36,9 +36,10 @@ struct Neighbourhood {
 }
 
 /// What weights are multiplied by, so that the sum over the clouds of −ln p becomes small: p is the share of a cloud's object
-/// in the sum of exp(−d / t) over those that it is compared with, t half the mean distance to the nearest of the same object.
+/// in the sum of exp(−d / t) over those that it is compared with, t half of the mean, over all clouds, of the distance to the
+/// nearest cloud of the same object.
 /// Of several sets, each has the share of its weight, as if all had as many clouds as they have on average.
-/// A ridge keeps factors s² near 1: a quarter of Σ (s − 1)².
+/// A ridge keeps factors r² near 1: a quarter of Σ (r − 1)².
 pub fn factors(sets: &[&LabelledSet<'_>], weights: &[f64]) -> Vec<f64> {
     let neighbourhoods = neighbourhoods(sets, weights);
     let mut roots = vec![1.0; weights.len()];
