@@ -26,6 +26,7 @@ impl Lab {
     }
 
     /// One colour.
+    #[inline(always)]
     pub(crate) fn of(&self, colour: [u8; 3]) -> [f32; 3] {
         let [r, g, b] = colour.map(|channel| self.light[usize::from(channel)]);
         let x = r * 0.412_453 + g * 0.357_58 + b * 0.180_423;

@@ -3,9 +3,12 @@
 use std::array;
 use std::sync::LazyLock;
 
+use pulp::NullaryFnOnce;
+
 use crate::colour::HueSaturation;
 use crate::fixed::lab::Lab;
 use crate::structure::feature::Feature;
+use crate::wide::widest;
 
 /// Logarithms of the values of a colour channel, in 2⁻¹⁶: round(2¹⁶ · ln(c + 2)).
 static LOGS: LazyLock<[i32; 256]> = LazyLock::new(|| {
@@ -13,6 +16,7 @@ static LOGS: LazyLock<[i32; 256]> = LazyLock::new(|| {
 });
 
 /// Opponents of the log colour: red against green, and twice blue against both.
+#[inline(always)]
 fn opponents(logs: &[i32; 256], colour: [u8; 3]) -> [i32; 2] {
     let [r, g, b] = colour.map(|channel| logs[usize::from(channel)]);
     [r - g, 2 * b - r - g]
@@ -37,42 +41,75 @@ pub(super) fn mean_opponents(colours: &[[u8; 3]]) -> [i32; 2] {
 /// Logarithms and what is made of them are whole numbers of 2⁻¹⁶, `c2`, `w2` and `o2` of half that: all are below 2²³ in
 /// size, so that f32 holds them and their differences exactly.
 pub(super) fn values(feature: Feature, colours: &[[u8; 3]], mean: [i32; 2]) -> Vec<f32> {
-    let logs: &[i32; 256] = &LOGS;
-    let log = |channel: usize| each(colours, move |colour| logs[usize::from(colour[channel])] as f32);
-    let opponent =
-        |which: usize, mean: i32| each(colours, move |colour| (opponents(logs, colour)[which] - mean) as f32);
-    let channel = |channel: usize| each(colours, move |colour| f32::from(colour[channel]));
-    let lab = |component: usize| {
-        let tables = Lab::tables();
-        each(colours, move |colour| tables.of(colour)[component])
-    };
-    match feature {
-        Feature::Hue => each(colours, |colour| HueSaturation::new(colour).hue),
-        Feature::Saturation => each(colours, |colour| HueSaturation::new(colour).saturation),
-        Feature::Value => each(colours, |[r, g, b]| f32::from(r.max(g).max(b))),
-        Feature::C1 | Feature::O1 => opponent(0, 0),
-        Feature::C2 | Feature::O2 => opponent(1, 0),
-        Feature::W1 => opponent(0, mean[0]),
-        Feature::W2 => opponent(1, mean[1]),
-        Feature::L => lab(0),
-        Feature::A => lab(1),
-        Feature::B => lab(2),
-        Feature::LogRed => log(0),
-        Feature::LogGreen => log(1),
-        Feature::LogBlue => log(2),
-        Feature::RatioRed => channel(0),
-        Feature::RatioGreen => channel(1),
-        Feature::RatioBlue => channel(2),
-        Feature::Distance
-        | Feature::Angle
-        | Feature::F1
-        | Feature::F2
-        | Feature::F3
-        | Feature::A2
-        | Feature::A3 => Vec::new(), // made of no colour
+    widest(Values { feature, colours, mean })
+}
+
+/// The kernel of [`values`].
+struct Values<'a> {
+    feature: Feature,
+    colours: &'a [[u8; 3]],
+    mean: [i32; 2],
+}
+
+impl NullaryFnOnce for Values<'_> {
+    type Output = Vec<f32>;
+
+    #[inline(always)]
+    fn call(self) -> Vec<f32> {
+        let Self { feature, colours, mean } = self;
+        match feature {
+            Feature::Hue => each(colours, |colour| HueSaturation::new(colour).hue),
+            Feature::Saturation => each(colours, |colour| HueSaturation::new(colour).saturation),
+            Feature::Value => each(colours, |[r, g, b]| f32::from(r.max(g).max(b))),
+            Feature::C1 | Feature::O1 => opponent::<0>(colours, 0),
+            Feature::C2 | Feature::O2 => opponent::<1>(colours, 0),
+            Feature::W1 => opponent::<0>(colours, mean[0]),
+            Feature::W2 => opponent::<1>(colours, mean[1]),
+            Feature::L => lab::<0>(colours),
+            Feature::A => lab::<1>(colours),
+            Feature::B => lab::<2>(colours),
+            Feature::LogRed => log::<0>(colours),
+            Feature::LogGreen => log::<1>(colours),
+            Feature::LogBlue => log::<2>(colours),
+            Feature::RatioRed => channel::<0>(colours),
+            Feature::RatioGreen => channel::<1>(colours),
+            Feature::RatioBlue => channel::<2>(colours),
+            Feature::Distance
+            | Feature::Angle
+            | Feature::F1
+            | Feature::F2
+            | Feature::F3
+            | Feature::A2
+            | Feature::A3 => Vec::new(), // made of no colour
+        }
     }
 }
 
+#[inline(always)]
+fn channel<const CHANNEL: usize>(colours: &[[u8; 3]]) -> Vec<f32> {
+    each(colours, |colour| f32::from(colour[CHANNEL]))
+}
+
+#[inline(always)]
+fn log<const CHANNEL: usize>(colours: &[[u8; 3]]) -> Vec<f32> {
+    let logs: &[i32; 256] = &LOGS;
+    each(colours, |colour| logs[usize::from(colour[CHANNEL])] as f32)
+}
+
+/// An opponent minus its mean.
+#[inline(always)]
+fn opponent<const WHICH: usize>(colours: &[[u8; 3]], mean: i32) -> Vec<f32> {
+    let logs: &[i32; 256] = &LOGS;
+    each(colours, |colour| (opponents(logs, colour)[WHICH] - mean) as f32)
+}
+
+#[inline(always)]
+fn lab<const COMPONENT: usize>(colours: &[[u8; 3]]) -> Vec<f32> {
+    let tables = Lab::tables();
+    each(colours, |colour| tables.of(colour)[COMPONENT])
+}
+
+#[inline(always)]
 fn each(colours: &[[u8; 3]], value: impl Fn([u8; 3]) -> f32) -> Vec<f32> {
     colours.iter().map(|&colour| value(colour)).collect()
 }
