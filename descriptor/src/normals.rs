@@ -9,7 +9,7 @@ use crate::cell_list::{BEYOND, CellList, Queries};
 use crate::eigen::{LANES, smallest_eigenvector, smallest_eigenvectors};
 use crate::neighbours::{floor_f32, squared_distance};
 use crate::prepare_error::PrepareError;
-use crate::select::select;
+use crate::select::{ROOM, Selector};
 use crate::wide::widest;
 
 /// Neighbours without which no plane is fitted.
@@ -187,15 +187,15 @@ impl Fit<'_> {
             }
         }
         let candidates: usize = self.runs.iter().map(|run| run.len() + BEYOND).sum();
-        self.places.resize(self.places.len().max(candidates + 8), 0);
-        let mut count = 0;
+        self.places.resize(self.places.len().max(candidates + ROOM), 0);
+        let (mut count, selector) = (0, Selector::new());
         for run in self.runs {
             for start in run.clone().step_by(BEYOND) {
-                let mut is_near = [false; BEYOND];
+                let mut d2 = [0.0; BEYOND];
                 let [x, y, z] =
                     self.position.map(|values| &values[start..start + BEYOND].as_chunks::<BEYOND>().0[0]);
                 let left = (run.end - start) as u32;
-                for (i, is_near) in (0u32..).zip(&mut is_near) {
+                for (i, d2) in (0u32..).zip(&mut d2) {
                     let outside = |axis: usize, value: f32| {
                         let nearest = if value < low[axis] { low[axis] } else { value };
                         let nearest = if nearest > high[axis] { high[axis] } else { nearest };
@@ -203,9 +203,9 @@ impl Fit<'_> {
                     };
                     let place = i as usize;
                     let (x, y, z) = (outside(0, x[place]), outside(1, y[place]), outside(2, z[place]));
-                    *is_near = (x * x + y * y + z * z <= self.limit) & (i < left);
+                    *d2 = if i < left { x * x + y * y + z * z } else { f32::INFINITY };
                 }
-                count = select(&is_near, start as u32, self.places, count);
+                count = selector.select(&d2, [-1.0, self.limit], start as u32, self.places, count);
             }
         }
         count

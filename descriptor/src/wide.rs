@@ -64,15 +64,22 @@ pub fn widest<K: NullaryFnOnce>(kernel: K) -> K::Output {
     }
 }
 
+/// The instructions of AVX-512, if kernels run with them: for the few that no loop becomes.
+#[cfg(target_arch = "x86_64")]
+pub(crate) fn avx512() -> Option<pulp::x86::V4> {
+    match level() {
+        Level::Widest(Arch::V4(vectors)) => Some(vectors),
+        _ => None,
+    }
+}
+
 /// What people call the vectors that kernels run with.
 pub fn name() -> &'static str {
     match level() {
         #[cfg(target_arch = "x86_64")]
-        Level::Widest(_) if pulp::x86::V4::try_new().is_some() => "AVX-512 (x86-64-v4)",
+        Level::Widest(Arch::V4(_)) => "AVX-512 (x86-64-v4)",
         #[cfg(target_arch = "x86_64")]
-        Level::Widest(_) if pulp::x86::V3::try_new().is_some() => "AVX2 (x86-64-v3)",
-        #[cfg(target_arch = "x86_64")]
-        Level::V3(_) => "AVX2 (x86-64-v3)",
+        Level::Widest(Arch::V3(_)) | Level::V3(_) => "AVX2 (x86-64-v3)",
         _ => "those of the baseline",
     }
 }

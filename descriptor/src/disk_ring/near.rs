@@ -7,7 +7,7 @@ use crate::disk_ring::quantise::Quantiser;
 use crate::disk_ring::records::Records;
 use crate::prepare::Normals;
 use crate::prepare_error::PrepareError;
-use crate::select::select;
+use crate::select::Selector;
 use crate::surface::{BLOCK, Surface, block, block_mut};
 use crate::wide::widest;
 
@@ -89,6 +89,7 @@ impl NullaryFnOnce for Find<'_> {
         lists.iter_mut().for_each(|list| list.count = 0);
         let ([kx, ky, kz], [ax, ay, az]) = (self.keypoint, self.axis);
         let slicer = self.quantiser.angle_table().slicer();
+        let selector = Selector::new();
         for number in self.surface.blocks(self.keypoint, self.quantiser.reach2()) {
             let [x, y, z] = self.surface.position.each_ref().map(|values| block(values, number));
             let d2 = block_mut(d2, number);
@@ -105,12 +106,14 @@ impl NullaryFnOnce for Find<'_> {
                 *slice = slicer.slice(opposite);
             }
             let mut beyond = -1.0; // no d² is below 0
-            let mut is_near = [false; BLOCK];
             for (list, &limit) in lists.iter_mut().zip(limits.iter()) {
-                for (is_near, &d2) in is_near.iter_mut().zip(d2.iter()) {
-                    *is_near = (d2 > beyond) & (d2 <= limit);
-                }
-                list.count = select(&is_near, (number * BLOCK) as u32, &mut list.places, list.count);
+                list.count = selector.select(
+                    d2,
+                    [beyond, limit],
+                    (number * BLOCK) as u32,
+                    &mut list.places,
+                    list.count,
+                );
                 beyond = limit;
             }
         }

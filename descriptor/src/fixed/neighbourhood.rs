@@ -2,7 +2,7 @@
 
 use pulp::NullaryFnOnce;
 
-use crate::select::select;
+use crate::select::Selector;
 use crate::surface::{BLOCK, Surface, block};
 use crate::wide::widest;
 
@@ -68,17 +68,17 @@ impl NullaryFnOnce for Select<'_> {
 
     #[inline(always)]
     fn call(self) {
-        let ([cx, cy, cz], [beyond, limit]) = (self.centre, self.limits);
-        let (mut is_near, mut count) = ([false; BLOCK], 0);
+        let ([cx, cy, cz], [_, limit]) = (self.centre, self.limits);
+        let selector = Selector::new();
+        let (mut d2, mut count) = ([0.0; BLOCK], 0);
         self.places.resize(self.surface.room(), 0);
         for number in self.surface.blocks(self.centre, limit) {
             let [x, y, z] = self.surface.position.each_ref().map(|values| block(values, number));
-            for (((is_near, &x), &y), &z) in is_near.iter_mut().zip(x).zip(y).zip(z) {
+            for (((d2, &x), &y), &z) in d2.iter_mut().zip(x).zip(y).zip(z) {
                 let (x, y, z) = (x - cx, y - cy, z - cz);
-                let d2 = x * x + y * y + z * z;
-                *is_near = (d2 > beyond) & (d2 <= limit);
+                *d2 = x * x + y * y + z * z;
             }
-            count = select(&is_near, (number * BLOCK) as u32, self.places, count);
+            count = selector.select(&d2, self.limits, (number * BLOCK) as u32, self.places, count);
         }
         self.places.truncate(count);
     }

@@ -13,7 +13,8 @@ use crate::structure::value_order::ValueOrder;
 pub(super) const MAX_VALUES: usize = (6 + QUAD - 1 + StructureChannel::MAX_AXES).next_multiple_of(QUAD);
 
 /// Values of points or their differences, one in each lane, in the order of [`StructurePlan::order`]. No distance to a
-/// lane whose x is NaN counts.
+/// lane whose x is NaN counts. Aligned to the lines of the cache, of which most vectors of 64 bytes would take two.
+#[repr(align(64))]
 pub(super) struct Group {
     pub(super) values: [[f32; LANES]; MAX_VALUES],
 }

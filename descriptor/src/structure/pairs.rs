@@ -55,7 +55,8 @@ pub(super) fn count(plan: &StructurePlan, [first, second]: [&Group; 2], apart: &
 /// In place of the first bin of a pair's shell: the pair does not count.
 const NO_SHELL: u32 = u32::MAX;
 
-/// What features are made of; zeros where no feature of the plan is.
+/// What features are made of; zeros where no feature of the plan is. Aligned as groups are.
+#[repr(align(64))]
 struct Pairs {
     /// |d|²
     d2: Lanes,

@@ -2,10 +2,11 @@
 
 use std::borrow::Cow;
 
+use aligned_vec::{AVec, avec};
 use pulp::NullaryFnOnce;
 
 use crate::prepare_error::PrepareError;
-use crate::select::{ROOM, select};
+use crate::select::{ROOM, Selector};
 use crate::structure::block::BLOCK;
 use crate::structure::cloud::Points;
 use crate::structure::colours::values;
@@ -16,18 +17,23 @@ use crate::structure::value_order::{Column, PointAxis};
 use crate::wide::widest;
 
 /// The points that a channel can use, in their order.
-#[derive(Default)]
 pub(super) struct Table {
     /// Number of points.
     pub(super) points: usize,
     /// Value after value; each has as many as whole blocks hold, of which those after the last point are NaN.
-    columns: Vec<f32>,
+    columns: AVec<f32>,
     /// Length of a column.
     stride: usize,
-    /// Lowest x, y, z and highest x, y, z of each block, like columns; infinite where there is no block.
-    boxes: [Vec<f32>; 6],
+    /// Columns of the lowest x, y, z and the highest x, y, z of each block; infinite where there is no block.
+    boxes: AVec<f32>,
     /// The same values; empty unless pairs are drawn.
     pub(super) quads: Quads,
+}
+
+impl Default for Table {
+    fn default() -> Self {
+        Self { points: 0, columns: avec![], stride: 0, boxes: avec![], quads: Quads::default() }
+    }
 }
 
 impl Table {
@@ -77,7 +83,7 @@ impl Table {
     fn of_size(plan: &StructurePlan, points: usize) -> Self {
         // Never 0: a chunk has a length.
         let stride = points.next_multiple_of(BLOCK).max(BLOCK);
-        Self { points, stride, columns: vec![f32::NAN; plan.order.values * stride], ..Self::default() }
+        Self { points, stride, columns: avec![f32::NAN; plan.order.values * stride], ..Self::default() }
     }
 
     /// A value of all points.
@@ -109,12 +115,12 @@ impl Table {
 
     #[inline(always)]
     fn find_boxes(&mut self) {
-        let boxes = self.points.div_ceil(BLOCK).next_multiple_of(BLOCK);
-        let (low, high) = self.boxes.split_at_mut(3);
-        for (column, (low, high)) in self.columns.chunks_exact(self.stride).zip(low.iter_mut().zip(high)) {
-            *low = vec![f32::INFINITY; boxes];
-            *high = vec![f32::INFINITY; boxes];
-            // A column without points is one block of NaN, for which there is no box.
+        // Never 0: a chunk has a length.
+        let boxes = self.points.div_ceil(BLOCK).next_multiple_of(BLOCK).max(BLOCK);
+        self.boxes = avec![f32::INFINITY; 6 * boxes];
+        let (low, high) = self.boxes.split_at_mut(3 * boxes);
+        let corners = low.chunks_exact_mut(boxes).zip(high.chunks_exact_mut(boxes));
+        for (column, (low, high)) in self.columns.chunks_exact(self.stride).zip(corners) {
             for ((block, low), high) in column.as_chunks::<BLOCK>().0.iter().zip(low).zip(high) {
                 [*low, *high] = extremes(block);
             }
@@ -124,25 +130,26 @@ impl Table {
     /// Finds the blocks that may have a point that near, in their order.
     #[inline(always)]
     pub(super) fn blocks_within(&self, [x, y, z]: [f32; 3], reach2: f32, found: &mut Vec<u32>) {
-        let columns = self.boxes.each_ref().map(|values| values.as_chunks::<BLOCK>().0);
-        let [low_x, low_y, low_z, high_x, high_y, high_z] = columns;
+        let boxes = self.boxes.as_chunks::<BLOCK>().0;
+        let (low, high) = boxes.split_at(boxes.len() / 2);
+        let [[low_x, low_y, low_z], [high_x, high_y, high_z]] = [low, high].map(thirds);
         // Rounds like the distances of points: differences and squares never decrease with the distance along an axis.
         let outside = |low: f32, at: f32, high: f32| {
             let (below, above) = (low - at, at - high);
             let most = if below > above { below } else { above };
             if most > 0.0 { most * most } else { 0.0 }
         };
-        let mut count = 0;
+        let (mut count, selector) = (0, Selector::new());
         found.resize(low_x.len() * BLOCK + ROOM, 0);
         for place in 0..low_x.len() {
-            let mut is_near = [false; BLOCK];
-            for (lane, is_near) in is_near.iter_mut().enumerate() {
+            let mut d2 = [0.0; BLOCK];
+            for (lane, d2) in d2.iter_mut().enumerate() {
                 let dx = outside(low_x[place][lane], x, high_x[place][lane]);
                 let dy = outside(low_y[place][lane], y, high_y[place][lane]);
                 let dz = outside(low_z[place][lane], z, high_z[place][lane]);
-                *is_near = dx + dy + dz <= reach2;
+                *d2 = dx + dy + dz;
             }
-            count = select(&is_near, (place * BLOCK) as u32, found, count);
+            count = selector.select(&d2, [-1.0, reach2], (place * BLOCK) as u32, found, count);
         }
         found.truncate(count);
     }
@@ -150,20 +157,18 @@ impl Table {
     /// Finds the points within reach of a place among these blocks, in their order.
     #[inline(always)]
     pub(super) fn points_within(&self, centre: [f32; 3], reach2: f32, blocks: &[u32], found: &mut Vec<u32>) {
-        let (x, rest) = self.columns.split_at(self.stride);
-        let (y, z) = rest.split_at(self.stride);
-        let [x, y, z] = [x, y, z].map(|column| column.as_chunks::<BLOCK>().0);
-        let mut count = 0;
+        let [x, y, z] = thirds(self.columns[..3 * self.stride].as_chunks::<BLOCK>().0);
+        let (mut count, selector) = (0, Selector::new());
         found.resize(blocks.len() * BLOCK + ROOM, 0);
         for &block in blocks {
             let place = block as usize;
-            let mut is_near = [false; BLOCK];
-            for (lane, is_near) in is_near.iter_mut().enumerate() {
+            let mut d2 = [0.0; BLOCK];
+            for (lane, d2) in d2.iter_mut().enumerate() {
                 let [dx, dy, dz] =
                     [x[place][lane] - centre[0], y[place][lane] - centre[1], z[place][lane] - centre[2]];
-                *is_near = dx * dx + dy * dy + dz * dz <= reach2;
+                *d2 = dx * dx + dy * dy + dz * dz;
             }
-            count = select(&is_near, (place * BLOCK) as u32, found, count);
+            count = selector.select(&d2, [-1.0, reach2], block * BLOCK as u32, found, count);
         }
         found.truncate(count);
     }
@@ -173,6 +178,14 @@ impl Table {
     pub(super) fn position(&self, point: usize) -> [f32; 3] {
         [0, 1, 2].map(|axis| self.columns[axis * self.stride + point])
     }
+}
+
+/// Three columns of the same length.
+#[inline(always)]
+fn thirds<T>(columns: &[T]) -> [&[T]; 3] {
+    let (x, rest) = columns.split_at(columns.len() / 3);
+    let (y, z) = rest.split_at(rest.len() / 2);
+    [x, y, z]
 }
 
 /// The lowest and the highest value; a NaN is neither: nothing is near it.
