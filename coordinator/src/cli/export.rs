@@ -87,6 +87,11 @@ impl Export {
         // What a reader who has not asked for it must know is that there is none.
         let is_told = self.false_rejections.is_some() || exported.reject.calibration.is_err();
         let reject = if is_told { reject_lines(&exported.reject) } else { String::new() };
+        let program = Names::of_this_process().coordinator();
+        let note = exported.note.as_ref().map_or_else(String::new, |note| {
+            let run = self.run.display();
+            labelled("note", 14, &format!("{note}; to have them: {program} weigh {run} FILE.toml --how separately, and here --structure FILE.toml"))
+        });
         super::print(&format!(
             "{descriptor}\
              recogniser    {}\n\
@@ -94,13 +99,13 @@ impl Export {
              {reject}\
              example       {}: nearest is {}\n\
              artefact      {out}, {:.1} MB\n\
-             to use it     {program} recognise {out} CLOUD.pcd\n",
+             to use it     {program} recognise {out} CLOUD.pcd\n\
+             {note}",
             exported.recogniser,
             exported.clouds,
             exported.example,
             exported.answer,
             exported.bytes as f64 / 1e6,
-            program = Names::of_this_process().coordinator(),
         ))?;
         Ok(ExitCode::SUCCESS)
     }

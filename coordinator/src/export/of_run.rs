@@ -11,6 +11,7 @@ use cache::{Storage, Store};
 use descriptor::cloud_file::{self, CloudFileError};
 use descriptor::pcd::{self, DataEncoding};
 use descriptor::recogniser::{ChosenSettings, LabelledClouds, LearnError, Method};
+use descriptor::weigh::Weighing;
 use descriptor::{Descriptor, Family, Preprocess, SearchSpace, SetDistance, Signatures, ply, rgbd};
 use proto::Message;
 use results::{FinishedRun, PredictionRow, PredictionSplit};
@@ -45,6 +46,8 @@ pub struct Exported {
     pub reject: Reject,
     /// All files together, bytes.
     pub bytes: u64,
+    /// What may make the recogniser worse than it need be.
+    pub note: Option<String>,
 }
 
 /// Makes the artefact of a finished run in the folder `out`, whole or not at all; an artefact that is there is
@@ -78,13 +81,10 @@ pub fn export(
         .map_err(|error| ExportError::of_reference(run, error))?;
     let reference = signatures(&descriptor, &database).map_err(winner)?;
     let scales = found_scales(&descriptor, &reference, dataset.splits.trained());
-    let learning = learning(
-        recogniser.unwrap_or(experiment.recognition()),
-        &dataset,
-        &channels(&descriptor, scales.as_deref(), &reference),
-        &database,
-    )
-    .map_err(|source| ExportError::Learn { run: run.to_owned(), source })?;
+    let method = recogniser.unwrap_or(experiment.recognition());
+    let learning =
+        learning(method, &dataset, &channels(&descriptor, scales.as_deref(), &reference), &database)
+            .map_err(|source| ExportError::Learn { run: run.to_owned(), source })?;
     let settings_of_recogniser = learning.map(|chosen| chosen.settings);
     let example = example(&dataset).map_err(|error| ExportError::of_reference(run, error))?;
     let reject = reject::calibrate(
@@ -150,6 +150,21 @@ pub fn export(
         recogniser: names_objects_by(settings_of_recogniser.as_ref()),
         reject,
         bytes,
+        note: weights_note(&which, experiment.weighs(), method),
+    })
+}
+
+/// That a recogniser learns from distances between clouds which the winner's weights have made small, if it does.
+fn weights_note(which: &DescriptorChoice, weighs: Option<Weighing>, method: Method) -> Option<String> {
+    let misleads = matches!(which, DescriptorChoice::Evolved)
+        && weighs == Some(Weighing::Jointly)
+        && method != Method::Nearest;
+    misleads.then(|| {
+        format!(
+            "weights learned \"separately\" are likely to suit {} better than the run's, learned \"jointly\": it learns \
+             from the same clouds, too",
+            method.name()
+        )
     })
 }
 

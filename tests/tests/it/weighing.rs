@@ -150,8 +150,15 @@ fn a_run_weighs_its_winner_as_weigh_does_and_is_tested_with_the_weights() {
     let html = fs::read_to_string(page).unwrap();
     assert!(html.contains("values weighted") && html.contains("training, weighed"));
     let artefact = experiment.path("artefact");
-    run("coordinator", ["export", &out, &artefact]).expect_success();
+    let export = |more: &[&str]| {
+        let args = ["export", &out, &artefact].into_iter().chain(more.iter().copied());
+        run("coordinator", args).expect_success().stdout
+    };
+    assert!(!export(&[]).contains("note "));
     assert!(fs::read_to_string(format!("{artefact}/descriptor.toml")).unwrap().contains("value_weights"));
+    // Weights that were learned jointly mislead whatever learns from the same clouds, and nothing else.
+    assert!(export(&["--recogniser", "kernel-ridge"]).contains("--how separately"));
+    assert!(!export(&["--recogniser", "kernel-ridge", "--structure", &file]).contains("note "));
     let args = ["compare", &out, "--no-times", "--structure", &file, "--listen", "127.0.0.1:0"];
     let compared = run("coordinator", args.into_iter().chain(["--descriptor", "evolved"])).expect_success();
     let wrong = |name: &str| {
