@@ -9,7 +9,7 @@ use crate::cell_list::{BEYOND, CellList, Queries};
 use crate::eigen::{LANES, smallest_eigenvector, smallest_eigenvectors};
 use crate::neighbours::{floor_f32, squared_distance};
 use crate::prepare_error::PrepareError;
-use crate::select::{ROOM, Selector};
+use crate::select::{BELOW_ALL, ROOM, Selector};
 use crate::wide::widest;
 
 /// Neighbours without which no plane is fitted.
@@ -205,7 +205,7 @@ impl Fit<'_> {
                     let (x, y, z) = (outside(0, x[place]), outside(1, y[place]), outside(2, z[place]));
                     *d2 = if i < left { x * x + y * y + z * z } else { f32::INFINITY };
                 }
-                count = selector.select(&d2, [-1.0, self.limit], start as u32, self.places, count);
+                count = selector.select(&d2, [BELOW_ALL, self.limit], start as u32, self.places, count);
             }
         }
         count

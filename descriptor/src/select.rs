@@ -12,6 +12,9 @@ const HALF: usize = BLOCK / 2;
 /// Places beyond those of all numbers that [`Selector::select`] writes to.
 pub(crate) const ROOM: usize = BLOCK;
 
+/// A bound that every squared distance is above.
+pub(crate) const BELOW_ALL: f32 = -1.0;
+
 /// How numbers are selected: made where loops begin, as it asks what the processor can do.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Selector {

@@ -90,7 +90,10 @@ impl Export {
         let program = Names::of_this_process().coordinator();
         let note = exported.note.as_ref().map_or_else(String::new, |note| {
             let run = self.run.display();
-            labelled("note", 14, &format!("{note}; to have them: {program} weigh {run} FILE.toml --how separately, and here --structure FILE.toml"))
+            let told = format!(
+                "{note}; to have them: {program} weigh {run} FILE.toml --how separately, and here --structure FILE.toml"
+            );
+            labelled("note", 14, &told)
         });
         super::print(&format!(
             "{descriptor}\

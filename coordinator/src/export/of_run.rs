@@ -154,12 +154,10 @@ pub fn export(
     })
 }
 
-/// That a recogniser learns from distances between clouds which the winner's weights have made small, if it does.
+/// That the weights of a run's winner are likely to mislead a recogniser, if they are.
 fn weights_note(which: &DescriptorChoice, weighs: Option<Weighing>, method: Method) -> Option<String> {
-    let misleads = matches!(which, DescriptorChoice::Evolved)
-        && weighs == Some(Weighing::Jointly)
-        && method != Method::Nearest;
-    misleads.then(|| {
+    let has_weights = matches!(which, DescriptorChoice::Evolved);
+    (has_weights && weighs.is_some_and(|how| how.misleads(method))).then(|| {
         format!(
             "weights learned \"separately\" are likely to suit {} better than the run's, learned \"jointly\": it learns \
              from the same clouds, too",

@@ -3,8 +3,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use descriptor::recogniser::Method;
-use descriptor::weigh::Weighing;
 use proto::task::{Exclusion, Label};
 use results::Counts;
 
@@ -38,7 +36,7 @@ pub fn check_fitness(experiment: &Experiment, dataset: &Dataset) -> Result<Vec<S
     if let Some(how) = experiment.weighs() {
         check_teaching(&teaching_sets(dataset, &weights))?;
         let method = experiment.recognition();
-        if how == Weighing::Jointly && method != Method::Nearest {
+        if how.misleads(method) {
             notes.push(format!(
                 "search.weigh: \"separately\" is likely to suit recognition.method = \"{}\" better than \"jointly\": it \
                  learns from the clouds that the weights were learned from, too",

@@ -7,7 +7,7 @@ use crate::disk_ring::quantise::Quantiser;
 use crate::disk_ring::records::Records;
 use crate::prepare::Normals;
 use crate::prepare_error::PrepareError;
-use crate::select::Selector;
+use crate::select::{BELOW_ALL, Selector};
 use crate::surface::{BLOCK, Surface, block, block_mut};
 use crate::wide::widest;
 
@@ -105,7 +105,7 @@ impl NullaryFnOnce for Find<'_> {
             for (slice, &opposite) in block_mut(slices, number).iter_mut().zip(opposite.iter()) {
                 *slice = slicer.slice(opposite);
             }
-            let mut beyond = -1.0; // no d² is below 0
+            let mut beyond = BELOW_ALL;
             for (list, &limit) in lists.iter_mut().zip(limits.iter()) {
                 list.count = selector.select(
                     d2,

@@ -19,6 +19,7 @@ use super::neighbourhood::{GROUP, Neighbourhood, group};
 use super::ratio::Ratio;
 use crate::prepare::check_regions;
 use crate::prepare_error::PrepareError;
+use crate::select::BELOW_ALL;
 use crate::surface::Surface;
 use crate::wide::widest;
 
@@ -55,7 +56,7 @@ pub(super) fn check(
     let keypoints: Vec<[f32; 3]> = keypoints.collect();
     let mut near = Neighbourhood::default();
     check_regions(surface.indices.len(), keypoints.len(), |keypoint| {
-        near.fill(surface, keypoints[keypoint], [-1.0, radius.squared]);
+        near.fill(surface, keypoints[keypoint], [BELOW_ALL, radius.squared]);
         near.len()
     })
 }
@@ -74,7 +75,7 @@ pub(super) fn rows(
     let mut counts = Counts::default();
     let mut rows = Vec::new();
     for (keypoint, _) in keypoints {
-        near.fill(surface, keypoint, [-1.0, radius.squared]); // no d² is below 0
+        near.fill(surface, keypoint, [BELOW_ALL, radius.squared]);
         if near.len() < MIN_NEIGHBOURS {
             continue;
         }

@@ -6,7 +6,7 @@ use aligned_vec::{AVec, avec};
 use pulp::NullaryFnOnce;
 
 use crate::prepare_error::PrepareError;
-use crate::select::{ROOM, Selector};
+use crate::select::{BELOW_ALL, ROOM, Selector};
 use crate::structure::block::BLOCK;
 use crate::structure::cloud::Points;
 use crate::structure::colours::values;
@@ -149,7 +149,7 @@ impl Table {
                 let dz = outside(low_z[place][lane], z, high_z[place][lane]);
                 *d2 = dx + dy + dz;
             }
-            count = selector.select(&d2, [-1.0, reach2], (place * BLOCK) as u32, found, count);
+            count = selector.select(&d2, [BELOW_ALL, reach2], (place * BLOCK) as u32, found, count);
         }
         found.truncate(count);
     }
@@ -168,7 +168,7 @@ impl Table {
                     [x[place][lane] - centre[0], y[place][lane] - centre[1], z[place][lane] - centre[2]];
                 *d2 = dx * dx + dy * dy + dz * dz;
             }
-            count = selector.select(&d2, [-1.0, reach2], block * BLOCK as u32, found, count);
+            count = selector.select(&d2, [BELOW_ALL, reach2], block * BLOCK as u32, found, count);
         }
         found.truncate(count);
     }

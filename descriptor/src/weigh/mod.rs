@@ -12,7 +12,7 @@ mod values;
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::distance::SetDistance;
-use crate::recogniser::LabelledClouds;
+use crate::recogniser::{LabelledClouds, Method};
 use crate::signature::{Signature, Signatures};
 use crate::structure::{Scale, Structure, StructureChannel, Weighted, scale_among};
 use differences::Differences;
@@ -34,6 +34,12 @@ impl Weighing {
             Self::Separately => "separately",
             Self::Jointly => "jointly",
         }
+    }
+
+    /// Whether other weights are likely to suit a recogniser better: one that learns from the clouds that taught the
+    /// weights, whose distances to each other they have made small.
+    pub fn misleads(self, method: Method) -> bool {
+        self == Self::Jointly && method != Method::Nearest
     }
 }
 
