@@ -8,7 +8,7 @@
 
 use std::sync::OnceLock;
 
-use pulp::{Arch, NullaryFnOnce};
+use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
 
 /// What kernels run with.
 #[derive(Clone, Copy, Debug)]
@@ -61,6 +61,36 @@ pub fn widest<K: NullaryFnOnce>(kernel: K) -> K::Output {
         #[cfg(target_arch = "x86_64")]
         Level::V3(vectors) => vectors.vectorize(kernel),
         Level::Baseline => kernel.call(),
+    }
+}
+
+/// Runs a kernel that computes with vectors of its own, of 16 floats on x86-64. `with_simd` must be `#[inline(always)]`.
+pub(crate) fn with_widest<K: WithSimd>(kernel: K) -> K::Output {
+    match level() {
+        #[cfg(target_arch = "x86_64")]
+        Level::Widest(Arch::V4(simd)) => simd.vectorize(With { kernel, simd }),
+        #[cfg(target_arch = "x86_64")]
+        Level::Widest(Arch::V3(vectors)) | Level::V3(vectors) => {
+            vectors.vectorize(With { kernel, simd: pulp::x86::V3_512b(vectors) })
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        Level::Widest(arch) => arch.dispatch(kernel),
+        _ => kernel.with_simd(pulp::Scalar512b),
+    }
+}
+
+/// A kernel with the vectors that it computes with.
+struct With<K, S> {
+    kernel: K,
+    simd: S,
+}
+
+impl<K: WithSimd, S: Simd> NullaryFnOnce for With<K, S> {
+    type Output = K::Output;
+
+    #[inline(always)]
+    fn call(self) -> K::Output {
+        self.kernel.with_simd(self.simd)
     }
 }
 

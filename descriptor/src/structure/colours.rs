@@ -35,83 +35,89 @@ pub(super) fn mean_opponents(colours: &[[u8; 3]]) -> [i32; 2] {
     sums.map(|sum| (2 * sum + count).div_euclid(2 * count) as i32)
 }
 
-/// The number that a feature is made of, of each colour: the feature itself if it is one of a single point; otherwise what
-/// is subtracted (logarithms and opponents) or divided (channels) in a pair.
+/// Writes the number that a feature is made of, of each colour: the feature itself if it is one of a single point;
+/// otherwise what is subtracted (logarithms and opponents) or divided (channels) in a pair.
 ///
 /// Logarithms and what is made of them are whole numbers of 2⁻¹⁶, `c2`, `w2` and `o2` of half that: all are below 2²³ in
 /// size, so that f32 holds them and their differences exactly.
-pub(super) fn values(feature: Feature, colours: &[[u8; 3]], mean: [i32; 2]) -> Vec<f32> {
-    widest(Values { feature, colours, mean })
+pub(super) fn write_values(feature: Feature, colours: &[[u8; 3]], mean: [i32; 2], values: &mut [f32]) {
+    widest(WriteValues { feature, colours, mean, values });
 }
 
-/// The kernel of [`values`].
-struct Values<'a> {
+/// The kernel of [`write_values`].
+struct WriteValues<'a> {
     feature: Feature,
     colours: &'a [[u8; 3]],
     mean: [i32; 2],
+    values: &'a mut [f32],
 }
 
-impl NullaryFnOnce for Values<'_> {
-    type Output = Vec<f32>;
+impl NullaryFnOnce for WriteValues<'_> {
+    type Output = ();
 
     #[inline(always)]
-    fn call(self) -> Vec<f32> {
-        let Self { feature, colours, mean } = self;
-        match feature {
-            Feature::Hue => each(colours, |colour| HueSaturation::new(colour).hue),
-            Feature::Saturation => each(colours, |colour| HueSaturation::new(colour).saturation),
-            Feature::Value => each(colours, |[r, g, b]| f32::from(r.max(g).max(b))),
-            Feature::C1 | Feature::O1 => opponent::<0>(colours, 0),
-            Feature::C2 | Feature::O2 => opponent::<1>(colours, 0),
-            Feature::W1 => opponent::<0>(colours, mean[0]),
-            Feature::W2 => opponent::<1>(colours, mean[1]),
-            Feature::L => lab::<0>(colours),
-            Feature::A => lab::<1>(colours),
-            Feature::B => lab::<2>(colours),
-            Feature::LogRed => log::<0>(colours),
-            Feature::LogGreen => log::<1>(colours),
-            Feature::LogBlue => log::<2>(colours),
-            Feature::RatioRed => channel::<0>(colours),
-            Feature::RatioGreen => channel::<1>(colours),
-            Feature::RatioBlue => channel::<2>(colours),
+    fn call(self) {
+        let mean = self.mean;
+        match self.feature {
+            Feature::Hue => self.each(|colour| HueSaturation::new(colour).hue),
+            Feature::Saturation => self.each(|colour| HueSaturation::new(colour).saturation),
+            Feature::Value => self.each(|[r, g, b]| f32::from(r.max(g).max(b))),
+            Feature::C1 | Feature::O1 => self.opponent::<0>(0),
+            Feature::C2 | Feature::O2 => self.opponent::<1>(0),
+            Feature::W1 => self.opponent::<0>(mean[0]),
+            Feature::W2 => self.opponent::<1>(mean[1]),
+            Feature::L => self.lab::<0>(),
+            Feature::A => self.lab::<1>(),
+            Feature::B => self.lab::<2>(),
+            Feature::LogRed => self.log::<0>(),
+            Feature::LogGreen => self.log::<1>(),
+            Feature::LogBlue => self.log::<2>(),
+            Feature::RatioRed => self.channel::<0>(),
+            Feature::RatioGreen => self.channel::<1>(),
+            Feature::RatioBlue => self.channel::<2>(),
             Feature::Distance
             | Feature::Angle
             | Feature::F1
             | Feature::F2
             | Feature::F3
             | Feature::A2
-            | Feature::A3 => Vec::new(), // made of no colour
+            | Feature::A3 => {} // made of no colour
         }
     }
 }
 
-#[inline(always)]
-fn channel<const CHANNEL: usize>(colours: &[[u8; 3]]) -> Vec<f32> {
-    each(colours, |colour| f32::from(colour[CHANNEL]))
-}
+impl WriteValues<'_> {
+    #[inline(always)]
+    fn channel<const CHANNEL: usize>(self) {
+        self.each(|colour| f32::from(colour[CHANNEL]));
+    }
 
-#[inline(always)]
-fn log<const CHANNEL: usize>(colours: &[[u8; 3]]) -> Vec<f32> {
-    let logs: &[i32; 256] = &LOGS;
-    each(colours, |colour| logs[usize::from(colour[CHANNEL])] as f32)
-}
+    #[inline(always)]
+    fn log<const CHANNEL: usize>(self) {
+        let logs: &[i32; 256] = &LOGS;
+        self.each(|colour| logs[usize::from(colour[CHANNEL])] as f32);
+    }
 
-/// An opponent minus its mean.
-#[inline(always)]
-fn opponent<const WHICH: usize>(colours: &[[u8; 3]], mean: i32) -> Vec<f32> {
-    let logs: &[i32; 256] = &LOGS;
-    each(colours, |colour| (opponents(logs, colour)[WHICH] - mean) as f32)
-}
+    /// An opponent minus its mean.
+    #[inline(always)]
+    fn opponent<const WHICH: usize>(self, mean: i32) {
+        let logs: &[i32; 256] = &LOGS;
+        self.each(|colour| (opponents(logs, colour)[WHICH] - mean) as f32);
+    }
 
-#[inline(always)]
-fn lab<const COMPONENT: usize>(colours: &[[u8; 3]]) -> Vec<f32> {
-    let tables = Lab::tables();
-    each(colours, |colour| tables.of(colour)[COMPONENT])
-}
+    #[inline(always)]
+    fn lab<const COMPONENT: usize>(self) {
+        let tables = Lab::tables();
+        self.each(|colour| tables.of(colour)[COMPONENT]);
+    }
 
-#[inline(always)]
-fn each(colours: &[[u8; 3]], value: impl Fn([u8; 3]) -> f32) -> Vec<f32> {
-    colours.iter().map(|&colour| value(colour)).collect()
+    /// Not collected into a vector of its own: what collects is a function of its own, without wide vectors.
+    #[inline(always)]
+    fn each(self, value: impl Fn([u8; 3]) -> f32) {
+        for (place, &colour) in self.values.iter_mut().zip(self.colours) {
+            *place = value(colour);
+        }
+    }
 }
 
 #[cfg(test)]
@@ -120,7 +126,12 @@ mod tests {
 
     #[test]
     fn numbers_of_known_colours() {
-        let of = |feature, colour: [u8; 3]| values(feature, &[colour], [10, -7])[0];
+        let of = |feature, colour: [u8; 3]| {
+            let mut values = [f32::NAN; 2];
+            write_values(feature, &[colour], [10, -7], &mut values);
+            assert!(values[1].is_nan(), "one colour has one value");
+            values[0]
+        };
         // ln 2, ln 257 and ln 100.
         let [black, white, middle] = [45_426.0, 363_664.0, 301_804.0];
         assert_eq!(of(Feature::LogRed, [0, 255, 98]), black);

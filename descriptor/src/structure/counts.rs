@@ -1,8 +1,12 @@
 //! How many pairs of a row fall into each bin.
 
-use crate::structure::block::LANES;
+use std::any::Any;
 
-/// Tables that lanes in turn are counted in: a count that was just changed takes time until it can be changed again.
+use pulp::Simd;
+
+use crate::structure::block::{BLOCK, LANES};
+
+/// Tables that codes are counted in by turns: a count that was just changed takes time until it can be changed again.
 const TABLES: usize = 4;
 
 /// The counts of one row.
@@ -11,7 +15,12 @@ pub(super) struct Counts {
     bins: usize,
     /// Table after table.
     tables: Vec<u32>,
-    /// Lanes that have been counted in the tables, and how many fit.
+    /// Codes that the tables do not have yet, and how many they are.
+    codes: [u32; LANES + BLOCK],
+    waiting: usize,
+    /// Codes for lanes that are not to be counted.
+    nowhere: [u32; BLOCK],
+    /// Codes that have been counted in the tables, and how many fit.
     counted: u64,
     room: u64,
     /// Sums over the tables.
@@ -27,25 +36,46 @@ impl Counts {
     }
 
     fn with_room(bins: usize, room: u64) -> Self {
-        let tables = vec![0; TABLES * (bins + LANES)];
-        Self { bins, tables, counted: 0, room, merged: vec![0; bins], totals: Vec::new() }
-    }
-
-    /// The code of a lane that is not to be counted.
-    #[inline(always)]
-    pub(super) fn none(&self, lane: usize) -> u32 {
-        (self.bins + lane) as u32
-    }
-
-    /// Counts a group: codes are bins, or [`Counts::none`].
-    #[inline(always)]
-    pub(super) fn add(&mut self, codes: &[u32; LANES]) {
-        self.counted += LANES as u64;
-        if self.counted > self.room {
-            self.empty_tables();
-            self.counted = LANES as u64;
+        Self {
+            bins,
+            tables: vec![0; TABLES * (bins + BLOCK)],
+            codes: [0; LANES + BLOCK],
+            waiting: 0,
+            nowhere: std::array::from_fn(|lane| (bins + lane) as u32),
+            counted: 0,
+            room,
+            merged: vec![0; bins],
+            totals: Vec::new(),
         }
-        count(&mut self.tables, codes);
+    }
+
+    /// Counts the lanes that `are_counted`; their codes are bins.
+    #[inline(always)]
+    pub(super) fn add<S: Simd>(&mut self, simd: S, codes: S::u32s, are_counted: S::m32s) {
+        let places = &mut self.codes[self.waiting..self.waiting + S::U32_LANES];
+        if let Some((codes, count)) = compressed(simd, codes, are_counted) {
+            places.copy_from_slice(&codes);
+            self.waiting += count;
+        } else {
+            let nowhere = S::as_simd_u32s(&self.nowhere).0[0];
+            S::as_mut_simd_u32s(places).0[0] = simd.select_u32s(are_counted, codes, nowhere);
+            self.waiting += S::U32_LANES;
+        }
+        if self.waiting >= LANES {
+            self.count_waiting(LANES);
+        }
+    }
+
+    /// Counts so many of the codes that wait, a multiple of [`TABLES`], the first ones first.
+    #[inline(always)]
+    fn count_waiting(&mut self, codes: usize) {
+        if self.counted + codes as u64 > self.room {
+            self.empty_tables();
+        }
+        self.counted += codes as u64;
+        count(&mut self.tables, &self.codes[..codes]);
+        self.codes.copy_within(codes.., 0);
+        self.waiting = self.waiting.saturating_sub(codes);
     }
 
     /// Moves what the tables hold to the totals.
@@ -58,11 +88,19 @@ impl Counts {
         }
     }
 
+    /// Counts what waits.
+    #[inline(always)]
+    fn count_rest(&mut self) {
+        let rounds = self.waiting.next_multiple_of(TABLES);
+        self.codes[self.waiting..rounds].fill(self.nowhere[0]);
+        self.count_waiting(rounds);
+    }
+
     /// Sums the tables up and empties them.
     #[inline(always)]
     fn merge(&mut self) {
         self.merged.fill(0);
-        for table in self.tables.chunks_exact_mut(self.bins + LANES) {
+        for table in self.tables.chunks_exact_mut(self.bins + BLOCK) {
             for (sum, count) in self.merged.iter_mut().zip(table) {
                 *sum += std::mem::take(count);
             }
@@ -74,6 +112,7 @@ impl Counts {
     /// `shell_bins` bins, of which the first `histogram_bins` count each pair once.
     #[inline(always)]
     pub(super) fn take_shares(&mut self, shell_bins: usize, histogram_bins: usize, rows: &mut Vec<f32>) {
+        self.count_rest();
         if self.totals.is_empty() {
             self.merge();
             shares(&self.merged, shell_bins, histogram_bins, rows);
@@ -85,14 +124,34 @@ impl Counts {
 
     /// Ends a row with its counts.
     pub(super) fn take(&mut self) -> Vec<u64> {
+        self.count_rest();
         self.empty_tables();
         std::mem::take(&mut self.totals)
     }
 }
 
-/// Counts each code in the table of its lane. A function of its own, in which all addresses fit the registers.
+/// Codes that are counted, moved together, and how many they are; `None` without an instruction that does it.
+#[inline(always)]
+fn compressed<S: Simd>(simd: S, codes: S::u32s, are_counted: S::m32s) -> Option<([u32; BLOCK], usize)> {
+    #[cfg(target_arch = "x86_64")]
+    {
+        let [simd, codes, are_counted]: [&dyn Any; 3] = [&simd, &codes, &are_counted];
+        let avx512: &pulp::x86::V4 = simd.downcast_ref()?;
+        let codes: &pulp::u32x16 = codes.downcast_ref()?;
+        let are_counted: &pulp::b16 = are_counted.downcast_ref()?;
+        let together = avx512.avx512f._mm512_maskz_compress_epi32(are_counted.0, pulp::cast(*codes));
+        Some((pulp::cast(together), are_counted.0.count_ones() as usize))
+    }
+    #[cfg(not(target_arch = "x86_64"))]
+    {
+        let _ = (simd, codes, are_counted);
+        None
+    }
+}
+
+/// Counts codes in the tables by turns. A function of its own, in which all addresses fit the registers.
 #[inline(never)]
-fn count(tables: &mut [u32], codes: &[u32; LANES]) {
+fn count(tables: &mut [u32], codes: &[u32]) {
     let length = tables.len() / TABLES;
     let (a, tables) = tables.split_at_mut(length);
     let (b, tables) = tables.split_at_mut(length);
@@ -123,23 +182,20 @@ fn shares<C: Copy + Into<u64>>(counts: &[C], shell_bins: usize, histogram_bins: 
 
 #[cfg(test)]
 mod tests {
+    use pulp::Scalar;
+
     use super::*;
 
     #[test]
     fn counts_that_do_not_fit_the_tables_are_kept() {
-        let codes = |counts: &Counts, group: u32| -> [u32; LANES] {
-            std::array::from_fn(|lane| if lane == 3 { counts.none(lane) } else { (group + lane as u32) % 6 })
-        };
         let (mut wide, mut narrow) = (Counts::new(6), Counts::with_room(6, 2 * LANES as u64));
         let mut expected = vec![0; 6];
         for row in 1..4u32 {
-            for group in 0..5 * row {
-                for (lane, code) in codes(&wide, group).into_iter().enumerate() {
-                    expected[code as usize % 6] += u64::from(lane != 3);
-                }
+            for pair in 0..LANES as u32 * 5 * row + 2 {
+                let (code, is_counted) = (pair % 67 % 6, pair % 5 != 3);
+                expected[code as usize] += u64::from(is_counted);
                 for counts in [&mut wide, &mut narrow] {
-                    let codes = codes(counts, group);
-                    counts.add(&codes);
+                    counts.add(Scalar::new(), code, is_counted);
                 }
             }
             assert!(wide.totals.is_empty() && !narrow.totals.is_empty());

@@ -87,25 +87,6 @@ pub(super) fn ceil_f32(value: f64) -> f32 {
     -floor_f32(-value)
 }
 
-/// The number of edges that each value has reached.
-#[inline(always)]
-pub(super) fn reached<const N: usize>(values: &[f32; N], edges: &[f32]) -> [u32; N] {
-    let mut reached = [0; N];
-    let (fours, rest) = edges.as_chunks::<4>();
-    for &[a, b, c, d] in fours {
-        for (reached, &value) in reached.iter_mut().zip(values) {
-            *reached += (u32::from(value >= a) + u32::from(value >= b))
-                + (u32::from(value >= c) + u32::from(value >= d));
-        }
-    }
-    for &edge in rest {
-        for (reached, &value) in reached.iter_mut().zip(values) {
-            *reached += u32::from(value >= edge);
-        }
-    }
-    reached
-}
-
 /// The bins of an angle from −180 to 180 degrees that is given by a point.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Turns {

@@ -1,6 +1,6 @@
 //! Signatures of clouds: the pairs of each row, found and counted.
 
-use pulp::NullaryFnOnce;
+use pulp::{NullaryFnOnce, Simd, WithSimd};
 
 use crate::prepare::check_regions;
 use crate::prepare_error::PrepareError;
@@ -11,11 +11,11 @@ use crate::structure::cloud::StructureCloud;
 use crate::structure::colours::mean_opponents;
 use crate::structure::counts::Counts;
 use crate::structure::group::Group;
-use crate::structure::pairs::count;
+use crate::structure::pairs::{OfGroups, WithBlock, count};
 use crate::structure::plan::StructurePlan;
 use crate::structure::quads::Quads;
 use crate::structure::table::Table;
-use crate::wide::widest;
+use crate::wide::with_widest;
 
 impl StructureChannel {
     /// A cloud in this channel; for many clouds, make a [`StructurePlan`] once.
@@ -40,7 +40,7 @@ impl StructurePlan {
             return Ok(Signature::default());
         }
         let rows = self.prepare(cloud)?;
-        Ok(self.channel.weighted(widest(Describe { plan: self, rows })))
+        Ok(self.channel.weighted(with_widest(Describe { plan: self, rows })))
     }
 
     /// Finds what the rows of a cloud are made of.
@@ -99,6 +99,8 @@ impl Rows {
 pub(super) struct Counter<'a> {
     plan: &'a StructurePlan,
     rows: &'a Rows,
+    /// The values of a point.
+    one: Vec<f32>,
     first: Group,
     second: Group,
     /// The second minus the first.
@@ -114,19 +116,19 @@ pub(super) struct Counter<'a> {
 impl<'a> Counter<'a> {
     pub(super) fn new(plan: &'a StructurePlan, rows: &'a Rows) -> Self {
         let [first, second, apart] = [Group::EMPTY; 3];
-        let (blocks, near, of_near) = Default::default();
-        Self { plan, rows, first, second, apart, blocks, near, of_near, counts: Counts::new(plan.bins) }
+        let (one, blocks, near, of_near) = Default::default();
+        Self { plan, rows, one, first, second, apart, blocks, near, of_near, counts: Counts::new(plan.bins) }
     }
 
     /// Counts a row.
     #[inline(always)]
-    pub(super) fn count(&mut self, row: usize) {
+    pub(super) fn count<S: Simd>(&mut self, simd: S, row: usize) {
         let Self { plan, rows: Rows { keypoints, points }, .. } = *self;
         let is_among = plan.channel.pairs != Pairs::KeypointNeighbour;
         if plan.channel.pairs.is_sampled() {
             self.find_near(row);
             if plan.draws(self.near.len()) {
-                return self.draw(points);
+                return self.draw(simd, points);
             }
         }
         let near;
@@ -139,7 +141,7 @@ impl<'a> Counter<'a> {
             }
         };
         for point in of_row {
-            self.about(points, point, others, is_among);
+            self.about(simd, points, point, others, is_among);
         }
     }
 
@@ -159,30 +161,27 @@ impl<'a> Counter<'a> {
 
     /// Counts the pairs of a point with all others within reach; but itself, if it is one of them.
     #[inline(always)]
-    fn about(&mut self, points: &Table, point: usize, others: &Table, is_among: bool) {
-        const BLOCKS: usize = LANES / BLOCK;
-        let Self { plan, first, second, apart, blocks, counts, .. } = self;
-        first.repeat(points, point);
+    fn about<S: Simd>(&mut self, simd: S, points: &Table, point: usize, others: &Table, is_among: bool) {
+        let Self { plan, one, blocks, counts, .. } = self;
+        one.clear();
+        one.extend(points.values_of(point));
         others.blocks_within(points.position(point), plan.most2, blocks);
-        for blocks in blocks.chunks(BLOCKS) {
-            for place in 0..BLOCKS {
-                match blocks.get(place) {
-                    Some(&block) => second.copy_block(place, others, block as usize),
-                    None => (place * BLOCK..(place + 1) * BLOCK).for_each(|lane| second.clear(lane)),
-                }
+        for &block in &*blocks {
+            let block = block as usize;
+            let mut x = *others.block(0, block);
+            if is_among && block == point / BLOCK {
+                x[point % BLOCK] = f32::NAN;
             }
-            if is_among && let Some(place) = blocks.iter().position(|&block| block as usize == point / BLOCK)
-            {
-                second.clear(place * BLOCK + point % BLOCK);
+            for vector in 0..BLOCK / S::F32_LANES {
+                let pairs = WithBlock { first: one, points: others, block, x: &x, vector };
+                count(simd, plan, &pairs, counts);
             }
-            apart.subtract(plan.order.differences, first, second);
-            count(plan, [first, second], apart, counts);
         }
     }
 
     /// Counts the ordered pairs that are drawn among the near points.
     #[inline(always)]
-    fn draw(&mut self, points: &Table) {
+    fn draw<S: Simd>(&mut self, simd: S, points: &Table) {
         let plan = self.plan;
         let Self { first, second, apart, near, of_near, counts, .. } = self;
         let is_all = plan.is_of_cloud();
@@ -206,7 +205,9 @@ impl<'a> Counter<'a> {
             for (x, is_pair) in apart.values[0].iter_mut().zip(is_pair) {
                 *x = if is_pair { *x } else { f32::NAN };
             }
-            count(plan, [first, second], apart, counts);
+            for vector in 0..LANES / S::F32_LANES {
+                count(simd, plan, &OfGroups { first, second, apart, vector }, counts);
+            }
         }
     }
 }
@@ -217,18 +218,18 @@ struct Describe<'a> {
     rows: Rows,
 }
 
-impl NullaryFnOnce for Describe<'_> {
+impl WithSimd for Describe<'_> {
     type Output = Signature;
 
     #[inline(always)]
-    fn call(self) -> Signature {
+    fn with_simd<S: Simd>(self, simd: S) -> Signature {
         let plan = self.plan;
         let width = plan.bins;
         let [shell_bins, histogram_bins] = [plan.shell_bins, plan.histogram_bins].map(|bins| bins as usize);
         let mut rows = Vec::new();
         let mut counter = Counter::new(plan, &self.rows);
         for row in 0..self.rows.len(plan) {
-            counter.count(row);
+            counter.count(simd, row);
             counter.counts.take_shares(shell_bins, histogram_bins, &mut rows);
         }
         if plan.is_of_cloud() {

@@ -2,11 +2,9 @@
 
 use std::ops::Range;
 
-use crate::structure::block::{BLOCK, LANES};
+use crate::structure::block::LANES;
 use crate::structure::channel::StructureChannel;
-use crate::structure::plan::StructurePlan;
 use crate::structure::quads::{QUAD, Quads};
-use crate::structure::table::Table;
 use crate::structure::value_order::ValueOrder;
 
 /// No point has more values, position, normal, gap and columns, in whole quads.
@@ -21,34 +19,6 @@ pub(super) struct Group {
 
 impl Group {
     pub(super) const EMPTY: Self = Self { values: [[f32::NAN; LANES]; MAX_VALUES] };
-
-    /// Takes over one point in all lanes.
-    #[inline(always)]
-    pub(super) fn repeat(&mut self, points: &Table, point: usize) {
-        for (lanes, value) in self.values.iter_mut().zip(points.values_of(point)) {
-            *lanes = [value; LANES];
-        }
-    }
-
-    /// Takes over a block of points as one of the group's own blocks.
-    #[inline(always)]
-    pub(super) fn copy_block(&mut self, place: usize, points: &Table, block: usize) {
-        for (lanes, column) in self.values.iter_mut().zip(points.columns()) {
-            lanes[place * BLOCK..][..BLOCK].copy_from_slice(&column[block * BLOCK..][..BLOCK]);
-        }
-    }
-
-    /// The normal in a lane, of a plan with angles.
-    #[inline(always)]
-    pub(super) fn normal(&self, plan: &StructurePlan, lane: usize) -> [f32; 3] {
-        [0, 1, 2].map(|axis| self.values[plan.order.normal() + axis][lane])
-    }
-
-    /// Empties a lane.
-    #[inline(always)]
-    pub(super) fn clear(&mut self, lane: usize) {
-        self.values[0][lane] = f32::NAN;
-    }
 
     /// Takes over some values of some points, lane by lane, and maybe those beside them.
     #[inline(always)]
@@ -104,18 +74,6 @@ impl Group {
     #[inline(always)]
     fn quad(&mut self, quad: usize) -> &mut [[f32; LANES]; QUAD] {
         &mut self.values.as_chunks_mut::<QUAD>().0[quad]
-    }
-
-    /// The first values of the points in each lane of `second` minus those of `first`.
-    #[inline(always)]
-    pub(super) fn subtract(&mut self, values: usize, first: &Self, second: &Self) {
-        for ((lanes, second), first) in
-            self.values.iter_mut().zip(&second.values).zip(&first.values).take(values)
-        {
-            for ((lane, second), first) in lanes.iter_mut().zip(second).zip(first) {
-                *lane = second - first;
-            }
-        }
     }
 }
 

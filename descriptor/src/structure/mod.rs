@@ -28,6 +28,7 @@ mod shells;
 mod table;
 mod text;
 mod value_order;
+mod vector;
 
 #[cfg(test)]
 mod oracle;

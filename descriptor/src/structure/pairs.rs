@@ -1,4 +1,4 @@
-//! The bins of pairs of points, a group of pairs at once.
+//! The bins of pairs of points, as many pairs at once as a vector has lanes.
 //!
 //! For a point p with unit normal m and another, q with n, at the offset d = q − p, the Darboux frame is u = m,
 //! v = d × u/|d × u|, w = u × v, and its angles are f₁ = atan2(w·n, u·n), f₂ = v·n and f₃ = u·d/|d| (PCL:
@@ -10,216 +10,254 @@
 
 use std::hint::black_box;
 
-use crate::structure::block::LANES;
+use pulp::Simd;
+
+use crate::structure::block::BLOCK;
 use crate::structure::counts::Counts;
-use crate::structure::edges::{Turns, reached};
+use crate::structure::edges::Turns;
 use crate::structure::group::Group;
 use crate::structure::plan::{Measure, PairBins, StructurePlan};
+use crate::structure::table::Table;
+use crate::structure::vector::{Floats, dot};
 
-/// A number of each pair.
-type Lanes = [f32; LANES];
+/// The values of some pairs, one in each lane.
+pub(super) trait PairValues<S: Simd> {
+    /// Those of the first points.
+    fn first(&self, simd: S, value: usize) -> Floats<S>;
 
-/// Counts the pairs of the points in equal lanes of two groups, whose differences are `apart`.
-#[inline(always)]
-pub(super) fn count(plan: &StructurePlan, [first, second]: [&Group; 2], apart: &Group, counts: &mut Counts) {
-    let pairs = Pairs::new(plan, [first, second], apart);
-    let shells = pairs.shells(plan);
-    for histogram in &plan.histograms {
-        let mut codes = [histogram.first; LANES];
-        if let Some(column) = histogram.code {
-            for (code, of_point) in codes.iter_mut().zip(&second.values[plan.order.place(column)]) {
-                *code += of_point.to_bits();
-            }
-        }
-        for axis in &histogram.axes {
-            // Compilers would compute roots and quotients of all features before this loop, although one is wanted.
-            let pairs = black_box(&pairs);
-            let bins = match &axis.bins {
-                PairBins::Distance { per_metre, last } => pairs.distances(*per_metre, *last),
-                PairBins::Turn(turns) => pairs.turns(turns),
-                PairBins::Edges(measure, edges) => {
-                    reached(&pairs.values(plan, *measure, [first, second], apart), edges)
-                }
-            };
-            for (code, bin) in codes.iter_mut().zip(bins) {
-                *code += axis.stride * bin;
-            }
-        }
-        for (lane, code) in codes.iter_mut().enumerate() {
-            *code = if shells[lane] == NO_SHELL { counts.none(lane) } else { shells[lane] + *code };
-        }
-        counts.add(&codes);
+    /// Those of the second points.
+    fn second(&self, simd: S, value: usize) -> Floats<S>;
+
+    /// The second minus the first; of x, NaN in lanes that have no pair.
+    fn difference(&self, simd: S, value: usize) -> Floats<S>;
+}
+
+/// Pairs of one point with others of a block.
+pub(super) struct WithBlock<'a> {
+    /// The values of the one.
+    pub(super) first: &'a [f32],
+    pub(super) points: &'a Table,
+    pub(super) block: usize,
+    /// Those of x, NaN of points that make no pair.
+    pub(super) x: &'a [f32; BLOCK],
+    /// Which of the vectors that a block takes.
+    pub(super) vector: usize,
+}
+
+impl<S: Simd> PairValues<S> for WithBlock<'_> {
+    #[inline(always)]
+    fn first(&self, simd: S, value: usize) -> Floats<S> {
+        Floats::all(simd, self.first[value])
+    }
+
+    #[inline(always)]
+    fn second(&self, simd: S, value: usize) -> Floats<S> {
+        let lanes = if value == 0 { self.x } else { self.points.block(value, self.block) };
+        Floats::of(simd, lanes, self.vector)
+    }
+
+    #[inline(always)]
+    fn difference(&self, simd: S, value: usize) -> Floats<S> {
+        self.second(simd, value) - self.first(simd, value)
     }
 }
 
-/// In place of the first bin of a pair's shell: the pair does not count.
-const NO_SHELL: u32 = u32::MAX;
-
-/// What features are made of; zeros where no feature of the plan is. Aligned as groups are.
-#[repr(align(64))]
-struct Pairs {
-    /// |d|²
-    d2: Lanes,
-    /// c
-    cosine: Lanes,
-    /// a and b
-    along: [Lanes; 2],
-    /// |x|²
-    across2: Lanes,
-    /// x·n
-    across: Lanes,
+/// Some of the pairs of the points in equal lanes of two groups.
+pub(super) struct OfGroups<'a> {
+    pub(super) first: &'a Group,
+    pub(super) second: &'a Group,
+    /// The second minus the first.
+    pub(super) apart: &'a Group,
+    /// Which of the vectors that a group takes.
+    pub(super) vector: usize,
 }
 
-impl Pairs {
+impl<S: Simd> PairValues<S> for OfGroups<'_> {
     #[inline(always)]
-    fn new(plan: &StructurePlan, [first, second]: [&Group; 2], apart: &Group) -> Self {
-        const ZEROS: Lanes = [0.0; LANES];
-        let mut pairs = Self { d2: ZEROS, cosine: ZEROS, along: [ZEROS; 2], across2: ZEROS, across: ZEROS };
-        let [x, y, z, ..] = &apart.values;
-        let d = [x, y, z];
-        for (lane, d2) in pairs.d2.iter_mut().enumerate() {
-            let [x, y, z] = at(d, lane);
-            *d2 = x * x + y * y + z * z;
+    fn first(&self, simd: S, value: usize) -> Floats<S> {
+        Floats::of(simd, &self.first.values[value], self.vector)
+    }
+
+    #[inline(always)]
+    fn second(&self, simd: S, value: usize) -> Floats<S> {
+        Floats::of(simd, &self.second.values[value], self.vector)
+    }
+
+    #[inline(always)]
+    fn difference(&self, simd: S, value: usize) -> Floats<S> {
+        Floats::of(simd, &self.apart.values[value], self.vector)
+    }
+}
+
+/// Counts some pairs.
+#[inline(always)]
+pub(super) fn count<S: Simd>(
+    simd: S,
+    plan: &StructurePlan,
+    values: &impl PairValues<S>,
+    counts: &mut Counts,
+) {
+    let pairs = Pairs::new(simd, plan, values);
+    let (shells, are_counted) = pairs.shells(plan);
+    for histogram in &plan.histograms {
+        let mut codes = simd.add_u32s(shells, simd.splat_u32s(histogram.first));
+        if let Some(column) = histogram.code {
+            let of_points = values.second(simd, plan.order.place(column)).lanes;
+            codes = simd.add_u32s(codes, simd.transmute_u32s_f32s(of_points));
         }
+        for axis in &histogram.axes {
+            let bins = match &axis.bins {
+                PairBins::Distance { per_metre, last } => pairs.distances(*per_metre, *last),
+                PairBins::Turn(turns) => pairs.turns(turns),
+                PairBins::Edges(measure, edges) => pairs.values(plan, *measure, values).reached(edges),
+            };
+            codes = simd.add_u32s(codes, simd.mul_u32s(bins, simd.splat_u32s(axis.stride)));
+        }
+        counts.add(simd, codes, are_counted);
+    }
+}
+
+/// What features are made of; zeros where no feature of the plan is.
+struct Pairs<S: Simd> {
+    simd: S,
+    /// |d|²
+    d2: Floats<S>,
+    /// c
+    cosine: Floats<S>,
+    /// a and b
+    along: [Floats<S>; 2],
+    /// |x|²
+    across2: Floats<S>,
+    /// x·n
+    across: Floats<S>,
+}
+
+impl<S: Simd> Pairs<S> {
+    #[inline(always)]
+    fn new(simd: S, plan: &StructurePlan, values: &impl PairValues<S>) -> Self {
+        let zeros = Floats::all(simd, 0.0);
+        let d = [values.difference(simd, 0), values.difference(simd, 1), values.difference(simd, 2)];
+        let mut pairs =
+            Self { simd, d2: dot(d, d), cosine: zeros, along: [zeros; 2], across2: zeros, across: zeros };
         if plan.has_angles {
-            for lane in 0..LANES {
-                let (m, n) = (first.normal(plan, lane), second.normal(plan, lane));
-                pairs.cosine[lane] = m[0] * n[0] + m[1] * n[1] + m[2] * n[2];
-            }
-        }
-        if plan.has_frame {
-            for lane in 0..LANES {
-                let (m, n) = (first.normal(plan, lane), second.normal(plan, lane));
-                let [x, y, z] = at(d, lane);
-                pairs.along[0][lane] = m[0] * x + m[1] * y + m[2] * z;
-                pairs.along[1][lane] = n[0] * x + n[1] * y + n[2] * z;
+            let [x, y, z] = [0, 1, 2].map(|axis| plan.order.normal() + axis);
+            let m = [values.first(simd, x), values.first(simd, y), values.first(simd, z)];
+            let n = [values.second(simd, x), values.second(simd, y), values.second(simd, z)];
+            pairs.cosine = dot(m, n);
+            if plan.has_frame {
+                let [x, y, z] = d;
+                pairs.along = [dot(m, d), dot(n, d)];
                 let cross = [y * m[2] - z * m[1], z * m[0] - x * m[2], x * m[1] - y * m[0]];
-                pairs.across2[lane] = cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2];
-                pairs.across[lane] = cross[0] * n[0] + cross[1] * n[1] + cross[2] * n[2];
+                pairs.across2 = dot(cross, cross);
+                pairs.across = dot(cross, n);
             }
         }
         pairs
     }
 
-    /// First bins of the pairs' shells; none of pairs that are too far, too close, or without a frame where one is needed.
+    /// First bins of the pairs' shells, and which pairs count: none that are too far, too close, or without a frame where
+    /// one is needed.
     #[inline(always)]
-    fn shells(&self, plan: &StructurePlan) -> [u32; LANES] {
-        let mut shells = [0; LANES];
+    fn shells(&self, plan: &StructurePlan) -> (S::u32s, S::m32s) {
+        let Self { simd, d2, .. } = *self;
+        let (none, bins) = (simd.splat_u32s(0), simd.splat_u32s(plan.shell_bins));
+        let mut shells = none;
         for &bound in &plan.shells2 {
-            for (shell, &d2) in shells.iter_mut().zip(&self.d2) {
-                *shell += if d2 > bound { plan.shell_bins } else { 0 };
-            }
+            shells = simd.add_u32s(shells, simd.select_u32s(d2.is_above(bound), bins, none));
         }
-        for (shell, &d2) in shells.iter_mut().zip(&self.d2) {
-            *shell = if (d2 >= plan.least2) & (d2 <= plan.most2) { *shell } else { NO_SHELL };
-        }
+        let mut are_counted = simd.and_m32s(d2.is_at_least(plan.least2), d2.is_at_most(plan.most2));
         if plan.has_frame {
-            for (shell, &across2) in shells.iter_mut().zip(&self.across2) {
-                *shell = if across2 > 0.0 { *shell } else { NO_SHELL };
-            }
+            are_counted = simd.and_m32s(are_counted, self.across2.is_above(0.0));
         }
-        shells
+        (shells, are_counted)
     }
 
     /// Bins of the distance.
     #[inline(always)]
-    fn distances(&self, per_metre: f32, last: f32) -> [u32; LANES] {
-        let mut bins = [0; LANES];
-        for (lane, bin) in bins.iter_mut().enumerate() {
-            let at = self.d2[lane].sqrt() * per_metre;
-            *bin = floor(if at < last { at } else { last });
-        }
-        bins
+    fn distances(&self, per_metre: f32, last: f32) -> S::u32s {
+        let Self { simd, d2, .. } = *self;
+        let at = root(d2) * Floats::all(simd, per_metre);
+        floor(simd, Floats::new(simd, simd.select_f32s(at.is_below(last), at.lanes, simd.splat_f32s(last))))
     }
 
     /// Bins of f₁.
     #[inline(always)]
-    fn turns(&self, turns: &Turns) -> [u32; LANES] {
-        let (mut x, mut y, mut least) = ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
-        for lane in 0..LANES {
-            y[lane] = self.along[1][lane] - self.cosine[lane] * self.along[0][lane];
-            x[lane] = self.cosine[lane] * self.across2[lane].sqrt();
-            // Below 0 degrees bins are mirrored, but edges still belong to the bins above them.
-            least[lane] = if y[lane] < 0.0 { f32::from_bits(1) } else { 0.0 };
-            // No direction is one of 0 degrees.
-            x[lane] = if (x[lane] == 0.0) & (y[lane] == 0.0) { 1.0 } else { x[lane] };
-        }
-        let mut reached = [0u32; LANES];
+    fn turns(&self, turns: &Turns) -> S::u32s {
+        let Self { simd, cosine, along, .. } = *self;
+        let y = along[1] - cosine * along[0];
+        let x = cosine * root(self.across2);
+        let is_below = y.is_below(0.0);
+        // Below 0 degrees bins are mirrored, but edges still belong to the bins above them.
+        let least = Floats::all(simd, 0.0).or(is_below, f32::from_bits(1));
+        // No direction is one of 0 degrees.
+        let x = x.or(simd.and_m32s(x.is(0.0), y.is(0.0)), 1.0);
+        let (zero, one) = (simd.splat_u32s(0), simd.splat_u32s(1));
+        let mut reached = zero;
         for &[cosine, sine] in &turns.edges {
-            for lane in 0..LANES {
-                let beyond = cosine * y[lane].abs() - sine * x[lane];
-                reached[lane] += u32::from(beyond >= least[lane]);
-            }
+            let beyond = Floats::all(simd, cosine) * y.abs() - Floats::all(simd, sine) * x;
+            reached = simd.add_u32s(reached, simd.select_u32s(beyond.has_reached(least), one, zero));
         }
-        for lane in 0..LANES {
-            let [above, below] =
-                [turns.of_zero + reached[lane], turns.below_zero.wrapping_sub(reached[lane])];
-            reached[lane] = if y[lane] < 0.0 { below } else { above };
-        }
-        reached
+        let above = simd.add_u32s(simd.splat_u32s(turns.of_zero), reached);
+        let below = simd.sub_u32s(simd.splat_u32s(turns.below_zero), reached);
+        simd.select_u32s(is_below, below, above)
     }
 
     /// Values that edges are compared with.
     #[inline(always)]
-    fn values(&self, plan: &StructurePlan, measure: Measure, points: [&Group; 2], apart: &Group) -> Lanes {
-        let mut values = [0.0; LANES];
+    fn values(&self, plan: &StructurePlan, measure: Measure, values: &impl PairValues<S>) -> Floats<S> {
+        let simd = self.simd;
         match measure {
-            Measure::Angle => {
-                for (lane, value) in values.iter_mut().enumerate() {
-                    *value = -self.cosine[lane];
-                }
-            }
-            Measure::F2 | Measure::A2 => {
-                for (lane, value) in values.iter_mut().enumerate() {
-                    *value = self.across[lane] / self.across2[lane].sqrt();
-                }
-            }
-            Measure::F3 | Measure::A3 => {
-                for (lane, value) in values.iter_mut().enumerate() {
-                    *value = self.along[0][lane] / self.d2[lane].sqrt();
-                }
-            }
-            Measure::Difference(column) => values = apart.values[plan.order.place(column)],
+            Measure::Angle => -self.cosine,
+            Measure::F2 => self.across / root(self.across2),
+            Measure::A2 => -(self.across / root(self.across2)),
+            Measure::F3 => self.along[0] / root(self.d2),
+            Measure::A3 => -(self.along[0] / root(self.d2)),
+            Measure::Difference(column) => values.difference(simd, plan.order.place(column)),
             Measure::Ratio(column) => {
-                let [first, second] = points.map(|group| &group.values[plan.order.place(column)]);
-                for (lane, value) in values.iter_mut().enumerate() {
-                    *value = ratio(first[lane], second[lane]);
-                }
+                let column = plan.order.place(column);
+                ratio(simd, values.first(simd, column), values.second(simd, column))
             }
         }
-        if matches!(measure, Measure::A2 | Measure::A3) {
-            values.iter_mut().for_each(|value| *value = -*value);
-        }
-        values
     }
 }
 
-/// A lane of three. Not by `array::map`, which can stay a function of its own, and then the loop has no vectors.
+/// The square root, which compilers would otherwise take before they know whether it is wanted.
 #[inline(always)]
-fn at(vectors: [&Lanes; 3], lane: usize) -> [f32; 3] {
-    [vectors[0][lane], vectors[1][lane], vectors[2][lane]]
+fn root<S: Simd>(square: Floats<S>) -> Floats<S> {
+    black_box(square).sqrt()
 }
 
-/// ⌊x⌋ of a number from 0 to below 2²², as a cast has it, which would keep a loop from becoming a vector loop.
+/// ⌊x⌋ of a number from 0 to below 2²², as a cast has it, for which no vector has an operation.
 #[inline(always)]
-fn floor(x: f32) -> u32 {
+fn floor<S: Simd>(simd: S, x: Floats<S>) -> S::u32s {
     // From here to twice as far, floats are whole numbers, and the last bits of theirs are their offset.
     const WHOLE: f32 = (1u32 << 23) as f32;
-    let nearest = x + WHOLE;
-    (nearest.to_bits() - WHOLE.to_bits()) - u32::from(nearest - WHOLE > x)
+    let whole = Floats::all(simd, WHOLE);
+    let nearest = x + whole;
+    let offset = simd.sub_u32s(simd.transmute_u32s_f32s(nearest.lanes), simd.splat_u32s(WHOLE.to_bits()));
+    let is_above = simd.greater_than_f32s((nearest - whole).lanes, x.lanes);
+    let one = simd.select_u32s(is_above, simd.splat_u32s(1), simd.splat_u32s(0));
+    simd.sub_u32s(offset, one)
 }
 
 /// [`crate::fixed::ratio::ratio`] without branches.
 #[inline(always)]
-fn ratio(one: f32, other: f32) -> f32 {
-    let quotient = if other == 0.0 { 1.0 } else { one / other };
-    let inverse = -1.0 / quotient;
-    if quotient > 1.0 { inverse } else { quotient }
+fn ratio<S: Simd>(simd: S, one: Floats<S>, other: Floats<S>) -> Floats<S> {
+    let quotient = (black_box(one) / other).or(other.is(0.0), 1.0);
+    let inverse = Floats::all(simd, -1.0) / quotient;
+    let lanes = simd.select_f32s(quotient.is_above(1.0), inverse.lanes, quotient.lanes);
+    Floats::new(simd, lanes)
 }
 
 #[cfg(test)]
 mod tests {
+    use pulp::Scalar;
+
     use super::*;
+
+    fn scalar(value: f32) -> Floats<Scalar> {
+        Floats::all(Scalar::new(), value)
+    }
 
     #[test]
     fn floors_are_those_of_casts() {
@@ -227,7 +265,7 @@ mod tests {
         let halves = (0..8_000u32).map(|half| half as f32 / 2.0);
         let large = [1 << 21, (1 << 22) - 1].into_iter().flat_map(near);
         for x in (0..4_000).flat_map(near).chain(halves).chain(large) {
-            assert_eq!(floor(x), x as u32, "{x}");
+            assert_eq!(floor(Scalar::new(), scalar(x)), x as u32, "{x}");
         }
     }
 
@@ -235,7 +273,8 @@ mod tests {
     fn ratios_are_pcls() {
         for (one, other) in (0..=255u8).flat_map(|one| (0..=255u8).map(move |other| (one, other))) {
             let expected = crate::fixed::ratio::ratio(one, other);
-            assert_eq!(ratio(f32::from(one), f32::from(other)), expected, "{one} : {other}");
+            let [first, second] = [one, other].map(|value| scalar(f32::from(value)));
+            assert_eq!(ratio(Scalar::new(), first, second).lanes, expected, "{one} : {other}");
         }
     }
 }

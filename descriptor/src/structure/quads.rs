@@ -1,5 +1,7 @@
 //! Values of points in fours, point after point: what is drawn is moved in few steps.
 
+use pulp::NullaryFnOnce;
+
 /// Values of a point that are moved together.
 pub(super) const QUAD: usize = 4;
 
@@ -12,19 +14,6 @@ pub(super) struct Quads {
 }
 
 impl Quads {
-    /// Of so many points, from their values in columns as long as `stride`, one after the other.
-    pub(super) fn new(points: usize, columns: &[f32], stride: usize) -> Self {
-        let zeros = vec![0.0; stride];
-        let mut values = Vec::with_capacity((columns.len() / stride).div_ceil(QUAD) * points);
-        for columns in columns.chunks(QUAD * stride) {
-            let column = |number: usize| columns.chunks_exact(stride).nth(number).unwrap_or(&zeros);
-            let [a, b, c, d] = [0, 1, 2, 3].map(column);
-            let quads = a.iter().zip(b).zip(c).zip(d).map(|(((&a, &b), &c), &d)| [a, b, c, d]);
-            values.extend(quads.take(points));
-        }
-        Self { points, values }
-    }
-
     /// Four values of all points.
     #[inline(always)]
     pub(super) fn quads(&self, quad: usize) -> &[[f32; QUAD]] {
@@ -40,5 +29,31 @@ impl Quads {
             let quads = points.quads(quad);
             self.values.extend(indices.iter().map(|&index| quads[index as usize]));
         }
+    }
+}
+
+/// Makes quads of so many points, from their values in columns as long as `stride`, one after the other.
+pub(super) struct Interleave<'a> {
+    pub(super) points: usize,
+    pub(super) columns: &'a [f32],
+    pub(super) stride: usize,
+}
+
+impl NullaryFnOnce for Interleave<'_> {
+    type Output = Quads;
+
+    #[inline(always)]
+    fn call(self) -> Quads {
+        let Self { points, columns, stride } = self;
+        let zeros = vec![0.0; stride];
+        let mut values = vec![[0.0; QUAD]; (columns.len() / stride).div_ceil(QUAD) * points];
+        for (quads, columns) in values.chunks_exact_mut(points).zip(columns.chunks(QUAD * stride)) {
+            let column = |number: usize| columns.chunks_exact(stride).nth(number).unwrap_or(&zeros);
+            let [a, b, c, d] = [column(0), column(1), column(2), column(3)];
+            for ((((quad, a), b), c), d) in quads.iter_mut().zip(a).zip(b).zip(c).zip(d) {
+                *quad = [*a, *b, *c, *d];
+            }
+        }
+        Quads { points, values }
     }
 }

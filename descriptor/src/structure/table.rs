@@ -3,18 +3,18 @@
 use std::borrow::Cow;
 
 use aligned_vec::{AVec, avec};
-use pulp::NullaryFnOnce;
+use pulp::{NullaryFnOnce, Simd, WithSimd};
 
 use crate::prepare_error::PrepareError;
 use crate::select::{BELOW_ALL, ROOM, Selector};
 use crate::structure::block::BLOCK;
 use crate::structure::cloud::Points;
-use crate::structure::colours::values;
-use crate::structure::edges::reached;
+use crate::structure::colours::write_values;
 use crate::structure::plan::StructurePlan;
-use crate::structure::quads::Quads;
+use crate::structure::quads::{Interleave, Quads};
 use crate::structure::value_order::{Column, PointAxis};
-use crate::wide::widest;
+use crate::structure::vector::Floats;
+use crate::wide::{widest, with_widest};
 
 /// The points that a channel can use, in their order.
 pub(super) struct Table {
@@ -42,29 +42,32 @@ impl Table {
     /// # Errors
     /// [`PrepareError::NoColours`] if the channel needs colours and there are none.
     pub(super) fn new(plan: &StructurePlan, points: &Points, mean: [i32; 2]) -> Result<Self, PrepareError> {
-        let needs_normals = plan.needs_normals();
         let colours = match &points.colours {
             Some(colours) => colours.as_slice(),
             None if plan.channel.needs_colour() => return Err(PrepareError::NoColours),
             None => &[],
         };
-        let is_used = |index: &usize| !needs_normals || points.normals[*index].is_some();
-        let used: Vec<usize> = (0..points.positions.len()).filter(is_used).collect();
-        let mut table = Self::of_size(plan, used.len());
+        let lacks_normals = plan.needs_normals() && points.normals.iter().any(Option::is_none);
+        let used = lacks_normals.then(|| {
+            let has_normal = |&index: &usize| points.normals[index].is_some();
+            (0..points.positions.len()).filter(has_normal).collect::<Vec<usize>>()
+        });
+        let used = used.as_deref();
+        let mut table = Self::of_size(plan, used.map_or(points.positions.len(), <[usize]>::len));
         let normal = plan.has_angles.then_some(plan.order.normal());
         let has_boxes = !plan.is_of_cloud();
-        widest(Place { table: &mut table, points, used: &used, normal, has_boxes });
-        let colours: Cow<[[u8; 3]]> = if used.len() == points.positions.len() {
-            Cow::Borrowed(colours)
-        } else {
-            used.iter().filter_map(|&index| colours.get(index).copied()).collect()
+        widest(Place { table: &mut table, points, used, normal, has_boxes });
+        let colours: Cow<[[u8; 3]]> = match used {
+            None => Cow::Borrowed(colours),
+            Some(used) => used.iter().filter_map(|&index| colours.get(index).copied()).collect(),
         };
         for (number, column) in plan.columns.iter().enumerate() {
-            let values = column.values(&colours, mean);
-            table.column(plan.order.place(number)).zip(values).for_each(|(place, value)| *place = value);
+            let place = plan.order.place(number) * table.stride;
+            column.write(&colours, mean, &mut table.columns[place..][..table.stride]);
         }
         if plan.draws(table.points) {
-            table.quads = Quads::new(table.points, &table.columns, table.stride);
+            table.quads =
+                widest(Interleave { points: table.points, columns: &table.columns, stride: table.stride });
         }
         Ok(table)
     }
@@ -105,6 +108,12 @@ impl Table {
     #[inline(always)]
     pub(super) fn columns(&self) -> impl Iterator<Item = &[f32]> {
         self.columns.chunks_exact(self.stride)
+    }
+
+    /// A value of the points of a block, NaN after the last one.
+    #[inline(always)]
+    pub(super) fn block(&self, value: usize, block: usize) -> &[f32; BLOCK] {
+        &self.columns[value * self.stride..][..self.stride].as_chunks().0[block]
     }
 
     /// The values of a point.
@@ -209,7 +218,8 @@ fn extremes(block: &[f32; BLOCK]) -> [f32; 2] {
 struct Place<'a> {
     table: &'a mut Table,
     points: &'a Points,
-    used: &'a [usize],
+    /// Indices of some of them; of all without.
+    used: Option<&'a [usize]>,
     /// Where the normal is among the values, if it is one.
     normal: Option<usize>,
     /// Whether points are looked for by place.
@@ -222,13 +232,17 @@ impl NullaryFnOnce for Place<'_> {
     #[inline(always)]
     fn call(self) {
         let Self { table, points, used, normal, has_boxes } = self;
-        if used.len() == points.positions.len() {
-            table.place(0, points.positions.iter().copied());
-        } else {
-            table.place(0, used.iter().map(|&index| points.positions[index]));
+        match used {
+            None => table.place(0, points.positions.iter().copied()),
+            Some(used) => table.place(0, used.iter().map(|&index| points.positions[index])),
         }
         if let Some(normal) = normal {
-            table.place(normal, used.iter().map(|&index| points.normals[index].unwrap_or_default()));
+            match used {
+                None => table.place(normal, points.normals.iter().map(|normal| normal.unwrap_or_default())),
+                Some(used) => {
+                    table.place(normal, used.iter().map(|&index| points.normals[index].unwrap_or_default()));
+                }
+            }
         }
         if has_boxes {
             table.find_boxes();
@@ -238,37 +252,40 @@ impl NullaryFnOnce for Place<'_> {
 
 /// Adds the bins of some values to codes.
 struct AddBins<'a> {
-    codes: &'a mut [[u32; BLOCK]],
-    values: &'a [[f32; BLOCK]],
+    codes: &'a mut [f32],
+    values: &'a [f32],
     axis: &'a PointAxis,
 }
 
-impl NullaryFnOnce for AddBins<'_> {
+impl WithSimd for AddBins<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn call(self) {
-        for (codes, values) in self.codes.iter_mut().zip(self.values) {
-            for (code, bin) in codes.iter_mut().zip(reached(values, &self.axis.edges)) {
-                *code += self.axis.stride * bin;
-            }
+    fn with_simd<S: Simd>(self, simd: S) {
+        let stride = simd.splat_u32s(self.axis.stride);
+        let values = S::as_simd_f32s(self.values).0;
+        for (codes, &values) in S::as_mut_simd_f32s(self.codes).0.iter_mut().zip(values) {
+            let bins = Floats::new(simd, values).reached(&self.axis.edges);
+            let code = simd.add_u32s(simd.transmute_u32s_f32s(*codes), simd.mul_u32s(bins, stride));
+            *codes = simd.transmute_f32s_u32s(code);
         }
     }
 }
 
 impl Column {
-    /// The values of points of these colours.
-    fn values(&self, colours: &[[u8; 3]], mean: [i32; 2]) -> Vec<f32> {
+    /// Writes the values of points of these colours into whole blocks.
+    fn write(&self, colours: &[[u8; 3]], mean: [i32; 2], place: &mut [f32]) {
         let axes = match self {
-            Self::Difference(feature) | Self::Ratio(feature) => return values(*feature, colours, mean),
+            Self::Difference(feature) | Self::Ratio(feature) => {
+                return write_values(*feature, colours, mean, place);
+            }
             Self::Code(axes) => axes,
         };
-        let mut codes = vec![[0u32; BLOCK]; colours.len().div_ceil(BLOCK)];
+        place.fill(f32::from_bits(0));
+        let mut values = vec![0.0; place.len()];
         for axis in axes {
-            let mut values = values(axis.feature, colours, mean);
-            values.resize(codes.as_flattened().len(), 0.0);
-            widest(AddBins { codes: &mut codes, values: values.as_chunks().0, axis });
+            write_values(axis.feature, colours, mean, &mut values);
+            with_widest(AddBins { codes: place, values: &values, axis });
         }
-        codes.as_flattened()[..colours.len()].iter().copied().map(f32::from_bits).collect()
     }
 }

@@ -48,7 +48,7 @@ fn counts(channel: &StructureChannel, cloud: &StructureCloud) -> Vec<Vec<u64>> {
     let rows = plan.prepare(cloud).unwrap();
     let mut counter = Counter::new(&plan, &rows);
     let count = |row| {
-        counter.count(row);
+        counter.count(pulp::Scalar::new(), row);
         counter.counts.take()
     };
     (0..rows.len(&plan)).map(count).collect()
