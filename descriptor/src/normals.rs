@@ -3,14 +3,14 @@
 use std::array;
 use std::ops::Range;
 
-use pulp::NullaryFnOnce;
+use pulp::{Simd, WithSimd};
 
 use crate::cell_list::{BEYOND, CellList, Queries};
 use crate::eigen::{LANES, smallest_eigenvector, smallest_eigenvectors};
 use crate::neighbours::{floor_f32, squared_distance};
 use crate::prepare_error::PrepareError;
-use crate::select::{BELOW_ALL, ROOM, Selector};
-use crate::wide::widest;
+use crate::select::{BELOW_ALL, ROOM, select};
+use crate::wide::with_widest;
 
 /// Neighbours without which no plane is fitted.
 pub const MIN_NEIGHBOURS: usize = 3;
@@ -90,7 +90,7 @@ fn fit(
         let queries = [0, 1, 2].map(|axis| lanes.map(|query| query[axis]));
         let places = &mut places;
         let (candidates, planes) =
-            widest(Fit { queries: &queries, viewpoint, position, runs: &runs, limit, places });
+            with_widest(Fit { queries: &queries, viewpoint, position, runs: &runs, limit, places });
         let near = Near { position, places: &places[..candidates], limit };
         for (lane, &index) in batch.iter().enumerate() {
             if (planes.count[lane] as usize) < MIN_NEIGHBOURS {
@@ -176,7 +176,7 @@ impl Fit<'_> {
     /// Rounds like the distances of points, so that no neighbour is left out: differences and squares never decrease with
     /// the distance along an axis, however they round.
     #[inline(always)]
-    fn select(&mut self) -> usize {
+    fn select<S: Simd>(&mut self, simd: S) -> usize {
         let (mut low, mut high) = ([0.0f32; 3], [0.0f32; 3]);
         for axis in 0..3 {
             let values = &self.queries[axis];
@@ -188,7 +188,7 @@ impl Fit<'_> {
         }
         let candidates: usize = self.runs.iter().map(|run| run.len() + BEYOND).sum();
         self.places.resize(self.places.len().max(candidates + ROOM), 0);
-        let (mut count, selector) = (0, Selector::new());
+        let mut count = 0;
         for run in self.runs {
             for start in run.clone().step_by(BEYOND) {
                 let mut d2 = [0.0; BEYOND];
@@ -205,19 +205,19 @@ impl Fit<'_> {
                     let (x, y, z) = (outside(0, x[place]), outside(1, y[place]), outside(2, z[place]));
                     *d2 = if i < left { x * x + y * y + z * z } else { f32::INFINITY };
                 }
-                count = selector.select(&d2, [BELOW_ALL, self.limit], start as u32, self.places, count);
+                count = select(simd, &d2, [BELOW_ALL, self.limit], start as u32, self.places, count);
             }
         }
         count
     }
 }
 
-impl NullaryFnOnce for Fit<'_> {
+impl WithSimd for Fit<'_> {
     type Output = (usize, Planes);
 
     #[inline(always)]
-    fn call(mut self) -> (usize, Planes) {
-        let candidates = self.select();
+    fn with_simd<S: Simd>(mut self, simd: S) -> (usize, Planes) {
+        let candidates = self.select(simd);
         let [qx, qy, qz] = self.queries;
         let mut count = [0u32; LANES];
         let [mut sx, mut sy, mut sz] = [[0.0f32; LANES]; 3];

@@ -1,109 +1,118 @@
-//! Which of some numbers lie between two bounds, without branches.
+//! Moving some lanes of vectors together, without branches: numbers between two bounds, codes that count.
 
-#[cfg(target_arch = "x86_64")]
 use pulp::Simd;
 
-/// Numbers that are compared at once.
-const BLOCK: usize = 16;
-
-/// Numbers whose places one entry of [`PLACES`] has.
-const HALF: usize = BLOCK / 2;
-
-/// Places beyond those of all numbers that [`Selector::select`] writes to.
-pub(crate) const ROOM: usize = BLOCK;
+/// As many places as the widest vectors have lanes; so many beyond those of all numbers may be written to.
+pub(crate) const ROOM: usize = 16;
 
 /// A bound that every squared distance is above.
 pub(crate) const BELOW_ALL: f32 = -1.0;
 
-/// How numbers are selected: made where loops begin, as it asks what the processor can do.
-#[derive(Clone, Copy, Default)]
-pub(crate) struct Selector {
-    /// Moves the selected places together.
-    #[cfg(target_arch = "x86_64")]
-    avx512: Option<pulp::x86::V4>,
-}
-
-impl Selector {
-    /// With the instructions that kernels run with.
-    #[inline(always)]
-    pub(crate) fn new() -> Self {
-        Self {
-            #[cfg(target_arch = "x86_64")]
-            avx512: crate::wide::avx512(),
-        }
-    }
-
-    /// Appends `first` + i, for each value i above `beyond` and at most `limit`, to the first `count` of `places`,
-    /// ascending; how many there are then. NaN is never selected. There must be room for all values and [`ROOM`] more.
-    ///
-    /// Free of branches, as about half of the points of a block are neighbours, in no pattern that a processor could
-    /// predict.
-    #[inline(always)]
-    pub(crate) fn select<const N: usize>(
-        self,
-        values: &[f32; N],
-        [beyond, limit]: [f32; 2],
-        first: u32,
-        places: &mut [u32],
-        mut count: usize,
-    ) -> usize {
-        for (values, first) in values.as_chunks::<BLOCK>().0.iter().zip((first..).step_by(BLOCK)) {
-            #[cfg(target_arch = "x86_64")]
-            if let Some(avx512) = self.avx512 {
-                let (found, selected) = compressed(avx512, values, [beyond, limit], first);
-                places[count..count + BLOCK].copy_from_slice(&found);
-                count += selected;
-                continue;
-            }
-            let mut bits = [0u32; BLOCK];
-            for (lane, bit) in bits.iter_mut().enumerate() {
-                *bit = if (values[lane] > beyond) & (values[lane] <= limit) { 1 << lane } else { 0 };
-            }
-            let selected = bits.into_iter().fold(0, |all, bit| all | bit);
-            for (half, first) in [(selected as u8, first), ((selected >> HALF) as u8, first + HALF as u32)] {
-                let offsets = PLACES[usize::from(half)];
-                let mut found = [first; HALF];
-                for lane in 0..HALF {
-                    found[lane] += u32::from(offsets[lane]);
-                }
-                places[count..count + HALF].copy_from_slice(&found);
-                count += half.count_ones() as usize;
-            }
-        }
-        count
-    }
-}
-
-/// The places of the selected values of a block, which begins at place `first`, and how many they are.
-#[cfg(target_arch = "x86_64")]
+/// Appends `first` + i, for each value i above `beyond` and at most `limit`, to the first `count` of `places`, ascending;
+/// how many there are then. NaN is never selected. There must be room for all values and [`ROOM`] more.
+///
+/// Free of branches, as about half of the points of a block are neighbours, in no pattern that a processor could predict.
 #[inline(always)]
-fn compressed(
-    avx512: pulp::x86::V4,
-    values: &[f32; BLOCK],
+pub(crate) fn select<S: Simd, const N: usize>(
+    simd: S,
+    values: &[f32; N],
+    bounds: [f32; 2],
+    first: u32,
+    places: &mut [u32],
+    mut count: usize,
+) -> usize {
+    const { assert!(N.is_multiple_of(S::F32_LANES)) }
+    let mut first = first;
+    for &values in S::as_simd_f32s(values).0 {
+        count += select_lanes(simd, values, bounds, first, &mut places[count..count + S::F32_LANES]);
+        first += S::F32_LANES as u32;
+    }
+    count
+}
+
+/// As [`select`], of one vector, to the first of as many places as it has lanes; how many are selected.
+#[inline(always)]
+pub(crate) fn select_lanes<S: Simd>(
+    simd: S,
+    values: S::f32s,
     [beyond, limit]: [f32; 2],
     first: u32,
-) -> ([u32; BLOCK], usize) {
-    let values = pulp::cast(*values);
-    let above = avx512.less_than_f32s(avx512.splat_f32s(beyond), values);
-    let within = avx512.less_than_or_equal_f32s(values, avx512.splat_f32s(limit));
-    let selected = above.0 & within.0;
-    let mut places = [first; BLOCK];
-    for (lane, place) in (0u32..).zip(&mut places) {
-        *place += lane;
-    }
-    let found = avx512.avx512f._mm512_maskz_compress_epi32(selected, pulp::cast(places));
-    (pulp::cast(found), selected.count_ones() as usize)
+    places: &mut [u32],
+) -> usize {
+    const NUMBERS: [u32; ROOM] = {
+        let mut numbers = [0; ROOM];
+        let mut lane = 0;
+        while lane < ROOM {
+            numbers[lane] = lane as u32;
+            lane += 1;
+        }
+        numbers
+    };
+    let is_above = simd.greater_than_f32s(values, simd.splat_f32s(beyond));
+    let is_within = simd.less_than_or_equal_f32s(values, simd.splat_f32s(limit));
+    let numbers = simd.add_u32s(simd.splat_u32s(first), S::as_simd_u32s(&NUMBERS).0[0]);
+    pack(simd, numbers, simd.and_m32s(is_above, is_within), places)
 }
 
+/// Moves some lanes together, to the first of as many places as there are lanes; how many they are.
+#[inline(always)]
+pub(crate) fn pack<S: Simd>(simd: S, lanes: S::u32s, are_kept: S::m32s, places: &mut [u32]) -> usize {
+    #[cfg(target_arch = "x86_64")]
+    if let Some(count) = packed(simd, lanes, are_kept, places) {
+        return count;
+    }
+    let [lanes, are_kept] = [[lanes], [simd.select_u32s(are_kept, simd.splat_u32s(1), simd.splat_u32s(0))]];
+    let [lanes, are_kept] = [&lanes, &are_kept].map(|lanes| pulp::bytemuck::cast_slice::<_, u32>(lanes));
+    let mut count = 0;
+    for (&lane, &is_kept) in lanes.iter().zip(are_kept) {
+        places[count] = lane;
+        count += is_kept as usize;
+    }
+    count
+}
+
+/// [`pack`] by an instruction, if there is one.
+#[cfg(target_arch = "x86_64")]
+#[inline(always)]
+fn packed<S: Simd>(simd: S, lanes: S::u32s, are_kept: S::m32s, places: &mut [u32]) -> Option<usize> {
+    use std::any::Any;
+
+    let [simd, lanes, are_kept]: [&dyn Any; 3] = [&simd, &lanes, &are_kept];
+    let lanes: &pulp::u32x16 = lanes.downcast_ref()?;
+    if let Some(avx512) = simd.downcast_ref::<pulp::x86::V4>() {
+        let are_kept: &pulp::b16 = are_kept.downcast_ref()?;
+        let packed = avx512.avx512f._mm512_maskz_compress_epi32(are_kept.0, pulp::cast(*lanes));
+        places.copy_from_slice(&pulp::cast::<_, [u32; ROOM]>(packed));
+        return Some(are_kept.0.count_ones() as usize);
+    }
+    let avx2 = simd.downcast_ref::<pulp::x86::V3_512b>()?.0;
+    let are_kept: &pulp::m32x16 = are_kept.downcast_ref()?;
+    let (lanes, are_kept): ([pulp::u32x8; 2], [pulp::f32x8; 2]) = (pulp::cast(*lanes), pulp::cast(*are_kept));
+    let mut count = 0;
+    for (lanes, are_kept) in lanes.into_iter().zip(are_kept) {
+        let flags = avx2.avx._mm256_movemask_ps(pulp::cast(are_kept)) as u8;
+        let order = PLACES[usize::from(flags)];
+        let packed = avx2.avx2._mm256_permutevar8x32_epi32(pulp::cast(lanes), pulp::cast(order));
+        places[count..count + OCTET].copy_from_slice(&pulp::cast::<_, [u32; OCTET]>(packed));
+        count += flags.count_ones() as usize;
+    }
+    Some(count)
+}
+
+/// Lanes of vectors that one entry of [`PLACES`] is of.
+#[cfg(target_arch = "x86_64")]
+const OCTET: usize = 8;
+
 /// For every set of flags the places of those that are set, ascending, then zeros.
-static PLACES: [[u8; HALF]; 1 << HALF] = {
-    let mut places = [[0; HALF]; 1 << HALF];
+#[cfg(target_arch = "x86_64")]
+static PLACES: [[u32; OCTET]; 1 << OCTET] = {
+    let mut places = [[0; OCTET]; 1 << OCTET];
     let mut flags = 0;
-    while flags < 1 << HALF {
+    while flags < 1 << OCTET {
         let (mut count, mut place) = (0, 0);
-        while place < HALF {
+        while place < OCTET {
             if flags >> place & 1 == 1 {
-                places[flags][count] = place as u8;
+                places[flags][count] = place as u32;
                 count += 1;
             }
             place += 1;
@@ -116,10 +125,29 @@ static PLACES: [[u8; HALF]; 1 << HALF] = {
 #[cfg(test)]
 mod tests {
     use proptest::prelude::*;
+    use pulp::WithSimd;
 
     use super::*;
+    use crate::wide::with_widest;
 
     const N: usize = 64;
+
+    struct Select<'a> {
+        values: &'a [f32; N],
+        bounds: [f32; 2],
+        first: u32,
+        places: &'a mut [u32],
+        count: usize,
+    }
+
+    impl WithSimd for Select<'_> {
+        type Output = usize;
+
+        #[inline(always)]
+        fn with_simd<S: Simd>(self, simd: S) -> usize {
+            select(simd, self.values, self.bounds, self.first, self.places, self.count)
+        }
+    }
 
     /// Numbers about both bounds, the bounds themselves, and what is no distance.
     fn value() -> impl Strategy<Value = f32> {
@@ -136,7 +164,7 @@ mod tests {
             bounds in prop::sample::select(vec![[1.0, 3.0], [-1.0, 3.0], [-1.0, 9.0], [3.0, 3.0]]),
         ) {
             let [beyond, limit] = bounds;
-            for selector in [Selector::new(), Selector::default()] {
+            for is_widest in [true, false] {
                 let mut places = vec![0; blocks.len() * N + ROOM];
                 let (mut expected, mut count) = (Vec::new(), 0);
                 for (block, values) in blocks.iter().enumerate() {
@@ -144,7 +172,8 @@ mod tests {
                     let first = (block * N) as u32;
                     let is_between = |&value: &f32| beyond < value && value <= limit;
                     expected.extend((first..).zip(values).filter_map(|(place, value)| is_between(value).then_some(place)));
-                    count = selector.select(values, bounds, first, &mut places, count);
+                    let select = Select { values, bounds, first, places: &mut places, count };
+                    count = if is_widest { with_widest(select) } else { select.with_simd(pulp::Scalar::new()) };
                 }
                 prop_assert_eq!(&places[..count], expected);
             }

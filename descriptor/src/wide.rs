@@ -8,7 +8,7 @@
 
 use std::sync::OnceLock;
 
-use pulp::{Arch, NullaryFnOnce, Simd, WithSimd};
+use pulp::{Arch, NullaryFnOnce, WithSimd};
 
 /// What kernels run with.
 #[derive(Clone, Copy, Debug)]
@@ -80,26 +80,19 @@ pub(crate) fn with_widest<K: WithSimd>(kernel: K) -> K::Output {
 }
 
 /// A kernel with the vectors that it computes with.
+#[cfg(target_arch = "x86_64")]
 struct With<K, S> {
     kernel: K,
     simd: S,
 }
 
-impl<K: WithSimd, S: Simd> NullaryFnOnce for With<K, S> {
+#[cfg(target_arch = "x86_64")]
+impl<K: WithSimd, S: pulp::Simd> NullaryFnOnce for With<K, S> {
     type Output = K::Output;
 
     #[inline(always)]
     fn call(self) -> K::Output {
         self.kernel.with_simd(self.simd)
-    }
-}
-
-/// The instructions of AVX-512, if kernels run with them: for the few that no loop becomes.
-#[cfg(target_arch = "x86_64")]
-pub(crate) fn avx512() -> Option<pulp::x86::V4> {
-    match level() {
-        Level::Widest(Arch::V4(vectors)) => Some(vectors),
-        _ => None,
     }
 }
 

@@ -1,15 +1,15 @@
 //! The neighbours of one keypoint after the other: found block by block, and classified.
 
-use pulp::NullaryFnOnce;
+use pulp::{NullaryFnOnce, Simd, WithSimd};
 
 use crate::Cloud;
 use crate::disk_ring::quantise::Quantiser;
 use crate::disk_ring::records::Records;
 use crate::prepare::Normals;
 use crate::prepare_error::PrepareError;
-use crate::select::{BELOW_ALL, Selector};
+use crate::select::{BELOW_ALL, select};
 use crate::surface::{BLOCK, Surface, block, block_mut};
-use crate::wide::widest;
+use crate::wide::{widest, with_widest};
 
 /// Shells up to which each is given a list of its own: as many passes over a block cost less than a sort.
 const FEW_SHELLS: usize = 4;
@@ -62,7 +62,7 @@ impl Field {
 
     /// Finds the points within reach of a keypoint with this normal.
     pub(super) fn find(&self, keypoint: [f32; 3], axis: [f32; 3], quantiser: &Quantiser, near: &mut Near) {
-        widest(Find { surface: &self.surface, keypoint, axis, quantiser, near });
+        with_widest(Find { surface: &self.surface, keypoint, axis, quantiser, near });
     }
 
     /// Codes of the points of a list: the classes of their angles, and their colours, if there are any.
@@ -80,16 +80,15 @@ struct Find<'a> {
     near: &'a mut Near,
 }
 
-impl NullaryFnOnce for Find<'_> {
+impl WithSimd for Find<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn call(self) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let Near { d2, opposite, slices, lists, limits, .. } = self.near;
         lists.iter_mut().for_each(|list| list.count = 0);
         let ([kx, ky, kz], [ax, ay, az]) = (self.keypoint, self.axis);
         let slicer = self.quantiser.angle_table().slicer();
-        let selector = Selector::new();
         for number in self.surface.blocks(self.keypoint, self.quantiser.reach2()) {
             let [x, y, z] = self.surface.position.each_ref().map(|values| block(values, number));
             let d2 = block_mut(d2, number);
@@ -107,13 +106,8 @@ impl NullaryFnOnce for Find<'_> {
             }
             let mut beyond = BELOW_ALL;
             for (list, &limit) in lists.iter_mut().zip(limits.iter()) {
-                list.count = selector.select(
-                    d2,
-                    [beyond, limit],
-                    (number * BLOCK) as u32,
-                    &mut list.places,
-                    list.count,
-                );
+                list.count =
+                    select(simd, d2, [beyond, limit], (number * BLOCK) as u32, &mut list.places, list.count);
                 beyond = limit;
             }
         }

@@ -1,10 +1,10 @@
 //! The points about one keypoint, copied together so that loops over them, and over pairs of them, are dense.
 
-use pulp::NullaryFnOnce;
+use pulp::{Simd, WithSimd};
 
-use crate::select::Selector;
+use crate::select::select;
 use crate::surface::{BLOCK, Surface, block};
-use crate::wide::widest;
+use crate::wide::with_widest;
 
 /// Neighbours that a kernel looks at together, each in a lane of its own.
 pub(super) const GROUP: usize = 32;
@@ -25,7 +25,7 @@ pub(super) struct Neighbourhood {
 impl Neighbourhood {
     /// Fills it with the points whose d² to `centre` is above `beyond` and at most `limit`, square metres.
     pub(super) fn fill(&mut self, surface: &Surface, centre: [f32; 3], [beyond, limit]: [f32; 2]) {
-        widest(Select { surface, centre, limits: [beyond, limit], places: &mut self.places });
+        with_widest(Select { surface, centre, limits: [beyond, limit], places: &mut self.places });
         for axis in 0..3 {
             copy(&self.places, &surface.position[axis], &mut self.position[axis]);
             copy(&self.places, &surface.normal[axis], &mut self.normal[axis]);
@@ -63,13 +63,12 @@ struct Select<'a> {
     places: &'a mut Vec<u32>,
 }
 
-impl NullaryFnOnce for Select<'_> {
+impl WithSimd for Select<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn call(self) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let ([cx, cy, cz], [_, limit]) = (self.centre, self.limits);
-        let selector = Selector::new();
         let (mut d2, mut count) = ([0.0; BLOCK], 0);
         self.places.resize(self.surface.room(), 0);
         for number in self.surface.blocks(self.centre, limit) {
@@ -78,7 +77,7 @@ impl NullaryFnOnce for Select<'_> {
                 let (x, y, z) = (x - cx, y - cy, z - cz);
                 *d2 = x * x + y * y + z * z;
             }
-            count = selector.select(&d2, self.limits, (number * BLOCK) as u32, self.places, count);
+            count = select(simd, &d2, self.limits, (number * BLOCK) as u32, self.places, count);
         }
         self.places.truncate(count);
     }

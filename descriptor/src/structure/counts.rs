@@ -1,9 +1,8 @@
 //! How many pairs of a row fall into each bin.
 
-use std::any::Any;
-
 use pulp::Simd;
 
+use crate::select::pack;
 use crate::structure::block::{BLOCK, LANES};
 
 /// Tables that codes are counted in by turns: a count that was just changed takes time until it can be changed again.
@@ -11,15 +10,13 @@ const TABLES: usize = 4;
 
 /// The counts of one row.
 pub(super) struct Counts {
-    /// Bins of a row, which are followed by a place for each lane of what is not counted.
+    /// Bins of a row, which are followed by a place for what is not counted.
     bins: usize,
     /// Table after table.
     tables: Vec<u32>,
     /// Codes that the tables do not have yet, and how many they are.
     codes: [u32; LANES + BLOCK],
     waiting: usize,
-    /// Codes for lanes that are not to be counted.
-    nowhere: [u32; BLOCK],
     /// Codes that have been counted in the tables, and how many fit.
     counted: u64,
     room: u64,
@@ -38,10 +35,9 @@ impl Counts {
     fn with_room(bins: usize, room: u64) -> Self {
         Self {
             bins,
-            tables: vec![0; TABLES * (bins + BLOCK)],
+            tables: vec![0; TABLES * (bins + 1)],
             codes: [0; LANES + BLOCK],
             waiting: 0,
-            nowhere: std::array::from_fn(|lane| (bins + lane) as u32),
             counted: 0,
             room,
             merged: vec![0; bins],
@@ -53,14 +49,7 @@ impl Counts {
     #[inline(always)]
     pub(super) fn add<S: Simd>(&mut self, simd: S, codes: S::u32s, are_counted: S::m32s) {
         let places = &mut self.codes[self.waiting..self.waiting + S::U32_LANES];
-        if let Some((codes, count)) = compressed(simd, codes, are_counted) {
-            places.copy_from_slice(&codes);
-            self.waiting += count;
-        } else {
-            let nowhere = S::as_simd_u32s(&self.nowhere).0[0];
-            S::as_mut_simd_u32s(places).0[0] = simd.select_u32s(are_counted, codes, nowhere);
-            self.waiting += S::U32_LANES;
-        }
+        self.waiting += pack(simd, codes, are_counted, places);
         if self.waiting >= LANES {
             self.count_waiting(LANES);
         }
@@ -92,7 +81,7 @@ impl Counts {
     #[inline(always)]
     fn count_rest(&mut self) {
         let rounds = self.waiting.next_multiple_of(TABLES);
-        self.codes[self.waiting..rounds].fill(self.nowhere[0]);
+        self.codes[self.waiting..rounds].fill(self.bins as u32);
         self.count_waiting(rounds);
     }
 
@@ -100,7 +89,7 @@ impl Counts {
     #[inline(always)]
     fn merge(&mut self) {
         self.merged.fill(0);
-        for table in self.tables.chunks_exact_mut(self.bins + BLOCK) {
+        for table in self.tables.chunks_exact_mut(self.bins + 1) {
             for (sum, count) in self.merged.iter_mut().zip(table) {
                 *sum += std::mem::take(count);
             }
@@ -127,25 +116,6 @@ impl Counts {
         self.count_rest();
         self.empty_tables();
         std::mem::take(&mut self.totals)
-    }
-}
-
-/// Codes that are counted, moved together, and how many they are; `None` without an instruction that does it.
-#[inline(always)]
-fn compressed<S: Simd>(simd: S, codes: S::u32s, are_counted: S::m32s) -> Option<([u32; BLOCK], usize)> {
-    #[cfg(target_arch = "x86_64")]
-    {
-        let [simd, codes, are_counted]: [&dyn Any; 3] = [&simd, &codes, &are_counted];
-        let avx512: &pulp::x86::V4 = simd.downcast_ref()?;
-        let codes: &pulp::u32x16 = codes.downcast_ref()?;
-        let are_counted: &pulp::b16 = are_counted.downcast_ref()?;
-        let together = avx512.avx512f._mm512_maskz_compress_epi32(are_counted.0, pulp::cast(*codes));
-        Some((pulp::cast(together), are_counted.0.count_ones() as usize))
-    }
-    #[cfg(not(target_arch = "x86_64"))]
-    {
-        let _ = (simd, codes, are_counted);
-        None
     }
 }
 

@@ -1,6 +1,6 @@
 //! Signatures of clouds: the pairs of each row, found and counted.
 
-use pulp::{NullaryFnOnce, Simd, WithSimd};
+use pulp::{NullaryFnOnce, Scalar512b, Simd, WithSimd};
 
 use crate::prepare::check_regions;
 use crate::prepare_error::PrepareError;
@@ -73,8 +73,8 @@ impl StructurePlan {
                 return points.points;
             }
             let centre = keypoints.position(row);
-            points.blocks_within(centre, self.reach2, &mut blocks);
-            points.points_within(centre, self.reach2, &blocks, &mut near);
+            points.blocks_within(Scalar512b, centre, self.reach2, &mut blocks);
+            points.points_within(Scalar512b, centre, self.reach2, &blocks, &mut near);
             near.len()
         })
     }
@@ -126,7 +126,7 @@ impl<'a> Counter<'a> {
         let Self { plan, rows: Rows { keypoints, points }, .. } = *self;
         let is_among = plan.channel.pairs != Pairs::KeypointNeighbour;
         if plan.channel.pairs.is_sampled() {
-            self.find_near(row);
+            self.find_near(simd, row);
             if plan.draws(self.near.len()) {
                 return self.draw(simd, points);
             }
@@ -147,15 +147,15 @@ impl<'a> Counter<'a> {
 
     /// Finds the points whose pairs are a row's.
     #[inline(always)]
-    fn find_near(&mut self, row: usize) {
+    fn find_near<S: Simd>(&mut self, simd: S, row: usize) {
         let Self { plan, rows: Rows { keypoints, points }, blocks, near, .. } = self;
         if plan.is_of_cloud() {
             near.clear();
             near.extend(0..points.points as u32);
         } else {
             let centre = keypoints.position(row);
-            points.blocks_within(centre, plan.reach2, blocks);
-            points.points_within(centre, plan.reach2, blocks, near);
+            points.blocks_within(simd, centre, plan.reach2, blocks);
+            points.points_within(simd, centre, plan.reach2, blocks, near);
         }
     }
 
@@ -165,7 +165,7 @@ impl<'a> Counter<'a> {
         let Self { plan, one, blocks, counts, .. } = self;
         one.clear();
         one.extend(points.values_of(point));
-        others.blocks_within(points.position(point), plan.most2, blocks);
+        others.blocks_within(simd, points.position(point), plan.most2, blocks);
         for &block in &*blocks {
             let block = block as usize;
             let mut x = *others.block(0, block);

@@ -6,7 +6,7 @@ use aligned_vec::{AVec, avec};
 use pulp::{NullaryFnOnce, Simd, WithSimd};
 
 use crate::prepare_error::PrepareError;
-use crate::select::{BELOW_ALL, ROOM, Selector};
+use crate::select::{BELOW_ALL, ROOM, select};
 use crate::structure::block::BLOCK;
 use crate::structure::cloud::Points;
 use crate::structure::colours::write_values;
@@ -138,7 +138,13 @@ impl Table {
 
     /// Finds the blocks that may have a point that near, in their order.
     #[inline(always)]
-    pub(super) fn blocks_within(&self, [x, y, z]: [f32; 3], reach2: f32, found: &mut Vec<u32>) {
+    pub(super) fn blocks_within<S: Simd>(
+        &self,
+        simd: S,
+        [x, y, z]: [f32; 3],
+        reach2: f32,
+        found: &mut Vec<u32>,
+    ) {
         let boxes = self.boxes.as_chunks::<BLOCK>().0;
         let (low, high) = boxes.split_at(boxes.len() / 2);
         let [[low_x, low_y, low_z], [high_x, high_y, high_z]] = [low, high].map(thirds);
@@ -148,7 +154,7 @@ impl Table {
             let most = if below > above { below } else { above };
             if most > 0.0 { most * most } else { 0.0 }
         };
-        let (mut count, selector) = (0, Selector::new());
+        let mut count = 0;
         found.resize(low_x.len() * BLOCK + ROOM, 0);
         for place in 0..low_x.len() {
             let mut d2 = [0.0; BLOCK];
@@ -158,16 +164,23 @@ impl Table {
                 let dz = outside(low_z[place][lane], z, high_z[place][lane]);
                 *d2 = dx + dy + dz;
             }
-            count = selector.select(&d2, [BELOW_ALL, reach2], (place * BLOCK) as u32, found, count);
+            count = select(simd, &d2, [BELOW_ALL, reach2], (place * BLOCK) as u32, found, count);
         }
         found.truncate(count);
     }
 
     /// Finds the points within reach of a place among these blocks, in their order.
     #[inline(always)]
-    pub(super) fn points_within(&self, centre: [f32; 3], reach2: f32, blocks: &[u32], found: &mut Vec<u32>) {
+    pub(super) fn points_within<S: Simd>(
+        &self,
+        simd: S,
+        centre: [f32; 3],
+        reach2: f32,
+        blocks: &[u32],
+        found: &mut Vec<u32>,
+    ) {
         let [x, y, z] = thirds(self.columns[..3 * self.stride].as_chunks::<BLOCK>().0);
-        let (mut count, selector) = (0, Selector::new());
+        let mut count = 0;
         found.resize(blocks.len() * BLOCK + ROOM, 0);
         for &block in blocks {
             let place = block as usize;
@@ -177,7 +190,7 @@ impl Table {
                     [x[place][lane] - centre[0], y[place][lane] - centre[1], z[place][lane] - centre[2]];
                 *d2 = dx * dx + dy * dy + dz * dz;
             }
-            count = selector.select(&d2, [BELOW_ALL, reach2], block * BLOCK as u32, found, count);
+            count = select(simd, &d2, [BELOW_ALL, reach2], block * BLOCK as u32, found, count);
         }
         found.truncate(count);
     }
