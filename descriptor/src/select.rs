@@ -16,45 +16,29 @@ pub(crate) const BELOW_ALL: f32 = -1.0;
 pub(crate) fn select<S: Simd, const N: usize>(
     simd: S,
     values: &[f32; N],
-    bounds: [f32; 2],
+    [beyond, limit]: [f32; 2],
     first: u32,
     places: &mut [u32],
     mut count: usize,
 ) -> usize {
     const { assert!(N.is_multiple_of(S::F32_LANES)) }
-    let mut first = first;
+    let (beyond, limit) = (simd.splat_f32s(beyond), simd.splat_f32s(limit));
+    let mut numbers = simd.add_u32s(simd.splat_u32s(first), S::as_simd_u32s(&NUMBERS).0[0]);
     for &values in S::as_simd_f32s(values).0 {
-        count += select_lanes(simd, values, bounds, first, &mut places[count..count + S::F32_LANES]);
-        first += S::F32_LANES as u32;
+        let is_above = simd.greater_than_f32s(values, beyond);
+        let is_within = simd.less_than_or_equal_f32s(values, limit);
+        let places = &mut places[count..count + S::F32_LANES];
+        count += pack(simd, numbers, simd.and_m32s(is_above, is_within), places);
+        numbers = simd.add_u32s(numbers, simd.splat_u32s(S::F32_LANES as u32));
     }
     count
 }
 
-/// As [`select`], of one vector, to the first of as many places as it has lanes; how many are selected.
-#[inline(always)]
-pub(crate) fn select_lanes<S: Simd>(
-    simd: S,
-    values: S::f32s,
-    [beyond, limit]: [f32; 2],
-    first: u32,
-    places: &mut [u32],
-) -> usize {
-    const NUMBERS: [u32; ROOM] = {
-        let mut numbers = [0; ROOM];
-        let mut lane = 0;
-        while lane < ROOM {
-            numbers[lane] = lane as u32;
-            lane += 1;
-        }
-        numbers
-    };
-    let is_above = simd.greater_than_f32s(values, simd.splat_f32s(beyond));
-    let is_within = simd.less_than_or_equal_f32s(values, simd.splat_f32s(limit));
-    let numbers = simd.add_u32s(simd.splat_u32s(first), S::as_simd_u32s(&NUMBERS).0[0]);
-    pack(simd, numbers, simd.and_m32s(is_above, is_within), places)
-}
+/// The numbers of lanes.
+const NUMBERS: [u32; ROOM] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
-/// Moves some lanes together, to the first of as many places as there are lanes; how many they are.
+/// Moves some lanes together, to the first of as many places as there are lanes, and something to the others; how many they
+/// are.
 #[inline(always)]
 pub(crate) fn pack<S: Simd>(simd: S, lanes: S::u32s, are_kept: S::m32s, places: &mut [u32]) -> usize {
     #[cfg(target_arch = "x86_64")]
