@@ -9,8 +9,8 @@ use crate::cell_list::{BEYOND, CellList, Queries};
 use crate::eigen::{LANES, smallest_eigenvector, smallest_eigenvectors};
 use crate::neighbours::{floor_f32, squared_distance};
 use crate::prepare_error::PrepareError;
-use crate::select::{BELOW_ALL, ROOM, select};
-use crate::wide::with_widest;
+use crate::select::{BELOW_ALL, select};
+use crate::wide::widest;
 
 /// Neighbours without which no plane is fitted.
 pub const MIN_NEIGHBOURS: usize = 3;
@@ -90,7 +90,7 @@ fn fit(
         let queries = [0, 1, 2].map(|axis| lanes.map(|query| query[axis]));
         let places = &mut places;
         let (candidates, planes) =
-            with_widest(Fit { queries: &queries, viewpoint, position, runs: &runs, limit, places });
+            widest(Fit { queries: &queries, viewpoint, position, runs: &runs, limit, places });
         let near = Near { position, places: &places[..candidates], limit };
         for (lane, &index) in batch.iter().enumerate() {
             if (planes.count[lane] as usize) < MIN_NEIGHBOURS {
@@ -187,7 +187,7 @@ impl Fit<'_> {
             }
         }
         let candidates: usize = self.runs.iter().map(|run| run.len() + BEYOND).sum();
-        self.places.resize(self.places.len().max(candidates + ROOM), 0);
+        self.places.resize(self.places.len().max(candidates), 0);
         let mut count = 0;
         for run in self.runs {
             for start in run.clone().step_by(BEYOND) {

@@ -1,15 +1,16 @@
 //! Moving some lanes of vectors together, without branches: numbers between two bounds, codes that count.
 
 use pulp::Simd;
+use pulp::bytemuck::cast_slice;
 
-/// As many places as the widest vectors have lanes; so many beyond those of all numbers may be written to.
-pub(crate) const ROOM: usize = 16;
+/// Lanes of the widest vectors.
+const LANES: usize = 16;
 
 /// A bound that every squared distance is above.
 pub(crate) const BELOW_ALL: f32 = -1.0;
 
 /// Appends `first` + i, for each value i above `beyond` and at most `limit`, to the first `count` of `places`, ascending;
-/// how many there are then. NaN is never selected. There must be room for all values and [`ROOM`] more.
+/// how many there are then. NaN is never selected. There must be room for all values.
 ///
 /// Free of branches, as about half of the points of a block are neighbours, in no pattern that a processor could predict.
 #[inline(always)]
@@ -35,20 +36,20 @@ pub(crate) fn select<S: Simd, const N: usize>(
 }
 
 /// The numbers of lanes.
-const NUMBERS: [u32; ROOM] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+const NUMBERS: [u32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
-/// Moves some lanes together, to the first of as many places as there are lanes, and something to the others; how many they
-/// are.
+/// Writes the kept lanes, in their order, to the first of as many places as there are lanes, and anything to the others; how
+/// many are kept.
 #[inline(always)]
 pub(crate) fn pack<S: Simd>(simd: S, lanes: S::u32s, are_kept: S::m32s, places: &mut [u32]) -> usize {
     #[cfg(target_arch = "x86_64")]
     if let Some(count) = packed(simd, lanes, are_kept, places) {
         return count;
     }
-    let [lanes, are_kept] = [[lanes], [simd.select_u32s(are_kept, simd.splat_u32s(1), simd.splat_u32s(0))]];
-    let [lanes, are_kept] = [&lanes, &are_kept].map(|lanes| pulp::bytemuck::cast_slice::<_, u32>(lanes));
+    let lanes = [lanes];
+    let are_kept = [simd.select_u32s(are_kept, simd.splat_u32s(1), simd.splat_u32s(0))];
     let mut count = 0;
-    for (&lane, &is_kept) in lanes.iter().zip(are_kept) {
+    for (&lane, &is_kept) in cast_slice::<_, u32>(&lanes).iter().zip(cast_slice::<_, u32>(&are_kept)) {
         places[count] = lane;
         count += is_kept as usize;
     }
@@ -66,7 +67,7 @@ fn packed<S: Simd>(simd: S, lanes: S::u32s, are_kept: S::m32s, places: &mut [u32
     if let Some(avx512) = simd.downcast_ref::<pulp::x86::V4>() {
         let are_kept: &pulp::b16 = are_kept.downcast_ref()?;
         let packed = avx512.avx512f._mm512_maskz_compress_epi32(are_kept.0, pulp::cast(*lanes));
-        places.copy_from_slice(&pulp::cast::<_, [u32; ROOM]>(packed));
+        places.copy_from_slice(&pulp::cast::<_, [u32; LANES]>(packed));
         return Some(are_kept.0.count_ones() as usize);
     }
     let avx2 = simd.downcast_ref::<pulp::x86::V3_512b>()?.0;
@@ -112,7 +113,7 @@ mod tests {
     use pulp::WithSimd;
 
     use super::*;
-    use crate::wide::with_widest;
+    use crate::wide::widest;
 
     const N: usize = 64;
 
@@ -141,6 +142,15 @@ mod tests {
         ]
     }
 
+    /// With AVX2 where there is more, too.
+    fn with_avx2(select: Select<'_>) -> usize {
+        #[cfg(target_arch = "x86_64")]
+        if let Some(vectors) = pulp::x86::V3::try_new() {
+            return select.with_simd(pulp::x86::V3_512b(vectors));
+        }
+        widest(select)
+    }
+
     proptest! {
         #[test]
         fn selected_are_the_values_between_the_bounds(
@@ -148,8 +158,8 @@ mod tests {
             bounds in prop::sample::select(vec![[1.0, 3.0], [-1.0, 3.0], [-1.0, 9.0], [3.0, 3.0]]),
         ) {
             let [beyond, limit] = bounds;
-            for is_widest in [true, false] {
-                let mut places = vec![0; blocks.len() * N + ROOM];
+            for level in 0..4 {
+                let mut places = vec![0; blocks.len() * N];
                 let (mut expected, mut count) = (Vec::new(), 0);
                 for (block, values) in blocks.iter().enumerate() {
                     let values: &[f32; N] = values.as_slice().try_into().unwrap();
@@ -157,7 +167,12 @@ mod tests {
                     let is_between = |&value: &f32| beyond < value && value <= limit;
                     expected.extend((first..).zip(values).filter_map(|(place, value)| is_between(value).then_some(place)));
                     let select = Select { values, bounds, first, places: &mut places, count };
-                    count = if is_widest { with_widest(select) } else { select.with_simd(pulp::Scalar::new()) };
+                    count = match level {
+                        0 => widest(select),
+                        1 => select.with_simd(pulp::Scalar512b),
+                        2 => select.with_simd(pulp::Scalar::new()),
+                        _ => with_avx2(select),
+                    };
                 }
                 prop_assert_eq!(&places[..count], expected);
             }

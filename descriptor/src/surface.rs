@@ -8,7 +8,6 @@ use crate::Cloud;
 use crate::cell_list::CellList;
 use crate::prepare::Normals;
 use crate::prepare_error::PrepareError;
-use crate::select::ROOM;
 
 /// Points that are passed over together if none of them can be a neighbour.
 pub(crate) const BLOCK: usize = 64;
@@ -64,7 +63,7 @@ impl Surface {
 
     /// Room that [`crate::select::select`] needs for the points of all blocks.
     pub(crate) fn room(&self) -> usize {
-        self.boxes.len() * BLOCK + ROOM
+        self.boxes.len() * BLOCK
     }
 
     /// The blocks that hold every point with d² ≤ `reach2`, and some more, by number: block b has the points from

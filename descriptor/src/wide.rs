@@ -1,6 +1,6 @@
 //! Loops with the widest vectors that the processor has.
 //!
-//! A kernel is plain Rust: it is compiled for each level of x86-64 (and once for everything else), and the best one is
+//! A kernel is plain Rust, or computes with vectors that it is given: it is compiled for each level of x86-64 (and once for everything else), and the best one is
 //! taken at run time. All of them compute the same bits: Rust never fuses or reorders floating-point operations.
 //!
 //! The environment variable `DESCRY_VECTORS` asks for a lower level, so that one machine can test and measure all of them:
@@ -8,7 +8,9 @@
 
 use std::sync::OnceLock;
 
-use pulp::{Arch, NullaryFnOnce, WithSimd};
+#[cfg(target_arch = "x86_64")]
+use pulp::Simd;
+use pulp::{Arch, WithSimd};
 
 /// What kernels run with.
 #[derive(Clone, Copy, Debug)]
@@ -54,45 +56,34 @@ fn level() -> Level {
     *LEVEL.get_or_init(|| Level::of_environment().unwrap_or(Level::Widest(Arch::new())))
 }
 
-/// Runs a kernel, whose `call` must be `#[inline(always)]`: otherwise it is compiled for the baseline only.
-pub fn widest<K: NullaryFnOnce>(kernel: K) -> K::Output {
-    match level() {
-        Level::Widest(arch) => arch.dispatch(kernel),
-        #[cfg(target_arch = "x86_64")]
-        Level::V3(vectors) => vectors.vectorize(kernel),
-        Level::Baseline => kernel.call(),
-    }
-}
-
-/// Runs a kernel that computes with vectors of its own, of 16 floats on x86-64. `with_simd` must be `#[inline(always)]`.
-pub(crate) fn with_widest<K: WithSimd>(kernel: K) -> K::Output {
+/// Runs a kernel, whose `call` or `with_simd` must be `#[inline(always)]`: otherwise it is compiled for the baseline only.
+/// Vectors that it is given have 16 floats, whatever the level.
+pub fn widest<K: WithSimd>(kernel: K) -> K::Output {
     match level() {
         #[cfg(target_arch = "x86_64")]
-        Level::Widest(Arch::V4(simd)) => simd.vectorize(With { kernel, simd }),
+        Level::Widest(Arch::V4(vectors)) => Simd::vectorize(vectors, kernel),
         #[cfg(target_arch = "x86_64")]
         Level::Widest(Arch::V3(vectors)) | Level::V3(vectors) => {
-            vectors.vectorize(With { kernel, simd: pulp::x86::V3_512b(vectors) })
+            vectors.vectorize(InPairs { kernel, vectors })
         }
-        #[cfg(not(target_arch = "x86_64"))]
-        Level::Widest(arch) => arch.dispatch(kernel),
         _ => kernel.with_simd(pulp::Scalar512b),
     }
 }
 
-/// A kernel with the vectors that it computes with.
+/// A kernel with the vectors of AVX2, two at a time.
 #[cfg(target_arch = "x86_64")]
-struct With<K, S> {
+struct InPairs<K> {
     kernel: K,
-    simd: S,
+    vectors: pulp::x86::V3,
 }
 
 #[cfg(target_arch = "x86_64")]
-impl<K: WithSimd, S: pulp::Simd> NullaryFnOnce for With<K, S> {
+impl<K: WithSimd> pulp::NullaryFnOnce for InPairs<K> {
     type Output = K::Output;
 
     #[inline(always)]
     fn call(self) -> K::Output {
-        self.kernel.with_simd(self.simd)
+        self.kernel.with_simd(pulp::x86::V3_512b(self.vectors))
     }
 }
 

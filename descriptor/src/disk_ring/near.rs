@@ -9,7 +9,7 @@ use crate::prepare::Normals;
 use crate::prepare_error::PrepareError;
 use crate::select::{BELOW_ALL, select};
 use crate::surface::{BLOCK, Surface, block, block_mut};
-use crate::wide::{widest, with_widest};
+use crate::wide::widest;
 
 /// Shells up to which each is given a list of its own: as many passes over a block cost less than a sort.
 const FEW_SHELLS: usize = 4;
@@ -62,7 +62,7 @@ impl Field {
 
     /// Finds the points within reach of a keypoint with this normal.
     pub(super) fn find(&self, keypoint: [f32; 3], axis: [f32; 3], quantiser: &Quantiser, near: &mut Near) {
-        with_widest(Find { surface: &self.surface, keypoint, axis, quantiser, near });
+        widest(Find { surface: &self.surface, keypoint, axis, quantiser, near });
     }
 
     /// Codes of the points of a list: the classes of their angles, and their colours, if there are any.

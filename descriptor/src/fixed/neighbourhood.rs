@@ -4,7 +4,7 @@ use pulp::{Simd, WithSimd};
 
 use crate::select::select;
 use crate::surface::{BLOCK, Surface, block};
-use crate::wide::with_widest;
+use crate::wide::widest;
 
 /// Neighbours that a kernel looks at together, each in a lane of its own.
 pub(super) const GROUP: usize = 32;
@@ -25,7 +25,7 @@ pub(super) struct Neighbourhood {
 impl Neighbourhood {
     /// Fills it with the points whose d² to `centre` is above `beyond` and at most `limit`, square metres.
     pub(super) fn fill(&mut self, surface: &Surface, centre: [f32; 3], [beyond, limit]: [f32; 2]) {
-        with_widest(Select { surface, centre, limits: [beyond, limit], places: &mut self.places });
+        widest(Select { surface, centre, limits: [beyond, limit], places: &mut self.places });
         for axis in 0..3 {
             copy(&self.places, &surface.position[axis], &mut self.position[axis]);
             copy(&self.places, &surface.normal[axis], &mut self.normal[axis]);

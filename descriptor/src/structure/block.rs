@@ -1,7 +1,7 @@
-//! How many points and pairs are computed together.
+//! How many points and pairs are looked at together.
 
 /// Points that are looked at or left out together: as many as the widest vectors hold.
 pub(super) const BLOCK: usize = 16;
 
-/// Pairs that are computed together, each in a lane of its own.
+/// Drawn pairs that are fetched together, and codes that are counted together.
 pub(super) const LANES: usize = 4 * BLOCK;

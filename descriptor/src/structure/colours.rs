@@ -111,7 +111,7 @@ impl WriteValues<'_> {
         self.each(|colour| tables.of(colour)[COMPONENT]);
     }
 
-    /// Not collected into a vector of its own: what collects is a function of its own, without wide vectors.
+    /// Written in place: `collect` may stay a call, without wide vectors.
     #[inline(always)]
     fn each(self, value: impl Fn([u8; 3]) -> f32) {
         for (place, &colour) in self.values.iter_mut().zip(self.colours) {

@@ -10,7 +10,7 @@ const TABLES: usize = 4;
 
 /// The counts of one row.
 pub(super) struct Counts {
-    /// Bins of a row, which are followed by a place for what is not counted.
+    /// Bins of a row, which are followed by a place for what fills the last round up.
     bins: usize,
     /// Table after table.
     tables: Vec<u32>,
@@ -52,10 +52,12 @@ impl Counts {
         self.waiting += pack(simd, codes, are_counted, places);
         if self.waiting >= LANES {
             self.count_waiting(LANES);
+            self.codes.copy_within(LANES.., 0);
+            self.waiting -= LANES;
         }
     }
 
-    /// Counts so many of the codes that wait, a multiple of [`TABLES`], the first ones first.
+    /// Counts the first codes that wait, a multiple of [`TABLES`].
     #[inline(always)]
     fn count_waiting(&mut self, codes: usize) {
         if self.counted + codes as u64 > self.room {
@@ -63,8 +65,6 @@ impl Counts {
         }
         self.counted += codes as u64;
         count(&mut self.tables, &self.codes[..codes]);
-        self.codes.copy_within(codes.., 0);
-        self.waiting = self.waiting.saturating_sub(codes);
     }
 
     /// Moves what the tables hold to the totals.
@@ -83,6 +83,7 @@ impl Counts {
         let rounds = self.waiting.next_multiple_of(TABLES);
         self.codes[self.waiting..rounds].fill(self.bins as u32);
         self.count_waiting(rounds);
+        self.waiting = 0;
     }
 
     /// Sums the tables up and empties them.
@@ -152,20 +153,27 @@ fn shares<C: Copy + Into<u64>>(counts: &[C], shell_bins: usize, histogram_bins: 
 
 #[cfg(test)]
 mod tests {
-    use pulp::Scalar;
+    use pulp::Scalar512b;
 
     use super::*;
 
     #[test]
     fn counts_that_do_not_fit_the_tables_are_kept() {
+        let simd = Scalar512b;
         let (mut wide, mut narrow) = (Counts::new(6), Counts::with_room(6, 2 * LANES as u64));
         let mut expected = vec![0; 6];
         for row in 1..4u32 {
-            for pair in 0..LANES as u32 * 5 * row + 2 {
-                let (code, is_counted) = (pair % 67 % 6, pair % 5 != 3);
-                expected[code as usize] += u64::from(is_counted);
+            // A vector keeps 12 or 13 of its 16 lanes, so that codes are left over where a group is counted.
+            for vector in 0..20 * row {
+                let pair: [u32; BLOCK] = std::array::from_fn(|lane| vector * BLOCK as u32 + lane as u32);
+                let (codes, is_counted) =
+                    (pair.map(|pair| pair % 67 % 6), pair.map(|pair| u32::from(pair % 5 != 3)));
+                for (code, is_counted) in codes.into_iter().zip(is_counted) {
+                    expected[code as usize] += u64::from(is_counted);
+                }
+                let mask = simd.equal_u32s(pulp::cast(is_counted), simd.splat_u32s(1));
                 for counts in [&mut wide, &mut narrow] {
-                    counts.add(Scalar::new(), code, is_counted);
+                    counts.add(simd, pulp::cast(codes), mask);
                 }
             }
             assert!(wide.totals.is_empty() && !narrow.totals.is_empty());

@@ -17,7 +17,7 @@ use crate::structure::feature::{Feature, Range};
 const EXACT: i64 = 1 << 24;
 
 /// The edges of an axis, ascending: those of the negative cosine where the range is half a turn, in the units of
-/// [`super::colours::values`] where it is squashed; none where edges are not what decides (`d`, `f1`).
+/// [`super::colours::write_values`] where it is squashed; none where edges are not what decides (`d`, `f1`).
 pub(super) fn edges(axis: &Axis, squash_milli: u32) -> Vec<f32> {
     let Axis { feature, bins, full_turn } = *axis;
     let inner = 1..bins;

@@ -15,7 +15,7 @@ use crate::structure::pairs::{OfGroups, WithBlock, count};
 use crate::structure::plan::StructurePlan;
 use crate::structure::quads::Quads;
 use crate::structure::table::Table;
-use crate::wide::with_widest;
+use crate::wide::widest;
 
 impl StructureChannel {
     /// A cloud in this channel; for many clouds, make a [`StructurePlan`] once.
@@ -40,7 +40,7 @@ impl StructurePlan {
             return Ok(Signature::default());
         }
         let rows = self.prepare(cloud)?;
-        Ok(self.channel.weighted(with_widest(Describe { plan: self, rows })))
+        Ok(self.channel.weighted(widest(Describe { plan: self, rows })))
     }
 
     /// Finds what the rows of a cloud are made of.
@@ -68,6 +68,7 @@ impl StructurePlan {
     fn check_pairs(&self, rows: &Rows) -> Result<(), PrepareError> {
         let Rows { keypoints, points } = rows;
         let (mut blocks, mut near) = (Vec::new(), Vec::new());
+        // Without wide vectors: it is asked only of channels that take all pairs.
         check_regions(points.points, rows.len(self), |row| {
             if self.is_of_cloud() {
                 return points.points;
@@ -95,11 +96,11 @@ impl Rows {
     }
 }
 
-/// Counts the pairs of rows, as many as there are lanes at once.
+/// Counts the pairs of rows.
 pub(super) struct Counter<'a> {
     plan: &'a StructurePlan,
     rows: &'a Rows,
-    /// The values of a point.
+    /// The values of the first point of pairs.
     one: Vec<f32>,
     first: Group,
     second: Group,

@@ -10,7 +10,7 @@ use crate::structure::value_order::ValueOrder;
 /// No point has more values, position, normal, gap and columns, in whole quads.
 pub(super) const MAX_VALUES: usize = (6 + QUAD - 1 + StructureChannel::MAX_AXES).next_multiple_of(QUAD);
 
-/// Values of points or their differences, one in each lane, in the order of [`StructurePlan::order`]. No distance to a
+/// Values of points or their differences, one in each lane, in the order of [`ValueOrder`]. No distance to a
 /// lane whose x is NaN counts. Aligned to the lines of the cache, of which most vectors of 64 bytes would take two.
 #[repr(align(64))]
 pub(super) struct Group {

@@ -18,7 +18,7 @@ use crate::structure::edges::Turns;
 use crate::structure::group::Group;
 use crate::structure::plan::{Measure, PairBins, StructurePlan};
 use crate::structure::table::Table;
-use crate::structure::vector::{Floats, dot};
+use crate::structure::vector::{Floats, dot, increment};
 
 /// The values of some pairs, one in each lane.
 pub(super) trait PairValues<S: Simd> {
@@ -102,14 +102,13 @@ pub(super) fn count<S: Simd>(
     for histogram in &plan.histograms {
         let mut codes = simd.add_u32s(shells, simd.splat_u32s(histogram.first));
         if let Some(column) = histogram.code {
-            let of_points = values.second(simd, plan.order.place(column)).lanes;
-            codes = simd.add_u32s(codes, simd.transmute_u32s_f32s(of_points));
+            codes = simd.add_u32s(codes, values.second(simd, plan.order.place(column)).bits());
         }
         for axis in &histogram.axes {
             let bins = match &axis.bins {
                 PairBins::Distance { per_metre, last } => pairs.distances(*per_metre, *last),
                 PairBins::Turn(turns) => pairs.turns(turns),
-                PairBins::Edges(measure, edges) => pairs.values(plan, *measure, values).reached(edges),
+                PairBins::Edges(measure, edges) => pairs.values(plan, *measure, values).edges_reached(edges),
             };
             codes = simd.add_u32s(codes, simd.mul_u32s(bins, simd.splat_u32s(axis.stride)));
         }
@@ -177,7 +176,9 @@ impl<S: Simd> Pairs<S> {
     fn distances(&self, per_metre: f32, last: f32) -> S::u32s {
         let Self { simd, d2, .. } = *self;
         let at = root(d2) * Floats::all(simd, per_metre);
-        floor(simd, Floats::new(simd, simd.select_f32s(at.is_below(last), at.lanes, simd.splat_f32s(last))))
+        let last = Floats::all(simd, last);
+        let lanes = simd.select_f32s(simd.less_than_f32s(at.lanes, last.lanes), at.lanes, last.lanes);
+        floor(simd, Floats::new(simd, lanes))
     }
 
     /// Bins of f₁.
@@ -188,14 +189,13 @@ impl<S: Simd> Pairs<S> {
         let x = cosine * root(self.across2);
         let is_below = y.is_below(0.0);
         // Below 0 degrees bins are mirrored, but edges still belong to the bins above them.
-        let least = Floats::all(simd, 0.0).or(is_below, f32::from_bits(1));
+        let least = Floats::all(simd, 0.0).with(is_below, f32::from_bits(1));
         // No direction is one of 0 degrees.
-        let x = x.or(simd.and_m32s(x.is(0.0), y.is(0.0)), 1.0);
-        let (zero, one) = (simd.splat_u32s(0), simd.splat_u32s(1));
-        let mut reached = zero;
+        let x = x.with(simd.and_m32s(x.equals(0.0), y.equals(0.0)), 1.0);
+        let (size, mut reached) = (y.abs(), simd.splat_u32s(0));
         for &[cosine, sine] in &turns.edges {
-            let beyond = Floats::all(simd, cosine) * y.abs() - Floats::all(simd, sine) * x;
-            reached = simd.add_u32s(reached, simd.select_u32s(beyond.has_reached(least), one, zero));
+            let beyond = Floats::all(simd, cosine) * size - Floats::all(simd, sine) * x;
+            reached = increment(simd, reached, simd.greater_than_or_equal_f32s(beyond.lanes, least.lanes));
         }
         let above = simd.add_u32s(simd.splat_u32s(turns.of_zero), reached);
         let below = simd.sub_u32s(simd.splat_u32s(turns.below_zero), reached);
@@ -227,26 +227,24 @@ fn root<S: Simd>(square: Floats<S>) -> Floats<S> {
     black_box(square).sqrt()
 }
 
-/// ⌊x⌋ of a number from 0 to below 2²², as a cast has it, for which no vector has an operation.
+/// ⌊x⌋ of a number from 0 to below 2²², as a cast has it, which pulp does not have.
 #[inline(always)]
 fn floor<S: Simd>(simd: S, x: Floats<S>) -> S::u32s {
     // From here to twice as far, floats are whole numbers, and the last bits of theirs are their offset.
     const WHOLE: f32 = (1u32 << 23) as f32;
     let whole = Floats::all(simd, WHOLE);
     let nearest = x + whole;
-    let offset = simd.sub_u32s(simd.transmute_u32s_f32s(nearest.lanes), simd.splat_u32s(WHOLE.to_bits()));
+    let offset = simd.sub_u32s(nearest.bits(), simd.splat_u32s(WHOLE.to_bits()));
     let is_above = simd.greater_than_f32s((nearest - whole).lanes, x.lanes);
-    let one = simd.select_u32s(is_above, simd.splat_u32s(1), simd.splat_u32s(0));
-    simd.sub_u32s(offset, one)
+    simd.sub_u32s(offset, increment(simd, simd.splat_u32s(0), is_above))
 }
 
-/// [`crate::fixed::ratio::ratio`] without branches.
+/// [`crate::fixed::ratio::ratio`] without branches. Divided only where it is wanted, as [`root`] is.
 #[inline(always)]
 fn ratio<S: Simd>(simd: S, one: Floats<S>, other: Floats<S>) -> Floats<S> {
-    let quotient = (black_box(one) / other).or(other.is(0.0), 1.0);
+    let quotient = (black_box(one) / other).with(other.equals(0.0), 1.0);
     let inverse = Floats::all(simd, -1.0) / quotient;
-    let lanes = simd.select_f32s(quotient.is_above(1.0), inverse.lanes, quotient.lanes);
-    Floats::new(simd, lanes)
+    Floats::new(simd, simd.select_f32s(quotient.is_above(1.0), inverse.lanes, quotient.lanes))
 }
 
 #[cfg(test)]

@@ -32,7 +32,7 @@ impl Quads {
     }
 }
 
-/// Makes quads of so many points, from their values in columns as long as `stride`, one after the other.
+/// Makes quads of so many points, at least one, from their values in columns as long as `stride`, one after the other.
 pub(super) struct Interleave<'a> {
     pub(super) points: usize,
     pub(super) columns: &'a [f32],

@@ -6,7 +6,7 @@ use aligned_vec::{AVec, avec};
 use pulp::{NullaryFnOnce, Simd, WithSimd};
 
 use crate::prepare_error::PrepareError;
-use crate::select::{BELOW_ALL, ROOM, select};
+use crate::select::{BELOW_ALL, select};
 use crate::structure::block::BLOCK;
 use crate::structure::cloud::Points;
 use crate::structure::colours::write_values;
@@ -14,13 +14,13 @@ use crate::structure::plan::StructurePlan;
 use crate::structure::quads::{Interleave, Quads};
 use crate::structure::value_order::{Column, PointAxis};
 use crate::structure::vector::Floats;
-use crate::wide::{widest, with_widest};
+use crate::wide::widest;
 
 /// The points that a channel can use, in their order.
 pub(super) struct Table {
     /// Number of points.
     pub(super) points: usize,
-    /// Value after value; each has as many as whole blocks hold, of which those after the last point are NaN.
+    /// Value after value; each has as many as whole blocks hold, of which positions after the last point are NaN.
     columns: AVec<f32>,
     /// Length of a column.
     stride: usize,
@@ -104,13 +104,13 @@ impl Table {
         }
     }
 
-    /// The values of all points, and NaN after the last one, value after value.
+    /// Value after value, as long as whole blocks.
     #[inline(always)]
-    pub(super) fn columns(&self) -> impl Iterator<Item = &[f32]> {
+    fn columns(&self) -> impl Iterator<Item = &[f32]> {
         self.columns.chunks_exact(self.stride)
     }
 
-    /// A value of the points of a block, NaN after the last one.
+    /// A value of the points of a block; after the last point a position is NaN, and others may be anything.
     #[inline(always)]
     pub(super) fn block(&self, value: usize, block: usize) -> &[f32; BLOCK] {
         &self.columns[value * self.stride..][..self.stride].as_chunks().0[block]
@@ -155,7 +155,7 @@ impl Table {
             if most > 0.0 { most * most } else { 0.0 }
         };
         let mut count = 0;
-        found.resize(low_x.len() * BLOCK + ROOM, 0);
+        found.resize(low_x.len() * BLOCK, 0);
         for place in 0..low_x.len() {
             let mut d2 = [0.0; BLOCK];
             for (lane, d2) in d2.iter_mut().enumerate() {
@@ -181,7 +181,7 @@ impl Table {
     ) {
         let [x, y, z] = thirds(self.columns[..3 * self.stride].as_chunks::<BLOCK>().0);
         let mut count = 0;
-        found.resize(blocks.len() * BLOCK + ROOM, 0);
+        found.resize(blocks.len() * BLOCK, 0);
         for &block in blocks {
             let place = block as usize;
             let mut d2 = [0.0; BLOCK];
@@ -231,7 +231,7 @@ fn extremes(block: &[f32; BLOCK]) -> [f32; 2] {
 struct Place<'a> {
     table: &'a mut Table,
     points: &'a Points,
-    /// Indices of some of them; of all without.
+    /// Indices of the points that are used; all are, without.
     used: Option<&'a [usize]>,
     /// Where the normal is among the values, if it is one.
     normal: Option<usize>,
@@ -278,7 +278,7 @@ impl WithSimd for AddBins<'_> {
         let stride = simd.splat_u32s(self.axis.stride);
         let values = S::as_simd_f32s(self.values).0;
         for (codes, &values) in S::as_mut_simd_f32s(self.codes).0.iter_mut().zip(values) {
-            let bins = Floats::new(simd, values).reached(&self.axis.edges);
+            let bins = Floats::new(simd, values).edges_reached(&self.axis.edges);
             let code = simd.add_u32s(simd.transmute_u32s_f32s(*codes), simd.mul_u32s(bins, stride));
             *codes = simd.transmute_f32s_u32s(code);
         }
@@ -286,7 +286,7 @@ impl WithSimd for AddBins<'_> {
 }
 
 impl Column {
-    /// Writes the values of points of these colours into whole blocks.
+    /// Writes the values of points of these colours; of codes, something to the end of the last block, too.
     fn write(&self, colours: &[[u8; 3]], mean: [i32; 2], place: &mut [f32]) {
         let axes = match self {
             Self::Difference(feature) | Self::Ratio(feature) => {
@@ -298,7 +298,7 @@ impl Column {
         let mut values = vec![0.0; place.len()];
         for axis in axes {
             write_values(axis.feature, colours, mean, &mut values);
-            with_widest(AddBins { codes: place, values: &values, axis });
+            widest(AddBins { codes: place, values: &values, axis });
         }
     }
 }

@@ -37,13 +37,20 @@ impl<S: Simd> Floats<S> {
         Self { lanes: self.simd.sqrt_f32s(self.lanes), ..self }
     }
 
+    /// By bits, as what pulp has may stay a call.
     #[inline(always)]
     pub(super) fn abs(self) -> Self {
-        Self { lanes: self.simd.abs_f32s(self.lanes), ..self }
+        let sizes = self.simd.and_u32s(self.bits(), self.simd.splat_u32s(!SIGN));
+        Self { lanes: self.simd.transmute_f32s_u32s(sizes), ..self }
     }
 
     #[inline(always)]
-    pub(super) fn is(self, value: f32) -> S::m32s {
+    pub(super) fn bits(self) -> S::u32s {
+        self.simd.transmute_u32s_f32s(self.lanes)
+    }
+
+    #[inline(always)]
+    pub(super) fn equals(self, value: f32) -> S::m32s {
         self.simd.equal_f32s(self.lanes, self.simd.splat_f32s(value))
     }
 
@@ -64,32 +71,33 @@ impl<S: Simd> Floats<S> {
 
     #[inline(always)]
     pub(super) fn is_at_least(self, value: f32) -> S::m32s {
-        self.has_reached(Self::all(self.simd, value))
-    }
-
-    #[inline(always)]
-    pub(super) fn has_reached(self, other: Self) -> S::m32s {
-        self.simd.greater_than_or_equal_f32s(self.lanes, other.lanes)
+        self.simd.greater_than_or_equal_f32s(self.lanes, self.simd.splat_f32s(value))
     }
 
     /// How many of these edges each number has reached.
     #[inline(always)]
-    pub(super) fn reached(self, edges: &[f32]) -> S::u32s {
-        let (none, one) = (self.simd.splat_u32s(0), self.simd.splat_u32s(1));
-        let mut reached = none;
+    pub(super) fn edges_reached(self, edges: &[f32]) -> S::u32s {
+        let mut reached = self.simd.splat_u32s(0);
         for &edge in edges {
-            let is_reached = self.simd.select_u32s(self.is_at_least(edge), one, none);
-            reached = self.simd.add_u32s(reached, is_reached);
+            reached = increment(self.simd, reached, self.is_at_least(edge));
         }
         reached
     }
 
     /// `value` in the lanes of the mask.
     #[inline(always)]
-    pub(super) fn or(self, mask: S::m32s, value: f32) -> Self {
-        let value = self.simd.splat_f32s(value);
-        Self { lanes: self.simd.select_f32s(mask, value, self.lanes), ..self }
+    pub(super) fn with(self, mask: S::m32s, value: f32) -> Self {
+        Self { lanes: self.simd.select_f32s(mask, self.simd.splat_f32s(value), self.lanes), ..self }
     }
+}
+
+/// The bit of a float that is its sign.
+const SIGN: u32 = 1 << 31;
+
+/// One more in the lanes of the mask.
+#[inline(always)]
+pub(super) fn increment<S: Simd>(simd: S, numbers: S::u32s, mask: S::m32s) -> S::u32s {
+    simd.add_u32s(numbers, simd.select_u32s(mask, simd.splat_u32s(1), simd.splat_u32s(0)))
 }
 
 macro_rules! operator {
@@ -114,7 +122,8 @@ impl<S: Simd> Neg for Floats<S> {
 
     #[inline(always)]
     fn neg(self) -> Self {
-        Self { lanes: self.simd.neg_f32s(self.lanes), ..self }
+        let turned = self.simd.xor_u32s(self.bits(), self.simd.splat_u32s(SIGN));
+        Self { lanes: self.simd.transmute_f32s_u32s(turned), ..self }
     }
 }
 
