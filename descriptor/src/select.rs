@@ -84,7 +84,7 @@ fn packed<S: Simd>(simd: S, lanes: S::u32s, are_kept: S::m32s, places: &mut [u32
     Some(count)
 }
 
-/// Lanes of vectors that one entry of [`PLACES`] is of.
+/// Lanes of a vector of AVX2.
 #[cfg(target_arch = "x86_64")]
 const OCTET: usize = 8;
 

@@ -1,7 +1,8 @@
 //! Loops with the widest vectors that the processor has.
 //!
-//! A kernel is plain Rust, or computes with vectors that it is given: it is compiled for each level of x86-64 (and once for everything else), and the best one is
-//! taken at run time. All of them compute the same bits: Rust never fuses or reorders floating-point operations.
+//! A kernel is plain Rust, or computes with vectors that it is given: it is compiled for each level of x86-64 (and once for
+//! everything else), and the best one is taken at run time. All of them compute the same bits: Rust never fuses or reorders
+//! floating-point operations.
 //!
 //! The environment variable `DESCRY_VECTORS` asks for a lower level, so that one machine can test and measure all of them:
 //! "v3" for AVX2 where there is AVX-512, "baseline" for what every processor of the target has (SSE2 on x86-64).
