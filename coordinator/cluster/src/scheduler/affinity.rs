@@ -6,12 +6,12 @@ use proto::WorkerId;
 use proto::task::Task;
 
 use super::described::{Expected, JobChannels};
+use super::worker::Worker;
 use super::{ClientId, Scheduler};
 use crate::cost::{CountedCost, counted_cost};
 use crate::store::Job;
 
-/// Of so many jobs, from the first that it may take, a worker gets the one after which it has least to describe that
-/// another may have described already.
+/// A worker gets one of so many jobs, from the first that it may take.
 const CHOICE: usize = 64;
 /// A job that has waited for so long is handed out before those that a worker has more of.
 const LONGEST_WAIT: Duration = Duration::from_secs(60);
@@ -34,34 +34,33 @@ impl Scheduler {
 
     /// What a job costs a worker, which need not describe what it has described.
     pub(super) fn cost_to(&self, id: WorkerId, job: &Job) -> CountedCost {
-        match self.workers.get(&id) {
-            Some(worker) if !job.channels.is_empty() => {
-                let describing = worker.described.missing(&job.channels).min(job.task.describing_cost());
-                let units = job.task.matching_cost().saturating_add(describing);
-                CountedCost { kind: job.task.kind(), units }
-            }
-            _ => counted_cost(&job.task),
+        if job.channels.is_empty() || !self.workers.contains_key(&id) {
+            return counted_cost(&job.task);
         }
+        let describing = self.described.missing(id, &job.channels).min(job.task.describing_cost());
+        let units = job.task.matching_cost().saturating_add(describing);
+        CountedCost { kind: job.task.kind(), units }
     }
 
-    /// Of jobs that a worker may take, in order, the one after which it has least to describe that another may have, the
-    /// first of them; the first of all if that has waited too long.
+    /// Of jobs that a worker may take, in order, the first for which no other worker is better suited, as it has to describe
+    /// less: else the one for which others are the least better suited. What nobody has described is not put off, as it
+    /// would be what all others wait for in the end. The first of all is taken if it has waited too long.
     pub(super) fn best_match<'a, Id: Copy>(
         &self,
         id: WorkerId,
         jobs: impl Iterator<Item = (Id, &'a Job)>,
         now: Instant,
     ) -> Option<Id> {
-        let described = &self.workers.get(&id)?.described;
+        let is_here = |other| self.workers.get(&other).is_some_and(Worker::is_available);
         let mut best: Option<(u64, Id)> = None;
         for (job_id, job) in jobs.take(CHOICE) {
-            let again = described.again(&job.channels);
+            let beyond_least = self.described.beyond_least(id, &job.channels, is_here);
             let is_urgent = best.is_none() && now.saturating_duration_since(job.submitted) > LONGEST_WAIT;
-            if again == 0 || is_urgent {
+            if beyond_least == 0 || is_urgent {
                 return Some(job_id);
             }
-            if best.is_none_or(|(least, _)| again < least) {
-                best = Some((again, job_id));
+            if best.is_none_or(|(least, _)| beyond_least < least) {
+                best = Some((beyond_least, job_id));
             }
         }
         best.map(|(_, job_id)| job_id)

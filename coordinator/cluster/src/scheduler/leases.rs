@@ -148,7 +148,7 @@ impl Scheduler {
             *self.counters.leases.entry(job.task.kind()).or_default() += 1;
             self.idle -= usize::from(worker.is_free());
             worker.take(job_id, attempt, now);
-            worker.described.add(&job.channels);
+            self.described.add(id, &job.channels);
             self.refile(job_id);
         }
     }
@@ -214,7 +214,7 @@ impl Scheduler {
             worker.put_down(job_id, now);
             let is_done = matches!(end, AttemptEnd::Answered | AttemptEnd::Agreed | AttemptEnd::Disagreed);
             if !is_done {
-                worker.described.remove(&job.channels);
+                self.described.remove(id, &job.channels);
             }
             if worker.is_idle() {
                 self.idle += usize::from(worker.is_free());

@@ -154,6 +154,7 @@ impl Scheduler {
                 self.count_loss(job, WorkerFailure { worker: label.clone(), failure });
             }
         }
+        self.described.remove_worker(id);
         if let Some(worker) = self.workers.remove(&id) {
             self.idle -= usize::from(worker.is_free());
             if worker.is_available() {

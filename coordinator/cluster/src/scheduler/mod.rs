@@ -34,6 +34,7 @@ use crate::events::{AttemptEnd, Departure, EventKind};
 pub use crate::secret::{Caller, RunSecret};
 use crate::store::{Grounds, Job, JobStore, Quorum, Vote};
 pub use control::{Drained, MAX_PRIORITY};
+use described::Described;
 pub use described::{Channel, ChannelsOf, Expected, JobChannels};
 pub use fair_queue::ClientId;
 pub use fleet::{LeaseStatus, WorkerStatus};
@@ -146,6 +147,8 @@ pub struct Scheduler {
     starving_since: Option<Instant>,
     /// Whether the event that audits wait for another principal was emitted.
     unaudited: bool,
+    /// What workers have described.
+    described: Described,
     /// The evaluations for which each client has last asked for scales.
     expected: BTreeMap<ClientId, Expected>,
     /// Clients whose jobs are not handed out.
@@ -172,6 +175,7 @@ impl Scheduler {
             idle: 0,
             jobs: JobStore::new(limits.channels_of),
             queue: Queue::default(),
+            described: Described::default(),
             disputed: BTreeSet::new(),
             failing: BTreeSet::new(),
             quarantined: BTreeSet::new(),
@@ -198,8 +202,8 @@ impl Scheduler {
     }
 
     /// Adds a job under its name ([`JobNames`](crate::job_names::JobNames)). Clients are served in turn; the jobs of one
-    /// are handed out in the order of submission, but a worker is given first those after which it has least to describe
-    /// that another may have described already. A job that a worker was given by an earlier start is still its own.
+    /// are handed out in the order of submission, but a worker is given first those for which no other is better suited, as
+    /// it has to describe less. A job that a worker was given by an earlier start is still its own.
     pub fn submit(&mut self, id: JobId, task: Arc<Task>, client: ClientId, now: Instant) {
         self.abandon(id, now); // of the same name before the run began again
         let channels = self.channels(&task, client);

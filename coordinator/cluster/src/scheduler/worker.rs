@@ -5,7 +5,6 @@ use std::time::{Duration, Instant};
 
 use proto::{Introduction, JobId, Principal};
 
-use super::described::Described;
 use super::health::Health;
 
 pub(super) struct Worker {
@@ -18,7 +17,6 @@ pub(super) struct Worker {
     pub(super) draining: bool,
     pub(super) last_seen: Instant,
     pub(super) sequence: u64,
-    pub(super) described: Described,
     /// Jobs and attempts in the order in which it took them, which is the order in which it works on them.
     leases: Vec<(JobId, u32)>,
     /// Since when the first lease has been the first: a job taken ahead is not worked on yet.
@@ -36,7 +34,6 @@ impl Worker {
             draining: false,
             last_seen: now,
             sequence: 0,
-            described: Described::default(),
             leases: Vec::new(),
             first_since: now,
         }

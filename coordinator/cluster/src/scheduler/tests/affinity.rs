@@ -81,7 +81,7 @@ impl Bench {
 }
 
 #[test]
-fn a_worker_gets_the_job_of_which_it_has_described_most() {
+fn a_worker_gets_the_job_for_which_no_other_is_better_suited() {
     let mut bench = Bench::with_channels(3);
     for (number, channels) in [(1, [1, 2]), (2, [3, 4])] {
         let job = bench.submit_with(&channels);
@@ -90,41 +90,65 @@ fn a_worker_gets_the_job_of_which_it_has_described_most() {
     let unknown = bench.submit_with(&[9]);
     let [of_both, of_second, of_first] =
         [[1, 3, 4], [3, 4, 6], [1, 2, 5]].map(|channels| bench.submit_with(&channels));
-    assert_eq!(bench.answer_next(1), unknown, "as few to describe, and it came first");
+    assert_eq!(bench.answer_next(1), unknown, "nobody has it, and it came first");
     assert_eq!(bench.answer_next(1), of_first);
     assert_eq!(bench.answer_next(3), of_both, "it has none, so the first");
     assert_eq!(bench.answer_next(2), of_second);
-    let [other, again] = [[7].as_slice(), &[9, 1, 2, 5]].map(|channels| bench.submit_with(channels));
+    let [of_second, again] = [[6].as_slice(), &[9, 1, 2, 5]].map(|channels| bench.submit_with(channels));
     assert_eq!(bench.answer_next(1), again, "what it was given since counts, too");
-    assert_eq!(bench.answer_next(1), other);
+    assert_eq!(bench.answer_next(1), of_second, "it is not kept waiting where there is something to do");
+}
+
+#[test]
+fn those_that_get_no_jobs_or_have_left_are_no_better_suited() {
+    let leave = |bench: &mut Bench| {
+        bench.scheduler.remove_worker(worker(2), Departure::Left, bench.now);
+    };
+    let drain = |bench: &mut Bench| {
+        bench.scheduler.drain(worker(2), bench.now);
+    };
+    let stay = |_: &mut Bench| {};
+    for (what, is_kept_for_it) in [(&leave as &dyn Fn(&mut Bench), false), (&drain, false), (&stay, true)] {
+        let mut bench = Bench::with_channels(2);
+        bench.submit_with(&[1]);
+        bench.answer_next(2);
+        what(&mut bench);
+        let [of_second, unknown] = [[1], [2]].map(|channels| bench.submit_with(&channels));
+        assert_eq!(bench.answer_next(1), if is_kept_for_it { unknown } else { of_second });
+    }
 }
 
 #[test]
 fn what_is_at_the_coordinator_costs_little() {
     let mut bench = Bench::with_channels(2);
-    let known = bench.submit_with(&[1, DEAR]);
-    assert_eq!(bench.answer_next(1), known);
+    for (number, channels) in [(1, [1, DEAR]), (2, [2, DEAR + 1])] {
+        let known = bench.submit_with(&channels);
+        assert_eq!(bench.answer_next(number), known);
+    }
     let describing = bench.submit_described(&[1, 2, DEAR + 1], &[]);
     let taking = bench.submit_described(&[1, 2, DEAR + 1], &[2]);
-    // Channel 1 it has, 2 is dear to describe and was described by somebody.
+    // The other worker lacks channel 1 only; of those that this one lacks, the dear one has only to be taken.
     assert_eq!(bench.answer_next(1), taking);
     assert_eq!(bench.answer_next(1), describing);
 }
 
 #[test]
-fn a_job_that_nobody_has_anything_of_does_not_wait_for_ever() {
-    let mut bench = Bench::with_channels(1);
-    let known = bench.submit_with(&[1]);
-    assert_eq!(bench.answer_next(1), known);
-    let unknown = bench.submit_with(&[2]);
+fn a_job_that_others_are_better_suited_for_does_not_wait_for_ever() {
+    let mut bench = Bench::with_channels(2);
+    for (number, channel) in [(1, 1), (2, 2)] {
+        let known = bench.submit_with(&[channel]);
+        assert_eq!(bench.answer_next(number), known);
+    }
+    let of_second = bench.submit_with(&[2]);
     for _ in 0..4 {
         bench.pass(15);
         let known = bench.submit_with(&[1]);
         assert_eq!(bench.answer_next(1), known);
+        bench.poll(2, &[], 0); // it is there, and wants nothing
     }
     bench.pass(1);
     bench.submit_with(&[1]);
-    assert_eq!(bench.answer_next(1), unknown);
+    assert_eq!(bench.answer_next(1), of_second);
 }
 
 #[test]
@@ -137,7 +161,7 @@ fn without_channels_jobs_keep_their_order() {
 
 #[test]
 fn what_was_described_long_ago_is_forgotten() {
-    let mut bench = Bench::with_channels(1);
+    let mut bench = Bench::with_channels(2);
     bench.scheduler.limits.channels_of = |descriptor| {
         let first = u64::from(descriptor.bytes()[0]);
         (first * 100..first * 100 + 100).map(|number| Channel { number, cost: 1 }).collect()
@@ -146,6 +170,8 @@ fn what_was_described_long_ago_is_forgotten() {
         bench.submit_with(&[block]);
         bench.answer_next(1);
     }
+    bench.submit_with(&[1]);
+    bench.answer_next(2);
     let forgotten = bench.submit_with(&[1]);
     let kept = bench.submit_with(&[16]);
     assert_eq!([bench.answer_next(1), bench.answer_next(1)], [kept, forgotten]);
@@ -161,8 +187,8 @@ fn what_costs_most_to_describe_decides() {
     let [of_two_cheap, of_dear] = [[1, 2, DEAR], [4, 5, DEAR]].map(|channels| bench.submit_with(&channels));
     assert_eq!(bench.answer_next(2), of_two_cheap, "as much to describe, and it came first");
     assert_eq!(bench.answer_next(2), of_dear);
-    let [dear, cheap] = [[4, 6, DEAR + 1], [4, 6, 7]].map(|channels| bench.submit_with(&channels));
-    assert_eq!(bench.answer_next(1), cheap, "three channels of 1 instead of two and one of 100");
+    let [dear, cheap] = [[6, 7, DEAR], [3, 4, 5]].map(|channels| bench.submit_with(&channels));
+    assert_eq!(bench.answer_next(1), cheap, "the other has three channels of 1 instead of one of 100");
     assert_eq!(bench.answer_next(1), dear);
 }
 
