@@ -13,9 +13,9 @@ use crate::blobs::DESCRIPTIONS;
 const LEAST_SHARD: f64 = 0.1;
 /// … nor is a tile, whose result is small.
 const LEAST_TILE: f64 = 0.05;
-/// A channel that takes less is described by each worker that needs it: taking its descriptions from the coordinator would
-/// save nothing, seconds.
-const LEAST_DESCRIBED: f64 = 0.05;
+/// A channel that takes less is described by each worker that needs it: the tasks beside would take as long as taking its
+/// descriptions from the coordinator saves, seconds.
+const LEAST_DESCRIBED: f64 = 0.02;
 /// What the coordinator's network of 1 Gbit/s carries, bytes a second.
 const NETWORK: f64 = 1.1e8;
 /// So many workers take a description from the coordinator, as far as there are others: in searches for structures it was
@@ -329,9 +329,9 @@ mod tests {
         let plan = |shard_count, clouds, workers| plan_of(shard_count, clouds, workers, 8);
         for (clouds, workers, shards) in [
             (0, 10, None),
-            (700, 10, None), // 0.04 s
-            (900, 10, Some(1)),
-            (900, 1, None), // nobody else needs it
+            (300, 10, None), // 0.018 s
+            (400, 10, Some(1)),
+            (400, 1, None), // nobody else needs it
             (4000, 10, Some(2)),
             (10_000, 10, Some(4)),
             (100_000, 10, Some(8)),
