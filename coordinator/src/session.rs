@@ -22,7 +22,7 @@ use crate::prepared::PreparedClouds;
 use crate::result_cache::{Known, Wrong, finished_runs, forget};
 use crate::run::fitness_batch::{Answer, FitnessBatch};
 use crate::run::matching::Matching;
-use crate::run::scales::{MissingScales, Scales};
+use crate::run::scales::Scales;
 use crate::run::sets::with_weight;
 use crate::run::splits::SplitBlobs;
 use crate::run::{DataError, RunError};
@@ -259,10 +259,11 @@ impl<'a> Session<'a> {
         (fitness, weights): (&Fitness, &[u32]),
         descriptors: &[&Descriptor],
     ) -> Result<Vec<Answer>, ClusterError> {
-        let mut scales = Scales::default();
-        scales.complete(descriptors, &with_weight(weights), splits, client, |_| {}).await?;
-        let batch = FitnessBatch::new((fitness, weights), splits, &scales, descriptors, Matching::Train);
-        let (answers, _) = batch.evaluate(client, &MissingScales::default(), |_, _| {}).await?;
+        let scales = Scales::default();
+        let missing = scales.missing(descriptors, &with_weight(weights), splits);
+        let of = (&scales, &missing);
+        let batch = FitnessBatch::new((fitness, weights), splits, of, descriptors, Matching::Train);
+        let (answers, _) = batch.evaluate(client, &missing, |_, _| {}).await?;
         Ok(answers)
     }
 }

@@ -18,4 +18,4 @@ pub mod store;
 pub use cluster::{
     CellAnswer, Client, Cluster, ClusterError, ClusterNews, ControlRefusal, DescriptionAnswer,
 };
-pub use sharding::FoundScale;
+pub use sharding::{AwaitingScales, FoundScale};

@@ -25,6 +25,7 @@ use crate::run::contradiction::{check_used, contradicted, remembered_wrongly};
 use crate::run::matching::Matching;
 use crate::run::progress::Progress;
 use crate::run::scaled::Scaled;
+use crate::run::scales::MissingScales;
 use crate::run::search::{SearchLoop, SearchResult};
 use crate::run::search_space;
 use crate::run::sets::{merge, with_weight};
@@ -407,11 +408,14 @@ impl Finals {
         }
         splits.publish_test(&cluster.blobs);
         let is_summed = *fitness != Fitness::PAPER || splits.sets().len() > 1;
+        let none_missing = MissingScales::default();
+        let scaled = |set, descriptor| scales.of(set, descriptor, &none_missing);
         let measure = |splits: &SplitBlobs<'_>, descriptor, matching| {
-            splits.measure((fitness, &weights), |set| scales.of(set, descriptor), matching)
+            let parts = splits.measure((fitness, &weights), |set| scaled(set, descriptor), matching);
+            parts.into_iter().map(|(part, weight)| (part.evaluation, weight)).collect()
         };
         let plain = |splits: &SplitBlobs<'_>, descriptor, matching| {
-            let in_set = |set| (splits.evaluation(set, &scales.of(set, descriptor), matching, true), 1);
+            let in_set = |set| (splits.evaluation(set, &scaled(set, descriptor), matching, true), 1);
             splits.sets_with_queries(matching).map(in_set).collect()
         };
         let asked: [Vec<(Evaluation, u32)>; 4] = [

@@ -1,9 +1,9 @@
 //! Descriptors measured by a fitness: their evaluations, and the weighted sums of what comes back.
 
 use cluster::scheduler::Finished;
-use cluster::{Client, ClusterError, ClusterNews, FoundScale};
+use cluster::{AwaitingScales, Client, ClusterError, ClusterNews, FoundScale};
 use descriptor::Descriptor;
-use proto::task::{Evaluation, EvaluationResult};
+use proto::task::EvaluationResult;
 
 use crate::fitness::{Fitness, Measured};
 use crate::run::matching::Matching;
@@ -16,7 +16,7 @@ pub struct FitnessBatch {
     fitness: Fitness,
     /// Evaluations of a descriptor in one set; `None` of clouds of one set.
     of_set: Option<usize>,
-    evaluations: Vec<Evaluation>,
+    evaluations: Vec<AwaitingScales>,
     /// Of each descriptor the weights of its evaluations, which follow one another.
     weights: Vec<Vec<u32>>,
 }
@@ -32,17 +32,17 @@ pub struct Answer {
 }
 
 impl FitnessBatch {
-    /// Of these descriptors, whose scales are known in each set that has a weight.
+    /// Of these descriptors, whose scales are known or missing in each set that has a weight.
     pub fn new(
         (fitness, set_weights): (&Fitness, &[u32]),
         splits: &SplitBlobs<'_>,
-        scales: &Scales,
+        (scales, missing): (&Scales, &MissingScales),
         descriptors: &[&Descriptor],
         matching: Matching,
     ) -> Self {
         let (mut evaluations, mut weights) = (Vec::new(), Vec::new());
         for &descriptor in descriptors {
-            let scaled = |set| scales.of(set, descriptor);
+            let scaled = |set| scales.of(set, descriptor, missing);
             let parts = splits.measure((fitness, set_weights), scaled, matching);
             weights.push(parts.iter().map(|&(_, weight)| weight).collect());
             evaluations.extend(parts.into_iter().map(|(evaluation, _)| evaluation));
@@ -51,13 +51,13 @@ impl FitnessBatch {
         Self { fitness: *fitness, of_set, evaluations, weights }
     }
 
-    /// One answer a descriptor, in their order, and the scales that are asked for at the same time, in theirs. `watch` is
+    /// One answer a descriptor, in their order, and the scales that were missing, in theirs. `watch` is
     /// shown all news, and how many descriptors more are evaluated: as many as the evaluations that are finished would make,
     /// whosever they are.
     pub async fn evaluate(
         self,
         client: &mut Client,
-        scales: &MissingScales,
+        missing: &MissingScales,
         mut watch: impl FnMut(&ClusterNews, u64),
     ) -> Result<(Vec<Answer>, Vec<Finished<FoundScale>>), ClusterError> {
         let of_descriptor = self.weights.first().map_or(1, Vec::len).max(1);
@@ -68,7 +68,7 @@ impl FitnessBatch {
             open %= of_descriptor;
             watch(news, descriptors as u64);
         };
-        let asked = (scales.tasks.clone(), &scales.needed_by[..]);
+        let asked = (missing.tasks.clone(), &missing.needed_by[..]);
         let (finished, scales) = client.evaluate_and_scale(self.evaluations, asked, watch).await?;
         let mut finished = finished.into_iter();
         let answer = |weights: Vec<u32>| {

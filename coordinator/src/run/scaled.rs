@@ -1,22 +1,31 @@
 //! A descriptor as it is evaluated: with what its channels' distances are divided by.
 
+use cluster::FoundScale;
 use descriptor::Descriptor;
-use proto::task::DescribedSplit;
 
-/// A descriptor with the scale of each of its channels; without any in families that have none.
+/// A descriptor with the scale of each of its channels.
 #[derive(Clone, Debug)]
 pub struct Scaled<'a> {
     /// The descriptor.
     pub descriptor: &'a Descriptor,
-    /// One a channel, or none: then all are 1.
-    pub scales: Vec<f64>,
-    /// What was described for them.
-    pub described: Vec<DescribedSplit>,
+    /// One a channel; none in families without scales.
+    pub scales: Vec<ChannelScale<'a>>,
+}
+
+/// What a channel's distances are divided by.
+#[derive(Clone, Copy, Debug)]
+pub enum ChannelScale<'a> {
+    /// Nothing: it has no scale of its own.
+    One,
+    /// This.
+    Found(&'a FoundScale),
+    /// It is asked for with the evaluation, and has this index there.
+    Awaited(usize),
 }
 
 impl<'a> From<&'a Descriptor> for Scaled<'a> {
-    /// With scales of 1.
+    /// Of a family without scales.
     fn from(descriptor: &'a Descriptor) -> Self {
-        Self { descriptor, scales: Vec::new(), described: Vec::new() }
+        Self { descriptor, scales: Vec::new() }
     }
 }

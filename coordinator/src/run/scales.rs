@@ -6,9 +6,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use cluster::scheduler::Finished;
 use cluster::{Client, ClusterError, ClusterNews, FoundScale};
 use descriptor::Descriptor;
-use proto::task::{DescribedSplit, DescriptorBytes, Scale};
+use proto::task::{DescriptorBytes, Scale};
 
-use crate::run::scaled::Scaled;
+use crate::run::scaled::{ChannelScale, Scaled};
 use crate::run::splits::SplitBlobs;
 use crate::tasks;
 
@@ -23,7 +23,8 @@ pub struct MissingScales {
     pub tasks: Vec<Scale>,
     /// The descriptors that need them.
     pub needed_by: Vec<DescriptorBytes>,
-    channels: Vec<(Descriptor, u32)>,
+    /// Channel and set of each, with its index.
+    channels: BTreeMap<(Descriptor, u32), usize>,
 }
 
 impl Scales {
@@ -41,7 +42,7 @@ impl Scales {
             return Ok(());
         }
         let found = client.scales(missing.tasks.clone(), &missing.needed_by, watch).await?;
-        self.add(missing, found);
+        self.add(missing, &found);
         Ok(())
     }
 
@@ -63,32 +64,32 @@ impl Scales {
         missing.sort_by_key(|(channel, _)| Reverse(channel.cost(1, 0)));
         let tasks = missing.iter().map(|(channel, set)| splits.scale(*set, channel)).collect();
         let needed_by = descriptors.iter().map(|descriptor| tasks::descriptor_bytes(descriptor)).collect();
-        MissingScales { tasks, needed_by, channels: missing }
+        MissingScales { tasks, needed_by, channels: missing.into_iter().zip(0..).collect() }
     }
 
     /// Takes in the scales that were missing, in their order.
-    pub fn add(&mut self, missing: MissingScales, found: Vec<Finished<FoundScale>>) {
-        for ((channel, set), finished) in missing.channels.into_iter().zip(found) {
-            self.0.entry(set).or_default().insert(channel, finished.result);
+    pub fn add(&mut self, missing: MissingScales, found: &[Finished<FoundScale>]) {
+        for ((channel, set), index) in missing.channels {
+            self.0.entry(set).or_default().insert(channel, found[index].result.clone());
         }
     }
 
-    /// A descriptor with its scales in a set, which [`Scales::complete`] has found.
+    /// A descriptor with its scales in a set, of which some are `missing` still.
     ///
     /// # Panics
-    /// If it has not: a programming error.
-    pub fn of<'a>(&self, set: u32, descriptor: &'a Descriptor) -> Scaled<'a> {
+    /// If one is neither known nor missing: a programming error.
+    pub fn of<'a>(&'a self, set: u32, descriptor: &'a Descriptor, missing: &MissingScales) -> Scaled<'a> {
         let channels = descriptor.scaled_channels();
         if channels.iter().all(Option::is_none) {
             return Scaled::from(descriptor);
         }
-        let (mut scales, mut described) = (Vec::new(), Vec::new());
-        for (place, channel) in (0..).zip(&channels) {
-            let found = channel.as_ref().map(|channel| &self.0[&set][channel]);
-            scales.push(found.map_or(1.0, |found| found.scale));
-            let of_channel = found.into_iter().flat_map(|found| &found.described);
-            described.extend(of_channel.map(|one| DescribedSplit { channel: place, ..one.clone() }));
-        }
-        Scaled { descriptor, scales, described }
+        let scale = |channel: Option<Descriptor>| match channel {
+            None => ChannelScale::One,
+            Some(channel) => match self.0.get(&set).and_then(|known| known.get(&channel)) {
+                Some(found) => ChannelScale::Found(found),
+                None => ChannelScale::Awaited(missing.channels[&(channel, set)]),
+            },
+        };
+        Scaled { descriptor, scales: channels.into_iter().map(scale).collect() }
     }
 }

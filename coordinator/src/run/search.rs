@@ -397,8 +397,8 @@ impl<'a> SearchLoop<'a> {
         (search, foreseen.into_iter().collect())
     }
 
-    /// Measures descriptors by the fitness. Workers that are left over find out the scales of `next`, which are measured
-    /// next.
+    /// Measures descriptors by the fitness, and finds the scales that they lack. Workers that are left over find those of
+    /// `next`, which are measured next.
     async fn measure(
         &mut self,
         descriptors: &[&Descriptor],
@@ -407,16 +407,16 @@ impl<'a> SearchLoop<'a> {
     ) -> Result<Vec<Answer>, ClusterError> {
         let Self { client, progress, scales, session, experiment, .. } = self;
         let (fitness, weights) = (experiment.fitness(), experiment.set_weights(session.splits.dataset()));
-        let sets = with_weight(&weights);
-        scales.complete(descriptors, &sets, &session.splits, client, |news| progress.news(news)).await?;
-        let batch = FitnessBatch::new((fitness, &weights), &session.splits, scales, descriptors, matching);
+        let of_all: Vec<&Descriptor> = descriptors.iter().copied().chain(next).collect();
+        let missing = scales.missing(&of_all, &with_weight(&weights), &session.splits);
+        let of = (&*scales, &missing);
+        let batch = FitnessBatch::new((fitness, &weights), &session.splits, of, descriptors, matching);
         let watch = |news: &ClusterNews, descriptors: u64| match matching {
             Matching::Train => progress.evaluated(news, descriptors),
             Matching::Validation | Matching::Test => progress.news(news),
         };
-        let ahead = scales.missing(&next.iter().collect::<Vec<_>>(), &sets, &session.splits);
-        let (answers, found) = batch.evaluate(client, &ahead, watch).await?;
-        scales.add(ahead, found);
+        let (answers, found) = batch.evaluate(client, &missing, watch).await?;
+        scales.add(missing, &found);
         Ok(answers)
     }
 

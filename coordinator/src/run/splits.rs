@@ -12,8 +12,9 @@ use crate::dataset::{CloudEntry, Dataset, SPLITS, cloud_bytes};
 use crate::fitness::{Fitness, Part};
 use crate::result_cache::Memory;
 use crate::run::matching::{Matching, TEST, TRAIN1, TRAIN2};
-use crate::run::scaled::Scaled;
+use crate::run::scaled::{ChannelScale, Scaled};
 use crate::tasks;
+use cluster::AwaitingScales;
 use cluster::blobs::BlobStore;
 
 /// The set of clouds that are of one only.
@@ -124,7 +125,8 @@ impl<'a> SplitBlobs<'a> {
         GridCell { subject, query, database, queries, database_clouds, descriptors }
     }
 
-    /// The evaluation of one descriptor on a set's clouds of a matching, plainly: each query among the whole database.
+    /// The evaluation of one descriptor, whose scales are known, on a set's clouds of a matching, plainly: each query among
+    /// the whole database.
     pub fn evaluation(
         &self,
         set: u32,
@@ -134,7 +136,8 @@ impl<'a> SplitBlobs<'a> {
     ) -> Evaluation {
         let (query, database) = matching.splits();
         let part = Part { query, database, rule: MatchingRule::default(), weight: 1 };
-        Evaluation { want_matches, ..self.part(set, descriptor, &part) }
+        let AwaitingScales { evaluation, .. } = self.part(set, descriptor, &part);
+        Evaluation { want_matches, ..evaluation }
     }
 
     /// The same clouds for tasks of a descriptor that the search space need not hold.
@@ -155,7 +158,7 @@ impl<'a> SplitBlobs<'a> {
         (fitness, weights): (&Fitness, &[u32]),
         scaled: impl Fn(u32) -> Scaled<'d>,
         matching: Matching,
-    ) -> Vec<(Evaluation, u32)> {
+    ) -> Vec<(AwaitingScales, u32)> {
         let parts = fitness.parts(matching);
         let of_set = |set: u32| {
             let (scaled, weight) = (scaled(set), weights[set as usize]);
@@ -174,26 +177,28 @@ impl<'a> SplitBlobs<'a> {
         Scale { subject, splits: self.digests(set, &splits), clouds, described: Vec::new() }
     }
 
-    fn part(
-        &self,
-        set: u32,
-        Scaled { descriptor, scales, described }: &Scaled<'_>,
-        part: &Part,
-    ) -> Evaluation {
+    fn part(&self, set: u32, Scaled { descriptor, scales }: &Scaled<'_>, part: &Part) -> AwaitingScales {
         let [queries, database_clouds] = self.sizes(set, part.query, part.database);
         let [query, database] = [part.query, part.database].map(|splits| self.digests(set, splits));
-        let described =
-            described.iter().filter(|one| query.contains(&one.split) || database.contains(&one.split));
-        Evaluation {
+        let mut evaluation = Evaluation {
             subject: tasks::subject(&self.preparation, descriptor),
-            described: described.cloned().collect(),
+            described: Vec::new(),
             query,
             database,
             queries,
             database_clouds,
             want_matches: false,
             rule: part.rule,
-            scales: scales.clone(),
+            scales: vec![1.0; scales.len()],
+        };
+        let mut awaited = Vec::new();
+        for (place, scale) in (0..).zip(scales) {
+            match scale {
+                ChannelScale::One => {}
+                ChannelScale::Found(found) => found.scale(place, &mut evaluation),
+                ChannelScale::Awaited(index) => awaited.push((place, *index)),
+            }
         }
+        AwaitingScales { evaluation, awaited }
     }
 }

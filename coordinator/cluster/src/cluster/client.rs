@@ -14,7 +14,7 @@ use tokio::sync::Notify;
 use super::{Cluster, ClusterError, ClusterNews};
 use crate::events::{Event, EventKind, Omitted};
 use crate::scheduler::{ClientId, Expected, Finished, Provenance, Staffing};
-use crate::sharding::FoundScale;
+use crate::sharding::{AwaitingScales, Batch, FoundScale};
 
 /// Tasks by job, with their index among all that were submitted together.
 type Asked = BTreeMap<JobId, (usize, Arc<Task>)>;
@@ -101,17 +101,18 @@ impl Client {
         evaluations: Vec<Evaluation>,
         watch: impl FnMut(&ClusterNews),
     ) -> Result<Vec<Finished<EvaluationResult>>, ClusterError> {
+        let evaluations = evaluations.into_iter().map(AwaitingScales::from).collect();
         Ok(self.evaluate_and_scale(evaluations, (Vec::new(), &[]), watch).await?.0)
     }
 
     /// Evaluates and asks for scales at the same time, as one that waits for the other leaves workers idle: see
-    /// [`Client::evaluate`] and [`Client::scales`].
+    /// [`Client::evaluate`] and [`Client::scales`]. An evaluation begins when the scales that it awaits are found.
     ///
     /// # Errors
     /// As for evaluations.
     pub async fn evaluate_and_scale(
         &mut self,
-        evaluations: Vec<Evaluation>,
+        evaluations: Vec<AwaitingScales>,
         (scales, needed_by): (Vec<Scale>, &[DescriptorBytes]),
         mut watch: impl FnMut(&ClusterNews),
     ) -> Result<(Vec<Finished<EvaluationResult>>, Vec<Finished<FoundScale>>), ClusterError> {
@@ -120,12 +121,15 @@ impl Client {
             let expected = Expected::new(needed_by, self.cluster.limits.channels_of);
             self.cluster.state().scheduler.expect(self.id, expected);
         }
-        let (mut batch, tasks) = self.cluster.plan(evaluations, scales);
+        let (cluster, mut batch) = (Arc::clone(&self.cluster), Batch::new(evaluations));
+        let mut tasks = cluster.begin_ready(&mut batch, scales.len());
+        tasks.extend(cluster.begin_scales(&mut batch, scales));
         self.perform(tasks, |news, finished| {
             let (evaluated, mut further) = (batch.evaluated(), Vec::new());
             for (place, finished) in finished {
                 further.extend(batch.take(place, finished));
             }
+            further.extend(cluster.begin_ready(&mut batch, 0));
             news.finished = batch.evaluated() - evaluated;
             watch(news);
             Ok::<_, ClusterError>(further)

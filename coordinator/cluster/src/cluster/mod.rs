@@ -364,15 +364,30 @@ impl Cluster {
         self.state().planner.set_shard_count(shard_count);
     }
 
-    /// Evaluations and scales, whole or sharded as it is decided, and their first tasks.
-    fn plan(&self, evaluations: Vec<Evaluation>, scales: Vec<Scale>) -> (Batch, Vec<Task>) {
-        let (plans, of_scales) = self.state().plan(&evaluations, &scales);
+    /// Begins the evaluations of a batch that wait for no scale any more, whole or sharded as it is decided, and returns
+    /// their first tasks. So many scales are about to be asked for.
+    fn begin_ready(&self, batch: &mut Batch, scales: usize) -> Vec<Task> {
+        let ready = batch.take_ready();
+        if ready.is_empty() {
+            return Vec::new();
+        }
+        let (places, evaluations): (Vec<usize>, Vec<Evaluation>) = ready.into_iter().unzip();
+        let plans = self.state().plan(&evaluations, (batch.waiting(), scales));
         let mut layouts = lock(&self.layouts);
-        let planned = evaluations.into_iter().zip(plans);
-        let planned = planned.map(|(one, plan)| layouts.lay_out(one, plan, &self.blobs)).collect();
-        let scales = scales.into_iter().zip(of_scales);
-        let scales = scales.map(|(one, plan)| layouts.lay_out_scale(one, plan, &self.blobs)).collect();
-        Batch::new(planned, scales)
+        let planned = places.into_iter().zip(evaluations).zip(plans);
+        let begin =
+            |((place, evaluation), plan)| batch.begin(place, layouts.lay_out(evaluation, plan, &self.blobs));
+        planned.flat_map(begin).collect()
+    }
+
+    /// Begins the scales of a batch in the same way.
+    fn begin_scales(&self, batch: &mut Batch, scales: Vec<Scale>) -> Vec<Task> {
+        let plans = self.state().plan_scales(&scales);
+        let mut layouts = lock(&self.layouts);
+        let planned = scales.into_iter().zip(plans);
+        batch.begin_scales(
+            planned.map(|(scale, plan)| layouts.lay_out_scale(scale, plan, &self.blobs)).collect(),
+        )
     }
 
     /// Learns from a result how long such tasks take, and publishes a description for tiles to use.

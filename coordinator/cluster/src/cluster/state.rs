@@ -16,7 +16,7 @@ use crate::journal::{Entry, Journal, LogSequence};
 use crate::scheduler::{
     Answer, Caller, ClientId, Doubt, Emitted, Finished, Poll, PollRefusal, RegisterRefusal, Scheduler,
 };
-use crate::sharding::{Load, Planner, ShardPlan};
+use crate::sharding::{Load, Planner, ShardPlan, Waiting};
 use crate::store::Checked;
 
 pub(super) struct ClusterState {
@@ -169,24 +169,36 @@ impl ClusterState {
         job
     }
 
-    /// Decides which evaluations and scales are sharded, and keeps that before the first shard is asked for: results of
-    /// shards and tiles are of no use to any other plan.
+    /// Decides how evaluations are sharded, if they are, and keeps that before the first shard is asked for: results of
+    /// shards and tiles are of no use to any other plan. Others are `waiting`, and so many scales are about to be asked for.
     pub(super) fn plan(
         &mut self,
         evaluations: &[Evaluation],
-        scales: &[Scale],
-    ) -> (Vec<Option<ShardPlan>>, Vec<Option<ShardPlan>>) {
+        (waiting, scales): (Waiting, usize),
+    ) -> Vec<Option<ShardPlan>> {
         let workers = self.scheduler.worker_count();
-        let load = Load { jobs: self.scheduler.open_jobs() + scales.len(), workers };
-        let jobs = &mut self.scheduler.jobs;
-        let mut new = self.planner.decide(evaluations, load, jobs);
-        new.extend(self.planner.decide_scales(scales, workers, jobs));
+        let load = Load { jobs: self.scheduler.open_jobs() + scales, workers };
+        let new = self.planner.decide(evaluations, waiting, load, &mut self.scheduler.jobs);
+        self.planned(new, evaluations.iter().map(|one| Task::Evaluation(one.clone())))
+    }
+
+    /// The same for scales.
+    pub(super) fn plan_scales(&mut self, scales: &[Scale]) -> Vec<Option<ShardPlan>> {
+        let workers = self.scheduler.worker_count();
+        let new = self.planner.decide_scales(scales, workers, &mut self.scheduler.jobs);
+        self.planned(new, scales.iter().map(|one| Task::Scale(one.clone())))
+    }
+
+    /// Records plans that are new, and returns those of these tasks.
+    fn planned(
+        &mut self,
+        new: Vec<(JobId, ShardPlan)>,
+        tasks: impl Iterator<Item = Task>,
+    ) -> Vec<Option<ShardPlan>> {
         for (job, plan) in new {
             self.record(|| Entry::Sharded(job, plan));
         }
-        let plan = |task: Task| self.scheduler.jobs.plan(task.job(0)).flatten();
-        let of_evaluations = evaluations.iter().map(|one| plan(Task::Evaluation(one.clone()))).collect();
-        (of_evaluations, scales.iter().map(|one| plan(Task::Scale(one.clone()))).collect())
+        tasks.map(|task| self.scheduler.jobs.plan(task.job(0)).flatten()).collect()
     }
 
     /// Wakes as many of the polls that are held back as there are jobs for them: waking all for each job would cost

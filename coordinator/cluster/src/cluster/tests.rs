@@ -252,7 +252,7 @@ async fn scales_and_evaluations_that_are_sharded_at_the_same_time_are_told_from_
     let asked = Evaluation { query: split.clone(), database: split.clone(), ..evaluation() };
     let mut client = cluster.client();
     let scales = [5, 6, 7].map(|number| Scale { splits: split.clone(), ..scale(number) });
-    let asked = client.evaluate_and_scale(vec![asked], (scales.to_vec(), &[]), |_| {});
+    let asked = client.evaluate_and_scale(vec![asked.into()], (scales.to_vec(), &[]), |_| {});
     let work = async {
         let id = WorkerId([1; 16]);
         cluster.register(id, Introduction::sample("one", 1)).unwrap();

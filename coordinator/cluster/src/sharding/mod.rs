@@ -12,7 +12,7 @@ mod sharded;
 mod sharded_scale;
 mod side;
 
-pub use batch::Batch;
+pub use batch::{AwaitingScales, Batch, Waiting};
 pub use layout::Layouts;
 pub use plan::{Load, MAX_SHARDS, ShardCount, ShardPlan, SidePlan};
 pub use planner::Planner;

@@ -4,6 +4,7 @@
 use proto::JobId;
 use proto::task::{Evaluation, Scale, Task};
 
+use super::batch::Waiting;
 use super::costs::Costs;
 use super::plan::{Load, ShardCount, ShardPlan, pairs_cost};
 use crate::store::JobStore;
@@ -27,10 +28,12 @@ impl Planner {
     }
 
     /// Decides for each evaluation that is not decided about whether and how it is sharded, and returns the plans that
-    /// are new, by job. What was asked as a whole by an earlier start stays whole; `load` is without these evaluations.
+    /// are new, by job. What was asked as a whole by an earlier start stays whole; `load` is without these evaluations and
+    /// those that are `waiting`, which are handed out after them.
     pub fn decide(
         &self,
         evaluations: &[Evaluation],
+        waiting: Waiting,
         load: Load,
         jobs: &mut JobStore,
     ) -> Vec<(JobId, ShardPlan)> {
@@ -41,9 +44,10 @@ impl Planner {
                 undecided.push((job, evaluation));
             }
         }
-        let load = Load { jobs: load.jobs + undecided.len(), ..load };
+        let load = Load { jobs: load.jobs + undecided.len() + waiting.evaluations, ..load };
         let matching = |evaluation: &Evaluation| self.costs.matching(pairs_cost(evaluation));
-        let mut left: f64 = undecided.iter().map(|(_, evaluation)| matching(evaluation)).sum();
+        let together: f64 = undecided.iter().map(|(_, evaluation)| matching(evaluation)).sum();
+        let mut left = together + self.costs.matching(waiting.pairs_cost);
         let mut new = Vec::new();
         for (job, evaluation) in undecided {
             let plan = ShardPlan::of(evaluation, self.shard_count, (load, left), &self.costs);

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use proto::task::{Described, DescribedShard, DescribedSplit, Scale, Task, TaskResult};
+use proto::task::{Described, DescribedShard, DescribedSplit, Evaluation, Scale, Task, TaskResult};
 use proto::{Digest, JobId};
 
 use super::combined::Combined;
@@ -19,6 +19,23 @@ pub struct FoundScale {
     pub scale: f64,
     /// Descriptions that evaluations can name, so that no worker has to describe these clouds again: of channel 0.
     pub described: Vec<DescribedSplit>,
+}
+
+impl FoundScale {
+    /// Has the channel at this place of an evaluation's descriptor divided by this scale, and names what was described of
+    /// the evaluation's clouds. The order in which its channels are scaled makes no difference.
+    ///
+    /// # Panics
+    /// If the evaluation has no scale for this place: a programming error.
+    pub fn scale(&self, place: u32, evaluation: &mut Evaluation) {
+        let Evaluation { query, database, scales, described, .. } = evaluation;
+        scales[place as usize] = self.scale;
+        let is_matched = |split: &Digest| query.contains(split) || database.contains(split);
+        let matched = self.described.iter().filter(|one| is_matched(&one.split));
+        let matched = matched.map(|one| DescribedSplit { channel: place, ..one.clone() });
+        let before = described.partition_point(|one| one.channel < place);
+        described.splice(before..before, matched);
+    }
 }
 
 /// A shard of a scale, or the scale of all of them.

@@ -1,8 +1,9 @@
 //! Sharded evaluations give what they give whole, whatever the plan and the order of arrival.
 
+mod awaiting;
 mod busy;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use descriptor::recognise::recognise_from;
@@ -238,7 +239,8 @@ fn carry_out(
     jobs: &mut JobStore,
     seed: u64,
 ) -> (Vec<Finished<EvaluationResult>>, usize) {
-    let ((done, _), tasks) = carry_out_with(world, (evaluations, &[]), planner, jobs, seed);
+    let evaluations: Vec<AwaitingScales> = evaluations.iter().cloned().map(Into::into).collect();
+    let ((done, _), tasks) = carry_out_with(world, (&evaluations, &[]), planner, jobs, seed);
     (done, tasks)
 }
 
@@ -247,30 +249,44 @@ type Results = (Vec<Finished<EvaluationResult>>, Vec<Finished<FoundScale>>);
 
 fn carry_out_with(
     world: &World,
-    (evaluations, scales): (&[Evaluation], &[Scale]),
+    (evaluations, scales): (&[AwaitingScales], &[Scale]),
     planner: &Planner,
     jobs: &mut JobStore,
     seed: u64,
 ) -> (Results, usize) {
     let load = Load { jobs: 0, workers: 8 };
-    planner.decide(evaluations, load, jobs);
     planner.decide_scales(scales, load.workers, jobs);
-    let planned = evaluations.iter().map(|one| lay_out(world, one, jobs)).collect();
-    let scales = scales.iter().map(|one| lay_out_scale(world, one, jobs)).collect();
-    let (mut batch, first) = Batch::new(planned, scales);
+    let mut batch = Batch::new(evaluations.to_vec());
+    let mut first = begin_ready(world, &mut batch, planner, jobs);
+    first.extend(batch.begin_scales(scales.iter().map(|one| lay_out_scale(world, one, jobs)).collect()));
     let mut open: Vec<(usize, Task)> = first.into_iter().enumerate().collect();
     let (mut given, mut draw) = (open.len(), seed);
     while !open.is_empty() {
         draw = draw.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(1);
         let (number, task) = open.swap_remove((draw >> 33) as usize % open.len());
         let worker = if number % 2 == 0 { "even" } else { "odd" };
-        for task in batch.take(number, finished(task.job(0), world.answer(&task), worker)) {
+        let mut further = batch.take(number, finished(task.job(0), world.answer(&task), worker));
+        further.extend(begin_ready(world, &mut batch, planner, jobs));
+        for task in further {
             open.push((given, task));
             given += 1;
         }
     }
+    assert_eq!(batch.waiting(), Waiting::default());
     assert_eq!(batch.evaluated(), evaluations.len());
     (batch.finish(), given)
+}
+
+/// Begins what waits for no scale any more.
+fn begin_ready(world: &World, batch: &mut Batch, planner: &Planner, jobs: &mut JobStore) -> Vec<Task> {
+    let mut tasks = Vec::new();
+    let ready = batch.take_ready();
+    let evaluations: Vec<Evaluation> = ready.iter().map(|(_, evaluation)| evaluation.clone()).collect();
+    planner.decide(&evaluations, batch.waiting(), Load { jobs: 0, workers: 8 }, jobs);
+    for (index, evaluation) in ready {
+        tasks.extend(batch.begin(index, lay_out(world, &evaluation, jobs)));
+    }
+    tasks
 }
 
 fn lay_out(world: &World, evaluation: &Evaluation, jobs: &JobStore) -> Planned {
@@ -480,7 +496,7 @@ fn a_run_that_goes_on_keeps_to_its_plans_and_to_what_it_asked_whole() {
     let (world, evaluation, planner) = slow();
     let load = Load { jobs: 0, workers: 8 };
     let asked = std::slice::from_ref(&evaluation);
-    let plans = planner.decide(asked, load, &mut JobStore::default());
+    let plans = planner.decide(asked, Waiting::default(), load, &mut JobStore::default());
     let job = Task::Evaluation(evaluation.clone()).job(0);
     assert_eq!(plans[0].0, job);
     let restored = |plan| {
@@ -493,20 +509,20 @@ fn a_run_that_goes_on_keeps_to_its_plans_and_to_what_it_asked_whole() {
     let (again, mut jobs) = (Planner::default(), restored(plans[0].1));
     assert_eq!(jobs.plan(job), Some(Some(plans[0].1)));
     let alone = Load { jobs: 0, workers: 0 };
-    assert_eq!(again.decide(asked, alone, &mut jobs), []);
+    assert_eq!(again.decide(asked, Waiting::default(), alone, &mut jobs), []);
     assert_eq!(lay_out(&world, &evaluation, &jobs).1.unwrap().0, plans[0].1);
 
     // A plan that nobody can have made is none.
     let side = SidePlan { shards: 4000, ranges: 2 };
     let mut damaged = restored(ShardPlan { query: side, database: side });
-    assert_eq!(again.decide(asked, alone, &mut damaged), []);
+    assert_eq!(again.decide(asked, Waiting::default(), alone, &mut damaged), []);
     assert!(lay_out(&world, &evaluation, &damaged).1.is_none());
 
     // What a worker may still hold is not sharded.
     let mut held = JobStore::default();
     let leases = vec![(job, 1, WorkerId([1; 16]))];
     held.restore(Recorded { leases, ..Recorded::default() });
-    assert_eq!(planner.decide(asked, load, &mut held), []);
+    assert_eq!(planner.decide(asked, Waiting::default(), load, &mut held), []);
     assert!(lay_out(&world, &evaluation, &held).1.is_none());
 }
 
@@ -514,7 +530,8 @@ fn a_run_that_goes_on_keeps_to_its_plans_and_to_what_it_asked_whole() {
 fn what_is_not_published_is_not_sharded() {
     let (mut world, evaluation, planner) = slow();
     let mut jobs = JobStore::default();
-    planner.decide(std::slice::from_ref(&evaluation), Load { jobs: 0, workers: 8 }, &mut jobs);
+    let load = Load { jobs: 0, workers: 8 };
+    planner.decide(std::slice::from_ref(&evaluation), Waiting::default(), load, &mut jobs);
     world.blobs = BlobStore::default();
     assert!(lay_out(&world, &evaluation, &jobs).1.is_none());
 }

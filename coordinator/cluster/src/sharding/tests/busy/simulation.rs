@@ -4,17 +4,19 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use proto::task::{CloudEntry, Evaluation, Facts, Label, SplitManifest, Task};
+use proto::task::{CloudEntry, Evaluation, Label, SplitManifest, Task};
 use proto::{Digest, JobId};
 
-use super::worker::{STAND_IN, Worker};
+use super::generations::{Asked, CLOUDS, Generations};
+use super::structures::channels_of;
+use super::worker::Worker;
 use crate::blobs::BlobStore;
 use crate::job_names::JobNames;
-use crate::scheduler::{Answer, ClientId, Finished, Limits, Poll, RunSecret, Scheduler};
+use crate::scheduler::{Answer, ClientId, Expected, Finished, Limits, Poll, RunSecret, Scheduler};
 use crate::sharding::{Batch, Layouts, Load, Planner, ShardCount};
 
-/// Clouds of either side of an evaluation.
-const CLOUDS: u32 = 360;
+/// The one that asks.
+const CLIENT: ClientId = ClientId(1);
 /// A message takes this, one way.
 const MESSAGE: Duration = Duration::from_micros(300);
 /// A commit of the journal takes this.
@@ -34,12 +36,6 @@ const HEARTBEAT: Duration = Duration::from_secs(5);
 pub struct Setting {
     pub workers: usize,
     pub shard_count: ShardCount,
-    /// Evaluations of a generation, …
-    pub evaluations: u32,
-    /// … and seconds that describing all clouds of one takes, and as many that matching them takes, …
-    pub half: f64,
-    /// … times a factor from one over this to this: evaluations differ in cost, as counted.
-    pub spread: f64,
     /// The slowest worker takes so many times as long as the fastest.
     pub slowest: f64,
     /// Jobs that a worker takes beside the one in hand.
@@ -59,7 +55,7 @@ pub struct Measured {
     pub between: f64,
     /// There is a job that nobody has begun, on its way or behind another.
     pub waiting: f64,
-    /// Tiles wait for descriptions.
+    /// Tiles wait for descriptions, or evaluations for scales.
     pub barrier: f64,
     /// Everything has been begun.
     pub last: f64,
@@ -85,6 +81,7 @@ enum Event {
 /// What all of them do.
 pub struct Simulation {
     setting: Setting,
+    generations: Box<dyn Generations>,
     scheduler: Scheduler,
     planner: Planner,
     layouts: Layouts,
@@ -92,6 +89,8 @@ pub struct Simulation {
     sides: [Digest; 2],
     batch: Option<Batch>,
     names: JobNames,
+    /// Evaluations of the generation.
+    evaluations: usize,
     asked: BTreeMap<JobId, (usize, Arc<Task>)>,
     inbox: Vec<Finished>,
     /// Whether news wakes the client.
@@ -117,7 +116,7 @@ pub struct Simulation {
 
 impl Simulation {
     /// Workers that have joined, before the first generation.
-    pub fn new(setting: Setting) -> Self {
+    pub fn new(setting: Setting, generations: impl Generations + 'static) -> Self {
         let blobs = BlobStore::default();
         let entry = |index: u32| CloudEntry {
             digest: Digest([1; 32]),
@@ -132,7 +131,7 @@ impl Simulation {
         };
         let sides = [0, CLOUDS].map(|first| blobs.publish_bytes(side(first).encode()));
         let begun = Instant::now();
-        let limits = Limits { max_workers: setting.workers, ..Limits::SAMPLE };
+        let limits = Limits { max_workers: setting.workers, channels_of, ..Limits::SAMPLE };
         let mut scheduler = Scheduler::new(limits, RunSecret::new([7; 32]));
         let steps = (setting.workers - 1).max(1) as f64;
         let slowness = |number: usize| 1.0 + (setting.slowest - 1.0) * number as f64 / steps;
@@ -146,6 +145,7 @@ impl Simulation {
         planner.set_shard_count(setting.shard_count);
         let mut simulation = Self {
             setting,
+            generations: Box::new(generations),
             scheduler,
             planner,
             layouts: Layouts::default(),
@@ -153,6 +153,7 @@ impl Simulation {
             sides,
             batch: None,
             names: JobNames::default(),
+            evaluations: 0,
             asked: BTreeMap::new(),
             inbox: Vec::new(),
             client_waits: false,
@@ -185,28 +186,6 @@ impl Simulation {
 
     fn now(&self) -> Instant {
         self.begun + self.clock
-    }
-
-    /// How many times the mean an evaluation costs.
-    fn factor(&self, number: u32) -> f64 {
-        let (count, place) = (self.setting.evaluations, number % self.setting.evaluations);
-        let more = self.setting.spread * self.setting.spread - 1.0;
-        let share = (f64::from(place * 7 % count) + 0.5) / f64::from(count);
-        (1.0 + more * share) / (1.0 + more / 2.0) // 1 on average
-    }
-
-    /// The evaluation of this number in all generations. A unit of cost takes a nanosecond.
-    fn evaluation(&self, number: u32) -> Evaluation {
-        let mut evaluation = Evaluation::sample(number, CLOUDS, CLOUDS);
-        (evaluation.query, evaluation.database) = (vec![self.sides[0]], vec![self.sides[1]]);
-        let units = self.factor(number) * self.setting.half * 1e9;
-        evaluation.subject.facts = Facts {
-            description_bytes: STAND_IN,
-            cloud_cost: (units / f64::from(2 * CLOUDS)) as u64,
-            pair_cost: (units / f64::from(CLOUDS * CLOUDS)) as u64,
-            ..evaluation.subject.facts
-        };
-        evaluation
     }
 
     /// Plays so many generations.
@@ -251,10 +230,10 @@ impl Simulation {
             return;
         }
         let idle = self.workers.iter().filter(|worker| worker.is_idle()).count() as f64 * seconds;
-        let place = match self.batch {
+        let place = match &self.batch {
             None => &mut self.measured.between,
             Some(_) if !self.unstarted.is_empty() => &mut self.measured.waiting,
-            Some(_) if self.unasked > 0 => &mut self.measured.barrier,
+            Some(batch) if self.unasked + batch.waiting().evaluations > 0 => &mut self.measured.barrier,
             Some(_) => &mut self.measured.last,
         };
         *place += idle;
@@ -310,7 +289,7 @@ impl Simulation {
 
     /// Has a worker take up its next job.
     fn start(&mut self, worker: usize) {
-        if let Some((took, task)) = self.workers[worker].start(self.clock, |task| task.cost() as f64 * 1e-9) {
+        if let Some((took, task)) = self.workers[worker].start(self.clock) {
             self.unstarted.remove(&task.job(0));
             if self.generation > EARLY {
                 self.measured.jobs += 1.0;
@@ -367,25 +346,39 @@ impl Simulation {
     }
 
     fn begin_generation(&mut self) {
-        let first = self.generation * self.setting.evaluations;
-        let evaluations: Vec<Evaluation> =
-            (first..first + self.setting.evaluations).map(|number| self.evaluation(number)).collect();
+        let Asked { evaluations, scales, needed_by } = self.generations.next(self.sides);
         (self.generation, self.generation_begun) = (self.generation + 1, self.clock);
-        let load = Load { jobs: self.scheduler.open_jobs(), workers: self.scheduler.worker_count() };
-        self.planner.decide(&evaluations, load, &mut self.scheduler.jobs);
-        self.unasked = 0;
-        let planned = evaluations.into_iter().map(|evaluation| {
+        (self.evaluations, self.unasked) = (evaluations.len(), 0);
+        self.asked.clear();
+        self.scheduler.expect(CLIENT, Expected::new(&needed_by, channels_of));
+        let mut batch = Batch::new(evaluations);
+        let mut first = self.begin_ready(&mut batch, scales.len());
+        self.planner.decide_scales(&scales, self.scheduler.worker_count(), &mut self.scheduler.jobs);
+        let planned = scales.into_iter().map(|scale| {
+            let plan = self.scheduler.jobs.plan(Task::Scale(scale.clone()).job(0)).flatten();
+            self.layouts.lay_out_scale(scale, plan, &self.blobs)
+        });
+        first.extend(batch.begin_scales(planned.collect()));
+        self.batch = Some(batch);
+        self.submit(first);
+        self.look();
+    }
+
+    /// Begins what waits for no scale any more, and returns its first tasks.
+    fn begin_ready(&mut self, batch: &mut Batch, scales: usize) -> Vec<Task> {
+        let (places, evaluations): (Vec<usize>, Vec<Evaluation>) = batch.take_ready().into_iter().unzip();
+        let workers = self.scheduler.worker_count();
+        let load = Load { jobs: self.scheduler.open_jobs() + scales, workers };
+        self.planner.decide(&evaluations, batch.waiting(), load, &mut self.scheduler.jobs);
+        let mut tasks = Vec::new();
+        for (place, evaluation) in places.into_iter().zip(evaluations) {
             let plan = self.scheduler.jobs.plan(Task::Evaluation(evaluation.clone()).job(0)).flatten();
             if let Some(plan) = plan {
                 self.unasked += (plan.query.ranges * plan.database.ranges) as usize;
             }
-            self.layouts.lay_out(evaluation, plan, &self.blobs)
-        });
-        let (batch, first) = Batch::new(planned.collect(), Vec::new());
-        self.batch = Some(batch);
-        self.asked.clear();
-        self.submit(first);
-        self.look();
+            tasks.extend(batch.begin(place, self.layouts.lay_out(evaluation, plan, &self.blobs)));
+        }
+        tasks
     }
 
     fn submit(&mut self, tasks: Vec<Task>) {
@@ -398,7 +391,7 @@ impl Simulation {
             }
             self.unstarted.insert(job);
             self.asked.insert(job, (self.asked.len(), Arc::clone(&task)));
-            self.scheduler.submit(job, task, ClientId(1), now);
+            self.scheduler.submit(job, task, CLIENT, now);
         }
         self.wake();
     }
@@ -412,7 +405,10 @@ impl Simulation {
             self.planner.observe(task, finished.run_seconds);
             further.extend(batch.take(*place, finished));
         }
-        if batch.evaluated() == self.setting.evaluations as usize {
+        further.extend(self.begin_ready(&mut batch, 0));
+        if batch.evaluated() == self.evaluations {
+            self.generations.found(batch.finish().1);
+            self.scheduler.expect_nothing(CLIENT);
             if self.generation > EARLY {
                 self.measured.generation += (self.clock - self.generation_begun).as_secs_f64();
             }

@@ -4,15 +4,27 @@ use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::time::Duration;
 
-use proto::task::{Described, Evaluation, EvaluationResult, Match, Report, Task, TaskResult, Tile};
+use proto::task::{
+    Described, DescribedSplit, Description, Evaluation, EvaluationResult, Match, Report, Scale, Task,
+    TaskResult, Tile,
+};
 use proto::{Digest, Introduction, Lease, WorkerId};
 
-use crate::scheduler::{Answer, Caller, Poll};
+use super::generations::CLOUDS;
+use super::structures::{PAIR, SIGNATURE, channels_of};
+use crate::scheduler::{Answer, Caller, Channel, Poll};
 
 /// Bytes that a cloud's description takes.
 const DESCRIPTION: u64 = 1504;
 /// Bytes that stand for them.
 pub const STAND_IN: u64 = 8;
+
+/// A nanosecond, which a unit of cost takes.
+const UNIT: f64 = 1e-9;
+/// To take a cloud's signature in one channel from the coordinator, seconds.
+const TAKING: f64 = 3e-6;
+/// To recognise all clouds by distances that are there, seconds.
+const RECOGNISING: f64 = 2e-3;
 
 /// One worker.
 pub struct Worker {
@@ -28,6 +40,10 @@ pub struct Worker {
     finished: Vec<Report>,
     /// Descriptions that it has made or fetched.
     known: BTreeSet<Digest>,
+    /// Splits and channels that it keeps signatures of, …
+    signatures: BTreeSet<(u64, Digest)>,
+    /// … and channels of which it keeps the distances of all clouds.
+    distances: BTreeSet<u64>,
     /// Bytes of descriptions that it has handed in and fetched.
     pub traffic: [u64; 2],
 }
@@ -46,6 +62,8 @@ impl Worker {
             running: None,
             finished: Vec::new(),
             known: BTreeSet::new(),
+            signatures: BTreeSet::new(),
+            distances: BTreeSet::new(),
             traffic: [0; 2],
         }
     }
@@ -82,7 +100,7 @@ impl Worker {
     }
 
     /// Takes up the next job, if none is in hand; how long it takes, and which it is.
-    pub fn start(&mut self, now: Duration, seconds: impl Fn(&Task) -> f64) -> Option<(Duration, Arc<Task>)> {
+    pub fn start(&mut self, now: Duration) -> Option<(Duration, Arc<Task>)> {
         if self.running.is_some() {
             return None;
         }
@@ -90,9 +108,60 @@ impl Worker {
         if let Task::Tile(tile) = &*task {
             self.fetch(tile);
         }
-        let took = Duration::from_secs_f64(seconds(&task) * self.slowness);
+        let took = Duration::from_secs_f64(self.seconds(&task) * self.slowness);
         self.running = Some((lease, Arc::clone(&task), now));
         Some((took, task))
+    }
+
+    /// What a task takes where nothing is done again that is kept.
+    fn seconds(&mut self, task: &Task) -> f64 {
+        let channels = channels_of(&task.subject().descriptor);
+        match task {
+            Task::Description(Description { manifest, clouds, .. }) if !channels.is_empty() => {
+                let of_channel = |channel: &Channel| {
+                    let is_new = self.signatures.insert((channel.number, *manifest));
+                    if is_new { describing(channel, *clouds) } else { 0.0 }
+                };
+                channels.iter().map(of_channel).sum()
+            }
+            Task::Scale(Scale { splits, described, .. }) => {
+                channels.iter().map(|channel| self.matching(channel, splits, described)).sum()
+            }
+            Task::Evaluation(Evaluation { query, described, .. }) if !channels.is_empty() => {
+                let matching = (0..).zip(&channels).map(|(place, channel)| {
+                    let described: Vec<DescribedSplit> =
+                        described.iter().filter(|one| one.channel == place).cloned().collect();
+                    self.matching(channel, query, &described)
+                });
+                matching.sum::<f64>() + RECOGNISING
+            }
+            Task::Description(_) | Task::Evaluation(_) | Task::Tile(_) | Task::GridCell(_) => {
+                task.cost() as f64 * UNIT
+            }
+        }
+    }
+
+    /// To have the distances of the clouds of some splits among each other in a channel.
+    fn matching(&mut self, channel: &Channel, splits: &[Digest], described: &[DescribedSplit]) -> f64 {
+        if !self.distances.insert(channel.number) {
+            return 0.0;
+        }
+        let mut seconds = f64::from(2 * CLOUDS * CLOUDS) * PAIR as f64 * UNIT;
+        for split in splits {
+            if !self.signatures.insert((channel.number, *split)) {
+                continue;
+            }
+            let at_coordinator = described.iter().find(|one| one.split == *split);
+            let Some(DescribedSplit { shards, .. }) = at_coordinator else {
+                seconds += describing(channel, CLOUDS);
+                continue;
+            };
+            let lacking = shards.iter().filter(|shard| self.known.insert(shard.description)).count();
+            let clouds = CLOUDS as usize * lacking / shards.len();
+            self.traffic[1] += clouds as u64 * SIGNATURE;
+            seconds += clouds as f64 * TAKING;
+        }
+        seconds
     }
 
     /// Fetches the descriptions that it lacks.
@@ -111,9 +180,13 @@ impl Worker {
         let (lease, task, begun) = self.running.take()?;
         let result = match &*task {
             Task::Description(shard) => {
-                let described = Described::new(task.job(0).0.to_le_bytes().repeat(shard.clouds as usize));
+                let bytes = shard.subject.facts.description_bytes;
+                let words =
+                    task.job(0).0.to_le_bytes().repeat((bytes / 8 * u64::from(shard.clouds)) as usize);
+                let described = Described::new(words);
                 self.known.insert(described.digest);
-                self.traffic[0] += u64::from(shard.clouds) * DESCRIPTION;
+                let sent = if bytes == STAND_IN { DESCRIPTION } else { bytes };
+                self.traffic[0] += u64::from(shard.clouds) * sent;
                 TaskResult::Description(described)
             }
             Task::Evaluation(evaluation) | Task::Tile(Tile { evaluation, .. }) => {
@@ -127,9 +200,15 @@ impl Worker {
                     ..EvaluationResult::default()
                 })
             }
-            Task::GridCell(_) | Task::Scale(_) => panic!("{task}"),
+            Task::Scale(_) => TaskResult::Scale(1.0),
+            Task::GridCell(_) => panic!("{task}"),
         };
         self.finished.push(Report { lease, run_seconds: (now - begun).as_secs_f64(), outcome: Ok(result) });
         Some((lease, begun))
     }
+}
+
+/// Seconds for describing so many clouds in a channel.
+fn describing(channel: &Channel, clouds: u32) -> f64 {
+    (channel.cost * u64::from(clouds)) as f64 * UNIT
 }
