@@ -1,4 +1,5 @@
-"""Measures what a search for structures costs on several machines, each of which keeps signatures of its own.
+"""Measures what a search for structures, as in the shipped experiments, costs on several machines, each of which keeps
+signatures of its own.
 
 Usage: structure_workers.py PROGRAMS DATA OUT [--before PROGRAMS] [--workers N...] [--evaluations N] [--repeat N]
 
@@ -30,14 +31,18 @@ layout = "uw"
 
 [dataset.splits]
 train1 = "train1.txt"
-train2 = "train2.txt"
-validation = "validation.txt"
+train2 = ["train2.txt", "validation.txt"]
+validation = []
 test = "unused.txt"
 
 [descriptor]
 family = "structure"
+members = 4
 max_bins = 500
-max_cost = 650_000
+max_cost = 600_000
+
+[search]
+winner = "fitness"
 
 [search.fitness]
 cross-sequence = 1
