@@ -1,8 +1,9 @@
-"""Asks what family, fitness and operators of a search each contribute, and each channel of what it finds.
+"""Asks what family, members, fitness, operators and weights of a search each contribute, and each channel of a winner.
 
 Usage: ablation.py COORDINATOR DATA OUT [SEEDS [EVALUATIONS]], where DATA is household-rgbd or tabletop-rgbd of the
 benchmark clouds and OUT a new folder. Prints the median error over seeds 1 to SEEDS (3) of searches of EVALUATIONS
-(1200) for each combination, and the errors of the last one's winners without each of their channels.
+(1200) for each combination, of structures also with the weights that `coordinator weigh` finds for their values, and
+the errors of the last one's winners without each of their channels.
 
 Only training clouds are looked at, of sequences 1 and 4. Searches see every other cloud of train1 and of train2. The
 error is that of the clouds that are left, sequence 4 matched with sequence 1 and back: clouds that no search has seen,
@@ -31,7 +32,7 @@ train2 = "{lists}/train2.txt"
 test = "{lists}/unused.txt"
 
 [descriptor]
-family = "{family}"
+{family}
 
 [search]
 winner = "fitness"
@@ -67,7 +68,17 @@ mutation = "field"
 mutation_rate = 0.03
 mutation_decay = 1.0""",
 }
-FAMILIES = ("disk-ring", "structure")
+# Structures as the shipped experiments have them, and of one member.
+FAMILIES = {
+    "disk-ring": """family = "disk-ring\"""",
+    "structure, 1 member": """family = "structure"
+max_bins = 500
+max_cost = 600_000""",
+    "structure, 4 members": """family = "structure"
+members = 4
+max_bins = 500
+max_cost = 600_000""",
+}
 FITNESSES = ("split", "cross-sequence")
 
 
@@ -98,22 +109,25 @@ class Bench:
         return subprocess.run([self.coordinator, *args], check=True, stdout=subprocess.PIPE, text=True).stdout
 
     def winner(self, name, **values):
-        """The section [descriptor] of the winner of a search."""
+        """The section [descriptor] of the winner of a search, and the file of it with weights, if it is a structure."""
         toml = self.out / f"{name}.toml"
         toml.write_text(EXPERIMENT.format(lists=self.lists, data=self.data, **values))
         self.command("run", toml, "--out", self.out / name, "--listen", "127.0.0.1:0")
         artefact = self.out / f"{name}.artefact"
         self.command("export", self.out / name, artefact)
-        return tomllib.loads((artefact / "descriptor.toml").read_text())["descriptor"]
+        descriptor = tomllib.loads((artefact / "descriptor.toml").read_text())["descriptor"]
+        if descriptor.get("family") != "structure":
+            return descriptor, None
+        weighed = self.out / f"{name}.weighed.toml"
+        self.command("weigh", self.out / name, weighed)
+        return descriptor, ["--structure", weighed]
 
-    def error(self, descriptor):
-        """Its share of wrong objects, both ways."""
+    def error(self, options):
+        """The share of wrong objects of the descriptor that these options of evaluate name, both ways."""
         wrong = queries = 0
         for query, database in (("left4", "left1"), ("left1", "left4")):
             lists = ["--query", self.lists / f"{query}.txt", "--database", self.lists / f"{database}.txt"]
-            told = json.loads(
-                self.command("evaluate", "--data", self.data, *lists, *self.options(descriptor), "--json")
-            )
+            told = json.loads(self.command("evaluate", "--data", self.data, *lists, *options, "--json"))
             wrong, queries = wrong + told["object_wrong"], queries + told["queries"]
         return wrong / queries
 
@@ -139,12 +153,12 @@ def main():
     def percent(errors):
         return ", ".join(f"{100 * error:.2f}" for error in errors) + " %"
 
-    print("| family | fitness | operators | median | seeds |\n|---|---|---|---|---|")
+    print("| family | fitness | operators | median | seeds | weighed | seeds |\n|---|---|---|---|---|---|---|")
     for family, fitness, operators in itertools.product(FAMILIES, FITNESSES, OPERATORS):
         winners = [
             bench.winner(
-                f"{family}-{fitness}-{operators}-{seed}",
-                family=family,
+                f"{re.sub('[^a-z0-9]+', '-', family)}-{fitness}-{operators}-{seed}",
+                family=FAMILIES[family],
                 fitness=fitness,
                 operators=OPERATORS[operators],
                 seed=seed,
@@ -152,15 +166,17 @@ def main():
             )
             for seed in seeds
         ]
-        errors = [bench.error(winner) for winner in winners]
-        median = percent([statistics.median(errors)])
-        print(f"| {family} | {fitness} | {operators} | {median} | {percent(errors)} |", flush=True)
+        errors = [bench.error(bench.options(winner)) for winner, _ in winners]
+        cells = [percent([statistics.median(errors)]), percent(errors)]
+        weighed = [bench.error(options) for _, options in winners if options]
+        cells += [percent([statistics.median(weighed)]), percent(weighed)] if weighed else ["", ""]
+        print(f"| {family} | {fitness} | {operators} | {' | '.join(cells)} |", flush=True)
 
     print("\n| seed | all channels | without channel 1, 2, … |\n|---|---|---|")
-    for seed, winner, error in zip(seeds, winners, errors):
+    for seed, (winner, _), error in zip(seeds, winners, errors):
         channels = winner["channel"]
         without = [
-            bench.error({**winner, "channel": channels[:index] + channels[index + 1 :]})
+            bench.error(bench.options({**winner, "channel": channels[:index] + channels[index + 1 :]}))
             for index in range(len(channels))
             if len(channels) > 1
         ]
