@@ -7,6 +7,7 @@ use super::*;
 use crate::events::Departure;
 use crate::journal::Journal;
 use crate::scheduler::Audit;
+use crate::sharding::AwaitingScales;
 use proto::journal::{AcceptedResult, Member};
 use proto::task::{
     CloudEntry, Described, EvaluationResult, GridCell, Label, Match, Report, Scale, SplitManifest, Subject,
@@ -234,6 +235,52 @@ fn answer(task: &Task) -> TaskResult {
         }
         Task::Evaluation(_) | Task::GridCell(_) => panic!("{task}"),
     }
+}
+
+#[tokio::test]
+async fn an_evaluation_is_handed_out_once_its_own_scale_is_on_the_disk_and_before_others_are_found() {
+    let (journal, held) = Journal::held();
+    let cluster = Cluster::with_journal(LIMITS, identity(), journal, Recorded::default());
+    let evaluated = tokio::spawn({
+        let cluster = Arc::clone(&cluster);
+        let awaiting = AwaitingScales {
+            evaluation: Evaluation { scales: vec![1.0], ..evaluation() },
+            awaited: vec![(0, 0)],
+        };
+        let scales = [5, 6].map(scale).to_vec();
+        async move { cluster.client().evaluate_and_scale(vec![awaiting], (scales, &[]), |_| {}).await }
+    });
+    let workers = [("one", 1), ("two", 2), ("three", 3)].map(|(name, address)| {
+        let introduction = Introduction::sample(name, address);
+        let caller = (WorkerId([address; 16]), introduction.principal);
+        cluster.register(caller.0, introduction).unwrap();
+        caller
+    });
+    let poll = |worker: usize, poll| {
+        let (cluster, caller) = (Arc::clone(&cluster), workers[worker]);
+        tokio::spawn(async move { cluster.poll(caller, poll).await.unwrap().jobs })
+    };
+    let first = || Poll { sequence: 1, wanted: 1, ..Poll::default() };
+    let [found, missing] = [0, 1].map(|worker| poll(worker, first()));
+    let (found, missing) = (found.await.unwrap(), missing.await.unwrap());
+    let [(lease, task), (_, other)] = [&found[0], &missing[0]];
+    assert_eq!([task, other].map(|task| number(task.subject())), [5, 6]);
+    let next = poll(2, first());
+    let report = Report { lease: *lease, run_seconds: 0.1, outcome: Ok(answer(task)) };
+    let _reported = poll(0, Poll { sequence: 2, finished: vec![report], ..Poll::default() });
+    for _ in 0..100 {
+        tokio::task::yield_now().await;
+    }
+    assert!(!next.is_finished(), "a start after this moment would not know the scale");
+    while !next.is_finished() {
+        held.commit();
+        tokio::task::yield_now().await;
+    }
+    let jobs = next.await.unwrap();
+    let [(_, task)] = &jobs[..] else { panic!("{jobs:?}") };
+    let Task::Evaluation(evaluation) = &**task else { panic!("{task}") };
+    assert_eq!((&evaluation.scales[..], evaluated.is_finished()), (&[0.5][..], false));
+    evaluated.abort();
 }
 
 #[tokio::test]
