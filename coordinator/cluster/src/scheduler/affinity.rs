@@ -13,7 +13,7 @@ use crate::store::Job;
 
 /// A worker gets one of so many jobs, from the first that it may take.
 const CHOICE: usize = 64;
-/// A job that has waited for so long is handed out before those that a worker has more of.
+/// A job that has waited for so long is handed out first, whoever is better suited.
 const LONGEST_WAIT: Duration = Duration::from_secs(60);
 
 impl Scheduler {
@@ -43,7 +43,8 @@ impl Scheduler {
     }
 
     /// Of jobs that a worker may take, in order, the first for which no other worker is better suited, as it has to describe
-    /// less: else the one for which others are the least better suited. What nobody has described is not put off, as it
+    /// less: else the one for which others are the least better suited. All workers that are available count as others,
+    /// also those that may not take the job. What nobody has described is not put off, as it
     /// would be what all others wait for in the end. The first of all is taken if it has waited too long.
     pub(super) fn best_match<'a, Id: Copy>(
         &self,
@@ -51,10 +52,10 @@ impl Scheduler {
         jobs: impl Iterator<Item = (Id, &'a Job)>,
         now: Instant,
     ) -> Option<Id> {
-        let is_here = |other| self.workers.get(&other).is_some_and(Worker::is_available);
+        let is_available = |other| self.workers.get(&other).is_some_and(Worker::is_available);
         let mut best: Option<(u64, Id)> = None;
         for (job_id, job) in jobs.take(CHOICE) {
-            let beyond_least = self.described.beyond_least(id, &job.channels, is_here);
+            let beyond_least = self.described.beyond_least(id, &job.channels, is_available);
             let is_urgent = best.is_none() && now.saturating_duration_since(job.submitted) > LONGEST_WAIT;
             if beyond_least == 0 || is_urgent {
                 return Some(job_id);

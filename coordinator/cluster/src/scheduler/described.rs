@@ -12,7 +12,7 @@ use proto::{Digest, WorkerId};
 const MOST_EVALUATIONS: usize = 4;
 /// Splits that are remembered of a worker, each in one channel: about as many as it keeps in memory.
 const MOST_DESCRIBED: usize = 1536;
-/// Workers that are looked at for each channel and split of a job, to find who has most of them.
+/// Workers that are looked at for each channel and split of a job, to find who has least to describe.
 const MOST_HOLDERS: usize = 16;
 /// Taking descriptions from the coordinator is counted as one such part of describing: only channels that take long to
 /// describe are there.
@@ -162,12 +162,12 @@ impl Described {
     }
 
     /// Counted cost of what a worker will have to describe if it takes the job and what follows from that, beyond what the
-    /// best of those that may take jobs would have to. Of many that have one channel only the first are looked at.
+    /// best of those that are available would have to. Of many that have a channel of a split only the first are looked at.
     pub(super) fn beyond_least(
         &self,
         id: WorkerId,
         job: &JobChannels,
-        may_take: impl Fn(WorkerId) -> bool,
+        is_available: impl Fn(WorkerId) -> bool,
     ) -> u64 {
         let own = self.again(id, job);
         if own == 0 {
@@ -180,10 +180,12 @@ impl Described {
         let others: BTreeSet<WorkerId> =
             holders.flat_map(|holders| holders.iter().copied().take(MOST_HOLDERS)).collect();
         let least =
-            others.into_iter().filter(|other| may_take(*other)).map(|other| self.again(other, job)).min();
+            others.into_iter().filter(|other| is_available(*other)).map(|other| self.again(other, job)).min();
         own.saturating_sub(least.unwrap_or(own))
     }
 
+    /// Counted cost of what a worker will have to describe if it takes the job and what follows from that, and another may
+    /// have described already.
     fn again(&self, id: WorkerId, job: &JobChannels) -> u64 {
         job.beside.iter().map(|channels| self.missing_in(id, channels, job)).min().unwrap_or(0)
     }
@@ -303,8 +305,8 @@ mod tests {
                 let own = described.again(worker(number), &asked);
                 let others = (0..6).filter(|other| *other != away).map(|other| described.again(worker(other), &asked));
                 let expected = own - others.min().unwrap().min(own);
-                let may_take = |id| id != worker(away);
-                prop_assert_eq!(described.beyond_least(worker(number), &asked, may_take), expected);
+                let is_available = |id| id != worker(away);
+                prop_assert_eq!(described.beyond_least(worker(number), &asked, is_available), expected);
             }
             let held: usize = described.holders.values().map(BTreeSet::len).sum();
             let kept: usize = described.workers.values().map(|one| one.all.len()).sum();
