@@ -2,6 +2,7 @@
 
 use std::ffi::OsStr;
 use std::fs::{self, File};
+use std::io::Read as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, ExitStatus, Output, Stdio};
 use std::sync::OnceLock;
@@ -9,6 +10,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 use std::{env, thread};
 
+use rustix::pipe::{self, PipeFlags, SpliceFlags};
 use tempfile::TempDir;
 
 /// Longer than anything here takes on a slow machine; a test that runs into it has failed.
@@ -120,6 +122,39 @@ pub fn finish(command: &mut Command) -> Finished {
         stdout: String::from_utf8_lossy(&stdout).into_owned(),
         stderr: String::from_utf8_lossy(&stderr).into_owned(),
     }
+}
+
+/// Runs a program until a line of its log contains `text`, and kills it there, however fast it is and however seldom this
+/// test gets a processor: its log, in which every job is a line, goes into a pipe that holds one. The line is looked at
+/// before it is taken out, so that the program can do what comes before the next line, and no more.
+#[track_caller]
+pub fn kill_at<A: AsRef<OsStr>>(name: &str, args: impl IntoIterator<Item = A>, text: &str) -> Finished {
+    const PAGE: usize = 4096; // the smallest pipe there is; of packets it holds one
+    let packets = || pipe::pipe_with(PipeFlags::CLOEXEC | PipeFlags::DIRECT).unwrap();
+    let ((log, log_end), (seen, seen_end)) = (packets(), packets());
+    pipe::fcntl_setpipe_size(&log_end, PAGE).unwrap();
+    let mut command = program(name);
+    let _cache = OwnCache::of(&command);
+    command.args(args).env("DESCRY_LOG", "info,worker=debug").stdout(Stdio::null()).stderr(log_end);
+    let mut child = command.spawn().unwrap();
+    drop(command); // and with it the test's own end of the pipe: a program that ends is seen
+    let (mut log, mut seen) = (File::from(log), File::from(seen));
+    let (mut told, mut packet) = (String::new(), [0; PAGE]);
+    loop {
+        let length = pipe::tee(&log, &seen_end, PAGE, SpliceFlags::empty()).unwrap();
+        assert!(length > 0, "{name}: ended before `{text}`\n{told}");
+        seen.read_exact(&mut packet[..length]).unwrap();
+        let line = String::from_utf8_lossy(&packet[..length]);
+        told += &line;
+        if line.contains(text) {
+            break;
+        }
+        log.read_exact(&mut packet[..length]).unwrap();
+    }
+    child.kill().unwrap();
+    let status = child.wait().unwrap();
+    assert_eq!(status.code(), None, "{name}: ended by itself\n{told}");
+    Finished { command: name.to_owned(), status, stdout: String::new(), stderr: told }
 }
 
 /// A program that runs beside the test; killed when dropped.

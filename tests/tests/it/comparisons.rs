@@ -8,7 +8,7 @@ use results::{TableName, read_run, read_table};
 use serde_json::Value;
 
 use crate::experiments::{Experiment, begun, clouds, copy_folder, free_address, repository, summary};
-use crate::process::{Finished, Running, run};
+use crate::process::{Finished, Running, kill_at, run};
 
 /// A short search without a comparison at its end.
 const SEARCH: &str = "[ga]\npopulation = 4\n[stop]\ngenerations = 2\nvalidation_patience = \"off\"\n\
@@ -421,10 +421,7 @@ fn a_comparison_that_is_killed_asks_only_for_the_descriptions_that_are_missing()
     let args = ["compare", &out, "--no-times", "--json", "--listen", &address, "--cache", &cache];
     let with = |workers: &'static str| args.into_iter().chain(["--local-workers", workers]);
     // What its own process has described is kept at once: nobody has to confirm it.
-    let mut coordinator = Running::start(experiment.folder(), "killed", "coordinator", with("1"));
-    coordinator.wait_for("described ");
-    coordinator.signal("KILL");
-    assert_eq!(coordinator.wait().status.code(), None, "the fault came too late");
+    kill_at("coordinator", with("1"), "described ");
     let there = entries(&cache, KIND);
     assert!(!there.is_empty());
     assert!(read_table(&out, TableName::Comparison).is_err());

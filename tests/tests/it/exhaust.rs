@@ -10,7 +10,7 @@ use results::{GridFolder, TableName};
 use serde_json::Value;
 
 use crate::experiments::{Experiment, clouds, summary};
-use crate::process::{Finished, Running, run};
+use crate::process::{Finished, kill_at, run};
 
 /// Nine cells of 20 descriptors.
 const SMALL: &str = "[results]\ndir = \"runs\"\n[descriptor.genes]\nshape_bins = { min = 8, max = 20, step = 12 }\n\
@@ -48,11 +48,7 @@ fn the_grid_is_the_same_with_one_worker_with_four_and_after_a_kill() {
     assert_eq!(four["grid_digest"], one["grid_digest"]);
 
     let arguments = args(&experiment, Some("killed"), &["--local-workers", "1"]);
-    let mut killed = Running::start(experiment.folder(), "killed", "coordinator", &arguments);
-    killed.wait_for("cell 5/480");
-    killed.signal("KILL");
-    assert!(!killed.wait().status.success());
-    assert!(!killed.log().contains("cell 480/480"), "the fault came too late:\n{}", killed.log());
+    kill_at("coordinator", &arguments, "cell 5/480");
     let again = run("coordinator", &arguments).expect_success();
     let resumed = summary(&again);
     assert!(number(&resumed, "cells_found") >= 5, "{again}");

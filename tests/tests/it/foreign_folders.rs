@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::experiments::{Experiment, run_demo};
-use crate::process::{Finished, Running, run};
+use crate::process::{Finished, kill_at, run};
 
 const SHORT: &str = "[ga]\npopulation = 4\n[stop]\ngenerations = 2\n";
 
@@ -120,11 +120,7 @@ fn an_unfinished_run_whose_journal_is_gone_keeps_its_tables() {
     for (toml, progress) in [(long, "generation 2/24"), (&sweep, "seed-1: generation 2/24")] {
         let experiment = Experiment::new(toml);
         let undisturbed = experiment.run("undisturbed", &[]).expect_success();
-        let mut running =
-            Running::start(experiment.folder(), "killed", "coordinator", experiment.run_args("out", &[]));
-        running.wait_for(progress);
-        running.signal("KILL");
-        assert_eq!(running.wait().status.code(), None, "the fault came too late");
+        kill_at("coordinator", experiment.run_args("out", &[]), progress);
         let out = experiment.folder().join("out");
         let (journal, kept) = (out.join("journal.log"), experiment.folder().join("kept.log"));
         fs::rename(&journal, &kept).unwrap();

@@ -1,7 +1,7 @@
 //! Hill climbing end to end: the same run whatever happens to the coordinator, in tables that can be verified.
 
 use crate::experiments::{Experiment, digest, summary};
-use crate::process::{Running, run};
+use crate::process::{kill_at, run};
 
 /// A small space, so that there are several climbs and the same descriptors are met again.
 const SEARCH: &str = "[search]\nmethod = \"hill-climb\"\n[stop]\ngenerations = 60\nstagnation = \"off\"\n\
@@ -17,10 +17,7 @@ fn a_hill_climb_resumes_to_the_same_digest_and_its_tables_are_climbs() {
     assert!(checked.stdout.contains(line), "{checked}");
 
     let args = experiment.run_args("out", &["--local-workers", "1"]);
-    let mut running = Running::start(experiment.folder(), "killed", "coordinator", args);
-    running.wait_for("generation 2/60");
-    running.signal("KILL");
-    assert_eq!(running.wait().status.code(), None, "the fault came too late");
+    kill_at("coordinator", args, "generation 2/60");
     let out = experiment.path("out");
     let finished = run("coordinator", ["resume", &out, "--json"]).expect_success();
     assert!(finished.stderr.contains("unfinished, goes on with"), "{finished}");

@@ -9,7 +9,7 @@ use results::{TableName, read_evaluations, read_table};
 use serde_json::Value;
 
 use crate::experiments::{Experiment, clouds, digest, summary};
-use crate::process::{Running, run};
+use crate::process::{kill_at, run};
 
 const BUDGET: usize = 60;
 
@@ -41,10 +41,7 @@ fn the_same_budget_ends_a_run_whole_killed_remembered_or_shared() {
     assert_eq!(digest(&three), digest(&alone));
 
     let args = experiment.run_args("killed", &["--local-workers", "1", "--no-cache"]);
-    let mut running = Running::start(experiment.folder(), "killed-start", "coordinator", args);
-    running.wait_for("generation 2/300");
-    running.signal("KILL");
-    assert_eq!(running.wait().status.code(), None, "the fault came too late");
+    kill_at("coordinator", args, "generation 2/300");
     let resumed = run("coordinator", ["resume", &experiment.path("killed"), "--json"]).expect_success();
     assert!(resumed.stderr.contains("unfinished, goes on with"), "{resumed}");
     assert_eq!(digest(&resumed), digest(&alone));

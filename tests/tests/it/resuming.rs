@@ -10,7 +10,7 @@ use descriptor::random;
 use rand::RngExt as _;
 
 use crate::experiments::{Experiment, begun, digest, free_address, summary};
-use crate::process::{Finished, Running, program, run};
+use crate::process::{Finished, Running, kill_at, program, run};
 
 /// Long enough to be killed many times, short enough to run often.
 const SEARCH: &str = "[ga]\npopulation = 8\n[stop]\ngenerations = 60\nstagnation = \"off\"\n\
@@ -24,10 +24,7 @@ const JOURNAL: &str = "journal.log";
 /// A run of one in-process worker, killed after its second generation.
 fn killed(experiment: &Experiment, out: &str) {
     let args = experiment.run_args(out, &["--local-workers", "1"]);
-    let mut running = Running::start(experiment.folder(), "killed", "coordinator", args);
-    running.wait_for("generation 2/60");
-    running.signal("KILL");
-    assert_eq!(running.wait().status.code(), None, "the fault came too late");
+    kill_at("coordinator", args, "generation 2/60");
 }
 
 #[test]

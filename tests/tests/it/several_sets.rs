@@ -11,7 +11,7 @@ use results::{
 use serde_json::Value;
 
 use crate::experiments::{Experiment, clouds, copy_folder, digest, repository, summary};
-use crate::process::{Finished, Running, run};
+use crate::process::{Finished, kill_at, run};
 
 const SPLITS: [&str; 4] = ["train1", "train2", "validation", "test"];
 const SEARCH: &str = "[ga]\npopulation = 6\n[stop]\ngenerations = 3\nstagnation = \"off\"\nperfect = false\n\
@@ -217,10 +217,7 @@ fn workers_and_a_kill_change_no_bit() {
     let three = experiment.run("three", &["--local-workers", "3"]).expect_success();
     assert_eq!(digest(&three), digest(&first));
     let args = experiment.run_args("killed", &["--local-workers", "1"]);
-    let mut running = Running::start(experiment.folder(), "killed-log", "coordinator", args);
-    running.wait_for("generation 2/");
-    running.signal("KILL");
-    assert_eq!(running.wait().status.code(), None, "the fault came too late");
+    kill_at("coordinator", args, "generation 2/");
     let resumed = run("coordinator", ["resume", &experiment.path("killed"), "--json"]).expect_success();
     assert_eq!(digest(&resumed), digest(&first));
     let rows = |out: &str| read_sets(experiment.path(out)).unwrap();

@@ -5,7 +5,7 @@
 use results::{EvaluationRow, TableName, read_evaluations, read_table};
 
 use crate::experiments::{Experiment, clouds, digest, summary};
-use crate::process::{Running, run};
+use crate::process::{kill_at, run};
 
 const SEARCH: &str = "[descriptor]\nfamily = \"structure\"\nmax_bins = 300\n\
     [ga]\npopulation = 8\npreselection = 3\n[stop]\nevaluations = 24\n";
@@ -47,10 +47,7 @@ fn a_run_is_the_same_whole_in_pieces_audited_killed_and_warm() {
 
     let killed = experiment(fitness, "audit = 0");
     let args = killed.run_args("out", &["--local-workers", "1"]);
-    let mut running = Running::start(killed.folder(), "killed", "coordinator", args);
-    running.wait_for("generation 2/");
-    running.signal("KILL");
-    assert_eq!(running.wait().status.code(), None, "the fault came too late");
+    kill_at("coordinator", args, "generation 2/");
     let resumed = run("coordinator", ["resume", &killed.path("out"), "--json"]).expect_success();
     assert!(resumed.stderr.contains("unfinished, goes on with"), "{resumed}");
     assert_eq!(digest(&resumed), expected);
@@ -158,10 +155,7 @@ fn members_evolve_side_by_side_within_their_shares_and_are_joined() {
 
     let several = Experiment::new(&format!("{toml}[coordinator]\npieces = 2\naudit = 0.5\n"));
     let args = several.run_args("out", &["--local-workers", "3"]);
-    let mut running = Running::start(several.folder(), "killed", "coordinator", args);
-    running.wait_for("generation 2/");
-    running.signal("KILL");
-    assert_eq!(running.wait().status.code(), None, "the fault came too late");
+    kill_at("coordinator", args, "generation 2/");
     let resumed = run("coordinator", ["resume", &several.path("out"), "--json"]).expect_success();
     assert_eq!(digest(&resumed), digest(&ran));
     let verified = run("coordinator", ["verify", &out]).expect_success();

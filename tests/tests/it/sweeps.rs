@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use serde_json::Value;
 
 use crate::experiments::Experiment;
-use crate::process::{Finished, Running, program, run};
+use crate::process::{Finished, Running, kill_at, program, run};
 
 /// Two variants of a search in a small space: their runs meet the same descriptors often.
 const SEARCH: &str = "[ga]\npopulation = 8\n[stop]\ngenerations = 6\nstagnation = \"off\"\n\
@@ -75,10 +75,7 @@ fn each_run_of_a_sweep_is_what_it_is_alone_and_what_two_of_them_ask_is_computed_
 fn a_sweep_that_is_killed_goes_on_and_its_variants_are_what_they_are_alone() {
     let experiment = Experiment::new(&format!("{SEARCH}{SEEDS}{VARIANTS}"));
     let args = experiment.run_args("out", &["--local-workers", "1"]);
-    let mut running = Running::start(experiment.folder(), "killed", "coordinator", args);
-    running.wait_for("small-seed-2: generation 2/6");
-    running.signal("KILL");
-    assert_eq!(running.wait().status.code(), None, "the fault came too late");
+    kill_at("coordinator", args, "small-seed-2: generation 2/6");
     let out = experiment.path("out");
     let member = run("coordinator", ["resume", &format!("{out}/small-seed-1")]).expect_error();
     assert!(member.stderr.contains(&format!("go on with the sweep: coordinator resume {out}\n")), "{member}");

@@ -5,7 +5,7 @@ use std::fs;
 use serde_json::Value;
 
 use crate::experiments::{Experiment, clouds, digest, repository, summary};
-use crate::process::{Finished, Running, finish, program, run};
+use crate::process::{Finished, finish, kill_at, program, run};
 
 const STRUCTURES: &str = "[descriptor]\nfamily = \"structure\"\nmax_bins = 300\n\
     [ga]\npopulation = 8\n[stop]\nevaluations = 24\n[search.fitness]\ncross-sequence = 1\n";
@@ -186,10 +186,7 @@ fn a_run_that_weighs_has_one_digest_whoever_works_and_wherever_it_was_killed() {
     assert_eq!(digest(&finish(&mut scalar).expect_success()), expected);
 
     let args = first.run_args("killed", &["--local-workers", "1"]);
-    let mut killed = Running::start(first.folder(), "killed", "coordinator", args);
-    killed.wait_for("weighing the values of the winner");
-    killed.signal("KILL");
-    assert_eq!(killed.wait().status.code(), None, "the fault came too late");
+    kill_at("coordinator", args, "weighing the values of the winner");
     let resumed = run("coordinator", ["resume", &first.path("killed"), "--json"]).expect_success();
     assert_eq!(digest(&resumed), expected);
 
