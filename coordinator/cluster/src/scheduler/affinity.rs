@@ -2,8 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use proto::WorkerId;
 use proto::task::Task;
+use proto::{JobId, WorkerId};
 
 use super::described::{Expected, JobChannels};
 use super::worker::Worker;
@@ -42,22 +42,24 @@ impl Scheduler {
         CountedCost { kind: job.task.kind(), units }
     }
 
-    /// Of jobs that a worker may take, in order, the first for which no other worker is better suited, as it has to describe
-    /// less: else the one for which others are the least better suited. All workers that are available count as others,
-    /// also those that may not take the job. What nobody has described is not put off, as it
-    /// would be what all others wait for in the end. The first of all is taken if it has waited too long.
-    pub(super) fn best_match<'a, Id: Copy>(
+    /// Of jobs that a worker may take, in order, the first for which no other worker that may take it is better suited, as
+    /// it has to describe less: else the one for which others are the least better suited. What nobody has described is not
+    /// put off, as it would be what all others wait for in the end. The first of all is taken if it has waited too long.
+    pub(super) fn best_match<'a>(
         &self,
         id: WorkerId,
-        jobs: impl Iterator<Item = (Id, &'a Job)>,
+        jobs: impl Iterator<Item = (JobId, &'a Job)>,
         now: Instant,
-    ) -> Option<Id> {
-        let is_available = |other| self.workers.get(&other).is_some_and(Worker::is_available);
-        let mut best: Option<(u64, Id)> = None;
+    ) -> Option<JobId> {
+        let mut best: Option<(u64, JobId)> = None;
         for (job_id, job) in jobs.take(CHOICE) {
-            let beyond_least = self.described.beyond_least(id, &job.channels, is_available);
             let is_urgent = best.is_none() && now.saturating_duration_since(job.submitted) > LONGEST_WAIT;
-            if beyond_least == 0 || is_urgent {
+            let may_take = |other| {
+                self.workers.get(&other).is_some_and(Worker::is_available) && self.may_take(other, job_id)
+            };
+            let beyond_least =
+                if is_urgent { 0 } else { self.described.beyond_least(id, &job.channels, may_take) };
+            if beyond_least == 0 {
                 return Some(job_id);
             }
             if best.is_none_or(|(least, _)| beyond_least < least) {

@@ -1,6 +1,7 @@
 //! What workers have described: clouds of whole splits, channel by channel. They keep these signatures, and others would
 //! have to make them again.
 
+use std::cmp::Reverse;
 use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::Arc;
@@ -12,8 +13,10 @@ use proto::{Digest, WorkerId};
 const MOST_EVALUATIONS: usize = 4;
 /// Splits that are remembered of a worker, each in one channel: about as many as it keeps in memory.
 const MOST_DESCRIBED: usize = 1536;
-/// Workers that are looked at for each channel and split of a job, to find who has least to describe.
+/// Workers that are looked at for a job, to find who has least to describe.
 const MOST_HOLDERS: usize = 16;
+/// They are looked for among so many that have a channel of one of its splits.
+const MOST_SEEN: usize = 256;
 /// Taking descriptions from the coordinator is counted as one such part of describing: only channels that take long to
 /// describe are there.
 const TAKING: u64 = 8;
@@ -47,7 +50,8 @@ pub struct JobChannels {
     /// What was described before, which has only to be taken from the coordinator.
     at_coordinator: BTreeSet<Place>,
     /// It is best taken by a worker that has described most of one of these: an evaluation's channels, or, of a scale, the
-    /// other channels of each evaluation that waits for it, as the same worker is then given that evaluation.
+    /// other channels of each evaluation that waits for it, as the same worker is then given that evaluation. The dearest
+    /// come first.
     beside: Vec<Arc<[Channel]>>,
 }
 
@@ -67,7 +71,7 @@ impl JobChannels {
         };
         let channels = channels_of(&task.subject().descriptor);
         let beside = match (task, expected) {
-            (Task::Evaluation(_), _) => vec![channels.as_slice().into()],
+            (Task::Evaluation(_), _) => vec![dearest_first(channels.clone())],
             (_, None) => Vec::new(),
             (_, Some(expected)) => channels.iter().flat_map(|&channel| expected.beside(channel)).collect(),
         };
@@ -162,25 +166,22 @@ impl Described {
     }
 
     /// Counted cost of what a worker will have to describe if it takes the job and what follows from that, beyond what the
-    /// best of those that are available would have to. Of many that have a channel of a split only the first are looked at.
+    /// best of those that may take it would have to. Of many, only the first that have the dearest channels are looked at.
     pub(super) fn beyond_least(
         &self,
         id: WorkerId,
         job: &JobChannels,
-        is_available: impl Fn(WorkerId) -> bool,
+        may_take: impl Fn(WorkerId) -> bool,
     ) -> u64 {
         let own = self.again(id, job);
         if own == 0 {
             return 0;
         }
-        let channels = job.beside.iter().flat_map(|channels| channels.iter());
-        let places =
-            channels.flat_map(|channel| job.splits.iter().map(|split| (channel.number, split.number)));
-        let holders = places.filter_map(|place| self.holders.get(&place));
-        let others: BTreeSet<WorkerId> =
-            holders.flat_map(|holders| holders.iter().copied().take(MOST_HOLDERS)).collect();
-        let least =
-            others.into_iter().filter(|other| is_available(*other)).map(|other| self.again(other, job)).min();
+        let places = job.beside.iter().flat_map(|channels| named(channels, &job.splits));
+        let holders = places.filter_map(|place| self.holders.get(&place)).flatten().take(MOST_SEEN);
+        let mut seen = BTreeSet::new();
+        let others = holders.filter(|holder| seen.insert(**holder) && may_take(**holder)).take(MOST_HOLDERS);
+        let least = others.map(|other| self.again(*other, job)).min();
         own.saturating_sub(least.unwrap_or(own))
     }
 
@@ -215,6 +216,11 @@ fn forget(holders: &mut BTreeMap<Place, BTreeSet<WorkerId>>, place: Place, id: W
     }
 }
 
+fn dearest_first(mut channels: Vec<Channel>) -> Arc<[Channel]> {
+    channels.sort_by_key(|channel| Reverse(channel.cost));
+    channels.into()
+}
+
 fn named(channels: &[Channel], splits: &[Split]) -> impl Iterator<Item = Place> {
     channels.iter().flat_map(|channel| splits.iter().map(|split| (channel.number, split.number)))
 }
@@ -238,7 +244,7 @@ impl Expected {
                     with.push(expected.evaluations.len());
                 }
             }
-            expected.evaluations.push(channels.into());
+            expected.evaluations.push(dearest_first(channels));
         }
         expected
     }
@@ -305,8 +311,8 @@ mod tests {
                 let own = described.again(worker(number), &asked);
                 let others = (0..6).filter(|other| *other != away).map(|other| described.again(worker(other), &asked));
                 let expected = own - others.min().unwrap().min(own);
-                let is_available = |id| id != worker(away);
-                prop_assert_eq!(described.beyond_least(worker(number), &asked, is_available), expected);
+                let may_take = |id| id != worker(away);
+                prop_assert_eq!(described.beyond_least(worker(number), &asked, may_take), expected);
             }
             let held: usize = described.holders.values().map(BTreeSet::len).sum();
             let kept: usize = described.workers.values().map(|one| one.all.len()).sum();

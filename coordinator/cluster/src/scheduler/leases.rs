@@ -98,7 +98,7 @@ impl Scheduler {
     /// Whether a worker may take a job that wants one: it must not work on it, nor anybody of its principal have reported a
     /// result of it, and a job that failed on it goes to another, as long as there is one that may take it. Of a job that
     /// two principals have to answer, each has one lease.
-    fn may_take(&self, id: WorkerId, job: JobId) -> bool {
+    pub(super) fn may_take(&self, id: WorkerId, job: JobId) -> bool {
         let (Some(job), Some(worker)) = (self.jobs.get(job), self.workers.get(&id)) else { return false };
         let principal = worker.principal;
         if job.awaits_own() && principal != Principal::Coordinator {

@@ -119,6 +119,17 @@ fn those_that_get_no_jobs_or_have_left_are_no_better_suited() {
 }
 
 #[test]
+fn who_has_answered_a_job_is_no_better_suited_to_confirm_it() {
+    let mut bench = Bench::with_channels(2);
+    bench.scheduler.trust = Trust::new(Audit { share: 1.0, first: 0 });
+    let of_first = bench.submit_with(&[1]);
+    assert_eq!(bench.answer_next(1), of_first);
+    bench.submit_with(&[2]);
+    assert_eq!(bench.answer_next(2), of_first, "it came first, and only this one may take it");
+    assert!(!bench.scheduler.drain_finished().is_empty());
+}
+
+#[test]
 fn what_is_at_the_coordinator_costs_little() {
     let mut bench = Bench::with_channels(2);
     for (number, channels) in [(1, [1, DEAR]), (2, [2, DEAR + 1])] {
