@@ -25,7 +25,8 @@ fn channel() -> impl Strategy<Value = StructureChannel> {
     let weights = prop::option::of(prop::collection::vec(0..StructureChannel::FULL, MOST_WEIGHTS));
     let parts = (select(&Pairs::ALL), axes, lengths, numbers, switches, select(&SetDistance::ALL));
     (parts.prop_map(made_of), weights).prop_map(|(mut made, weights)| {
-        if let Some(mut weights) = weights.filter(|_| made.values() <= MOST_WEIGHTS as u64) {
+        // The largest weight is 1, so that one value alone has none.
+        if let Some(mut weights) = weights.filter(|_| (2..=MOST_WEIGHTS as u64).contains(&made.values())) {
             weights.truncate(made.values() as usize);
             let largest = usize::from(weights[0]) % weights.len();
             weights[largest] = StructureChannel::FULL;
