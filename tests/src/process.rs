@@ -10,6 +10,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 use std::{env, thread};
 
+use rustix::io::Errno;
 use rustix::pipe::{self, PipeFlags, SpliceFlags};
 use tempfile::TempDir;
 
@@ -136,12 +137,20 @@ pub fn kill_at<A: AsRef<OsStr>>(name: &str, args: impl IntoIterator<Item = A>, t
     let mut command = program(name);
     let _cache = OwnCache::of(&command);
     command.args(args).env("DESCRY_LOG", "info,worker=debug").stdout(Stdio::null()).stderr(log_end);
-    let mut child = command.spawn().unwrap();
+    let mut child = KilledOnDrop(command.spawn().unwrap());
     drop(command); // and with it the test's own end of the pipe: a program that ends is seen
     let (mut log, mut seen) = (File::from(log), File::from(seen));
     let (mut told, mut packet) = (String::new(), [0; PAGE]);
+    let begun = Instant::now();
     loop {
-        let length = pipe::tee(&log, &seen_end, PAGE, SpliceFlags::empty()).unwrap();
+        let length = match pipe::tee(&log, &seen_end, PAGE, SpliceFlags::NONBLOCK) {
+            Err(Errno::AGAIN) => {
+                assert!(begun.elapsed() < PATIENCE, "{name}: no `{text}` in time\n{told}");
+                thread::sleep(Duration::from_millis(1));
+                continue;
+            }
+            length => length.unwrap(),
+        };
         assert!(length > 0, "{name}: ended before `{text}`\n{told}");
         seen.read_exact(&mut packet[..length]).unwrap();
         let line = String::from_utf8_lossy(&packet[..length]);
@@ -151,16 +160,26 @@ pub fn kill_at<A: AsRef<OsStr>>(name: &str, args: impl IntoIterator<Item = A>, t
         }
         log.read_exact(&mut packet[..length]).unwrap();
     }
-    child.kill().unwrap();
-    let status = child.wait().unwrap();
+    child.0.kill().unwrap();
+    let status = child.0.wait().unwrap();
     assert_eq!(status.code(), None, "{name}: ended by itself\n{told}");
     Finished { command: name.to_owned(), status, stdout: String::new(), stderr: told }
+}
+
+/// So that a test that fails leaves no program behind.
+struct KilledOnDrop(Child);
+
+impl Drop for KilledOnDrop {
+    fn drop(&mut self) {
+        let _ = self.0.kill(); // already gone is as good as killed
+        let _ = self.0.wait();
+    }
 }
 
 /// A program that runs beside the test; killed when dropped.
 pub struct Running {
     name: String,
-    child: Child,
+    child: KilledOnDrop,
     stdout: PathBuf,
     stderr: PathBuf,
     _cache: OwnCache,
@@ -185,7 +204,7 @@ impl Running {
         let stderr = folder.join(format!("{name}.err"));
         command.stdout(File::create(&stdout).unwrap()).stderr(File::create(&stderr).unwrap());
         let _cache = OwnCache::of(&command);
-        Self { name: name.to_owned(), child: command.spawn().unwrap(), stdout, stderr, _cache }
+        Self { name: name.to_owned(), child: KilledOnDrop(command.spawn().unwrap()), stdout, stderr, _cache }
     }
 
     /// What it has written to standard error so far.
@@ -202,7 +221,7 @@ impl Running {
             if let Some(line) = log.lines().find(|line| line.contains(text)) {
                 return line.to_owned();
             }
-            let ended = self.child.try_wait().unwrap();
+            let ended = self.child.0.try_wait().unwrap();
             assert!(ended.is_none(), "{}: ended with {ended:?} before `{text}`\n{log}", self.name);
             assert!(begun.elapsed() < PATIENCE, "{}: no `{text}` in time\n{log}", self.name);
             thread::sleep(GLANCE);
@@ -227,7 +246,7 @@ impl Running {
 
     /// Whether it has not ended.
     pub fn is_running(&mut self) -> bool {
-        self.child.try_wait().unwrap().is_none()
+        self.child.0.try_wait().unwrap().is_none()
     }
 
     /// Waits until it ends.
@@ -235,7 +254,7 @@ impl Running {
     pub fn wait(&mut self) -> Finished {
         let begun = Instant::now();
         loop {
-            if let Some(status) = self.child.try_wait().unwrap() {
+            if let Some(status) = self.child.0.try_wait().unwrap() {
                 let stdout = fs::read_to_string(&self.stdout).unwrap();
                 return Finished { command: self.name.clone(), status, stdout, stderr: self.log() };
             }
@@ -246,27 +265,20 @@ impl Running {
 
     /// Resident memory, KiB; `None` once it has ended.
     pub fn resident(&self) -> Option<u64> {
-        let status = fs::read_to_string(format!("/proc/{}/status", self.child.id())).unwrap();
+        let status = fs::read_to_string(format!("/proc/{}/status", self.child.0.id())).unwrap();
         let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
         line.split_whitespace().next().unwrap().parse().ok()
     }
 
     /// Its process.
     pub fn id(&self) -> u32 {
-        self.child.id()
+        self.child.0.id()
     }
 
     /// Sends a signal by name, such as `KILL`.
     pub fn signal(&self, signal: &str) {
-        let status = Command::new("kill").arg(format!("-{signal}")).arg(self.child.id().to_string()).status();
+        let status =
+            Command::new("kill").arg(format!("-{signal}")).arg(self.child.0.id().to_string()).status();
         assert!(status.unwrap().success(), "{}: kill -{signal}", self.name);
-    }
-}
-
-impl Drop for Running {
-    fn drop(&mut self) {
-        // Already gone is as good as killed.
-        let _ = self.child.kill();
-        let _ = self.child.wait();
     }
 }

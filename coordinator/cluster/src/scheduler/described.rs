@@ -15,7 +15,7 @@ const MOST_EVALUATIONS: usize = 4;
 const MOST_DESCRIBED: usize = 1536;
 /// Workers that are looked at for a job, to find who has least to describe.
 const MOST_HOLDERS: usize = 16;
-/// They are looked for among so many that have a channel of one of its splits.
+/// They are looked for in the lists of who has which channel of which split, as far as so many entries.
 const MOST_SEEN: usize = 256;
 /// Taking descriptions from the coordinator is counted as one such part of describing: only channels that take long to
 /// describe are there.
@@ -50,8 +50,8 @@ pub struct JobChannels {
     /// What was described before, which has only to be taken from the coordinator.
     at_coordinator: BTreeSet<Place>,
     /// It is best taken by a worker that has described most of one of these: an evaluation's channels, or, of a scale, the
-    /// other channels of each evaluation that waits for it, as the same worker is then given that evaluation. The dearest
-    /// come first.
+    /// other channels of each evaluation that waits for it, as the same worker is then given that evaluation. Of
+    /// each, the dearest come first.
     beside: Vec<Arc<[Channel]>>,
 }
 
