@@ -78,14 +78,17 @@ impl Ensemble {
         own.into_iter().map(whole).collect()
     }
 
-    /// Where the population of each member is in a generation of so many individuals.
-    fn places(&self, individuals: usize) -> Vec<Range<usize>> {
-        let population = self.population as usize;
-        let joined = individuals - self.members.len() * population;
-        (0..self.members.len())
-            .map(|number| joined + number * population)
-            .map(|at| at..at + population)
-            .collect()
+    /// The children of a member, whose population is at this place.
+    fn children(
+        &self,
+        generation: u32,
+        member: &Member,
+        (place, population): (usize, &[Individual]),
+        scores: &[Score],
+    ) -> Vec<Individual> {
+        let own: Vec<Individual> = population.iter().map(|whole| member.own(whole)).collect();
+        let children = member.algorithm.next(generation, &own, scores, &Past::of(0));
+        self.wholes(member, children, place as u32)
     }
 }
 
@@ -113,20 +116,39 @@ impl Strategy for Ensemble {
         generation: u32,
         population: &[Individual],
         scores: &[Score],
-        past: &Past,
+        _past: &Past,
     ) -> Vec<Individual> {
         let mut joined = vec![false; self.genome.bits()];
         let mut next = Vec::new();
-        for (member, place) in self.members.iter().zip(self.places(population.len())) {
+        for (member, place) in self.members.iter().zip(self.parts(population.len())) {
             let (own, scores) = (&population[place.clone()], &scores[place.clone()]);
             let best = &own[score::best(scores) as usize];
             joined[member.bits.clone()].copy_from_slice(&best.chromosome[member.bits.clone()]);
-            let own: Vec<Individual> = own.iter().map(|whole| member.own(whole)).collect();
-            let children = member.algorithm.next(generation, &own, scores, past);
-            next.extend(self.wholes(member, children, place.start as u32));
+            next.extend(self.children(generation, member, (place.start, own), scores));
         }
         next.insert(0, Individual::new(joined, [None, None], &self.genome));
         next
+    }
+
+    /// The population of each member.
+    fn parts(&self, individuals: usize) -> Vec<Range<usize>> {
+        let population = self.population as usize;
+        let Some(joined) = individuals.checked_sub(self.members.len() * population) else {
+            return Vec::new(); // cut off by the budget of evaluations
+        };
+        let place = |number| joined + number * population..joined + (number + 1) * population;
+        (0..self.members.len()).map(place).collect()
+    }
+
+    fn next_of_part(
+        &self,
+        generation: u32,
+        part: usize,
+        population: &[Individual],
+        scores: &[Score],
+    ) -> Vec<Individual> {
+        let place = self.parts(population.len())[part].clone();
+        self.children(generation, &self.members[part], (place.start, &population[place]), scores)
     }
 
     fn largest_generation(&self) -> u32 {

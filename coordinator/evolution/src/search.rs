@@ -1,5 +1,7 @@
 //! A search under way: asked for a generation, told its scores, it says how it stands and when it ends.
 
+use std::ops::Range;
+
 use crate::front::Front;
 use crate::individual::Individual;
 use crate::past::Past;
@@ -107,6 +109,30 @@ impl Search {
         Some(next)
     }
 
+    /// Individuals of the current generation that have children of their own, whatever the others' scores, if the next
+    /// generation will be whole; `evaluations` as for [`Search::tell`].
+    pub fn parts(&self, evaluations: u64) -> Vec<Range<usize>> {
+        let largest = u64::from(self.strategy.largest_generation());
+        if self.evaluations_left(evaluations).is_some_and(|left| left < largest) {
+            return Vec::new();
+        }
+        self.strategy.parts(self.population.len())
+    }
+
+    /// The individuals of the next generation that follow from one of these parts, whose scores these are; `None` if the
+    /// search may end with this one, as far as can be said now that `best` is the best score of the generation.
+    pub fn foresee_part(
+        &self,
+        part: usize,
+        scores: &[Score],
+        (best, evaluations): (Score, u64),
+    ) -> Option<Vec<Individual>> {
+        if self.strategy.exhausted().is_some() || self.stop.may_end(best, evaluations) {
+            return None;
+        }
+        Some(self.strategy.next_of_part(self.generation, part, &self.population, scores))
+    }
+
     /// The generation that follows from these scores of the current one.
     fn following(&mut self, scores: &[Score]) -> Vec<Individual> {
         match self.foreseen.take() {
@@ -157,13 +183,55 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
+    use crate::ensemble::Ensemble;
     use crate::genetic::GeneticAlgorithm;
+    use crate::genome::{Encoding, Field, Genome};
     use crate::score::tests::{score, scores as scores_of};
     use crate::settings::GaSettings;
     use crate::stop::tests::NEVER;
     use crate::tests::{decompose, paper};
 
     proptest! {
+        #[test]
+        fn what_is_foreseen_of_each_part_is_the_next_generation_but_for_those_who_are_joined(
+            told in prop::collection::vec(prop::collection::vec(0u32..50, 13), 1..6),
+            budget in prop::option::of(1u32..60),
+            stagnation in prop::option::of(1u32..4),
+            generations in 1u32..6,
+        ) {
+            let stop = StopSettings { evaluations: budget, stagnation, generations, ..NEVER };
+            let settings = GaSettings { population: 4, ..GaSettings::default() };
+            let fields = vec![Field::new("field", 16); 3];
+            let strategy = Ensemble::new(Genome::new(fields, Encoding::Gray), 3, settings, 7).unwrap();
+            let mut search = Search::new(Box::new(strategy), stop, WinnerRule::Fitness);
+            let mut evaluations = 0;
+            for correct in told {
+                evaluations += search.ask().len() as u64;
+                let scores = scores_of(&correct)[..search.ask().len()].to_vec();
+                let best = scores[score::best(&scores) as usize];
+                let parts = search.parts(evaluations);
+                prop_assert_eq!(parts.is_empty(), budget.is_some_and(|budget| evaluations + 13 > budget.into()));
+                // Of what is known before all scores are, and of what is known then.
+                let foresee = |best| {
+                    let parts = (0..).zip(&parts);
+                    let foreseen = parts.map(|(part, place)| {
+                        search.foresee_part(part, &scores[place.clone()], (best, evaluations))
+                    });
+                    foreseen.collect::<Vec<Option<Vec<Individual>>>>()
+                };
+                let [before, foreseen] = [scores[0], best].map(foresee);
+                if search.tell(&scores, None, evaluations).stop.is_some() {
+                    prop_assert!([before, foreseen].iter().flatten().all(Option::is_none));
+                    break;
+                }
+                let population = search.ask()[1..].chunks(4);
+                for ((before, foreseen), children) in before.into_iter().zip(foreseen).zip(population) {
+                    prop_assert_eq!(foreseen.as_deref(), Some(children));
+                    prop_assert!(before.is_none_or(|before| before == children));
+                }
+            }
+        }
+
         #[test]
         fn what_is_foreseen_is_the_next_generation_whatever_the_validation_says(
             told in prop::collection::vec((prop::array::uniform4(0u32..50), 0u32..50), 1..12),

@@ -1,5 +1,7 @@
 //! What a method of searching has to say: its generations.
 
+use std::ops::Range;
+
 use crate::individual::Individual;
 use crate::past::Past;
 use crate::score::Score;
@@ -20,6 +22,24 @@ pub trait Strategy: Send + Sync {
         scores: &[Score],
         past: &Past,
     ) -> Vec<Individual>;
+
+    /// Individuals of a generation of so many that have children of their own, whatever the others' scores; none, if the next
+    /// generation follows only from all of them.
+    fn parts(&self, _individuals: usize) -> Vec<Range<usize>> {
+        Vec::new()
+    }
+
+    /// The individuals of the next generation that follow from one of these parts of generation number `generation`, which
+    /// has these scores.
+    fn next_of_part(
+        &self,
+        _generation: u32,
+        _part: usize,
+        _population: &[Individual],
+        _scores: &[Score],
+    ) -> Vec<Individual> {
+        Vec::new()
+    }
 
     /// How many of the individuals that were told last are to be kept for it.
     fn remembers(&self) -> usize {
