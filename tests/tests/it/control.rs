@@ -119,17 +119,17 @@ fn a_run_that_is_controlled_in_every_way_ends_with_the_digest_of_one_that_is_not
     ordered(&out, &["resume", "--worker", "three"]);
     refused(&out, &["priority", "3"], "priority: must be of one run of a sweep");
     assert_eq!(jobs(&three), 0);
-    assert_eq!(ordered(&out, &["resume"]), "resumed");
-    refused(&out, &["resume"], "resume: must be a run that is paused");
-    wait_until("given a job", || jobs(&three) > 0);
 
-    // Denied: it is gone, and does not come back.
+    // Denied: it is gone, and does not come back. While the run is paused, as it must not end before it is stopped.
     let said = ordered(&out, &["deny", "one"]);
     assert!(said.ends_with("let in no more as long as this coordinator is at work"), "{said}");
     let ended = one.wait().expect_error();
     assert!(ended.stderr.contains("this worker was denied by whoever runs the coordinator"), "{ended}");
+    assert_eq!(ordered(&out, &["resume"]), "resumed");
+    wait_until("given a job", || jobs(&three) > 0);
 
     // Stopped: as an interrupt ends it, and the same command goes on.
+    refused(&out, &["resume"], "resume: must be a run that is paused");
     assert_eq!(ordered(&out, &["stop"]), "stopped");
     let stopped = coordinator.wait().expect_error();
     assert_eq!(stopped.status.code(), Some(130), "{stopped}");
@@ -158,8 +158,8 @@ fn a_run_that_is_controlled_in_every_way_ends_with_the_digest_of_one_that_is_not
         ("paused", None),
         ("drained", named("three")),
         ("resumed", named("three")),
-        ("resumed", None),
         ("denied", named("one")),
+        ("resumed", None),
         ("stopped", None),
     ];
     assert_eq!(told, expected);
