@@ -23,7 +23,6 @@ use crate::result_cache::{Known, Wrong, finished_runs, forget};
 use crate::run::fitness_batch::{Answer, FitnessBatch};
 use crate::run::matching::Matching;
 use crate::run::scales::Scales;
-use crate::run::sets::with_weight;
 use crate::run::splits::SplitBlobs;
 use crate::run::{DataError, RunError};
 use crate::shared_bucket::{self, Bucket};
@@ -259,11 +258,9 @@ impl<'a> Session<'a> {
         (fitness, weights): (&Fitness, &[u32]),
         descriptors: &[&Descriptor],
     ) -> Result<Vec<Answer>, ClusterError> {
-        let scales = Scales::default();
-        let missing = scales.missing(descriptors, &with_weight(weights), splits);
-        let of = (&scales, &missing);
-        let batch = FitnessBatch::new((fitness, weights), splits, of, descriptors, Matching::Train);
-        let (answers, _) = batch.evaluate(client, &missing, |_, _| {}).await?;
+        let (scales, fitness) = (Scales::default(), (fitness, weights));
+        let batch = FitnessBatch::new(fitness, splits, &scales, descriptors, Matching::Train);
+        let (answers, _) = batch.evaluate(client, |_, _, _| {}).await?;
         Ok(answers)
     }
 }

@@ -464,7 +464,7 @@ mod recording {
         use super::*;
 
         const SESSION: SessionId = SessionId([7; 16]);
-        const CLIENT: ClientId = ClientId(1);
+        const CLIENT: ClientId = ClientId::new(1);
 
         fn at(seconds: u64) -> SystemTime {
             SystemTime::UNIX_EPOCH + Duration::from_secs(seconds)

@@ -23,6 +23,12 @@ impl JobNames {
         }
     }
 
+    /// Those that are not among others; `None` if there are none.
+    pub fn without(mut self, others: &Self) -> Option<Self> {
+        self.0.retain(|job| !others.contains(*job));
+        (!self.0.is_empty()).then_some(self)
+    }
+
     /// Whether this job was asked for.
     pub fn contains(&self, job: JobId) -> bool {
         self.0.contains(&job)

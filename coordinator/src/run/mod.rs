@@ -9,6 +9,7 @@ mod driver;
 mod error;
 pub mod fitness_batch;
 mod fitness_check;
+mod foresight;
 pub mod front;
 pub mod matching;
 pub mod progress;

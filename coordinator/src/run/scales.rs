@@ -42,7 +42,7 @@ impl Scales {
             return Ok(());
         }
         let found = client.scales(missing.tasks.clone(), &missing.needed_by, watch).await?;
-        self.add(missing, &found);
+        self.add((missing, found));
         Ok(())
     }
 
@@ -68,7 +68,7 @@ impl Scales {
     }
 
     /// Takes in the scales that were missing, in their order.
-    pub fn add(&mut self, missing: MissingScales, found: &[Finished<FoundScale>]) {
+    pub fn add(&mut self, (missing, found): (MissingScales, Vec<Finished<FoundScale>>)) {
         for ((channel, set), index) in missing.channels {
             self.0.entry(set).or_default().insert(channel, found[index].result.clone());
         }

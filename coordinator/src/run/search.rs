@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use descriptor::Descriptor;
-use evolution::{Found, Score, Search, StopReason};
+use evolution::{Found, Individual, Score, Search, StopReason};
 use results::RunFolder;
 
 use crate::experiment::Experiment;
@@ -16,13 +16,13 @@ use crate::run::RunError;
 use crate::run::contradiction::{check_used, remembered_wrongly};
 use crate::run::fitness_batch::{Answer, FitnessBatch};
 use crate::run::fitness_check::nothing_recognised;
+use crate::run::foresight::{Beforehand, Foresight};
 use crate::run::front::FrontPoint;
 use crate::run::matching::Matching;
 use crate::run::progress::{GenerationReport, Progress};
 use crate::run::rows;
 use crate::run::scales::Scales;
 use crate::run::search_space::decode;
-use crate::run::sets::with_weight;
 use crate::run::splits::ONLY_SET;
 use crate::session::Session;
 use crate::tasks;
@@ -75,6 +75,8 @@ pub struct SearchLoop<'a> {
     least_cost: u64,
     computed: u64,
     remembered: u64,
+    /// What workers do that the current generation leaves idle.
+    beforehand: Beforehand<'a>,
 }
 
 impl<'a> SearchLoop<'a> {
@@ -98,6 +100,7 @@ impl<'a> SearchLoop<'a> {
                 });
             }
         }
+        let beforehand = Beforehand::new(experiment, session, client.id());
         Self {
             experiment,
             session,
@@ -111,6 +114,7 @@ impl<'a> SearchLoop<'a> {
             least_cost: u64::MAX,
             computed: 0,
             remembered: 0,
+            beforehand,
         }
     }
 
@@ -129,7 +133,13 @@ impl<'a> SearchLoop<'a> {
     }
 
     /// Evaluates generation after generation until the search ends, and writes each to the run folder.
-    pub async fn run(
+    pub async fn run(&mut self, search: Search, folder: &mut RunFolder) -> Result<SearchResult, RunError> {
+        let done = self.generations(search, folder).await;
+        self.beforehand.take().shutdown().await;
+        done
+    }
+
+    async fn generations(
         &mut self,
         mut search: Search,
         folder: &mut RunFolder,
@@ -143,7 +153,7 @@ impl<'a> SearchLoop<'a> {
             search.keep_first(descriptors.len());
             let population = search.ask().to_vec();
             self.drop_wrong()?;
-            let computed = self.evaluate_new(&descriptors).await?;
+            let computed = self.evaluate_new(&search, &descriptors).await?;
             let measured: Vec<Measured> =
                 descriptors.iter().map(|descriptor| self.counts.train[descriptor]).collect();
             let (experiment, fitness) = (self.experiment, self.experiment.fitness());
@@ -153,8 +163,8 @@ impl<'a> SearchLoop<'a> {
             let validation = match search.to_validate(&scores) {
                 Some(index) => {
                     let next;
-                    (search, next) = self.foreseen(search, (&descriptors, &scores)).await;
-                    self.validate(&[&descriptors[index as usize]], &next).await?.pop()
+                    (search, next) = self.foresee(search, &scores).await;
+                    self.validate(&[&descriptors[index as usize]], next).await?.pop()
                 }
                 None => None,
             };
@@ -280,6 +290,7 @@ impl<'a> SearchLoop<'a> {
     /// it.
     async fn evaluate_new(
         &mut self,
+        search: &Search,
         descriptors: &[Descriptor],
     ) -> Result<BTreeMap<usize, Finished<EvaluationResult>>, RunError> {
         let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
@@ -297,8 +308,19 @@ impl<'a> SearchLoop<'a> {
         self.computed += new.len() as u64;
         self.remembered += (descriptors.len() - new.len()) as u64;
         self.use_remembered(descriptors.iter(), Matching::Train).await?;
+        let mut foresight = self.foresight(search, descriptors, &new);
         let descriptors: Vec<&Descriptor> = new.iter().map(|&(_, descriptor)| descriptor).collect();
-        let finished = self.measure(&descriptors, Matching::Train, &[]).await?;
+        // What was foreseen is asked for now; before that it must not be given up.
+        let mut foreseen = self.beforehand.take();
+        let experiment = self.experiment;
+        let foresee = |measured: &[(usize, Measured)]| {
+            for &(index, ref measured) in measured {
+                foresight.take(index, experiment.score(descriptors[index], measured));
+            }
+            foresight.individuals()
+        };
+        let finished = self.measure(&descriptors, Matching::Train, foresee).await?;
+        foreseen.shutdown().await;
         self.progress.counted(self.computed, self.remembered);
         let mut computed = BTreeMap::new();
         for ((index, descriptor), Answer { measured, set_errors, first }) in new.into_iter().zip(finished) {
@@ -307,6 +329,28 @@ impl<'a> SearchLoop<'a> {
             computed.insert(index, first);
         }
         Ok(computed)
+    }
+
+    /// What can be foreseen while the descriptors that are `new` are evaluated, each with the first individual of the
+    /// generation that stands for it.
+    fn foresight<'s>(
+        &self,
+        search: &'s Search,
+        descriptors: &[Descriptor],
+        new: &[(usize, &Descriptor)],
+    ) -> Foresight<'s> {
+        let places: BTreeMap<&Descriptor, usize> =
+            new.iter().map(|&(_, descriptor)| descriptor).zip(0..).collect();
+        let mut waiting = vec![Vec::new(); new.len()];
+        let score = |(index, descriptor)| match places.get(descriptor) {
+            Some(&place) => {
+                waiting[place].push(index);
+                None
+            }
+            None => Some(self.experiment.score(descriptor, &self.counts.train[descriptor])),
+        };
+        let scores = descriptors.iter().enumerate().map(score).collect();
+        Foresight::new(search, self.first_met.len() as u64, (scores, waiting))
     }
 
     /// Uses what earlier runs have left of these descriptors, a share of it only after it was computed again.
@@ -368,55 +412,44 @@ impl<'a> SearchLoop<'a> {
         check_used(cluster, &self.counts)
     }
 
-    /// The descriptors that the next generation will evaluate, as far as it is certain that there is one, if they need scales.
-    async fn foreseen(
-        &self,
-        search: Search,
-        (current, scores): (&[Descriptor], &[Score]),
-    ) -> (Search, Vec<Descriptor>) {
-        let needs_scales = |one: &Descriptor| one.scaled_channels().iter().any(Option::is_some);
-        if !current.iter().any(needs_scales) {
-            return (search, Vec::new()); // nor does any other of the family
-        }
+    /// The individuals of the next generation that will be evaluated, as far as it is certain that there is one.
+    async fn foresee(&self, search: Search, scores: &[Score]) -> (Search, Vec<Individual>) {
         let met = self.first_met.len() as u64;
-        let left = search.evaluations_left(met);
-        let scores = scores.to_vec();
+        let (mut left, scores) = (search.evaluations_left(met), scores.to_vec());
         let (search, next) =
             apart(search, move |search| search.foresee(&scores, met).map(<[_]>::to_vec)).await;
-        let mut foreseen = BTreeSet::new();
-        for individual in next.unwrap_or_default() {
-            let descriptor = decode(self.experiment.space(), &individual);
-            if !self.experiment.affords(&descriptor) || self.counts.train.contains(&descriptor) {
-                continue;
-            }
-            if left.is_some_and(|left| foreseen.len() as u64 >= left) {
-                break;
-            }
-            foreseen.insert(descriptor);
-        }
-        (search, foreseen.into_iter().collect())
+        let mut next = next.unwrap_or_default();
+        next.retain(|individual| {
+            let descriptor = decode(self.experiment.space(), individual);
+            let is_new = !self.counts.train.contains(&descriptor) && left != Some(0);
+            left = left.map(|left| left - u64::from(is_new));
+            is_new
+        });
+        (search, next)
     }
 
-    /// Measures descriptors by the fitness, and finds the scales that they lack. Workers that are left over find those of
-    /// `next`, which are measured next.
+    /// Measures descriptors by the fitness, and finds the scales that they lack. `foresee` says which individuals are certain
+    /// by now, when it is told which descriptors have what; these are evaluated beforehand.
     async fn measure(
         &mut self,
         descriptors: &[&Descriptor],
         matching: Matching,
-        next: &[Descriptor],
+        mut foresee: impl FnMut(&[(usize, Measured)]) -> Vec<Individual>,
     ) -> Result<Vec<Answer>, ClusterError> {
-        let Self { client, progress, scales, session, experiment, .. } = self;
-        let (fitness, weights) = (experiment.fitness(), experiment.set_weights(session.splits.dataset()));
-        let of_all: Vec<&Descriptor> = descriptors.iter().copied().chain(next).collect();
-        let missing = scales.missing(&of_all, &with_weight(&weights), &session.splits);
-        let of = (&*scales, &missing);
-        let batch = FitnessBatch::new((fitness, &weights), &session.splits, of, descriptors, matching);
-        let watch = |news: &ClusterNews, descriptors: u64| match matching {
-            Matching::Train => progress.evaluated(news, descriptors),
-            Matching::Validation | Matching::Test => progress.news(news),
+        let Self { client, progress, scales, session, experiment, counts, beforehand, .. } = self;
+        let known = &counts.train;
+        let weights = experiment.set_weights(session.splits.dataset());
+        let fitness = (experiment.fitness(), &weights[..]);
+        let batch = FitnessBatch::new(fitness, &session.splits, scales, descriptors, matching);
+        let watch = |news: &ClusterNews, evaluated: u64, measured: &[(usize, Measured)]| {
+            match matching {
+                Matching::Train => progress.evaluated(news, evaluated),
+                Matching::Validation | Matching::Test => progress.news(news),
+            }
+            beforehand.evaluate(&foresee(measured), known, scales);
         };
-        let (answers, found) = batch.evaluate(client, &missing, watch).await?;
-        scales.add(missing, &found);
+        let (answers, found) = batch.evaluate(client, watch).await?;
+        scales.add(found);
         Ok(answers)
     }
 
@@ -424,11 +457,11 @@ impl<'a> SearchLoop<'a> {
         nothing_recognised(self.experiment, self.session.splits.dataset(), matching)
     }
 
-    /// Descriptors on the validation set; `next` as for [`SearchLoop::measure`].
+    /// Descriptors on the validation set. Meanwhile, the individuals that are evaluated `next` are begun with.
     async fn validate(
         &mut self,
         descriptors: &[&Descriptor],
-        next: &[Descriptor],
+        mut next: Vec<Individual>,
     ) -> Result<Vec<Measured>, RunError> {
         let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
         for &descriptor in descriptors {
@@ -443,7 +476,7 @@ impl<'a> SearchLoop<'a> {
             }
         }
         self.use_remembered(descriptors.iter().copied(), Matching::Validation).await?;
-        let finished = self.measure(&new, Matching::Validation, next).await?;
+        let finished = self.measure(&new, Matching::Validation, |_| std::mem::take(&mut next)).await?;
         for (descriptor, Answer { measured, .. }) in new.into_iter().zip(finished) {
             self.counts.validation.insert(self.bytes(descriptor), measured);
         }
@@ -461,7 +494,11 @@ impl<'a> SearchLoop<'a> {
             points.iter().map(|point| decode(space, &point.individual)).collect();
         let has_validation = !self.session.splits.dataset().splits.validation.is_empty();
         let validated = if has_validation {
-            self.validate(&descriptors.iter().collect::<Vec<_>>(), &[]).await?.into_iter().map(Some).collect()
+            self.validate(&descriptors.iter().collect::<Vec<_>>(), Vec::new())
+                .await?
+                .into_iter()
+                .map(Some)
+                .collect()
         } else {
             vec![None; points.len()]
         };

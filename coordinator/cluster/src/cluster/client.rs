@@ -58,8 +58,8 @@ pub struct DescriptionAnswer {
 const OWN_JOINS_WITHIN: Duration = Duration::from_secs(10);
 
 impl Client {
-    pub(super) fn new(cluster: &Arc<Cluster>) -> Self {
-        let (id, wakeup) = cluster.state().clients.join();
+    pub(super) fn new(cluster: &Arc<Cluster>, owner: Option<ClientId>) -> Self {
+        let (id, wakeup) = cluster.state().clients.join(owner);
         Self { id, cluster: Arc::clone(cluster), wakeup }
     }
 
@@ -99,14 +99,16 @@ impl Client {
     pub async fn evaluate(
         &mut self,
         evaluations: Vec<Evaluation>,
-        watch: impl FnMut(&ClusterNews),
+        mut watch: impl FnMut(&ClusterNews),
     ) -> Result<Vec<Finished<EvaluationResult>>, ClusterError> {
         let evaluations = evaluations.into_iter().map(AwaitingScales::from).collect();
+        let watch = |news: &ClusterNews, _: &[(usize, &EvaluationResult)]| watch(news);
         Ok(self.evaluate_and_scale(evaluations, (Vec::new(), &[]), watch).await?.0)
     }
 
     /// Evaluates and asks for scales at the same time, as one that waits for the other leaves workers idle: see
-    /// [`Client::evaluate`] and [`Client::scales`]. An evaluation begins when the scales that it awaits are found.
+    /// [`Client::evaluate`] and [`Client::scales`]. An evaluation begins when the scales that it awaits are found. `watch` is
+    /// also shown the evaluations that were finished, by index.
     ///
     /// # Errors
     /// As for evaluations.
@@ -114,24 +116,25 @@ impl Client {
         &mut self,
         evaluations: Vec<AwaitingScales>,
         (scales, needed_by): (Vec<Scale>, &[DescriptorBytes]),
-        mut watch: impl FnMut(&ClusterNews),
+        mut watch: impl FnMut(&ClusterNews, &[(usize, &EvaluationResult)]),
     ) -> Result<(Vec<Finished<EvaluationResult>>, Vec<Finished<FoundScale>>), ClusterError> {
         let has_scales = !scales.is_empty();
         if has_scales {
             let expected = Expected::new(needed_by, self.cluster.limits.channels_of);
             self.cluster.state().scheduler.expect(self.id, expected);
         }
-        let (cluster, mut batch) = (Arc::clone(&self.cluster), Batch::new(evaluations));
-        let mut tasks = cluster.begin_ready(&mut batch, scales.len());
+        let (id, cluster, mut batch) = (self.id, Arc::clone(&self.cluster), Batch::new(evaluations));
+        let mut tasks = cluster.begin_ready(id, &mut batch, scales.len());
         tasks.extend(cluster.begin_scales(&mut batch, scales));
         self.perform(tasks, |news, finished| {
-            let (evaluated, mut further) = (batch.evaluated(), Vec::new());
+            let mut further = Vec::new();
             for (place, finished) in finished {
                 further.extend(batch.take(place, finished));
             }
-            further.extend(cluster.begin_ready(&mut batch, 0));
-            news.finished = batch.evaluated() - evaluated;
-            watch(news);
+            further.extend(cluster.begin_ready(id, &mut batch, 0));
+            let evaluated = batch.evaluated();
+            news.finished = evaluated.len();
+            watch(news, &evaluated);
             Ok::<_, ClusterError>(further)
         })
         .await?;
@@ -168,8 +171,9 @@ impl Client {
         &mut self,
         scales: Vec<Scale>,
         needed_by: &[DescriptorBytes],
-        watch: impl FnMut(&ClusterNews),
+        mut watch: impl FnMut(&ClusterNews),
     ) -> Result<Vec<Finished<FoundScale>>, ClusterError> {
+        let watch = |news: &ClusterNews, _: &[(usize, &EvaluationResult)]| watch(news);
         Ok(self.evaluate_and_scale(Vec::new(), (scales, needed_by), watch).await?.1)
     }
 

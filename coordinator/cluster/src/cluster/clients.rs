@@ -28,7 +28,7 @@ pub(super) struct Clients {
 pub(super) struct Account {
     /// What it has asked for since it began.
     names: JobNames,
-    /// What it had asked for before it began again.
+    /// What it had asked for before it began again, or what was asked for beforehand and not by itself.
     past: Vec<JobNames>,
     /// How many of its jobs have no result.
     waits_for: usize,
@@ -76,17 +76,24 @@ impl Account {
 }
 
 impl Clients {
-    /// A new client, and what wakes it when there is news for it.
-    pub(super) fn join(&mut self) -> (ClientId, Arc<Notify>) {
+    /// A new client, of another that will ask for what it asks for, if there is one; and what wakes it when there is news for
+    /// it.
+    pub(super) fn join(&mut self, owner: Option<ClientId>) -> (ClientId, Arc<Notify>) {
         self.joined += 1;
-        let (id, account) = (ClientId(self.joined), Account::default());
+        let id = owner.map_or(ClientId::new(self.joined), |owner| owner.foresight(self.joined));
+        let account = Account::default();
         let wakeup = Arc::clone(&account.wakeup);
         self.accounts.insert(id, account);
         (id, wakeup)
     }
 
+    /// What one has foreseen concerns its owner from here on.
     pub(super) fn leave(&mut self, id: ClientId) {
-        self.accounts.remove(&id);
+        let Some(account) = self.accounts.remove(&id).filter(|_| id.foresees()) else { return };
+        if let Some(owner) = self.accounts.get_mut(&id.owner()) {
+            let unasked = account.names.without(&owner.names);
+            owner.past.extend(unasked);
+        }
     }
 
     pub(super) fn account(&mut self, id: ClientId) -> &mut Account {
@@ -147,9 +154,9 @@ impl Clients {
         jobs.is_check(job) || is_its_own() || !self.shared && !jobs.was_asked(job)
     }
 
-    /// Who has asked for a job, the first of several.
+    /// Who has asked for a job or will ask for it, the first of several.
     pub(super) fn asker(&self, job: JobId) -> Option<ClientId> {
-        self.accounts.iter().find(|(_, account)| account.has_asked(job)).map(|(id, _)| *id)
+        self.accounts.iter().find(|(_, account)| account.has_asked(job)).map(|(id, _)| id.owner())
     }
 
     /// Tells all of them that results may be wrong.

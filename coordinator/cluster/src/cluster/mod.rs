@@ -192,7 +192,13 @@ impl Cluster {
 
     /// A new client. All clients have to be made before the first of them submits anything ([`Cluster::begun`]).
     pub fn client(self: &Arc<Self>) -> Client {
-        Client::new(self)
+        Client::new(self, None)
+    }
+
+    /// A client that asks beforehand for what another will ask for: its tasks are for workers that have nothing else to do,
+    /// and their results are kept for the other. When it is dropped, those that nobody has begun or asked for are given up.
+    pub fn foresight(self: &Arc<Self>, owner: ClientId) -> Client {
+        Client::new(self, Some(owner))
     }
 
     /// How often a busy worker has to poll: several polls may be lost before its lease ends.
@@ -366,13 +372,13 @@ impl Cluster {
 
     /// Begins the evaluations of a batch that wait for no scale any more, whole or sharded as it is decided, and returns
     /// their first tasks. So many scales are about to be asked for.
-    fn begin_ready(&self, batch: &mut Batch, scales: usize) -> Vec<Task> {
+    fn begin_ready(&self, client: ClientId, batch: &mut Batch, scales: usize) -> Vec<Task> {
         let ready = batch.take_ready();
         if ready.is_empty() {
             return Vec::new();
         }
         let (places, evaluations): (Vec<usize>, Vec<Evaluation>) = ready.into_iter().unzip();
-        let plans = self.state().plan(&evaluations, (batch.waiting(), scales));
+        let plans = self.state().plan(client, &evaluations, (batch.waiting(), scales));
         let mut layouts = lock(&self.layouts);
         let planned = places.into_iter().zip(evaluations).zip(plans);
         let begin =

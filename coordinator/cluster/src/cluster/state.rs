@@ -157,6 +157,7 @@ impl ClusterState {
             if finished.assurance == Assurance::Owed {
                 self.scheduler.audit(&task, &finished, client, now); // an earlier start could not
             }
+            self.scheduler.share(job, client, now); // it may be audited still, for one that only foresaw it
             self.clients.deliver_one(client, finished);
             return job;
         }
@@ -164,7 +165,7 @@ impl ClusterState {
         if jobs.wait_for(job, &task, client) {
             self.scheduler.submit(job, task, client, now);
         } else {
-            self.scheduler.share(job, client);
+            self.scheduler.share(job, client, now);
         }
         job
     }
@@ -173,11 +174,12 @@ impl ClusterState {
     /// shards and tiles are of no use to any other plan. Others are `waiting`, and so many scales are about to be asked for.
     pub(super) fn plan(
         &mut self,
+        client: ClientId,
         evaluations: &[Evaluation],
         (waiting, scales): (Waiting, usize),
     ) -> Vec<Option<ShardPlan>> {
         let workers = self.scheduler.worker_count();
-        let load = Load { jobs: self.scheduler.open_jobs() + scales, workers };
+        let load = Load { jobs: self.scheduler.open_jobs(client.foresees()) + scales, workers };
         let new = self.planner.decide(evaluations, waiting, load, &mut self.scheduler.jobs);
         self.planned(new, evaluations.iter().map(|one| Task::Evaluation(one.clone())))
     }
@@ -249,7 +251,9 @@ impl ClusterState {
     /// A client will submit nothing more.
     pub(super) fn leave(&mut self, client: ClientId) {
         self.clients.leave(client);
-        self.scheduler.forget_client(client);
+        for job in self.scheduler.forget_client(client) {
+            self.scheduler.jobs.give_up(job);
+        }
     }
 
     /// Draws the consequences of what the scheduler has decided since the last call.

@@ -1,6 +1,7 @@
 //! The cluster as workers and clients use it: polls, acknowledgements, the clock, failures.
 
 mod dismissal;
+mod foresight;
 mod sharing;
 
 use super::*;
@@ -248,7 +249,7 @@ async fn an_evaluation_is_handed_out_once_its_own_scale_is_on_the_disk_and_befor
             awaited: vec![(0, 0)],
         };
         let scales = [5, 6].map(scale).to_vec();
-        async move { cluster.client().evaluate_and_scale(vec![awaiting], (scales, &[]), |_| {}).await }
+        async move { cluster.client().evaluate_and_scale(vec![awaiting], (scales, &[]), |_, _| {}).await }
     });
     let workers = [("one", 1), ("two", 2), ("three", 3)].map(|(name, address)| {
         let introduction = Introduction::sample(name, address);
@@ -299,7 +300,7 @@ async fn scales_and_evaluations_that_are_sharded_at_the_same_time_are_told_from_
     let asked = Evaluation { query: split.clone(), database: split.clone(), ..evaluation() };
     let mut client = cluster.client();
     let scales = [5, 6, 7].map(|number| Scale { splits: split.clone(), ..scale(number) });
-    let asked = client.evaluate_and_scale(vec![asked.into()], (scales.to_vec(), &[]), |_| {});
+    let asked = client.evaluate_and_scale(vec![asked.into()], (scales.to_vec(), &[]), |_, _| {});
     let work = async {
         let id = WorkerId([1; 16]);
         cluster.register(id, Introduction::sample("one", 1)).unwrap();

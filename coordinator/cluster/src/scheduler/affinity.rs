@@ -53,7 +53,8 @@ impl Scheduler {
     ) -> Option<JobId> {
         let mut best: Option<(u64, JobId)> = None;
         for (job_id, job) in jobs.take(CHOICE) {
-            let is_urgent = best.is_none() && now.saturating_duration_since(job.submitted) > LONGEST_WAIT;
+            let has_waited = now.saturating_duration_since(job.submitted) > LONGEST_WAIT;
+            let is_urgent = best.is_none() && has_waited && !job.is_foreseen();
             let may_take = |other| {
                 self.workers.get(&other).is_some_and(Worker::is_available) && self.may_take(other, job_id)
             };

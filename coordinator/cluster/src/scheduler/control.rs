@@ -42,9 +42,9 @@ impl Scheduler {
         was_paused
     }
 
-    /// Whether jobs of this client are not handed out.
+    /// Whether jobs of this client are not handed out, nor what is foreseen for it.
     pub fn is_paused(&self, client: ClientId) -> bool {
-        self.paused.contains(&client)
+        self.paused.contains(&client.owner())
     }
 
     /// Whether any client is paused; who checks for all of them does not count.
@@ -54,7 +54,7 @@ impl Scheduler {
 
     /// Whether everybody who asks for a job is paused.
     pub(super) fn is_held(&self, job: &Job) -> bool {
-        !self.paused.is_empty() && job.clients.is_subset(&self.paused)
+        !self.paused.is_empty() && job.clients.iter().all(|client| self.is_paused(*client))
     }
 
     /// The weight of a client among those that compete for workers.
@@ -71,16 +71,17 @@ impl Scheduler {
     /// Has the jobs stand in line that wait for nobody but this client, as if it asked for them now, in their order.
     fn reposition(&mut self, client: ClientId) {
         self.queue.restart_client(client);
-        let its_own = |job: &Job| job.clients.len() == 1 && job.clients.contains(&client);
+        let its_own = |job: &Job| job.clients.iter().all(|other| other.owner() == client);
         let waits = |job: &Job| its_own(job) && self.wanted(job) > job.leases.len();
         let waiting = self.jobs.iter().filter(|(_, job)| waits(job));
         let mut waiting: Vec<(QueuePosition, JobId)> = waiting.map(|(id, job)| (job.position, id)).collect();
         waiting.sort_unstable();
         for (before, id) in waiting {
-            let position = self.queue.position(client);
             self.queue.set_waiting(before, id, false);
-            if let Some(job) = self.jobs.get_mut(id) {
-                job.position = position;
+            if let Some(job) = self.jobs.get_mut(id)
+                && let Some(first) = job.clients.first()
+            {
+                job.position = self.queue.position(*first);
             }
             self.refile(id);
         }

@@ -26,6 +26,7 @@ impl Scheduler {
             self.failing.insert(job_id);
             self.fail_hopeless();
         }
+        self.refile(job_id);
     }
 
     /// Counts a failure against a worker, which may exclude it for a while.
@@ -94,6 +95,9 @@ impl Scheduler {
         if job.needs() == 0 || job.delivered {
             return false; // there is a result; whoever could confirm it may come
         }
+        if job.is_given_up() {
+            return false;
+        }
         let is_able = |id: &WorkerId| {
             let has_answered = self.identities.get(id).is_some_and(|known| known.answers > 0);
             has_answered && !self.workers.get(id).is_some_and(|worker| worker.health.is_excluded())
@@ -119,9 +123,11 @@ impl Scheduler {
     pub(super) fn count_loss(&mut self, job_id: JobId, loss: WorkerFailure) {
         let Some(job) = self.jobs.get_mut(job_id).filter(|job| job.needs() > 0) else { return };
         job.losses.push(loss);
-        if job.losses.len() >= self.limits.max_losses as usize && self.failed.is_none() {
+        let is_over = job.losses.len() >= self.limits.max_losses as usize && !job.is_given_up();
+        if is_over && self.failed.is_none() {
             let (task, failures) = (Arc::clone(&job.task), job.losses.clone());
             self.failed = Some(JobFailed { task, failures });
         }
+        self.refile(job_id);
     }
 }

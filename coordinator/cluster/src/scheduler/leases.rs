@@ -48,9 +48,13 @@ impl Scheduler {
         if !worker.is_available() || !worker.is_idle() && !self.hands_out_ahead(id) {
             return None;
         }
-        let waiting = self.queue.in_order().filter(|job| self.may_take(id, *job));
-        let waiting = waiting.filter_map(|job| Some((job, self.jobs.get(job)?)));
-        self.best_match(id, waiting, now)
+        // What is only foreseen comes last, and must not lie behind a job in hand when it is asked for.
+        let best = |jobs: &mut dyn Iterator<Item = JobId>| {
+            let may_take = jobs.filter(|job| self.may_take(id, *job));
+            self.best_match(id, may_take.filter_map(|job| Some((job, self.jobs.get(job)?))), now)
+        };
+        let foreseen = || worker.is_idle().then(|| best(&mut self.queue.foreseen())).flatten();
+        best(&mut self.queue.waited_for()).or_else(foreseen)
     }
 
     /// The job of another that this worker should take as well: only an idle one doubles the work of another.
@@ -83,7 +87,7 @@ impl Scheduler {
     /// are begun out of turn, or twice, keep a generation waiting.
     pub(super) fn hands_out_ahead(&self, id: WorkerId) -> bool {
         let expected = self.first_waiting().and_then(|job| self.run_times.expected(self.cost_to(id, job)));
-        self.queue.waiting() > self.idle && expected.is_none_or(|expected| expected <= LONGEST_AHEAD)
+        self.queue.count_waited_for() > self.idle && expected.is_none_or(|expected| expected <= LONGEST_AHEAD)
     }
 
     /// Whether the first job that waits takes all workers about as long.
@@ -92,7 +96,7 @@ impl Scheduler {
     }
 
     fn first_waiting(&self) -> Option<&Job> {
-        self.jobs.get(self.queue.in_order().next()?)
+        self.jobs.get(self.queue.waited_for().next()?)
     }
 
     /// Whether a worker may take a job that wants one: it must not work on it, nor anybody of its principal have reported a
@@ -263,15 +267,24 @@ impl Scheduler {
             return self.forget(id);
         }
         let (wanted, is_held) = (self.wanted(job), self.is_held(job));
+        let waits = self.waits(job);
         let hedge_from = match job.leases[..] {
-            [(holder, attempt)] if wanted == 1 && !is_held => self.hedge_from(id, job, holder, attempt),
+            // Nobody waits for what is only foreseen.
+            [(holder, attempt)] if wanted == 1 && !is_held && !job.is_foreseen() => {
+                self.hedge_from(id, job, holder, attempt)
+            }
             _ => None,
         };
-        let (position, waits) = (job.position, !is_held && wanted > job.leases.len());
+        let position = job.position;
         let Some(job) = self.jobs.get_mut(id) else { return };
         let before = std::mem::replace(&mut job.hedge_from, hedge_from);
         self.queue.move_covered(id, before, hedge_from);
         self.queue.set_waiting(position, id, waits);
+    }
+
+    /// Whether a job is to be handed out.
+    fn waits(&self, job: &Job) -> bool {
+        self.wanted(job) > job.leases.len() && !self.is_held(job) && !job.is_given_up()
     }
 
     /// From when on an idle worker may take the job that this one has: at once while it waits behind another; when it
@@ -327,8 +340,8 @@ impl Scheduler {
             for (holder, attempt) in &job.leases {
                 assert!(self.workers[holder].leases().contains(&(id, *attempt)), "job {id} and {holder}");
             }
-            let waits = self.queue.in_order().any(|waiting| waiting == id);
-            assert_eq!(waits, !self.is_held(job) && self.wanted(job) > job.leases.len(), "job {id} waits");
+            let waits = self.queue.waited_for().chain(self.queue.foreseen()).any(|waiting| waiting == id);
+            assert_eq!(waits, self.waits(job), "job {id} waits");
             assert!(!job.delivered || job.needs() > 0 || !job.leases.is_empty(), "job {id} is over");
         }
         assert!(self.queue.waiting() <= self.jobs.len());

@@ -102,6 +102,7 @@ impl Scheduler {
             let state = self.state_of(job);
             *jobs.entry((job.task.kind(), state)).or_default() += 1;
             let wanted = match state {
+                JobState::Queued if job.is_given_up() => 0,
                 JobState::Queued => self.wanted_now(job),
                 // What is in hand ends, also of those who are paused; nothing beside it is handed out.
                 JobState::Leased if self.is_held(job) => self.wanted_now(job).min(job.leases.len()),

@@ -8,6 +8,7 @@ mod described;
 mod failures;
 pub mod fair_queue;
 pub mod fleet;
+mod foresight;
 mod health;
 mod leases;
 mod membership;
@@ -302,26 +303,6 @@ impl Scheduler {
         self.secret.draw(job) < self.limits.audit.share
     }
 
-    /// Another client asks for a job that is there: it is handed out as early as for the one that waits less.
-    pub fn share(&mut self, id: JobId, client: ClientId) {
-        let position = self.queue.position(client);
-        let Some(job) = self.jobs.get_mut(id) else { return };
-        job.clients.insert(client);
-        let before = job.position;
-        job.position = position.min(before);
-        self.queue.set_waiting(before, id, false);
-        self.refile(id);
-    }
-
-    /// A client will submit no more jobs.
-    pub fn forget_client(&mut self, client: ClientId) {
-        self.queue.forget_client(client);
-        self.expected.remove(&client);
-        if self.paused.remove(&client) {
-            self.refile_all();
-        }
-    }
-
     /// Notes a sign of life that cannot be answered yet.
     pub fn heard_from(&mut self, (id, principal): Caller, now: Instant) {
         if let Some(worker) = self.workers.get_mut(&id).filter(|worker| worker.principal == principal) {
@@ -472,9 +453,9 @@ impl Scheduler {
         self.present.contains_key(&Principal::Coordinator)
     }
 
-    /// How many jobs have no result.
-    pub fn open_jobs(&self) -> usize {
-        self.jobs.iter().filter(|(_, job)| !job.delivered).count()
+    /// How many jobs have no result, of those that are only foreseen or of the others.
+    pub fn open_jobs(&self, foreseen: bool) -> usize {
+        self.jobs.iter().filter(|(_, job)| !job.delivered && job.is_foreseen() == foreseen).count()
     }
 
     /// Whether this worker is registered.
@@ -507,11 +488,12 @@ impl Scheduler {
     /// are jobs. Each should ask for it soon by [`Scheduler::lease_later`].
     pub fn wake(&mut self, now: Instant) -> Vec<WorkerId> {
         let mut wakeups = self.queue.wakeups(now);
-        let mut woken = Vec::new();
+        let (mut woken, mut waited_for) = (Vec::new(), self.queue.count_waited_for());
         let mut looks = Looks { ahead: MOST_LOOKS, hedges: MOST_LOOKS };
         if wakeups > 0 {
             for (busy, id) in self.queue.idle_polls() {
-                if wakeups == 0 || busy && looks.ahead == 0 {
+                // What is only foreseen is not for busy ones.
+                if wakeups == 0 || busy && (looks.ahead == 0 || waited_for == 0) {
                     break;
                 }
                 if busy && !self.hands_out_ahead(id) {
@@ -527,6 +509,7 @@ impl Scheduler {
                 if self.next_waiting(id, now).is_some() || is_late() {
                     woken.push(id);
                     wakeups -= 1;
+                    waited_for = waited_for.saturating_sub(1);
                 }
             }
         }
@@ -537,8 +520,9 @@ impl Scheduler {
     }
 
     fn notice_undecided(&mut self, now: Instant) {
-        let undecided =
-            self.disputed.iter().filter_map(|id| self.jobs.get(*id)).find(|job| !self.somebody_else(job));
+        let disputed = self.disputed.iter().filter_map(|id| self.jobs.get(*id));
+        let mut needed = disputed.filter(|job| job.delivered || !job.is_foreseen());
+        let undecided = needed.find(|job| !self.somebody_else(job));
         match (undecided, self.undecided_since) {
             (Some(job), None) => {
                 let task = job.task.to_string();

@@ -15,6 +15,8 @@ const MAX_HEDGES_AT_ONCE: usize = 16;
 pub(super) struct Queue {
     /// Jobs that need more results than they have leases, by position.
     waiting: BTreeMap<QueuePosition, JobId>,
+    /// How many of them are only foreseen.
+    foreseen: usize,
     fair_queue: FairQueue,
     /// Jobs that need the one result of the one lease they have, by when a second worker may take them.
     covered: BTreeSet<(Instant, JobId)>,
@@ -30,9 +32,19 @@ impl Queue {
         self.waiting.len()
     }
 
-    /// The jobs that wait, in order.
-    pub(super) fn in_order(&self) -> impl Iterator<Item = JobId> {
-        self.waiting.values().copied()
+    /// How many jobs wait that somebody waits for.
+    pub(super) fn count_waited_for(&self) -> usize {
+        self.waiting.len() - self.foreseen
+    }
+
+    /// The jobs that wait and that somebody waits for, in order.
+    pub(super) fn waited_for(&self) -> impl Iterator<Item = JobId> {
+        self.waiting.values().take(self.count_waited_for()).copied()
+    }
+
+    /// The jobs that wait and that are only foreseen, in order.
+    pub(super) fn foreseen(&self) -> impl Iterator<Item = JobId> {
+        self.waiting.values().rev().take(self.foreseen).rev().copied()
     }
 
     /// The position of a client's next job.
@@ -63,10 +75,9 @@ impl Queue {
     }
 
     pub(super) fn set_waiting(&mut self, position: QueuePosition, job: JobId, waits: bool) {
-        if waits {
-            self.waiting.insert(position, job);
-        } else {
-            self.waiting.remove(&position);
+        let waited = if waits { self.waiting.insert(position, job) } else { self.waiting.remove(&position) };
+        if position.is_foreseen() {
+            self.foreseen = self.foreseen + usize::from(waits) - usize::from(waited.is_some());
         }
     }
 

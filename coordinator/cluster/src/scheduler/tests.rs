@@ -4,6 +4,7 @@ mod affinity;
 mod control;
 mod cost;
 mod failures;
+mod foresight;
 mod metrics;
 mod opinions;
 mod principals;
@@ -97,7 +98,7 @@ impl Bench {
     }
 
     fn submit(&mut self) -> JobId {
-        self.submit_for(ClientId(1))
+        self.submit_for(ClientId::new(1))
     }
 
     fn submit_for(&mut self, client: ClientId) -> JobId {
@@ -312,7 +313,7 @@ fn a_description_that_its_family_refuses_is_a_failure() {
     let shard =
         proto::task::Description { subject: Subject::sample(1), manifest: Digest([1; 32]), clouds: 3 };
     let task = Arc::new(Task::Description(shard));
-    bench.scheduler.submit(task.job(0), Arc::clone(&task), ClientId(1), bench.now);
+    bench.scheduler.submit(task.job(0), Arc::clone(&task), ClientId::new(1), bench.now);
     let described = |byte| Ok(TaskResult::Description(Described::new(vec![byte; 24])));
     let lease = bench.take(1);
     bench.report(1, lease, described(7));
@@ -444,7 +445,7 @@ fn a_job_that_takes_long_is_not_taken_ahead() {
 fn idle_turns(clients: u32) -> usize {
     let mut bench = Bench::new(4);
     let mut runs: Vec<(ClientId, u32, BTreeSet<JobId>)> =
-        (1..=clients).map(|client| (ClientId(client), 6, BTreeSet::new())).collect();
+        (1..=clients).map(|client| (ClientId::new(client), 6, BTreeSet::new())).collect();
     let mut idle = 0;
     loop {
         for (client, generations, open) in &mut runs {
@@ -478,7 +479,7 @@ fn clients_fill_each_others_gaps_at_the_ends_of_generations() {
 fn a_job_that_another_asks_for_too_is_handed_out_as_early_as_for_the_one_that_waits_less() {
     let mut bench = Bench::new(1);
     let jobs: Vec<JobId> = (0..20).map(|_| bench.submit()).collect();
-    bench.scheduler.share(jobs[15], ClientId(2));
+    bench.scheduler.share(jobs[15], ClientId::new(2), bench.now);
     bench.scheduler.check_invariants();
     let order: Vec<JobId> = bench.poll(1, &[], 20).jobs.iter().map(|(lease, _)| lease.job).collect();
     assert_eq!((order.len(), order[1]), (20, jobs[15]));

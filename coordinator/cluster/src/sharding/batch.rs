@@ -48,7 +48,8 @@ pub struct Batch {
     ready: Vec<usize>,
     /// What each task so far belongs to.
     tasks: Vec<Part>,
-    evaluated: usize,
+    /// Evaluations that were done since somebody has looked.
+    evaluated: Vec<usize>,
 }
 
 /// An evaluation or a scale.
@@ -164,7 +165,7 @@ impl Batch {
         };
         if let Some(result) = result {
             self.evaluations[index] = State::Done(Box::new(result));
-            self.evaluated += 1;
+            self.evaluated.push(index);
         }
         let number = |(subtask, task)| self.number(Part::Evaluation(index, Some(subtask)), task);
         further.into_iter().map(number).collect()
@@ -205,9 +206,13 @@ impl Batch {
         }
     }
 
-    /// How many evaluations are done.
-    pub fn evaluated(&self) -> usize {
-        self.evaluated
+    /// The evaluations that were done since the last call, by index.
+    pub fn evaluated(&mut self) -> Vec<(usize, &EvaluationResult)> {
+        let result = |index: usize| match &self.evaluations[index] {
+            State::Done(finished) => Some((index, &finished.result)),
+            State::Waiting(..) | State::Whole | State::Sharded(..) => None,
+        };
+        std::mem::take(&mut self.evaluated).into_iter().filter_map(result).collect()
     }
 
     /// The results of evaluations and of scales, in their order, of those that are done.

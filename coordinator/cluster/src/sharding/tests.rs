@@ -273,7 +273,7 @@ fn carry_out_with(
         }
     }
     assert_eq!(batch.waiting(), Waiting::default());
-    assert_eq!(batch.evaluated(), evaluations.len());
+    assert_eq!(batch.evaluated().len(), evaluations.len());
     (batch.finish(), given)
 }
 

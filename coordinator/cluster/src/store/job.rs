@@ -117,6 +117,18 @@ impl Job {
         self.find(worker, attempt).map_or(self.submitted, |handed_out| handed_out.at)
     }
 
+    /// Whether nobody waits for it yet.
+    pub fn is_foreseen(&self) -> bool {
+        self.clients.iter().all(|client| client.foresees())
+    }
+
+    /// Whether it has failed and is tried again when somebody waits for it: what may never be asked for must not go through
+    /// all workers, nor end a run.
+    pub fn is_given_up(&self) -> bool {
+        let has_failed = !self.failures.is_empty() || !self.losses.is_empty();
+        has_failed && !self.delivered && self.is_foreseen()
+    }
+
     /// Notes the attempts that earlier starts have made, in order.
     pub fn restore_attempts(&mut self, attempts: &[(WorkerId, u32)], now: Instant) {
         let kept = attempts.iter().rev().take(MAX_ATTEMPTS).rev();

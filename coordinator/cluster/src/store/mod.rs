@@ -224,6 +224,18 @@ impl JobStore {
         })
     }
 
+    /// Nobody waits for the result of a job any more, nor will.
+    pub fn give_up(&mut self, job: JobId) {
+        self.take_waiting(job);
+        let says_nothing = |entry: &mut Entry| {
+            entry.asked = false;
+            entry.plan.flatten().is_none() && entry.recorded.is_none() && entry.unfinished.is_none()
+        };
+        if self.entries.get_mut(&job).is_some_and(says_nothing) {
+            self.entries.remove(&job);
+        }
+    }
+
     /// The clients that wait for the result of a job, and its task: they wait no longer.
     pub fn take_waiting(&mut self, job: JobId) -> Option<(Arc<Task>, Vec<ClientId>)> {
         self.change_if_any(job, |entry| entry.take(|unfinished| unfinished.waiting.take())?)

@@ -262,13 +262,13 @@ fn of_a_job_that_is_done_there_is_no_entry_and_its_result_and_who_asked_are_know
         Job::new(
             task.clone(),
             JobChannels::default(),
-            (ClientId(1), QueuePosition::default()),
+            (ClientId::new(1), QueuePosition::default()),
             Instant::now(),
         )
     };
     store.ask(job);
     store.set_plan(job, None);
-    assert!(store.wait_for(job, &task, ClientId(1)));
+    assert!(store.wait_for(job, &task, ClientId::new(1)));
     store.open(job, open());
     assert!(store.take_waiting(job).is_some());
     store.accept(&task, &finished(job, GOOD, 5));
@@ -300,8 +300,8 @@ fn equal_questions_share_one_entry() {
     let job = task(8).job(0);
     store.ask(job);
     assert!(store.was_asked(job));
-    assert!(store.wait_for(job, &task(8), ClientId(1)));
-    assert!(!store.wait_for(job, &task(8), ClientId(2)));
-    assert_eq!(store.take_waiting(job), Some((task(8), vec![ClientId(1), ClientId(2)])));
+    assert!(store.wait_for(job, &task(8), ClientId::new(1)));
+    assert!(!store.wait_for(job, &task(8), ClientId::new(2)));
+    assert_eq!(store.take_waiting(job), Some((task(8), vec![ClientId::new(1), ClientId::new(2)])));
     assert_eq!(store.take_waiting(job), None);
 }

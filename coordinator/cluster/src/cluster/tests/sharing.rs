@@ -6,12 +6,17 @@ use super::*;
 use crate::events::{ControlAction, Controlled};
 use crate::scheduler::ClientId;
 
-fn evaluation_of(number: u32) -> Evaluation {
+pub(super) fn evaluation_of(number: u32) -> Evaluation {
     Evaluation::sample(number, 9, 9)
 }
 
 /// A worker that recognises as many clouds as `correct` has for the number; counts its results.
-async fn labour(cluster: &Cluster, worker: u8, answers: &Cell<usize>, correct: impl Fn(u32) -> u32) {
+pub(super) async fn labour(
+    cluster: &Cluster,
+    worker: u8,
+    answers: &Cell<usize>,
+    correct: impl Fn(u32) -> u32,
+) {
     let id = WorkerId([worker; 16]);
     let introduction = Introduction::sample("host", worker);
     let principal = introduction.principal;
@@ -39,14 +44,14 @@ async fn labour(cluster: &Cluster, worker: u8, answers: &Cell<usize>, correct: i
 }
 
 /// How many clouds each descriptor recognises, in the order of asking.
-async fn ask(client: &mut Client, bins: &[u32]) -> Result<Vec<u32>, ClusterError> {
+pub(super) async fn ask(client: &mut Client, bins: &[u32]) -> Result<Vec<u32>, ClusterError> {
     let evaluations = bins.iter().map(|&bins| evaluation_of(bins)).collect();
     let finished = client.evaluate(evaluations, |_| {}).await?;
     Ok(finished.iter().map(|finished| finished.result.object_correct).collect())
 }
 
 /// The same, where the results are there, or never will be.
-async fn ask_nobody(client: &mut Client, bins: &[u32]) -> Option<Vec<u32>> {
+pub(super) async fn ask_nobody(client: &mut Client, bins: &[u32]) -> Option<Vec<u32>> {
     tokio::select! {
         biased;
         told = ask(client, bins) => Some(told.unwrap()),

@@ -392,7 +392,10 @@ impl World {
     }
 
     fn submit(&mut self) {
-        if self.driver.is_done(&self.scheduler) {
+        let now = self.now();
+        self.driver.ask_foreseen(&mut self.scheduler, now);
+        self.look();
+        if self.generations > 0 && self.driver.is_done(&self.scheduler) {
             let now = self.now();
             for _ in 0..1 + self.below(8) {
                 self.driver.submit(&mut self.scheduler, self.next_task, now);
@@ -401,7 +404,7 @@ impl World {
             self.generations -= 1;
             self.look();
         }
-        if self.generations > 0 {
+        if self.generations > 0 || self.driver.has_foreseen() {
             self.soon(5_000, Happening::Submit);
         }
     }
@@ -437,7 +440,7 @@ impl World {
                 self.mishaps.paused += 1;
             }
             5 | 6 => {
-                let client = ClientId(self.below(CLIENTS));
+                let client = ClientId::new(self.below(CLIENTS));
                 if what == 5 && self.scheduler.pause(client) {
                     self.mishaps.held += 1;
                     self.later(Happening::Resume(client));

@@ -23,7 +23,7 @@ impl Bench {
     fn submit_task(&mut self, task: Task) -> JobId {
         let task = Arc::new(task);
         let job = self.names.next(&task);
-        self.scheduler.submit(job, task, ClientId(1), self.now);
+        self.scheduler.submit(job, task, ClientId::new(1), self.now);
         job
     }
 
@@ -64,7 +64,7 @@ impl Bench {
     fn expect(&mut self, evaluations: &[&[u8]]) {
         let descriptors: Vec<_> = evaluations.iter().map(|channels| channels.to_vec().into()).collect();
         let expected = Expected::new(&descriptors, self.scheduler.limits.channels_of);
-        self.scheduler.expect(ClientId(1), expected);
+        self.scheduler.expect(ClientId::new(1), expected);
     }
 
     /// Has a worker answer its next job.
@@ -230,10 +230,11 @@ fn a_scale_goes_to_who_has_the_other_channels_of_an_evaluation_that_waits_for_it
 
 #[test]
 fn scales_that_nobody_is_known_to_wait_for_keep_their_order() {
-    for forget in [Scheduler::expect_nothing, Scheduler::forget_client] {
+    let forget_client = |scheduler: &mut Scheduler, client| drop(scheduler.forget_client(client));
+    for forget in [Scheduler::expect_nothing, forget_client] {
         let mut bench = Bench::with_channels(1);
         bench.expect(&[&[5, 9]]); // it would come last
-        forget(&mut bench.scheduler, ClientId(1));
+        forget(&mut bench.scheduler, ClientId::new(1));
         let jobs = [5, 2, 1].map(|channel| bench.submit_scale(channel));
         assert_eq!([(); 3].map(|()| bench.answer_next(1)), jobs);
     }

@@ -9,7 +9,7 @@ fn first_of(bench: &mut Bench, jobs: usize) -> usize {
     for _ in 0..jobs {
         let lease = bench.take(1);
         first += usize::from(
-            bench.scheduler.jobs.get(lease.job).is_some_and(|job| job.clients.contains(&ClientId(1))),
+            bench.scheduler.jobs.get(lease.job).is_some_and(|job| job.clients.contains(&ClientId::new(1))),
         );
         bench.report(1, lease, good());
         bench.scheduler.check_invariants();
@@ -21,10 +21,10 @@ fn first_of(bench: &mut Bench, jobs: usize) -> usize {
 fn jobs_of_a_paused_client_are_not_handed_out_and_those_in_hand_are_accepted() {
     let mut bench = Bench::new(2);
     let [first, second] = [bench.submit(), bench.submit()];
-    let other = bench.submit_for(ClientId(2));
+    let other = bench.submit_for(ClientId::new(2));
     let lease = bench.take(1);
     assert_eq!(lease.job, first);
-    assert!(bench.scheduler.pause(ClientId(1)) && !bench.scheduler.pause(ClientId(1)));
+    assert!(bench.scheduler.pause(ClientId::new(1)) && !bench.scheduler.pause(ClientId::new(1)));
     bench.scheduler.check_invariants();
     let answer = bench.report(1, lease, good());
     assert_eq!(answer.acknowledged, [lease]);
@@ -39,7 +39,7 @@ fn jobs_of_a_paused_client_are_not_handed_out_and_those_in_hand_are_accepted() {
     bench.pass(20);
     assert!(bench.poll(2, &[], 1).jobs.is_empty());
     bench.scheduler.check_invariants();
-    assert!(bench.scheduler.resume(ClientId(1)) && !bench.scheduler.resume(ClientId(1)));
+    assert!(bench.scheduler.resume(ClientId::new(1)) && !bench.scheduler.resume(ClientId::new(1)));
     bench.scheduler.check_invariants();
     assert_eq!(bench.scheduler.wake(bench.now), [worker(2)]);
     assert_eq!(bench.take(2).job, second);
@@ -50,12 +50,12 @@ fn jobs_of_a_paused_client_are_not_handed_out_and_those_in_hand_are_accepted() {
 fn a_job_that_another_client_waits_for_is_handed_out_although_one_is_paused() {
     let mut bench = Bench::new(1);
     let job = bench.submit();
-    bench.scheduler.pause(ClientId(1));
-    bench.scheduler.share(job, ClientId(2));
+    bench.scheduler.pause(ClientId::new(1));
+    bench.scheduler.share(job, ClientId::new(2), bench.now);
     bench.scheduler.check_invariants();
-    bench.scheduler.pause(ClientId(2));
+    bench.scheduler.pause(ClientId::new(2));
     assert!(bench.poll(1, &[], 1).jobs.is_empty());
-    bench.scheduler.forget_client(ClientId(2));
+    bench.scheduler.forget_client(ClientId::new(2));
     bench.scheduler.check_invariants();
     assert_eq!(bench.take(1).job, job);
 }
@@ -71,11 +71,11 @@ fn a_job_in_hand_of_a_paused_client_is_not_doubled_when_it_takes_long() {
     }
     let job = bench.submit();
     let lease = bench.take(1);
-    bench.scheduler.pause(ClientId(1));
+    bench.scheduler.pause(ClientId::new(1));
     bench.pass(10);
     bench.poll(1, &[lease], 0);
     assert!(bench.poll(2, &[], 1).jobs.is_empty());
-    bench.scheduler.resume(ClientId(1));
+    bench.scheduler.resume(ClientId::new(1));
     assert_eq!(bench.take(2).job, job, "now it is");
 }
 
@@ -83,18 +83,18 @@ fn a_job_in_hand_of_a_paused_client_is_not_doubled_when_it_takes_long() {
 fn workers_are_shared_out_by_priority_at_once_and_a_pause_saves_up_no_turns() {
     let mut bench = Bench::new(1);
     for _ in 0..400 {
-        bench.submit_for(ClientId(1));
-        bench.submit_for(ClientId(2));
+        bench.submit_for(ClientId::new(1));
+        bench.submit_for(ClientId::new(2));
     }
     assert_eq!(first_of(&mut bench, 40), 20);
-    bench.scheduler.set_priority(ClientId(1), 3);
-    assert_eq!(bench.scheduler.priority(ClientId(1)), 3);
+    bench.scheduler.set_priority(ClientId::new(1), 3);
+    assert_eq!(bench.scheduler.priority(ClientId::new(1)), 3);
     let served = first_of(&mut bench, 40);
     assert!((29..=31).contains(&served), "{served} of 40");
-    bench.scheduler.set_priority(ClientId(1), 1);
-    bench.scheduler.pause(ClientId(1));
+    bench.scheduler.set_priority(ClientId::new(1), 1);
+    bench.scheduler.pause(ClientId::new(1));
     assert_eq!(first_of(&mut bench, 40), 0);
-    bench.scheduler.resume(ClientId(1));
+    bench.scheduler.resume(ClientId::new(1));
     let served = first_of(&mut bench, 40);
     assert!((19..=21).contains(&served), "{served} of 40");
 }

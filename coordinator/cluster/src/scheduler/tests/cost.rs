@@ -28,14 +28,14 @@ fn play(workers: u8, audit: Audit, new_best_each: Option<u32>) -> Cost {
         for number in 0..POPULATION {
             let task =
                 Arc::new(Task::Evaluation(Evaluation::sample(generation * POPULATION + number, 10, 10)));
-            bench.scheduler.submit(task.job(0), task, ClientId(1), bench.now);
+            bench.scheduler.submit(task.job(0), task, ClientId::new(1), bench.now);
         }
         if let Some(best) =
             accepted.first().filter(|_| new_best_each.is_some_and(|each| generation % each == 0))
         {
             let task = Arc::new(Task::Evaluation(Evaluation::sample((generation - 1) * POPULATION, 10, 10)));
             assert_eq!(task.job(0), best.job);
-            bench.scheduler.audit(&task, best, ClientId(1), bench.now);
+            bench.scheduler.audit(&task, best, ClientId::new(1), bench.now);
         }
         accepted.clear();
         loop {

@@ -39,12 +39,12 @@ fn as_many_workers_are_wanted_as_jobs_could_keep_busy() {
     assert_eq!(metrics.workers, [(WorkerState::Busy, (2, 9))].into());
 
     // What is in hand ends; nothing else is handed out.
-    bench.scheduler.pause(ClientId(1));
+    bench.scheduler.pause(ClientId::new(1));
     assert_eq!(wanted(&bench).0, 2);
     bench.report(1, leases[0], good());
     assert_eq!(wanted(&bench).0, 1);
     assert_eq!(jobs(&bench.scheduler.metrics(), JobState::Paused), 1);
-    bench.scheduler.resume(ClientId(1));
+    bench.scheduler.resume(ClientId::new(1));
     bench.report(2, leases[1], good());
     let lease = bench.take(1);
     bench.report(1, lease, good());

@@ -3,7 +3,7 @@
 use super::*;
 
 /// A valid result that is wrong.
-fn lie() -> Result<TaskResult, Failure> {
+pub(super) fn lie() -> Result<TaskResult, Failure> {
     Ok(TaskResult::Evaluation(EvaluationResult {
         queries: 10,
         object_correct: 5,

@@ -210,7 +210,7 @@ fn what_is_to_be_confirmed_goes_to_another_principal() {
     let accepted = bench.scheduler.drain_finished().remove(0);
     assert_eq!(accepted.assurance, Assurance::Unaudited);
     assert!(bench.poll(2, &[], 1).jobs.is_empty());
-    bench.scheduler.audit(&evaluation(), &accepted, ClientId(1), bench.now);
+    bench.scheduler.audit(&evaluation(), &accepted, ClientId::new(1), bench.now);
     assert!(bench.scheduler.in_doubt());
     assert!(bench.poll(3, &[], 1).jobs.is_empty());
     assert_eq!(answer(&mut bench, 2, good()), job);
@@ -221,7 +221,7 @@ fn what_is_to_be_confirmed_goes_to_another_principal() {
     bench.scheduler.check_invariants();
     // What two agree on is not asked a third time.
     let audited = Finished { assurance: Assurance::Audited, ..accepted };
-    bench.scheduler.audit(&evaluation(), &audited, ClientId(1), bench.now);
+    bench.scheduler.audit(&evaluation(), &audited, ClientId::new(1), bench.now);
     assert_eq!(bench.scheduler.jobs.len(), 0);
 }
 
@@ -235,7 +235,7 @@ fn what_two_liars_agree_on_is_confirmed_by_the_coordinator_itself() {
     }
     let accepted = bench.scheduler.drain_finished().remove(0);
     assert_eq!(accepted.assurance, Assurance::Audited, "they are believed");
-    bench.scheduler.confirm(&evaluation(), &accepted, ClientId(1), bench.now);
+    bench.scheduler.confirm(&evaluation(), &accepted, ClientId::new(1), bench.now);
     assert!(bench.scheduler.in_doubt());
     bench.join(4).unwrap();
     assert!(bench.poll(4, &[], 1).jobs.is_empty(), "nobody else can confirm it");
@@ -251,7 +251,7 @@ fn what_is_confirmed_is_one_attempt_more() {
     let job = bench.submit();
     answer(&mut bench, 1, good());
     let accepted = bench.scheduler.drain_finished().remove(0);
-    bench.scheduler.confirm(&evaluation(), &accepted, ClientId(1), bench.now);
+    bench.scheduler.confirm(&evaluation(), &accepted, ClientId::new(1), bench.now);
     assert_eq!(bench.take(2), bench.lease(2, job, 2));
 }
 

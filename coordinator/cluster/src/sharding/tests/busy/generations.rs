@@ -14,6 +14,8 @@ pub const CLOUDS: u32 = 360;
 pub trait Generations {
     /// The next generation, of clouds that are on these sides.
     fn next(&mut self, sides: [Digest; 2]) -> Asked;
+    /// What is certain of the generation after that once a part of it is evaluated.
+    fn foresee(&mut self, part: usize, sides: [Digest; 2]) -> Option<Asked>;
     /// The scales of the last one, in their order.
     fn found(&mut self, scales: Vec<Finished<FoundScale>>);
 }
@@ -21,6 +23,8 @@ pub trait Generations {
 /// What is asked for together.
 pub struct Asked {
     pub evaluations: Vec<AwaitingScales>,
+    /// The part that each belongs to.
+    pub parts: Vec<usize>,
     pub scales: Vec<Scale>,
     /// The descriptors that need the scales.
     pub needed_by: Vec<DescriptorBytes>,
@@ -68,7 +72,12 @@ impl Generations for Unrelated {
         let first = self.asked;
         self.asked += self.evaluations;
         let evaluations = (first..self.asked).map(|number| self.evaluation(number, sides).into()).collect();
-        Asked { evaluations, scales: Vec::new(), needed_by: Vec::new() }
+        let parts = vec![0; self.evaluations as usize];
+        Asked { evaluations, parts, scales: Vec::new(), needed_by: Vec::new() }
+    }
+
+    fn foresee(&mut self, _: usize, _: [Digest; 2]) -> Option<Asked> {
+        None
     }
 
     fn found(&mut self, _: Vec<Finished<FoundScale>>) {}

@@ -91,7 +91,7 @@ fn searches_for_structures_keep_ten_workers_busy() {
     print_header();
     // The cheaper its channels, the more of a generation is its end.
     for (name, structures, least) in
-        [("tabletop", TABLETOP, [0.98, 0.95, 0.9, 0.8]), ("household", HOUSEHOLD, [0.98, 0.9, 0.8, 0.6])]
+        [("tabletop", TABLETOP, [0.98, 0.97, 0.96, 0.88]), ("household", HOUSEHOLD, [0.98, 0.95, 0.92, 0.88])]
     {
         for (workers, least) in [1, 6, 10, 20].into_iter().zip(least) {
             let measured = measure(name, Setting { workers, ..EQUAL }, (Structures::new(structures), 25));

@@ -11,12 +11,11 @@ use super::generations::{Asked, CLOUDS, Generations};
 use super::structures::channels_of;
 use super::worker::Worker;
 use crate::blobs::BlobStore;
-use crate::job_names::JobNames;
 use crate::scheduler::{Answer, ClientId, Expected, Finished, Limits, Poll, RunSecret, Scheduler};
 use crate::sharding::{Batch, Layouts, Load, Planner, ShardCount};
 
 /// The one that asks.
-const CLIENT: ClientId = ClientId(1);
+const CLIENT: ClientId = ClientId::new(1);
 /// A message takes this, one way.
 const MESSAGE: Duration = Duration::from_micros(300);
 /// A commit of the journal takes this.
@@ -72,10 +71,24 @@ enum Event {
     Heartbeat(usize, u64),
     Done(usize),
     Tick,
-    /// The client looks for results.
-    Look,
-    Submit(Vec<Task>),
+    /// A client looks for results.
+    Look(ClientId),
+    Submit(ClientId, Vec<Task>),
     Generation,
+}
+
+/// Who asks: see [`Client`](crate::Client).
+struct Asking {
+    batch: Batch,
+    /// The part that each evaluation belongs to.
+    parts: Vec<usize>,
+    /// Evaluations that are not done.
+    open: usize,
+    /// The places of jobs.
+    asked: BTreeMap<JobId, usize>,
+    inbox: Vec<Finished>,
+    /// Whether news wakes it.
+    waits: bool,
 }
 
 /// What all of them do.
@@ -87,14 +100,14 @@ pub struct Simulation {
     layouts: Layouts,
     blobs: BlobStore,
     sides: [Digest; 2],
-    batch: Option<Batch>,
-    names: JobNames,
-    /// Evaluations of the generation.
-    evaluations: usize,
-    asked: BTreeMap<JobId, (usize, Arc<Task>)>,
-    inbox: Vec<Finished>,
-    /// Whether news wakes the client.
-    client_waits: bool,
+    /// The one that evaluates a generation, while one is under way, and those that foresee the next and this one.
+    clients: BTreeMap<ClientId, Asking>,
+    foreseen: u32,
+    /// Evaluations of each part that are not done.
+    open: BTreeMap<usize, usize>,
+    tasks: BTreeMap<JobId, Arc<Task>>,
+    waiting: BTreeMap<JobId, Vec<ClientId>>,
+    results: BTreeMap<JobId, Finished>,
     workers: Vec<Worker>,
     /// Polls that are held back: sequence number, jobs wanted and call.
     held: BTreeMap<usize, (u64, usize, u64)>,
@@ -151,12 +164,12 @@ impl Simulation {
             layouts: Layouts::default(),
             blobs,
             sides,
-            batch: None,
-            names: JobNames::default(),
-            evaluations: 0,
-            asked: BTreeMap::new(),
-            inbox: Vec::new(),
-            client_waits: false,
+            clients: BTreeMap::new(),
+            foreseen: 0,
+            open: BTreeMap::new(),
+            tasks: BTreeMap::new(),
+            waiting: BTreeMap::new(),
+            results: BTreeMap::new(),
             workers,
             held: BTreeMap::new(),
             agenda: BTreeMap::new(),
@@ -230,10 +243,12 @@ impl Simulation {
             return;
         }
         let idle = self.workers.iter().filter(|worker| worker.is_idle()).count() as f64 * seconds;
-        let place = match &self.batch {
+        let place = match self.clients.get(&CLIENT) {
             None => &mut self.measured.between,
             Some(_) if !self.unstarted.is_empty() => &mut self.measured.waiting,
-            Some(batch) if self.unasked + batch.waiting().evaluations > 0 => &mut self.measured.barrier,
+            Some(asking) if self.unasked + asking.batch.waiting().evaluations > 0 => {
+                &mut self.measured.barrier
+            }
             Some(_) => &mut self.measured.last,
         };
         *place += idle;
@@ -278,10 +293,10 @@ impl Simulation {
                 self.wake();
                 self.at(TICK, Event::Tick);
             }
-            Event::Look => self.look(),
-            Event::Submit(tasks) => {
-                self.submit(tasks);
-                self.look();
+            Event::Look(client) => self.look(client),
+            Event::Submit(client, tasks) => {
+                self.submit(client, tasks);
+                self.look(client);
             }
             Event::Generation => self.begin_generation(),
         }
@@ -311,8 +326,6 @@ impl Simulation {
         let answer = self.scheduler.poll(self.workers[worker].caller, poll, now).unwrap();
         self.held.remove(&worker);
         let finished = self.scheduler.drain_finished();
-        let has_news = !finished.is_empty();
-        self.inbox.extend(finished);
         self.scheduler.drain_events();
         if answer.is_empty() && wanted > 0 {
             self.held.insert(worker, (sequence, wanted, call));
@@ -321,9 +334,20 @@ impl Simulation {
             self.at(MESSAGE, Event::Reply(worker, answer, call));
         }
         self.wake();
-        if has_news && std::mem::take(&mut self.client_waits) {
-            self.at(Duration::ZERO, Event::Look);
+        for finished in finished {
+            self.deliver(finished);
         }
+    }
+
+    fn deliver(&mut self, finished: Finished) {
+        for client in self.waiting.remove(&finished.job).unwrap_or_default() {
+            let Some(asking) = self.clients.get_mut(&client) else { continue };
+            asking.inbox.push(finished.clone());
+            if std::mem::take(&mut asking.waits) {
+                self.at(Duration::ZERO, Event::Look(client));
+            }
+        }
+        self.results.insert(finished.job, finished);
     }
 
     /// Answers polls that are held back, as far as there are jobs for them.
@@ -346,29 +370,47 @@ impl Simulation {
     }
 
     fn begin_generation(&mut self) {
-        let Asked { evaluations, scales, needed_by } = self.generations.next(self.sides);
+        let asked = self.generations.next(self.sides);
         (self.generation, self.generation_begun) = (self.generation + 1, self.clock);
-        (self.evaluations, self.unasked) = (evaluations.len(), 0);
-        self.asked.clear();
-        self.scheduler.expect(CLIENT, Expected::new(&needed_by, channels_of));
+        self.unasked = 0;
+        for part in &asked.parts {
+            *self.open.entry(*part).or_default() += 1;
+        }
+        let foreseen: Vec<ClientId> = self.clients.keys().copied().collect();
+        self.ask(CLIENT, asked);
+        for client in foreseen {
+            self.clients.remove(&client);
+            for job in self.scheduler.forget_client(client) {
+                self.waiting.remove(&job);
+                self.unstarted.remove(&job);
+            }
+        }
+    }
+
+    /// A client asks.
+    fn ask(&mut self, client: ClientId, asked: Asked) {
+        let Asked { evaluations, parts, scales, needed_by } = asked;
+        self.scheduler.expect(client, Expected::new(&needed_by, channels_of));
         let mut batch = Batch::new(evaluations);
-        let mut first = self.begin_ready(&mut batch, scales.len());
+        let mut first = self.begin_ready(client, &mut batch, scales.len());
         self.planner.decide_scales(&scales, self.scheduler.worker_count(), &mut self.scheduler.jobs);
         let planned = scales.into_iter().map(|scale| {
             let plan = self.scheduler.jobs.plan(Task::Scale(scale.clone()).job(0)).flatten();
             self.layouts.lay_out_scale(scale, plan, &self.blobs)
         });
         first.extend(batch.begin_scales(planned.collect()));
-        self.batch = Some(batch);
-        self.submit(first);
-        self.look();
+        let open = parts.len();
+        let asking = Asking { batch, parts, open, asked: BTreeMap::new(), inbox: Vec::new(), waits: false };
+        self.clients.insert(client, asking);
+        self.submit(client, first);
+        self.look(client);
     }
 
     /// Begins what waits for no scale any more, and returns its first tasks.
-    fn begin_ready(&mut self, batch: &mut Batch, scales: usize) -> Vec<Task> {
+    fn begin_ready(&mut self, client: ClientId, batch: &mut Batch, scales: usize) -> Vec<Task> {
         let (places, evaluations): (Vec<usize>, Vec<Evaluation>) = batch.take_ready().into_iter().unzip();
         let workers = self.scheduler.worker_count();
-        let load = Load { jobs: self.scheduler.open_jobs() + scales, workers };
+        let load = Load { jobs: self.scheduler.open_jobs(client.foresees()) + scales, workers };
         self.planner.decide(&evaluations, batch.waiting(), load, &mut self.scheduler.jobs);
         let mut tasks = Vec::new();
         for (place, evaluation) in places.into_iter().zip(evaluations) {
@@ -381,45 +423,76 @@ impl Simulation {
         tasks
     }
 
-    fn submit(&mut self, tasks: Vec<Task>) {
+    fn submit(&mut self, client: ClientId, tasks: Vec<Task>) {
         let now = self.now();
+        let Some(asking) = self.clients.get_mut(&client) else { return };
         for task in tasks {
-            let (job, task) = (self.names.next(&task), Arc::new(task));
-            assert_eq!(job, task.job(0));
+            let (job, task) = (task.job(0), Arc::new(task));
             if let Task::Tile(_) = &*task {
                 self.unasked -= 1;
             }
-            self.unstarted.insert(job);
-            self.asked.insert(job, (self.asked.len(), Arc::clone(&task)));
-            self.scheduler.submit(job, task, CLIENT, now);
+            asking.asked.insert(job, asking.asked.len());
+            self.tasks.insert(job, Arc::clone(&task));
+            if let Some(finished) = self.results.get(&job) {
+                asking.inbox.push(finished.clone());
+                continue;
+            }
+            let waiting = self.waiting.entry(job).or_default();
+            waiting.push(client);
+            if waiting.len() > 1 {
+                self.scheduler.share(job, client, now);
+            } else {
+                self.unstarted.insert(job);
+                self.scheduler.submit(job, task, client, now);
+            }
         }
         self.wake();
     }
 
     /// What a client does whenever there is news.
-    fn look(&mut self) {
-        let Some(mut batch) = self.batch.take() else { return };
+    fn look(&mut self, client: ClientId) {
+        let Some(mut asking) = self.clients.remove(&client) else { return };
         let mut further = Vec::new();
-        for finished in std::mem::take(&mut self.inbox) {
-            let (place, task) = &self.asked[&finished.job];
-            self.planner.observe(task, finished.run_seconds);
-            further.extend(batch.take(*place, finished));
+        for finished in std::mem::take(&mut asking.inbox) {
+            self.planner.observe(&self.tasks[&finished.job], finished.run_seconds);
+            further.extend(asking.batch.take(asking.asked[&finished.job], finished));
         }
-        further.extend(self.begin_ready(&mut batch, 0));
-        if batch.evaluated() == self.evaluations {
-            self.generations.found(batch.finish().1);
-            self.scheduler.expect_nothing(CLIENT);
+        further.extend(self.begin_ready(client, &mut asking.batch, 0));
+        let evaluated: Vec<usize> = asking.batch.evaluated().iter().map(|(index, _)| *index).collect();
+        let parts: Vec<usize> = evaluated.into_iter().map(|index| asking.parts[index]).collect();
+        asking.open -= parts.len();
+        if asking.open == 0 {
+            self.scheduler.expect_nothing(client);
+        }
+        if asking.open == 0 && client == CLIENT {
+            self.generations.found(asking.batch.finish().1);
             if self.generation > EARLY {
                 self.measured.generation += (self.clock - self.generation_begun).as_secs_f64();
             }
             self.at(BETWEEN, Event::Generation);
-            return;
+            return self.foresee(parts);
         }
-        self.batch = Some(batch);
-        if further.is_empty() {
-            self.client_waits = true;
-        } else {
-            self.at(COMMIT, Event::Submit(further));
+        asking.waits = further.is_empty();
+        self.clients.insert(client, asking);
+        if !further.is_empty() {
+            self.at(COMMIT, Event::Submit(client, further));
+        }
+        if client == CLIENT {
+            self.foresee(parts);
+        }
+    }
+
+    /// Asks for what is certain of the next generation now that an evaluation of each of these parts is done.
+    fn foresee(&mut self, parts: Vec<usize>) {
+        for part in parts {
+            let open = self.open.get_mut(&part).unwrap();
+            *open -= 1;
+            if *open == 0
+                && let Some(asked) = self.generations.foresee(part, self.sides)
+            {
+                self.foreseen += 1;
+                self.ask(CLIENT.foresight(self.foreseen), asked);
+            }
         }
     }
 }

@@ -54,11 +54,14 @@ type Number = u64;
 /// What such a search has found so far.
 pub struct Structures {
     setting: Setting,
-    random: ChaCha8Rng,
+    /// Of each member.
+    random: Vec<ChaCha8Rng>,
     /// Counted cost of describing a cloud in each channel so far, by number.
     costs: Vec<u64>,
     /// Of each member.
     parents: Vec<Vec<Vec<Number>>>,
+    /// The children that each has already in the next generation.
+    foreseen: Vec<Option<Vec<Vec<Number>>>>,
     /// What was evaluated.
     met: BTreeSet<Vec<Number>>,
     scales: BTreeMap<Number, FoundScale>,
@@ -70,23 +73,25 @@ impl Structures {
     pub fn new(setting: Setting) -> Self {
         let mut structures = Self {
             setting,
-            random: stream(1, "structures", &[]),
+            random: (0..setting.members).map(|member| stream(1, "structures", &[member.into()])).collect(),
             costs: Vec::new(),
             parents: Vec::new(),
+            foreseen: vec![None; setting.members as usize],
             met: BTreeSet::new(),
             scales: BTreeMap::new(),
             asked: Vec::new(),
         };
-        for _ in 0..setting.members {
-            let parents = (0..PARENTS).map(|_| vec![structures.new_channel(), structures.new_channel()]);
+        for member in 0..setting.members as usize {
+            let parents =
+                (0..PARENTS).map(|_| vec![structures.new_channel(member), structures.new_channel(member)]);
             let parents = parents.collect();
             structures.parents.push(parents);
         }
         structures
     }
 
-    fn new_channel(&mut self) -> Number {
-        let percentile = self.random.random_range(0.0..1.0);
+    fn new_channel(&mut self, member: usize) -> Number {
+        let percentile = self.random[member].random_range(0.0..1.0);
         let above = DESCRIBING.iter().position(|(share, _)| *share > percentile).unwrap();
         let [(from, least), (to, most)] = [DESCRIBING[above - 1], DESCRIBING[above]];
         let seconds = least + (most - least) * (percentile - from) / (to - from);
@@ -96,7 +101,7 @@ impl Structures {
 
     /// A child of a member: channels of one parent or two, and new ones.
     fn child(&mut self, member: usize) -> Vec<Number> {
-        let mut left = self.random.random_range(0..100);
+        let mut left = self.random[member].random_range(0..100);
         let kinds = self.setting.kinds.iter();
         let kind = kinds.copied().find(|(share, ..)| {
             let is_it = left < *share;
@@ -106,16 +111,64 @@ impl Structures {
         let (_, channels, new) = kind.unwrap();
         let mut child = BTreeSet::new();
         while child.len() < channels - new {
-            let parent = &self.parents[member][self.random.random_range(0..PARENTS)];
-            child.insert(parent[self.random.random_range(0..parent.len())]);
+            let parent = &self.parents[member][self.random[member].random_range(0..PARENTS)];
+            child.insert(parent[self.random[member].random_range(0..parent.len())]);
         }
-        child.extend((0..new).map(|_| self.new_channel()));
+        child.extend((0..new).map(|_| self.new_channel(member)));
         let child: Vec<Number> = child.into_iter().collect();
-        if self.random.random_range(0..100) < SUCCESSES {
-            let place = self.random.random_range(0..PARENTS);
+        if self.random[member].random_range(0..100) < SUCCESSES {
+            let place = self.random[member].random_range(0..PARENTS);
             self.parents[member][place].clone_from(&child);
         }
         child
+    }
+
+    /// The next children of a member, once.
+    fn children(&mut self, member: usize) -> Vec<Vec<Number>> {
+        if let Some(children) = self.foreseen[member].take() {
+            return children;
+        }
+        let Setting { members, evaluations, .. } = self.setting;
+        let numbers = (0..evaluations).filter(|number| number % members == member as u32);
+        numbers.map(|_| self.child(member)).collect::<BTreeSet<_>>().into_iter().collect()
+    }
+
+    /// Asks for children, each of a member, and gives the channels whose scales are asked for.
+    fn ask(&self, children: &[(usize, Vec<Number>)], sides: [Digest; 2]) -> (Asked, Vec<Number>) {
+        let channels = children.iter().flat_map(|(_, child)| child).copied();
+        let new: BTreeSet<Number> = channels.filter(|channel| !self.scales.contains_key(channel)).collect();
+        let mut new: Vec<Number> = new.into_iter().collect();
+        new.sort_by_key(|&channel| std::cmp::Reverse(self.costs[channel as usize]));
+        let scale = |&channel: &Number| Scale {
+            subject: self.subject(&[channel]),
+            splits: sides.into(),
+            clouds: 2 * CLOUDS,
+            described: Vec::new(),
+        };
+        let evaluation = |(_, channels): &(usize, Vec<Number>)| {
+            let mut evaluation = Evaluation {
+                subject: self.subject(channels),
+                query: sides.into(),
+                database: sides.into(),
+                scales: vec![1.0; channels.len()],
+                ..Evaluation::sample(0, 2 * CLOUDS, 2 * CLOUDS)
+            };
+            let mut awaited = Vec::new();
+            for (place, channel) in (0..).zip(channels) {
+                match self.scales.get(channel) {
+                    Some(found) => found.scale(place, &mut evaluation),
+                    None => awaited.push((place, new.iter().position(|one| one == channel).unwrap())),
+                }
+            }
+            AwaitingScales { evaluation, awaited }
+        };
+        let asked = Asked {
+            evaluations: children.iter().map(evaluation).collect(),
+            parts: children.iter().map(|(member, _)| *member).collect(),
+            scales: new.iter().map(scale).collect(),
+            needed_by: children.iter().map(|(_, child)| self.subject(child).descriptor).collect(),
+        };
+        (asked, new)
     }
 
     fn subject(&self, channels: &[Number]) -> Subject {
@@ -143,42 +196,23 @@ pub fn channels_of(descriptor: &DescriptorBytes) -> Vec<Channel> {
 
 impl Generations for Structures {
     fn next(&mut self, sides: [Digest; 2]) -> Asked {
-        let members = self.setting.members;
-        let children = (0..self.setting.evaluations).map(|number| self.child((number % members) as usize));
-        let mut children: BTreeSet<Vec<Number>> = children.collect();
-        children.retain(|child| self.met.insert(child.clone()));
-        let new = children.iter().flatten().copied().filter(|channel| !self.scales.contains_key(channel));
-        let new: BTreeSet<Number> = new.collect();
-        self.asked = new.into_iter().collect();
-        self.asked.sort_by_key(|&channel| std::cmp::Reverse(self.costs[channel as usize]));
-        let scale = |&channel: &Number| Scale {
-            subject: self.subject(&[channel]),
-            splits: sides.into(),
-            clouds: 2 * CLOUDS,
-            described: Vec::new(),
-        };
-        let evaluation = |channels: &Vec<Number>| {
-            let mut evaluation = Evaluation {
-                subject: self.subject(channels),
-                query: sides.into(),
-                database: sides.into(),
-                scales: vec![1.0; channels.len()],
-                ..Evaluation::sample(0, 2 * CLOUDS, 2 * CLOUDS)
-            };
-            let mut awaited = Vec::new();
-            for (place, channel) in (0..).zip(channels) {
-                match self.scales.get(channel) {
-                    Some(found) => found.scale(place, &mut evaluation),
-                    None => awaited.push((place, self.asked.iter().position(|one| one == channel).unwrap())),
-                }
-            }
-            AwaitingScales { evaluation, awaited }
-        };
-        Asked {
-            evaluations: children.iter().map(evaluation).collect(),
-            scales: self.asked.iter().map(scale).collect(),
-            needed_by: children.iter().map(|child| self.subject(child).descriptor).collect(),
+        let members = 0..self.setting.members as usize;
+        let mut children: Vec<(usize, Vec<Number>)> = Vec::new();
+        for member in members {
+            children.extend(self.children(member).into_iter().map(|child| (member, child)));
         }
+        children.retain(|(_, child)| self.met.insert(child.clone()));
+        let (asked, new) = self.ask(&children, sides);
+        self.asked = new;
+        asked
+    }
+
+    fn foresee(&mut self, part: usize, sides: [Digest; 2]) -> Option<Asked> {
+        let children = self.children(part);
+        let new = children.iter().filter(|child| !self.met.contains(*child));
+        let (asked, _) = self.ask(&new.map(|child| (part, child.clone())).collect::<Vec<_>>(), sides);
+        self.foreseen[part] = Some(children);
+        Some(asked)
     }
 
     fn found(&mut self, scales: Vec<Finished<FoundScale>>) {
