@@ -1,7 +1,8 @@
-//! Crossover: uniform, bit by bit (DESIGN 5.9), or by whole slots (DESIGN 5b).
+//! Crossover: uniform, bit by bit (DESIGN 5.9), or by whole slots (DESIGN 5b), at their places or at any.
 
 use std::ops::Range;
 
+use rand::seq::SliceRandom;
 use rand::{Rng, RngExt};
 
 /// Two children of two parents of equal length: at each bit, independently with probability `rate`, the first
@@ -37,6 +38,24 @@ pub fn by_slots(
         }
     }
     (first, second)
+}
+
+/// A chromosome with the same slots in uniformly random order. `slots`: the bits of each
+/// ([`Genome::slots`](crate::Genome::slots)).
+///
+/// # Panics
+/// If the slots are not alike, place by place of the same length, or a slot has bits beyond the chromosome.
+pub fn shuffle_slots(chromosome: &[bool], slots: &[Vec<Range<usize>>], rng: &mut impl Rng) -> Vec<bool> {
+    let mut order: Vec<&Vec<Range<usize>>> = slots.iter().collect();
+    order.shuffle(rng);
+    let mut shuffled = chromosome.to_vec();
+    for (to, from) in slots.iter().zip(order) {
+        assert_eq!(to.len(), from.len(), "fields of a slot");
+        for (to, from) in to.iter().zip(from) {
+            shuffled[to.clone()].copy_from_slice(&chromosome[from.clone()]);
+        }
+    }
+    shuffled
 }
 
 #[cfg(test)]
@@ -106,6 +125,51 @@ mod tests {
             };
             assert!([0, 1, 3].iter().all(|&slot| near(swapped[slot], rate)), "{swapped:?}");
             assert!(near(both, rate * rate), "{both}");
+        }
+    }
+
+    #[test]
+    fn slots_come_to_all_places_alike_and_what_is_in_no_slot_stays() {
+        // Three slots of a long and a short field; bits 0 and 10 are in none.
+        let slots = [vec![1..3, 7..8], vec![3..5, 8..9], vec![5..7, 9..10]];
+        let in_slots = [false, true, true, false, true, true, false, false, true, true];
+        let mut before = vec![true];
+        before.extend(&in_slots[1..]);
+        before.push(true);
+        // Which slot a content comes from: the three are 11·0, 01·1 and 10·1.
+        let contents = |bits: &[bool], slot: &[Range<usize>]| -> Vec<bool> {
+            slot.iter().flat_map(|place| bits[place.clone()].to_vec()).collect()
+        };
+        let originals = slots.each_ref().map(|slot| contents(&before, slot));
+        const TRIALS: u64 = 6_000;
+        let mut orders = std::collections::BTreeMap::new();
+        for trial in 0..TRIALS {
+            let after = shuffle_slots(&before, &slots, &mut stream(6, "test", &[trial]));
+            assert_eq!((after.len(), after[0], after[10]), (11, true, true));
+            let order = slots.each_ref().map(|slot| {
+                originals
+                    .iter()
+                    .position(|original| *original == contents(&after, slot))
+                    .expect("a slot in two")
+            });
+            *orders.entry(order).or_insert(0u32) += 1;
+        }
+        assert_eq!(orders.len(), 6);
+        let expected = TRIALS as f64 / 6.0;
+        let term = |&count: &u32| {
+            let difference = f64::from(count) - expected;
+            difference * difference / expected
+        };
+        let chi_squared: f64 = orders.values().map(term).sum();
+        assert!(chi_squared < 25.7, "above the 99.99 % point with 5 degrees of freedom, got {chi_squared}");
+    }
+
+    #[test]
+    #[should_panic(expected = "fields of a slot")]
+    fn slots_that_are_not_alike_are_not_shuffled() {
+        let slots = [vec![0..1, 1..2], vec![2..3, 3..4, 4..6]];
+        for trial in 0..100 {
+            shuffle_slots(&[false; 6], &slots, &mut stream(6, "test", &[trial]));
         }
     }
 

@@ -1,5 +1,7 @@
 //! Mutation: in order (Engelbrecht, *Computational Intelligence*, section on binary mutation; DESIGN 5.9), or by field
-//! (DESIGN 5b).
+//! (DESIGN 5b), of all slots or of one.
+
+use std::ops::Range;
 
 use rand::{Rng, RngExt};
 
@@ -45,9 +47,35 @@ pub fn flip_between(chromosome: &mut [bool], (low, high): (usize, usize), rate: 
 /// # Panics
 /// If the chromosome is not of this genome, or `rate` is not between 0 and 1.
 pub fn by_field(chromosome: &mut [bool], genome: &Genome, rate: f64, rng: &mut impl Rng) {
+    change_fields(chromosome, genome, |_| true, rate, rng);
+}
+
+/// Mutates a chromosome as [`by_field`], but only the fields of one slot ([`Genome::slots`]), each as likely. A chromosome
+/// without slots stays.
+///
+/// # Panics
+/// If the chromosome is not of this genome, or `rate` is not between 0 and 1.
+pub fn by_slot(chromosome: &mut [bool], genome: &Genome, rate: f64, rng: &mut impl Rng) {
+    let slots = genome.slots();
+    if slots.is_empty() {
+        return;
+    }
+    // Drawn as u64, so that the stream is the same whatever the platform's word.
+    let slot = &slots[rng.random_range(0..slots.len() as u64) as usize];
+    change_fields(chromosome, genome, |bits| slot.contains(bits), rate, rng);
+}
+
+/// Mutates fields whose bits are at such places.
+fn change_fields(
+    chromosome: &mut [bool],
+    genome: &Genome,
+    may_change: impl Fn(&Range<usize>) -> bool,
+    rate: f64,
+    rng: &mut impl Rng,
+) {
     assert_eq!(chromosome.len(), genome.bits(), "chromosome length");
     for (field, bits) in genome.fields_with_bits() {
-        if field.values > 1 && rng.random_bool(rate) {
+        if field.values > 1 && may_change(&bits) && rng.random_bool(rate) {
             let bits = &mut chromosome[bits];
             let value = another(field, genome.read(field, bits), rng);
             genome.write(field, value, bits);
@@ -211,6 +239,39 @@ mod tests {
             assert!(changed.iter().all(|&count| near(count, rate)), "{changed:?}");
             assert!(near(pairs, rate * rate), "{pairs}");
         }
+    }
+
+    #[test]
+    fn by_slot_one_slot_changes_each_as_likely_and_its_fields_with_the_rate() {
+        // Three slots of two fields, in no order; one field has a single value.
+        let field = |(values, slot)| Field { slot: Some(slot), ..Field::new("field", values) };
+        let fields = [(9, 0), (9, 1), (9, 2), (9, 1), (1, 2), (9, 0)].map(field);
+        let slot_of = [0, 1, 2, 1, 2, 0];
+        let genome = Genome::new(fields.to_vec(), Encoding::Gray);
+        const TRIALS: u64 = 9_000;
+        for rate in [0.3, 1.0] {
+            let (mut changed, mut pairs) = ([0u32; 6], 0);
+            for trial in 0..TRIALS {
+                let before = genome.encode(&[4, 4, 4, 4, 0, 4]);
+                let mut after = before.clone();
+                by_slot(&mut after, &genome, rate, &mut stream(10, "test", &[trial]));
+                let (before, after) = (genome.decode(&before), genome.decode(&after));
+                let places: Vec<usize> = (0..6).filter(|&place| before[place] != after[place]).collect();
+                assert!(places.windows(2).all(|pair| slot_of[pair[0]] == slot_of[pair[1]]), "{places:?}");
+                pairs += u32::from(places.len() == 2);
+                places.iter().for_each(|&place| changed[place] += 1);
+            }
+            let near = |count: u32, share: f64| {
+                let trials = TRIALS as f64;
+                (f64::from(count) - trials * share).abs() <= 5.0 * (trials * share * (1.0 - share)).sqrt()
+            };
+            for place in [0, 1, 2, 3, 5] {
+                assert!(near(changed[place], rate / 3.0), "{changed:?}");
+            }
+            assert_eq!(changed[4], 0);
+            assert!(near(pairs, rate * rate * 2.0 / 3.0), "{pairs}");
+        }
+        by_slot(&mut [], &Genome::new(Vec::new(), Encoding::Gray), 1.0, &mut stream(10, "test", &[]));
     }
 
     proptest! {

@@ -27,13 +27,15 @@ pub enum Scaling {
 
 /// How two parents make two children.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize, JsonSchema)]
-#[serde(rename_all = "lowercase", rename = "crossover")]
+#[serde(rename_all = "kebab-case", rename = "crossover")]
 pub enum Crossover {
     /// Each bit is exchanged with the same probability (paper).
     #[default]
     Uniform,
     /// Each slot is exchanged as a whole with the same probability. Where the family has no slots, each gene is one.
     Slots,
+    /// As "slots", but between slots at any places. The family must have slots.
+    AnySlots,
 }
 
 /// How children are changed.
@@ -46,6 +48,8 @@ pub enum Mutation {
     /// Each gene gets another value with some probability: in half of the cases one step up or down, else any other;
     /// always any other where the values are in no order.
     Field,
+    /// As "field", but only genes of one slot change, each slot as likely. Where the family has no slots, each gene is one.
+    Slot,
 }
 
 /// How generations are made (DESIGN 5.8, 5.9 and 5b).
@@ -63,7 +67,7 @@ pub struct GaSettings {
     pub crossover_rate: f64,
     /// How children are changed. Default in order (paper).
     pub mutation: Mutation,
-    /// Probability p(1) that mutation flips a bit between its points, or changes a field, 0 to 1. Default 0.40 (paper).
+    /// Probability p(1) that mutation flips a bit between its points, or changes a field of those that may change, 0 to 1. Default 0.40 (paper).
     pub mutation_rate: f64,
     /// Factor r of p(g + 1) = p(g)·r, 0 to 1. Default 0.97 (the paper lowers the rate but gives no factor).
     pub mutation_decay: f64,

@@ -1,5 +1,7 @@
 //! Tests of whole searches: elitism, pairing, determinism, progress on a known landscape, and what is told of it.
 
+mod operators;
+
 use descriptor::random::stream;
 use proptest::prelude::*;
 use rand::RngExt;
@@ -196,80 +198,6 @@ fn without_mutation_siblings_share_out_their_parents_bits() {
     }
     // Nine children are five pairs: the fifth has no second child.
     assert_eq!(log[1].0[2..].chunks(2).map(<[_]>::len).collect::<Vec<_>>(), [2, 2, 2, 2, 1]);
-}
-
-#[test]
-fn without_mutation_siblings_share_out_their_parents_slots() {
-    let settings = GaSettings { elite: 2, mutation_rate: 0.0, ..by_slots_and_fields(12) };
-    let genome = slotted();
-    let strategy = GeneticAlgorithm::new(genome.clone(), settings, 8, decompose()).unwrap();
-    let (mut kept, mut swapped) = (0, 0);
-    for pair in run_strategy(&strategy, 5, landscape(1)).windows(2) {
-        let ((parents, _), (children, _)) = (&pair[0], &pair[1]);
-        for siblings in children[2..].chunks(2) {
-            let [Some(a), Some(b)] = siblings[0].parents else { panic!("no parents") };
-            let (a, b) = (&parents[a as usize].values, &parents[b as usize].values);
-            let (first, second) = (&siblings[0].values, &siblings[1].values);
-            for slot in (0..12).step_by(3).map(|start| start..start + 3) {
-                let [a, b, first, second] = [a, b, first, second].map(|values| &values[slot.clone()]);
-                assert!([(a, b), (b, a)].contains(&(first, second)), "a slot in two");
-                kept += u32::from((first, second) == (a, b) && a != b);
-                swapped += u32::from((first, second) == (b, a) && a != b);
-            }
-        }
-    }
-    assert!(kept > 20 && swapped > 20, "{kept} kept, {swapped} swapped");
-}
-
-#[test]
-fn by_field_children_of_generation_g_change_each_field_with_p_of_g() {
-    let settings = GaSettings {
-        elite: 1,
-        crossover_rate: 0.0,
-        mutation_rate: 0.4,
-        mutation_decay: 0.5,
-        ..by_slots_and_fields(1_000)
-    };
-    let strategy = GeneticAlgorithm::new(slotted(), settings, 2, decompose()).unwrap();
-    // The first individual is the only parent.
-    let log = run_strategy(&strategy, 4, |_, index, _| u32::from(index == 0));
-    for (generation, rate) in [(1, 0.40), (2, 0.20), (3, 0.10)] {
-        let parent = &log[generation - 1].0[0].values;
-        let children = &log[generation].0[1..];
-        let changes = |child: &Individual| child.values.iter().zip(parent).filter(|(a, b)| a != b).count();
-        let changed: usize = children.iter().map(changes).sum();
-        let fields = (children.len() * parent.len()) as f64;
-        let deviation = (fields * rate * (1.0 - rate)).sqrt();
-        assert!(
-            (changed as f64 - fields * rate).abs() < 5.0 * deviation,
-            "generation {generation}: {changed}"
-        );
-    }
-}
-
-#[test]
-fn children_of_generation_g_are_mutated_with_p_of_g() {
-    // Crossing nothing over and drawing one parent only shows the flips themselves: of a pair of points on 25 bits
-    // (2·(25 − d) ordered draws at distance d > 0, 25 at 0) the mean number of bits between, both included, is
-    // 1 + (25² − 1) / (3·25) = 9.32, of which the share p flips.
-    let settings = GaSettings {
-        population: 2_000,
-        elite: 1,
-        crossover_rate: 0.0,
-        mutation_decay: 0.5,
-        ..GaSettings::default()
-    };
-    let log = run(settings, 2, 4, |_, index, _| u32::from(index == 0));
-    for (generation, rate) in [(1, 0.40), (2, 0.20), (3, 0.10)] {
-        let parent = &log[generation - 1].0[0].chromosome;
-        let flips: usize = log[generation].0[1..]
-            .iter()
-            .map(|child| child.chromosome.iter().zip(parent).filter(|(a, b)| a != b).count())
-            .sum();
-        let mean = flips as f64 / 1_999.0;
-        // The deviation of one child's flips is below 3.2, of the mean over 1999 below 0.072.
-        assert!((mean - 9.32 * rate).abs() < 0.3, "generation {generation}: {mean}");
-    }
 }
 
 #[test]

@@ -30,6 +30,10 @@ pub(crate) fn cross(
     match settings.crossover {
         Crossover::Uniform => crossover::uniform(first, second, exchanged, rng),
         Crossover::Slots => crossover::by_slots(first, second, slots, exchanged, rng),
+        Crossover::AnySlots => {
+            let second = crossover::shuffle_slots(second, slots, rng);
+            crossover::by_slots(first, &second, slots, exchanged, rng)
+        }
     }
 }
 
@@ -44,5 +48,6 @@ pub(crate) fn mutate(
     match settings.mutation {
         Mutation::InOrder => mutation::in_order(chromosome, rate, rng),
         Mutation::Field => mutation::by_field(chromosome, genome, rate, rng),
+        Mutation::Slot => mutation::by_slot(chromosome, genome, rate, rng),
     }
 }

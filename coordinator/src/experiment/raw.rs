@@ -206,7 +206,7 @@ pub(super) struct RawGa {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "Crossover", extend("default" = GaSettings::default().crossover))]
     pub crossover: Option<Crossover>,
-    /// Probability that a bit is exchanged; with crossover = "slots", a slot.
+    /// Probability that a bit is exchanged; with crossover = "slots" or "any-slots", a slot.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "f64", range(min = 0, max = 1), extend("default" = GaSettings::default().crossover_rate))]
     pub crossover_rate: Option<f64>,
@@ -215,7 +215,7 @@ pub(super) struct RawGa {
     #[schemars(with = "Mutation", extend("default" = GaSettings::default().mutation))]
     pub mutation: Option<Mutation>,
     /// Probability that a bit between the two points flips, in the first generation; with mutation = "field", that a
-    /// gene changes.
+    /// gene changes; with "slot", that a gene of that slot does.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schemars(with = "f64", range(min = 0, max = 1), extend("default" = GaSettings::default().mutation_rate))]
     pub mutation_rate: Option<f64>,

@@ -250,12 +250,14 @@ fn method_sections(toml: &mut Toml, parent: &str, experiment: &Experiment, later
     let crossover = match ga.crossover {
         Crossover::Uniform => "uniform",
         Crossover::Slots => "slots",
+        Crossover::AnySlots => "any-slots",
     };
     toml.key("crossover", quoted(crossover));
     toml.key("crossover_rate", float(ga.crossover_rate));
     let mutation = match ga.mutation {
         Mutation::InOrder => "in-order",
         Mutation::Field => "field",
+        Mutation::Slot => "slot",
     };
     toml.key("mutation", quoted(mutation));
     toml.key("mutation_rate", float(ga.mutation_rate));

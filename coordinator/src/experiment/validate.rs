@@ -9,7 +9,7 @@ use descriptor::recogniser::Method as Recogniser;
 use descriptor::structure::Structure;
 use descriptor::weigh::Weighing;
 use descriptor::{Family, SearchSpace};
-use evolution::{GaSettings, Method, StopSettings};
+use evolution::{Crossover, GaSettings, Method, StopSettings};
 
 use super::checks::{checked_name, checked_seed};
 use super::defaults::SearchDefaults;
@@ -123,6 +123,13 @@ fn ga(raw: &RawGa, defaults: &GaSettings, descriptor: &RawDescriptor) -> Result<
     }
     .validate()
     .map_err(|error| Fault::from_message("", &error.to_string()))?;
+    if settings.crossover == Crossover::AnySlots && family != Family::Structure {
+        return Err(Fault::new(
+            "ga.crossover",
+            format!("\"any-slots\" needs slots, got family {}", family.name()),
+            "set it to \"slots\", which exchanges single genes there, or set descriptor.family = \"structure\"",
+        ));
+    }
     // The model compares channels: of genes that are one vector it would know little.
     if settings.preselection > 1 && family != Family::Structure {
         return Err(Fault::new(

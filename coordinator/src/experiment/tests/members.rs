@@ -22,6 +22,20 @@ fn members_are_written_out_with_their_slots_and_one_is_not() {
 }
 
 #[test]
+fn operators_on_slots_read_back_as_what_was_written() {
+    for mutation in ["in-order", "field", "slot"] {
+        for crossover in ["uniform", "slots", "any-slots"] {
+            let operators =
+                format!("crossover = \"{crossover}\"\ncrossover_rate = 0.5\nmutation = \"{mutation}\"\n");
+            let experiment = parse(&format!("{SAMPLE}[ga]\n{operators}")).unwrap();
+            let text = experiment.search_toml();
+            assert!(text.contains(&operators), "{text}");
+            assert_eq!(parse(&experiment.resolved_toml()), Ok(experiment));
+        }
+    }
+}
+
+#[test]
 fn a_member_may_cost_its_share() {
     let Descriptor::Structure(structure) = Descriptor::default_of(descriptor::Family::Structure) else {
         panic!("a structure")

@@ -60,7 +60,7 @@ const RELEVANT: &[(&str, &str, &[&[&str]])] = &[
     ("ga", "scaling", &[&["", "'none'"], &["'linear'"], &["'rank'"]]),
     ("ga", "crossover", &[&["", "'uniform'"], &["'slots'"]]),
     ("ga", "crossover_rate", &[&["", "0.5", "5e-1"], &["0.50000000000000011"]]),
-    ("ga", "mutation", &[&["", "'in-order'"], &["'field'"]]),
+    ("ga", "mutation", &[&["", "'in-order'"], &["'field'"], &["'slot'"]]),
     ("ga", "mutation_rate", &[&["", "0.40", "0.4"], &["0", "0.0", "-0.0"], &["1", "1.0"]]),
     ("ga", "mutation_decay", &[&["", "0.97"], &["1"]]),
     ("ga", "encoding", &[&["", "'binary'"], &["'gray'"]]),

@@ -385,6 +385,7 @@ fn search_and_stop() {
             "stop.evaluations = 'of'",
             "stop.evaluations = -1",
             "ga.crossover = 'slot'",
+            "ga.crossover = 'any-slots'",
             "ga.mutation = 'gene'",
             "search.winner = 'test'",
             "search.winner = true",
@@ -434,10 +435,13 @@ fn search_and_stop() {
               write one of these
             ga.crossover = \'slot\'
               ga.crossover: unknown word, got 'slot'
-              did you mean `slots`? known words here: uniform, slots
+              did you mean `slots`? known words here: uniform, slots, any-slots
+            ga.crossover = \'any-slots\'
+              ga.crossover: "any-slots" needs slots, got family disk-ring
+              set it to "slots", which exchanges single genes there, or set descriptor.family = "structure"
             ga.mutation = \'gene\'
               ga.mutation: unknown word, got 'gene'
-              known words here: in-order, field
+              known words here: in-order, field, slot
             search.winner = \'test\'
               search.winner: unknown word, got 'test'
               known words here: validation, fitness
