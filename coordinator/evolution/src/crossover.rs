@@ -164,6 +164,21 @@ mod tests {
         assert!(chi_squared < 25.7, "above the 99.99 % point with 5 degrees of freedom, got {chi_squared}");
     }
 
+    /// A library that drew other orders would change the digests of runs.
+    #[test]
+    fn the_orders_that_streams_draw_are_pinned() {
+        let order = |trial| {
+            // Each slot holds its own number.
+            let numbers = [false, false, false, true, true, false, true, true];
+            let slots: Vec<_> =
+                (0..4).map(|slot| vec![2 * slot..2 * slot + 1, 2 * slot + 1..2 * slot + 2]).collect();
+            let shuffled = shuffle_slots(&numbers, &slots, &mut stream(1, "test", &[trial]));
+            shuffled.chunks(2).map(|bits| 2 * usize::from(bits[0]) + usize::from(bits[1])).collect::<Vec<_>>()
+        };
+        let pinned = [[3, 2, 1, 0], [3, 2, 1, 0], [2, 3, 0, 1], [0, 2, 3, 1], [1, 2, 3, 0]];
+        assert_eq!([0, 1, 2, 3, 4].map(order), pinned);
+    }
+
     #[test]
     #[should_panic(expected = "fields of a slot")]
     fn slots_that_are_not_alike_are_not_shuffled() {

@@ -26,7 +26,8 @@ pub struct Field {
     /// Whether neighbouring value indices stand for values that are alike, such as 7 and 8 bins. Categories are in no
     /// order.
     pub ordered: bool,
-    /// Fields of one slot are exchanged together by crossover by slots; `None`: the field is a slot of its own.
+    /// Fields of one slot are exchanged together by crossover by slots, and mutation by slot changes those of one only;
+    /// `None`: the field is a slot of its own.
     pub slot: Option<u32>,
 }
 

@@ -50,8 +50,8 @@ pub fn by_field(chromosome: &mut [bool], genome: &Genome, rate: f64, rng: &mut i
     change_fields(chromosome, genome, |_| true, rate, rng);
 }
 
-/// Mutates a chromosome as [`by_field`], but only the fields of one slot ([`Genome::slots`]), each as likely. A chromosome
-/// without slots stays.
+/// Mutates a chromosome as [`by_field`], but only the fields of one slot ([`Genome::slots`]), which is drawn
+/// uniformly. A chromosome without slots stays.
 ///
 /// # Panics
 /// If the chromosome is not of this genome, or `rate` is not between 0 and 1.

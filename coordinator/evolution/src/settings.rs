@@ -34,7 +34,7 @@ pub enum Crossover {
     Uniform,
     /// Each slot is exchanged as a whole with the same probability. Where the family has no slots, each gene is one.
     Slots,
-    /// As "slots", but between slots at any places. The family must have slots.
+    /// As "slots", but between slots at any places, so that a child may have the same slot twice. The family must have slots.
     AnySlots,
 }
 
@@ -67,7 +67,8 @@ pub struct GaSettings {
     pub crossover_rate: f64,
     /// How children are changed. Default in order (paper).
     pub mutation: Mutation,
-    /// Probability p(1) that mutation flips a bit between its points, or changes a field of those that may change, 0 to 1. Default 0.40 (paper).
+    /// Probability p(1) that mutation flips a bit between its points, or changes a field
+    /// (with [`Mutation::Slot`], of the drawn slot), 0 to 1. Default 0.40 (paper).
     pub mutation_rate: f64,
     /// Factor r of p(g + 1) = p(g)·r, 0 to 1. Default 0.97 (the paper lowers the rate but gives no factor).
     pub mutation_decay: f64,

@@ -84,9 +84,11 @@ fn every_setting() -> Vec<GaSettings> {
     let mut all = Vec::new();
     for (population, elite) in [(2, 0), (2, 1), (7, 0), (7, 3), (10, 1)] {
         for scaling in [Scaling::None, Scaling::Linear, Scaling::Rank] {
-            for (crossover, mutation) in
-                [(Crossover::Uniform, Mutation::InOrder), (Crossover::Slots, Mutation::Field)]
-            {
+            for (crossover, mutation) in [
+                (Crossover::Uniform, Mutation::InOrder),
+                (Crossover::Slots, Mutation::Field),
+                (Crossover::Slots, Mutation::Slot),
+            ] {
                 let operators = GaSettings { crossover, mutation, ..GaSettings::default() };
                 all.push(GaSettings { population, elite, scaling, ..operators });
             }

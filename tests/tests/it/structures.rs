@@ -118,7 +118,8 @@ fn tables_hold_genes_and_margins_and_other_commands_know_the_family() {
 #[test]
 fn members_evolve_side_by_side_within_their_shares_and_are_joined() {
     let toml = "[descriptor]\nfamily = \"structure\"\nmembers = 3\nmax_bins = 480\nmax_cost = 900_000\n\
-        [ga]\npopulation = 5\nelite = 1\ncrossover = \"any-slots\"\nmutation = \"slot\"\n[search]\nwinner = \"fitness\"\n[stop]\nevaluations = 60\n";
+        [ga]\npopulation = 5\nelite = 1\ncrossover = \"any-slots\"\nmutation = \"slot\"\n\
+        [search]\nwinner = \"fitness\"\n[stop]\nevaluations = 60\n";
     let whole = Experiment::new(&format!("{toml}[coordinator]\npieces = 1\naudit = 0\n"));
     let ran = whole.run("out", &["--local-workers", "1"]).expect_success();
     let out = whole.path("out");
@@ -168,7 +169,8 @@ fn members_evolve_side_by_side_within_their_shares_and_are_joined() {
 fn other_methods_search_the_joined_structures_of_members() {
     for method in ["random", "hill-climb", "nsga2"] {
         let experiment = Experiment::new(&format!(
-            "[descriptor]\nfamily = \"structure\"\nmembers = 2\n[ga]\npopulation = 6\n[search]\nmethod = \"{method}\"\n\
+            "[descriptor]\nfamily = \"structure\"\nmembers = 2\n[ga]\npopulation = 6\n\
+             crossover = \"any-slots\"\nmutation = \"slot\"\n[search]\nmethod = \"{method}\"\n\
              [stop]\nevaluations = 8\n[results]\nbaselines = false\n"
         ));
         experiment.run("out", &[]).expect_success();

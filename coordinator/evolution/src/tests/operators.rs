@@ -111,3 +111,22 @@ fn children_of_generation_g_are_mutated_with_p_of_g() {
         assert!((mean - 9.32 * rate).abs() < 0.3, "generation {generation}: {mean}");
     }
 }
+
+#[test]
+fn children_by_any_slots_follow_from_the_seed() {
+    let settings =
+        GaSettings { crossover: Crossover::AnySlots, mutation: Mutation::Slot, ..by_slots_and_fields(12) };
+    for (method, preselection) in [(Method::Ga, 1), (Method::Ga, 4), (Method::Nsga2, 1)] {
+        let settings = GaSettings { preselection, ..settings };
+        let run = |seed| {
+            let strategy = method.strategy(&slotted(), 1, settings, seed, decompose()).unwrap().unwrap();
+            run_strategy(&*strategy, 6, landscape(2))
+        };
+        let log = run(7);
+        assert_eq!(log, run(7), "{method:?}");
+        assert!(log.iter().zip(&run(8)).all(|(a, b)| a.0 != b.0), "{method:?}");
+        for individual in log.iter().flat_map(|(population, _)| population) {
+            assert_eq!(individual.values, slotted().decode(&individual.chromosome));
+        }
+    }
+}
