@@ -20,7 +20,7 @@ import dashboard_requests as requests
 import dashboard_runs as runs
 
 HERE = pathlib.Path(__file__).parent
-GATE = ["live", "wrong answers", "brush", "back again", "elsewhere", "tokens"]
+GATE = ["live", "wrong answers", "brush", "lineage", "back again", "elsewhere", "tokens"]
 
 
 class Test:

@@ -388,12 +388,46 @@ def tabs(test):
     return f"{len(opened)} tabs, the first goes on when it is seen again"
 
 
+def lineage(test):
+    """What a child has of neither parent: of genes in no slot, and of slots that have changed places."""
+    page = test.page()
+    page.goto(runs.address(test.base, "quiet", view="population"))
+    ready(page)
+    # Genes of two parents and of their child.
+    families = [
+        [{"R1": 1, "m": 4}, {"R1": 2, "m": 4}, {"R1": 3, "m": 4}],
+        *[
+            [dict(zip(("s1_d", "s1_R", "s2_d", "s2_R"), values)) for values in ([1, 2, 3, 4], [5, 6, 7, 8], child)]
+            for child in ([7, 8, 3, 9], [3, 4, 7, 8], [1, 6, 7, 4])
+        ],
+    ]
+    said = page.evaluate(
+        """async (families) => {
+          const { novelty } = await import('/lineage.js');
+          return families.map((family) => {
+            const genes = Object.keys(family[0]);
+            const columns = Object.fromEntries(genes.map((gene) => [gene, family.map((one) => one[gene])]));
+            Object.assign(columns, { generation: [1, 1, 2], parent_a: [null, null, 0], parent_b: [null, null, 1] });
+            const rowOf = (generation, individual) => (generation === 1 ? individual : undefined);
+            return novelty({ individuals: { columns }, rowOf }, genes, 2);
+          });
+        }""",
+        families,
+    )
+    wanted = ["new: R1 3", "new: s2_R 9", "all genes of its parents", "all genes of its parents"]
+    assert said == wanted, f"what is new: {wanted} expected, got {said}"
+    problems(page)
+    page.context.close()
+    return "genes and slots"
+
+
 CHECKS = [
     ("prepare", prepare),
     ("live", live),
     ("views", every_view),
     ("wrong answers", wrong_answers),
     ("brush", brush),
+    ("lineage", lineage),
     ("back again", back_again),
     ("names", names),
 ]

@@ -40,8 +40,14 @@ function ancestors(store, row) {
   return { rows, links, unknown, more, name: (of) => `${generation[of]}.${individual[of]}` };
 }
 
-/** What an individual has of neither parent, in words. */
-function novelty(store, genes, row) {
+/** The beginning of a gene's name that says its slot; '' if it has none. */
+const slotOf = (gene) => /^s\d+_/.exec(gene)?.[0] ?? '';
+
+/**
+ * What an individual has of neither parent, in words. Slots may have changed places: a gene of a slot is compared with
+ * those at its place, or, if that leaves fewer, with those of the slot of a parent that is most alike.
+ */
+export function novelty(store, genes, row) {
   const { columns } = store.individuals;
   const parents = [columns.parent_a[row], columns.parent_b[row]]
     .filter((parent) => parent !== null && parent !== undefined)
@@ -49,7 +55,18 @@ function novelty(store, genes, row) {
     .filter((found) => found !== undefined);
   if (columns.elite?.[row]) return 'copied (elite)';
   if (parents.length === 0) return 'without parents';
-  const fresh = genes.filter((gene) => parents.every((parent) => columns[gene][parent] !== columns[gene][row]));
+  const slots = [...new Set(genes.map(slotOf))];
+  const fresh = slots.flatMap((slot) => {
+    const own = genes.filter((gene) => slotOf(gene) === slot);
+    const atPlace = own.filter((gene) => parents.every((parent) => columns[gene][parent] !== columns[gene][row]));
+    const places = slot === '' ? [] : slots.filter((place) => place !== '');
+    const elsewhere = parents.flatMap((parent) =>
+      places.map((place) =>
+        own.filter((gene) => columns[place + gene.slice(slot.length)]?.[parent] !== columns[gene][row]),
+      ),
+    );
+    return [atPlace, ...elsewhere].reduce((least, some) => (some.length < least.length ? some : least));
+  });
   return fresh.length === 0
     ? 'all genes of its parents'
     : `new: ${fresh.map((gene) => `${gene} ${number(columns[gene][row])}`).join(', ')}`;
