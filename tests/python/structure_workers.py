@@ -1,5 +1,5 @@
-"""Measures what a search for structures, as in the shipped experiments, costs on several machines, each of which keeps
-signatures of its own.
+"""Measures what a search for structures, as in the shipped experiments but with the default operators, costs on several
+machines, each of which keeps signatures of its own.
 
 Usage: structure_workers.py PROGRAMS DATA OUT [--before PROGRAMS] [--workers N...] [--evaluations N] [--repeat N]
 
