@@ -117,9 +117,19 @@ fn tables_hold_genes_and_margins_and_other_commands_know_the_family() {
 
 #[test]
 fn members_evolve_side_by_side_within_their_shares_and_are_joined() {
-    let toml = "[descriptor]\nfamily = \"structure\"\nmembers = 3\nmax_bins = 480\nmax_cost = 900_000\n\
-        [ga]\npopulation = 5\nelite = 1\ncrossover = \"any-slots\"\nmutation = \"slot\"\n\
-        [search]\nwinner = \"fitness\"\n[stop]\nevaluations = 60\n";
+    members_are_joined("");
+}
+
+#[test]
+fn members_whose_operators_keep_channels_are_joined_likewise() {
+    members_are_joined("crossover = \"any-slots\"\nmutation = \"slot\"\n");
+}
+
+fn members_are_joined(operators: &str) {
+    let toml = format!(
+        "[descriptor]\nfamily = \"structure\"\nmembers = 3\nmax_bins = 480\nmax_cost = 900_000\n\
+         [ga]\npopulation = 5\nelite = 1\n{operators}[search]\nwinner = \"fitness\"\n[stop]\nevaluations = 60\n"
+    );
     let whole = Experiment::new(&format!("{toml}[coordinator]\npieces = 1\naudit = 0\n"));
     let ran = whole.run("out", &["--local-workers", "1"]).expect_success();
     let out = whole.path("out");
