@@ -24,8 +24,15 @@ pub(super) struct Neighbourhood {
 
 impl Neighbourhood {
     /// Fills it with the points whose d² to `centre` is above `beyond` and at most `limit`, square metres.
-    pub(super) fn fill(&mut self, surface: &Surface, centre: [f32; 3], [beyond, limit]: [f32; 2]) {
-        widest(Select { surface, centre, limits: [beyond, limit], places: &mut self.places });
+    pub(super) fn fill(&mut self, surface: &Surface, centre: [f32; 3], limits: [f32; 2]) {
+        let mut places = std::mem::take(&mut self.places);
+        find(surface, centre, limits, &mut places);
+        self.copy(surface, places);
+    }
+
+    /// Fills it with the points at these places.
+    pub(super) fn copy(&mut self, surface: &Surface, places: Vec<u32>) {
+        self.places = places;
         for axis in 0..3 {
             copy(&self.places, &surface.position[axis], &mut self.position[axis]);
             copy(&self.places, &surface.normal[axis], &mut self.normal[axis]);
@@ -43,6 +50,12 @@ impl Neighbourhood {
     }
 }
 
+/// Fills a list with the places of the points whose d² to `centre` is above `beyond` and at most `limit`, square metres,
+/// ascending.
+pub(super) fn find(surface: &Surface, centre: [f32; 3], limits: [f32; 2], places: &mut Vec<u32>) {
+    widest(Select { surface, centre, limits, places });
+}
+
 fn copy<T: Copy + Default>(places: &[u32], from: &[T], list: &mut Vec<T>) {
     list.clear();
     list.extend(places.iter().map(|&place| from[place as usize]));
@@ -55,7 +68,7 @@ pub(super) fn group<T>(list: &[T], start: usize) -> &[T; GROUP] {
     &list[start..start + GROUP].as_chunks().0[0]
 }
 
-/// The kernel of [`Neighbourhood::fill`].
+/// The kernel of [`find`].
 struct Select<'a> {
     surface: &'a Surface,
     centre: [f32; 3],

@@ -188,6 +188,29 @@ fn a_large_cloud_is_described_like_a_small_one() {
     assert!(moved * 1000 < in_order.len(), "{moved} of {} values differ", in_order.len());
 }
 
+/// Which blocks and batches the pairs of a cloud are counted in must not show.
+#[test]
+fn regions_are_the_same_counted_at_once_or_in_parts() {
+    for (seed, sorted_above) in [(1, SORTED_ABOVE), (2, 0)] {
+        let scene = Scene::new(sheet(seed, 700));
+        let surface = Surface::new(&scene.cloud, &scene.normals, 0.05, sorted_above).unwrap();
+        let colours = scene.cloud.colours.as_ref().unwrap();
+        let colours: Vec<[u8; 3]> = surface.indices.iter().map(|&index| colours[index as usize]).collect();
+        // Regions of 3 cm share most of their points; those of 7 mm, about keypoints 2 cm apart, none.
+        for metres in [0.03, 0.007] {
+            let radius = Radius { metres, squared: floor_f32(metres * metres) };
+            let keypoints = || scene.keypoints.points.iter().copied();
+            let rows = |at_once| pfhrgb::rows_in_parts(&surface, &colours, keypoints(), radius, at_once);
+            let whole = rows([usize::MAX, usize::MAX]);
+            assert!(whole.len() > 5 * FixedKind::PfhRgb.size(), "{}", whole.len());
+            // From one point and one keypoint at a time to a few.
+            for at_once in [[0, 0], [10_000, 0], [0, usize::MAX], [70_000, 150], [200_000, usize::MAX]] {
+                assert!(rows(at_once) == whole, "seed {seed}, {metres} m, {at_once:?}");
+            }
+        }
+    }
+}
+
 #[test]
 fn names_are_read_as_they_are_written() {
     for kind in FixedKind::ALL {

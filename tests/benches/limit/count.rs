@@ -49,6 +49,29 @@ impl Field {
     pub fn within(&self, centre: [f32; 3], radius_um: u32) -> u64 {
         widest(Within { columns: &self.columns, centre, limit: limit(radius_um) })
     }
+
+    /// Unordered pairs of points that are both within a radius of one of these centres.
+    pub fn pairs_within(&self, centres: &[[f32; 3]], radius_um: u32) -> u64 {
+        let limit = limit(radius_um);
+        let [x, y, z] = &self.columns;
+        let region = |centre: &[f32; 3]| -> Vec<bool> {
+            let points = x.iter().zip(y).zip(z);
+            let distances2 = points.map(|((x, y), z)| {
+                let (x, y, z) = (x - centre[0], y - centre[1], z - centre[2]);
+                x * x + y * y + z * z
+            });
+            distances2.map(|distance2| distance2 <= limit).collect()
+        };
+        let regions: Vec<Vec<bool>> = centres.iter().map(region).collect();
+        let partners = |one: usize| {
+            let mut is_partner = vec![false; x.len() - one - 1];
+            for region in regions.iter().filter(|region| region[one]) {
+                is_partner.iter_mut().zip(&region[one + 1..]).for_each(|(is, &here)| *is |= here);
+            }
+            is_partner.into_iter().filter(|&is| is).count() as u64
+        };
+        (0..x.len()).map(partners).sum()
+    }
 }
 
 struct Within<'a> {

@@ -49,13 +49,16 @@ impl Fixed {
 }
 
 fn work(kind: FixedKind, clouds: &[Prepared]) -> Work {
-    let [mut rows, mut neighbours, mut pairs, mut width] = [0; 4];
+    let [mut rows, mut neighbours, mut counted, mut pairs, mut width] = [0; 5];
     for Prepared { cloud, keypoints, normals, .. } in clouds {
         let points = Field::with_normals(cloud, normals);
         for &keypoint in &keypoints.points {
             let near = points.within(keypoint, FixedDescriptor::DEFAULT_RADIUS_UM);
             neighbours += near;
-            pairs += near * near.saturating_sub(1) / 2;
+            counted += near * near.saturating_sub(1) / 2;
+        }
+        if kind == FixedKind::PfhRgb {
+            pairs += points.pairs_within(&keypoints.points, FixedDescriptor::DEFAULT_RADIUS_UM);
         }
         let histograms = descriptor(kind).describe(cloud, keypoints, normals).unwrap();
         rows += histograms.rows().len() as u64;
@@ -70,13 +73,14 @@ fn work(kind: FixedKind, clouds: &[Prepared]) -> Work {
             .and(4 * neighbours, Element::DotProduct)
             .and(5 * neighbours, Element::Feature)
             .and(10 * neighbours, Element::ManyBins),
-        // The products that the angles of both orders are made of; six bins of angles and three of colour ratios, which in
-        // the other order are the same mirrored; two histograms, in which both orders are counted as one.
-        FixedKind::PfhRgb => Work::given([given[0], given[1], (pairs, "unordered pairs")])
+        // Of each pair of points that share a region, the products that the angles of both orders are made of, six bins of
+        // angles and three of colour ratios, which in the other order are the same mirrored. In each region, two
+        // histograms of its pairs, in which both orders are counted as one.
+        FixedKind::PfhRgb => Work::given([given[0], given[1], (counted, "unordered pairs in regions")])
             .and(neighbours + pairs, Element::Distance)
             .and(4 * pairs, Element::DotProduct)
             .and(9 * pairs, Element::Feature)
-            .and(2 * pairs, Element::ManyBins),
+            .and(2 * counted, Element::ManyBins),
     }
     .and_rows(rows, width)
 }

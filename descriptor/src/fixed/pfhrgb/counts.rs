@@ -1,0 +1,67 @@
+//! Numbers of pairs by code, and what they are by bin.
+
+use super::codes::{BINS, CODES, SIZE, bins};
+
+/// Tables that pairs in turn are counted in: a count that was just stored takes time until it can be loaded again.
+const TABLES: usize = 2;
+
+/// Entries of a table: a power of two, so that no index needs a check, and some more, as equal places of tables a
+/// multiple of 4096 bytes apart pass for the same address until late.
+const TABLE: usize = 16_384;
+
+/// Pairs by code.
+type Table = [u32; TABLE + 16];
+
+/// The counts of one region.
+pub(super) struct Counts {
+    angles: Box<[Table; TABLES]>,
+    colours: Box<[Table; TABLES]>,
+}
+
+impl Default for Counts {
+    fn default() -> Self {
+        let tables = || Box::new([[0; TABLE + 16]; TABLES]);
+        Self { angles: tables(), colours: tables() }
+    }
+}
+
+impl Counts {
+    /// Counts the pairs of one point with others, by the codes of its row and their places there.
+    ///
+    /// No table overflows before 2³² pairs.
+    #[inline]
+    pub(super) fn add(&mut self, row: &[u32], others: &[u32]) {
+        let (groups, rest) = others.as_chunks::<TABLES>();
+        for group in groups {
+            for (table, &other) in group.iter().enumerate() {
+                self.count(table, row[other as usize]);
+            }
+        }
+        for &other in rest {
+            self.count(0, row[other as usize]);
+        }
+    }
+
+    #[inline(always)]
+    fn count(&mut self, table: usize, code: u32) {
+        self.angles[table][code as usize % TABLE] += 1;
+        self.colours[table][(code >> 16) as usize % TABLE] += 1;
+    }
+
+    /// Adds what was counted to ordered pairs by bin; empties the tables.
+    pub(super) fn move_to(&mut self, totals: &mut [u64; SIZE]) {
+        for (tables, totals) in
+            [&mut self.angles, &mut self.colours].into_iter().zip(totals.chunks_exact_mut(BINS))
+        {
+            for code in 0..CODES {
+                let count: u32 = tables.iter().map(|table| table[code]).sum();
+                if count > 0 {
+                    for bin in bins(code) {
+                        totals[bin] += u64::from(count);
+                    }
+                }
+            }
+            tables.iter_mut().for_each(|table| table.fill(0));
+        }
+    }
+}
