@@ -382,7 +382,7 @@ mod tests {
                 "descriptor.channel: there must be 1 to 8, got 9",
             ),
             (first("pairs", "neighbour".into()), "descriptor.channel 1: pairs: one of "),
-            (first("radius_cm", f64::NAN.into()), "radius_cm: must be a number from 0 to 429496, got NaN"),
+            (first("radius_cm", f64::NAN.into()), "radius_cm: must be 0.0001 to 100, got NaN"),
             (first("weight", 0.into()), "weight: must be 0.000001 to 1000, got 0"),
             (
                 refused("descriptor", &|table| drop(table.insert("slots".into(), 4.into()))),

@@ -3,8 +3,11 @@
 use std::path::{Path, PathBuf};
 
 use descriptor::structure::{Structure, StructureError, StructureFile};
+use serde::Deserialize;
+use toml::de::{DeTable, Deserializer};
 
-use crate::text::{read_bounded, shortened};
+use crate::sections::{ExperimentError, key_fault, syntax_fault};
+use crate::text::read_bounded;
 
 /// Why a file describes no structure.
 #[derive(Debug, thiserror::Error)]
@@ -20,13 +23,8 @@ pub enum StructureFileError {
         source: std::io::Error,
     },
     /// It is no TOML of this form.
-    #[error("{path}: not a structure file, got {what}\ncompare it with experiments/descriptors/paper.toml")]
-    Form {
-        /// Which file.
-        path: PathBuf,
-        /// What is wrong.
-        what: String,
-    },
+    #[error(transparent)]
+    Form(#[from] ExperimentError),
     /// No structure can be so.
     #[error("{path}: {source}")]
     Structure {
@@ -52,12 +50,9 @@ pub fn read(path: &Path) -> Result<Structure, StructureFileError> {
 /// # Errors
 /// What is wrong with the text.
 pub fn parse(text: &str, path: &Path) -> Result<Structure, StructureFileError> {
-    let file: StructureFile = toml::from_str(text).map_err(|error| {
-        let line = error.span().map(|span| 1 + text[..span.start].matches('\n').count());
-        let place = line.map(|line| format!("line {line}: ")).unwrap_or_default();
-        let what = format!("{place}{}", shortened(error.message(), 200));
-        StructureFileError::Form { path: path.to_owned(), what }
-    })?;
+    let root = DeTable::parse(text).map_err(|error| syntax_fault(text, &error).in_file(path))?;
+    let file = StructureFile::deserialize(Deserializer::from(root.clone()))
+        .map_err(|error| key_fault(text, root.get_ref(), &error).in_file(path))?;
     file.structure().map_err(|source| StructureFileError::Structure { path: path.to_owned(), source })
 }
 
@@ -91,7 +86,28 @@ mod tests {
         assert!(unknown.starts_with("one.toml: channel 1: features: "), "{unknown}");
         assert!(unknown.contains("hew"), "{unknown}");
         let key = message(&format!("{channel}features = [\"d 5\"]\nbins = 4\n"));
-        assert!(key.starts_with("one.toml: not a structure file, got line 7: unknown field `bins`"), "{key}");
+        assert!(
+            key.starts_with("one.toml: channel 1: unknown key, got `bins`\nknown keys here: pairs, "),
+            "{key}"
+        );
+        assert!(key.ends_with(", weight, scale"), "{key}");
+        let slip = message(&format!("{channel}features = [\"d 5\"]\n[[channel]]\nradius = 4\n"));
+        assert!(
+            slip.starts_with("one.toml: channel 2: unknown key, got `radius`\ndid you mean `radius_cm`? "),
+            "{slip}"
+        );
+        let kind = message(&format!("{channel}features = [\"d 5\"]\nweight = \"1\"\n"));
+        assert_eq!(
+            kind,
+            "one.toml: channel 1: weight: expected a number, got \"1\"\nwrite a number without quotes"
+        );
+        let absent = message("version = 1\n[[channel]]\npairs = \"cloud\"\nradius_cm = 12\n");
+        assert_eq!(
+            absent,
+            "one.toml: channel 1: required key missing, got no `features`\nadd `features = …`"
+        );
+        let syntax = message("version = 1\n[[channel]\n");
+        assert!(syntax.starts_with("one.toml: line 2, column "), "{syntax}");
         let missing = read(Path::new("/nowhere/one.toml")).unwrap_err().to_string();
         assert!(missing.starts_with("/nowhere/one.toml: cannot be read, got "), "{missing}");
     }

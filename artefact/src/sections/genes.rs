@@ -35,7 +35,7 @@ pub fn search_space(raw: &RawDescriptor) -> Result<SearchSpace, Fault> {
     if let Some((key, _)) =
         structure_only.iter().find(|(_, is_written)| *is_written && family != Family::Structure)
     {
-        let what = format!("no key of family {family}, got it");
+        let what = format!("only of family structure, got family {family}");
         return Err(Fault::new(
             format!("descriptor.{key}"),
             what,

@@ -8,6 +8,7 @@ mod one;
 mod preprocess;
 mod raw;
 mod suggest;
+mod toml_fault;
 
 pub use error::{ExperimentError, Fault};
 pub use forms::{RawGene, RawInterval};
@@ -16,3 +17,4 @@ pub use one::{of_one, one};
 pub use preprocess::{micrometres, preprocess};
 pub use raw::{RawDescriptor, RawFamily, RawGenes, RawMetric, RawPreprocess};
 pub use suggest::{advice, nearest_name};
+pub use toml_fault::{TABLE_ADVICE, excerpt, key_fault, syntax_fault};

@@ -27,6 +27,22 @@ impl StructureError {
     }
 }
 
+/// Micrometres in a metre.
+const METRE: u32 = 1_000_000;
+
+/// Radii of a channel, micrometres.
+pub(super) const RADIUS: RangeInclusive<u32> = 1..=METRE;
+/// Edges of the grid, micrometres.
+pub(super) const GRID: RangeInclusive<u32> = 1_000..=METRE;
+/// Bounds of shells, micrometres: both points of a pair are within a radius.
+pub(super) const SHELL: RangeInclusive<u32> = 1..=2 * METRE;
+/// Smallest distances of a pair, micrometres.
+pub(super) const LEAST: RangeInclusive<u32> = 0..=2 * METRE;
+/// s of the squash, thousandths.
+pub(super) const SQUASH: RangeInclusive<u32> = 1..=10_000;
+/// Weights of a channel, millionths.
+pub(super) const WEIGHT: RangeInclusive<u32> = 1..=Weighted::MAX_WEIGHT_PPM;
+
 /// Micrometres as centimetres.
 pub(super) fn centimetres(um: u32) -> f64 {
     f64::from(um) / 1e4
@@ -44,11 +60,27 @@ fn within(
     limits: RangeInclusive<u32>,
 ) -> Result<(), StructureError> {
     if limits.contains(&ticks) {
-        return Ok(());
+        Ok(())
+    } else {
+        Err(outside(key, in_units(ticks, per_unit), per_unit, limits))
     }
-    let [low, high, got] = [*limits.start(), *limits.end(), ticks].map(|ticks| in_units(ticks, per_unit));
-    let what = format!("must be {low} to {high}, got {got}");
-    Err(StructureError::new(key, what, "choose a value inside these limits"))
+}
+
+/// That a value is not within limits, which are given in ticks.
+pub(super) fn outside(
+    key: &'static str,
+    value: f64,
+    per_unit: u32,
+    limits: RangeInclusive<u32>,
+) -> StructureError {
+    let [low, high] = [*limits.start(), *limits.end()].map(|ticks| in_units(ticks, per_unit));
+    // One of hundreds of digits would fill the screen.
+    let got = if value.abs() < 1e12 { value.to_string() } else { format!("{value:e}") };
+    StructureError::new(
+        key,
+        format!("must be {low} to {high}, got {got}"),
+        "choose a value inside these limits",
+    )
 }
 
 impl Structure {
@@ -80,7 +112,7 @@ impl Structure {
 impl Weighted {
     fn check(&self) -> Result<(), StructureError> {
         self.channel.check()?;
-        within("weight", self.weight_ppm, 1_000_000, 1..=Self::MAX_WEIGHT_PPM)
+        within("weight", self.weight_ppm, 1_000_000, WEIGHT)
     }
 }
 
@@ -94,9 +126,6 @@ impl StructureChannel {
     /// Numbers of bins that a feature may have.
     pub(super) const BINS: RangeInclusive<u32> = 2..=64;
 
-    /// Largest radius, and largest edge of the grid, micrometres.
-    const METRE: u32 = 1_000_000;
-
     /// Whether any experiment may use it. Of several ways to say the same only one is allowed, so that equal channels are
     /// equal values.
     ///
@@ -105,7 +134,7 @@ impl StructureChannel {
     pub fn check(&self) -> Result<(), StructureError> {
         self.check_features()?;
         self.check_squash()?;
-        within("radius_cm", self.radius_um, 10_000, 1..=Self::METRE)?;
+        within("radius_cm", self.radius_um, 10_000, RADIUS)?;
         self.check_shells()?;
         self.check_points()?;
         self.check_value_weights()?;
@@ -182,7 +211,7 @@ impl StructureChannel {
                 let what = format!("needed by {feature}, got none");
                 Err(StructureError::new("squash", what, "write one, such as 0.3"))
             }
-            (Some(_), got) => within("squash", got, 1000, 1..=10_000),
+            (Some(_), got) => within("squash", got, 1000, SQUASH),
         }
     }
 
@@ -222,7 +251,7 @@ impl StructureChannel {
     fn check_points(&self) -> Result<(), StructureError> {
         let pairs = self.pairs.name();
         if self.pairs != Pairs::Cloud {
-            within("grid_cm", self.grid_um, 10_000, 1_000..=Self::METRE)?;
+            within("grid_cm", self.grid_um, 10_000, GRID)?;
         } else if self.grid_um != 0 {
             let what = format!("pairs of a cloud have no keypoints, got {}", centimetres(self.grid_um));
             return Err(StructureError::new("grid_cm", what, "leave it out"));

@@ -3,7 +3,11 @@
 use serde::{Deserialize, Serialize, Serializer};
 
 use crate::distance::SetDistance;
-use crate::structure::check::{StructureError, centimetres};
+use std::ops::RangeInclusive;
+
+use crate::structure::check::{
+    GRID, LEAST, RADIUS, SHELL, SQUASH, StructureError, WEIGHT, centimetres, outside,
+};
 use crate::structure::{Axis, Feature, Pairs, Scale, Structure, StructureChannel, Weighted};
 
 /// A structure file, not yet checked.
@@ -151,11 +155,11 @@ impl ChannelFile {
             pairs,
             is_joint: !self.side_by_side || axes.len() == 1,
             axes,
-            squash_milli: self.squash.map_or(Ok(0), |value| ticks("squash", value, 1000))?,
-            radius_um: micrometres("radius_cm", self.radius_cm)?,
+            squash_milli: self.squash.map_or(Ok(0), |value| ticks("squash", value, 1000, SQUASH))?,
+            radius_um: micrometres("radius_cm", self.radius_cm, RADIUS)?,
             shells_um: Vec::new(),
-            least_um: micrometres("least_cm", self.least_cm.unwrap_or(0.0))?,
-            grid_um: micrometres("grid_cm", grid_cm)?,
+            least_um: micrometres("least_cm", self.least_cm.unwrap_or(0.0), LEAST)?,
+            grid_um: micrometres("grid_cm", grid_cm, GRID)?,
             samples: self.samples.unwrap_or(0),
             oriented: self.normals_only && !needs_normals,
             metric: metric.transpose()?.unwrap_or_default(),
@@ -164,7 +168,7 @@ impl ChannelFile {
         channel.shells_um = self.shells_um(&channel)?;
         Ok(Weighted {
             channel,
-            weight_ppm: ticks("weight", self.weight.unwrap_or(1.0), 1_000_000)?,
+            weight_ppm: ticks("weight", self.weight.unwrap_or(1.0), 1_000_000, WEIGHT)?,
             scale: scale.transpose()?.unwrap_or_default(),
         })
     }
@@ -172,7 +176,7 @@ impl ChannelFile {
     fn value_weights(&self) -> Result<Vec<u16>, StructureError> {
         let full = StructureChannel::FULL;
         let weight = |&value: &f64| {
-            let weight = ticks("value_weights", value, full.into())?;
+            let weight = ticks("value_weights", value, full.into(), 0..=full.into())?;
             u16::try_from(weight).ok().filter(|&weight| weight <= full).ok_or_else(|| {
                 let what = format!("must be 0 to 1, got {value}");
                 StructureError::new("value_weights", what, "divide them by the largest")
@@ -195,7 +199,9 @@ impl ChannelFile {
                 let what = "not beside shells_cm, got both";
                 Err(StructureError::new("shells", what, "write one of them"))
             }
-            (None, Some(bounds)) => bounds.iter().map(|&bound| micrometres("shells_cm", bound)).collect(),
+            (None, Some(bounds)) => {
+                bounds.iter().map(|&bound| micrometres("shells_cm", bound, SHELL)).collect()
+            }
             (Some(shells), None) if !(1..=most).contains(&shells) => {
                 let what = format!("must be 1 to {most}, got {shells}");
                 Err(StructureError::new("shells", what, "choose a number inside these limits"))
@@ -256,7 +262,9 @@ fn axis(text: &str) -> Result<Axis, StructureError> {
         [name, bins, "over", "360"] => (name, bins, true),
         _ => ("", "", false),
     };
-    let Ok(bins) = bins.parse() else {
+    // More bins than a number holds are refused like others.
+    let is_number = !bins.is_empty() && bins.bytes().all(|byte| byte.is_ascii_digit());
+    let Some(bins) = is_number.then(|| bins.parse().unwrap_or(u32::MAX)) else {
         let what = format!("name and number of bins expected, got {}", quoted(text));
         return Err(StructureError::new(
             "features",
@@ -267,17 +275,22 @@ fn axis(text: &str) -> Result<Axis, StructureError> {
     Ok(Axis { feature: named("features", name, Feature::ALL, Feature::name)?, bins, full_turn })
 }
 
-fn micrometres(key: &'static str, value: f64) -> Result<u32, StructureError> {
-    ticks(key, value, 10_000)
+fn micrometres(key: &'static str, value: f64, limits: RangeInclusive<u32>) -> Result<u32, StructureError> {
+    ticks(key, value, 10_000, limits)
 }
 
-/// A value as ticks, of which there are so many in its unit.
-fn ticks(key: &'static str, value: f64, per_unit: u32) -> Result<u32, StructureError> {
+/// A value as ticks, of which there are so many in its unit. That they are within the limits, in ticks, is checked with the
+/// structure; what no ticks can be is refused here.
+fn ticks(
+    key: &'static str,
+    value: f64,
+    per_unit: u32,
+    limits: RangeInclusive<u32>,
+) -> Result<u32, StructureError> {
     let ticks = value * f64::from(per_unit);
     let rounded = ticks.round();
     if !(0.0..=f64::from(u32::MAX)).contains(&rounded) {
-        let what = format!("must be a number from 0 to {}, got {value}", u32::MAX / per_unit);
-        return Err(StructureError::new(key, what, "choose a value inside these limits"));
+        return Err(outside(key, value, per_unit, limits));
     }
     // A decimal is no exact double.
     if (ticks - rounded).abs() > 1e-6 * rounded.max(1.0) {
@@ -446,11 +459,11 @@ mod tests {
             ),
             (
                 "radius_cm = nan",
-                "radius_cm: must be a number from 0 to 429496, got NaN\nchoose a value inside these limits",
+                "radius_cm: must be 0.0001 to 100, got NaN\nchoose a value inside these limits",
             ),
             (
                 "radius_cm = -1",
-                "radius_cm: must be a number from 0 to 429496, got -1\nchoose a value inside these limits",
+                "radius_cm: must be 0.0001 to 100, got -1\nchoose a value inside these limits",
             ),
             ("radius_cm = 1.23456", "radius_cm: must be a multiple of 0.0001, got 1.23456\nround it"),
             ("shells_cm = []", "shells_cm: must be 1 to 8, got 0\nwrite the outer bound of each"),
@@ -500,7 +513,7 @@ mod tests {
             ("value_weights = [1.5]", "value_weights: must be 0 to 1, got 1.5\ndivide them by the largest"),
             (
                 "value_weights = [nan]",
-                "value_weights: must be a number from 0 to 429496, got NaN\nchoose a value inside these limits",
+                "value_weights: must be 0 to 1, got NaN\nchoose a value inside these limits",
             ),
             (
                 "value_weights = [0.00001]",

@@ -58,7 +58,7 @@ fn a_limit_that_nothing_keeps_is_told_with_what_the_cheapest_costs() {
 
     for (descriptor, complaint) in [
         ("family = \"structure\"\nmax_cost = 0", "descriptor.max_cost: not at least 1, got 0"),
-        ("max_cost = 5", "descriptor.max_cost: no key of family disk-ring"),
+        ("max_cost = 5", "descriptor.max_cost: only of family structure, got family disk-ring"),
     ] {
         let experiment = Experiment::new(&format!("[descriptor]\n{descriptor}\n"));
         let finished = run("coordinator", ["check", &experiment.path("exp.toml")]).expect_error();

@@ -218,7 +218,10 @@ fn what_cannot_be_searched_or_asked_says_so() {
         &format!("{structure}members = 3\n[ga]\npreselection = 2\n"),
         "ga.preselection: must be 1 beside descriptor.members, got 2\n",
     );
-    refused("[descriptor]\nmembers = 2\n", "descriptor.members: no key of family disk-ring, got it\n");
+    refused(
+        "[descriptor]\nmembers = 2\n",
+        "descriptor.members: only of family structure, got family disk-ring\n",
+    );
     refused(&format!("{structure}members = 9\n"), "descriptor.members: must be 1 to 8, got 9\n");
     refused(
         &format!("{structure}[preprocess]\nleaf_cm = 2.0\n"),
@@ -228,7 +231,10 @@ fn what_cannot_be_searched_or_asked_says_so() {
         &format!("{structure}[descriptor.genes]\nR1 = 1.0\n"),
         "descriptor.genes: family structure has none",
     );
-    refused("[descriptor]\nmax_bins = 500\n", "descriptor.max_bins: no key of family disk-ring, got it\n");
+    refused(
+        "[descriptor]\nmax_bins = 500\n",
+        "descriptor.max_bins: only of family structure, got family disk-ring\n",
+    );
     refused("[search.fitness]\nsplit = 0\n", "search.fitness: no protocol with a weight above 0");
     refused("[search.fitness]\nsplit = 101\n", "search.fitness.split: not between 0 and 100, got 101\n");
 

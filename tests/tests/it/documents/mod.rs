@@ -200,6 +200,26 @@ fn the_reference_of_the_protocol_is_made_from_the_proto_files() {
 }
 
 #[test]
+fn every_key_of_a_channel_is_on_the_page_of_structures() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("one.toml").display().to_string();
+    fs::write(&file, "version = 1\n[[channel]]\nunheard_of = 1\n").unwrap();
+    let args = ["evaluate", "--data", ".", "--query", "a", "--database", "b", "--structure", &file];
+    let refused = run("coordinator", args).expect_error();
+    let known = refused.stderr.split_once("known keys here: ").unwrap().1;
+    let known: Vec<&str> = known.trim_end().split(", ").collect();
+    assert!(known.len() > 10, "{refused}");
+    let page = read("docs/src/how-to/structures.md");
+    let (_, section) = page.split_once("### Keys of a channel\n").unwrap();
+    let rows = section
+        .lines()
+        .skip_while(|line| !line.starts_with("| `"))
+        .take_while(|line| line.starts_with("| `"));
+    let keys: Vec<&str> = rows.filter_map(|row| row.split('`').nth(1)).collect();
+    assert_eq!(keys, known);
+}
+
+#[test]
 fn the_reference_of_metrics_is_made_from_the_code() {
     expect_file![repository().join("docs/src/reference/metrics.md")]
         .assert_eq(&coordinator::metrics::reference());
