@@ -282,3 +282,9 @@ impl Running {
         assert!(status.unwrap().success(), "{}: kill -{signal}", self.name);
     }
 }
+
+/// What `DESCRY_VECTORS` may ask for on this machine, beside the widest vectors.
+pub fn narrower_vectors() -> Vec<&'static str> {
+    let has_avx2 = fs::read_to_string("/proc/cpuinfo").is_ok_and(|it| it.contains(" avx2 "));
+    if cfg!(target_arch = "x86_64") && has_avx2 { vec!["baseline", "v3"] } else { vec!["baseline"] }
+}

@@ -1,10 +1,9 @@
 //! One digest, whatever the workers do.
 
 use std::collections::BTreeSet;
-use std::fs;
 
 use crate::experiments::{Experiment, digest, summary};
-use crate::process::{Running, finish, program, run};
+use crate::process::{Running, finish, narrower_vectors, program, run};
 
 /// Long enough that workers can come and go while it runs, short enough to run several times.
 const SEARCH: &str = "[ga]\npopulation = 8\n[stop]\ngenerations = 60\nstagnation = \"off\"\n\
@@ -214,11 +213,8 @@ fn narrower_vectors_change_no_digest_and_those_that_are_not_there_are_refused() 
         finish(&mut command)
     };
     let widest = digest(&with("", "widest").expect_success());
-    assert_eq!(digest(&with("baseline", "baseline").expect_success()), widest);
-    if cfg!(target_arch = "x86_64")
-        && fs::read_to_string("/proc/cpuinfo").is_ok_and(|it| it.contains(" avx2 "))
-    {
-        assert_eq!(digest(&with("v3", "v3").expect_success()), widest);
+    for vectors in narrower_vectors() {
+        assert_eq!(digest(&with(vectors, vectors).expect_success()), widest, "{vectors}");
     }
     let refused = with("v5", "refused").expect_error();
     let expected =

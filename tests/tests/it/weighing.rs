@@ -5,7 +5,7 @@ use std::fs;
 use serde_json::Value;
 
 use crate::experiments::{Experiment, clouds, digest, repository, summary};
-use crate::process::{Finished, finish, kill_at, program, run};
+use crate::process::{Finished, finish, kill_at, narrower_vectors, program, run};
 
 const STRUCTURES: &str = "[descriptor]\nfamily = \"structure\"\nmax_bins = 300\n\
     [ga]\npopulation = 8\n[stop]\nevaluations = 24\n[search.fitness]\ncross-sequence = 1\n";
@@ -181,9 +181,11 @@ fn a_run_that_weighs_has_one_digest_whoever_works_and_wherever_it_was_killed() {
         "[search]\nweigh = \"jointly\"\n[coordinator]\npieces = 3\naudit = 1.0\n{STRUCTURES}"
     ));
     assert_eq!(digest(&cut.run("out", &["--local-workers", "3"]).expect_success()), expected);
-    let mut scalar = program("coordinator");
-    scalar.env("DESCRY_VECTORS", "baseline").args(first.run_args("scalar", &["--no-cache"]));
-    assert_eq!(digest(&finish(&mut scalar).expect_success()), expected);
+    for vectors in narrower_vectors() {
+        let mut narrower = program("coordinator");
+        narrower.env("DESCRY_VECTORS", vectors).args(first.run_args(vectors, &["--no-cache"]));
+        assert_eq!(digest(&finish(&mut narrower).expect_success()), expected, "{vectors}");
+    }
 
     let args = first.run_args("killed", &["--local-workers", "1"]);
     kill_at("coordinator", args, "weighing the values of the winner");
