@@ -146,6 +146,16 @@ impl DescribedClouds {
         self.pool.install(|| self.matched_by(distance, LARGEST_DISTANCES))
     }
 
+    /// The channels of a structure, from 1, that count nothing in any cloud: all clouds are alike in them.
+    pub fn empty_channels(&self) -> Vec<usize> {
+        let Descriptor::Structure(structure) = &self.descriptor else { return Vec::new() };
+        let clouds = || self.query.signatures.iter().chain(&self.database.signatures);
+        let is_empty = |channel: &usize| {
+            clouds().all(|signatures| signatures[*channel].centroid.iter().all(|&value| value == 0.0))
+        };
+        (0..structure.channels.len()).filter(is_empty).map(|channel| channel + 1).collect()
+    }
+
     fn matched_by(&self, distance: SetDistance, most: usize) -> Result<Report, EvaluateError> {
         let Self { query, database, .. } = self;
         let matching = Instant::now();

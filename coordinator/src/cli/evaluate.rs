@@ -15,6 +15,7 @@ use serde_json::json;
 
 use super::layout::{LayoutArgs, LayoutName};
 use super::look::{LookArgs, noted};
+use crate::console::say;
 use crate::dataset::Listing;
 use crate::evaluate::{DescribedClouds, Report, Request, compared_by};
 use crate::experiment::name_advice;
@@ -57,8 +58,8 @@ pub struct Evaluate {
     /// Threads, for example 1; all cores by default. Seconds of a stage are added up over clouds and threads
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-    /// Edge of a keypoint voxel in centimetres, for example 2
-    #[arg(long, value_name = "CM", default_value_t = 2.0)]
+    /// Edge of a keypoint voxel in centimetres, for example 2; not of a structure, whose channels have grids of their own
+    #[arg(long, value_name = "CM", default_value_t = 2.0, conflicts_with = "structure")]
     leaf_cm: f64,
     /// Radius of a normal's neighbourhood in centimetres, for example 1
     #[arg(long, value_name = "CM", default_value_t = 1.0)]
@@ -121,7 +122,14 @@ impl Evaluate {
             Ok((look, test_clouds))
         };
         let looked = self.look.look("evaluate").map(note).transpose()?;
-        let report = DescribedClouds::new(&request, &|| ())?.report(distance)?;
+        let described = DescribedClouds::new(&request, &|| ())?;
+        for channel in described.empty_channels() {
+            say(format_args!(
+                "warning: channel {channel}: pairs of points in some cloud expected, got none\nit tells nothing apart: \
+                 raise its radius_cm, lower its least_cm, or leave it out"
+            ));
+        }
+        let report = described.report(distance)?;
         if let Some(file) = &self.nearest {
             let lines: String = report
                 .matches

@@ -248,6 +248,25 @@ fn evaluate_knows_the_descriptors_that_the_papers_is_compared_with() {
         assert!(refused.stderr.contains(&format!("--no-colour: {kind} needs colours")), "{refused}");
     }
     assert_eq!(evaluate(&["--descriptor", "fpfh"]).expect_error().status.code(), Some(2));
+    // Two points of a cloud are never a metre apart: the channel tells nothing.
+    let channel = "pairs = \"cloud\"\nfeatures = [\"d 5\"]\nradius_cm = 100\nsamples = 512\n";
+    let file = folder.path("one.toml");
+    fs::write(&file, format!("version = 1\n[[channel]]\n{channel}[[channel]]\n{channel}least_cm = 99\n"))
+        .unwrap();
+    let told = evaluate(&["--structure", &file]).expect_success();
+    assert!(
+        told.stderr.starts_with("warning: channel 2: pairs of points in some cloud expected, got none\n"),
+        "{told}"
+    );
+    assert_eq!(told.stderr.matches("warning").count(), 1, "{told}");
+    let shape = evaluate(&["--no-colour"]).expect_success();
+    assert!(shape.stderr.is_empty(), "{shape}");
+    // Each channel has a grid of its own.
+    let refused = evaluate(&["--structure", &file, "--leaf-cm", "3"]).expect_error();
+    assert!(
+        refused.stderr.contains("'--structure <TOML>' cannot be used with '--leaf-cm <CM>'"),
+        "{refused}"
+    );
 }
 
 #[test]
