@@ -96,8 +96,8 @@ fn clouds_that_cannot_be_used_are_refused() {
     check_refusal(
         &cloud,
         &expect![[r#"
-            cloud: no colours where colour is wanted
-            use clouds with an rgb field, or do without colour (descriptor.colour = false, --no-colour)"#]],
+            cloud: must have colours, got none
+            use clouds with an rgb field, or a descriptor of shape alone (descriptor.colour = false in an experiment, evaluate --no-colour)"#]],
     );
     let uncoloured = Preprocess { colour: false, ..Preprocess::default() };
     assert_eq!(QuantisedCloud::new(&cloud, &uncoloured, &paper()), Err(PrepareError::NoColours));

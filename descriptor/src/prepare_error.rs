@@ -19,7 +19,7 @@ pub enum PrepareError {
     Skip(#[from] Skip),
     /// Colour is wanted and the cloud has none.
     #[error(
-        "cloud: no colours where colour is wanted\nuse clouds with an rgb field, or do without colour (descriptor.colour = false, --no-colour)"
+        "cloud: must have colours, got none\nuse clouds with an rgb field, or a descriptor of shape alone (descriptor.colour = false in an experiment, evaluate --no-colour)"
     )]
     NoColours,
     /// There is not one colour for each point.

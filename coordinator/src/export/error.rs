@@ -71,6 +71,14 @@ pub enum ExportError {
         /// What is wrong with it.
         what: String,
     },
+    /// The descriptor describes the clouds, but nothing can recognise by it.
+    #[error("{run}: {what}\nname another descriptor with --structure, or another recogniser with --recogniser", run = .run.display())]
+    Recogniser {
+        /// The run.
+        run: PathBuf,
+        /// What is wrong.
+        what: String,
+    },
     /// A descriptor that an artefact has no columns for.
     #[error(
         "{run}: an artefact holds a descriptor of disk-ring or structure, got one of {got}\ntake the paper's with --descriptor paper, or run the experiment with one of these families", run = .run.display()

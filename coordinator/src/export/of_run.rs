@@ -98,7 +98,8 @@ pub fn export(
         recognition: settings_of_recogniser.as_ref(),
         reject: reject.calibration.as_ref().ok().map(|found| found.rule),
     };
-    let recogniser = Recogniser::new(preprocess, &descriptor, held, database.clone()).map_err(winner)?;
+    let recogniser = Recogniser::new(preprocess, &descriptor, held, database.clone())
+        .map_err(|what| ExportError::Recogniser { run: run.to_owned(), what })?;
     // The run's own answers are those of the nearest cloud.
     let recorded = match (&which, learning) {
         (DescriptorChoice::Evolved, None) => results::read_predictions(run, PredictionSplit::Test)?,

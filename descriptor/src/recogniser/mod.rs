@@ -77,7 +77,9 @@ pub enum LearnError {
         most: usize,
     },
     /// Nothing tells objects apart.
-    #[error("database: all clouds have the same signature\nuse another descriptor")]
+    #[error(
+        "database: clouds with different signatures expected, got none that differ\nuse another descriptor"
+    )]
     Alike,
     /// The system of equations has no solution.
     #[error(
