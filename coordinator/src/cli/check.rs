@@ -61,10 +61,7 @@ impl Check {
         text.push_str(&format!("# data digest: {}\n", proto::Digest(dataset.clouds.digest)));
         if let Some(leak) = &dataset.leak {
             text.push_str(&leak_lines(leak));
-            // Only what is matched within sequences learns from where objects stood.
-            let within = |(protocol, _)| protocol != FitnessProtocol::CrossSequence;
-            let learns = experiments.iter().any(|experiment| experiment.fitness().protocols().any(within));
-            if let Some(warning) = leak_warning(leak).filter(|_| learns) {
+            for warning in leak_warnings(leak, &experiments) {
                 say(format_args!("warning: {warning}"));
             }
         }
@@ -139,24 +136,39 @@ fn leak_lines(leak: &Leak) -> String {
     format!("# clouds whose object raw camera coordinates give away:\n{}{unknown}", lines::table(&rows))
 }
 
-/// That a search can gain from positions, and which protocol keeps it from that.
-fn leak_warning(leak: &Leak) -> Option<String> {
-    let advice = match leak.verdict() {
-        Verdict::Small => return None,
-        Verdict::WithinSequences => {
-            "write [search.fitness] cross-sequence = 1: across sequences coordinates give little away"
-        }
-        Verdict::Everywhere => {
-            "no protocol keeps it from that: unless objects differ in size, record each of them at other places"
-        }
-        Verdict::Unknown => {
+/// That searches can gain from positions, and which protocol keeps them from that: what is matched within sequences from
+/// where objects stood, what is matched across them from places that objects keep.
+fn leak_warnings(leak: &Leak, experiments: &[Experiment]) -> Vec<String> {
+    const AT_OTHER_PLACES: &str =
+        "no protocol keeps it from that: unless objects differ in size, record each of them at other places";
+    let protocols = || experiments.iter().flat_map(|experiment| experiment.fitness().protocols());
+    let is_across = |protocol| protocol == FitnessProtocol::CrossSequence;
+    let within = match leak.verdict() {
+        _ if protocols().all(|(protocol, _)| is_across(protocol)) => None,
+        Verdict::Small => None,
+        Verdict::WithinSequences => Some(
+            "write [search.fitness] cross-sequence = 1 alone: across sequences coordinates give little away",
+        ),
+        Verdict::Everywhere => Some(AT_OTHER_PLACES),
+        Verdict::Unknown => Some(
             "record each object in several sequences, name these (layout \"uw\", or column sequence of a manifest) and \
-             write [search.fitness] cross-sequence = 1"
-        }
+             write [search.fitness] cross-sequence = 1",
+        ),
     };
-    let Recognised { correct, queries, .. } = leak.split;
-    Some(format!(
-        "split train1: objects that only a descriptor recognises in train2 expected, got {correct} of {queries} clouds \
-         that raw camera coordinates recognise\na search can learn where objects stood instead of what they are: {advice}"
-    ))
+    let is_matched_across = protocols().any(|(protocol, _)| is_across(protocol));
+    let across = leak
+        .across
+        .as_ref()
+        .ok()
+        .filter(|across| is_matched_across && across.is_much() && within != Some(AT_OTHER_PLACES));
+    let warning = |split: &str, database: &str, found: &Recognised, advice: &str| {
+        format!(
+            "split {split}: objects that only a descriptor recognises in {database} expected, got {} of {} clouds that raw \
+             camera coordinates recognise\na search can learn where objects stood instead of what they are: {advice}",
+            found.correct, found.queries
+        )
+    };
+    let within = within.map(|advice| warning("train1", "train2", &leak.split, advice));
+    let across = across.map(|found| warning("train1 and train2", "other sequences", found, AT_OTHER_PLACES));
+    within.into_iter().chain(across).collect()
 }

@@ -54,7 +54,7 @@ pub(super) fn check_labels<'a>(clouds: impl Iterator<Item = &'a Labelled>) -> Re
 /// A warning if queries are of instances that the database has no usable cloud of in their set.
 pub(super) fn unrecognisable_warning(
     clouds: &Clouds,
-    indices: &[Vec<u32>; 4],
+    splits: [&[u32]; 4],
     query: usize,
     database: &[usize],
 ) -> Option<String> {
@@ -62,11 +62,11 @@ pub(super) fn unrecognisable_warning(
         let CloudEntry { set, instance, .. } = clouds.entries[index as usize];
         (set, instance)
     };
-    let database_indices = database.iter().flat_map(|&group| &indices[group]);
+    let database_indices = database.iter().flat_map(|&group| splits[group]);
     let known: HashSet<(u32, u32)> = database_indices.map(|&index| of_set(index)).collect();
-    let (mut queries, all) = (0, indices[query].len());
+    let (mut queries, all) = (0, splits[query].len());
     let mut missing = vec![false; clouds.instances.len()];
-    for (set, instance) in indices[query].iter().map(|&index| of_set(index)) {
+    for (set, instance) in splits[query].iter().map(|&index| of_set(index)) {
         if !known.contains(&(set, instance)) {
             missing[instance as usize] = true;
             queries += 1;

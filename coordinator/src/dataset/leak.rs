@@ -91,7 +91,8 @@ impl Recognised {
         if self.chance < 1.0 { (self.share() - self.chance) / (1.0 - self.chance) } else { 0.0 }
     }
 
-    fn is_much(&self) -> bool {
+    /// Whether positions tell much: beyond chance, more than guesses may.
+    pub fn is_much(&self) -> bool {
         let deviation = (self.chance * (1.0 - self.chance) / f64::from(self.queries.max(1))).sqrt();
         self.beyond_chance() > MUCH && self.share() - self.chance > DEVIATIONS * deviation
     }

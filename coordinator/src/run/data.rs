@@ -12,6 +12,7 @@ use rayon::prelude::*;
 
 use crate::dataset::{Dataset, DatasetError, SyntheticSettings, Wanted, read_file};
 use crate::experiment::Experiment;
+use crate::run::matching::Matching;
 use crate::shared_bucket::BucketError;
 
 /// File that says how a synthetic data set was made.
@@ -72,7 +73,12 @@ pub fn open_data(
         ));
     }
     let dataset = Dataset::load(settings, experiment.preprocess(), wanted, store)?;
-    for warning in &dataset.clouds.warnings {
+    let of_splits = Matching::ALL.into_iter().filter_map(|matching| {
+        let counts_all = experiment.fitness().parts(matching).iter().all(|part| part.rule.is_default());
+        let (&[query], database) = matching.splits();
+        dataset.unrecognisable(query, database).filter(|_| counts_all)
+    });
+    for warning in dataset.clouds.warnings.iter().cloned().chain(of_splits) {
         say(&format!("warning: {warning}"));
     }
     for skipped in &dataset.clouds.skipped {

@@ -243,6 +243,21 @@ pub enum RunError {
         /// Under which protocol.
         protocol: &'static str,
     },
+    /// Validation would count nothing.
+    #[error(
+        "search.fitness: needs validation clouds of objects with training clouds that they may be matched with, got none of {clouds}\n{}",
+        if *across {
+            "give the validation split clouds of other sequences than the training clouds of their objects, or write [search.fitness] split = 1"
+        } else {
+            "give the validation split clouds of objects that the training splits have, too"
+        }
+    )]
+    NoValidationAnswers {
+        /// Validation clouds.
+        clouds: usize,
+        /// Whether they are matched across sequences.
+        across: bool,
+    },
     /// A weight of a set that no cloud is of.
     #[error(
         "{place}: must name sets of the clouds, got {name:?}\nsets of these clouds are: {}",

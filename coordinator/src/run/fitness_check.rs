@@ -2,6 +2,7 @@
 //! validation clouds where the search asks them; and what it is of a descriptor that answers none.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::iter::Sum;
 
 use proto::task::{Exclusion, Label};
 use results::Counts;
@@ -18,7 +19,7 @@ use crate::weighing::{check_sets as check_teaching, teaching_sets};
 ///
 /// # Errors
 /// [`RunError::NoValidation`], [`RunError::NoSequences`], [`RunError::Weigh`], [`RunError::NoAnswers`],
-/// [`RunError::UnknownSet`], [`RunError::NoWeight`] or [`RunError::EmptySet`].
+/// [`RunError::NoValidationAnswers`], [`RunError::UnknownSet`], [`RunError::NoWeight`] or [`RunError::EmptySet`].
 pub fn check_fitness(experiment: &Experiment, dataset: &Dataset) -> Result<Vec<String>, RunError> {
     let (fitness, weights) = (experiment.fitness(), experiment.set_weights(dataset));
     check_sets(experiment, dataset)?;
@@ -44,27 +45,36 @@ pub fn check_fitness(experiment: &Experiment, dataset: &Dataset) -> Result<Vec<S
             ));
         }
     }
+    let mut validated = Queries::default();
     for (protocol, _) in fitness.protocols() {
-        for part in fitness.of_protocol(protocol).parts(Matching::Train) {
-            let of_sets = (0..).zip(&weights).filter(|(_, weight)| **weight > 0);
-            let of_sets = of_sets.map(|(set, _)| Queries::of(&part, dataset, set));
-            let Queries { counted, all } = of_sets.fold(Queries::default(), |sum, one| Queries {
-                counted: sum.counted + one.counted,
-                all: sum.all + one.all,
-            });
-            if counted == 0 && all > 0 {
-                return Err(RunError::NoAnswers { protocol: protocol.name() });
-            }
-            if counted < all {
-                let splits: Vec<&str> = part.query.iter().map(|&split| SPLITS[split]).collect();
-                notes.push(format!(
-                    "fitness {}: {} of {all} clouds of {} are not counted, as no other cloud is left that they could be recognised by",
-                    protocol.name(),
-                    all - counted,
-                    splits.join(" and "),
-                ));
+        for matching in [Matching::Train, Matching::Validation] {
+            for part in fitness.of_protocol(protocol).parts(matching) {
+                let of_sets = (0..).zip(&weights).filter(|(_, weight)| **weight > 0);
+                let queries: Queries = of_sets.map(|(set, _)| Queries::of(&part, dataset, set)).sum();
+                let Queries { counted, all } = queries;
+                match matching {
+                    Matching::Validation => validated = [validated, queries].into_iter().sum(),
+                    _ if counted == 0 && all > 0 => {
+                        return Err(RunError::NoAnswers { protocol: protocol.name() });
+                    }
+                    _ => {}
+                }
+                if counted < all {
+                    let splits: Vec<&str> = part.query.iter().map(|&split| SPLITS[split]).collect();
+                    notes.push(format!(
+                        "fitness {}: {} of {all} clouds of {} are not counted, as no other cloud is left that they could \
+                         be recognised by",
+                        protocol.name(),
+                        all - counted,
+                        splits.join(" and "),
+                    ));
+                }
             }
         }
+    }
+    if validated.counted == 0 && validated.all > 0 {
+        let clouds = dataset.splits.validation.len();
+        return Err(RunError::NoValidationAnswers { clouds, across: fitness.needs_sequences() });
     }
     Ok(notes)
 }
@@ -107,11 +117,20 @@ pub fn nothing_recognised(experiment: &Experiment, dataset: &Dataset, matching: 
 }
 
 /// How many queries a part of a fitness has.
-#[derive(Default)]
+#[derive(Clone, Copy, Default)]
 struct Queries {
     /// Those that can be answered; all under the plain rule, which counts every query.
     counted: u32,
     all: u32,
+}
+
+impl Sum for Queries {
+    fn sum<I: Iterator<Item = Self>>(parts: I) -> Self {
+        parts.fold(Self::default(), |sum, part| Self {
+            counted: sum.counted + part.counted,
+            all: sum.all + part.all,
+        })
+    }
 }
 
 impl Queries {

@@ -23,6 +23,9 @@ pub enum Matching {
 }
 
 impl Matching {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Train, Self::Validation, Self::Test];
+
     /// Positions in [`SPLITS`](crate::dataset::SPLITS) of the queries' split and of the database's.
     pub fn splits(self) -> (&'static [usize; 1], &'static [usize]) {
         match self {

@@ -12,7 +12,7 @@ const OBJECTS: u8 = 10;
 const SPLITS: [&str; 4] = ["train1", "train2", "validation", "test"];
 
 /// A flat square of 10 cm, as any two of these objects are; a corner pixel tells the files apart.
-fn square(place: [f32; 3], number: u8) -> Cloud {
+pub fn square(place: [f32; 3], number: u8) -> Cloud {
     let step = |index: u16| f32::from(index) * 0.005;
     let point = |index: u16| [place[0] + step(index % 20), place[1] + step(index / 20), 0.5 + place[2]];
     let mut colours = vec![[128; 3]; 400];
@@ -22,7 +22,12 @@ fn square(place: [f32; 3], number: u8) -> Cloud {
 
 /// What `check` prints for a cloud of each object, sequence (1 and 2) and split, where `place` (metres) puts it.
 fn check(layout: &str, place: impl Fn(u8, u8) -> [f32; 3]) -> Finished {
-    let toml = format!("version = 1\n[dataset]\nroot = \"data\"\nlayout = \"{layout}\"\n");
+    check_search(layout, "", place)
+}
+
+/// The same for an experiment with these sections.
+fn check_search(layout: &str, sections: &str, place: impl Fn(u8, u8) -> [f32; 3]) -> Finished {
+    let toml = format!("version = 1\n[dataset]\nroot = \"data\"\nlayout = \"{layout}\"\n{sections}");
     let experiment = Experiment::with(&toml);
     let (data, mut lists, mut number) = (experiment.folder().join("data"), [const { String::new() }; 4], 0);
     for (object, sequence) in (0..OBJECTS).flat_map(|object| [(object, 1), (object, 2)]) {
@@ -86,6 +91,18 @@ fn places_kept_through_all_sequences_are_told_from_those_that_a_protocol_hides()
     assert!(leak(&checked)[3].contains("across sequences    100.00 %"), "{checked}");
     assert!(checked.stderr.contains("no protocol keeps it from that"), "{checked}");
     assert!(!checked.stderr.contains("cross-sequence"), "{checked}");
+}
+
+#[test]
+fn a_search_across_sequences_is_warned_of_places_that_are_kept_and_of_no_others() {
+    let across = "[search.fitness]\ncross-sequence = 1\n";
+    let kept = check_search("uw", across, |object, _| [0.5 * f32::from(object), 0.0, 0.0]);
+    assert!(kept.stderr.contains("in other sequences expected, got 40 of 40 clouds"), "{kept}");
+    assert!(kept.stderr.contains("no protocol keeps it from that"), "{kept}");
+    let moved = check_search("uw", across, |object, sequence| {
+        [0.5 * f32::from((object + sequence) % OBJECTS), 0.1 * f32::from(sequence), 0.0]
+    });
+    assert!(!moved.stderr.contains("warning"), "{moved}");
 }
 
 #[test]

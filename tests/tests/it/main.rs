@@ -17,6 +17,7 @@
 //! - `several_sets`: clouds of several sets, each compared within itself
 //! - `sessions`: bring-up, waiting and deadline of every command
 //! - `exhaust`: the exhaustive search, and what runs make of it
+//! - `fitness`: clouds that a protocol of fitness cannot match
 //! - `foreign`: descriptors that another program has computed
 //! - `foreign_folders`: folders of somebody else, and runs without a journal
 //! - `formats`: clouds in files of other formats than PCD
@@ -65,6 +66,7 @@ mod determinism;
 mod documents;
 mod exhaust;
 mod families;
+mod fitness;
 mod foreign;
 mod foreign_folders;
 mod formats;
