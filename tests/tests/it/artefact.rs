@@ -377,7 +377,7 @@ fn a_structure_that_cannot_be_taken_is_refused() {
         &sound.replace("radius_cm = 12", "radius_cm = -1"),
         "structure.toml: channel 1: radius_cm: must be",
     );
-    refused("version = 1\nchannel = 3", "structure.toml: not a structure file, got line 2: ");
+    refused("version = 1\nchannel = 3", "structure.toml: channel: expected a list, got 3\n");
     let both = ["export", &out, &artefact, "--structure", "x.toml", "--descriptor", "paper"];
     let said = run("coordinator", both).expect_error();
     assert!(said.stderr.contains("cannot be used with"), "{said}");

@@ -140,9 +140,22 @@ fn categories_of_one_object_are_recognised_as_the_objects_are() {
     let toml = "[descriptor]\nfamily = \"structure\"\nmax_bins = 300\n[search.fitness]\ncross-sequence = 1\n\
         objective = \"category\"\n[ga]\npopulation = 4\nelite = 1\n[stop]\nevaluations = 8\n[results]\nbaselines = false\n";
     let experiment = Experiment::with(&format!("version = 1\n[dataset]\nroot = \"data\"\n{toml}"));
-    // Each of the first shapes is a category of its own.
+    let data = experiment.folder().join("data");
     run("coordinator", ["synth", &experiment.path("data"), "--objects", "3", "--views", "8"])
         .expect_success();
+    // They are of one category: here each is of its own.
+    for list in ["train1", "train2", "validation", "test"].map(|name| data.join(format!("{name}.txt"))) {
+        let own_category = |line: &str| {
+            let [category, object, frame] = line.split('/').collect::<Vec<_>>().try_into().unwrap();
+            let [from, to] =
+                [category, &format!("kind_{object}")].map(|category| data.join(category).join(object));
+            fs::create_dir_all(&to).unwrap();
+            fs::rename(from.join(frame), to.join(frame)).unwrap();
+            format!("kind_{object}/{object}/{frame}\n")
+        };
+        let lines: String = fs::read_to_string(&list).unwrap().lines().map(own_category).collect();
+        fs::write(&list, lines).unwrap();
+    }
     let told = summary(&experiment.run("out", &[]).expect_success());
     for [object, category] in [
         ["train_error", "train_category_error"],

@@ -118,7 +118,12 @@ fn what_nothing_can_be_learned_from_is_refused_by_name() {
     let nothing = "[[channel]]\npairs = \"cloud\"\nfeatures = [\"d 3\"]\nradius_cm = 0.001\n";
     fs::write(&structure, format!("version = 1\n{nothing}")).unwrap();
     let refused = compare(&out, &["--structure", &structure, "--recogniser", "projection"]).expect_error();
-    assert!(refused.stderr.contains("chroma-projection: database: all clouds have the same"), "{refused}");
+    assert!(
+        refused
+            .stderr
+            .contains("chroma-projection: database: clouds with different signatures expected, got none"),
+        "{refused}"
+    );
 }
 
 /// A search for structures.
