@@ -1,11 +1,11 @@
-//! The one error of an experiment file, and of the sections that artefacts share with it: which file, where in it, what
-//! is wrong and what to do.
+//! The one error of an experiment file, of the sections that artefacts share with it, and of the form of a structure file:
+//! which file, where in it, what is wrong and what to do.
 
 use std::path::{Path, PathBuf};
 
 use crate::text::shortened;
 
-/// Why a file is no experiment.
+/// Why a file is no experiment, or has not the form of a structure file.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{}: {place}: {what}\n{advice}", .path.display())]
 pub struct ExperimentError {

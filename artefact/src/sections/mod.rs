@@ -17,4 +17,4 @@ pub use one::{of_one, one};
 pub use preprocess::{micrometres, preprocess};
 pub use raw::{RawDescriptor, RawFamily, RawGenes, RawMetric, RawPreprocess};
 pub use suggest::{advice, nearest_name};
-pub use toml_fault::{TABLE_ADVICE, excerpt, key_fault, syntax_fault};
+pub use toml_fault::{EXCERPT, TABLE_ADVICE, excerpt, key_fault, syntax_fault};

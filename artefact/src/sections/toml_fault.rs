@@ -13,7 +13,7 @@ use crate::text::shortened;
 pub const TABLE_ADVICE: &str = "write a section [name] or { key = value, … }";
 
 /// Characters of the file that a message repeats at most.
-const EXCERPT: usize = 60;
+pub const EXCERPT: usize = 60;
 
 /// A mistake in the TOML itself.
 pub fn syntax_fault(text: &str, error: &Error) -> Fault {

@@ -5,7 +5,7 @@ use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue, Deserializer};
 
 use super::raw::RawExperiment;
-use artefact::sections::{self, Fault, TABLE_ADVICE, excerpt, key_fault, syntax_fault};
+use artefact::sections::{self, EXCERPT, Fault, TABLE_ADVICE, excerpt, key_fault, syntax_fault};
 use artefact::text::shortened;
 
 /// The format's version that this program writes and reads.
@@ -132,7 +132,7 @@ fn check_names(table: &DeTable<'_>, place: &str) -> Result<(), Fault> {
         let section = if place.is_empty() { name.to_owned() } else { format!("{place}.{name}") };
         if !SECTIONS.contains(&section.as_str()) {
             let place = if place.is_empty() { "top level" } else { place };
-            let got = format!("unknown section, got [{}]", shortened(&section, 60));
+            let got = format!("unknown section, got [{}]", shortened(&section, EXCERPT));
             return Err(Fault::new(place, got, section_advice(name)));
         }
         check_names(inner, &section)?;

@@ -29,7 +29,7 @@ const TAN2_108: f32 = 9.472_136;
 /// The codes of the pairs of the first so many of these points, each with all points after it.
 pub(super) struct PairCodes<'a> {
     pub(super) points: &'a Neighbourhood,
-    /// Red, green and blue, with as many zeros after the last point.
+    /// Red, green and blue, with [`GROUP`] zeros after the last point, as the points have.
     pub(super) channels: [&'a [u8]; 3],
     pub(super) rows: usize,
     /// Angles in the lower half, colours in the upper, of points `one` and `other` at `one` · [`row_length`] + `other`;

@@ -28,7 +28,7 @@ impl Default for Counts {
 impl Counts {
     /// Counts the pairs of one point with others, by the codes of its row and their places there.
     ///
-    /// No table overflows before 2³² pairs.
+    /// No table overflows before 2³² pairs; a block has a few million, or those of one point.
     #[inline]
     pub(super) fn add(&mut self, row: &[u32], others: &[u32]) {
         let (groups, rest) = others.as_chunks::<TABLES>();
