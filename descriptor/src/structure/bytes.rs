@@ -46,7 +46,8 @@ impl StructureChannel {
         numbers.push(self.shells_um.len() as u32);
         numbers.extend(&self.shells_um);
         numbers.extend([self.least_um, self.grid_um, self.samples]);
-        numbers.extend([u32::from(self.oriented), metric_code(self.metric)]);
+        let normals = u32::from(self.oriented) + 2 * u32::from(self.all_keypoints);
+        numbers.extend([normals, metric_code(self.metric)]);
         if has_weights {
             // Two a number: a task has room for 4 KiB of a descriptor.
             numbers.push(self.value_weights.len() as u32);
@@ -131,7 +132,7 @@ impl Numbers<'_> {
     }
 
     fn channel(&mut self) -> Result<StructureChannel, StructureError> {
-        let has_weights;
+        let (has_weights, all_keypoints);
         let mut channel = StructureChannel {
             pairs: self.choice("pairs", Pairs::ALL)?,
             axes: {
@@ -153,7 +154,13 @@ impl Numbers<'_> {
             least_um: self.next("least_cm")?,
             grid_um: self.next("grid_cm")?,
             samples: self.next("samples")?,
-            oriented: self.choice("normals_only", [false, true])?,
+            oriented: {
+                let choices = [(false, false), (true, false), (false, true), (true, true)];
+                let (oriented, all) = self.choice("normals_only", choices)?;
+                all_keypoints = all;
+                oriented
+            },
+            all_keypoints,
             metric: self.choice("metric", SetDistance::ALL)?,
             value_weights: Vec::new(),
         };
@@ -237,6 +244,7 @@ mod tests {
             grid_um: 0,
             samples: 8192,
             oriented: false,
+            all_keypoints: false,
             metric: SetDistance::L1,
             value_weights: Vec::new(),
         };
@@ -269,6 +277,7 @@ mod tests {
             grid_um: 20_000,
             samples: 1,
             oriented: false,
+            all_keypoints: false,
             metric: SetDistance::L1,
             value_weights: Vec::new(),
         };

@@ -66,6 +66,9 @@ pub struct StructureChannel {
     pub samples: u32,
     /// Whether points without a normal are left out although no feature needs one.
     pub oriented: bool,
+    /// Of `Neighbours` only, and where points without a normal are left out: whether keypoints without one stay, as
+    /// nothing but their position is read.
+    pub all_keypoints: bool,
     /// How rows are compared.
     pub metric: SetDistance,
     /// What each value of a signature is multiplied by, those of the centroid first, then those of the deviation:

@@ -268,12 +268,17 @@ impl StructureChannel {
             };
         }
         let needing = self.axes.iter().find(|axis| axis.feature.needs_normals());
-        match needing.filter(|_| self.oriented) {
-            Some(axis) => {
-                let what = format!("implied by {}, got true", axis.feature);
-                Err(StructureError::new("normals_only", what, "leave it out"))
+        if let Some(axis) = needing.filter(|_| self.oriented) {
+            let what = format!("implied by {}, got true", axis.feature);
+            return Err(StructureError::new("normals_only", what, "leave it out"));
+        }
+        let of_keypoints = |what: &str| Err(StructureError::new("all_keypoints", what, "leave it out"));
+        match self.all_keypoints {
+            true if self.pairs != Pairs::Neighbours => {
+                of_keypoints(&format!("only of neighbours, got true of {pairs}"))
             }
-            None => Ok(()),
+            true if !self.needs_normals() => of_keypoints("implied where no feature needs normals, got true"),
+            _ => Ok(()),
         }
     }
 }

@@ -118,6 +118,7 @@ fn weighted_of(ticks: [Option<u32>; FIELDS], metric: SetDistance) -> Option<Weig
         grid_um: grid.unwrap_or(0),
         samples: samples.unwrap_or(0),
         oriented: false,
+        all_keypoints: false,
         metric,
         value_weights: Vec::new(),
     };
@@ -148,6 +149,7 @@ mod tests {
             grid_um: 15_000,
             samples: 256,
             oriented: false,
+            all_keypoints: false,
             metric: SetDistance::L1,
             value_weights: Vec::new(),
         };

@@ -179,6 +179,7 @@ mod tests {
             grid_um,
             samples: 64,
             oriented: false,
+            all_keypoints: false,
             metric: SetDistance::ChiSquared,
             value_weights: Vec::new(),
         });

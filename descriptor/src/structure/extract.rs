@@ -50,12 +50,13 @@ impl StructurePlan {
         let keypoints = if self.is_of_cloud() {
             Table::default()
         } else {
-            Table::new(self, &*cloud.keypoints(self)?, mean)?
+            let normals_only = self.needs_normals() && !self.channel.all_keypoints;
+            Table::new(self, &*cloud.keypoints(self)?, normals_only, mean)?
         };
         let points = if self.channel.pairs == Pairs::Keypoints {
             Table::default()
         } else {
-            Table::new(self, &cloud.points, mean)?
+            Table::new(self, &cloud.points, self.needs_normals(), mean)?
         };
         let rows = Rows { keypoints, points };
         if self.channel.pairs.is_sampled() && self.channel.samples == 0 {

@@ -172,6 +172,7 @@ impl StructureSpace {
             grid_um: if pairs == Pairs::Cloud { 0 } else { *GRIDS.get(grid)? },
             samples: *samples(pairs).get(sample)?,
             oriented: false,
+            all_keypoints: false,
             metric: self.metric,
             value_weights: Vec::new(),
         };
@@ -355,6 +356,7 @@ mod tests {
             grid_um: 10_000,
             samples: 0,
             oriented: false,
+            all_keypoints: false,
             metric: SetDistance::ChiSquared,
             value_weights: Vec::new(),
         };

@@ -113,6 +113,7 @@ impl Default for Structure {
             grid_um: if pairs == Pairs::Cloud { 0 } else { 20_000 },
             samples,
             oriented: false,
+            all_keypoints: false,
             metric: SetDistance::ChiSquared,
             value_weights: Vec::new(),
         };

@@ -40,22 +40,23 @@ fn exactly(at: f64) -> Place {
 
 /// The rows of a cloud, whose colours may be any if the channel needs none.
 pub(super) fn rows(channel: &StructureChannel, cloud: &StructureCloud) -> Vec<Row> {
-    let usable = |points: &Points| -> Vec<Point> {
+    let usable = |points: &Points, needs_normals: bool| -> Vec<Point> {
         let point = |index: usize| Point {
             position: points.positions[index],
             normal: points.normals[index],
             colour: points.colours.as_ref().map_or([0; 3], |colours| colours[index]),
         };
         let points = (0..points.positions.len()).map(point);
-        points.filter(|point| !channel.needs_normals() || point.normal.is_some()).collect()
+        points.filter(|point| !needs_normals || point.normal.is_some()).collect()
     };
-    let points = usable(&cloud.points);
+    let points = usable(&cloud.points, channel.needs_normals());
     let mean = mean(&cloud.points);
     let row = |pairs: &[[Point; 2]]| row(channel, pairs, mean);
     if channel.pairs == Pairs::Cloud {
         return vec![row(&drawn(channel, &points))];
     }
-    let keypoints = usable(&cloud.keypoints(&StructurePlan::new(channel)).unwrap());
+    let keypoints = cloud.keypoints(&StructurePlan::new(channel)).unwrap();
+    let keypoints = usable(&keypoints, channel.needs_normals() && !channel.all_keypoints);
     let near = |centre: Point, points: &[Point]| -> Vec<Point> {
         points.iter().copied().filter(|point| is_within(centre, *point, channel.radius_um)).collect()
     };

@@ -37,17 +37,22 @@ impl Default for Table {
 }
 
 impl Table {
-    /// Takes the points in their order, without those that lack a normal where the channel needs one.
+    /// Takes the points in their order, without those that lack a normal if every one must have one.
     ///
     /// # Errors
     /// [`PrepareError::NoColours`] if the channel needs colours and there are none.
-    pub(super) fn new(plan: &StructurePlan, points: &Points, mean: [i32; 2]) -> Result<Self, PrepareError> {
+    pub(super) fn new(
+        plan: &StructurePlan,
+        points: &Points,
+        normals_only: bool,
+        mean: [i32; 2],
+    ) -> Result<Self, PrepareError> {
         let colours = match &points.colours {
             Some(colours) => colours.as_slice(),
             None if plan.channel.needs_colour() => return Err(PrepareError::NoColours),
             None => &[],
         };
-        let lacks_normals = plan.needs_normals() && points.normals.iter().any(Option::is_none);
+        let lacks_normals = normals_only && points.normals.iter().any(Option::is_none);
         let used = lacks_normals.then(|| {
             let has_normal = |&index: &usize| points.normals[index].is_some();
             (0..points.positions.len()).filter(has_normal).collect::<Vec<usize>>()

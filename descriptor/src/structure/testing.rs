@@ -21,7 +21,7 @@ fn channel() -> impl Strategy<Value = StructureChannel> {
     );
     let least = prop::option::of(any::<Index>());
     let numbers = (1u32..=10_000, 0u32..=65_536, least);
-    let switches = (any::<bool>(), any::<bool>(), any::<bool>());
+    let switches = (any::<bool>(), any::<bool>(), any::<bool>(), any::<bool>());
     let weights = prop::option::of(prop::collection::vec(0..StructureChannel::FULL, MOST_WEIGHTS));
     let parts = (select(&Pairs::ALL), axes, lengths, numbers, switches, select(&SetDistance::ALL));
     (parts.prop_map(made_of), weights).prop_map(|(mut made, weights)| {
@@ -41,7 +41,7 @@ type Parts = (
     (Vec<Feature>, Vec<u32>),
     (u32, Vec<Index>, u32),
     (u32, u32, Option<Index>),
-    (bool, bool, bool),
+    (bool, bool, bool, bool),
     SetDistance,
 );
 
@@ -49,7 +49,7 @@ fn made_of(
     (pairs, (features, bins), (radius_um, bounds, grid_um), numbers, switches, metric): Parts,
 ) -> StructureChannel {
     let (squash_milli, samples, least) = numbers;
-    let (is_joint, full_turn, oriented) = switches;
+    let (is_joint, full_turn, oriented, all_keypoints) = switches;
     let axis = |(&feature, bins)| Axis { feature, bins, full_turn: full_turn && feature == Feature::Angle };
     let mut made = StructureChannel {
         pairs,
@@ -62,12 +62,14 @@ fn made_of(
         grid_um: if pairs == Pairs::Cloud { 0 } else { grid_um },
         samples: if pairs.is_sampled() { samples } else { 0 },
         oriented: oriented && !features.iter().any(|feature| feature.needs_normals()),
+        all_keypoints: false,
         metric,
         value_weights: Vec::new(),
     };
     if !made.is_squashed() {
         made.squash_milli = 0;
     }
+    made.all_keypoints = all_keypoints && pairs == Pairs::Neighbours && made.needs_normals();
     let longest = made.longest_um();
     made.shells_um = bounds.iter().map(|bound| 1 + bound.index(longest as usize) as u32).collect();
     made.shells_um.sort_unstable();

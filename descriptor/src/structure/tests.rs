@@ -36,6 +36,7 @@ fn channel(pairs: Pairs, axes: &[Axis], radius_um: u32) -> StructureChannel {
         grid_um: 20_000,
         samples: 0,
         oriented: false,
+        all_keypoints: false,
         metric: SetDistance::ChiSquared,
         value_weights: Vec::new(),
     };
@@ -141,10 +142,10 @@ fn any_axes() -> impl Strategy<Value = (Vec<Axis>, bool)> {
 
 fn any_channel() -> impl Strategy<Value = StructureChannel> {
     let lengths = (10_000u32..60_000, prop::collection::vec(1_000u32..120_000, 1..4), 0u32..3);
-    let choices = (0..4usize, 0..5usize, 0..6usize, 0..4usize, any::<bool>());
+    let choices = (0..4usize, 0..5usize, 0..6usize, 0..4usize, any::<[bool; 2]>());
     (any_axes(), lengths, choices).prop_map(|((axes, is_joint), lengths, choices)| {
         let (radius_um, mut shells_um, least) = lengths;
-        let (pairs, grid, squash, samples, oriented) = choices;
+        let (pairs, grid, squash, samples, [oriented, all_keypoints]) = choices;
         shells_um.sort_unstable();
         shells_um.dedup();
         StructureChannel {
@@ -158,6 +159,7 @@ fn any_channel() -> impl Strategy<Value = StructureChannel> {
             grid_um: [10_000, 15_000, 20_000, 30_000, 25_000][grid],
             samples: [0, 64, 500, 1_500][samples],
             oriented,
+            all_keypoints: all_keypoints && Pairs::ALL[pairs] == Pairs::Neighbours,
             metric: SetDistance::ChiSquared,
             value_weights: Vec::new(),
         }
@@ -283,14 +285,23 @@ fn pfhrgbs_layout_is_a_structure() {
         features([Feature::F3, Feature::F2, Feature::F1]),
         features([Feature::RatioBlue, Feature::RatioGreen, Feature::RatioRed]),
     ]
-    .map(|axes| StructureChannel { oriented: true, ..channel(Pairs::Neighbours, &axes, 30_000) });
+    .map(|axes| channel(Pairs::Neighbours, &axes, 30_000));
+    let ratios = StructureChannel { oriented: true, ..ratios };
+    let [angles, ratios] = [angles, ratios].map(|it| StructureChannel { all_keypoints: true, ..it });
+    let of_oriented = StructureChannel { all_keypoints: false, ..angles.clone() };
     for seed in 0..4 {
-        let cloud = sheet(seed, 500);
+        let mut cloud = sheet(seed, 500);
+        // Too far from the sheet for a normal, and near enough for a region.
+        let edge = cloud.points.iter().copied().max_by(|a, b| a[0].total_cmp(&b[0])).unwrap();
+        cloud.points.push([edge[0] + 0.021, edge[1], edge[2]]);
+        cloud.colours.as_mut().unwrap().push([90, 80, 70]);
         let descriptor = FixedDescriptor::new(FixedKind::PfhRgb, 30_000).unwrap();
         let expected = descriptor.histograms(&cloud, &Preprocess::default()).unwrap();
         let cloud = ready(&cloud);
+        let without = counts(&of_oriented, &cloud).len();
         let [angles, ratios] = [&angles, &ratios].map(|channel| counts(channel, &cloud));
-        assert_eq!(angles.len(), expected.rows().len(), "every keypoint has a normal and neighbours");
+        assert_eq!(angles.len(), expected.rows().len(), "every keypoint has three neighbours");
+        assert_eq!(without, angles.len() - 1, "one keypoint has no normal");
         for ((expected, angles), ratios) in expected.rows().zip(angles).zip(ratios) {
             // All pairs, even those at one place, which have no frame.
             let pairs = ratios.iter().sum::<u64>() as f64;

@@ -52,6 +52,9 @@ impl fmt::Display for StructureChannel {
         if self.oriented {
             f.write_str(", normals only")?;
         }
+        if self.all_keypoints {
+            f.write_str(", all keypoints")?;
+        }
         if self.metric != SetDistance::default() {
             write!(f, ", {}", self.metric.name())?;
         }
@@ -116,6 +119,7 @@ mod tests {
             grid_um: 0,
             samples: 8192,
             oriented: false,
+            all_keypoints: false,
             metric: SetDistance::ChiSquared,
             value_weights: Vec::new(),
         };

@@ -20,6 +20,7 @@ fn structure(metric: SetDistance, scale: Scale) -> Structure {
             grid_um: if pairs == Pairs::Cloud { 0 } else { 20_000 },
             samples: 0,
             oriented: false,
+            all_keypoints: false,
             metric,
             value_weights: Vec::new(),
         };

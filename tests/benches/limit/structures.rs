@@ -35,6 +35,7 @@ fn channels() -> Vec<(&'static str, StructureChannel)> {
         grid_um: Preprocess::default().leaf_um,
         samples: 0,
         oriented: false,
+        all_keypoints: false,
         metric: SetDistance::ChiSquared,
         value_weights: Vec::new(),
     };
