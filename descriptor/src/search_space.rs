@@ -214,6 +214,17 @@ impl SearchSpace {
         (self.size() == Some(1)).then(|| self.decode(&vec![0; self.genes().len()]))?
     }
 
+    /// What the cheapest descriptor of a space of structures costs, as [`Descriptor::recognition_cost`] counts it; where
+    /// several members are joined, the cheapest if all were as cheap. 0 of other families, which limit no cost.
+    pub fn least_cost(&self) -> u64 {
+        let cost = |structure: Structure| Descriptor::Structure(structure).recognition_cost();
+        match self {
+            Self::Structures(space) => cost(space.cheapest()).saturating_mul(space.members.into()),
+            Self::Structure(structure) => cost(structure.clone()),
+            Self::DiskRing(_) | Self::Fixed(_) | Self::GlobalHue(_) => 0,
+        }
+    }
+
     /// Canonical bytes: tag of the family, version, numbers.
     pub fn to_bytes(&self) -> Vec<u8> {
         match self {

@@ -111,12 +111,15 @@ fn structures(raw: &RawDescriptor) -> Result<SearchSpace, Fault> {
     Ok(SearchSpace::Structures(space))
 }
 
-/// The largest counted cost, which no structure can be below if it is 0.
-pub fn max_cost(raw: &RawDescriptor) -> Result<Option<u64>, Fault> {
-    if raw.max_cost == Some(0) {
-        return Err(Fault::new("descriptor.max_cost", "not at least 1, got 0", "raise it, or remove it"));
+/// The largest counted cost, which the cheapest descriptor of the space must not exceed.
+pub fn max_cost(raw: &RawDescriptor, space: &SearchSpace) -> Result<Option<u64>, Fault> {
+    match raw.max_cost {
+        Some(got) if got < space.least_cost() => {
+            let what = format!("not at least {}, what the cheapest costs, got {got}", space.least_cost());
+            Err(Fault::new("descriptor.max_cost", what, "raise it, or remove it"))
+        }
+        max_cost => Ok(max_cost),
     }
-    Ok(raw.max_cost)
 }
 
 fn domain(spec: &GeneSpec, gene: Option<RawGene>) -> Result<Domain, Fault> {

@@ -5,6 +5,7 @@ mod balance;
 mod block;
 mod bytes;
 mod channel;
+mod cheapest;
 mod check;
 mod cloud;
 mod colours;

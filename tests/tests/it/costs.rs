@@ -3,6 +3,8 @@
 
 use std::collections::BTreeSet;
 
+use descriptor::SearchSpace;
+use descriptor::structure::StructureSpace;
 use results::{TableName, read_evaluations, read_table};
 
 use crate::experiments::{Experiment, clouds, digest, summary};
@@ -51,14 +53,19 @@ fn what_costs_too_much_has_fitness_0_and_is_not_evaluated() {
 
 #[test]
 fn a_limit_that_nothing_keeps_is_told_with_what_the_cheapest_costs() {
-    let experiment = search("max_cost = 100", "cross-sequence = 1", "");
+    // Some structure is as cheap, but 16 of 10^30 are unlikely to find it.
+    let space = StructureSpace { slots: 2, max_bins: 300, ..StructureSpace::default() };
+    let least = SearchSpace::Structures(space).least_cost();
+    let experiment = search(&format!("max_cost = {least}"), "cross-sequence = 1", "");
     let finished = experiment.run("out", &["--local-workers", "1"]).expect_error();
-    let complaint = "search: no descriptor costs at most descriptor.max_cost = 100, got ";
-    assert!(finished.stderr.contains(complaint), "{finished}");
+    let complaint = format!("search: no descriptor costs at most descriptor.max_cost = {least}, got ");
+    assert!(finished.stderr.contains(&complaint), "{finished}");
 
+    let below =
+        format!("descriptor.max_cost: not at least {least}, what the cheapest costs, got {}", least - 1);
     for (descriptor, complaint) in [
-        ("family = \"structure\"\nmax_cost = 0", "descriptor.max_cost: not at least 1, got 0"),
-        ("max_cost = 5", "descriptor.max_cost: only of family structure, got family disk-ring"),
+        (format!("family = \"structure\"\nslots = 2\nmax_cost = {}", least - 1), below.as_str()),
+        ("max_cost = 5".to_owned(), "descriptor.max_cost: only of family structure, got family disk-ring"),
     ] {
         let experiment = Experiment::new(&format!("[descriptor]\n{descriptor}\n"));
         let finished = run("coordinator", ["check", &experiment.path("exp.toml")]).expect_error();
