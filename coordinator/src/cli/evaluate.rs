@@ -58,9 +58,10 @@ pub struct Evaluate {
     /// Threads, for example 1; all cores by default. Seconds of a stage are added up over clouds and threads
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
     threads: Option<u16>,
-    /// Edge of a keypoint voxel in centimetres, for example 2; not of a structure, whose channels have grids of their own
-    #[arg(long, value_name = "CM", default_value_t = 2.0, conflicts_with = "structure")]
-    leaf_cm: f64,
+    /// Edge of a keypoint voxel in centimetres, 2 if not given, for example 3; not of structures, whose channels have grids of
+    /// their own
+    #[arg(long, value_name = "CM", conflicts_with = "structure")]
+    leaf_cm: Option<f64>,
     /// Radius of a normal's neighbourhood in centimetres, for example 1
     #[arg(long, value_name = "CM", default_value_t = 1.0)]
     normal_radius_cm: f64,
@@ -93,7 +94,7 @@ fn unit(text: &str) -> Result<Unit, String> {
 impl Evaluate {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let preprocess = Preprocess {
-            leaf_um: super::micrometres("--leaf-cm", self.leaf_cm)?,
+            leaf_um: super::micrometres("--leaf-cm", self.leaf_cm.unwrap_or(2.0))?,
             normal_radius_um: super::micrometres("--normal-radius-cm", self.normal_radius_cm)?,
             colour: !self.no_colour,
             unit: self.unit,
@@ -182,6 +183,11 @@ impl Evaluate {
             let files = "name a file of channels: --structure experiments/descriptors/pfhrgb.toml";
             let set = self.set.join(" ");
             anyhow::ensure!(self.set.is_empty(), "--set: {family} has no genes to set, got {set}\n{files}");
+            if let Some(leaf_cm) = self.leaf_cm {
+                anyhow::bail!(
+                    "--leaf-cm: channels of {family} have their own grids, got {leaf_cm}\nleave it out"
+                );
+            }
             let default = Descriptor::default_of(family);
             anyhow::ensure!(!self.no_colour, "--no-colour: {default} needs colours, got none\n{files}");
             return Ok(default);

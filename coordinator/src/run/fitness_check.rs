@@ -73,7 +73,9 @@ pub fn check_fitness(experiment: &Experiment, dataset: &Dataset) -> Result<Vec<S
         }
     }
     if validated.counted == 0 && validated.all > 0 {
-        let clouds = dataset.splits.validation.len();
+        let of_sets = (0..).zip(&weights).filter(|(_, weight)| **weight > 0);
+        let of_set = |set| dataset.clouds.of_set(&dataset.splits.validation, set).count();
+        let clouds = of_sets.map(|(set, _)| of_set(set)).sum();
         return Err(RunError::NoValidationAnswers { clouds, across: fitness.needs_sequences() });
     }
     Ok(notes)

@@ -267,6 +267,11 @@ fn evaluate_knows_the_descriptors_that_the_papers_is_compared_with() {
         refused.stderr.contains("'--structure <TOML>' cannot be used with '--leaf-cm <CM>'"),
         "{refused}"
     );
+    let refused = evaluate(&["--descriptor", "structure", "--leaf-cm", "3"]).expect_error();
+    assert!(
+        refused.stderr.contains("--leaf-cm: channels of structure have their own grids, got 3\n"),
+        "{refused}"
+    );
 }
 
 #[test]
