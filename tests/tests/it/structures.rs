@@ -70,13 +70,14 @@ fn every_protocol_and_objective_gives_a_digest_of_its_own_whatever_the_workers()
         "leave-one-out = 1\nobjective = \"category\"",
     ] {
         let one = experiment(fitness, "pieces = 1\naudit = 0");
-        let three = experiment(fitness, "pieces = 2\naudit = 0");
         let expected = digest(&one.run("out", &["--local-workers", "1"]).expect_success());
-        assert_eq!(
-            digest(&three.run("out", &["--local-workers", "3"]).expect_success()),
-            expected,
-            "{fitness}"
-        );
+        let several = experiment(fitness, "pieces = 2\naudit = 0");
+        let ten = several.run("out", &["--local-workers", "10"]).expect_success();
+        assert_eq!(digest(&ten), expected, "{fitness}, ten workers");
+        kill_at("coordinator", several.run_args("killed", &["--local-workers", "10"]), "generation 1/");
+        let resumed = run("coordinator", ["resume", &several.path("killed"), "--json"]).expect_success();
+        assert!(resumed.stderr.contains("unfinished, goes on with"), "{fitness}: {resumed}");
+        assert_eq!(digest(&resumed), expected, "{fitness}, killed");
         let verified = run("coordinator", ["verify", &one.path("out")]).expect_success();
         assert!(verified.stdout.contains("sound: run digest"), "{verified}");
         digests.push(expected.to_string());
