@@ -214,13 +214,12 @@ impl SearchSpace {
         (self.size() == Some(1)).then(|| self.decode(&vec![0; self.genes().len()]))?
     }
 
-    /// What the cheapest descriptor of a space of structures costs, as [`Descriptor::recognition_cost`] counts it; where
-    /// several members are joined, the cheapest if all were as cheap. 0 of other families, which limit no cost.
+    /// What a descriptor of the space costs at least where costs are limited: [`StructureSpace::least_cost`], and 0 of other
+    /// families.
     pub fn least_cost(&self) -> u64 {
-        let cost = |structure: Structure| Descriptor::Structure(structure).recognition_cost();
         match self {
-            Self::Structures(space) => cost(space.cheapest()).saturating_mul(space.members.into()),
-            Self::Structure(structure) => cost(structure.clone()),
+            Self::Structures(space) => space.least_cost(),
+            Self::Structure(structure) => Descriptor::Structure(structure.clone()).recognition_cost(),
             Self::DiskRing(_) | Self::Fixed(_) | Self::GlobalHue(_) => 0,
         }
     }

@@ -94,7 +94,10 @@ fn unit(text: &str) -> Result<Unit, String> {
 impl Evaluate {
     pub(super) fn execute(self) -> anyhow::Result<ExitCode> {
         let preprocess = Preprocess {
-            leaf_um: super::micrometres("--leaf-cm", self.leaf_cm.unwrap_or(2.0))?,
+            leaf_um: match self.leaf_cm {
+                Some(leaf_cm) => super::micrometres("--leaf-cm", leaf_cm)?,
+                None => Preprocess::default().leaf_um,
+            },
             normal_radius_um: super::micrometres("--normal-radius-cm", self.normal_radius_cm)?,
             colour: !self.no_colour,
             unit: self.unit,

@@ -253,7 +253,7 @@ pub enum RunError {
         }
     )]
     NoValidationAnswers {
-        /// Validation clouds.
+        /// Validation clouds of sets with a weight.
         clouds: usize,
         /// Whether they are matched across sequences.
         across: bool,

@@ -23,7 +23,11 @@ use crate::weighing::{check_sets as check_teaching, teaching_sets};
 pub fn check_fitness(experiment: &Experiment, dataset: &Dataset) -> Result<Vec<String>, RunError> {
     let (fitness, weights) = (experiment.fitness(), experiment.set_weights(dataset));
     check_sets(experiment, dataset)?;
-    if experiment.validates() && dataset.splits.validation.is_empty() {
+    let weighted: Vec<u32> =
+        (0..).zip(&weights).filter(|(_, weight)| **weight > 0).map(|(set, _)| set).collect();
+    let of_set = |&set: &u32| dataset.clouds.of_set(&dataset.splits.validation, set).count();
+    let validating: usize = weighted.iter().map(of_set).sum();
+    if experiment.validates() && validating == 0 {
         return Err(RunError::NoValidation);
     }
     let (validation, _) = Matching::Validation.splits();
@@ -49,8 +53,7 @@ pub fn check_fitness(experiment: &Experiment, dataset: &Dataset) -> Result<Vec<S
     for (protocol, _) in fitness.protocols() {
         for matching in [Matching::Train, Matching::Validation] {
             for part in fitness.of_protocol(protocol).parts(matching) {
-                let of_sets = (0..).zip(&weights).filter(|(_, weight)| **weight > 0);
-                let queries: Queries = of_sets.map(|(set, _)| Queries::of(&part, dataset, set)).sum();
+                let queries: Queries = weighted.iter().map(|&set| Queries::of(&part, dataset, set)).sum();
                 let Queries { counted, all } = queries;
                 match matching {
                     Matching::Validation => validated = [validated, queries].into_iter().sum(),
@@ -73,10 +76,7 @@ pub fn check_fitness(experiment: &Experiment, dataset: &Dataset) -> Result<Vec<S
         }
     }
     if validated.counted == 0 && validated.all > 0 {
-        let of_sets = (0..).zip(&weights).filter(|(_, weight)| **weight > 0);
-        let of_set = |set| dataset.clouds.of_set(&dataset.splits.validation, set).count();
-        let clouds = of_sets.map(|(set, _)| of_set(set)).sum();
-        return Err(RunError::NoValidationAnswers { clouds, across: fitness.needs_sequences() });
+        return Err(RunError::NoValidationAnswers { clouds: validating, across: fitness.needs_sequences() });
     }
     Ok(notes)
 }

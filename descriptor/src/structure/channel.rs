@@ -165,9 +165,14 @@ impl StructureChannel {
         self.lengths().into_iter().fold(0, u64::saturating_add)
     }
 
-    /// Whether it takes only points that have a normal.
+    /// Whether the points that it pairs must have a normal.
     pub fn needs_normals(&self) -> bool {
         self.oriented || self.axes.iter().any(|axis| axis.feature.needs_normals())
+    }
+
+    /// Whether its keypoints must have one.
+    pub(crate) fn needs_normals_of_keypoints(&self) -> bool {
+        self.needs_normals() && !self.all_keypoints
     }
 
     /// Whether it is nothing without colours.

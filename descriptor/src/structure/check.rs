@@ -277,7 +277,7 @@ impl StructureChannel {
             true if self.pairs != Pairs::Neighbours => {
                 of_keypoints(&format!("only of neighbours, got true of {pairs}"))
             }
-            true if !self.needs_normals() => of_keypoints("implied where no feature needs normals, got true"),
+            true if !self.needs_normals() => of_keypoints("implied where points need no normal, got true"),
             _ => Ok(()),
         }
     }

@@ -115,7 +115,8 @@ impl StructureCloud {
             *grid = if edge_um == preprocess.leaf_um {
                 Points::of_keypoints(keypoints.clone(), normals.keypoints.clone())
             } else {
-                let radius = on_grid.any(StructurePlan::needs_normals).then(|| preprocess.normal_radius());
+                let needs_normals = on_grid.any(|plan| plan.channel.needs_normals_of_keypoints());
+                let radius = needs_normals.then(|| preprocess.normal_radius());
                 Points::at_keypoints(cloud, edge_um, radius)?
             };
         }
@@ -145,7 +146,8 @@ impl StructureCloud {
         }
         let Points { positions, colours, .. } = &self.points;
         let cloud = Cloud { points: positions.clone(), colours: colours.clone(), viewpoint: self.viewpoint };
-        let radius = plan.needs_normals().then(|| f64::from(self.normal_radius_um) / 1e6);
+        let needs_normals = plan.channel.needs_normals_of_keypoints();
+        let radius = needs_normals.then(|| f64::from(self.normal_radius_um) / 1e6);
         Points::at_keypoints(&cloud, edge_um, radius).map(Cow::Owned)
     }
 }

@@ -50,7 +50,7 @@ impl StructurePlan {
         let keypoints = if self.is_of_cloud() {
             Table::default()
         } else {
-            let normals_only = self.needs_normals() && !self.channel.all_keypoints;
+            let normals_only = self.channel.needs_normals_of_keypoints();
             Table::new(self, &*cloud.keypoints(self)?, normals_only, mean)?
         };
         let points = if self.channel.pairs == Pairs::Keypoints {

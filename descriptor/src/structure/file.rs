@@ -56,7 +56,7 @@ pub struct ChannelFile {
     /// Leave out points without a normal although no feature needs one.
     #[serde(default, skip_serializing_if = "is_false")]
     pub normals_only: bool,
-    /// Keep keypoints without a normal although a feature needs one of the points around them; only for `neighbours`.
+    /// Keep keypoints without a normal where points without one are left out; only for `neighbours`.
     #[serde(default, skip_serializing_if = "is_false")]
     pub all_keypoints: bool,
     /// How rows are compared. Default: `chi2`.

@@ -11,7 +11,7 @@ use crate::structure::genes::{
 use crate::structure::{Axis, Feature, Pairs, Scale, Structure, StructureChannel, Weighted};
 
 /// Fewest bins of a feature.
-const MIN_BINS: u32 = 3;
+pub(super) const MIN_BINS: u32 = 3;
 
 /// Numbers of bins that a feature may have, and that a lone `d` may have.
 const BINS: u32 = 11;

@@ -17,7 +17,7 @@ impl fmt::Display for Axis {
 impl fmt::Display for StructureChannel {
     /// Such as `neighbours f1 5·f2 5·f3 5, 5 cm, all pairs, grid 2 cm`. Between joint features is a dot, between those
     /// side by side a bar. What has its plain value is left out: a single shell up to the longest distance, pairs from 0,
-    /// points without a normal where they do no harm, χ².
+    /// points without a normal where they do no harm, keypoints without one where they do, χ².
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.pairs.name())?;
         let mut before = " ";

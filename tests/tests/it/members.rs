@@ -56,8 +56,8 @@ fn the_papers_descriptor_is_a_member() {
     assert!(found.len() > 15, "{} queries", found.len());
 }
 
-/// Where every keypoint has a normal and neighbours, as on these clouds, it is PFHRGB but for a factor: PCL's rows add
-/// up to 200 in each half, those of a channel to 1.
+/// Where every keypoint has three neighbours, as on these clouds, it is PFHRGB but for a factor: PCL's rows add up to 200
+/// in each half, those of a channel to 1.
 #[test]
 fn pfhrgb_is_a_member() {
     let folder = tempfile::tempdir().unwrap();

@@ -300,6 +300,12 @@ fn sets_that_cannot_be_searched_are_refused_by_name() {
     changed(&|row| row.replace("train1,b", "train2,b"));
     refused(&experiment, "set b: must have usable clouds in train1 and train2, got none in train1\n");
 
+    // Validation clouds of a set without weight choose no winner.
+    let only_b = weights("a = 0\n[search]\nwinner = \"validation\"");
+    let rows = fs::read_to_string(only_b.path("data/clouds.csv")).unwrap();
+    fs::write(only_b.path("data/clouds.csv"), rows.replace(",validation,b", ",test,b")).unwrap();
+    refused(&only_b, "search.winner = \"validation\" need validation clouds, got none\n");
+
     fs::write(&manifest, text.clone()).unwrap();
     let exhaust = ["exhaust", &experiment.path("exp.toml"), "--listen", "127.0.0.1:0"];
     let finished = run("coordinator", exhaust).expect_error();

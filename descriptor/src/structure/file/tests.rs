@@ -43,7 +43,6 @@ fn the_papers_best_is_a_file() {
     let shape = StructureChannel {
         axes: vec![Axis { feature: Feature::Angle, bins: shape_bins, full_turn: true }],
         oriented: false,
-        all_keypoints: false,
         ..colour.clone()
     };
     assert_eq!([shape.bins(), colour.bins()], Parameters::PAPER_BEST.channel_bins());
@@ -108,6 +107,7 @@ fn redundant_switches_say_nothing() {
     assert_eq!(of("side_by_side = true"), of(""));
     assert_eq!(of("shells_cm = [10]"), of(""));
     assert_ne!(of("shells_cm = [5]"), of(""));
+    assert_ne!(of("all_keypoints = true"), of(""));
 }
 
 #[test]
@@ -182,7 +182,7 @@ fn mistakes_are_told_with_channel_and_key() {
         ),
         (
             "pairs = \"neighbours\"\nall_keypoints = true",
-            "all_keypoints: implied where no feature needs normals, got true\nleave it out",
+            "all_keypoints: implied where points need no normal, got true\nleave it out",
         ),
         ("metric = \"l2\"", "metric: one of "),
         ("scale = \"1\"", "scale: one of quantile, none expected, got \"1\"\nwrite one of these names"),
