@@ -288,7 +288,7 @@ fn pfhrgbs_layout_is_a_structure() {
     .map(|axes| channel(Pairs::Neighbours, &axes, 30_000));
     let ratios = StructureChannel { oriented: true, ..ratios };
     let [angles, ratios] = [angles, ratios].map(|it| StructureChannel { all_keypoints: true, ..it });
-    let of_oriented = StructureChannel { all_keypoints: false, ..angles.clone() };
+    let only_oriented = StructureChannel { all_keypoints: false, ..angles.clone() };
     for seed in 0..4 {
         let mut cloud = sheet(seed, 500);
         // Too far from the sheet for a normal, and near enough for a region.
@@ -298,7 +298,7 @@ fn pfhrgbs_layout_is_a_structure() {
         let descriptor = FixedDescriptor::new(FixedKind::PfhRgb, 30_000).unwrap();
         let expected = descriptor.histograms(&cloud, &Preprocess::default()).unwrap();
         let cloud = ready(&cloud);
-        let without = counts(&of_oriented, &cloud).len();
+        let without = counts(&only_oriented, &cloud).len();
         let [angles, ratios] = [&angles, &ratios].map(|channel| counts(channel, &cloud));
         assert_eq!(angles.len(), expected.rows().len(), "every keypoint has three neighbours");
         assert_eq!(without, angles.len() - 1, "one keypoint has no normal");

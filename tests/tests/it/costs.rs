@@ -65,6 +65,14 @@ fn a_limit_that_nothing_keeps_is_told_with_what_the_cheapest_costs() {
         format!("descriptor.max_cost: not at least {least}, what the cheapest costs, got {}", least - 1);
     for (descriptor, complaint) in [
         (format!("family = \"structure\"\nslots = 2\nmax_cost = {}", least - 1), below.as_str()),
+        (
+            "family = \"structure\"\nmax_cost = 0".to_owned(),
+            "descriptor.max_cost: not at least 1506, what the cheapest costs, got 0",
+        ),
+        (
+            "family = \"structure\"\nmembers = 4\nmax_cost = 4517".to_owned(),
+            "descriptor.max_cost: not at least 4518, what the cheapest costs, got 4517",
+        ),
         ("max_cost = 5".to_owned(), "descriptor.max_cost: only of family structure, got family disk-ring"),
     ] {
         let experiment = Experiment::new(&format!("[descriptor]\n{descriptor}\n"));
