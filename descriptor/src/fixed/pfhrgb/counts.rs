@@ -5,6 +5,9 @@ use super::codes::{BINS, CODES, SIZE, bins};
 /// Tables that pairs in turn are counted in: a count that was just stored takes time until it can be loaded again.
 const TABLES: usize = 2;
 
+/// Codes that are looked at together, as most have no pair.
+const SCANNED: usize = 16;
+
 /// Entries of a table: a power of two, so that no index needs a check, and some more, as equal places of tables a
 /// multiple of 4096 bytes apart pass for the same address until late.
 const TABLE: usize = 16_384;
@@ -42,6 +45,20 @@ impl Counts {
         }
     }
 
+    /// The same of all points of a part of a row.
+    #[inline]
+    pub(super) fn add_all(&mut self, codes: &[u32]) {
+        let (groups, rest) = codes.as_chunks::<TABLES>();
+        for group in groups {
+            for (table, &code) in group.iter().enumerate() {
+                self.count(table, code);
+            }
+        }
+        for &code in rest {
+            self.count(0, code);
+        }
+    }
+
     #[inline(always)]
     fn count(&mut self, table: usize, code: u32) {
         self.angles[table][code as usize % TABLE] += 1;
@@ -53,15 +70,22 @@ impl Counts {
         for (tables, totals) in
             [&mut self.angles, &mut self.colours].into_iter().zip(totals.chunks_exact_mut(BINS))
         {
-            for code in 0..CODES {
-                let count: u32 = tables.iter().map(|table| table[code]).sum();
-                if count > 0 {
+            let [one, other] = tables.each_mut().map(|table| table.as_chunks_mut::<SCANNED>().0);
+            for (first, (one, other)) in (0..=CODES).step_by(SCANNED).zip(one.iter_mut().zip(other)) {
+                let mut counts = [0; SCANNED];
+                for ((count, one), other) in counts.iter_mut().zip(&*one).zip(&*other) {
+                    *count = one + other;
+                }
+                if counts.iter().fold(0, |any, count| any | count) == 0 {
+                    continue;
+                }
+                (*one, *other) = ([0; SCANNED], [0; SCANNED]);
+                for (code, count) in (first..CODES).zip(counts).filter(|(_, count)| *count > 0) {
                     for bin in bins(code) {
                         totals[bin] += u64::from(count);
                     }
                 }
             }
-            tables.iter_mut().for_each(|table| table.fill(0));
         }
     }
 }

@@ -193,9 +193,10 @@ impl<'a> Counter<'a> {
         } else {
             for (region, part) in parts {
                 self.compute_codes(in_block(part), part.to_vec());
-                numbers.clear();
-                numbers.extend(0..part.len() as u32);
-                self.count(&numbers, in_block(part));
+                for one in 0..in_block(part) {
+                    let row = codes_of(&self.codes, &self.points, one);
+                    self.counts.add_all(&row[one + 1..part.len()]);
+                }
                 self.counts.move_to(&mut totals[region]);
             }
         }
@@ -236,12 +237,17 @@ impl<'a> Counter<'a> {
 
     /// Counts the pairs of a region's points, by their numbers, whose first is one of the first so many.
     fn count(&mut self, numbers: &[u32], rows: usize) {
-        let row_length = row_length(self.points.len());
         for (index, &one) in numbers[..rows].iter().enumerate() {
-            let row = &self.codes[one as usize * row_length..][..row_length];
+            let row = codes_of(&self.codes, &self.points, one as usize);
             self.counts.add(row, &numbers[index + 1..]);
         }
     }
+}
+
+/// The row of one of these points.
+fn codes_of<'a>(codes: &'a [u32], points: &Neighbourhood, one: usize) -> &'a [u32] {
+    let length = row_length(points.len());
+    &codes[one * length..][..length]
 }
 
 #[cfg(test)]
