@@ -16,6 +16,7 @@ use pulp::{Arch, WithSimd};
 /// What kernels run with.
 #[derive(Clone, Copy, Debug)]
 enum Level {
+    #[cfg_attr(not(target_arch = "x86_64"), expect(dead_code, reason = "there is one level"))]
     Widest(Arch),
     #[cfg(target_arch = "x86_64")]
     V3(pulp::x86::V3),
