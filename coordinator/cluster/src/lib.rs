@@ -13,6 +13,7 @@ mod lock;
 pub mod scheduler;
 mod secret;
 pub mod sharding;
+pub mod spill;
 pub mod store;
 
 pub use cluster::{

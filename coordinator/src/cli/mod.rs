@@ -120,6 +120,7 @@ pub fn main(commit: &str) -> ExitCode {
 
 fn execute(command: Command) -> anyhow::Result<ExitCode> {
     descriptor::wide::check_environment()?;
+    cluster::spill::check_environment()?;
     match command {
         Command::Run(command) => command.execute(),
         Command::Resume(command) => command.execute(),

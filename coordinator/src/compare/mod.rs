@@ -194,7 +194,7 @@ pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, Com
             session.cluster.dismiss_workers().await;
         }
     }
-    let answerers = session.cluster.answerers();
+    let answerers = session.cluster.answerers().map_err(RunError::from)?;
     finished_runs::note_comparison(&store, folder, answerers, describing.sources());
     let gathered = shards.gather(&descriptors, &describing.into_descriptions())?;
 

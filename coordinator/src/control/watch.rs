@@ -101,7 +101,7 @@ impl Operator<'_> {
         let stops = request.action == ControlAction::Stop && done.is_ok();
         if stops {
             // What the run ends with says why it ended.
-            let _ = self.cluster.flush().await; // a journal that has failed ends the run with its own error next time
+            let _ = self.cluster.flush().await; // a disk that has failed ends the run with its own error next time
         }
         taken.answer(&match done {
             Ok(done) => Answer::Done(done),

@@ -4,16 +4,19 @@
 
 pub mod finished_runs;
 mod forget;
+mod found_counts;
 mod records;
 pub mod source;
 pub mod sourced;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::ops::Index;
+use std::path::Path;
 use std::sync::Arc;
 
 use cache::Store;
+use cluster::ClusterError;
 use cluster::scheduler::Provenance;
+use cluster::spill::SpillError;
 use descriptor::{Descriptor, Preprocess};
 use proto::task::DescriptorBytes;
 use proto::{Digest, SessionId};
@@ -23,6 +26,7 @@ use crate::fitness::Measured;
 use crate::storage;
 use crate::tasks::descriptor_bytes;
 pub use forget::forget;
+use found_counts::FoundCounts;
 pub use source::{Source, Wrong};
 
 /// Kind of the entries in the store.
@@ -41,16 +45,18 @@ pub struct RememberedCounts {
 pub type Remembered = BTreeMap<Descriptor, RememberedCounts>;
 
 /// What is known of descriptors under one fitness on the clouds of one matching.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Debug, Default)]
 pub struct KnownCounts {
-    /// What they have, by their canonical bytes: a search may come upon millions, and a [`Descriptor`] is larger.
-    measured: BTreeMap<DescriptorBytes, Measured>,
+    /// What those have that an earlier run has left.
+    earlier: BTreeMap<DescriptorBytes, Measured>,
     /// Where those come from that an earlier run has left and this one has not used yet.
     pub unused: BTreeMap<Descriptor, Arc<Source>>,
+    /// What this run has found, by canonical bytes: a search may come upon millions.
+    found: FoundCounts,
 }
 
 /// What is known of descriptors under one fitness.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Debug, Default)]
 pub struct Known {
     /// On the training clouds.
     pub train: KnownCounts,
@@ -64,25 +70,47 @@ impl KnownCounts {
     fn recall(memory: &Memory<'_>) -> Self {
         let mut known = Self::default();
         for (descriptor, RememberedCounts { counts, source }) in memory.recall() {
-            known.insert(descriptor_bytes(&descriptor), Measured { counts, margin: None });
+            known.earlier.insert(descriptor_bytes(&descriptor), Measured { counts, margin: None });
             known.unused.insert(descriptor, source);
         }
         known
     }
 
+    /// What earlier runs have left, for a search that keeps what it finds in this folder.
+    fn begin(&self, folder: &Path) -> Self {
+        let Self { earlier, unused, found: _ } = self;
+        Self { earlier: earlier.clone(), unused: unused.clone(), found: FoundCounts::new(folder) }
+    }
+
     /// What a descriptor has, if it is known.
-    pub fn get(&self, descriptor: &Descriptor) -> Option<&Measured> {
-        self.measured.get(&descriptor_bytes(descriptor))
+    ///
+    /// # Errors
+    /// [`ClusterError::Spill`], here and below, if what has outgrown memory cannot be read any more.
+    pub fn get(&self, descriptor: &Descriptor) -> Result<Option<Measured>, ClusterError> {
+        let bytes = descriptor_bytes(descriptor);
+        let found = self.found.get(&bytes).map_err(ClusterError::Spill)?;
+        Ok(found.or_else(|| self.earlier.get(&bytes).copied()))
     }
 
     /// Whether it is known what a descriptor has.
-    pub fn contains(&self, descriptor: &Descriptor) -> bool {
-        self.measured.contains_key(&descriptor_bytes(descriptor))
+    pub fn contains(&self, descriptor: &Descriptor) -> Result<bool, ClusterError> {
+        let bytes = descriptor_bytes(descriptor);
+        let is_found = || self.found.contains(&bytes).map_err(ClusterError::Spill);
+        if self.earlier.contains_key(&bytes) { Ok(true) } else { is_found() }
     }
 
-    /// Notes what the descriptor of these bytes has.
-    pub fn insert(&mut self, descriptor: DescriptorBytes, measured: Measured) {
-        self.measured.insert(descriptor, measured);
+    /// What a descriptor has that was measured.
+    ///
+    /// # Panics
+    /// If it was not measured.
+    pub fn measured(&self, descriptor: &Descriptor) -> Result<Measured, ClusterError> {
+        let measured = self.get(descriptor)?;
+        Ok(measured.unwrap_or_else(|| unreachable!("asked for only after it was measured: {descriptor}")))
+    }
+
+    /// Notes what a descriptor has.
+    pub fn insert(&mut self, descriptor: &Descriptor, measured: Measured) {
+        self.found.insert(&descriptor_bytes(descriptor), measured);
     }
 
     /// Whether an earlier run has left what is known of a descriptor, and this one has not used it yet.
@@ -92,24 +120,20 @@ impl KnownCounts {
 
     /// Drops what earlier runs have left of these descriptors.
     pub fn drop_unused(&mut self, is_dropped: impl Fn(&Descriptor, &Source) -> bool) {
-        let Self { measured, unused } = self;
+        let Self { earlier, unused, .. } = self;
         unused.retain(|descriptor, source| {
             let is_dropped = is_dropped(descriptor, source);
             if is_dropped {
-                measured.remove(&descriptor_bytes(descriptor));
+                earlier.remove(&descriptor_bytes(descriptor));
             }
             !is_dropped
         });
     }
-}
 
-impl Index<&Descriptor> for KnownCounts {
-    type Output = Measured;
-
-    /// # Panics
-    /// If it is not known.
-    fn index(&self, descriptor: &Descriptor) -> &Measured {
-        &self.measured[&descriptor_bytes(descriptor)]
+    /// Shows all of it to `see`.
+    fn for_each(&self, mut see: impl FnMut(&[u8], Measured)) -> Result<(), SpillError> {
+        self.earlier.iter().for_each(|(bytes, measured)| see(bytes.bytes(), *measured));
+        self.found.for_each(see)
     }
 }
 
@@ -118,6 +142,12 @@ impl Known {
     pub fn recall(train: &Memory<'_>, validation: &Memory<'_>) -> Self {
         let [train, validation] = [train, validation].map(KnownCounts::recall);
         Self { train, validation, used: BTreeSet::new() }
+    }
+
+    /// What earlier runs have left, for a search that keeps what it finds in this folder.
+    pub fn begin(&self, folder: &Path) -> Self {
+        let [train, validation] = [&self.train, &self.validation].map(|known| known.begin(folder));
+        Self { train, validation, used: self.used.clone() }
     }
 
     /// Drops what is in doubt.
@@ -146,12 +176,19 @@ impl Known {
             sources.entry(&**provenance).or_insert_with(|| Arc::new(source()));
         }
         for (memory, known) in [(train, &self.train), (validation, &self.validation)] {
-            let found = known.measured.iter().filter_map(|(bytes, measured)| {
-                let source = Arc::clone(&sources[&**provenances.get(bytes)?]);
-                let descriptor = Descriptor::from_bytes(bytes.bytes()).ok()?;
-                Some((descriptor, RememberedCounts { counts: measured.counts, source }))
+            let mut found = Remembered::new();
+            let shown = known.for_each(|bytes, Measured { counts, .. }| {
+                if let Some(provenance) = provenances.get(&DescriptorBytes::from(bytes.to_vec()))
+                    && let Ok(descriptor) = Descriptor::from_bytes(bytes)
+                {
+                    let source = Arc::clone(&sources[&**provenance]);
+                    found.insert(descriptor, RememberedCounts { counts, source });
+                }
             });
-            memory.keep(&found.collect());
+            if let Err(failure) = shown {
+                tracing::warn!("cache: {KIND} of this run are not all kept: {failure}");
+            }
+            memory.keep(&found);
         }
     }
 }

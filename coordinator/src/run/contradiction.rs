@@ -20,7 +20,10 @@ pub fn remembered_wrongly(
     computed: &Counts,
 ) -> RunError {
     let [remembered, computed] = [held, computed].map(counts_text);
-    let provenances = cluster.provenances();
+    let provenances = match cluster.provenances() {
+        Ok(provenances) => provenances,
+        Err(error) => return error.into(),
+    };
     let provenance = provenances.get(&tasks::descriptor_bytes(descriptor));
     let matching = name(matching);
     if provenance.is_some_and(|provenance| provenance.basis >= Basis::Audited) {

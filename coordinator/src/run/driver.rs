@@ -105,12 +105,12 @@ impl RunDriver<'_> {
     /// Once more whenever answers turn out to be wrong.
     async fn search_until_right(&mut self) -> Result<Outcome, RunError> {
         let Self { experiment, dataset, session, remembered, client, folder, progress, .. } = self;
-        let mut remembered = remembered.clone();
+        let mut remembered = remembered.begin(folder.path());
         loop {
             let search = begin_search(experiment, dataset, session, client, progress).await?;
             progress.search_starts(folder.generations());
-            let cached = remembered.clone();
-            let mut search_loop = SearchLoop::new(experiment, session, client, progress, cached);
+            let mut search_loop =
+                SearchLoop::new(experiment, session, client, progress, &remembered, folder.path());
             match search_once(experiment, &mut search_loop, search, dataset, session, &remembered, folder)
                 .await
             {
@@ -457,14 +457,14 @@ impl Finals {
             of(Matching::Train, &weights[2]),
             of(Matching::Train, &weights[3]),
         ];
-        let validated = found.counts.validation.get(winner);
+        let validated = found.counts.validation.get(winner)?;
         let known = [
-            (Matching::Train, Some(&found.train), &remembered.train, &training),
+            (Matching::Train, Some(found.train), &remembered.train, &training),
             (Matching::Validation, validated, &remembered.validation, &validation),
         ];
         for (matching, held, remembered, computed) in known {
             let (Some(held), Some(Final { measured: computed, .. })) = (held, computed) else { continue };
-            if held != computed {
+            if held != *computed {
                 let (held, computed) = (&held.counts, &computed.counts);
                 return Err(match remembered.unused.get(winner) {
                     Some(source) => remembered_wrongly(cluster, winner, matching, (held, source), computed),

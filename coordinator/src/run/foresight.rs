@@ -87,7 +87,8 @@ impl<'a> Beforehand<'a> {
     pub fn evaluate(&mut self, individuals: &[Individual], known: &KnownCounts, scales: &Scales) {
         let Self { experiment, session, owner, clients } = self;
         let descriptors = individuals.iter().map(|individual| decode(experiment.space(), individual));
-        let is_new = |one: &Descriptor| experiment.affords(one) && !known.contains(one);
+        // What cannot be looked up is told where the search itself asks.
+        let is_new = |one: &Descriptor| experiment.affords(one) && !known.contains(one).unwrap_or(true);
         let new: BTreeSet<Descriptor> = descriptors.filter(is_new).collect();
         if new.is_empty() {
             return;

@@ -12,6 +12,7 @@ mod fitness_check;
 mod foresight;
 pub mod front;
 pub mod matching;
+mod met;
 pub mod progress;
 mod resume;
 pub mod rows;
@@ -197,13 +198,16 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let outcome = searched?;
     run.progress.finish();
     let trusted = session.cluster.quarantined().is_empty() && is_whole;
+    // Not after the run is finished: what cannot be looked up is a reason to go on with it, by its journal.
+    let answerers = session.cluster.answerers()?;
+    let provenances = if trusted && remembers { Some(session.cluster.provenances()?) } else { None };
     let summary = run.finish(&outcome)?;
     remove_journal(&out);
-    session.register(&out, &outcome.found.counts, &session.cluster.answerers());
+    session.register(&out, &outcome.found.counts, &answerers);
     // Not before the run is finished: what a failed one computed is in doubt, and so is what one with a worker that
     // was wrong computed where nobody has looked; after damage to the journal nobody knows whether there was one.
-    if trusted && remembers {
-        let from = (session.cluster.session, &session.cluster.provenances());
+    if let Some(provenances) = provenances {
+        let from = (session.cluster.session, &provenances);
         outcome.found.counts.keep(&train_memory, &validation_memory, from);
     }
     drop(scaling); // those that wait for a place would find nobody

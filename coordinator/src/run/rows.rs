@@ -53,31 +53,32 @@ pub fn evaluations(
     population: &[Individual],
     descriptors: &[Descriptor],
     measured: &[Measured],
-    set_errors: &BTreeMap<Descriptor, Vec<f32>>,
+    set_errors: Vec<Option<Vec<f32>>>,
     computed: &BTreeMap<usize, Finished<EvaluationResult>>,
 ) -> Vec<EvaluationRow> {
-    type Evaluated<'a> = ((&'a Individual, &'a Descriptor), &'a Measured);
-    let row = |(index, ((individual, descriptor), measured)): (usize, Evaluated<'_>)| EvaluationRow {
-        generation,
-        individual: index as u32,
-        chromosome: individual.bit_string(),
-        genes: space.values(descriptor),
-        counts: measured.counts,
-        objective_correct: (fitness.objective() == Objective::Category)
-            .then_some(measured.counts.category_correct),
-        margin: measured.margin,
-        set_errors: set_errors.get(descriptor).cloned(),
-        parent_a: individual.parents[0],
-        parent_b: individual.parents[1],
-        elite: individual.elite,
-        computed: computed.get(&index).map(|finished| Computed {
-            worker: finished.worker.clone(),
-            attempt: finished.attempt,
-            queued_seconds: finished.queued.as_secs_f64(),
-            run_seconds: finished.run_seconds,
-        }),
-    };
-    population.iter().zip(descriptors).zip(measured).enumerate().map(row).collect()
+    type Evaluated<'a> = (((&'a Individual, &'a Descriptor), &'a Measured), Option<Vec<f32>>);
+    let row =
+        |(index, (((individual, descriptor), measured), set_errors)): (usize, Evaluated<'_>)| EvaluationRow {
+            generation,
+            individual: index as u32,
+            chromosome: individual.bit_string(),
+            genes: space.values(descriptor),
+            counts: measured.counts,
+            objective_correct: (fitness.objective() == Objective::Category)
+                .then_some(measured.counts.category_correct),
+            margin: measured.margin,
+            set_errors,
+            parent_a: individual.parents[0],
+            parent_b: individual.parents[1],
+            elite: individual.elite,
+            computed: computed.get(&index).map(|finished| Computed {
+                worker: finished.worker.clone(),
+                attempt: finished.attempt,
+                queued_seconds: finished.queued.as_secs_f64(),
+                run_seconds: finished.run_seconds,
+            }),
+        };
+    population.iter().zip(descriptors).zip(measured).zip(set_errors).enumerate().map(row).collect()
 }
 
 /// The winner's answers to the queries of one matching.

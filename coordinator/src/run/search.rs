@@ -1,7 +1,7 @@
 //! The search loop: has each generation of a search evaluated and writes it to the run folder, until the search ends.
 
-use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -19,6 +19,7 @@ use crate::run::fitness_check::nothing_recognised;
 use crate::run::foresight::{Beforehand, Foresight};
 use crate::run::front::FrontPoint;
 use crate::run::matching::Matching;
+use crate::run::met::Met;
 use crate::run::progress::{GenerationReport, Progress};
 use crate::run::rows;
 use crate::run::scales::Scales;
@@ -64,11 +65,7 @@ pub struct SearchLoop<'a> {
     /// Counts of earlier runs and of this one: no descriptor is evaluated twice.
     counts: Known,
     scales: Scales,
-    /// Of descriptors that were evaluated on several sets the error in each.
-    set_errors: BTreeMap<Descriptor, Vec<f32>>,
-    /// The generation in which the search has first come upon each descriptor: their number is what a budget of
-    /// evaluations is spent on, whatever earlier runs have left.
-    first_met: BTreeMap<DescriptorBytes, u32>,
+    met: Met,
     /// Descriptors whose counts another principal has confirmed or is asked to.
     confirmed: BTreeSet<DescriptorBytes>,
     /// Of the descriptors that are too costly, what the cheapest costs.
@@ -80,15 +77,18 @@ pub struct SearchLoop<'a> {
 }
 
 impl<'a> SearchLoop<'a> {
-    /// A loop before its first generation. `cached` counts of earlier runs are not computed again, except those that an
-    /// earlier start of this run has computed: they stay its own, whatever other runs have stored since.
+    /// A loop before its first generation. `remembered` counts of earlier runs are not computed again, except those that an
+    /// earlier start of this run has computed: they stay its own, whatever other runs have stored since. What it has no
+    /// memory for goes to files in the run's folder.
     pub fn new(
         experiment: &'a Experiment,
         session: &'a Session<'a>,
         client: &'a mut Client,
         progress: &'a mut Progress,
-        mut cached: Known,
+        remembered: &Known,
+        folder: &Path,
     ) -> Self {
+        let mut cached = remembered.begin(folder);
         let Session { cluster, splits, .. } = session;
         if cluster.has_past() {
             for (matching, counts) in
@@ -108,8 +108,7 @@ impl<'a> SearchLoop<'a> {
             progress,
             counts: cached,
             scales: Scales::default(),
-            set_errors: BTreeMap::new(),
-            first_met: BTreeMap::new(),
+            met: Met::new(folder),
             confirmed: BTreeSet::new(),
             least_cost: u64::MAX,
             computed: 0,
@@ -125,8 +124,8 @@ impl<'a> SearchLoop<'a> {
 
     /// Logs to which generation the corrected answers take the run back.
     pub fn note_rewind(&self, tasks: &[Arc<Task>]) {
-        let generations = tasks.iter().filter_map(|task| self.first_met.get(&task.subject().descriptor));
-        let generation = generations.min().copied().unwrap_or(1);
+        let generation = |task: &Arc<Task>| self.met.generation(&task.subject().descriptor).ok().flatten();
+        let generation = tasks.iter().filter_map(generation).min().unwrap_or(1);
         let why = format!("{} answers of a worker that was wrong are corrected", tasks.len());
         self.progress.say(&format!("back to generation {generation}: {why}"));
         self.client.note_rewind(generation, why);
@@ -147,15 +146,15 @@ impl<'a> SearchLoop<'a> {
         loop {
             let started = Instant::now();
             let generation = search.generation();
-            self.progress.generation_starts(generation, self.first_met.len() as u64);
+            self.progress.generation_starts(generation, self.met.count());
             let recorded = self.session.trace.generation(self.client.id(), generation);
-            let descriptors = self.descriptors_within_budget(&search);
+            let descriptors = self.descriptors_within_budget(&search)?;
             search.keep_first(descriptors.len());
             let population = search.ask().to_vec();
             self.drop_wrong()?;
             let computed = self.evaluate_new(&search, &descriptors).await?;
-            let measured: Vec<Measured> =
-                descriptors.iter().map(|descriptor| self.counts.train[descriptor]).collect();
+            let measured = descriptors.iter().map(|descriptor| self.counts.train.measured(descriptor));
+            let measured: Vec<Measured> = measured.collect::<Result<_, _>>()?;
             let (experiment, fitness) = (self.experiment, self.experiment.fitness());
             let scored = descriptors.iter().zip(&measured);
             let scores: Vec<Score> =
@@ -169,18 +168,20 @@ impl<'a> SearchLoop<'a> {
                 None => None,
             };
             let validation_score = validation.as_ref().map(|measured| fitness.score(measured));
-            let (told, evaluations) = (scores.clone(), self.first_met.len() as u64);
+            let (told, evaluations) = (scores.clone(), self.met.count());
             let state;
             (search, state) =
                 apart(search, move |search| search.tell(&told, validation_score, evaluations)).await;
 
+            let set_errors = descriptors.iter().map(|descriptor| self.met.set_errors(descriptor));
+            let set_errors: Vec<Option<Vec<f32>>> = set_errors.collect::<Result<_, _>>()?;
             let individuals = rows::evaluations(
                 (experiment.space(), fitness),
                 generation,
                 &population,
                 &descriptors,
                 &measured,
-                &self.set_errors,
+                set_errors,
                 &computed,
             );
             let row = results::GenerationRow {
@@ -210,7 +211,7 @@ impl<'a> SearchLoop<'a> {
                     best: &descriptors[state.best as usize],
                     improved: state.improved,
                     validation: validation.map(|measured| measured.counts),
-                    met: self.first_met.len() as u64,
+                    met: self.met.count(),
                 });
             }
 
@@ -238,7 +239,7 @@ impl<'a> SearchLoop<'a> {
                 return Ok(SearchResult {
                     stop_reason,
                     generations: generation,
-                    train: self.counts.train[&descriptor],
+                    train: self.counts.train.measured(&descriptor)?,
                     winner,
                     front,
                     descriptor,
@@ -261,29 +262,23 @@ impl<'a> SearchLoop<'a> {
     }
 
     /// What the individuals of the current generation stand for, up to the last that the budget of evaluations allows.
-    fn descriptors_within_budget(&mut self, search: &Search) -> Vec<Descriptor> {
-        let mut left = search.evaluations_left(self.first_met.len() as u64);
+    fn descriptors_within_budget(&mut self, search: &Search) -> Result<Vec<Descriptor>, ClusterError> {
+        let mut left = search.evaluations_left(self.met.count());
         let mut descriptors = Vec::with_capacity(search.ask().len());
         for individual in search.ask() {
             let descriptor = decode(self.experiment.space(), individual);
             if !self.experiment.affords(&descriptor) {
                 self.least_cost = self.least_cost.min(self.experiment.limited_cost(&descriptor));
-            } else if let Entry::Vacant(unmet) = self.first_met.entry(tasks::descriptor_bytes(&descriptor)) {
+            } else if !self.met.contains(&descriptor)? {
                 if left == Some(0) {
                     break;
                 }
                 left = left.map(|left| left - 1);
-                unmet.insert(search.generation());
+                self.met.insert(&descriptor, search.generation());
             }
             descriptors.push(descriptor);
         }
-        descriptors
-    }
-
-    /// The bytes of a descriptor, shared with `first_met` if it was met.
-    fn bytes(&self, descriptor: &Descriptor) -> DescriptorBytes {
-        let bytes = tasks::descriptor_bytes(descriptor);
-        self.first_met.get_key_value(&bytes).map_or(bytes, |(met, _)| met.clone())
+        Ok(descriptors)
     }
 
     /// Evaluates the descriptors that are new and returns, for the first individual with each of them, who computed
@@ -295,12 +290,12 @@ impl<'a> SearchLoop<'a> {
     ) -> Result<BTreeMap<usize, Finished<EvaluationResult>>, RunError> {
         let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
         for (index, descriptor) in descriptors.iter().enumerate() {
-            if self.counts.train.contains(descriptor) {
+            if self.counts.train.contains(descriptor)? {
                 continue;
             }
             if !self.experiment.affords(descriptor) {
                 let nothing = self.nothing_recognised(Matching::Train);
-                self.counts.train.insert(self.bytes(descriptor), nothing);
+                self.counts.train.insert(descriptor, nothing);
             } else if seen.insert(descriptor) {
                 new.push((index, descriptor));
             }
@@ -308,7 +303,7 @@ impl<'a> SearchLoop<'a> {
         self.computed += new.len() as u64;
         self.remembered += (descriptors.len() - new.len()) as u64;
         self.use_remembered(descriptors.iter(), Matching::Train).await?;
-        let mut foresight = self.foresight(search, descriptors, &new);
+        let mut foresight = self.foresight(search, descriptors, &new)?;
         let descriptors: Vec<&Descriptor> = new.iter().map(|&(_, descriptor)| descriptor).collect();
         // What was foreseen is asked for now; before that it must not be given up.
         let mut foreseen = self.beforehand.take();
@@ -324,8 +319,10 @@ impl<'a> SearchLoop<'a> {
         self.progress.counted(self.computed, self.remembered);
         let mut computed = BTreeMap::new();
         for ((index, descriptor), Answer { measured, set_errors, first }) in new.into_iter().zip(finished) {
-            self.counts.train.insert(self.bytes(descriptor), measured);
-            self.set_errors.extend(set_errors.map(|errors| (descriptor.clone(), errors)));
+            self.counts.train.insert(descriptor, measured);
+            if let Some(errors) = set_errors {
+                self.met.insert_set_errors(descriptor, &errors);
+            }
             computed.insert(index, first);
         }
         Ok(computed)
@@ -338,19 +335,22 @@ impl<'a> SearchLoop<'a> {
         search: &'s Search,
         descriptors: &[Descriptor],
         new: &[(usize, &Descriptor)],
-    ) -> Foresight<'s> {
+    ) -> Result<Foresight<'s>, ClusterError> {
         let places: BTreeMap<&Descriptor, usize> =
             new.iter().map(|&(_, descriptor)| descriptor).zip(0..).collect();
         let mut waiting = vec![Vec::new(); new.len()];
         let score = |(index, descriptor)| match places.get(descriptor) {
             Some(&place) => {
                 waiting[place].push(index);
-                None
+                Ok(None)
             }
-            None => Some(self.experiment.score(descriptor, &self.counts.train[descriptor])),
+            None => {
+                let measured = self.counts.train.measured(descriptor)?;
+                Ok(Some(self.experiment.score(descriptor, &measured)))
+            }
         };
-        let scores = descriptors.iter().enumerate().map(score).collect();
-        Foresight::new(search, self.first_met.len() as u64, (scores, waiting))
+        let scores = descriptors.iter().enumerate().map(score).collect::<Result<_, ClusterError>>()?;
+        Ok(Foresight::new(search, self.met.count(), (scores, waiting)))
     }
 
     /// Uses what earlier runs have left of these descriptors, a share of it only after it was computed again.
@@ -371,7 +371,7 @@ impl<'a> SearchLoop<'a> {
             // Another task than that of the search, of which the next start must not find an answer.
             let evaluation = session.splits.evaluation(ONLY_SET, &descriptor.into(), matching, true);
             if session.cluster.spot_checks(&Task::Evaluation(evaluation.clone())) {
-                checked.push((descriptor, source));
+                checked.push((descriptor, known.measured(descriptor)?.counts, source));
                 asked.push(evaluation);
             }
         }
@@ -383,19 +383,19 @@ impl<'a> SearchLoop<'a> {
         let differing: Vec<_> = checked
             .into_iter()
             .zip(computed)
-            .filter(|((descriptor, _), computed)| known[descriptor].counts != *computed)
+            .filter(|((_, remembered, _), computed)| remembered != computed)
             .collect();
-        for ((descriptor, _), _) in &differing {
+        for ((descriptor, ..), _) in &differing {
             client.confirm(&tasks::descriptor_bytes(descriptor));
         }
         // What was computed now may be as wrong: then it is corrected, and the search begins again.
         client.confirmed(|news| progress.news(news)).await?;
         match differing.into_iter().next() {
-            Some(((descriptor, source), computed)) => Err(remembered_wrongly(
+            Some(((descriptor, remembered, source), computed)) => Err(remembered_wrongly(
                 &session.cluster,
                 descriptor,
                 matching,
-                (&known[descriptor].counts, &source),
+                (&remembered, &source),
                 &computed,
             )),
             None => Ok(()),
@@ -414,14 +414,16 @@ impl<'a> SearchLoop<'a> {
 
     /// The individuals of the next generation that will be evaluated, as far as it is certain that there is one.
     async fn foresee(&self, search: Search, scores: &[Score]) -> (Search, Vec<Individual>) {
-        let met = self.first_met.len() as u64;
+        let met = self.met.count();
         let (mut left, scores) = (search.evaluations_left(met), scores.to_vec());
         let (search, next) =
             apart(search, move |search| search.foresee(&scores, met).map(<[_]>::to_vec)).await;
         let mut next = next.unwrap_or_default();
         next.retain(|individual| {
             let descriptor = decode(self.experiment.space(), individual);
-            let is_new = !self.counts.train.contains(&descriptor) && left != Some(0);
+            // What cannot be looked up is not foreseen: it is told where the search itself asks.
+            let is_known = self.counts.train.contains(&descriptor).unwrap_or(true);
+            let is_new = !is_known && left != Some(0);
             left = left.map(|left| left - u64::from(is_new));
             is_new
         });
@@ -465,12 +467,12 @@ impl<'a> SearchLoop<'a> {
     ) -> Result<Vec<Measured>, RunError> {
         let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
         for &descriptor in descriptors {
-            if self.counts.validation.contains(descriptor) {
+            if self.counts.validation.contains(descriptor)? {
                 continue;
             }
             if !self.experiment.affords(descriptor) {
                 let nothing = self.nothing_recognised(Matching::Validation);
-                self.counts.validation.insert(self.bytes(descriptor), nothing);
+                self.counts.validation.insert(descriptor, nothing);
             } else if seen.insert(descriptor) {
                 new.push(descriptor);
             }
@@ -478,9 +480,10 @@ impl<'a> SearchLoop<'a> {
         self.use_remembered(descriptors.iter().copied(), Matching::Validation).await?;
         let finished = self.measure(&new, Matching::Validation, |_| std::mem::take(&mut next)).await?;
         for (descriptor, Answer { measured, .. }) in new.into_iter().zip(finished) {
-            self.counts.validation.insert(self.bytes(descriptor), measured);
+            self.counts.validation.insert(descriptor, measured);
         }
-        Ok(descriptors.iter().map(|descriptor| self.counts.validation[descriptor]).collect())
+        let measured = descriptors.iter().map(|descriptor| self.counts.validation.measured(descriptor));
+        Ok(measured.collect::<Result<_, _>>()?)
     }
 
     /// The front of a search of several objectives, each point on the validation set if there is one.
@@ -503,17 +506,14 @@ impl<'a> SearchLoop<'a> {
             vec![None; points.len()]
         };
         let fitness = self.experiment.fitness();
-        let point =
-            |((found, descriptor), validation): ((&Found, Descriptor), Option<Measured>)| FrontPoint {
-                found: Found {
-                    validation: validation.as_ref().map(|measured| fitness.score(measured)),
-                    ..found.clone()
-                },
-                train: self.counts.train[&descriptor],
-                descriptor,
-                validation,
-            };
-        Ok(points.iter().zip(descriptors).zip(validated).map(point).collect())
+        let mut front = Vec::with_capacity(points.len());
+        for ((found, descriptor), validation) in points.iter().zip(descriptors).zip(validated) {
+            let score = validation.as_ref().map(|measured| fitness.score(measured));
+            let found = Found { validation: score, ..found.clone() };
+            let train = self.counts.train.measured(&descriptor)?;
+            front.push(FrontPoint { found, train, descriptor, validation });
+        }
+        Ok(front)
     }
 }
 

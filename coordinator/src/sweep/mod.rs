@@ -4,7 +4,6 @@ mod record;
 mod summary;
 mod verdict;
 
-use std::cell::LazyCell;
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -141,17 +140,18 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let done = searched?;
     progress.finish();
 
-    remove_journal(&out);
     let trusted = session.cluster.quarantined().is_empty() && is_whole;
-    // All results are looked at once, and not for each member.
-    let answerers = session.cluster.answerers();
-    let provenances = LazyCell::new(|| session.cluster.provenances());
+    // All results are looked at once, and not for each member; and before the journal is removed, as they may be beyond
+    // reading.
+    let answerers = session.cluster.answerers()?;
+    let provenances = session.cluster.provenances()?;
+    remove_journal(&out);
     for (place, summary, found) in done {
         session.register(&summary.out, &found, &answerers);
         summaries.push((place, summary));
         // Not before all are finished, as none of them was told a wrong answer that is known to be one.
         if trusted && members[place].experiment.remembers_counts(dataset) {
-            found.keep(&train_memory, &validation_memory, (session.cluster.session, &*provenances));
+            found.keep(&train_memory, &validation_memory, (session.cluster.session, &provenances));
         }
     }
     drop(scaling); // those that wait for a place would find nobody

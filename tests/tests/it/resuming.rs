@@ -10,7 +10,7 @@ use descriptor::random;
 use rand::RngExt as _;
 
 use crate::experiments::{Experiment, begun, digest, free_address, summary};
-use crate::process::{Finished, Running, kill_at, program, run};
+use crate::process::{Finished, Running, finish, kill_at, program, run};
 
 /// Long enough to be killed many times, short enough to run often.
 const SEARCH: &str = "[ga]\npopulation = 8\n[stop]\ngenerations = 60\nstagnation = \"off\"\n\
@@ -253,6 +253,44 @@ fn a_disk_that_fills_up_ends_the_run_with_whole_tables_and_with_space_again_it_g
     assert!(finished.stderr.contains("unfinished, goes on with"), "{finished}");
     let undisturbed = experiment.run("undisturbed", &[]).expect_success();
     assert_eq!(digest(&finished), digest(&undisturbed));
+}
+
+/// Memory for no more than a few entries has most of what a run meets in files, before it is killed and after.
+#[test]
+fn a_run_that_outgrows_memory_has_the_digest_of_one_that_does_not() {
+    let experiment = Experiment::new(SEARCH);
+    let undisturbed = experiment.run("undisturbed", &[]).expect_success();
+    let args = experiment.run_args("out", &["--local-workers", "1", "--no-cache"]);
+    let spilling = |name: &str| {
+        let mut coordinator = program("coordinator");
+        coordinator.args(&args).env("DESCRY_SPILL_ABOVE", "500").env("DESCRY_LOG", "info");
+        Running::spawn(experiment.folder(), name, coordinator)
+    };
+    let mut killed = spilling("killed");
+    killed.wait_for("generation 2/60");
+    killed.signal("KILL");
+    killed.wait();
+    assert!(
+        killed.log().contains("more than 500 bytes of what the run meets go to a temporary file"),
+        "{}",
+        killed.log()
+    );
+
+    let mut last = spilling("last");
+    let finished = last.wait().expect_success();
+    assert!(finished.stderr.contains("of what the run meets go to a temporary file"), "{finished}");
+    assert_eq!(digest(&finished), digest(&undisturbed));
+    run("coordinator", ["verify", &experiment.path("out")]).expect_success();
+    let files = |out: &str| {
+        let entries = Path::new(&experiment.path(out)).read_dir().unwrap();
+        entries.map(|entry| entry.unwrap().file_name()).collect::<BTreeSet<_>>()
+    };
+    assert_eq!(files("out"), files("undisturbed"));
+
+    let mut wrong = program("coordinator");
+    wrong.args(experiment.run_args("wrong", &[])).env("DESCRY_SPILL_ABOVE", "8 MiB");
+    let wrong = finish(&mut wrong).expect_error();
+    assert!(wrong.stderr.contains("DESCRY_SPILL_ABOVE: a number of bytes expected, got 8 MiB"), "{wrong}");
 }
 
 #[test]

@@ -26,6 +26,7 @@ use crate::scheduler::{
     RegisterRefusal, RunSecret, Scheduler, Staffing,
 };
 use crate::sharding::{Batch, Layouts, ShardCount};
+use crate::spill::SpillError;
 pub use client::{CellAnswer, Client, DescriptionAnswer};
 pub use control::ControlRefusal;
 use state::ClusterState;
@@ -64,6 +65,9 @@ pub enum ClusterError {
     /// The journal cannot be written any more.
     #[error(transparent)]
     Journal(JournalError),
+    /// What has outgrown memory cannot be read any more.
+    #[error(transparent)]
+    Spill(SpillError),
     /// Descriptions are no longer in memory.
     #[error(
         "descriptions: they were dropped for want of memory before they were used\nrun the same command again"
@@ -124,7 +128,7 @@ impl Cluster {
         let session = SessionId(rand::random());
         let events = Arc::new(EventLog::new(Vec::new()));
         let started = (Instant::now(), SystemTime::now());
-        let scheduler = Scheduler::new(limits, RunSecret::new(rand::random()));
+        let scheduler = Scheduler::new(limits, RunSecret::new(rand::random()), None);
         let state = ClusterState::new(scheduler, None, Arc::clone(&events), started);
         Self::with(limits, session, (None, false), state, events)
     }
@@ -138,7 +142,7 @@ impl Cluster {
         mut recorded: Recorded,
     ) -> Arc<Self> {
         let journal = Arc::new(journal);
-        let (mut scheduler, now) = (Scheduler::new(limits, secret), Instant::now());
+        let (mut scheduler, now) = (Scheduler::new(limits, secret, journal.directory()), Instant::now());
         if recorded.starts > 1 {
             scheduler.restore(&recorded, now);
         }
@@ -331,11 +335,14 @@ impl Cluster {
     }
 
     /// Waits until every result that was accepted is on the disk.
+    ///
+    /// # Errors
+    /// If that cannot be written, or earlier results cannot be read any more.
     pub async fn flush(&self) -> Result<(), ClusterError> {
-        match &self.journal {
-            Some(journal) => self.durable(journal.end()).await,
-            None => Ok(()),
+        if let Some(journal) = &self.journal {
+            self.durable(journal.end()).await?;
         }
+        self.check_results()
     }
 
     /// Waits until the journal is durable up to a sequence number.
@@ -409,11 +416,18 @@ impl Cluster {
         if let Some(failure) = self.journal.as_ref().and_then(|journal| journal.failure()) {
             return Err(ClusterError::Journal(failure));
         }
+        self.check_results()?;
         if let Some(failed) = &news.failed {
             self.state().doubt_descriptions(&failed.task);
             return Err(ClusterError::JobFailed(failed.clone()));
         }
         Ok(())
+    }
+
+    /// Whether all accepted results can be read.
+    fn check_results(&self) -> Result<(), ClusterError> {
+        let failure = self.state().scheduler.jobs.failure().cloned();
+        failure.map_or(Ok(()), |failure| Err(ClusterError::Spill(failure)))
     }
 
     /// Whether there have been too few workers for too long.
@@ -454,8 +468,12 @@ impl Cluster {
     }
 
     /// See [`Scheduler::provenances`].
-    pub fn provenances(&self) -> BTreeMap<DescriptorBytes, Arc<Provenance>> {
-        self.state().scheduler.provenances()
+    ///
+    /// # Errors
+    /// If not all results can be read any more.
+    pub fn provenances(&self) -> Result<BTreeMap<DescriptorBytes, Arc<Provenance>>, ClusterError> {
+        let provenances = self.state().scheduler.provenances();
+        self.check_results().map(|()| provenances)
     }
 
     /// The provenance of the result of a task that is kept; `None` also if it is nothing to go on with for others than this
@@ -467,8 +485,12 @@ impl Cluster {
     }
 
     /// See [`Scheduler::answerers`].
-    pub fn answerers(&self) -> BTreeSet<Principal> {
-        self.state().scheduler.answerers()
+    ///
+    /// # Errors
+    /// If not all results can be read any more.
+    pub fn answerers(&self) -> Result<BTreeSet<Principal>, ClusterError> {
+        let answerers = self.state().scheduler.answerers();
+        self.check_results().map(|()| answerers)
     }
 
     /// See [`Scheduler::spot_checks`].

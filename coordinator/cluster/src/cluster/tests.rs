@@ -372,6 +372,32 @@ async fn a_silent_worker_is_removed_although_nobody_waits_for_results() {
     );
 }
 
+/// A run must not end with what it has not been able to look up.
+#[tokio::test]
+async fn results_that_cannot_be_read_end_the_run() {
+    let on_failing_disk = |fails: bool| {
+        let cluster = Cluster::new(LIMITS);
+        let (jobs, [_, without_blocks]) = crate::store::tests::on_failing_disks();
+        cluster.state().scheduler.jobs = jobs;
+        without_blocks.store(fails, std::sync::atomic::Ordering::Relaxed);
+        cluster
+    };
+    let sound = on_failing_disk(false);
+    assert_eq!(sound.answerers().unwrap().len(), 1);
+    assert_eq!(sound.provenances().unwrap().len(), 0, "of one stranger that nobody has audited");
+    assert!(sound.flush().await.is_ok());
+
+    assert!(matches!(on_failing_disk(true).answerers(), Err(ClusterError::Spill(_))));
+    assert!(matches!(on_failing_disk(true).provenances(), Err(ClusterError::Spill(_))));
+    let cluster = on_failing_disk(true);
+    assert!(cluster.flush().await.is_ok(), "nothing was looked up");
+    for number in 0..1000 {
+        cluster.provenance(&Task::Evaluation(Evaluation::sample(number, 10, 10)));
+    }
+    assert!(matches!(cluster.flush().await, Err(ClusterError::Spill(_))));
+    assert!(matches!(cluster.client().has_all(), Err(ClusterError::Spill(_))));
+}
+
 #[tokio::test]
 async fn workers_of_an_earlier_start_of_this_process_have_ended_and_others_go_on() {
     let [own, other] = [WorkerId([1; 16]), WorkerId([2; 16])];

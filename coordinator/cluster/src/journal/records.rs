@@ -10,6 +10,7 @@ use proto::{JobId, Principal, WorkerId};
 use super::{Entry, Recorded};
 use crate::events::Event;
 use crate::sharding::plan::{ShardPlan, SidePlan};
+use crate::store::Grounds;
 
 /// Highest attempt that is believed: more failures and losses end a run long before.
 pub(super) const MAX_ATTEMPT: u32 = 100_000;
@@ -220,7 +221,11 @@ impl Contents {
             }
             Entry::Readmitted(principal) => drop(self.quarantined.remove(&principal)),
             Entry::Retracted(job) => drop(self.accepted.remove(&job)),
-            Entry::Quarantined(principal) => drop(self.quarantined.insert(principal)),
+            Entry::Quarantined(principal) => {
+                // Each of them is retracted, too, but the run may end before all of that is written.
+                self.accepted.retain(|_, accepted| !Grounds::of_accepted(accepted).rest_on(principal));
+                self.quarantined.insert(principal);
+            }
             Entry::Event(event) => drop(self.events.insert(event.sequence, event)),
             Entry::Sharded(job, plan) => drop(self.plans.insert(job, plan)),
         }

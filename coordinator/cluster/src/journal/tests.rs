@@ -94,6 +94,35 @@ fn journal(entries: &[Entry]) -> (TempDir, PathBuf) {
     (folder, path)
 }
 
+/// Whoever was found to be wrong must not be believed by the next start, even if this one could not retract all it gave.
+#[test]
+fn a_quarantine_takes_back_what_rests_on_the_quarantined() {
+    let folder = TempDir::new().unwrap();
+    let path = folder.path().join(JOURNAL_FILE);
+    JournalFile::create(&path, &header()).unwrap();
+    let of = |job, principal, seconded, assurance| {
+        Entry::Accepted(
+            JobId(job),
+            Box::new(AcceptedResult { principal, seconded, assurance, ..accepted(0) }),
+        )
+    };
+    let [good, bad] = [3, 4].map(principal);
+    let before = [
+        of(1, good, None, Assurance::Unaudited),
+        of(2, bad, None, Assurance::Unaudited),
+        of(3, good, Some(bad), Assurance::Audited),
+        of(4, bad, None, Assurance::Own),
+        of(5, bad, None, Assurance::Unaudited),
+    ];
+    let (journal, ..) = JournalFile::open(&path).unwrap();
+    journal.commit(&before).unwrap();
+    journal.commit(&[Entry::Quarantined(bad), of(5, good, None, Assurance::Unaudited)]).unwrap();
+    drop(journal);
+    let (.., recorded) = JournalFile::open(&path).unwrap();
+    // The fourth was computed by the own process, too.
+    assert_eq!(recorded.accepted.into_keys().collect::<Vec<_>>(), [1, 4, 5].map(JobId));
+}
+
 #[test]
 fn what_was_committed_is_there_at_the_next_start() {
     let [one, two] = [WorkerId([1; 16]), WorkerId([2; 16])];

@@ -1,6 +1,6 @@
 //! The journal at work: entries go in without waiting, a thread commits them in groups and says how far it has come.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, mpsc};
 use std::thread;
 use std::time::Instant;
@@ -96,6 +96,11 @@ impl Journal {
     /// Entries that are on the disk since this start.
     pub fn entries(&self) -> u64 {
         self.progress.borrow().durable
+    }
+
+    /// The folder that it is in.
+    pub fn directory(&self) -> Option<&Path> {
+        self.path.parent()
     }
 
     /// Why nothing is written any more, if so.

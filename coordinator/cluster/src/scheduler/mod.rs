@@ -23,6 +23,7 @@ mod votes;
 mod worker;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -164,8 +165,8 @@ pub struct Scheduler {
 }
 
 impl Scheduler {
-    /// An empty scheduler.
-    pub fn new(limits: Limits, secret: RunSecret) -> Self {
+    /// An empty scheduler. What its store of jobs has no memory for goes to files in `spill`, if there is such a directory.
+    pub fn new(limits: Limits, secret: RunSecret, spill: Option<&Path>) -> Self {
         Self {
             limits,
             secret,
@@ -174,7 +175,7 @@ impl Scheduler {
             trust: Trust::new(limits.audit),
             exclusions: BTreeMap::new(),
             idle: 0,
-            jobs: JobStore::new(limits.channels_of),
+            jobs: JobStore::new(limits.channels_of, spill),
             queue: Queue::default(),
             described: Described::default(),
             disputed: BTreeSet::new(),

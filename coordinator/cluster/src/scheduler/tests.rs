@@ -65,7 +65,7 @@ struct Bench {
 impl Bench {
     fn new(workers: u8) -> Self {
         let mut bench = Self {
-            scheduler: Scheduler::new(Limits { max_workers: 50, ..LIMITS }, RunSecret::new([7; 32])),
+            scheduler: Scheduler::new(Limits { max_workers: 50, ..LIMITS }, RunSecret::new([7; 32]), None),
             names: JobNames::default(),
             now: Instant::now(),
             sequence: 0,

@@ -8,24 +8,30 @@ use proto::{Digest, JobId};
 
 use super::archive::Archive;
 use crate::scheduler::{Channel, ChannelsOf, Finished};
+use crate::spill::{SpillError, SpillMap};
 
 /// Which jobs may be about a descriptor. A job is never taken out: what is found is looked at.
 pub(super) struct AcceptedIndex {
     channels_of: ChannelsOf,
-    /// Jobs by the start of a digest of their descriptor, and those about its channels by the number of the first: 16 bytes
-    /// for each, as there may be millions.
-    jobs: BTreeSet<(u64, JobId)>,
+    /// Jobs after the start of a digest of their descriptor, and those about its channels after the number of the first: 16
+    /// bytes for each, as there may be millions.
+    jobs: SpillMap,
 }
 
 impl AcceptedIndex {
-    pub(super) fn new(channels_of: ChannelsOf) -> Self {
-        Self { channels_of, jobs: BTreeSet::new() }
+    pub(super) fn new(channels_of: ChannelsOf, jobs: SpillMap) -> Self {
+        Self { channels_of, jobs }
+    }
+
+    /// Why some of it cannot be read any more, if so: see [`Archive::failure`].
+    pub(super) fn failure(&self) -> Option<&SpillError> {
+        self.jobs.failure()
     }
 
     pub(super) fn insert(&mut self, job: JobId, task: &Task) {
-        self.jobs.insert((number(&task.subject().descriptor), job));
+        self.jobs.insert(&key(number(&task.subject().descriptor), job), Vec::new());
         if let Some(first) = self.channels(task).first() {
-            self.jobs.insert((first.number, job));
+            self.jobs.insert(&key(first.number, job), Vec::new());
         }
     }
 
@@ -43,7 +49,10 @@ impl AcceptedIndex {
     }
 
     fn with_number(&self, number: u64) -> impl Iterator<Item = JobId> {
-        self.jobs.range((number, JobId(0))..=(number, JobId(u64::MAX))).map(|(_, job)| *job)
+        let keys = self.jobs.keys(&key(number, JobId(0)), &key(number, JobId(u64::MAX)));
+        keys.unwrap_or_default()
+            .into_iter()
+            .filter_map(|key| Some(JobId(u64::from_be_bytes(*key.last_chunk()?))))
     }
 
     /// The channels that a task is about, whichever descriptors have them.
@@ -55,6 +64,11 @@ impl AcceptedIndex {
             Task::Evaluation(_) | Task::Tile(_) | Task::GridCell(_) => Vec::new(),
         }
     }
+}
+
+/// Jobs of one number lie together.
+fn key(number: u64, JobId(job): JobId) -> [u8; 16] {
+    (u128::from(number) << 64 | u128::from(job)).to_be_bytes()
 }
 
 fn number(descriptor: &DescriptorBytes) -> u64 {

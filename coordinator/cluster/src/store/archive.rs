@@ -1,4 +1,4 @@
-//! Accepted results in little memory: tasks and results as bytes, many of them compressed together.
+//! Accepted results in little memory: tasks and results as bytes, many of them compressed together, most of them in a file.
 //!
 //! Any of them may have to be checked again, so none is dropped before the run ends.
 
@@ -9,17 +9,22 @@ use proto::task::Task;
 use proto::{Compressed, JobId, Principal};
 
 use crate::scheduler::messages::Finished;
+use crate::spill::{SpillError, SpillMap};
 
 /// Most bytes of records that are compressed together, unless one has more. More would take a little less memory, but
 /// longer to read: whoever wants one record decompresses all of its block.
 const BLOCK_BYTES: usize = 32 << 10;
 
 /// Accepted results, one a job.
-#[derive(Default)]
 pub(super) struct Archive {
     /// Where the last record of each job is.
-    places: BTreeMap<JobId, Place>,
-    full: Vec<Compressed>,
+    places: SpillMap,
+    /// Full blocks by their numbers, from 0 on.
+    full: SpillMap,
+    /// How many there are.
+    blocks: u32,
+    /// Where records are that others have replaced.
+    replaced: SpillMap,
     /// The records of the block that is being filled.
     filling: Vec<u8>,
     /// The block that was read last, decompressed: a search that begins again asks for results in about the order in which
@@ -65,6 +70,12 @@ impl Grounds {
         Self { principal, seconded, assurance }
     }
 
+    /// Those of what is kept of an accepted result.
+    pub fn of_accepted(accepted: &AcceptedResult) -> Self {
+        let AcceptedResult { principal, seconded, assurance, .. } = *accepted;
+        Self { principal, seconded, assurance }
+    }
+
     /// Whether a result is believed on the word of this principal.
     pub fn rest_on(&self, principal: Principal) -> bool {
         let is_own = self.assurance == Assurance::Own && principal != Principal::Coordinator;
@@ -87,8 +98,51 @@ impl Record<'_> {
     }
 }
 
+impl Place {
+    /// In the order of places.
+    fn to_bytes(self) -> Vec<u8> {
+        [self.block.to_be_bytes(), self.start.to_be_bytes()].concat()
+    }
+
+    fn from_bytes(bytes: &[u8]) -> Option<Self> {
+        let (block, start) = bytes.split_first_chunk()?;
+        let [block, start] = [*block, *start.first_chunk()?].map(u32::from_be_bytes);
+        Some(Self { block, start })
+    }
+}
+
 impl Archive {
-    /// Keeps the result of a job, instead of one that is there. Returns whether anything is kept of such a result.
+    /// An empty archive of three maps.
+    pub(super) fn new([places, full, replaced]: [SpillMap; 3]) -> Self {
+        Self {
+            places,
+            full,
+            blocks: 0,
+            replaced,
+            filling: Vec::new(),
+            read_last: None,
+            grounds: Vec::new(),
+            numbers: BTreeMap::new(),
+        }
+    }
+
+    /// Why some of it cannot be read any more, if so. From then on, what cannot be read counts as not there: ask this
+    /// before anything is written that rests on what was looked up here.
+    pub(super) fn failure(&self) -> Option<&SpillError> {
+        [&self.places, &self.full, &self.replaced].into_iter().find_map(SpillMap::failure)
+    }
+
+    /// Keeps the result of a job instead of the one that is there. Returns whether anything is kept of such a result.
+    pub(super) fn replace(&mut self, task: &Task, finished: &Finished) -> bool {
+        let before = self.place(finished.job);
+        let is_kept = self.insert(task, finished);
+        if let Some(before) = before.filter(|_| is_kept) {
+            self.replaced.insert(&before.to_bytes(), Vec::new());
+        }
+        is_kept
+    }
+
+    /// Keeps the first result of a job. Returns whether anything is kept of such a result.
     pub(super) fn insert(&mut self, task: &Task, finished: &Finished) -> bool {
         let Some(accepted) = finished.kept().and_then(|accepted| accepted.encode()) else { return false };
         let grounds = self.number(Grounds::of(finished)).to_le_bytes();
@@ -99,9 +153,9 @@ impl Archive {
         if self.filling.len() + record.len() > BLOCK_BYTES {
             self.close_block();
         }
-        let place = Place { block: self.full.len() as u32, start: self.filling.len() as u32 };
+        let place = Place { block: self.blocks, start: self.filling.len() as u32 };
         self.filling.extend_from_slice(&record);
-        self.places.insert(finished.job, place);
+        self.places.insert(&key_of(finished.job), place.to_bytes());
         true
     }
 
@@ -116,7 +170,9 @@ impl Archive {
         if !self.filling.is_empty()
             && let Some(block) = Compressed::new(&self.filling)
         {
-            self.full.push(block);
+            let bytes = [&block.length().to_le_bytes(), block.block()].concat();
+            self.full.insert(&self.blocks.to_be_bytes(), bytes);
+            self.blocks += 1;
             self.filling.clear();
             self.filling.shrink_to(BLOCK_BYTES);
         }
@@ -124,16 +180,28 @@ impl Archive {
 
     /// Whether there is a result of a job.
     pub(super) fn contains(&self, job: JobId) -> bool {
-        self.places.contains_key(&job)
+        self.places.contains(&key_of(job)).unwrap_or_default()
+    }
+
+    /// Where the last record of a job is.
+    fn place(&self, job: JobId) -> Option<Place> {
+        Place::from_bytes(&self.places.get(&key_of(job)).ok()??)
+    }
+
+    /// A full block, decompressed; `None` if there is none of this number, or it cannot be read any more.
+    fn full_block(&self, number: u32) -> Option<Vec<u8>> {
+        let bytes = self.full.get(&number.to_be_bytes()).ok()??;
+        let (length, block) = bytes.split_first_chunk()?;
+        let block = Compressed::of_block(block.to_vec(), u32::from_le_bytes(*length));
+        let decompressed = block.decompress();
+        Some(decompressed.unwrap_or_else(|error| unreachable!("a block that was compressed here: {error}")))
     }
 
     /// The result of a job, if there is one, with its task.
     pub(super) fn get(&mut self, job: JobId) -> Option<(Task, Finished)> {
-        let Place { block, start } = *self.places.get(&job)?;
-        if let Some(full) = self.full.get(block as usize)
-            && self.read_last.as_ref().is_none_or(|(last, _)| *last != block)
-        {
-            self.read_last = Some((block, decompressed(full)));
+        let Place { block, start } = self.place(job)?;
+        if block < self.blocks && self.read_last.as_ref().is_none_or(|(last, _)| *last != block) {
+            self.read_last = Some((block, self.full_block(block)?));
         }
         let bytes = match &self.read_last {
             Some((last, bytes)) if *last == block => bytes,
@@ -149,14 +217,19 @@ impl Archive {
         jobs: &BTreeSet<JobId>,
         is_wanted: impl Fn(&Task) -> bool,
     ) -> BTreeMap<JobId, (Task, Finished)> {
-        let mut places: Vec<Place> = jobs.iter().filter_map(|job| self.places.get(job).copied()).collect();
+        let mut places: Vec<Place> = jobs.iter().filter_map(|job| self.place(*job)).collect();
         places.sort_unstable();
         let mut selected = BTreeMap::new();
         for of_block in places.chunk_by(|one, next| one.block == next.block) {
-            let full = self.full.get(of_block[0].block as usize).map(decompressed);
+            let number = of_block[0].block;
+            let full = (number < self.blocks).then(|| self.full_block(number).unwrap_or_default());
             let bytes = full.as_ref().unwrap_or(&self.filling);
             for place in of_block {
-                let Some((record, _)) = self.first_record(&bytes[place.start as usize..]) else { continue };
+                let Some((record, _)) =
+                    bytes.get(place.start as usize..).and_then(|bytes| self.first_record(bytes))
+                else {
+                    continue;
+                };
                 let task = record.task();
                 if is_wanted(&task) {
                     selected.insert(record.job, (task, record.finished()));
@@ -168,19 +241,20 @@ impl Archive {
 
     /// Shows all results to `see`, in no order of meaning.
     pub(super) fn for_each(&self, mut see: impl FnMut(&Record<'_>)) {
-        let mut see_block = |number: usize, bytes: &[u8]| {
+        let mut see_block = |number: u32, bytes: &[u8]| {
             let mut rest = bytes;
             while let Some((record, next)) = self.first_record(rest) {
-                let place = Place { block: number as u32, start: (bytes.len() - rest.len()) as u32 };
-                // Others were replaced.
-                if self.places.get(&record.job) == Some(&place) {
+                let place = Place { block: number, start: (bytes.len() - rest.len()) as u32 };
+                if self.replaced.contains(&place.to_bytes()) == Ok(false) {
                     see(&record);
                 }
                 rest = next;
             }
         };
-        self.full.iter().enumerate().for_each(|(number, block)| see_block(number, &decompressed(block)));
-        see_block(self.full.len(), &self.filling);
+        for number in 0..self.blocks {
+            see_block(number, &self.full_block(number).unwrap_or_default());
+        }
+        see_block(self.blocks, &self.filling);
     }
 
     /// The record that these bytes begin with, and the bytes after it.
@@ -194,8 +268,9 @@ impl Archive {
     }
 }
 
-fn decompressed(block: &Compressed) -> Vec<u8> {
-    block.decompress().unwrap_or_else(|error| unreachable!("a block that was compressed here: {error}"))
+/// Jobs in the order of their numbers.
+fn key_of(job: JobId) -> [u8; 8] {
+    job.0.to_be_bytes()
 }
 
 fn part(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
@@ -216,6 +291,10 @@ mod tests {
     use proto::{Digest, Fingerprint, Principal, WorkerId};
 
     use super::*;
+
+    fn in_memory() -> Archive {
+        Archive::new([(); 3].map(|()| SpillMap::in_memory()))
+    }
 
     /// Its bytes do not compress, so that few of them fill a block.
     fn task(number: u32, digests: u32) -> Task {
@@ -247,11 +326,21 @@ mod tests {
                 (0u64..40, any::<u32>(), 0u32..400, 0u32..11, prop::option::of(-1.0..1.0)),
                 0..60,
             ),
+            most in prop::option::of(0usize..100_000),
         ) {
-            let (mut archive, mut expected) = (Archive::default(), BTreeMap::new());
+            let directory = tempfile::tempdir().unwrap();
+            let map = || match most {
+                Some(most) => SpillMap::with(Some(directory.path().to_owned()), most),
+                None => SpillMap::in_memory(),
+            };
+            let (mut archive, mut expected) = (Archive::new([map(), map(), map()]), BTreeMap::new());
             for (job, number, digests, correct, margin) in inserted {
                 let (task, finished) = (task(number, digests), finished(job, correct, margin));
-                prop_assert!(archive.insert(&task, &finished));
+                let is_kept = match expected.contains_key(&JobId(job)) {
+                    true => archive.replace(&task, &finished),
+                    false => archive.insert(&task, &finished),
+                };
+                prop_assert!(is_kept);
                 expected.insert(JobId(job), (task, finished));
             }
             for job in (0..41).map(JobId) {
@@ -308,7 +397,7 @@ mod tests {
         let scale =
             Scale { subject: Subject::sample(3), splits: vec![Digest([5; 32])], clouds: 4, described };
 
-        let mut archive = Archive::default();
+        let mut archive = in_memory();
         let answered = [
             (Task::Evaluation(ruled), TaskResult::Evaluation(by_rule)),
             (Task::Tile(tile), TaskResult::Evaluation(matched)),
@@ -325,18 +414,19 @@ mod tests {
 
     #[test]
     fn a_large_record_is_alone_in_its_block() {
-        let mut archive = Archive::default();
+        let mut archive = in_memory();
         for (job, digests) in [(1, 0), (2, 2000), (3, 0), (4, 0)] {
             archive.insert(&task(job, digests), &finished(job.into(), 0, None));
         }
-        let block = |job| archive.places[&JobId(job)].block;
-        assert_eq!([1, 2, 3, 4].map(block), [0, 1, 2, 2]);
-        assert!(archive.full[1].length() as usize > BLOCK_BYTES && archive.filling.len() < BLOCK_BYTES);
+        let block = |job| archive.place(JobId(job)).map(|place| place.block);
+        assert_eq!([1, 2, 3, 4].map(block), [0, 1, 2, 2].map(Some));
+        let length = archive.full_block(1).unwrap().len();
+        assert!(length > BLOCK_BYTES && archive.filling.len() < BLOCK_BYTES);
     }
 
     #[test]
     fn of_a_description_the_digest_is_kept_and_of_a_grid_cell_nothing() {
-        let mut archive = Archive::default();
+        let mut archive = in_memory();
         let described = TaskResult::Description(Described::new(vec![7; 100]));
         let of = |result: TaskResult| Finished { result, ..finished(1, 0, None) };
         assert!(archive.insert(&task(1, 0), &of(described.clone())));
@@ -347,7 +437,7 @@ mod tests {
 
     #[test]
     fn similar_records_take_a_fraction_of_their_bytes() {
-        let mut archive = Archive::default();
+        let mut archive = in_memory();
         let mut bytes = 0;
         for number in 0..10_000 {
             let Task::Evaluation(one) = task(number, 0) else { unreachable!("an evaluation") };
@@ -356,7 +446,8 @@ mod tests {
             bytes += task.to_bytes().len();
             archive.insert(&task, &finished(number.into(), number % 10, None));
         }
-        let kept: usize = archive.full.iter().map(|block| block.block().len()).sum();
-        assert!(!archive.full.is_empty() && kept * 2 < bytes, "{kept} of {bytes}");
+        let mut kept = 0;
+        archive.full.for_each(|_, block| kept += block.len()).unwrap();
+        assert!(archive.blocks > 0 && kept * 2 < bytes, "{kept} of {bytes}");
     }
 }

@@ -1,13 +1,15 @@
 //! The one store of jobs: all that is known of a job is here, whoever needs it.
 //!
-//! Nothing here does IO, waits or reads a clock. The scheduler works on the entries of open jobs; clients, journal,
-//! rechecks and sharding have their parts of the same entries.
+//! Nothing here waits for anybody or reads a clock. Accepted results that outgrow memory are written to files and read from
+//! them, as memory that is slower and never synced; there is no other IO. The scheduler works on the entries of open jobs;
+//! clients, journal, rechecks and sharding have their parts of the same entries.
 
 mod accepted_index;
 mod archive;
 mod job;
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
 use std::sync::Arc;
 
 use proto::journal::AcceptedResult;
@@ -24,6 +26,7 @@ use crate::scheduler::ChannelsOf;
 use crate::scheduler::fair_queue::ClientId;
 use crate::scheduler::messages::{Confirmed, Finished};
 use crate::sharding::plan::ShardPlan;
+use crate::spill::{SpillError, SpillMap};
 
 /// All jobs of a run, through all starts of the coordinator.
 pub struct JobStore {
@@ -48,6 +51,8 @@ pub struct JobStore {
 struct Entry {
     /// Some client of this start has asked for it. A job in the archive without an entry was asked for.
     asked: bool,
+    /// Whether it is in the archive. It stands here because the archive may have to read a file to say so.
+    archived: bool,
     /// Whether and how the evaluation is sharded, once that is decided.
     plan: Option<Option<ShardPlan>>,
     /// Accepted by an earlier start; nobody has asked for it since, so that its task is not known.
@@ -109,34 +114,42 @@ pub struct Checked {
 impl Default for JobStore {
     /// Of tasks whose descriptors have no channels.
     fn default() -> Self {
-        Self::new(|_| Vec::new())
+        Self::new(|_| Vec::new(), None)
     }
 }
 
 impl JobStore {
-    /// An empty store of tasks whose descriptors have these channels.
-    pub fn new(channels_of: ChannelsOf) -> Self {
+    /// An empty store of tasks whose descriptors have these channels. What outgrows memory goes to files in `spill`, if there
+    /// is such a directory.
+    pub fn new(channels_of: ChannelsOf, spill: Option<&Path>) -> Self {
+        let map = || spill.map_or_else(SpillMap::in_memory, SpillMap::new);
         Self {
             entries: BTreeMap::new(),
             open: BTreeSet::new(),
-            archive: Archive::default(),
-            about: AcceptedIndex::new(channels_of),
+            archive: Archive::new([map(), map(), map()]),
+            about: AcceptedIndex::new(channels_of, map()),
             pending: BTreeMap::new(),
             checks: 0,
             unchecked: 0,
         }
     }
 
+    /// Why some accepted results cannot be read any more, if so.
+    pub fn failure(&self) -> Option<&SpillError> {
+        self.archive.failure().or_else(|| self.about.failure())
+    }
+
     /// Changes the entry of a job, and drops it if it says no more than the archive: of millions of jobs that are done, no
     /// entry is left.
     fn change<T>(&mut self, job: JobId, change: impl FnOnce(&mut Entry) -> T) -> T {
-        let is_archived = self.archive.contains(job);
-        let entry =
-            self.entries.entry(job).or_insert_with(|| Entry { asked: is_archived, ..Entry::default() });
+        let entry = self.entries.entry(job).or_insert_with(|| {
+            let archived = self.archive.contains(job);
+            Entry { asked: archived, archived, ..Entry::default() }
+        });
         let changed = change(entry);
-        let Entry { asked, plan, recorded, unfinished } = entry;
+        let Entry { asked, archived, plan, recorded, unfinished } = entry;
         let is_plain = plan.flatten().is_none() && recorded.is_none() && unfinished.is_none();
-        if is_archived && *asked && is_plain {
+        if *archived && *asked && is_plain {
             self.entries.remove(&job);
         }
         changed
@@ -261,16 +274,24 @@ impl JobStore {
     /// Accepts a result of a job of this task. Cells of a grid are not kept here: they are large, and have files of their
     /// own.
     pub fn accept(&mut self, task: &Task, finished: &Finished) {
-        if self.archive.insert(task, finished) {
+        let is_there = self.is_archived(finished.job);
+        let is_kept = match is_there {
+            true => self.archive.replace(task, finished),
+            false => self.archive.insert(task, finished),
+        };
+        if is_kept {
             self.about.insert(finished.job, task);
-            self.change_if_any(finished.job, |entry| entry.recorded.take());
+            self.change_if_any(finished.job, |entry| {
+                entry.archived = true;
+                entry.recorded.take()
+            });
         }
     }
 
     /// The result of a job that was accepted before, by this start or an earlier one, if it is one to this task.
     pub fn recall(&mut self, job: JobId, task: &Task) -> Option<Finished> {
-        if let Some((_, finished)) = self.archive.get(job) {
-            return Some(finished);
+        if self.is_archived(job) {
+            return self.archive.get(job).map(|(_, finished)| finished);
         }
         let recorded = self.entries.get_mut(&job)?.recorded.take()?;
         let recorded = Finished::recorded(job, *recorded);
@@ -284,7 +305,12 @@ impl JobStore {
 
     /// Whether a result of this job was accepted, by this start or an earlier one.
     pub fn has_result(&self, job: JobId) -> bool {
-        self.archive.contains(job) || self.entries.get(&job).is_some_and(|entry| entry.recorded.is_some())
+        let recorded = self.entries.get(&job).map(|entry| entry.recorded.is_some());
+        recorded.unwrap_or_default() || self.is_archived(job)
+    }
+
+    fn is_archived(&self, job: JobId) -> bool {
+        self.entries.get(&job).map_or_else(|| self.archive.contains(job), |entry| entry.archived)
     }
 
     /// Whether this job was asked for before: it has a result, or an earlier start has granted a lease on it and this one
@@ -305,7 +331,7 @@ impl JobStore {
             (finished.assurance, finished.seconded) = (confirmed.assurance, confirmed.seconded);
         }
         if Grounds::of(&finished) != before {
-            self.archive.insert(&task, &finished);
+            self.archive.replace(&task, &finished);
         }
         Some(finished)
     }
@@ -338,11 +364,9 @@ impl JobStore {
     pub fn drop_recorded(&mut self, principal: Principal) -> Vec<JobId> {
         let mut dropped = Vec::new();
         for (job, entry) in &mut self.entries {
-            let is_its_own = |accepted: &mut Box<AcceptedResult>| {
-                let AcceptedResult { principal: first, seconded, assurance, .. } = **accepted;
-                Grounds { principal: first, seconded, assurance }.rest_on(principal)
-            };
-            if entry.recorded.take_if(is_its_own).is_some() {
+            let rests_on =
+                |accepted: &mut Box<AcceptedResult>| Grounds::of_accepted(accepted).rest_on(principal);
+            if entry.recorded.take_if(rests_on).is_some() {
                 dropped.push(*job);
             }
         }
@@ -381,7 +405,7 @@ impl JobStore {
         let finished = Finished { job: *of, ..finished.clone() };
         let mut corrected = None;
         if let Some((task, before)) = self.archive.get(finished.job)
-            && self.archive.insert(&task, &finished)
+            && self.archive.replace(&task, &finished)
         {
             let is_same = before.result.fingerprint() == finished.result.fingerprint();
             corrected = (!is_same).then(|| Arc::new(task));
@@ -447,4 +471,4 @@ impl JobStore {
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

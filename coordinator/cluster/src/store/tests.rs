@@ -1,5 +1,6 @@
 //! Accepted results and their checks, reports that are not on the disk, what earlier starts have left.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use proto::journal::Assurance;
@@ -10,6 +11,7 @@ use super::*;
 use crate::journal::Journal;
 use crate::scheduler::fair_queue::QueuePosition;
 use crate::scheduler::{Channel, JobChannels};
+use crate::spill;
 
 const GOOD: Principal = Principal::Certificate(Fingerprint([1; 32]));
 const BAD: Principal = Principal::Certificate(Fingerprint([2; 32]));
@@ -46,6 +48,32 @@ fn restored(accepted: &[Finished]) -> JobStore {
         accepted.iter().map(|finished| (finished.job, Box::new(finished.kept().unwrap()))).collect();
     store.restore(Recorded { accepted, ..Recorded::default() });
     store
+}
+
+/// A store with results of a thousand tasks, and what has its disks fail: that of places, and that of blocks.
+pub(crate) fn on_failing_disks() -> (JobStore, [Arc<AtomicBool>; 2]) {
+    let mut store = JobStore::default();
+    let [(places, without_places), (full, without_blocks)] =
+        [(); 2].map(|()| spill::tests::on_failing_disk());
+    store.archive = Archive::new([places, full, SpillMap::in_memory()]);
+    for number in 0..1000 {
+        store.accept(&task(number), &finished(task(number).job(0), GOOD, 5));
+    }
+    (store, [without_places, without_blocks])
+}
+
+#[test]
+fn a_result_that_cannot_be_read_is_not_there_and_the_store_says_so() {
+    let recalled = |store: &mut JobStore| {
+        (0..1000).filter(|&number| store.recall(task(number).job(0), &task(number)).is_some()).count()
+    };
+    for disk in [0, 1] {
+        let (mut store, fails) = on_failing_disks();
+        assert_eq!((recalled(&mut store), store.failure()), (1000, None));
+        fails[disk].store(true, Ordering::Relaxed);
+        assert!(recalled(&mut store) < 500);
+        assert!(store.failure().is_some());
+    }
 }
 
 #[test]
@@ -100,7 +128,7 @@ fn of_channels(channels: &[u8], digest: u8) -> [(Task, TaskResult); 3] {
 
 #[test]
 fn of_the_channels_of_a_descriptor_scales_and_descriptions_are_about_it() {
-    let [mut store, mut of_none] = [JobStore::new(channels), JobStore::default()];
+    let [mut store, mut of_none] = [JobStore::new(channels, None), JobStore::default()];
     let mut jobs = Vec::new();
     for (digest, channels) in (1..).zip([&[1][..], &[2], &[3], &[1, 2], &[1, 2, 3], &[]]) {
         jobs.push(of_channels(channels, digest).map(|(task, result)| {
@@ -126,7 +154,7 @@ fn of_the_channels_of_a_descriptor_scales_and_descriptions_are_about_it() {
 
 #[test]
 fn what_is_found_about_a_descriptor_is_what_a_look_at_all_results_finds() {
-    let mut store = JobStore::new(channels);
+    let mut store = JobStore::new(channels, None);
     // What an earlier start has left is about nothing until it is asked for.
     let mut digest = 0;
     let descriptors: Vec<Vec<u8>> =

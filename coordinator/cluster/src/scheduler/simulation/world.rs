@@ -95,7 +95,7 @@ impl World {
             },
         };
         let mut world = Self {
-            scheduler: Scheduler::new(limits, RunSecret::new([seed as u8; 32])),
+            scheduler: Scheduler::new(limits, RunSecret::new([seed as u8; 32]), None),
             driver: Driver::default(),
             actors: Vec::new(),
             agenda: BTreeMap::new(),

@@ -163,7 +163,8 @@ fn a_job_that_failed_or_is_to_be_audited_does_not_wait_for_a_worker_that_is_drai
     assert_eq!(bench.scheduler.drain_finished().len(), 1);
 
     let limits = Limits { audit: Audit { share: 1.0, first: 0 }, max_workers: 50, ..LIMITS };
-    let mut audited = Bench { scheduler: Scheduler::new(limits, RunSecret::new([7; 32])), ..Bench::new(0) };
+    let mut audited =
+        Bench { scheduler: Scheduler::new(limits, RunSecret::new([7; 32]), None), ..Bench::new(0) };
     audited.join(1).unwrap();
     audited.join(2).unwrap();
     audited.submit();

@@ -145,7 +145,7 @@ impl Simulation {
         let sides = [0, CLOUDS].map(|first| blobs.publish_bytes(side(first).encode()));
         let begun = Instant::now();
         let limits = Limits { max_workers: setting.workers, channels_of, ..Limits::SAMPLE };
-        let mut scheduler = Scheduler::new(limits, RunSecret::new([7; 32]));
+        let mut scheduler = Scheduler::new(limits, RunSecret::new([7; 32]), None);
         let steps = (setting.workers - 1).max(1) as f64;
         let slowness = |number: usize| 1.0 + (setting.slowest - 1.0) * number as f64 / steps;
         let workers: Vec<Worker> = (0..setting.workers)
