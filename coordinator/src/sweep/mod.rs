@@ -144,14 +144,18 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     // All results are looked at once, and not for each member; and before the journal is removed, as they may be beyond
     // reading.
     let answerers = session.cluster.answerers()?;
-    let provenances = session.cluster.provenances()?;
+    let remembers = |member: &Member| member.experiment.remembers_counts(dataset);
+    let provenances =
+        if trusted && members.iter().any(remembers) { Some(session.cluster.provenances()?) } else { None };
     remove_journal(&out);
     for (place, summary, found) in done {
         session.register(&summary.out, &found, &answerers);
         summaries.push((place, summary));
         // Not before all are finished, as none of them was told a wrong answer that is known to be one.
-        if trusted && members[place].experiment.remembers_counts(dataset) {
-            found.keep(&train_memory, &validation_memory, (session.cluster.session, &provenances));
+        if let Some(provenances) = &provenances
+            && remembers(&members[place])
+        {
+            found.keep(&train_memory, &validation_memory, (session.cluster.session, provenances));
         }
     }
     drop(scaling); // those that wait for a place would find nobody

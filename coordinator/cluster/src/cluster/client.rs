@@ -330,16 +330,15 @@ impl Client {
     ///
     /// # Errors
     /// If results that were delivered have turned out to be wrong: what was made of them has to be made again, by the
-    /// same calls in the same order. Those that still hold are delivered again at once.
+    /// same calls in the same order. Those that still hold are delivered again at once. And if accepted results cannot be
+    /// read any more.
     pub(super) fn has_all(&mut self) -> Result<bool, ClusterError> {
         let mut state = self.cluster.state();
         if !state.clients.account(self.id).has_all() || state.is_in_doubt() {
             return Ok(false);
         }
         // A check of a result that cannot be read has corrected nothing.
-        if let Some(failure) = state.scheduler.jobs.failure() {
-            return Err(ClusterError::Spill(failure.clone()));
-        }
+        state.check_results()?;
         let account = state.clients.account(self.id);
         if account.corrected.is_empty() {
             return Ok(true);

@@ -342,7 +342,7 @@ impl Cluster {
         if let Some(journal) = &self.journal {
             self.durable(journal.end()).await?;
         }
-        self.check_results()
+        self.state().check_results()
     }
 
     /// Waits until the journal is durable up to a sequence number.
@@ -416,18 +416,12 @@ impl Cluster {
         if let Some(failure) = self.journal.as_ref().and_then(|journal| journal.failure()) {
             return Err(ClusterError::Journal(failure));
         }
-        self.check_results()?;
+        self.state().check_results()?;
         if let Some(failed) = &news.failed {
             self.state().doubt_descriptions(&failed.task);
             return Err(ClusterError::JobFailed(failed.clone()));
         }
         Ok(())
-    }
-
-    /// Whether all accepted results can be read.
-    fn check_results(&self) -> Result<(), ClusterError> {
-        let failure = self.state().scheduler.jobs.failure().cloned();
-        failure.map_or(Ok(()), |failure| Err(ClusterError::Spill(failure)))
     }
 
     /// Whether there have been too few workers for too long.
@@ -472,8 +466,9 @@ impl Cluster {
     /// # Errors
     /// If not all results can be read any more.
     pub fn provenances(&self) -> Result<BTreeMap<DescriptorBytes, Arc<Provenance>>, ClusterError> {
-        let provenances = self.state().scheduler.provenances();
-        self.check_results().map(|()| provenances)
+        let state = self.state();
+        let provenances = state.scheduler.provenances();
+        state.check_results().map(|()| provenances)
     }
 
     /// The provenance of the result of a task that is kept; `None` also if it is nothing to go on with for others than this
@@ -489,8 +484,9 @@ impl Cluster {
     /// # Errors
     /// If not all results can be read any more.
     pub fn answerers(&self) -> Result<BTreeSet<Principal>, ClusterError> {
-        let answerers = self.state().scheduler.answerers();
-        self.check_results().map(|()| answerers)
+        let state = self.state();
+        let answerers = state.scheduler.answerers();
+        state.check_results().map(|()| answerers)
     }
 
     /// See [`Scheduler::spot_checks`].

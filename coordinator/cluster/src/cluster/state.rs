@@ -9,8 +9,8 @@ use proto::task::{DescriptorBytes, Evaluation, Scale, Task};
 use proto::{Introduction, JobId, Lease, Principal, WorkerId};
 use tokio::sync::Notify;
 
-use super::ClusterNews;
 use super::clients::Clients;
+use super::{ClusterError, ClusterNews};
 use crate::events::{Event, EventKind, EventLog};
 use crate::journal::{Entry, Journal, LogSequence};
 use crate::scheduler::{
@@ -61,6 +61,12 @@ impl ClusterState {
 
     fn is_durable(&self, sequence: LogSequence) -> bool {
         self.journal.as_ref().is_none_or(|journal| journal.is_durable(sequence))
+    }
+
+    /// Whether all accepted results can be read.
+    pub(super) fn check_results(&self) -> Result<(), ClusterError> {
+        let failure = self.scheduler.jobs.failure().cloned();
+        failure.map_or(Ok(()), |failure| Err(ClusterError::Spill(failure)))
     }
 
     pub(super) fn register(

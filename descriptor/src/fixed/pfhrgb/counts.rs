@@ -45,7 +45,7 @@ impl Counts {
         }
     }
 
-    /// The same of all points of a part of a row.
+    /// Counts pairs by their codes. To look each up by its place, as [`Counts::add`] does, takes longer.
     #[inline]
     pub(super) fn add_all(&mut self, codes: &[u32]) {
         let (groups, rest) = codes.as_chunks::<TABLES>();
@@ -70,6 +70,7 @@ impl Counts {
         for (tables, totals) in
             [&mut self.angles, &mut self.colours].into_iter().zip(totals.chunks_exact_mut(BINS))
         {
+            // Up to the code of pairs that do not count, whose counts have to be emptied, too.
             let [one, other] = tables.each_mut().map(|table| table.as_chunks_mut::<SCANNED>().0);
             for (first, (one, other)) in (0..=CODES).step_by(SCANNED).zip(one.iter_mut().zip(other)) {
                 let mut counts = [0; SCANNED];
