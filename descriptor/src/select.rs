@@ -1,4 +1,4 @@
-//! Moving some lanes of vectors together, without branches: numbers between two bounds, codes that count.
+//! Moving some lanes of vectors together: numbers between two bounds, codes that count.
 
 use pulp::Simd;
 use pulp::bytemuck::cast_slice;
@@ -12,7 +12,8 @@ pub(crate) const BELOW_ALL: f32 = -1.0;
 /// Appends `first` + i, for each value i above `beyond` and at most `limit`, to the first `count` of `places`, ascending;
 /// how many there are then. NaN is never selected. There must be room for all values.
 ///
-/// Free of branches, as about half of the points of a block are neighbours, in no pattern that a processor could predict.
+/// Free of branches with AVX2 and AVX-512, as about half of the points of a block are neighbours, in no pattern that a
+/// processor could predict.
 #[inline(always)]
 pub(crate) fn select<S: Simd, const N: usize>(
     simd: S,
@@ -36,7 +37,7 @@ pub(crate) fn select<S: Simd, const N: usize>(
 }
 
 /// The numbers of lanes.
-const NUMBERS: [u32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
+pub(crate) const NUMBERS: [u32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
 /// Writes the kept lanes, in their order, to the first of as many places as there are lanes, and anything to the others; how
 /// many are kept.
@@ -48,8 +49,12 @@ pub(crate) fn pack<S: Simd>(simd: S, lanes: S::u32s, are_kept: S::m32s, places: 
     }
     let lanes = [lanes];
     let are_kept = [simd.select_u32s(are_kept, simd.splat_u32s(1), simd.splat_u32s(0))];
+    let are_kept: &[u32] = cast_slice(&are_kept);
+    if are_kept.iter().fold(0, |any, is_kept| any | is_kept) == 0 {
+        return 0;
+    }
     let mut count = 0;
-    for (&lane, &is_kept) in cast_slice::<_, u32>(&lanes).iter().zip(cast_slice::<_, u32>(&are_kept)) {
+    for (&lane, &is_kept) in cast_slice::<_, u32>(&lanes).iter().zip(are_kept) {
         places[count] = lane;
         count += is_kept as usize;
     }

@@ -34,28 +34,43 @@ impl NullaryFnOnce for MeanAndDeviation<'_> {
     #[inline(always)]
     fn call(self) -> Signature {
         let count = (self.rows.len() / self.width) as f64;
-        let mut mean = vec![0.0f64; self.width];
-        for row in self.rows.chunks_exact(self.width) {
-            for (sum, &value) in mean.iter_mut().zip(row) {
-                *sum += f64::from(value);
-            }
-        }
-        for sum in &mut mean {
-            *sum /= count;
-        }
-        let mut squares = vec![0.0f64; self.width];
-        for row in self.rows.chunks_exact(self.width) {
-            for ((sum, &value), mean) in squares.iter_mut().zip(row).zip(&mean) {
-                let difference = f64::from(value) - mean;
-                *sum += difference * difference;
-            }
-        }
+        let mut mean = sums(&self, std::iter::repeat(0.0), |value| value);
+        mean.iter_mut().for_each(|sum| *sum /= count);
+        let squares = sums(&self, mean.iter().copied(), |difference| difference * difference);
         let degrees = if count > 1.0 { count - 1.0 } else { 1.0 };
         Signature {
             centroid: mean.iter().map(|&mean| mean as f32).collect(),
             deviation: squares.iter().map(|&sum| (sum / degrees).sqrt() as f32).collect(),
         }
     }
+}
+
+/// Sums of a term of each value's difference from the centre of its column, by column and in the order of the rows. Four
+/// rows are added at once, so that sums are read and written for all of them.
+#[inline(always)]
+fn sums(
+    MeanAndDeviation { rows, width }: &MeanAndDeviation<'_>,
+    centres: impl Iterator<Item = f64> + Clone,
+    term: impl Fn(f64) -> f64,
+) -> Vec<f64> {
+    let mut sums = vec![0.0; *width];
+    let fours = rows.chunks_exact(4 * width);
+    let rest = fours.remainder();
+    for four in fours {
+        let (firsts, lasts) = four.split_at(2 * width);
+        let ((a, b), (c, d)) = (firsts.split_at(*width), lasts.split_at(*width));
+        let values = a.iter().zip(b).zip(c).zip(d);
+        for ((sum, centre), (((&a, &b), &c), &d)) in sums.iter_mut().zip(centres.clone()).zip(values) {
+            let term = |value: f32| term(f64::from(value) - centre);
+            *sum = *sum + term(a) + term(b) + term(c) + term(d);
+        }
+    }
+    for row in rest.chunks_exact(*width) {
+        for ((sum, centre), &value) in sums.iter_mut().zip(centres.clone()).zip(row) {
+            *sum += term(f64::from(value) - centre);
+        }
+    }
+    sums
 }
 
 /// The signatures of several clouds in one channel.
@@ -164,5 +179,35 @@ impl<'a> FromIterator<&'a Signature> for Signatures {
             all.values.extend_from_slice(deviation);
         }
         all
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    /// A column's mean and standard deviation by their definitions, its values added in the order of the rows.
+    fn plain(column: &[f32]) -> [f32; 2] {
+        let sum = |term: &dyn Fn(f64) -> f64| column.iter().fold(0.0, |sum, &value| sum + term(value.into()));
+        let mean = sum(&|value| value) / column.len() as f64;
+        let degrees = (column.len() as f64 - 1.0).max(1.0);
+        [mean as f32, (sum(&|value| (value - mean) * (value - mean)) / degrees).sqrt() as f32]
+    }
+
+    proptest! {
+        /// To the bit, with any number of rows beside those that are added at once.
+        #[test]
+        fn a_signature_is_mean_and_deviation_of_each_column(
+            (width, values) in (1usize..40, 1usize..14)
+                .prop_flat_map(|(width, rows)| (Just(width), prop::collection::vec(0.0f32..1.0, width * rows))),
+        ) {
+            let Signature { centroid, deviation } = Signature::of_rows(&values, width);
+            for column in 0..width {
+                let values: Vec<f32> = values.iter().skip(column).step_by(width).copied().collect();
+                prop_assert_eq!([centroid[column], deviation[column]], plain(&values));
+            }
+        }
     }
 }

@@ -70,6 +70,11 @@ impl BinOfClass {
     pub(crate) fn get(&self, class: u16) -> usize {
         usize::from(self.bins[usize::from(class)])
     }
+
+    /// The first class that is not of a lower bin, if bins ascend with their classes.
+    pub(crate) fn first(&self, bin: usize) -> u16 {
+        self.bins.partition_point(|&of_class| usize::from(of_class) < bin) as u16
+    }
 }
 
 /// Counts the neighbours of one region after the other.

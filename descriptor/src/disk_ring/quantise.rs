@@ -262,6 +262,11 @@ impl Binning {
         (self.parameters.shape_bins as usize - 1) / 2 + 1
     }
 
+    /// The first angle class of each of the shape bins: those of a bin follow each other.
+    pub(crate) fn first_angles(&self) -> impl Iterator<Item = u16> {
+        (0..self.shape_bins()).map(|bin| self.shape.first(bin))
+    }
+
     /// Bins of a colour histogram, m².
     pub(crate) fn colour_bins(&self) -> usize {
         let m = self.parameters.colour_bins as usize;

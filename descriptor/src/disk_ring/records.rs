@@ -2,6 +2,9 @@
 
 use std::ops::Range;
 
+/// As many codes as there can be: a table of so many is looked up without a check.
+pub(crate) const CODES: usize = 1 << 16;
+
 /// Most classes of which a position fits a byte.
 const MAX_LISTED: usize = 256;
 
@@ -42,10 +45,19 @@ impl Records {
         self.listed().map_or(classes, <[u16]>::len)
     }
 
+    /// Of each of these classes the first code whose class is not below it.
+    pub(crate) fn first_codes(&self, classes: &[u16]) -> impl Iterator<Item = u16> {
+        let code = move |class: &u16| match self.listed() {
+            Some(listed) => listed.partition_point(|listed| listed < class) as u16,
+            None => *class,
+        };
+        classes.iter().map(code)
+    }
+
     /// Adds one to a count of the code of each of these records, of consecutive ones to another of its two: a count that
     /// was just changed takes time until it can be changed again.
     #[inline(always)]
-    pub(crate) fn count_in_turn(&self, records: Range<usize>, counts: &mut [[u32; 2]]) {
+    pub(crate) fn count_in_turn(&self, records: Range<usize>, counts: &mut [[u32; 2]; CODES]) {
         match self {
             Self::Listed { positions, .. } => count_in_turn(&positions[records], counts),
             Self::Plain(classes) => count_in_turn(&classes[records], counts),
@@ -115,13 +127,13 @@ impl Records {
 }
 
 #[inline(always)]
-fn count_in_turn<C: Copy + Into<usize>>(codes: &[C], counts: &mut [[u32; 2]]) {
+fn count_in_turn<C: Copy + Into<u16>>(codes: &[C], counts: &mut [[u32; 2]; CODES]) {
     let (pairs, last) = codes.as_chunks::<2>();
     for &[even, odd] in pairs {
-        counts[even.into()][0] += 1;
-        counts[odd.into()][1] += 1;
+        counts[usize::from(even.into())][0] += 1;
+        counts[usize::from(odd.into())][1] += 1;
     }
     if let [last] = last {
-        counts[(*last).into()][0] += 1;
+        counts[usize::from((*last).into())][0] += 1;
     }
 }

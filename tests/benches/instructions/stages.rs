@@ -112,13 +112,13 @@ fn grid_signatures(times: u32) {
     let quantiser = quantiser();
     let clouds = quantised(2, &quantiser);
     let cell = grid::Cell::new(&quantiser, CELL_UM[0], CELL_UM[1]).unwrap();
-    repeat(MANY * times, || drop(black_box(cell.signatures(&clouds[0]))));
+    repeat(MANY * times, || drop(black_box(cell.signatures(&clouds[..1]))));
 }
 
 fn grid_count(times: u32) {
     let quantiser = quantiser();
     let cell = grid::Cell::new(&quantiser, CELL_UM[0], CELL_UM[1]).unwrap();
-    let signatures: Vec<_> = quantised(24, &quantiser).iter().map(|cloud| cell.signatures(cloud)).collect();
+    let signatures = cell.signatures(&quantised(24, &quantiser));
     let labels: Vec<Label> = (0..24).map(|instance| Label { category: 0, instance }).collect();
     repeat(times, || {
         drop(black_box(cell.object_correct(&signatures, &labels, &signatures, &labels).unwrap()));

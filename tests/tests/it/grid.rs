@@ -5,7 +5,7 @@ use std::fs;
 use std::sync::LazyLock;
 
 use descriptor::disk_ring::weighted;
-use descriptor::grid::{Cell, CellSignatures};
+use descriptor::grid::Cell;
 use descriptor::recognise::recognise_from;
 use descriptor::{
     Correct, DistanceMatrix, GeneKind, GeneTable, Label, Parameters, Preprocess, QuantisedCloud, Quantiser,
@@ -126,9 +126,7 @@ impl Block<'_> {
     ) -> Compared {
         let Self { quantiser, radii, shape_bins, colour_bins, weights } = *self;
         let cell = Cell::part(quantiser, radii, shape_bins, colour_bins).unwrap();
-        let signatures = |split: &Picked| -> Vec<CellSignatures> {
-            split.clouds.iter().map(|cloud| cell.signatures(cloud)).collect()
-        };
+        let signatures = |split: &Picked| cell.signatures(&split.clouds);
         let counts = cell
             .object_correct(&signatures(queries), &queries.labels, &signatures(database), &database.labels)
             .unwrap();

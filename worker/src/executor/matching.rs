@@ -6,13 +6,11 @@ use std::collections::btree_map::Entry;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use cache::ByteSize;
-use descriptor::grid::{Cell, CellSignatures};
 use descriptor::{
     Descriptor, DistanceMatrix, Label, Match, PrepareError, PreparedCloud, PrunedDatabase, Signatures,
 };
 use futures_util::future::try_join_all;
 use proto::{Digest, MAX_DESCRIPTION_BYTES};
-use rayon::prelude::*;
 use tracing::{Instrument as _, debug_span};
 
 use crate::executor::cloud_loader::CloudLoader;
@@ -345,25 +343,6 @@ impl Matcher {
         let mut reuse = self.reuse();
         let of_channels = wanted.keys.iter().zip(signatures);
         of_channels.for_each(|(key, signatures)| reuse.keep_signatures(name, key, signatures));
-    }
-
-    /// All signatures of some splits for one grid cell, one split after the other.
-    pub(super) async fn cell_signatures(
-        &self,
-        cache: &Arc<PreparationCache>,
-        cell: &Arc<Cell>,
-        manifests: &[Arc<Manifest>],
-    ) -> Result<Vec<CellSignatures>, EvaluationError> {
-        let mut signatures = Vec::new();
-        for manifest in manifests {
-            let cell = Arc::clone(cell);
-            let compute = move |clouds: &[Arc<PreparedCloud>]| -> Vec<CellSignatures> {
-                let quantised = clouds.par_iter().filter_map(|cloud| cloud.quantised());
-                quantised.map(|cloud| cell.signatures(cloud)).collect()
-            };
-            signatures.extend(self.loader.stream(cache, manifest, compute).await?.into_iter().flatten());
-        }
-        Ok(signatures)
     }
 }
 

@@ -6,6 +6,7 @@ mod cloud_loader;
 mod computing;
 pub(crate) mod decoded;
 mod error;
+mod grid_cells;
 pub(crate) mod manifest;
 mod matching;
 mod preparation_cache;
@@ -19,14 +20,11 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use cache::{ByteSize, Lru, Store};
 use descriptor::fitness::nearest_of_class;
-use descriptor::grid::Cell;
 use descriptor::recognise::recognise_from;
 use descriptor::structure::scale;
-use descriptor::{ChannelError, Correct, Descriptor, Family, Match, Preparation};
+use descriptor::{ChannelError, Correct, Descriptor, Match, Preparation};
 use proto::Digest;
-use proto::task::{
-    Described, DescribedSplit, Evaluation, EvaluationResult, GridCell, Scale, Task, TaskResult, Tile,
-};
+use proto::task::{Described, DescribedSplit, Evaluation, EvaluationResult, Scale, Task, TaskResult, Tile};
 
 use tracing::{Instrument as _, debug_span};
 
@@ -216,25 +214,6 @@ impl Executor {
             return Err(InvalidTask::Channels { channels: descriptor.channels().len() }.into());
         };
         Ok(self.matcher.loader.computing.run(move || scale(&distances)).await)
-    }
-
-    async fn count_cell(
-        &self,
-        cache: &Arc<PreparationCache>,
-        [disk_um, ring_um]: [u32; 2],
-        task: &GridCell,
-    ) -> Result<Vec<u32>, EvaluationError> {
-        let (channel, prepared) = (Family::DiskRing, cache.preparer.family());
-        let quantiser = cache.preparer.quantiser().ok_or(ChannelError::Family { channel, prepared })?;
-        let cell = Arc::new(Cell::new(quantiser, disk_um, ring_um).map_err(ChannelError::from)?);
-        let query = self.manifests(&task.query).await?;
-        let database = self.manifests(&task.database).await?;
-        let queries = self.matcher.cell_signatures(cache, &cell, &query).await?;
-        let entries = self.matcher.cell_signatures(cache, &cell, &database).await?;
-        self.matcher.loader.work().cells += 1;
-        let labels = [labels(&query), labels(&database)];
-        let count = move || cell.object_correct(&queries, &labels[0], &entries, &labels[1]);
-        Ok(self.matcher.loader.computing.run(count).await?)
     }
 
     /// The cache for a preparation. Of those that keep clouds only the last one stays: a run has one, and memory is for

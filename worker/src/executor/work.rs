@@ -19,6 +19,8 @@ pub struct Work {
     pub matched: u64,
     /// Evaluations matched by pruning, without distance matrices.
     pub pruned: u64,
+    /// Splits whose disks were described for grid cells.
+    pub disks_described: u64,
     /// Grid cells computed.
     pub cells: u64,
 }

@@ -1,12 +1,14 @@
 //! How many queries each descriptor of a cell recognises.
 
-use pulp::NullaryFnOnce;
+use pulp::bytemuck::cast_slice;
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::{Cell, CellSignatures};
 use crate::disk_ring::signature::weighted;
 use crate::distance::{LANES, Transposed};
 use crate::recognise::{Label, RecogniseError};
+use crate::select::{NUMBERS, pack};
 use crate::signature::{Signature, Signatures};
 use crate::wide::widest;
 
@@ -40,6 +42,7 @@ impl Cell {
         };
         let shape = transposed(|cloud| &cloud.shape, self.shape.len());
         let colour = transposed(|cloud| &cloud.colour, self.colour.len());
+        let weights = Weights::new(&self.weights);
         let tiles = queries.par_chunks(TILE).zip(query_labels.par_chunks(TILE));
         let counts = tiles.fold(
             || vec![0u32; self.descriptors()],
@@ -47,9 +50,10 @@ impl Cell {
                 let shape = Rows::new(&shape, queries, database.len(), |cloud| &cloud.shape);
                 let colour = Rows::new(&colour, queries, database.len(), |cloud| &cloud.colour);
                 for (query, label) in labels.iter().enumerate() {
-                    let same: Vec<bool> =
+                    let shows_object: Vec<bool> =
                         database_labels.iter().map(|other| other.instance == label.instance).collect();
-                    self.count(&shape, &colour, query, &same, &mut counts);
+                    let (shape, colour, weights, counts) = (&shape, &colour, &weights, &mut counts[..]);
+                    widest(Count { shape, colour, query, shows_object: &shows_object, weights, counts });
                 }
                 counts
             },
@@ -60,32 +64,15 @@ impl Cell {
         };
         Ok(counts.reduce(|| vec![0; self.descriptors()], add))
     }
-
-    /// Adds one query to the counts of every descriptor.
-    fn count(&self, shape: &Rows, colour: &Rows, query: usize, same: &[bool], counts: &mut [u32]) {
-        let mut filter = CandidateFilter::default();
-        let nearest_in_colour: Vec<usize> =
-            (0..self.colour.len()).map(|m| lowest(colour.row(m, query))).collect();
-        for (n, counts) in counts.chunks_exact_mut(self.colour.len() * self.weights.len()).enumerate() {
-            let shapes = shape.row(n, query);
-            let nearest_in_shape = lowest(shapes);
-            for (m, counts) in counts.chunks_exact_mut(self.weights.len()).enumerate() {
-                let colours = colour.row(m, query);
-                let leaders =
-                    [nearest_in_shape, nearest_in_colour[m]].map(|cloud| (shapes[cloud], colours[cloud]));
-                filter.select(shapes, colours, same, &leaders);
-                filter.count(&self.weights, counts);
-            }
-        }
-    }
 }
 
 /// Distances of a tile's queries under every value of one gene.
 struct Rows {
-    columns: usize,
-    /// Room of one query's row, a whole number of blocks.
-    stride: usize,
-    values: Vec<f32>,
+    /// Values of the gene.
+    count: usize,
+    /// Blocks of one query's row, whose last is filled up with infinities: distances are finite.
+    blocks: usize,
+    values: Vec<[f32; LANES]>,
 }
 
 impl Rows {
@@ -95,46 +82,55 @@ impl Rows {
         columns: usize,
         of: fn(&CellSignatures) -> &[Signature],
     ) -> Self {
-        let blocks = columns.div_ceil(LANES);
-        let mut rows = vec![[0.0; LANES]; database.len() * TILE * blocks];
+        let (count, blocks) = (database.len(), columns.div_ceil(LANES));
+        let mut values = vec![[0.0; LANES]; count * TILE * blocks];
         for (value, database) in database.iter().enumerate() {
-            for (query, row) in queries.iter().zip(rows[value * TILE * blocks..].chunks_exact_mut(blocks)) {
+            for (query, row) in queries.iter().zip(values[value * TILE * blocks..].chunks_exact_mut(blocks)) {
                 let Signature { centroid, deviation } = &of(query)[value];
                 database.distances([centroid, deviation], row);
+                row.as_flattened_mut()[columns..].fill(f32::INFINITY);
             }
         }
-        Self { columns, stride: blocks * LANES, values: rows.into_flattened() }
+        Self { count, blocks, values }
     }
 
-    fn row(&self, value: usize, query: usize) -> &[f32] {
-        &self.values[(value * TILE + query) * self.stride..][..self.columns]
+    fn row(&self, value: usize, query: usize) -> &[[f32; LANES]] {
+        &self.values[(value * TILE + query) * self.blocks..][..self.blocks]
     }
 }
 
-/// Position of the lowest value, the first of equal ones.
-fn lowest(values: &[f32]) -> usize {
-    let lowest = widest(Least { values });
-    values.iter().position(|&value| value == lowest).unwrap_or(0)
+/// Values of w for which distances are computed at once.
+const WEIGHTS: usize = 40;
+
+/// Vectors of them.
+const VECTORS: usize = WEIGHTS / 8;
+
+/// Places in the list of all w, as fractions of its length, at which the nearest cloud is one of the leaders.
+const LEADS: [f64; 3] = [0.25, 0.5, 0.75];
+
+/// Leaders of one query under one shape_bins and one m: the nearest in shape, the nearest in colour, and those at [`LEADS`].
+const LEADERS: usize = 2 + LEADS.len();
+
+/// All values of w, each with 1 - w, in blocks whose last is filled up with its last value.
+struct Weights {
+    blocks: Vec<[[f64; WEIGHTS]; 2]>,
+    count: usize,
+    /// Those at [`LEADS`].
+    leads: [f32; LEADS.len()],
 }
 
-/// The kernel of [`lowest`]: the least of values that are never NaN.
-struct Least<'a> {
-    values: &'a [f32],
-}
-
-impl NullaryFnOnce for Least<'_> {
-    type Output = f32;
-
-    #[inline(always)]
-    fn call(self) -> f32 {
-        let (blocks, rest) = self.values.as_chunks::<LANES>();
-        let mut lanes = [f32::INFINITY; LANES];
-        for block in blocks {
-            for (least, &value) in lanes.iter_mut().zip(block) {
-                *least = if value < *least { value } else { *least };
-            }
+impl Weights {
+    fn new(weights: &[f64]) -> Self {
+        let block = |weights: &[f64]| {
+            let weight = |lane: usize| weights[lane.min(weights.len() - 1)];
+            [std::array::from_fn(weight), std::array::from_fn(|lane| 1.0 - weight(lane))]
+        };
+        let lead = |part: f64| weights[((weights.len() - 1) as f64 * part) as usize] as f32;
+        Self {
+            blocks: weights.chunks(WEIGHTS).map(block).collect(),
+            count: weights.len(),
+            leads: LEADS.map(lead),
         }
-        lanes.iter().chain(rest).copied().fold(f32::INFINITY, f32::min)
     }
 }
 
@@ -143,124 +139,169 @@ impl NullaryFnOnce for Least<'_> {
 struct Candidate {
     shape: f32,
     colour: f32,
-    /// Shows the query's object.
-    same: bool,
+    place: u32,
 }
 
-/// Which clouds can be nearest to one query under one shape_bins and one m, for every w.
+/// The kernel that adds one query to the counts of every descriptor of a cell.
 ///
 /// A cloud that is farther than another one in both shape and colour is farther for every w in [0, 1], as w·s and
 /// (1 − w)·c and their sum never decrease with s and c, however they round, and the difference of two f32 values is
-/// far above the rounding of an f64 sum of them. So only clouds that none of some `leaders` dominates are candidates; the
-/// set distance of those is computed as the evaluator does, for every w of the grid.
-#[derive(Default)]
-struct CandidateFilter {
-    candidates: Vec<Candidate>,
-    /// Those that show the query's object, or those that do not.
-    alike: Vec<Candidate>,
-    nearest_same: Vec<f64>,
-    nearest_other: Vec<f64>,
+/// far above the rounding of an f64 sum of them. So only clouds that none of some leaders dominates are candidates; the
+/// set distance of those is computed as the evaluator does, for every w of the grid. Any cloud may lead: the nearest in
+/// shape, the nearest in colour, and, so that few candidates are left, those that were the nearest for some w in between
+/// under an earlier shape_bins.
+struct Count<'a> {
+    shape: &'a Rows,
+    colour: &'a Rows,
+    query: usize,
+    /// Whether each cloud of the database shows the query's object.
+    shows_object: &'a [bool],
+    weights: &'a Weights,
+    counts: &'a mut [u32],
 }
 
-impl CandidateFilter {
-    fn select(&mut self, shapes: &[f32], colours: &[f32], same: &[bool], leaders: &[(f32, f32)]) {
-        self.candidates.clear();
-        widest(Select { shapes, colours, same, leaders, candidates: &mut self.candidates });
-    }
-
-    /// Adds one to the count of every w whose nearest cloud is of the same object.
-    fn count(&mut self, weights: &[f64], counts: &mut [u32]) {
-        let of_same = self.candidates.iter().filter(|candidate| candidate.same).count();
-        if of_same == 0 {
-            return;
-        }
-        if of_same == self.candidates.len() {
-            counts.iter_mut().for_each(|count| *count += 1);
-            return;
-        }
-        for (nearest, same) in [(&mut self.nearest_same, true), (&mut self.nearest_other, false)] {
-            self.alike.clear();
-            self.alike.extend(self.candidates.iter().filter(|candidate| candidate.same == same));
-            nearest.resize(weights.len(), f64::INFINITY);
-            widest(LeastDistances { weights, candidates: &self.alike, nearest });
-        }
-        for (w, count) in counts.iter_mut().enumerate() {
-            let (same, other) = (self.nearest_same[w], self.nearest_other[w]);
-            let wins = if same == other { self.first_at(weights[w], same) } else { same < other };
-            *count += u32::from(wins);
-        }
-    }
-
-    /// Whether the first of the clouds at this distance shows the query's object.
-    fn first_at(&self, weight: f64, distance: f64) -> bool {
-        let mut at = self.candidates.iter().filter(|it| weighted(it.shape, it.colour, weight) == distance);
-        at.next().is_some_and(|first| first.same)
-    }
-}
-
-/// The kernel of [`CandidateFilter::select`].
-struct Select<'a> {
-    shapes: &'a [f32],
-    colours: &'a [f32],
-    same: &'a [bool],
-    leaders: &'a [(f32, f32)],
-    candidates: &'a mut Vec<Candidate>,
-}
-
-impl NullaryFnOnce for Select<'_> {
+impl WithSimd for Count<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn call(self) {
-        const BLOCK: usize = 32;
-        for (block, (shapes, colours)) in
-            self.shapes.chunks(BLOCK).zip(self.colours.chunks(BLOCK)).enumerate()
-        {
-            let mut is_candidate = [1u8; BLOCK];
-            for &(shape, colour) in self.leaders {
-                for ((is_candidate, &s), &c) in is_candidate.iter_mut().zip(shapes).zip(colours) {
-                    *is_candidate &= u8::from((s <= shape) | (c <= colour));
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { shape, colour, query, shows_object, weights, counts } = self;
+        let mut leading = vec![[0; LEADERS]; colour.count];
+        for (m, leading) in leading.iter_mut().enumerate() {
+            leading.fill(lowest(colour.row(m, query)));
+        }
+        let mut places = vec![0; shape.blocks * LANES];
+        let (mut of_same, mut of_others) = (Vec::new(), Vec::new());
+        for (n, counts) in counts.chunks_exact_mut(colour.count * weights.count).enumerate() {
+            let shapes = shape.row(n, query);
+            let nearest_in_shape = lowest(shapes);
+            for ((m, counts), leading) in counts.chunks_exact_mut(weights.count).enumerate().zip(&mut leading)
+            {
+                let colours = colour.row(m, query);
+                leading[0] = nearest_in_shape;
+                let kept = undominated(simd, [shapes, colours], leading, &mut places);
+                of_same.clear();
+                of_others.clear();
+                for &place in &places[..kept] {
+                    let [shape, colour] = at([shapes, colours], place);
+                    let these = if shows_object[place as usize] { &mut of_same } else { &mut of_others };
+                    these.push(Candidate { shape, colour, place });
                 }
-            }
-            // Few are: eight places are passed over at once.
-            for (group, flags) in is_candidate.as_chunks::<8>().0.iter().enumerate() {
-                if u64::from_ne_bytes(*flags) == 0 {
+                if of_same.is_empty() {
                     continue;
                 }
-                for place in
-                    (group * 8..shapes.len().min(group * 8 + 8)).filter(|place| is_candidate[*place] != 0)
-                {
-                    let same = self.same[block * BLOCK + place];
-                    self.candidates.push(Candidate { shape: shapes[place], colour: colours[place], same });
+                if of_others.is_empty() {
+                    counts.iter_mut().for_each(|count| *count += 1);
+                    continue;
+                }
+                for (block, counts) in weights.blocks.iter().zip(counts.chunks_mut(WEIGHTS)) {
+                    let (same, others) = (least(simd, block, &of_same), least(simd, block, &of_others));
+                    let (same, others) = (cast_slice::<_, f64>(&same), cast_slice::<_, f64>(&others));
+                    let mut ties = false;
+                    for ((count, same), other) in counts.iter_mut().zip(same).zip(others) {
+                        *count += u32::from(same < other);
+                        ties |= same == other;
+                    }
+                    if ties {
+                        let wins = |w: usize| is_first(&of_same, &of_others, block[0][w], same[w]);
+                        for (w, count) in counts.iter_mut().enumerate() {
+                            *count += u32::from(same[w] == others[w] && wins(w));
+                        }
+                    }
+                }
+                let mut least = [f32::INFINITY; LEADS.len()];
+                for &Candidate { shape, colour, place } in of_same.iter().chain(&of_others) {
+                    for ((weight, least), leading) in
+                        weights.leads.iter().zip(&mut least).zip(&mut leading[2..])
+                    {
+                        let distance = weight * shape + (1.0 - weight) * colour;
+                        let is_less = distance < *least;
+                        *least = if is_less { distance } else { *least };
+                        *leading = if is_less { place } else { *leading };
+                    }
                 }
             }
         }
     }
 }
 
-/// The kernel that finds the least set distance of some clouds for every w.
-struct LeastDistances<'a> {
-    weights: &'a [f64],
-    candidates: &'a [Candidate],
-    nearest: &'a mut [f64],
+/// A cloud's distances.
+#[inline(always)]
+fn at(rows: [&[[f32; LANES]]; 2], place: u32) -> [f32; 2] {
+    let [shapes, colours] = rows;
+    [shapes.as_flattened()[place as usize], colours.as_flattened()[place as usize]]
 }
 
-impl NullaryFnOnce for LeastDistances<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn call(self) {
-        const AT_ONCE: usize = 32;
-        for (weights, nearest) in self.weights.chunks(AT_ONCE).zip(self.nearest.chunks_mut(AT_ONCE)) {
-            let (mut lanes, mut least) = ([0.0; AT_ONCE], [f64::INFINITY; AT_ONCE]);
-            lanes[..weights.len()].copy_from_slice(weights);
-            for &Candidate { shape, colour, .. } in self.candidates {
-                for (least, &weight) in least.iter_mut().zip(&lanes) {
-                    let distance = weighted(shape, colour, weight);
-                    *least = if distance < *least { distance } else { *least };
-                }
-            }
-            nearest.copy_from_slice(&least[..weights.len()]);
+/// Place of the lowest value, the first of equal ones.
+#[inline(always)]
+fn lowest(values: &[[f32; LANES]]) -> u32 {
+    let mut lanes = [f32::INFINITY; LANES];
+    for block in values {
+        for (least, &value) in lanes.iter_mut().zip(block) {
+            *least = if value < *least { value } else { *least };
         }
     }
+    let lowest = lanes.into_iter().fold(f32::INFINITY, f32::min);
+    values.as_flattened().iter().position(|&value| value == lowest).unwrap_or(0) as u32
+}
+
+/// Writes the places of the clouds that no leader dominates to the first of `places`; how many they are.
+#[inline(always)]
+fn undominated<S: Simd>(
+    simd: S,
+    rows: [&[[f32; LANES]]; 2],
+    leading: &[u32; LEADERS],
+    places: &mut [u32],
+) -> usize {
+    let mut leaders = [[simd.splat_f32s(0.0); 2]; LEADERS];
+    for (leader, &place) in leaders.iter_mut().zip(leading) {
+        let [shape, colour] = at(rows, place);
+        *leader = [simd.splat_f32s(shape), simd.splat_f32s(colour)];
+    }
+    let [shapes, colours] = rows;
+    let mut numbers = S::as_simd_u32s(&NUMBERS).0[0];
+    let mut count = 0;
+    let vectors =
+        S::as_simd_f32s(shapes.as_flattened()).0.iter().zip(S::as_simd_f32s(colours.as_flattened()).0);
+    for (&shapes, &colours) in vectors {
+        let mut are_kept = simd.less_than_or_equal_f32s(shapes, shapes); // all
+        for [shape, colour] in leaders {
+            let are_nearer =
+                [simd.less_than_or_equal_f32s(shapes, shape), simd.less_than_or_equal_f32s(colours, colour)];
+            are_kept = simd.and_m32s(are_kept, simd.or_m32s(are_nearer[0], are_nearer[1]));
+        }
+        count += pack(simd, numbers, are_kept, &mut places[count..count + S::F32_LANES]);
+        numbers = simd.add_u32s(numbers, simd.splat_u32s(S::F32_LANES as u32));
+    }
+    count
+}
+
+/// The least set distance of some clouds for each of some w.
+#[inline(always)]
+fn least<S: Simd>(
+    simd: S,
+    [weights, rests]: &[[f64; WEIGHTS]; 2],
+    candidates: &[Candidate],
+) -> [S::f64s; VECTORS] {
+    const { assert!(S::F64_LANES * VECTORS == WEIGHTS) }
+    let (weights, rests) = (S::as_simd_f64s(weights).0, S::as_simd_f64s(rests).0);
+    let mut least = [simd.splat_f64s(f64::INFINITY); VECTORS];
+    for &Candidate { shape, colour, .. } in candidates {
+        let (shape, colour) = (simd.splat_f64s(shape.into()), simd.splat_f64s(colour.into()));
+        for ((least, &weight), &rest) in least.iter_mut().zip(weights).zip(rests) {
+            // As `weighted` has it.
+            let distance = simd.add_f64s(simd.mul_f64s(weight, shape), simd.mul_f64s(rest, colour));
+            *least = simd.min_f64s(distance, *least);
+        }
+    }
+    least
+}
+
+/// Whether the first of the clouds at this distance is one of the first list.
+fn is_first(these: &[Candidate], others: &[Candidate], weight: f64, distance: f64) -> bool {
+    let first = |candidates: &[Candidate]| {
+        let at = candidates.iter().find(|it| weighted(it.shape, it.colour, weight) == distance);
+        at.map(|first| first.place)
+    };
+    first(these) < first(others)
 }

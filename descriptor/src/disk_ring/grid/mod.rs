@@ -7,7 +7,7 @@
 mod count;
 mod signatures;
 
-pub use signatures::CellSignatures;
+pub use signatures::{CellSignatures, Region, RegionSignatures};
 
 use crate::bytes::{self, BytesError, Reader};
 use crate::disk_ring::quantise::{Binning, QuantiseError, Quantiser};
@@ -38,6 +38,8 @@ pub struct Cell {
     shape: Vec<Binning>,
     /// One a value of m (without colour one of 0), with the lowest value of shape_bins.
     colour: Vec<Binning>,
+    /// The first angle class of each bin, for all of `shape` one after the other.
+    first_angle: Vec<u16>,
     /// All values of w, 0 to 1.
     weights: Vec<f64>,
     /// Numbers of angle classes and of colour classes.
@@ -78,12 +80,20 @@ impl Cell {
         };
         let binning = |n, m| quantiser.binning(&parameters(n, m, 0));
         let weight = |ppm| parameters(0, 0, ppm).shape_weight();
+        let shape: Vec<Binning> =
+            shape_bins.iter().map(|&n| binning(n, colour_bins[0])).collect::<Result<_, _>>()?;
         Ok(Self {
-            shape: shape_bins.iter().map(|&n| binning(n, colour_bins[0])).collect::<Result<_, _>>()?,
+            first_angle: shape.iter().flat_map(Binning::first_angles).collect(),
+            shape,
             colour: colour_bins.iter().map(|&m| binning(shape_bins[0], m)).collect::<Result<_, _>>()?,
             weights: values(quantiser, GeneKind::ShapeWeight).into_iter().map(weight).collect(),
             classes: quantiser.classes(),
         })
+    }
+
+    /// R1, micrometres.
+    pub fn disk_um(&self) -> u32 {
+        self.shape[0].parameters.disk_um
     }
 
     /// Number of descriptors: the length of what [`Cell::object_correct`] gives.

@@ -1,15 +1,35 @@
 //! One cloud under every shape_bins and every m of a cell.
 
+use std::borrow::Borrow;
 use std::ops::Range;
 
 use pulp::NullaryFnOnce;
+use rayon::prelude::*;
 
 use super::Cell;
 use crate::disk_ring::quantise::Binning;
 use crate::disk_ring::quantised::QuantisedCloud;
-use crate::disk_ring::records::Records;
+use crate::disk_ring::records::{CODES, Records};
 use crate::signature::{MeanAndDeviation, Signature};
 use crate::wide::widest;
+
+/// One of a keypoint's two regions.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Region {
+    /// Within R1.
+    Disk,
+    /// Between R1 and R2.
+    Ring,
+}
+
+/// One region of a cloud under all descriptors of a cell. That of the disk depends on R1 and not on R2.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RegionSignatures {
+    /// One a value of shape_bins.
+    shape: Vec<Signature>,
+    /// One a value of m.
+    colour: Vec<Signature>,
+}
 
 /// One cloud under all descriptors of a cell.
 #[derive(Clone, Debug, PartialEq)]
@@ -20,7 +40,7 @@ pub struct CellSignatures {
     pub(super) colour: Vec<Signature>,
 }
 
-impl CellSignatures {
+impl RegionSignatures {
     /// Memory that they take, bytes.
     pub fn bytes(&self) -> usize {
         let all = || self.shape.iter().chain(&self.colour);
@@ -29,63 +49,139 @@ impl CellSignatures {
     }
 }
 
-impl Cell {
-    /// A cloud's signatures for every value of shape_bins and of m: each as [`Binning::signature`] has it.
+impl CellSignatures {
+    /// Clouds of which both regions are described.
     ///
     /// # Panics
-    /// If cloud and cell come from different quantisers: a programming error.
-    pub fn signatures(&self, cloud: &QuantisedCloud) -> CellSignatures {
+    /// If there are not as many disks as rings, or they are of cells with different descriptors: a programming error.
+    pub fn join(disks: &[RegionSignatures], rings: &[RegionSignatures]) -> Vec<Self> {
+        assert_eq!(disks.len(), rings.len(), "disks and rings of different clouds");
+        let both = |[disks, rings]: [&[Signature]; 2]| -> Vec<Signature> {
+            assert_eq!(disks.len(), rings.len(), "disks and rings of different descriptors");
+            let both = disks.iter().zip(rings).map(|(disk, ring)| Signature {
+                centroid: [&disk.centroid[..], &ring.centroid].concat(),
+                deviation: [&disk.deviation[..], &ring.deviation].concat(),
+            });
+            both.collect()
+        };
+        let joined = disks.par_iter().zip(rings).map(|(disk, ring)| Self {
+            shape: both([&disk.shape, &ring.shape]),
+            colour: both([&disk.colour, &ring.colour]),
+        });
+        joined.collect()
+    }
+}
+
+impl Cell {
+    /// The signatures of clouds for every value of shape_bins and of m, in their order, computed by the current rayon pool:
+    /// each as [`Binning::signature`] has it.
+    ///
+    /// # Panics
+    /// As [`Cell::describe`].
+    pub fn signatures<C: Borrow<QuantisedCloud> + Sync>(&self, clouds: &[C]) -> Vec<CellSignatures> {
+        let [disks, rings] = [Region::Disk, Region::Ring].map(|region| self.describe(region, clouds));
+        CellSignatures::join(&disks, &rings)
+    }
+
+    /// One region of clouds, in their order, computed by the current rayon pool. The disk's serves all cells with the same R1
+    /// of one quantiser.
+    ///
+    /// # Panics
+    /// If clouds and cell come from different quantisers: a programming error.
+    pub fn describe<C: Borrow<QuantisedCloud> + Sync>(
+        &self,
+        region: Region,
+        clouds: &[C],
+    ) -> Vec<RegionSignatures> {
+        let of_cloud = |room: &mut Room, cloud: &C| self.describe_one(region, cloud.borrow(), room);
+        clouds.par_iter().map_init(Room::default, of_cloud).collect()
+    }
+
+    fn describe_one(&self, region: Region, cloud: &QuantisedCloud, room: &mut Room) -> RegionSignatures {
         assert_eq!(*cloud.digest(), self.shape[0].digest, "cloud and cell of different quantisers");
-        let regions = cloud.regions([self.shape[0].disk, self.shape[0].ring]);
+        let regions = cloud.regions([self.shape[0].disk, self.shape[0].ring]).into_iter();
+        let regions: Vec<Range<usize>> = regions.map(|[disk, ring]| region.of(disk, ring)).collect();
         let [angle_classes, colour_classes] = self.classes;
-        CellSignatures {
+        RegionSignatures {
             shape: widest(Shapes {
                 angles: &cloud.angles,
                 classes: angle_classes,
+                first: &self.first_angle,
                 regions: &regions,
                 binnings: &self.shape,
+                room,
             }),
             colour: widest(Colours {
                 colours: &cloud.colours,
                 classes: colour_classes,
                 regions: &regions,
                 binnings: &self.colour,
+                room,
             }),
         }
     }
 }
 
-/// Rows of several descriptors under construction, side by side: of each keypoint the histograms of its disk by all of
-/// them, then those of its ring.
-struct Rows {
-    /// Bins of each descriptor's histograms.
-    bins: Vec<usize>,
-    values: Vec<f32>,
+impl Region {
+    fn of<T>(self, disk: T, ring: T) -> T {
+        match self {
+            Self::Disk => disk,
+            Self::Ring => ring,
+        }
+    }
 }
 
-impl Rows {
-    fn new(bins: Vec<usize>, keypoints: usize) -> Self {
-        let values = vec![0.0; keypoints * 2 * bins.iter().sum::<usize>()];
-        Self { bins, values }
-    }
+/// Memory for one cloud after the other: a processor would spend much of its time on clearing new memory for each.
+struct Room {
+    /// Neighbours by their codes, all 0 between regions: those of one code are in two counts
+    /// ([`Records::count_in_turn`]).
+    counts: Box<[[u32; 2]; CODES]>,
+    /// Neighbours of the codes before each.
+    before: Box<[u32; CODES]>,
+    rows: Vec<f32>,
+}
 
-    /// Bins of all histograms of a region.
-    fn width(&self) -> usize {
-        self.bins.iter().sum()
+impl Default for Room {
+    fn default() -> Self {
+        Self { counts: zeros(), before: zeros(), rows: Vec::new() }
+    }
+}
+
+fn zeros<T: Clone + Default>() -> Box<[T; CODES]> {
+    let zeros = vec![T::default(); CODES].into_boxed_slice();
+    zeros.try_into().unwrap_or_else(|_| unreachable!("its length is that of the array"))
+}
+
+/// Rows of several descriptors under construction, side by side: of each keypoint the histograms of a region by all of them.
+struct Rows<'a> {
+    /// Bins of each descriptor's histogram.
+    bins: Vec<usize>,
+    /// Their sum.
+    width: usize,
+    values: &'a mut [f32],
+}
+
+impl<'a> Rows<'a> {
+    /// Rows whose values are still those of another cloud: all have to be written.
+    fn new(bins: Vec<usize>, keypoints: usize, room: &'a mut Vec<f32>) -> Self {
+        let width = bins.iter().sum();
+        if room.len() < keypoints * width {
+            room.resize(keypoints * width, 0.0);
+        }
+        Self { bins, width, values: &mut room[..keypoints * width] }
     }
 
     /// The signatures: as `histogram` makes the rows of each descriptor. Sums of columns do not depend on each other.
     #[inline(always)]
     fn signatures(&self) -> Vec<Signature> {
-        let width = self.width();
-        if width == 0 {
+        if self.width == 0 {
             return vec![Signature::default(); self.bins.len()];
         }
-        let all = MeanAndDeviation { rows: &self.values, width: 2 * width }.call();
+        let all = MeanAndDeviation { rows: self.values, width: self.width }.call();
         let mut start = 0;
         let mut signatures = Vec::with_capacity(self.bins.len());
         for &bins in &self.bins {
-            let of = |values: &[f32]| [&values[start..][..bins], &values[width + start..][..bins]].concat();
+            let of = |values: &[f32]| values[start..start + bins].to_vec();
             signatures.push(Signature { centroid: of(&all.centroid), deviation: of(&all.deviation) });
             start += bins;
         }
@@ -97,8 +193,11 @@ impl Rows {
 struct Shapes<'a> {
     angles: &'a Records,
     classes: usize,
-    regions: &'a [[Range<usize>; 2]],
+    /// The first class of each bin, for all descriptors one after the other.
+    first: &'a [u16],
+    regions: &'a [Range<usize>],
     binnings: &'a [Binning],
+    room: &'a mut Room,
 }
 
 impl NullaryFnOnce for Shapes<'_> {
@@ -106,60 +205,53 @@ impl NullaryFnOnce for Shapes<'_> {
 
     #[inline(always)]
     fn call(self) -> Vec<Signature> {
+        let bins = self.binnings.iter().map(Binning::shape_bins).collect();
+        let Room { counts, before, rows } = self.room;
+        let rows = Rows::new(bins, self.regions.len(), rows);
         let codes = self.angles.codes(self.classes);
-        let bin = |binning: &Binning, code| binning.shape.get(self.angles.class(code));
-        let mut rows = Rows::new(self.binnings.iter().map(Binning::shape_bins).collect(), self.regions.len());
-        // The first code of each bin, for all descriptors one after the other.
-        let mut first: Vec<u32> = Vec::with_capacity(rows.width());
-        for binning in self.binnings {
-            first.extend(firsts(binning.shape_bins(), codes, |code| bin(binning, code)));
-        }
-        let mut counts = vec![[0u32; 2]; codes];
-        // Neighbours of the codes before each code, and of those before each bin.
-        let mut before = vec![0u32; codes + 1];
-        let mut before_bin = vec![0u32; first.len()];
-        let regions = self.regions.as_flattened().iter();
-        for (records, shares) in regions.zip(rows.values.chunks_exact_mut(first.len().max(1))) {
+        // Of each bin its first code, and the neighbours before it.
+        let first: Vec<u16> = self.angles.first_codes(self.first).collect();
+        let mut starts = vec![0; rows.width];
+        for (records, shares) in self.regions.iter().zip(rows.values.chunks_exact_mut(rows.width.max(1))) {
             if records.is_empty() {
+                shares.fill(0.0);
                 continue;
             }
-            counts.fill([0; 2]);
-            self.angles.count_in_turn(records.clone(), &mut counts);
+            self.angles.count_in_turn(records.clone(), counts);
+            for (before, [even, odd]) in before[1..].iter_mut().zip(&counts[..codes]) {
+                *before = even + odd;
+            }
+            counts[..codes].fill([0; 2]);
             let mut sum = 0;
-            for (before, [even, odd]) in before[1..].iter_mut().zip(&counts) {
-                sum += even + odd;
+            for before in before[1..].iter_mut().take(codes) {
+                sum += *before;
                 *before = sum;
             }
-            for (count, &first) in before_bin.iter_mut().zip(&first) {
-                *count = before[first as usize];
+            for (start, &first) in starts.iter_mut().zip(&first) {
+                *start = before[usize::from(first)];
             }
             let total = records.len() as f32;
-            for ((share, &here), &next) in shares.iter_mut().zip(&before_bin).zip(&before_bin[1..]) {
+            for ((share, &here), &next) in shares.iter_mut().zip(&starts).zip(&starts[1..]) {
                 *share = next.wrapping_sub(here) as f32 / total;
             }
             // What follows a descriptor's last bin is another one's first.
             let mut end = 0;
             for bins in &rows.bins {
                 end += bins;
-                shares[end - 1] = (sum - before_bin[end - 1]) as f32 / total;
+                shares[end - 1] = (records.len() as u32 - starts[end - 1]) as f32 / total;
             }
         }
         rows.signatures()
     }
 }
 
-/// The first code of every bin.
-fn firsts(bins: usize, codes: usize, bin: impl Fn(u16) -> usize) -> impl Iterator<Item = u32> {
-    let of_code: Vec<usize> = (0..codes).map(|code| bin(code as u16)).collect();
-    (0..bins).map(move |k| of_code.partition_point(|&bin| bin < k) as u32)
-}
-
 /// Colour: the classes that occur are few, and each descriptor adds their counts up anew.
 struct Colours<'a> {
     colours: &'a Records,
     classes: usize,
-    regions: &'a [[Range<usize>; 2]],
+    regions: &'a [Range<usize>],
     binnings: &'a [Binning],
+    room: &'a mut Room,
 }
 
 impl NullaryFnOnce for Colours<'_> {
@@ -167,9 +259,10 @@ impl NullaryFnOnce for Colours<'_> {
 
     #[inline(always)]
     fn call(self) -> Vec<Signature> {
-        let mut rows =
-            Rows::new(self.binnings.iter().map(Binning::colour_bins).collect(), self.regions.len());
-        let width = rows.width();
+        let bins = self.binnings.iter().map(Binning::colour_bins).collect();
+        let Room { counts, rows, .. } = self.room;
+        let rows = Rows::new(bins, self.regions.len(), rows);
+        let width = rows.width;
         // Without colour there is nothing to count.
         if self.classes == 0 || width == 0 {
             return rows.signatures();
@@ -185,15 +278,15 @@ impl NullaryFnOnce for Colours<'_> {
                 start += binning.colour_bins();
             }
         }
-        let mut counts = vec![[0u32; 2]; codes];
         let mut bins = vec![0u32; width];
-        let regions = self.regions.as_flattened().iter();
-        for (records, shares) in regions.zip(rows.values.chunks_exact_mut(width)) {
+        for (records, shares) in self.regions.iter().zip(rows.values.chunks_exact_mut(width)) {
             if records.is_empty() {
+                shares.fill(0.0);
                 continue;
             }
-            self.colours.count_in_turn(records.clone(), &mut counts);
-            for ([even, odd], places) in counts.iter_mut().zip(bins_of_code.chunks_exact(self.binnings.len()))
+            self.colours.count_in_turn(records.clone(), counts);
+            for ([even, odd], places) in
+                counts[..codes].iter_mut().zip(bins_of_code.chunks_exact(self.binnings.len()))
             {
                 let count = std::mem::take(even) + std::mem::take(odd);
                 if count > 0 {

@@ -63,7 +63,20 @@ fn a_cell_is_the_evaluator_for_every_descriptor() {
         let labels = labels(clouds.len(), 7);
         for (disk_um, ring_um) in [(8_000, 21_000), (13_000, 30_000)] {
             let cell = Cell::new(&quantiser, disk_um, ring_um).unwrap();
-            let signatures: Vec<CellSignatures> = clouds.iter().map(|cloud| cell.signatures(cloud)).collect();
+            let signatures = cell.signatures(&clouds);
+            let other = Cell::new(&quantiser, disk_um, 51_000 - ring_um).unwrap();
+            let (disks, rings) =
+                (other.describe(Region::Disk, &clouds), cell.describe(Region::Ring, &clouds));
+            assert_eq!(
+                CellSignatures::join(&disks, &rings),
+                signatures,
+                "of another cell with the same disks"
+            );
+            let all = || signatures[0].shape.iter().chain(&signatures[0].colour);
+            let values: usize = all().map(|both| both.centroid.len() + both.deviation.len()).sum();
+            let bytes =
+                size_of::<RegionSignatures>() + all().count() * size_of::<Signature>() + 4 * values / 2;
+            assert_eq!(disks[0].bytes(), bytes);
             for (cloud, of_cell) in clouds.iter().zip(&signatures) {
                 for (binning, signature) in cell.shape.iter().zip(&of_cell.shape) {
                     assert_eq!(*signature, binning.signature(cloud)[0]);
@@ -97,7 +110,7 @@ proptest! {
         seed in any::<u64>(),
         spread in 1u32..6,
         database in 1usize..40,
-        weights in prop::sample::select(vec![(0, 500_000, 3), (0, 250_000, 5), (0, 10_000, 101), (1, 7, 50)]),
+        weights in prop::sample::select(vec![(0, 500_000, 3), (0, 250_000, 5), (0, 10_000, 101), (1, 7, 50), (500_000, 1, 1), (0, 25_000, 40)]),
     ) {
         let (low, step, count) = weights;
         let quantiser = Quantiser::new(&table(true, Domain { low, step, count })).unwrap();
@@ -115,13 +128,36 @@ proptest! {
     }
 }
 
+/// Of a table with more angle classes than fit a byte.
+#[test]
+fn signatures_are_those_of_each_descriptor_with_many_classes_too() {
+    let domains = [
+        Domain { low: 8, step: 1, count: 57 },
+        Domain { low: 3, step: 1, count: 4 },
+        Domain { low: 8_000, step: 1, count: 1 },
+        Domain { low: 21_000, step: 1, count: 1 },
+        Domain { low: 0, step: 500_000, count: 3 },
+    ];
+    let quantiser = Quantiser::new(&GeneTable::new(domains, true).unwrap()).unwrap();
+    assert!(quantiser.classes()[0] > 256);
+    let clouds = clouds(0..6, true, &quantiser);
+    let cell = Cell::new(&quantiser, 8_000, 21_000).unwrap();
+    for (cloud, of_cell) in clouds.iter().zip(&cell.signatures(&clouds)) {
+        for (binning, signature) in cell.shape.iter().zip(&of_cell.shape) {
+            assert_eq!(*signature, binning.signature(cloud)[0]);
+        }
+        for (binning, signature) in cell.colour.iter().zip(&of_cell.colour) {
+            assert_eq!(*signature, binning.signature(cloud)[1]);
+        }
+    }
+}
+
 #[test]
 fn an_empty_database_is_an_error_and_no_queries_are_none() {
     let quantiser = Quantiser::new(&table(true, Domain { low: 0, step: 500_000, count: 3 })).unwrap();
     let cell = Cell::new(&quantiser, 8_000, 21_000).unwrap();
-    let signatures = vec![cell.signatures(&clouds(0..1, true, &quantiser)[0])];
+    let signatures = cell.signatures(&clouds(0..1, true, &quantiser));
     let label = labels(1, 1);
     assert!(cell.object_correct(&signatures, &label, &[], &[]).is_err());
     assert_eq!(cell.object_correct(&[], &[], &signatures, &label).unwrap(), vec![0; cell.descriptors()]);
-    assert!(signatures[0].bytes() > 1000);
 }

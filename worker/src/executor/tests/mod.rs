@@ -22,7 +22,7 @@ use descriptor::{
     EVALUATION_VERSION, FixedDescriptor, FixedKind, GeneTable, GlobalHue, Parameters, PreparedCloud,
     Preprocess, QuantisedCloud, Quantiser, SearchSpace, pcd, recognise,
 };
-use proto::task::{self, Description};
+use proto::task::{self, Description, GridCell};
 
 use super::*;
 use crate::bucket::{Access, Bucket, Patience};
@@ -414,30 +414,45 @@ async fn distances_that_cannot_be_kept_are_not_computed_and_results_are_the_same
     assert_eq!((pruning.work().matched, keeping.work().pruned), (0, 0));
 }
 
+/// What the descriptors of a cell recognise, one after the other.
+fn plain_cell(archive: &Archive, [disk_um, ring_um]: [u32; 2]) -> Vec<u32> {
+    let mut counts = Vec::new();
+    for shape_bins in [8, 20, 32] {
+        for m in [3, 5] {
+            for weight in [0, 250_000, 500_000, 750_000, 1_000_000] {
+                let descriptor = parameters([shape_bins, m, disk_um, ring_um, weight]);
+                let TaskResult::Evaluation(found) = plain(archive, descriptor, true) else { panic!() };
+                counts.push(found.object_correct);
+            }
+        }
+    }
+    counts
+}
+
+/// Disks are described once for cells with the same R1 that follow each other, if there is memory for them: in one batch,
+/// and in several.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_grid_cell_is_its_descriptors() {
     let archive = Archive::new();
-    for memory in [LARGE, SMALL] {
+    let cells = [[15_000, 40_000], [15_000, 30_000], [10_000, 40_000], [15_000, 50_000]];
+    let cells = cells.map(|radii| (radii, plain_cell(&archive, radii)));
+    let splits_in_all = archive.splits.len() as u64;
+    for (memory, disks_described) in
+        [(LARGE, 3 * splits_in_all), (SMALL, 3 * splits_in_all), (TINY, 4 * splits_in_all)]
+    {
         let executor = executor(&archive, memory, &store(None));
-        let [query, database] = splits(&archive, true);
-        let subject = subject(&preparation(), cell_to_bytes([15_000, 40_000]));
-        let (queries, database_clouds, descriptors) = (0, 0, 3 * 2 * 5);
-        let cell = GridCell { subject, query, database, queries, database_clouds, descriptors };
-        let TaskResult::GridCell(counts) = carry_out(&executor, Task::GridCell(cell)).await else {
-            panic!("another outcome")
-        };
-        let mut expected = Vec::new();
-        for shape_bins in [8, 20, 32] {
-            for m in [3, 5] {
-                for weight in [0, 250_000, 500_000, 750_000, 1_000_000] {
-                    let descriptor = parameters([shape_bins, m, 15_000, 40_000, weight]);
-                    let TaskResult::Evaluation(found) = plain(&archive, descriptor, true) else { panic!() };
-                    expected.push(found.object_correct);
-                }
-            }
+        for (radii_um, expected) in &cells {
+            let [query, database] = splits(&archive, true);
+            let subject = subject(&preparation(), cell_to_bytes(*radii_um));
+            let (queries, database_clouds, descriptors) = (0, 0, 3 * 2 * 5);
+            let cell = GridCell { subject, query, database, queries, database_clouds, descriptors };
+            let TaskResult::GridCell(counts) = carry_out(&executor, Task::GridCell(cell)).await else {
+                panic!("another outcome")
+            };
+            assert_eq!(counts, *expected);
         }
-        assert_eq!(counts, expected);
-        assert_eq!(executor.work().cells, 1);
+        let Work { cells, disks_described: described, .. } = executor.work();
+        assert_eq!((cells, described), (4, disks_described));
     }
 }
 
