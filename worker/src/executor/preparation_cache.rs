@@ -1,4 +1,4 @@
-//! Prepared clouds in memory: as many as fit, for one way of preparing them.
+//! Prepared clouds in memory: as many as fit, for one way of preparing them. In a grid, also what the next cell needs again.
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -16,7 +16,8 @@ use crate::prepared_cloud::prepared_cloud_key;
 const GROWTH: usize = 16;
 /// More at once than this does not make batches faster, bytes.
 const LARGEST_BATCH: usize = 64 << 20;
-/// Most that is kept of disks for the next cell of a grid, bytes: those of some thousand clouds.
+/// Most that is kept for the next cell of a grid, bytes: the disks within R1 of five thousand clouds, in the paper's search
+/// space.
 const LARGEST_DISKS: usize = 64 << 20;
 /// More signatures and distances than this are hardly ever asked for again, bytes: those of some hundred channels, a few
 /// generations of structures, of a thousand clouds.
