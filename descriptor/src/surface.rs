@@ -66,12 +66,25 @@ impl Surface {
         self.boxes.len() * BLOCK
     }
 
-    /// The blocks that hold every point with d² ≤ `reach2`, and some more, by number: block b has the points from
-    /// [`BLOCK`] · b on.
-    pub(crate) fn blocks(&self, centre: [f32; 3], reach2: f32) -> impl Iterator<Item = usize> {
-        let near =
-            self.boxes.iter().enumerate().filter(move |(_, bounds)| !is_out_of_reach(bounds, centre, reach2));
-        near.map(|(block, _)| block)
+    /// How many blocks there are: block b has the points from [`BLOCK`] · b on.
+    pub(crate) fn blocks(&self) -> usize {
+        self.boxes.len()
+    }
+
+    /// Whether no point of a block has d² ≤ `reach2`. Rounds like the distances of points, so that it errs only towards
+    /// looking: differences and squares never decrease with the distance along an axis, however they round.
+    ///
+    /// Kernels ask this of each block, for which it has no closures: compilers make those of iterators and of
+    /// `array::map` functions of their own, for the baseline.
+    #[inline(always)]
+    pub(crate) fn is_out_of_reach(&self, block: usize, centre: [f32; 3], reach2: f32) -> bool {
+        let [low, high] = &self.boxes[block];
+        let mut d2 = 0.0;
+        for axis in 0..3 {
+            let outside = centre[axis].clamp(low[axis], high[axis]) - centre[axis];
+            d2 += outside * outside;
+        }
+        d2 > reach2
     }
 }
 
@@ -91,14 +104,4 @@ fn bounds(values: [&[f32]; 3]) -> [[f32; 3]; 2] {
     let extreme =
         |pick: fn(f32, f32) -> f32| values.map(|values| values.iter().copied().reduce(pick).unwrap_or(0.0));
     [extreme(f32::min), extreme(f32::max)]
-}
-
-/// Whether no point of a box can be a neighbour. Rounds like the distances of points, so that it errs only towards
-/// looking: differences and squares never decrease with the distance along an axis, however they round.
-fn is_out_of_reach([low, high]: &[[f32; 3]; 2], keypoint: [f32; 3], reach2: f32) -> bool {
-    let [x, y, z] = [0, 1, 2].map(|axis| {
-        let outside = keypoint[axis].clamp(low[axis], high[axis]) - keypoint[axis];
-        outside * outside
-    });
-    x + y + z > reach2
 }

@@ -89,7 +89,10 @@ impl WithSimd for Find<'_> {
         lists.iter_mut().for_each(|list| list.count = 0);
         let ([kx, ky, kz], [ax, ay, az]) = (self.keypoint, self.axis);
         let slicer = self.quantiser.angle_table().slicer();
-        for number in self.surface.blocks(self.keypoint, self.quantiser.reach2()) {
+        for number in 0..self.surface.blocks() {
+            if self.surface.is_out_of_reach(number, self.keypoint, self.quantiser.reach2()) {
+                continue;
+            }
             let [x, y, z] = self.surface.position.each_ref().map(|values| block(values, number));
             let d2 = block_mut(d2, number);
             for (((d2, &x), &y), &z) in d2.iter_mut().zip(x).zip(y).zip(z) {

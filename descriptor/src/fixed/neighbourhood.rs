@@ -84,7 +84,10 @@ impl WithSimd for Select<'_> {
         let ([cx, cy, cz], [_, limit]) = (self.centre, self.limits);
         let (mut d2, mut count) = ([0.0; BLOCK], 0);
         self.places.resize(self.surface.room(), 0);
-        for number in self.surface.blocks(self.centre, limit) {
+        for number in 0..self.surface.blocks() {
+            if self.surface.is_out_of_reach(number, self.centre, limit) {
+                continue;
+            }
             let [x, y, z] = self.surface.position.each_ref().map(|values| block(values, number));
             for (((d2, &x), &y), &z) in d2.iter_mut().zip(x).zip(y).zip(z) {
                 let (x, y, z) = (x - cx, y - cy, z - cz);

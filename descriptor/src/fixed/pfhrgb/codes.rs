@@ -50,11 +50,10 @@ impl NullaryFnOnce for PairCodes<'_> {
         let count = self.points.len();
         let Neighbourhood { position, normal, .. } = self.points;
         for (one, row) in self.codes.chunks_exact_mut(row_length(count)).take(self.rows).enumerate() {
-            let point = [position, normal].map(|values| values.each_ref().map(|values| values[one]));
+            let point = [of_point(position, one), of_point(normal, one)];
             let ratios = self.channels.map(|channel| Ratio::of(channel[one]));
             for start in (one + 1..count).step_by(GROUP) {
-                let others =
-                    [position, normal].map(|values| values.each_ref().map(|list| group(list, start)));
+                let others = [groups(position, start), groups(normal, start)];
                 let angles = angle_codes(point, others);
                 let colours =
                     colour_codes(ratios, self.channels.map(|channel| group(channel, start)), &angles);
@@ -65,6 +64,18 @@ impl NullaryFnOnce for PairCodes<'_> {
             }
         }
     }
+}
+
+/// x, y, z of one point. Without `array::map`, which compilers make a function of its own here, for the baseline.
+#[inline(always)]
+fn of_point([x, y, z]: &[Vec<f32>; 3], point: usize) -> [f32; 3] {
+    [x[point], y[point], z[point]]
+}
+
+/// As [`of_point`], of the points from `start` on.
+#[inline(always)]
+fn groups([x, y, z]: &[Vec<f32>; 3], start: usize) -> [&[f32; GROUP]; 3] {
+    [group(x, start), group(y, start), group(z, start)]
 }
 
 /// Codes of one point's angles with a group of others.
