@@ -5,10 +5,11 @@ use std::collections::BTreeMap;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-use crate::distance::{LANES, SetDistance, Transposed};
+use crate::distance::SetDistance;
 use crate::pruning::{PrunedDatabase, Scratch};
 use crate::recognise::{Hit, Label, Match, RecogniseError};
 use crate::signature::{Signature, Signatures};
+use crate::transposed::{LANES, Transposed};
 
 /// Databases of fewer clouds are always matched in full, in 0.1 ms or so.
 const PRUNED_FROM: usize = 4000;
@@ -80,8 +81,7 @@ impl Database {
     pub fn ranking(&self, query: &[Signature], most: usize) -> Vec<Hit> {
         let pruned = if most <= MOST { self.pruned() } else { None };
         let Some(pruned) = pruned else { return self.ranking_by(&self.distances(query), most) };
-        let query: Vec<[&[f32]; 2]> =
-            query.iter().map(|Signature { centroid, deviation }| [&centroid[..], deviation]).collect();
+        let query: Vec<[&[f32]; 2]> = query.iter().map(Signature::parts).collect();
         pruned.ranking(&query, most, &mut Scratch::default()).hits
     }
 

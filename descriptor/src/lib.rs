@@ -85,8 +85,10 @@ pub mod pruning;
 pub mod recognise;
 pub mod recogniser;
 pub mod rgbd;
+mod set_distance;
 pub mod signature;
 pub mod signature_bytes;
+mod transposed;
 mod vector_metric;
 pub mod weigh;
 

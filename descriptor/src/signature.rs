@@ -15,6 +15,11 @@ pub struct Signature {
 }
 
 impl Signature {
+    /// Centroid and deviation.
+    pub(crate) fn parts(&self) -> [&[f32]; 2] {
+        [&self.centroid, &self.deviation]
+    }
+
     /// Of rows of `width` values that lie one after the other. Sums run in f64 in the order of the rows, the deviation
     /// in a second pass about the unrounded mean.
     pub fn of_rows(rows: &[f32], width: usize) -> Self {

@@ -74,8 +74,8 @@ impl Surface {
     /// Whether no point of a block has d² ≤ `reach2`. Rounds like the distances of points, so that it errs only towards
     /// looking: differences and squares never decrease with the distance along an axis, however they round.
     ///
-    /// Kernels ask this of each block, for which it has no closures: compilers make those of iterators and of
-    /// `array::map` functions of their own, for the baseline.
+    /// Kernels ask this of each block. It has no closures: compilers do not always inline those of iterators and of
+    /// `array::map` into a kernel, and compile them for the baseline.
     #[inline(always)]
     pub(crate) fn is_out_of_reach(&self, block: usize, centre: [f32; 3], reach2: f32) -> bool {
         let [low, high] = &self.boxes[block];

@@ -4,6 +4,8 @@ use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
 
+use polars::prelude::{DataFrame, IntoColumn, NamedFrom, Series};
+
 use crate::checks::{check_best, check_cell, check_grid};
 use crate::columns::GeneColumn;
 use crate::error::Error;
@@ -11,11 +13,11 @@ use crate::file::{names, sync_folder, write_whole};
 use crate::folder::{open_tables, opening};
 use crate::parquet;
 use crate::read::{expect_one_row, read_file, read_file_if_any};
-use crate::record::{Context, Value};
+use crate::record::{Context, Value, gene_cells};
 use crate::table_name::TableName;
-use crate::tables::Table;
 use crate::tables::grid::{BestRow, CellPoints, CellRow, CountRow, GridRow, GridTables};
 use crate::tables::log::EventRow;
+use crate::tables::{Table, TableFile};
 
 /// A grid folder that this process writes to. No other process can open it while this value lives.
 ///
@@ -48,16 +50,26 @@ impl GridFolder {
     /// Writes the cell of that name, `cell-<name>.parquet`, over a former one if there is one.
     pub fn write_cell(&self, name: &str, points: &CellPoints) -> Result<(), Error> {
         check_cell(&self.genes, points)?;
-        let row = |(index, &object_correct): (usize, &u32)| CellRow {
-            genes: points.genes.iter().map(|values| values[index]).collect(),
-            object_correct,
+        // A grid has millions of descriptors, too many for a row struct each: one row gives the columns in which all agree,
+        // and the others are put in whole.
+        let shared = CellRow {
+            genes: vec![None; self.genes.len()],
+            object_correct: 0,
             worker_id: points.worker_id.clone(),
             principal: points.principal.clone(),
             seconded: points.seconded.clone(),
             basis: points.basis.clone(),
         };
-        let rows: Vec<_> = points.object_correct.iter().enumerate().map(row).collect();
-        self.write(TableName::Cells, &rows, 0, &cell_file(name))
+        let mut cell = Table::new(TableName::Cells, &self.genes)?.filled(&[shared], Context::default())?;
+        let height = points.object_correct.len();
+        let repeated = cell.frame.columns().iter().map(|column| column.new_from_index(0, height));
+        cell.frame = DataFrame::new(height, repeated.collect())?;
+        for (gene, values) in self.genes.iter().zip(&points.genes) {
+            cell.frame.replace(&gene.name, gene_cells("", gene, values)?)?;
+        }
+        let counts = Series::new("object_correct".into(), &points.object_correct);
+        cell.frame.replace("object_correct", counts.into_column())?;
+        self.write_file(cell, &cell_file(name))
     }
 
     /// Removes the cell of that name, if there is one.
@@ -131,9 +143,12 @@ impl GridFolder {
     }
 
     fn write<R: Value>(&self, table: TableName, rows: &[R], queries: u32, name: &str) -> Result<(), Error> {
-        let file = self.folder.join(table.as_str()).join(name);
         let context = Context { queries, ..Context::default() };
-        let rows = Table::new(table, &self.genes)?.filled(rows, context)?;
+        self.write_file(Table::new(table, &self.genes)?.filled(rows, context)?, name)
+    }
+
+    fn write_file(&self, rows: TableFile, name: &str) -> Result<(), Error> {
+        let file = self.folder.join(rows.table.name.as_str()).join(name);
         let bytes = parquet::encode(&rows.table, rows.frame, &file)?;
         write_whole(&file, &bytes)
     }

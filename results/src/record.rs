@@ -273,6 +273,12 @@ impl Value for [f64; 2] {
     }
 }
 
+/// Values of one gene, in its unit, one a row.
+pub(crate) fn gene_cells(prefix: &str, gene: &GeneColumn, values: &[Option<f64>]) -> Result<Cells, Error> {
+    let column = gene.column(prefix);
+    Ok(Series::new(column.key(), values).cast(&column.kind.data_type())?.into_column())
+}
+
 /// Values of the genes, in their units and in the order of the gene columns; `None` for a gene that is not used.
 impl Value for Vec<Option<f64>> {
     fn columns(field: &Field, genes: &[GeneColumn]) -> Vec<Column> {
@@ -281,10 +287,8 @@ impl Value for Vec<Option<f64>> {
 
     fn cells(name: &str, context: &Context, values: &[Option<&Self>]) -> Result<Vec<Cells>, Error> {
         let gene = |(index, gene): (usize, &GeneColumn)| {
-            let column = gene.column(name);
             let values = values.iter().map(|genes| genes.and_then(|genes| *genes.get(index)?));
-            let cells = Series::new(column.key(), values.collect::<Vec<_>>());
-            Ok(cells.cast(&column.kind.data_type())?.into_column())
+            gene_cells(name, gene, &values.collect::<Vec<_>>())
         };
         context.genes.iter().enumerate().map(gene).collect()
     }

@@ -25,10 +25,11 @@
 
 use std::ops::Range;
 
-use crate::distance::{LANES, SetDistance, Transposed};
+use crate::distance::SetDistance;
 use crate::pruning::gathered::{CHUNK, ROWS, add_gathered, factor};
 use crate::pruning::groups::{Channel, Groups};
 use crate::signature::Signatures;
+use crate::transposed::{LANES, Transposed};
 
 /// Unit of rounding of f32.
 const UNIT: f64 = 1.0 / 16_777_216.0;

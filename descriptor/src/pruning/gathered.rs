@@ -4,7 +4,7 @@ use std::marker::PhantomData;
 
 use pulp::NullaryFnOnce;
 
-use crate::distance::{ChiSquared, Hellinger, L1, SetDistance, Terms};
+use crate::set_distance::{ChiSquared, Hellinger, L1, SetDistance, Terms};
 use crate::wide::widest;
 
 /// Clouds that are compared with a query at once: so many sums wait for their next term together.

@@ -6,9 +6,10 @@ use std::marker::PhantomData;
 use pulp::NullaryFnOnce;
 use rand::RngExt;
 
-use crate::distance::{ChiSquared, Hellinger, L1, LANES, SetDistance, Terms};
 use crate::random::stream;
+use crate::set_distance::{ChiSquared, Hellinger, L1, SetDistance, Terms};
 use crate::signature::Signatures;
+use crate::transposed::LANES;
 use crate::wide::widest;
 
 /// Pairs of clouds on which losses are measured, a multiple of [`LANES`].

@@ -18,12 +18,13 @@ use std::borrow::Cow;
 
 use rayon::prelude::*;
 
-use crate::distance::{LANES, SetDistance};
+use crate::distance::SetDistance;
 use crate::pruning::bounds::{Bounds, Query};
 use crate::pruning::gathered::{CHUNK, ROWS, add_gathered, factor};
 use crate::pruning::ranking::Nearest;
 use crate::recognise::{Hit, Label, Match, RecogniseError};
 use crate::signature::Signatures;
+use crate::transposed::LANES;
 
 /// Reference clouds under one descriptor, with lower bounds of the distances to them.
 ///

@@ -2,7 +2,7 @@
 
 use pulp::NullaryFnOnce;
 
-use crate::distance::LANES;
+use crate::transposed::LANES;
 use crate::wide::widest;
 
 /// Of the clouds of objects other than these the one with the least bound in each lane, those with lesser bounds first; none

@@ -5,13 +5,14 @@ use std::borrow::Cow;
 use proptest::prelude::*;
 use rand::RngExt;
 
-use crate::distance::{DistanceMatrix, LANES, SetDistance, set_distances};
+use crate::distance::{DistanceMatrix, SetDistance, set_distances};
 use crate::pruning::gathered::ROWS;
 use crate::pruning::{PrunedDatabase, Ranked, Scratch};
 use crate::random::stream;
 use crate::recognise::{Hit, Label, Match, RecogniseError, recognise_from};
 use crate::signature::{Signature, Signatures};
 use crate::testing::unit;
+use crate::transposed::LANES;
 
 /// Lengths of a centroid and of a deviation, a metric and a weight.
 type Channel = ([usize; 2], SetDistance, f64);

@@ -116,7 +116,7 @@ impl LearnedRecogniser {
     /// # Panics
     /// As [`LearnedRecogniser::recognise`].
     pub fn ranking(&self, query: &[Signature], distances: impl FnOnce() -> Vec<f64>) -> Vec<Hit> {
-        let parts = query.iter().map(|Signature { centroid, deviation }| [&centroid[..], deviation]);
+        let parts = query.iter().map(Signature::parts);
         self.votes(parts, distances).into_iter().map(hit).collect()
     }
 

@@ -4,8 +4,9 @@ use std::cmp::Ordering;
 
 use rayon::prelude::*;
 
-use crate::distance::{DistanceMatrix, LANES, SetDistance, Transposed};
+use crate::distance::{DistanceMatrix, SetDistance};
 use crate::signature::Signatures;
+use crate::transposed::{LANES, Transposed};
 
 /// One distance in so many lies below the scale.
 const ONE_IN: usize = 20;

@@ -6,7 +6,9 @@ use std::time::{Duration, SystemTime};
 use tempfile::tempdir;
 
 use super::fixture::{self, frame};
+use crate::read::read_file_if_any;
 use crate::record::Context;
+use crate::tables::Table;
 use crate::tables::grid::CellRow;
 use crate::*;
 
@@ -108,6 +110,34 @@ fn cells_and_tables_are_read_as_they_were_written() {
     assert_eq!(error("best_object_error"), Some(0.0));
     assert_eq!(error("mean_object_error"), Some(3.0 / 9.0));
     assert_eq!(error("worst_object_error"), Some(6.0 / 9.0));
+}
+
+/// A cell's file has what rows would have given it.
+#[test]
+fn the_columns_of_a_cell_are_those_of_its_rows() {
+    let folder = tempdir().unwrap();
+    let grid = GridFolder::create(folder.path(), &fixture::genes()).unwrap();
+    let by_nobody = CellPoints { worker_id: None, principal: None, seconded: None, basis: None, ..points() };
+    let empty = CellPoints { genes: vec![Vec::new(); 4], object_correct: Vec::new(), ..points() };
+    for (number, points) in [points(), by_nobody, empty].into_iter().enumerate() {
+        let row = |(index, &object_correct): (usize, &u32)| CellRow {
+            genes: points.genes.iter().map(|values| values[index]).collect(),
+            object_correct,
+            worker_id: points.worker_id.clone(),
+            principal: points.principal.clone(),
+            seconded: points.seconded.clone(),
+            basis: points.basis.clone(),
+        };
+        let rows: Vec<CellRow> = points.object_correct.iter().enumerate().map(row).collect();
+        let table = Table::new(TableName::Cells, &fixture::genes()).unwrap();
+        let expected = table.filled(&rows, Context::default()).unwrap();
+        let name = number.to_string();
+        grid.write_cell(&name, &points).unwrap();
+        let file = folder.path().join("cells").join(format!("cell-{name}.parquet"));
+        let found = read_file_if_any(&file, TableName::Cells).unwrap().unwrap();
+        assert_eq!(found.frame.schema(), expected.frame.schema());
+        assert!(found.frame.equals_missing(&expected.frame), "{} is not {}", found.frame, expected.frame);
+    }
 }
 
 #[test]

@@ -121,7 +121,7 @@ fn grid_count(times: u32) {
     let signatures = cell.signatures(&quantised(24, &quantiser));
     let labels: Vec<Label> = (0..24).map(|instance| Label { category: 0, instance }).collect();
     repeat(times, || {
-        drop(black_box(cell.object_correct(&signatures, &labels, &signatures, &labels).unwrap()));
+        drop(black_box(cell.object_correct(None, &signatures, &labels, &signatures, &labels).unwrap()));
     });
 }
 

@@ -128,7 +128,13 @@ impl Block<'_> {
         let cell = Cell::part(quantiser, radii, shape_bins, colour_bins).unwrap();
         let signatures = |split: &Picked| cell.signatures(&split.clouds);
         let counts = cell
-            .object_correct(&signatures(queries), &queries.labels, &signatures(database), &database.labels)
+            .object_correct(
+                None,
+                &signatures(queries),
+                &queries.labels,
+                &signatures(database),
+                &database.labels,
+            )
             .unwrap();
         assert_eq!(counts.len(), shape_bins.len() * colour_bins.len() * weights.len());
 

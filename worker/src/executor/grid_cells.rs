@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use descriptor::grid::{Cell, CellSignatures, Region, RegionSignatures};
+use descriptor::grid::{Cell, CellSignatures, DiskDistances, Region, RegionSignatures};
 use descriptor::{ChannelError, Family, PreparedCloud};
 use proto::task::GridCell;
 
@@ -24,12 +24,44 @@ impl Executor {
         let cell = Arc::new(Cell::new(quantiser, disk_um, ring_um).map_err(ChannelError::from)?);
         let query = self.manifests(&task.query).await?;
         let database = self.manifests(&task.database).await?;
+        cache.disks().retain(disk_um);
         let queries = self.cell_signatures(cache, &cell, &query).await?;
         let entries = self.cell_signatures(cache, &cell, &database).await?;
+        let signatures = Arc::new([queries, entries]);
+        let disks = self.disk_distances(cache, &cell, task, &signatures).await;
         self.matcher.loader.work().cells += 1;
         let labels = [labels(&query), labels(&database)];
-        let count = move || cell.object_correct(&queries, &labels[0], &entries, &labels[1]);
+        let count = move || {
+            let [queries, entries] = &*signatures;
+            cell.object_correct(disks.as_deref(), queries, &labels[0], entries, &labels[1])
+        };
         Ok(self.matcher.loader.computing.run(count).await?)
+    }
+
+    /// What the disks contribute to all distances; `None` if there is no room to keep it.
+    async fn disk_distances(
+        &self,
+        cache: &Arc<PreparationCache>,
+        cell: &Arc<Cell>,
+        task: &GridCell,
+        signatures: &Arc<[Vec<CellSignatures>; 2]>,
+    ) -> Option<Arc<DiskDistances>> {
+        let (disk_um, splits) = (cell.disk_um(), [task.query.clone(), task.database.clone()]);
+        let [queries, entries] = signatures.each_ref().map(Vec::len);
+        let bytes = DiskDistances::bytes(cell, queries, entries);
+        {
+            let kept = cache.disks();
+            let distances = kept.distances(disk_um, &splits);
+            if distances.is_some() || !kept.admits(disk_um, bytes) {
+                return distances;
+            }
+        }
+        let (cell, signatures) = (Arc::clone(cell), Arc::clone(signatures));
+        let compute = move || DiskDistances::new(&cell, &signatures[0], &signatures[1]);
+        let distances = Arc::new(self.matcher.loader.computing.run(compute).await);
+        cache.disks().keep_distances(disk_um, splits, &distances, bytes);
+        self.matcher.loader.work().disks_compared += 1;
+        Some(distances)
     }
 
     /// All signatures of some splits for one cell, one split after the other.
@@ -42,11 +74,12 @@ impl Executor {
         let (loader, disk_um) = (&self.matcher.loader, cell.disk_um());
         let mut signatures = Vec::new();
         for manifest in manifests {
-            let (disks, cell) = (cache.disks(manifest.digest, disk_um), Arc::clone(cell));
+            let disks = cache.disks().of_split(disk_um, manifest.digest);
+            let (describing, joining) = (Arc::clone(cell), Arc::clone(cell));
             let wanted = if disks.is_some() { &[Region::Ring][..] } else { &[Region::Ring, Region::Disk] };
             let describe = move |clouds: &[Arc<PreparedCloud>]| -> Vec<Vec<RegionSignatures>> {
                 let quantised: Vec<_> = clouds.iter().filter_map(|cloud| cloud.quantised()).collect();
-                wanted.iter().map(|&region| cell.describe(region, &quantised)).collect()
+                wanted.iter().map(|&region| describing.describe(region, &quantised)).collect()
             };
             let [mut rings, mut described] = [const { Vec::new() }; 2];
             for batch in loader.stream(cache, manifest, describe).await? {
@@ -56,11 +89,11 @@ impl Executor {
             }
             let disks = disks.unwrap_or_else(|| {
                 let disks = Arc::new(described);
-                cache.keep_disks(manifest.digest, disk_um, &disks);
+                cache.disks().keep_split(disk_um, manifest.digest, &disks);
                 disks
             });
             loader.work().disks_described += u64::from(wanted.len() > 1);
-            signatures.extend(loader.computing.run(move || CellSignatures::join(&disks, &rings)).await);
+            signatures.extend(loader.computing.run(move || joining.join(&disks, &rings)).await);
         }
         Ok(signatures)
     }

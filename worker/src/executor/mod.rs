@@ -7,6 +7,7 @@ mod computing;
 pub(crate) mod decoded;
 mod error;
 mod grid_cells;
+mod kept_disks;
 pub(crate) mod manifest;
 mod matching;
 mod preparation_cache;

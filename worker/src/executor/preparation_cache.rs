@@ -4,11 +4,11 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use cache::ByteSize;
-use descriptor::grid::RegionSignatures;
 use descriptor::{Preparation, PreparedCloud, Preparer, QuantiseError, cloud_file};
 use proto::Digest;
 
 use crate::executor::error::EvaluationError;
+use crate::executor::kept_disks::KeptDisks;
 use crate::executor::manifest::Listed;
 use crate::prepared_cloud::prepared_cloud_key;
 
@@ -16,9 +16,9 @@ use crate::prepared_cloud::prepared_cloud_key;
 const GROWTH: usize = 16;
 /// More at once than this does not make batches faster, bytes.
 const LARGEST_BATCH: usize = 64 << 20;
-/// Most that is kept for the next cell of a grid, bytes: the disks within R1 of five thousand clouds, in the paper's search
-/// space.
-const LARGEST_DISKS: usize = 64 << 20;
+/// Most that is kept for the next cell of a grid, bytes: in the paper's search space, the disks within R1 of fourteen hundred
+/// clouds and what they add to the distances of one half of the clouds to the other.
+const LARGEST_DISKS: usize = 256 << 20;
 /// More signatures and distances than this are hardly ever asked for again, bytes: those of some hundred channels, a few
 /// generations of structures, of a thousand clouds.
 const LARGEST_REUSE: usize = 2 << 30;
@@ -40,7 +40,7 @@ impl Shares {
             clouds: 12 * sixteenth,
             reuse: (3 * sixteenth).min(LARGEST_REUSE),
             batch: sixteenth.min(LARGEST_BATCH),
-            disks: (sixteenth / 2).min(LARGEST_DISKS),
+            disks: sixteenth.min(LARGEST_DISKS),
         }
     }
 }
@@ -51,19 +51,7 @@ pub struct PreparationCache {
     /// Prepares clouds for the preparation's search space.
     pub preparer: Preparer,
     clouds: Mutex<Clouds>,
-    disks: Mutex<Disks>,
-}
-
-/// The disks of a split's clouds, in their order, under all descriptors with one R1.
-pub type SplitDisks = Arc<Vec<RegionSignatures>>;
-
-/// Disks with the R1 of the last grid cell: admitted until they fill their share. Cells go through all splits in turn.
-struct Disks {
-    capacity: usize,
-    /// R1, micrometres.
-    disk_um: u32,
-    bytes: usize,
-    of_split: HashMap<Digest, SplitDisks>,
+    disks: Mutex<KeptDisks>,
 }
 
 impl PreparationCache {
@@ -76,12 +64,7 @@ impl PreparationCache {
         Ok(Self {
             preparation: preparation.clone(),
             clouds: Mutex::new(Clouds::new(if preparer.is_kept() { shares.clouds } else { 0 }, shares.batch)),
-            disks: Mutex::new(Disks {
-                capacity: shares.disks,
-                disk_um: 0,
-                bytes: 0,
-                of_split: HashMap::new(),
-            }),
+            disks: Mutex::new(KeptDisks::new(shares.disks)),
             preparer,
         })
     }
@@ -107,23 +90,9 @@ impl PreparationCache {
         prepared.map_err(|error| failed(error.to_string()))
     }
 
-    /// The disks of a split with this R1, micrometres, if they are kept.
-    pub fn disks(&self, manifest: Digest, disk_um: u32) -> Option<SplitDisks> {
-        let disks = self.disks.lock().unwrap_or_else(PoisonError::into_inner); // entries are inserted whole
-        disks.of_split.get(&manifest).filter(|_| disks.disk_um == disk_um).cloned()
-    }
-
-    /// Keeps the disks of a split if there is room for them, and none with another R1.
-    pub fn keep_disks(&self, manifest: Digest, disk_um: u32, of_split: &SplitDisks) {
-        let bytes: usize = of_split.iter().map(RegionSignatures::bytes).sum();
-        let mut disks = self.disks.lock().unwrap_or_else(PoisonError::into_inner);
-        if disks.disk_um != disk_um {
-            *disks = Disks { capacity: disks.capacity, disk_um, bytes: 0, of_split: HashMap::new() };
-        }
-        if disks.bytes + bytes <= disks.capacity && !disks.of_split.contains_key(&manifest) {
-            disks.bytes += bytes;
-            disks.of_split.insert(manifest, Arc::clone(of_split));
-        }
+    /// What is kept for the next cell of a grid.
+    pub fn disks(&self) -> MutexGuard<'_, KeptDisks> {
+        self.disks.lock().unwrap_or_else(PoisonError::into_inner) // entries are inserted whole
     }
 
     /// The clouds in memory.

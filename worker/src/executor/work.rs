@@ -21,6 +21,8 @@ pub struct Work {
     pub pruned: u64,
     /// Splits whose disks were described for grid cells.
     pub disks_described: u64,
+    /// Grid cells whose disk distances were computed, to be kept for others.
+    pub disks_compared: u64,
     /// Grid cells computed.
     pub cells: u64,
 }

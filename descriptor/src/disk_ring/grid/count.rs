@@ -4,28 +4,28 @@ use pulp::bytemuck::cast_slice;
 use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
+use super::distances::{DiskDistances, DistanceRows, TILE};
 use super::{Cell, CellSignatures};
 use crate::disk_ring::signature::weighted;
-use crate::distance::{LANES, Transposed};
 use crate::recognise::{Label, RecogniseError};
 use crate::select::{NUMBERS, pack};
-use crate::signature::{Signature, Signatures};
+use crate::transposed::LANES;
 use crate::wide::widest;
-
-/// Queries whose distances are held at once by a thread: the database, transposed, is gone through once for all of them.
-const TILE: usize = 16;
 
 impl Cell {
     /// How many queries every descriptor of the cell recognises (object), in the order shape_bins, m, w, w fastest;
-    /// computed by the current rayon pool.
+    /// computed by the current rayon pool. With the disk distances of these clouds under a cell with the same R1 and the same
+    /// values, about half of the terms are left to add up.
     ///
     /// # Errors
     /// [`RecogniseError::EmptyDatabase`] if there are queries but no cloud to match with.
     ///
     /// # Panics
-    /// If there is not one label for each cloud: a programming error.
+    /// If there is not one label for each cloud, or the disk distances are of other cells or of fewer or more clouds: a
+    /// programming error.
     pub fn object_correct(
         &self,
+        disks: Option<&DiskDistances>,
         queries: &[CellSignatures],
         query_labels: &[Label],
         database: &[CellSignatures],
@@ -36,19 +36,19 @@ impl Cell {
         if database.is_empty() && !queries.is_empty() {
             return Err(RecogniseError::EmptyDatabase);
         }
-        let transposed = |of: fn(&CellSignatures) -> &[Signature], count: usize| -> Vec<Transposed> {
-            let all = |value: usize| database.iter().map(|cloud| &of(cloud)[value]).collect::<Signatures>();
-            (0..count).into_par_iter().map(|value| Transposed::new(&all(value))).collect()
-        };
-        let shape = transposed(|cloud| &cloud.shape, self.shape.len());
-        let colour = transposed(|cloud| &cloud.colour, self.colour.len());
+        if let Some(disks) = disks {
+            assert!(disks.are_of(self, queries.len(), database.len()), "disk distances of another cell");
+        }
+        let transposed = self.transposed(database);
         let weights = Weights::new(&self.weights);
-        let tiles = queries.par_chunks(TILE).zip(query_labels.par_chunks(TILE));
+        let tiles = queries.par_chunks(TILE).zip(query_labels.par_chunks(TILE)).enumerate();
         let counts = tiles.fold(
             || vec![0u32; self.descriptors()],
-            |mut counts, (queries, labels)| {
-                let shape = Rows::new(&shape, queries, database.len(), |cloud| &cloud.shape);
-                let colour = Rows::new(&colour, queries, database.len(), |cloud| &cloud.colour);
+            |mut counts, (tile, (queries, labels))| {
+                let disks = disks.map(|disks| disks.of(tile * TILE..tile * TILE + queries.len()));
+                let [shape, colour] = [0, 1].map(|channel| {
+                    DistanceRows::new(self, channel, &transposed[channel], disks, queries, database.len())
+                });
                 for (query, label) in labels.iter().enumerate() {
                     let shows_object: Vec<bool> =
                         database_labels.iter().map(|other| other.instance == label.instance).collect();
@@ -63,39 +63,6 @@ impl Cell {
             all
         };
         Ok(counts.reduce(|| vec![0; self.descriptors()], add))
-    }
-}
-
-/// Distances of a tile's queries under every value of one gene.
-struct Rows {
-    /// Values of the gene.
-    count: usize,
-    /// Blocks of one query's row, whose last is filled up with infinities: distances are finite.
-    blocks: usize,
-    values: Vec<[f32; LANES]>,
-}
-
-impl Rows {
-    fn new(
-        database: &[Transposed],
-        queries: &[CellSignatures],
-        columns: usize,
-        of: fn(&CellSignatures) -> &[Signature],
-    ) -> Self {
-        let (count, blocks) = (database.len(), columns.div_ceil(LANES));
-        let mut values = vec![[0.0; LANES]; count * TILE * blocks];
-        for (value, database) in database.iter().enumerate() {
-            for (query, row) in queries.iter().zip(values[value * TILE * blocks..].chunks_exact_mut(blocks)) {
-                let Signature { centroid, deviation } = &of(query)[value];
-                database.distances([centroid, deviation], row);
-                row.as_flattened_mut()[columns..].fill(f32::INFINITY);
-            }
-        }
-        Self { count, blocks, values }
-    }
-
-    fn row(&self, value: usize, query: usize) -> &[[f32; LANES]] {
-        &self.values[(value * TILE + query) * self.blocks..][..self.blocks]
     }
 }
 
@@ -151,8 +118,8 @@ struct Candidate {
 /// shape, the nearest in colour, and, so that few candidates are left, those that were the nearest for some w in between
 /// under an earlier shape_bins.
 struct Count<'a> {
-    shape: &'a Rows,
-    colour: &'a Rows,
+    shape: &'a DistanceRows,
+    colour: &'a DistanceRows,
     query: usize,
     /// Whether each cloud of the database shows the query's object.
     shows_object: &'a [bool],

@@ -5,9 +5,13 @@
 //! is bit for bit what the evaluator counts for each descriptor alone.
 
 mod count;
+mod distances;
 mod signatures;
 
+pub use distances::DiskDistances;
 pub use signatures::{CellSignatures, Region, RegionSignatures};
+
+use std::ops::Range;
 
 use crate::bytes::{self, BytesError, Reader};
 use crate::disk_ring::quantise::{Binning, QuantiseError, Quantiser};
@@ -38,6 +42,8 @@ pub struct Cell {
     shape: Vec<Binning>,
     /// One a value of m (without colour one of 0), with the lowest value of shape_bins.
     colour: Vec<Binning>,
+    /// For all of `shape`, and for all of `colour`, where each one's bins lie among those of all, in one region.
+    bins: [Vec<Range<usize>>; 2],
     /// The first angle class of each bin, for all of `shape` one after the other.
     first_angle: Vec<u16>,
     /// All values of w, 0 to 1.
@@ -82,10 +88,16 @@ impl Cell {
         let weight = |ppm| parameters(0, 0, ppm).shape_weight();
         let shape: Vec<Binning> =
             shape_bins.iter().map(|&n| binning(n, colour_bins[0])).collect::<Result<_, _>>()?;
+        let colour: Vec<Binning> =
+            colour_bins.iter().map(|&m| binning(shape_bins[0], m)).collect::<Result<_, _>>()?;
         Ok(Self {
+            bins: [
+                consecutive_ranges(shape.iter().map(Binning::shape_bins)),
+                consecutive_ranges(colour.iter().map(Binning::colour_bins)),
+            ],
             first_angle: shape.iter().flat_map(Binning::first_angles).collect(),
             shape,
-            colour: colour_bins.iter().map(|&m| binning(shape_bins[0], m)).collect::<Result<_, _>>()?,
+            colour,
             weights: values(quantiser, GeneKind::ShapeWeight).into_iter().map(weight).collect(),
             classes: quantiser.classes(),
         })
@@ -100,6 +112,17 @@ impl Cell {
     pub fn descriptors(&self) -> usize {
         self.shape.len() * self.colour.len() * self.weights.len()
     }
+}
+
+/// Consecutive ranges of these lengths, from 0 on.
+fn consecutive_ranges(lengths: impl Iterator<Item = usize>) -> Vec<Range<usize>> {
+    let mut end = 0;
+    let range = |length| {
+        let start = end;
+        end += length;
+        start..end
+    };
+    lengths.map(range).collect()
 }
 
 /// All values of a gene; 0 where the table is without it.

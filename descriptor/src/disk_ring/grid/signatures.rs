@@ -25,50 +25,30 @@ pub enum Region {
 /// One region of a cloud under all descriptors of a cell. That of the disk depends on R1 and not on R2.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RegionSignatures {
-    /// One a value of shape_bins.
-    shape: Vec<Signature>,
-    /// One a value of m.
-    colour: Vec<Signature>,
+    /// Of shape the signature that has the bins of all values of shape_bins, of colour that of all values of m: value
+    /// after value, as [`Cell`] has them.
+    parts: [Signature; 2],
 }
 
 /// One cloud under all descriptors of a cell.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CellSignatures {
-    /// One a value of shape_bins.
-    pub(super) shape: Vec<Signature>,
-    /// One a value of m.
-    pub(super) colour: Vec<Signature>,
+    /// As in [`RegionSignatures`]; of each value the disk's bins, then the ring's.
+    pub(super) parts: [Signature; 2],
 }
 
 impl RegionSignatures {
     /// Memory that they take, bytes.
     pub fn bytes(&self) -> usize {
-        let all = || self.shape.iter().chain(&self.colour);
-        let values: usize = all().map(|one| one.centroid.len() + one.deviation.len()).sum();
-        size_of::<Self>() + all().count() * size_of::<Signature>() + values * size_of::<f32>()
+        let values: usize = self.parts.iter().map(|one| one.centroid.len() + one.deviation.len()).sum();
+        size_of::<Self>() + values * size_of::<f32>()
     }
 }
 
 impl CellSignatures {
-    /// Clouds of which both regions are described.
-    ///
-    /// # Panics
-    /// If there are not as many disks as rings, or they are of cells with different descriptors: a programming error.
-    pub fn join(disks: &[RegionSignatures], rings: &[RegionSignatures]) -> Vec<Self> {
-        assert_eq!(disks.len(), rings.len(), "disks and rings of different clouds");
-        let both = |[disks, rings]: [&[Signature]; 2]| -> Vec<Signature> {
-            assert_eq!(disks.len(), rings.len(), "disks and rings of different descriptors");
-            let both = disks.iter().zip(rings).map(|(disk, ring)| Signature {
-                centroid: [&disk.centroid[..], &ring.centroid].concat(),
-                deviation: [&disk.deviation[..], &ring.deviation].concat(),
-            });
-            both.collect()
-        };
-        let joined = disks.par_iter().zip(rings).map(|(disk, ring)| Self {
-            shape: both([&disk.shape, &ring.shape]),
-            colour: both([&disk.colour, &ring.colour]),
-        });
-        joined.collect()
+    /// Centroid and deviation of shape (0) or colour (1) under the value whose bins of one region lie in this range.
+    pub(super) fn of_value(&self, channel: usize, bins: &Range<usize>) -> [&[f32]; 2] {
+        self.parts[channel].parts().map(|all| &all[2 * bins.start..2 * bins.end])
     }
 }
 
@@ -80,7 +60,35 @@ impl Cell {
     /// As [`Cell::describe`].
     pub fn signatures<C: Borrow<QuantisedCloud> + Sync>(&self, clouds: &[C]) -> Vec<CellSignatures> {
         let [disks, rings] = [Region::Disk, Region::Ring].map(|region| self.describe(region, clouds));
-        CellSignatures::join(&disks, &rings)
+        self.join(&disks, &rings)
+    }
+
+    /// Clouds of which both regions are described.
+    ///
+    /// # Panics
+    /// If there are not as many disks as rings, or they are of cells with other descriptors: a programming error.
+    pub fn join(&self, disks: &[RegionSignatures], rings: &[RegionSignatures]) -> Vec<CellSignatures> {
+        assert_eq!(disks.len(), rings.len(), "disks and rings of different clouds");
+        let both = |bins: &[Range<usize>], disk: &[f32], ring: &[f32]| -> Vec<f32> {
+            let width = width(bins);
+            assert_eq!([disk.len(), ring.len()], [width; 2], "disks and rings of other descriptors");
+            let mut values = Vec::with_capacity(2 * width);
+            for bins in bins {
+                values.extend_from_slice(&disk[bins.clone()]);
+                values.extend_from_slice(&ring[bins.clone()]);
+            }
+            values
+        };
+        let joined = disks.par_iter().zip(rings).map(|(disk, ring)| CellSignatures {
+            parts: [0, 1].map(|channel| {
+                let (bins, disk, ring) = (&self.bins[channel], &disk.parts[channel], &ring.parts[channel]);
+                Signature {
+                    centroid: both(bins, &disk.centroid, &ring.centroid),
+                    deviation: both(bins, &disk.deviation, &ring.deviation),
+                }
+            }),
+        });
+        joined.collect()
     }
 
     /// One region of clouds, in their order, computed by the current rayon pool. The disk's serves all cells with the same R1
@@ -93,32 +101,38 @@ impl Cell {
         region: Region,
         clouds: &[C],
     ) -> Vec<RegionSignatures> {
-        let of_cloud = |room: &mut Room, cloud: &C| self.describe_one(region, cloud.borrow(), room);
-        clouds.par_iter().map_init(Room::default, of_cloud).collect()
+        let of_cloud = |scratch: &mut Scratch, cloud: &C| self.describe_one(region, cloud.borrow(), scratch);
+        clouds.par_iter().map_init(Scratch::default, of_cloud).collect()
     }
 
-    fn describe_one(&self, region: Region, cloud: &QuantisedCloud, room: &mut Room) -> RegionSignatures {
+    fn describe_one(
+        &self,
+        region: Region,
+        cloud: &QuantisedCloud,
+        scratch: &mut Scratch,
+    ) -> RegionSignatures {
         assert_eq!(*cloud.digest(), self.shape[0].digest, "cloud and cell of different quantisers");
         let regions = cloud.regions([self.shape[0].disk, self.shape[0].ring]).into_iter();
         let regions: Vec<Range<usize>> = regions.map(|[disk, ring]| region.of(disk, ring)).collect();
         let [angle_classes, colour_classes] = self.classes;
-        RegionSignatures {
-            shape: widest(Shapes {
-                angles: &cloud.angles,
-                classes: angle_classes,
-                first: &self.first_angle,
-                regions: &regions,
-                binnings: &self.shape,
-                room,
-            }),
-            colour: widest(Colours {
-                colours: &cloud.colours,
-                classes: colour_classes,
-                regions: &regions,
-                binnings: &self.colour,
-                room,
-            }),
-        }
+        let [shape_bins, colour_bins] = &self.bins;
+        let shape = widest(Shapes {
+            angles: &cloud.angles,
+            classes: angle_classes,
+            first: &self.first_angle,
+            regions: &regions,
+            bins: shape_bins,
+            scratch,
+        });
+        let colour = widest(Colours {
+            colours: &cloud.colours,
+            classes: colour_classes,
+            regions: &regions,
+            binnings: &self.colour,
+            bins: colour_bins,
+            scratch,
+        });
+        RegionSignatures { parts: [shape, colour] }
     }
 }
 
@@ -131,8 +145,13 @@ impl Region {
     }
 }
 
+/// Bins of all histograms together.
+fn width(bins: &[Range<usize>]) -> usize {
+    bins.last().map_or(0, |bins| bins.end)
+}
+
 /// Memory for one cloud after the other: a processor would spend much of its time on clearing new memory for each.
-struct Room {
+struct Scratch {
     /// Neighbours by their codes, all 0 between regions: those of one code are in two counts
     /// ([`Records::count_in_turn`]).
     counts: Box<[[u32; 2]; CODES]>,
@@ -141,7 +160,7 @@ struct Room {
     rows: Vec<f32>,
 }
 
-impl Default for Room {
+impl Default for Scratch {
     fn default() -> Self {
         Self { counts: zeros(), before: zeros(), rows: Vec::new() }
     }
@@ -154,38 +173,28 @@ fn zeros<T: Clone + Default>() -> Box<[T; CODES]> {
 
 /// Rows of several descriptors under construction, side by side: of each keypoint the histograms of a region by all of them.
 struct Rows<'a> {
-    /// Bins of each descriptor's histogram.
-    bins: Vec<usize>,
-    /// Their sum.
+    /// Bins of all histograms together.
     width: usize,
     values: &'a mut [f32],
 }
 
 impl<'a> Rows<'a> {
     /// Rows whose values are still those of another cloud: all have to be written.
-    fn new(bins: Vec<usize>, keypoints: usize, room: &'a mut Vec<f32>) -> Self {
-        let width = bins.iter().sum();
-        if room.len() < keypoints * width {
-            room.resize(keypoints * width, 0.0);
+    fn new(bins: &[Range<usize>], keypoints: usize, scratch: &'a mut Vec<f32>) -> Self {
+        let width = width(bins);
+        if scratch.len() < keypoints * width {
+            scratch.resize(keypoints * width, 0.0);
         }
-        Self { bins, width, values: &mut room[..keypoints * width] }
+        Self { width, values: &mut scratch[..keypoints * width] }
     }
 
-    /// The signatures: as `histogram` makes the rows of each descriptor. Sums of columns do not depend on each other.
+    /// The signature: as `histogram` makes the rows of each descriptor. Sums of columns do not depend on each other.
     #[inline(always)]
-    fn signatures(&self) -> Vec<Signature> {
+    fn signature(&self) -> Signature {
         if self.width == 0 {
-            return vec![Signature::default(); self.bins.len()];
+            return Signature::default();
         }
-        let all = MeanAndDeviation { rows: self.values, width: self.width }.call();
-        let mut start = 0;
-        let mut signatures = Vec::with_capacity(self.bins.len());
-        for &bins in &self.bins {
-            let of = |values: &[f32]| values[start..start + bins].to_vec();
-            signatures.push(Signature { centroid: of(&all.centroid), deviation: of(&all.deviation) });
-            start += bins;
-        }
-        signatures
+        MeanAndDeviation { rows: self.values, width: self.width }.call()
     }
 }
 
@@ -196,18 +205,18 @@ struct Shapes<'a> {
     /// The first class of each bin, for all descriptors one after the other.
     first: &'a [u16],
     regions: &'a [Range<usize>],
-    binnings: &'a [Binning],
-    room: &'a mut Room,
+    /// Where each descriptor's bins lie.
+    bins: &'a [Range<usize>],
+    scratch: &'a mut Scratch,
 }
 
 impl NullaryFnOnce for Shapes<'_> {
-    type Output = Vec<Signature>;
+    type Output = Signature;
 
     #[inline(always)]
-    fn call(self) -> Vec<Signature> {
-        let bins = self.binnings.iter().map(Binning::shape_bins).collect();
-        let Room { counts, before, rows } = self.room;
-        let rows = Rows::new(bins, self.regions.len(), rows);
+    fn call(self) -> Signature {
+        let Scratch { counts, before, rows } = self.scratch;
+        let rows = Rows::new(self.bins, self.regions.len(), rows);
         let codes = self.angles.codes(self.classes);
         // Of each bin its first code, and the neighbours before it.
         let first: Vec<u16> = self.angles.first_codes(self.first).collect();
@@ -235,13 +244,11 @@ impl NullaryFnOnce for Shapes<'_> {
                 *share = next.wrapping_sub(here) as f32 / total;
             }
             // What follows a descriptor's last bin is another one's first.
-            let mut end = 0;
-            for bins in &rows.bins {
-                end += bins;
+            for &Range { end, .. } in self.bins {
                 shares[end - 1] = (records.len() as u32 - starts[end - 1]) as f32 / total;
             }
         }
-        rows.signatures()
+        rows.signature()
     }
 }
 
@@ -251,31 +258,30 @@ struct Colours<'a> {
     classes: usize,
     regions: &'a [Range<usize>],
     binnings: &'a [Binning],
-    room: &'a mut Room,
+    /// Where each descriptor's bins lie.
+    bins: &'a [Range<usize>],
+    scratch: &'a mut Scratch,
 }
 
 impl NullaryFnOnce for Colours<'_> {
-    type Output = Vec<Signature>;
+    type Output = Signature;
 
     #[inline(always)]
-    fn call(self) -> Vec<Signature> {
-        let bins = self.binnings.iter().map(Binning::colour_bins).collect();
-        let Room { counts, rows, .. } = self.room;
-        let rows = Rows::new(bins, self.regions.len(), rows);
+    fn call(self) -> Signature {
+        let Scratch { counts, rows, .. } = self.scratch;
+        let rows = Rows::new(self.bins, self.regions.len(), rows);
         let width = rows.width;
         // Without colour there is nothing to count.
         if self.classes == 0 || width == 0 {
-            return rows.signatures();
+            return rows.signature();
         }
         let codes = self.colours.codes(self.classes);
         // Of each code its bin in every descriptor's histogram, which lie side by side.
         let mut bins_of_code: Vec<u32> = Vec::with_capacity(codes * self.binnings.len());
         for code in 0..codes {
             let class = self.colours.class(code as u16);
-            let mut start = 0;
-            for binning in self.binnings {
-                bins_of_code.push((start + binning.colour.get(class)) as u32);
-                start += binning.colour_bins();
+            for (binning, bins) in self.binnings.iter().zip(self.bins) {
+                bins_of_code.push((bins.start + binning.colour.get(class)) as u32);
             }
         }
         let mut bins = vec![0u32; width];
@@ -300,6 +306,6 @@ impl NullaryFnOnce for Colours<'_> {
                 *share = std::mem::take(bin) as f32 / total;
             }
         }
-        rows.signatures()
+        rows.signature()
     }
 }

@@ -66,7 +66,7 @@ impl NullaryFnOnce for PairCodes<'_> {
     }
 }
 
-/// x, y, z of one point. Without `array::map`, which compilers make a function of its own here, for the baseline.
+/// x, y, z of one point. Without `array::map`, which is not inlined here and would be compiled for the baseline.
 #[inline(always)]
 fn of_point([x, y, z]: &[Vec<f32>; 3], point: usize) -> [f32; 3] {
     [x[point], y[point], z[point]]

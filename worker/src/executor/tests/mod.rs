@@ -429,16 +429,16 @@ fn plain_cell(archive: &Archive, [disk_um, ring_um]: [u32; 2]) -> Vec<u32> {
     counts
 }
 
-/// Disks are described once for cells with the same R1 that follow each other, if there is memory for them: in one batch,
-/// and in several.
+/// Disks are described and compared once for cells with the same R1 that follow each other, if there is memory for them: in
+/// one batch, and in several.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_grid_cell_is_its_descriptors() {
     let archive = Archive::new();
     let cells = [[15_000, 40_000], [15_000, 30_000], [10_000, 40_000], [15_000, 50_000]];
     let cells = cells.map(|radii| (radii, plain_cell(&archive, radii)));
     let splits_in_all = archive.splits.len() as u64;
-    for (memory, disks_described) in
-        [(LARGE, 3 * splits_in_all), (SMALL, 3 * splits_in_all), (TINY, 4 * splits_in_all)]
+    for (memory, expected_work) in
+        [(LARGE, [3 * splits_in_all, 3]), (SMALL, [3 * splits_in_all, 3]), (TINY, [4 * splits_in_all, 0])]
     {
         let executor = executor(&archive, memory, &store(None));
         for (radii_um, expected) in &cells {
@@ -451,8 +451,8 @@ async fn a_grid_cell_is_its_descriptors() {
             };
             assert_eq!(counts, *expected);
         }
-        let Work { cells, disks_described: described, .. } = executor.work();
-        assert_eq!((cells, described), (4, disks_described));
+        let Work { cells, disks_described, disks_compared, .. } = executor.work();
+        assert_eq!((cells, [disks_described, disks_compared]), (4, expected_work));
     }
 }
 
