@@ -180,7 +180,7 @@ struct LaterDistances<'a> {
     pairs: usize,
     blocks: &'a [[[f32; LANES]; 2]],
     sums: &'a [Sums],
-    /// Its bins after those.
+    /// The query's centroid and deviation, from the first bin after those on.
     of_query: [&'a [f32]; 2],
     row: &'a mut [[f32; LANES]],
 }
