@@ -8,6 +8,7 @@ mod cost;
 pub mod counters;
 pub mod events;
 mod job_names;
+mod job_set;
 pub mod journal;
 mod lock;
 pub mod scheduler;

@@ -59,6 +59,18 @@ struct Live {
 }
 
 impl Live {
+    /// Why workers are given no jobs, in a line; `None` if they are.
+    fn unready(&self) -> Option<&'static str> {
+        let journal = self.cluster.journal();
+        if journal.is_some_and(|journal| journal.failure().is_some()) {
+            Some("the journal cannot be written")
+        } else if self.cluster.check_spilled().is_err() {
+            Some("what the run has met cannot be looked up")
+        } else {
+            None
+        }
+    }
+
     fn snapshot(&self, runs: BTreeMap<String, RunState>) -> Snapshot {
         let journal = self.cluster.journal().map_or_else(JournalMetrics::default, |journal| JournalMetrics {
             commits: journal.commits(),
@@ -68,7 +80,7 @@ impl Live {
         Snapshot {
             scheduler: self.cluster.metrics(),
             journal,
-            ready: !journal.failed,
+            ready: self.unready().is_none(),
             refusals: self.refusals.as_ref().map(|refusals| refusals.counts()).unwrap_or_default(),
             reads: self.store.reads(),
             urls: self.presigner.as_ref().map(|presigner| presigner.counts()).unwrap_or_default(),
@@ -155,12 +167,7 @@ impl Watch {
         match &self.state().subject {
             Subject::Preparing => Err("the clouds are being read"),
             Subject::Ended(_) => Err("the run has ended"),
-            Subject::Live(live)
-                if live.cluster.journal().is_some_and(|journal| journal.failure().is_some()) =>
-            {
-                Err("the journal cannot be written")
-            }
-            Subject::Live(_) => Ok(()),
+            Subject::Live(live) => live.unready().map_or(Ok(()), Err),
         }
     }
 

@@ -338,7 +338,7 @@ impl Client {
             return Ok(false);
         }
         // A check of a result that cannot be read has corrected nothing.
-        state.check_results()?;
+        state.check_spilled()?;
         let account = state.clients.account(self.id);
         if account.corrected.is_empty() {
             return Ok(true);

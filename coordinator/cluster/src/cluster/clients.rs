@@ -1,6 +1,7 @@
 //! Clients: what each of them has asked for, and what is to be delivered to it.
 
 use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use proto::JobId;
@@ -9,14 +10,16 @@ use tokio::sync::Notify;
 
 use crate::job_names::JobNames;
 use crate::scheduler::{ClientId, Doubt, Finished};
+use crate::spill::SpillError;
 use crate::store::JobStore;
 
 /// Doubts that are kept for a client that does not look: one that has finished needs none of them.
 const MAX_DOUBTS: usize = 10_000;
 
 /// All clients.
-#[derive(Default)]
 pub(super) struct Clients {
+    /// Where names go that outgrow memory.
+    spill: Option<PathBuf>,
     accounts: BTreeMap<ClientId, Account>,
     /// Other clients may have submitted tasks and be gone.
     shared: bool,
@@ -24,8 +27,9 @@ pub(super) struct Clients {
 }
 
 /// One client.
-#[derive(Default)]
 pub(super) struct Account {
+    /// Where names go that outgrow memory.
+    spill: Option<PathBuf>,
     /// What it has asked for since it began.
     names: JobNames,
     /// What it had asked for before it began again, or what was asked for beforehand and not by itself.
@@ -44,6 +48,25 @@ pub(super) struct Account {
 }
 
 impl Account {
+    fn new(spill: Option<PathBuf>) -> Self {
+        Self {
+            names: JobNames::new(spill.as_deref()),
+            spill,
+            past: Vec::new(),
+            waits_for: 0,
+            inbox: Vec::new(),
+            doubts: Vec::new(),
+            corrected: Vec::new(),
+            wakeup: Arc::default(),
+            arrived: false,
+        }
+    }
+
+    /// Why some of what it has asked for cannot be looked up any more, if so.
+    fn failure(&self) -> Option<&SpillError> {
+        [&self.names].into_iter().chain(&self.past).find_map(JobNames::failure)
+    }
+
     /// Takes the results to be delivered.
     pub(super) fn take_inbox(&mut self) -> Vec<Finished> {
         std::mem::take(&mut self.inbox)
@@ -61,7 +84,8 @@ impl Account {
 
     /// It begins again, and asks for the same in the same order. Returns what was corrected.
     pub(super) fn begin_again(&mut self) -> Vec<Arc<Task>> {
-        self.past.push(std::mem::take(&mut self.names));
+        let names = JobNames::new(self.spill.as_deref());
+        self.past.push(std::mem::replace(&mut self.names, names));
         std::mem::take(&mut self.corrected)
     }
 
@@ -76,12 +100,23 @@ impl Account {
 }
 
 impl Clients {
+    /// None yet. What they have asked for goes to files in `spill` where it outgrows memory, if there is such a directory.
+    pub(super) fn new(spill: Option<&Path>) -> Self {
+        Self { spill: spill.map(Path::to_owned), accounts: BTreeMap::new(), shared: false, joined: 0 }
+    }
+
+    /// Why some of what they have asked for cannot be looked up any more, if so.
+    pub(super) fn failure(&self) -> Option<&SpillError> {
+        self.accounts.values().find_map(Account::failure)
+    }
+
     /// A new client, of another that will ask for what it asks for, if there is one; and what wakes it when there is news for
     /// it.
     pub(super) fn join(&mut self, owner: Option<ClientId>) -> (ClientId, Arc<Notify>) {
         self.joined += 1;
         let id = owner.map_or(ClientId::new(self.joined), |owner| owner.foresight(self.joined));
-        let account = Account::default();
+        // What is foreseen is little.
+        let account = Account::new(self.spill.clone().filter(|_| owner.is_none()));
         let wakeup = Arc::clone(&account.wakeup);
         self.accounts.insert(id, account);
         (id, wakeup)
@@ -97,7 +132,7 @@ impl Clients {
     }
 
     pub(super) fn account(&mut self, id: ClientId) -> &mut Account {
-        self.accounts.entry(id).or_default()
+        self.accounts.entry(id).or_insert_with(|| Account::new(self.spill.clone()))
     }
 
     /// Whether all of them wait for a result, or have nothing more to submit.
@@ -173,5 +208,43 @@ impl Clients {
         for account in self.accounts.values() {
             account.wakeup.notify_one();
         }
+    }
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use std::sync::atomic::{AtomicBool, Ordering};
+
+    use proto::task::Evaluation;
+
+    use super::*;
+    use crate::spill::tests::on_failing_disk;
+
+    pub fn task(number: u32) -> Task {
+        Task::Evaluation(Evaluation::sample(number, 9, 9))
+    }
+
+    /// One client that has asked for 200 tasks, whose names are on a disk that fails once it is told to.
+    pub fn with_names_on_failing_disk() -> (Clients, ClientId, Arc<AtomicBool>) {
+        let (disk, fails) = on_failing_disk();
+        let mut clients = Clients::new(None);
+        let (id, _) = clients.join(None);
+        clients.account(id).names = JobNames::of(disk);
+        for number in 0..200 {
+            clients.name(id, &task(number));
+        }
+        (clients, id, fails)
+    }
+
+    #[test]
+    fn names_that_cannot_be_looked_up_are_a_failure_also_of_a_client_that_begins_again() {
+        let (mut clients, id, fails) = with_names_on_failing_disk();
+        clients.account(id).begin_again();
+        let has_asked = |clients: &mut Clients, number| clients.account(id).has_asked(task(number).job(0));
+        assert!((0..200).all(|number| has_asked(&mut clients, number)));
+        assert_eq!(clients.failure(), None);
+        fails.store(true, Ordering::Relaxed);
+        assert!(!(0..200).all(|number| has_asked(&mut clients, number)));
+        assert!(clients.failure().is_some());
     }
 }

@@ -342,7 +342,15 @@ impl Cluster {
         if let Some(journal) = &self.journal {
             self.durable(journal.end()).await?;
         }
-        self.state().check_results()
+        self.check_spilled()
+    }
+
+    /// Whether all that has outgrown memory can be looked up.
+    ///
+    /// # Errors
+    /// [`ClusterError::Spill`] if not: then no more is to be written that rests on it.
+    pub fn check_spilled(&self) -> Result<(), ClusterError> {
+        self.state().check_spilled()
     }
 
     /// Waits until the journal is durable up to a sequence number.
@@ -416,7 +424,7 @@ impl Cluster {
         if let Some(failure) = self.journal.as_ref().and_then(|journal| journal.failure()) {
             return Err(ClusterError::Journal(failure));
         }
-        self.state().check_results()?;
+        self.check_spilled()?;
         if let Some(failed) = &news.failed {
             self.state().doubt_descriptions(&failed.task);
             return Err(ClusterError::JobFailed(failed.clone()));
@@ -468,7 +476,7 @@ impl Cluster {
     pub fn provenances(&self) -> Result<BTreeMap<DescriptorBytes, Arc<Provenance>>, ClusterError> {
         let state = self.state();
         let provenances = state.scheduler.provenances();
-        state.check_results().map(|()| provenances)
+        state.check_spilled().map(|()| provenances)
     }
 
     /// The provenance of the result of a task that is kept; `None` also if it is nothing to go on with for others than this
@@ -486,7 +494,7 @@ impl Cluster {
     pub fn answerers(&self) -> Result<BTreeSet<Principal>, ClusterError> {
         let state = self.state();
         let answerers = state.scheduler.answerers();
-        state.check_results().map(|()| answerers)
+        state.check_spilled().map(|()| answerers)
     }
 
     /// See [`Scheduler::spot_checks`].

@@ -44,7 +44,7 @@ impl ClusterState {
     ) -> Self {
         Self {
             scheduler,
-            clients: Clients::default(),
+            clients: Clients::new(journal.as_deref().and_then(Journal::directory)),
             planner: Planner::default(),
             journal,
             events,
@@ -63,10 +63,10 @@ impl ClusterState {
         self.journal.as_ref().is_none_or(|journal| journal.is_durable(sequence))
     }
 
-    /// Whether all accepted results can be read.
-    pub(super) fn check_results(&self) -> Result<(), ClusterError> {
-        let failure = self.scheduler.jobs.failure().cloned();
-        failure.map_or(Ok(()), |failure| Err(ClusterError::Spill(failure)))
+    /// Whether all that has outgrown memory can be read: accepted results, and what clients have asked for.
+    pub(super) fn check_spilled(&self) -> Result<(), ClusterError> {
+        let failure = self.scheduler.jobs.failure().or_else(|| self.clients.failure());
+        failure.map_or(Ok(()), |failure| Err(ClusterError::Spill(failure.clone())))
     }
 
     pub(super) fn register(

@@ -396,6 +396,16 @@ async fn results_that_cannot_be_read_end_the_run() {
     }
     assert!(matches!(cluster.flush().await, Err(ClusterError::Spill(_))));
     assert!(matches!(cluster.client().has_all(), Err(ClusterError::Spill(_))));
+
+    let (clients, id, fails) = super::clients::tests::with_names_on_failing_disk();
+    let cluster = Cluster::new(LIMITS);
+    cluster.state().clients = clients;
+    assert!(cluster.check_spilled().is_ok());
+    fails.store(true, std::sync::atomic::Ordering::Relaxed);
+    for number in 0..200 {
+        cluster.state().clients.name(id, &super::clients::tests::task(number));
+    }
+    assert!(matches!(cluster.flush().await, Err(ClusterError::Spill(_))));
 }
 
 #[tokio::test]

@@ -15,7 +15,9 @@ use super::layout::Head;
 use super::records::{Contents, Record, Tally, encode};
 use super::repair::{Salvaged, keep_damaged, salvage};
 use super::{Entry, Header, JournalError, Recorded};
+use crate::job_set::JobSet;
 use crate::lock::lock;
+use crate::spill::SpillError;
 
 /// A journal that this process has open; no other can open it meanwhile.
 pub struct JournalFile {
@@ -34,7 +36,7 @@ struct End {
     bytes: u64,
     next_number: u64,
     /// Jobs whose results are in the file.
-    answered: BTreeSet<JobId>,
+    answered: JobSet,
 }
 
 impl JournalFile {
@@ -61,7 +63,7 @@ impl JournalFile {
             contents.tally.repairs += 1;
             replace(path, &head, &contents, loss.to_string())?
         } else {
-            let answered = contents.accepted.keys().copied().collect();
+            let answered = answered_in(&contents, path);
             let mut end = End { file, key: head.key, bytes: end as u64, next_number, answered };
             end.append([contents.tally.encode()]).map_err(|error| unusable(path, &error))?;
             if begun_bytes > 0 {
@@ -127,7 +129,7 @@ impl JournalFile {
             milliseconds: self.earlier.milliseconds + self.opened.elapsed().as_millis() as u64,
             ..self.earlier
         };
-        if end.takes_back(entries) {
+        if end.takes_back(entries)? {
             let Salvaged { head, mut contents, loss, .. } = read(&end.file, &self.path)?;
             contents.take(Record::Tally(tally));
             entries.iter().for_each(|entry| contents.take(Record::Entry(entry.clone())));
@@ -142,21 +144,27 @@ impl JournalFile {
         }
         let payloads = entries.iter().filter_map(encode).chain([tally.encode()]);
         end.append(payloads).map_err(|error| unusable(&self.path, &error))?;
-        end.answered.extend(entries.iter().filter_map(answered));
+        entries.iter().filter_map(answered).for_each(|job| end.answered.insert(job));
         Ok(())
     }
 }
 
 impl End {
     /// Whether one of these entries makes something void that the file has, or them.
-    fn takes_back(&self, entries: &[Entry]) -> bool {
+    fn takes_back(&self, entries: &[Entry]) -> Result<bool, SpillError> {
         let mut new = BTreeSet::new();
-        entries.iter().any(|entry| match entry {
-            Entry::Accepted(job, _) => self.answered.contains(job) || !new.insert(*job),
-            Entry::Retracted(job) => self.answered.contains(job) || new.contains(job),
-            Entry::Quarantined(_) | Entry::Readmitted(_) => true,
-            _ => false,
-        })
+        for entry in entries {
+            let takes_back = match entry {
+                Entry::Accepted(job, _) => self.answered.contains(*job)? || !new.insert(*job),
+                Entry::Retracted(job) => self.answered.contains(*job)? || new.contains(job),
+                Entry::Quarantined(_) | Entry::Readmitted(_) => true,
+                _ => false,
+            };
+            if takes_back {
+                return Ok(true);
+            }
+        }
+        Ok(false)
     }
 
     /// Writes records, and all of them to the disk.
@@ -174,6 +182,13 @@ impl End {
         (self.bytes, self.next_number) = (self.bytes + bytes.len() as u64, next_number);
         Ok(())
     }
+}
+
+/// The jobs whose results are in the file at `path`.
+fn answered_in(contents: &Contents, path: &Path) -> JobSet {
+    let mut answered = JobSet::new(path.parent());
+    contents.accepted.keys().for_each(|job| answered.insert(*job));
+    answered
 }
 
 fn answered(entry: &Entry) -> Option<JobId> {
@@ -211,7 +226,7 @@ fn rewrite(path: &Path, head: &Head, contents: &Contents) -> Result<End, Journal
         Ok::<_, io::Error>(())
     });
     let file = written.and_then(|()| locked.ok_or_else(|| io::Error::other("no file")));
-    let (bytes, answered) = (bytes.len() as u64, contents.accepted.keys().copied().collect());
+    let (bytes, answered) = (bytes.len() as u64, answered_in(contents, path));
     let file = file.map_err(|error| unusable(path, &error))?;
     Ok(End { file, key: head.key, bytes, next_number, answered })
 }
@@ -263,4 +278,38 @@ fn read(mut file: &File, path: &Path) -> Result<Salvaged, JournalError> {
 
 fn unusable(path: &Path, error: &dyn std::fmt::Display) -> JournalError {
     JournalError::unusable(path, format!("I/O error: {error}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::Ordering;
+
+    use tempfile::TempDir;
+
+    use super::super::tests::{accepted, header};
+    use super::*;
+    use crate::spill::tests::on_failing_disk;
+
+    #[test]
+    fn nothing_is_written_that_may_take_something_back_and_cannot_be_looked_up() {
+        let folder = TempDir::new().unwrap();
+        let path = folder.path().join("journal");
+        JournalFile::create(&path, &header()).unwrap();
+        let (file, ..) = JournalFile::open(&path).unwrap();
+        let (disk, fails) = on_failing_disk();
+        lock(&file.end).answered = JobSet::of(disk);
+        let accept = |job| Entry::Accepted(JobId(job), Box::new(accepted(1)));
+        file.commit(&(0..200).map(accept).collect::<Vec<_>>()).unwrap();
+
+        let before = std::fs::read(&path).unwrap();
+        fails.store(true, Ordering::Relaxed);
+        assert!(matches!(file.commit(&[accept(200)]), Err(JournalError::Spill(_))));
+        assert_eq!(std::fs::read(&path).unwrap(), before);
+        drop(file);
+        assert_eq!(
+            JournalFile::open(&path).unwrap().2.accepted.len(),
+            200,
+            "all is there for the next start"
+        );
+    }
 }

@@ -18,7 +18,7 @@ use crate::sharding::SidePlan;
 
 mod damage;
 
-fn header() -> Header {
+pub(super) fn header() -> Header {
     Header {
         search: "seed = 1\n".to_owned(),
         experiment: "version = 1\n".to_owned(),
@@ -34,7 +34,7 @@ fn boxed((job, accepted): (JobId, AcceptedResult)) -> (JobId, Box<AcceptedResult
     (job, Box::new(accepted))
 }
 
-fn accepted(matches: usize) -> AcceptedResult {
+pub(super) fn accepted(matches: usize) -> AcceptedResult {
     let found = |index: usize| Match {
         nearest: index as u32,
         distance: 0.1 + index as f64,

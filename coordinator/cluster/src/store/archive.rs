@@ -8,6 +8,7 @@ use proto::journal::{AcceptedResult, Assurance};
 use proto::task::Task;
 use proto::{Compressed, JobId, Principal};
 
+use crate::job_set::key_of;
 use crate::scheduler::messages::Finished;
 use crate::spill::{SpillError, SpillMap};
 
@@ -266,11 +267,6 @@ impl Archive {
         let (accepted, rest) = part(rest)?;
         Some((Record { job: JobId(u64::from_le_bytes(*job)), grounds, task, accepted }, rest))
     }
-}
-
-/// Jobs in the order of their numbers.
-fn key_of(job: JobId) -> [u8; 8] {
-    job.0.to_be_bytes()
 }
 
 fn part(bytes: &[u8]) -> Option<(&[u8], &[u8])> {
