@@ -23,10 +23,20 @@ pub struct Foresight<'a> {
     /// How many different individuals have been evaluated when it is over.
     evaluations: u64,
     scores: Vec<Option<Score>>,
+    /// The best of them: a generation may have many thousands, and news of it comes as often.
+    best: Option<Score>,
     /// Of each descriptor that is being evaluated the individuals that stand for it.
     waiting: Vec<Vec<usize>>,
-    /// Parts that lack scores, by number.
-    open: Vec<(usize, Range<usize>)>,
+    open: Vec<Part>,
+}
+
+/// A part of a generation of which it is not certain yet what follows.
+struct Part {
+    number: usize,
+    /// Its individuals.
+    place: Range<usize>,
+    /// How many of them lack scores.
+    lacking: usize,
 }
 
 impl<'a> Foresight<'a> {
@@ -37,29 +47,38 @@ impl<'a> Foresight<'a> {
         evaluations: u64,
         (scores, waiting): (Vec<Option<Score>>, Vec<Vec<usize>>),
     ) -> Self {
-        let open = search.parts(evaluations).into_iter().enumerate().collect();
-        Self { search, evaluations, scores, waiting, open }
+        let part = |(number, place): (usize, Range<usize>)| {
+            let lacking = scores[place.clone()].iter().filter(|score| score.is_none()).count();
+            Part { number, place, lacking }
+        };
+        let open = search.parts(evaluations).into_iter().enumerate().map(part).collect();
+        let best = scores.iter().flatten().copied().reduce(better);
+        Self { search, evaluations, scores, best, waiting, open }
     }
 
     /// A descriptor that was evaluated has this score.
     pub fn take(&mut self, descriptor: usize, score: Score) {
         for individual in std::mem::take(&mut self.waiting[descriptor]) {
             self.scores[individual] = Some(score);
+            self.best = Some(self.best.map_or(score, |best| better(best, score)));
+            if let Some(part) = self.open.iter_mut().find(|part| part.place.contains(&individual)) {
+                part.lacking -= 1;
+            }
         }
     }
 
     /// The individuals of the next generation that are certain by now and were not before.
     pub fn individuals(&mut self) -> Vec<Individual> {
-        let Self { search, evaluations, scores, open, .. } = self;
-        let known = scores.iter().flatten().copied();
-        let Some(best) = known.reduce(|best, score| if score.is_better_than(&best) { score } else { best })
-        else {
+        let Self { search, evaluations, scores, best: Some(best), open, .. } = self else {
             return Vec::new();
         };
         let mut certain = Vec::new();
-        open.retain(|(part, place)| {
-            let scores: Option<Vec<Score>> = scores[place.clone()].iter().copied().collect();
-            let follow = scores.and_then(|scores| search.foresee_part(*part, &scores, (best, *evaluations)));
+        open.retain(|Part { number, place, lacking }| {
+            if *lacking > 0 {
+                return true;
+            }
+            let scores: Vec<Score> = scores[place.clone()].iter().flatten().copied().collect();
+            let follow = search.foresee_part(*number, &scores, (*best, *evaluations));
             let is_open = follow.is_none();
             certain.extend(follow.into_iter().flatten());
             is_open
@@ -68,8 +87,12 @@ impl<'a> Foresight<'a> {
     }
 }
 
+fn better(one: Score, other: Score) -> Score {
+    if other.is_better_than(&one) { other } else { one }
+}
+
 /// Has descriptors evaluated before the search asks for them, by workers that have nothing else to do.
-pub struct Beforehand<'a> {
+pub struct EarlyEvaluations<'a> {
     experiment: &'a Experiment,
     session: &'a Session<'a>,
     /// The client that will ask for them.
@@ -77,7 +100,7 @@ pub struct Beforehand<'a> {
     clients: JoinSet<()>,
 }
 
-impl<'a> Beforehand<'a> {
+impl<'a> EarlyEvaluations<'a> {
     /// For a client that searches.
     pub fn new(experiment: &'a Experiment, session: &'a Session<'a>, owner: ClientId) -> Self {
         Self { experiment, session, owner, clients: JoinSet::new() }

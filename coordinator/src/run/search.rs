@@ -16,7 +16,7 @@ use crate::run::RunError;
 use crate::run::contradiction::{check_used, remembered_wrongly};
 use crate::run::fitness_batch::{Answer, FitnessBatch};
 use crate::run::fitness_check::nothing_recognised;
-use crate::run::foresight::{Beforehand, Foresight};
+use crate::run::foresight::{EarlyEvaluations, Foresight};
 use crate::run::front::FrontPoint;
 use crate::run::matching::Matching;
 use crate::run::met::Met;
@@ -73,7 +73,7 @@ pub struct SearchLoop<'a> {
     computed: u64,
     remembered: u64,
     /// What workers do that the current generation leaves idle.
-    beforehand: Beforehand<'a>,
+    early: EarlyEvaluations<'a>,
 }
 
 impl<'a> SearchLoop<'a> {
@@ -100,7 +100,7 @@ impl<'a> SearchLoop<'a> {
                 });
             }
         }
-        let beforehand = Beforehand::new(experiment, session, client.id());
+        let early = EarlyEvaluations::new(experiment, session, client.id());
         Self {
             experiment,
             session,
@@ -113,7 +113,7 @@ impl<'a> SearchLoop<'a> {
             least_cost: u64::MAX,
             computed: 0,
             remembered: 0,
-            beforehand,
+            early,
         }
     }
 
@@ -134,7 +134,7 @@ impl<'a> SearchLoop<'a> {
     /// Evaluates generation after generation until the search ends, and writes each to the run folder.
     pub async fn run(&mut self, search: Search, folder: &mut RunFolder) -> Result<SearchResult, RunError> {
         let done = self.generations(search, folder).await;
-        self.beforehand.take().shutdown().await;
+        self.early.take().shutdown().await;
         done
     }
 
@@ -306,7 +306,7 @@ impl<'a> SearchLoop<'a> {
         let mut foresight = self.foresight(search, descriptors, &new)?;
         let descriptors: Vec<&Descriptor> = new.iter().map(|&(_, descriptor)| descriptor).collect();
         // What was foreseen is asked for now; before that it must not be given up.
-        let mut foreseen = self.beforehand.take();
+        let mut foreseen = self.early.take();
         let experiment = self.experiment;
         let foresee = |measured: &[(usize, Measured)]| {
             for &(index, ref measured) in measured {
@@ -438,7 +438,7 @@ impl<'a> SearchLoop<'a> {
         matching: Matching,
         mut foresee: impl FnMut(&[(usize, Measured)]) -> Vec<Individual>,
     ) -> Result<Vec<Answer>, ClusterError> {
-        let Self { client, progress, scales, session, experiment, counts, beforehand, .. } = self;
+        let Self { client, progress, scales, session, experiment, counts, early, .. } = self;
         let known = &counts.train;
         let weights = experiment.set_weights(session.splits.dataset());
         let fitness = (experiment.fitness(), &weights[..]);
@@ -448,7 +448,7 @@ impl<'a> SearchLoop<'a> {
                 Matching::Train => progress.evaluated(news, evaluated),
                 Matching::Validation | Matching::Test => progress.news(news),
             }
-            beforehand.evaluate(&foresee(measured), known, scales);
+            early.evaluate(&foresee(measured), known, scales);
         };
         let (answers, found) = batch.evaluate(client, watch).await?;
         scales.add(found);
