@@ -4,6 +4,8 @@ use std::fs;
 use std::io::{self, Read};
 use std::path::Path;
 
+pub use proto::{hex, is_printable};
+
 /// A text of at most 1 MiB, as every search and every record is; what is longer is cut, and so differs from all of them.
 pub fn read_bounded(path: &Path) -> io::Result<String> {
     if !fs::metadata(path)?.is_file() {

@@ -1,11 +1,11 @@
 //! Signatures of what is kept: ed25519 over the files of a folder that all its others follow from.
 
-use std::fmt::Write as _;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read as _, Write as _};
 use std::os::unix::fs::{OpenOptionsExt as _, PermissionsExt as _};
 use std::path::{Path, PathBuf};
 
+use proto::{hex, parse_hex};
 use ring::signature::{ED25519, Ed25519KeyPair, KeyPair as _, UnparsedPublicKey};
 
 /// File in a folder that was signed: the signer's public key and the signature.
@@ -130,7 +130,7 @@ impl PublicKey {
         file.strip_prefix(PUBLIC).and_then(|key| parse_hex(key.trim())).map(Self).ok_or_else(no_key)
     }
 
-    /// Whether these files of a folder are as the owner of this key has signed them; if not, why not.
+    /// Refuses files of a folder that are not as the owner of this key has signed them; `Err` says why.
     pub fn verify(&self, folder: &Path, files: &[&str]) -> Result<(), String> {
         let path = folder.join(SIGNATURE_FILE);
         let at = path.display();
@@ -179,25 +179,6 @@ fn read_small(path: &Path) -> io::Result<String> {
     let mut text = String::new();
     File::open(path)?.take(MAX_BYTES).read_to_string(&mut text)?;
     Ok(text)
-}
-
-fn hex(bytes: &[u8]) -> String {
-    let mut text = String::with_capacity(2 * bytes.len());
-    for byte in bytes {
-        let _ = write!(text, "{byte:02x}"); // a text takes everything
-    }
-    text
-}
-
-fn parse_hex<const N: usize>(text: &str) -> Option<[u8; N]> {
-    let mut bytes = [0; N];
-    if text.len() != 2 * N || !text.bytes().all(|digit| digit.is_ascii_hexdigit()) {
-        return None;
-    }
-    for (index, byte) in bytes.iter_mut().enumerate() {
-        *byte = u8::from_str_radix(&text[2 * index..2 * index + 2], 16).ok()?;
-    }
-    Some(bytes)
 }
 
 #[cfg(test)]

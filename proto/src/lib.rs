@@ -16,11 +16,12 @@ pub mod tls;
 
 pub use compressed::{Compressed, InvalidBlock};
 pub use ids::{
-    Digest, Fingerprint, InvalidFingerprint, InvalidId, JobId, Lease, LeaseNonce, SessionId, WorkerId,
+    Digest, Fingerprint, InvalidFingerprint, InvalidId, JobId, Lease, LeaseNonce, SessionId, WorkerId, hex,
+    parse_hex,
 };
 pub use introduction::Introduction;
 pub use join::{DEFAULT_PORT, InvalidJoinAddress, InvalidToken, JoinAddress, Token, Trust};
-pub use message::Message;
+pub use message::{Message, root_cause};
 pub use principal::{InvalidPrincipal, Origin, Principal, WorkerSecret};
 pub use printable::{is_printable, printable, printable_lines};
 

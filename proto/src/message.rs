@@ -1,5 +1,6 @@
 //! A message for people: what went wrong, and what to do about it.
 
+use std::error::Error;
 use std::fmt;
 
 /// What went wrong and what to do, apart. An error's text is the first on its first line and the second on all others;
@@ -28,9 +29,28 @@ impl fmt::Display for Message {
     }
 }
 
+/// The innermost cause of an error, which says most: "connection refused" rather than "transport error".
+pub fn root_cause<'a>(error: &'a (dyn Error + 'static)) -> &'a (dyn Error + 'static) {
+    let mut cause = error;
+    while let Some(source) = cause.source() {
+        cause = source;
+    }
+    cause
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_root_cause_is_what_all_others_follow_from() {
+        #[derive(Debug, thiserror::Error)]
+        #[error("outer")]
+        struct Outer(#[source] std::num::ParseIntError);
+        let cause = "x".parse::<u8>().unwrap_err();
+        assert_eq!(root_cause(&Outer(cause.clone())).to_string(), cause.to_string());
+        assert_eq!(root_cause(&cause).to_string(), cause.to_string());
+    }
 
     #[test]
     fn advice_is_everything_after_the_first_line() {

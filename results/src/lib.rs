@@ -16,7 +16,6 @@ mod checks;
 mod conform;
 mod digest;
 mod parquet;
-mod printable;
 mod schema;
 
 mod checksums;
@@ -49,7 +48,6 @@ pub use foreign::{
 };
 pub use grid::{FinishedGrid, GridFolder, read_grid};
 pub use population::PopulationSummary;
-pub use printable::is_printable;
 pub use problem::Problem;
 #[cfg(feature = "sql")]
 pub use query::{Answer, AnswerFormat, LONGEST_QUERY, QueryError, query};

@@ -409,12 +409,9 @@ fn failed(status: Status) -> End {
     hopeless(&status).map_or(End::Lost(status), End::Refused)
 }
 
-/// The innermost cause says most: "connection refused" rather than "transport error".
+/// Why a call failed, as it may be shown.
 fn reason(status: &Status) -> String {
-    let mut innermost: &dyn std::error::Error = status;
-    while let Some(source) = innermost.source() {
-        innermost = source;
-    }
+    let innermost = proto::root_cause(status);
     if std::ptr::eq(innermost, status as &dyn std::error::Error) {
         return proto::printable(status.message()).into_owned();
     }

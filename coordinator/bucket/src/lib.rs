@@ -197,13 +197,8 @@ impl Bucket {
         self.store.list(prefix.as_ref())
     }
 
-    /// The innermost cause says most.
     fn failed(&self, what: &'static str, error: object_store::Error) -> BucketError {
-        let mut innermost: &dyn std::error::Error = &error;
-        while let Some(source) = innermost.source() {
-            innermost = source;
-        }
-        let got = proto::printable(&innermost.to_string()).into_owned();
+        let got = proto::printable(&proto::root_cause(&error).to_string()).into_owned();
         BucketError::Request { url: self.url.clone(), what, got }
     }
 }

@@ -134,7 +134,6 @@ mod tests {
     use results::Counts;
 
     use super::super::candidate::Given;
-    use super::super::tables::hexadecimal;
     use super::*;
 
     const PFHRGB: Named = Named::Fixed(FixedKind::PfhRgb);
@@ -172,7 +171,7 @@ mod tests {
             times,
             area: None,
             nearest_area: None,
-            bytes: matches!(choice.named, Named::Given(_)).then(|| hexadecimal(&descriptor.to_bytes())),
+            bytes: matches!(choice.named, Named::Given(_)).then(|| proto::hex(&descriptor.to_bytes())),
             file_digest: None,
         }
     }

@@ -209,7 +209,7 @@ impl<'a> About<'a> {
             recogniser: candidate.recogniser,
             cloud_size: Some(descriptor.size_of_cloud() as u32),
             note: candidate.note(),
-            bytes: Some(hexadecimal(&descriptor.to_bytes())),
+            bytes: Some(proto::hex(&descriptor.to_bytes())),
             file_digest: None,
         }
     }
@@ -287,11 +287,6 @@ fn row(
     }
 }
 
-/// Bytes as the tables have them.
-pub fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
-}
-
 /// The descriptor that a row is of; `None` if that cannot be told, as in tables of earlier releases.
 pub fn descriptor_of(row: &ComparedRow) -> Option<Descriptor> {
     let text = row.bytes.as_deref()?.as_bytes();
@@ -299,5 +294,5 @@ pub fn descriptor_of(row: &ComparedRow) -> Option<Descriptor> {
     let bytes: Vec<u8> = text.chunks(2).map(byte).collect::<Option<_>>()?;
     Descriptor::from_bytes(&bytes)
         .ok()
-        .filter(|descriptor| hexadecimal(&descriptor.to_bytes()).as_bytes() == text)
+        .filter(|descriptor| proto::hex(&descriptor.to_bytes()).as_bytes() == text)
 }

@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use artefact::text::hex;
 use polars::prelude::{AnyValue, Series, TimeUnit};
 use serde::ser::{Serialize, Serializer};
 
@@ -66,8 +67,8 @@ impl<'a> From<AnyValue<'a>> for Cell<'a> {
             AnyValue::List(cells) | AnyValue::Array(cells, _) => {
                 Self::List(cells.iter().map(|value| Cell::from(value).into_owned()).collect())
             }
-            AnyValue::Binary(bytes) => Self::Text(Cow::Owned(hexadecimal(bytes))),
-            AnyValue::BinaryOwned(bytes) => Self::Text(Cow::Owned(hexadecimal(&bytes))),
+            AnyValue::Binary(bytes) => Self::Text(Cow::Owned(hex(bytes))),
+            AnyValue::BinaryOwned(bytes) => Self::Text(Cow::Owned(hex(&bytes))),
             value if value.is_integer() => value.extract::<i128>().map_or(Self::Null, Self::Integer),
             value => Self::Text(Cow::Owned(value.to_string())),
         }
@@ -90,10 +91,6 @@ fn time(value: i64, unit: TimeUnit) -> Cell<'static> {
     }
     let text = AnyValue::Datetime(value, unit, None).to_string();
     Cell::Text(Cow::Owned(format!("{}Z", text.replacen(' ', "T", 1))))
-}
-
-fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 impl Serialize for Cell<'_> {

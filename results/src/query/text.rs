@@ -3,10 +3,10 @@
 use std::borrow::Cow;
 use std::io::{self, Write};
 
+use artefact::text::is_printable;
 use polars::prelude::Series;
 
 use super::cell::Cell;
-use crate::printable::is_printable;
 
 /// A single row that is wider is shown column by column.
 const WIDE: usize = 120;

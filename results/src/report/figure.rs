@@ -2,9 +2,10 @@
 
 use std::borrow::Cow;
 
+use artefact::text::is_printable;
+
 pub(crate) use super::palette::Colour;
 use super::palette::Rgb;
-use crate::printable::is_printable;
 
 /// Width of a figure in CSS pixels: what fits on a sheet of A4 or Letter with narrow margins.
 pub(crate) const WIDTH: u32 = 700;

@@ -146,12 +146,6 @@ async fn what_a_worker_says_of_a_failure_forges_no_line_and_hides_nothing() {
     assert!(log.chars().all(|c| c == '\n' || proto::is_printable(c)), "{log:?}");
 }
 
-#[test]
-fn tables_show_a_character_as_itself_where_the_protocol_lets_it_into_a_name() {
-    let differs = ('\0'..=char::MAX).find(|&c| results::is_printable(c) != proto::is_printable(c));
-    assert_eq!(differs, None);
-}
-
 #[tokio::test]
 async fn nonsense_gets_an_error_and_the_run_goes_on() {
     let experiment =

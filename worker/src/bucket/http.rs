@@ -163,13 +163,9 @@ fn code(xml: &str) -> Option<String> {
     is_name.then(|| code.to_owned())
 }
 
-/// The innermost cause says most.
+/// Why a request failed, as it may be shown.
 fn innermost(error: &(dyn Error + 'static)) -> String {
-    let mut innermost = error;
-    while let Some(source) = innermost.source() {
-        innermost = source;
-    }
-    proto::printable(&innermost.to_string()).into_owned()
+    proto::printable(&proto::root_cause(error).to_string()).into_owned()
 }
 
 #[cfg(test)]

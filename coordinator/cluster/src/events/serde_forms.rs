@@ -38,9 +38,8 @@ pub mod worker_id {
 
     pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<WorkerId, D::Error> {
         let text = String::deserialize(deserializer)?;
-        let number = u128::from_str_radix(&text, 16).ok().filter(|_| text.len() == 32);
-        let id = number.map(|number| WorkerId(number.to_be_bytes()));
-        id.ok_or_else(|| D::Error::custom(format!("worker: must be 32 hexadecimal digits, got {text:?}")))
+        WorkerId::from_hex(&text)
+            .ok_or_else(|| D::Error::custom(format!("worker: must be 32 hexadecimal digits, got {text:?}")))
     }
 }
 
