@@ -8,7 +8,7 @@ use descriptor::{DescribeError, Skip};
 use proto::Message;
 
 use crate::database_file::DatabaseError;
-use crate::sections::ExperimentError;
+use crate::sections::ConfigError;
 
 /// Why a folder is no artefact that this program can use.
 #[derive(Debug, thiserror::Error)]
@@ -31,7 +31,7 @@ pub enum ArtefactError {
     },
     /// The settings mean nothing.
     #[error(transparent)]
-    Descriptor(#[from] ExperimentError),
+    Descriptor(#[from] ConfigError),
     /// Another format.
     #[error("{path}: version must be {expected}, got {got}\nuse the release that wrote it, or export the run again", path = .path.display())]
     Version {

@@ -6,7 +6,7 @@ use descriptor::structure::{Structure, StructureError, StructureFile};
 use serde::Deserialize;
 use toml::de::{DeTable, Deserializer};
 
-use crate::sections::{ExperimentError, key_fault, syntax_fault};
+use crate::sections::{ConfigError, key_fault, syntax_fault};
 use crate::text::read_bounded;
 
 /// Why a file describes no structure.
@@ -24,7 +24,7 @@ pub enum StructureFileError {
     },
     /// It is no TOML of this form.
     #[error(transparent)]
-    Form(#[from] ExperimentError),
+    Form(#[from] ConfigError),
     /// No structure can be so.
     #[error("{path}: {source}")]
     Structure {
@@ -106,6 +106,8 @@ mod tests {
             absent,
             "one.toml: channel 1: required key missing, got no `features`\nadd `features = …`"
         );
+        let scalar = message("version = 1\nchannel = 3\n");
+        assert_eq!(scalar, "one.toml: channel: expected a list, got 3\nwrite a section [[channel]] for each");
         let syntax = message("version = 1\n[[channel]\n");
         assert!(syntax.starts_with("one.toml: line 2, column "), "{syntax}");
         let missing = read(Path::new("/nowhere/one.toml")).unwrap_err().to_string();

@@ -9,7 +9,7 @@ use results::{FinishedRun, RunRow};
 
 use crate::console::say;
 use crate::dataset::{Dataset, Wanted};
-use crate::experiment::{Experiment, ExperimentError, Overrides};
+use crate::experiment::{ConfigError, Experiment, Overrides};
 use crate::run::{DataError, open_data};
 
 /// Why a run cannot be opened again.
@@ -35,7 +35,7 @@ pub enum ReopenError {
     },
     /// The recorded experiment.
     #[error(transparent)]
-    Experiment(#[from] ExperimentError),
+    Experiment(#[from] ConfigError),
     /// The clouds.
     #[error(transparent)]
     Data(#[from] DataError),

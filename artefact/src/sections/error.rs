@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use crate::text::shortened;
 
-/// Why a file is no experiment, or has not the form of a structure file.
+/// What is wrong with a TOML file of settings: an experiment, a structure or those of an artefact.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{}: {place}: {what}\n{advice}", .path.display())]
-pub struct ExperimentError {
+pub struct ConfigError {
     /// The file, as named by the user.
     pub path: PathBuf,
     /// Where in the file: a key such as `ga.population`, `line 3, column 7`, `top level`, or `file`.
@@ -50,8 +50,8 @@ impl Fault {
         Self { place: format!("{place}.{}", self.place), ..self }
     }
 
-    pub fn in_file(self, path: &Path) -> ExperimentError {
+    pub fn in_file(self, path: &Path) -> ConfigError {
         let Self { place, what, advice } = self;
-        ExperimentError { path: path.to_owned(), place, what, advice }
+        ConfigError { path: path.to_owned(), place, what, advice }
     }
 }

@@ -10,7 +10,7 @@ mod raw;
 mod suggest;
 mod toml_fault;
 
-pub use error::{ExperimentError, Fault};
+pub use error::{ConfigError, Fault};
 pub use forms::{RawGene, RawInterval};
 pub use genes::{max_cost, search_space};
 pub use one::{of_one, one};

@@ -5,7 +5,7 @@ use std::path::Path;
 use descriptor::structure::{Structure, StructureFile};
 use descriptor::{Descriptor, GeneError, Preprocess, SearchSpace, Unit};
 
-use super::error::{ExperimentError, Fault};
+use super::error::{ConfigError, Fault};
 use super::forms::RawGene;
 use super::genes::search_space;
 use super::preprocess::preprocess;
@@ -47,7 +47,7 @@ pub fn one(
     unit: Unit,
     descriptor: &RawDescriptor,
     file: &Path,
-) -> Result<(Preprocess, Descriptor), ExperimentError> {
+) -> Result<(Preprocess, Descriptor), ConfigError> {
     resolve(raw, unit, descriptor).map_err(|fault| fault.in_file(file))
 }
 

@@ -80,6 +80,14 @@ pub fn key_fault(text: &str, root: &DeTable<'_>, error: &Error) -> Fault {
         Some((kind, expected)) if kind.starts_with("invalid ") => expected,
         _ => return Fault::new(place, format!("{message}, got {got}"), "correct the value"),
     };
+    if expected == "a sequence" {
+        let advice = if place.ends_with("channel") {
+            format!("write a section [[{place}]] for each")
+        } else {
+            format!("write a list, for example [{got}]")
+        };
+        return Fault::new(place, format!("expected a list, got {got}"), advice);
+    }
     let (expected, advice) = match expected {
         "u32" => ("a whole number from 0 to 4294967295", "write a number without quotes and decimal point"),
         "u64" => (
@@ -89,7 +97,6 @@ pub fn key_fault(text: &str, root: &DeTable<'_>, error: &Error) -> Fault {
         "f64" => ("a number", "write a number without quotes"),
         "a string" => ("text", "put the text in quotes"),
         "a boolean" => ("true or false", "write true or false without quotes"),
-        "a sequence" => ("a list", "write a list such as [\"1\", \"2\"]"),
         table if table.starts_with("struct ") => ("a table", TABLE_ADVICE),
         other => (other, "write one of these"),
     };

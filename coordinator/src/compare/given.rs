@@ -6,7 +6,7 @@ use artefact::{StructureFileError, read_structure};
 use descriptor::{Descriptor, Preprocess, SearchSpace, Unit};
 
 use super::candidate::{Given, check_no_point, point_name};
-use crate::experiment::{Experiment, ExperimentError, Overrides};
+use crate::experiment::{ConfigError, Experiment, Overrides};
 use crate::front::{self, FrontError};
 use crate::names::is_name;
 use crate::reopen::{WinnerError, winner_of};
@@ -45,7 +45,7 @@ pub enum GivenError {
     Front(#[from] FrontError),
     /// The other run's experiment.
     #[error(transparent)]
-    Experiment(#[from] ExperimentError),
+    Experiment(#[from] ConfigError),
     /// The other run's winner is not of this program's genes.
     #[error("{run}: {source}\nlook whether the run is sound: coordinator verify", run = .run.display())]
     Winner {

@@ -36,7 +36,7 @@ use evolution::{Encoding, GaSettings, Method, Score, StopSettings, WinnerRule};
 use crate::dataset::{Clouds, Dataset, DatasetSettings};
 use crate::fitness::{Fitness, Measured};
 use crate::objectives::Objectives;
-pub use artefact::sections::ExperimentError;
+pub use artefact::sections::ConfigError;
 use artefact::sections::Fault;
 pub(crate) use artefact::sections::{advice as name_advice, micrometres};
 use cluster::sharding::ShardCount;
@@ -144,7 +144,7 @@ impl FromStr for LocalWorkers {
 impl Experiment {
     /// Reads and checks an experiment file of at most 1 MiB. Nothing but the file and environment variables named
     /// in its paths is looked at: whether the clouds exist is found out by whoever reads them.
-    pub fn read(path: &Path, overrides: Overrides) -> Result<Self, ExperimentError> {
+    pub fn read(path: &Path, overrides: Overrides) -> Result<Self, ConfigError> {
         let text = read_bounded(path).map_err(|fault| fault.in_file(path))?;
         Self::parse(&text, path, overrides, &|name| std::env::var(name))
     }
@@ -154,7 +154,7 @@ impl Experiment {
         path: &Path,
         overrides: Overrides,
         lookup: paths::Lookup<'_>,
-    ) -> Result<Self, ExperimentError> {
+    ) -> Result<Self, ConfigError> {
         syntax::parse(text)
             .and_then(|raw| validate::experiment(raw, path, overrides, lookup))
             .map_err(|fault| fault.in_file(path))
@@ -343,7 +343,7 @@ impl Experiment {
         origin: &Path,
         data: Option<&Path>,
         overrides: Overrides,
-    ) -> Result<Self, ExperimentError> {
+    ) -> Result<Self, ConfigError> {
         let mut experiment = Self::parse(text, origin, overrides, &|name| std::env::var(name))?;
         if let Some(data) = data {
             let old = experiment.dataset.root.clone();

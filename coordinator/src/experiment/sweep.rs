@@ -8,7 +8,7 @@ use evolution::Method;
 use super::checks::{checked_name, checked_seed};
 use super::forms::RawSeeds;
 use super::paths::Lookup;
-use super::{Experiment, ExperimentError, Overrides, read_bounded, resolved, syntax, validate};
+use super::{ConfigError, Experiment, Overrides, read_bounded, resolved, syntax, validate};
 use artefact::sections::Fault;
 
 /// Most runs of one sweep: each has a folder of its own and keeps its population in memory.
@@ -44,13 +44,13 @@ pub struct Member {
 
 impl Plan {
     /// Reads and checks an experiment file, see [`Experiment::read`].
-    pub fn read(path: &Path, overrides: Overrides) -> Result<Self, ExperimentError> {
+    pub fn read(path: &Path, overrides: Overrides) -> Result<Self, ConfigError> {
         let text = read_bounded(path).map_err(|fault| fault.in_file(path))?;
         Self::parse(&text, path, overrides, &|name| std::env::var(name))
     }
 
     /// The plan of a record; `origin` names it in messages.
-    pub fn from_record(text: &str, origin: &Path, overrides: Overrides) -> Result<Self, ExperimentError> {
+    pub fn from_record(text: &str, origin: &Path, overrides: Overrides) -> Result<Self, ConfigError> {
         Self::parse(text, origin, overrides, &|name| std::env::var(name))
     }
 
@@ -59,7 +59,7 @@ impl Plan {
         path: &Path,
         overrides: Overrides,
         lookup: Lookup<'_>,
-    ) -> Result<Self, ExperimentError> {
+    ) -> Result<Self, ConfigError> {
         let plan = || {
             let mut raw = syntax::parse(text)?;
             let sweep = raw.sweep.take();

@@ -42,7 +42,7 @@ fn no_variables(_: &str) -> Result<String, VarError> {
 }
 
 /// Reads a text as the file `exp/x.toml`, with no variable set.
-fn parse(text: &str) -> Result<Experiment, ExperimentError> {
+fn parse(text: &str) -> Result<Experiment, ConfigError> {
     Experiment::parse(text, Path::new("exp/x.toml"), Overrides::default(), &no_variables)
 }
 

@@ -13,7 +13,7 @@ use proto::{Digest, Principal};
 
 use crate::dataset::DatasetError;
 use crate::exhaust::grid::GridError;
-use crate::experiment::ExperimentError;
+use crate::experiment::ConfigError;
 use crate::in_process::InProcessError;
 use crate::observers::event_file::EventFileError;
 use crate::reference_clouds::ReferenceError;
@@ -87,7 +87,7 @@ pub enum RunError {
     },
     /// The experiment that a run was started with.
     #[error(transparent)]
-    Experiment(#[from] ExperimentError),
+    Experiment(#[from] ConfigError),
     /// The workers of this process stopped.
     #[error(transparent)]
     InProcess(#[from] InProcessError),
