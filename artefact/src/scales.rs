@@ -16,7 +16,7 @@ pub fn weights(descriptor: &Descriptor, scales: Option<&[f64]>) -> Vec<f64> {
     descriptor.channels().into_iter().zip(scales).map(|((_, weight), scale)| weight / scale).collect()
 }
 
-/// Whether a descriptor can have these scales; `Err` says what was found instead.
+/// Refuses scales that a descriptor cannot have; `Err` says what was found instead.
 pub fn check(descriptor: &Descriptor, scales: Option<&[f64]>) -> Result<(), String> {
     let Some(scales) = scales else {
         return if has_scales(descriptor) { Err("no database.scales".to_owned()) } else { Ok(()) };

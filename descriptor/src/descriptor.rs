@@ -314,7 +314,7 @@ impl Descriptor {
         Layout::encode(channels.iter().map(Borrow::borrow))
     }
 
-    /// Whether these bytes can be the signatures of so many clouds.
+    /// Refuses bytes that cannot be the signatures of so many clouds.
     ///
     /// # Errors
     /// If they cannot.

@@ -76,7 +76,7 @@ impl GeneSpec {
         Domain { low, step, count: (high - low) / step + 1 }
     }
 
-    /// Whether the gene may take these values.
+    /// Refuses values that the gene may not take.
     ///
     /// # Errors
     /// If there are none, too many, or some beyond its limits.

@@ -106,7 +106,7 @@ impl Normals {
     }
 }
 
-/// Whether a cloud as stored takes part: the same for all descriptors, and decided without fitting normals.
+/// Refuses a cloud, as stored, that takes no part: the same for all descriptors, and decided without fitting normals.
 ///
 /// # Errors
 /// Exactly those of [`keypoints`] and [`Normals::new`].

@@ -62,7 +62,7 @@ impl Layout {
         bytes
     }
 
-    /// Whether these bytes can be the signatures of so many clouds.
+    /// Refuses bytes that cannot be the signatures of so many clouds.
     ///
     /// # Errors
     /// If they cannot.

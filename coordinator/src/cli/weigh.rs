@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use artefact::read_structure;
 use cache::StorageArgs;
-use clap::{Args, ValueEnum};
+use clap::Args;
 use descriptor::weigh::Weighing;
 
 use crate::export::{self, DescriptorChoice};
@@ -34,8 +34,8 @@ pub struct Weigh {
     point: Option<u32>,
     /// How weights are found: jointly, for the nearest cloud, or separately, for recognisers that learn; by default as the
     /// run's experiment has it, else jointly
-    #[arg(long, value_name = "HOW")]
-    how: Option<How>,
+    #[arg(long, value_name = "HOW", value_parser = Weighing::ALL.map(Weighing::name))]
+    how: Option<String>,
     /// Learn from the clouds of this set only, where the run's clouds are of several, for example kitchen; by default from
     /// all that the run's fitness gives a weight
     #[arg(long, value_name = "NAME")]
@@ -45,21 +45,6 @@ pub struct Weigh {
     data: Option<PathBuf>,
     #[command(flatten)]
     storage: StorageArgs,
-}
-
-#[derive(Clone, Copy, Debug, ValueEnum)]
-enum How {
-    Jointly,
-    Separately,
-}
-
-impl How {
-    fn weighing(self) -> Weighing {
-        match self {
-            Self::Jointly => Weighing::Jointly,
-            Self::Separately => Weighing::Separately,
-        }
-    }
 }
 
 impl Weigh {
@@ -72,7 +57,7 @@ impl Weigh {
         let place = (self.data.as_deref(), self.set.as_deref());
         let found = export::weigh(
             &self.run,
-            (&which, self.how.map(How::weighing)),
+            (&which, self.how.as_deref().and_then(Weighing::named)),
             place,
             &self.out,
             &self.storage.resolve(),

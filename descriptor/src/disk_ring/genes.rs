@@ -257,7 +257,7 @@ impl Parameters {
         self.colour_bins > 0
     }
 
-    /// Whether any experiment may use the descriptor.
+    /// Refuses what no experiment may use.
     ///
     /// # Errors
     /// What is wrong with it.

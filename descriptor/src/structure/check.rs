@@ -84,7 +84,7 @@ pub(super) fn outside(
 }
 
 impl Structure {
-    /// Whether any experiment may use it.
+    /// Refuses what no experiment may use.
     ///
     /// # Errors
     /// The first thing that is wrong with it.
@@ -126,7 +126,7 @@ impl StructureChannel {
     /// Numbers of bins that a feature may have.
     pub(super) const BINS: RangeInclusive<u32> = 2..=64;
 
-    /// Whether any experiment may use it. Of several ways to say the same only one is allowed, so that equal channels are
+    /// Refuses what no experiment may use. Of several ways to say the same only one is allowed, so that equal channels are
     /// equal values.
     ///
     /// # Errors

@@ -59,7 +59,7 @@ impl Structure {
 }
 
 impl StructureSpace {
-    /// Whether an experiment may search it.
+    /// Refuses a space that no experiment may search.
     ///
     /// # Errors
     /// What is wrong with it.

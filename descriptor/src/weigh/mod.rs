@@ -28,6 +28,14 @@ pub enum Weighing {
 }
 
 impl Weighing {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Jointly, Self::Separately];
+
+    /// The one of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|how| how.name() == name)
+    }
+
     /// As experiments have it.
     pub fn name(self) -> &'static str {
         match self {
