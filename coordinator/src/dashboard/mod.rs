@@ -13,12 +13,12 @@ mod feed;
 mod folders;
 mod overview;
 mod query;
+mod run_index;
 mod run_log;
 mod server;
 mod shown;
 mod state;
 mod stream;
-mod watched;
 
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -27,8 +27,8 @@ use std::sync::Arc;
 use transport::{Protection, WebError, WebListener};
 
 use crate::web::access::Access;
+use run_index::RunIndex;
 use state::Server;
-use watched::Watched;
 
 /// Where a dashboard is served unless the command line says otherwise.
 pub const DEFAULT_ADDRESS: SocketAddr =
@@ -90,7 +90,7 @@ impl Dashboard {
     /// Answers requests as long as it is polled.
     pub async fn serve(self) {
         let access = Access::new(self.listener.address, self.listener.tokens.clone());
-        let server = Server::new(Watched::new(self.roots), access);
+        let server = Server::new(RunIndex::new(self.roots), access);
         server::serve(Arc::new(server), self.listener.accept()).await;
     }
 }

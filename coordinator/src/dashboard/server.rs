@@ -132,7 +132,7 @@ async fn runs(State(server): Shared, request: Request) -> Response {
 async fn run(State(server): Shared, request: Request) -> Response {
     let query = Query::new(request.uri().query());
     let work = move |server: &Server| {
-        let shown = server.watched.run(query.text("id")?)?;
+        let shown = server.runs.run(query.text("id")?)?;
         shown.refresh();
         shown.detail()
     };
@@ -142,7 +142,7 @@ async fn run(State(server): Shared, request: Request) -> Response {
 async fn generations(State(server): Shared, request: Request) -> Response {
     let query = Query::new(request.uri().query());
     let work = move |server: &Server| {
-        let shown = server.watched.run(query.text("id")?)?;
+        let shown = server.runs.run(query.text("id")?)?;
         shown.refresh();
         Ok(shown.generations())
     };
@@ -160,14 +160,14 @@ async fn stream(State(server): Shared, request: Request) -> Response {
 
 async fn answers(State(server): Shared, request: Request) -> Response {
     let query = Query::new(request.uri().query());
-    let work = move |server: &Server| server.watched.run(query.text("id")?)?.answers(query.text("of")?);
+    let work = move |server: &Server| server.runs.run(query.text("id")?)?.answers(query.text("of")?);
     answer(server.blocking(work).await)
 }
 
 async fn clouds(State(server): Shared, request: Request) -> Response {
     let query = Query::new(request.uri().query());
     let work = move |server: &Server| {
-        let shown = server.watched.run(query.text("id")?)?;
+        let shown = server.runs.run(query.text("id")?)?;
         shown.refresh();
         shown.clouds()
     };
@@ -177,7 +177,7 @@ async fn clouds(State(server): Shared, request: Request) -> Response {
 async fn cloud(State(server): Shared, request: Request) -> Response {
     let query = Query::new(request.uri().query());
     let work = move |server: &Server| {
-        let shown = server.watched.run(query.text("id")?)?;
+        let shown = server.runs.run(query.text("id")?)?;
         shown.refresh();
         shown.cloud(query.text("path")?, query.number("points")?.unwrap_or(POINTS))
     };
@@ -194,7 +194,7 @@ async fn cloud(State(server): Shared, request: Request) -> Response {
 async fn explain(State(server): Shared, request: Request) -> Response {
     let query = Query::new(request.uri().query());
     let work = move |server: &Server| {
-        let shown = server.watched.run(query.text("id")?)?;
+        let shown = server.runs.run(query.text("id")?)?;
         shown.refresh();
         let individual = query.number("generation")?.zip(query.number("individual")?);
         let which = match (query.text_if_any("compared"), individual) {
@@ -210,7 +210,7 @@ async fn explain(State(server): Shared, request: Request) -> Response {
 async fn landscape(State(server): Shared, request: Request) -> Response {
     let query = Query::new(request.uri().query());
     let work = move |server: &Server| {
-        let found = server.watched.landscape(query.text("id")?, query.text("a")?, query.text("b")?)?;
+        let found = server.runs.landscape(query.text("id")?, query.text("a")?, query.text("b")?)?;
         Ok(found.to_string())
     };
     answer(server.blocking(work).await)
@@ -220,7 +220,7 @@ async fn landscape(State(server): Shared, request: Request) -> Response {
 async fn report(State(server): Shared, request: Request) -> Response {
     let query = Query::new(request.uri().query());
     let work = move |server: &Server| {
-        let shown = server.watched.run(query.text("id")?)?;
+        let shown = server.runs.run(query.text("id")?)?;
         let name = Path::new(&shown.found().id).file_name().map(|name| name.to_string_lossy().into_owned());
         Ok::<_, DashboardError>((name.unwrap_or_default(), shown.report()?))
     };
@@ -249,7 +249,7 @@ async fn control(State(server): Shared, request: Request) -> Response {
     // Not among those that read folders: it waits for another process.
     let work = move || {
         let order = Order::read(&body)?;
-        let shown = server.watched.run(&order.id)?;
+        let shown = server.runs.run(&order.id)?;
         order.carry_out(&shown).map(|done| json!({"done": done}).to_string())
     };
     answer(tokio::task::spawn_blocking(work).await.ok())

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde_json::json;
 use tokio::sync::Semaphore;
 
-use super::watched::Watched;
+use super::run_index::RunIndex;
 use crate::web::access::{Access, Right};
 
 /// Requests that read tables at a time, …
@@ -15,7 +15,7 @@ const COMPUTING: usize = 2;
 /// What requests are answered from.
 pub struct Server {
     /// The runs.
-    pub watched: Watched,
+    pub runs: RunIndex,
     /// Who may come in.
     pub access: Access,
     reading: Semaphore,
@@ -24,8 +24,8 @@ pub struct Server {
 
 impl Server {
     /// Of these runs, for whom `access` lets in.
-    pub fn new(watched: Watched, access: Access) -> Self {
-        Self { watched, access, reading: Semaphore::new(READING), computing: Semaphore::new(COMPUTING) }
+    pub fn new(runs: RunIndex, access: Access) -> Self {
+        Self { runs, access, reading: Semaphore::new(READING), computing: Semaphore::new(COMPUTING) }
     }
 
     /// Reads on another thread, some at a time.
@@ -56,9 +56,8 @@ impl Server {
 
     /// The runs in short, as JSON, for who may do this. Blocks.
     pub fn list(&self, right: Right) -> String {
-        let runs = self.watched.list();
-        let (root, build, may_control) =
-            (self.watched.roots(), json!(worker::BUILD), right == Right::Control);
+        let runs = self.runs.list();
+        let (root, build, may_control) = (self.runs.roots(), json!(worker::BUILD), right == Right::Control);
         format!("{{\"root\":{root},\"build\":{build},\"may_control\":{may_control},\"runs\":{runs}}}")
     }
 }

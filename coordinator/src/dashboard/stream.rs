@@ -53,7 +53,7 @@ pub async fn stream(server: Arc<Server>, query: &Query, right: Right) -> Result<
             );
             let id = id.to_owned();
             let unknown = DashboardError::UnknownRun { id: id.clone() };
-            let found = server.blocking(move |server| server.watched.run(&id)).await;
+            let found = server.blocking(move |server| server.runs.run(&id)).await;
             Subject::Run(found.unwrap_or(Err(unknown))?, cursor)
         }
     };

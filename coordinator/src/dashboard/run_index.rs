@@ -20,7 +20,7 @@ const LISTED: Duration = Duration::from_millis(900);
 const SPARING: u32 = 20;
 
 /// All runs of some folders.
-pub struct Watched {
+pub struct RunIndex {
     roots: Vec<PathBuf>,
     state: Mutex<State>,
 }
@@ -33,7 +33,7 @@ struct State {
     list: Option<(Instant, Arc<str>)>,
 }
 
-impl Watched {
+impl RunIndex {
     /// Of the runs in these folders.
     pub fn new(roots: Vec<PathBuf>) -> Self {
         Self { roots, state: Mutex::default() }
