@@ -1,8 +1,16 @@
-//! Names of the coordinator's own entries in the store of derived data.
+//! The store of derived data, and names of the coordinator's own entries in it.
 
+use std::sync::Arc;
+
+use cache::{Storage, Store};
 use descriptor::Preprocess;
 use proto::Digest;
 use worker::preprocess_key;
+
+/// The store of a command that may have workers.
+pub fn open(storage: &Storage) -> Arc<Store> {
+    Arc::new(Store::open(storage, &transport::host_name(), descriptor::EVALUATION_VERSION))
+}
 
 /// The key of what follows from `inputs` where clouds are prepared like this.
 pub fn key(kind: &str, preprocess: &Preprocess, inputs: &[&[u8]]) -> Digest {
@@ -12,14 +20,10 @@ pub fn key(kind: &str, preprocess: &Preprocess, inputs: &[&[u8]]) -> Digest {
 
 /// A store in a folder of a test.
 #[cfg(test)]
-pub fn store_in(folder: &std::path::Path) -> cache::Store {
+pub fn store_in(folder: &std::path::Path) -> Store {
     let size = cache::ByteSize::gib(1);
-    let storage = cache::Storage {
-        cache: Some(folder.to_owned()),
-        cache_size: size,
-        ..cache::Storage::in_memory(size)
-    };
-    cache::Store::open(&storage, "test", descriptor::EVALUATION_VERSION)
+    let storage = Storage { cache: Some(folder.to_owned()), cache_size: size, ..Storage::in_memory(size) };
+    Store::open(&storage, "test", descriptor::EVALUATION_VERSION)
 }
 
 #[cfg(test)]

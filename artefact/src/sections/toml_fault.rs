@@ -84,7 +84,7 @@ pub fn key_fault(text: &str, root: &DeTable<'_>, error: &Error) -> Fault {
         let advice = if place.ends_with("channel") {
             format!("write a section [[{place}]] for each")
         } else {
-            format!("write a list, for example [{got}]")
+            "write values in brackets, with commas between them".to_owned()
         };
         return Fault::new(place, format!("expected a list, got {got}"), advice);
     }

@@ -52,22 +52,21 @@ impl JobNames {
         }
     }
 
-    /// Those that are not among others, in memory; `None` if there are none. Like others, those that cannot be looked up
-    /// count as not there.
-    pub fn without(&self, others: &Self) -> Option<Self> {
-        let mut left = None;
-        let mut keep = |job| left.get_or_insert_with(|| JobSet::new(None)).insert(job);
-        let shown = self.0.for_each(|job| {
-            if !others.contains(job) {
-                keep(job);
-            }
-        });
-        shown.ok().and(left.map(Self))
-    }
-
     /// Whether this job was asked for.
     pub fn contains(&self, job: JobId) -> bool {
         self.0.contains(job).unwrap_or_default()
+    }
+
+    /// Adds those of another that are not among `except`.
+    ///
+    /// # Errors
+    /// If the others cannot be read any more.
+    pub fn add(&mut self, others: &Self, except: &Self) -> Result<(), SpillError> {
+        others.0.for_each(|job| {
+            if !except.contains(job) {
+                self.0.insert(job);
+            }
+        })
     }
 }
 
@@ -100,16 +99,18 @@ mod tests {
     }
 
     #[test]
-    fn what_another_has_not_asked_for_is_left_of_names() {
-        let (mut names, mut others) = (JobNames::default(), JobNames::default());
-        (0..3).for_each(|number| drop(names.next(&task(number))));
-        (1..9).for_each(|number| drop(others.next(&task(number))));
-        let left = names.without(&others).unwrap();
+    fn names_of_another_are_added_unless_they_are_known() {
+        let [mut names, mut known, mut others] = <[JobNames; 3]>::default();
+        for number in 0..3 {
+            others.next(&task(number));
+        }
+        for number in 1..9 {
+            known.next(&task(number));
+        }
+        names.add(&others, &known).unwrap();
         assert_eq!(
-            [0, 1, 2, 3].map(|number| left.contains(task(number).job(0))),
+            [0, 1, 2, 3].map(|number| names.contains(task(number).job(0))),
             [true, false, false, false]
         );
-        others.next(&task(0));
-        assert!(names.without(&others).is_none());
     }
 }

@@ -11,9 +11,9 @@ use crate::spill::{SpillError, SpillMap};
 pub struct JobSet(SpillMap);
 
 impl JobSet {
-    /// An empty set, whose file is made in this directory when it is needed; without one it stays in memory.
+    /// An empty set, whose file is made in this directory when it is needed; without a directory it stays in memory.
     pub fn new(directory: Option<&Path>) -> Self {
-        Self(directory.map_or_else(SpillMap::in_memory, SpillMap::new))
+        Self(SpillMap::new(directory))
     }
 
     #[cfg(test)]
@@ -29,7 +29,7 @@ impl JobSet {
     /// Whether a job is in it.
     ///
     /// # Errors
-    /// If it cannot be looked up any more.
+    /// If that cannot be looked up any more.
     pub fn contains(&self, job: JobId) -> Result<bool, SpillError> {
         self.0.contains(&key_of(job))
     }
@@ -39,12 +39,20 @@ impl JobSet {
         self.0.insert(&key_of(job), Vec::new());
     }
 
+    /// Adds many jobs, while nobody waits: in far less time if they are sorted.
+    pub fn extend(&mut self, jobs: impl IntoIterator<Item = JobId>) {
+        self.0.extend(jobs.into_iter().map(|job| (key_of(job), Vec::new())));
+    }
+
     /// Shows all jobs to `see`, in no order of meaning.
     ///
     /// # Errors
     /// If it cannot be read any more: then not all were shown.
     pub fn for_each(&self, mut see: impl FnMut(JobId)) -> Result<(), SpillError> {
-        self.0.for_each(|key, _| see(JobId(key.first_chunk().map_or(0, |key| u64::from_be_bytes(*key)))))
+        self.0.for_each(|key, _| match key.first_chunk() {
+            Some(key) => see(JobId(u64::from_be_bytes(*key))),
+            None => unreachable!("a key that was made here has eight bytes"),
+        })
     }
 }
 
@@ -65,11 +73,12 @@ mod tests {
         let mut set = JobSet::of(SpillMap::with(Some(directory.path().to_owned()), 1000));
         let jobs: BTreeSet<JobId> =
             (1..=2000u64).map(|number| JobId(number.wrapping_mul(0x9e37_79b9_7f4a_7c15))).collect();
-        for job in &jobs {
+        for job in jobs.iter().take(1000) {
             assert_eq!(set.contains(*job), Ok(false));
             set.insert(*job);
             set.insert(*job); // adds nothing
         }
+        set.extend(jobs.iter().skip(500).copied());
         assert!(jobs.iter().all(|job| set.contains(*job) == Ok(true)));
         let mut shown = Vec::new();
         set.for_each(|job| shown.push(job)).unwrap();

@@ -90,14 +90,10 @@ pub struct SpillError {
 }
 
 impl SpillMap {
-    /// An empty map, whose file is made in this directory when it is needed.
-    pub fn new(directory: &Path) -> Self {
-        Self::with(Some(directory.to_owned()), resident_bytes())
-    }
-
-    /// An empty map that stays in memory.
-    pub fn in_memory() -> Self {
-        Self::with(None, usize::MAX)
+    /// An empty map, whose file is made in this directory when it is needed; without a directory it stays in memory.
+    pub fn new(directory: Option<&Path>) -> Self {
+        let most = if directory.is_some() { resident_bytes() } else { usize::MAX };
+        Self::with(directory.map(Path::to_owned), most)
     }
 
     /// An empty map with so many bytes of entries in memory at most.
@@ -171,13 +167,32 @@ impl SpillMap {
     /// Puts a value under a key, instead of one that is there. If the file cannot be written, it stays in memory, and whoever
     /// looks for something in the file is told.
     pub fn insert(&mut self, key: &[u8], value: Vec<u8>) {
+        self.keep(key, value);
+        if self.is_full() && self.open() {
+            self.spill(ENTRIES_AT_ONCE, BYTES_AT_ONCE);
+        }
+    }
+
+    /// The same for many entries, while nobody waits: in far less time if they come in the order of their keys.
+    pub fn extend<K: AsRef<[u8]>>(&mut self, entries: impl IntoIterator<Item = (K, Vec<u8>)>) {
+        for (key, value) in entries {
+            self.keep(key.as_ref(), value);
+            if self.is_full() && self.open() {
+                self.spill(usize::MAX, usize::MAX);
+            }
+        }
+    }
+
+    fn keep(&mut self, key: &[u8], value: Vec<u8>) {
         self.bytes += ENTRY_BYTES + key.len() + value.len();
         if let Some(before) = self.resident.insert(key.to_vec(), value) {
             self.bytes -= ENTRY_BYTES + key.len() + before.len();
         }
-        if self.bytes > self.most && self.failure().is_none() && self.open() {
-            self.spill();
-        }
+    }
+
+    /// Whether entries have to leave memory.
+    fn is_full(&self) -> bool {
+        self.bytes > self.most && self.failure().is_none()
     }
 
     /// Makes the file, unless there is one; `false` if none can be made: then all stays in memory, until there is twice as
@@ -207,8 +222,8 @@ impl SpillMap {
         self.file.is_some()
     }
 
-    /// Moves some entries to the file.
-    fn spill(&mut self) {
+    /// Moves entries to the file, as many and of as many bytes as this.
+    fn spill(&mut self, most_entries: usize, most_bytes: usize) {
         let [on, before] = [
             (Bound::Included(&self.next[..]), Bound::Unbounded),
             (Bound::Unbounded, Bound::Excluded(&self.next[..])),
@@ -218,9 +233,9 @@ impl SpillMap {
         let fit = |key: &Vec<u8>| {
             let before = bytes;
             bytes += self.resident[key].len();
-            before < BYTES_AT_ONCE
+            before < most_bytes
         };
-        let keys: Vec<Vec<u8>> = on.chain(before).take(ENTRIES_AT_ONCE).take_while(fit).collect();
+        let keys: Vec<Vec<u8>> = on.chain(before).take(most_entries).take_while(fit).collect();
         let Self { file: Some(file), resident, .. } = self else { return };
         let write = || -> Result<(), redb::Error> {
             let transaction: WriteTransaction = file.begin_write()?;
@@ -329,15 +344,18 @@ pub(crate) mod tests {
         all
     }
 
+    fn entries() -> impl Strategy<Value = Vec<(Vec<u8>, Vec<u8>)>> {
+        let entry = (prop::collection::vec(0u8..4, 0..5), prop::collection::vec(any::<u8>(), 0..40));
+        prop::collection::vec(entry, 0..300)
+    }
+
     proptest! {
         #![proptest_config(ProptestConfig { cases: 32, ..ProptestConfig::default() })]
 
         #[test]
         fn it_is_a_map_whatever_memory_holds(
-            inserted in prop::collection::vec(
-                (prop::collection::vec(0u8..4, 0..5), prop::collection::vec(any::<u8>(), 0..40)),
-                0..300,
-            ),
+            inserted in entries(),
+            together in entries(),
             most in 0usize..20_000,
         ) {
             let directory = tempfile::tempdir().unwrap();
@@ -349,6 +367,9 @@ pub(crate) mod tests {
                 expected.insert(key, value);
                 prop_assert!(map.bytes <= most, "an entry that was new made room for itself");
             }
+            map.extend(together.iter().map(|(key, value)| (key, value.clone())));
+            prop_assert!(map.bytes <= most);
+            expected.extend(together);
             for key in (0..=5).map(|length| vec![1; length]).chain(expected.keys().cloned()) {
                 prop_assert_eq!(map.get(&key), Ok(expected.get(&key).cloned()));
                 prop_assert_eq!(map.contains(&key), Ok(expected.contains_key(&key)));

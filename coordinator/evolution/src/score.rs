@@ -46,6 +46,12 @@ impl Score {
         self.compare(other) == Ordering::Greater
     }
 
+    /// The better of two, this one on ties.
+    #[must_use]
+    pub fn or_better(self, other: Self) -> Self {
+        if other.is_better_than(&self) { other } else { self }
+    }
+
     /// Whether every query was answered with the right object; not without queries.
     pub fn is_perfect(&self) -> bool {
         self.queries > 0 && self.correct >= self.queries

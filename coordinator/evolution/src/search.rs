@@ -109,8 +109,8 @@ impl Search {
         Some(next)
     }
 
-    /// Individuals of the current generation that have children of their own, whatever the others' scores, if the next
-    /// generation will be whole; `evaluations` as for [`Search::tell`].
+    /// Individuals of the current generation that have children of their own, whatever the others' scores, each in one part at
+    /// most, if the next generation will be whole; `evaluations` as for [`Search::tell`].
     pub fn parts(&self, evaluations: u64) -> Vec<Range<usize>> {
         let largest = u64::from(self.strategy.largest_generation());
         if self.evaluations_left(evaluations).is_some_and(|left| left < largest) {

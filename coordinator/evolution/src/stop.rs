@@ -111,7 +111,7 @@ impl StopRule {
         let improves = self.best.is_none_or(|best| score.correct > best.correct);
         self.generations_without_improvement =
             if improves { 0 } else { self.generations_without_improvement.saturating_add(1) };
-        let best = self.best.filter(|best| !score.is_better_than(best)).unwrap_or(score);
+        let best = self.best.map_or(score, |best| best.or_better(score));
         self.best = Some(best);
         let rises = matches!(
             (self.previous_validation, validation),

@@ -23,8 +23,8 @@ pub trait Strategy: Send + Sync {
         past: &Past,
     ) -> Vec<Individual>;
 
-    /// Individuals of a generation of so many that have children of their own, whatever the others' scores; none, if the next
-    /// generation follows only from all of them.
+    /// Individuals of a generation of so many that have children of their own, whatever the others' scores, each in one part
+    /// at most; none, if the next generation follows only from all of them.
     fn parts(&self, _individuals: usize) -> Vec<Range<usize>> {
         Vec::new()
     }

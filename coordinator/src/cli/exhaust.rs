@@ -52,7 +52,7 @@ impl Exhaust {
             storage: self.workers.storage()?,
             readmit: Vec::new(),
             comparison_follows: false,
-            watch: None,
+            metrics: None,
         };
         let summary = super::block_on(
             "run the same command to go on; with --fresh, name its folder with --out instead",

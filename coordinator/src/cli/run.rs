@@ -170,7 +170,7 @@ impl Manner {
             storage: self.workers.storage()?,
             readmit: self.readmit.clone(),
             comparison_follows: control || comparison || learns,
-            watch: observers.metrics.map(|_| Arc::default()),
+            metrics: observers.metrics.map(|_| Arc::default()),
         };
         let after = AfterRun { options: &options, overrides: self.workers.overrides(None), control };
         super::block_on(&advice, async {
@@ -179,8 +179,8 @@ impl Manner {
                 dashboard.notices().iter().for_each(say);
                 tokio::spawn(dashboard.serve());
             }
-            if let (Some(address), Some(watch)) = (observers.metrics, &options.watch) {
-                let metrics = MetricsServer::bind(address, protection, Arc::clone(watch)).await?;
+            if let (Some(address), Some(source)) = (observers.metrics, &options.metrics) {
+                let metrics = MetricsServer::bind(address, protection, Arc::clone(source)).await?;
                 metrics.notices().iter().for_each(say);
                 tokio::spawn(metrics.serve());
             }

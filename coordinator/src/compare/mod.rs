@@ -25,7 +25,6 @@ use std::sync::Arc;
 use std::time::SystemTime;
 
 use cache::Storage;
-use cache::Store;
 use descriptor::recogniser::Method;
 use descriptor::{Descriptor, Family, Perturbation, Preprocess, SetDistance, VectorMetric};
 use results::{ComparedRow, LookRow, PairRow, PerturbedRow, RunFolder, TableName};
@@ -38,6 +37,7 @@ use crate::run::splits::ONLY_SET;
 use crate::run::{Matching, RunError, choose_set, refuse_other_data, rows, sets};
 use crate::session::{Session, listen, scale};
 use crate::slurm::SlurmWorkers;
+use crate::storage;
 pub use candidate::{Candidate, Choice, EVOLVED, Named, PAPER};
 use described::{Described, Shards};
 use describing::Describing;
@@ -112,8 +112,7 @@ struct NamedDescriptor {
 /// Compares descriptors on the test clouds of a finished run, with those that were compared before, and writes the tables
 /// into its folder.
 pub async fn compare(folder: &Path, options: &Options) -> Result<Comparison, CompareError> {
-    let store =
-        Arc::new(Store::open(&options.storage, &transport::host_name(), descriptor::EVALUATION_VERSION));
+    let store = storage::open(&options.storage);
     let Reopened { finished: mut run, experiment, dataset } =
         reopen(folder, options.data.as_deref(), options.overrides, &store)?;
     let mut display = Display::new();

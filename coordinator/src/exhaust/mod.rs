@@ -35,6 +35,7 @@ use crate::run::directory::{beside, claim, difference, refuse_another};
 use crate::run::progress::Progress;
 use crate::run::{RunError, RunOptions, open_data, refuse_sets, rows};
 use crate::session::{Session, listen, scale};
+use crate::storage;
 use cluster::Client;
 use cluster::events::Controlled;
 use grid::Grid;
@@ -53,8 +54,7 @@ pub async fn exhaust(
     sample: u32,
 ) -> Result<GridSummary, RunError> {
     let mut progress = Progress::new(1);
-    let store =
-        Arc::new(Store::open(&options.storage, &transport::host_name(), descriptor::EVALUATION_VERSION));
+    let store = storage::open(&options.storage);
     Grid::new(experiment.space())?;
     let dataset = open_data(experiment, Wanted::Training, Some(&store), |line| progress.say(line))?;
     refuse_sets("exhaust", "name the clouds of one set in another manifest", &dataset)?;

@@ -6,13 +6,11 @@ use std::path::{Path, PathBuf};
 use artefact::{Contents, Recogniser, channels, labels};
 use descriptor::recogniser::{Evidence, HeldOut, LabelledClouds, MAX_CLOUDS, RejectError, RejectRule};
 use descriptor::{SetDistance, Signature, Signatures};
-use proto::Message;
 use rayon::prelude::*;
 
 use super::error::AssessError;
-use super::reject;
-use crate::dataset::{Layout, NamedCloud, cloud_bytes};
-use crate::evaluate::Seconds;
+use super::{describe, reject};
+use crate::dataset::{Layout, NamedCloud};
 use crate::looks::Look;
 
 /// Shares of false rejections, as they were calibrated, for which rejections are measured.
@@ -193,12 +191,6 @@ struct Answered {
 fn answered(recogniser: &Recogniser, query: &Query) -> Answered {
     let answer = recogniser.answer_to(&query.signatures, 2);
     Answered { is_right: answer.nearest().instance == query.instance, evidence: answer.evidence }
-}
-
-fn describe(recogniser: &Recogniser, cloud: &NamedCloud) -> Result<Vec<Signature>, String> {
-    let bytes = cloud_bytes(&cloud.file)?;
-    let described = recogniser.describe(&bytes, &mut Seconds::default());
-    Ok(described.map_err(|error| Message::of(&error).what)?.signatures)
 }
 
 /// How many answers a rule rejects, and its bound on the margin alone.

@@ -9,16 +9,14 @@ use artefact::{
     TEST_VECTOR, channels, names_objects_by, signatures,
 };
 use descriptor::Signature;
-use proto::Message;
 use rayon::prelude::*;
 
+use super::describe;
 use super::error::LearnError;
-
 use super::readme::{About, Origin};
 use super::reject::{self, Reject};
 use super::write::{Draft, Written, refuse_occupied};
-use crate::dataset::{Layout, NamedCloud, cloud_bytes, read_file};
-use crate::evaluate::Seconds;
+use crate::dataset::{Layout, NamedCloud, read_file};
 use crate::reference_clouds::part_of;
 
 /// What was added.
@@ -191,13 +189,6 @@ fn check_names(found: &[NamedCloud], reference: &[DatabaseCloud]) -> Result<(), 
         }
     }
     Ok(())
-}
-
-/// The signatures of a cloud, or in a line why it has none.
-fn describe(recogniser: &Recogniser, cloud: &NamedCloud) -> Result<Vec<Signature>, String> {
-    let bytes = cloud_bytes(&cloud.file)?;
-    let described = recogniser.describe(&bytes, &mut Seconds::default());
-    Ok(described.map_err(|error| Message::of(&error).what)?.signatures)
 }
 
 /// Refuses clouds whose signatures are, bit for bit, those of another: the same content, under whatever name.

@@ -16,9 +16,13 @@ mod write;
 #[cfg(test)]
 mod tests;
 
-use artefact::{RecognitionSettings, RejectSettings, SETTINGS, Settings};
+use artefact::{Recogniser, RecognitionSettings, RejectSettings, SETTINGS, Settings};
 use descriptor::structure::Structure;
-use descriptor::{Descriptor, Family};
+use descriptor::{Descriptor, Family, Signature};
+use proto::Message;
+
+use crate::dataset::{NamedCloud, cloud_bytes};
+use crate::evaluate::Seconds;
 
 pub use assess::{Assessment, Rejected, assess};
 pub use error::ExportError;
@@ -40,6 +44,13 @@ pub enum DescriptorChoice {
     Paper,
     /// This structure, on the run's clouds.
     Structure(Structure),
+}
+
+/// The signatures of a cloud, or in a line why it has none.
+fn describe(recogniser: &Recogniser, cloud: &NamedCloud) -> Result<Vec<Signature>, String> {
+    let bytes = cloud_bytes(&cloud.file)?;
+    let described = recogniser.describe(&bytes, &mut Seconds::default());
+    Ok(described.map_err(|error| Message::of(&error).what)?.signatures)
 }
 
 /// Whether this is the text of an artefact's settings that mean something.

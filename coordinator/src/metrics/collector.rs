@@ -8,11 +8,11 @@ use prometheus_client::encoding::{DescriptorEncoder, NoLabelSet};
 use prometheus_client::metrics::MetricType;
 
 use super::families::{FAMILIES, Samples};
-use super::watch::Watch;
+use super::source::MetricsSource;
 
-/// Looks at what is watched, at each scrape.
+/// Asks the source at each scrape.
 #[derive(Debug)]
-pub struct Collector(pub Arc<Watch>);
+pub struct Collector(pub Arc<MetricsSource>);
 
 impl collector::Collector for Collector {
     fn encode(&self, mut encoder: DescriptorEncoder<'_>) -> fmt::Result {
@@ -61,10 +61,10 @@ mod tests {
 
     #[test]
     fn both_formats_have_every_metric_and_no_name_breaks_out_of_its_label() {
-        let watch = Arc::new(Watch::default());
-        watch.run("seed\"} 1\n\\").generation_done(7, 0.25);
+        let source = Arc::new(MetricsSource::default());
+        source.run("seed\"} 1\n\\").generation_done(7, 0.25);
         let mut registry = Registry::default();
-        registry.register_collector(Box::new(Collector(watch)));
+        registry.register_collector(Box::new(Collector(source)));
         let (mut openmetrics, mut prometheus) = (String::new(), String::new());
         text::encode(&mut openmetrics, &registry).unwrap();
         prometheus_text::encode(&mut prometheus, &registry).unwrap();

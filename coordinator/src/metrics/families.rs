@@ -9,7 +9,7 @@ use cluster::scheduler::{JobState, WorkerState};
 use proto::task::TaskKind;
 use transport::{Direction, SigningOutcome};
 
-use super::watch::{RunState, Snapshot};
+use super::source::{RunState, Snapshot};
 
 /// Names and values of a sample's labels.
 pub type Labels = Vec<(&'static str, String)>;

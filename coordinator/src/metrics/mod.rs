@@ -1,12 +1,12 @@
 //! Metrics for Prometheus and probes for orchestrators, of the runs of this process as long as it lasts.
 //!
-//! A `Watch` knows what is at work; `families.rs` lists what there is to tell, `collector.rs` tells it at each scrape,
+//! A `MetricsSource` knows what is at work; `families.rs` lists what there is to tell, `collector.rs` tells it at each scrape,
 //! `server.rs` answers requests.
 
 mod collector;
 mod families;
 mod server;
-mod watch;
+mod source;
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::sync::Arc;
@@ -15,7 +15,7 @@ use transport::{Protection, WebError, WebListener};
 
 use crate::web::access::Access;
 pub use families::reference;
-pub use watch::{RunMetrics, Watch, Watched};
+pub use source::{MetricsSource, RunMetrics, SessionGuard};
 
 /// Where metrics are served unless the command line says otherwise.
 const DEFAULT_ADDRESS: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 7790);
@@ -23,7 +23,7 @@ const DEFAULT_ADDRESS: SocketAddr = SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHO
 /// A port for metrics that is bound.
 pub struct MetricsServer {
     listener: WebListener,
-    watch: Arc<Watch>,
+    source: Arc<MetricsSource>,
 }
 
 impl MetricsServer {
@@ -34,10 +34,10 @@ impl MetricsServer {
     pub async fn bind(
         address: Option<SocketAddr>,
         protection: &Protection,
-        watch: Arc<Watch>,
+        source: Arc<MetricsSource>,
     ) -> Result<Self, WebError> {
         let listener = WebListener::bind_near("metrics", (address, DEFAULT_ADDRESS), protection).await?;
-        Ok(Self { listener, watch })
+        Ok(Self { listener, source })
     }
 
     /// What there is to say to people: where it is and what has to be shown. Without secrets.
@@ -55,6 +55,6 @@ impl MetricsServer {
     /// Answers requests as long as it is polled.
     pub async fn serve(self) {
         let access = Access::new(self.listener.address, self.listener.tokens.clone());
-        crate::web::serve(server::router(self.watch, access), self.listener.accept()).await;
+        crate::web::serve(server::router(self.source, access), self.listener.accept()).await;
     }
 }

@@ -15,7 +15,7 @@ use prometheus_client::registry::Registry;
 use tokio::sync::Semaphore;
 
 use super::collector::Collector;
-use super::watch::Watch;
+use super::source::MetricsSource;
 use crate::web::access::{Access, Refusal, Right, protect};
 
 /// Format of OpenMetrics.
@@ -27,7 +27,7 @@ const LOOKS: usize = 2;
 const PATIENCE: Duration = Duration::from_secs(5);
 
 struct Server {
-    watch: Arc<Watch>,
+    source: Arc<MetricsSource>,
     registry: Registry,
     access: Access,
     looks: Semaphore,
@@ -36,10 +36,10 @@ struct Server {
 type Shared = State<Arc<Server>>;
 
 /// All that is answered.
-pub fn router(watch: Arc<Watch>, access: Access) -> Router {
+pub fn router(source: Arc<MetricsSource>, access: Access) -> Router {
     let mut registry = Registry::default();
-    registry.register_collector(Box::new(Collector(Arc::clone(&watch))));
-    let server = Arc::new(Server { watch, registry, access, looks: Semaphore::new(LOOKS) });
+    registry.register_collector(Box::new(Collector(Arc::clone(&source))));
+    let server = Arc::new(Server { source, registry, access, looks: Semaphore::new(LOOKS) });
     Router::new()
         .route("/metrics", get(metrics))
         .route("/healthz", get(healthz))
@@ -115,14 +115,14 @@ async fn metrics(State(server): Shared, headers: HeaderMap) -> Response {
 const HANGS: &str = "the scheduler has not answered for 5 s";
 
 async fn healthz(State(server): Shared) -> Response {
-    match look(&server, |server| server.watch.touch()).await {
+    match look(&server, |server| server.source.probe()).await {
         Some(()) => line(StatusCode::OK, "ok"),
         None => line(StatusCode::SERVICE_UNAVAILABLE, HANGS),
     }
 }
 
 async fn readyz(State(server): Shared) -> Response {
-    match look(&server, |server| server.watch.ready()).await {
+    match look(&server, |server| server.source.ready()).await {
         Some(Ok(())) => line(StatusCode::OK, "ready"),
         Some(Err(why)) => line(StatusCode::SERVICE_UNAVAILABLE, why),
         None => line(StatusCode::SERVICE_UNAVAILABLE, HANGS),

@@ -3,16 +3,19 @@
 use std::collections::BTreeMap;
 use std::time::SystemTime;
 
-use cluster::Client;
 use cluster::events::{Attempt, Controlled, Departure, Event, EventKind, MAX_KEPT, Omitted};
+use cluster::{Client, ClusterError};
 use proto::WorkerId;
 use results::{AttemptRow, EventRow, RunLog, WorkerRow};
 
 /// The rows of everything that concerns a client so far.
-pub fn rows(client: &Client) -> RunLog {
+///
+/// # Errors
+/// If what it has asked for cannot be looked up any more.
+pub fn rows(client: &Client) -> Result<RunLog, ClusterError> {
     let mut tables = Tables::default();
-    client.events().iter().for_each(|event| tables.add(event));
-    tables.finish(client.omitted_events(), SystemTime::now())
+    client.events()?.iter().for_each(|event| tables.add(event));
+    Ok(tables.finish(client.omitted_events(), SystemTime::now()))
 }
 
 /// Rows of the tables, event by event.

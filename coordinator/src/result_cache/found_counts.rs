@@ -15,13 +15,13 @@ pub(super) struct FoundCounts(SpillMap);
 impl Default for FoundCounts {
     /// In memory alone.
     fn default() -> Self {
-        Self(SpillMap::in_memory())
+        Self::new(None)
     }
 }
 
 impl FoundCounts {
-    /// Of a run with this folder.
-    pub(super) fn new(folder: &Path) -> Self {
+    /// None yet. What outgrows memory goes to a file in this folder, if there is one.
+    pub(super) fn new(folder: Option<&Path>) -> Self {
         Self(SpillMap::new(folder))
     }
 

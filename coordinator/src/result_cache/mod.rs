@@ -76,8 +76,8 @@ impl KnownCounts {
         known
     }
 
-    /// What earlier runs have left, for a search that keeps what it finds in this folder.
-    fn begin(&self, folder: &Path) -> Self {
+    /// What earlier runs have left, for a search; what it finds and memory does not hold goes to this folder.
+    fn begin(&self, folder: Option<&Path>) -> Self {
         let Self { earlier, unused, found: _ } = self;
         Self { earlier: earlier.clone(), unused: unused.clone(), found: FoundCounts::new(folder) }
     }
@@ -113,11 +113,6 @@ impl KnownCounts {
         self.found.insert(&descriptor_bytes(descriptor), measured);
     }
 
-    /// Whether an earlier run has left what is known of a descriptor, and this one has not used it yet.
-    pub fn is_unused(&self, descriptor: &Descriptor) -> bool {
-        self.unused.contains_key(descriptor)
-    }
-
     /// Drops what earlier runs have left of these descriptors.
     pub fn drop_unused(&mut self, is_dropped: impl Fn(&Descriptor, &Source) -> bool) {
         let Self { earlier, unused, .. } = self;
@@ -144,8 +139,8 @@ impl Known {
         Self { train, validation, used: BTreeSet::new() }
     }
 
-    /// What earlier runs have left, for a search that keeps what it finds in this folder.
-    pub fn begin(&self, folder: &Path) -> Self {
+    /// What earlier runs have left, for a search; what it finds and memory does not hold goes to this folder.
+    pub fn begin(&self, folder: Option<&Path>) -> Self {
         let [train, validation] = [&self.train, &self.validation].map(|known| known.begin(folder));
         Self { train, validation, used: self.used.clone() }
     }

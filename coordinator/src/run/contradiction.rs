@@ -33,7 +33,7 @@ pub fn remembered_wrongly(
     RunError::Contradiction { descriptor: descriptor.clone(), matching, computed, remembered }
 }
 
-/// Whether nothing that a run has used of earlier ones rests on a principal that was found to be wrong since.
+/// Refuses counts of earlier runs that this one has used and that rest on a principal found to be wrong since.
 ///
 /// # Errors
 /// [`RunError::WronglyRemembered`].

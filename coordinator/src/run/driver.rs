@@ -105,7 +105,7 @@ impl RunDriver<'_> {
     /// Once more whenever answers turn out to be wrong.
     async fn search_until_right(&mut self) -> Result<Outcome, RunError> {
         let Self { experiment, dataset, session, remembered, client, folder, progress, .. } = self;
-        let mut remembered = remembered.begin(folder.path());
+        let mut remembered = remembered.begin(None); // a copy, from which wrong counts are dropped
         loop {
             let search = begin_search(experiment, dataset, session, client, progress).await?;
             progress.search_starts(folder.generations());
@@ -130,15 +130,18 @@ impl RunDriver<'_> {
     }
 
     /// Writes what has happened so far into the folder of a run that has failed: the cause may be in there. That it could
-    /// not be written says less than the cause.
+    /// not be written says less than the cause. Nothing is written where it cannot be looked up any more what the run has
+    /// asked for.
     pub fn tell_what_happened(&self) {
-        let _ = self.folder.write_log(&tables::rows(&self.client));
+        if let Ok(rows) = tables::rows(&self.client) {
+            let _ = self.folder.write_log(&rows);
+        }
     }
 
     /// Writes the tables; the run is finished with the last of them.
     pub fn finish(&self, outcome: &Outcome) -> Result<Summary, RunError> {
         let (Self { experiment, dataset, folder, .. }, finals) = (self, &outcome.finals);
-        folder.write_log(&tables::rows(&self.client))?;
+        folder.write_log(&tables::rows(&self.client)?)?;
         folder.write_skipped(&rows::skipped(dataset))?;
         let front = front::rows(
             (experiment.space(), experiment.fitness()),

@@ -23,7 +23,7 @@ pub struct Foresight<'a> {
     /// How many different individuals have been evaluated when it is over.
     evaluations: u64,
     scores: Vec<Option<Score>>,
-    /// The best of them: a generation may have many thousands, and news of it comes as often.
+    /// The best of them, kept as they come: a generation may have many thousands of individuals, and each brings news.
     best: Option<Score>,
     /// Of each descriptor that is being evaluated the individuals that stand for it.
     waiting: Vec<Vec<usize>>,
@@ -52,16 +52,18 @@ impl<'a> Foresight<'a> {
             Part { number, place, lacking }
         };
         let open = search.parts(evaluations).into_iter().enumerate().map(part).collect();
-        let best = scores.iter().flatten().copied().reduce(better);
+        let best = scores.iter().flatten().copied().reduce(Score::or_better);
         Self { search, evaluations, scores, best, waiting, open }
     }
 
     /// A descriptor that was evaluated has this score.
     pub fn take(&mut self, descriptor: usize, score: Score) {
         for individual in std::mem::take(&mut self.waiting[descriptor]) {
-            self.scores[individual] = Some(score);
-            self.best = Some(self.best.map_or(score, |best| better(best, score)));
-            if let Some(part) = self.open.iter_mut().find(|part| part.place.contains(&individual)) {
+            let before = self.scores[individual].replace(score);
+            self.best = Some(self.best.map_or(score, |best| best.or_better(score)));
+            if before.is_none()
+                && let Some(part) = self.open.iter_mut().find(|part| part.place.contains(&individual))
+            {
                 part.lacking -= 1;
             }
         }
@@ -85,10 +87,6 @@ impl<'a> Foresight<'a> {
         });
         certain
     }
-}
-
-fn better(one: Score, other: Score) -> Score {
-    if other.is_better_than(&one) { other } else { one }
 }
 
 /// Has descriptors evaluated before the search asks for them, by workers that have nothing else to do.
@@ -172,6 +170,19 @@ mod tests {
         let first = search.foresee_part(0, &scores[..4], (scores[5], 8)).unwrap();
         assert_eq!((foresight.individuals(), foresight.open.len()), (first, 0));
         assert_eq!(foresight.individuals(), []);
+    }
+
+    #[test]
+    fn a_descriptor_that_stands_in_two_parts_may_be_the_last_of_both() {
+        let search = search(2);
+        let scores: Vec<Score> = [3, 1, 4, 1, 5, 1, 2, 6].map(score).to_vec();
+        let at_first: Vec<Option<Score>> =
+            (0..8).map(|index| (![1, 3, 5].contains(&index)).then(|| scores[index])).collect();
+        let mut foresight = Foresight::new(&search, 8, (at_first, vec![vec![1, 3, 5]]));
+        assert_eq!(foresight.individuals(), []);
+        foresight.take(0, scores[1]);
+        let follow = |part, scores: &[Score]| search.foresee_part(part, scores, (score(6), 8)).unwrap();
+        assert_eq!(foresight.individuals(), [follow(0, &scores[..4]), follow(1, &scores[4..])].concat());
     }
 
     #[test]

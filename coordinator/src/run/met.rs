@@ -22,7 +22,7 @@ pub struct Met {
 impl Met {
     /// Nothing yet, of a run with this folder.
     pub fn new(folder: &Path) -> Self {
-        Self { generations: SpillMap::new(folder), set_errors: SpillMap::new(folder), count: 0 }
+        Self { generations: SpillMap::new(Some(folder)), set_errors: SpillMap::new(Some(folder)), count: 0 }
     }
 
     /// How many there are.

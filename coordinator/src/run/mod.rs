@@ -36,19 +36,19 @@ use evolution::Method;
 use proto::Message;
 use proto::Principal;
 use results::RunFolder;
-use transport::host_name;
 
 use crate::console::say;
 use crate::control::{Operator, Requests, resuming};
 use crate::dataset::{Dataset, Wanted};
 use crate::exhaust::grid::Grid;
 use crate::experiment::Experiment;
-use crate::metrics::Watch;
+use crate::metrics::{MetricsSource, SessionGuard};
 use crate::observers::event_file::EventFile;
 use crate::reopen::winner_of;
 use crate::result_cache::Known;
 use crate::session::{Session, listen, scale};
-use crate::slurm::SlurmWorkers;
+use crate::slurm::{Scaling, SlurmWorkers};
+use crate::storage;
 use transport::{Listener, Port};
 
 use bounds::bounds;
@@ -84,11 +84,38 @@ pub struct RunOptions {
     pub readmit: Vec<Principal>,
     /// Whether the command compares the run afterwards, if there are test clouds of one set: workers stay for it.
     pub comparison_follows: bool,
-    /// Who measures the run, if anybody does.
-    pub watch: Option<Arc<Watch>>,
+    /// Where the run tells what is measured of it, if anybody asks.
+    pub metrics: Option<Arc<MetricsSource>>,
 }
 
 impl RunOptions {
+    /// Lets workers in. From now on, progress follows the session, and, as long as what this returns is kept, its events are
+    /// written, it is measured, and Slurm is asked for workers.
+    ///
+    /// # Errors
+    /// If the file of events cannot be written, or Slurm cannot be asked.
+    pub async fn start(
+        &self,
+        session: &mut Session<'_>,
+        listener: Option<Listener>,
+        (experiment, out): (&Experiment, &Path),
+        progress: &mut Progress,
+    ) -> Result<(Option<EventFile>, Option<Scaling>, Option<SessionGuard>), RunError> {
+        progress.follow(&session.cluster);
+        progress.measure(self.metrics.as_ref(), out);
+        let events = EventFile::open(self.events.as_deref(), &session.cluster).await?;
+        let refusals = listener.as_ref().map(Listener::refusals);
+        let scaling = scale(self.slurm.as_ref(), (experiment, out), &session.cluster, progress.console())?;
+        session.start(listener, experiment.coordinator().local_workers).await;
+        let measured = (&session.cluster, &session.store);
+        let session_guard = self
+            .metrics
+            .as_ref()
+            .map(|metrics| metrics.attach(measured, session.presigner.clone(), refusals));
+        session.forget_quarantined(progress.console()); // of an earlier start, which may have been killed before it could
+        Ok((events, scaling, session_guard))
+    }
+
     /// Lets go the workers of a run whose results are written, unless they are needed for what follows.
     pub async fn dismiss_workers(&self, cluster: &Cluster, dataset: &Dataset) {
         let is_compared = !dataset.splits.test.is_empty() && dataset.clouds.set_count() == 1;
@@ -109,7 +136,7 @@ pub fn readmit(cluster: &Cluster, principals: &[Principal]) -> Result<(), RunErr
 /// Runs an experiment to its stop reason; a finished run is only shown again.
 pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summary, RunError> {
     let (started, started_at) = (Instant::now(), SystemTime::now());
-    let store = Arc::new(Store::open(&options.storage, &host_name(), descriptor::EVALUATION_VERSION));
+    let store = storage::open(&options.storage);
     let out = folder(experiment, options.out.clone(), options.fresh);
     if let Some(summary) = already_finished(&out, experiment, &store)? {
         return Ok(summary);
@@ -162,16 +189,8 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     readmit(&session.cluster, &options.readmit)?;
     let client = session.cluster.client();
     let settings = experiment.coordinator();
-    progress.follow(&session.cluster);
-    progress.measure(options.watch.as_ref(), &out);
-    let events = EventFile::open(options.events.as_deref(), &session.cluster).await?;
-    let refusals = listener.as_ref().map(Listener::refusals);
-    let scaling = scale(options.slurm.as_ref(), (experiment, &out), &session.cluster, progress.console())?;
-    session.start(listener, settings.local_workers).await;
-    let measured = (&session.cluster, &session.store);
-    let watched =
-        options.watch.as_ref().map(|watch| watch.follow(measured, session.presigner.clone(), refusals));
-    session.forget_quarantined(progress.console()); // of an earlier start, which may have been killed before it could
+    let (events, scaling, session_guard) =
+        options.start(&mut session, listener, (experiment, &out), &mut progress).await?;
     let memory = |matching| session.splits.memory(&store, experiment.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
     let remembers = experiment.remembers_counts(&dataset);
@@ -191,7 +210,7 @@ pub async fn run(experiment: &Experiment, options: &RunOptions) -> Result<Summar
     let work = session.perform(&console, settings.deadline, run.search());
     let searched = operator.during(tell, work).await;
     EventFile::finish(events).await;
-    drop(watched);
+    drop(session_guard);
     if searched.is_err() {
         run.tell_what_happened();
     }

@@ -10,7 +10,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use results::Counts;
 
 use crate::console::{Console, has_viewer, say};
-use crate::metrics::{RunMetrics, Watch};
+use crate::metrics::{MetricsSource, RunMetrics};
 use crate::run::tally::Tally;
 use cluster::events::EventCursor;
 use cluster::{Cluster, ClusterNews};
@@ -105,18 +105,22 @@ impl Progress {
         } else {
             Console::default()
         };
-        let (started, errors) = (Instant::now(), "describing the clouds".to_owned());
+        Self { errors: "describing the clouds".to_owned(), ..Self::on(console, generations) }
+    }
+
+    /// A display on a console, of nothing yet.
+    fn on(console: Console, generations: u32) -> Self {
         Self {
             console,
             generations,
             budget: None,
             cells: None,
-            started,
+            started: Instant::now(),
             generation: 0,
             complete: 0,
             met: 0,
             there: There::default(),
-            errors,
+            errors: String::new(),
             workers: 0,
             computed: 0,
             remembered: 0,
@@ -140,24 +144,11 @@ impl Progress {
 
     /// The display of one run of a sweep: its lines carry its name, the live line is that of all.
     pub fn of_member(&self, name: &str, generations: u32, tally: &Arc<Tally>) -> Self {
-        let (console, member) = (self.console.clone(), Some((name.to_owned(), Arc::clone(tally))));
         Self {
-            console,
-            generations,
-            budget: None,
-            cells: None,
-            started: Instant::now(),
-            generation: 0,
-            complete: 0,
-            met: 0,
-            there: There::default(),
-            errors: String::new(),
-            workers: 0,
-            computed: 0,
-            remembered: 0,
-            member,
+            member: Some((name.to_owned(), Arc::clone(tally))),
             events: self.events.clone(),
             metrics: self.metrics.as_ref().map(|metrics| metrics.of_member(name)),
+            ..Self::on(self.console.clone(), generations)
         }
     }
 
@@ -167,9 +158,9 @@ impl Progress {
     }
 
     /// Tells whoever measures the run in this folder how far it is.
-    pub fn measure(&mut self, watch: Option<&Arc<Watch>>, folder: &Path) {
+    pub fn measure(&mut self, source: Option<&Arc<MetricsSource>>, folder: &Path) {
         let name = folder.file_name().unwrap_or(folder.as_os_str()).to_string_lossy();
-        self.metrics = watch.map(|watch| watch.run(&name));
+        self.metrics = source.map(|source| source.run(&name));
     }
 
     /// The search has been told the results of a generation, which may have been written by an earlier start; the best

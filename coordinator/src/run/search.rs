@@ -11,7 +11,7 @@ use results::RunFolder;
 
 use crate::experiment::Experiment;
 use crate::fitness::Measured;
-use crate::result_cache::{Known, Wrong};
+use crate::result_cache::{Known, KnownCounts, Wrong};
 use crate::run::RunError;
 use crate::run::contradiction::{check_used, remembered_wrongly};
 use crate::run::fitness_batch::{Answer, FitnessBatch};
@@ -88,7 +88,7 @@ impl<'a> SearchLoop<'a> {
         remembered: &Known,
         folder: &Path,
     ) -> Self {
-        let mut cached = remembered.begin(folder);
+        let mut cached = remembered.begin(Some(folder));
         let Session { cluster, splits, .. } = session;
         if cluster.has_past() {
             for (matching, counts) in
@@ -288,18 +288,7 @@ impl<'a> SearchLoop<'a> {
         search: &Search,
         descriptors: &[Descriptor],
     ) -> Result<BTreeMap<usize, Finished<EvaluationResult>>, RunError> {
-        let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
-        for (index, descriptor) in descriptors.iter().enumerate() {
-            if self.counts.train.contains(descriptor)? {
-                continue;
-            }
-            if !self.experiment.affords(descriptor) {
-                let nothing = self.nothing_recognised(Matching::Train);
-                self.counts.train.insert(descriptor, nothing);
-            } else if seen.insert(descriptor) {
-                new.push((index, descriptor));
-            }
-        }
+        let new = self.take_new(descriptors.iter(), Matching::Train)?;
         self.computed += new.len() as u64;
         self.remembered += (descriptors.len() - new.len()) as u64;
         self.use_remembered(descriptors.iter(), Matching::Train).await?;
@@ -455,6 +444,36 @@ impl<'a> SearchLoop<'a> {
         Ok(answers)
     }
 
+    /// What is known on the training or the validation clouds. Test clouds are no part of a search.
+    fn known(&mut self, matching: Matching) -> &mut KnownCounts {
+        match matching {
+            Matching::Train => &mut self.counts.train,
+            Matching::Validation | Matching::Test => &mut self.counts.validation,
+        }
+    }
+
+    /// Those of these descriptors that are to be evaluated, each once, with its first place; what costs too much recognises
+    /// nothing.
+    fn take_new<'d>(
+        &mut self,
+        descriptors: impl Iterator<Item = &'d Descriptor>,
+        matching: Matching,
+    ) -> Result<Vec<(usize, &'d Descriptor)>, ClusterError> {
+        let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
+        for (index, descriptor) in descriptors.enumerate() {
+            if self.known(matching).contains(descriptor)? {
+                continue;
+            }
+            if !self.experiment.affords(descriptor) {
+                let nothing = self.nothing_recognised(matching);
+                self.known(matching).insert(descriptor, nothing);
+            } else if seen.insert(descriptor) {
+                new.push((index, descriptor));
+            }
+        }
+        Ok(new)
+    }
+
     fn nothing_recognised(&self, matching: Matching) -> Measured {
         nothing_recognised(self.experiment, self.session.splits.dataset(), matching)
     }
@@ -465,18 +484,8 @@ impl<'a> SearchLoop<'a> {
         descriptors: &[&Descriptor],
         mut next: Vec<Individual>,
     ) -> Result<Vec<Measured>, RunError> {
-        let (mut new, mut seen) = (Vec::new(), BTreeSet::new());
-        for &descriptor in descriptors {
-            if self.counts.validation.contains(descriptor)? {
-                continue;
-            }
-            if !self.experiment.affords(descriptor) {
-                let nothing = self.nothing_recognised(Matching::Validation);
-                self.counts.validation.insert(descriptor, nothing);
-            } else if seen.insert(descriptor) {
-                new.push(descriptor);
-            }
-        }
+        let new = self.take_new(descriptors.iter().copied(), Matching::Validation)?;
+        let new: Vec<&Descriptor> = new.into_iter().map(|(_, descriptor)| descriptor).collect();
         self.use_remembered(descriptors.iter().copied(), Matching::Validation).await?;
         let finished = self.measure(&new, Matching::Validation, |_| std::mem::take(&mut next)).await?;
         for (descriptor, Answer { measured, .. }) in new.into_iter().zip(finished) {

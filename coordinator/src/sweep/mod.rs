@@ -29,10 +29,10 @@ use crate::run::{
     Matching, RunDriver, RunError, RunOptions, Start, check_fitness, compare_with_data, finished, open_data,
     open_journal, refuse_other_data, remove_journal, rows,
 };
-use crate::session::{Session, listen, scale};
+use crate::session::{Session, listen};
+use crate::storage;
 pub use record::{SWEEP_FILE, recorded_sweep};
 pub use summary::SweepSummary;
-use transport::Listener;
 pub use verdict::{Seed, variant, verdicts};
 
 /// The folder of a sweep: `out`, or one that the same sweep finds again; `fresh`: one that is not there.
@@ -53,8 +53,7 @@ pub fn run_folders(folder: &Path) -> Result<Vec<(String, PathBuf)>, RunError> {
 /// Runs all members of a sweep to their stop reasons; those that are finished are only shown again.
 pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, RunError> {
     let (now, started_at, base) = (Instant::now(), SystemTime::now(), sweep.base());
-    let store =
-        Arc::new(Store::open(&options.storage, &transport::host_name(), descriptor::EVALUATION_VERSION));
+    let store = storage::open(&options.storage);
     let out = folder(sweep, options.out.clone(), options.fresh);
     let members = sweep.members();
     refuse_another(&out, &sweep.search_toml())?;
@@ -92,7 +91,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let with_sequences = members.iter().any(|member| member.experiment.fitness().needs_sequences());
     let mut session =
         Session::with_journal(past, base, with_sequences, &dataset, Arc::clone(&store), memory)?;
-    session.cluster.share();
+    session.cluster.set_shared();
     readmit(&session.cluster, &options.readmit)?;
     let clients: Vec<_> = folders.iter().map(|_| session.cluster.client()).collect();
     let named = |((place, _), client): (&(usize, RunFolder), &cluster::Client)| {
@@ -107,16 +106,8 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
         tls: options.port.protection.tls.clone(),
     };
     let settings = base.coordinator();
-    progress.follow(&session.cluster);
-    progress.measure(options.watch.as_ref(), &out);
-    let events = EventFile::open(options.events.as_deref(), &session.cluster).await?;
-    let refusals = listener.as_ref().map(Listener::refusals);
-    let scaling = scale(options.slurm.as_ref(), (base, &out), &session.cluster, progress.console())?;
-    session.start(listener, settings.local_workers).await;
-    let measured = (&session.cluster, &session.store);
-    let watched =
-        options.watch.as_ref().map(|watch| watch.follow(measured, session.presigner.clone(), refusals));
-    session.forget_quarantined(progress.console()); // of an earlier start, which may have been killed before it could
+    let (events, scaling, session_guard) =
+        options.start(&mut session, listener, (base, &out), &mut progress).await?;
     let memory = |matching| session.splits.memory(&store, base.preprocess(), matching);
     let [train_memory, validation_memory] = [Matching::Train, Matching::Validation].map(memory);
     let (known, none) = (Known::recall(&train_memory, &validation_memory), Known::default());
@@ -133,7 +124,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     let work = session.perform(progress.console(), settings.deadline, run_all(&mut runs, &tally));
     let searched = operator.during(progress.teller(), work).await;
     EventFile::finish(events).await;
-    drop(watched);
+    drop(session_guard);
     if searched.is_err() {
         runs.iter().for_each(|(_, run)| run.tell_what_happened());
     }
@@ -206,7 +197,7 @@ async fn run_all(runs: &mut [(usize, RunDriver<'_>)], tally: &Tally) -> Result<V
         for (place, run) in &mut *runs {
             let wrong = Wrong::principals(run.session.cluster.quarantined());
             let rests_on = |(finished, _, known): &Done| finished == place && known.rests_on(&wrong);
-            if run.client.begins_again() || done.iter().any(rests_on) {
+            if run.client.begins_again()? || done.iter().any(rests_on) {
                 run.progress.say("is searched again: answers that it was given were wrong");
                 run.folder.discard()?;
                 done.retain(|(finished, ..)| finished != place);

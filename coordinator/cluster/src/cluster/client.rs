@@ -96,6 +96,10 @@ impl Client {
 
     /// Submits evaluations and waits for all of them; results are in the order of submission, whatever the order
     /// of arrival. `watch` is shown all news.
+    ///
+    /// # Errors
+    /// If a job failed for good, there were too few workers for too long, the journal or what has outgrown memory cannot be
+    /// used any more, or results that were delivered were wrong ([`ClusterError::Corrected`]).
     pub async fn evaluate(
         &mut self,
         evaluations: Vec<Evaluation>,
@@ -180,6 +184,9 @@ impl Client {
     /// Submits cells of the grid and waits for all of them. `take` is given all news, with the counts of
     /// the cells that were finished, numbered in the order of submission, and who counted them; its error ends the
     /// waiting.
+    ///
+    /// # Errors
+    /// As for evaluations, and those of `take`.
     pub async fn evaluate_cells<E: From<ClusterError>>(
         &mut self,
         cells: Vec<GridCell>,
@@ -315,6 +322,7 @@ impl Client {
     async fn look(&mut self) -> Result<(ClusterNews, Vec<Finished>), ClusterError> {
         let (finished, news, retracted) = {
             let (mut state, now) = (self.cluster.state(), Instant::now());
+            state.check_spilled()?;
             let finished = state.clients.account(self.id).take_inbox();
             let news = state.news(self.id, finished.len(), now);
             (finished, news, state.retracted())
@@ -330,8 +338,8 @@ impl Client {
     ///
     /// # Errors
     /// If results that were delivered have turned out to be wrong: what was made of them has to be made again, by the
-    /// same calls in the same order. Those that still hold are delivered again at once. And if accepted results cannot be
-    /// read any more.
+    /// same calls in the same order. Those that still hold are delivered again at once. And if what has outgrown memory
+    /// cannot be looked up any more.
     pub(super) fn has_all(&mut self) -> Result<bool, ClusterError> {
         let mut state = self.cluster.state();
         if !state.clients.account(self.id).has_all() || state.is_in_doubt() {
@@ -357,10 +365,14 @@ impl Client {
     }
 
     /// Whether results that were delivered to it have turned out to be wrong since it last asked; then it begins again.
-    pub fn begins_again(&mut self) -> bool {
+    ///
+    /// # Errors
+    /// [`ClusterError::Spill`], here and below, if what it has asked for cannot be looked up any more.
+    pub fn begins_again(&mut self) -> Result<bool, ClusterError> {
         let mut state = self.cluster.state();
+        state.check_spilled()?;
         let account = state.clients.account(self.id);
-        !account.corrected.is_empty() && !account.begin_again().is_empty()
+        Ok(!account.corrected.is_empty() && !account.begin_again().is_empty())
     }
 
     /// Notes that the run begins again, and why.
@@ -369,9 +381,11 @@ impl Client {
     }
 
     /// Everything that has happened in all starts of the run, without attempts at what only others have asked for.
-    pub fn events(&self) -> Vec<Arc<Event>> {
+    pub fn events(&self) -> Result<Vec<Arc<Event>>, ClusterError> {
         let events = self.cluster.events.follow_from_first().read_to_end();
-        self.cluster.state().concerning(self.id, events)
+        let state = self.cluster.state();
+        let concerning = state.concerning(self.id, events);
+        state.check_spilled().map(|()| concerning)
     }
 
     /// How many events had no room in the log since this start.

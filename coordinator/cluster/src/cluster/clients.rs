@@ -32,7 +32,9 @@ pub(super) struct Account {
     spill: Option<PathBuf>,
     /// What it has asked for since it began.
     names: JobNames,
-    /// What it had asked for before it began again, or what was asked for beforehand and not by itself.
+    /// What was asked for in its stead, because it was foreseen, and not by itself.
+    foreseen: JobNames,
+    /// What it had asked for each time before it began again.
     past: Vec<JobNames>,
     /// How many of its jobs have no result.
     waits_for: usize,
@@ -51,6 +53,7 @@ impl Account {
     fn new(spill: Option<PathBuf>) -> Self {
         Self {
             names: JobNames::new(spill.as_deref()),
+            foreseen: JobNames::new(spill.as_deref()),
             spill,
             past: Vec::new(),
             waits_for: 0,
@@ -64,7 +67,12 @@ impl Account {
 
     /// Why some of what it has asked for cannot be looked up any more, if so.
     fn failure(&self) -> Option<&SpillError> {
-        [&self.names].into_iter().chain(&self.past).find_map(JobNames::failure)
+        self.all_names().find_map(JobNames::failure)
+    }
+
+    /// All that it has asked for, or that was asked for in its stead.
+    fn all_names(&self) -> impl Iterator<Item = &JobNames> {
+        [&self.names, &self.foreseen].into_iter().chain(&self.past)
     }
 
     /// Takes the results to be delivered.
@@ -79,7 +87,7 @@ impl Account {
 
     /// Whether it has asked for this job, since it began or before.
     pub(super) fn has_asked(&self, job: JobId) -> bool {
-        self.names.contains(job) || self.past.iter().any(|names| names.contains(job))
+        self.all_names().any(|names| names.contains(job))
     }
 
     /// It begins again, and asks for the same in the same order. Returns what was corrected.
@@ -115,7 +123,7 @@ impl Clients {
     pub(super) fn join(&mut self, owner: Option<ClientId>) -> (ClientId, Arc<Notify>) {
         self.joined += 1;
         let id = owner.map_or(ClientId::new(self.joined), |owner| owner.foresight(self.joined));
-        // What is foreseen is little.
+        // One that only foresees asks for little, which is its owner's when it leaves.
         let account = Account::new(self.spill.clone().filter(|_| owner.is_none()));
         let wakeup = Arc::clone(&account.wakeup);
         self.accounts.insert(id, account);
@@ -125,9 +133,9 @@ impl Clients {
     /// What one has foreseen concerns its owner from here on.
     pub(super) fn leave(&mut self, id: ClientId) {
         let Some(account) = self.accounts.remove(&id).filter(|_| id.foresees()) else { return };
-        if let Some(owner) = self.accounts.get_mut(&id.owner()) {
-            let unasked = account.names.without(&owner.names);
-            owner.past.extend(unasked);
+        if let Some(Account { names, foreseen, .. }) = self.accounts.get_mut(&id.owner()) {
+            let added = foreseen.add(&account.names, names);
+            debug_assert_eq!(added, Ok(()), "names without a file can be read");
         }
     }
 
@@ -178,7 +186,7 @@ impl Clients {
     }
 
     /// From here on there are others beside those that are here: members of a sweep that are finished.
-    pub(super) fn share(&mut self) {
+    pub(super) fn set_shared(&mut self) {
         self.shared = true;
     }
 
@@ -224,21 +232,21 @@ pub(super) mod tests {
         Task::Evaluation(Evaluation::sample(number, 9, 9))
     }
 
-    /// One client that has asked for 200 tasks, whose names are on a disk that fails once it is told to.
-    pub fn with_names_on_failing_disk() -> (Clients, ClientId, Arc<AtomicBool>) {
+    /// Has a client ask for 200 tasks, whose names are on a disk that fails once it is told to.
+    pub fn ask_with_names_on_failing_disk(clients: &mut Clients, id: ClientId) -> Arc<AtomicBool> {
         let (disk, fails) = on_failing_disk();
-        let mut clients = Clients::new(None);
-        let (id, _) = clients.join(None);
         clients.account(id).names = JobNames::of(disk);
         for number in 0..200 {
             clients.name(id, &task(number));
         }
-        (clients, id, fails)
+        fails
     }
 
     #[test]
     fn names_that_cannot_be_looked_up_are_a_failure_also_of_a_client_that_begins_again() {
-        let (mut clients, id, fails) = with_names_on_failing_disk();
+        let mut clients = Clients::new(None);
+        let (id, _) = clients.join(None);
+        let fails = ask_with_names_on_failing_disk(&mut clients, id);
         clients.account(id).begin_again();
         let has_asked = |clients: &mut Clients, number| clients.account(id).has_asked(task(number).job(0));
         assert!((0..200).all(|number| has_asked(&mut clients, number)));
@@ -246,5 +254,23 @@ pub(super) mod tests {
         fails.store(true, Ordering::Relaxed);
         assert!(!(0..200).all(|number| has_asked(&mut clients, number)));
         assert!(clients.failure().is_some());
+    }
+
+    #[test]
+    fn what_was_foreseen_for_a_client_is_its_own_from_then_on() {
+        let mut clients = Clients::new(None);
+        let (owner, _) = clients.join(None);
+        clients.name(owner, &task(1));
+        for foreseen in [1..3, 3..5] {
+            let (foresight, _) = clients.join(Some(owner));
+            for number in foreseen {
+                clients.name(foresight, &task(number));
+            }
+            clients.leave(foresight);
+        }
+        let asked = [0, 1, 2, 3, 4, 5].map(|number| clients.account(owner).has_asked(task(number).job(0)));
+        assert_eq!(asked, [false, true, true, true, true, false]);
+        assert_eq!(clients.name(owner, &task(2)), task(2).job(0), "it has not asked for it itself");
+        assert_eq!(clients.accounts.len(), 1);
     }
 }

@@ -337,7 +337,7 @@ impl Cluster {
     /// Waits until every result that was accepted is on the disk.
     ///
     /// # Errors
-    /// If that cannot be written, or earlier results cannot be read any more.
+    /// If that cannot be written, or what has outgrown memory cannot be looked up any more.
     pub async fn flush(&self) -> Result<(), ClusterError> {
         if let Some(journal) = &self.journal {
             self.durable(journal.end()).await?;
@@ -345,10 +345,10 @@ impl Cluster {
         self.check_spilled()
     }
 
-    /// Whether all that has outgrown memory can be looked up.
+    /// Fails if what has outgrown memory cannot be looked up any more.
     ///
     /// # Errors
-    /// [`ClusterError::Spill`] if not: then no more is to be written that rests on it.
+    /// [`ClusterError::Spill`]: then no more is to be written that rests on it.
     pub fn check_spilled(&self) -> Result<(), ClusterError> {
         self.state().check_spilled()
     }
@@ -362,8 +362,8 @@ impl Cluster {
     }
 
     /// Its clients are members of a sweep, of which some may be finished.
-    pub fn share(&self) {
-        self.state().clients.share();
+    pub fn set_shared(&self) {
+        self.state().clients.set_shared();
     }
 
     /// Whether earlier starts have left results.
@@ -419,12 +419,11 @@ impl Cluster {
         }
     }
 
-    /// Whether evaluations failed for good.
+    /// Fails if evaluations failed for good, or results cannot be kept.
     fn check_failures(&self, news: &ClusterNews) -> Result<(), ClusterError> {
         if let Some(failure) = self.journal.as_ref().and_then(|journal| journal.failure()) {
             return Err(ClusterError::Journal(failure));
         }
-        self.check_spilled()?;
         if let Some(failed) = &news.failed {
             self.state().doubt_descriptions(&failed.task);
             return Err(ClusterError::JobFailed(failed.clone()));
@@ -432,7 +431,7 @@ impl Cluster {
         Ok(())
     }
 
-    /// Whether there have been too few workers for too long.
+    /// Fails if there have been too few workers for too long.
     fn check_staffing(&self, news: &ClusterNews) -> Result<(), ClusterError> {
         let seconds = self.limits.worker_grace.as_secs();
         match news.staffing {
@@ -472,7 +471,7 @@ impl Cluster {
     /// See [`Scheduler::provenances`].
     ///
     /// # Errors
-    /// If not all results can be read any more.
+    /// If what has outgrown memory cannot be looked up any more.
     pub fn provenances(&self) -> Result<BTreeMap<DescriptorBytes, Arc<Provenance>>, ClusterError> {
         let state = self.state();
         let provenances = state.scheduler.provenances();
@@ -490,7 +489,7 @@ impl Cluster {
     /// See [`Scheduler::answerers`].
     ///
     /// # Errors
-    /// If not all results can be read any more.
+    /// If what has outgrown memory cannot be looked up any more.
     pub fn answerers(&self) -> Result<BTreeSet<Principal>, ClusterError> {
         let state = self.state();
         let answerers = state.scheduler.answerers();

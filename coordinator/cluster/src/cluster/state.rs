@@ -63,7 +63,7 @@ impl ClusterState {
         self.journal.as_ref().is_none_or(|journal| journal.is_durable(sequence))
     }
 
-    /// Whether all that has outgrown memory can be read: accepted results, and what clients have asked for.
+    /// Fails if what has outgrown memory cannot be looked up any more: accepted results, or what clients have asked for.
     pub(super) fn check_spilled(&self) -> Result<(), ClusterError> {
         let failure = self.scheduler.jobs.failure().or_else(|| self.clients.failure());
         failure.map_or(Ok(()), |failure| Err(ClusterError::Spill(failure.clone())))

@@ -396,15 +396,22 @@ async fn results_that_cannot_be_read_end_the_run() {
     }
     assert!(matches!(cluster.flush().await, Err(ClusterError::Spill(_))));
     assert!(matches!(cluster.client().has_all(), Err(ClusterError::Spill(_))));
+}
 
-    let (clients, id, fails) = super::clients::tests::with_names_on_failing_disk();
+/// Nor what it has made of names that it could not look up.
+#[tokio::test]
+async fn names_that_cannot_be_looked_up_end_the_run() {
     let cluster = Cluster::new(LIMITS);
-    cluster.state().clients = clients;
+    let mut client = cluster.client();
+    let fails = clients::tests::ask_with_names_on_failing_disk(&mut cluster.state().clients, client.id());
     assert!(cluster.check_spilled().is_ok());
+    assert_eq!((client.events().unwrap().len(), client.begins_again().unwrap()), (0, false));
     fails.store(true, std::sync::atomic::Ordering::Relaxed);
     for number in 0..200 {
-        cluster.state().clients.name(id, &super::clients::tests::task(number));
+        cluster.state().clients.name(client.id(), &clients::tests::task(number));
     }
+    assert!(matches!(client.events(), Err(ClusterError::Spill(_))));
+    assert!(matches!(client.begins_again(), Err(ClusterError::Spill(_))));
     assert!(matches!(cluster.flush().await, Err(ClusterError::Spill(_))));
 }
 

@@ -17,7 +17,6 @@ use super::repair::{Salvaged, keep_damaged, salvage};
 use super::{Entry, Header, JournalError, Recorded};
 use crate::job_set::JobSet;
 use crate::lock::lock;
-use crate::spill::SpillError;
 
 /// A journal that this process has open; no other can open it meanwhile.
 pub struct JournalFile {
@@ -37,6 +36,8 @@ struct End {
     next_number: u64,
     /// Jobs whose results are in the file.
     answered: JobSet,
+    /// Where those go that outgrow memory, until a file there fails.
+    spill: Option<PathBuf>,
 }
 
 impl JournalFile {
@@ -61,10 +62,11 @@ impl JournalFile {
         contents.tally.starts += 1;
         let end = if let Some(loss) = loss {
             contents.tally.repairs += 1;
-            replace(path, &head, &contents, loss.to_string())?
+            replace((path, spill_beside(path)), &head, &contents, loss.to_string())?
         } else {
-            let answered = answered_in(&contents, path);
-            let mut end = End { file, key: head.key, bytes: end as u64, next_number, answered };
+            let spill = spill_beside(path);
+            let answered = answered_in(&contents, spill.as_deref());
+            let mut end = End { file, key: head.key, bytes: end as u64, next_number, answered, spill };
             end.append([contents.tally.encode()]).map_err(|error| unusable(path, &error))?;
             if begun_bytes > 0 {
                 tracing::warn!(
@@ -111,7 +113,7 @@ impl JournalFile {
         };
         let mut contents = Contents::default();
         contents.tally.repairs = 1;
-        replace(path, &head, &contents, "no record can be read".to_owned()).map(drop)
+        replace((path, None), &head, &contents, "no record can be read".to_owned()).map(drop)
     }
 
     /// Where it is.
@@ -129,16 +131,17 @@ impl JournalFile {
             milliseconds: self.earlier.milliseconds + self.opened.elapsed().as_millis() as u64,
             ..self.earlier
         };
-        if end.takes_back(entries)? {
+        if end.takes_back(entries) {
+            let spill = end.spill.clone().filter(|_| end.answered.failure().is_none());
             let Salvaged { head, mut contents, loss, .. } = read(&end.file, &self.path)?;
             contents.take(Record::Tally(tally));
             entries.iter().for_each(|entry| contents.take(Record::Entry(entry.clone())));
             *end = match loss {
                 Some(loss) => {
                     contents.tally.repairs += 1;
-                    replace(&self.path, &head, &contents, loss.to_string())?
+                    replace((&self.path, spill), &head, &contents, loss.to_string())?
                 }
-                None => rewrite(&self.path, &head, &contents)?,
+                None => rewrite((&self.path, spill), &head, &contents)?,
             };
             return Ok(());
         }
@@ -151,20 +154,18 @@ impl JournalFile {
 
 impl End {
     /// Whether one of these entries makes something void that the file has, or them.
-    fn takes_back(&self, entries: &[Entry]) -> Result<bool, SpillError> {
+    ///
+    /// A result that cannot be looked up any more counts as one that the file has: that is then written anew, which is
+    /// always right.
+    fn takes_back(&self, entries: &[Entry]) -> bool {
         let mut new = BTreeSet::new();
-        for entry in entries {
-            let takes_back = match entry {
-                Entry::Accepted(job, _) => self.answered.contains(*job)? || !new.insert(*job),
-                Entry::Retracted(job) => self.answered.contains(*job)? || new.contains(job),
-                Entry::Quarantined(_) | Entry::Readmitted(_) => true,
-                _ => false,
-            };
-            if takes_back {
-                return Ok(true);
-            }
-        }
-        Ok(false)
+        let is_there = |job: &JobId| self.answered.contains(*job).unwrap_or(true);
+        entries.iter().any(|entry| match entry {
+            Entry::Accepted(job, _) => is_there(job) || !new.insert(*job),
+            Entry::Retracted(job) => is_there(job) || new.contains(job),
+            Entry::Quarantined(_) | Entry::Readmitted(_) => true,
+            _ => false,
+        })
     }
 
     /// Writes records, and all of them to the disk.
@@ -184,10 +185,15 @@ impl End {
     }
 }
 
-/// The jobs whose results are in the file at `path`.
-fn answered_in(contents: &Contents, path: &Path) -> JobSet {
-    let mut answered = JobSet::new(path.parent());
-    contents.accepted.keys().for_each(|job| answered.insert(*job));
+/// Where the jobs go that outgrow memory: beside the journal.
+fn spill_beside(path: &Path) -> Option<PathBuf> {
+    path.parent().map(Path::to_owned)
+}
+
+/// The jobs that have a result. What outgrows memory goes to a file in `spill`, if there is such a directory.
+fn answered_in(contents: &Contents, spill: Option<&Path>) -> JobSet {
+    let mut answered = JobSet::new(spill);
+    answered.extend(contents.accepted.keys().copied());
     answered
 }
 
@@ -199,9 +205,14 @@ fn answered(entry: &Entry) -> Option<JobId> {
 }
 
 /// Writes a journal anew, keeps the damaged file beside it, and tells both.
-fn replace(path: &Path, head: &Head, contents: &Contents, what: String) -> Result<End, JournalError> {
+fn replace(
+    (path, spill): (&Path, Option<PathBuf>),
+    head: &Head,
+    contents: &Contents,
+    what: String,
+) -> Result<End, JournalError> {
     let damaged = keep_damaged(path).map_err(|error| unusable(path, &error))?;
-    let end = rewrite(path, head, contents).inspect_err(|_| {
+    let end = rewrite((path, spill), head, contents).inspect_err(|_| {
         let _ = std::fs::remove_file(&damaged); // it is still where it was
     })?;
     let there = contents.accepted.len();
@@ -214,7 +225,11 @@ fn replace(path: &Path, head: &Head, contents: &Contents, what: String) -> Resul
 }
 
 /// Writes a journal anew, under a key of its own, and holds it locked before it can be seen.
-fn rewrite(path: &Path, head: &Head, contents: &Contents) -> Result<End, JournalError> {
+fn rewrite(
+    (path, spill): (&Path, Option<PathBuf>),
+    head: &Head,
+    contents: &Contents,
+) -> Result<End, JournalError> {
     let head = Head { key: Key(rand::random()), ..head.clone() };
     let (bytes, next_number) = head.file(contents);
     let mut locked = None;
@@ -226,9 +241,9 @@ fn rewrite(path: &Path, head: &Head, contents: &Contents) -> Result<End, Journal
         Ok::<_, io::Error>(())
     });
     let file = written.and_then(|()| locked.ok_or_else(|| io::Error::other("no file")));
-    let (bytes, answered) = (bytes.len() as u64, answered_in(contents, path));
     let file = file.map_err(|error| unusable(path, &error))?;
-    Ok(End { file, key: head.key, bytes, next_number, answered })
+    let answered = answered_in(contents, spill.as_deref());
+    Ok(End { file, key: head.key, bytes: bytes.len() as u64, next_number, answered, spill })
 }
 
 /// Opens the file that has this name, for nobody else.
@@ -288,28 +303,62 @@ mod tests {
 
     use super::super::tests::{accepted, header};
     use super::*;
+    use crate::spill::SpillMap;
     use crate::spill::tests::on_failing_disk;
 
-    #[test]
-    fn nothing_is_written_that_may_take_something_back_and_cannot_be_looked_up() {
-        let folder = TempDir::new().unwrap();
+    fn accept(job: u64) -> Entry {
+        Entry::Accepted(JobId(job), Box::new(accepted(1)))
+    }
+
+    fn retract(job: u64) -> Entry {
+        Entry::Retracted(JobId(job))
+    }
+
+    /// A journal with the results of jobs 0 to 199, whose names are in this map.
+    fn journal(folder: &TempDir, names: SpillMap) -> JournalFile {
         let path = folder.path().join("journal");
         JournalFile::create(&path, &header()).unwrap();
         let (file, ..) = JournalFile::open(&path).unwrap();
-        let (disk, fails) = on_failing_disk();
-        lock(&file.end).answered = JobSet::of(disk);
-        let accept = |job| Entry::Accepted(JobId(job), Box::new(accepted(1)));
+        lock(&file.end).answered = JobSet::of(names);
         file.commit(&(0..200).map(accept).collect::<Vec<_>>()).unwrap();
+        file
+    }
 
-        let before = std::fs::read(&path).unwrap();
-        fails.store(true, Ordering::Relaxed);
-        assert!(matches!(file.commit(&[accept(200)]), Err(JournalError::Spill(_))));
-        assert_eq!(std::fs::read(&path).unwrap(), before);
+    /// The jobs that a journal has results of, for the next start.
+    fn jobs(file: JournalFile) -> Vec<JobId> {
+        let path = file.path().to_owned();
         drop(file);
-        assert_eq!(
-            JournalFile::open(&path).unwrap().2.accepted.len(),
-            200,
-            "all is there for the next start"
-        );
+        JournalFile::open(&path).unwrap().2.accepted.into_keys().collect()
+    }
+
+    #[test]
+    fn a_result_is_taken_back_although_the_name_of_its_job_has_left_memory() {
+        let folder = TempDir::new().unwrap();
+        let file = journal(&folder, SpillMap::with(Some(folder.path().to_owned()), 0));
+        let key = || lock(&file.end).key;
+        let before = key();
+        file.commit(&[accept(200)]).unwrap();
+        assert!(key() == before, "nothing is taken back");
+        file.commit(&[retract(0)]).unwrap();
+        assert!(key() != before, "written anew, so that it cannot come back");
+        assert_eq!(jobs(file), (1..201).map(JobId).collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn a_result_is_taken_back_although_the_name_of_its_job_cannot_be_looked_up() {
+        let folder = TempDir::new().unwrap();
+        let (disk, fails) = on_failing_disk();
+        let file = journal(&folder, disk);
+        let key = || lock(&file.end).key;
+        let first = key();
+        fails.store(true, Ordering::Relaxed);
+        file.commit(&[accept(200), retract(7)]).unwrap();
+        let second = key();
+        assert!(second != first, "written anew");
+        file.commit(&[accept(201)]).unwrap();
+        assert!(key() == second, "what is there is known again");
+        file.commit(&[retract(8)]).unwrap();
+        assert!(key() != second && lock(&file.end).spill.is_none(), "no file is tried again");
+        assert_eq!(jobs(file), (0..202).filter(|job| ![7, 8].contains(job)).map(JobId).collect::<Vec<_>>());
     }
 }

@@ -24,7 +24,6 @@ use proto::{JobId, Principal, WorkerId};
 
 use crate::events::Event;
 use crate::sharding::plan::ShardPlan;
-use crate::spill::SpillError;
 pub use file::JournalFile;
 pub use follower::JournalFollower;
 pub use header::Header;
@@ -76,9 +75,6 @@ pub enum JournalError {
         /// Why.
         what: String,
     },
-    /// Which jobs it has results of cannot be looked up any more.
-    #[error(transparent)]
-    Spill(#[from] SpillError),
 }
 
 impl JournalError {

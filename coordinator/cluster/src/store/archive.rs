@@ -289,7 +289,7 @@ mod tests {
     use super::*;
 
     fn in_memory() -> Archive {
-        Archive::new([(); 3].map(|()| SpillMap::in_memory()))
+        Archive::new([(); 3].map(|()| SpillMap::new(None)))
     }
 
     /// Its bytes do not compress, so that few of them fill a block.
@@ -327,7 +327,7 @@ mod tests {
             let directory = tempfile::tempdir().unwrap();
             let map = || match most {
                 Some(most) => SpillMap::with(Some(directory.path().to_owned()), most),
-                None => SpillMap::in_memory(),
+                None => SpillMap::new(None),
             };
             let (mut archive, mut expected) = (Archive::new([map(), map(), map()]), BTreeMap::new());
             for (job, number, digests, correct, margin) in inserted {

@@ -122,7 +122,7 @@ impl JobStore {
     /// An empty store of tasks whose descriptors have these channels. What outgrows memory goes to files in `spill`, if there
     /// is such a directory.
     pub fn new(channels_of: ChannelsOf, spill: Option<&Path>) -> Self {
-        let map = || spill.map_or_else(SpillMap::in_memory, SpillMap::new);
+        let map = || SpillMap::new(spill);
         Self {
             entries: BTreeMap::new(),
             open: BTreeSet::new(),
@@ -314,11 +314,12 @@ impl JobStore {
     }
 
     /// Whether this job was asked for before: it has a result, or an earlier start has granted a lease on it and this one
-    /// has not asked for it yet.
-    pub fn is_known(&self, job: JobId) -> bool {
-        let was_leased = |unfinished: &Unfinished| !unfinished.earlier_leases.is_empty();
-        let entry = self.entries.get(&job).and_then(|entry| entry.unfinished.as_deref());
-        self.has_result(job) || entry.is_some_and(was_leased)
+    /// has not asked for it yet. The entry that this leaves of a job that is not archived spares whoever sets its plan next another look into the archive.
+    pub fn is_known(&mut self, job: JobId) -> bool {
+        self.change(job, |entry| {
+            let was_leased = |unfinished: &Unfinished| !unfinished.earlier_leases.is_empty();
+            entry.archived || entry.recorded.is_some() || entry.unfinished.as_deref().is_some_and(was_leased)
+        })
     }
 
     /// Notes why the accepted result of a job is believed by now, and returns it, if it is the one that counts.

@@ -55,7 +55,7 @@ pub(crate) fn on_failing_disks() -> (JobStore, [Arc<AtomicBool>; 2]) {
     let mut store = JobStore::default();
     let [(places, without_places), (full, without_blocks)] =
         [(); 2].map(|()| spill::tests::on_failing_disk());
-    store.archive = Archive::new([places, full, SpillMap::in_memory()]);
+    store.archive = Archive::new([places, full, SpillMap::new(None)]);
     for number in 0..1000 {
         store.accept(&task(number), &finished(task(number).job(0), GOOD, 5));
     }

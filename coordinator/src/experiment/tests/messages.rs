@@ -330,7 +330,7 @@ fn types() {
               put the text in quotes
             dataset.splits.seeded.test_sequences = \'2\'
               dataset.splits.seeded.test_sequences: expected a list, got '2'
-              write a list, for example ['2']
+              write values in brackets, with commas between them
             ga.population = \'99999999999999999999999999999999999999999999999999999999999999
               line 3, column 518: invalid literal string, expected non-single-quote visible characters, got `ga.population = '9999999999999999999999999999999999999999999…`
               a line is `key = value` or `[section]`; a value is a number, true, false, "text", [ list ] or { table }

@@ -57,7 +57,7 @@ fn what_no_search_minimises_is_refused_by_name() {
               remove one of them
             search.method = \'nsga2\'\nsearch.objectives = \'error\'
               search.objectives: expected a list, got 'error'
-              write a list, for example ['error']
+              write values in brackets, with commas between them
             search.objectives = [\'error\', \'cost\']
               search.objectives: method ga has one, "error", got ["error", "cost"]
               write method = "nsga2", or remove the key

@@ -59,19 +59,20 @@ struct Live {
 }
 
 impl Live {
-    /// Why workers are given no jobs, in a line; `None` if they are.
+    /// Why the run is about to end by a failure, in a line; `None` if it is not.
     fn unready(&self) -> Option<&'static str> {
         let journal = self.cluster.journal();
         if journal.is_some_and(|journal| journal.failure().is_some()) {
             Some("the journal cannot be written")
         } else if self.cluster.check_spilled().is_err() {
-            Some("what the run has met cannot be looked up")
+            Some("a temporary file of the run cannot be used")
         } else {
             None
         }
     }
 
-    fn snapshot(&self, runs: BTreeMap<String, RunState>) -> Snapshot {
+    /// All that is measured but for runs.
+    fn snapshot(&self) -> Snapshot {
         let journal = self.cluster.journal().map_or_else(JournalMetrics::default, |journal| JournalMetrics {
             commits: journal.commits(),
             entries: journal.entries(),
@@ -84,7 +85,7 @@ impl Live {
             refusals: self.refusals.as_ref().map(|refusals| refusals.counts()).unwrap_or_default(),
             reads: self.store.reads(),
             urls: self.presigner.as_ref().map(|presigner| presigner.counts()).unwrap_or_default(),
-            runs,
+            runs: BTreeMap::new(),
         }
     }
 }
@@ -104,56 +105,57 @@ struct State {
 }
 
 /// What a process has at work.
-pub struct Watch {
+pub struct MetricsSource {
     state: Mutex<State>,
-    /// When the process began to watch: its start, but for some milliseconds.
+    /// When this was made: the start of the process, but for some milliseconds.
     pub started: SystemTime,
 }
 
-impl Default for Watch {
+impl Default for MetricsSource {
     fn default() -> Self {
         let state = State { subject: Subject::Preparing, runs: BTreeMap::new() };
         Self { state: Mutex::new(state), started: SystemTime::now() }
     }
 }
 
-impl fmt::Debug for Watch {
+impl fmt::Debug for MetricsSource {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Watch")
+        f.write_str("MetricsSource")
     }
 }
 
-impl Watch {
+impl MetricsSource {
     /// Measures a session, which takes workers from now on, until what this returns is dropped.
-    pub fn follow(
+    pub fn attach(
         self: &Arc<Self>,
         (cluster, store): (&Arc<Cluster>, &Arc<Store>),
         presigner: Option<Arc<Presigner>>,
         refusals: Option<Arc<RefusalLog>>,
-    ) -> Watched {
+    ) -> SessionGuard {
         let live = Live { cluster: Arc::clone(cluster), store: Arc::clone(store), refusals, presigner };
         self.state().subject = Subject::Live(live);
-        Watched(Arc::clone(self))
+        SessionGuard(Arc::clone(self))
     }
 
     /// Where a run of this name tells how far it is.
     pub fn run(self: &Arc<Self>, name: &str) -> RunMetrics {
         self.state().runs.insert(name.to_owned(), RunState::default());
-        RunMetrics { watch: Arc::clone(self), name: name.to_owned() }
+        RunMetrics { source: Arc::clone(self), name: name.to_owned() }
     }
 
     /// All that is measured.
     pub fn snapshot(&self) -> Snapshot {
         let state = self.state();
-        match &state.subject {
-            Subject::Preparing => Snapshot { runs: state.runs.clone(), ..Snapshot::default() },
-            Subject::Live(live) => live.snapshot(state.runs.clone()),
-            Subject::Ended(last) => Snapshot { runs: state.runs.clone(), ..(**last).clone() },
-        }
+        let snapshot = match &state.subject {
+            Subject::Preparing => Snapshot::default(),
+            Subject::Live(live) => live.snapshot(),
+            Subject::Ended(last) => (**last).clone(),
+        };
+        Snapshot { runs: state.runs.clone(), ..snapshot }
     }
 
     /// Takes and gives back the lock of the scheduler.
-    pub fn touch(&self) {
+    pub fn probe(&self) {
         if let Subject::Live(live) = &self.state().subject {
             live.cluster.quarantined();
         }
@@ -178,13 +180,13 @@ impl Watch {
 }
 
 /// Says that a session is measured; when it is dropped, the session has ended.
-pub struct Watched(Arc<Watch>);
+pub struct SessionGuard(Arc<MetricsSource>);
 
-impl Drop for Watched {
+impl Drop for SessionGuard {
     fn drop(&mut self) {
         let mut state = self.0.state();
         if let Subject::Live(live) = &state.subject {
-            let last = Snapshot { ready: false, ..live.snapshot(BTreeMap::new()) };
+            let last = Snapshot { ready: false, ..live.snapshot() };
             state.subject = Subject::Ended(Box::new(last));
         }
     }
@@ -192,21 +194,21 @@ impl Drop for Watched {
 
 /// Where one run tells how far it is.
 pub struct RunMetrics {
-    watch: Arc<Watch>,
+    source: Arc<MetricsSource>,
     name: String,
 }
 
 impl RunMetrics {
     /// The same for a member of the sweep that this is about.
     pub fn of_member(&self, name: &str) -> Self {
-        self.watch.state().runs.remove(&self.name); // it is no run itself
-        self.watch.run(name)
+        self.source.state().runs.remove(&self.name); // it is no run itself
+        self.source.run(name)
     }
 
     /// A generation is complete; the best training fitness so far is from 0 to 1.
     pub fn generation_done(&self, generation: u32, best_fitness: f64) {
         let state = RunState { generation, best_fitness: Some(best_fitness) };
-        self.watch.state().runs.insert(self.name.clone(), state);
+        self.source.state().runs.insert(self.name.clone(), state);
     }
 }
 
@@ -216,12 +218,12 @@ mod tests {
 
     #[test]
     fn before_and_after_a_session_nobody_is_ready_and_runs_keep_what_they_told() {
-        let watch = Arc::new(Watch::default());
-        assert_eq!(watch.ready(), Err("the clouds are being read"));
-        let sweep = watch.run("sweep");
+        let source = Arc::new(MetricsSource::default());
+        assert_eq!(source.ready(), Err("the clouds are being read"));
+        let sweep = source.run("sweep");
         let members = ["seed-1", "seed-2"].map(|name| sweep.of_member(name));
         members[1].generation_done(3, 0.5);
-        let runs = watch.snapshot().runs;
+        let runs = source.snapshot().runs;
         assert_eq!(runs["seed-1"], RunState::default());
         assert_eq!(runs["seed-2"], RunState { generation: 3, best_fitness: Some(0.5) });
         assert_eq!(runs.len(), 2, "the sweep is no run");
