@@ -39,7 +39,7 @@ impl JobSet {
         self.0.insert(&key_of(job), Vec::new());
     }
 
-    /// Adds many jobs, while nobody waits: in far less time if they are sorted.
+    /// Adds many jobs, best sorted, while nobody waits.
     pub fn extend(&mut self, jobs: impl IntoIterator<Item = JobId>) {
         self.0.extend(jobs.into_iter().map(|job| (key_of(job), Vec::new())));
     }

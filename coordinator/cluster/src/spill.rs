@@ -173,7 +173,8 @@ impl SpillMap {
         }
     }
 
-    /// The same for many entries, while nobody waits: in far less time if they come in the order of their keys.
+    /// The same for many entries, while nobody waits: all that memory holds moves at once. In the order of their keys they
+    /// touch the fewest pages.
     pub fn extend<K: AsRef<[u8]>>(&mut self, entries: impl IntoIterator<Item = (K, Vec<u8>)>) {
         for (key, value) in entries {
             self.keep(key.as_ref(), value);
