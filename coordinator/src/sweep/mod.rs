@@ -132,7 +132,7 @@ pub async fn sweep(sweep: &Sweep, options: &RunOptions) -> Result<SweepSummary, 
     progress.finish();
 
     let trusted = session.cluster.quarantined().is_empty() && is_whole;
-    // All results are looked at once, and not for each member; and before the journal is removed, as they may be beyond
+    // Results are looked at once, and not for each member; and before the journal is removed, as they may be beyond
     // reading.
     let answerers = session.cluster.answerers()?;
     let remembers = |member: &Member| member.experiment.remembers_counts(dataset);

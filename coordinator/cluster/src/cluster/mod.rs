@@ -489,7 +489,7 @@ impl Cluster {
     /// See [`Scheduler::answerers`].
     ///
     /// # Errors
-    /// If what has outgrown memory cannot be looked up any more.
+    /// If what has outgrown memory cannot be looked up any more: a result that was replaced may have gone unnoticed.
     pub fn answerers(&self) -> Result<BTreeSet<Principal>, ClusterError> {
         let state = self.state();
         let answerers = state.scheduler.answerers();

@@ -291,11 +291,7 @@ impl Scheduler {
             Assurance::Own => [Some(Principal::Coordinator), None],
             _ => [Some(grounds.principal), grounds.seconded],
         };
-        let mut answerers = BTreeSet::new();
-        self.jobs.for_each_accepted(|record| {
-            answerers.extend(principals(record.grounds).into_iter().flatten());
-        });
-        answerers
+        self.jobs.grounds().flat_map(principals).flatten().collect()
     }
 
     /// Whether what an earlier run has left about this job is computed again by this one: as often as answers are audited,

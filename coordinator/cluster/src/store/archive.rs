@@ -31,9 +31,9 @@ pub(super) struct Archive {
     /// The block that was read last, decompressed: a search that begins again asks for results in about the order in which
     /// they came.
     read_last: Option<(u32, Vec<u8>)>,
-    /// Grounds of results, by the numbers that stand in records.
-    grounds: Vec<Grounds>,
-    numbers: BTreeMap<Grounds, u32>,
+    /// Grounds of results, by the numbers that stand in records, and how many results have them.
+    grounds: Vec<(Grounds, usize)>,
+    numbers: BTreeMap<Grounds, usize>,
 }
 
 /// Where a record begins.
@@ -136,9 +136,14 @@ impl Archive {
     /// Keeps the result of a job instead of the one that is there. Returns whether anything is kept of such a result.
     pub(super) fn replace(&mut self, task: &Task, finished: &Finished) -> bool {
         let before = self.place(finished.job);
+        let grounds = before.and_then(|before| self.record(before)).map(|record| record.grounds);
         let is_kept = self.insert(task, finished);
         if let Some(before) = before.filter(|_| is_kept) {
             self.replaced.insert(&before.to_bytes(), Vec::new());
+            if let Some(grounds) = grounds {
+                let number = self.number(grounds);
+                self.grounds[number].1 -= 1;
+            }
         }
         is_kept
     }
@@ -146,7 +151,9 @@ impl Archive {
     /// Keeps the first result of a job. Returns whether anything is kept of such a result.
     pub(super) fn insert(&mut self, task: &Task, finished: &Finished) -> bool {
         let Some(accepted) = finished.kept().and_then(|accepted| accepted.encode()) else { return false };
-        let grounds = self.number(Grounds::of(finished)).to_le_bytes();
+        let number = self.number(Grounds::of(finished));
+        self.grounds[number].1 += 1;
+        let grounds = (number as u32).to_le_bytes();
         let task = task.to_bytes();
         let [task_length, accepted_length] = [&task, &accepted].map(|part| (part.len() as u32).to_le_bytes());
         let job = finished.job.0.to_le_bytes();
@@ -160,11 +167,16 @@ impl Archive {
         true
     }
 
-    fn number(&mut self, grounds: Grounds) -> u32 {
+    fn number(&mut self, grounds: Grounds) -> usize {
         *self.numbers.entry(grounds).or_insert_with(|| {
-            self.grounds.push(grounds);
-            self.grounds.len() as u32 - 1
+            self.grounds.push((grounds, 0));
+            self.grounds.len() - 1
         })
+    }
+
+    /// The grounds that some result has.
+    pub(super) fn grounds(&self) -> impl Iterator<Item = Grounds> {
+        self.grounds.iter().filter(|(_, results)| *results > 0).map(|(grounds, _)| *grounds)
     }
 
     fn close_block(&mut self) {
@@ -200,7 +212,12 @@ impl Archive {
 
     /// The result of a job, if there is one, with its task.
     pub(super) fn get(&mut self, job: JobId) -> Option<(Task, Finished)> {
-        let Place { block, start } = self.place(job)?;
+        let place = self.place(job)?;
+        self.record(place).map(|record| (record.task(), record.finished()))
+    }
+
+    /// The record at a place.
+    fn record(&mut self, Place { block, start }: Place) -> Option<Record<'_>> {
         if block < self.blocks && self.read_last.as_ref().is_none_or(|(last, _)| *last != block) {
             self.read_last = Some((block, self.full_block(block)?));
         }
@@ -208,8 +225,7 @@ impl Archive {
             Some((last, bytes)) if *last == block => bytes,
             _ => &self.filling,
         };
-        let (record, _) = self.first_record(&bytes[start as usize..])?;
-        Some((record.task(), record.finished()))
+        self.first_record(&bytes[start as usize..]).map(|(record, _)| record)
     }
 
     /// The results of those of some jobs whose tasks are wanted, by job.
@@ -262,7 +278,7 @@ impl Archive {
     fn first_record<'a>(&self, bytes: &'a [u8]) -> Option<(Record<'a>, &'a [u8])> {
         let (job, rest) = bytes.split_first_chunk()?;
         let (grounds, rest) = rest.split_first_chunk()?;
-        let grounds = *self.grounds.get(u32::from_le_bytes(*grounds) as usize)?;
+        let (grounds, _) = *self.grounds.get(u32::from_le_bytes(*grounds) as usize)?;
         let (task, rest) = part(rest)?;
         let (accepted, rest) = part(rest)?;
         Some((Record { job: JobId(u64::from_le_bytes(*job)), grounds, task, accepted }, rest))
@@ -351,6 +367,8 @@ mod tests {
                 assert!(all.insert(record.job, (task, finished)).is_none(), "{:?} twice", record.job);
             });
             prop_assert_eq!(&all, &expected);
+            let grounds: BTreeSet<_> = expected.values().map(|(_, finished)| Grounds::of(finished)).collect();
+            prop_assert_eq!(archive.grounds().collect::<BTreeSet<_>>(), grounds);
 
             let jobs = (0..41).filter(|job| job % 3 > 0).map(JobId).collect();
             let is_even = |task: &Task| task.subject().descriptor.bytes()[0].is_multiple_of(2);

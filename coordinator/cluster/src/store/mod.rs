@@ -342,6 +342,11 @@ impl JobStore {
         self.archive.for_each(see);
     }
 
+    /// The grounds that some accepted result has that somebody has asked for in this start.
+    pub fn grounds(&self) -> impl Iterator<Item = Grounds> {
+        self.archive.grounds()
+    }
+
     /// The accepted results about a descriptor, by job, with their tasks, among them the scales of its channels and what was
     /// described for them.
     pub fn about(&self, descriptor: &DescriptorBytes) -> Vec<(Task, Finished)> {
