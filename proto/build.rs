@@ -23,6 +23,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let out = PathBuf::from(env::var("OUT_DIR")?);
     fs::write(out.join("descriptor_set.bin"), descriptors.encode_to_vec())?;
     tonic_prost_build::configure()
+        .codec_path("crate::BoundedCodec")
         .client_mod_attribute(".", SERVICES)
         .server_mod_attribute(".", SERVICES)
         .compile_fds(descriptors)?;

@@ -2,6 +2,8 @@
 //!
 //! `descry/v2/coordinator.proto` and `descry/v2/task.proto` are the manual.
 
+#[cfg(feature = "services")]
+mod codec;
 mod compressed;
 mod ids;
 mod introduction;
@@ -14,6 +16,8 @@ pub mod task;
 #[cfg(feature = "services")]
 pub mod tls;
 
+#[cfg(feature = "services")]
+pub use codec::BoundedCodec;
 pub use compressed::{Compressed, InvalidBlock};
 pub use ids::{
     Digest, Fingerprint, InvalidFingerprint, InvalidId, JobId, Lease, LeaseNonce, SessionId, WorkerId, hex,

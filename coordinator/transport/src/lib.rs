@@ -12,6 +12,7 @@ mod listen_error;
 mod listener;
 mod port;
 mod presigner;
+mod principal_share;
 mod refusals;
 mod server;
 mod service;

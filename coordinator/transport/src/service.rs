@@ -13,12 +13,15 @@ use tonic::Status;
 use crate::blob_stream::BlobStream;
 use crate::connection::{Caller, Connection};
 use crate::presigner::{ObjectRequest, Presigner, SignedUrl};
+use crate::principal_share::PrincipalShare;
 use cluster::Cluster;
 use cluster::blobs::{Blob, BlobError};
 use cluster::scheduler::{Answer, Poll, PollRefusal, RegisterRefusal};
 
 /// See [`Service::blobs`].
 const BLOBS_AT_ONCE: usize = 64;
+/// Of these, those of one principal: whatever it does with them, others get some.
+const BLOBS_OF_ONE: usize = 48;
 
 /// Entries that the coordinator has in its own store, by kind and key: `None` if there is none, or if it must not be
 /// given away yet.
@@ -159,6 +162,8 @@ pub struct Service {
     shared: SharedEntries,
     /// Blobs and entries in memory at once, over all connections: who does not read what it asked for must not fill it.
     blobs: Arc<Semaphore>,
+    /// What each principal may have of them.
+    blobs_of_one: PrincipalShare,
     /// Whether it serves workers of this process.
     in_process: bool,
 }
@@ -167,7 +172,8 @@ impl Service {
     /// The service of a run, for remote workers or for those of this process.
     pub fn new(cluster: Arc<Cluster>, (release, shared): (Release, SharedEntries), in_process: bool) -> Self {
         let blobs = Arc::new(Semaphore::new(BLOBS_AT_ONCE));
-        Self { cluster, release, shared, blobs, in_process }
+        let blobs_of_one = PrincipalShare::new(BLOBS_OF_ONE);
+        Self { cluster, release, shared, blobs, blobs_of_one, in_process }
     }
 
     /// Who answers for a call.
@@ -321,10 +327,13 @@ impl Service {
         caller: Caller,
         read: impl FnOnce() -> Result<Blob, Status> + Send + 'static,
     ) -> Result<BlobStream, Status> {
-        // Its own permit first: a connection that does not read must not take those of all others.
+        // Its own permits first: whoever does not read must not take those of all others.
         let own = match caller {
-            Some(connection) => connection.blob_permit().await,
-            None => None,
+            Some(connection) => {
+                let of_connection = connection.blob_permit().await;
+                (of_connection, self.blobs_of_one.permit(connection.principal()).await)
+            }
+            None => (None, None),
         };
         let permit = Arc::clone(&self.blobs).acquire_owned().await;
         let permit = permit.map_err(|error| Status::internal(error.to_string()))?;

@@ -20,6 +20,9 @@ use crate::presigner::{ObjectRequest, SignedUrl};
 use crate::service::{Accepted, Refusal, Registration, Release, Service};
 use cluster::scheduler::{Answer, Poll};
 
+/// Longest name of a kind of entry of the cache, bytes.
+const MAX_KIND_BYTES: usize = 64;
+
 /// What a call is answered with.
 type Answered<T> = Result<Response<T>, Status>;
 
@@ -108,8 +111,8 @@ impl Coordinator for Service {
 
     async fn fetch_derived(&self, request: Request<v2::FetchDerivedRequest>) -> Answered<BlobChunks> {
         let (caller, request) = opened(request);
-        let key = id(&request.key)?;
-        self.fetch_derived(caller, request.kind, key).await.map(chunks)
+        let (kind, key) = (kind(request.kind)?, id(&request.key)?);
+        self.fetch_derived(caller, kind, key).await.map(chunks)
     }
 
     async fn presign_urls(&self, request: Request<v2::PresignUrlsRequest>) -> Answered<v2::PresignUrlsReply> {
@@ -121,7 +124,7 @@ impl Coordinator for Service {
             )));
         }
         let objects = objects.into_iter().map(object).collect::<Result<_, _>>()?;
-        let urls = self.presign_urls(caller, kind, objects).await?;
+        let urls = self.presign_urls(caller, self::kind(kind)?, objects).await?;
         let sent = |signed: Option<SignedUrl>| match signed {
             None => (String::new(), Vec::new()),
             Some(SignedUrl { url, sha256 }) => (url, sha256.map_or_else(Vec::new, Vec::from)),
@@ -151,6 +154,14 @@ fn opened<T>(request: Request<T>) -> (Caller, T) {
 /// An id from the wire.
 fn id<T: for<'a> TryFrom<&'a [u8], Error = InvalidId>>(bytes: &[u8]) -> Result<T, Status> {
     T::try_from(bytes).map_err(|error| Status::invalid_argument(error.to_string()))
+}
+
+/// A kind of entry, which may be kept while the call waits its turn.
+fn kind(kind: String) -> Result<String, Status> {
+    match kind.len() {
+        ..=MAX_KIND_BYTES => Ok(kind),
+        got => Err(Status::invalid_argument(format!("kind: at most {MAX_KIND_BYTES} bytes, got {got}"))),
+    }
 }
 
 /// Who speaks, and what proves it.
