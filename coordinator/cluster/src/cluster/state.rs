@@ -14,7 +14,8 @@ use super::{ClusterError, ClusterNews};
 use crate::events::{Event, EventKind, EventLog};
 use crate::journal::{Entry, Journal, LogSequence};
 use crate::scheduler::{
-    Answer, Caller, ClientId, Doubt, Emitted, Finished, Poll, PollRefusal, RegisterRefusal, Scheduler,
+    Answer, Caller, ClientId, Confirmed, Doubt, Emitted, Finished, Poll, PollRefusal, RegisterRefusal,
+    Scheduler,
 };
 use crate::sharding::{Load, Planner, ShardPlan, Waiting};
 use crate::store::Checked;
@@ -76,11 +77,11 @@ impl ClusterState {
         now: Instant,
     ) -> Result<String, RegisterRefusal> {
         let label = self.scheduler.register(id, introduction.clone(), now)?;
+        self.settle(now); // the same id may have left under another credential, which must not be recorded after this
         // A worker of this process ends with it.
         if introduction.principal != Principal::Coordinator {
             self.record(|| Entry::Joined(id, Member { label: label.clone(), introduction }));
         }
-        self.settle(now);
         Ok(label)
     }
 
@@ -264,12 +265,21 @@ impl ClusterState {
 
     /// Draws the consequences of what the scheduler has decided since the last call.
     pub(super) fn settle(&mut self, now: Instant) {
+        // What decides a disagreement comes after it, also in the journal.
+        let (disagreements, others): (Vec<_>, Vec<_>) = self
+            .scheduler
+            .drain_doubts()
+            .into_iter()
+            .partition(|doubt| matches!(doubt, Doubt::Disagreement { .. }));
+        disagreements.iter().for_each(|doubt| self.doubt(doubt, now));
         for finished in self.scheduler.drain_finished() {
             self.accept(&finished);
         }
         for confirmed in self.scheduler.drain_confirmed() {
+            let job = self.scheduler.jobs.checked_by(confirmed.job);
+            let confirmed = Confirmed { job: job.unwrap_or(confirmed.job), ..confirmed };
             match self.scheduler.jobs.assure(&confirmed) {
-                Some(finished) if confirmed.was_disputed => self.keep(&finished),
+                Some(finished) if confirmed.was_disputed => self.keep(&finished, finished.job),
                 Some(Finished { job, assurance, seconded, .. }) => {
                     self.record(|| Entry::Assured(job, assurance, seconded));
                 }
@@ -286,9 +296,7 @@ impl ClusterState {
             }
             is_news |= self.append(at, kind).kind.is_news();
         }
-        for doubt in self.scheduler.drain_doubts() {
-            self.doubt(&doubt, now);
-        }
+        others.iter().for_each(|doubt| self.doubt(doubt, now));
         if is_news {
             self.clients.wake_all();
         }
@@ -310,28 +318,29 @@ impl ClusterState {
     }
 
     /// Accepts a result, and delivers it to the clients that wait for it.
-    fn accept(&mut self, finished: &Finished) {
-        if let Some(Checked { finished, corrected }) = self.scheduler.jobs.check(finished) {
-            self.keep(&finished);
+    fn accept(&mut self, reported: &Finished) {
+        if let Some(Checked { finished, corrected }) = self.scheduler.jobs.check(reported) {
+            self.keep(&finished, reported.job);
             if let Some(task) = corrected {
                 self.clients.correct(finished.job, &task);
             }
             self.clients.wake_all(); // they may have waited for this doubt to end
             return;
         }
-        self.keep(finished);
-        if let Some((task, clients)) = self.scheduler.jobs.take_waiting(finished.job) {
-            self.clients.deliver(clients, finished);
-            self.scheduler.jobs.accept(&task, finished);
+        self.keep(reported, reported.job);
+        if let Some((task, clients)) = self.scheduler.jobs.take_waiting(reported.job) {
+            self.clients.deliver(clients, reported);
+            self.scheduler.jobs.accept(&task, reported);
         }
     }
 
-    /// Has the journal keep a result, as far as such results are kept.
-    fn keep(&mut self, finished: &Finished) {
+    /// Has the journal keep a result, as far as such results are kept. It was reported as one of `reported`, which may be a
+    /// job that checks another.
+    fn keep(&mut self, finished: &Finished, reported: JobId) {
         let (job, attempt) = (finished.job, finished.attempt);
         let Some(kept) = finished.kept() else { return };
         if let Some(sequence) = self.record(|| Entry::Accepted(job, Box::new(kept))) {
-            self.scheduler.jobs.set_pending(job, attempt, sequence);
+            self.scheduler.jobs.set_pending(reported, attempt, sequence);
         }
     }
 
@@ -347,7 +356,9 @@ impl ClusterState {
     /// Retracts what is in doubt, and tells all clients; results of a quarantined principal are computed again.
     fn doubt(&mut self, doubt: &Doubt, now: Instant) {
         match doubt {
-            Doubt::Disagreement { job, .. } => self.retract(*job),
+            Doubt::Disagreement { job, .. } => {
+                self.retract(self.scheduler.jobs.checked_by(*job).unwrap_or(*job));
+            }
             Doubt::Quarantined(principal) => {
                 self.record(|| Entry::Quarantined(*principal));
                 for job in self.scheduler.jobs.drop_recorded(*principal) {

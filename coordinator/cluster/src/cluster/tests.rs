@@ -2,6 +2,7 @@
 
 mod dismissal;
 mod foresight;
+mod recorded;
 mod sharing;
 
 use super::*;

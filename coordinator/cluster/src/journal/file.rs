@@ -1,8 +1,8 @@
 //! The journal's file: made whole, read when it is opened, appended to, and written anew where something is taken back.
 
 use std::collections::BTreeSet;
-use std::fs::{File, OpenOptions, TryLockError};
-use std::io::{self, ErrorKind, Read as _, Seek as _, SeekFrom, Write as _};
+use std::fs::{File, Metadata, OpenOptions, TryLockError};
+use std::io::{self, ErrorKind, Seek as _, SeekFrom, Write as _};
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -10,9 +10,10 @@ use std::time::Instant;
 
 use proto::JobId;
 
+use super::contents::Contents;
 use super::frame::Key;
 use super::layout::Head;
-use super::records::{Contents, Record, Tally, encode};
+use super::records::{Tally, encode};
 use super::repair::{Salvaged, keep_damaged, salvage};
 use super::{Entry, Header, JournalError, Recorded};
 use crate::job_set::JobSet;
@@ -45,7 +46,7 @@ impl JournalFile {
     pub fn create(path: &Path, header: &Header) -> Result<(), JournalError> {
         let made = || {
             let head = Head { key: Key(rand::random()), header: header.encode()? };
-            atomic::write(path, &head.file(&Contents::default()).0)
+            atomic::write_with(path, |file| head.write(&Contents::default(), file).map(drop))
         };
         made().map_err(|error| unusable(path, &error))
     }
@@ -57,7 +58,8 @@ impl JournalFile {
     /// [`JournalError::Damaged`] if nothing says what it was the journal of.
     pub fn open(path: &Path) -> Result<(Self, Header, Recorded), JournalError> {
         let file = open_locked(path)?;
-        let Salvaged { head, mut contents, next_number, end, loss, begun_bytes } = read(&file, path)?;
+        let Salvaged { head, mut contents, next_number, end, loss, begun_bytes } =
+            read(&file, reopen(&file, path), path)?;
         let header = Header::decode(&head.header, path)?;
         contents.tally.starts += 1;
         let end = if let Some(loss) = loss {
@@ -66,7 +68,7 @@ impl JournalFile {
         } else {
             let spill = spill_beside(path);
             let answered = answered_in(&contents, spill.as_deref());
-            let mut end = End { file, key: head.key, bytes: end as u64, next_number, answered, spill };
+            let mut end = End { file, key: head.key, bytes: end, next_number, answered, spill };
             end.append([contents.tally.encode()]).map_err(|error| unusable(path, &error))?;
             if begun_bytes > 0 {
                 tracing::warn!(
@@ -87,7 +89,7 @@ impl JournalFile {
     /// The header of a journal that nobody has open. Nothing else is read or checked.
     pub fn header(path: &Path) -> Result<Header, JournalError> {
         let mut bytes = Vec::new();
-        Head::most_of(&mut open_locked(path)?, &mut bytes).map_err(|error| unusable(path, &error))?;
+        Head::most_of(&open_locked(path)?, &mut bytes).map_err(|error| unusable(path, &error))?;
         let (head, ..) = Head::read(&bytes).ok_or_else(|| JournalError::headless(path))?;
         Header::decode(&head.header, path)
     }
@@ -133,9 +135,10 @@ impl JournalFile {
         };
         if end.takes_back(entries) {
             let spill = end.spill.clone().filter(|_| end.answered.failure().is_none());
-            let Salvaged { head, mut contents, loss, .. } = read(&end.file, &self.path)?;
-            contents.take(Record::Tally(tally));
-            entries.iter().for_each(|entry| contents.take(Record::Entry(entry.clone())));
+            let Salvaged { head, mut contents, loss, .. } =
+                read(&end.file, end.file.try_clone(), &self.path)?;
+            contents.count(tally);
+            entries.iter().for_each(|entry| contents.append(entry));
             *end = match loss {
                 Some(loss) => {
                     contents.tally.repairs += 1;
@@ -193,7 +196,7 @@ fn spill_beside(path: &Path) -> Option<PathBuf> {
 /// The jobs that have a result. What outgrows memory goes to a file in `spill`, if there is such a directory.
 fn answered_in(contents: &Contents, spill: Option<&Path>) -> JobSet {
     let mut answered = JobSet::new(spill);
-    answered.extend(contents.accepted.keys().copied());
+    answered.extend(contents.accepted.jobs());
     answered
 }
 
@@ -231,19 +234,18 @@ fn rewrite(
     contents: &Contents,
 ) -> Result<End, JournalError> {
     let head = Head { key: Key(rand::random()), ..head.clone() };
-    let (bytes, next_number) = head.file(contents);
-    let mut locked = None;
+    let mut made = None;
     let written = atomic::write_with(path, |file| {
-        file.write_all(&bytes)?;
+        let (bytes, next_number) = head.write(contents, &*file)?;
         let own = file.try_clone()?;
         lock_file(&own)?;
-        locked = Some(own);
+        made = Some((own, bytes, next_number));
         Ok::<_, io::Error>(())
     });
-    let file = written.and_then(|()| locked.ok_or_else(|| io::Error::other("no file")));
-    let file = file.map_err(|error| unusable(path, &error))?;
+    let made = written.and_then(|()| made.ok_or_else(|| io::Error::other("no file")));
+    let (file, bytes, next_number) = made.map_err(|error| unusable(path, &error))?;
     let answered = answered_in(contents, spill.as_deref());
-    Ok(End { file, key: head.key, bytes: bytes.len() as u64, next_number, answered, spill })
+    Ok(End { file, key: head.key, bytes, next_number, answered, spill })
 }
 
 /// Opens the file that has this name, for nobody else.
@@ -263,11 +265,23 @@ fn open_locked(path: &Path) -> Result<File, JournalError> {
             Err(error) => return Err(failed(error)),
         }
         // It may have been replaced before it was locked.
-        let named = std::fs::metadata(path).map_err(failed)?;
-        if (opened.dev(), opened.ino()) == (named.dev(), named.ino()) {
+        if is_same(&opened, &std::fs::metadata(path).map_err(failed)?) {
             return Ok(file);
         }
     }
+}
+
+/// The same file once more, without its lock: that of a copy would last as long as the copy.
+fn reopen(file: &File, path: &Path) -> io::Result<File> {
+    let again = File::open(path)?;
+    match is_same(&file.metadata()?, &again.metadata()?) {
+        true => Ok(again),
+        false => Err(io::Error::other("another file in its place")),
+    }
+}
+
+fn is_same(one: &Metadata, other: &Metadata) -> bool {
+    (one.dev(), one.ino()) == (other.dev(), other.ino())
 }
 
 /// Locks a file as long as it is open; where the file system knows no locks, nobody else is kept out.
@@ -279,16 +293,10 @@ fn lock_file(file: &File) -> io::Result<()> {
     }
 }
 
-fn read(mut file: &File, path: &Path) -> Result<Salvaged, JournalError> {
-    let mut bytes = Vec::new();
-    let mut all = || {
-        let length = usize::try_from(file.metadata()?.len()).map_err(io::Error::other)?;
-        bytes.try_reserve_exact(length).map_err(io::Error::other)?;
-        file.seek(SeekFrom::Start(0))?;
-        file.read_to_end(&mut bytes)
-    };
-    all().map_err(|error| unusable(path, &error))?;
-    salvage(&bytes).ok_or_else(|| JournalError::headless(path))
+/// What a file has, whose results are read from `results` when they are asked for.
+fn read(file: &File, results: io::Result<File>, path: &Path) -> Result<Salvaged, JournalError> {
+    let salvaged = results.and_then(|results| salvage(file, results));
+    salvaged.map_err(|error| unusable(path, &error))?.ok_or_else(|| JournalError::headless(path))
 }
 
 fn unusable(path: &Path, error: &dyn std::fmt::Display) -> JournalError {
@@ -328,7 +336,7 @@ mod tests {
     fn jobs(file: JournalFile) -> Vec<JobId> {
         let path = file.path().to_owned();
         drop(file);
-        JournalFile::open(&path).unwrap().2.accepted.into_keys().collect()
+        JournalFile::open(&path).unwrap().2.accepted.jobs().collect()
     }
 
     #[test]

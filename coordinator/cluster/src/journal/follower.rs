@@ -17,6 +17,9 @@ use crate::events::Event;
 /// Most bytes of one read.
 const CHUNK: u64 = 32 << 20;
 
+/// Bytes in which the key of a file is looked for, if it is the same file; longer headers are taken for the same.
+const BEGINNING: u64 = 64 << 10;
+
 /// Follows the journal of a run, of whichever process.
 pub struct JournalFollower {
     path: PathBuf,
@@ -75,12 +78,19 @@ impl JournalFollower {
             return Err(JournalError::unusable(&self.path, "something that is no file"));
         }
         let id = (metadata.dev(), metadata.ino());
+        // A file that replaces one that has replaced another may have the number of the first.
+        let mut beginning = Vec::new();
+        (&file).take(BEGINNING).read_to_end(&mut beginning).map_err(unusable)?;
+        let key = Head::read(&beginning).map(|(head, ..)| head.key);
+        if self.place.as_ref().is_some_and(|place| key.is_some_and(|key| key != place.key)) {
+            self.place = None;
+        }
         let mut followed = Followed::default();
         if self.place.as_ref().is_none_or(|place| place.file != id || place.next > metadata.len()) {
             self.leases.clear();
             followed.is_anew = true;
             let mut bytes = Vec::new();
-            Head::most_of(&mut file, &mut bytes).map_err(unusable)?;
+            Head::most_of(&file, &mut bytes).map_err(unusable)?;
             let (head, records, _) = Head::read(&bytes).ok_or_else(|| JournalError::headless(&self.path))?;
             let header = Header::decode(&head.header, &self.path)?;
             self.place = Some(Place { file: id, key: head.key, header, next: records as u64, starts: 0 });

@@ -3,12 +3,18 @@
 //! The checksum covers where in the file a record stands. Its key is as old as the file and known to nobody else, so that
 //! nothing that a peer has sent, and nothing that another file has left on the disk, can pass for a record.
 
+use std::io::{self, Read};
+
 /// Pages of disks and file systems; what is kept twice lies in different ones.
 pub const PAGE: usize = 4096;
 /// Numbers are below: no file has as many records.
 const MAX_NUMBER: u64 = 1 << 53;
 /// Mark, length, number, checksum.
 const HEAD: usize = 4 + 4 + 8 + 16;
+/// The mark and the length, by which a record of which not all was written is known.
+const BEGINNING: usize = 8;
+/// Bytes of a file that are read at once.
+const CHUNK: usize = 1 << 20;
 
 /// The key of one file's checksums.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -67,11 +73,15 @@ impl Key {
         Some((u32::from_le_bytes(*length) as usize, rest))
     }
 
-    /// Whether `rest`, the end of a file, is what a record leaves of which not all was written.
-    fn is_begun(&self, rest: &[u8]) -> bool {
-        match self.head(rest) {
-            Some((length, _)) => rest.len() < HEAD + length,
-            None => rest.len() < 8 && rest.iter().zip(self.mark()).all(|(have, begins)| *have == begins),
+    /// Whether so many bytes at the end of a file, of which the first are these, are what a record leaves of which not all
+    /// was written.
+    fn is_begun(&self, beginning: &[u8], length: u64) -> bool {
+        match self.head(beginning) {
+            Some((payload, _)) => length < framed(payload) as u64,
+            None => {
+                beginning.len() < BEGINNING
+                    && beginning.iter().zip(self.mark()).all(|(have, begins)| *have == begins)
+            }
         }
     }
 }
@@ -81,45 +91,129 @@ pub const fn framed(payload: usize) -> usize {
     HEAD + payload
 }
 
-/// The records of a file from some place on.
+/// What the records of a file come to, from some place on.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub struct Scanned<'a> {
-    /// Payloads of sound records, in order.
-    pub payloads: Vec<&'a [u8]>,
+pub struct Scanned {
+    /// Sound records.
+    pub records: usize,
     /// The number of the record after the last.
     pub next_number: u64,
     /// Where the last sound record ends.
-    pub end: usize,
+    pub end: u64,
     /// Records that are missing between sound ones.
     pub lost_records: u64,
     /// Bytes that are of no sound record.
-    pub lost_bytes: usize,
+    pub lost_bytes: u64,
     /// Of these, at the end, the bytes of a record of which not all was written: no damage, but the end of a process.
-    pub begun_bytes: usize,
+    pub begun_bytes: u64,
 }
 
-/// Reads `file` from `start` on, where the record numbered 0 should be. Bytes that are of no record are passed over.
-pub fn scan<'a>(key: &Key, file: &'a [u8], start: usize) -> Scanned<'a> {
-    let mut scanned = Scanned { end: start.min(file.len()), ..Scanned::default() };
-    let mut place = scanned.end;
-    while place < file.len() {
-        if let Some((number, payload, next)) = key.record(file, place)
+/// Reads a file from `start` on, where the record numbered 0 should be and `reader` is, and shows the place and the payload
+/// of each sound record to `see`, in order. Bytes that are of no record are passed over. No more of the file is in memory
+/// than a record and what is read at once, unless a damaged record is said to be long.
+///
+/// # Errors
+/// Those of the reader.
+pub fn scan(key: &Key, reader: impl Read, start: u64, see: impl FnMut(u64, &[u8])) -> io::Result<Scanned> {
+    scan_by(CHUNK, key, reader, start, see)
+}
+
+fn scan_by(
+    chunk: usize,
+    key: &Key,
+    reader: impl Read,
+    start: u64,
+    mut see: impl FnMut(u64, &[u8]),
+) -> io::Result<Scanned> {
+    let mut window = Window { reader, chunk, bytes: Vec::new(), passed: 0, place: start };
+    let mut scanned = Scanned { end: start, ..Scanned::default() };
+    // Of what follows the last sound record.
+    let mut beginning = Vec::new();
+    loop {
+        let payload = key.head(window.at_least(HEAD)?).map_or(0, |(length, _)| length);
+        let bytes = window.at_least(framed(payload))?;
+        if bytes.is_empty() {
+            break;
+        }
+        let place = window.place;
+        let bytes = window.rest();
+        if let Some((number, payload)) = key.first_record(bytes, place)
             && (scanned.next_number..MAX_NUMBER).contains(&number)
         {
             scanned.lost_records += number - scanned.next_number;
             scanned.lost_bytes += place - scanned.end;
-            scanned.payloads.push(payload);
-            (scanned.next_number, scanned.end, place) = (number + 1, next, next);
+            scanned.records += 1;
+            see(place, payload);
+            let length = framed(payload.len());
+            (scanned.next_number, scanned.end) = (number + 1, place + length as u64);
+            beginning.clear();
+            window.pass(length);
         } else {
-            let mark = key.mark();
-            let further = file[place + 1..].windows(mark.len()).position(|window| window == mark);
-            place = further.map_or(file.len(), |steps| place + 1 + steps);
+            if place == scanned.end {
+                beginning = bytes[..bytes.len().min(BEGINNING)].to_vec();
+            }
+            window.pass(1);
+            window.pass_to(&key.mark())?;
         }
     }
-    let rest = &file[scanned.end..];
-    scanned.lost_bytes += rest.len();
-    scanned.begun_bytes = if key.is_begun(rest) { rest.len() } else { 0 };
-    scanned
+    let rest = window.place - scanned.end;
+    scanned.lost_bytes += rest;
+    scanned.begun_bytes = if key.is_begun(&beginning, rest) { rest } else { 0 };
+    Ok(scanned)
+}
+
+/// The part of a file that is looked at, which moves forward.
+struct Window<R> {
+    reader: R,
+    /// Bytes that are read at once.
+    chunk: usize,
+    bytes: Vec<u8>,
+    /// Of these, those that are behind.
+    passed: usize,
+    /// Where in the file the first of the others is.
+    place: u64,
+}
+
+impl<R: Read> Window<R> {
+    /// What is there, not less than so many bytes unless the file ends before.
+    fn at_least(&mut self, least: usize) -> io::Result<&[u8]> {
+        while self.rest().len() < least && self.read()? {}
+        Ok(self.rest())
+    }
+
+    fn rest(&self) -> &[u8] {
+        &self.bytes[self.passed..]
+    }
+
+    /// Reads on; `false` at the end of the file.
+    fn read(&mut self) -> io::Result<bool> {
+        self.bytes.drain(..std::mem::take(&mut self.passed));
+        let read = (&mut self.reader).take(self.chunk as u64).read_to_end(&mut self.bytes)?;
+        Ok(read > 0)
+    }
+
+    fn pass(&mut self, bytes: usize) {
+        self.passed += bytes;
+        self.place += bytes as u64;
+    }
+
+    /// Goes to the next place where these bytes are, or to the end of the file.
+    fn pass_to(&mut self, wanted: &[u8]) -> io::Result<()> {
+        loop {
+            let rest = self.rest();
+            if let Some(steps) = rest.windows(wanted.len()).position(|window| window == wanted) {
+                self.pass(steps);
+                return Ok(());
+            }
+            // The last of what is there may begin it.
+            let steps = (rest.len() + 1).saturating_sub(wanted.len());
+            self.pass(steps);
+            if !self.read()? {
+                self.pass(self.rest().len());
+                return Ok(());
+            }
+        }
+    }
 }
 
 #[cfg(test)]
@@ -139,6 +233,23 @@ mod tests {
         bytes
     }
 
+    /// What a file has, which must not depend on how much of it is read at once.
+    fn scan(file: &[u8], start: usize) -> (Vec<Vec<u8>>, Scanned) {
+        let by = |chunk| {
+            let mut payloads = Vec::new();
+            let see = |place, payload: &[u8]| {
+                assert_eq!(KEY.record(file, place as usize).map(|(_, there, _)| there), Some(payload));
+                payloads.push(payload.to_vec());
+            };
+            let scanned = scan_by(chunk, &KEY, &file[start..], start as u64, see).unwrap();
+            assert_eq!(scanned.records, payloads.len());
+            (payloads, scanned)
+        };
+        let scanned = by(CHUNK);
+        assert!([1, 7, 50].map(by).iter().all(|other| *other == scanned));
+        scanned
+    }
+
     #[test]
     fn what_is_of_another_place_key_or_number_is_no_record() {
         let file = file(5, &[b"one".to_vec(), b"two".to_vec()]);
@@ -155,7 +266,7 @@ mod tests {
         Key::PUBLIC.append(&mut inner, 0, 0, b"quarantined: nobody");
         let mut outer = super::tests::file(0, &[inner]);
         outer[20] ^= 1;
-        assert!(scan(&KEY, &outer, 0).payloads.is_empty());
+        assert!(scan(&outer, 0).0.is_empty());
     }
 
     #[test]
@@ -163,12 +274,13 @@ mod tests {
         let payloads: Vec<Vec<u8>> = (0u8..9).map(|byte| vec![byte; 10]).collect();
         let mut file = file(3, &payloads);
         let one = framed(10);
-        assert_eq!((scan(&KEY, &file, 3).lost_bytes, scan(&KEY, &file, 3).next_number), (0, 9));
+        let (_, scanned) = scan(&file, 3);
+        assert_eq!((scanned.lost_bytes, scanned.next_number), (0, 9));
         file[3 + 4 * one + 20..][..one].fill(0);
-        let scanned = scan(&KEY, &file, 3);
-        assert_eq!((scanned.lost_records, scanned.lost_bytes, scanned.begun_bytes), (2, 2 * one, 0));
-        assert_eq!(scanned.payloads, [0, 1, 2, 3, 6, 7, 8].map(|at: usize| &payloads[at][..]));
-        assert_eq!((scanned.next_number, scanned.end), (9, file.len()));
+        let (left, scanned) = scan(&file, 3);
+        assert_eq!((scanned.lost_records, scanned.lost_bytes, scanned.begun_bytes), (2, 2 * one as u64, 0));
+        assert_eq!(left, [0, 1, 2, 3, 6, 7, 8].map(|at: usize| payloads[at].clone()));
+        assert_eq!((scanned.next_number, scanned.end), (9, file.len() as u64));
     }
 
     proptest! {
@@ -178,13 +290,13 @@ mod tests {
             cut in any::<prop::sample::Index>(),
         ) {
             let whole = file(6, &payloads);
-            let scanned = scan(&KEY, &whole, 6);
-            prop_assert_eq!((scanned.payloads.len(), scanned.lost_bytes), (payloads.len(), 0));
-            let cut = cut.index(whole.len() + 1);
-            let scanned = scan(&KEY, &whole[..cut], 6);
-            prop_assert_eq!(&scanned.payloads[..], &payloads[..scanned.payloads.len()]);
+            let (left, scanned) = scan(&whole, 6);
+            prop_assert_eq!((left.len(), scanned.lost_bytes), (payloads.len(), 0));
+            let cut = 6 + cut.index(whole.len() - 5);
+            let (left, scanned) = scan(&whole[..cut], 6);
+            prop_assert_eq!(&left[..], &payloads[..left.len()]);
             prop_assert_eq!((scanned.lost_records, scanned.lost_bytes), (0, scanned.begun_bytes));
-            prop_assert_eq!(scanned.end + scanned.begun_bytes, cut);
+            prop_assert_eq!(scanned.end + scanned.begun_bytes, cut as u64);
         }
 
         #[test]
@@ -197,9 +309,9 @@ mod tests {
                 let place = place.index(bytes.len());
                 bytes[place] = byte;
             }
-            let scanned = scan(&KEY, &bytes, 6);
-            let mut left = payloads.iter();
-            prop_assert!(scanned.payloads.iter().all(|payload| left.any(|written| written == payload)));
+            let (left, _) = scan(&bytes, 6);
+            let mut written = payloads.iter();
+            prop_assert!(left.iter().all(|payload| written.any(|one| one == payload)));
         }
     }
 }

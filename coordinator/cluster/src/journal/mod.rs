@@ -1,10 +1,11 @@
 //! The journal of a run: every result that was accepted, kept through any end of the coordinator.
 //!
 //! A search is deterministic, so that going on is doing it again with the results that are there. It is an append-only log:
-//! `frame` has single records with their checksums, `records` and `header` what they say, `layout` the whole file, `repair`
-//! takes what is sound in it, `file` opens and appends; `writer` commits in groups on a thread of its own. `follower`
-//! reads what another process writes.
+//! `frame` has single records with their checksums, `records` and `header` what they say, `contents` what that comes to,
+//! `layout` the whole file, `repair` takes what is sound in it, `results` finds a result in it again, `file` opens and
+//! appends; `writer` commits in groups on a thread of its own. `follower` reads what another process writes.
 
+mod contents;
 mod file;
 mod follower;
 mod frame;
@@ -12,6 +13,7 @@ mod header;
 mod layout;
 mod records;
 mod repair;
+mod results;
 mod writer;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -27,6 +29,7 @@ use crate::sharding::plan::ShardPlan;
 pub use file::JournalFile;
 pub use follower::JournalFollower;
 pub use header::Header;
+pub use results::{Attribution, RecordedResults};
 pub use writer::{Journal, LogSequence};
 
 /// File in a run folder.
@@ -122,14 +125,15 @@ pub enum Entry {
 }
 
 /// What earlier starts of a run have left.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Debug, Default)]
+#[cfg_attr(test, derive(PartialEq))]
 pub struct Recorded {
     /// Starts of the coordinator so far.
     pub starts: u64,
     /// Time they were at work.
     pub at_work: Duration,
     /// Every result.
-    pub accepted: BTreeMap<JobId, Box<AcceptedResult>>,
+    pub accepted: RecordedResults,
     /// Workers that had not gone.
     pub members: BTreeMap<WorkerId, Member>,
     /// How evaluations were sharded, by job.
@@ -152,9 +156,9 @@ impl Recorded {
 
     /// Labels under which results are recorded.
     pub fn labels(&self) -> BTreeSet<String> {
-        self.accepted.values().map(|accepted| accepted.worker.clone()).collect()
+        self.accepted.attributions().map(|(attribution, _)| attribution.worker.clone()).collect()
     }
 }
 
 #[cfg(test)]
-mod tests;
+pub(crate) mod tests;

@@ -1,16 +1,13 @@
-//! What a journal's records say, as bytes and back, and what they come to.
+//! What a journal's records say, as bytes and back.
 
-use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
-use std::time::Duration;
 
 use proto::journal::{AcceptedResult, Assurance, Member};
 use proto::{JobId, Principal, WorkerId};
 
-use super::{Entry, Recorded};
+use super::Entry;
 use crate::events::Event;
 use crate::sharding::plan::{ShardPlan, SidePlan};
-use crate::store::Grounds;
 
 /// Highest attempt that is believed: more failures and losses end a run long before.
 pub(super) const MAX_ATTEMPT: u32 = 100_000;
@@ -68,7 +65,7 @@ impl Tally {
     }
 }
 
-/// The bytes of an entry; `None` of a result that is not kept.
+/// The bytes of an entry; `None` of a result or an attempt that is not kept.
 pub fn encode(entry: &Entry) -> Option<Vec<u8>> {
     let record = |kind: u8, parts: &[&[u8]]| Some([&[kind][..], &parts.concat()].concat());
     match entry {
@@ -77,6 +74,8 @@ pub fn encode(entry: &Entry) -> Option<Vec<u8>> {
         }
         Entry::Joined(id, member) => record(kind::JOINED, &[&id.0, &member.encode()]),
         Entry::Left(id) => record(kind::LEFT, &[&id.0]),
+        // It would be taken for damage.
+        Entry::Leased(_, attempt, _) if *attempt > MAX_ATTEMPT => None,
         Entry::Leased(job, attempt, id) => {
             record(kind::LEASED, &[&job.0.to_le_bytes(), &attempt.to_le_bytes(), &id.0])
         }
@@ -173,87 +172,4 @@ fn principal(bytes: &[u8]) -> Option<Principal> {
 /// A number, and what follows.
 fn number(bytes: &[u8]) -> Option<(u64, &[u8])> {
     bytes.split_first_chunk().map(|(number, rest)| (u64::from_le_bytes(*number), rest))
-}
-
-/// What all records together say.
-#[derive(Debug, Default)]
-pub struct Contents {
-    /// The highest counts.
-    pub tally: Tally,
-    /// Results that hold.
-    pub accepted: BTreeMap<JobId, Box<AcceptedResult>>,
-    /// Principals that were wrong.
-    pub quarantined: BTreeSet<Principal>,
-    members: BTreeMap<WorkerId, Member>,
-    plans: BTreeMap<JobId, ShardPlan>,
-    leases: BTreeMap<(JobId, u32), WorkerId>,
-    events: BTreeMap<u64, Arc<Event>>,
-}
-
-impl Contents {
-    /// Takes a record that follows on those before.
-    pub fn take(&mut self, record: Record) {
-        match record {
-            Record::Padding => {}
-            // Counts only grow; where the last are lost, those before hold.
-            Record::Tally(later) => {
-                self.tally.starts = self.tally.starts.max(later.starts);
-                self.tally.milliseconds = self.tally.milliseconds.max(later.milliseconds);
-                self.tally.repairs = self.tally.repairs.max(later.repairs);
-            }
-            Record::Entry(entry) => self.enter(entry),
-        }
-    }
-
-    fn enter(&mut self, entry: Entry) {
-        match entry {
-            Entry::Accepted(job, answer) => {
-                self.accepted.insert(job, answer);
-                self.leases.extract_if((job, 0)..=(job, u32::MAX), |_, _| true).for_each(drop);
-            }
-            Entry::Joined(id, member) => drop(self.members.insert(id, member)),
-            Entry::Left(id) => drop(self.members.remove(&id)),
-            Entry::Leased(job, attempt, id) => drop(self.leases.insert((job, attempt), id)),
-            Entry::Assured(job, assurance, seconded) => {
-                if let Some(accepted) = self.accepted.get_mut(&job) {
-                    (accepted.assurance, accepted.seconded) = (assurance, seconded);
-                }
-            }
-            Entry::Readmitted(principal) => drop(self.quarantined.remove(&principal)),
-            Entry::Retracted(job) => drop(self.accepted.remove(&job)),
-            Entry::Quarantined(principal) => {
-                // Each of them is retracted, too, but the run may end before all of that is written.
-                self.accepted.retain(|_, accepted| !Grounds::of_accepted(accepted).rest_on(principal));
-                self.quarantined.insert(principal);
-            }
-            Entry::Event(event) => drop(self.events.insert(event.sequence, event)),
-            Entry::Sharded(job, plan) => drop(self.plans.insert(job, plan)),
-        }
-    }
-
-    /// Entries that say all of it but who was quarantined.
-    pub fn entries(&self) -> impl Iterator<Item = Entry> {
-        let members = self.members.iter().map(|(&id, member)| Entry::Joined(id, member.clone()));
-        let plans = self.plans.iter().map(|(&job, &plan)| Entry::Sharded(job, plan));
-        let accepted = self.accepted.iter().map(|(&job, answer)| Entry::Accepted(job, answer.clone()));
-        let leases = self.leases.iter().map(|(&(job, attempt), &id)| Entry::Leased(job, attempt, id));
-        let events = self.events.values().map(|event| Entry::Event(Arc::clone(event)));
-        members.chain(plans).chain(accepted).chain(leases).chain(events)
-    }
-
-    /// What a start finds.
-    pub fn recorded(self) -> Recorded {
-        let lease = |((job, attempt), id)| (job, attempt, id);
-        Recorded {
-            starts: self.tally.starts,
-            at_work: Duration::from_millis(self.tally.milliseconds),
-            accepted: self.accepted,
-            members: self.members,
-            plans: self.plans,
-            leases: self.leases.into_iter().map(lease).collect(),
-            quarantined: self.quarantined,
-            events: self.events.into_values().map(Arc::unwrap_or_clone).collect(),
-            repairs: self.tally.repairs,
-        }
-    }
 }

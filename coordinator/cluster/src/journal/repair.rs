@@ -1,12 +1,14 @@
 //! What is done about a damaged journal: what is sound in it is taken, the rest is told, and the file is kept.
 
 use std::fs::{File, OpenOptions};
-use std::io;
+use std::io::{self, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
+use super::contents::Contents;
 use super::frame::scan;
 use super::layout::Head;
-use super::records::{Contents, decode};
+use super::records::decode;
+use super::results::RecordedResults;
 
 /// A journal's file as it was read.
 pub struct Salvaged {
@@ -17,11 +19,11 @@ pub struct Salvaged {
     /// The number of the next record.
     pub next_number: u64,
     /// Where the sound records end.
-    pub end: usize,
+    pub end: u64,
     /// What is missing, if anything is.
     pub loss: Option<Loss>,
     /// Bytes at the end of a record of which not all was written.
-    pub begun_bytes: usize,
+    pub begun_bytes: u64,
 }
 
 /// What a damaged file has lost.
@@ -32,7 +34,7 @@ pub struct Loss {
     /// Records that are known to be missing; at the end of the file, nobody knows how many there were.
     pub records: u64,
     /// Bytes that are of no sound record.
-    pub bytes: usize,
+    pub bytes: u64,
 }
 
 impl std::fmt::Display for Loss {
@@ -42,29 +44,34 @@ impl std::fmt::Display for Loss {
     }
 }
 
-/// What is sound in a file; `None` if it has no head, so that nothing says what it was the journal of.
+/// What is sound in a file; `None` if it has no head, so that nothing says what it was the journal of. Results are read
+/// from `results`, the same file, when they are asked for.
 ///
 /// No record is believed that may have been taken back later: what is taken back is not in the file any more.
-pub fn salvage(file: &[u8]) -> Option<Salvaged> {
-    let (head, records, is_whole) = Head::read(file)?;
-    let scanned = scan(&head.key, file, records);
-    let (mut contents, mut unknown) = (Contents::default(), 0);
-    for payload in &scanned.payloads {
-        match decode(payload) {
-            Some(record) => contents.take(record),
-            None => unknown += 1,
-        }
-    }
+///
+/// # Errors
+/// Those of the file system.
+pub fn salvage(mut file: &File, results: File) -> io::Result<Option<Salvaged>> {
+    let mut bytes = Vec::new();
+    Head::most_of(file, &mut bytes)?;
+    let Some((head, records, is_whole)) = Head::read(&bytes) else { return Ok(None) };
+    drop(bytes);
+    let (mut contents, mut unknown) = (Contents::new(RecordedResults::of(head.key, results)?), 0);
+    file.seek(SeekFrom::Start(records as u64))?;
+    let scanned = scan(&head.key, file, records as u64, |place, payload| match decode(payload) {
+        Some(record) => contents.take(record, (place, payload.len())),
+        None => unknown += 1,
+    })?;
     // The first record is written with the head.
-    let is_cut_in_head = scanned.payloads.is_empty();
+    let is_cut_in_head = scanned.records == 0;
     let is_damaged = !is_whole || is_cut_in_head || unknown > 0 || scanned.lost_bytes > scanned.begun_bytes;
     let loss = Loss {
-        sound: scanned.payloads.len() - unknown,
+        sound: scanned.records - unknown,
         records: scanned.lost_records + unknown as u64,
         bytes: scanned.lost_bytes,
     };
     let (next_number, end, begun_bytes) = (scanned.next_number, scanned.end, scanned.begun_bytes);
-    Some(Salvaged { head, contents, next_number, end, loss: is_damaged.then_some(loss), begun_bytes })
+    Ok(Some(Salvaged { head, contents, next_number, end, loss: is_damaged.then_some(loss), begun_bytes }))
 }
 
 /// Copies a damaged file to a name beside it that nothing has, where people can look at it.

@@ -17,8 +17,9 @@ use crate::scheduler::RunSecret;
 use crate::sharding::SidePlan;
 
 mod damage;
+mod results;
 
-pub(super) fn header() -> Header {
+pub(crate) fn header() -> Header {
     Header {
         search: "seed = 1\n".to_owned(),
         experiment: "version = 1\n".to_owned(),
@@ -120,7 +121,7 @@ fn a_quarantine_takes_back_what_rests_on_the_quarantined() {
     drop(journal);
     let (.., recorded) = JournalFile::open(&path).unwrap();
     // The fourth was computed by the own process, too.
-    assert_eq!(recorded.accepted.into_keys().collect::<Vec<_>>(), [1, 4, 5].map(JobId));
+    assert_eq!(recorded.accepted.jobs().collect::<Vec<_>>(), [1, 4, 5].map(JobId));
 }
 
 #[test]
@@ -144,7 +145,7 @@ fn what_was_committed_is_there_at_the_next_start() {
     assert_eq!(read, header());
     assert_eq!(recorded.starts, 2);
     assert_eq!(
-        recorded.accepted,
+        recorded.accepted.all(),
         [(JobId(5), accepted(0)), (JobId(u64::MAX), accepted(3))].map(boxed).into()
     );
     assert_eq!(recorded.members, [(one, member("rack"))].into());
@@ -171,7 +172,7 @@ fn subtasks_of_evaluations_are_there_at_the_next_start() {
         Entry::Retracted(JobId(6)),
     ]);
     let recorded = JournalFile::open(&path).unwrap().2;
-    assert_eq!(recorded.accepted, [(JobId(5), described()), (JobId(7), accepted(3))].map(boxed).into());
+    assert_eq!(recorded.accepted.all(), [(JobId(5), described()), (JobId(7), accepted(3))].map(boxed).into());
     assert_eq!(recorded.plans, [(JobId(9), plan)].into());
     assert_eq!(recorded.leases, []);
 }
@@ -295,7 +296,7 @@ fn sample() -> (Vec<Entry>, Recorded) {
     let recorded = Recorded {
         starts: 2,
         at_work: Duration::ZERO,
-        accepted: [(JobId(5), accepted(2)), (JobId(6), assured)].map(boxed).into(),
+        accepted: [(JobId(5), accepted(2)), (JobId(6), assured)].map(boxed).into_iter().collect(),
         members: [(one, member)].into(),
         plans: [(JobId(9), plan)].into(),
         leases: vec![(JobId(8), 3, one)],

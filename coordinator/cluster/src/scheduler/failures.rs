@@ -9,9 +9,10 @@ use proto::{JobId, Principal, WorkerId};
 
 use super::health::Health;
 use super::messages::WorkerFailure;
+use super::worker::Worker;
 use super::{Emitted, JobFailed, Scheduler};
 use crate::events::EventKind;
-use crate::store::Job;
+use crate::store::{FailedAttempt, Job};
 
 impl Scheduler {
     /// Counts a failure, against the job and against the worker.
@@ -19,9 +20,15 @@ impl Scheduler {
         let (label, max_failures) = (self.label(id), self.limits.max_failures as usize);
         self.count_against(id, now);
         // Once its result counts, a job has nothing to fail at.
+        let Some(principal) = self.workers.get(&id).map(|worker| worker.principal) else { return };
         let Some(job) = self.jobs.get_mut(job_id).filter(|job| job.needs() > 0) else { return };
         let malformed = failure.reason == FailureReason::InvalidJob;
-        job.failures.push((id, WorkerFailure { worker: label, failure }));
+        let failure = WorkerFailure { worker: label, failure };
+        job.failures.push(FailedAttempt { worker: id, principal, failure });
+        let of_own = job.failures.iter().filter(|failed| failed.principal == Principal::Coordinator).count();
+        if of_own >= max_failures {
+            job.do_without_own();
+        }
         if malformed || job.failures.len() >= max_failures {
             self.failing.insert(job_id);
             self.fail_hopeless();
@@ -30,7 +37,7 @@ impl Scheduler {
     }
 
     /// Counts a failure against a worker, which may exclude it for a while.
-    fn count_against(&mut self, id: WorkerId, now: Instant) {
+    pub(super) fn count_against(&mut self, id: WorkerId, now: Instant) {
         let Some(worker) = self.workers.get_mut(&id) else { return };
         let principal = worker.principal;
         let suspect = self.exclusions.get(&principal).is_some_and(|&count| count > 0);
@@ -59,7 +66,7 @@ impl Scheduler {
     /// Ends the exclusions whose time is over.
     pub(super) fn end_exclusions(&mut self, now: Instant) {
         let over = self.workers.values_mut().filter_map(|worker| {
-            (worker.health.end_exclusion(now) && !worker.draining).then_some(worker.principal)
+            (worker.health.end_exclusion(now) && worker.is_available()).then_some(worker.principal)
         });
         for principal in over.collect::<Vec<_>>() {
             self.join_present(principal);
@@ -71,7 +78,7 @@ impl Scheduler {
         let excluded = self.workers.values_mut().filter(|worker| worker.health.is_excluded());
         let included = excluded.filter_map(|worker| {
             worker.health = Health::default();
-            (!worker.draining).then_some(worker.principal)
+            worker.is_available().then_some(worker.principal)
         });
         for principal in included.collect::<Vec<_>>() {
             self.join_present(principal);
@@ -85,12 +92,13 @@ impl Scheduler {
         }
         let hopeless = |id: &&JobId| self.jobs.get(**id).is_some_and(|job| self.is_hopeless(job));
         let Some(job) = self.failing.iter().find(hopeless).and_then(|id| self.jobs.get(*id)) else { return };
-        let failures = job.failures.iter().map(|(_, failure)| failure.clone()).collect();
+        let failures = job.failures.iter().map(|failed| failed.failure.clone()).collect();
         self.failed = Some(JobFailed { task: Arc::clone(&job.task), failures });
     }
 
-    /// Whether a job has failed for good: on as many workers as the limit says that have computed something else, or on
-    /// all that are here. Three sick machines must not end a run that two healthy ones could do.
+    /// Whether a job has failed for good: on as many workers as the limit says that have computed something else, of as many
+    /// principals or of all that are here, or on all workers that are here. Neither three sick machines must end a run that
+    /// two healthy ones could do, nor whoever runs under three names.
     fn is_hopeless(&self, job: &Job) -> bool {
         if job.needs() == 0 || job.delivered {
             return false; // there is a result; whoever could confirm it may come
@@ -98,25 +106,33 @@ impl Scheduler {
         if job.is_given_up() {
             return false;
         }
-        let is_able = |id: &WorkerId| {
-            let has_answered = self.identities.get(id).is_some_and(|known| known.answers > 0);
-            has_answered && !self.workers.get(id).is_some_and(|worker| worker.health.is_excluded())
+        let is_able = |failed: &&FailedAttempt| {
+            let has_answered = self.identities.get(&failed.worker).is_some_and(|known| known.answers > 0);
+            let is_excluded =
+                || self.workers.get(&failed.worker).is_some_and(|worker| worker.health.is_excluded());
+            has_answered && !is_excluded()
         };
-        let able = job.failures.iter().filter(|(id, _)| is_able(id)).count();
-        let untried = self.workers.iter().any(|(id, worker)| {
-            worker.is_available() && !job.failed_on(*id) && !job.answered_by(worker.principal)
-        });
         // A job of this release that one worker cannot read is malformed for all of them, if it says the truth.
         let is_malformed =
-            |(_, failure): &(WorkerId, WorkerFailure)| failure.failure.reason == FailureReason::InvalidJob;
-        let malformed: Vec<WorkerId> =
-            job.failures.iter().filter(|failure| is_malformed(failure)).map(|(id, _)| *id).collect();
-        let principals: BTreeSet<Principal> =
-            malformed.iter().filter_map(|id| self.workers.get(id)).map(|worker| worker.principal).collect();
-        principals.contains(&Principal::Coordinator)
-            || principals.len() >= 2
-            || able >= self.limits.max_failures as usize
-            || !untried && (!malformed.is_empty() || job.failures.len() >= self.limits.max_failures as usize)
+            |failed: &&FailedAttempt| failed.failure.failure.reason == FailureReason::InvalidJob;
+        let principals = |failed: &[&FailedAttempt]| -> BTreeSet<Principal> {
+            failed.iter().map(|failed| failed.principal).collect()
+        };
+        let (able, malformed): (Vec<_>, Vec<_>) = (
+            job.failures.iter().filter(is_able).collect(),
+            job.failures.iter().filter(is_malformed).collect(),
+        );
+        let most = self.limits.max_failures as usize;
+        let could_answer = |worker: &Worker| worker.is_available() && !job.answered_by(worker.principal);
+        let is_untried = self.workers.iter().any(|(id, worker)| could_answer(worker) && !job.failed_on(*id));
+        let has_failed =
+            |principal: Principal| job.failures.iter().any(|failed| failed.principal == principal);
+        let has_untried_principal =
+            || self.workers.values().any(|worker| could_answer(worker) && !has_failed(worker.principal));
+        principals(&malformed).contains(&Principal::Coordinator)
+            || principals(&malformed).len() >= 2
+            || able.len() >= most && (principals(&able).len() >= most || !has_untried_principal())
+            || !is_untried && (!malformed.is_empty() || job.failures.len() >= most)
     }
 
     /// A worker went with the job in hand: no fault of the job's, until it has happened too often.

@@ -15,6 +15,9 @@ use crate::store::{Job, Quorum};
 
 /// A job is given to an idle second worker when it has run for this many times the median of its kind.
 const PATIENCE: f64 = 1.5;
+/// That a worker does not hold a job that it was handed out so often, or more often, counts against it. Replies get lost,
+/// but a worker that asks for the same job again and again would keep it from all others.
+const MOST_DELIVERIES: usize = 5;
 /// A job that takes longer than this is not taken ahead.
 const LONGEST_AHEAD: Duration = Duration::from_millis(100);
 
@@ -109,7 +112,8 @@ impl Scheduler {
             return false;
         }
         let tried = |(id, worker): (&WorkerId, &Worker)| {
-            worker.draining || job.answered_by(worker.principal) || job.failed_on(*id)
+            let cannot = job.awaits_own() && worker.principal != Principal::Coordinator;
+            cannot || worker.is_left_out() || job.answered_by(worker.principal) || job.failed_on(*id)
         };
         let of_principal =
             |holder: &WorkerId| self.workers.get(holder).is_some_and(|worker| worker.principal == principal);
@@ -161,9 +165,13 @@ impl Scheduler {
     pub(super) fn reconcile(&mut self, id: WorkerId, held: &[Lease], now: Instant) -> Vec<Lease> {
         let Some(worker) = self.workers.get(&id) else { return Vec::new() };
         let principal = worker.principal;
-        for (job, attempt) in worker.leases().to_vec() {
-            if !held.contains(&self.secret.lease(job, attempt, (id, principal))) {
-                self.release(job, id, AttemptEnd::Undelivered, now);
+        for (job_id, attempt) in worker.leases().to_vec() {
+            if held.contains(&self.secret.lease(job_id, attempt, (id, principal))) {
+                continue;
+            }
+            self.release(job_id, id, AttemptEnd::Undelivered, now);
+            if self.jobs.get(job_id).is_some_and(|job| job.times_handed_out(id) >= MOST_DELIVERIES) {
+                self.count_against(id, now);
             }
         }
         let mut revoked = Vec::new();

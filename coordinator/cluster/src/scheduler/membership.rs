@@ -1,5 +1,6 @@
 //! Workers that come and go: registration, room for another, removal.
 
+use std::collections::BTreeMap;
 use std::time::Instant;
 
 use proto::task::{Failure, FailureReason};
@@ -88,11 +89,34 @@ impl Scheduler {
         }
     }
 
+    /// Gives up hope of workers that ask for nothing, as one does that is still busy with what was taken from it. Whoever is
+    /// there asks at least once a lease.
+    pub(super) fn pass_over_passive(&mut self, now: Instant) {
+        let patience = self.limits.job.max(2 * self.limits.lease);
+        let passive = self
+            .workers
+            .values_mut()
+            .filter_map(|worker| worker.becomes_passive(patience, now).then_some(worker.principal));
+        let passive: Vec<Principal> = passive.collect();
+        for &principal in &passive {
+            self.leave_present(principal);
+        }
+        if !passive.is_empty() {
+            if self.present.is_empty() {
+                self.include_all(); // an excluded one is better than none
+            }
+            self.settle_for_want_of_others(now);
+        }
+    }
+
     /// Makes room for a worker of this principal: one that has neither a job nor an answer to show and has been silent for
     /// longest goes, of the principal that holds most places. Whoever registers without end displaces its own.
     fn make_room(&mut self, principal: Principal, now: Instant) -> Option<()> {
-        let own = self.present.get(&principal).copied().unwrap_or(0);
-        let (&first, &most) = self.present.iter().max_by_key(|(_, count)| **count)?;
+        // Those that get no jobs for a while have places, too.
+        let mut places: BTreeMap<Principal, usize> = BTreeMap::new();
+        self.workers.values().for_each(|worker| *places.entry(worker.principal).or_default() += 1);
+        let own = places.get(&principal).copied().unwrap_or(0);
+        let (&first, &most) = places.iter().max_by_key(|(_, count)| **count)?;
         let from = match most {
             _ if own == most => principal,
             _ if most > own + 1 => first,

@@ -115,8 +115,8 @@ pub struct Scheduler {
     limits: Limits,
     secret: RunSecret,
     workers: BTreeMap<WorkerId, Worker>,
-    /// How many workers of each principal are here and may be given jobs: none only where there is no worker at all, or
-    /// an operator drains all.
+    /// How many workers of each principal are here and may be given jobs: none only where there is no worker at all, all ask
+    /// for nothing, or an operator drains all.
     present: BTreeMap<Principal, usize>,
     trust: Trust,
     /// How often workers of a principal were excluded because they failed.
@@ -255,11 +255,11 @@ impl Scheduler {
                 queued: accepted.queued,
                 run_seconds: accepted.run_seconds,
             };
-            job.votes.push(vote(accepted.principal, accepted.worker_id, accepted.worker.clone()));
+            job.vote(vote(accepted.principal, accepted.worker_id, accepted.worker.clone()));
             // Which of its workers it was is not kept.
             let seconded =
                 accepted.seconded.map(|second| vote(second, WorkerId([0; 16]), second.to_string()));
-            job.votes.extend(seconded);
+            seconded.into_iter().for_each(|second| job.vote(second));
             self.jobs.open(id, job);
         }
         if let Some(job) = self.jobs.get_mut(id) {
@@ -343,6 +343,9 @@ impl Scheduler {
             self.remove_worker(id, Departure::Left, now); // with its leases, whether it lists them or not
         } else {
             answer.revoked = self.reconcile(id, &poll.held, now);
+            if self.workers.get_mut(&id).is_some_and(|worker| worker.wants(poll.wanted, now)) {
+                self.join_present(principal);
+            }
             answer.jobs = self.lease_jobs(id, poll.wanted, now);
         }
         answer.run_ended = self.run_ended;
@@ -389,6 +392,7 @@ impl Scheduler {
             self.remove_worker(id, Departure::Lost, now);
         }
         self.expire_leases(now);
+        self.pass_over_passive(now);
         self.end_exclusions(now);
         self.fail_hopeless();
         self.queue.forget_wakeups();

@@ -9,7 +9,7 @@ use proto::{JobId, WorkerId};
 use super::Scheduler;
 use super::worker::WorkerIdentity;
 use crate::events::EventKind;
-use crate::journal::Recorded;
+use crate::journal::{Attribution, Recorded};
 use crate::store::Job;
 
 impl Scheduler {
@@ -17,7 +17,7 @@ impl Scheduler {
     /// are recorded. Those that were quarantined stay so.
     pub fn restore(&mut self, recorded: &Recorded, now: Instant) {
         let answered: BTreeSet<WorkerId> =
-            recorded.accepted.values().map(|accepted| accepted.worker_id).collect();
+            recorded.accepted.attributions().map(|(attribution, _)| attribution.worker_id).collect();
         self.quarantined.extend(&recorded.quarantined);
         // Who may have gone on with what a liar has given is not recorded: after one, everybody is a newcomer.
         if recorded.quarantined.is_empty() {
@@ -39,15 +39,15 @@ impl Scheduler {
     }
 
     fn restore_trust(&mut self, recorded: &Recorded) {
-        for accepted in recorded.accepted.values() {
-            if matches!(accepted.assurance, Assurance::Owed | Assurance::Audited) {
-                self.trust.count(accepted.principal);
-            }
-            if accepted.assurance == Assurance::Audited {
-                [Some(accepted.principal), accepted.seconded]
-                    .into_iter()
-                    .flatten()
-                    .for_each(|one| self.trust.agree(one));
+        for (Attribution { grounds, .. }, results) in recorded.accepted.attributions() {
+            for _ in 0..results {
+                if matches!(grounds.assurance, Assurance::Owed | Assurance::Audited) {
+                    self.trust.count(grounds.principal);
+                }
+                if grounds.assurance == Assurance::Audited {
+                    let agreed = [Some(grounds.principal), grounds.seconded];
+                    agreed.into_iter().flatten().for_each(|one| self.trust.agree(one));
+                }
             }
         }
     }

@@ -76,7 +76,7 @@ impl Scheduler {
             self.counters.audits += u64::from(job.require(Quorum::Two));
         }
         let is_first = !job.answered_by(principal);
-        job.votes.push(Vote { result, ..vote });
+        job.vote(Vote { result, ..vote });
         if is_first {
             for agreed in job.agreement_with(principal) {
                 self.trust.agree(agreed);
@@ -103,8 +103,10 @@ impl Scheduler {
 
     /// Draws the consequences of the results that a job has.
     pub(super) fn settle(&mut self, job_id: JobId, now: Instant) {
-        let Some(job) = self.jobs.get(job_id) else { return };
+        let Some(job) = self.jobs.get_mut(job_id) else { return };
         let (settled, disputed) = (job.needs() == 0, job.is_disputed());
+        job.was_disputed |= disputed;
+        let Some(job) = self.jobs.get(job_id) else { return };
         if disputed && self.disputed.insert(job_id) {
             let (workers, task) =
                 (job.votes.iter().map(|vote| vote.label.clone()).collect(), Arc::clone(&job.task));
@@ -123,10 +125,13 @@ impl Scheduler {
         if settled && job.delivered {
             let confirmed = |leading: &Vote| {
                 let (fingerprint, seconded) = (leading.fingerprint, job.seconded());
-                let (assurance, was_disputed) = (job.assurance()?, disputed);
+                let (assurance, was_disputed) = (job.assurance()?, job.was_disputed);
                 Some(Confirmed { job: job_id, fingerprint, seconded, assurance, was_disputed })
             };
             self.confirmed.extend(job.leading().and_then(confirmed));
+            if let Some(job) = self.jobs.get_mut(job_id) {
+                job.was_disputed = false;
+            }
         }
         if agreed && let Some(job) = self.jobs.get_mut(job_id) {
             self.counters.agreements += u64::from(!std::mem::replace(&mut job.agreed, true));
@@ -185,7 +190,7 @@ impl Scheduler {
             seconded,
             assurance,
         });
-        job.delivered = true;
+        (job.delivered, job.was_disputed) = (true, false);
         for vote in &mut job.votes {
             vote.result = None;
         }
@@ -219,7 +224,7 @@ impl Scheduler {
         let answered: Vec<JobId> = answered.collect();
         for &job_id in &answered {
             if let Some(job) = self.jobs.get_mut(job_id) {
-                job.votes.retain(|vote| vote.principal != principal);
+                job.retract_votes(principal);
             }
         }
         for job_id in answered {

@@ -15,7 +15,11 @@ pub(super) struct Worker {
     pub(super) health: Health,
     /// An operator has said that it gets no more jobs.
     pub(super) draining: bool,
+    /// It has asked for no job for longer than any may take, although it has none: nobody waits for it.
+    passive: bool,
     pub(super) last_seen: Instant,
+    /// When it last asked for a job or had one.
+    last_wanted: Instant,
     pub(super) sequence: u64,
     /// Jobs and attempts in the order in which it took them, which is the order in which it works on them.
     leases: Vec<(JobId, u32)>,
@@ -32,7 +36,9 @@ impl Worker {
             joined: now,
             health: Health::default(),
             draining: false,
+            passive: false,
             last_seen: now,
+            last_wanted: now,
             sequence: 0,
             leases: Vec::new(),
             first_since: now,
@@ -49,7 +55,28 @@ impl Worker {
 
     /// Whether it may be given jobs.
     pub(super) fn is_available(&self) -> bool {
-        !self.health.is_excluded() && !self.draining
+        !self.health.is_excluded() && !self.is_left_out()
+    }
+
+    /// Whether it is not waited for: an operator has said so, or it asks for nothing.
+    pub(super) fn is_left_out(&self) -> bool {
+        self.draining || self.passive
+    }
+
+    /// Notes how many jobs it asks for; `true` if it may be given jobs again.
+    pub(super) fn wants(&mut self, jobs: usize, now: Instant) -> bool {
+        if jobs > 0 || !self.is_idle() {
+            self.last_wanted = now;
+        }
+        jobs > 0 && std::mem::take(&mut self.passive) && self.is_available()
+    }
+
+    /// Whether it is given up that it may be given jobs: it has neither had nor asked for one for so long.
+    pub(super) fn becomes_passive(&mut self, patience: Duration, now: Instant) -> bool {
+        let is_silent = self.is_idle() && now.saturating_duration_since(self.last_wanted) > patience;
+        let was_available = self.is_available();
+        self.passive |= is_silent;
+        was_available && is_silent
     }
 
     /// Whether it has no job, and is not kept from having one by an operator.
@@ -84,6 +111,7 @@ impl Worker {
     /// Leaves a pause of the coordinator out of all times.
     pub(super) fn forgive(&mut self, pause: Duration, now: Instant) {
         self.last_seen = (self.last_seen + pause).min(now);
+        self.last_wanted = (self.last_wanted + pause).min(now);
         self.first_since = (self.first_since + pause).min(now);
     }
 }

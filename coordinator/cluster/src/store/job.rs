@@ -1,6 +1,6 @@
 //! One job: who works on it, what was reported, and how many results it still needs.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -28,6 +28,13 @@ pub struct Vote {
     pub result: Option<TaskResult>,
     pub queued: Duration,
     pub run_seconds: f64,
+}
+
+/// An attempt that has failed.
+pub struct FailedAttempt {
+    pub worker: WorkerId,
+    pub principal: Principal,
+    pub failure: WorkerFailure,
 }
 
 /// Who has to give the same result before it counts. What the coordinator's own process gives counts in any case.
@@ -73,13 +80,17 @@ pub struct Job {
     quorum: Quorum,
     /// A result has been delivered.
     pub delivered: bool,
+    /// Results have differed, and that one was accepted since is not recorded.
+    pub was_disputed: bool,
     /// Two principals were found to agree where they had to.
     pub agreed: bool,
     /// Who works on it, on which attempt.
     pub leases: Vec<(WorkerId, u32)>,
     handed_out: Vec<HandedOut>,
     pub votes: Vec<Vote>,
-    pub failures: Vec<(WorkerId, WorkerFailure)>,
+    /// The workers that have answered, whether or not that made another vote.
+    voters: BTreeMap<WorkerId, Principal>,
+    pub failures: Vec<FailedAttempt>,
     pub losses: Vec<WorkerFailure>,
     /// From when on a second worker may take it beside the one that has it, as it stands in the scheduler's list.
     pub hedge_from: Option<Instant>,
@@ -101,10 +112,12 @@ impl Job {
             submitted,
             quorum: Quorum::One,
             delivered: false,
+            was_disputed: false,
             agreed: false,
             leases: Vec::new(),
             handed_out: Vec::new(),
             votes: Vec::new(),
+            voters: BTreeMap::new(),
             failures: Vec::new(),
             losses: Vec::new(),
             hedge_from: None,
@@ -137,6 +150,11 @@ impl Job {
         self.handed_out = kept.map(handed_out).collect();
     }
 
+    /// How often the job was handed out to this worker, of the attempts that are remembered.
+    pub fn times_handed_out(&self, worker: WorkerId) -> usize {
+        self.handed_out.iter().filter(|handed_out| handed_out.worker == worker).count()
+    }
+
     /// What this attempt costs this worker.
     pub fn cost_to(&self, worker: WorkerId, attempt: u32) -> CountedCost {
         self.find(worker, attempt).map_or_else(|| counted_cost(&self.task), |handed_out| handed_out.cost)
@@ -163,7 +181,7 @@ impl Job {
     }
 
     pub fn failed_on(&self, worker: WorkerId) -> bool {
-        self.failures.iter().any(|(failed, _)| *failed == worker)
+        self.failures.iter().any(|failed| failed.worker == worker)
     }
 
     /// Whether a worker of this principal has answered.
@@ -173,7 +191,25 @@ impl Job {
 
     /// Whether this worker has answered.
     pub fn answered_by_worker(&self, worker: WorkerId) -> bool {
-        self.votes.iter().any(|vote| vote.worker == worker)
+        self.voters.contains_key(&worker)
+    }
+
+    /// Takes a worker's vote. What another worker of its principal has said already is no other vote, and two that differ are
+    /// enough to dispute a result: whoever runs under thousands of names must not fill the memory.
+    pub fn vote(&mut self, vote: Vote) {
+        self.voters.insert(vote.worker, vote.principal);
+        let of_principal = self.votes.iter().filter(|other| other.principal == vote.principal);
+        let (same, other): (Vec<&Vote>, Vec<&Vote>) =
+            of_principal.partition(|other| other.fingerprint == vote.fingerprint);
+        if same.is_empty() && other.len() < 2 {
+            self.votes.push(vote);
+        }
+    }
+
+    /// Takes back all that workers of a principal have said.
+    pub fn retract_votes(&mut self, principal: Principal) {
+        self.votes.retain(|vote| vote.principal != principal);
+        self.voters.retain(|_, of| *of != principal);
     }
 
     /// Whether two results differ.
@@ -232,6 +268,11 @@ impl Job {
         let before = self.quorum;
         self.quorum = before.max(quorum);
         before == Quorum::One && self.quorum > before
+    }
+
+    /// Has a second principal answer it instead of the coordinator's own process, which has shown that it cannot.
+    pub fn do_without_own(&mut self) {
+        self.quorum = self.quorum.min(Quorum::Two);
     }
 
     /// How many more equal results it needs: none beside the coordinator's own; of two principals where results differ, or

@@ -1,8 +1,9 @@
 //! The one store of jobs: all that is known of a job is here, whoever needs it.
 //!
 //! Nothing here waits for anybody or reads a clock. Accepted results that outgrow memory are written to files and read from
-//! them, as memory that is slower and never synced; there is no other IO. The scheduler works on the entries of open jobs;
-//! clients, journal, rechecks and sharding have their parts of the same entries.
+//! them, as memory that is slower and never synced, and results of earlier starts are read from the journal's file when they
+//! are asked for; there is no other IO. The scheduler works on the entries of open jobs; clients, journal, rechecks and
+//! sharding have their parts of the same entries.
 
 mod accepted_index;
 mod archive;
@@ -12,16 +13,15 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
 
-use proto::journal::AcceptedResult;
 use proto::task::{DescriptorBytes, Task, TaskResult};
 use proto::{Digest, JobId, Lease, Principal, WorkerId};
 
 use accepted_index::AcceptedIndex;
 use archive::Archive;
 pub use archive::{Grounds, Record};
-pub use job::{Job, Quorum, Vote};
+pub use job::{FailedAttempt, Job, Quorum, Vote};
 
-use crate::journal::{LogSequence, Recorded};
+use crate::journal::{LogSequence, Recorded, RecordedResults};
 use crate::scheduler::ChannelsOf;
 use crate::scheduler::fair_queue::ClientId;
 use crate::scheduler::messages::{Confirmed, Finished};
@@ -34,6 +34,8 @@ pub struct JobStore {
     entries: BTreeMap<JobId, Entry>,
     /// Index: the entries whose job is open.
     open: BTreeSet<JobId>,
+    /// Accepted by an earlier start; nobody has asked for them since, so that their tasks are not known.
+    recorded: RecordedResults,
     /// Accepted results whose task is known.
     archive: Archive,
     /// Index: what is in the archive, by what it is about.
@@ -55,8 +57,6 @@ struct Entry {
     archived: bool,
     /// Whether and how the evaluation is sharded, once that is decided.
     plan: Option<Option<ShardPlan>>,
-    /// Accepted by an earlier start; nobody has asked for it since, so that its task is not known.
-    recorded: Option<Box<AcceptedResult>>,
     /// What only a job has that is not done, or that checks another.
     unfinished: Option<Box<Unfinished>>,
 }
@@ -126,6 +126,7 @@ impl JobStore {
         Self {
             entries: BTreeMap::new(),
             open: BTreeSet::new(),
+            recorded: RecordedResults::default(),
             archive: Archive::new([map(), map(), map()]),
             about: AcceptedIndex::new(channels_of, map()),
             pending: BTreeMap::new(),
@@ -147,8 +148,8 @@ impl JobStore {
             Entry { asked: archived, archived, ..Entry::default() }
         });
         let changed = change(entry);
-        let Entry { asked, archived, plan, recorded, unfinished } = entry;
-        let is_plain = plan.flatten().is_none() && recorded.is_none() && unfinished.is_none();
+        let Entry { asked, archived, plan, unfinished } = entry;
+        let is_plain = plan.flatten().is_none() && unfinished.is_none();
         if *archived && *asked && is_plain {
             self.entries.remove(&job);
         }
@@ -242,7 +243,7 @@ impl JobStore {
         self.take_waiting(job);
         let says_nothing = |entry: &mut Entry| {
             entry.asked = false;
-            entry.plan.flatten().is_none() && entry.recorded.is_none() && entry.unfinished.is_none()
+            entry.plan.flatten().is_none() && entry.unfinished.is_none()
         };
         if self.entries.get_mut(&job).is_some_and(says_nothing) {
             self.entries.remove(&job);
@@ -263,9 +264,7 @@ impl JobStore {
         for (job, attempt, worker) in leases {
             self.change(job, |entry| entry.unfinished().earlier_leases.push((worker, attempt)));
         }
-        for (job, accepted) in accepted {
-            self.change(job, |entry| entry.recorded = Some(accepted));
-        }
+        self.recorded = accepted;
         for (job, plan) in plans {
             self.set_plan(job, Some(plan));
         }
@@ -281,10 +280,28 @@ impl JobStore {
         };
         if is_kept {
             self.about.insert(finished.job, task);
+            if self.forget_recorded(finished.job) {
+                self.entries.entry(finished.job).or_default(); // without it, it would count as asked for
+            }
             self.change_if_any(finished.job, |entry| {
                 entry.archived = true;
-                entry.recorded.take()
+                Some(())
             });
+        }
+    }
+
+    /// Whether an earlier start's result of this job was there.
+    fn forget_recorded(&mut self, job: JobId) -> bool {
+        let was_there = self.recorded.remove(job);
+        self.close_recorded();
+        was_there
+    }
+
+    /// Closes the file of an earlier start's results once it is of no use: if another has replaced it, it takes room on the
+    /// disk for as long as it is open.
+    fn close_recorded(&mut self) {
+        if self.recorded.is_empty() {
+            self.recorded = RecordedResults::default();
         }
     }
 
@@ -293,20 +310,29 @@ impl JobStore {
         if self.is_archived(job) {
             return self.archive.get(job).map(|(_, finished)| finished);
         }
-        let recorded = self.entries.get_mut(&job)?.recorded.take()?;
-        let recorded = Finished::recorded(job, *recorded);
-        if let Err(what) = task.check(&recorded.result) {
-            tracing::warn!("journal: {task} is computed again, its answer cannot be one: {what}");
-            return None;
+        let recorded =
+            self.recorded.get(job).map_err(|error| format!("cannot be read: {error}")).transpose()?;
+        let recorded = recorded.and_then(|accepted| {
+            let recorded = Finished::recorded(job, accepted);
+            let check = task.check(&recorded.result);
+            check.map(|()| recorded).map_err(|what| format!("cannot be one: {what}"))
+        });
+        match recorded {
+            Ok(recorded) => {
+                self.accept(task, &recorded);
+                Some(recorded)
+            }
+            Err(what) => {
+                tracing::warn!("journal: {task} is computed again, its answer {what}");
+                self.forget_recorded(job);
+                None
+            }
         }
-        self.accept(task, &recorded);
-        Some(recorded)
     }
 
     /// Whether a result of this job was accepted, by this start or an earlier one.
     pub fn has_result(&self, job: JobId) -> bool {
-        let recorded = self.entries.get(&job).map(|entry| entry.recorded.is_some());
-        recorded.unwrap_or_default() || self.is_archived(job)
+        self.recorded.contains(job) || self.is_archived(job)
     }
 
     fn is_archived(&self, job: JobId) -> bool {
@@ -316,9 +342,10 @@ impl JobStore {
     /// Whether this job was asked for before: it has a result, or an earlier start has granted a lease on it and this one
     /// has not asked for it yet. The entry that this leaves of a job that is not archived spares whoever sets its plan next another look into the archive.
     pub fn is_known(&mut self, job: JobId) -> bool {
+        let is_recorded = self.recorded.contains(job);
         self.change(job, |entry| {
             let was_leased = |unfinished: &Unfinished| !unfinished.earlier_leases.is_empty();
-            entry.archived || entry.recorded.is_some() || entry.unfinished.as_deref().is_some_and(was_leased)
+            entry.archived || is_recorded || entry.unfinished.as_deref().is_some_and(was_leased)
         })
     }
 
@@ -368,14 +395,8 @@ impl JobStore {
 
     /// Drops the results that rest on a principal's word and that nobody has asked for in this start. Returns their jobs.
     pub fn drop_recorded(&mut self, principal: Principal) -> Vec<JobId> {
-        let mut dropped = Vec::new();
-        for (job, entry) in &mut self.entries {
-            let rests_on =
-                |accepted: &mut Box<AcceptedResult>| Grounds::of_accepted(accepted).rest_on(principal);
-            if entry.recorded.take_if(rests_on).is_some() {
-                dropped.push(*job);
-            }
-        }
+        let dropped = self.recorded.remove_resting_on(principal);
+        self.close_recorded();
         dropped
     }
 
@@ -421,8 +442,12 @@ impl JobStore {
 
     /// Whether this job checks the result of another.
     pub fn is_check(&self, job: JobId) -> bool {
-        let unfinished = self.entries.get(&job).and_then(|entry| entry.unfinished.as_deref());
-        unfinished.is_some_and(|unfinished| unfinished.check.is_some())
+        self.checked_by(job).is_some()
+    }
+
+    /// The job whose result this one checks.
+    pub fn checked_by(&self, job: JobId) -> Option<JobId> {
+        self.entries.get(&job)?.unfinished.as_deref()?.check.map(|(of, _)| of)
     }
 
     /// Whether results are still being checked.

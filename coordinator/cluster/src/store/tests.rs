@@ -8,7 +8,8 @@ use proto::task::{Described, Description, Evaluation, EvaluationResult, Scale, S
 use proto::{Fingerprint, LeaseNonce};
 
 use super::*;
-use crate::journal::Journal;
+use crate::journal::tests::header;
+use crate::journal::{Journal, JournalFile};
 use crate::scheduler::fair_queue::QueuePosition;
 use crate::scheduler::{Channel, JobChannels};
 use crate::spill;
@@ -164,8 +165,7 @@ fn what_is_found_about_a_descriptor_is_what_a_look_at_all_results_finds() {
         for (task, result) in of_channels(descriptor, digest) {
             let finished = Finished { result, ..finished(task.job(0), GOOD, 5) };
             if digest % 3 == 0 {
-                let accepted = [(finished.job, Box::new(finished.kept().unwrap()))].into();
-                store.restore(Recorded { accepted, ..Recorded::default() });
+                store.recorded.extend([(finished.job, Box::new(finished.kept().unwrap()))]);
             } else {
                 store.accept(&Arc::new(task.clone()), &finished);
             }
@@ -255,6 +255,34 @@ fn a_recorded_result_that_cannot_be_one_is_not_recalled() {
     assert!(store.has_result(job));
     assert!(store.recall(job, &small).is_none());
     assert!(!store.has_result(job));
+}
+
+#[test]
+fn a_recorded_result_that_cannot_be_read_any_more_is_not_recalled_and_can_be_accepted_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, job) = (folder.path().join("journal"), task(8).job(0));
+    JournalFile::create(&path, &header()).unwrap();
+    let accepted = Box::new(finished(job, GOOD, 5).kept().unwrap());
+    JournalFile::open(&path).unwrap().0.commit(&[crate::journal::Entry::Accepted(job, accepted)]).unwrap();
+    let mut store = JobStore::default();
+    store.restore(JournalFile::open(&path).unwrap().2);
+    assert!(store.has_result(job) && !store.was_asked(job));
+    std::fs::File::options().write(true).open(&path).unwrap().set_len(0).unwrap();
+    assert_eq!(store.recall(job, &task(8)), None);
+    assert!(!store.has_result(job));
+    store.ask(job);
+    store.accept(&task(8), &finished(job, GOOD, 6));
+    assert_eq!(store.recall(job, &task(8)), Some(finished(job, GOOD, 6)));
+}
+
+#[test]
+fn a_recorded_result_that_is_looked_at_does_not_count_as_asked_for() {
+    let job = task(8).job(0);
+    let mut store = restored(&[finished(job, GOOD, 5)]);
+    assert!(store.recall(job, &task(8)).is_some());
+    assert!(store.is_known(job) && !store.was_asked(job));
+    store.ask(job);
+    assert!(store.was_asked(job));
 }
 
 #[test]

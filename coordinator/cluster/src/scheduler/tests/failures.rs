@@ -74,6 +74,111 @@ fn a_job_that_fails_on_as_many_as_have_computed_others_fails_for_good() {
 }
 
 #[test]
+fn a_principal_under_three_names_does_not_end_a_run_that_another_could_do() {
+    let mut bench = Bench::new(2);
+    for number in [3, 4] {
+        bench.join_as(number, principal(1)).unwrap();
+    }
+    for number in [1, 3, 4] {
+        bench.submit();
+        let lease = bench.take(number);
+        bench.report(number, lease, good());
+    }
+    bench.scheduler.drain_finished();
+    bench.submit();
+    for number in [1, 3, 4] {
+        assert!(fail_next(&mut bench, number));
+    }
+    assert_eq!(bench.scheduler.failed(), None);
+    // Where nobody else is here, three workers that have computed others are enough.
+    let mut alone = bench;
+    assert!(fail_next(&mut alone, 2));
+    assert_eq!(alone.scheduler.failed().unwrap().failures.len(), 4);
+}
+
+#[test]
+fn of_one_principal_alone_as_many_workers_as_have_computed_others_are_enough() {
+    let mut bench = Bench::new(1);
+    for number in [2, 3, 4] {
+        bench.join_as(number, principal(1)).unwrap();
+    }
+    for number in [1, 2, 3] {
+        bench.submit();
+        let lease = bench.take(number);
+        bench.report(number, lease, good());
+    }
+    bench.submit();
+    for number in [1, 2, 3] {
+        assert_eq!(bench.scheduler.failed(), None);
+        assert!(fail_next(&mut bench, number));
+    }
+    assert_eq!(bench.scheduler.failed().unwrap().failures.len(), 3);
+}
+
+#[test]
+fn a_confirmation_that_has_failed_is_tried_again_where_only_the_own_worker_may_answer() {
+    let mut bench = Bench::new(2);
+    bench.join_as(9, Principal::Coordinator).unwrap();
+    bench.submit();
+    let lease = bench.take(1);
+    bench.report(1, lease, good());
+    let accepted = bench.scheduler.drain_finished().remove(0);
+    bench.scheduler.confirm(&evaluation(), &accepted, ClientId::new(1), bench.now);
+    assert!(fail_next(&mut bench, 9));
+    assert!(bench.scheduler.in_doubt());
+    let lease = bench.take(9);
+    bench.report(9, lease, good());
+    assert!(!bench.scheduler.in_doubt());
+}
+
+#[test]
+fn what_the_own_worker_cannot_confirm_is_confirmed_by_a_second_principal() {
+    let mut bench = Bench::new(2);
+    bench.join_as(9, Principal::Coordinator).unwrap();
+    let job = bench.submit();
+    let lease = bench.take(1);
+    bench.report(1, lease, good());
+    let accepted = bench.scheduler.drain_finished().remove(0);
+    bench.scheduler.confirm(&evaluation(), &accepted, ClientId::new(1), bench.now);
+    assert!(bench.poll(2, &[], 1).jobs.is_empty(), "the own one is asked");
+    for _ in 0..LIMITS.max_failures {
+        assert!(fail_next(&mut bench, 9));
+    }
+    assert!(bench.scheduler.in_doubt(), "nobody has confirmed it");
+    let lease = bench.take(2);
+    assert_eq!(lease.job, job);
+    bench.report(2, lease, good());
+    assert!(!bench.scheduler.in_doubt());
+    assert_eq!(bench.scheduler.drain_confirmed()[0].assurance, Assurance::Audited);
+}
+
+#[test]
+fn a_worker_that_takes_a_job_again_and_again_does_not_keep_it_from_others() {
+    let mut bench = Bench::new(2);
+    let job = bench.submit();
+    let mut polls = 0;
+    // Each poll drops what the last one was given, and asks for more.
+    while !bench.poll(1, &[], 1).jobs.is_empty() {
+        polls += 1;
+        bench.now += Duration::from_millis(1);
+        assert!(polls < 20, "for ever");
+    }
+    assert!(polls > 3, "a reply that is lost now and then is no fault");
+    let lease = bench.take(2);
+    assert_eq!(lease.job, job);
+    bench.report(2, lease, good());
+    assert_eq!((bench.scheduler.drain_finished().len(), bench.scheduler.failed()), (1, None));
+    // It gets jobs again after a while.
+    bench.submit();
+    for _ in 0..70 {
+        bench.poll(1, &[], 0);
+        bench.poll(2, &[], 0); // who is left: it is not for want of others
+        bench.pass(1);
+    }
+    bench.take(1);
+}
+
+#[test]
 fn where_everybody_fails_nobody_is_waited_for() {
     let mut bench = Bench::new(4);
     for _ in 0..8 {

@@ -168,6 +168,86 @@ fn a_worker_has_one_vote_and_only_on_what_it_was_given() {
 }
 
 #[test]
+fn a_principal_that_contradicts_itself_without_end_has_two_votes() {
+    let mut bench = audited(2);
+    let job = bench.submit();
+    for number in 3..30 {
+        bench.join_as(number, principal(1)).unwrap();
+    }
+    let taken: Vec<(u8, Lease)> = (3..30)
+        .map(|number| {
+            let lease = bench.take(number);
+            bench.poll(number, &[], 0);
+            (number, lease)
+        })
+        .collect();
+    for (number, lease) in taken {
+        let result = EvaluationResult {
+            queries: 10,
+            object_correct: u32::from(number % 10),
+            category_correct: 10,
+            ..EvaluationResult::default()
+        };
+        bench.report(number, lease, Ok(TaskResult::Evaluation(result)));
+    }
+    assert_eq!(bench.scheduler.jobs.get(job).unwrap().votes.len(), 2);
+    assert!(bench.scheduler.drain_finished().is_empty());
+}
+
+#[test]
+fn whoever_asks_for_nothing_is_not_waited_for_until_it_asks_again() {
+    let mut bench = audited(2);
+    let job = bench.submit();
+    let lease = bench.take(1);
+    bench.report(1, lease, good());
+    let mut seconds = 0;
+    let finished = loop {
+        bench.poll(1, &[], 1);
+        bench.poll(2, &[], 0); // busy with something of before, it seems
+        bench.pass(1);
+        seconds += 1;
+        let finished = bench.scheduler.drain_finished();
+        if !finished.is_empty() {
+            break finished;
+        }
+        assert!(seconds < 2 * LIMITS.job.as_secs(), "for ever");
+    };
+    assert!(seconds >= LIMITS.job.as_secs(), "{seconds}");
+    assert_eq!((finished[0].job, finished[0].assurance), (job, Assurance::Owed));
+    assert!(!bench.scheduler.in_doubt(), "nobody could end it");
+    let lease = bench.take(2);
+    assert_eq!(lease.job, job);
+    bench.report(2, lease, good());
+    assert_eq!(bench.scheduler.drain_confirmed()[0].assurance, Assurance::Audited);
+}
+
+#[test]
+fn a_principal_has_one_vote_for_a_result_under_however_many_names() {
+    let mut bench = audited(2);
+    let job = bench.submit();
+    for number in 3..30 {
+        bench.join_as(number, principal(1)).unwrap();
+    }
+    // Each drops what it was given, so that the next may take it, and reports all the same.
+    let taken: Vec<(u8, Lease)> = (3..30)
+        .map(|number| {
+            let lease = bench.take(number);
+            bench.poll(number, &[], 0);
+            (number, lease)
+        })
+        .collect();
+    for (number, lease) in taken {
+        bench.report(number, lease, good());
+        bench.report(number, lease, lie()); // a worker answers once
+    }
+    assert_eq!(bench.scheduler.jobs.get(job).unwrap().votes.len(), 1);
+    assert!(bench.scheduler.drain_finished().is_empty());
+    let lease = bench.take(2);
+    bench.report(2, lease, good());
+    assert_eq!(bench.scheduler.drain_finished()[0].assurance, Assurance::Audited);
+}
+
+#[test]
 fn a_single_worker_is_believed_until_another_joins() {
     let mut bench = audited(1);
     for _ in 0..2 {
